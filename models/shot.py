@@ -1,0 +1,89 @@
+"""What is played and what comes of it: frozen values that every other room passes on.
+
+Table frame: origin at the centre of the playing surface, x along the length, y along the width, z up,
+angles counter-clockwise from +x seen from above. Spin is angular velocity in that frame; omega_z > 0 is
+counter-clockwise from above (right side).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+NOSE_HEIGHT = 1.4  # cushion nose over ball radius: 7R/5 (Mathavan, Jackson, Parkin 2010)
+NOSE_SINE = NOSE_HEIGHT - 1.0  # sine of the contact normal's elevation at the nose
+NOSE_COSINE = float(np.sqrt(1.0 - NOSE_SINE**2))
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table's playing surface, cushion nose to cushion nose."""
+
+    length: float  # along x [m]
+    width: float  # along y [m]
+    pockets: bool = True
+
+    def reach(self, ball: Ball) -> Array:
+        """Largest |x|, |y| of a ball's centre, touching the noses: (2,) [m]."""
+        return np.array([self.length / 2, self.width / 2]) - ball.radius * NOSE_COSINE
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A solid homogeneous ball."""
+
+    diameter: float  # [m]
+    mass: float  # [kg]
+
+    @property
+    def radius(self) -> float:
+        """Radius [m]."""
+        return self.diameter / 2
+
+    @property
+    def inertia(self) -> float:
+        """Moment of inertia about any diameter, 2/5 M R^2 [kg m^2]."""
+        return 0.4 * self.mass * self.radius**2
+
+
+@dataclass(frozen=True)
+class Shot:
+    """The state of every ball at t = 0, and the times at which the track is wanted.
+
+    A struck ball starts with the velocity and spin that the cue gave it; resting balls with zeros.
+    """
+
+    names: tuple[str, ...]
+    position: Array  # (nball, 2) [m], ball centres
+    velocity: Array  # (nball, 2) [m/s]
+    spin: Array  # (nball, 3) [rad/s]
+    times: Array  # (n,) [s], increasing, from 0
+    max_step: float = 0.1  # longest simulation step [s]
+    impact_step: float = 2e-5  # step while native contacts act [s]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened to one or two balls."""
+
+    time: float  # [s]
+    kind: str  # "ball", "cushion", "pocket"
+    balls: tuple[str, ...]
+    rail: str = ""  # "+x", "-x", "+y", "-y" of a cushion; "" otherwise
+
+
+@dataclass(frozen=True)
+class Track:
+    """Where every ball was, when. A potted ball is NaN from then on."""
+
+    names: tuple[str, ...]
+    times: Array  # (n,) [s]
+    position: Array  # (n, nball, 2) [m]
+    velocity: Array  # (n, nball, 2) [m/s]
+    spin: Array  # (n, nball, 3) [rad/s]
+    theta: Array  # (n, nball) [rad], turned about the vertical since t = 0
+    events: tuple[Event, ...] = field(default=())
