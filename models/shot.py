@@ -63,7 +63,7 @@ class Shot:
     spin: Array  # (nball, 3) [rad/s]
     times: Array  # (n,) [s], increasing, from 0
     max_step: float = 0.1  # longest simulation step [s]
-    impact_step: float = 2e-5  # step while native contacts act [s]
+    impact_step: float = 1e-4  # step while native contacts act [s]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,116 @@
+"""The effect: one physical idea, its parameters with unit, bounds and source, and the doors it uses.
+
+An effect is a frozen dataclass in a file of its own in `models/effects/` (or in a user's folder). State arrays are
+(nsim, nball, 3); a parameter is one number or an (nsim,) array, so that one batch runs many variants. Where all its
+parameters are at their off values an effect is left out of the world, so that off is absence to the last bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from models.shot import Ball
+
+Array = NDArray[np.float64]
+
+
+def param(default: float, *, off: float, unit: str, bounds: tuple[float, float], source: str) -> Any:
+    """Declare a parameter: its usual value, the value at which it vanishes, its unit, bounds and source."""
+    return dataclasses.field(default=default, metadata={"off": off, "unit": unit, "bounds": bounds, "source": source})
+
+
+@dataclass
+class Balls:
+    """The balls of every simulation, as the `forces` door sees them; force and torque sum up what acts so far."""
+
+    ball: Ball
+    position: Array  # (nsim, nball, 3) [m]
+    velocity: Array  # (nsim, nball, 3) [m/s]
+    spin: Array  # (nsim, nball, 3) [rad/s], table frame
+    normal: Array  # (nsim, nball) [N], cloth on ball
+    force: Array  # (nsim, nball, 3) [N]
+    torque: Array  # (nsim, nball, 3) [N m]
+
+    @property
+    def slip(self) -> Array:
+        """Velocity of each ball's lowest point over the cloth, v + omega x (-R z): (nsim, nball, 2) [m/s]."""
+        r = self.ball.radius
+        return self.velocity[..., :2] + r * np.stack([-self.spin[..., 1], self.spin[..., 0]], axis=-1)
+
+
+@dataclass
+class Impact:
+    """Contacts about to happen, one row each; restitution and friction sum up what the effects say of them."""
+
+    kind: str  # "ball" or "cushion"
+    ball: Ball
+    approach: Array  # (n,) [m/s], normal approach speed; for a cushion the horizontal one
+    slip: Array  # (n,) [m/s], tangential slip speed at the contact
+    restitution: Array  # (n,), energetic: square root of the work given back over the work done
+    friction: Array  # (n,), Coulomb
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Base of all effects: every door is open and does nothing."""
+
+    slot: ClassVar[str] = ""  # effects of one slot replace each other; "" adds to the others
+    last: ClassVar[bool] = False  # its forces react to what the others apply
+    resolves: ClassVar[str] = ""  # the kind of impact whose contact it takes over from MuJoCo: "ball" or "cushion"
+
+    @classmethod
+    def name(cls) -> str:
+        """The class's name in snake case, as model files and commands use it."""
+        return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+
+    @classmethod
+    def parameters(cls) -> dict[str, dict[str, Any]]:
+        """Metadata of every parameter: name -> off, unit, bounds, source, default."""
+        return {f.name: {**f.metadata, "default": f.default} for f in dataclasses.fields(cls)}
+
+    def is_off(self) -> bool:
+        """True where every parameter stands at its off value in every simulation."""
+        return all(bool(np.all(getattr(self, k) == m["off"])) for k, m in self.parameters().items())
+
+    def select(self, index: Any) -> Effect:
+        """The effect with per-simulation parameters narrowed to some simulations."""
+        arrays = {k: v[index] for k in self.parameters() if np.ndim(v := getattr(self, k))}
+        return dataclasses.replace(self, **arrays) if arrays else self
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Change the MJCF before it is compiled."""
+
+    def forces(self, balls: Balls) -> None:
+        """Add forces and torques to `balls.force` and `balls.torque`."""
+
+    def horizon(self, balls: Balls) -> Array | float:
+        """How long these forces stay as they are: (nsim,) or (nsim, nball) [s]."""
+        return np.inf
+
+    def impact(self, impact: Impact, rows: Array) -> None:
+        """Change `impact.restitution` and `impact.friction`; `rows` are the simulations the impacts belong to."""
+
+    def strike(self, velocity: Array, spin: Array) -> tuple[Array, Array]:
+        """What the cue really delivers, (n, 2) and (n, 3), for the velocity and spin commanded."""
+        return velocity, spin
+
+    def observe(self, times: Array, xy: Array) -> tuple[Array, Array]:
+        """What the camera reports, (n,) and (n, nball, 2), for what happened."""
+        return times, xy
+
+
+def of(value: Any, rows: Any) -> Any:
+    """A parameter's values in some simulations: itself where it is one number."""
+    return value[rows] if np.ndim(value) else value
+
+
+def column(value: Any) -> Any:
+    """A parameter shaped to multiply (nsim, nball) arrays."""
+    return np.asarray(value)[:, None] if np.ndim(value) else value

@@ -1,0 +1,31 @@
+"""Ball on ball: Coulomb friction and energetic restitution, with the cloth's reaction.
+
+The impact is integrated over its normal impulse (models/impulse.py) and replaces MuJoCo's spring contact for balls
+that meet two at a time. Source: Mathavan, Jackson, Parkin 2014. Leaves out any dependence on speed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from models.effect import Array, Effect, Impact, of, param
+
+
+@dataclass(frozen=True)
+class BallImpact(Effect):
+    """Restitution and friction between two balls."""
+
+    restitution: float = param(
+        0.92, off=0.0, unit="1", bounds=(0.5, 1.0), source="Mathavan 2014: 0.89; pool 0.92 to 0.98 (Alciatore)"
+    )
+    friction: float = param(0.05, off=0.0, unit="1", bounds=(0.0, 0.5), source="Mathavan 2014")
+
+    slot: ClassVar[str] = "ball_impact"
+    resolves: ClassVar[str] = "ball"
+
+    def impact(self, impact: Impact, rows: Array) -> None:
+        """Constant coefficients."""
+        if impact.kind == "ball":
+            impact.restitution += of(self.restitution, rows)
+            impact.friction += of(self.friction, rows)

@@ -1,0 +1,82 @@
+"""MuJoCo's own contact, tuned as far as its terms allow: what acts where no effect takes a contact over.
+
+Cloth: one condim-6 contact with slide mu_s, torsional (2/5) R^2 alpha / g and rolling (7/5) mu_r R [m]. Each is right
+on its own, but all of them share ONE elliptic cone, so a spinning ball slides with too little friction.
+Impacts: a spring and damper along the normal, solref = (-k, -b), whose contact ends at zero force after T_c:
+e = exp(-z / sqrt(1 - z^2) (pi - atan2(2 z sqrt(1 - z^2), 1 - 2 z^2))), k = (pi / T_c)^2 / (1 - z^2), b = 2 z sqrt(k),
+z the damping ratio. Friction at impacts is MuJoCo's convex approximation and comes out too small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from scipy.optimize import brentq
+
+from models.effect import Effect, param
+from models.shot import Ball
+
+GRAVITY = 9.81  # [m/s^2]
+CONTACT_TIME = 2e-3  # of an impact [s]: 20 steps of the MJCF; real balls 0.2 to 0.3 ms, cushions some 8 ms
+
+
+@lru_cache(maxsize=4096)
+def solref(restitution: float) -> tuple[float, float]:
+    """MuJoCo's direct solref (-stiffness, -damping) for a restitution between 0 and 1."""
+
+    def rebound(z: float) -> float:
+        s = np.sqrt(1 - z * z)
+        return float(np.exp(-z / s * (np.pi - np.arctan2(2 * z * s, 1 - 2 * z * z))))
+
+    z = brentq(lambda z: rebound(z) - np.clip(restitution, 0.05, 0.9999), 1e-7, 0.999)
+    k = (np.pi / CONTACT_TIME) ** 2 / (1 - z * z)
+    return -k, -2 * z * np.sqrt(k)
+
+
+@dataclass(frozen=True)
+class Native(Effect):
+    """The terms of the MJCF's contacts."""
+
+    slide: float = param(
+        0.2, off=0.0, unit="1", bounds=(0.05, 0.6), source="Mathavan 2009: 0.178 to 0.245 on a snooker table"
+    )
+    roll: float = param(0.0127, off=0.0, unit="1", bounds=(0.001, 0.05), source="Mathavan 2009: 0.0126 to 0.0128")
+    spin: float = param(
+        22.0, off=0.0, unit="rad/s^2", bounds=(1.0, 80.0), source="Robotic Billiards (2015), sidespin deceleration"
+    )
+    ball_restitution: float = param(0.92, off=0.0, unit="1", bounds=(0.5, 0.999), source="Mathavan 2014: 0.89; pool 0.92-0.98")
+    ball_friction: float = param(0.05, off=0.0, unit="1", bounds=(0.0, 0.5), source="Mathavan 2014")
+    cushion_restitution: float = param(0.9, off=0.0, unit="1", bounds=(0.3, 0.999), source="Mathavan 2010: 0.98 energetic")
+    cushion_friction: float = param(0.14, off=0.0, unit="1", bounds=(0.0, 0.43), source="Mathavan 2010")
+
+    slot: ClassVar[str] = "native"
+
+    def is_off(self) -> bool:
+        """Never: this is the MJCF itself."""
+        return False
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Write friction and restitution into the pairs, by class."""
+        radius = spec.geom(spec.pairs[0].geomname1).size[0]
+        cloth = [self.slide, self.slide, 0.4 * radius**2 * self.spin / GRAVITY, *2 * [1.4 * self.roll * radius]]
+        hits = {
+            "ball_ball": (self.ball_friction, self.ball_restitution),
+            "ball_cushion": (self.cushion_friction, self.cushion_restitution),
+        }
+        for pair in spec.pairs:
+            kind = pair.classname.name
+            if kind == "ball_bed":
+                pair.friction = cloth
+            else:
+                friction, restitution = hits[kind]
+                pair.friction = [friction, friction, 0, 0, 0]
+                pair.solref = solref(float(restitution))
+
+
+def native_for(ball: Ball) -> Native:
+    """The shipped terms; the ball's size enters when the spec is edited."""
+    return Native()

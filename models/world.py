@@ -1,0 +1,162 @@
+"""Table, balls and effects -> MjSpec -> MjModel.
+
+The bed is a box that ends at the nose lines, so that a ball leaving through a pocket falls. A cushion is a capsule
+whose surface a ball meets at 7R/5, its centre R cos(theta) from the nose line, sin(theta) = 2/5. Everything touches
+through explicit pairs of the classes ball_bed, ball_ball and ball_cushion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from models.effect import Effect
+from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball, Table
+
+BASE = Path(__file__).with_name("base.xml")
+NOSE_RADIUS = 0.002  # of the capsule that stands for the nose [m]
+POCKET_MOUTH = 0.090  # of all six pockets [m] (Robotic Billiards 2015)
+BED_DEPTH = 0.05  # [m]
+RAIL = 0.12  # width of the wooden frame with its rubber [m]
+
+COLOURS = {
+    "white": (0.96, 0.95, 0.90),
+    "cue": (0.96, 0.95, 0.90),
+    "red": (0.72, 0.03, 0.05),
+    "yellow": (0.95, 0.80, 0.10),
+    "green": (0.02, 0.35, 0.15),
+    "brown": (0.40, 0.20, 0.08),
+    "blue": (0.05, 0.15, 0.65),
+    "pink": (0.95, 0.50, 0.60),
+    "black": (0.05, 0.05, 0.05),
+}
+
+
+def colour(name: str) -> tuple[float, float, float]:
+    """The colour of a ball by its name; red for reds by number, ivory otherwise."""
+    return COLOURS.get(name, COLOURS["red"] if name.startswith("red") else (0.85, 0.80, 0.70))
+
+
+@dataclass(frozen=True)
+class Rail:
+    """A straight piece of cushion."""
+
+    side: str  # "+x", "-x", "+y", "-y"
+    start: tuple[float, float]  # on the nose line [m]
+    end: tuple[float, float]
+
+
+def rails(table: Table) -> tuple[Rail, ...]:
+    """The cushions of a table: four, or six between the pockets."""
+    lx, ly = table.length / 2, table.width / 2
+    corner = POCKET_MOUTH / np.sqrt(2) if table.pockets else 0.0
+    middle = POCKET_MOUTH / 2
+    found = []
+    for s, sign in (("+", 1.0), ("-", -1.0)):
+        found.append(Rail(f"{s}x", (sign * lx, corner - ly), (sign * lx, ly - corner)))
+        if table.pockets:
+            found.append(Rail(f"{s}y", (corner - lx, sign * ly), (-middle, sign * ly)))
+            found.append(Rail(f"{s}y", (middle, sign * ly), (lx - corner, sign * ly)))
+        else:
+            found.append(Rail(f"{s}y", (-lx, sign * ly), (lx, sign * ly)))
+    return tuple(found)
+
+
+def pockets(table: Table) -> Array:
+    """Centres of the pockets: (6, 2) [m], or (0, 2)."""
+    if not table.pockets:
+        return np.zeros((0, 2))
+    x, y = table.length / 2, table.width / 2
+    return np.array([(sx * x, sy * y) for sy in (-1, 1) for sx in (-1, 0, 1)])
+
+
+def _add_table(spec: mujoco.MjSpec, table: Table, radius: float) -> None:
+    world = spec.worldbody
+    lx, ly = table.length / 2, table.width / 2
+    world.add_geom(
+        spec.find_default("bed"), name="bed", size=[lx, ly, BED_DEPTH / 2], pos=[0, 0, -BED_DEPTH / 2]
+    )
+    height = radius + (radius + NOSE_RADIUS) * NOSE_SINE
+    for number, rail in enumerate(rails(table)):
+        normal = np.array([rail.side[1] == "x", rail.side[1] == "y"]) * (1.0 if rail.side[0] == "+" else -1.0)
+        shift = NOSE_RADIUS * NOSE_COSINE * normal
+        ends = [np.append(np.array(p) + shift, height) for p in (rail.start, rail.end)]
+        world.add_geom(
+            spec.find_default("cushion"),
+            name=f"cushion {number} {rail.side}",
+            size=[NOSE_RADIUS, 0, 0],
+            fromto=np.concatenate(ends),
+        )
+        # What the eye sees of the rail: rubber down to the bed, and wood behind it.
+        along = np.abs(ends[1] - ends[0])[:2] / 2
+        middle = (np.array(rail.start) + np.array(rail.end)) / 2
+        for name, near, far, top, material in (
+            ("rubber", NOSE_RADIUS, 0.05, height, "rubber"),
+            ("wood", 0.05, RAIL, height + 0.004, "wood"),
+        ):
+            depth = (far - near) / 2
+            size = np.where(np.abs(normal) > 0, depth, along)
+            at = middle + normal * (near + depth)
+            world.add_geom(
+                spec.find_default("fixture"),
+                name=f"{name} {number}",
+                material=material,
+                size=[*size, (top + BED_DEPTH) / 2],
+                pos=[*at, (top - BED_DEPTH) / 2],
+            )
+    for number, (x, y) in enumerate(pockets(table)):
+        out = np.sign([x, y]) * (0.028 if x else 0.0) + np.array([0.0, np.sign(y) * (0.0 if x else 0.035)])
+        world.add_geom(
+            spec.find_default("fixture"),
+            name=f"pocket {number}",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            material="leather",
+            size=[POCKET_MOUTH * 0.62, height / 2 + 0.004, 0],
+            pos=[x + out[0], y + out[1], height / 2],
+        )
+
+
+def _add_camera(spec: mujoco.MjSpec, name: str, eye: Array, target: Array, fovy: float) -> None:
+    back = (eye - target) / np.linalg.norm(eye - target)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    camera = spec.worldbody.add_camera(name=name, pos=eye, fovy=fovy)
+    camera.alt.type = mujoco.mjtOrientation.mjORIENTATION_XYAXES
+    camera.alt.xyaxes = np.concatenate([right, np.cross(back, right)])
+
+
+def build_spec(table: Table, ball: Ball, names: Sequence[str], effects: Sequence[Effect] = ()) -> mujoco.MjSpec:
+    """The world of a table with its balls, edited by the effects in their order."""
+    spec = mujoco.MjSpec.from_file(str(BASE))
+    _add_table(spec, table, ball.radius)
+    size = np.hypot(table.length, table.width)
+    _add_camera(spec, "overhead", np.array([0.0, 0.0, 1.05 * table.length]), np.zeros(3), 45.0)
+    _add_camera(spec, "corner", np.array([-0.52, -0.62, 0.36]) * size, np.array([0.03, 0.02, 0.0]) * size, 38.0)
+    cushions = [g.name for g in spec.geoms if g.name.startswith("cushion")]
+    for name in names:
+        body = spec.worldbody.add_body(name=name, pos=[0, 0, ball.radius])
+        body.add_freejoint(name=name)
+        inertia = ball.inertia
+        body.explicitinertial = True
+        body.mass, body.inertia, body.ipos = ball.mass, [inertia] * 3, [0, 0, 0]
+        body.add_geom(
+            spec.find_default("ball"), name=f"ball {name}", size=[ball.radius, 0, 0], rgba=[*colour(name), 1]
+        )
+    for i, name in enumerate(names):
+        spec.add_pair(spec.find_default("ball_bed"), geomname1=f"ball {name}", geomname2="bed")
+        for other in names[i + 1 :]:
+            spec.add_pair(spec.find_default("ball_ball"), geomname1=f"ball {name}", geomname2=f"ball {other}")
+        for cushion in cushions:
+            spec.add_pair(spec.find_default("ball_cushion"), geomname1=f"ball {name}", geomname2=cushion)
+    for effect in effects:
+        effect.edit(spec)
+    return spec
+
+
+def build_model(table: Table, ball: Ball, names: Sequence[str], effects: Sequence[Effect] = ()) -> mujoco.MjModel:
+    """The compiled world."""
+    return build_spec(table, ball, names, effects).compile()
