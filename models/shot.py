@@ -62,7 +62,7 @@ class Shot:
     velocity: Array  # (nball, 2) [m/s]
     spin: Array  # (nball, 3) [rad/s]
     times: Array  # (n,) [s], increasing, from 0
-    max_step: float = 0.1  # longest simulation step [s]
+    max_step: float = float("inf")  # longest simulation step; constant forces need no limit [s]
     impact_step: float = 1e-4  # step while native contacts act [s]
 
 

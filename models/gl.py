@@ -1,0 +1,87 @@
+"""Which OpenGL draws the pictures, chosen before MuJoCo is first imported.
+
+MuJoCo and dm_control read MUJOCO_GL while they are imported: unset, dm_control tries a window and warns where there is
+no screen; set to a library that is missing, the import itself fails. So every program calls `choose_backend` first.
+This module therefore imports neither; it tries each library in a process of its own, where a crash does no harm.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+import subprocess
+import sys
+
+from models.errors import BadInput
+
+NEEDS = "rendering needs the Debian packages libegl1 libgl1, or libosmesa6 (apt install libegl1 libgl1)"
+
+OFF = ("disable", "disabled", "off", "false", "0")  # what MuJoCo and dm_control both read as no rendering
+LIBRARIES = {"egl": ("EGL", "GL"), "osmesa": ("OSMesa",)}  # in order of preference
+PACKAGES = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
+TRIAL = """
+import mujoco
+context = mujoco.GLContext(8, 8)
+context.make_current()
+mujoco.MjrContext(mujoco.MjModel.from_xml_string("<mujoco/>"), mujoco.mjtFontScale.mjFONTSCALE_50)
+context.free()
+"""
+
+
+def choose_backend(render: bool = True) -> str:
+    """Set MUJOCO_GL, and return it: "egl", "osmesa" or "disable"; what the user has set stays.
+
+    `render=False` is for a program that draws nothing: it saves the half second that a trial takes.
+    """
+    chosen = os.environ.get("MUJOCO_GL", "").strip().lower()
+    if chosen:
+        _require_libraries(chosen)
+        return chosen
+    if not sys.platform.startswith("linux"):
+        return ""  # MuJoCo's own choice there draws off screen
+    found = next((name for name in LIBRARIES if render and _draws(name)), "disable")
+    os.environ["MUJOCO_GL"] = found
+    return found
+
+
+def can_render() -> bool:
+    """True when pictures can be drawn in this process."""
+    return choose_backend() not in OFF
+
+
+def require_rendering() -> None:
+    """Raise BadInput, which names the packages to install, unless pictures can be drawn."""
+    if not can_render():
+        raise BadInput(f"MUJOCO_GL is {os.environ['MUJOCO_GL']!r}, so nothing can be drawn: {NEEDS}")
+
+
+def _draws(backend: str) -> bool:
+    """True when MuJoCo gets a context from this back end (0.5 s; at once when its libraries are missing)."""
+    if not all(_loads(library) for library in LIBRARIES[backend]):
+        return False
+    environment = os.environ | {"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
+    try:
+        trial = subprocess.run([sys.executable, "-c", TRIAL], env=environment, capture_output=True, timeout=60)
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return trial.returncode == 0
+
+
+def _loads(library: str) -> bool:
+    """True when the shared library can be loaded."""
+    name = ctypes.util.find_library(library)
+    try:
+        return name is not None and ctypes.CDLL(name) is not None
+    except OSError:
+        return False
+
+
+def _require_libraries(backend: str) -> None:
+    """Raise BadInput when the libraries of a back end that the user asked for are missing."""
+    for library in LIBRARIES.get(backend, ()):
+        if not _loads(library):
+            raise BadInput(
+                f"MUJOCO_GL={backend}, but lib{library} cannot be loaded: apt install {PACKAGES[backend]}, "
+                "or unset MUJOCO_GL"
+            )

@@ -1,0 +1,244 @@
+"""Clips as least-squares problems: own unknowns and constants in, residuals in units of noise out.
+
+The own unknowns of a shot, or of a segment, are the moving ball's position (2) [m], velocity (2) [m/s] and surface
+speed of its spin, R omega (3) [m/s], all in a frame turned into the direction of motion: along, across, up. A rolling
+ball has R omega across equal to its speed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.model_file import Model
+from models.shot import Shot, Track
+from models.simulate import simulate
+from sysid.clips import Clip, ClipSet, Observation
+from sysid.segments import CLAMPED, Segment, free_from, moving_from
+from sysid.solve import Prior
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+UNKNOWNS = ("x", "y", "v_along", "v_across", "Rw_along", "Rw_across", "Rw_up")
+STEPS = np.array([1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])  # finite differences, [m] and [m/s]
+CUE_SD = {"speed": 0.15, "azimuth": 0.05, "offset": 0.006}  # how far a shot may be from its command
+LIMIT_SPIN = 1.25  # R omega over v at the miscue limit: 5/2 of half a radius
+
+
+def constant_steps(model: Model, names: Sequence[str]) -> Array:
+    """Finite-difference steps of constants: 1e-4 of their bounds' width."""
+    return np.array([1e-4 * np.subtract(*model.meta(n)["bounds"][::-1]) for n in names])
+
+
+def constant_bounds(model: Model, names: Sequence[str]) -> Array:
+    """(q, 2) bounds of constants."""
+    return np.array([model.meta(n)["bounds"] for n in names])
+
+
+def turn(azimuth: float) -> Array:
+    """Rotation that takes (along, across) to table axes: (2, 2)."""
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    return np.array([[c, -s], [s, c]])
+
+
+@dataclass(frozen=True)
+class SegmentProblem:
+    """Segments between events, on open cloth without cushions."""
+
+    model: Model
+    names: tuple[str, ...]  # constants
+    segments: tuple[Segment, ...]
+    sigma: float
+    start: Array  # (n, 7)
+    azimuth: Array  # (n,)
+    prior: Prior
+
+    def evaluate(self, x: Array, c: Array, which: Index) -> Array:
+        """Residuals over sigma: (k, 2 m)."""
+        radius = self.model.ball.radius
+        shots = []
+        for row, w in zip(x, which, strict=True):
+            time = self.segments[w].time
+            shots.append(_shot(("ball",), row, self.azimuth[w], radius, np.zeros((0, 2)), time - time[0]))
+        values = {n: c[:, k] for k, n in enumerate(self.names)}
+        out = np.full((len(x), 2 * max(len(s.time) for s in self.segments)), np.nan)
+        for k, (track, w) in enumerate(zip(simulate(self.model.with_values(values), shots), which, strict=True)):
+            r = (track.position[:, 0] - self.segments[w].xy) / self.sigma
+            out[k, : r.size] = r.ravel()
+        return out
+
+
+def segment_problem(model: Model, names: Sequence[str], segments: Sequence[Segment], sigma: float) -> SegmentProblem:
+    """Set up segments with starting values: straight through the first samples, rolling."""
+    open_cloth = dataclasses.replace(model, table=dataclasses.replace(model.table, length=1e3, width=1e3, pockets=False))
+    start, azimuth = np.zeros((len(segments), 7)), np.zeros(len(segments))
+    for k, s in enumerate(segments):
+        n = min(6, len(s.time))
+        start[k], azimuth[k] = _straight(s.time[:n] - s.time[0], s.xy[:n], 1.0)
+    speed = start[:, 2]
+    wide = 2 * speed + 0.05
+    sd = np.column_stack([np.full((len(segments), 4), np.inf), wide, wide, wide])
+    return SegmentProblem(open_cloth, tuple(names), tuple(segments), sigma, start, azimuth, Prior(start, sd))
+
+
+@dataclass(frozen=True)
+class ShotProblem:
+    """Whole shots, each up to its horizon."""
+
+    model: Model
+    names: tuple[str, ...]
+    clips: tuple[Clip, ...]
+    start: Array  # (n, 7)
+    azimuth: Array  # (n,)
+    prior: Prior
+    rest: tuple[Array, ...]  # of each clip: (nball - 1, 2) where the others lie [m]
+    trusted: tuple[dict[str, NDArray[np.bool_]], ...]  # samples to believe
+    sd: tuple[dict[str, Array], ...]  # of each sample [m]
+    sd_theta: float  # of a marked ball's angle [rad]
+    horizon: Array  # (n,) [s]
+
+    def until(self, horizon: Array) -> ShotProblem:
+        """The same shots, up to other times."""
+        return dataclasses.replace(self, horizon=horizon)
+
+    def balls(self, clip: int) -> tuple[str, ...]:
+        """Names, the struck ball first."""
+        c = self.clips[clip]
+        return (c.struck, *[b for b in c.balls if b != c.struck])
+
+    def shot(self, x: Array, clip: int, times: Array) -> Shot:
+        """The shot that unknowns (7,) stand for."""
+        return _shot(self.balls(clip), x, self.azimuth[clip], self.model.ball.radius, self.rest[clip], times)
+
+    def times(self, clip: int) -> Array:
+        """Every time at which any ball was seen, up to the horizon."""
+        seen = np.unique(np.concatenate([o.time for o in self.clips[clip].balls.values()]))
+        return seen[seen <= self.horizon[clip] + 1e-9]
+
+    def tracks(self, x: Array, c: Array, which: Index, progress: Callable[[int], None] | None = None) -> list[Track]:
+        """What the model says of these shots; constants (k, q)."""
+        shots = [self.shot(row, w, self.times(w)) for row, w in zip(x, which, strict=True)]
+        return simulate(self.model.with_values({n: c[:, k] for k, n in enumerate(self.names)}), shots, progress)
+
+    def evaluate(self, x: Array, c: Array, which: Index) -> Array:
+        """Residuals over their standard deviation: (k, m)."""
+        size = max(sum(3 * len(o.time) for o in clip.balls.values()) for clip in self.clips)
+        out = np.full((len(x), size), np.nan)
+        for k, (track, w) in enumerate(zip(self.tracks(x, c, which), which, strict=True)):
+            at = 0
+            for b, name in enumerate(track.names):
+                seen = self.clips[w].balls[name]
+                n = int(np.searchsorted(seen.time, self.horizon[w] + 1e-9, side="right"))
+                r, angle = residual(track, b, seen, n)
+                r = np.where(self.trusted[w][name][:n, None], r / self.sd[w][name][:n, None], np.nan)
+                out[k, at : at + 2 * n] = r.ravel()
+                out[k, at + 2 * n : at + 3 * n] = angle / self.sd_theta
+                at += 3 * len(seen.time)
+        return out
+
+
+def residual(track: Track, ball: int, seen: Observation, n: int) -> tuple[Array, Array]:
+    """Model minus measurement of the first n samples: (n, 2) [m], (n,) [rad]; a potted ball stays at its pocket."""
+    index = np.searchsorted(track.times, seen.time[:n])
+    path = track.position[:, ball]
+    gone = np.isnan(path[:, 0])
+    if gone.any():
+        path = path.copy()
+        last = int(np.argmax(gone)) - 1
+        path[gone] = path[max(last, 0)]
+    angle = track.theta[index, ball] - (seen.theta[:n] - _first(seen.theta))
+    return path[index] - seen.xy[:n], angle
+
+
+def _first(theta: Array) -> float:
+    seen = theta[np.isfinite(theta)]
+    return float(seen[0]) if seen.size else 0.0
+
+
+def _shot(names: tuple[str, ...], x: Array, azimuth: float, radius: float, rest: Array, times: Array) -> Shot:
+    n = len(names)
+    q = turn(azimuth)
+    position, velocity, spin = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 3))
+    position[0], velocity[0] = x[:2], q @ x[2:4]
+    spin[0, :2], spin[0, 2] = q @ x[4:6] / radius, x[6] / radius
+    position[1:] = rest
+    return Shot(names, position, velocity, spin, times)
+
+
+def _straight(time: Array, xy: Array, roll: float) -> tuple[Array, float]:
+    """Unknowns of a straight line through samples, and its azimuth."""
+    line, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(time), time]), xy, rcond=None)
+    speed = float(np.hypot(*line[1]))
+    azimuth = float(np.arctan2(line[1, 1], line[1, 0]))
+    return np.array([*line[0], speed, 0, 0, roll * speed, 0]), azimuth
+
+
+def shot_problem(model: Model, names: Sequence[str], clip_set: ClipSet, sigma: float) -> ShotProblem:
+    """Set up whole shots: starting values and their spread from the cue's command, or from the first samples."""
+    n = len(clip_set.clips)
+    start, mean, sd, azimuth = np.zeros((n, 7)), np.zeros((n, 7)), np.full((n, 7), np.inf), np.zeros(n)
+    rest, trusted, sds = [], [], []
+    edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMPED
+    for k, clip in enumerate(clip_set.clips):
+        start[k], mean[k], sd[k], azimuth[k] = _begin(clip, clip_set, sigma)
+        others = [o for b, o in clip.balls.items() if b != clip.struck]
+        rest.append(np.array([o.xy[: max(moving_from(o, sigma), 1)].mean(axis=0) for o in others]).reshape(-1, 2))
+        believe = {b: np.all(np.abs(o.xy) < edge, axis=1) for b, o in clip.balls.items()}
+        believe[clip.struck][: free_from(clip.balls[clip.struck], sigma)] = False
+        trusted.append(believe)
+        sds.append({b: np.full(len(o.time), sigma) for b, o in clip.balls.items()})
+    end = np.array([max(o.time[-1] for o in c.balls.values()) for c in clip_set.clips])
+    return ShotProblem(
+        model, tuple(names), clip_set.clips, start, azimuth, Prior(mean, sd), tuple(rest), tuple(trusted), tuple(sds),
+        theta_noise(clip_set.clips), end,
+    )  # fmt: skip
+
+
+def _begin(clip: Clip, clip_set: ClipSet, sigma: float) -> tuple[Array, Array, Array, float]:
+    """Start, mean and spread of a shot's unknowns, and its azimuth."""
+    seen, radius = clip.balls[clip.struck], clip_set.ball.radius
+    low = free_from(seen, sigma)
+    part = slice(low, low + 6)
+    x, azimuth = _straight(seen.time[part], seen.xy[part], 0.5)
+    marked = np.flatnonzero(np.isfinite(seen.theta))
+    sd = np.full(7, np.inf)
+    if marked.size > 3:
+        few = marked[: max(4, marked.size // 10)]
+        x[6] = radius * np.polyfit(seen.time[few], seen.theta[few], 1)[0]
+    if clip.cue is not None:
+        cue = clip.cue
+        azimuth = cue.azimuth
+        q = turn(azimuth).T
+        line, *_ = np.linalg.lstsq(
+            np.column_stack([np.ones_like(seen.time[part]), seen.time[part]]), seen.xy[part], rcond=None
+        )
+        v = q @ line[1]
+        lever = 2.5 * cue.speed / radius
+        x = np.array([*line[0], *v, lever * cue.side * np.sin(cue.elevation), lever * cue.height, lever * cue.side])
+        across = CUE_SD["azimuth"] * cue.speed + 0.02
+        spread = CUE_SD["offset"] * lever + 0.02
+        mean = np.array([*line[0], cue.speed, 0.0, *x[4:]])
+        sd[2:] = [CUE_SD["speed"] * cue.speed + 0.02, across, 0.05 * cue.speed + 0.02, spread, spread]
+        return x, mean, sd, azimuth
+    speed = x[2]
+    wide = 0.6 * LIMIT_SPIN * speed + 0.02
+    sd[4:] = [0.1 * speed + 0.02, wide, wide if marked.size <= 3 else np.inf]
+    return x, x.copy(), sd, azimuth
+
+
+def theta_noise(clips: Sequence[Clip]) -> float:
+    """Noise of the marks' angles from their third differences [rad]; 1 where no ball is marked."""
+    found = []
+    for clip in clips:
+        for seen in clip.balls.values():
+            theta = seen.theta[np.isfinite(seen.theta)]
+            if len(theta) > 8:
+                found.append(np.diff(theta, 3))
+    if not found:
+        return 1.0
+    return max(float(np.median(np.abs(np.concatenate(found))) / 0.6745 / np.sqrt(20)), 1e-4)

@@ -1,0 +1,160 @@
+"""Cut tracked balls into segments between events, where the motion is smooth.
+
+A cushion shows as a turn of the speed towards it, close to it; a ball-ball contact as a least distance of two tracks
+near 2R. The sample next to an event belongs to neither side (trackers clamp and smear there). A near miss may cut a
+smooth motion in two, which costs a sample and does no harm; an event missed shows as a segment that does not fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.shot import Table
+from models.shot import Ball as BallSize
+from sysid.clips import Clip, Observation
+
+Array = NDArray[np.float64]
+NEAR = 0.03  # a turn this close to a cushion, beyond a frame's travel, is its doing [m]
+CLAMPED = 0.002  # samples this close to a cushion are not trusted [m]
+
+
+@dataclass(frozen=True)
+class Cut:
+    """An event seen in the data: the sample next to it, and what it was."""
+
+    sample: int
+    kind: str  # "ball", "cushion"
+    with_: str  # the other ball, or the rail
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Samples of one ball between two events."""
+
+    clip: int
+    ball: str
+    time: Array  # (n,) [s]
+    xy: Array  # (n, 2) [m]
+    before: str  # "strike", "ball", "cushion"
+    after: str  # "ball", "cushion", "end"
+    rail: str = ""  # of the cushion before
+
+
+def moving_from(seen: Observation, sigma: float) -> int:
+    """Number of samples before a ball leaves its place."""
+    moved = np.hypot(*(seen.xy - seen.xy[0]).T) > max(6 * sigma, 0.003)
+    return int(np.argmax(moved)) if moved.any() else len(moved)
+
+
+def onset(seen: Observation, sigma: float, fps: float) -> Observation:
+    """The track without what precedes its motion, but for one rest sample a frame before it."""
+    first = moving_from(seen, sigma)
+    if first == len(seen.time):
+        return Observation(seen.time[:1], seen.xy[:1], seen.theta[:1])
+    first = max(first, 1)
+    time = seen.time[first - 1 :].copy()
+    time[0] = max(time[0], time[1] - 1 / fps)
+    return Observation(time, seen.xy[first - 1 :], seen.theta[first - 1 :])
+
+
+def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: float) -> list[Cut]:
+    """Samples at which the motion turns away from a cushion."""
+    reach = table.reach(ball)
+    cuts = []
+    step = np.diff(xy, axis=0)
+    for axis, letter in enumerate("xy"):
+        for sign, mark in ((1.0, "+"), (-1.0, "-")):
+            gap = reach[axis] - sign * xy[:, axis]
+            inward = sign * step[:, axis]
+            for k in range(1, len(xy) - 1):
+                room = NEAR + 0.5 * max(np.abs(step[k - 1, axis]), np.abs(step[k, axis]))
+                turns = inward[k - 1] > 0 >= inward[k] and inward[k - 1] - inward[k] > 5 * sigma
+                if turns and gap[k] < room:
+                    cuts.append(Cut(k, "cushion", mark + letter))
+    return cuts
+
+
+def ball_cuts(name: str, time: Array, others: dict[str, Observation], xy: Array, ball: BallSize) -> list[Cut]:
+    """Samples at which a ball is closest to another one, and as close as a touch."""
+    cuts = []
+    for other, track in others.items():
+        if other == name:
+            continue
+        there = np.column_stack([np.interp(time, track.time, track.xy[:, k]) for k in (0, 1)])
+        distance = np.hypot(*(xy - there).T)
+        change = np.abs(np.diff(distance))
+        for k in range(len(time)):
+            left = distance[k - 1] if k else np.inf
+            right = distance[k + 1] if k + 1 < len(time) else np.inf
+            reach = max(change[k - 1] if k else 0.0, change[k] if k + 1 < len(time) else 0.0)
+            if distance[k] <= min(left, right) and distance[k] < ball.diameter + 0.6 * reach + 0.003:
+                cuts.append(Cut(k, "ball", other))
+    return cuts
+
+
+def cuts_of(name: str, tracks: dict[str, Observation], table: Table, ball: BallSize, sigma: float) -> list[Cut]:
+    """Every event of one ball among the tracks of a clip, in order."""
+    seen = tracks[name]
+    cuts = cushion_cuts(seen.time, seen.xy, table, ball, sigma) + ball_cuts(name, seen.time, tracks, seen.xy, ball)
+    return sorted(cuts, key=lambda cut: cut.sample)
+
+
+def event_times(clip: Clip, table: Table, ball: BallSize, sigma: float, fps: float) -> Array:
+    """When the struck ball touched something: (n,) [s]."""
+    tracks = {name: onset(seen, sigma, fps) for name, seen in clip.balls.items()}
+    cuts = cuts_of(clip.struck, tracks, table, ball, sigma)
+    return np.unique([tracks[clip.struck].time[cut.sample] for cut in cuts])
+
+
+def split(number: int, clip: Clip, table: Table, ball: BallSize, sigma: float, fps: float) -> list[Segment]:
+    """Segments of every moving ball of a clip, in order of ball and time."""
+    tracks = {name: onset(seen, sigma, fps) for name, seen in clip.balls.items()}
+    found = []
+    for name, seen in tracks.items():
+        if len(seen.time) < 3:
+            continue
+        cuts = cuts_of(name, tracks, table, ball, sigma)
+        low, before, rail = free_from(seen, sigma), "strike", ""
+        if name != clip.struck:
+            low, before = 1, "ball"
+        for cut in [*cuts, Cut(len(seen.time), "end", "")]:
+            part = slice(low, cut.sample)
+            if cut.sample - low >= 1:
+                inside = _trusted(seen.xy[part], table, ball)
+                time, xy = seen.time[part][inside], seen.xy[part][inside]
+                if len(time):
+                    found.append(Segment(number, name, time, xy, before, cut.kind, rail))
+            low, before, rail = cut.sample + 1, cut.kind, cut.with_ if cut.kind == "cushion" else ""
+    return found
+
+
+def free_from(seen: Observation, sigma: float) -> int:
+    """First sample of a struck ball that lies after the strike: from there on it does not speed up."""
+    step = np.hypot(*np.diff(seen.xy, axis=0).T) / np.diff(seen.time)
+    low = 0
+    while low < min(2, len(step) - 1):
+        slack = max(0.12 * step[low + 1], 6 * sigma / np.diff(seen.time)[low])
+        if step[low] > step[low + 1] - slack:
+            break
+        low += 1
+    return low
+
+
+def _trusted(xy: Array, table: Table, ball: BallSize) -> NDArray[np.bool_]:
+    """Samples not so close to a cushion that a tracker may have clamped them."""
+    edge = np.array([table.length / 2, table.width / 2]) - ball.radius
+    return np.all(np.abs(xy) < edge - CLAMPED, axis=1)
+
+
+def split_all(
+    clips: Sequence[Clip], table: Table, ball: BallSize, sigma: float, fps: float, least: int = 5
+) -> list[Segment]:
+    """Segments of a clip set with at least so many samples."""
+    found = [s for k, clip in enumerate(clips) for s in split(k, clip, table, ball, sigma, fps)]
+    return [s for s in found if len(s.time) >= least]
+
+

@@ -1,0 +1,236 @@
+"""Least squares over many small problems at once: each has its own unknowns, all may share constants.
+
+Every iteration asks for all residuals and their finite differences in one call, which is one batch of simulations.
+Levenberg-Marquardt with Marquardt's scaling, a damping for every problem; shared constants are stepped with the own
+unknowns eliminated (Schur complement). The loss is Cauchy's, c^2/2 log(1 + (r/c)^2), by reweighting.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Evaluate = Callable[[Array, Array, NDArray[np.int64]], Array]
+"""(k, p) own unknowns, (k, q) constants, (k,) problem numbers -> (k, m) residuals in units of noise, NaN unused."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Gaussian knowledge of unknowns: residuals (x - mean) / sd beside the data; sd inf is none."""
+
+    mean: Array
+    sd: Array
+
+    def residuals(self, x: Array) -> Array:
+        """(k, p) for (k, p) unknowns."""
+        return (x - self.mean) / self.sd
+
+
+def loss(residuals: Array, c: float) -> Array:
+    """Half the loss of every problem: (n,) for (n, m) residuals; NaN counts nothing, infinite c is least squares."""
+    r = np.nan_to_num(residuals)
+    if np.isinf(c):
+        return 0.5 * np.sum(r * r, axis=-1)
+    return 0.5 * c * c * np.sum(np.log1p((r / c) ** 2), axis=-1)
+
+
+def weights(residuals: Array, c: float) -> Array:
+    """Weights that make least squares follow the loss: (n, m)."""
+    r = np.nan_to_num(residuals)
+    return np.isfinite(residuals) / (1.0 + (r / c) ** 2)
+
+
+def differences(
+    evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array, steps_c: Array
+) -> tuple[Array, Array, Array]:
+    """Residuals (n, m) and their derivatives by own unknowns (n, m, p) and constants (n, m, q), in one call."""
+    (n, p), q = x.shape, c.size
+    rows = [(x, np.broadcast_to(c, (n, q)))]
+    for k in range(p):
+        moved = x.copy()
+        moved[:, k] += steps[k]
+        rows.append((moved, np.broadcast_to(c, (n, q))))
+    for k in range(q):
+        moved_c = c.copy()
+        moved_c[k] += steps_c[k]
+        rows.append((x, np.broadcast_to(moved_c, (n, q))))
+    r = evaluate(np.concatenate([a for a, _ in rows]), np.concatenate([b for _, b in rows]), np.tile(which, len(rows)))
+    r = r.reshape(len(rows), n, -1)
+    scale = np.concatenate([steps, steps_c])
+    d = np.nan_to_num((r[1:] - r[0]) / scale[:, None, None])
+    return r[0], np.moveaxis(d[:p], 0, -1), np.moveaxis(d[p:], 0, -1)
+
+
+def fit_each(
+    evaluate: Evaluate,
+    x: Array,
+    c: Array,
+    steps: Array,
+    prior: Prior,
+    robust: float,
+    iterations: int,
+    which: NDArray[np.int64] | None = None,
+    tolerance: float = 1e-4,
+) -> tuple[Array, Array]:
+    """Own unknowns of every problem at given constants; returns them and the cost: (n, p), (n,)."""
+    n, p = x.shape
+    which = np.arange(n) if which is None else which
+    x, damping, cost = x.copy(), np.full(n, 1e-3), np.full(n, np.inf)
+    active = np.arange(n)
+    means, sds = np.broadcast_to(prior.mean, (n, p)), np.broadcast_to(prior.sd, (n, p))
+    for _ in range(iterations):
+        here = Prior(means[active], sds[active])
+        r, jac, _c = differences(evaluate, x[active], c, which[active], steps, np.zeros(0)) if c.size == 0 else _own(
+            evaluate, x[active], c, which[active], steps
+        )
+        rp = here.residuals(x[active])
+        cost[active] = loss(r, robust) + 0.5 * np.sum(rp * rp, axis=1)
+        w = weights(r, robust)
+        a = np.einsum("nmp,nm,nmq->npq", jac, w, jac)
+        g = np.einsum("nmp,nm->np", jac, w * np.nan_to_num(r)) + rp / here.sd
+        diagonal = np.einsum("npp->np", a) + 1 / here.sd**2
+        trial, trial_cost = x[active].copy(), np.full(active.size, np.inf)
+        todo = np.arange(active.size)
+        for _attempt in range(6):
+            lhs = a[todo] + np.einsum(
+                "np,pq->npq", 1 / here.sd[todo] ** 2 + damping[active[todo], None] * diagonal[todo] + 1e-12, np.eye(p)
+            )
+            step = -np.linalg.solve(lhs, g[todo][..., None])[..., 0]
+            new = x[active[todo]] + step
+            r_new = evaluate(new, np.broadcast_to(c, (todo.size, c.size)), which[active[todo]])
+            rp_new = Prior(here.mean[todo], here.sd[todo]).residuals(new)
+            new_cost = loss(r_new, robust) + 0.5 * np.sum(rp_new * rp_new, axis=1)
+            better = new_cost < cost[active[todo]]
+            trial[todo[better]], trial_cost[todo[better]] = new[better], new_cost[better]
+            damping[active[todo[better]]] = np.maximum(damping[active[todo[better]]] / 10, 1e-9)
+            todo = todo[~better]
+            damping[active[todo]] *= 10
+            if todo.size == 0:
+                break
+        done = ~np.isfinite(trial_cost)
+        gain = np.where(done, 0.0, cost[active] - np.where(done, 0.0, trial_cost))
+        x[active] = trial
+        cost[active] = np.where(done, cost[active], trial_cost)
+        active = active[gain > tolerance * (1.0 + cost[active])]
+        if active.size == 0:
+            break
+    return x, cost
+
+
+def _own(
+    evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array
+) -> tuple[Array, Array, Array]:
+    """`differences` by the own unknowns alone, the constants held."""
+
+    def held(rows: Array, _none: Array, numbers: NDArray[np.int64]) -> Array:
+        return evaluate(rows, np.broadcast_to(c, (len(rows), c.size)), numbers)
+
+    return differences(held, x, np.zeros(0), which, steps, np.zeros(0))
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint fit: own unknowns (n, p), constants (q,), their covariance (q, q), and whether it converged."""
+
+    own: Array
+    constants: Array
+    covariance: Array  # of the constants; NaN where it could not be computed
+    cost: float
+    converged: bool
+    information: Array  # (n, q, q) what each problem says of the constants
+    score: Array  # (n, q) gradient of each problem's cost by the constants, its own unknowns eliminated
+
+
+def _eliminate(
+    evaluate: Evaluate, x: Array, c: Array, steps: Array, steps_c: Array, prior: Prior, robust: float
+) -> tuple[Array, Array, Array, Array]:
+    """Information (n, q, q) and score (n, q) on the constants, own unknowns eliminated; step map (n, p, q), (n, p)."""
+    n, p = x.shape
+    r, jx, jc = differences(evaluate, x, c, np.arange(n), steps, steps_c)
+    w = weights(r, robust)
+    r = np.nan_to_num(r)
+    sd = np.broadcast_to(prior.sd, (n, p))
+    axx = np.einsum("nmp,nm,nmq->npq", jx, w, jx) + np.einsum("np,pq->npq", 1 / sd**2 + 1e-9, np.eye(p))
+    axc = np.einsum("nmp,nm,nmq->npq", jx, w, jc)
+    acc = np.einsum("nmp,nm,nmq->npq", jc, w, jc)
+    gx = np.einsum("nmp,nm->np", jx, w * r) + prior.residuals(x) / sd
+    gc = np.einsum("nmp,nm->np", jc, w * r)
+    solved = np.linalg.solve(axx, np.concatenate([axc, gx[..., None]], axis=2))
+    lift, back = solved[..., :-1], solved[..., -1]
+    information = acc - np.einsum("npq,npr->nqr", axc, lift)
+    score = gc - np.einsum("npq,np->nq", axc, back)
+    return information, score, lift, back
+
+
+def fit_joint(
+    evaluate: Evaluate,
+    x: Array,
+    c: Array,
+    steps: Array,
+    steps_c: Array,
+    prior: Prior,
+    bounds: Array,
+    robust: float,
+    iterations: int = 20,
+    own_iterations: int = 2,
+    tolerance: float = 1e-5,
+    report: Callable[[int, float, Array], None] | None = None,
+) -> Joint:
+    """Shared constants (q,) within bounds (q, 2), with every problem's own unknowns fitted beside them.
+
+    Converged means that the last full step changed no constant by more than 2 % of its standard deviation, or the
+    loss by less than `tolerance` of itself. The covariance is the larger of the inverse information and the sandwich
+    over problems, which holds where the model is not quite right.
+    """
+    x, cost_each = fit_each(evaluate, x, c, steps, prior, robust, 3 * own_iterations)
+    cost, damping, converged = float(cost_each.sum()), 1e-4, False
+    for iteration in range(iterations):
+        information, score, lift, _back = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)
+        h, g = information.sum(axis=0), score.sum(axis=0)
+        if report:
+            report(iteration, cost, c)
+        improved = False
+        for _attempt in range(8):
+            step = -np.linalg.solve(h + damping * np.diag(np.diag(h)) + 1e-12 * np.eye(c.size), g)
+            new_c = np.clip(c + step, bounds[:, 0], bounds[:, 1])
+            new_x = x - np.einsum("npq,q->np", lift, new_c - c)
+            new_x, new_each = fit_each(evaluate, new_x, new_c, steps, prior, robust, own_iterations)
+            if new_each.sum() < cost:
+                improved = True
+                break
+            damping *= 10
+        sd = np.sqrt(np.maximum(np.diag(np.linalg.pinv(h)), 0))
+        if not improved:
+            # No step lowers the loss: at the optimum if the wanted step is small against the uncertainty.
+            converged = bool(np.all(np.abs(np.linalg.lstsq(h, g, rcond=None)[0]) < 0.1 * sd + 1e-12))
+            break
+        gain, moved = cost - float(new_each.sum()), np.abs(new_c - c)
+        x, c, cost, damping = new_x, new_c, float(new_each.sum()), max(damping / 10, 1e-9)
+        if np.all(moved < 0.02 * sd) or gain < tolerance * cost:
+            converged = True
+            break
+    information, score, _, _ = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)
+    return Joint(x, c, covariance(information, score), cost, converged, information, score)
+
+
+def covariance(information: Array, score: Array) -> Array:
+    """Of the constants, from what each problem says: (q, q); NaN rows for constants the data say nothing of."""
+    h = information.sum(axis=0)
+    q = len(h)
+    known = np.diag(h) > 1e-12
+    out = np.full((q, q), np.nan)
+    if not known.any():
+        return out
+    k = np.ix_(known, known)
+    inverse = np.linalg.pinv(h[k])
+    s = score[:, known]
+    n = max(int(np.sum(np.any(s != 0, axis=1))), 1)
+    sandwich = inverse @ (s.T @ s) @ inverse * (n / max(n - known.sum(), 1))
+    # Take correlations from the information, the larger of both standard deviations.
+    grow = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300)))
+    out[k] = inverse * np.outer(grow, grow)
+    return out
