@@ -189,7 +189,7 @@ def fit_joint(
     x, cost_each = fit_each(evaluate, x, c, steps, prior, robust, 3 * own_iterations)
     cost, damping, converged = float(cost_each.sum()), 1e-4, False
     for iteration in range(iterations):
-        information, score, lift, _back = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)
+        information, score, lift, back = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)
         h, g = information.sum(axis=0), score.sum(axis=0)
         if report:
             report(iteration, cost, c)
@@ -197,7 +197,7 @@ def fit_joint(
         for _attempt in range(8):
             step = -np.linalg.solve(h + damping * np.diag(np.diag(h)) + 1e-12 * np.eye(c.size), g)
             new_c = np.clip(c + step, bounds[:, 0], bounds[:, 1])
-            new_x = x - np.einsum("npq,q->np", lift, new_c - c)
+            new_x = _best_start(evaluate, new_c, prior, robust, x, back, np.einsum("npq,q->np", lift, new_c - c))
             new_x, new_each = fit_each(evaluate, new_x, new_c, steps, prior, robust, own_iterations)
             if new_each.sum() < cost:
                 improved = True
@@ -215,6 +215,17 @@ def fit_joint(
             break
     information, score, _, _ = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)
     return Joint(x, c, covariance(information, score), cost, converged, information, score)
+
+
+def _best_start(
+    evaluate: Evaluate, c: Array, prior: Prior, robust: float, x: Array, back: Array, lifted: Array
+) -> Array:
+    """Own unknowns after a step of the constants: as they were, moved with it, or by Newton's step; each its best."""
+    n = len(x)
+    starts = np.stack([x, x - lifted, x - lifted - back])
+    r = evaluate(starts.reshape(3 * n, -1), np.tile(c, (3 * n, 1)), np.tile(np.arange(n), 3)).reshape(3, n, -1)
+    costs = loss(r, robust) + 0.5 * np.sum(np.stack([prior.residuals(s) for s in starts]) ** 2, axis=-1)
+    return np.asarray(starts[np.argmin(costs, axis=0), np.arange(n)])
 
 
 def covariance(information: Array, score: Array) -> Array:

@@ -1,0 +1,71 @@
+# The first target sets up .venv by itself; it is brought up to date when pyproject.toml or constraints.txt change.
+
+BIN := .venv/bin
+READY := .venv/.ready
+PYTHON ?=
+PYTEST_ARGS ?=
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test bench lint clean
+
+help:
+	@echo "make demo    the shipped example with a hidden effect, start to end, into out/demo"
+	@echo "make test    lint, then all tests (PYTEST_ARGS=\"-m 'not slow'\" for the quick ones)"
+	@echo "make bench   speed and accuracy figures"
+	@echo "make lint    ruff and mypy"
+	@echo "make clean   remove .venv, caches and out/demo"
+	@echo
+	@echo "PYTHON=/path/to/python chooses the Python (3.11, 3.12 or 3.13) that .venv is made from."
+
+demo: $(READY)
+	@$(BIN)/sysid demo --out out/demo
+
+test: lint
+	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+bench: $(READY)
+	@$(BIN)/python -m tests.bench
+
+lint: $(READY)
+	@$(BIN)/python -m ruff check --quiet .
+	@$(BIN)/python -m ruff format --check --quiet . || { echo "ruff format would change files: $(BIN)/ruff format ."; exit 1; }
+	@$(BIN)/python -m mypy --no-error-summary
+
+clean:
+	@rm -rf .venv .pytest_cache .ruff_cache .mypy_cache .hypothesis dist out/demo
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# .venv/.unfinished marks a set-up under way: one that was interrupted starts afresh. The stamp comes last.
+define SETUP
+fits='import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))'
+packed='import ensurepip, venv'
+if [ -e .venv/.unfinished ] || ! .venv/bin/python -c "$$fits; import pip" 2>/dev/null; then
+    rm -rf .venv
+    python='' bare=''
+    for candidate in $(if $(PYTHON),"$(PYTHON)",python3.13 python3.12 python3.11 python3); do
+        "$$candidate" -c "$$fits" >/dev/null 2>&1 || continue
+        bare="$$candidate"
+        if "$$candidate" -c "$$packed" >/dev/null 2>&1; then python="$$candidate"; break; fi
+    done
+    if [ -z "$$python" ] && [ -n "$$bare" ]; then
+        echo "$$bare cannot make a virtual environment: apt install python3-venv" >&2; exit 1
+    elif [ -z "$$python" ]; then
+        echo "no Python 3.11, 3.12 or 3.13$(if $(PYTHON), at $(PYTHON)): apt install python3 python3-venv," \
+             "or make PYTHON=/path/to/python" >&2; exit 1
+    fi
+    echo "making .venv with $$("$$python" --version): a minute or two"
+    mkdir .venv
+    touch .venv/.unfinished
+    "$$python" -m venv .venv || { rm -rf .venv; echo "no virtual environment: apt install python3-venv" >&2; exit 1; }
+fi
+touch .venv/.unfinished
+pip() { .venv/bin/python -m pip install -qq --disable-pip-version-check --constraint constraints.txt "$$@"; }
+pip --editable '.[dev]'
+pip --no-deps dm-control # without its labmaze, which has no wheel from Python 3.13 on
+rm .venv/.unfinished
+touch $(READY)
+endef
+export SETUP
+
+$(READY): pyproject.toml constraints.txt
+	@sh -euc "$$SETUP"

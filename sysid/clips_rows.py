@@ -1,0 +1,152 @@
+"""The rows of one clip: CSV with the columns `t,ball,x,y,theta` in any order, and others that are kept."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.clips_faults import Faults, closest, listed, name_fault, shown
+
+Array = NDArray[np.float64]
+
+COLUMNS = ("t", "ball", "x", "y", "theta")
+NUMBERS = {"t": "write seconds, such as 0.125", "x": "write metres, such as -0.34", "y": "write metres, such as -0.34"}
+UNSEEN = "write radians, or leave it empty where the mark was not seen"
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of one clip; a cell that is no number is NaN here, and a fault."""
+
+    line: Sequence[int]  # line number in the file, from 1
+    names: tuple[str, ...]  # of the balls, as they appear
+    ball: NDArray[np.int64]  # (n,) index into names
+    time: Array  # (n,) [s]
+    xy: Array  # (n, 2) [m]
+    theta: Array  # (n,) [rad]
+    extra: Mapping[str, Sequence[str]]  # cells of other columns
+
+
+def parse_rows(text: str, file: str, faults: Faults) -> Rows | None:
+    """The rows of a clip; None, with the fault noted, where its header cannot be used."""
+    cells: list[list[str]] = []
+    lines: list[int] = []
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    start = 1  # a quoted cell may span lines: a row is where it starts
+    try:
+        for row in reader:
+            if row:
+                cells.append(row)
+                lines.append(start)
+            start = reader.line_num + 1
+    except csv.Error as error:
+        faults.add(file, f"is not CSV ({error}): correct the quotes", max(reader.line_num, 1))
+        return None
+    header = [name.strip() for name in cells[0]]
+    if not _header_is_good(header, lines[0], file, faults):
+        return None
+    body, lines = cells[1:], lines[1:]
+    if any(len(row) != len(header) for row in body):
+        body, lines = _whole_rows(body, lines, len(header), file, faults)
+    columns = dict(zip(header, zip(*body, strict=True) if body else ((),) * len(header), strict=True))
+    values = {key: _numbers(columns[key], key, lines, file, faults) for key in NUMBERS}
+    theta = _angles(columns["theta"], lines, file, faults)
+    index: dict[str, int] = {}
+    ball = np.array([index.setdefault(name, len(index)) for name in columns["ball"]], dtype=np.int64)
+    for name in index:
+        if problem := name_fault(name):
+            faults.add(file, f"ball = {shown(name)} {problem}", lines[columns["ball"].index(name)])
+    extra = {key: column for key, column in columns.items() if key not in COLUMNS}
+    xy = np.stack([values["x"], values["y"]], axis=1)
+    return Rows(lines, tuple(index), ball, values["t"], xy, theta, extra)
+
+
+def _header_is_good(header: list[str], line: int, file: str, faults: Faults) -> bool:
+    missing = [key for key in COLUMNS if key not in header]
+    twice = sorted({key for key in header if header.count(key) > 1})
+    if missing:
+        others = [key for key in header if key not in COLUMNS]
+        slips = [f"{meant!r}, not {key!r}" for key in others if (meant := closest(key, missing))]
+        remedy = f"begin with the header {','.join(COLUMNS)}"
+        if slips:
+            remedy = "write " + ", ".join(slips)
+        elif len(header) == 1 and (found := [mark for mark in ";\t|" if mark in header[0]]):
+            remedy = f"separate the columns by commas, not {found[0]!r}"
+        plural = "columns {} are" if len(missing) > 1 else "column {} is"
+        faults.add(file, f"{plural.format(listed(missing))} missing ({listed(header)} found): {remedy}", line)
+    if twice:
+        faults.add(file, f"columns named {listed(twice)} appear more than once: keep one of each", line)
+    return not missing and not twice
+
+
+def _whole_rows(
+    body: list[list[str]], lines: list[int], width: int, file: str, faults: Faults
+) -> tuple[list[list[str]], list[int]]:
+    """The rows that have a cell for every column; the others are faults."""
+    whole: list[list[str]] = []
+    kept: list[int] = []
+    for row, line in zip(body, lines, strict=True):
+        if len(row) == width:
+            whole.append(row)
+            kept.append(line)
+        else:
+            count = f"{len(row)} cells where the header has {width} columns"
+            faults.add(file, f"{shown(','.join(row))} has {count}: complete or remove the row", line)
+    return whole, kept
+
+
+def _plain_numbers(cells: Sequence[str]) -> Array | None:
+    """All cells as finite numbers, or None. Python's own `1_000` and its foreign digits are not numbers of a CSV."""
+    joined = "".join(cells)
+    if "_" in joined or not joined.isascii():
+        return None
+    try:
+        values = np.array(list(map(float, cells)), dtype=np.float64)
+    except ValueError:
+        return None
+    return values if np.isfinite(values).all() else None
+
+
+def _numbers(cells: Sequence[str], key: str, lines: Sequence[int], file: str, faults: Faults) -> Array:
+    """A column of numbers (n,); a cell that is none becomes NaN and a fault."""
+    if (values := _plain_numbers(cells)) is not None:
+        return values
+    return np.array([_number(cell, key, line, file, faults) for cell, line in zip(cells, lines, strict=True)])
+
+
+def _angles(cells: Sequence[str], lines: Sequence[int], file: str, faults: Faults) -> Array:
+    """The angles (n,) [rad], NaN where empty."""
+    angles = np.full(len(cells), np.nan)
+    seen = [i for i, cell in enumerate(cells) if cell]
+    if seen and (values := _plain_numbers([cells[i] for i in seen])) is not None:
+        angles[seen] = values
+    else:
+        for i in seen:
+            if cells[i].strip():
+                angles[i] = _number(cells[i], "theta", lines[i], file, faults)
+    return angles
+
+
+def _number(cell: str, key: str, line: int, file: str, faults: Faults) -> float:
+    """One cell as a number; NaN and a fault where it is none."""
+    remedy = NUMBERS.get(key, UNSEEN)
+    if not cell.strip():
+        faults.add(file, f"{key} is empty: {remedy}, or remove the row where the ball was not seen", line)
+        return math.nan
+    values = _plain_numbers([cell])
+    if values is not None:
+        return float(values[0])
+    try:
+        problem = "is not a number" if math.isfinite(float(cell)) else "is not finite"
+    except ValueError:
+        problem = "is not a number"
+        if _plain_numbers([cell.replace(",", ".")]) is not None:
+            remedy = "write a decimal point, not a comma"
+    faults.add(file, f"{key} = {shown(cell)} {problem}: {remedy}", line)
+    return math.nan

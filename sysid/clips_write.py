@@ -1,0 +1,193 @@
+"""Clip sets as text, and how a folder comes to hold all of it or nothing.
+
+The files are written and read back in a scratch folder beside the wanted one, which then takes its place by renaming.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import tomli_w
+
+from models.errors import BadInput
+from sysid.clips_faults import SETTINGS, name_fault, one_line, path_fault, shown
+from sysid.clips_header import FORMAT
+from sysid.clips_rows import COLUMNS
+
+if TYPE_CHECKING:
+    from sysid.clips import Clip, ClipSet
+
+
+def texts_of(clip_set: ClipSet) -> dict[str, str]:
+    """The files of a clip set: relative path -> content."""
+    texts = {SETTINGS: _settings(clip_set)}
+    for clip in clip_set.clips:
+        if problem := path_fault(clip.file):
+            raise BadInput(one_line(f"file = {shown(clip.file)} of a clip {problem}"))
+        path = os.path.normpath(clip.file)
+        if path in texts:
+            raise BadInput(one_line(f"file = {shown(clip.file)} is the file of two clips: name each clip's file once"))
+        texts[path] = _csv(clip)
+    return texts
+
+
+def _settings(clip_set: ClipSet) -> str:
+    sections: dict[str, dict[str, Any]] = {
+        "table": asdict(clip_set.table),
+        "ball": asdict(clip_set.ball),
+        "camera": {"fps": clip_set.fps} | ({} if clip_set.sigma is None else {"sigma": clip_set.sigma}),
+    }
+    top = {key: value for key, value in clip_set.extra.items() if key not in (*sections, "clip")}
+    text = _assignments({**top, "format": FORMAT})
+    for name, section in sections.items():
+        text += f"\n[{name}]\n" + _assignments({**clip_set.extra.get(name, {}), **section})
+    for clip in clip_set.clips:
+        entry: dict[str, Any] = {"file": clip.file, "struck": clip.struck}
+        if clip.note:
+            entry["note"] = clip.note
+        if clip.cue is not None:
+            entry["cue"] = {**asdict(clip.cue), **clip.extra.get("cue", {})}
+        others = {key: value for key, value in clip.extra.items() if key not in (*entry, "cue", "note")}
+        text += "\n[[clip]]\n" + _assignments({**entry, **others})
+    return text
+
+
+def _assignments(table: Mapping[str, Any]) -> str:
+    return "".join(f"{_key(key)} = {_literal(value)}\n" for key, value in table.items())
+
+
+def _key(key: str) -> str:
+    return tomli_w.dumps({key: 0}).removesuffix(" = 0\n")
+
+
+def _literal(value: Any) -> str:
+    """A TOML value on one line: tomli_w spreads arrays and tables over several."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(key)} = {_literal(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_literal, value)) + "]"
+    if isinstance(value, np.generic):
+        value = value.item()
+    try:
+        return tomli_w.dumps({"v": value}).removeprefix("v = ").removesuffix("\n")
+    except (TypeError, ValueError) as error:
+        raise BadInput(
+            one_line(f"{SETTINGS}: {shown(value)} cannot be written as TOML ({error}): change it")
+        ) from error
+
+
+def _csv(clip: Clip) -> str:
+    more = list(dict.fromkeys(key for seen in clip.balls.values() for key in seen.extra))
+    for name, seen in clip.balls.items():
+        if problem := name_fault(name):
+            raise BadInput(one_line(f"{clip.file}: ball = {shown(name)} {problem}"))
+        count = len(seen.time)
+        shapes = {"time": (count,), "xy": (count, 2), "theta": (count,)}
+        for key, shape in shapes.items():
+            if (found := np.shape(getattr(seen, key))) != shape:
+                problem = f"{key} of ball {shown(name)} has shape {found}, not {shape}: give one value for each time"
+                raise BadInput(one_line(f"{clip.file}: {problem}"))
+        if not count or any(len(cells) != count for cells in seen.extra.values()):
+            problem = "has columns of different lengths: give" if count else "has no samples: leave it out or give"
+            raise BadInput(one_line(f"{clip.file}: ball {shown(name)} {problem} one value for each time"))
+    for key in more:
+        if key in COLUMNS or key != key.strip():
+            raise BadInput(one_line(f"{clip.file}: {shown(key)} cannot name an extra column: choose another name"))
+    rows: list[tuple[float, str]] = []
+    for name, seen in clip.balls.items():
+        blank = ("",) * len(seen.time)
+        others = zip(*(seen.extra.get(key, blank) for key in more), strict=True) if more else ((),) * len(blank)
+        # Adding 0 turns -0 into 0.
+        xy = (np.round(seen.xy, 6) + 0.0).tolist()
+        quoted = _cell(name)
+        for t, (x, y), theta, cells in zip(seen.time.tolist(), xy, seen.theta.tolist(), others, strict=True):
+            angle = "" if math.isnan(theta) else f"{theta:.6f}"
+            tail = "".join("," + _cell(cell) for cell in cells)
+            rows.append((t, f"{t:.6f},{quoted},{x:.6f},{y:.6f},{angle}{tail}\n"))
+    rows.sort(key=lambda row: row[0])
+    return ",".join([*COLUMNS, *map(_cell, more)]) + "\n" + "".join(text for _, text in rows)
+
+
+def _cell(text: str) -> str:
+    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\r\n') else text
+
+
+def replace_folder(folder: Path, texts: Mapping[str, str], check: Callable[[Path], Iterable[str]]) -> None:
+    """Make `folder` hold exactly `texts`, relative path -> content, once `check` finds no fault in it."""
+    if not str(folder).isprintable():
+        raise BadInput(one_line(f"{folder}: holds unprintable characters: choose another name for the folder"))
+    made: list[Path] = []
+    try:
+        target = Path(os.path.realpath(folder))
+        _refuse_foreign(folder, target)
+        _make_parents(target, made)
+        prefix = f".{target.name[:40]}-"
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix=prefix, ignore_cleanup_errors=True) as scratch:
+            new, old = Path(scratch, "new"), Path(scratch, "old")
+            for file, text in texts.items():
+                (new / file).parent.mkdir(parents=True, exist_ok=True)
+                (new / file).write_bytes(text.encode())
+            for fault in check(new):
+                raise BadInput(f"{fault} (nothing was written)")
+            _exchange(new, target, old)
+            made.clear()
+    except (OSError, UnicodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "text that is not Unicode"
+        raise BadInput(one_line(f"{folder}: cannot be written ({reason}): choose another folder")) from error
+    finally:
+        for parent in made:
+            parent.rmdir()
+
+
+def _make_parents(target: Path, made: list[Path]) -> None:
+    """Make the folders above `target`; those that were not there join `made`, innermost first."""
+    for parent in reversed([parent for parent in target.parents if not parent.exists()]):
+        parent.mkdir()
+        made.insert(0, parent)
+
+
+def _exchange(new: Path, target: Path, old: Path) -> None:
+    """Put `new` in the place of `target`, which moves to `old`."""
+    if not target.exists():
+        new.rename(target)
+        return
+    target.rename(old)
+    try:
+        new.rename(target)
+    except BaseException:  # an interrupt as well must not leave the place empty
+        old.rename(target)
+        raise
+
+
+def _refuse_foreign(folder: Path, target: Path) -> None:
+    """Replace nothing but clip sets: anything else that the folder holds is somebody's work."""
+    if not target.exists():
+        return
+    if not target.is_dir():
+        raise BadInput(one_line(f"{folder}: is a file: name a folder for the clip set"))
+    found = {os.path.relpath(os.path.join(at, file), target) for at, _, files in os.walk(target) for file in files}
+    foreign = sorted(found - _own_files(target))
+    if foreign:
+        what = "is no clip set" if SETTINGS in foreign or SETTINGS not in found else "is no part of its clip set"
+        raise BadInput(one_line(f"{folder}: holds {shown(foreign[0])} and {what}: choose another folder"))
+
+
+def _own_files(target: Path) -> set[str]:
+    """The files of the clip set in `target`; none if it is not one."""
+    try:
+        document = tomllib.loads((target / SETTINGS).read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError):
+        return set()
+    if not str(document.get("format")).startswith("billiard-clips/"):
+        return set()
+    clips = document.get("clip")
+    files = [clip.get("file") for clip in clips if isinstance(clip, dict)] if isinstance(clips, list) else []
+    return {SETTINGS, *(os.path.normpath(file) for file in files if isinstance(file, str))}

@@ -1,0 +1,122 @@
+"""Every shot's own unknowns, at given constants.
+
+A whole shot has many false optima beyond its first impacts, so the horizon grows from event to event, errors being
+forgiven in proportion to the way travelled since the first one; shots that do not fit are tried again with other
+spins. Last comes the whole shot with equal weight for every sample.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from sysid.clips import Clip, ClipSet
+from sysid.problem import STEPS, Array, ShotProblem
+from sysid.segments import event_times
+from sysid.solve import Prior, fit_each, loss
+
+FORGIVE = 0.02  # error forgiven per way travelled since the first event, while the horizon grows
+ROBUST = 4.0  # Cauchy's constant, in standard deviations
+RETRY = 4.0  # cost per residual beyond which a shot is tried from other spins
+TRIALS = ((6, -0.8), (6, -0.3), (6, 0.3), (6, 0.8), (5, -0.7), (5, 0.7))  # unknown, shift over speed
+MAX_STAGES = 12
+
+
+def ways(clip: Clip, first: float) -> dict[str, Array]:
+    """How far the shot's error has had to grow: way since the first event, of a ball and of what set it moving [m]."""
+    struck = clip.balls[clip.struck]
+
+    def run(time: Array, xy: Array) -> Array:
+        step = np.hypot(*np.diff(xy, axis=0).T) * (time[1:] > first)
+        return np.concatenate([[0.0], np.cumsum(step)])
+
+    lead = run(struck.time, struck.xy)
+    found = {clip.struck: lead}
+    for name, seen in clip.balls.items():
+        if name != clip.struck:
+            own = run(seen.time, seen.xy)
+            moving = np.flatnonzero(own > 0.02)
+            start = np.interp(seen.time[moving[0]], struck.time, lead) if moving.size else 0.0
+            found[name] = own + start * (own > 0.02)
+    return found
+
+
+def with_error(problem: ShotProblem, sigma: float, rate: float, way: Sequence[dict[str, Array]]) -> ShotProblem:
+    """The problem with a model error that grows with the way: sd = hypot(sigma, rate way)."""
+    sd = tuple({b: np.hypot(sigma, rate * w) for b, w in clip.items()} for clip in way)
+    return dataclasses.replace(problem, sd=sd)
+
+
+def events_and_ways(clip_set: ClipSet, sigma: float) -> tuple[list[Array], list[dict[str, Array]]]:
+    """Times of the struck ball's events, and how far every sample lies from the first one."""
+    events = [event_times(c, clip_set.table, clip_set.ball, sigma, clip_set.fps) for c in clip_set.clips]
+    first = [e[0] if e.size else np.inf for e in events]
+    return events, [ways(c, f) for c, f in zip(clip_set.clips, first, strict=True)]
+
+
+def fit_own(
+    problem: ShotProblem,
+    clip_set: ClipSet,
+    constants: Array,
+    sigma: float,
+    report: Callable[[str], None] | None = None,
+) -> Array:
+    """Own unknowns of every shot, grown from event to event: (n, 7)."""
+    events, way = events_and_ways(clip_set, sigma)
+    end = problem.horizon
+    x = problem.start.copy()
+    grown = with_error(problem, sigma, FORGIVE, way)
+    stages = min(max((len(e) for e in events), default=0), MAX_STAGES)
+    for stage in range(stages + 1):
+        last = stage == stages
+        horizon = np.array([_horizon(e, stage, t, last) for e, t in zip(events, end, strict=True)])
+        before = np.array([_horizon(e, stage - 1, t, False) if stage else 0.0 for e, t in zip(events, end, strict=True)])
+        todo = np.flatnonzero(horizon > before)
+        if todo.size == 0:
+            continue
+        if report:
+            report(f"shots up to event {stage + 1}: {todo.size}")
+        x[todo] = _stage(grown.until(horizon), x, constants, todo, retry=1 <= stage <= 3 or last)
+    return x
+
+
+def _horizon(events: Array, stage: int, end: float, last: bool) -> float:
+    return end if last or stage >= len(events) else min(float(events[stage]) - 1e-3, end)
+
+
+def _stage(problem: ShotProblem, x: Array, constants: Array, todo: Array, retry: bool) -> Array:
+    prior = Prior(problem.prior.mean[todo], problem.prior.sd[todo])
+    best, cost = fit_each(problem.evaluate, x[todo], constants, STEPS, prior, ROBUST, 6, todo)
+    if not retry:
+        return best
+    r = problem.evaluate(best, np.tile(constants, (todo.size, 1)), todo)
+    bad = np.flatnonzero(loss(r, ROBUST) > RETRY * np.isfinite(r).sum(axis=1) / 2)
+    if bad.size == 0:
+        return best
+    for unknown, shift in TRIALS:
+        moved = best[bad].copy()
+        moved[:, unknown] += shift * np.hypot(moved[:, 2], moved[:, 3])
+        here = Prior(prior.mean[bad], prior.sd[bad])
+        new, new_cost = fit_each(problem.evaluate, moved, constants, STEPS, here, ROBUST, 4, todo[bad])
+        better = new_cost < cost[bad]
+        best[bad[better]], cost[bad[better]] = new[better], new_cost[better]
+    return best
+
+
+def polish(problem: ShotProblem, x: Array, constants: Array, sigma: float, rounds: int = 2) -> Array:
+    """Whole shots, every sample alike: least squares but for what lies beyond four times a shot's own scatter."""
+    n = len(x)
+    for _ in range(rounds):
+        plain = dataclasses.replace(
+            problem, sd=tuple({b: np.full(len(o.time), sigma) for b, o in c.balls.items()} for c in problem.clips)
+        )
+        r = plain.evaluate(x, np.tile(constants, (n, 1)), np.arange(n))
+        scatter = np.sqrt(np.nanmean(np.minimum(np.abs(r), 4 * np.nanstd(r, axis=1, keepdims=True)) ** 2, axis=1))
+        scale = np.maximum(scatter, 1.0)
+        scaled = dataclasses.replace(
+            plain, sd=tuple({b: s * k for b, s in clip.items()} for clip, k in zip(plain.sd, scale, strict=True))
+        )
+        x, _cost = fit_each(scaled.evaluate, x, constants, STEPS, problem.prior, ROBUST, 10)
+    return x

@@ -1,0 +1,37 @@
+"""What all tests share. The drawing library is chosen here, before any test imports MuJoCo."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from models.gl import NEEDS, can_render, choose_backend
+
+choose_backend()
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what draws where nothing can be drawn."""
+    if item.get_closest_marker("gl") and not can_render():
+        pytest.skip(NEEDS)
+
+
+@pytest.fixture
+def gl() -> str:
+    """The back end that draws; the test is skipped where there is none."""
+    if not can_render():
+        pytest.skip(NEEDS)
+    return choose_backend()
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The folder of published and hidden data: $CUELAB_DATA, or ../shared/data beside the checkout."""
+    folder = Path(os.environ.get("CUELAB_DATA") or ROOT.parent / "shared" / "data")
+    if not folder.is_dir():
+        pytest.skip("no data: set CUELAB_DATA, or put it at ../shared/data beside the checkout")
+    return folder

@@ -1,0 +1,162 @@
+"""The rules of the house: which way imports go, how long a file may be, what a checkout may hold."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import subprocess
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FLOW = ("models", "sysid", "planner", "robot")  # each imports only itself and what is left of it
+LONGEST = 400  # lines
+SKIPPED_FOLDERS = {"__pycache__", "out", "dist"}
+LOCK_FILES = re.compile(r"(.*\.lock|pylock(\..+)?\.toml|Pipfile\.lock|package-lock\.json)$")
+MACHINE_PATH = re.compile(r"(?<![\w.~$}])/(root|work|home|Users)/")
+
+
+@cache
+def tracked_files() -> tuple[Path, ...]:
+    """What git tracks, or where there is no repository everything that is not hidden or made."""
+    listing = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
+    names = [name for name in listing.stdout.split("\0") if name]
+    if listing.returncode == 0 and "pyproject.toml" in names:
+        return tuple(path for name in names if (path := ROOT / name).is_file())
+    return tuple(walk(ROOT))
+
+
+def walk(folder: Path) -> Iterator[Path]:
+    """Files below a folder, without hidden folders and what programs make."""
+    for path in sorted(folder.iterdir()):
+        if path.is_dir() and not path.name.startswith(".") and path.name not in SKIPPED_FOLDERS:
+            yield from walk(path)
+        elif path.is_file():
+            yield path
+
+
+def sources(folder: str) -> list[Path]:
+    """Python files of a folder, tracked or not; none when the folder does not exist."""
+    return sorted(path for path in (ROOT / folder).rglob("*.py") if "__pycache__" not in path.parts)
+
+
+def imports(path: Path) -> set[str]:
+    """Full names of all modules that a file imports, at the top or inside functions, relative ones resolved.
+
+    `from a import b` counts as a.b, since b may be a module; so does importlib.import_module("a.b").
+    """
+    package = path.relative_to(ROOT).with_suffix("").parts[:-1]
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            start = package[: len(package) - node.level + 1] if node.level else ()
+            base = ".".join([*start, *([node.module] if node.module else [])])
+            found.update(f"{base}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+            called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            if called in ("import_module", "__import__") and isinstance(node.args[0].value, str):
+                found.add(node.args[0].value)
+    return found
+
+
+def importers(roots: set[str], files: list[Path]) -> list[str]:
+    """Lines "file imports module" for every import of one of these top-level packages."""
+    return [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for path in files
+        for name in sorted(imports(path))
+        if name.split(".")[0] in roots
+    ]
+
+
+def pinned() -> dict[str, str]:
+    """Normalised name and version of every line of constraints.txt."""
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    return {normal(name): release for name, _, release in (line.partition("==") for line in lines)}
+
+
+def normal(name: str) -> str:
+    """A distribution's name as indexes compare it (PEP 503)."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+@pytest.mark.parametrize("folder", FLOW)
+def test_imports_go_one_way(folder: str) -> None:
+    later = {*FLOW[FLOW.index(folder) + 1 :], "tests"}
+    assert importers(later, sources(folder)) == []
+
+
+def test_lazy_and_relative_imports_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"{__name__}.ROOT", tmp_path)
+    path = tmp_path / "models" / "effects" / "tilt.py"
+    path.parent.mkdir(parents=True)
+    path.write_text(
+        "import sysid.fit as f\nfrom . import drag\nfrom ..world import build\n"
+        "def g():\n    from robot import link\n    import_module('planner.aim')\n"
+    )
+    expected = {"sysid.fit", "models.effects.drag", "models.world.build", "robot.link", "planner.aim"}
+    assert imports(path) == expected
+
+
+@pytest.mark.parametrize("name", FLOW)
+def test_packages_are_those_of_this_checkout(name: str) -> None:
+    file = importlib.import_module(name).__file__
+    assert file is not None
+    assert Path(file).resolve().parent == ROOT / name
+
+
+def test_only_the_view_imports_rerun() -> None:
+    files = [path for folder in FLOW for path in sources(folder) if path != ROOT / "models" / "view.py"]
+    assert importers({"rerun", "rerun_sdk"}, files) == []
+
+
+def test_the_truth_is_independent_of_what_it_judges() -> None:
+    assert importers({"models", "sysid"}, sources("tests/truth")) == []
+
+
+def test_no_source_is_long() -> None:
+    files = [path for path in tracked_files() if path.suffix in (".py", ".xml")]
+    files += [path for folder in (*FLOW, "tests") for path in sources(folder)]
+    lengths = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in files}
+    assert {name: lines for name, lines in lengths.items() if lines > LONGEST} == {}
+
+
+def test_constraints_name_no_host() -> None:
+    for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines():
+        assert re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.+!]+", line), line
+        assert not line.startswith("-"), line
+        assert not line.lower().startswith("cuelab"), line
+
+
+def test_direct_dependencies_are_pinned() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [
+        *project["dependencies"],
+        *(line for extra in project["optional-dependencies"].values() for line in extra),
+    ]
+    names = {normal(re.split(r"[^\w.-]", line, maxsplit=1)[0]) for line in wanted}
+    assert names - set(pinned()) == set()
+
+
+def test_no_lock_file_is_tracked() -> None:
+    assert [path.name for path in tracked_files() if LOCK_FILES.match(path.name)] == []
+
+
+def test_no_text_names_a_folder_of_some_machine() -> None:
+    found = []
+    for path in tracked_files():
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue  # a picture or a video
+        for number, line in enumerate(text.splitlines(), start=1):
+            if MACHINE_PATH.search(line):
+                found.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()[:80]}")
+    assert found == []

@@ -1,0 +1,241 @@
+"""The review recording: what is written is what is read back, whole or not at all."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models import view
+from models.shot import Array, Ball, Event, Table, Track
+from models.view import Review, ball_colour, write_review
+
+TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
+OFFSET = np.array([0.003, -0.004])  # modelled - measured: 5 mm
+
+
+def clip(name: str, *, duration: float = 2.0, fps: float = 60.0, balls: tuple[str, ...] = ("cue", "red")) -> Review:
+    """Balls that slow down along +x, and a model that is OFFSET away and sampled at other times."""
+    seen, modelled = np.arange(0.0, duration, 1 / fps), np.linspace(0.0, duration, 500)
+
+    def path(times: Array, ball: int) -> Array:
+        return np.column_stack([-1.0 + 0.9 * times - 0.1 * times**2, np.full(times.size, 0.03 * ball)])
+
+    position = np.stack([path(modelled, k) + OFFSET for k in range(len(balls))], axis=1)
+    velocity = np.zeros_like(position)
+    velocity[..., 0] = (0.9 - 0.2 * modelled)[:, None]
+    spin, theta = np.zeros((*position.shape[:2], 3)), np.zeros(position.shape[:2])
+    events = (Event(1.0, "cushion", ("cue",), "+x"), Event(0.5, "ball", balls[:2]))
+    track = Track(balls, modelled, position, velocity, spin, theta, events)
+    return Review(name, {ball: (seen, path(seen, k)) for k, ball in enumerate(balls)}, track, note=f"note of {name}")
+
+
+def read(path: Path) -> dict[str, list[Any]]:
+    """Entity path -> its chunks, as record batches."""
+    from rerun.chunk import RrdReader
+
+    found: dict[str, list[Any]] = {}
+    for chunk in RrdReader(path).stream().to_chunks():
+        found.setdefault(chunk.entity_path, []).append(chunk.to_record_batch())
+    return found
+
+
+def column(batches: list[Any], name: str) -> list[Any]:
+    """The rows of the column whose name ends so, in the order of `shot_time` within a batch."""
+    rows = []
+    for batch in batches:
+        rows += [row for label in batch.schema.names if label.endswith(name) for row in batch[label].to_pylist()]
+    return rows
+
+
+def seconds(batches: list[Any]) -> list[float]:
+    times = [
+        row
+        for batch in batches
+        if "shot_time" in batch.schema.names
+        for row in batch["shot_time"].cast("int64").to_pylist()
+    ]
+    return [1e-9 * nanoseconds for nanoseconds in times]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, list[Any]]]:
+    path = tmp_path_factory.mktemp("view") / "review.rrd"
+    only_seen = Review("only seen", {"blue": (np.array([0.2, 0.3, 0.4]), np.full((3, 2), 0.1))})
+    write_review(path, TABLE, BALL, [clip("first"), clip("second"), only_seen], title="Two and one")
+    return path, read(path)
+
+
+def test_errors_of_a_known_offset(written: tuple[Path, dict[str, list[Any]]]) -> None:
+    for plot, want in (("distance", 5.0), ("x", 3.0), ("y", -4.0)):
+        for ball in ("cue", "red"):
+            values = np.array(column(written[1][f"/error/{plot}/{ball}"], "Scalars:scalars"), dtype=float).ravel()
+            assert np.isnan(values).sum() == 2  # one gap after each clip
+            assert values[np.isfinite(values)] == pytest.approx(want, abs=1e-3)
+    assert "/error/x/blue" not in written[1]
+
+
+def test_speed_is_the_models(written: tuple[Path, dict[str, list[Any]]]) -> None:
+    values = np.array(column(written[1]["/speed/cue"], "Scalars:scalars"), dtype=float).ravel()
+    assert (values[0], np.nanmin(values)) == (pytest.approx(0.9), pytest.approx(0.5))
+
+
+def test_clips_follow_one_another_from_whole_seconds(written: tuple[Path, dict[str, list[Any]]]) -> None:
+    assert sorted(seconds(written[1]["/text/clip"])) == pytest.approx([0.0, 3.0, 6.0])
+    times = np.array(seconds(written[1]["/error/x/cue"]))
+    assert (times.min(), times.max()) == (0.0, pytest.approx(3.0 + 119 / 60 + 1e-3))
+
+
+def test_only_the_two_timelines(written: tuple[Path, dict[str, list[Any]]]) -> None:
+    from rerun.chunk import RrdReader
+
+    timelines = {name for chunk in RrdReader(written[0]).stream().to_chunks() for name in chunk.timeline_names}
+    assert timelines == {"shot_time", "clip"}
+
+
+def test_table_frame_and_disappearance(written: tuple[Path, dict[str, list[Any]]]) -> None:
+    rows = column(written[1]["/top/measured/blue"], "Points2D:positions")
+    assert rows[:3] == [[], [], []]  # absent from both first clips, and not yet seen at the third's start
+    assert np.array(rows[3:]) == pytest.approx(0.1)
+    assert column(written[1]["/top/measured/cue"], "Points2D:positions")[-1] == []  # hidden in the last clip
+    high = column(written[1]["/space/modelled/cue"], "Ellipsoids3D:centers")
+    assert high[0][0] == pytest.approx([-1.0 + OFFSET[0], OFFSET[1], BALL.radius])
+
+
+def test_paths_are_whole_from_the_beginning_of_a_clip(written: tuple[Path, dict[str, list[Any]]]) -> None:
+    dots = column(written[1]["/top/measured_path/red"], "Points2D:positions")
+    lines = column(written[1]["/top/modelled_path/red"], "LineStrips2D:strips")
+    assert [len(row) for row in dots] == [120, 120, 0]
+    assert [[len(strip) for strip in row] for row in lines] == [[500], [500], []]
+
+
+def test_events_are_marked_where_they_happen(written: tuple[Path, dict[str, list[Any]]]) -> None:
+    marks = column(written[1]["/top/event/cushion"], "Points2D:positions")
+    assert marks[0][0] == pytest.approx([-0.2 + OFFSET[0], OFFSET[1]], abs=1e-4)
+    assert seconds(written[1]["/error/distance/event_cushion"]) == pytest.approx([1.0, 4.0])
+    log = [text for row in column(written[1]["/text/log"], "TextLog:text") for text in row]
+    assert "cushion: cue +x" in log
+    assert "ball hits ball: cue and red" in log
+
+
+def test_words_name_clips_and_errors(written: tuple[Path, dict[str, list[Any]]]) -> None:
+    pages = [row[0] for row in column(written[1]["/text/clip"], "TextDocument:text")]
+    assert "# first" in pages[0]
+    assert "**rms position error 5.00 mm**" in pages[0]
+    assert "note of second" in pages[1]
+    assert "Measured only" in pages[2]
+    guide = column(written[1]["/text/guide"], "TextDocument:text")[0][0]
+    assert "measured" in guide
+    assert "Cyan" in guide
+
+
+def test_blueprint_is_inside(written: tuple[Path, dict[str, list[Any]]]) -> None:
+    from rerun.chunk import RrdReader
+
+    reader = RrdReader(written[0])
+    assert len(reader.recordings()) == 1
+    (blueprint,) = reader.blueprints()
+    names = {
+        row[0]
+        for chunk in reader.stream(store=blueprint).to_chunks()
+        for row in column([chunk.to_record_batch()], "ViewBlueprint:display_name")
+    }
+    assert {"Table from above", "Table in 3-D", "This clip", "How to read this"} <= names
+
+
+def test_up_on_the_picture_is_plus_y(written: tuple[Path, dict[str, list[Any]]]) -> None:
+    """A view leaves out the transform of its own origin, so the mirror has to lie below it."""
+    from rerun.chunk import RrdReader
+
+    (mirror,) = column(written[1]["/top"], "Transform3D:mat3x3")
+    assert np.reshape(mirror, (3, 3)) == pytest.approx(np.diag([1.0, -1.0, 1.0]))
+    reader = RrdReader(written[0])
+    batches = [chunk.to_record_batch() for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks()]
+    views = {
+        column([batch], "display_name")[0][0]: column([batch], "space_origin")[0][0]
+        for batch in batches
+        if column([batch], "space_origin")
+    }
+    assert views["Table from above"] == "/"
+
+
+def test_pockets_only_when_the_table_has_them(tmp_path: Path, written: tuple[Path, dict[str, list[Any]]]) -> None:
+    write_review(tmp_path / "no.rrd", Table(2.0, 1.0, pockets=False), BALL, [clip("a")], title="t")
+    assert "/top/table/pockets" in written[1]
+    assert not [path for path in read(tmp_path / "no.rrd") if "pockets" in path]
+
+
+def test_a_potted_ball_goes_and_has_no_error_from_then_on(tmp_path: Path) -> None:
+    review = clip("pot")
+    assert review.modelled is not None
+    review.modelled.position[250:, 1] = math.nan
+    write_review(tmp_path / "pot.rrd", TABLE, BALL, [review], title="t")
+    found = read(tmp_path / "pot.rrd")
+    errors = np.array(column(found["/error/distance/red"], "Scalars:scalars"), dtype=float).ravel()
+    assert 55 < np.isfinite(errors).sum() < 61
+    assert column(found["/top/modelled/red"], "Ellipses2D:centers")[-1] == []
+
+
+def test_the_same_review_is_the_same_recording(tmp_path: Path) -> None:
+    from rerun.chunk import RrdReader
+
+    for name, title in (("a", "one"), ("b", "one"), ("c", "other")):
+        write_review(tmp_path / name, TABLE, BALL, [clip("x")], title=title)
+    ids = [RrdReader(tmp_path / name).recordings()[0].recording_id for name in "abc"]
+    assert ids[0] == ids[1] != ids[2]
+
+
+def test_an_interrupted_write_leaves_nothing_and_keeps_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "review.rrd"
+    write_review(path, TABLE, BALL, [clip("x")], title="t")
+    before = path.read_bytes()
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(view, "_describe", stop)
+    with pytest.raises(KeyboardInterrupt):
+        write_review(path, TABLE, BALL, [clip("y")], title="t")
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["review.rrd"]
+
+
+def test_faults_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no clips"):
+        write_review(tmp_path / "x.rrd", TABLE, BALL, [], title="t")
+    with pytest.raises(ValueError, match=r"clip 'bad', ball 'cue': time \(3,\), xy \(2, 2\)"):
+        bad = Review("bad", {"cue": (np.arange(3.0), np.zeros((2, 2)))})
+        write_review(tmp_path / "x.rrd", TABLE, BALL, [bad], title="t")
+    with pytest.raises(OSError, match="nowhere"):
+        write_review(tmp_path / "nowhere" / "x.rrd", TABLE, BALL, [clip("x")], title="t")
+
+
+def test_names_with_any_character(tmp_path: Path) -> None:
+    write_review(tmp_path / "x.rrd", TABLE, BALL, [clip("a/b", balls=("ball 1/2", "rød"))], title="t / u")
+    assert len([path for path in read(tmp_path / "x.rrd") if path.startswith("/error/x/")]) == 2
+
+
+def test_colours_follow_names() -> None:
+    assert ball_colour("red_07") == ball_colour("Red") == view.BALLS["red"]
+    assert ball_colour("white") == ball_colour("cue")
+    assert ball_colour("orange") == ball_colour("orange")
+    assert ball_colour("orange") in view.PALETTE
+
+
+def test_many_clips_and_a_full_table_are_quick(tmp_path: Path) -> None:
+    write_review(tmp_path / "warm.rrd", TABLE, BALL, [clip("x")], title="imports Rerun")
+    full = clip("break", duration=5.0, fps=180.0, balls=("cue", *(f"red_{k:02d}" for k in range(21))))
+    start = time.process_time()
+    write_review(tmp_path / "break.rrd", TABLE, BALL, [full], title="t")
+    middle = time.process_time()
+    write_review(tmp_path / "many.rrd", TABLE, BALL, [clip(f"clip {k}", duration=5.0) for k in range(120)], title="t")
+    print(f"full table {middle - start:.2f} s, 120 clips {time.process_time() - middle:.2f} s")
+    assert middle - start < 1.0
+    assert time.process_time() - middle < 4.0
+    assert len(column(read(tmp_path / "many.rrd")["/text/clip"], "TextDocument:text")) == 120

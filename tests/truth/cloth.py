@@ -1,0 +1,307 @@
+"""One ball on the cloth, in small steps: slide, roll, sidespin, rest.
+
+With the slip of the ball's lowest point u = v + omega x (-R z^), sliding obeys
+
+    dv/dt = -mu_s g u^ + push - air        d omega_h/dt = (5 mu_s g / 2R) z^ x u^
+
+and rolling (u = 0) obeys dv/dt = -mu_r g v^ + (5/7)(push - air). Sidespin falls at a constant rate in every state.
+Source: Newton-Euler of a solid sphere; Marlow, The Physics of Pocket Billiards (1995). The two changes of state
+(slide to roll, roll to rest) are landed on inside a step, so that the result converges as the step shrinks.
+Left out: hops, and the cloth's own deformation.
+
+Everything numba compiles from this file is called from Python only, never from another file's compiled code: numba's
+cache looks at the date of the calling file alone and would keep an outdated copy.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Modes = NDArray[np.int64]
+
+GRAVITY: Final = 9.81  # [m/s^2]
+X, Y, VX, VY, WX, WY, WZ, THETA, WIDTH = range(9)  # columns of a ball's state: [m], [m/s], [rad/s], [rad]
+REST, SLIDE, ROLL, POTTED = range(4)
+NOTHING, BALL, CUSHION = range(3)  # what ended an advance
+TOUCH_SPEED: Final = 1e-3  # slower approaches are resting contacts, not impacts [m/s]
+CREEP: Final = 5e-5  # a sliding ball rolls once full friction would end its slip in this time [s]
+
+
+class Constants(NamedTuple):
+    """The table's constants, and the hidden effects at the value where each vanishes.
+
+    A new effect on the cloth: a field here, its term in `_slide_rates` or `_roll_rates`, its name in `EFFECTS`.
+    A new effect at impacts: a field here, its law in `physics.py`, its name in `EFFECTS`.
+    """
+
+    radius: float = 0.02625  # [m]
+    mass: float = 0.1406  # [kg]
+    mus: float = 0.212  # sliding friction [1] (Mathavan 2009: 0.178-0.245)
+    mur: float = 0.0127  # rolling deceleration over g [1] (Mathavan 2009: 0.0126-0.0128)
+    spin: float = 22.0  # sidespin deceleration [rad/s^2] (Robotic Billiards, 2015)
+    ebb: float = 0.92  # ball-ball restitution, energetic [1]
+    mubb: float = 0.05  # ball-ball friction [1] (Mathavan 2014)
+    ec: float = 0.90  # ball-cushion restitution, energetic [1]
+    muc: float = 0.14  # ball-cushion friction [1] (Mathavan 2010)
+    tilt_x: float = 0.0  # slope of the table: gravity g*tilt_x along +x [rad]
+    tilt_y: float = 0.0  # the same along +y [rad]
+    nap: float = 0.0  # push of the cloth's nap over mur*g [1]
+    nap_phi: float = 0.0  # direction of that push [rad]
+    drag1: float = 0.0  # rolling deceleration per speed [1/s]
+    drag2: float = 0.0  # air drag, deceleration per speed squared [1/m]
+    contensou: float = 0.0  # lever by which sidespin shares the sliding friction [m]
+    swerve: float = 0.0  # lateral acceleration of a rolling ball per sidespin [m/s]
+    ec_v: float = 0.0  # fall of ec per approach speed above 1 m/s [s/m]
+    mubb_b: float = 0.0  # mubb gains mubb_b*exp(-mubb_c*slip) [1]
+    mubb_c: float = 1.088  # [s/m] (Alciatore's fit to Marlow)
+
+
+EFFECTS: Final[dict[str, tuple[str, ...]]] = {
+    "table_tilt": ("tilt_x", "tilt_y"),
+    "cloth_nap": ("nap", "nap_phi"),
+    "speed_drag": ("drag1",),
+    "air_drag": ("drag2",),
+    "spin_slide_coupling": ("contensou",),
+    "side_curve": ("swerve",),
+    "cushion_restitution_speed": ("ec_v",),
+    "ball_friction_speed": ("mubb_b", "mubb_c"),
+}
+
+
+@njit(cache=True)
+def _push(vx: float, vy: float, c: Constants) -> tuple[float, float]:
+    """Acceleration of a free ball by all that acts on its centre: slope, nap, air [m/s^2]."""
+    speed = np.hypot(vx, vy)
+    ax = GRAVITY * c.tilt_x + c.nap * c.mur * GRAVITY * np.cos(c.nap_phi) - c.drag2 * speed * vx
+    ay = GRAVITY * c.tilt_y + c.nap * c.mur * GRAVITY * np.sin(c.nap_phi) - c.drag2 * speed * vy
+    return ax, ay
+
+
+@njit(cache=True)
+def _slide_rates(s: Array, c: Constants) -> tuple[float, float, float, float, float]:
+    """Rates of (vx, vy, wx, wy) and the deceleration of the sidespin of a sliding ball [m/s^2, rad/s^2].
+
+    With a contensou lever b the friction is mu_s g u / sqrt(u^2 + (b omega_z)^2) and the sidespin decelerates by the
+    other share, b |omega_z| over the same root: the first-order form of Contensou's law for a contact patch.
+    """
+    ux = s[VX] - c.radius * s[WY]
+    uy = s[VY] + c.radius * s[WX]
+    twist = c.contensou * s[WZ]
+    total = np.sqrt(ux * ux + uy * uy + twist * twist)
+    if total > 0.0:
+        fx, fy = c.mus * GRAVITY * ux / total, c.mus * GRAVITY * uy / total
+    else:
+        fx, fy = 0.0, 0.0
+    decay = c.spin
+    if c.contensou > 0.0 and total > 0.0:
+        decay *= abs(twist) / total
+    ax, ay = _push(s[VX], s[VY], c)
+    lever = 2.5 / c.radius
+    return ax - fx, ay - fy, -lever * fy, lever * fx, decay
+
+
+@njit(cache=True)
+def _roll_rates(s: Array, c: Constants) -> tuple[float, float]:
+    """Rates of (vx, vy) of a rolling ball [m/s^2]."""
+    px, py = _push(s[VX], s[VY], c)
+    px, py = 5.0 / 7.0 * px, 5.0 / 7.0 * py
+    speed = np.hypot(s[VX], s[VY])
+    if speed > 0.0:
+        nx, ny = s[VX] / speed, s[VY] / speed
+    else:
+        # A ball at the point of leaving rest is braked against where it is pushed.
+        push = np.hypot(px, py)
+        if push == 0.0:
+            return 0.0, 0.0
+        nx, ny = px / push, py / push
+    brake = c.mur * GRAVITY + c.drag1 * speed
+    side = c.swerve * s[WZ] if speed > 0.0 else 0.0
+    return px - brake * nx - side * ny, py - brake * ny + side * nx
+
+
+@njit(cache=True)
+def _turn(s: Array, decay: float, h: float) -> None:
+    """Let the sidespin fall by decay [rad/s^2] for h [s], ending at 0, and add up the turned angle."""
+    wz = s[WZ]
+    lasting = h
+    if decay > 0.0 and abs(wz) < decay * h:
+        lasting = abs(wz) / decay
+    after = wz - np.sign(wz) * decay * lasting if lasting == h else 0.0
+    s[THETA] += 0.5 * (wz + after) * lasting
+    s[WZ] = after
+
+
+@njit(cache=True)
+def _slide(s: Array, h: float, c: Constants) -> None:
+    """Midpoint step of a sliding ball."""
+    ax, ay, bx, by, decay = _slide_rates(s, c)
+    mid = s.copy()
+    mid[VX] += 0.5 * h * ax
+    mid[VY] += 0.5 * h * ay
+    mid[WX] += 0.5 * h * bx
+    mid[WY] += 0.5 * h * by
+    _turn(mid, decay, 0.5 * h)
+    ax, ay, bx, by, decay = _slide_rates(mid, c)
+    s[X] += h * mid[VX]
+    s[Y] += h * mid[VY]
+    s[VX] += h * ax
+    s[VY] += h * ay
+    s[WX] += h * bx
+    s[WY] += h * by
+    _turn(s, decay, h)
+
+
+@njit(cache=True)
+def _roll(s: Array, h: float, c: Constants) -> None:
+    """Midpoint step of a rolling ball."""
+    ax, ay = _roll_rates(s, c)
+    mid = s.copy()
+    mid[VX] += 0.5 * h * ax
+    mid[VY] += 0.5 * h * ay
+    _turn(mid, c.spin, 0.5 * h)
+    ax, ay = _roll_rates(mid, c)
+    s[X] += h * mid[VX]
+    s[Y] += h * mid[VY]
+    s[VX] += h * ax
+    s[VY] += h * ay
+    s[WX] = -s[VY] / c.radius
+    s[WY] = s[VX] / c.radius
+    _turn(s, c.spin, h)
+
+
+@njit(cache=True)
+def _time_to_roll(s: Array, c: Constants) -> float:
+    """When the slip will end at its present rate [s]; 0 when it has, inf when it grows."""
+    ux = s[VX] - c.radius * s[WY]
+    uy = s[VY] + c.radius * s[WX]
+    slip = np.hypot(ux, uy)
+    # Where sidespin shares the friction, slip dies exponentially and would never end by itself.
+    if slip < 1e-12 or (c.contensou > 0.0 and slip < 3.5 * c.mus * GRAVITY * CREEP):
+        return 0.0
+    ax, ay, bx, by, _ = _slide_rates(s, c)
+    rate = ((ax - c.radius * by) * ux + (ay + c.radius * bx) * uy) / slip
+    return slip / -rate if rate < 0.0 else np.inf
+
+
+@njit(cache=True)
+def _time_to_stop(s: Array, c: Constants) -> float:
+    """When a rolling ball will stop at its present deceleration [s]; inf when it does not slow down."""
+    speed = np.hypot(s[VX], s[VY])
+    ax, ay = _roll_rates(s, c)
+    if speed == 0.0:
+        px, py = _push(0.0, 0.0, c)
+        return 0.0 if ax * px + ay * py <= 0.0 else np.inf
+    rate = (ax * s[VX] + ay * s[VY]) / speed
+    return speed / -rate if rate < 0.0 else np.inf
+
+
+@njit(cache=True)
+def _move(s: Array, mode: int, h: float, c: Constants) -> int:
+    """Advance one ball by h [s], changing its state where that falls; the new mode."""
+    left = h
+    while left > 0.0:
+        if mode == SLIDE:
+            due = _time_to_roll(s, c)
+            _slide(s, min(left, due), c)
+            if due <= left:
+                # What slip is left is second order in the step: roll with the momentum about the contact kept.
+                s[VX] -= 2.0 / 7.0 * (s[VX] - c.radius * s[WY])
+                s[VY] -= 2.0 / 7.0 * (s[VY] + c.radius * s[WX])
+                mode = ROLL
+        elif mode == ROLL:
+            due = _time_to_stop(s, c)
+            _roll(s, min(left, due), c)
+            if due <= left:
+                s[VX], s[VY], s[WX], s[WY] = 0.0, 0.0, 0.0, 0.0
+                px, py = _push(0.0, 0.0, c)
+                if 5.0 / 7.0 * np.hypot(px, py) <= c.mur * GRAVITY:
+                    mode = REST
+        else:
+            due = left
+            _turn(s, c.spin, left)
+        left -= min(left, due)
+    return mode
+
+
+@njit(cache=True)
+def _touched(s: Array, mode: Modes, radius: float, reach: Array) -> tuple[int, int, int]:
+    """The first impact that is due: (BALL, i, j) or (CUSHION, i, rail); rails 0..3 are +x, -x, +y, -y."""
+    for i in range(len(s)):
+        if mode[i] == POTTED:
+            continue
+        for axis in range(2):
+            p, v = s[i, X + axis], s[i, VX + axis]
+            if p > reach[axis] and v > TOUCH_SPEED:
+                return CUSHION, i, 2 * axis
+            if p < -reach[axis] and v < -TOUCH_SPEED:
+                return CUSHION, i, 2 * axis + 1
+        for j in range(i):
+            if mode[j] == POTTED or (mode[i] == REST and mode[j] == REST):
+                continue
+            dx, dy = s[i, X] - s[j, X], s[i, Y] - s[j, Y]
+            gap2 = dx * dx + dy * dy
+            if gap2 < 4.0 * radius * radius:
+                closing = dx * (s[i, VX] - s[j, VX]) + dy * (s[i, VY] - s[j, VY])
+                if -closing > TOUCH_SPEED * np.sqrt(gap2):
+                    return BALL, j, i
+    return NOTHING, 0, 0
+
+
+@njit(cache=True)
+def _lean(s: Array, mode: Modes, reach: Array) -> None:
+    """Hold balls that press on a cushion too slowly for an impact."""
+    for i in range(len(s)):
+        if mode[i] != POTTED:
+            for axis in range(2):
+                p = s[i, X + axis]
+                if abs(p) > reach[axis] and p * s[i, VX + axis] > 0.0:
+                    s[i, X + axis] = np.sign(p) * reach[axis]
+                    s[i, VX + axis] = 0.0
+
+
+@njit(cache=True)
+def advance(
+    s: Array, mode: Modes, c: Constants, reach: Array, duration: float, step: float
+) -> tuple[float, int, int, int]:
+    """Move all balls until an impact is due or duration [s] has passed, in equal steps of at most step [s].
+
+    s: (n, 8) states and mode: (n,) change in place; reach: (2,) largest |x|, |y| of a centre [m].
+    Returns the time used [s] and what is due as in `_touched`. The instant is bisected within its step.
+    """
+    kind, i, j = _touched(s, mode, c.radius, reach)
+    if kind != NOTHING:
+        return 0.0, kind, i, j
+    steps = max(1, int(np.ceil(duration / step - 1e-9)))
+    h = duration / steps
+    for k in range(steps):
+        before, mode_before = s.copy(), mode.copy()
+        for b in range(len(s)):
+            if mode[b] != POTTED:
+                mode[b] = _move(s[b], mode[b], h, c)
+        kind, i, j = _touched(s, mode, c.radius, reach)
+        if kind == NOTHING:
+            _lean(s, mode, reach)
+            continue
+        low, high = 0.0, h
+        for _ in range(40):
+            part = 0.5 * (low + high)
+            s[:], mode[:] = before, mode_before
+            for b in range(len(s)):
+                if mode[b] != POTTED:
+                    mode[b] = _move(s[b], mode[b], part, c)
+            if _touched(s, mode, c.radius, reach)[0] == NOTHING:
+                low = part
+            else:
+                high = part
+        s[:], mode[:] = before, mode_before
+        for b in range(len(s)):
+            if mode[b] != POTTED:
+                mode[b] = _move(s[b], mode[b], high, c)
+        kind, i, j = _touched(s, mode, c.radius, reach)
+        return k * h + high, kind, i, j
+    return duration, NOTHING, 0, 0

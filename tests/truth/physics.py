@@ -1,0 +1,187 @@
+"""A whole shot: balls on a table, moved in small steps from impact to impact.
+
+Shares no code with the models it tests. Table frame: origin at the centre, x along the length, z up; omega_z > 0 is
+counter-clockwise from above. Left out: pocket jaws (a ball that meets a rail within a pocket's mouth is gone).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.truth.cloth import (
+    BALL,
+    CUSHION,
+    NOTHING,
+    POTTED,
+    REST,
+    ROLL,
+    SLIDE,
+    THETA,
+    VX,
+    WIDTH,
+    WX,
+    WZ,
+    Array,
+    Constants,
+    advance,
+)
+from tests.truth.impact import BALLS, INCREMENTS, NOSE, NOSE_COSINE, impact
+
+RAILS = ("+x", "-x", "+y", "-y")
+STEP = 5e-5  # [s]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A playing surface, nose to nose; mouths are measured along the rails, in ball diameters."""
+
+    length: float = 3.569  # along x [m]
+    width: float = 1.778  # along y [m]
+    pockets: bool = True
+    corner_mouth: float = 64.0 / 52.5  # from the corner: a 90 mm opening at 45 degrees, over sqrt 2
+    middle_mouth: float = 55.0 / 52.5  # to each side of the middle (Robotic Billiards, 2015)
+
+    def reach(self, radius: float) -> Array:
+        """Largest |x|, |y| of a ball's centre: touching, it is R cos(theta) from the nose line: (2,) [m]."""
+        return np.array([self.length / 2, self.width / 2]) - radius * NOSE_COSINE
+
+    def in_mouth(self, xy: Array, axis: int, radius: float) -> bool:
+        """Whether a ball that meets the rail across axis (0: x, 1: y) at xy [m] finds a pocket there."""
+        along = abs(float(xy[1 - axis]))
+        half = (self.width if axis == 0 else self.length) / 2
+        corner = half - along < self.corner_mouth * 2 * radius
+        return self.pockets and (corner or (axis == 1 and along < self.middle_mouth * 2 * radius))
+
+
+@dataclass(frozen=True)
+class Cue:
+    """A stroke: the ball's speed, the aim, the contact point and the cue's elevation."""
+
+    speed: float  # of the ball [m/s]
+    azimuth: float  # [rad]
+    side: float = 0.0  # positive to the right as the player sees it, giving omega_z > 0 [m]
+    height: float = 0.0  # above the centre [m]
+    elevation: float = 0.0  # [rad]
+
+
+@dataclass(frozen=True)
+class Start:
+    """One ball at t = 0."""
+
+    xy: tuple[float, float]  # [m]
+    velocity: tuple[float, float] = (0.0, 0.0)  # [m/s]
+    omega: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad/s]
+
+
+@dataclass(frozen=True)
+class Event:
+    """An impact or a pot."""
+
+    time: float  # [s]
+    kind: str  # "ball", "cushion", "pocket"
+    balls: tuple[str, ...]
+    rail: str = ""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What every ball did; a potted ball is NaN from then on."""
+
+    names: tuple[str, ...]
+    times: Array  # (n,) [s]
+    xy: Array  # (n, nball, 2) [m]
+    velocity: Array  # (n, nball, 2) [m/s]
+    omega: Array  # (n, nball, 3) [rad/s]
+    theta: Array  # (n, nball) [rad], turned about the vertical
+    resting: Array  # (n,) 1 where nothing moves or turns any more
+    events: tuple[Event, ...]
+
+
+def strike(xy: tuple[float, float], cue: Cue, radius: float) -> Start:
+    """The struck ball: v = V0 f, omega = omega_S (cos(el) z^ + sin(el) f) + omega_T z^ x f.
+
+    omega_S, omega_T = 5 (side, height) V0 / (2 R^2): an impulse M V0 along the aim f, gripping at that lever.
+    Source: Robotic Billiards (2015), equations 1a and 1b; the tilted axis from the impulse along an elevated cue.
+    """
+    f = np.array([np.cos(cue.azimuth), np.sin(cue.azimuth)])
+    side, top = 2.5 * cue.speed / radius**2 * np.array([cue.side, cue.height])
+    flat = side * np.sin(cue.elevation) * f + top * np.array([-f[1], f[0]])
+    vx, vy = cue.speed * f
+    return Start(xy, (float(vx), float(vy)), (float(flat[0]), float(flat[1]), float(side * np.cos(cue.elevation))))
+
+
+def cushion_restitution(speed: float, c: Constants) -> float:
+    """Energetic restitution at an approach speed [m/s]: e = ec - ec_v (v_n - 1), held within 0 and 1."""
+    return float(np.clip(c.ec - c.ec_v * (speed - 1.0), 0.0, 1.0))
+
+
+def _turned(rows: Array, x: float, y: float) -> Array:
+    """(k, 5) rows (vx, vy, wx, wy, wz) in the frame whose first axis is the table's direction (x, y)."""
+    turn = np.array([[x, y], [-y, x]])
+    return np.column_stack([rows[:, :2] @ turn.T, rows[:, 2:4] @ turn.T, rows[:, 4]])
+
+
+def _collide(state: Array, i: int, j: int, c: Constants, n: int) -> None:
+    """Resolve the impact of balls i and j in place."""
+    line = state[j, :2] - state[i, :2]
+    x, y = line / np.hypot(*line)
+    q = _turned(state[[i, j], VX : WZ + 1], x, y)
+    mass = np.array([c.mass, c.mass])
+    q = impact(BALLS, q, c.ebb, (c.mubb, c.mubb_b, c.mubb_c), c.mus, mass, c.radius, n)
+    state[[i, j], VX : WZ + 1] = _turned(q, x, -y)
+
+
+def _rebound(state: Array, i: int, rail: int, c: Constants, n: int) -> None:
+    """Resolve the impact of ball i on a rail in place."""
+    x, y = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[rail]
+    q = np.zeros((2, 5))
+    q[:1] = _turned(state[[i], VX : WZ + 1], x, y)
+    e = cushion_restitution(float(q[0, 0]), c)
+    q = impact(NOSE, q, e, (c.muc, 0.0, 0.0), c.mus, np.array([c.mass, c.mass]), c.radius, n)
+    state[[i], VX : WZ + 1] = _turned(q[:1], x, -y)
+
+
+def simulate(
+    table: Table,
+    c: Constants,
+    balls: Mapping[str, Start],
+    times: Array,
+    step: float = STEP,
+    increments: int = INCREMENTS,
+) -> Motion:
+    """Play a shot and report it at times [s] (increasing, from 0); steps of at most step [s] between them."""
+    names = tuple(balls)
+    state = np.zeros((len(names), WIDTH))
+    for row, ball in zip(state, balls.values(), strict=True):
+        row[:THETA] = (*ball.xy, *ball.velocity, *ball.omega)
+    mode = np.where(np.any(state[:, VX:WZ] != 0.0, axis=1), SLIDE, REST).astype(np.int64)
+    reach = table.reach(c.radius)
+    seen = np.full((len(times), len(names), WIDTH), np.nan)
+    resting = np.zeros(len(times))
+    events: list[Event] = []
+    now = 0.0
+    for k, due in enumerate(times):
+        while now < due:
+            used, kind, i, j = advance(state, mode, c, reach, due - now, step)
+            now = due if kind == NOTHING else now + used
+            if kind == CUSHION and table.in_mouth(state[i, :2], j // 2, c.radius):
+                mode[i] = POTTED
+                state[i, VX:THETA] = 0.0
+                events.append(Event(now, "pocket", (names[i],), RAILS[j]))
+            elif kind == CUSHION:
+                _rebound(state, i, j, c, increments)
+                mode[i] = SLIDE
+                events.append(Event(now, "cushion", (names[i],), RAILS[j]))
+            elif kind == BALL:
+                _collide(state, i, j, c, increments)
+                mode[[i, j]] = SLIDE
+                events.append(Event(now, "ball", (names[i], names[j])))
+        on = mode != POTTED
+        seen[k, on] = state[on]
+        resting[k] = not np.any((mode == SLIDE) | (mode == ROLL) | (state[:, WZ] != 0.0))
+    return Motion(
+        names, times, seen[..., :VX], seen[..., VX:WX], seen[..., WX:THETA], seen[..., THETA], resting, tuple(events)
+    )
