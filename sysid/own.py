@@ -1,14 +1,15 @@
 """Every shot's own unknowns, at given constants.
 
 A whole shot has many false optima beyond its first impacts, so the horizon grows from event to event, errors being
-forgiven in proportion to the way travelled since the first one; shots that do not fit are tried again with other
-spins. Last comes the whole shot with equal weight for every sample.
+forgiven in proportion to the way travelled, most of all since the first event; shots that do not fit are tried again
+with other spins. Last comes the whole shot with equal weight for every sample.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from sysid.segments import event_times
 from sysid.solve import Prior, fit_each, loss
 
 FORGIVE = 0.02  # error forgiven per way travelled since the first event, while the horizon grows
+BEFORE = 0.1  # of that is forgiven before the first event
 ROBUST = 4.0  # Cauchy's constant, in standard deviations
 RETRY = 4.0  # cost per residual beyond which a shot is tried from other spins
 TRIALS = ((6, -0.8), (6, -0.3), (6, 0.3), (6, 0.8), (5, -0.7), (5, 0.7))  # unknown, shift over speed
@@ -25,11 +27,14 @@ MAX_STAGES = 12
 
 
 def ways(clip: Clip, first: float) -> dict[str, Array]:
-    """How far the shot's error has had to grow: way since the first event, of a ball and of what set it moving [m]."""
+    """How far each sample's error has had to grow: the way of its ball and of what set it moving [m].
+
+    What was travelled before the first event counts a tenth: impacts magnify errors, open cloth does not.
+    """
     struck = clip.balls[clip.struck]
 
     def run(time: Array, xy: Array) -> Array:
-        step = np.hypot(*np.diff(xy, axis=0).T) * (time[1:] > first)
+        step = np.hypot(*np.diff(xy, axis=0).T) * np.where(time[1:] > first, 1.0, BEFORE)
         return np.concatenate([[0.0], np.cumsum(step)])
 
     lead = run(struck.time, struck.xy)
@@ -64,22 +69,54 @@ def fit_own(
     report: Callable[[str], None] | None = None,
 ) -> Array:
     """Own unknowns of every shot, grown from event to event: (n, 7)."""
-    events, way = events_and_ways(clip_set, sigma)
-    end = problem.horizon
+    growth = Growth(problem, clip_set, sigma)
     x = problem.start.copy()
-    grown = with_error(problem, sigma, FORGIVE, way)
-    stages = min(max((len(e) for e in events), default=0), MAX_STAGES)
-    for stage in range(stages + 1):
-        last = stage == stages
-        horizon = np.array([_horizon(e, stage, t, last) for e, t in zip(events, end, strict=True)])
-        before = np.array([_horizon(e, stage - 1, t, False) if stage else 0.0 for e, t in zip(events, end, strict=True)])
-        todo = np.flatnonzero(horizon > before)
-        if todo.size == 0:
-            continue
+    for stage in range(growth.stages):
+        x = growth.own(x, constants, stage)
         if report:
-            report(f"shots up to event {stage + 1}: {todo.size}")
-        x[todo] = _stage(grown.until(horizon), x, constants, todo, retry=1 <= stage <= 3 or last)
+            report(f"shots up to event {stage + 1} of {growth.stages}")
     return x
+
+
+@dataclass(frozen=True)
+class Growth:
+    """The horizons of a set of shots, stage by stage."""
+
+    problem: ShotProblem
+    clip_set: ClipSet
+    sigma: float
+
+    def __post_init__(self) -> None:
+        """Find the events, once."""
+        events, way = events_and_ways(self.clip_set, self.sigma)
+        object.__setattr__(self, "events", events)
+        object.__setattr__(self, "way", way)
+        object.__setattr__(self, "grown", with_error(self.problem, self.sigma, FORGIVE, way))
+
+    events: list[Array] = field(init=False)
+    way: list[dict[str, Array]] = field(init=False)
+    grown: ShotProblem = field(init=False)
+
+    @property
+    def stages(self) -> int:
+        """How many horizons there are; the last is the end of every shot."""
+        return min(max((len(e) for e in self.events), default=0), MAX_STAGES) + 1
+
+    def horizon(self, stage: int) -> Array:
+        """Until when each shot is looked at: (n,) [s]."""
+        end = self.problem.horizon
+        if stage < 0:
+            return np.zeros_like(end)
+        whole = stage >= self.stages - 1
+        return np.array([_horizon(e, stage, t, whole) for e, t in zip(self.events, end, strict=True)])
+
+    def own(self, x: Array, constants: Array, stage: int) -> Array:
+        """Own unknowns at this stage, from those of the stage before."""
+        todo = np.flatnonzero(self.horizon(stage) > self.horizon(stage - 1))
+        x = x.copy()
+        if todo.size:
+            x[todo] = _stage(self.grown.until(self.horizon(stage)), x, constants, todo, retry=stage > 0)
+        return x
 
 
 def _horizon(events: Array, stage: int, end: float, last: bool) -> float:

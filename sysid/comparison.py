@@ -1,0 +1,110 @@
+"""What a comparison of model and measurement says: values only, and their JSON form, billiard-comparison/1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.model_file import Model
+from models.shot import Track
+from sysid.clips import Clip, ClipSet
+
+Array = NDArray[np.float64]
+
+PHASES = ("slide", "roll", "spin", "rest", "after ball", "after cushion")
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Every trusted sample of the compared clips, one row each: what the model missed, and where."""
+
+    clip: NDArray[np.int64]  # (n,) index into the clip set
+    ball: tuple[str, ...]  # (n,)
+    struck: NDArray[np.bool_]  # (n,)
+    time: Array  # (n,) [s]
+    xy: Array  # (n, 2) measured [m]
+    miss: Array  # (n, 2) model minus measurement [m]
+    speed: Array  # (n,) modelled [m/s]
+    heading: Array  # (n,) modelled [rad]
+    spin: Array  # (n,) modelled sidespin [rad/s]
+    motion: tuple[str, ...]  # (n,) "slide", "roll", "spin", "rest": what the ball does
+    last: tuple[str, ...]  # (n,) what the ball met last: "strike", "ball", "cushion"
+    events: NDArray[np.int64]  # (n,) how many events the shot has had so far
+
+
+@dataclass(frozen=True)
+class ClipRow:
+    """One clip's error over the whole clip, its own unknowns fitted."""
+
+    file: str
+    struck_rms_m: float  # square root of the mean squared distance of the struck ball
+    rms_m: float  # the same over all moving balls
+    chi2_reduced: float
+    held_out: bool  # not used for the model's constants
+
+
+@dataclass(frozen=True)
+class SegmentRow:
+    """One segment between events, its own unknowns fitted."""
+
+    file: str
+    ball: str
+    before: str  # "strike", "ball", "cushion"
+    start: float  # [s]
+    end: float
+    speed: float  # at the start [m/s]
+    ratio: float  # rms residual per axis over the noise
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A group of samples or segments, and how far the model misses there."""
+
+    by: str  # "phase", "event", "speed", "clip", "ball", "rail"
+    where: str  # the group in plain words
+    rms_m: float  # distance
+    ratio: float  # rms per axis over the noise
+    samples: int
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Model against measurement."""
+
+    clip_set: ClipSet
+    model: Model
+    noise_m: float  # one standard deviation per axis
+    clips: tuple[ClipRow, ...]
+    segments: tuple[SegmentRow, ...]
+    where: tuple[Departure, ...]  # the largest first
+    samples: Samples
+    tracks: tuple[Track, ...]  # whole shots of the model, at the measured times
+    shots: tuple[Clip, ...]  # the clips compared, in the order of `tracks`
+
+    def summary(self) -> dict[str, float]:
+        """Medians a person asks for first; NaN where there is nothing to take one of."""
+
+        def median(values: list[float]) -> float:
+            return float(np.median(values)) if values else float("nan")
+
+        held = [c.struck_rms_m for c in self.clips if c.held_out]
+        return {
+            "segment_ratio_median": median([s.ratio for s in self.segments]),
+            "struck_rms_median_m": median([c.struck_rms_m for c in self.clips]),
+            "struck_rms_median_held_out_m": median(held),
+            "rms_median_m": median([c.rms_m for c in self.clips]),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """The file's content."""
+        return {
+            "format": "billiard-comparison/1",
+            "noise_m": self.noise_m,
+            "summary": self.summary(),
+            "clips": [vars(c) for c in self.clips],
+            "where": [vars(d) for d in self.where],
+            "segments": [vars(s) for s in self.segments],
+        }

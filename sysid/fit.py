@@ -1,0 +1,209 @@
+"""Constants of a model from clips, with their uncertainty.
+
+Segments between events first: they give what acts on open cloth. Then whole shots, whose horizon grows from event to
+event with the constants fitted along, so that each impact is met with constants that are already nearly right. Every
+fifth clip is held out. Where the model cannot follow the shots to the noise, the error left is described as growing
+with the way travelled, sd = hypot(sigma, rate way), and constants of the cloth stay as the segments gave them: a long
+shot would bend them to make up for what is missing elsewhere.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.effect import Effect
+from models.errors import BadInput
+from models.model_file import Estimate, Model
+from sysid.clips import ClipSet
+from sysid.noise import position_noise
+from sysid.own import ROBUST, Growth, with_error
+from sysid.problem import STEPS, Array, SegmentProblem, constant_bounds, constant_steps, segment_problem, shot_problem
+from sysid.segments import split_all
+from sysid.solve import Joint, Prior, fit_each, fit_joint
+
+HOLD_OUT = 5  # every fifth clip
+MISCUT = 25.0  # a segment that misses by so many sigma holds an event that was not seen
+FOLLOWS = 1.5  # median rms over noise up to which the cloth is taken to follow the data
+SEGMENT_ROBUST = 10.0
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a fit found."""
+
+    model: Model  # with values and estimates
+    covariance: Array  # (q, q) of the constants, in the order of `names`
+    names: tuple[str, ...]
+    converged: bool
+    segment_ratio: float  # median rms of the segments over noise
+    error_rate: float  # model error per way travelled
+    training: tuple[int, ...]  # clips whose data gave the constants
+
+
+def training_clips(clip_set: ClipSet) -> list[int]:
+    """Clips that may give constants: all but every fifth."""
+    return [k for k in range(len(clip_set.clips)) if len(clip_set.clips) < HOLD_OUT or k % HOLD_OUT != HOLD_OUT - 1]
+
+
+def subset(clip_set: ClipSet, rows: Sequence[int]) -> ClipSet:
+    """Some clips of a set."""
+    return dataclasses.replace(clip_set, clips=tuple(clip_set.clips[k] for k in rows))
+
+
+def values_of(model: Model, names: Sequence[str]) -> Array:
+    """Constants as a vector."""
+    known = model.parameters()
+    return np.array([float(known[n]) for n in names])
+
+
+def cloth_constants(model: Model) -> tuple[str, ...]:
+    """Constants that act on open cloth: of effects with forces, and the native cloth terms."""
+    found = []
+    for name in model.parameters():
+        owner, key = name.split(".")
+        effect = next(e for e in model.stack() if e.name() == owner)
+        native = effect is model.native and key in ("slide", "roll", "spin")
+        if native or type(effect).forces is not Effect.forces:
+            found.append(name)
+    return tuple(found)
+
+
+def fit_segments(model: Model, clip_set: ClipSet, sigma: float, report: Report) -> tuple[Joint, tuple[str, ...], float]:
+    """Constants of the open cloth from segments, and the median rms over noise that is left."""
+    segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, sigma, clip_set.fps)
+    names = cloth_constants(model)
+    problem = segment_problem(model, names, segments, sigma)
+    c = values_of(model, names)
+    x, _ = fit_each(problem.evaluate, problem.start, c, STEPS, problem.prior, SEGMENT_ROBUST, 8)
+    good = np.flatnonzero(segment_ratios(problem, x, c) < MISCUT)
+    if good.size < 3:
+        raise BadInput(f"only {good.size} smooth segments between events; film longer free runs, or check the table size")
+    report(f"{good.size} segments between events")
+
+    def evaluate(a: Array, b: Array, which: Array) -> Array:
+        return problem.evaluate(a, b, good[which])
+
+    joint = fit_joint(
+        evaluate, x[good], c, STEPS, constant_steps(model, names),
+        Prior(problem.prior.mean[good], problem.prior.sd[good]), constant_bounds(model, names), SEGMENT_ROBUST, 12,
+        report=lambda k, cost, _c: report(f"segments, step {k}: loss {cost:.0f}"),
+    )  # fmt: skip
+    x[good] = joint.own
+    return joint, names, float(np.median(segment_ratios(problem, x, joint.constants)))
+
+
+def segment_ratios(problem: SegmentProblem, x: Array, c: Array) -> Array:
+    """Rms residual per axis over noise of every segment: (n,)."""
+    r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
+    return np.sqrt(np.nanmean(r**2, axis=1))
+
+
+def error_rate(growth: Growth, x: Array, c: Array) -> float:
+    """Model error per way that makes the median of |residual| / sd what Gaussian noise has; 0 where noise is enough."""
+    n = len(x)
+    metres = with_error(growth.problem, 1.0, 0.0, growth.way).evaluate(x, np.tile(c, (n, 1)), np.arange(n))
+    way = np.full_like(metres, np.nan)
+    for k in range(n):
+        at = 0
+        for name in growth.problem.balls(k):
+            w = growth.way[k][name]
+            way[k, at : at + 2 * len(w)] = np.repeat(w, 2)
+            at += 3 * len(w)
+    use = np.isfinite(metres) & (way > 0)
+    if not use.any():
+        return 0.0
+    miss, far = np.abs(metres[use]), way[use]
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if np.median(miss / np.hypot(growth.sigma, middle * far)) > 0.6745:
+            low = middle
+        else:
+            high = middle
+    return low if low > 1e-9 else 0.0
+
+
+def fit(clip_set: ClipSet, model: Model, report: Report = lambda line: None, command: str = "sysid fit") -> Fit:
+    """Fit every constant of the model's stack to the training clips."""
+    sigma = position_noise(clip_set)
+    rows = training_clips(clip_set)
+    training = subset(clip_set, rows)
+    cloth, cloth_names, ratio = fit_segments(model, training, sigma, report)
+    known = np.isfinite(np.diag(cloth.covariance))
+    model = model.with_values({n: float(v) for n, v, k in zip(cloth_names, cloth.constants, known, strict=True) if k})
+    follows = ratio <= FOLLOWS
+    held = () if follows else tuple(n for n, k in zip(cloth_names, known, strict=True) if k)
+    names = tuple(n for n in model.parameters() if n not in held)
+    joint, rate = _grow(training, model, names, sigma, report)
+    cov, all_names = _together(joint, names, cloth, cloth_names, held)
+    values = dict(zip(names, joint.constants, strict=True))
+    converged = joint.converged and (cloth.converged or follows)
+    source = f"{command}, {len(rows)} clips" + ("" if converged else ", NOT converged")
+    estimates = dict(model.estimates)
+    for name, variance in zip(all_names, np.diag(cov), strict=True):
+        sd = float(np.sqrt(variance)) if converged else float("nan")
+        where = source + (" (segments)" if name in held else "")
+        estimates[name] = Estimate(sd, where if np.isfinite(variance) else f"{where}: these clips do not tell")
+    fitted = model.with_values({n: float(v) for n, v in values.items()})
+    summary = {
+        "command": command, "clips": [training.clips[k].file for k in range(len(rows))], "converged": converged,
+        "noise_m": sigma, "segment_ratio": ratio, "error_rate": rate, "names": list(all_names),
+        "correlation": _correlation(cov),
+    }  # fmt: skip
+    fitted = dataclasses.replace(fitted, estimates=estimates, fitted=summary)
+    return Fit(fitted, cov, all_names, converged, ratio, rate, tuple(rows))
+
+
+def _grow(
+    training: ClipSet, model: Model, names: tuple[str, ...], sigma: float, report: Report
+) -> tuple[Joint, float]:
+    problem = shot_problem(model, names, training, sigma)
+    growth = Growth(problem, training, sigma)
+    c = values_of(model, names)
+    x = problem.start.copy()
+    steps, bounds = constant_steps(model, names), constant_bounds(model, names)
+    for stage in range(growth.stages):
+        x = growth.own(x, c, stage)
+        if stage and np.sum(growth.horizon(stage) > growth.horizon(stage - 1)) > 3:
+            seen = growth.grown.until(growth.horizon(stage))
+            joint = fit_joint(seen.evaluate, x, c, STEPS, steps, problem.prior, bounds, ROBUST, 6)
+            x, c = joint.own, joint.constants
+        report(f"whole shots up to event {stage + 1} of {growth.stages}")
+    rate = error_rate(growth, x, c)
+    for _ in range(2):
+        final = with_error(problem, sigma, rate, growth.way)
+        joint = fit_joint(
+            final.evaluate, x, c, STEPS, steps, problem.prior, bounds, ROBUST, 15, 3,
+            report=lambda k, cost, _c: report(f"whole shots together, step {k}: loss {cost:.0f}"),
+        )  # fmt: skip
+        x, c = joint.own, joint.constants
+        new = error_rate(growth, x, c)
+        settled = abs(new - rate) < 0.1 * rate + 1e-4
+        if settled:
+            break
+        rate = new
+    return joint, rate
+
+
+def _together(
+    joint: Joint, names: Sequence[str], cloth: Joint, cloth_names: Sequence[str], held: Sequence[str]
+) -> tuple[Array, tuple[str, ...]]:
+    """One covariance for constants from shots and from segments, which are taken as independent."""
+    order = (*names, *held)
+    out = np.zeros((len(order), len(order)))
+    out[: len(names), : len(names)] = joint.covariance
+    rows = [list(cloth_names).index(n) for n in held]
+    out[len(names) :, len(names) :] = cloth.covariance[np.ix_(rows, rows)]
+    return out, order
+
+
+def _correlation(cov: Array) -> list[list[float]]:
+    sd = np.sqrt(np.diag(cov))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        table = cov / np.outer(sd, sd)
+    return [[float(np.round(v, 3)) for v in row] for row in table]

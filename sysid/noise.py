@@ -1,0 +1,34 @@
+"""Noise of a tracker from its own tracks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sysid.clips import ClipSet
+from models.errors import BadInput
+
+SMOOTH = np.sqrt(20.0)  # of third differences: 1 + 9 + 9 + 1
+
+
+def position_noise(clip_set: ClipSet) -> float:
+    """One standard deviation per axis [m]: the set's own figure, or the median third difference of evenly timed runs.
+
+    Third differences of a smooth motion vanish but for noise; the median ignores impacts and slips.
+    """
+    if clip_set.sigma is not None:
+        return clip_set.sigma
+    found = []
+    for clip in clip_set.clips:
+        for seen in clip.balls.values():
+            step = np.diff(seen.time)
+            if len(step) < 3:
+                continue
+            even = np.abs(step / np.median(step) - 1) < 0.05
+            runs = even[2:] & even[1:-1] & even[:-2]
+            third = np.diff(seen.xy, 3, axis=0)[runs]
+            moving = np.hypot(*np.diff(seen.xy, axis=0)[1:-1][runs].T) > 1e-4
+            found.append(third[moving].ravel())
+    values = np.concatenate(found) if found else np.zeros(0)
+    if values.size < 30:
+        raise BadInput("clips.toml: sigma is missing and the tracks are too short to estimate it; add [camera] sigma")
+    return max(float(np.median(np.abs(values)) / 0.6745 / SMOOTH), 1e-6)
