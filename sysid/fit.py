@@ -28,7 +28,8 @@ from sysid.solve import Joint, Prior, fit_each, fit_joint
 HOLD_OUT = 5  # every fifth clip
 MISCUT = 25.0  # a segment that misses by so many sigma holds an event that was not seen
 FOLLOWS = 1.5  # median rms over noise up to which the cloth is taken to follow the data
-SEGMENT_ROBUST = 10.0
+SEGMENT_ROBUST = 10.0  # Cauchy's constant while start values are found
+SCANNED = 100  # segments for start values
 Report = Callable[[str], None]
 
 
@@ -78,23 +79,42 @@ def fit_segments(model: Model, clip_set: ClipSet, sigma: float, report: Report) 
     segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, sigma, clip_set.fps)
     names = cloth_constants(model)
     problem = segment_problem(model, names, segments, sigma)
-    c = values_of(model, names)
-    x, _ = fit_each(problem.evaluate, problem.start, c, STEPS, problem.prior, SEGMENT_ROBUST, 8)
-    good = np.flatnonzero(segment_ratios(problem, x, c) < MISCUT)
-    if good.size < 3:
-        raise BadInput(f"only {good.size} smooth segments between events; film longer free runs, or check the table size")
-    report(f"{good.size} segments between events")
-
-    def evaluate(a: Array, b: Array, which: Array) -> Array:
-        return problem.evaluate(a, b, good[which])
-
-    joint = fit_joint(
-        evaluate, x[good], c, STEPS, constant_steps(model, names),
-        Prior(problem.prior.mean[good], problem.prior.sd[good]), constant_bounds(model, names), SEGMENT_ROBUST, 12,
-        report=lambda k, cost, _c: report(f"segments, step {k}: loss {cost:.0f}"),
-    )  # fmt: skip
+    c = _scan(problem, model, names, values_of(model, names), report)
+    steps, bounds = constant_steps(model, names), constant_bounds(model, names)
+    good = np.arange(len(segments))
+    x = problem.start
+    for last in (False, True):
+        x, _ = fit_each(problem.evaluate, x, c, STEPS, problem.prior, SEGMENT_ROBUST, 8)
+        good = np.flatnonzero(segment_ratios(problem, x, c) < MISCUT)
+        if good.size < 3:
+            raise BadInput(f"only {good.size} smooth segments between events; film longer free runs, or check the table")
+        part = problem.only(good)
+        robust = ROBUST * max(1.0, float(np.sqrt(np.mean(segment_ratios(problem, x, c)[good] ** 2))))
+        joint = fit_joint(
+            part.evaluate, x[good], c, STEPS, steps, part.prior, bounds, robust, 20 if last else 5,
+            report=lambda k, cost, _c: report(f"{good.size} segments, step {k}: loss {cost:.0f}"),
+        )  # fmt: skip
+        c = joint.constants
     x[good] = joint.own
-    return joint, names, float(np.median(segment_ratios(problem, x, joint.constants)))
+    return joint, names, float(np.median(segment_ratios(problem, x, c)))
+
+
+def _scan(problem: SegmentProblem, model: Model, names: Sequence[str], c: Array, report: Report) -> Array:
+    """Start values of the cloth's constants: the best of a coarse scan, one after another, over some long segments."""
+    length = np.array([s.time[-1] - s.time[0] for s in problem.segments])
+    part = problem.only(np.argsort(-length, kind="stable")[:SCANNED])
+    best_cost = np.inf
+    for k, name in enumerate(names):
+        low, high = model.meta(name)["bounds"]
+        start = c[k]
+        for factor in (1.0, 0.25, 0.5, 2.0):
+            trial = c.copy()
+            trial[k] = np.clip(start * factor, low, high)
+            _, cost = fit_each(part.evaluate, part.start, trial, STEPS, part.prior, SEGMENT_ROBUST, 4)
+            if cost.sum() < best_cost * (1 - 1e-3):
+                best_cost, c = float(cost.sum()), trial
+        report(f"starting from {name} = {c[k]:.4g}")
+    return c
 
 
 def segment_ratios(problem: SegmentProblem, x: Array, c: Array) -> Array:

@@ -58,6 +58,13 @@ class SegmentProblem:
     azimuth: Array  # (n,)
     prior: Prior
 
+    def only(self, rows: Index) -> SegmentProblem:
+        """Some of the segments."""
+        return dataclasses.replace(
+            self, segments=tuple(self.segments[k] for k in rows), start=self.start[rows], azimuth=self.azimuth[rows],
+            prior=Prior(self.prior.mean[rows], self.prior.sd[rows]),
+        )  # fmt: skip
+
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over sigma: (k, 2 m)."""
         radius = self.model.ball.radius

@@ -1,0 +1,321 @@
+"""The `sysid` command: every verb reads a clip set, prints a table, and writes the same figures where asked."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from models.errors import BadInput
+
+if TYPE_CHECKING:
+    from models.model_file import Model
+    from sysid.clips import ClipSet
+    from sysid.comparison import Comparison
+
+DONE, FOUND, BAD = 0, 1, 2
+INTERRUPTED = 130
+
+
+class Progress:
+    """One line on a terminal that is written over; on a pipe a line now and then."""
+
+    def __init__(self) -> None:
+        """Start the clock."""
+        self.began = self.shown = time.monotonic()
+        self.terminal = sys.stderr.isatty()
+
+    def __call__(self, line: str) -> None:
+        """Show what is being done."""
+        now = time.monotonic()
+        if self.terminal:
+            print(f"\r\x1b[K{now - self.began:5.0f} s  {line}", end="", file=sys.stderr, flush=True)
+        elif now - self.shown > 5:
+            print(f"{now - self.began:5.0f} s  {line}", file=sys.stderr, flush=True)
+            self.shown = now
+
+    def close(self) -> None:
+        """Leave the terminal clean."""
+        if self.terminal:
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def write_json(path: str, data: Any) -> None:
+    """Write a JSON file whole or not at all; NaN becomes null."""
+    import math
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, float):
+            return value if math.isfinite(value) else None
+        if isinstance(value, dict):
+            return {str(k): plain(v) for k, v in value.items()}
+        if isinstance(value, list | tuple):
+            return [plain(v) for v in value]
+        return value.item() if hasattr(value, "item") else value
+
+    target = Path(path)
+    scratch = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        scratch.write_text(json.dumps(plain(data), indent=1) + "\n", encoding="utf-8")
+        scratch.replace(target)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
+def check_outputs(*paths: str | None) -> None:
+    """Refuse before the work what could not be written after it."""
+    for path in paths:
+        if path and not Path(path).resolve().parent.is_dir():
+            raise BadInput(f"{path}: its folder does not exist; make it or choose another place")
+        if path and Path(path).is_dir():
+            raise BadInput(f"{path}: is a folder; name a file")
+
+
+def load(args: argparse.Namespace) -> tuple[ClipSet, Model]:
+    """The clip set, and the model named or the base: decoupled cloth with frictional impacts."""
+    from models.model_file import full_model, read_model
+    from sysid.clips import read_clip_set
+
+    clip_set = read_clip_set(args.clips)
+    if not args.model:
+        return clip_set, full_model(clip_set.table, clip_set.ball)
+    model = read_model(args.model)
+    if (model.table, model.ball) != (clip_set.table, clip_set.ball):
+        raise BadInput(f"{args.model}: its table and ball are not those of {args.clips}; fit a model to this clip set")
+    return clip_set, model
+
+
+def table(rows: Sequence[Sequence[str]], right: int = 1) -> str:
+    """Text columns; the first ones left, the others right."""
+    widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [c.ljust(w) if k < right else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def print_comparison(comparison: Comparison) -> None:
+    """What `compare` tells on the terminal."""
+    from sysid.compare import in_words
+
+    s = comparison.summary()
+    mm = 1e3
+    print(f"{len(comparison.clips)} clips, noise {comparison.noise_m * mm:.2f} mm an axis, model: "
+          + (", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact"))  # fmt: skip
+    print(f"segments between events: median rms {s['segment_ratio_median']:.2f} of the noise ({len(comparison.segments)})")
+    print(f"struck ball, whole clip: median {s['struck_rms_median_m'] * mm:.1f} mm rms")
+    if any(c.held_out for c in comparison.clips):
+        held = sum(c.held_out for c in comparison.clips)
+        print(f"the same on {held} clips held out: median {s['struck_rms_median_held_out_m'] * mm:.1f} mm rms")
+    print("\nWhere the model misses")
+    rows = [("", "rms mm", "of noise", "samples")]
+    for by in dict.fromkeys(d.by for d in comparison.where):
+        for d in [d for d in comparison.where if d.by == by][:6]:
+            rows.append((f"  {d.by:8s}{d.where}", f"{d.rms_m * mm:.2f}", f"{d.ratio:.1f}", str(d.samples)))
+    print(table(rows))
+    print()
+    print("\n".join(in_words(comparison)))
+
+
+def print_constants(model: Model) -> None:
+    """Constants with their uncertainty, unit and where they come from."""
+    import math
+
+    rows = [("constant", "value", "sd", "unit", "from")]
+    for name, value in model.parameters().items():
+        known = model.estimates.get(name)
+        sd = known.sd if known else math.nan
+        source = known.source if known and known.source else "not fitted"
+        digits = 6 if not math.isfinite(sd) or sd <= 0 else max(0, 1 - math.floor(math.log10(sd)))
+        shown = f"{sd:.{digits}f}" if math.isfinite(sd) else "-"
+        rows.append((name, f"{value:.{digits}f}", shown, model.meta(name)["unit"], source))
+    print(table(rows))
+
+
+def outputs(args: argparse.Namespace, comparisons: Sequence[tuple[str, Comparison]], notes: Sequence[str]) -> None:
+    """The report and the recording, where asked."""
+    last = comparisons[-1][1]
+    if args.report:
+        from sysid.report import write_report
+
+        write_report(args.report, f"Model against {len(last.clips)} clips", comparisons, notes=notes, model=last.model)
+        print(f"report: {args.report}")
+    if args.rrd:
+        from sysid.review import write_rrd
+
+        write_rrd(args.rrd, last)
+        print(f"recording: {args.rrd} (open it with: rerun {args.rrd})")
+
+
+def check(args: argparse.Namespace, progress: Progress) -> int:
+    """Name every fault of a clip set."""
+    from sysid.clips import check_clip_set, read_clip_set
+
+    faults = check_clip_set(args.clips)
+    for fault in faults:
+        print(fault)
+    if args.json:
+        write_json(args.json, {"clips": args.clips, "faults": faults})
+    if faults:
+        print(f"{len(faults)} fault{'s' if len(faults) > 1 else ''}")
+        return BAD
+    clip_set = read_clip_set(args.clips)
+    samples = sum(len(o.time) for c in clip_set.clips for o in c.balls.values())
+    print(f"{args.clips}: {len(clip_set.clips)} clips, {samples} samples, no faults")
+    return DONE
+
+
+def compare(args: argparse.Namespace, progress: Progress) -> int:
+    """Model against measurement."""
+    from sysid import compare as room
+
+    check_outputs(args.json, args.report, args.rrd)
+    clip_set, model = load(args)
+    comparison = room.compare(clip_set, model, progress)
+    progress.close()
+    print_comparison(comparison)
+    if args.json:
+        write_json(args.json, comparison.to_json())
+    outputs(args, [("this model", comparison)], room.in_words(comparison))
+    return DONE
+
+
+def fit(args: argparse.Namespace, progress: Progress) -> int:
+    """Fit a model's constants."""
+    from models.model_file import write_model
+    from sysid import compare as room
+    from sysid.fit import fit as fit_model
+
+    check_outputs(args.out, args.json, args.report, args.rrd)
+    clip_set, model = load(args)
+    found = fit_model(clip_set, model, progress, command="sysid fit")
+    write_model(found.model, args.out)
+    progress.close()
+    print_constants(found.model)
+    if not found.converged:
+        print("\nNOT converged: these constants are where the fit stopped, and no uncertainty is given.")
+    if found.error_rate > 1e-3:
+        print(f"\nThe model's own error grows by {found.error_rate * 1e3:.0f} mm a metre travelled after the first event.")
+    print(f"\nmodel: {args.out}\n", flush=True)
+    comparison = room.compare(clip_set, found.model, progress)
+    progress.close()
+    print_comparison(comparison)
+    if args.json:
+        import numpy as np
+
+        sds = np.sqrt(np.diag(found.covariance))
+        constants = {
+            n: {"value": float(found.model.parameters()[n]), "sd": float(sd) if found.converged else float("nan"),
+                "unit": found.model.meta(n)["unit"]}
+            for n, sd in zip(found.names, sds, strict=True)
+        }  # fmt: skip
+        write_json(
+            args.json,
+            {"format": "billiard-fit/1", "converged": found.converged, "error_rate": found.error_rate,
+             "segment_ratio": found.segment_ratio, "parameters": constants, "comparison": comparison.to_json()},
+        )  # fmt: skip
+    outputs(args, [("fitted", comparison)], room.in_words(comparison))
+    return DONE if found.converged else FOUND
+
+
+def add(args: argparse.Namespace, progress: Progress) -> int:
+    """Put an effect on a model's stack."""
+    from models.model_file import effect_class, read_model, write_model
+
+    check_outputs(args.out)
+    effect = effect_class(args.effect)()
+    before = read_model(args.model)
+    model = before.add(effect)
+    write_model(model, args.out)
+    gone = [e.name() for e in before.effects if e.name() not in {k.name() for k in model.effects}]
+    print(f"{args.out}: {', '.join(e.name() for e in model.effects)}" + (f" (instead of {', '.join(gone)})" if gone else ""))
+    return DONE
+
+
+def effects(args: argparse.Namespace, progress: Progress) -> int:
+    """List the catalogue."""
+    from models.effect import Effect
+    from models.model_file import catalogue
+
+    doors = ("edit", "forces", "impact", "strike", "observe")
+    for name, kind in catalogue().items():
+        used = [d for d in doors if getattr(kind, d) is not getattr(Effect, d)]
+        module = sys.modules[kind.__module__]
+        print(f"{name}  ({', '.join(used)}{'; slot ' + kind.slot if kind.slot else ''})")
+        print(f"  {(module.__doc__ or '').splitlines()[0]}")
+        for key, meta in kind.parameters().items():
+            low, high = meta["bounds"]
+            print(f"    {key} = {meta['default']:g} [{meta['unit']}], {low:g} to {high:g}, off at {meta['off']:g}: {meta['source']}")
+    return DONE
+
+
+def demo(args: argparse.Namespace, progress: Progress) -> int:
+    """The shipped example, start to end."""
+    from sysid.demo import run
+
+    return run(Path(args.out), progress)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Every verb with its options."""
+    top = argparse.ArgumentParser(prog="sysid", description="From tracked shots to a fitted MuJoCo table.")
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+
+    def verb(name: str, run: Callable[[argparse.Namespace, Progress], int], text: str) -> argparse.ArgumentParser:
+        one = verbs.add_parser(name, help=text, description=text)
+        one.set_defaults(run=run)
+        return one
+
+    def drawing(one: argparse.ArgumentParser) -> None:
+        one.add_argument("--json", metavar="FILE", help="the same figures as JSON")
+        one.add_argument("--report", metavar="FILE.html", help="the same with pictures")
+        one.add_argument("--rrd", metavar="FILE.rrd", help="measured and modelled shots for Rerun")
+
+    one = verb("check", check, "read a clip set; name every fault")
+    one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
+    one.add_argument("--json", metavar="FILE", help="the faults as JSON")
+    one = verb("compare", compare, "model against measurement: where it fails")
+    one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
+    one.add_argument("--model", metavar="M.toml", help="model file (default: decoupled cloth, frictional impacts)")
+    drawing(one)
+    one = verb("fit", fit, "constants of the model with their uncertainty, error on clips held out")
+    one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
+    one.add_argument("--model", metavar="M.toml", help="model file to start from")
+    one.add_argument("--out", metavar="M2.toml", required=True, help="where the fitted model goes")
+    drawing(one)
+    one = verb("add", add, "put an effect on a model's stack")
+    one.add_argument("effect", metavar="EFFECT")
+    one.add_argument("--model", metavar="M.toml", required=True)
+    one.add_argument("--out", metavar="M2.toml", required=True)
+    verb("effects", effects, "the catalogue of effects")
+    one = verb("demo", demo, "the shipped example, start to end")
+    one.add_argument("--out", metavar="DIR", default="out/demo", help="where results go (default: out/demo)")
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a verb: 0 done, 1 a finding to act on, 2 bad input."""
+    args = parser().parse_args(argv)
+    progress = Progress()
+    try:
+        return int(args.run(args, progress))
+    except BadInput as error:
+        progress.close()
+        print(f"sysid {args.verb}: {error}", file=sys.stderr)
+        return BAD
+    except KeyboardInterrupt:
+        progress.close()
+        print(f"sysid {args.verb}: interrupted; files already named above are complete, no other was written", file=sys.stderr)
+        return INTERRUPTED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

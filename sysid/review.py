@@ -1,0 +1,27 @@
+"""A comparison as a Rerun recording: measured and modelled balls, shot after shot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from models.errors import BadInput
+from models.view import Review, write_review
+from sysid.comparison import Comparison
+
+
+def write_rrd(path: str | Path, comparison: Comparison) -> None:
+    """Write the recording, whole or not at all."""
+    reviews = [
+        Review(
+            name=clip.file,
+            measured={name: (seen.time, seen.xy) for name, seen in clip.balls.items()},
+            modelled=track,
+            note=clip.note,
+        )
+        for clip, track in zip(comparison.shots, comparison.tracks, strict=True)
+    ]
+    title = "model: " + (", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact")
+    try:
+        write_review(Path(path), comparison.clip_set.table, comparison.clip_set.ball, reviews, title=title)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written ({error}); choose another place") from error
