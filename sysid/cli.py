@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
-import os
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from models.errors import BadInput
+from sysid.output import Progress, print_comparison, print_constants, write_json
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -20,53 +18,6 @@ if TYPE_CHECKING:
 
 DONE, FOUND, BAD = 0, 1, 2
 INTERRUPTED = 130
-
-
-class Progress:
-    """One line on a terminal that is written over; on a pipe a line now and then."""
-
-    def __init__(self) -> None:
-        """Start the clock."""
-        self.began = self.shown = time.monotonic()
-        self.terminal = sys.stderr.isatty()
-
-    def __call__(self, line: str) -> None:
-        """Show what is being done."""
-        now = time.monotonic()
-        if self.terminal:
-            print(f"\r\x1b[K{now - self.began:5.0f} s  {line}", end="", file=sys.stderr, flush=True)
-        elif now - self.shown > 5:
-            print(f"{now - self.began:5.0f} s  {line}", file=sys.stderr, flush=True)
-            self.shown = now
-
-    def close(self) -> None:
-        """Leave the terminal clean."""
-        if self.terminal:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-
-
-def write_json(path: str, data: Any) -> None:
-    """Write a JSON file whole or not at all; NaN becomes null."""
-    import math
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, float):
-            return value if math.isfinite(value) else None
-        if isinstance(value, dict):
-            return {str(k): plain(v) for k, v in value.items()}
-        if isinstance(value, list | tuple):
-            return [plain(v) for v in value]
-        return value.item() if hasattr(value, "item") else value
-
-    target = Path(path)
-    scratch = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
-        scratch.write_text(json.dumps(plain(data), indent=1) + "\n", encoding="utf-8")
-        scratch.replace(target)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from error
-    finally:
-        scratch.unlink(missing_ok=True)
 
 
 def check_outputs(*paths: str | None) -> None:
@@ -90,54 +41,6 @@ def load(args: argparse.Namespace) -> tuple[ClipSet, Model]:
     if (model.table, model.ball) != (clip_set.table, clip_set.ball):
         raise BadInput(f"{args.model}: its table and ball are not those of {args.clips}; fit a model to this clip set")
     return clip_set, model
-
-
-def table(rows: Sequence[Sequence[str]], right: int = 1) -> str:
-    """Text columns; the first ones left, the others right."""
-    widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
-    lines = []
-    for row in rows:
-        cells = [c.ljust(w) if k < right else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
-
-
-def print_comparison(comparison: Comparison) -> None:
-    """What `compare` tells on the terminal."""
-    from sysid.compare import in_words
-
-    s = comparison.summary()
-    mm = 1e3
-    print(f"{len(comparison.clips)} clips, noise {comparison.noise_m * mm:.2f} mm an axis, model: "
-          + (", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact"))  # fmt: skip
-    print(f"segments between events: median rms {s['segment_ratio_median']:.2f} of the noise ({len(comparison.segments)})")
-    print(f"struck ball, whole clip: median {s['struck_rms_median_m'] * mm:.1f} mm rms")
-    if any(c.held_out for c in comparison.clips):
-        held = sum(c.held_out for c in comparison.clips)
-        print(f"the same on {held} clips held out: median {s['struck_rms_median_held_out_m'] * mm:.1f} mm rms")
-    print("\nWhere the model misses")
-    rows = [("", "rms mm", "of noise", "samples")]
-    for by in dict.fromkeys(d.by for d in comparison.where):
-        for d in [d for d in comparison.where if d.by == by][:6]:
-            rows.append((f"  {d.by:8s}{d.where}", f"{d.rms_m * mm:.2f}", f"{d.ratio:.1f}", str(d.samples)))
-    print(table(rows))
-    print()
-    print("\n".join(in_words(comparison)))
-
-
-def print_constants(model: Model) -> None:
-    """Constants with their uncertainty, unit and where they come from."""
-    import math
-
-    rows = [("constant", "value", "sd", "unit", "from")]
-    for name, value in model.parameters().items():
-        known = model.estimates.get(name)
-        sd = known.sd if known else math.nan
-        source = known.source if known and known.source else "not fitted"
-        digits = 6 if not math.isfinite(sd) or sd <= 0 else max(0, 1 - math.floor(math.log10(sd)))
-        shown = f"{sd:.{digits}f}" if math.isfinite(sd) else "-"
-        rows.append((name, f"{value:.{digits}f}", shown, model.meta(name)["unit"], source))
-    print(table(rows))
 
 
 def outputs(args: argparse.Namespace, comparisons: Sequence[tuple[str, Comparison]], notes: Sequence[str]) -> None:

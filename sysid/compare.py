@@ -25,14 +25,16 @@ SPEEDS = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, np.inf)
 Report = Callable[[str], None]
 
 
-def compare(clip_set: ClipSet, model: Model, report: Report = lambda line: None) -> Comparison:
-    """Compare whole clips and segments with a model."""
+def compare(
+    clip_set: ClipSet, model: Model, report: Report = lambda line: None, start: Array | None = None
+) -> Comparison:
+    """Compare whole clips and segments with a model; `start` (n, 7) are own unknowns that are nearly right already."""
     sigma = position_noise(clip_set)
     segments = compare_segments(clip_set, model, sigma)
     report(f"{len(segments)} segments between events")
     problem = shot_problem(model, (), clip_set, sigma)
     none = np.zeros(0)
-    x = fit_own(problem, clip_set, none, sigma, report)
+    x = fit_own(problem, clip_set, none, sigma, report) if start is None else start
     x = polish(problem, x, none, sigma)
     n = len(clip_set.clips)
     tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))
@@ -42,7 +44,7 @@ def compare(clip_set: ClipSet, model: Model, report: Report = lambda line: None)
     rows = tuple(_clip_row(problem, clip_set, k, tracks[k], sigma, clip_set.clips[k].file in held) for k in range(n))
     samples = collect(problem, tracks, clip_set)
     where = departures(samples, segments, rows, clip_set, sigma)
-    return Comparison(clip_set, model, sigma, rows, segments, where, samples, tuple(tracks), clip_set.clips)
+    return Comparison(clip_set, model, sigma, rows, segments, where, samples, tuple(tracks), clip_set.clips, x)
 
 
 def compare_segments(clip_set: ClipSet, model: Model, sigma: float) -> tuple[SegmentRow, ...]:

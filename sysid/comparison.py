@@ -83,6 +83,7 @@ class Comparison:
     samples: Samples
     tracks: tuple[Track, ...]  # whole shots of the model, at the measured times
     shots: tuple[Clip, ...]  # the clips compared, in the order of `tracks`
+    own: Array  # (n, 7) the clips' own unknowns, see sysid/problem.py
 
     def summary(self) -> dict[str, float]:
         """Medians a person asks for first; NaN where there is nothing to take one of."""

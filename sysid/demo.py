@@ -6,49 +6,52 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from models.errors import BadInput
-from models.model_file import Model, effect_class, write_model
+from models.model_file import Model, effect_class, full_model, write_model
 from sysid.clips import read_clip_set
 from sysid.compare import compare, in_words
-from sysid.comparison import Comparison
+from sysid.comparison import ClipRow, Comparison
 from sysid.fit import fit
+from sysid.output import print_constants, table, write_json
+from sysid.report import Rung, write_report
+from sysid.review import write_rrd
 
 EXAMPLE = Path(__file__).with_name("example")
-STEPS = (
+IMPACTS = ("ball_impact", "cushion_impact")
+STACKS = (
     ("native MuJoCo contact", ()),
     ("+ decoupled_cloth", ("decoupled_cloth",)),
-    ("+ ball_impact, cushion_impact", ("ball_impact", "cushion_impact")),
+    ("+ ball_impact, cushion_impact", ("decoupled_cloth", *IMPACTS)),
 )
+NATIVE = {"decoupled_cloth": "", "ball_impact": "ball_", "cushion_impact": "cushion_"}  # terms of the same meaning
 
 
 def run(out: Path, progress: Callable[[str], None]) -> int:
     """Fit and compare three models of rising completeness; write model, result, report and recording into `out`."""
-    from sysid.cli import print_constants, table, write_json
-    from sysid.report import Rung, write_report
-    from sysid.review import write_rrd
-
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{out}: cannot be made ({error.strerror}); choose another folder") from error
     clip_set = read_clip_set(EXAMPLE)
-    model = Model(clip_set.table, clip_set.ball)
+    print(f"The example: {len(clip_set.clips)} shots on a snooker table, filmed at {clip_set.fps:g} frames a second.")
+    fitted = fit(clip_set, full_model(clip_set.table, clip_set.ball), progress, command="sysid demo")
+    full = fitted.model
+    last = compare(clip_set, full, progress)
+    print("Each model has the constants that fit the last one, so that only the contact differs.\n", flush=True)
     found: list[tuple[str, Comparison]] = []
-    ladder: list[Rung] = []
-    print(f"The example: {len(clip_set.clips)} shots on a snooker table, filmed at {clip_set.fps:g} frames a second.\n")
-    for label, names in STEPS:
-        for name in names:
-            model = model.add(effect_class(name)())
-        fitted = fit(clip_set, model, lambda line, label=label: progress(f"{label}: {line}"), command="sysid demo")  # type: ignore[misc]
-        comparison = compare(clip_set, fitted.model, lambda line, label=label: progress(f"{label}: {line}"))  # type: ignore[misc]
-        model = dataclasses.replace(fitted.model)
-        found.append((label, comparison))
-        ladder.append(_rung(label, comparison))
-        getattr(progress, "close", lambda: None)()
-        print(f"{label}: {comparison.summary()['rms_median_m'] * 1e3:.2f} mm median over the clips")
-        for line in in_words(comparison):
+    for label, names in STACKS:
+        shown = stack(full, names)
+        one = compare(clip_set, shown, _named(progress, label), start=last.own) if len(names) < 3 else last
+        found.append((label, one))
+        progress("")
+        print(f"{label}: {one.summary()['rms_median_m'] * 1e3:.2f} mm median over the clips")
+        for line in in_words(one):
             print(f"  {line}")
         print(flush=True)
+    model = full
+    ladder = [_rung(label, one) for label, one in found]
     rows = [("model", "all clips mm", "held out mm", "chi2", "segments / noise")]
     for rung, (_, c) in zip(ladder, found, strict=True):
         rows.append(
@@ -68,15 +71,28 @@ def run(out: Path, progress: Callable[[str], None]) -> int:
     return 0
 
 
-def _rung(label: str, comparison: Comparison) -> object:
-    import numpy as np
+def stack(full: Model, names: tuple[str, ...]) -> Model:
+    """The model with some of its effects, MuJoCo's own terms taking the constants of those left out."""
+    native = {
+        f"native.{prefix}{key}": value
+        for effect, prefix in NATIVE.items()
+        for key in effect_class(effect).parameters()
+        if f"native.{prefix}{key}" in {f"native.{k}" for k in full.native.parameters()}
+        for value in [full.parameters()[f"{effect}.{key}"]]
+    }
+    kept = tuple(e for e in full.effects if e.name() in names)
+    return dataclasses.replace(full.with_values(native), effects=kept)
 
-    from sysid.report import Rung
 
+def _named(progress: Callable[[str], None], label: str) -> Callable[[str], None]:
+    return lambda line: progress(f"{label}: {line}")
+
+
+def _rung(label: str, comparison: Comparison) -> Rung:
     fitted = [c for c in comparison.clips if not c.held_out]
     held = [c for c in comparison.clips if c.held_out]
 
-    def pooled(rows: list) -> float:  # type: ignore[type-arg]
+    def pooled(rows: list[ClipRow]) -> float:
         return float(np.sqrt(np.mean([r.rms_m**2 for r in rows]))) if rows else float("nan")
 
     chi2 = float(np.mean([c.chi2_reduced for c in comparison.clips]))

@@ -57,11 +57,11 @@ STYLE = {
 
 @dataclass(frozen=True)
 class Rung:
-    """One model of the error ladder; distances are the root of the mean square over the samples of moving balls."""
+    """One model of the error ladder; distances are roots of mean squares over moving balls and clips."""
 
     label: str
-    rms_m: float
-    held_out_rms_m: float = math.nan  # of clips not used for the model's constants
+    rms_m: float  # over the clips used for the model's constants; over all where none is held out
+    held_out_rms_m: float = math.nan  # over the others
     chi2_reduced: float = math.nan
     note: str = ""
 
@@ -79,17 +79,22 @@ def ladder_svg(rungs: Sequence[Rung], noise_m: float) -> str | None:
         ax = fig.subplots()
         rows = np.arange(len(rungs))
         ax.barh(
-            rows, np.where(good[:, 0], values[:, 0] - low, 0.0), left=low, height=0.52, color=MODEL, label="all clips"
+            rows,
+            np.where(good[:, 0], values[:, 0] - low, 0.0),
+            left=low,
+            height=0.52,
+            color=MODEL,
+            label="clips used for the constants",
         )
         if good[:, 1].any():
             ax.plot(values[good[:, 1], 1], rows[good[:, 1]], "D", ms=5.5, mfc="white", mec=HELD_OUT, mew=1.6,
-                    ls="", label="held-out clips only")  # fmt: skip
+                    ls="", label="held-out clips")  # fmt: skip
         if floor > 0:
-            ax.axvline(floor, color=INK, ls="--", lw=1.1, label=f"noise floor {floor:.2g} mm")
+            ax.axvline(floor, color=INK, ls="--", lw=1.1, label=f"noise floor {number(floor)} mm")
         for row, value in enumerate(values):
             if good[row, 0]:
                 right = max(value[good[row]])
-                ax.annotate(f"{value[0]:.3g} mm", (right, row), (8, 0), textcoords="offset points", va="center")
+                ax.annotate(f"{number(value[0])} mm", (right, row), (8, 0), textcoords="offset points", va="center")
         ax.set(xscale="log", xlim=(low, 2.2 * values[good].max()), xlabel="rms distance, model to measurement [mm]")
         ax.set_yticks(rows, [_short(r.label, 44) for r in rungs], parse_math=False)
         ax.set_ylim(len(rungs) - 0.4, -0.6)
@@ -129,15 +134,15 @@ def tracks_svg(comparison: Comparison, count: int = 6) -> str | None:
             xy = seen.xy[np.isfinite(seen.xy).all(axis=1)]
             moved = xy[np.concatenate([[True], np.hypot(*np.diff(xy, axis=0).T) > 5e-4])] if len(xy) else xy
             few = moved[:: max(1, math.ceil(len(moved) / DOTS))]
-            ax.plot(*few.T, ".", ms=2.6, mec="none", color=colour, zorder=4)
+            ax.plot(*few.T, ".", ms=3.4, mec="none", color=colour, zorder=6)
             for place in xy[-1:]:
-                ax.add_patch(_circle(place, ball.radius, fc=colour, ec="black", lw=0.4, zorder=5))
+                ax.add_patch(_circle(place, ball.radius, fc=colour, ec="black", lw=0.4, zorder=4))
         for i in range(len(track.names)):
             path = track.position[np.isfinite(track.position[:, i]).all(axis=1), i]
             if len(path):
-                ax.plot(*path.T, color=SHOWN, lw=0.9, zorder=6)
+                ax.plot(*path.T, color=SHOWN, lw=0.9, zorder=5)
                 ax.add_patch(_circle(path[-1], 1.15 * ball.radius, fc="none", ec=SHOWN, lw=1.1, zorder=7))
-        title = f"{_short(PurePosixPath(shot.file).stem, 24)}: struck ball {1e3 * row.struck_rms_m:.3g} mm rms"
+        title = f"{_short(PurePosixPath(shot.file).stem, 24)}: struck ball {number(1e3 * row.struck_rms_m)} mm rms"
         title = f"{kind.capitalize()} · {title}" if kind else title
         ax.set_title(title + (" · held out" if row.held_out else ""), parse_math=False)
 
@@ -220,6 +225,7 @@ def dependence_svg(comparison: Comparison) -> str | None:
             ax.plot(*band[:, [0, 2]].T, "-o", color=MODEL, ms=3, lw=1.3, label="this model: median")
             ax.set(title=title, xlabel=label, yscale="log", ylim=(0.8 * ends[ends > 0].min(), 1.25 * ends.max()))
             ax.yaxis.set_major_formatter(lambda v, _: f"{v:g}")
+            ax.minorticks_off()
             ax.grid(axis="y")
         for ax in grid[[0, 3]]:
             ax.set_ylabel("miss / noise [1]")
@@ -260,7 +266,7 @@ def spread_svg(comparison: Comparison) -> str | None:
             low, high = min(0.4, ratios.min()), max(4.0, ratios.max())
             left.hist(ratios, np.geomspace(0.99 * low, 1.01 * high, 36), color=MODEL, ec="white", lw=0.4)
             middle = float(np.median(ratios))
-            left.axvline(middle, color=MODEL, lw=1.4, label=f"median {middle:.3g}")
+            left.axvline(middle, color=MODEL, lw=1.4, label=f"median {number(middle)}")
         left.axvline(1.0, color=INK, lw=1.2, ls="--", label="noise alone")
         left.set(xscale="log", xlabel="rms residual / noise [1]", ylabel="segments [count]")
         left.set_title(f"{len(ratios)} segments between events")
@@ -274,7 +280,7 @@ def spread_svg(comparison: Comparison) -> str | None:
             for label, colour, use in (("used for the constants", MODEL, ~held), ("held out", HELD_OUT, held)):
                 if use.any():
                     right.bar(rank[use], values[use], 0.82, color=colour, label=label)
-            right.axhline(middle, color=INK, lw=1.2, label=f"median {middle:.3g} mm")
+            right.axhline(middle, color=INK, lw=1.2, label=f"median {number(middle)} mm")
             if values.max() > 30 * middle > 0:
                 right.set_yscale("log")
                 right.yaxis.set_major_formatter(lambda v, _: f"{v:g}")
@@ -284,6 +290,15 @@ def spread_svg(comparison: Comparison) -> str | None:
             ax.set_axisbelow(True)
 
     return _svg("spread", 3.2, draw)
+
+
+def number(value: float) -> str:
+    """Three digits, a count whole, thousands apart; – where there is no number."""
+    if not math.isfinite(value):
+        return "–"
+    if abs(value) >= 100 or isinstance(value, int):
+        return f"{value:,.0f}".replace(",", "\u202f") if abs(value) >= 9999.5 else f"{value:.0f}"
+    return f"{value:#.3g}" if abs(value) >= 0.01 else f"{value:.3g}"
 
 
 def _moving(samples: Samples) -> NDArray[np.bool_]:
@@ -297,7 +312,11 @@ def _binned(x: Array, y: Array, most: int = 14) -> Array:
     if not len(x):
         return np.empty((0, 4))
     values = np.unique(x)
-    edges = values if len(values) <= most else np.unique(np.quantile(x, np.linspace(0, 1, most + 1))[:-1])
+    edges = values
+    if len(values) > most:
+        ends = np.quantile(x, np.linspace(0, 1, most + 1))
+        place = np.floor((ends - ends[0]) / (ends[-1] - ends[0]) * 4 * most)
+        edges = ends[:-1][np.diff(place, prepend=-1.0)[:-1] > 0]  # one bin where many would crowd
     index = np.searchsorted(edges, x, side="right") - 1
     groups = [index == k for k in range(len(edges))]
     rows = [[np.median(x[g]), *np.quantile(y[g], [0.1, 0.5, 0.9])] for g in groups if g.sum() >= FEWEST]

@@ -18,7 +18,7 @@ from models.errors import BadInput
 from models.model_file import Estimate, Model
 from sysid.clips_faults import one_line
 from sysid.comparison import Comparison, Departure
-from sysid.plots import Rung, dependence_svg, ladder_svg, map_svg, spread_svg, tracks_svg
+from sysid.plots import Rung, dependence_svg, ladder_svg, map_svg, number, spread_svg, tracks_svg
 
 __all__ = ["Rung", "write_report"]
 
@@ -34,7 +34,8 @@ GROUPS = {
 }
 FAINTEST = 0.5  # ratio at which an inline bar starts
 LADDER = (
-    "Each bar is one model; shorter is better, and the axis is logarithmic. The dashed line is what the camera's noise "
+    "Each bar is one model's rms distance over moving balls, in the clips used for its constants (in all clips where "
+    "none is held out); shorter is better, and the axis is logarithmic. The dashed line is what the camera's noise "
     "alone leaves (√2 times the noise per axis). A good model ends at that line, and its held-out clips, which had no "
     "part in choosing its constants, end there too; a held-out mark far to the right of its bar says that the model "
     "learnt its clips by heart."
@@ -60,9 +61,9 @@ DEPENDENCE = (
 )
 SPREAD = (
     "Left: how well each stretch between two events fits by itself, its own start free. A good model piles up at 1; a "
-    "tail to the right is motion on the cloth that the model cannot follow at all. Right: the error over whole shots, "
-    "which adds up cloth, cushions and balls; a good model is low and flat, and held-out clips lie no higher than the "
-    "others. A few tall bars at the right end are clips to look at one by one."
+    "tail to the right is motion on the cloth that the model cannot follow, or an event that was not seen. Right: the "
+    "error over whole shots, which adds up cloth, cushions and balls; a good model is low and flat, and held-out clips "
+    "lie no higher than the others. A few tall bars at the right end are clips to look at one by one."
 )
 WHERE = (
     "Every group of samples, by rms residual per axis over the noise, the worst first. Bars are logarithmic; the tick "
@@ -92,6 +93,7 @@ th{text-align:left;font-size:12px;color:var(--soft);border-bottom:1.5px solid #c
  vertical-align:bottom}
 td{border-bottom:1px solid var(--line);padding:4px 8px 4px 0;overflow-wrap:anywhere;vertical-align:top}
 tr{break-inside:avoid}
+.n+:not(.n){padding-left:10px}
 .n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
 .drawn td{font-weight:600}
 .groups{display:grid;grid-template-columns:1fr 1fr;gap:22px 34px;margin-top:14px}
@@ -177,11 +179,11 @@ def _cards(comparison: Comparison) -> str:
     held = sum(c.held_out for c in comparison.clips)
     cards = (
         (str(len(comparison.clips)), f"clips, {held} of them held out"),
-        (f"{len(comparison.samples.time):,}".replace(",", "\u202f"), "samples compared"),
+        (number(len(comparison.samples.time)), "samples compared"),
         (_mm(comparison.noise_m), "noise, one standard deviation per axis"),
         (_mm(said["struck_rms_median_m"]), "struck ball, rms over a shot, median"),
         (_mm(said["struck_rms_median_held_out_m"]), "the same, held-out clips only"),
-        (_number(said["segment_ratio_median"]), "residual / noise of segments, median"),
+        (number(said["segment_ratio_median"]), "residual / noise of segments, median"),
     )
     return (
         '<div class="cards">'
@@ -206,12 +208,12 @@ def _ladder(comparisons: Sequence[tuple[str, Comparison]], ladder: Sequence[Rung
             medians.get(key, math.nan)
             for key in ("struck_rms_median_m", "struck_rms_median_held_out_m", "segment_ratio_median")
         )
-        cells = [_mm(rung.rms_m), _mm(rung.held_out_rms_m), _number(rung.chi2_reduced)]
-        cells += [_mm(struck), _mm(held), _number(ratio)]
+        cells = [_mm(rung.rms_m), _mm(rung.held_out_rms_m), number(rung.chi2_reduced)]
+        cells += [_mm(struck), _mm(held), number(ratio)]
         numbers = "".join(f'<td class="n">{cell}</td>' for cell in cells)
         drawn = ' class="drawn"' if comparisons and rung.label == comparisons[-1][0] else ""
         rows.append(f"<tr{drawn}><td>{_text(rung.label)}</td>{numbers}<td>{_text(rung.note)}</td></tr>")
-    heads = ["rms, all clips", "rms, held out", "reduced χ²"]
+    heads = ["rms", "rms, held out", "reduced χ²"]
     heads += ["struck ball, median", "struck, held out, median", "segments, residual / noise"]
     head = (
         "<th>model</th>"
@@ -234,10 +236,11 @@ def _rung(label: str, comparison: Comparison) -> Rung:
         return math.sqrt(float(np.mean(np.square(good)))) if good else math.nan
 
     clips = comparison.clips
+    used = [c.rms_m for c in clips if not c.held_out] or [c.rms_m for c in clips]
     chi2 = [c.chi2_reduced for c in clips if math.isfinite(c.chi2_reduced)]
     return Rung(
         label,
-        rms(c.rms_m for c in clips),
+        rms(used),
         rms(c.rms_m for c in clips if c.held_out),
         float(np.median(chi2)) if chi2 else math.nan,
     )
@@ -262,9 +265,9 @@ def _where(where: Sequence[Departure]) -> str:
         for d in own[:LONGEST_TABLE]:
             bar = f'<i style="width:{reach(d.ratio):.1f}%"></i>' if math.isfinite(d.ratio) else ""
             rows.append(
-                f'<tr><td>{_text(d.where)}</td><td class="n">{_number(d.ratio)}</td><td><div class="bar">{bar}'
+                f'<tr><td>{_text(d.where)}</td><td class="n">{number(d.ratio)}</td><td><div class="bar">{bar}'
                 f'<u style="left:{reach(1.0):.1f}%"></u></div></td><td class="n">{_mm(d.rms_m)}</td>'
-                f'<td class="n">{d.samples}</td></tr>'
+                f'<td class="n">{number(d.samples)}</td></tr>'
             )
         name = _text(GROUPS.get(by, by))
         numbers = "".join(f'<th class="n">{h}</th>' for h in ("residual / noise", "", "rms", "count"))
@@ -305,15 +308,8 @@ def _text(text: str) -> str:
     return escape("".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in str(text)))
 
 
-def _number(value: float) -> str:
-    """Three digits; – where there is no number."""
-    if not math.isfinite(value):
-        return "–"
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}" if abs(value) >= 0.01 else f"{value:.3g}"
-
-
 def _mm(metres: float) -> str:
-    return f"{_number(1e3 * metres)} mm" if math.isfinite(metres) else "–"
+    return f"{number(1e3 * metres)} mm" if math.isfinite(metres) else "–"
 
 
 def _with_sd(value: float, sd: float) -> str:

@@ -1,0 +1,5 @@
+"""Tracked clips with known truth, made by an independent simulation.
+
+The data tests the models, so nothing here imports them: own integrator on the cloth (`cloth`), own impulse
+integration at impacts (`impact`), a whole shot (`physics`), random shots (`shots`), the files (`write`).
+"""

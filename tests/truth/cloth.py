@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Modes = NDArray[np.int64]
+Due = tuple[float, int, int, int]  # time used [s]; what is due, and for whom, as `_touched` says
 
 GRAVITY: Final = 9.81  # [m/s^2]
 X, Y, VX, VY, WX, WY, WZ, THETA, WIDTH = range(9)  # columns of a ball's state: [m], [m/s], [rad/s], [rad]
@@ -35,8 +36,8 @@ CREEP: Final = 5e-5  # a sliding ball rolls once full friction would end its sli
 class Constants(NamedTuple):
     """The table's constants, and the hidden effects at the value where each vanishes.
 
-    A new effect on the cloth: a field here, its term in `_slide_rates` or `_roll_rates`, its name in `EFFECTS`.
-    A new effect at impacts: a field here, its law in `physics.py`, its name in `EFFECTS`.
+    A new effect: a field here, its name in `EFFECTS`, and its term: on the cloth in `_push`, `_slide_rates` or
+    `_roll_rates`, at impacts in `physics.py`.
     """
 
     radius: float = 0.02625  # [m]
@@ -93,16 +94,13 @@ def _slide_rates(s: Array, c: Constants) -> tuple[float, float, float, float, fl
     uy = s[VY] + c.radius * s[WX]
     twist = c.contensou * s[WZ]
     total = np.sqrt(ux * ux + uy * uy + twist * twist)
-    if total > 0.0:
-        fx, fy = c.mus * GRAVITY * ux / total, c.mus * GRAVITY * uy / total
-    else:
-        fx, fy = 0.0, 0.0
+    friction = c.mus * GRAVITY / total if total > 0.0 else 0.0
+    fx, fy = friction * ux, friction * uy
     decay = c.spin
     if c.contensou > 0.0 and total > 0.0:
         decay *= abs(twist) / total
     ax, ay = _push(s[VX], s[VY], c)
-    lever = 2.5 / c.radius
-    return ax - fx, ay - fy, -lever * fy, lever * fx, decay
+    return ax - fx, ay - fy, -2.5 * fy / c.radius, 2.5 * fx / c.radius, decay
 
 
 @njit(cache=True)
@@ -111,14 +109,12 @@ def _roll_rates(s: Array, c: Constants) -> tuple[float, float]:
     px, py = _push(s[VX], s[VY], c)
     px, py = 5.0 / 7.0 * px, 5.0 / 7.0 * py
     speed = np.hypot(s[VX], s[VY])
-    if speed > 0.0:
-        nx, ny = s[VX] / speed, s[VY] / speed
-    else:
-        # A ball at the point of leaving rest is braked against where it is pushed.
-        push = np.hypot(px, py)
-        if push == 0.0:
-            return 0.0, 0.0
-        nx, ny = px / push, py / push
+    # A ball at the point of leaving rest is braked against where it is pushed.
+    nx, ny = (s[VX], s[VY]) if speed > 0.0 else (px, py)
+    size = np.hypot(nx, ny)
+    if size == 0.0:
+        return 0.0, 0.0
+    nx, ny = nx / size, ny / size
     brake = c.mur * GRAVITY + c.drag1 * speed
     side = c.swerve * s[WZ] if speed > 0.0 else 0.0
     return px - brake * nx - side * ny, py - brake * ny + side * nx
@@ -128,10 +124,9 @@ def _roll_rates(s: Array, c: Constants) -> tuple[float, float]:
 def _turn(s: Array, decay: float, h: float) -> None:
     """Let the sidespin fall by decay [rad/s^2] for h [s], ending at 0, and add up the turned angle."""
     wz = s[WZ]
-    lasting = h
-    if decay > 0.0 and abs(wz) < decay * h:
-        lasting = abs(wz) / decay
-    after = wz - np.sign(wz) * decay * lasting if lasting == h else 0.0
+    ends = abs(wz) < decay * h
+    lasting = abs(wz) / decay if ends else h
+    after = 0.0 if ends else wz - np.sign(wz) * decay * h
     s[THETA] += 0.5 * (wz + after) * lasting
     s[WZ] = after
 
@@ -265,9 +260,7 @@ def _lean(s: Array, mode: Modes, reach: Array) -> None:
 
 
 @njit(cache=True)
-def advance(
-    s: Array, mode: Modes, c: Constants, reach: Array, duration: float, step: float
-) -> tuple[float, int, int, int]:
+def advance(s: Array, mode: Modes, c: Constants, reach: Array, duration: float, step: float) -> Due:
     """Move all balls until an impact is due or duration [s] has passed, in equal steps of at most step [s].
 
     s: (n, 8) states and mode: (n,) change in place; reach: (2,) largest |x|, |y| of a centre [m].
@@ -280,28 +273,22 @@ def advance(
     h = duration / steps
     for k in range(steps):
         before, mode_before = s.copy(), mode.copy()
-        for b in range(len(s)):
-            if mode[b] != POTTED:
-                mode[b] = _move(s[b], mode[b], h, c)
-        kind, i, j = _touched(s, mode, c.radius, reach)
-        if kind == NOTHING:
-            _lean(s, mode, reach)
-            continue
-        low, high = 0.0, h
-        for _ in range(40):
-            part = 0.5 * (low + high)
-            s[:], mode[:] = before, mode_before
+        low, high, part = 0.0, h, h
+        for trial in range(42):
             for b in range(len(s)):
+                for column in range(WIDTH):  # as an array assignment it would take 4 s more to compile
+                    s[b, column] = before[b, column]
                 if mode[b] != POTTED:
-                    mode[b] = _move(s[b], mode[b], part, c)
-            if _touched(s, mode, c.radius, reach)[0] == NOTHING:
-                low = part
-            else:
+                    mode[b] = _move(s[b], mode_before[b], part, c)
+            kind, i, j = _touched(s, mode, c.radius, reach)
+            if kind != NOTHING:
                 high = part
-        s[:], mode[:] = before, mode_before
-        for b in range(len(s)):
-            if mode[b] != POTTED:
-                mode[b] = _move(s[b], mode[b], high, c)
-        kind, i, j = _touched(s, mode, c.radius, reach)
-        return k * h + high, kind, i, j
+            elif trial == 0:
+                break
+            else:
+                low = part
+            part = 0.5 * (low + high) if trial < 40 else high
+        if kind != NOTHING:
+            return k * h + high, kind, i, j
+        _lean(s, mode, reach)
     return duration, NOTHING, 0, 0

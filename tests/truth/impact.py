@@ -133,7 +133,7 @@ def impact(kind: int, q: Array, e: float, mu: Law, mus: float, mass: Array, radi
         low, high = 0.0, dp
         for _ in range(50):
             part = 0.5 * (low + high)
-            q[:] = before
+            q = before.copy()
             _press(kind, q, part, mu, mus, mass, radius)
             now = q[0, 0] - q[1, 0]
             work = 0.5 * part * (rest + now)

@@ -153,6 +153,7 @@ def simulate(
     increments: int = INCREMENTS,
 ) -> Motion:
     """Play a shot and report it at times [s] (increasing, from 0); steps of at most step [s] between them."""
+    c = Constants(*map(float, c))  # an int among them would compile everything again
     names = tuple(balls)
     state = np.zeros((len(names), WIDTH))
     for row, ball in zip(state, balls.values(), strict=True):

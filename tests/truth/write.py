@@ -1,0 +1,165 @@
+"""A folder of tracked clips, `billiard-clips/1`, and beside it the truth that they were made with.
+
+Seen positions carry Gaussian noise and a fraction of a ball's frames is missing; the cue entries are what was
+commanded, which the real stroke missed a little. Numbers are rounded when written, so equal seeds give equal bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from tests.truth.cloth import EFFECTS, Constants
+from tests.truth.physics import STEP, Cue, Table
+from tests.truth.shots import Shot
+
+SPEED_SPREAD = 0.02  # of the stroke about its command, one standard deviation [1]
+AZIMUTH_SPREAD = float(np.radians(0.3))  # [rad]
+OFFSET_SPREAD = 0.5e-3  # of the contact point [m]
+OFF = Constants()
+
+
+@dataclass(frozen=True)
+class Camera:
+    """What the camera sees, and how well."""
+
+    fps: float = 120.0  # [1/s]
+    sigma: float = 0.0005  # noise of a position, one standard deviation per axis [m]
+    sigma_theta: float = 0.02  # noise of the mark's angle [rad]
+    missing: float = 0.01  # fraction of a ball's frames that are missing
+
+
+class Refused(Exception):
+    """The folder cannot be written."""
+
+
+def _commanded(cue: Cue, rng: np.random.Generator) -> dict[str, float]:
+    """A command that the true stroke could have come from."""
+    dv, da, ds, dh = rng.normal(size=4)
+    return {
+        "speed": round(cue.speed / (1 + SPEED_SPREAD * dv), 4),
+        "azimuth": round(cue.azimuth + AZIMUTH_SPREAD * da, 5),
+        "side": round(cue.side + OFFSET_SPREAD * ds, 6),
+        "height": round(cue.height + OFFSET_SPREAD * dh, 6),
+        "elevation": round(cue.elevation, 4),
+    }
+
+
+def _rows(shot: Shot, camera: Camera, rng: np.random.Generator) -> str:
+    """The clip's CSV. A ball's first sample is always there; the angle only where the mark is meant to be tracked."""
+    motion = shot.motion
+    n, balls = motion.theta.shape
+    xy = motion.xy + camera.sigma * rng.normal(size=motion.xy.shape)
+    theta = motion.theta + camera.sigma_theta * rng.normal(size=motion.theta.shape)
+    kept = rng.random((n, balls)) >= camera.missing
+    kept[0] = True
+    lines = ["t,ball,x,y,theta"]
+    for k in range(n):
+        for b, name in enumerate(motion.names):
+            if kept[k, b] and np.isfinite(xy[k, b, 0]):
+                mark = f"{theta[k, b]:.4f}" if shot.scene.cue is None else ""
+                lines.append(f"{motion.times[k]:.6f},{name},{xy[k, b, 0]:.6f},{xy[k, b, 1]:.6f},{mark}")
+    return "\n".join(lines) + "\n"
+
+
+def _parameters(c: Constants) -> dict[str, float]:
+    """The constants by their short names; those of an effect only where it is on."""
+    hidden = {field for fields in EFFECTS.values() for field in fields}
+    shown = {field for name in effects_on(c) for field in EFFECTS[name]}
+    short = {"radius": "R", "mass": "m"}
+    return {short.get(k, k): v for k, v in c._asdict().items() if k not in hidden or k in shown}
+
+
+def effects_on(c: Constants) -> list[str]:
+    """Names of the hidden effects that are on."""
+    return [name for name, fields in EFFECTS.items() if any(getattr(c, f) != getattr(OFF, f) for f in fields)]
+
+
+def _truth(shots: Sequence[Shot], c: Constants, camera: Camera, seed: int) -> str:
+    """The truth beside the folder, as JSON: effects, constants, and how every clip really began and went."""
+    clips = [
+        {
+            "file": f"clips/{k:04d}.csv",
+            "kind": shot.kind,
+            "cue": None if shot.scene.cue is None else asdict(shot.scene.cue),
+            "balls": {name: asdict(ball) for name, ball in shot.scene.balls.items()},
+            "events": [{**asdict(event), "time": round(event.time, 9)} for event in shot.motion.events],
+        }
+        for k, shot in enumerate(shots, 1)
+    ]
+    truth = {
+        "format": "billiard-truth/1",
+        "seed": seed,
+        "effects": effects_on(c),
+        "sigma_m": camera.sigma,
+        "sigma_theta_rad": camera.sigma_theta,
+        "missing": camera.missing,
+        "step_s": STEP,
+        "parameters": _parameters(c),
+        "clips": clips,
+    }
+    return json.dumps(truth, indent=1) + "\n"
+
+
+def _check_target(out: Path, force: bool) -> None:
+    if out.is_symlink() or (out.exists() and not out.is_dir()):
+        raise Refused(f"{out}: exists and is no folder; name another")
+    if out.is_dir() and any(out.iterdir()):
+        if not force:
+            raise Refused(f"{out}: is not empty; name another folder, or replace the clip set in it with --force")
+        if not (out / "clips.toml").is_file():
+            raise Refused(f"{out}: holds no clips.toml, so it is no clip set to replace; name another folder")
+
+
+def write(
+    out: Path,
+    shots: Sequence[Shot],
+    table: Table,
+    c: Constants,
+    camera: Camera,
+    seed: int,
+    with_cue: bool = True,
+    force: bool = False,
+) -> Path:
+    """Write the clip set to the folder out, whole or not at all, and its truth beside it; the truth's path."""
+    _check_target(out, force)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    truth = out.with_name(out.name + ".truth.json")
+    work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+    try:
+        folder = work / "set"
+        (folder / "clips").mkdir(parents=True)
+        entries = []
+        for k, shot in enumerate(shots, 1):
+            # Each clip has its own stream, so that one more clip changes none of the others.
+            rng = np.random.default_rng([seed, k, 1])
+            entry: dict[str, object] = {"file": f"clips/{k:04d}.csv", "struck": "cue", "note": shot.kind}
+            command = None if shot.scene.cue is None else _commanded(shot.scene.cue, rng)
+            if with_cue and command is not None:
+                entry["cue"] = command
+            entries.append(entry)
+            (folder / f"clips/{k:04d}.csv").write_text(_rows(shot, camera, rng), encoding="utf-8")
+        head = {
+            "format": "billiard-clips/1",
+            "table": {"length": table.length, "width": table.width, "pockets": table.pockets},
+            "ball": {"diameter": round(2 * c.radius, 9), "mass": c.mass},
+            "camera": {"fps": camera.fps, "sigma": camera.sigma},
+            "clip": entries,
+        }
+        (folder / "clips.toml").write_text(tomli_w.dumps(head), encoding="utf-8")
+        (work / "truth").write_text(_truth(shots, c, camera, seed), encoding="utf-8")
+        if out.is_dir():
+            os.replace(out, work / "old")
+        os.replace(folder, out)
+        os.replace(work / "truth", truth)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    return truth
