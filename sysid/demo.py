@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +46,7 @@ def run(out: Path, progress: Callable[[str], None]) -> int:
         one = compare(clip_set, shown, _named(progress, label), start=last.own) if len(names) < 3 else last
         found.append((label, one))
         progress("")
-        print(f"{label}: {one.summary()['rms_median_m'] * 1e3:.2f} mm median over the clips")
+        print(f"{label}: {pooled(one.clips) * 1e3:.2f} mm rms over all clips")
         for line in in_words(one):
             print(f"  {line}")
         print(flush=True)
@@ -88,12 +88,14 @@ def _named(progress: Callable[[str], None], label: str) -> Callable[[str], None]
     return lambda line: progress(f"{label}: {line}")
 
 
+def pooled(rows: Sequence[ClipRow]) -> float:
+    """Root of the mean squared error over clips [m]; NaN without any."""
+    return float(np.sqrt(np.mean([r.rms_m**2 for r in rows]))) if rows else float("nan")
+
+
 def _rung(label: str, comparison: Comparison) -> Rung:
     fitted = [c for c in comparison.clips if not c.held_out]
     held = [c for c in comparison.clips if c.held_out]
-
-    def pooled(rows: list[ClipRow]) -> float:
-        return float(np.sqrt(np.mean([r.rms_m**2 for r in rows]))) if rows else float("nan")
 
     chi2 = float(np.mean([c.chi2_reduced for c in comparison.clips]))
     return Rung(label, pooled(fitted), pooled(held), chi2, "")

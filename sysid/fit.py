@@ -23,7 +23,7 @@ from sysid.noise import position_noise
 from sysid.own import ROBUST, Growth, with_error
 from sysid.problem import STEPS, Array, SegmentProblem, constant_bounds, constant_steps, segment_problem, shot_problem
 from sysid.segments import split_all
-from sysid.solve import Joint, Prior, fit_each, fit_joint
+from sysid.solve import Joint, fit_each, fit_joint
 
 HOLD_OUT = 5  # every fifth clip
 MISCUT = 25.0  # a segment that misses by so many sigma holds an event that was not seen

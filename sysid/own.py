@@ -153,7 +153,9 @@ def polish(problem: ShotProblem, x: Array, constants: Array, sigma: float, round
         scatter = np.sqrt(np.nanmean(np.minimum(np.abs(r), 4 * np.nanstd(r, axis=1, keepdims=True)) ** 2, axis=1))
         scale = np.maximum(scatter, 1.0)
         scaled = dataclasses.replace(
-            plain, sd=tuple({b: s * k for b, s in clip.items()} for clip, k in zip(plain.sd, scale, strict=True))
+            plain,
+            sd=tuple({b: s * k for b, s in clip.items()} for clip, k in zip(plain.sd, scale, strict=True)),
+            sd_theta=plain.sd_theta * scale,
         )
         x, _cost = fit_each(scaled.evaluate, x, constants, STEPS, problem.prior, ROBUST, 10)
     return x

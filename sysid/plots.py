@@ -77,7 +77,7 @@ def ladder_svg(rungs: Sequence[Rung], noise_m: float) -> str | None:
 
     def draw(fig: Any) -> None:
         ax = fig.subplots()
-        rows = np.arange(len(rungs))
+        rows, plain = np.arange(len(rungs)), {"fc": "white", "ec": "none", "pad": 0.8}
         ax.barh(
             rows,
             np.where(good[:, 0], values[:, 0] - low, 0.0),
@@ -94,11 +94,13 @@ def ladder_svg(rungs: Sequence[Rung], noise_m: float) -> str | None:
         for row, value in enumerate(values):
             if good[row, 0]:
                 right = max(value[good[row]])
-                ax.annotate(f"{number(value[0])} mm", (right, row), (8, 0), textcoords="offset points", va="center")
+                ax.annotate(
+                    f"{number(value[0])} mm", (right, row), (8, 0), textcoords="offset points", va="center", bbox=plain
+                )
         ax.set(xscale="log", xlim=(low, 2.2 * values[good].max()), xlabel="rms distance, model to measurement [mm]")
         ax.set_yticks(rows, [_short(r.label, 44) for r in rungs], parse_math=False)
         ax.set_ylim(len(rungs) - 0.4, -0.6)
-        ax.xaxis.set_major_formatter(lambda v, _: f"{v:g}")
+        _log_ticks(ax.xaxis)
         ax.tick_params(axis="y", length=0)
         ax.grid(axis="x")
         ax.set_axisbelow(True)
@@ -184,19 +186,21 @@ def map_svg(comparison: Comparison) -> str | None:
         ax = fig.subplots()
         _draw_table(ax, table, dark=False)
         x, y = (np.linspace(-h, h, n + 1) for h, n in zip(half, cells, strict=True))
-        top = max(float(np.nanquantile(rms, 0.95)), 2e3 * comparison.noise_m if comparison.noise_m > 0 else 0.0, 1e-9)
+        top = max(
+            float(np.nanquantile(rms, 0.95)), 4e3 * FLOOR * comparison.noise_m if comparison.noise_m > 0 else 0.0, 1e-9
+        )
         mesh = ax.pcolormesh(x, y, rms.reshape(cells).T, cmap="YlOrRd", vmin=0, vmax=top, alpha=0.85, zorder=2, lw=0.3)
         tails = np.stack(np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2, indexing="ij"), axis=-1)
         own = {"angles": "xy", "scale_units": "xy", "scale": 1e3 / magnify, "width": 0.0022, "color": INK, "zorder": 5}
         quiver = ax.quiver(*tails.reshape(-1, 2)[used].T, *arrows.T, **own)
-        words = f"mean miss {key:g} mm (drawn ×{magnify:g})"
-        ax.quiverkey(quiver, 0.76, 1.045, key, words, labelpos="E", coordinates="axes", labelsep=0.06)
+        ax.set_title(f"Arrows: mean miss of the cell, drawn ×{magnify:g}")
+        ax.quiverkey(quiver, 0.86, 1.025, key, f"{key:g} mm", labelpos="E", coordinates="axes", labelsep=0.08)
         bar = fig.colorbar(mesh, ax=ax, extend="max", shrink=0.75, pad=0.01)
         bar.set_label("rms miss in the cell [mm]")
         if 0 < 1e3 * FLOOR * comparison.noise_m < top:
             bar.ax.axhline(1e3 * FLOOR * comparison.noise_m, color=INK, lw=1.3)
 
-    return _svg("map", 0.86 * WIDTH * (table.width + 0.5) / (table.length + 0.45) + 0.1, draw)
+    return _svg("map", 0.88 * WIDTH * (table.width + 0.5) / (table.length + 0.45) + 0.3, draw)
 
 
 def dependence_svg(comparison: Comparison) -> str | None:
@@ -224,12 +228,12 @@ def dependence_svg(comparison: Comparison) -> str | None:
             ax.fill_between(*band[:, [0, 1, 3]].T, color=MODEL, alpha=0.25, lw=0, label="this model: 10–90 %")
             ax.plot(*band[:, [0, 2]].T, "-o", color=MODEL, ms=3, lw=1.3, label="this model: median")
             ax.set(title=title, xlabel=label, yscale="log", ylim=(0.8 * ends[ends > 0].min(), 1.25 * ends.max()))
-            ax.yaxis.set_major_formatter(lambda v, _: f"{v:g}")
-            ax.minorticks_off()
+            _log_ticks(ax.yaxis)
             ax.grid(axis="y")
         for ax in grid[[0, 3]]:
             ax.set_ylabel("miss / noise [1]")
         grid[2].set_xticks([-180, -90, 0, 90, 180])
+        grid[4].locator_params(axis="x", integer=True)
         fig.legend(*grid[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
         _draw_signed(grid[5], s, moving & np.isfinite(s.heading))
 
@@ -249,7 +253,8 @@ def _draw_signed(ax: Any, s: Samples, use: NDArray[np.bool_]) -> None:
     ax.axhline(0, color=NOISE, lw=1, ls="--")
     ax.set(title="Along and across the ball's way", xlabel="time [s]", ylabel="miss [mm]")
     ax.grid(axis="y")
-    ax.legend(loc="best", fontsize=7.5)
+    ax.margins(y=0.3)
+    ax.legend(loc="upper left", fontsize=7.5)
 
 
 def spread_svg(comparison: Comparison) -> str | None:
@@ -270,7 +275,7 @@ def spread_svg(comparison: Comparison) -> str | None:
         left.axvline(1.0, color=INK, lw=1.2, ls="--", label="noise alone")
         left.set(xscale="log", xlabel="rms residual / noise [1]", ylabel="segments [count]")
         left.set_title(f"{len(ratios)} segments between events")
-        left.xaxis.set_major_formatter(lambda v, _: f"{v:g}")
+        _log_ticks(left.xaxis)
         left.legend()
         right.set_title(f"{len(clips)} clips, the struck ball over the whole shot")
         right.set(xlabel="clips, best to worst [count]", ylabel="rms distance [mm]")
@@ -283,7 +288,9 @@ def spread_svg(comparison: Comparison) -> str | None:
             right.axhline(middle, color=INK, lw=1.2, label=f"median {number(middle)} mm")
             if values.max() > 30 * middle > 0:
                 right.set_yscale("log")
-                right.yaxis.set_major_formatter(lambda v, _: f"{v:g}")
+                _log_ticks(right.yaxis)
+            else:
+                right.set_ylim(0, 1.4 * values.max() or 1.0)
             right.legend(loc="upper left")
         for ax in (left, right):
             ax.grid(axis="y")
@@ -342,6 +349,16 @@ def _draw_table(ax: Any, table: Table, *, dark: bool) -> None:
     ax.set(xlim=(-reach[0], reach[0]), ylim=(-reach[1], reach[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     ax.spines[["left", "bottom"]].set_visible(False)
     ax.tick_params(length=2, labelsize=7.5)
+
+
+def _log_ticks(axis: Any) -> None:
+    """Plain numbers on a logarithmic axis: every decade, or 1, 2 and 5 of it where it spans few."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0,) if high > 300 * low else (1.0, 2.0, 5.0)))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(lambda value, _: f"{value:g}")
 
 
 def _circle(centre: Any, radius: float, **style: Any) -> Any:

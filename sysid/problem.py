@@ -26,7 +26,7 @@ Index = NDArray[np.int64]
 
 UNKNOWNS = ("x", "y", "v_along", "v_across", "Rw_along", "Rw_across", "Rw_up")
 STEPS = np.array([1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])  # finite differences, [m] and [m/s]
-CUE_SD = {"speed": 0.15, "azimuth": 0.05, "offset": 0.006}  # how far a shot may be from its command
+CUE_SD = {"speed": 0.05, "azimuth": 0.02, "offset": 0.002}  # how far a shot may be from its command
 LIMIT_SPIN = 1.25  # R omega over v at the miscue limit: 5/2 of half a radius
 
 
@@ -106,7 +106,7 @@ class ShotProblem:
     rest: tuple[Array, ...]  # of each clip: (nball - 1, 2) where the others lie [m]
     trusted: tuple[dict[str, NDArray[np.bool_]], ...]  # samples to believe
     sd: tuple[dict[str, Array], ...]  # of each sample [m]
-    sd_theta: float  # of a marked ball's angle [rad]
+    sd_theta: Array  # (n,) of a marked ball's angle [rad]
     horizon: Array  # (n,) [s]
 
     def until(self, horizon: Array) -> ShotProblem:
@@ -144,7 +144,7 @@ class ShotProblem:
                 r, angle = residual(track, b, seen, n)
                 r = np.where(self.trusted[w][name][:n, None], r / self.sd[w][name][:n, None], np.nan)
                 out[k, at : at + 2 * n] = r.ravel()
-                out[k, at + 2 * n : at + 3 * n] = angle / self.sd_theta
+                out[k, at + 2 * n : at + 3 * n] = angle / self.sd_theta[w]
                 at += 3 * len(seen.time)
         return out
 
@@ -202,7 +202,7 @@ def shot_problem(model: Model, names: Sequence[str], clip_set: ClipSet, sigma: f
     end = np.array([max(o.time[-1] for o in c.balls.values()) for c in clip_set.clips])
     return ShotProblem(
         model, tuple(names), clip_set.clips, start, azimuth, Prior(mean, sd), tuple(rest), tuple(trusted), tuple(sds),
-        theta_noise(clip_set.clips), end,
+        np.full(n, theta_noise(clip_set.clips)), end,
     )  # fmt: skip
 
 

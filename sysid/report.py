@@ -95,10 +95,11 @@ td{border-bottom:1px solid var(--line);padding:4px 8px 4px 0;overflow-wrap:anywh
 tr{break-inside:avoid}
 .n+:not(.n){padding-left:10px}
 .n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
+th.n{white-space:normal}
 .drawn td{font-weight:600}
 .groups{display:grid;grid-template-columns:1fr 1fr;gap:22px 34px;margin-top:14px}
 .groups section{break-inside:avoid;min-width:0}
-.bar{position:relative;width:130px;height:11px;margin-top:5px;background:#f1f3f5}
+.bar{position:relative;width:120px;height:11px;margin-top:5px;background:#f1f3f5}
 .bar i{position:absolute;left:0;top:0;bottom:0;background:var(--blue)}
 .bar u{position:absolute;top:-2px;bottom:-2px;width:1.5px;background:var(--ink)}
 @media(max-width:760px){.cards{grid-template-columns:repeat(2,1fr)}.groups{grid-template-columns:1fr}}
@@ -215,11 +216,7 @@ def _ladder(comparisons: Sequence[tuple[str, Comparison]], ladder: Sequence[Rung
         rows.append(f"<tr{drawn}><td>{_text(rung.label)}</td>{numbers}<td>{_text(rung.note)}</td></tr>")
     heads = ["rms", "rms, held out", "reduced χ²"]
     heads += ["struck ball, median", "struck, held out, median", "segments, residual / noise"]
-    head = (
-        "<th>model</th>"
-        + "".join(f'<th class="n" style="white-space:normal">{h}</th>' for h in heads)
-        + "<th>note</th>"
-    )
+    head = "<th>model</th>" + "".join(f'<th class="n">{h}</th>' for h in heads) + "<th>note</th>"
     noise = comparisons[-1][1].noise_m if comparisons else math.nan
     return [
         "<h2>Error ladder</h2>",

@@ -187,10 +187,13 @@ def fit_joint(
     over problems, which holds where the model is not quite right.
     """
     x, cost_each = fit_each(evaluate, x, c, steps, prior, robust, 3 * own_iterations)
+    # A constant of which the data say nothing stays near its start: bounds as a very wide Gaussian.
+    begin, wide = c.copy(), np.maximum(bounds[:, 1] - bounds[:, 0], 1e-12)
     cost, damping, converged = float(cost_each.sum()), 1e-4, False
     for iteration in range(iterations):
         information, score, lift, back = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)
-        h, g = information.sum(axis=0), score.sum(axis=0)
+        h = information.sum(axis=0) + np.diag(1 / wide**2)
+        g = score.sum(axis=0) + (c - begin) / wide**2
         if report:
             report(iteration, cost, c)
         improved = False
@@ -199,7 +202,8 @@ def fit_joint(
             new_c = np.clip(c + step, bounds[:, 0], bounds[:, 1])
             new_x = _best_start(evaluate, new_c, prior, robust, x, back, np.einsum("npq,q->np", lift, new_c - c))
             new_x, new_each = fit_each(evaluate, new_x, new_c, steps, prior, robust, own_iterations)
-            if new_each.sum() < cost:
+            leash = 0.5 * float(np.sum(((new_c - begin) / wide) ** 2 - ((c - begin) / wide) ** 2))
+            if new_each.sum() + leash < cost:
                 improved = True
                 break
             damping *= 10
@@ -214,7 +218,7 @@ def fit_joint(
             converged = True
             break
     information, score, _, _ = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)
-    return Joint(x, c, covariance(information, score), cost, converged, information, score)
+    return Joint(x, c, covariance(information, score, wide), cost, converged, information, score)
 
 
 def _best_start(
@@ -228,11 +232,11 @@ def _best_start(
     return np.asarray(starts[np.argmin(costs, axis=0), np.arange(n)])
 
 
-def covariance(information: Array, score: Array) -> Array:
-    """Of the constants, from what each problem says: (q, q); NaN rows for constants the data say nothing of."""
+def covariance(information: Array, score: Array, wide: Array) -> Array:
+    """Of the constants, from what each problem says: (q, q); NaN rows for those known no better than `wide` / 4."""
     h = information.sum(axis=0)
     q = len(h)
-    known = np.diag(h) > 1e-12
+    known = np.diag(h) > 16 / wide**2
     out = np.full((q, q), np.nan)
     if not known.any():
         return out

@@ -20,7 +20,7 @@ UPPER = {"ebb": 1.0, "ec": 1.0, "muc": 0.43, "nap": 1.0}  # above muc 0.436 a ba
 SIGNED = {"tilt_x", "tilt_y", "nap_phi", "swerve", "ec_v", "mubb_b"}
 EXAMPLE_SEED = 20140
 EXAMPLE = (
-    *("stun", "roll", "draw", "follow", "side", "side", "swerve", "swerve"),
+    *("stun", "roll", "draw", "follow", "side", "side", "swerve", "spin"),
     *("cushion", "cushion_side", "cut", "cut_side"),
 )
 
@@ -141,7 +141,7 @@ def make(args: argparse.Namespace) -> Path:
 
 def make_example(out: Path, force: bool = False) -> Path:
     """Make the example that the project ships; the path of its truth."""
-    table, camera, c = Table(), Camera(), jittered(EXAMPLE_SEED)
+    table, camera, c = Table(), Camera(marked=True), jittered(EXAMPLE_SEED)
     shots = []
     for k, kind in enumerate(EXAMPLE, 1):
         rng = np.random.default_rng([EXAMPLE_SEED, k])

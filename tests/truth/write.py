@@ -34,6 +34,7 @@ class Camera:
     fps: float = 120.0  # [1/s]
     sigma: float = 0.0005  # noise of a position, one standard deviation per axis [m]
     sigma_theta: float = 0.02  # noise of the mark's angle [rad]
+    marked: bool = False  # does the struck ball bear a mark in every clip? Otherwise only one spun by hand does
     missing: float = 0.01  # fraction of a ball's frames that are missing
 
 
@@ -65,7 +66,7 @@ def _rows(shot: Shot, camera: Camera, rng: np.random.Generator) -> str:
     for k in range(n):
         for b, name in enumerate(motion.names):
             if kept[k, b] and np.isfinite(xy[k, b, 0]):
-                mark = f"{theta[k, b]:.4f}" if shot.scene.cue is None else ""
+                mark = f"{theta[k, b]:.4f}" if shot.scene.cue is None or (camera.marked and b == 0) else ""
                 lines.append(f"{motion.times[k]:.6f},{name},{xy[k, b, 0]:.6f},{xy[k, b, 1]:.6f},{mark}")
     return "\n".join(lines) + "\n"
 
