@@ -106,7 +106,9 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
     if not found.converged:
         print("\nNOT converged: these constants are where the fit stopped, and no uncertainty is given.")
     if found.error_rate > 1e-3:
-        print(f"\nThe model's own error grows by {found.error_rate * 1e3:.0f} mm a metre travelled after the first event.")
+        print(
+            f"\nThe model's own error grows by {found.error_rate * 1e3:.0f} mm a metre travelled after the first event."
+        )
     print(f"\nmodel: {args.out}\n", flush=True)
     comparison = room.compare(clip_set, found.model, progress)
     progress.close()
@@ -139,7 +141,10 @@ def add(args: argparse.Namespace, progress: Progress) -> int:
     model = before.add(effect)
     write_model(model, args.out)
     gone = [e.name() for e in before.effects if e.name() not in {k.name() for k in model.effects}]
-    print(f"{args.out}: {', '.join(e.name() for e in model.effects)}" + (f" (instead of {', '.join(gone)})" if gone else ""))
+    print(
+        f"{args.out}: {', '.join(e.name() for e in model.effects)}"
+        + (f" (instead of {', '.join(gone)})" if gone else "")
+    )
     return DONE
 
 
@@ -156,7 +161,8 @@ def effects(args: argparse.Namespace, progress: Progress) -> int:
         print(f"  {(module.__doc__ or '').splitlines()[0]}")
         for key, meta in kind.parameters().items():
             low, high = meta["bounds"]
-            print(f"    {key} = {meta['default']:g} [{meta['unit']}], {low:g} to {high:g}, off at {meta['off']:g}: {meta['source']}")
+            span = f"{low:g} to {high:g}, off at {meta['off']:g}"
+            print(f"    {key} = {meta['default']:g} [{meta['unit']}], {span}: {meta['source']}")
     return DONE
 
 
@@ -216,7 +222,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return BAD
     except KeyboardInterrupt:
         progress.close()
-        print(f"sysid {args.verb}: interrupted; files already named above are complete, no other was written", file=sys.stderr)
+        print(
+            f"sysid {args.verb}: interrupted; files already named above are complete, no other was written",
+            file=sys.stderr,
+        )
         return INTERRUPTED
 
 

@@ -13,7 +13,7 @@ from sysid.comparison import ClipRow, Comparison, Departure, Samples, SegmentRow
 from sysid.fit import MISCUT, SEGMENT_ROBUST, cloth_constants, segment_ratios, training_clips, values_of
 from sysid.noise import position_noise
 from sysid.own import fit_own, polish
-from sysid.problem import STEPS, Array, ShotProblem, residual, segment_problem, shot_problem
+from sysid.problem import STEPS, Array, ShotProblem, residual, segment_problem, shot_problem, theta_noise
 from sysid.segments import split_all
 from sysid.solve import fit_each
 
@@ -21,6 +21,8 @@ SLIPS = 0.01  # slip speed above which a ball slides [m/s]
 STILL = 0.003  # speed below which it rests [m/s]
 SPINS = 1.0  # sidespin above which a resting ball spins [rad/s]
 LEAST = 12  # samples of a group worth naming
+PARTS = ("clip", "struck", "time", "xy", "miss", "speed", "heading", "spin", "angle")
+SIDESPINS = (0.0, 5.0, 20.0, 50.0, np.inf)  # [rad/s]
 SPEEDS = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, np.inf)
 Report = Callable[[str], None]
 
@@ -87,7 +89,7 @@ def _clip_row(problem: ShotProblem, clip_set: ClipSet, k: int, track: Track, sig
 
 def collect(problem: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) -> Samples:
     """Every trusted sample of moving balls with what the model says of that moment."""
-    parts: dict[str, list[Array]] = {k: [] for k in ("clip", "struck", "time", "xy", "miss", "speed", "heading", "spin")}
+    parts: dict[str, list[Array]] = {k: [] for k in PARTS}
     ball: list[str] = []
     motion: list[str] = []
     last: list[str] = []
@@ -97,7 +99,7 @@ def collect(problem: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) ->
         clip = clip_set.clips[k]
         for b, name in enumerate(track.names):
             seen = clip.balls[name]
-            miss, _ = residual(track, b, seen, len(seen.time))
+            miss, angle = residual(track, b, seen, len(seen.time))
             index = np.searchsorted(track.times, seen.time)
             v, w = track.velocity[index, b], track.spin[index, b]
             own = [e for e in track.events if name in e.balls]
@@ -108,14 +110,16 @@ def collect(problem: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) ->
             speed = np.hypot(v[:, 0], v[:, 1])
             slip = np.hypot(v[:, 0] - radius * w[:, 1], v[:, 1] + radius * w[:, 0])
             kinds = np.where(
-                slip > SLIPS, "slide", np.where(speed > STILL, "roll", np.where(np.abs(w[:, 2]) > SPINS, "spin", "rest"))
+                slip > SLIPS,
+                "slide",
+                np.where(speed > STILL, "roll", np.where(np.abs(w[:, 2]) > SPINS, "spin", "rest")),
             )
             met = np.array(["strike", *[e.kind for e in own]])[count]
             n = int(keep.sum())
             for key, value in (
                 ("clip", np.full(n, k)), ("struck", np.full(n, b == 0)), ("time", seen.time[keep]),
                 ("xy", seen.xy[keep]), ("miss", miss[keep]), ("speed", speed[keep]),
-                ("heading", np.arctan2(v[keep, 1], v[keep, 0])), ("spin", w[keep, 2]),
+                ("heading", np.arctan2(v[keep, 1], v[keep, 0])), ("spin", w[keep, 2]), ("angle", angle[keep]),
             ):  # fmt: skip
                 parts[key].append(value)
             ball += [name] * n
@@ -126,7 +130,7 @@ def collect(problem: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) ->
     return Samples(
         data["clip"].astype(np.int64), tuple(ball), data["struck"].astype(bool), data["time"], data["xy"], data["miss"],
         data["speed"], data["heading"], data["spin"], tuple(str(m) for m in motion), tuple(str(m) for m in last),
-        np.concatenate(events).astype(np.int64),
+        np.concatenate(events).astype(np.int64), data["angle"],
     )  # fmt: skip
 
 
@@ -158,8 +162,11 @@ def departures(
     }  # fmt: skip
     group("event", [str(m) for m in met], lambda m: meant.get(m, m))
     band = np.digitize(samples.speed, SPEEDS) - 1
-    group("speed", [str(b) for b in band], lambda b: f"at {SPEEDS[int(b)]:g} to {SPEEDS[int(b) + 1]:g} m/s")
+    group("speed", [str(b) for b in band], lambda b: f"at {_range(SPEEDS, int(b))} m/s")
+    spin = np.digitize(np.abs(samples.spin), SIDESPINS) - 1
+    group("sidespin", [str(b) for b in spin], lambda b: f"at {_range(SIDESPINS, int(b))} rad/s")
     group("ball", np.where(samples.struck, "struck", "object"), lambda s: f"the {s} ball")
+    found.extend(_marks(samples, clip_set.ball.radius, theta_noise(clip_set.clips)))
     segment_groups: dict[str, list[float]] = {}
     for s in segments:
         if s.ratio < MISCUT:
@@ -173,11 +180,35 @@ def departures(
     return tuple(found)
 
 
+def _range(edges: Sequence[float], k: int) -> str:
+    return f"{edges[k]:g} to {edges[k + 1]:g}" if np.isfinite(edges[k + 1]) else f"over {edges[k]:g}"
+
+
+def _marks(samples: Samples, radius: float, sd_theta: float) -> list[Departure]:
+    """How far the marks' angles are missed, as way on the ball's surface, by sidespin."""
+    found = []
+    seen = np.isfinite(samples.angle)
+    band = np.digitize(np.abs(samples.spin), SIDESPINS) - 1
+    for k in sorted(set(band[seen].tolist())):
+        pick = seen & (band == k)
+        if pick.sum() >= LEAST:
+            rms = float(np.sqrt(np.mean(samples.angle[pick] ** 2)))
+            words = f"the mark's angle at {_range(SIDESPINS, k)} rad/s"
+            found.append(Departure("mark", words, rms * radius, rms / sd_theta, int(pick.sum())))
+    return sorted(found, key=lambda d: -d.ratio)
+
+
 def in_words(comparison: Comparison) -> list[str]:
     """The largest departures as sentences."""
     noise = comparison.noise_m
     lines = []
-    for by, about in (("phase", "motion"), ("event", "events"), ("speed", "speed"), ("segment", "segments")):
+    for by, about in (
+        ("phase", "motion"),
+        ("event", "events"),
+        ("speed", "speed"),
+        ("mark", "turning"),
+        ("segment", "segments"),
+    ):
         groups = [d for d in comparison.where if d.by == by]
         if len(groups) >= 1:
             worst, best = max(groups, key=lambda d: d.ratio), min(groups, key=lambda d: d.ratio)

@@ -32,7 +32,8 @@ class Samples:
     spin: Array  # (n,) modelled sidespin [rad/s]
     motion: tuple[str, ...]  # (n,) "slide", "roll", "spin", "rest": what the ball does
     last: tuple[str, ...]  # (n,) what the ball met last: "strike", "ball", "cushion"
-    events: NDArray[np.int64]  # (n,) how many events the shot has had so far
+    events: NDArray[np.int64]  # (n,) how many events the ball has had so far
+    angle: Array  # (n,) turned angle of the mark, model minus measurement [rad]; NaN where unseen
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,8 @@ def run(out: Path, progress: Callable[[str], None]) -> int:
     notes = [f"{label}: {in_words(c)[0]}" for label, c in found]
     write_report(out / "report.html", "The shipped example", found, ladder=ladder, notes=notes, model=model)
     write_rrd(out / "review.rrd", found[-1][1])
-    print(f"\nwritten to {out}: model.toml, result.json, report.html (open in a browser), review.rrd (rerun {out}/review.rrd)")
+    print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
+    print(f"open {out / 'report.html'} in a browser, and the shots with: .venv/bin/rerun {out / 'review.rrd'}")
     return 0
 
 

@@ -87,12 +87,14 @@ def fit_segments(model: Model, clip_set: ClipSet, sigma: float, report: Report) 
         x, _ = fit_each(problem.evaluate, x, c, STEPS, problem.prior, SEGMENT_ROBUST, 8)
         good = np.flatnonzero(segment_ratios(problem, x, c) < MISCUT)
         if good.size < 3:
-            raise BadInput(f"only {good.size} smooth segments between events; film longer free runs, or check the table")
+            raise BadInput(
+                f"only {good.size} smooth segments between events; film longer free runs, or check the table"
+            )
         part = problem.only(good)
         robust = ROBUST * max(1.0, float(np.sqrt(np.mean(segment_ratios(problem, x, c)[good] ** 2))))
         joint = fit_joint(
             part.evaluate, x[good], c, STEPS, steps, part.prior, bounds, robust, 20 if last else 5,
-            report=lambda k, cost, _c: report(f"{good.size} segments, step {k}: loss {cost:.0f}"),
+            report=lambda k, cost, _c, n=good.size: report(f"{n} segments, step {k}: loss {cost:.0f}"),
         )  # fmt: skip
         c = joint.constants
     x[good] = joint.own
@@ -179,9 +181,7 @@ def fit(clip_set: ClipSet, model: Model, report: Report = lambda line: None, com
     return Fit(fitted, cov, all_names, converged, ratio, rate, tuple(rows))
 
 
-def _grow(
-    training: ClipSet, model: Model, names: tuple[str, ...], sigma: float, report: Report
-) -> tuple[Joint, float]:
+def _grow(training: ClipSet, model: Model, names: tuple[str, ...], sigma: float, report: Report) -> tuple[Joint, float]:
     problem = shot_problem(model, names, training, sigma)
     growth = Growth(problem, training, sigma)
     c = values_of(model, names)

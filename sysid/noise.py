@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sysid.clips import ClipSet
 from models.errors import BadInput
+from sysid.clips import ClipSet
 
 SMOOTH = np.sqrt(20.0)  # of third differences: 1 + 9 + 9 + 1
 

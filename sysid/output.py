@@ -43,6 +43,7 @@ class Progress:
 
 def write_json(path: str, data: Any) -> None:
     """Write a JSON file whole or not at all; NaN becomes null."""
+
     def plain(value: Any) -> Any:
         if isinstance(value, float):
             return value if math.isfinite(value) else None
@@ -81,7 +82,9 @@ def print_comparison(comparison: Comparison) -> None:
     mm = 1e3
     print(f"{len(comparison.clips)} clips, noise {comparison.noise_m * mm:.2f} mm an axis, model: "
           + (", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact"))  # fmt: skip
-    print(f"segments between events: median rms {s['segment_ratio_median']:.2f} of the noise ({len(comparison.segments)})")
+    print(
+        f"segments between events: median rms {s['segment_ratio_median']:.2f} of the noise ({len(comparison.segments)})"
+    )
     print(f"struck ball, whole clip: median {s['struck_rms_median_m'] * mm:.1f} mm rms")
     if any(c.held_out for c in comparison.clips):
         held = sum(c.held_out for c in comparison.clips)

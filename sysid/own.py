@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sysid.clips import Clip, ClipSet
-from sysid.problem import STEPS, Array, ShotProblem
+from sysid.problem import STEPS, Array, Index, ShotProblem
 from sysid.segments import event_times
 from sysid.solve import Prior, fit_each, loss
 
@@ -123,7 +123,7 @@ def _horizon(events: Array, stage: int, end: float, last: bool) -> float:
     return end if last or stage >= len(events) else min(float(events[stage]) - 1e-3, end)
 
 
-def _stage(problem: ShotProblem, x: Array, constants: Array, todo: Array, retry: bool) -> Array:
+def _stage(problem: ShotProblem, x: Array, constants: Array, todo: Index, retry: bool) -> Array:
     prior = Prior(problem.prior.mean[todo], problem.prior.sd[todo])
     best, cost = fit_each(problem.evaluate, x[todo], constants, STEPS, prior, ROBUST, 6, todo)
     if not retry:

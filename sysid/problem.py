@@ -82,7 +82,9 @@ class SegmentProblem:
 
 def segment_problem(model: Model, names: Sequence[str], segments: Sequence[Segment], sigma: float) -> SegmentProblem:
     """Set up segments with starting values: straight through the first samples, rolling."""
-    open_cloth = dataclasses.replace(model, table=dataclasses.replace(model.table, length=1e3, width=1e3, pockets=False))
+    open_cloth = dataclasses.replace(
+        model, table=dataclasses.replace(model.table, length=1e3, width=1e3, pockets=False)
+    )
     start, azimuth = np.zeros((len(segments), 7)), np.zeros(len(segments))
     for k, s in enumerate(segments):
         n = min(6, len(s.time))

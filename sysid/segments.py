@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shot import Table
 from models.shot import Ball as BallSize
+from models.shot import Table
 from sysid.clips import Clip, Observation
 
 Array = NDArray[np.float64]
@@ -156,5 +156,3 @@ def split_all(
     """Segments of a clip set with at least so many samples."""
     found = [s for k, clip in enumerate(clips) for s in split(k, clip, table, ball, sigma, fps)]
     return [s for s in found if len(s.time) >= least]
-
-

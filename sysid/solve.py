@@ -84,8 +84,10 @@ def fit_each(
     means, sds = np.broadcast_to(prior.mean, (n, p)), np.broadcast_to(prior.sd, (n, p))
     for _ in range(iterations):
         here = Prior(means[active], sds[active])
-        r, jac, _c = differences(evaluate, x[active], c, which[active], steps, np.zeros(0)) if c.size == 0 else _own(
-            evaluate, x[active], c, which[active], steps
+        r, jac, _c = (
+            differences(evaluate, x[active], c, which[active], steps, np.zeros(0))
+            if c.size == 0
+            else _own(evaluate, x[active], c, which[active], steps)
         )
         rp = here.residuals(x[active])
         cost[active] = loss(r, robust) + 0.5 * np.sum(rp * rp, axis=1)
@@ -121,9 +123,7 @@ def fit_each(
     return x, cost
 
 
-def _own(
-    evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array
-) -> tuple[Array, Array, Array]:
+def _own(evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array) -> tuple[Array, Array, Array]:
     """`differences` by the own unknowns alone, the constants held."""
 
     def held(rows: Array, _none: Array, numbers: NDArray[np.int64]) -> Array:
