@@ -113,6 +113,9 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
     comparison = room.compare(clip_set, found.model, progress)
     progress.close()
     print_comparison(comparison)
+    share = room.coverage(comparison, found.error_rate)
+    if share == share:
+        print(f"Held-out residuals inside the predicted 95 % band: {100 * share:.0f} %.")
     if args.json:
         import numpy as np
 
@@ -122,11 +125,12 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
                 "unit": found.model.meta(n)["unit"]}
             for n, sd in zip(found.names, sds, strict=True)
         }  # fmt: skip
-        write_json(
-            args.json,
-            {"format": "billiard-fit/1", "converged": found.converged, "error_rate": found.error_rate,
-             "segment_ratio": found.segment_ratio, "parameters": constants, "comparison": comparison.to_json()},
-        )  # fmt: skip
+        result = {
+            "format": "billiard-fit/1", "converged": found.converged, "error_rate": found.error_rate,
+            "segment_ratio": found.segment_ratio, "held_out_coverage": share, "parameters": constants,
+            "comparison": comparison.to_json(),
+        }  # fmt: skip
+        write_json(args.json, result)
     outputs(args, [("fitted", comparison)], room.in_words(comparison))
     return DONE if found.converged else FOUND
 

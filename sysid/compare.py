@@ -12,7 +12,7 @@ from sysid.clips import ClipSet
 from sysid.comparison import ClipRow, Comparison, Departure, Samples, SegmentRow
 from sysid.fit import MISCUT, SEGMENT_ROBUST, cloth_constants, segment_ratios, training_clips, values_of
 from sysid.noise import position_noise
-from sysid.own import fit_own, polish
+from sysid.own import events_and_ways, fit_own, polish
 from sysid.problem import STEPS, Array, ShotProblem, residual, segment_problem, shot_problem, theta_noise
 from sysid.segments import split_all
 from sysid.solve import fit_each
@@ -178,6 +178,25 @@ def departures(
     for row in sorted(rows, key=lambda r: -r.rms_m)[:5]:
         found.append(Departure("clip", row.file, row.rms_m, row.rms_m / np.sqrt(2) / sigma, counts[row.file]))
     return tuple(found)
+
+
+def coverage(comparison: Comparison, rate: float) -> float:
+    """Share of held-out residuals inside the 95 % band of noise and the model's error rate; NaN without any."""
+    clip_set, sigma = comparison.clip_set, comparison.noise_m
+    _, way = events_and_ways(clip_set, sigma)
+    inside = total = 0
+    for k, row in enumerate(comparison.clips):
+        if not row.held_out:
+            continue
+        track = comparison.tracks[k]
+        for b, name in enumerate(track.names):
+            seen = clip_set.clips[k].balls[name]
+            miss, _ = residual(track, b, seen, len(seen.time))
+            band = 1.96 * np.hypot(sigma, rate * way[k][name])[:, None]
+            moving = way[k][name] > 0
+            inside += int(np.sum(np.abs(miss[moving]) < band[moving]))
+            total += 2 * int(moving.sum())
+    return inside / total if total else float("nan")
 
 
 def _range(edges: Sequence[float], k: int) -> str:

@@ -94,11 +94,15 @@ def fit_segments(model: Model, clip_set: ClipSet, sigma: float, report: Report) 
         robust = ROBUST * max(1.0, float(np.sqrt(np.mean(segment_ratios(problem, x, c)[good] ** 2))))
         joint = fit_joint(
             part.evaluate, x[good], c, STEPS, steps, part.prior, bounds, robust, 20 if last else 5,
-            report=lambda k, cost, _c, n=good.size: report(f"{n} segments, step {k}: loss {cost:.0f}"),
+            report=_steps_of(report, f"{good.size} segments"),
         )  # fmt: skip
         c = joint.constants
     x[good] = joint.own
     return joint, names, float(np.median(segment_ratios(problem, x, c)))
+
+
+def _steps_of(report: Report, what: str) -> Callable[[int, float, Array], None]:
+    return lambda step, cost, _constants: report(f"{what}, step {step}: loss {cost:.0f}")
 
 
 def _scan(problem: SegmentProblem, model: Model, names: Sequence[str], c: Array, report: Report) -> Array:
@@ -199,7 +203,7 @@ def _grow(training: ClipSet, model: Model, names: tuple[str, ...], sigma: float,
         final = with_error(problem, sigma, rate, growth.way)
         joint = fit_joint(
             final.evaluate, x, c, STEPS, steps, problem.prior, bounds, ROBUST, 15, 3,
-            report=lambda k, cost, _c: report(f"whole shots together, step {k}: loss {cost:.0f}"),
+            report=_steps_of(report, "whole shots together"),
         )  # fmt: skip
         x, c = joint.own, joint.constants
         new = error_rate(growth, x, c)
