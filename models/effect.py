@@ -63,6 +63,7 @@ class Effect:
 
     slot: ClassVar[str] = ""  # effects of one slot replace each other; "" adds to the others
     last: ClassVar[bool] = False  # its forces react to what the others apply
+    varies: ClassVar[bool] = False  # its forces change along a step: they are taken at its middle; see `horizon`
     resolves: ClassVar[str] = ""  # the kind of impact whose contact it takes over from MuJoCo: "ball" or "cushion"
 
     @classmethod
@@ -91,11 +92,14 @@ class Effect:
         """Add forces and torques to `balls.force` and `balls.torque`."""
 
     def horizon(self, balls: Balls) -> Array | float:
-        """How long these forces stay as they are: (nsim,) or (nsim, nball) [s]."""
+        """How long these forces stay as they are, or vary so little that the middle of a step stands for all of it.
+
+        (nsim,) or (nsim, nball) [s].
+        """
         return np.inf
 
-    def impact(self, impact: Impact, rows: Array) -> None:
-        """Change `impact.restitution` and `impact.friction`; `rows` are the simulations the impacts belong to."""
+    def impact(self, impact: Impact, rows: Any) -> None:
+        """Change `impact.restitution` and `impact.friction`; `rows` (n,) are the simulations the impacts belong to."""
 
     def strike(self, velocity: Array, spin: Array) -> tuple[Array, Array]:
         """What the cue really delivers, (n, 2) and (n, 3), for the velocity and spin commanded."""

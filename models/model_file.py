@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib
 import math
@@ -24,6 +25,7 @@ from models.native import Native
 from models.shot import Ball, Table
 
 FORMAT = "billiard-model/1"
+SECTIONS = ("format", "table", "ball", "native", "effect", "fit")
 
 
 @cache
@@ -73,7 +75,7 @@ class Model:
         return (self.native, *sorted(active, key=lambda e: e.last))
 
     def parameters(self) -> dict[str, Any]:
-        """Values of the constants that matter, by `effect.parameter`; native terms only where no effect replaces them."""
+        """Values of the constants that matter, by `effect.parameter`; native terms only where nothing replaces them."""
         found: dict[str, Any] = {}
         slots = {e.slot for e in self.stack()}
         covered = {"cloth": ("slide", "roll", "spin"), "ball_impact": ("ball_",), "cushion_impact": ("cushion_",)}
@@ -117,22 +119,38 @@ def full_model(table: Table, ball: Ball) -> Model:
 def _numbers(entry: Any, where: str, kind: type[Effect]) -> tuple[dict[str, float], dict[str, Estimate]]:
     values, estimates = {}, {}
     known = kind.parameters()
+    if not isinstance(entry, dict):
+        raise BadInput(f"{where} is {entry!r}; give a table of parameters")
     for key, given in entry.items():
         if key not in known:
             near = get_close_matches(key, known, 1)
             hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"
             raise BadInput(f"{where}: unknown parameter {key!r}; {hint}")
         item = given if isinstance(given, dict) else {"value": given}
-        value, sd = item.get("value"), item.get("sd", math.nan)
+        value: Any = item.get("value")
+        sd: Any = item.get("sd", math.nan)
         for number in (value, sd):
             if not isinstance(number, int | float) or isinstance(number, bool):
                 raise BadInput(f"{where}: {key} is {number!r}; give a number [{known[key]['unit']}]")
         low, high = known[key]["bounds"]
         if value != known[key]["off"] and not low <= value <= high:
             raise BadInput(f"{where}: {key} = {value} lies outside {low} to {high} [{known[key]['unit']}]; correct it")
+        if sd <= 0 or math.isinf(sd):
+            raise BadInput(f"{where}: the sd of {key} is {sd}; give a positive number, or leave it out")
         values[key] = float(value)
         estimates[f"{kind.name()}.{key}"] = Estimate(float(sd), str(item.get("source", "")))
     return values, estimates
+
+
+def _size(data: Mapping[str, Any], path: Path, section: str, key: str) -> float:
+    """A length [m] or mass [kg] of the table or the ball."""
+    entry = data.get(section, {})
+    value: Any = entry.get(key) if isinstance(entry, dict) else None
+    if not isinstance(value, int | float) or isinstance(value, bool) or not 0 < value < math.inf:
+        raise BadInput(
+            f"{path} [{section}]: {key} is {value!r}; give a positive number [{'kg' if key == 'mass' else 'm'}]"
+        )
+    return float(value)
 
 
 def read_model(path: Path | str) -> Model:
@@ -146,18 +164,26 @@ def read_model(path: Path | str) -> Model:
         raise BadInput(f"{path}: not TOML ({error}); correct that line") from error
     if data.get("format") != FORMAT:
         raise BadInput(f"{path}: format is {data.get('format')!r}; this version reads {FORMAT}")
-    try:
-        table = Table(float(data["table"]["length"]), float(data["table"]["width"]), bool(data["table"]["pockets"]))
-        ball = Ball(float(data["ball"]["diameter"]), float(data["ball"]["mass"]))
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"{path}: [table] or [ball] lacks a number ({error}); give length, width, diameter, mass") from error
+    for key in data:
+        if key not in SECTIONS:
+            near = get_close_matches(key, SECTIONS, 1)
+            raise BadInput(f"{path}: unknown section {key!r}; did you mean {near[0] if near else ', '.join(SECTIONS)}?")
+    length, width = (_size(data, path, "table", key) for key in ("length", "width"))
+    diameter, mass = (_size(data, path, "ball", key) for key in ("diameter", "mass"))
+    pockets = data["table"].get("pockets")
+    if not isinstance(pockets, bool):
+        raise BadInput(f"{path} [table]: pockets is {pockets!r}; give true or false")
+    table, ball = Table(length, width, pockets), Ball(diameter, mass)
     values, estimates = _numbers(data.get("native", {}), f"{path} [native]", Native)
     model = Model(table, ball, Native(**values), fitted=data.get("fit", {}))
     entries = data.get("effect", [])
-    if not isinstance(entries, list):
-        raise BadInput(f"{path}: effects are written as [[effect]], found [effect]; double the brackets")
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise BadInput(f"{path}: effects are written as [[effect]] with a name and parameters; correct [effect]")
     for entry in entries:
-        kind = effect_class(str(entry.get("name", "")))
+        try:
+            kind = effect_class(str(entry.get("name", "")))
+        except BadInput as error:
+            raise BadInput(f"{path}: {error}") from error
         where = f"{path} effect {kind.name()}"
         values, known = _numbers({k: v for k, v in entry.items() if k != "name"}, where, kind)
         estimates |= known
@@ -194,4 +220,5 @@ def write_model(model: Model, path: Path | str) -> None:
     except OSError as error:
         raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from error
     finally:
-        scratch.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # where it was never made
+            scratch.unlink()

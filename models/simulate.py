@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from models.effect import Balls, Effect, Impact, of
-from models.impulse import collide
+from models.impulse import collide_rows
 from models.model_file import Model
 from models.native import GRAVITY
 from models.shot import Array, Event, Shot, Track
@@ -27,14 +27,16 @@ from models.touch import BALL, CUSHION, POCKET, native_step, next_touch
 from models.world import POCKET_MOUTH, build_spec
 
 CHUNK = 1024  # simulations at a time
-NATIVE_STEP = 1e-3  # longest step on native cloth [s]; its contact time is 4 ms
+NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
+NATIVE_RUN = 4  # of them between two looks at what comes next
+MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in [m] (Robotic Billiards 2015)
 DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
 RAILS = ("+x", "-x", "+y", "-y")
 FIELDS = ("pair_friction", "pair_solref", "opt.gravity", "body_mass", "body_inertia")  # that an edit may change
 MAX_STEPS = 200_000
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _spin_to_world(quat: Array, w: Array, inverse: bool) -> Array:
     """Rotate (nsim, nball, 3) vectors from ball to table frame by (nsim, nball, 4) quaternions, or back."""
     out = np.empty_like(w)
@@ -50,11 +52,12 @@ def _spin_to_world(quat: Array, w: Array, inverse: bool) -> Array:
     return out
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _record(
     rows: NDArray[np.int64], t0: Array, h: Array, times: Array, count: NDArray[np.int64], next_: NDArray[np.int64],
-    p0: Array, v0: Array, w0: Array, v1: Array, w1: Array, p1: Array, theta: Array, alive: NDArray[np.bool_], out: Array,
-) -> None:
+    p0: Array, v0: Array, w0: Array, v1: Array, w1: Array, p1: Array, theta: Array, alive: NDArray[np.bool_],
+    out: Array,
+) -> None:  # fmt: skip
     """Sample the step that just ended: positions by its parabola, velocity and spin linearly."""
     for k in range(rows.size):
         s = rows[k]
@@ -77,42 +80,6 @@ def _record(
             next_[s] += 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _collide_rows(
-    cushion: bool, hit: NDArray[np.int64], p: Array, v: Array, w: Array, e: Array, mu: Array, cloth: Array, m: float, r: float
-) -> None:
-    """Carry the balls of every row through their impact, in place."""
-    state = np.zeros(5 if cushion else 10)
-    for k in range(hit.shape[0]):
-        i, j = hit[k, 1], hit[k, 2]
-        if cushion:
-            sign = 1.0 - 2.0 * (j % 2)
-            bx, by = (sign, 0.0) if j < 2 else (0.0, sign)
-            ax, ay = by, -bx
-        else:
-            ax, ay = p[k, j, 0] - p[k, i, 0], p[k, j, 1] - p[k, i, 1]
-            d = np.sqrt(ax * ax + ay * ay)
-            ax, ay = ax / d, ay / d
-            bx, by = -ay, ax
-        for n in range(1 if cushion else 2):
-            b = i if n == 0 else j
-            o = 5 * n
-            state[o] = v[k, b, 0] * ax + v[k, b, 1] * ay
-            state[o + 1] = v[k, b, 0] * bx + v[k, b, 1] * by
-            state[o + 2] = w[k, b, 0] * ax + w[k, b, 1] * ay
-            state[o + 3] = w[k, b, 0] * bx + w[k, b, 1] * by
-            state[o + 4] = w[k, b, 2]
-        collide(cushion, state, e[k], (mu[k], cloth[k], m, r))
-        for n in range(1 if cushion else 2):
-            b = i if n == 0 else j
-            o = 5 * n
-            v[k, b, 0] = state[o] * ax + state[o + 1] * bx
-            v[k, b, 1] = state[o] * ay + state[o + 1] * by
-            w[k, b, 0] = state[o + 2] * ax + state[o + 3] * bx
-            w[k, b, 1] = state[o + 2] * ay + state[o + 3] * by
-            w[k, b, 2] = state[o + 4]
-
-
 @dataclass
 class _Group:
     """Shots of one number of balls, in one batch."""
@@ -120,6 +87,7 @@ class _Group:
     model: Model
     shots: Sequence[Shot]
     rows: NDArray[np.int64]  # of these shots among all, to pick per-simulation parameters
+    threads: int
 
     def __post_init__(self) -> None:
         """Compile the world and lay out the state."""
@@ -142,7 +110,7 @@ class _Group:
         self.reach = table.reach(ball)
         self.half = np.array([table.length / 2, table.width / 2])
         mouth = POCKET_MOUTH if table.pockets else 0.0
-        self.mouths = np.array([mouth / np.sqrt(2), mouth / 2, mouth / 2])
+        self.mouths = np.array([mouth / np.sqrt(2), MIDDLE_ACCEPTANCE if mouth else 0.0, mouth / 2])
         self._start()
 
     def _compile(self) -> Any:
@@ -151,18 +119,22 @@ class _Group:
 
         def world(effects: Sequence[Effect]) -> mujoco.MjModel:
             spec = build_spec(table, ball, names, effects)
-            if self.exact and self.resolved.all():
-                # Nothing is left for MuJoCo's contacts: the cloth carries the weight, step sizes are free.
+            if self.exact:
+                # The cloth carries the weight and holds the height: steps of any size, no support to sink into.
                 for pair in spec.pairs:
-                    spec.delete(pair)
+                    if self.resolved.all() or pair.classname.name == "ball_bed":
+                        spec.delete(pair)
                 for body in spec.bodies[1:]:
                     body.gravcomp = 1
             return spec.compile()
 
-        editors = [type(e).edit is not Effect.edit and any(np.ndim(getattr(e, k)) for k in e.parameters()) for e in self.effects]
+        editors = [
+            type(e).edit is not Effect.edit and any(np.ndim(getattr(e, k)) for k in e.parameters())
+            for e in self.effects
+        ]
         nsim = len(self.shots)
         first = world([e.select(0) if any(editors) else e for e in self.effects] if any(editors) else self.effects)
-        batch = mujoco.batch.Batch(first, nsim)
+        batch = mujoco.batch.Batch(first, nsim, nthread=self.threads)
         if any(editors) and first.npair:
             fields = {name: batch.expand(name) for name in FIELDS}
             for s in range(nsim):
@@ -203,12 +175,16 @@ class _Group:
         p, v = self.qpos[..., :3].copy(), self.qvel[..., :3].copy()
         w = self.qvel[..., 3:].copy()
         zero = np.zeros(len(rows))
-        _record(rows, zero, zero, self.times, self.count, self.next, p, v, w, v, w, p, self.theta, self.alive, self.samples)
+        _record(
+            rows, zero, zero, self.times, self.count, self.next, p, v, w, v, w, p, self.theta, self.alive, self.samples
+        )
         for _ in range(MAX_STEPS):
             rows = rows[self.next[rows] < self.count[rows]]
             if rows.size == 0:
                 break
             self._step(rows)
+        else:
+            raise RuntimeError(f"shot {self.rows[rows[0]]} has not come to its end after {MAX_STEPS} steps")
         return [self._track(k) for k in range(len(self.shots))]
 
     def _balls(self, rows: NDArray[np.int64]) -> Balls:
@@ -222,7 +198,7 @@ class _Group:
         balls = self._balls(rows)
         whole = rows.size == len(self.shots)
         effects = self.doers if whole else [e.select(rows) for e in self.doers]
-        limit = np.full(rows.size, np.inf if self.exact else NATIVE_STEP)
+        limit = np.full(rows.size, np.inf if self.exact else NATIVE_RUN * NATIVE_STEP)
         for effect in effects:
             effect.forces(balls)
         for effect in effects:
@@ -249,6 +225,11 @@ class _Group:
             hit[safe < step] = 0
             rough = safe <= self.fine[rows]
             step = np.minimum(step, safe)
+        if any(e.varies for e in effects):
+            middle = self._middle(balls, step)
+            for effect in effects:
+                effect.forces(middle)
+            balls.force, balls.torque = middle.force, middle.torque
         self._advance(rows, balls, step, rough)
         for kind, number in (("ball", BALL), ("cushion", CUSHION)):
             found = np.flatnonzero(hit[:, 0] == number)
@@ -257,18 +238,39 @@ class _Group:
         for k in np.flatnonzero(hit[:, 0] == POCKET):
             self._pot(int(rows[k]), int(hit[k, 1]))
 
+    @staticmethod
+    def _middle(balls: Balls, step: Array) -> Balls:
+        """The state half a step ahead under the present forces, with nothing acting yet."""
+        half = 0.5 * step[:, None, None]
+        velocity = balls.velocity + half * balls.force / balls.ball.mass
+        velocity[..., 2] = balls.velocity[..., 2]
+        return Balls(
+            balls.ball,
+            balls.position + 0.5 * half * (balls.velocity + velocity),
+            velocity,
+            balls.spin + half * balls.torque / balls.ball.inertia,
+            balls.normal,
+            np.zeros_like(balls.force),
+            np.zeros_like(balls.torque),
+        )
+
     def _advance(self, rows: NDArray[np.int64], balls: Balls, step: Array, rough: NDArray[np.bool_]) -> None:
         ball = balls.ball
         self.push[rows, 1:, :3] = balls.force
         self.push[rows, 1:, 3:] = balls.torque
         go = step > 0
-        self.timestep[rows[go]] = step[go].reshape(-1, *self.timestep.shape[1:])
-        self.batch.step(ids=rows[go])
+        parts = np.ones(rows.size, np.int64) if self.exact else np.ceil(step / NATIVE_STEP - 1e-9).astype(np.int64)
+        self.timestep[rows[go]] = (step[go] / parts[go]).reshape(-1, *self.timestep.shape[1:])
+        for number in np.unique(parts[go]):
+            self.batch.step(ids=rows[go & (parts == number)], nstep=int(number))
         v1 = self.qvel[rows, :, :3]
         if self.exact:
             # The semi-implicit step is ahead by half the change of velocity.
             behind = 0.5 * (step * ~rough)[:, None, None] * (v1 - balls.velocity)
             self.qpos[rows, :, :2] -= behind[..., :2] * go[:, None, None]
+            # A native nose presses the ball down, on a slate that does not give.
+            self.qpos[rows, :, 2] = np.where(self.alive[rows], ball.radius, self.qpos[rows, :, 2])
+            self.qvel[rows, :, 2] = 0
             w1 = balls.spin + balls.torque / ball.inertia * step[:, None, None]
             if rough.any():
                 w1[rough] = _spin_to_world(self.qpos[rows[rough], :, 3:], self.qvel[rows[rough], :, 3:], False)
@@ -312,7 +314,7 @@ class _Group:
         e = np.where(approach < DEAD, 0.0, np.clip(impact.restitution, 0.0, 1.5))
         cloth = np.broadcast_to(of(getattr(self.cloth or self.effects[0], "slide", 0.0), rows), rows.shape).copy()
         mu = np.maximum(impact.friction, 0.0)
-        _collide_rows(kind == "cushion", hit, p, v, w, e, mu, cloth, ball.mass, ball.radius)
+        collide_rows(kind == "cushion", hit, p, v, w, e, mu, cloth, ball.mass, ball.radius)
         self.qvel[rows, :, :3] = v
         self.qvel[rows, :, 3:] = _spin_to_world(quat, w, True)
         for k, s in enumerate(rows):
@@ -323,6 +325,7 @@ class _Group:
     def _pot(self, s: int, i: int) -> None:
         self.events[s].append(Event(float(self.clock[s]), "pocket", (self.shots[s].names[i],)))
         self.alive[s, i] = False
+        self.qpos[s, i, 2] = -1.0 - i  # out of the way of native contacts
         self.qvel[s, i] = 0
 
     def _track(self, k: int) -> Track:
@@ -333,17 +336,44 @@ class _Group:
         )  # fmt: skip
 
 
-def simulate(model: Model, shots: Sequence[Shot], progress: Callable[[int], None] | None = None) -> list[Track]:
+def _check(model: Model, shots: Sequence[Shot]) -> None:
+    """Raise ValueError, which names the offender, for shots and parameters that do not fit together."""
+    for effect in model.stack():
+        for key in effect.parameters():
+            shape, name = np.shape(getattr(effect, key)), f"{effect.name()}.{key}"
+            if shape not in ((), (len(shots),)):
+                raise ValueError(f"{name} has shape {shape}; give one number, or one for each of {len(shots)} shots")
+    for k, shot in enumerate(shots):
+        n, times = len(shot.names), np.asarray(shot.times, float)
+        if n == 0:
+            raise ValueError(f"shot {k} has no balls; name at least one")
+        for name, shape in (("position", (n, 2)), ("velocity", (n, 2)), ("spin", (n, 3)), ("times", (times.size,))):
+            value = np.asarray(getattr(shot, name), float)
+            if value.shape != shape:
+                raise ValueError(f"shot {k}: {name} has shape {value.shape}; {n} balls need {shape}")
+            if not np.isfinite(value).all():
+                raise ValueError(f"shot {k}: {name} holds {value[~np.isfinite(value)][0]}; give finite numbers")
+        if times.size and (times[0] < 0 or (times[1:] < times[:-1]).any()):
+            raise ValueError(f"shot {k}: times go backwards or below 0; give increasing times from 0")
+        if not (shot.max_step > 0 and shot.impact_step > 0):
+            raise ValueError(f"shot {k}: max_step {shot.max_step}, impact_step {shot.impact_step}; both must exceed 0")
+
+
+def simulate(
+    model: Model, shots: Sequence[Shot], progress: Callable[[int], None] | None = None, *, threads: int = 0
+) -> list[Track]:
     """Play shots on a model; a parameter that is an array gives each shot its own value.
 
     Args:
         model: table, ball and effects; parameters are numbers or (len(shots),) arrays.
         shots: the balls' states at t = 0 and the times wanted.
         progress: called with the number of shots done.
+        threads: that step the simulations; 0 for one a core.
 
     Returns:
-        A track for every shot, in order; the same bytes at any thread count.
+        A track for every shot, in order; the same bytes at any thread count, whatever else is in the batch.
     """
+    _check(model, shots)
     tracks: list[Track | None] = [None] * len(shots)
     sizes = np.array([len(s.names) for s in shots])
     done = 0
@@ -351,7 +381,7 @@ def simulate(model: Model, shots: Sequence[Shot], progress: Callable[[int], None
         rows = np.flatnonzero(sizes == size)
         for start in range(0, rows.size, CHUNK):
             part = rows[start : start + CHUNK]
-            for k, track in zip(part, _Group(model, [shots[r] for r in part], part).run(), strict=True):
+            for k, track in zip(part, _Group(model, [shots[r] for r in part], part, threads).run(), strict=True):
                 tracks[k] = track
             done += part.size
             if progress:

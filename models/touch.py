@@ -20,7 +20,7 @@ PUSH_STEP = 1e-3  # step while something is pressed against something without mo
 AWAY = 1e-9  # approach speed below which a touch is no impact [m/s]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _value(c: Array, t: float) -> float:
     total = 0.0
     for k in range(c.size - 1, -1, -1):
@@ -28,7 +28,7 @@ def _value(c: Array, t: float) -> float:
     return total
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _root(c: Array, low: float, high: float) -> float:
     """The root of a polynomial in an interval where it changes sign once: bisection, then Newton kept inside."""
     flow = _value(c, low)
@@ -53,7 +53,7 @@ def _root(c: Array, low: float, high: float) -> float:
     return x
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _breaks(c: Array, h: float, inner: Array, count: int, out: Array) -> int:
     """Roots of c within (0, h), given the `count` roots of its derivative there; returns how many."""
     found = 0
@@ -67,7 +67,7 @@ def _breaks(c: Array, h: float, inner: Array, count: int, out: Array) -> int:
     return found
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def first_fall(c: Array, h: float) -> float:
     """First time in [0, h] at which a quartic that is not negative at 0 falls through zero; inf where it does not."""
     n = c.size - 1
@@ -92,7 +92,7 @@ def first_fall(c: Array, h: float) -> float:
     return np.inf
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _fall(c: Array, h: float) -> float:
     """Time of touch for a gap c0 + c1 t + ...; 0 where it is closed and closing, -1 where it is pressed at rest."""
     if c[0] <= 1e-13:
@@ -107,7 +107,7 @@ def _fall(c: Array, h: float) -> float:
     return first_fall(c, h)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _line(gap: float, v: float, a: float, h: float) -> float:
     """The same for a straight line, approached at speed v and acceleration a."""
     if gap <= 1e-13:
@@ -126,7 +126,7 @@ def _line(gap: float, v: float, a: float, h: float) -> float:
     return t if t <= h else np.inf
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def next_touch(
     position: Array,
     velocity: Array,
@@ -156,7 +156,7 @@ def next_touch(
                 continue
             p, v, a = position[s, i], velocity[s, i], acceleration[s, i]
             moving = v[0] != 0.0 or v[1] != 0.0 or a[0] != 0.0 or a[1] != 0.0
-            if moving and what[1]:
+            if moving and (what[1] or mouths[0] > 0.0):
                 for rail in range(4):
                     k = rail // 2
                     sign = 1.0 - 2.0 * (rail % 2)
@@ -164,7 +164,7 @@ def next_touch(
                     if t == np.inf:
                         continue
                     if t < 0.0:
-                        push = min(push, PUSH_STEP)
+                        push = min(push, PUSH_STEP) if what[1] else push
                         continue
                     o = 1 - k
                     along = abs(p[o] + v[o] * t + 0.5 * a[o] * t * t)
@@ -172,14 +172,12 @@ def next_touch(
                         t = _line(half[k] - sign * p[k], sign * v[k], sign * a[k], h)
                         if 0.0 <= t < h:
                             h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, rail
-                    elif t < h or (t == h and hit[s, 0] == 0):
+                    elif what[1] and (t < h or (t == h and hit[s, 0] == 0)):
                         h, hit[s, 0], hit[s, 1], hit[s, 2] = t, CUSHION, i, rail
             if moving and mouths[0] > 0.0:
                 qx, qy = abs(p[0]) - half[0], abs(p[1]) - half[1]
                 sx, sy = math.copysign(1.0, p[0]), math.copysign(1.0, p[1])
-                t = _circle(
-                    c, qx, qy, sx * v[0], sy * v[1], sx * a[0], sy * a[1], mouths[2], h
-                )
+                t = _circle(c, qx, qy, sx * v[0], sy * v[1], sx * a[0], sy * a[1], mouths[2], h)
                 if 0.0 <= t < h:
                     h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, -1
             if not what[0]:
@@ -201,7 +199,7 @@ def next_touch(
     return step, hit
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _circle(
     c: Array, x: float, y: float, vx: float, vy: float, ax: float, ay: float, distance: float, h: float
 ) -> float:
@@ -217,10 +215,16 @@ def _circle(
     return _fall(c, h)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def native_step(
-    position: Array, velocity: Array, alive: NDArray[np.bool_], radius: float, reach: Array, what: NDArray[np.bool_],
-    fine: Array, coarse: Array,
+    position: Array,
+    velocity: Array,
+    alive: NDArray[np.bool_],
+    radius: float,
+    reach: Array,
+    what: NDArray[np.bool_],
+    fine: Array,
+    coarse: Array,
 ) -> Array:
     """A safe step where MuJoCo's own contacts act: up to the next touch at present speed, fine while touching."""
     nsim, nball = alive.shape
@@ -245,7 +249,7 @@ def native_step(
     return step
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _safe(gap: float, closing: float, fine: float) -> float:
     if gap <= 0.0:
         return fine if abs(closing) > 1e-6 else np.inf

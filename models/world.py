@@ -2,11 +2,14 @@
 
 The bed is a box that ends at the nose lines, so that a ball leaving through a pocket falls. A cushion is a capsule
 whose surface a ball meets at 7R/5, its centre R cos(theta) from the nose line, sin(theta) = 2/5. Everything touches
-through explicit pairs of the classes ball_bed, ball_ball and ball_cushion.
+through explicit pairs of the classes ball_bed, ball_ball and ball_cushion. What is only seen is added on demand
+(models/furniture.py). `python -m models.world OUT.xml` writes a world as plain MJCF.
 """
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +18,14 @@ import mujoco
 import numpy as np
 
 from models.effect import Effect
+from models.errors import BadInput
+from models.furniture import furnish
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball, Table
 
 BASE = Path(__file__).with_name("base.xml")
 NOSE_RADIUS = 0.002  # of the capsule that stands for the nose [m]
 POCKET_MOUTH = 0.090  # of all six pockets [m] (Robotic Billiards 2015)
 BED_DEPTH = 0.05  # [m]
-RAIL = 0.12  # width of the wooden frame with its rubber [m]
 
 COLOURS = {
     "white": (0.96, 0.95, 0.90),
@@ -49,6 +53,11 @@ class Rail:
     start: tuple[float, float]  # on the nose line [m]
     end: tuple[float, float]
 
+    @property
+    def outward(self) -> Array:
+        """Unit vector from the table into the cushion: (2,)."""
+        return np.array([self.side[1] == "x", self.side[1] == "y"]) * (1.0 if self.side[0] == "+" else -1.0)
+
 
 def rails(table: Table) -> tuple[Rail, ...]:
     """The cushions of a table: four, or six between the pockets."""
@@ -75,48 +84,19 @@ def pockets(table: Table) -> Array:
 
 
 def _add_table(spec: mujoco.MjSpec, table: Table, radius: float) -> None:
-    world = spec.worldbody
+    """What balls touch: the bed, and a capsule for each nose."""
     lx, ly = table.length / 2, table.width / 2
-    world.add_geom(
-        spec.find_default("bed"), name="bed", size=[lx, ly, BED_DEPTH / 2], pos=[0, 0, -BED_DEPTH / 2]
-    )
+    depth = BED_DEPTH / 2
+    spec.worldbody.add_geom(spec.find_default("bed"), name="bed", size=[lx, ly, depth], pos=[0, 0, -depth])
     height = radius + (radius + NOSE_RADIUS) * NOSE_SINE
     for number, rail in enumerate(rails(table)):
-        normal = np.array([rail.side[1] == "x", rail.side[1] == "y"]) * (1.0 if rail.side[0] == "+" else -1.0)
-        shift = NOSE_RADIUS * NOSE_COSINE * normal
+        shift = NOSE_RADIUS * NOSE_COSINE * rail.outward
         ends = [np.append(np.array(p) + shift, height) for p in (rail.start, rail.end)]
-        world.add_geom(
+        spec.worldbody.add_geom(
             spec.find_default("cushion"),
             name=f"cushion {number} {rail.side}",
             size=[NOSE_RADIUS, 0, 0],
             fromto=np.concatenate(ends),
-        )
-        # What the eye sees of the rail: rubber down to the bed, and wood behind it.
-        along = np.abs(ends[1] - ends[0])[:2] / 2
-        middle = (np.array(rail.start) + np.array(rail.end)) / 2
-        for name, near, far, top, material in (
-            ("rubber", NOSE_RADIUS, 0.05, height, "rubber"),
-            ("wood", 0.05, RAIL, height + 0.004, "wood"),
-        ):
-            depth = (far - near) / 2
-            size = np.where(np.abs(normal) > 0, depth, along)
-            at = middle + normal * (near + depth)
-            world.add_geom(
-                spec.find_default("fixture"),
-                name=f"{name} {number}",
-                material=material,
-                size=[*size, (top + BED_DEPTH) / 2],
-                pos=[*at, (top - BED_DEPTH) / 2],
-            )
-    for number, (x, y) in enumerate(pockets(table)):
-        out = np.sign([x, y]) * (0.028 if x else 0.0) + np.array([0.0, np.sign(y) * (0.0 if x else 0.035)])
-        world.add_geom(
-            spec.find_default("fixture"),
-            name=f"pocket {number}",
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            material="leather",
-            size=[POCKET_MOUTH * 0.62, height / 2 + 0.004, 0],
-            pos=[x + out[0], y + out[1], height / 2],
         )
 
 
@@ -129,13 +109,19 @@ def _add_camera(spec: mujoco.MjSpec, name: str, eye: Array, target: Array, fovy:
     camera.alt.xyaxes = np.concatenate([right, np.cross(back, right)])
 
 
-def build_spec(table: Table, ball: Ball, names: Sequence[str], effects: Sequence[Effect] = ()) -> mujoco.MjSpec:
-    """The world of a table with its balls, edited by the effects in their order."""
+def build_spec(
+    table: Table, ball: Ball, names: Sequence[str], effects: Sequence[Effect] = (), *, furnished: bool = False
+) -> mujoco.MjSpec:
+    """The world of a table with its balls, edited by the effects in their order; `furnished` to be looked at."""
     spec = mujoco.MjSpec.from_file(str(BASE))
     _add_table(spec, table, ball.radius)
+    if furnished:
+        noses = [(np.array([rail.start, rail.end]), rail.outward) for rail in rails(table)]
+        furnish(spec, table, ball.radius, noses, pockets(table))
     size = np.hypot(table.length, table.width)
     _add_camera(spec, "overhead", np.array([0.0, 0.0, 1.05 * table.length]), np.zeros(3), 45.0)
-    _add_camera(spec, "corner", np.array([-0.52, -0.62, 0.36]) * size, np.array([0.03, 0.02, 0.0]) * size, 38.0)
+    _add_camera(spec, "baulk", np.array([-0.95, 0.0, 0.42]) * size, np.array([-0.06, 0.0, 0.0]) * size, 34.0)
+    _add_camera(spec, "corner", np.array([-0.62, -0.68, 0.48]) * size, np.array([-0.035, -0.03, -0.07]) * size, 37.0)
     cushions = [g.name for g in spec.geoms if g.name.startswith("cushion")]
     for name in names:
         body = spec.worldbody.add_body(name=name, pos=[0, 0, ball.radius])
@@ -143,9 +129,7 @@ def build_spec(table: Table, ball: Ball, names: Sequence[str], effects: Sequence
         inertia = ball.inertia
         body.explicitinertial = True
         body.mass, body.inertia, body.ipos = ball.mass, [inertia] * 3, [0, 0, 0]
-        body.add_geom(
-            spec.find_default("ball"), name=f"ball {name}", size=[ball.radius, 0, 0], rgba=[*colour(name), 1]
-        )
+        body.add_geom(spec.find_default("ball"), name=f"ball {name}", size=[ball.radius, 0, 0], rgba=[*colour(name), 1])
     for i, name in enumerate(names):
         spec.add_pair(spec.find_default("ball_bed"), geomname1=f"ball {name}", geomname2="bed")
         for other in names[i + 1 :]:
@@ -160,3 +144,48 @@ def build_spec(table: Table, ball: Ball, names: Sequence[str], effects: Sequence
 def build_model(table: Table, ball: Ball, names: Sequence[str], effects: Sequence[Effect] = ()) -> mujoco.MjModel:
     """The compiled world."""
     return build_spec(table, ball, names, effects).compile()
+
+
+def export(table: Table, ball: Ball, names: Sequence[str], path: Path | str) -> None:
+    """Write the world as plain MJCF for any MuJoCo viewer, whole or not at all; the balls wait side by side."""
+    from models.native import native_for  # it needs a spec's pairs, which are made here
+
+    path, gap = Path(path), ball.diameter * 1.5
+    spec = build_spec(table, ball, names, (native_for(ball),), furnished=True)
+    for k, name in enumerate(names):
+        spec.body(name).pos[0] = (k - (len(names) - 1) / 2) * gap
+    spec.compile()
+    scratch = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch.write_text(spec.to_xml(), encoding="utf-8")
+        scratch.replace(path)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write a table with a few balls as MJCF."""
+    parser = argparse.ArgumentParser(prog="python -m models.world", description=main.__doc__)
+    parser.add_argument("out", type=Path, metavar="OUT.xml")
+    parser.add_argument("--length", type=float, default=3.569, help="cushion to cushion [m]")
+    parser.add_argument("--width", type=float, default=1.778, help="[m]")
+    parser.add_argument("--diameter", type=float, default=0.0525, help="of the balls [m]")
+    parser.add_argument("--mass", type=float, default=0.1406, help="of a ball [kg]")
+    parser.add_argument("--no-pockets", action="store_true")
+    parser.add_argument("--balls", default="white,yellow,red", help="names, which choose the colours")
+    given = parser.parse_args(arguments)
+    table, ball = Table(given.length, given.width, not given.no_pockets), Ball(given.diameter, given.mass)
+    try:
+        for name in ("length", "width", "diameter", "mass"):
+            if not 0 < getattr(given, name) < np.inf:
+                raise BadInput(f"--{name} is {getattr(given, name)}; give a positive number")
+        export(table, ball, given.balls.split(","), given.out)
+    except BadInput as error:
+        print(f"models.world: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

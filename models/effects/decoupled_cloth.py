@@ -92,5 +92,3 @@ class DecoupledCloth(Effect):
         wz, dwz = balls.spin[..., 2], balls.torque[..., 2] / inertia
         spinning = (np.abs(wz) > STILL_SPIN) & (wz * dwz < 0)
         return np.minimum(end, np.where(spinning, -wz / np.where(spinning, dwz, 1.0), np.inf))
-
-

@@ -1,0 +1,235 @@
+"""What the eye sees of a table and no ball touches: rubber, wood, pockets, lines, spots, legs.
+
+Everything here is in the default class `fixture`, without contacts. Shapes are swept or sliced into meshes: a cushion
+is a profile swept along its nose, rounded at the jaws; the frame is mitred and cut out around the pockets. Sizes are
+those of no make in particular; lines and spots follow the rules of snooker, scaled by the table's length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from models.shot import NOSE_HEIGHT, Array, Table
+
+FULL_LENGTH = 3.569  # of the table that the rules' measures below are for [m]
+BAULK, SEMICIRCLE, BLACK = 0.737, 0.292, 0.324  # baulk line, radius of the D, black spot from the cushion [m]
+RUBBER, FRAME = 0.05, 0.13  # where the rubber ends and the frame ends, from the nose line [m]
+BACK = RUBBER + 0.004  # where the rubber ends under the frame [m]
+BEVEL = 0.008  # of the frame [m]
+LIP = 0.006  # of the frame over the nose [m]
+APRON = 0.16  # depth of the frame [m]
+HEIGHT = 0.86  # of the playing surface over the floor [m]
+CORNER, MIDDLE = (0.012, 0.052), (0.040, 0.048)  # pockets: centre beyond the nose line, radius [m]
+LEATHER = 0.007  # thickness [m]
+JAWS = {"corner": (0.055, 0.95), "middle": (0.022, 1.3), "": (0.0, 0.0)}  # radius [m], angle [rad]
+ARC = 24  # pieces of a rounding
+
+
+def spots(table: Table) -> dict[str, Array]:
+    """Places of the colours, baulk towards -x: name -> (2,) [m]."""
+    k, end = table.length / FULL_LENGTH, table.length / 2
+    line = -end + BAULK * k
+    places = {"yellow": (line, -SEMICIRCLE * k), "brown": (line, 0), "green": (line, SEMICIRCLE * k)}
+    places |= {"blue": (0, 0), "pink": (end / 2, 0), "black": (end - BLACK * k, 0)}
+    return {name: np.array(xy, float) for name, xy in places.items()}
+
+
+def _mesh(spec: mujoco.MjSpec, name: str, material: str, vertices: Array, faces: Array) -> None:
+    """A closed surface, its faces turned outward."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal, axis=1)
+    faces, a, normal, size = faces[size > 1e-9], a[size > 1e-9], normal[size > 1e-9], size[size > 1e-9]
+    if np.sum(a * normal) < 0:
+        faces, normal = faces[:, ::-1], -normal
+    flat = np.repeat(np.arange(len(faces)), 3)  # normals averaged over thin faces would catch light
+    mesh = spec.add_mesh(
+        name=name,
+        uservert=np.ravel(vertices),
+        userface=np.ravel(faces),
+        usernormal=np.ravel(normal / size[:, None]),
+        userfacenormal=flat,
+    )
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    spec.worldbody.add_geom(
+        spec.find_default("fixture"), name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, material=material
+    )
+
+
+def _grid(spec: mujoco.MjSpec, name: str, material: str, grid: Array) -> None:
+    """A solid of n sections of m points each (n, m, 3), every section a closed polygon, both ends capped."""
+    n, m = grid.shape[:2]
+    faces = []
+    for i in range(n - 1):
+        for j in range(m):
+            a, b = i * m + j, i * m + (j + 1) % m
+            faces += [(a, b, b + m), (a, b + m, a + m)]
+    for j in range(1, m - 1):
+        faces += [(0, j + 1, j), ((n - 1) * m, (n - 1) * m + j, (n - 1) * m + j + 1)]
+    _mesh(spec, name, material, grid.reshape(-1, 3), np.array(faces))
+
+
+def _sweep(
+    spec: mujoco.MjSpec, name: str, material: str, path: Array, normal: Array, profile: Sequence[Sequence[float]]
+) -> None:
+    """A profile of (offset along the normal, height) swept along a path (n, 2) with its normals (n, 2)."""
+    shape = np.array(profile, float)
+    flat = path[:, None, :] + shape[None, :, :1] * normal[:, None, :]
+    grid = np.concatenate([flat, np.broadcast_to(shape[:, 1:], (*flat.shape[:2], 1))], axis=2)
+    _grid(spec, name, material, grid)
+
+
+def _turn(angles: Array) -> Array:
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def _box(spec: mujoco.MjSpec, name: str, material: str, low: Sequence[float], high: Sequence[float]) -> None:
+    a, b = np.array(low, float), np.array(high, float)
+    spec.worldbody.add_geom(
+        spec.find_default("fixture"), name=name, material=material, size=(b - a) / 2, pos=(a + b) / 2
+    )
+
+
+def _disc(spec: mujoco.MjSpec, name: str, material: str, xy: Array, radius: float, low: float, high: float) -> None:
+    spec.worldbody.add_geom(
+        spec.find_default("fixture"),
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        material=material,
+        size=[radius, (high - low) / 2, 0],
+        pos=[*xy, (low + high) / 2],
+    )
+
+
+def _jaw(table: Table, point: Array) -> str:
+    """What a cushion's end belongs to."""
+    if not table.pockets:
+        return ""
+    return "middle" if abs(point[0]) < table.length / 4 else "corner"
+
+
+def _cushion(spec: mujoco.MjSpec, number: int, table: Table, ends: Array, outward: Array, nose: float) -> None:
+    """Rubber along a nose, its ends rounded off into the pockets or mitred into the corner."""
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    path, normals = [], []
+    for point, forward in ((ends[0], -along), (ends[1], along)):
+        radius, angle = JAWS[_jaw(table, point)]
+        turn = np.linspace(0.0, angle, ARC if radius else 1)[:, None]
+        centre = point - forward * radius * np.sin(angle) + radius * outward
+        normal = outward * np.cos(turn) - forward * np.sin(turn) if radius else (outward + forward)[None]
+        arc = centre - radius * normal
+        path.append(arc[::-1] if forward is not along else arc)
+        normals.append(normal[::-1] if forward is not along else normal)
+    line, facing = np.concatenate(path), np.concatenate(normals)
+    top, level = nose + LIP - 0.001, float(ends[0] @ outward)
+    back = line + (level + BACK - line @ outward)[:, None] * facing / (facing @ outward)[:, None]
+    if table.pockets:  # straight behind the jaws
+        back = line + (level + BACK - line @ outward)[:, None] * outward
+    front = ((0.010, 0.0), (0.0, nose - 0.004), (0.0015, nose + 0.002), (0.012, nose + 0.004))
+    points = [(line + d * facing, z) for d, z in front] + [(back, top), (back, 0.0)]
+    grid = np.stack([np.column_stack([xy, np.full(len(xy), z)]) for xy, z in points], axis=1)
+    _grid(spec, f"rubber {number}", "rubber", grid)
+
+
+def _hole(table: Table, x: float, y: float) -> tuple[Array, float]:
+    """Centre (2,) and radius of the opening of the pocket at (x, y) [m]."""
+    beyond, radius = CORNER if x else MIDDLE
+    return np.array([x, y]) + beyond * np.sign([x, y]), radius
+
+
+def _frame(spec: mujoco.MjSpec, table: Table, pockets: Array, top: float) -> None:
+    """Four mitred boards, cut out around the pockets."""
+    size = np.array([table.length, table.width]) / 2
+    for side in range(4):
+        k, sign = side // 2, 1.0 if side % 2 == 0 else -1.0
+        half, across = size[1 - k], size[k]  # the board runs along axis 1 - k
+        cuts = []  # places along and across of the openings that this board meets
+        for x, y in pockets:
+            (cx, cy), radius = _hole(table, x, y)
+            at, off = (cy, cx * sign) if k == 0 else (cx, cy * sign)
+            if off > across - 0.01 and not (k == 0 and x == 0):
+                cuts.append((at, off - across, radius + LEATHER))
+        u = [np.array([-half - FRAME, half + FRAME])]
+        u += [at + radius * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 2 * ARC + 1)) for at, _, radius in cuts]
+        u += [np.array([-half - RUBBER, half + RUBBER])]
+        places = np.unique(np.concatenate(u).round(3).clip(-half - FRAME, half + FRAME))  # no slivers: they catch light
+        inner = np.maximum(RUBBER, np.abs(places) - half)
+        for at, off, radius in cuts:
+            reach = np.sqrt(np.maximum(radius**2 - (places - at) ** 2, 0.0))
+            inner = np.where(reach > 0, np.maximum(inner, off + reach), inner)
+        near, bevel = np.minimum(inner, FRAME - BEVEL), FRAME - BEVEL
+        rows = []
+        for place, d in zip(places, near, strict=True):
+            edge = ((d, -APRON), (d, top), (bevel, top), (FRAME, top - BEVEL), (FRAME, -APRON))
+            at = [(across + off, np.clip(place, -half - off, half + off), z) for off, z in edge]
+            rows.append([(sign * x, y, z) if k == 0 else (y, sign * x, z) for x, y, z in at])
+        _grid(spec, f"wood {side}", "wood", np.array(rows))
+
+
+def _pocket(spec: mujoco.MjSpec, number: int, table: Table, x: float, y: float, top: float) -> None:
+    """A black hole in the cloth with leather around its back."""
+    centre, radius = _hole(table, x, y)
+    _disc(spec, f"pocket {number}", "hole", centre, radius, -APRON, 0.0006)
+    facing = np.arctan2(np.sign(y), np.sign(x))
+    spread = 1.95 if x else 1.5
+    angles = np.linspace(facing - spread, facing + spread, 2 * ARC)
+    out = _turn(angles)
+    profile = (
+        (0.0, -0.1),
+        (0.0, top + 0.001),
+        (0.002, top + 0.003),
+        (LEATHER + 0.004, top + 0.003),
+        (LEATHER + 0.006, top),
+        (LEATHER, -0.1),
+    )
+    _sweep(spec, f"leather {number}", "leather", centre + radius * out, out, profile)
+
+
+def _markings(spec: mujoco.MjSpec, table: Table) -> None:
+    """Baulk line, D and spots."""
+    k = table.length / FULL_LENGTH
+    places = spots(table)
+    line, thick, up = places["brown"][0], 0.0015, 0.0004
+    _box(spec, "baulk line", "line", (line - thick, -table.width / 2, 0), (line + thick, table.width / 2, up))
+    out = _turn(np.linspace(np.pi / 2, 1.5 * np.pi, 4 * ARC))
+    profile = ((-thick, 0.0), (-thick, up), (thick, up), (thick, 0.0))
+    _sweep(spec, "D", "line", places["brown"] + SEMICIRCLE * k * out, out, profile)
+    for name, xy in places.items():
+        _disc(spec, f"spot {name}", "line", xy, 0.004, 0.0, 0.0006)
+
+
+def _stand(spec: mujoco.MjSpec, table: Table) -> None:
+    """Legs and floor."""
+    lx, ly = table.length / 2, table.width / 2
+    for i, x in enumerate(np.array([-0.92, -0.32, 0.32, 0.92]) * lx):
+        for j, y in enumerate((-ly + 0.05, ly - 0.05)):
+            _disc(spec, f"leg {i}{j}", "wood", np.array([x, y]), 0.07, -HEIGHT, -0.05)
+            _disc(spec, f"foot {i}{j}", "wood", np.array([x, y]), 0.09, -HEIGHT, -HEIGHT + 0.06)
+    spec.worldbody.add_geom(
+        spec.find_default("fixture"),
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        material="carpet",
+        size=[8, 8, 1],
+        pos=[0, 0, -HEIGHT],
+    )
+
+
+def furnish(
+    spec: mujoco.MjSpec, table: Table, radius: float, noses: Sequence[tuple[Array, Array]], pockets: Array
+) -> None:
+    """Add everything that is only seen; `noses`: ends (2, 2) and outward (2,) of every cushion, [m]."""
+    nose = NOSE_HEIGHT * radius
+    lx, ly = table.length / 2, table.width / 2
+    _box(spec, "slate", "cloth", (-lx - RUBBER, -ly - RUBBER, -0.04), (lx + RUBBER, ly + RUBBER, -0.0004))
+    for number, (ends, outward) in enumerate(noses):
+        _cushion(spec, number, table, ends, outward, nose)
+    _frame(spec, table, pockets, nose + LIP)
+    for number, (x, y) in enumerate(pockets):
+        _pocket(spec, number, table, x, y, nose + LIP)
+    if table.pockets:
+        _markings(spec, table)
+    _stand(spec, table)

@@ -1,0 +1,116 @@
+"""Off-screen pictures of a table with its balls, drawn by MuJoCo from the MJCF.
+
+`python -m models.render OUT.png` draws a full-size snooker table with all balls on their spots.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import BadInput
+from models.gl import choose_backend, require_rendering
+
+choose_backend()  # before MuJoCo is imported
+
+import cv2  # noqa: E402
+import mujoco  # noqa: E402
+
+from models.furniture import spots  # noqa: E402
+from models.shot import Array, Ball, Table  # noqa: E402
+from models.world import build_spec  # noqa: E402
+
+SNOOKER_TABLE, SNOOKER_BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)  # full size
+CAMERAS = ("corner", "overhead", "baulk")
+CLEAR = 0.0005  # between balls that are racked [m]
+
+
+def racked(table: Table, ball: Ball) -> dict[str, Array]:
+    """All 22 balls of snooker on their spots, the white in the D: name -> (2,) [m]."""
+    places = spots(table)
+    step = ball.diameter + CLEAR
+    apex = places["pink"] + [step + CLEAR, 0.0]
+    rows = [(row, k) for row in range(5) for k in range(row + 1)]
+    for number, (row, k) in enumerate(rows, start=1):
+        places[f"red {number}"] = apex + step * np.array([row * np.sqrt(0.75), k - row / 2])
+    places["white"] = places["brown"] + [-0.1 * table.length / 3.569, 0.11 * table.width / 1.778]
+    return places
+
+
+def render(
+    table: Table,
+    ball: Ball,
+    names: Sequence[str],
+    positions: Array,
+    *,
+    camera: str = "corner",
+    size: tuple[int, int] = (1280, 720),
+) -> NDArray[np.uint8]:
+    """A picture of the balls at these places: (height, width, 3), red, green, blue.
+
+    Args:
+        names: of the balls; they choose the colours.
+        positions: (nball, 2) [m], table frame; a ball that is NaN, potted, is not drawn.
+        camera: "corner", "overhead" or "baulk".
+        size: (width, height) [pixels].
+    """
+    xy = np.asarray(positions, float)
+    if xy.shape != (len(names), 2):
+        raise ValueError(f"positions has shape {xy.shape}; {len(names)} balls need ({len(names)}, 2)")
+    if camera not in CAMERAS:
+        raise ValueError(f"unknown camera {camera!r}; choose from {', '.join(CAMERAS)}")
+    require_rendering()
+    seen = np.isfinite(xy).all(axis=1)
+    spec = build_spec(table, ball, [n for n, there in zip(names, seen, strict=True) if there], furnished=True)
+    width, height = size
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos.reshape(-1, 7)[:, :2] = xy[seen]
+    mujoco.mj_forward(model, data)
+    with mujoco.Renderer(model, height, width) as renderer:
+        renderer.update_scene(data, camera)
+        return np.array(renderer.render())
+
+
+def write_png(picture: NDArray[np.uint8], path: Path) -> None:
+    """Write a picture, whole or not at all."""
+    done, data = cv2.imencode(".png", picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    if not done:
+        raise BadInput(f"{path}: a picture of shape {picture.shape} cannot be encoded")
+    scratch = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch.write_bytes(data.tobytes())
+        scratch.replace(path)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw the table at the start of a frame."""
+    parser = argparse.ArgumentParser(prog="python -m models.render", description=main.__doc__)
+    parser.add_argument("out", type=Path, metavar="OUT.png")
+    parser.add_argument("--camera", choices=CAMERAS, default="corner")
+    parser.add_argument("--width", type=int, default=1280, help="pixels; the height is 9/16 of it")
+    given = parser.parse_args(arguments)
+    places = racked(SNOOKER_TABLE, SNOOKER_BALL)
+    try:
+        picture = render(
+            SNOOKER_TABLE, SNOOKER_BALL, tuple(places), np.array(list(places.values())),
+            camera=given.camera, size=(given.width, given.width * 9 // 16),
+        )  # fmt: skip
+        write_png(picture, given.out)
+    except BadInput as error:
+        print(f"models.render: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
