@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from models.shot import Ball
 
 Array = NDArray[np.float64]
+STILL = 1e-6  # speed or slip below which there is none [m/s]
 
 
 def param(default: float, *, off: float, unit: str, bounds: tuple[float, float], source: str) -> Any:
@@ -43,6 +44,20 @@ class Balls:
         """Velocity of each ball's lowest point over the cloth, v + omega x (-R z): (nsim, nball, 2) [m/s]."""
         r = self.ball.radius
         return self.velocity[..., :2] + r * np.stack([-self.spin[..., 1], self.spin[..., 0]], axis=-1)
+
+    @property
+    def rolling(self) -> NDArray[np.bool_]:
+        """Which balls roll on the cloth, and move: (nsim, nball)."""
+        slip, v = self.slip, self.velocity
+        moving = np.hypot(v[..., 0], v[..., 1]) > STILL
+        return (np.hypot(slip[..., 0], slip[..., 1]) < STILL) & moving & (self.normal > 0)
+
+    def push_rolling(self, acceleration: Array) -> None:
+        """Add a force that changes the velocity by (nsim, nball, 2) [m/s^2], and the torque that keeps it rolling."""
+        m, r, inertia = self.ball.mass, self.ball.radius, self.ball.inertia
+        self.force[..., :2] += m * acceleration
+        self.torque[..., 0] -= inertia / r * acceleration[..., 1]
+        self.torque[..., 1] += inertia / r * acceleration[..., 0]
 
 
 @dataclass

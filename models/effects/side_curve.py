@@ -15,7 +15,6 @@ import numpy as np
 
 from models.effect import Array, Balls, Effect, column, param
 
-ROLLING = 1e-6  # slip below which a ball rolls [m/s]
 STEP = 0.2  # sidespin and heading change little in this time [s]
 
 
@@ -31,20 +30,12 @@ class SideCurve(Effect):
 
     def forces(self, balls: Balls) -> None:
         """Push to the left of the motion, and the torque that keeps the ball rolling."""
-        m, r, inertia = balls.ball.mass, balls.ball.radius, balls.ball.inertia
-        slip = balls.slip
-        speed = np.hypot(balls.velocity[..., 0], balls.velocity[..., 1])
-        rolling = (np.hypot(slip[..., 0], slip[..., 1]) < ROLLING) & (speed > 1e-6) & (balls.normal > 0)
-        size = np.where(rolling, column(self.rate) * balls.spin[..., 2], 0.0) / np.where(rolling, speed, 1.0)
-        ax, ay = -size * balls.velocity[..., 1], size * balls.velocity[..., 0]
-        balls.force[..., 0] += m * ax
-        balls.force[..., 1] += m * ay
-        balls.torque[..., 0] -= inertia / r * ay
-        balls.torque[..., 1] += inertia / r * ax
+        v = balls.velocity
+        rolling = balls.rolling
+        speed = np.where(rolling, np.hypot(v[..., 0], v[..., 1]), 1.0)
+        size = np.where(rolling, column(self.rate) * balls.spin[..., 2], 0.0) / speed
+        balls.push_rolling(size[..., None] * np.stack([-v[..., 1], v[..., 0]], axis=-1))
 
     def horizon(self, balls: Balls) -> Array:
         """Short steps while a spinning ball rolls: (nsim, nball) [s]."""
-        slip = balls.slip
-        rolling = np.hypot(slip[..., 0], slip[..., 1]) < ROLLING
-        moving = np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) > 1e-6
-        return np.where(rolling & moving & (np.abs(balls.spin[..., 2]) > 1e-3), STEP, np.inf)
+        return np.where(balls.rolling & (np.abs(balls.spin[..., 2]) > 1e-3), STEP, np.inf)

@@ -14,7 +14,6 @@ import numpy as np
 
 from models.effect import Array, Balls, Effect, column, param
 
-ROLLING = 1e-6  # slip below which a ball rolls [m/s]
 STEP = 0.3  # the middle of a step is then right to 0.05 mm over ten metres [s]
 
 
@@ -30,18 +29,9 @@ class SpeedDrag(Effect):
 
     def forces(self, balls: Balls) -> None:
         """Drag and its torque on rolling balls."""
-        m, r, inertia = balls.ball.mass, balls.ball.radius, balls.ball.inertia
-        slip = balls.slip
-        rolling = (np.hypot(slip[..., 0], slip[..., 1]) < ROLLING) & (balls.normal > 0)
-        drag = np.where(rolling, column(self.rate) * np.ones_like(balls.normal), 0.0)[..., None]
-        drag = drag * balls.velocity[..., :2]
-        balls.force[..., :2] -= m * drag
-        balls.torque[..., 0] += inertia / r * drag[..., 1]
-        balls.torque[..., 1] -= inertia / r * drag[..., 0]
+        drag = np.where(balls.rolling, column(self.rate), 0.0)[..., None] * balls.velocity[..., :2]
+        balls.push_rolling(-drag)
 
     def horizon(self, balls: Balls) -> Array:
-        """Short steps while any ball rolls: (nsim, nball) [s]."""
-        slip = balls.slip
-        rolling = np.hypot(slip[..., 0], slip[..., 1]) < ROLLING
-        moving = np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) > 1e-6
-        return np.where(rolling & moving, STEP, np.inf)
+        """Short steps while a ball rolls: (nsim, nball) [s]."""
+        return np.where(balls.rolling, STEP, np.inf)
