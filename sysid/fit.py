@@ -3,8 +3,8 @@
 Segments between events first: they give what acts on open cloth. Then whole shots, whose horizon grows from event to
 event with the constants fitted along, so that each impact is met with constants that are already nearly right. Every
 fifth clip is held out. Where the model cannot follow the shots to the noise, the error left is described as growing
-with the way travelled, sd = hypot(sigma, rate way), and constants of the cloth stay as the segments gave them: a long
-shot would bend them to make up for what is missing elsewhere.
+with the way travelled, sd = hypot(sigma, rate way), constants of the cloth stay as the segments gave them (a long shot
+would bend them to make up for what is missing elsewhere), and uncertainties cover what the first events say as well.
 """
 
 from __future__ import annotations
@@ -21,7 +21,16 @@ from models.model_file import Estimate, Model
 from sysid.clips import ClipSet
 from sysid.noise import position_noise
 from sysid.own import ROBUST, Growth, with_error
-from sysid.problem import STEPS, Array, SegmentProblem, constant_bounds, constant_steps, segment_problem, shot_problem
+from sysid.problem import (
+    STEPS,
+    Array,
+    SegmentProblem,
+    ShotProblem,
+    constant_bounds,
+    constant_steps,
+    segment_problem,
+    shot_problem,
+)
 from sysid.segments import split_all
 from sysid.solve import Joint, fit_each, fit_joint
 
@@ -29,6 +38,8 @@ HOLD_OUT = 5  # every fifth clip
 MISCUT = 25.0  # a segment that misses by so many sigma holds an event that was not seen
 FOLLOWS = 1.5  # median rms over noise up to which the cloth is taken to follow the data
 SEGMENT_ROBUST = 10.0  # Cauchy's constant while start values are found
+EARLY = 2  # events up to which the derivatives of a shot that is not followed are believed
+FOLLOWED = 1e-3  # error per way up to which whole shots count as followed
 SCANNED = 100  # segments for start values
 Report = Callable[[str], None]
 
@@ -191,27 +202,47 @@ def _grow(training: ClipSet, model: Model, names: tuple[str, ...], sigma: float,
     c = values_of(model, names)
     x = problem.start.copy()
     steps, bounds = constant_steps(model, names), constant_bounds(model, names)
+
+    def together(seen: ShotProblem, x: Array, c: Array, iterations: int, own: int, what: str) -> Joint:
+        return fit_joint(
+            seen.evaluate, x, c, STEPS, steps, problem.prior, bounds, ROBUST, iterations, own,
+            report=_steps_of(report, what),
+        )  # fmt: skip
+
+    early = x
     for stage in range(growth.stages):
         x = growth.own(x, c, stage)
         if stage and np.sum(growth.horizon(stage) > growth.horizon(stage - 1)) > 3:
-            seen = growth.grown.until(growth.horizon(stage))
-            joint = fit_joint(seen.evaluate, x, c, STEPS, steps, problem.prior, bounds, ROBUST, 6)
+            joint = together(growth.grown.until(growth.horizon(stage)), x, c, 6, 2, f"up to event {stage + 1}")
             x, c = joint.own, joint.constants
+        if stage <= EARLY:
+            early = x
         report(f"whole shots up to event {stage + 1} of {growth.stages}")
     rate = error_rate(growth, x, c)
     for _ in range(2):
-        final = with_error(problem, sigma, rate, growth.way)
-        joint = fit_joint(
-            final.evaluate, x, c, STEPS, steps, problem.prior, bounds, ROBUST, 15, 3,
-            report=_steps_of(report, "whole shots together"),
-        )  # fmt: skip
+        joint = together(with_error(problem, sigma, rate, growth.way), x, c, 15, 3, "whole shots together")
         x, c = joint.own, joint.constants
         new = error_rate(growth, x, c)
         settled = abs(new - rate) < 0.1 * rate + 1e-4
         if settled:
             break
         rate = new
+    if rate > FOLLOWED:
+        seen = with_error(problem, sigma, rate, growth.way).until(growth.horizon(EARLY))
+        first = together(seen, early, c, 15, 3, f"up to event {EARLY + 1} together")
+        joint = dataclasses.replace(joint, covariance=_widened(first, joint))
     return joint, rate
+
+
+def _widened(first: Joint, whole: Joint) -> Array:
+    """Covariance where whole shots are not followed to the noise.
+
+    Beyond some impacts a shot is chaotic and its derivatives claim far too much, so the uncertainty is that of the
+    first events, widened by how far the constants of the first events lie from those of whole shots.
+    """
+    sd = np.sqrt(np.diag(first.covariance))
+    wide = np.hypot(sd, first.constants - whole.constants)
+    return np.asarray(first.covariance * np.outer(wide / sd, wide / sd))
 
 
 def _together(

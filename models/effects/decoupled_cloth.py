@@ -18,6 +18,7 @@ from models.effect import Array, Balls, Effect, column, param
 
 STILL = 1e-8  # [m/s], below it a slip or a speed is none
 STILL_SPIN = 1e-6  # [rad/s]
+CREEP = 1e-3  # shortest step towards a stop under a push from the side [s]
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,10 @@ class DecoupledCloth(Effect):
         size = np.sum(value * value, axis=-1)
         moving = (size > STILL**2) & (closing > 0)
         end = np.where(moving, size / np.where(moving, closing, 1.0), np.inf)
+        # A rolling ball pushed across its way never comes to an exact stop: steps do not shrink without end.
+        across = np.abs(value[..., 0] * rate[..., 1] - value[..., 1] * rate[..., 0])
+        bent = ~sliding & (across > 1e-6 * closing)
+        end = np.where(bent, np.maximum(end, CREEP), end)
         wz, dwz = balls.spin[..., 2], balls.torque[..., 2] / inertia
         spinning = (np.abs(wz) > STILL_SPIN) & (wz * dwz < 0)
         return np.minimum(end, np.where(spinning, -wz / np.where(spinning, dwz, 1.0), np.inf))
