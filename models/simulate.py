@@ -30,6 +30,7 @@ CHUNK = 1024  # simulations at a time
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
 NATIVE_RUN = 4  # of them between two looks at what comes next
 MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in [m] (Robotic Billiards 2015)
+TINY = 1e-5  # [s]
 DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
 RAILS = ("+x", "-x", "+y", "-y")
 FIELDS = ("pair_friction", "pair_solref", "opt.gravity", "body_mass", "body_inertia")  # that an edit may change
@@ -240,8 +241,11 @@ class _Group:
 
     @staticmethod
     def _middle(balls: Balls, step: Array) -> Balls:
-        """The state half a step ahead under the present forces, with nothing acting yet."""
-        half = 0.5 * step[:, None, None]
+        """The state half a step ahead under the present forces, with nothing acting yet; now, where steps are tiny.
+
+        Half of the last bit of speed would count as rest, and the ball never come to it.
+        """
+        half = np.where(step > TINY, 0.5 * step, 0.0)[:, None, None]
         velocity = balls.velocity + half * balls.force / balls.ball.mass
         velocity[..., 2] = balls.velocity[..., 2]
         return Balls(
