@@ -87,7 +87,7 @@ def comparison(count: int = 3, size: float = 0.002, file: str = "clips/{}.csv") 
     motion = tuple("slide" if t < 0.5 else "roll" if t < 1.8 else "rest" for t in time)
     samples = Samples(
         clip, ("cue",) * n, np.ones(n, dtype=bool), time, xy, miss, speed, heading_, 20 * speed, motion,
-        ("strike",) * n, (time > 1).astype(np.int64),
+        ("strike",) * n, (time > 1).astype(np.int64), np.full(n, np.nan),
     )  # fmt: skip
     where = (
         Departure("phase", "while rolling", 0.00123, 1.74, 210),
