@@ -62,6 +62,7 @@ def check(args: argparse.Namespace, progress: Progress) -> int:
     """Name every fault of a clip set."""
     from sysid.clips import check_clip_set, read_clip_set
 
+    check_outputs(args.json)
     faults = check_clip_set(args.clips)
     for fault in faults:
         print(fault)
@@ -113,7 +114,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
     comparison = room.compare(clip_set, found.model, progress)
     progress.close()
     print_comparison(comparison)
-    share = room.coverage(comparison, found.error_rate)
+    share = room.coverage(comparison, found.band_rate)
     if share == share:
         print(f"Held-out residuals inside the predicted 95 % band: {100 * share:.0f} %.")
     if args.json:
@@ -127,6 +128,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
         }  # fmt: skip
         result = {
             "format": "billiard-fit/1", "converged": found.converged, "error_rate": found.error_rate,
+            "band_rate": found.band_rate,
             "segment_ratio": found.segment_ratio, "held_out_coverage": share, "parameters": constants,
             "comparison": comparison.to_json(),
         }  # fmt: skip

@@ -154,13 +154,13 @@ def departures(
 
     phase = {"slide": "while sliding", "roll": "while rolling", "spin": "spinning in place", "rest": "at rest"}
     group("phase", samples.motion, lambda m: phase[m])
-    first = samples.events <= 1
-    met = np.where(first, np.array(samples.last, dtype=object), "")
+    later = samples.events > 1
+    met = [f"{last} again" if more else last for last, more in zip(samples.last, later, strict=True)]
     meant = {
-        "strike": "before the first event", "ball": "after one ball-ball impact",
-        "cushion": "after one cushion impact", "": "after two events or more",
+        "strike": "before the first event", "ball": "after one ball-ball impact", "cushion": "after one cushion impact",
+        "ball again": "after several, the last with a ball", "cushion again": "after several, the last with a cushion",
     }  # fmt: skip
-    group("event", [str(m) for m in met], lambda m: meant.get(m, m))
+    group("event", met, lambda m: meant.get(m, m))
     band = np.digitize(samples.speed, SPEEDS) - 1
     group("speed", [str(b) for b in band], lambda b: f"at {_range(SPEEDS, int(b))} m/s")
     spin = np.digitize(np.abs(samples.spin), SIDESPINS) - 1

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
 
 from models.effect import Effect
 from models.errors import BadInput
@@ -41,6 +42,8 @@ SEGMENT_ROBUST = 10.0  # Cauchy's constant while start values are found
 EARLY = 2  # events up to which the derivatives of a shot that is not followed are believed
 FOLLOWED = 1e-3  # error per way up to which whole shots count as followed
 SCANNED = 100  # segments for start values
+LEAST_SEGMENTS = 3
+TOO_FEW = "only {} smooth segments between events; film longer free runs, or check the table's size"
 Report = Callable[[str], None]
 
 
@@ -53,7 +56,8 @@ class Fit:
     names: tuple[str, ...]
     converged: bool
     segment_ratio: float  # median rms of the segments over noise
-    error_rate: float  # model error per way travelled
+    error_rate: float  # model error per way travelled: the middle half of the training residuals
+    band_rate: float  # the same for 95 % of them, of which some shots go astray
     training: tuple[int, ...]  # clips whose data gave the constants
 
 
@@ -88,6 +92,8 @@ def cloth_constants(model: Model) -> tuple[str, ...]:
 def fit_segments(model: Model, clip_set: ClipSet, sigma: float, report: Report) -> tuple[Joint, tuple[str, ...], float]:
     """Constants of the open cloth from segments, and the median rms over noise that is left."""
     segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, sigma, clip_set.fps)
+    if len(segments) < LEAST_SEGMENTS:
+        raise BadInput(TOO_FEW.format(len(segments)))
     names = cloth_constants(model)
     problem = segment_problem(model, names, segments, sigma)
     c = _scan(problem, model, names, values_of(model, names), report)
@@ -97,10 +103,8 @@ def fit_segments(model: Model, clip_set: ClipSet, sigma: float, report: Report) 
     for last in (False, True):
         x, _ = fit_each(problem.evaluate, x, c, STEPS, problem.prior, SEGMENT_ROBUST, 8)
         good = np.flatnonzero(segment_ratios(problem, x, c) < MISCUT)
-        if good.size < 3:
-            raise BadInput(
-                f"only {good.size} smooth segments between events; film longer free runs, or check the table"
-            )
+        if good.size < LEAST_SEGMENTS:
+            raise BadInput(TOO_FEW.format(good.size))
         part = problem.only(good)
         robust = ROBUST * max(1.0, float(np.sqrt(np.mean(segment_ratios(problem, x, c)[good] ** 2))))
         joint = fit_joint(
@@ -140,8 +144,8 @@ def segment_ratios(problem: SegmentProblem, x: Array, c: Array) -> Array:
     return np.sqrt(np.nanmean(r**2, axis=1))
 
 
-def error_rate(growth: Growth, x: Array, c: Array) -> float:
-    """Model error per way that makes the median of |residual| / sd what Gaussian noise has; 0 where noise is enough."""
+def error_rate(growth: Growth, x: Array, c: Array, share: float = 0.5) -> float:
+    """Model error per way with which a share of |residual| / sd lies where Gaussian noise has it; 0 if noise does."""
     n = len(x)
     metres = with_error(growth.problem, 1.0, 0.0, growth.way).evaluate(x, np.tile(c, (n, 1)), np.arange(n))
     way = np.full_like(metres, np.nan)
@@ -158,7 +162,7 @@ def error_rate(growth: Growth, x: Array, c: Array) -> float:
     low, high = 0.0, 1.0
     for _ in range(40):
         middle = 0.5 * (low + high)
-        if np.median(miss / np.hypot(growth.sigma, middle * far)) > 0.6745:
+        if np.quantile(miss / np.hypot(growth.sigma, middle * far), share) > norm.ppf(0.5 + share / 2):
             low = middle
         else:
             high = middle
@@ -176,9 +180,11 @@ def fit(clip_set: ClipSet, model: Model, report: Report = lambda line: None, com
     follows = ratio <= FOLLOWS
     held = () if follows else tuple(n for n, k in zip(cloth_names, known, strict=True) if k)
     names = tuple(n for n in model.parameters() if n not in held)
-    joint, rate = _grow(training, model, names, sigma, report)
+    joint, rate, band = _grow(training, model, names, sigma, report)
     cov, all_names = _together(joint, names, cloth, cloth_names, held)
-    values = dict(zip(names, joint.constants, strict=True))
+    # A constant of which these clips say nothing keeps the value it came with.
+    told = np.isfinite(np.diag(joint.covariance))
+    values = {n: float(v) for n, v, t in zip(names, joint.constants, told, strict=True) if t}
     converged = joint.converged and (cloth.converged or follows)
     source = f"{command}, {len(rows)} clips" + ("" if converged else ", NOT converged")
     estimates = dict(model.estimates)
@@ -186,17 +192,19 @@ def fit(clip_set: ClipSet, model: Model, report: Report = lambda line: None, com
         sd = float(np.sqrt(variance)) if converged else float("nan")
         where = source + (" (segments)" if name in held else "")
         estimates[name] = Estimate(sd, where if np.isfinite(variance) else f"{where}: these clips do not tell")
-    fitted = model.with_values({n: float(v) for n, v in values.items()})
+    fitted = model.with_values(values)
     summary = {
         "command": command, "clips": [training.clips[k].file for k in range(len(rows))], "converged": converged,
-        "noise_m": sigma, "segment_ratio": ratio, "error_rate": rate, "names": list(all_names),
+        "noise_m": sigma, "segment_ratio": ratio, "error_rate": rate, "band_rate": band, "names": list(all_names),
         "correlation": _correlation(cov),
     }  # fmt: skip
     fitted = dataclasses.replace(fitted, estimates=estimates, fitted=summary)
-    return Fit(fitted, cov, all_names, converged, ratio, rate, tuple(rows))
+    return Fit(fitted, cov, all_names, converged, ratio, rate, band, tuple(rows))
 
 
-def _grow(training: ClipSet, model: Model, names: tuple[str, ...], sigma: float, report: Report) -> tuple[Joint, float]:
+def _grow(
+    training: ClipSet, model: Model, names: tuple[str, ...], sigma: float, report: Report
+) -> tuple[Joint, float, float]:
     problem = shot_problem(model, names, training, sigma)
     growth = Growth(problem, training, sigma)
     c = values_of(model, names)
@@ -231,7 +239,7 @@ def _grow(training: ClipSet, model: Model, names: tuple[str, ...], sigma: float,
         seen = with_error(problem, sigma, rate, growth.way).until(growth.horizon(EARLY))
         first = together(seen, early, c, 15, 3, f"up to event {EARLY + 1} together")
         joint = dataclasses.replace(joint, covariance=_widened(first, joint))
-    return joint, rate
+    return joint, rate, error_rate(growth, joint.own, joint.constants, 0.95)
 
 
 def _widened(first: Joint, whole: Joint) -> Array:

@@ -160,13 +160,10 @@ def residual(track: Track, ball: int, seen: Observation, n: int) -> tuple[Array,
         path = path.copy()
         last = int(np.argmax(gone)) - 1
         path[gone] = path[max(last, 0)]
-    angle = track.theta[index, ball] - (seen.theta[:n] - _first(seen.theta))
-    return path[index] - seen.xy[:n], angle
-
-
-def _first(theta: Array) -> float:
-    seen = theta[np.isfinite(theta)]
-    return float(seen[0]) if seen.size else 0.0
+    angle = track.theta[index, ball] - seen.theta[:n]
+    marked = np.isfinite(angle)
+    # Where the mark began is unknown: the mean takes it out, as a free offset fitted beside the rest would.
+    return path[index] - seen.xy[:n], angle - (angle[marked].mean() if marked.any() else 0.0)
 
 
 def _shot(names: tuple[str, ...], x: Array, azimuth: float, radius: float, rest: Array, times: Array) -> Shot:

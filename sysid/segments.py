@@ -19,6 +19,8 @@ from sysid.clips import Clip, Observation
 
 Array = NDArray[np.float64]
 NEAR = 0.03  # a turn this close to a cushion, beyond a frame's travel, is its doing [m]
+SLOPE = 5  # samples of a slope beside a slow hit
+TOUCHING = 0.006  # a slow hit's nearest sample is this close to the cushion [m]
 CLAMPED = 0.002  # samples this close to a cushion are not trusted [m]
 
 
@@ -62,7 +64,10 @@ def onset(seen: Observation, sigma: float, fps: float) -> Observation:
 
 
 def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: float) -> list[Cut]:
-    """Samples at which the motion turns away from a cushion."""
+    """Samples at which the motion turns away from a cushion.
+
+    A fast hit shows from one frame to the next; a slow one, close to the cushion, in the slopes before and after.
+    """
     reach = table.reach(ball)
     cuts = []
     step = np.diff(xy, axis=0)
@@ -70,11 +75,24 @@ def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: fl
         for sign, mark in ((1.0, "+"), (-1.0, "-")):
             gap = reach[axis] - sign * xy[:, axis]
             inward = sign * step[:, axis]
+            found = []
             for k in range(1, len(xy) - 1):
                 room = NEAR + 0.5 * max(np.abs(step[k - 1, axis]), np.abs(step[k, axis]))
                 turns = inward[k - 1] > 0 >= inward[k] and inward[k - 1] - inward[k] > 5 * sigma
                 if turns and gap[k] < room:
-                    cuts.append(Cut(k, "cushion", mark + letter))
+                    found.append(k)
+            for k in range(SLOPE, len(xy) - SLOPE):
+                window = gap[k - SLOPE : k + SLOPE + 1]
+                if gap[k] < TOUCHING and gap[k] == window.min() and all(abs(k - f) > 2 for f in found):
+                    before, after = (
+                        float(np.polyfit(time[part], gap[part], 1)[0])
+                        for part in (slice(k - SLOPE, k), slice(k + 1, k + SLOPE + 1))
+                    )
+                    span = (time[k + SLOPE] - time[k - SLOPE]) / (2 * SLOPE)
+                    noise = sigma / span * np.sqrt(12 / (SLOPE * (SLOPE**2 - 1)))
+                    if before < 0 < after and after - before > 8 * noise:
+                        found.append(k)
+            cuts += [Cut(k, "cushion", mark + letter) for k in found]
     return cuts
 
 

@@ -182,9 +182,9 @@ def fit_joint(
 ) -> Joint:
     """Shared constants (q,) within bounds (q, 2), with every problem's own unknowns fitted beside them.
 
-    Converged means that the last full step changed no constant by more than 2 % of its standard deviation, or the
-    loss by less than `tolerance` of itself. The covariance is the larger of the inverse information and the sandwich
-    over problems, which holds where the model is not quite right.
+    Converged means that the last full (undamped) step asked to change no constant by more than 2 % of its standard
+    deviation, or promised to lower the loss by less than `tolerance` of itself. The covariance is the larger of the
+    inverse information and the sandwich over problems, which holds where the model is not quite right.
     """
     x, cost_each = fit_each(evaluate, x, c, steps, prior, robust, 3 * own_iterations)
     # A constant of which the data say nothing stays near its start: bounds as a very wide Gaussian.
@@ -194,6 +194,7 @@ def fit_joint(
         information, score, lift, back = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)
         h = information.sum(axis=0) + np.diag(1 / wide**2)
         g = score.sum(axis=0) + (c - begin) / wide**2
+        full = np.linalg.lstsq(h, g, rcond=None)[0]
         if report:
             report(iteration, cost, c)
         improved = False
@@ -210,11 +211,13 @@ def fit_joint(
         sd = np.sqrt(np.maximum(np.diag(np.linalg.pinv(h)), 0))
         if not improved:
             # No step lowers the loss: at the optimum if the wanted step is small against the uncertainty.
-            converged = bool(np.all(np.abs(np.linalg.lstsq(h, g, rcond=None)[0]) < 0.1 * sd + 1e-12))
+            converged = bool(np.all(np.abs(full) < 0.1 * sd + 1e-12))
             break
-        gain, moved = cost - float(new_each.sum()), np.abs(new_c - c)
+        # One at its bound that pushes out has arrived.
+        inside = ((c > bounds[:, 0]) | (full < 0)) & ((c < bounds[:, 1]) | (full > 0))
+        arrived = np.all(np.abs(full[inside]) < 0.02 * sd[inside]) or 0.5 * float(g @ full) < tolerance * cost
         x, c, cost, damping = new_x, new_c, float(new_each.sum()), max(damping / 10, 1e-9)
-        if np.all(moved < 0.02 * sd) or gain < tolerance * cost:
+        if arrived:
             converged = True
             break
     information, score, _, _ = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)

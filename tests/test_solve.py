@@ -1,0 +1,276 @@
+"""Least squares over many problems at once: known answers, known covariance, outliers, what the data do not tell."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sysid.solve import Evaluate, Joint, Prior, covariance, differences, fit_each, fit_joint, loss, weights
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+WIDE = np.array([-1e3, 1e3])
+TRUE = np.array([0.7, -1.3])
+PROBLEMS, SAMPLES = 30, 12
+
+
+def free(p: int) -> Prior:
+    """No prior knowledge of p unknowns."""
+    return Prior(np.zeros(p), np.full(p, np.inf))
+
+
+def joint(evaluate: Evaluate, x: Array, c: Array, robust: float = np.inf, iterations: int = 30, **more: Array) -> Joint:
+    """`fit_joint` with small steps, and no prior and no bounds unless given."""
+    p, q = x.shape[1], c.size
+    bounds = more.get("bounds", np.tile(WIDE, (q, 1)))
+    steps, steps_c = np.full(p, 1e-5), np.full(q, 1e-5)
+    return fit_joint(evaluate, x, c, steps, steps_c, free(p), bounds, robust, iterations)
+
+
+def linear(rng: np.random.Generator, noise: float = 1.0) -> tuple[Evaluate, Array, Array, Array]:
+    """Residuals A x + B c - y with unit noise; the design (A, B) and the own unknowns that y was made with."""
+    a, b = rng.normal(size=(PROBLEMS, SAMPLES, 2)), rng.normal(size=(PROBLEMS, SAMPLES, 2))
+    own = rng.normal(size=(PROBLEMS, 2))
+    y = np.einsum("nmp,np->nm", a, own) + b @ TRUE + noise * rng.normal(size=(PROBLEMS, SAMPLES))
+
+    def evaluate(x: Array, c: Array, which: Index) -> Array:
+        return np.einsum("nmp,np->nm", a[which], x) + np.einsum("nmq,nq->nm", b[which], c) - y[which]
+
+    return evaluate, a, b, own
+
+
+def schur(a: Array, b: Array) -> Array:
+    """Covariance of the constants of a linear model with unit noise, own unknowns eliminated."""
+    information = np.zeros((b.shape[2], b.shape[2]))
+    for one, other in zip(a, b, strict=True):
+        beside = np.eye(len(one)) - one @ np.linalg.pinv(one)
+        information += other.T @ beside @ other
+    return np.asarray(np.linalg.inv(information))
+
+
+def decays(rates: Array, own: Array, noise: Array | float = 0.0) -> tuple[Evaluate, Array]:
+    """Each problem sees its own amplitude decay at a rate that all share, and rise to an offset that all share."""
+    t = np.linspace(0, 4, 25)
+
+    def signal(x: Array, c: Array) -> Array:
+        return x * np.exp(-c[:, :1] * t) + c[:, 1:]
+
+    y = signal(own, np.tile(rates, (len(own), 1))) + noise
+
+    def evaluate(x: Array, c: Array, which: Index) -> Array:
+        return (signal(x, c) - y[which]) / 0.01
+
+    return evaluate, t
+
+
+def test_linear_problems_are_solved_exactly() -> None:
+    evaluate, a, b, own = linear(np.random.default_rng(1), noise=0.0)
+    found = joint(evaluate, np.zeros((PROBLEMS, 2)), np.zeros(2))
+    assert found.converged
+    np.testing.assert_allclose(found.constants, TRUE, atol=1e-6)
+    np.testing.assert_allclose(found.own, own, atol=1e-5)
+    # Without noise no problem pulls, so that the sandwich is nothing and the inverse information is left.
+    np.testing.assert_allclose(found.covariance, schur(a, b), rtol=1e-3)
+
+
+def test_the_answer_is_that_of_one_large_least_squares_problem() -> None:
+    evaluate, a, b, _ = linear(np.random.default_rng(2))
+    rows = np.arange(PROBLEMS)
+    y = -evaluate(np.zeros((PROBLEMS, 2)), np.zeros((PROBLEMS, 2)), rows)
+    design = np.zeros((PROBLEMS, SAMPLES, 2 * PROBLEMS + 2))
+    for k in rows:
+        design[k, :, 2 * k : 2 * k + 2] = a[k]
+    design[..., -2:] = b
+    answer = np.linalg.lstsq(design.reshape(-1, design.shape[2]), y.ravel(), rcond=None)[0]
+    found = joint(evaluate, np.zeros((PROBLEMS, 2)), np.zeros(2))
+    sd = np.sqrt(np.diag(schur(a, b)))
+    assert np.all(np.abs(found.constants - answer[-2:]) < 0.02 * sd)
+    assert np.all(np.sqrt(np.diag(found.covariance)) >= 0.999 * sd)
+
+
+def test_intervals_cover_the_truth() -> None:
+    """Of 95 % intervals over 200 seeds; the larger of two estimates of the sd covers a little more."""
+    inside = np.zeros(2)
+    for seed in range(200):
+        evaluate, *_ = linear(np.random.default_rng(seed))
+        found = joint(evaluate, np.zeros((PROBLEMS, 2)), np.zeros(2))
+        assert found.converged
+        inside += np.abs(found.constants - TRUE) < 1.96 * np.sqrt(np.diag(found.covariance))
+    assert np.all(inside >= 0.88 * 200) and np.all(inside <= 0.99 * 200), inside
+
+
+def test_a_nonlinear_problem_finds_the_truth_and_its_covariance() -> None:
+    own, rates = np.array([[1.0], [2.0], [0.5], [1.5]]), np.array([0.8, 0.2])
+    evaluate, t = decays(rates, own)
+    found = joint(evaluate, np.ones((4, 1)), np.array([0.3, 0.0]))
+    assert found.converged
+    np.testing.assert_allclose(found.constants, rates, atol=1e-5)
+    np.testing.assert_allclose(found.own, own, atol=1e-4)
+    fall = np.exp(-rates[0] * t)
+    a = np.tile((fall / 0.01)[None, :, None], (4, 1, 1))
+    b = np.stack([-own * t * fall, np.ones((4, len(t)))], axis=-1) / 0.01
+    np.testing.assert_allclose(found.covariance, schur(a, b), rtol=1e-2)
+
+
+def test_own_unknowns_of_every_problem_at_given_constants() -> None:
+    """Rosenbrock's valley, each problem with a minimum of its own."""
+    low = np.array([[1.0], [-0.5], [2.0]])
+
+    def evaluate(x: Array, c: Array, which: Index) -> Array:
+        return np.column_stack([low[which, 0] - x[:, 0], c[:, 0] * (x[:, 1] - x[:, 0] ** 2)])
+
+    start = np.array([[-1.2, 1.0], [1.0, 1.0], [0.0, 0.0]])
+    x, cost = fit_each(evaluate, start, np.array([10.0]), np.full(2, 1e-7), free(2), np.inf, 200, tolerance=1e-12)
+    np.testing.assert_allclose(x, np.column_stack([low, low**2]), atol=1e-4)
+    assert np.all(cost < 1e-6)
+    assert start[0, 0] == -1.2, "the start is left alone"
+
+
+def test_a_problem_does_not_depend_on_its_neighbours() -> None:
+    evaluate, _ = decays(np.array([0.8, 0.2]), np.array([[1.0], [2.0], [0.5]]), 0.01)
+    c = np.array([0.7, 0.2])
+    settings = (np.full(1, 1e-5), free(1), 4.0, 30)
+    together, cost = fit_each(evaluate, np.ones((3, 1)), c, *settings)
+    for k in range(3):
+        alone, one = fit_each(evaluate, np.ones((1, 1)), c, *settings, np.array([k]))
+        np.testing.assert_allclose(alone[0], together[k], rtol=1e-12)
+        assert one[0] == pytest.approx(cost[k], rel=1e-12)
+
+
+def test_a_prior_is_worth_a_measurement() -> None:
+    """One datum y with sd 1 and a prior of sd 2 about 0 meet at 4/5 y."""
+
+    def evaluate(x: Array, c: Array, which: Index) -> Array:
+        return x - np.array([[1.0], [5.0]])[which]
+
+    x, cost = fit_each(
+        evaluate, np.zeros((2, 1)), np.zeros(0), np.full(1, 1e-6), Prior(np.zeros(1), np.full(1, 2.0)), np.inf, 20
+    )
+    np.testing.assert_allclose(x[:, 0], [0.8, 4.0], atol=1e-3)
+    np.testing.assert_allclose(cost, [0.1, 2.5], atol=1e-4)
+
+
+def test_differences_agree_with_the_analytic_jacobian() -> None:
+    evaluate, t = decays(np.array([0.8, 0.2]), np.array([[1.0], [2.0]]))
+    x, c = np.array([[1.3], [0.4]]), np.array([0.5, -0.1])
+    r, jx, jc = differences(evaluate, x, c, np.arange(2), np.full(1, 1e-6), np.full(2, 1e-6))
+    fall = np.exp(-0.5 * t)
+    np.testing.assert_array_equal(r, evaluate(x, np.tile(c, (2, 1)), np.arange(2)))
+    np.testing.assert_allclose(jx[..., 0], np.tile(fall / 0.01, (2, 1)), rtol=1e-5)
+    np.testing.assert_allclose(jc[..., 0], -x * t * fall / 0.01, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(jc[..., 1], 100.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize("c", [1.0, 4.0, np.inf])
+def test_weights_follow_the_loss(c: float) -> None:
+    r = np.array([[-30.0, -2.0, 0.0, 0.5, 8.0]])
+    h = 1e-6
+    slope = [(loss(r + h * e, c) - loss(r - h * e, c))[0] / (2 * h) for e in np.eye(5)]
+    np.testing.assert_allclose(slope, (weights(r, c) * r)[0], atol=1e-6)
+    assert loss(np.full((1, 3), np.nan), c)[0] == 0.0
+    assert weights(np.full((1, 3), np.nan), c).sum() == 0.0
+
+
+def test_outliers_are_ignored() -> None:
+    rng = np.random.default_rng(3)
+    evaluate, a, b, _ = linear(rng)
+    bad = rng.random((PROBLEMS, SAMPLES)) < 0.05
+
+    def spoiled(x: Array, c: Array, which: Index) -> Array:
+        return evaluate(x, c, which) + 200.0 * bad[which]
+
+    sd = np.sqrt(np.diag(schur(a, b)))
+    start = np.zeros((PROBLEMS, 2)), np.zeros(2)
+    plain, robust, clean = joint(spoiled, *start), joint(spoiled, *start, 4.0), joint(evaluate, *start, 4.0)
+    assert np.abs(robust.constants - TRUE).max() < 4 * sd.max()
+    assert np.abs(robust.constants - clean.constants).max() < 1.5 * sd.max()
+    assert np.abs(plain.constants - TRUE).max() > 10 * sd.max()
+
+
+def test_samples_that_are_missing_count_nothing() -> None:
+    evaluate, *_ = linear(np.random.default_rng(4))
+    gone = np.random.default_rng(5).random((PROBLEMS, SAMPLES)) < 0.3
+
+    def holed(fill: float) -> Evaluate:
+        return lambda x, c, which: np.where(gone[which], fill, evaluate(x, c, which))
+
+    missing, absent = (joint(holed(fill), np.zeros((PROBLEMS, 2)), np.zeros(2)) for fill in (np.nan, 0.0))
+    np.testing.assert_allclose(missing.constants, absent.constants, rtol=1e-9)
+    np.testing.assert_allclose(missing.covariance, absent.covariance, rtol=1e-9)
+
+
+def test_constants_stay_within_their_bounds() -> None:
+    evaluate, *_ = linear(np.random.default_rng(6))
+    bounds = np.array([[0.0, 0.5], [-3.0, 3.0]])
+    found = joint(evaluate, np.zeros((PROBLEMS, 2)), np.array([0.1, 0.0]), bounds=bounds)
+    assert found.constants[0] == 0.5
+    assert np.all(found.constants >= bounds[:, 0]) and np.all(found.constants <= bounds[:, 1])
+
+
+def test_what_the_data_do_not_tell_stays_and_has_no_variance() -> None:
+    evaluate, a, b, _ = linear(np.random.default_rng(7))
+    start = np.array([0.0, 0.0, 0.37])
+    found = joint(
+        lambda x, c, which: evaluate(x, c[:, :2], which),
+        np.zeros((PROBLEMS, 2)), start, bounds=np.array([[-5.0, 5.0], [-5.0, 5.0], [0.0, 1.0]]),
+    )  # fmt: skip
+    assert found.converged
+    assert found.constants[2] == pytest.approx(0.37, abs=1e-6)
+    variance = np.diag(found.covariance)
+    assert np.isnan(variance[2]) and np.all(np.isnan(found.covariance[2, :]))
+    assert np.all(variance[:2] >= 0.99 * np.diag(schur(a, b)))
+
+
+def test_nothing_known_is_no_uncertainty_at_all() -> None:
+    assert np.all(np.isnan(covariance(np.zeros((3, 2, 2)), np.zeros((3, 2)), np.ones(2))))
+
+
+def test_problems_that_disagree_widen_the_uncertainty() -> None:
+    """Each problem pulls four times as hard as its own noise lets it: the sandwich is four times as wide."""
+    rng = np.random.default_rng(8)
+    information, score = np.full((400, 1, 1), 25.0), 4 * 5.0 * rng.normal(size=(400, 1))
+    sd = np.sqrt(covariance(information, score, np.array([100.0]))[0, 0])
+    assert sd == pytest.approx(4 / np.sqrt(400 * 25.0), rel=0.1)
+    quiet = np.sqrt(covariance(information, 0 * score, np.array([100.0]))[0, 0])
+    assert quiet == pytest.approx(1 / np.sqrt(400 * 25.0), rel=1e-3)
+
+
+@pytest.mark.parametrize(("iterations", "converged"), [(1, False), (2, False), (40, True)])
+def test_a_fit_that_runs_out_of_steps_says_so(iterations: int, converged: bool) -> None:
+    rates = np.array([1.5, 0.2])
+    evaluate, _ = decays(rates, np.array([[1.0], [2.0], [0.5]]))
+    found = joint(evaluate, np.ones((3, 1)), np.array([0.5, 0.5]), iterations=iterations)
+    assert found.converged == converged
+    assert np.allclose(found.constants, rates, atol=1e-3) == converged
+
+
+@pytest.mark.parametrize("start", [(-1.2, 1.0), (3.0, -3.0), (-5.0, 5.0)])
+def test_a_short_step_in_a_bent_valley_is_not_convergence(start: tuple[float, float]) -> None:
+    """Converged says that the constants lie within a fraction of their sd of the optimum at (1, 1)."""
+
+    def valley(x: Array, c: Array, which: Index) -> Array:
+        return np.column_stack([1 - c[:, 0], 100 * (c[:, 1] - c[:, 0] ** 2), x[:, 0]])
+
+    found = joint(valley, np.zeros((1, 1)), np.array(start), iterations=200)
+    # The first residual has sd 1, so this is 0.2 sd of the first constant.
+    assert not found.converged or abs(found.constants[0] - 1) < 0.2
+
+
+def test_steps_are_reported() -> None:
+    evaluate, *_ = linear(np.random.default_rng(9))
+    seen: list[tuple[int, float]] = []
+
+    def note(k: int, cost: float, c: Array) -> None:
+        seen.append((k, cost))
+
+    report: Callable[[int, float, Array], None] = note
+    fit_joint(
+        evaluate, np.zeros((PROBLEMS, 2)), np.zeros(2), np.full(2, 1e-5), np.full(2, 1e-5), free(2),
+        np.tile(WIDE, (2, 1)), np.inf, report=report,
+    )  # fmt: skip
+    assert [k for k, _ in seen] == list(range(len(seen))) and len(seen) >= 1
+    assert all(later <= earlier for (_, earlier), (_, later) in itertools.pairwise(seen))
