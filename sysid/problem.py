@@ -25,14 +25,14 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 UNKNOWNS = ("x", "y", "v_along", "v_across", "Rw_along", "Rw_across", "Rw_up")
-STEPS = np.array([1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])  # finite differences, [m] and [m/s]
+STEPS = np.array([1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4])  # finite differences, [m] and [m/s]
 CUE_SD = {"speed": 0.05, "azimuth": 0.02, "offset": 0.002}  # how far a shot may be from its command
 LIMIT_SPIN = 1.25  # R omega over v at the miscue limit: 5/2 of half a radius
 
 
 def constant_steps(model: Model, names: Sequence[str]) -> Array:
-    """Finite-difference steps of constants: 1e-4 of their bounds' width."""
-    return np.array([1e-4 * np.subtract(*model.meta(n)["bounds"][::-1]) for n in names])
+    """Finite-difference steps of constants: 1e-5 of their bounds' width."""
+    return np.array([1e-5 * np.subtract(*model.meta(n)["bounds"][::-1]) for n in names])
 
 
 def constant_bounds(model: Model, names: Sequence[str]) -> Array:
