@@ -14,7 +14,7 @@ from sysid.clips import read_clip_set
 from sysid.compare import compare, in_words
 from sysid.comparison import ClipRow, Comparison
 from sysid.fit import fit
-from sysid.output import print_constants, table, write_json
+from sysid.output import Progress, print_constants, table, write_json
 from sysid.report import Rung, write_report
 from sysid.review import write_rrd
 
@@ -28,7 +28,7 @@ STACKS = (
 NATIVE = {"decoupled_cloth": "", "ball_impact": "ball_", "cushion_impact": "cushion_"}  # terms of the same meaning
 
 
-def run(out: Path, progress: Callable[[str], None]) -> int:
+def run(out: Path, progress: Progress) -> int:
     """Fit and compare three models of rising completeness; write model, result, report and recording into `out`."""
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -45,19 +45,19 @@ def run(out: Path, progress: Callable[[str], None]) -> int:
         shown = stack(full, names)
         one = compare(clip_set, shown, _named(progress, label), start=last.own) if len(names) < 3 else last
         found.append((label, one))
-        progress("")
+        progress.close()
         print(f"{label}: {pooled(one.clips) * 1e3:.2f} mm rms over all clips")
         for line in in_words(one):
             print(f"  {line}")
         print(flush=True)
     model = full
     ladder = [_rung(label, one) for label, one in found]
-    rows = [("model", "all clips mm", "held out mm", "chi2", "segments / noise")]
-    for rung, (_, c) in zip(ladder, found, strict=True):
-        rows.append(
-            (rung.label, f"{rung.rms_m * 1e3:.2f}", f"{rung.held_out_rms_m * 1e3:.2f}", f"{rung.chi2_reduced:.2f}",
-             f"{c.summary()['segment_ratio_median']:.2f}")
-        )  # fmt: skip
+    free = [not track.events for track in last.tracks]
+    rows: list[tuple[str, ...]] = [("model", "open cloth mm", "with impacts mm", "held out mm", "chi2")]
+    for rung, (_, one) in zip(ladder, found, strict=True):
+        parts = [[c for c, f in zip(one.clips, free, strict=True) if f is kind] for kind in (True, False)]
+        numbers = [pooled(parts[0]), pooled(parts[1]), rung.held_out_rms_m]
+        rows.append((rung.label, *(f"{n * 1e3:.2f}" for n in numbers), f"{rung.chi2_reduced:.2f}"))
     noise = found[-1][1].noise_m
     print(table(rows))
     print(f"noise of the tracker: {noise * 1e3:.2f} mm an axis, {noise * 2**0.5 * 1e3:.2f} mm in distance\n")
@@ -97,6 +97,5 @@ def pooled(rows: Sequence[ClipRow]) -> float:
 def _rung(label: str, comparison: Comparison) -> Rung:
     fitted = [c for c in comparison.clips if not c.held_out]
     held = [c for c in comparison.clips if c.held_out]
-
     chi2 = float(np.mean([c.chi2_reduced for c in comparison.clips]))
     return Rung(label, pooled(fitted), pooled(held), chi2, "")
