@@ -238,7 +238,12 @@ def _grow(
     if rate > FOLLOWED:
         seen = with_error(problem, sigma, rate, growth.way).until(growth.horizon(EARLY))
         first = together(seen, early, c, 15, 3, f"up to event {EARLY + 1} together")
-        joint = dataclasses.replace(joint, covariance=_widened(first, joint))
+        cov = _widened(first, joint)
+        # The whole shots' loss is too rough to step down to its last digit: what counts is that the step still
+        # wanted is small against the uncertainty reported.
+        wanted = np.linalg.pinv(joint.information.sum(axis=0)) @ joint.score.sum(axis=0)
+        arrived = bool(np.all(np.abs(wanted) < 0.1 * np.sqrt(np.diag(cov))))
+        joint = dataclasses.replace(joint, covariance=cov, converged=first.converged and arrived)
     return joint, rate, error_rate(growth, joint.own, joint.constants, 0.95)
 
 
