@@ -41,6 +41,7 @@ FOLLOWS = 1.5  # median rms over noise up to which the cloth is taken to follow 
 SEGMENT_ROBUST = 10.0  # Cauchy's constant while start values are found
 EARLY = 2  # events up to which the derivatives of a shot that is not followed are believed
 FOLLOWED = 1e-3  # error per way up to which whole shots count as followed
+ROUGH = 0.25  # of a standard deviation: a step still wanted that is too small to matter
 SCANNED = 100  # segments for start values
 LEAST_SEGMENTS = 3
 TOO_FEW = "only {} smooth segments between events; film longer free runs, or check the table's size"
@@ -238,24 +239,24 @@ def _grow(
     if rate > FOLLOWED:
         seen = with_error(problem, sigma, rate, growth.way).until(growth.horizon(EARLY))
         first = together(seen, early, c, 15, 3, f"up to event {EARLY + 1} together")
-        cov = _widened(first, joint)
-        # The whole shots' loss is too rough to step down to its last digit: what counts is that the step still
-        # wanted is small against the uncertainty reported.
-        wanted = np.linalg.pinv(joint.information.sum(axis=0)) @ joint.score.sum(axis=0)
-        arrived = bool(np.all(np.abs(wanted) < 0.1 * np.sqrt(np.diag(cov))))
-        joint = dataclasses.replace(joint, covariance=cov, converged=first.converged and arrived)
+        joint = _widened(first, joint)
     return joint, rate, error_rate(growth, joint.own, joint.constants, 0.95)
 
 
-def _widened(first: Joint, whole: Joint) -> Array:
-    """Covariance where whole shots are not followed to the noise.
+def _widened(first: Joint, whole: Joint) -> Joint:
+    """The joint fit of whole shots that are not followed to the noise, with an uncertainty to believe.
 
     Beyond some impacts a shot is chaotic and its derivatives claim far too much, so the uncertainty is that of the
-    first events, widened by how far the constants of the first events lie from those of whole shots.
+    first events, widened by how far the constants of the first events lie from those of whole shots, and by the steps
+    both fits still wanted. Such a loss is too rough to step down to its last digit: the fit has converged if those
+    steps are small against that uncertainty.
     """
     sd = np.sqrt(np.diag(first.covariance))
-    wide = np.hypot(sd, first.constants - whole.constants)
-    return np.asarray(first.covariance * np.outer(wide / sd, wide / sd))
+    wanted = [np.linalg.pinv(j.information.sum(axis=0)) @ j.score.sum(axis=0) for j in (first, whole)]
+    wide = np.sqrt(sd**2 + (first.constants - whole.constants) ** 2 + wanted[0] ** 2 + wanted[1] ** 2)
+    arrived = all(bool(np.all(np.abs(w) < ROUGH * wide)) for w in wanted)
+    covariance = np.asarray(first.covariance * np.outer(wide / sd, wide / sd))
+    return dataclasses.replace(whole, covariance=covariance, converged=arrived)
 
 
 def _together(
