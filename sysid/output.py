@@ -95,7 +95,7 @@ def print_comparison(comparison: Comparison) -> None:
     rows = [("", "rms mm", "of noise", "samples")]
     for by in dict.fromkeys(d.by for d in comparison.where):
         for d in [d for d in comparison.where if d.by == by][:6]:
-            rows.append((f"  {d.by:8s}{d.where}", f"{d.rms_m * mm:.2f}", f"{d.ratio:.1f}", str(d.samples)))
+            rows.append((f"  {d.by:9s} {d.where}", f"{d.rms_m * mm:.2f}", f"{d.ratio:.1f}", str(d.samples)))
     print(table(rows))
     print()
     print("\n".join(in_words(comparison)))
