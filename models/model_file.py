@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import importlib
 import math
-import os
 import pkgutil
 import tomllib
 from collections.abc import Mapping
@@ -21,6 +19,7 @@ import tomli_w
 import models.effects
 from models.effect import Effect
 from models.errors import BadInput
+from models.files import write_whole
 from models.native import Native
 from models.shot import Ball, Table
 
@@ -212,13 +211,4 @@ def write_model(model: Model, path: Path | str) -> None:
     }
     if model.fitted:
         data["fit"] = dict(model.fitted)
-    scratch = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_bytes(tomli_w.dumps(data).encode())
-        scratch.replace(path)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from error
-    finally:
-        with contextlib.suppress(OSError):  # where it was never made
-            scratch.unlink()
+    write_whole(path, tomli_w.dumps(data).encode(), parents=True)

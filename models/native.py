@@ -82,11 +82,6 @@ class Native(Effect):
                 pair.solref = solref(float(restitution))
 
 
-def native_for(ball: Ball) -> Native:
-    """The shipped terms; the ball's size enters when the spec is edited."""
-    return Native()
-
-
 def main() -> None:
     """Print how far native contact ends from the exact effects, shot by shot."""
     from models.model_file import Model, full_model

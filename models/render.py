@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
+from models.files import write_whole
 from models.gl import choose_backend, require_rendering
 
 choose_backend()  # before MuJoCo is imported
@@ -83,13 +84,7 @@ def write_png(picture: NDArray[np.uint8], path: Path) -> None:
     done, data = cv2.imencode(".png", picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
     if not done:
         raise BadInput(f"{path}: a picture of shape {picture.shape} cannot be encoded")
-    scratch = path.with_name(f".{path.name}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_bytes(data.tobytes())
-        scratch.replace(path)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    write_whole(path, data.tobytes(), parents=True)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -22,7 +22,7 @@ from models.effect import Balls, Effect, Impact, of
 from models.impulse import collide_rows
 from models.model_file import Model
 from models.native import GRAVITY
-from models.shot import Array, Event, Shot, Track
+from models.shot import NOSE_COSINE, NOSE_SINE, Array, Event, Shot, Track
 from models.touch import BALL, CUSHION, POCKET, native_step, next_touch
 from models.world import POCKET_MOUTH, build_spec
 
@@ -307,8 +307,7 @@ class _Group:
             normal = np.where((j < 2)[:, None], [[1.0, 0.0]], [[0.0, 1.0]]) * sign[:, None]
             relative, turn = v[n, i], w[n, i]
             approach = np.sum(relative[:, :2] * normal, axis=1)
-            level = np.sqrt(1 - 0.4**2)
-            arm = ball.radius * np.column_stack([level * normal, np.full(rows.size, 0.4)])
+            arm = ball.radius * np.column_stack([NOSE_COSINE * normal, np.full(rows.size, NOSE_SINE)])
         unit = arm / ball.radius
         at = relative + np.cross(turn, arm)
         slip = np.linalg.norm(at - unit * np.sum(at * unit, axis=1, keepdims=True), axis=1)

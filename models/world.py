@@ -19,6 +19,7 @@ import numpy as np
 
 from models.effect import Effect
 from models.errors import BadInput
+from models.files import write_whole
 from models.furniture import furnish
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball, Table
 
@@ -148,20 +149,14 @@ def build_model(table: Table, ball: Ball, names: Sequence[str], effects: Sequenc
 
 def export(table: Table, ball: Ball, names: Sequence[str], path: Path | str) -> None:
     """Write the world as plain MJCF for any MuJoCo viewer, whole or not at all; the balls wait side by side."""
-    from models.native import native_for  # it needs a spec's pairs, which are made here
+    from models.native import Native  # it needs a spec's pairs, which are made here
 
-    path, gap = Path(path), ball.diameter * 1.5
-    spec = build_spec(table, ball, names, (native_for(ball),), furnished=True)
+    gap = ball.diameter * 1.5
+    spec = build_spec(table, ball, names, (Native(),), furnished=True)
     for k, name in enumerate(names):
         spec.body(name).pos[0] = (k - (len(names) - 1) / 2) * gap
     spec.compile()
-    scratch = path.with_name(f".{path.name}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_text(spec.to_xml(), encoding="utf-8")
-        scratch.replace(path)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    write_whole(path, spec.to_xml().encode(), parents=True)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -10,7 +10,7 @@ from models.model_file import Model
 from models.shot import Track
 from sysid.clips import ClipSet
 from sysid.comparison import ClipRow, Comparison, Departure, Samples, SegmentRow
-from sysid.fit import MISCUT, SEGMENT_ROBUST, cloth_constants, segment_ratios, training_clips, values_of
+from sysid.fit import MISCUT, SEGMENT_ROBUST, cloth_constants, segment_ratios, values_of
 from sysid.noise import position_noise
 from sysid.own import events_and_ways, fit_own, polish
 from sysid.problem import STEPS, Array, ShotProblem, residual, segment_problem, shot_problem, theta_noise
@@ -37,12 +37,11 @@ def compare(
     problem = shot_problem(model, (), clip_set, sigma)
     none = np.zeros(0)
     x = fit_own(problem, clip_set, none, sigma, report) if start is None else start
-    x = polish(problem, x, none, sigma)
+    x = polish(problem, x, none)
     n = len(clip_set.clips)
     tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))
     used = set(model.fitted.get("clips", ())) if model.fitted else set()
-    training = {clip_set.clips[k].file for k in training_clips(clip_set)}
-    held = {c.file for c in clip_set.clips} - training if used else set()
+    held = {c.file for c in clip_set.clips} - used if used else set()
     rows = tuple(_clip_row(problem, clip_set, k, tracks[k], sigma, clip_set.clips[k].file in held) for k in range(n))
     samples = collect(problem, tracks, clip_set)
     where = departures(samples, segments, rows, clip_set, sigma)

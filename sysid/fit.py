@@ -195,7 +195,7 @@ def fit(clip_set: ClipSet, model: Model, report: Report = lambda line: None, com
         estimates[name] = Estimate(sd, where if np.isfinite(variance) else f"{where}: these clips do not tell")
     fitted = model.with_values(values)
     summary = {
-        "command": command, "clips": [training.clips[k].file for k in range(len(rows))], "converged": converged,
+        "command": command, "clips": [c.file for c in training.clips], "converged": converged,
         "noise_m": sigma, "segment_ratio": ratio, "error_rate": rate, "band_rate": band, "names": list(all_names),
         "correlation": _correlation(cov),
     }  # fmt: skip

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
-import os
 import sys
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from models.errors import BadInput
+from models.files import write_whole
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -54,16 +51,7 @@ def write_json(path: str, data: Any) -> None:
             return [plain(v) for v in value]
         return value.item() if hasattr(value, "item") else value
 
-    target = Path(path)
-    scratch = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
-        scratch.write_text(json.dumps(plain(data), indent=1) + "\n", encoding="utf-8")
-        scratch.replace(target)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from error
-    finally:
-        with contextlib.suppress(OSError):
-            scratch.unlink(missing_ok=True)
+    write_whole(path, (json.dumps(plain(data), indent=1) + "\n").encode())
 
 
 def table(rows: Sequence[Sequence[str]], right: int = 1) -> str:

@@ -142,20 +142,17 @@ def _stage(problem: ShotProblem, x: Array, constants: Array, todo: Index, retry:
     return best
 
 
-def polish(problem: ShotProblem, x: Array, constants: Array, sigma: float, rounds: int = 2) -> Array:
-    """Whole shots, every sample alike: least squares but for what lies beyond four times a shot's own scatter."""
+def polish(problem: ShotProblem, x: Array, constants: Array, rounds: int = 2) -> Array:
+    """Whole shots, by their noise alone: least squares but for what lies beyond four times a shot's own scatter."""
     n = len(x)
     for _ in range(rounds):
-        plain = dataclasses.replace(
-            problem, sd=tuple({b: np.full(len(o.time), sigma) for b, o in c.balls.items()} for c in problem.clips)
-        )
-        r = plain.evaluate(x, np.tile(constants, (n, 1)), np.arange(n))
+        r = problem.evaluate(x, np.tile(constants, (n, 1)), np.arange(n))
         scatter = np.sqrt(np.nanmean(np.minimum(np.abs(r), 4 * np.nanstd(r, axis=1, keepdims=True)) ** 2, axis=1))
         scale = np.maximum(scatter, 1.0)
         scaled = dataclasses.replace(
-            plain,
-            sd=tuple({b: s * k for b, s in clip.items()} for clip, k in zip(plain.sd, scale, strict=True)),
-            sd_theta=plain.sd_theta * scale,
+            problem,
+            sd=tuple({b: s * k for b, s in clip.items()} for clip, k in zip(problem.sd, scale, strict=True)),
+            sd_theta=problem.sd_theta * scale,
         )
         x, _cost = fit_each(scaled.evaluate, x, constants, STEPS, problem.prior, ROBUST, 10)
     return x

@@ -8,7 +8,7 @@ ball has R omega across equal to its speed.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -129,10 +129,10 @@ class ShotProblem:
         seen = np.unique(np.concatenate([o.time for o in self.clips[clip].balls.values()]))
         return seen[seen <= self.horizon[clip] + 1e-9]
 
-    def tracks(self, x: Array, c: Array, which: Index, progress: Callable[[int], None] | None = None) -> list[Track]:
+    def tracks(self, x: Array, c: Array, which: Index) -> list[Track]:
         """What the model says of these shots; constants (k, q)."""
         shots = [self.shot(row, w, self.times(w)) for row, w in zip(x, which, strict=True)]
-        return simulate(self.model.with_values({n: c[:, k] for k, n in enumerate(self.names)}), shots, progress)
+        return simulate(self.model.with_values({n: c[:, k] for k, n in enumerate(self.names)}), shots)
 
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over their standard deviation: (k, m)."""
@@ -176,9 +176,15 @@ def _shot(names: tuple[str, ...], x: Array, azimuth: float, radius: float, rest:
     return Shot(names, position, velocity, spin, times)
 
 
+def _line(time: Array, xy: Array) -> Array:
+    """Position at time 0 and velocity of a straight line through samples: (2, 2) [m], [m/s]."""
+    line, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(time), time]), xy, rcond=None)
+    return np.asarray(line)
+
+
 def _straight(time: Array, xy: Array, roll: float) -> tuple[Array, float]:
     """Unknowns of a straight line through samples, and its azimuth."""
-    line, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(time), time]), xy, rcond=None)
+    line = _line(time, xy)
     speed = float(np.hypot(*line[1]))
     azimuth = float(np.arctan2(line[1, 1], line[1, 0]))
     return np.array([*line[0], speed, 0, 0, roll * speed, 0]), azimuth
@@ -220,9 +226,7 @@ def _begin(clip: Clip, clip_set: ClipSet, sigma: float) -> tuple[Array, Array, A
         cue = clip.cue
         azimuth = cue.azimuth
         q = turn(azimuth).T
-        line, *_ = np.linalg.lstsq(
-            np.column_stack([np.ones_like(seen.time[part]), seen.time[part]]), seen.xy[part], rcond=None
-        )
+        line = _line(seen.time[part], seen.xy[part])
         v = q @ line[1]
         lever = 2.5 * cue.speed / radius
         x = np.array([*line[0], *v, lever * cue.side * np.sin(cue.elevation), lever * cue.height, lever * cue.side])

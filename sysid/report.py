@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import base64
 import math
-import os
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
 import numpy as np
 
-from models.errors import BadInput
+from models.files import write_whole
 from models.model_file import Estimate, Model
-from sysid.clips_faults import one_line
 from sysid.comparison import Comparison, Departure
 from sysid.plots import Rung, dependence_svg, ladder_svg, map_svg, number, spread_svg, tracks_svg
 
@@ -122,19 +120,7 @@ def write_report(
     `comparisons` are (label, comparison), from the poorest model to the best. Rungs of `ladder` come between them; a
     rung with a comparison's label stands in its place. Without `model` the last comparison's constants are listed.
     """
-    path = Path(path)
-    content = _page(title, comparisons, ladder, notes, model).encode()
-    scratch = path.with_name(f".{path.name}.{os.getpid()}") if path.name else path
-    try:
-        if path.is_dir():
-            raise BadInput(one_line(f"{path}: is a folder; name the file that the report shall be"))
-        try:
-            scratch.write_bytes(content)
-            scratch.replace(path)
-        finally:
-            scratch.unlink(missing_ok=True)
-    except OSError as error:
-        raise BadInput(one_line(f"{path}: cannot be written ({error.strerror}); choose another place")) from error
+    write_whole(path, _page(title, comparisons, ladder, notes, model).encode())
 
 
 def _page(

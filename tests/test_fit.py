@@ -16,17 +16,9 @@ from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.compare import compare
 from sysid.fit import HOLD_OUT, Fit, fit, training_clips
 from sysid.noise import position_noise
+from tests.bench.accuracy import CONSTANTS
 from tests.truth.__main__ import main as make_truth
 
-CONSTANTS = {
-    "decoupled_cloth.slide": "mus",
-    "decoupled_cloth.roll": "mur",
-    "decoupled_cloth.spin": "spin",
-    "ball_impact.restitution": "ebb",
-    "ball_impact.friction": "mubb",
-    "cushion_impact.restitution": "ec",
-    "cushion_impact.friction": "muc",
-}
 KINDS = "stun,draw,side,spin,swerve,cushion,cushion_side,cut,cut_side"
 Truth = dict[str, float]
 Case = tuple[ClipSet, Truth]

@@ -14,7 +14,7 @@ import pytest
 
 from models import gl
 from models.errors import BadInput
-from models.native import Native, native_for, solref
+from models.native import Native, solref
 from models.shot import NOSE_COSINE, NOSE_HEIGHT, Ball, Table
 from models.world import build_model, build_spec, export, pockets, rails
 
@@ -27,7 +27,7 @@ NAMES = ("white", "yellow", "red 1")
 
 def native_model(table: Table, ball: Ball, names: tuple[str, ...] = NAMES, native: Native | None = None) -> Any:
     """The world with MuJoCo's own contacts."""
-    return build_model(table, ball, names, (native or native_for(ball),))
+    return build_model(table, ball, names, (native or Native(),))
 
 
 def place(model: Any, xy: Any, z: float) -> Any:
@@ -41,7 +41,7 @@ def place(model: Any, xy: Any, z: float) -> Any:
 @pytest.mark.parametrize(("table", "ball"), WORLDS)
 @pytest.mark.parametrize("furnished", [False, True])
 def test_every_table_compiles(table: Table, ball: Ball, furnished: bool) -> None:
-    model = build_spec(table, ball, NAMES, (native_for(ball),), furnished=furnished).compile()
+    model = build_spec(table, ball, NAMES, (Native(),), furnished=furnished).compile()
     assert model.nq == 7 * len(NAMES)
     assert model.npair == len(NAMES) * (1 + len(rails(table))) + 3
     assert model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -55,7 +55,7 @@ def test_every_table_compiles(table: Table, ball: Ball, furnished: bool) -> None
 def test_what_is_only_seen_changes_no_motion(table: Table, ball: Ball) -> None:
     seen = []
     for furnished in (False, True):
-        model = build_spec(table, ball, NAMES, (native_for(ball),), furnished=furnished).compile()
+        model = build_spec(table, ball, NAMES, (Native(),), furnished=furnished).compile()
         data = place(model, [(0, 0), (0.3, 0.01), (-0.5, 0.3)], ball.radius)
         data.qvel[:2] = [1.5, 0.1]
         mujoco.mj_step(model, data, 4000)
