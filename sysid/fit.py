@@ -254,7 +254,8 @@ def _widened(first: Joint, whole: Joint) -> Joint:
     sd = np.sqrt(np.diag(first.covariance))
     wanted = [np.linalg.pinv(j.information.sum(axis=0)) @ j.score.sum(axis=0) for j in (first, whole)]
     wide = np.sqrt(sd**2 + (first.constants - whole.constants) ** 2 + wanted[0] ** 2 + wanted[1] ** 2)
-    arrived = all(bool(np.all(np.abs(w) < ROUGH * wide)) for w in wanted)
+    told = np.isfinite(wide)  # a constant of which the first events say nothing has no uncertainty to compare with
+    arrived = all(bool(np.all(np.abs(w[told]) < ROUGH * wide[told])) for w in wanted)
     covariance = np.asarray(first.covariance * np.outer(wide / sd, wide / sd))
     return dataclasses.replace(whole, covariance=covariance, converged=arrived)
 

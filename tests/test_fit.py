@@ -14,8 +14,9 @@ from models.errors import BadInput
 from models.model_file import Model, full_model, read_model, write_model
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.compare import compare
-from sysid.fit import HOLD_OUT, Fit, fit, training_clips
+from sysid.fit import HOLD_OUT, Fit, _widened, fit, training_clips
 from sysid.noise import position_noise
+from sysid.solve import Joint
 from tests.bench.accuracy import CONSTANTS
 from tests.truth.__main__ import main as make_truth
 
@@ -248,3 +249,16 @@ def test_real_shots_are_compared(data_folder: Path) -> None:
         assert 0 < clip.struck_rms_m < 2
     assert all(np.isfinite(s.ratio) for s in comparison.segments) and len(comparison.segments) > 20
     assert all(np.isfinite(d.ratio) for d in comparison.where)
+
+
+def test_a_constant_the_first_events_do_not_tell_leaves_the_others_their_uncertainty() -> None:
+    """Shots without ball-ball impacts up to the second event say nothing of the balls, and that is no failure."""
+    information = np.array([[[100.0, 0.0], [0.0, 0.0]]])
+    quiet = np.zeros((1, 2))
+    spread = np.array([[0.01, np.nan], [np.nan, np.nan]])
+    first = Joint(np.zeros((1, 7)), np.array([0.9, 0.05]), spread, 1.0, True, information, quiet)
+    whole = dataclasses.replace(first, constants=np.array([0.92, 0.06]))
+    widened = _widened(first, whole)
+    assert widened.converged
+    assert np.sqrt(widened.covariance[0, 0]) == pytest.approx(np.hypot(0.1, 0.02))
+    assert np.isnan(widened.covariance[1, 1])
