@@ -94,10 +94,9 @@ def ladder_svg(rungs: Sequence[Rung], noise_m: float) -> str | None:
         for row, value in enumerate(values):
             if good[row, 0]:
                 right = max(value[good[row]])
-                ax.annotate(
-                    f"{number(value[0])} mm", (right, row), (8, 0), textcoords="offset points", va="center", bbox=plain
-                )
-        ax.set(xscale="log", xlim=(low, 2.2 * values[good].max()), xlabel="rms distance, model to measurement [mm]")
+                text = f"{number(value[0])} mm" + (f", held out {number(value[1])}" if good[row, 1] else "")
+                ax.annotate(text, (right, row), (8, 0), textcoords="offset points", va="center", bbox=plain)
+        ax.set(xscale="log", xlim=(low, 5 * values[good].max()), xlabel="rms distance, model to measurement [mm]")
         ax.set_yticks(rows, [_short(r.label, 44) for r in rungs], parse_math=False)
         ax.set_ylim(len(rungs) - 0.4, -0.6)
         _log_ticks(ax.xaxis)
