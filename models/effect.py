@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar
 
 import mujoco
@@ -72,6 +73,11 @@ class Impact:
     friction: Array  # (n,), Coulomb
 
 
+@cache
+def _parameters(kind: type[Effect]) -> dict[str, dict[str, Any]]:
+    return {f.name: {**f.metadata, "default": f.default} for f in dataclasses.fields(kind)}
+
+
 @dataclass(frozen=True)
 class Effect:
     """Base of all effects: every door is open and does nothing."""
@@ -89,7 +95,7 @@ class Effect:
     @classmethod
     def parameters(cls) -> dict[str, dict[str, Any]]:
         """Metadata of every parameter: name -> off, unit, bounds, source, default."""
-        return {f.name: {**f.metadata, "default": f.default} for f in dataclasses.fields(cls)}
+        return _parameters(cls)  # type: ignore[arg-type] # dataclasses hide that classes hash
 
     def is_off(self) -> bool:
         """True where every parameter stands at its off value in every simulation."""
@@ -133,3 +139,8 @@ def of(value: Any, rows: Any) -> Any:
 def column(value: Any) -> Any:
     """A parameter shaped to multiply (nsim, nball) arrays."""
     return np.asarray(value)[:, None] if np.ndim(value) else value
+
+
+def spread(value: Any, count: int) -> Array:
+    """A parameter's values in `count` simulations: (count,)."""
+    return np.full(count, value, float) if np.ndim(value) == 0 else np.asarray(value, float)

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from models.model_file import Model, full_model
+from models.native import GRAVITY
 from models.shot import Array, Ball, Shot, Table, Track
-from models.simulate import GRAVITY, simulate
+from models.simulate import simulate
 
 SNOOKER = Ball(0.0525, 0.1406)
 CAROM = full_model(Table(2.84, 1.42, pockets=False), Ball(0.0615, 0.21))

@@ -8,17 +8,84 @@ constants from Mathavan, Jackson, Parkin 2009. Leaves out that spin and slide sh
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 import numpy as np
+from numba import njit
 
-from models.effect import Array, Balls, Effect, column, param
+from models.effect import Array, Balls, Effect, param, spread
 
 STILL = 1e-8  # [m/s], below it a slip or a speed is none
 STILL_SPIN = 1e-6  # [rad/s]
 CREEP = 1e-3  # shortest step towards a stop under a push from the side [s]
+
+
+@njit(cache=True)
+def _forces(
+    slide: Array, roll: Array, spin: Array, v: Array, w: Array, normal: Array, force: Array, torque: Array,
+    m: float, r: float,
+) -> None:  # fmt: skip
+    inertia = 0.4 * m * r * r
+    for s in range(v.shape[0]):
+        for i in range(v.shape[1]):
+            n = normal[s, i]
+            fx, fy = force[s, i, 0], force[s, i, 1]
+            x, y = v[s, i, 0] - r * w[s, i, 1], v[s, i, 1] + r * w[s, i, 0]
+            slip = math.sqrt(x * x + y * y)
+            speed = math.sqrt(v[s, i, 0] ** 2 + v[s, i, 1] ** 2)
+            gx = gy = dx = dy = 0.0
+            held = False
+            if slip > STILL:
+                gx, gy = -slide[s] * n * x / slip, -slide[s] * n * y / slip
+            else:
+                # Without friction the slip would change at push / M + torque x R / I; 2/7 M of that holds it at zero.
+                hx = -2 / 7 * m * (fx / m - r / inertia * torque[s, i, 1])
+                hy = -2 / 7 * m * (fy / m + r / inertia * torque[s, i, 0])
+                need = math.sqrt(hx * hx + hy * hy)
+                stick = min(1.0, slide[s] * n / need) if need > 0.0 else 1.0
+                gx, gy = hx * stick, hy * stick
+                if speed > STILL:
+                    dx, dy = roll[s] * n * v[s, i, 0] / speed, roll[s] * n * v[s, i, 1] / speed
+                elif math.sqrt((fx + gx) ** 2 + (fy + gy) ** 2) <= roll[s] * n:
+                    # A ball at rest stays there until the push exceeds what rolling resistance can hold.
+                    gx, gy, held = -fx, -fy, True
+            force[s, i, 0] += gx - dx
+            force[s, i, 1] += gy - dy
+            if held:
+                torque[s, i, 0] = torque[s, i, 1] = 0.0
+            else:
+                torque[s, i, 0] += r * gy + inertia / (m * r) * dy
+                torque[s, i, 1] -= r * gx + inertia / (m * r) * dx
+            if abs(w[s, i, 2]) > STILL_SPIN and n > 0.0:
+                torque[s, i, 2] -= inertia * math.copysign(spin[s], w[s, i, 2])
+
+
+@njit(cache=True)
+def _horizon(v: Array, w: Array, force: Array, torque: Array, m: float, r: float) -> Array:
+    inertia = 0.4 * m * r * r
+    out = np.full(v.shape[:2], np.inf)
+    for s in range(v.shape[0]):
+        for i in range(v.shape[1]):
+            ax, ay = force[s, i, 0] / m, force[s, i, 1] / m
+            x, y = v[s, i, 0] - r * w[s, i, 1], v[s, i, 1] + r * w[s, i, 0]
+            sliding = math.sqrt(x * x + y * y) > STILL
+            if sliding:
+                ax, ay = ax - r / inertia * torque[s, i, 1], ay + r / inertia * torque[s, i, 0]
+            else:
+                x, y = v[s, i, 0], v[s, i, 1]
+            closing, size = -(x * ax + y * ay), x * x + y * y
+            if size > STILL**2 and closing > 0.0:
+                out[s, i] = size / closing
+                # A rolling ball pushed across its way never comes to an exact stop: steps do not shrink without end.
+                if not sliding and abs(x * ay - y * ax) > 1e-6 * closing:
+                    out[s, i] = max(out[s, i], CREEP)
+            wz, dwz = w[s, i, 2], torque[s, i, 2] / inertia
+            if abs(wz) > STILL_SPIN and wz * dwz < 0.0:
+                out[s, i] = min(out[s, i], -wz / dwz)
+    return out
 
 
 @dataclass(frozen=True)
@@ -44,56 +111,11 @@ class DecoupledCloth(Effect):
 
     def forces(self, balls: Balls) -> None:
         """Friction force and torque of each regime."""
-        m, r, inertia = balls.ball.mass, balls.ball.radius, balls.ball.inertia
-        grip = column(self.slide) * balls.normal
-        slip = balls.slip
-        slip_speed = np.hypot(slip[..., 0], slip[..., 1])
-        sliding = slip_speed > STILL
-        # Without friction the slip would change at push / M + torque x R / I; 2/7 M of that holds it at zero.
-        drift = balls.force[..., :2] / m
-        drift = drift + r / inertia * np.stack([-balls.torque[..., 1], balls.torque[..., 0]], axis=-1)
-        hold = -2 / 7 * m * drift
-        need = np.hypot(hold[..., 0], hold[..., 1])
-        rub = slip / np.where(sliding, slip_speed, 1.0)[..., None]
-        stick = np.minimum(1.0, grip / np.where(need > 0, need, 1.0))
-        friction = np.where(sliding[..., None], -grip[..., None] * rub, hold * stick[..., None])
-
-        speed = np.hypot(balls.velocity[..., 0], balls.velocity[..., 1])
-        rolling = ~sliding & (speed > STILL)
-        heading = balls.velocity[..., :2] / np.where(rolling, speed, 1.0)[..., None]
-        drag = np.where(rolling, column(self.roll) * balls.normal, 0.0)[..., None] * heading
-
-        # A ball at rest stays there until the push exceeds what rolling resistance can hold.
-        push = np.hypot(*np.moveaxis(balls.force[..., :2] + friction, -1, 0))
-        held = ~sliding & ~rolling & (push <= column(self.roll) * balls.normal)
-        friction = np.where(held[..., None], -balls.force[..., :2], friction)
-
-        wz = balls.spin[..., 2]
-        turn = np.where(np.abs(wz) > STILL_SPIN, -np.sign(wz), 0.0) * column(self.spin) * (balls.normal > 0)
-        balls.force[..., :2] += friction - drag
-        balls.torque[..., 0] += r * friction[..., 1] + inertia / (m * r) * drag[..., 1]
-        balls.torque[..., 1] += -r * friction[..., 0] - inertia / (m * r) * drag[..., 0]
-        balls.torque[..., :2] = np.where(held[..., None], 0.0, balls.torque[..., :2])
-        balls.torque[..., 2] += inertia * turn
+        _forces(
+            *(spread(k, len(balls.normal)) for k in (self.slide, self.roll, self.spin)),
+            balls.velocity, balls.spin, balls.normal, balls.force, balls.torque, balls.ball.mass, balls.ball.radius,
+        )  # fmt: skip
 
     def horizon(self, balls: Balls) -> Array:
         """Time to the next switch: end of slide, of roll, of sidespin: (nsim, nball) [s]."""
-        m, r, inertia = balls.ball.mass, balls.ball.radius, balls.ball.inertia
-        slip = balls.slip
-        a = balls.force[..., :2] / m
-        du = a + r / inertia * np.stack([-balls.torque[..., 1], balls.torque[..., 0]], axis=-1)
-        sliding = np.hypot(slip[..., 0], slip[..., 1]) > STILL
-        v = balls.velocity[..., :2]
-        value = np.where(sliding[..., None], slip, v)
-        rate = np.where(sliding[..., None], du, a)
-        closing = -np.sum(value * rate, axis=-1)
-        size = np.sum(value * value, axis=-1)
-        moving = (size > STILL**2) & (closing > 0)
-        end = np.where(moving, size / np.where(moving, closing, 1.0), np.inf)
-        # A rolling ball pushed across its way never comes to an exact stop: steps do not shrink without end.
-        across = np.abs(value[..., 0] * rate[..., 1] - value[..., 1] * rate[..., 0])
-        bent = ~sliding & (across > 1e-6 * closing)
-        end = np.where(bent, np.maximum(end, CREEP), end)
-        wz, dwz = balls.spin[..., 2], balls.torque[..., 2] / inertia
-        spinning = (np.abs(wz) > STILL_SPIN) & (wz * dwz < 0)
-        return np.minimum(end, np.where(spinning, -wz / np.where(spinning, dwz, 1.0), np.inf))
+        return _horizon(balls.velocity, balls.spin, balls.force, balls.torque, balls.ball.mass, balls.ball.radius)

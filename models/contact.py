@@ -1,0 +1,306 @@
+"""Bodies that touch several at a time: MuJoCo's own contacts, with the friction and restitution of the model.
+
+In a world of their own the balls slide along the slate and do not leave it; a contact that is left to MuJoCo does not
+turn them. At a low impedance a contact is a spring and a damper of its own, whatever else its bodies touch (at a high
+one MuJoCo imposes its motion, and balls frozen to each other move off as one). Two balls: the spring of Hertz,
+K d^1.5, with the damper a sqrt(K) d^0.25 (Tsuji, Tanaka, Ishida 1992), whose restitution knows no speed; a cushion:
+linear, and softer. What a spring gives back of the work done on it does not depend on what else acts, so restitution
+is energetic. It follows the approach speed while that still grows, as in the middle of a rack.
+Friction at the contact, and of the cloth under a ball that is pressed down, come from the contact's force by the
+increments of the impulse models. Leaves out that balls leave the slate, and that real contacts last longer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import TYPE_CHECKING
+
+import mujoco
+import mujoco.batch
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from models.effect import Balls, Effect
+from models.impulse import _ball_step, _cushion_step
+from models.shot import NOSE_COSINE, NOSE_SINE, Array
+from models.world import NOSE_RADIUS, build_spec, rails
+
+if TYPE_CHECKING:
+    from models.model_file import Model
+
+STEP = 4e-6  # [s]
+BALL_TIME = 1e-4  # two balls' contact at 1 m/s [s]; real ones' 0.2 to 0.3 ms, in which the line of centres turns
+CUSHION_TIME = 4e-4  # [s]; real ones' some 8 ms
+HERTZ = (3.2180 / BALL_TIME) ** 2.5  # acceleration of the gap is HERTZ d^1.5 [m^-0.5 s^-2]
+LONGEST = 2e-2  # of a cluster, after which the rest of it is left to the next [s]
+CLOSED = 1e-9  # gap below which bodies touch [m]
+AWAY = 1e-9  # approach speed below which they do not approach [m/s]
+IMPEDANCE = 1e-4  # the lowest that MuJoCo takes
+PARTS = 8  # of a step, over which a slip may turn
+SIDES = ("+x", "-x", "+y", "-y")
+
+
+@njit(cache=True)
+def _spring(cushion: bool, depth: float, damping: float) -> tuple[float, float]:
+    """Stiffness over the depth [1/s^2] and damping [1/s] of a contact per unit of its effective mass."""
+    if cushion:
+        k = (np.pi / CUSHION_TIME) ** 2 / (1.0 - damping * damping)
+        return k, 2.0 * damping * np.sqrt(k)
+    return HERTZ * np.sqrt(depth), damping * np.sqrt(HERTZ) * depth**0.25
+
+
+@njit(cache=True)
+def _bounce(cushion: bool, damping: float) -> float:
+    """Restitution of a contact at 1 m/s, stepped as MuJoCo steps it."""
+    depth, v = 0.0, 1.0
+    for _ in range(10_000):
+        k, b = _spring(cushion, depth, damping)
+        v -= STEP * max(k * depth + b * v, 0.0)
+        depth += STEP * v
+        if depth <= 0.0:
+            break
+    return -v
+
+
+@cache
+def _dampings(cushion: bool) -> tuple[Array, Array]:
+    """Restitutions, rising, and the damping that gives each."""
+    damping = np.linspace(0.95 if cushion else 5.0, 0.0, 1001)
+    return np.array([_bounce(cushion, d) for d in damping]), damping
+
+
+def dampings(cushion: bool, restitution: Array) -> Array:
+    """The damping of contacts for their restitutions (n,): (n,)."""
+    rebound, damping = _dampings(cushion)
+    return np.interp(restitution, rebound, damping)
+
+
+@njit(cache=True)
+def _meet(
+    kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array, c: int,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array,
+) -> tuple[float, float, float, float]:  # fmt: skip
+    """Gap, approach speed and normal (first body into second) of contact c in one simulation."""
+    i, j = first[c], second[c]
+    if kind[c] == 0:
+        if not (alive[i] and alive[j]):
+            return np.inf, 0.0, 1.0, 0.0
+        x, y = p[j, 0] - p[i, 0], p[j, 1] - p[i, 1]
+        d = np.sqrt(x * x + y * y)
+        x, y = x / d, y / d
+        return d - 2.0 * radius, (v[i, 0] - v[j, 0]) * x + (v[i, 1] - v[j, 1]) * y, x, y
+    k, sign = j // 2, 1.0 - 2.0 * (j % 2)
+    if not alive[i] or not span[c, 0] <= p[i, 1 - k] <= span[c, 1]:
+        return np.inf, 0.0, 1.0, 0.0
+    return reach[k] - sign * p[i, k], sign * v[i, k], sign * (k == 0), sign * (k == 1)
+
+
+@njit(cache=True)
+def _local(
+    p: Array, v: Array, w: Array, cushion: bool, i: int, j: int, x: float, y: float, s: Array
+) -> tuple[float, float, float, float]:
+    """The state of a contact's bodies in its own axes, into s; returns the axes."""
+    ax, ay, bx, by = (y, -x, x, y) if cushion else (x, y, -y, x)
+    for n in range(1 if cushion else 2):
+        ball, o = (i if n == 0 else j), 5 * n
+        s[o] = v[ball, 0] * ax + v[ball, 1] * ay
+        s[o + 1] = v[ball, 0] * bx + v[ball, 1] * by
+        s[o + 2] = w[ball, 0] * ax + w[ball, 1] * ay
+        s[o + 3] = w[ball, 0] * bx + w[ball, 1] * by
+        s[o + 4] = w[ball, 2]
+    return ax, ay, bx, by
+
+
+@njit(cache=True)
+def closing(
+    kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array, peak: Array,
+    out: NDArray[np.int64],
+) -> int:  # fmt: skip
+    """Contacts that close, or close faster than ever since: fills rows of out: (row, contact)."""
+    count = 0
+    for n in range(p.shape[0]):
+        for c in range(kind.size):
+            gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
+            if gap > CLOSED:
+                peak[n, c] = 0.0
+            elif approach > max(peak[n, c], AWAY):
+                peak[n, c] = approach
+                out[count, 0], out[count, 1] = n, c
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def press(
+    kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
+    p: Array, v: Array, w: Array, alive: NDArray[np.bool_], reach: Array, damping: Array, mu: Array, cloth: Array,
+    m: float, r: float, force: Array, torque: Array, solref: Array,
+) -> None:  # fmt: skip
+    """Set the springs of closed contacts, solref (n, ncontact, 2), and add the friction that goes with them."""
+    one, two = np.zeros(5), np.zeros(10)
+    one_out, two_out = np.zeros(5), np.zeros(10)
+    one_after, two_after = np.zeros(5), np.zeros(10)
+    inertia = 0.4 * m * r * r
+    for n in range(p.shape[0]):
+        for c in range(kind.size):
+            cushion = kind[c] == 1
+            i, j = first[c], second[c]
+            gap, approach, x, y = _meet(kind, first, second, span, c, p[n], v[n], alive[n], r, reach)
+            if gap > 0.0:
+                continue
+            depth = -gap
+            if cushion:  # along the normal, from the middle of the nose's capsule
+                across = (r + NOSE_RADIUS) * NOSE_COSINE + gap
+                depth = r + NOSE_RADIUS - np.sqrt(across * across + ((r + NOSE_RADIUS) * NOSE_SINE) ** 2)
+                approach *= across / (r + NOSE_RADIUS - depth)
+            k, b = _spring(cushion, depth, damping[n, c])
+            solref[n, c, 0], solref[n, c, 1] = -k, -b
+            dp = STEP * (m if cushion else 0.5 * m) * max(k * depth + b * approach, 0.0)
+            if dp == 0.0:
+                continue
+            s, out, after = (one, one_out, one_after) if cushion else (two, two_out, two_after)
+            ax, ay, bx, by = _local(p[n], v[n], w[n], cushion, i, j, x, y, s)
+            law = (mu[n, c], cloth[n], m, r)
+            out[:] = s
+            for _ in range(PARTS):
+                if cushion:
+                    _cushion_step(out, dp / PARTS, law, after)
+                else:
+                    _ball_step(out, dp / PARTS, law, after)
+                out[:] = after
+            # What the normal force itself does is MuJoCo's.
+            if cushion:
+                out[1] += dp * NOSE_COSINE / m
+            else:
+                out[0] += dp / m
+                out[5] -= dp / m
+            for q in range(1 if cushion else 2):
+                ball, o = (i if q == 0 else j), 5 * q
+                va, vb = (out[o] - s[o]) * m / STEP, (out[o + 1] - s[o + 1]) * m / STEP
+                wa, wb = (out[o + 2] - s[o + 2]) * inertia / STEP, (out[o + 3] - s[o + 3]) * inertia / STEP
+                force[n, ball, 0] += va * ax + vb * bx
+                force[n, ball, 1] += va * ay + vb * by
+                torque[n, ball, 0] += wa * ax + wb * bx
+                torque[n, ball, 1] += wa * ay + wb * by
+                torque[n, ball, 2] += (out[o + 4] - s[o + 4]) * inertia / STEP
+
+
+@njit(cache=True)
+def apart(
+    kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array, damping: Array,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Simulations in which nothing presses or closes: (n,)."""
+    free = np.ones(p.shape[0], np.bool_)
+    for n in range(p.shape[0]):
+        for c in range(kind.size):
+            gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
+            if gap <= CLOSED and approach > AWAY:
+                free[n] = False
+            elif gap < 0.0:
+                k, b = _spring(kind[c] == 1, -gap, damping[n, c])
+                free[n] = free[n] and -k * gap + b * approach <= 0.0
+            if not free[n]:
+                break
+    return free
+
+
+class Contacts:
+    """A batch in which balls and cushions touch through MuJoCo's contacts."""
+
+    def __init__(self, model: Model, effects: Sequence[Effect], balls: int, nsim: int, threads: int) -> None:
+        """Compile the world of `balls` balls, `nsim` times."""
+        spec = self._spec(model, effects, balls)
+        compiled = spec.compile()
+        self.radius, self.mass = model.ball.radius, model.ball.mass
+        self.reach = model.table.reach(model.ball)
+        self.batch = mujoco.batch.Batch(compiled, nsim, nthread=threads)
+        self.qpos = self.batch.bind("qpos").reshape(nsim, balls, 2)
+        self.qvel = self.batch.bind("qvel").reshape(nsim, balls, 2)
+        self.push = self.batch.bind("xfrc_applied")
+        self.solref = self.batch.expand("pair_solref")
+        ncontact = compiled.npair
+        self.kind = np.zeros(ncontact, np.int64)
+        self.first, self.second = np.zeros(ncontact, np.int64), np.zeros(ncontact, np.int64)
+        self.span = np.zeros((ncontact, 2))
+        pieces = rails(model.table)
+        start = compiled.geom("cushion 0 +x").id
+        for c in range(ncontact):
+            one, two = sorted((compiled.pair_geom1[c], compiled.pair_geom2[c]), reverse=True)
+            bodies = [int(compiled.geom_bodyid[g]) - 1 for g in (one, two)]
+            if min(bodies) < 0:
+                piece = pieces[two - start]
+                k = "xy".index(piece.side[1])
+                self.kind[c], self.first[c], self.second[c] = 1, bodies[0], SIDES.index(piece.side)
+                self.span[c] = sorted((piece.start[1 - k], piece.end[1 - k]))
+            else:
+                self.first[c], self.second[c] = min(bodies), max(bodies)
+        self.damping = np.zeros((nsim, ncontact))
+        self.friction = np.zeros((nsim, ncontact))
+        self.peak = np.zeros((nsim, ncontact))
+        self.first_time = np.ones((nsim, ncontact), bool)  # in this cluster
+
+    def enter(self, rows: NDArray[np.int64], p: Array, v: Array) -> None:
+        """Take over simulations at the moment of a touch; p, v (n, nball, 3)."""
+        self.qpos[rows], self.qvel[rows] = p[..., :2], v[..., :2]
+        self.peak[rows] = 0.0
+        self.first_time[rows] = True
+
+    def closing(self, rows: NDArray[np.int64], balls: Balls, alive: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Contacts that close, or do so faster than since they began: (k, 2) of index into rows, and contact."""
+        peak = self.peak[rows]
+        found = np.zeros((rows.size * self.kind.size, 2), np.int64)
+        count = closing(
+            self.kind, self.first, self.second, self.span, balls.position, balls.velocity, alive, self.radius,
+            self.reach, peak, found,
+        )  # fmt: skip
+        self.peak[rows] = peak
+        return found[:count]
+
+    def set(self, rows: NDArray[np.int64], which: NDArray[np.int64], e: Array, mu: Array) -> NDArray[np.bool_]:
+        """Give contacts of `which` (k, 2) the friction mu and the energetic restitution e, (k,); says which are new."""
+        at = rows[which[:, 0]], which[:, 1]
+        self.friction[at] = mu
+        self.damping[at] = np.where(self.kind[which[:, 1]] == 1, dampings(True, e), dampings(False, e))
+        new = self.first_time[at]
+        self.first_time[at] = False
+        return new
+
+    def step(
+        self, rows: NDArray[np.int64], balls: Balls, alive: NDArray[np.bool_], cloth: Array
+    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """One STEP, with the friction that goes with the contacts' forces added to the balls'.
+
+        Returns position and velocity after it, (n, nball, 3), and which simulations touch no more.
+        """
+        solref, damping = self.solref[rows], self.damping[rows]
+        press(
+            self.kind, self.first, self.second, self.span, balls.position, balls.velocity, balls.spin, alive,
+            self.reach, damping, self.friction[rows], cloth, self.mass, self.radius, balls.force, balls.torque, solref,
+        )  # fmt: skip
+        self.solref[rows] = solref
+        self.push[rows, 1:, :3] = balls.force
+        self.batch.step(ids=rows)
+        p, v = balls.position.copy(), balls.velocity.copy()
+        p[..., :2], v[..., :2] = self.qpos[rows], self.qvel[rows]
+        free = apart(self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.reach, damping)
+        return p, v, free
+
+    @staticmethod
+    def _spec(model: Model, effects: Sequence[Effect], balls: int) -> mujoco.MjSpec:
+        spec = build_spec(model.table, model.ball, [f"ball {i}" for i in range(balls)], effects)
+        spec.option.timestep = STEP
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_GRAVITY
+        for body in spec.bodies[1:]:
+            spec.delete(body.joints[0])
+            for axis in np.eye(3)[:2]:
+                body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        for pair in spec.pairs:
+            if pair.classname.name == "ball_bed":
+                spec.delete(pair)
+                continue
+            pair.condim, pair.solimp = 1, [IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]
+        return spec

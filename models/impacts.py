@@ -1,0 +1,67 @@
+"""What an impact is about to be: approach and slip of the bodies that meet, for the effects to say how it goes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from models.effect import Impact
+from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball
+
+
+def describe(kind: str, ball: Ball, p: Array, v: Array, w: Array, i: NDArray[np.int64], j: NDArray[np.int64]) -> Impact:
+    """Impacts of one kind, a row each: p, v, w (n, nball, 3); ball i with ball j, or rail j (+x, -x, +y, -y)."""
+    approach, slip = _describe(kind == "cushion", ball.radius, p, v, w, i, j)
+    return Impact(kind, ball, approach, slip, np.zeros(len(i)), np.zeros(len(i)))
+
+
+@njit(cache=True)
+def _describe(
+    cushion: bool, r: float, p: Array, v: Array, w: Array, first: NDArray[np.int64], second: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    approach, slip = np.empty(first.size), np.empty(first.size)
+    for n in range(first.size):
+        i, j = first[n], second[n]
+        if cushion:
+            sign = 1.0 - 2.0 * (j % 2)
+            nx, ny = (sign, 0.0) if j < 2 else (0.0, sign)
+            c, s = NOSE_COSINE, NOSE_SINE
+            ux, uy = v[n, i, 0], v[n, i, 1]
+            wx, wy, wz = w[n, i, 0], w[n, i, 1], w[n, i, 2]
+        else:
+            nx, ny = p[n, j, 0] - p[n, i, 0], p[n, j, 1] - p[n, i, 1]
+            d = math.sqrt(nx * nx + ny * ny)
+            nx, ny = nx / d, ny / d
+            c, s = 1.0, 0.0
+            ux, uy = v[n, i, 0] - v[n, j, 0], v[n, i, 1] - v[n, j, 1]
+            wx, wy, wz = w[n, i, 0] + w[n, j, 0], w[n, i, 1] + w[n, j, 1], w[n, i, 2] + w[n, j, 2]
+        approach[n] = ux * nx + uy * ny
+        # Slip along the horizontal tangent (-ny, nx), and up the face.
+        along = -ux * ny + uy * nx + r * (wz * c - s * (wx * nx + wy * ny))
+        up = -approach[n] * s + r * (wx * ny - wy * nx)
+        slip[n] = math.sqrt(along * along + up * up)
+    return approach, slip
+
+
+@njit(cache=True)
+def crowded(
+    cushion: bool, hit: NDArray[np.int64], p: Array, alive: NDArray[np.bool_], near: Array, radius: float, reach: Array
+) -> NDArray[np.bool_]:
+    """Impacts (rows of `hit`: kind, ball, other ball or rail) with a third body within `near` (n,) [m] of theirs."""
+    found = np.zeros(hit.shape[0], np.bool_)
+    for n in range(hit.shape[0]):
+        one = hit[n, 1]
+        two = one if cushion else hit[n, 2]
+        for i in (one, two):
+            for k in range(alive.shape[1]):
+                if alive[n, k] and k != one and k != two:
+                    x, y = p[n, k, 0] - p[n, i, 0], p[n, k, 1] - p[n, i, 1]
+                    d = 2.0 * radius + near[n]
+                    found[n] = found[n] or x * x + y * y < d * d
+            for rail in range(4):
+                gap = reach[rail // 2] - (1.0 - 2.0 * (rail % 2)) * p[n, i, rail // 2]
+                found[n] = found[n] or (gap < near[n] and not (cushion and rail == hit[n, 2]))
+    return found

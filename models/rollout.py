@@ -1,0 +1,347 @@
+"""Shots of one number of balls, side by side on mujoco.batch, with step sizes chosen by what happens next.
+
+Where the cloth is an effect, forces are constant between its switches (slide to roll, stop, end of sidespin), so a
+step lands on the next switch or touch, and is exact: MuJoCo's semi-implicit position is ahead by a h^2 / 2, which is
+taken back. Impacts that effects resolve are landed on; where two bodies meet they are carried through by their impulse
+(models/impulse.py), where more do, in small steps through MuJoCo's contacts (models/contact.py). Contacts of the plain
+MJCF take small steps around a touch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import mujoco.batch
+import numpy as np
+from numpy.typing import NDArray
+
+from models.contact import CUSHION_TIME, LONGEST, STEP, Contacts
+from models.effect import Balls, Effect, of
+from models.impacts import crowded, describe
+from models.impulse import collide_rows
+from models.model_file import Model
+from models.native import GRAVITY
+from models.sampling import record, spin_to_world
+from models.shot import Array, Event, Shot, Track
+from models.touch import BALL, CUSHION, POCKET, native_step, next_touch
+from models.world import POCKET_MOUTH, build_spec
+
+NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
+NATIVE_RUN = 4  # of them between two looks at what comes next
+MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in [m] (Robotic Billiards 2015)
+TINY = 1e-5  # [s]
+CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
+DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
+RAILS = ("+x", "-x", "+y", "-y")
+FIELDS = ("pair_friction", "pair_solref", "opt.gravity", "body_mass", "body_inertia")  # that an edit may change
+MAX_STEPS = 200_000
+
+
+@dataclass
+class Rollout:
+    """Shots of one number of balls, in one batch."""
+
+    model: Model
+    shots: Sequence[Shot]
+    rows: NDArray[np.int64]  # of these shots among all, to pick per-simulation parameters
+    threads: int
+    contacts: str = "clusters"
+
+    def __post_init__(self) -> None:
+        """Compile the world and lay out the state."""
+        self.effects: list[Effect] = [e.select(self.rows) for e in self.model.stack()]
+        self.doers = self.effects[1:]
+        slots = {e.slot for e in self.doers}
+        self.cloth = next((e for e in self.doers if e.slot == "cloth"), None)
+        self.resolved = np.array([any(e.resolves == k for e in self.doers) for k in ("ball", "cushion")])
+        self.exact = "cloth" in slots
+        self.batch = self._compile()
+        self.world: Contacts | None = None
+        nsim, nball = len(self.shots), len(self.shots[0].names)
+        self.qpos = self.batch.bind("qpos").reshape(nsim, nball, 7)
+        self.qvel = self.batch.bind("qvel").reshape(nsim, nball, 6)
+        self.push = self.batch.bind("xfrc_applied")
+        self.timestep = self.batch.expand("opt.timestep")
+        self.alive = np.ones((nsim, nball), bool)
+        self.theta = np.zeros((nsim, nball))
+        self.events: list[list[Event]] = [[] for _ in self.shots]
+        table, ball = self.model.table, self.model.ball
+        self.reach = table.reach(ball)
+        self.half = np.array([table.length / 2, table.width / 2])
+        mouth = POCKET_MOUTH if table.pockets else 0.0
+        self.mouths = np.array([mouth / np.sqrt(2), MIDDLE_ACCEPTANCE if mouth else 0.0, mouth / 2])
+        self._start()
+
+    def _compile(self) -> Any:
+        table, ball = self.model.table, self.model.ball
+        names = [f"ball {i}" for i in range(len(self.shots[0].names))]
+
+        def world(effects: Sequence[Effect]) -> mujoco.MjModel:
+            spec = build_spec(table, ball, names, effects)
+            if self.exact:
+                # The cloth carries the weight and holds the height: steps of any size, no support to sink into.
+                for pair in spec.pairs:
+                    if self.resolved.all() or pair.classname.name == "ball_bed":
+                        spec.delete(pair)
+                for body in spec.bodies[1:]:
+                    body.gravcomp = 1
+            return spec.compile()
+
+        editors = [
+            type(e).edit is not Effect.edit and any(np.ndim(getattr(e, k)) for k in e.parameters())
+            for e in self.effects
+        ]
+        nsim = len(self.shots)
+        first = world([e.select(0) if any(editors) else e for e in self.effects] if any(editors) else self.effects)
+        batch = mujoco.batch.Batch(first, nsim, nthread=self.threads)
+        if any(editors) and first.npair:
+            fields = {name: batch.expand(name) for name in FIELDS}
+            for s in range(nsim):
+                variant = world([e.select(s) for e in self.effects])
+                for name, values in fields.items():
+                    source = variant.opt.gravity if name == "opt.gravity" else getattr(variant, name)
+                    values[s] = np.reshape(source, values[s].shape)
+        return batch
+
+    def _start(self) -> None:
+        spin = np.array([s.spin for s in self.shots], float)
+        velocity = np.array([s.velocity for s in self.shots], float)
+        for effect in self.doers:
+            if type(effect).strike is not Effect.strike:
+                for i in range(velocity.shape[1]):
+                    velocity[:, i], spin[:, i] = effect.strike(velocity[:, i], spin[:, i])
+        self.qpos[:] = 0
+        self.qpos[..., :2] = [s.position for s in self.shots]
+        self.qpos[..., 2] = self.model.ball.radius
+        self.qpos[..., 3] = 1
+        self.qvel[:] = 0
+        self.qvel[..., :2] = velocity
+        self.qvel[..., 3:] = spin
+        self.count = np.array([len(s.times) for s in self.shots])
+        self.times = np.full((len(self.shots), max(self.count.max(), 1)), np.inf)
+        for k, shot in enumerate(self.shots):
+            self.times[k, : self.count[k]] = shot.times
+        self.end = np.array([s.times[-1] if len(s.times) else 0.0 for s in self.shots])
+        self.clock = np.zeros(len(self.shots))
+        self.next = np.zeros(len(self.shots), np.int64)
+        self.fine = np.array([s.impact_step for s in self.shots])
+        self.longest = np.array([s.max_step for s in self.shots])
+        self.samples = np.full((*self.times.shape, self.alive.shape[1], 8), np.nan)
+
+    def run(self) -> list[Track]:
+        """Step until every shot has its last sample."""
+        rows = np.arange(len(self.shots))
+        p, v = self.qpos[..., :3].copy(), self.qvel[..., :3].copy()
+        w = self.qvel[..., 3:].copy()
+        zero = np.zeros(len(rows))
+        record(
+            rows, zero, zero, self.times, self.count, self.next, p, v, w, v, w, p, self.theta, self.alive, self.samples
+        )
+        for _ in range(MAX_STEPS):
+            rows = rows[self.next[rows] < self.count[rows]]
+            if rows.size == 0:
+                break
+            self._step(rows)
+        else:
+            raise RuntimeError(f"shot {self.rows[rows[0]]} has not come to its end after {MAX_STEPS} steps")
+        return [self._track(k) for k in range(len(self.shots))]
+
+    def _balls(self, rows: NDArray[np.int64]) -> Balls:
+        p, v = self.qpos[rows, :, :3], self.qvel[rows, :, :3]
+        w = spin_to_world(self.qpos[rows, :, 3:], self.qvel[rows, :, 3:], False)
+        ball = self.model.ball
+        weight = np.where(self.alive[rows], ball.mass * GRAVITY, 0.0)
+        return Balls(ball, p, v, w, weight, np.zeros_like(p), np.zeros_like(p))
+
+    def _step(self, rows: NDArray[np.int64]) -> None:
+        balls = self._balls(rows)
+        whole = rows.size == len(self.shots)
+        effects = self.doers if whole else [e.select(rows) for e in self.doers]
+        limit = np.full(rows.size, np.inf if self.exact else NATIVE_RUN * NATIVE_STEP)
+        for effect in effects:
+            effect.forces(balls)
+        for effect in effects:
+            span = np.asarray(effect.horizon(balls))
+            if span.ndim == 2:
+                span = np.where(self.alive[rows], span, np.inf).min(axis=1)
+            limit = np.minimum(limit, span)
+        # A moving simulation takes no step beyond the longest; one at rest goes to its end at once.
+        moving = np.any(balls.velocity[..., :2] != 0, axis=(1, 2)) | np.any(balls.force[..., :2] != 0, axis=(1, 2))
+        limit = np.where(moving, np.minimum(limit, self.longest[rows]), limit)
+        limit = np.minimum(limit, np.maximum(self.end[rows] - self.clock[rows], 1e-12))
+        alive = self.alive[rows]
+        acceleration = balls.force / balls.ball.mass
+        step, hit = next_touch(
+            balls.position, balls.velocity, acceleration, alive, balls.ball.radius, self.reach, self.half, self.mouths,
+            self.resolved, limit,
+        )  # fmt: skip
+        rough = np.zeros(rows.size, bool)
+        if not self.resolved.all():
+            safe = native_step(
+                balls.position, balls.velocity, alive, balls.ball.radius, self.reach, ~self.resolved,
+                self.fine[rows], np.full(rows.size, np.inf),
+            )  # fmt: skip
+            hit[safe < step] = 0
+            rough = safe <= self.fine[rows]
+            step = np.minimum(step, safe)
+        if any(e.varies for e in effects):
+            middle = self._middle(balls, step)
+            for effect in effects:
+                effect.forces(middle)
+            balls.force, balls.torque = middle.force, middle.torque
+        self._advance(rows, balls, step, rough)
+        for kind, number in (("ball", BALL), ("cushion", CUSHION)):
+            found = np.flatnonzero(hit[:, 0] == number)
+            if found.size:
+                self._impact(kind, rows[found], hit[found])
+        for k in np.flatnonzero(hit[:, 0] == POCKET):
+            self._pot(int(rows[k]), int(hit[k, 1]))
+
+    @staticmethod
+    def _middle(balls: Balls, step: Array) -> Balls:
+        """The state half a step ahead under the present forces, with nothing acting yet; now, where steps are tiny.
+
+        Half of the last bit of speed would count as rest, and the ball never come to it.
+        """
+        half = np.where(step > TINY, 0.5 * step, 0.0)[:, None, None]
+        velocity = balls.velocity + half * balls.force / balls.ball.mass
+        velocity[..., 2] = balls.velocity[..., 2]
+        return Balls(
+            balls.ball,
+            balls.position + 0.5 * half * (balls.velocity + velocity),
+            velocity,
+            balls.spin + half * balls.torque / balls.ball.inertia,
+            balls.normal,
+            np.zeros_like(balls.force),
+            np.zeros_like(balls.torque),
+        )
+
+    def _advance(self, rows: NDArray[np.int64], balls: Balls, step: Array, rough: NDArray[np.bool_]) -> None:
+        ball = balls.ball
+        self.push[rows, 1:, :3] = balls.force
+        self.push[rows, 1:, 3:] = balls.torque
+        go = step > 0
+        parts = np.ones(rows.size, np.int64) if self.exact else np.ceil(step / NATIVE_STEP - 1e-9).astype(np.int64)
+        self.timestep[rows[go]] = (step[go] / parts[go]).reshape(-1, *self.timestep.shape[1:])
+        for number in np.unique(parts[go]):
+            self.batch.step(ids=rows[go & (parts == number)], nstep=int(number))
+        v1 = self.qvel[rows, :, :3]
+        if self.exact:
+            # The semi-implicit step is ahead by half the change of velocity.
+            behind = 0.5 * (step * ~rough)[:, None, None] * (v1 - balls.velocity)
+            self.qpos[rows, :, :2] -= behind[..., :2] * go[:, None, None]
+            # A native nose presses the ball down, on a slate that does not give.
+            self.qpos[rows, :, 2] = np.where(self.alive[rows], ball.radius, self.qpos[rows, :, 2])
+            self.qvel[rows, :, 2] = 0
+            w1 = balls.spin + balls.torque / ball.inertia * step[:, None, None]
+            if rough.any():
+                w1[rough] = spin_to_world(self.qpos[rows[rough], :, 3:], self.qvel[rows[rough], :, 3:], False)
+        else:
+            w1 = spin_to_world(self.qpos[rows, :, 3:], self.qvel[rows, :, 3:], False)
+        p1 = self.qpos[rows, :, :3]
+        t0 = self.clock[rows]
+        record(
+            rows, t0, step, self.times, self.count, self.next, balls.position, balls.velocity, balls.spin, v1, w1, p1,
+            self.theta, self.alive, self.samples,
+        )  # fmt: skip
+        self.theta[rows] += 0.5 * step[:, None] * (balls.spin[..., 2] + w1[..., 2])
+        self.clock[rows] = t0 + step
+
+    def _coefficients(
+        self, kind: str, rows: NDArray[np.int64], p: Array, v: Array, w: Array, i: NDArray[np.int64],
+        j: NDArray[np.int64],
+    ) -> tuple[Array, Array, Array]:  # fmt: skip
+        """Approach speed, restitution and friction of impacts, one row each, as the effects say."""
+        impact = describe(kind, self.model.ball, p, v, w, i, j)
+        for effect in self.doers:
+            effect.impact(impact, rows)
+        e = np.where(impact.approach < DEAD, 0.0, np.clip(impact.restitution, 0.0, 1.5))
+        return impact.approach, e, np.maximum(impact.friction, 0.0)
+
+    def _cloth(self, rows: NDArray[np.int64]) -> Array:
+        """Sliding friction of the cloth in some simulations."""
+        return np.broadcast_to(of(getattr(self.cloth or self.effects[0], "slide", 0.0), rows), rows.shape).copy()
+
+    def _impact(self, kind: str, rows: NDArray[np.int64], hit: NDArray[np.int64]) -> None:
+        """Bodies that touch: two alone by their impulse, several at a time through MuJoCo's contacts."""
+        p, v = self.qpos[rows, :, :3], self.qvel[rows, :, :3]
+        quat = self.qpos[rows, :, 3:]
+        w = spin_to_world(quat, self.qvel[rows, :, 3:], False)
+        ball, i, j = self.model.ball, hit[:, 1], hit[:, 2]
+        approach, e, mu = self._coefficients(kind, rows, p, v, w, i, j)
+        crowd = np.zeros(rows.size, bool)
+        if self.resolved.all() and self.contacts != "never":
+            near = np.maximum(CROWD, approach * CUSHION_TIME)
+            crowd = crowded(kind == "cushion", hit, p, self.alive[rows], near, ball.radius, self.reach)
+            crowd = (crowd & (approach > DEAD)) | (self.contacts == "always")
+        alone = ~crowd
+        if crowd.any():
+            self._through_contacts(rows[crowd])
+        if not alone.any():
+            return
+        rows, hit, quat, i, j = rows[alone], hit[alone], quat[alone], i[alone], j[alone]
+        p, v, w = p[alone], v[alone], w[alone]
+        collide_rows(
+            kind == "cushion", hit, p, v, w, e[alone], mu[alone], self._cloth(rows), ball.mass, ball.radius
+        )  # fmt: skip
+        self.qvel[rows, :, :3] = v
+        self.qvel[rows, :, 3:] = spin_to_world(quat, w, True)
+        for k in range(rows.size):
+            self._log(int(rows[k]), kind, int(i[k]), int(j[k]))
+
+    def _log(self, s: int, kind: str, i: int, j: int) -> None:
+        names = self.shots[s].names
+        hurt = (names[i], names[j]) if kind == "ball" else (names[i],)
+        self.events[s].append(Event(float(self.clock[s]), kind, hurt, "" if kind == "ball" else RAILS[j]))
+
+    def _through_contacts(self, rows: NDArray[np.int64]) -> None:
+        """Carry simulations through impacts in small steps, until nothing in them touches."""
+        if self.world is None:
+            nsim, nball = self.alive.shape
+            self.world = Contacts(self.model, self.effects, nball, nsim, self.threads)
+        world = self.world
+        world.enter(rows, self.qpos[rows, :, :3], self.qvel[rows, :, :3])
+        end = self.clock[rows] + LONGEST
+        while rows.size:
+            balls, alive, cloth = self._balls(rows), self.alive[rows], self._cloth(rows)
+            for effect in self.doers:
+                effect.select(rows).forces(balls)
+            which = world.closing(rows, balls, alive)
+            for number, kind in enumerate(("ball", "cushion")):
+                part = which[world.kind[which[:, 1]] == number]
+                if len(part):
+                    k, i, j = part[:, 0], world.first[part[:, 1]], world.second[part[:, 1]]
+                    state = balls.position[k], balls.velocity[k], balls.spin[k]
+                    _, e, mu = self._coefficients(kind, rows[k], *state, i, j)
+                    begun = world.set(rows, part, e, mu)
+                    for n in np.flatnonzero(begun):
+                        self._log(int(rows[k[n]]), kind, int(i[n]), int(j[n]))
+            p, v, free = world.step(rows, balls, alive, cloth)
+            w = balls.spin + balls.torque / balls.ball.inertia * STEP
+            h, t0 = np.full(rows.size, STEP), self.clock[rows]
+            record(
+                rows, t0, h, self.times, self.count, self.next, balls.position, balls.velocity, balls.spin, v, w, p,
+                self.theta, self.alive, self.samples,
+            )  # fmt: skip
+            self.theta[rows] += 0.5 * STEP * (balls.spin[..., 2] + w[..., 2])
+            self.clock[rows] = t0 + STEP
+            self.qpos[rows, :, :2], self.qvel[rows, :, :2] = p[..., :2], v[..., :2]
+            self.qvel[rows, :, 3:] = spin_to_world(self.qpos[rows, :, 3:], w, True)
+            on = ~free & (self.clock[rows] < end) & (self.next[rows] < self.count[rows])
+            rows, end = rows[on], end[on]
+
+    def _pot(self, s: int, i: int) -> None:
+        self.events[s].append(Event(float(self.clock[s]), "pocket", (self.shots[s].names[i],)))
+        self.alive[s, i] = False
+        self.qpos[s, i, 2] = -1.0 - i  # out of the way of native contacts
+        self.qvel[s, i] = 0
+
+    def _track(self, k: int) -> Track:
+        data = self.samples[k, : self.count[k]]
+        return Track(
+            self.shots[k].names, self.shots[k].times, data[..., :2], data[..., 2:4], data[..., 4:7], data[..., 7],
+            tuple(self.events[k]),
+        )  # fmt: skip

@@ -1,0 +1,53 @@
+"""Between frames of reference, and between steps and the times wanted: compiled loops over simulations."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from models.shot import Array
+
+
+@njit(cache=True)
+def spin_to_world(quat: Array, w: Array, inverse: bool) -> Array:
+    """Rotate (nsim, nball, 3) vectors from ball to table frame by (nsim, nball, 4) quaternions, or back."""
+    out = np.empty_like(w)
+    sign = -1.0 if inverse else 1.0
+    for s in range(w.shape[0]):
+        for i in range(w.shape[1]):
+            q0, x, y, z = quat[s, i, 0], sign * quat[s, i, 1], sign * quat[s, i, 2], sign * quat[s, i, 3]
+            a, b, c = w[s, i]
+            tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+            out[s, i, 0] = a + q0 * tx + y * tz - z * ty
+            out[s, i, 1] = b + q0 * ty + z * tx - x * tz
+            out[s, i, 2] = c + q0 * tz + x * ty - y * tx
+    return out
+
+
+@njit(cache=True)
+def record(
+    rows: NDArray[np.int64], t0: Array, h: Array, times: Array, count: NDArray[np.int64], next_: NDArray[np.int64],
+    p0: Array, v0: Array, w0: Array, v1: Array, w1: Array, p1: Array, theta: Array, alive: NDArray[np.bool_],
+    out: Array,
+) -> None:  # fmt: skip
+    """Sample the step that just ended: positions by its parabola, velocity and spin linearly."""
+    for k in range(rows.size):
+        s = rows[k]
+        while next_[s] < count[s] and times[s, next_[s]] <= t0[k] + h[k]:
+            f = (times[s, next_[s]] - t0[k]) / h[k] if h[k] > 0.0 else 1.0
+            for i in range(p0.shape[1]):
+                o = out[s, next_[s], i]
+                if not alive[s, i]:
+                    o[:] = np.nan
+                    continue
+                for x in range(2):
+                    a = f * h[k] * (v0[k, i, x] + 0.5 * f * (v1[k, i, x] - v0[k, i, x]))
+                    # What is not in the parabola (native contacts) is spread over the step.
+                    b = p1[k, i, x] - p0[k, i, x] - 0.5 * h[k] * (v0[k, i, x] + v1[k, i, x])
+                    o[x] = p0[k, i, x] + a + f * b
+                    o[2 + x] = v0[k, i, x] + f * (v1[k, i, x] - v0[k, i, x])
+                for x in range(3):
+                    o[4 + x] = w0[k, i, x] + f * (w1[k, i, x] - w0[k, i, x])
+                o[7] = theta[s, i] + f * h[k] * (w0[k, i, 2] + 0.5 * f * (w1[k, i, 2] - w0[k, i, 2]))
+            next_[s] += 1
