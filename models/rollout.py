@@ -26,7 +26,7 @@ from models.model_file import Model
 from models.native import GRAVITY
 from models.sampling import record, spin_to_world
 from models.shot import Array, Event, Shot, Track
-from models.touch import BALL, CUSHION, POCKET, native_step, next_touch
+from models.touch import BALL, CUSHION, DEAD, POCKET, PUSH_STEP, native_step, next_touch
 from models.world import POCKET_MOUTH, build_spec
 
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
@@ -34,7 +34,6 @@ NATIVE_RUN = 4  # of them between two looks at what comes next
 MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in [m] (Robotic Billiards 2015)
 TINY = 1e-5  # [s]
 CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
-DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
 RAILS = ("+x", "-x", "+y", "-y")
 FIELDS = ("pair_friction", "pair_solref", "opt.gravity", "body_mass", "body_inertia")  # that an edit may change
 MAX_STEPS = 200_000
@@ -66,6 +65,8 @@ class Rollout:
         self.push = self.batch.bind("xfrc_applied")
         self.timestep = self.batch.expand("opt.timestep")
         self.alive = np.ones((nsim, nball), bool)
+        self.quiet = np.full((nsim, nball, nball + 4), -np.inf)  # until when; each ball with each other and each rail [s]
+        self.leaning = False
         self.theta = np.zeros((nsim, nball))
         self.events: list[list[Event]] = [[] for _ in self.shots]
         table, ball = self.model.table, self.model.ball
@@ -176,7 +177,7 @@ class Rollout:
         acceleration = balls.force / balls.ball.mass
         step, hit = next_touch(
             balls.position, balls.velocity, acceleration, alive, balls.ball.radius, self.reach, self.half, self.mouths,
-            self.resolved, limit,
+            self.resolved, self._quiet(rows), limit,
         )  # fmt: skip
         rough = np.zeros(rows.size, bool)
         if not self.resolved.all():
@@ -289,8 +290,20 @@ class Rollout:
         )  # fmt: skip
         self.qvel[rows, :, :3] = v
         self.qvel[rows, :, 3:] = spin_to_world(quat, w, True)
-        for k in range(rows.size):
+        # A rolling ball that has met something rolls on against it: one event, looked at every PUSH_STEP.
+        other = j + (kind == "cushion") * self.alive.shape[1]
+        slow, now = approach[alone] < DEAD, self.clock[rows]
+        known = slow & (now < self.quiet[rows, i, other] + PUSH_STEP)
+        self.quiet[rows[slow], i[slow], other[slow]] = now[slow] + PUSH_STEP
+        self.leaning |= bool(slow.any())
+        for k in np.flatnonzero(~known):
             self._log(int(rows[k]), kind, int(i[k]), int(j[k]))
+
+    def _quiet(self, rows: NDArray[np.int64]) -> Array:
+        """For how long bodies that lean on each other need no other look (n, nball, nball + 4) [s]."""
+        if not self.leaning:
+            return self.quiet[: rows.size]
+        return np.maximum(self.quiet[rows] - self.clock[rows, None, None], 0.0)
 
     def _log(self, s: int, kind: str, i: int, j: int) -> None:
         names = self.shots[s].names

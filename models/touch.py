@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 BALL, CUSHION, POCKET = 1, 2, 3
 PUSH_STEP = 1e-3  # step while something is pressed against something without moving [s]
+DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
 AWAY = 1e-9  # approach speed below which a touch is no impact [m/s]
 
 
@@ -137,12 +138,14 @@ def next_touch(
     half: Array,
     mouths: Array,
     what: NDArray[np.bool_],
+    quiet: Array,
     limit: Array,
 ) -> tuple[Array, NDArray[np.int64]]:
     """The step to the next touch of every simulation, at most `limit`, and what it is: (nsim,), (nsim, 3).
 
     Positions (nsim, nball, 3); `reach` and `half` (2,): where centres meet the cushions, and the nose lines;
     `mouths` (corner, middle, capture) [m], zeros on a table without pockets; `what`: balls?, cushions?
+    `quiet` (nsim, nball, nball + 4): for how long bodies that lean on each other need no other look [s].
     """
     nsim, nball = alive.shape
     step, hit = limit.copy(), np.zeros((nsim, 3), np.int64)
@@ -166,6 +169,8 @@ def next_touch(
                     if t < 0.0:
                         push = min(push, PUSH_STEP) if what[1] else push
                         continue
+                    if quiet[s, i, nball + rail] > t and sign * (v[k] + a[k] * t) < DEAD:
+                        t = quiet[s, i, nball + rail]
                     o = 1 - k
                     along = abs(p[o] + v[o] * t + 0.5 * a[o] * t * t)
                     if mouths[0] > 0.0 and (along > half[o] - mouths[0] or (k == 1 and along < mouths[1])):
@@ -191,7 +196,14 @@ def next_touch(
                 )
                 if t == -1.0:
                     push = min(push, PUSH_STEP)
-                elif t < h:
+                    continue
+                if quiet[s, j, i] > t:
+                    x, y = (p[0] - q[0]) + t * (v[0] - w[0]), (p[1] - q[1]) + t * (v[1] - w[1])
+                    closing = (
+                        -(x * (v[0] - w[0] + t * (a[0] - b[0])) + y * (v[1] - w[1] + t * (a[1] - b[1]))) / diameter
+                    )
+                    t = quiet[s, j, i] if closing < DEAD else t
+                if t < h:
                     h, hit[s, 0], hit[s, 1], hit[s, 2] = t, BALL, j, i
         if push < h:
             h, hit[s, 0] = push, 0
