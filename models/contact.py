@@ -23,7 +23,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from models.effect import Balls, Effect
-from models.impulse import _ball_step, _cushion_step
+from models.increments import ball_step, cushion_step
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 from models.world import NOSE_RADIUS, build_spec, rails
 
@@ -45,6 +45,8 @@ SIDES = ("+x", "-x", "+y", "-y")
 @njit(cache=True)
 def _spring(cushion: bool, depth: float, damping: float) -> tuple[float, float]:
     """Stiffness over the depth [1/s^2] and damping [1/s] of a contact per unit of its effective mass."""
+    if depth <= CLOSED:  # a touch is landed on to rounding: nothing acts on either side of it
+        return 0.0, 0.0
     if cushion:
         k = (np.pi / CUSHION_TIME) ** 2 / (1.0 - damping * damping)
         return k, 2.0 * damping * np.sqrt(k)
@@ -149,7 +151,7 @@ def press(
             cushion = kind[c] == 1
             i, j = first[c], second[c]
             gap, approach, x, y = _meet(kind, first, second, span, c, p[n], v[n], alive[n], r, reach)
-            if gap > 0.0:
+            if gap > CLOSED:
                 continue
             depth = -gap
             if cushion:  # along the normal, from the middle of the nose's capsule
@@ -167,9 +169,9 @@ def press(
             out[:] = s
             for _ in range(PARTS):
                 if cushion:
-                    _cushion_step(out, dp / PARTS, law, after)
+                    cushion_step(out, dp / PARTS, law, after)
                 else:
-                    _ball_step(out, dp / PARTS, law, after)
+                    ball_step(out, dp / PARTS, law, after)
                 out[:] = after
             # What the normal force itself does is MuJoCo's.
             if cushion:

@@ -18,10 +18,10 @@ import mujoco.batch
 import numpy as np
 from numpy.typing import NDArray
 
+from models.analytic.impulse import collide_rows
 from models.contact import CUSHION_TIME, LONGEST, STEP, Contacts
 from models.effect import Balls, Effect, of
 from models.impacts import crowded, describe
-from models.impulse import collide_rows
 from models.model_file import Model
 from models.native import GRAVITY
 from models.sampling import record, spin_to_world
@@ -65,7 +65,9 @@ class Rollout:
         self.push = self.batch.bind("xfrc_applied")
         self.timestep = self.batch.expand("opt.timestep")
         self.alive = np.ones((nsim, nball), bool)
-        self.quiet = np.full((nsim, nball, nball + 4), -np.inf)  # until when; each ball with each other and each rail [s]
+        self.quiet = np.full(
+            (nsim, nball, nball + 4), -np.inf
+        )  # until when; each ball with each other and each rail [s]
         self.leaning = False
         self.theta = np.zeros((nsim, nball))
         self.events: list[list[Event]] = [[] for _ in self.shots]

@@ -1,0 +1,106 @@
+"""A ball on the cloth, in closed form: it slides, then rolls, then rests; sidespin dies away on its own.
+
+With slip u = v + omega x (-R z) of the lowest point, sliding: force -mu_s M g u/|u|; u keeps its direction and ends
+after 2 |u| / (7 mu_s g), the path is a parabola, and the ball then rolls at v - 2/7 u. Rolling: deceleration mu_r g.
+Sidespin: deceleration alpha, clamped at zero. Source: Robotic Billiards (2015) section IV.B, figures from Mathavan,
+Jackson, Parkin 2009. Leaves out that spin and slide share a finite contact patch (Contensou), drag, nap and slope.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+GRAVITY = 9.81  # [m/s^2]
+STILL = 1e-8  # slip or speed that is none [m/s]
+
+
+@njit(cache=True, error_model="numpy")
+def turned(wz: float, alpha: float, t: float) -> tuple[float, float]:
+    """Angle turned about the vertical in a time, and the sidespin left: [rad], [rad/s]."""
+    size = abs(wz)
+    if alpha > 0.0 and size <= alpha * t:
+        return 0.5 * wz * size / alpha, 0.0
+    return (wz - 0.5 * math.copysign(alpha, wz) * t) * t, wz - math.copysign(alpha * t, wz)
+
+
+@njit(cache=True, error_model="numpy")
+def flow(b: Array, t: float, radius: float, slide: float, roll: float, alpha: float) -> None:
+    """Carry one ball (x, y, vx, vy, wx, wy, wz, theta) through a time on open cloth, in place."""
+    b7, b[6] = turned(b[6], alpha, t)
+    b[7] += b7
+    ux, uy = b[2] - radius * b[5], b[3] + radius * b[4]
+    u = math.sqrt(ux * ux + uy * uy)
+    if u > STILL:
+        rate = 3.5 * slide * GRAVITY
+        s = min(t, u / rate) if rate > 0.0 else t
+        ax, ay = -slide * GRAVITY * ux / u, -slide * GRAVITY * uy / u
+        b[0] += (b[2] + 0.5 * ax * s) * s
+        b[1] += (b[3] + 0.5 * ay * s) * s
+        b[2] += ax * s
+        b[3] += ay * s
+        b[4] += 2.5 * ay * s / radius
+        b[5] -= 2.5 * ax * s / radius
+        if s == t:
+            return
+        t -= s
+    v = math.sqrt(b[2] * b[2] + b[3] * b[3])
+    rate = roll * GRAVITY
+    s, left = t, 1.0
+    if rate > 0.0:
+        s = min(t, v / rate)
+        left = 1.0 - s * rate / v if s < v / rate else 0.0
+    b[0] += 0.5 * (1.0 + left) * s * b[2]
+    b[1] += 0.5 * (1.0 + left) * s * b[3]
+    b[2] *= left
+    b[3] *= left
+    b[4], b[5] = -b[3] / radius, b[2] / radius
+
+
+@njit(cache=True)
+def _flow_rows(rows: Array, times: Array, radius: float, slide: float, roll: float, alpha: float) -> None:
+    for k in range(rows.shape[0]):
+        flow(rows[k], times[k], radius, slide, roll, alpha)
+
+
+def slip(velocity: ArrayLike, spin: ArrayLike, radius: float) -> Array:
+    """Velocity of the lowest point over the cloth: (..., 2) [m/s]; velocity (..., 2) [m/s], spin (..., 3) [rad/s]."""
+    v, w = np.asarray(velocity, float), np.asarray(spin, float)
+    return v[..., :2] + radius * np.stack([-w[..., 1], w[..., 0]], axis=-1)
+
+
+def slide_time(velocity: ArrayLike, spin: ArrayLike, radius: float, slide: float) -> Array:
+    """Time until the ball rolls: (...) [s]."""
+    return 2.0 * np.linalg.norm(slip(velocity, spin, radius), axis=-1) / (7.0 * slide * GRAVITY)
+
+
+def rolling_velocity(velocity: ArrayLike, spin: ArrayLike, radius: float) -> Array:
+    """Velocity at which the ball begins to roll, whatever the friction: (..., 2) [m/s]."""
+    return np.asarray(velocity, float)[..., :2] - 2.0 / 7.0 * slip(velocity, spin, radius)
+
+
+def rest_time(velocity: ArrayLike, spin: ArrayLike, radius: float, slide: float, roll: float) -> Array:
+    """Time until the ball's centre rests: (...) [s]; sidespin may outlast it by |omega_z| / alpha less this."""
+    speed = np.linalg.norm(rolling_velocity(velocity, spin, radius), axis=-1)
+    return slide_time(velocity, spin, radius, slide) + speed / (roll * GRAVITY)
+
+
+def state_at(
+    time: ArrayLike, position: ArrayLike, velocity: ArrayLike, spin: ArrayLike, radius: float, slide: float,
+    roll: float, alpha: float,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Position (..., 2) [m], velocity (..., 2) [m/s] and spin (..., 3) [rad/s] after times (...) [s] on open cloth.
+
+    Friction `slide` and `roll` [1], deceleration `alpha` of sidespin [rad/s^2]. All arrays broadcast.
+    """
+    t = np.asarray(time, float)
+    parts = [np.asarray(x, float) for x in (position, velocity, spin)]
+    shape = np.broadcast_shapes(t.shape, *(x.shape[:-1] for x in parts))
+    rows = np.zeros((*shape, 8))
+    rows[..., 0:2], rows[..., 2:4], rows[..., 4:7] = parts
+    _flow_rows(rows.reshape(-1, 8), np.broadcast_to(t, shape).reshape(-1), radius, slide, roll, alpha)
+    return rows[..., 0:2], rows[..., 2:4], rows[..., 4:7]

@@ -1,0 +1,286 @@
+"""Two slips under Coulomb friction, driven by one normal impulse: the equation behind every rigid impact.
+
+With impulses over mass and spins as R omega, F and G the friction impulses at the contact and at the cloth,
+
+    d(slip at the contact) = (0, ds) dP + (a1, a2) F + (b1, b2) G        |F| <= mu,   F against the slip
+    d(slip at the cloth)   = (0, dc) dP + (b1, b2) F + 7/2 G             |G| <= mu_cloth N,  N = max(0, p0 + p1 F2)
+    d(approach)            = (du + uf F2 + ug G2) dP
+
+It takes fourth-order steps whose length follows how fast a slip turns, comes to rest on a slip that ends, and then
+holds it at zero, or lets it leave in the one direction that friction allows. Steps depend smoothly on the state, and
+so does the result, but where a slip begins or ceases to stick.
+
+(Mathavan, Jackson, Parkin 2010 and 2014, made of one form.) Compression ends where the approach speed is zero,
+restitution where the work given back is e^2 times the work done. Leaves out friction that depends on speed.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+STEPS = 4  # of a whole impact, where no slip turns
+TURNING = 8e-6  # tolerance of the turning of a slip in a step, over approach speed
+CLOSER = 0.8  # of the way to the end of a slip, at most, in a step
+STABLE = 2.0  # turns of that kind in a step, at most
+SNAP = 1e-6  # slip times friction over approach speed that ends at once where friction can hold it
+STILL = 2e-8  # slip times friction over approach speed that is none
+BED = 3.5  # slip of a ball's lowest point per impulse there
+MANY = 4000  # steps, against endless loops
+ALIGNED = 1e-10  # sine between a slip and its rate that is rounding
+SLIP, STICK = 0, 1
+
+
+@njit(cache=True, error_model="numpy")
+def _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def]
+    """Friction (F1, F2, G1, G2) per normal impulse for slips and whether they stick."""
+    ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
+    if ms == STICK and mc == STICK:
+        det = a2 * BED - b2 * b2
+        f2, g2 = (b2 * dc - BED * ds) / det, (b2 * ds - a2 * dc) / det
+        return 0.0, f2, 0.0, g2
+    size = math.sqrt(c1 * c1 + c2 * c2)
+    over = 1.0 / size if size > 0.0 else 0.0
+    x, y = c1 * over, c2 * over
+    if ms == STICK:
+        f2 = (b2 * cloth * p0 * y - ds) / (a2 - b2 * cloth * p1 * y)
+        press = cloth * max(0.0, p0 + p1 * f2)
+        return b1 * press * x / a1, f2, -press * x, -press * y
+    size = math.sqrt(s1 * s1 + s2 * s2)
+    over = -mu / size if size > 0.0 else 0.0
+    f1, f2 = s1 * over, s2 * over
+    if mc == STICK:
+        return f1, f2, -b1 * f1 / BED, -(dc + b2 * f2) / BED
+    press = cloth * max(0.0, p0 + p1 * f2)
+    return f1, f2, -press * x, -press * y
+
+
+@njit(cache=True, error_model="numpy")
+def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def]
+    """Which slips at rest stick, and in which direction the others leave: (ms, mc, s1, s2, c1, c2)."""
+    ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
+    x, y = still_s or ms == STICK, still_c or mc == STICK
+    for choice in range(4):
+        ms = STICK if x and choice in (0, 1) else SLIP
+        mc = STICK if y and choice in (0, 2) else SLIP
+        if (choice in (0, 1) and not x) or (choice in (0, 2) and not y):
+            continue
+        p, q, u, v = (0.0, 0.0, 0.0, 0.0)
+        if not (x and ms == SLIP):
+            p, q = s1, s2
+        if not (y and mc == SLIP):
+            u, v = c1, c2
+        if (x and ms == SLIP) or (y and mc == SLIP):
+            # The direction in which a slip leaves is the one that the friction against it leaves it.
+            for _ in range(60):
+                f1, f2, g1, g2 = _rates(p, q, u, v, ms, mc, mu, cloth, k)
+                change = 0.0
+                if x and ms == SLIP:
+                    size = math.sqrt(p * p + q * q)
+                    hold = mu * max(a1, a2) / size if size > 0.0 else 0.0
+                    n1, n2 = a1 * f1 + b1 * g1 + hold * p, ds + a2 * f2 + b2 * g2 + hold * q
+                    size = math.sqrt(n1 * n1 + n2 * n2)
+                    if size > 0.0:
+                        n1, n2 = n1 / size, n2 / size
+                    change += abs(n1 - p) + abs(n2 - q)
+                    p, q = n1, n2
+                if y and mc == SLIP:
+                    size = math.sqrt(u * u + v * v)
+                    press = cloth * max(0.0, p0 + p1 * f2)
+                    hold = BED * press / size if size > 0.0 else 0.0
+                    n1, n2 = b1 * f1 + BED * g1 + hold * u, dc + b2 * f2 + BED * g2 + hold * v
+                    size = math.sqrt(n1 * n1 + n2 * n2)
+                    if size > 0.0:
+                        n1, n2 = n1 / size, n2 / size
+                    change += abs(n1 - u) + abs(n2 - v)
+                    u, v = n1, n2
+                if change < 1e-14:
+                    break
+        f1, f2, g1, g2 = _rates(p, q, u, v, ms, mc, mu, cloth, k)
+        press = cloth * max(0.0, p0 + p1 * f2)
+        over = (ms == STICK and f1 * f1 + f2 * f2 > mu * mu) or (mc == STICK and g1 * g1 + g2 * g2 > press * press)
+        if not over or choice == 3:
+            return ms, mc, p, q, u, v
+    return SLIP, SLIP, s1, s2, c1, c2
+
+
+@njit(cache=True, error_model="numpy")
+def _runge_kutta(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, mu, cloth, k):  # type: ignore[no-untyped-def]
+    """Friction of a step h that begins with F, G: its mean, and the F2, G2 that work takes, from a double integral."""
+    ds, dc, a1, a2, b1, b2, _, _, _, _, _ = k
+    m1, m2, n1, n2 = f1, f2, g1, g2
+    for stage in range(3):
+        d = h if stage == 2 else 0.5 * h
+        x1, x2 = s1 + d * (a1 * f1 + b1 * g1), s2 + d * (ds + a2 * f2 + b2 * g2)
+        y1, y2 = c1 + d * (b1 * f1 + BED * g1), c2 + d * (dc + b2 * f2 + BED * g2)
+        f1, f2, g1, g2 = _rates(x1, x2, y1, y2, ms, mc, mu, cloth, k)
+        if stage < 2:
+            m1, m2, n1, n2 = m1 + 2.0 * f1, m2 + 2.0 * f2, n1 + 2.0 * g1, n2 + 2.0 * g2
+            if stage == 0:
+                w2, v2 = m2 - f2, n2 - g2
+            else:
+                w2, v2 = w2 + f2, v2 + g2
+        else:
+            m1, m2, n1, n2 = m1 + f1, m2 + f2, n1 + g1, n2 + g2
+    return m1 / 6.0, m2 / 6.0, n1 / 6.0, n2 / 6.0, w2 / 6.0, v2 / 6.0
+
+
+@njit(cache=True, error_model="numpy")
+def _reach(x, y, dx, dy, weight, grip, fine):  # type: ignore[no-untyped-def]
+    """How far a slip may go in a step before it turns too much, given its rate and its friction."""
+    rate = math.sqrt(dx * dx + dy * dy)
+    if weight <= 0.0 or rate == 0.0:
+        return np.inf
+    size = math.sqrt(x * x + y * y)
+    past = weight * abs(x * dy - y * dx) / rate  # how near to zero it will come, were it to go straight on
+    if past <= ALIGNED * weight * size:
+        return CLOSER * size / rate if x * dx + y * dy < 0.0 else np.inf
+    h = size / rate * math.sqrt(math.sqrt(fine / past))
+    # Friction turns a slip towards its course at the rate grip / size, beyond which a step would swing about it.
+    stable = STABLE * size / (weight * grip)
+    if x * dx + y * dy < 0.0:
+        return min(h, CLOSER * size / rate, stable)
+    return min(h, stable * max(1.0, 0.01 * fine / past))
+
+
+@njit(cache=True, error_model="numpy")
+def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-untyped-def]
+    """Impulses over mass of a whole impact: (P, F1, F2, G1, G2)."""
+    ds, dc, a1, a2, b1, b2, p0, p1, du, uf, ug = k
+    start = u
+    longest = (1.0 + e) * u / (-du * steps)
+    fine = TURNING * start * (STEPS / steps) ** 4
+    total = i1 = i2 = j1 = j2 = work = 0.0
+    most = -1.0
+    ms = mc = SLIP
+    none = STILL * start
+    for _ in range(MANY * (1 + steps)):
+        f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
+        press = cloth * max(0.0, p0 + p1 * f2)
+        r1, r2 = a1 * f1 + b1 * g1, ds + a2 * f2 + b2 * g2
+        q1, q2 = b1 * f1 + BED * g1, dc + b2 * f2 + BED * g2
+        size_s, size_c = math.sqrt(s1 * s1 + s2 * s2), math.sqrt(c1 * c1 + c2 * c2)
+        if ms == SLIP and mu * size_s < SNAP * start:
+            f1, f2, g1, g2 = _rates(s1, s2, c1, c2, STICK, mc, mu, cloth, k)
+            press = cloth * max(0.0, p0 + p1 * f2)
+            if f1 * f1 + f2 * f2 < mu * mu and (mc == SLIP or g1 * g1 + g2 * g2 < press * press):
+                # What is left of the slip is stopped at once: the impulse that takes is known, its course matters not.
+                f1, f2 = -s1 / a1, -s2 / a2
+                i1, i2 = i1 + f1, i2 + f2
+                if mc == SLIP:
+                    c1, c2 = c1 + b1 * f1, c2 + b2 * f2
+                u += uf * f2
+                ms, s1, s2 = STICK, 0.0, 0.0
+                continue
+            f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
+            press = cloth * max(0.0, p0 + p1 * f2)
+        still_s = ms == SLIP and mu * size_s < none and s1 * r1 + s2 * r2 <= 0.0
+        still_c = mc == SLIP and press * size_c < none and c1 * q1 + c2 * q2 <= 0.0
+        over = (ms == STICK and f1 * f1 + f2 * f2 > mu * mu * (1.0 + 1e-12)) or (
+            mc == STICK and g1 * g1 + g2 * g2 > press * press * (1.0 + 1e-12)
+        )
+        if still_s or still_c or over:
+            x, y = still_s or ms == STICK, still_c or mc == STICK
+            ms, mc, p, q, v, w = _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k)
+            # A slip that leaves is given a trace of its direction.
+            if ms == STICK:
+                s1 = s2 = 0.0
+            elif x:
+                s1, s2 = none * p, none * q
+            if mc == STICK:
+                c1 = c2 = 0.0
+            elif y:
+                c1, c2 = none * v, none * w
+            f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
+            press = cloth * max(0.0, p0 + p1 * f2)
+            r1, r2 = a1 * f1 + b1 * g1, ds + a2 * f2 + b2 * g2
+            q1, q2 = b1 * f1 + BED * g1, dc + b2 * f2 + BED * g2
+        h = longest
+        if ms == SLIP:
+            h = min(h, _reach(s1, s2, r1, r2, mu, a1, fine))
+        if mc == SLIP:
+            h = min(h, _reach(c1, c2, q1, q2, press, BED, fine))
+        h = max(h, 1e-9 * longest)
+        first = (f1, f2, g1, g2)
+        # The last step ends where the work does, by Newton on the root of the work still owed, which is nearly linear.
+        for attempt in range(6):
+            f1, f2, g1, g2, w2, v2 = _runge_kutta(s1, s2, c1, c2, ms, mc, h, *first, mu, cloth, k)
+            if attempt == 0 and ms + mc == 1:
+                held = _held(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, first, mu, cloth, k)
+                if held < h:
+                    h = held
+                    f1, f2, g1, g2, w2, v2 = _runge_kutta(s1, s2, c1, c2, ms, mc, h, *first, mu, cloth, k)
+            after = u + h * (du + uf * f2 + ug * g2)
+            gain = h * u + h * h * (0.5 * du + uf * w2 + ug * v2)
+            if attempt == 0:
+                if after > 0.0:
+                    break
+                if most < 0.0:
+                    most = work + _top(u, after, gain, h)
+                    if e == 0.0:
+                        h *= u / (u - after)
+                        continue
+            if e == 0.0:
+                done = abs(after) <= 1e-6 * start
+                slope = (after - u) / h
+                shift = -after / slope
+            else:
+                owed = max(most - work - gain, 0.0)
+                root, goal = math.sqrt(owed), e * math.sqrt(most)
+                if attempt == 0 and root < goal:
+                    break
+                shift = (goal - root) * 2.0 * root / (-after) if after < 0.0 else -0.5 * h
+                done = abs(shift) <= 1e-6 * longest
+            if done or attempt == 5:
+                # The rest at the friction of the end.
+                i1, i2, j1, j2 = i1 + h * f1, i2 + h * f2, j1 + h * g1, j2 + h * g2
+                s1, s2 = s1 + h * (a1 * f1 + b1 * g1), s2 + h * (ds + a2 * f2 + b2 * g2)
+                c1, c2 = c1 + h * (b1 * f1 + BED * g1), c2 + h * (dc + b2 * f2 + BED * g2)
+                f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
+                return total + h + shift, i1 + shift * f1, i2 + shift * f2, j1 + shift * g1, j2 + shift * g2
+            h = max(h + shift, 1e-3 * h)
+        total, work, u = total + h, work + gain, after
+        i1, i2, j1, j2 = i1 + h * f1, i2 + h * f2, j1 + h * g1, j2 + h * g2
+        s1, s2 = s1 + h * (a1 * f1 + b1 * g1), s2 + h * (ds + a2 * f2 + b2 * g2)
+        c1, c2 = c1 + h * (b1 * f1 + BED * g1), c2 + h * (dc + b2 * f2 + BED * g2)
+    return total, i1, i2, j1, j2
+
+
+@njit(cache=True, error_model="numpy")
+def _top(u, after, gain, h):  # type: ignore[no-untyped-def]
+    """Most work within a step in which the approach ends: its integral through (0, u), (h, after), with this area."""
+    # u(t) = u + (after - u) x + c x (1 - x), x = t / h; its mean is gain / h.
+    c = 6.0 * (gain / h - 0.5 * (u + after))
+    x = u / (u - after)
+    for _ in range(8):
+        f = u + (after - u) * x + c * x * (1.0 - x)
+        x -= f / (after - u + c * (1.0 - 2.0 * x))
+    return h * x * (u + 0.5 * (after - u) * x + c * x * (0.5 - x / 3.0))
+
+
+@njit(cache=True, error_model="numpy")
+def _held(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, first, mu, cloth, k):  # type: ignore[no-untyped-def]
+    """The part of a step h during which what sticks does so; all of it, usually."""
+    ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
+    low, high, x = 0.0, h, h
+    for _ in range(50):
+        if x < h:
+            f1, f2, g1, g2, _, _ = _runge_kutta(s1, s2, c1, c2, ms, mc, x, *first, mu, cloth, k)
+        x1, x2 = s1 + x * (a1 * f1 + b1 * g1), s2 + x * (ds + a2 * f2 + b2 * g2)
+        y1, y2 = c1 + x * (b1 * f1 + BED * g1), c2 + x * (dc + b2 * f2 + BED * g2)
+        f1, f2, g1, g2 = _rates(x1, x2, y1, y2, ms, mc, mu, cloth, k)
+        press = cloth * max(0.0, p0 + p1 * f2)
+        # A little beyond, so that the end is seen as such.
+        limit = 1.0 + 1e-10
+        if (ms == STICK and f1 * f1 + f2 * f2 > limit * mu * mu) or (
+            mc == STICK and g1 * g1 + g2 * g2 > limit * press * press
+        ):
+            high = x
+        else:
+            low = x
+            if x == h:
+                return h
+        x = 0.5 * (low + high)
+    return high

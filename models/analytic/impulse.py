@@ -1,0 +1,113 @@
+"""Rigid impacts with Coulomb friction and energetic restitution, integrated over the normal impulse.
+
+Ball-ball: Mathavan, Jackson, Parkin 2014, the cloth pushing back only on the ball that is pressed down. Ball-cushion:
+the same authors 2010, nose above the centre, friction at nose and cloth. Restitution ends where the work given back is
+e^2 times the work of compression, which ends where the approach speed is zero. The cloth's slip is that of the LOWEST
+point of a ball, v + w x (-R z). Leaves out that the line of centres turns during contact, and vertical motion
+(v_z = 0).
+
+Both impacts are one ordinary differential equation (models/analytic/coulomb.py). It takes fourth-order steps whose
+length follows how fast a slip turns, comes to rest on a slip that ends, and then holds it at zero, or lets it leave in
+the one direction that friction allows. Steps depend smoothly on the state, and so does the result, but where a slip
+begins or ceases to stick.
+
+A state is (va, vb, wa, wb, wz) a ball, in a right-handed frame (a, b, z): for two balls a is the line of centres from
+the first to the second, for a cushion b points into it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from models.analytic.coulomb import STEPS, integrate
+from models.shot import NOSE_COSINE, NOSE_SINE
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, error_model="numpy")
+def collide(cushion: bool, state: Array, e: float, law: tuple[float, float, float, float], steps: int = STEPS) -> None:
+    """Carry a state (5 for a cushion, 10 for two balls) through an impact, in place.
+
+    `law`: friction of the contact, friction of the cloth, mass [kg], radius [m]. `steps`: of a whole impact, at least.
+    """
+    mu, cloth, _, r = law
+    if cushion:
+        if state[1] <= 0.0:
+            return
+        va, vb, wa, wb, wz = state[0], state[1], r * state[2], r * state[3], r * state[4]
+        sn, cs = NOSE_SINE, NOSE_COSINE
+        nose = (
+            sn * cs, -cs, 3.5, 2.5 + sn * sn, 1.0 - 2.5 * sn, 2.5 - sn, sn, -cs, -cs * cs, -sn * cs, cs
+        )  # fmt: skip
+        p, f1, f2, g1, g2 = integrate(
+            va + wb * sn - wz * cs, wa - vb * sn, va - wb, vb + wa, vb * cs, e, mu, cloth, nose, steps
+        )
+        state[0] = va + f1 + g1
+        state[1] = vb - p * cs - f2 * sn + g2
+        state[2] = (wa + 2.5 * (f2 + g2)) / r
+        state[3] = (wb + 2.5 * (f1 * sn - g1)) / r
+        state[4] = (wz - 2.5 * f1 * cs) / r
+        return
+    u = state[0] - state[5]
+    if u <= 0.0:
+        return
+    s1, s2 = state[1] - state[6] + r * (state[4] + state[9]), -r * (state[3] + state[8])
+    o, sign = (0, 1.0) if s2 > 0.0 else (5, -1.0)
+    # The cloth's slip is taken along b first, as that between the balls.
+    pair = (0.0, -sign, 7.0, 5.0, sign, 2.5, 0.0, -sign, -2.0, 0.0, sign)
+    c1, c2 = state[o + 1] + r * state[o + 2], state[o] - r * state[o + 3]
+    p, f1, f2, g1, g2 = integrate(s1, s2, c1, c2, u, e, mu, cloth, pair, steps)
+    state[0] -= p
+    state[1] += f1
+    state[5] += p
+    state[6] -= f1
+    for n in range(2):
+        state[5 * n + 3] -= 2.5 * f2 / r
+        state[5 * n + 4] += 2.5 * f1 / r
+    state[o] += g2
+    state[o + 1] += g1
+    state[o + 2] += 2.5 * g1 / r
+    state[o + 3] -= 2.5 * g2 / r
+
+
+@njit(cache=True)
+def collide_rows(
+    cushion: bool, hit: NDArray[np.int64], p: Array, v: Array, w: Array, e: Array, mu: Array, cloth: Array,
+    m: float, r: float,
+) -> None:  # fmt: skip
+    """Carry the balls of every simulation through its impact, in place.
+
+    `hit` (n, 3): kind, ball, and other ball or rail (+x, -x, +y, -y); p, v, w (n, nball, 3); e, mu, cloth (n,).
+    """
+    state = np.zeros(5 if cushion else 10)
+    for k in range(hit.shape[0]):
+        i, j = hit[k, 1], hit[k, 2]
+        if cushion:
+            sign = 1.0 - 2.0 * (j % 2)
+            bx, by = (sign, 0.0) if j < 2 else (0.0, sign)
+            ax, ay = by, -bx
+        else:
+            ax, ay = p[k, j, 0] - p[k, i, 0], p[k, j, 1] - p[k, i, 1]
+            d = np.sqrt(ax * ax + ay * ay)
+            ax, ay = ax / d, ay / d
+            bx, by = -ay, ax
+        for n in range(1 if cushion else 2):
+            b = i if n == 0 else j
+            o = 5 * n
+            state[o] = v[k, b, 0] * ax + v[k, b, 1] * ay
+            state[o + 1] = v[k, b, 0] * bx + v[k, b, 1] * by
+            state[o + 2] = w[k, b, 0] * ax + w[k, b, 1] * ay
+            state[o + 3] = w[k, b, 0] * bx + w[k, b, 1] * by
+            state[o + 4] = w[k, b, 2]
+        collide(cushion, state, e[k], (mu[k], cloth[k], m, r))
+        for n in range(1 if cushion else 2):
+            b = i if n == 0 else j
+            o = 5 * n
+            v[k, b, 0] = state[o] * ax + state[o + 1] * bx
+            v[k, b, 1] = state[o] * ay + state[o + 1] * by
+            w[k, b, 0] = state[o + 2] * ax + state[o + 3] * bx
+            w[k, b, 1] = state[o + 2] * ay + state[o + 3] * by
+            w[k, b, 2] = state[o + 4]

@@ -1,0 +1,103 @@
+"""A small step of an impact: what a normal impulse and its Coulomb friction do to the bodies.
+
+Ball-ball: Mathavan, Jackson, Parkin 2014, the cloth pushing back only on the ball that is pressed down. Ball-cushion:
+the same authors 2010, nose above the centre, friction at nose and cloth. Friction opposes the slip of the middle of
+the step (second order), or holds it at zero where that takes less. States as in models/analytic/impulse.py: (va, vb,
+wa, wb, wz) a ball, a along the line of centres or the cushion. Leaves out vertical motion (v_z = 0).
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from models.shot import NOSE_COSINE, NOSE_SINE, Array
+
+SWEEPS = 12  # at most, over the friction of both contacts, which depend on each other
+SETTLED = 1e-7  # change of the friction between sweeps over the normal impulse that ends them
+
+
+@njit(cache=True)
+def _friction(
+    limit: float, give: tuple[float, float], x0: float, y0: float, x1: float, y1: float, fx: float, fy: float
+) -> tuple[float, float]:
+    """Friction impulse for a slip from (x0, y0) to (x1, y1) without it; (fx, fy) is the last estimate of it.
+
+    `give`: slip per unit of friction impulse, along each direction [1/kg].
+    """
+    hx, hy = -x1 / give[0], -y1 / give[1]
+    if math.sqrt(hx * hx + hy * hy) <= limit:
+        return hx, hy
+    x, y = x0 + x1 + fx * give[0], y0 + y1 + fy * give[1]
+    size = math.sqrt(x * x + y * y)
+    if size == 0.0:
+        return fx, fy
+    return -limit * x / size, -limit * y / size
+
+
+@njit(cache=True)
+def cushion_step(s: Array, dp: float, law: tuple[float, float, float, float], out: Array) -> None:
+    """One step of normal impulse dp at the nose."""
+    mu, mu_cloth, m, r = law
+    k = 5.0 / (2.0 * m * r)
+    nose, bed = (3.5 / m, (2.5 + NOSE_SINE**2) / m), (3.5 / m, 3.5 / m)  # v_z stays zero
+    va, vb, wa, wb, wz = s[0], s[1] - dp * NOSE_COSINE / m, s[2], s[3], s[4]
+    x0, y0 = s[0] + r * (wb * NOSE_SINE - wz * NOSE_COSINE), -s[1] * NOSE_SINE + r * wa
+    c0, d0 = s[0] - r * wb, s[1] + r * wa
+    fx = fy = ga = gb = 0.0
+    for _ in range(SWEEPS):
+        x1 = va + ga / m + r * ((wb - k * ga) * NOSE_SINE - wz * NOSE_COSINE)
+        y1 = -(vb + gb / m) * NOSE_SINE + r * (wa + k * gb)
+        fx, fy = _friction(mu * dp, nose, x0, y0, x1, y1, fx, fy)
+        c1 = va + fx / m - r * (wb + k * fx * NOSE_SINE)
+        d1 = vb - fy * NOSE_SINE / m + r * (wa + k * fy)
+        press = max(0.0, dp * NOSE_SINE - fy * NOSE_COSINE)
+        a, b = ga, gb
+        ga, gb = _friction(mu_cloth * press, bed, c0, d0, c1, d1, ga, gb)
+        if abs(ga - a) + abs(gb - b) <= SETTLED * dp:
+            break
+    out[0] = va + (fx + ga) / m
+    out[1] = vb + (gb - fy * NOSE_SINE) / m
+    out[2] = wa + k * (fy + gb)
+    out[3] = wb + k * (fx * NOSE_SINE - ga)
+    out[4] = wz - k * fx * NOSE_COSINE
+
+
+@njit(cache=True)
+def ball_step(s: Array, dp: float, law: tuple[float, float, float, float], out: Array) -> None:
+    """One step of normal impulse dp between two balls; only the one pressed down feels the cloth."""
+    mu, mu_cloth, m, r = law
+    k = 5.0 / (2.0 * m * r)
+    touch, bed = (7.0 / m, 5.0 / m), (3.5 / m, 3.5 / m)  # v_z stays zero
+    x0, y0 = s[1] - s[6] + r * (s[4] + s[9]), -r * (s[3] + s[8])
+    ft = fz = ga = gb = 0.0
+    pressed = 0
+    for _ in range(SWEEPS):
+        # The pressed ball's reaction (ga, gb) changes the slip between the balls.
+        sign = 1.0 - 2.0 * pressed
+        ft, fz = _friction(mu * dp, touch, x0, y0, x0 + sign * gb / m, y0 + r * k * ga, ft, fz)
+        now = 0 if fz < 0.0 else 1
+        if now != pressed:
+            ga = gb = 0.0
+            pressed = now
+        o, sign = 5 * pressed, 1.0 - 2.0 * pressed
+        c0, d0 = s[o] - r * s[o + 3], s[o + 1] + r * s[o + 2]
+        c1, d1 = c0 - sign * dp / m + r * k * fz, d0 + sign * ft / m
+        a, b = ga, gb
+        ga, gb = _friction(mu_cloth * abs(fz), bed, c0, d0, c1, d1, ga, gb)
+        if abs(ga - a) + abs(gb - b) <= SETTLED * dp:
+            break
+    for ball in range(2):
+        sign = 1.0 - 2.0 * ball
+        o = 5 * ball
+        out[o] = s[o] - sign * dp / m
+        out[o + 1] = s[o + 1] + sign * ft / m
+        out[o + 2] = s[o + 2]
+        out[o + 3] = s[o + 3] - k * fz
+        out[o + 4] = s[o + 4] + k * ft
+    o = 5 * pressed
+    out[o] += ga / m
+    out[o + 1] += gb / m
+    out[o + 2] += k * gb
+    out[o + 3] -= k * ga
