@@ -48,8 +48,7 @@ def _spring(cushion: bool, depth: float, damping: float) -> tuple[float, float]:
     if depth <= CLOSED:  # a touch is landed on to rounding: nothing acts on either side of it
         return 0.0, 0.0
     if cushion:
-        k = (np.pi / CUSHION_TIME) ** 2 / (1.0 - damping * damping)
-        return k, 2.0 * damping * np.sqrt(k)
+        return (np.pi / CUSHION_TIME) ** 2, 2.0 * damping * np.pi / CUSHION_TIME
     return HERTZ * np.sqrt(depth), damping * np.sqrt(HERTZ) * depth**0.25
 
 
@@ -69,7 +68,7 @@ def _bounce(cushion: bool, damping: float) -> float:
 @cache
 def _dampings(cushion: bool) -> tuple[Array, Array]:
     """Restitutions, rising, and the damping that gives each."""
-    damping = np.linspace(0.95 if cushion else 5.0, 0.0, 1001)
+    damping = np.linspace(4.0, 0.0, 2001)
     return np.array([_bounce(cushion, d) for d in damping]), damping
 
 

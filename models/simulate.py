@@ -11,6 +11,7 @@ from models.rollout import Rollout
 from models.shot import Shot, Track
 
 CHUNK = 1024  # simulations at a time
+CONTACTS = ("clusters", "always", "never")
 
 
 def _check(model: Model, shots: Sequence[Shot]) -> None:
@@ -57,6 +58,8 @@ def simulate(
     Returns:
         A track for every shot, in order; the same bytes at any thread count, whatever else is in the batch.
     """
+    if contacts not in CONTACTS:
+        raise ValueError(f"contacts is {contacts!r}; choose from {', '.join(CONTACTS)}")
     _check(model, shots)
     tracks: list[Track | None] = [None] * len(shots)
     sizes = np.array([len(s.names) for s in shots])

@@ -172,6 +172,31 @@ def effects(args: argparse.Namespace, progress: Progress) -> int:
     return DONE
 
 
+def match(args: argparse.Namespace, progress: Progress) -> int:
+    """MuJoCo against the analytic models and published measurements."""
+    check_outputs(args.json)
+    if args.clips:
+        from sysid.match_clips import write_clips
+
+        write_clips(args.clips)
+        print(f"{args.clips}: clips of the analytic models, and native.toml to start a fit of MuJoCo's contacts from")
+        return DONE
+    from sysid import match as room
+
+    found = []
+    for row in room.rows():
+        progress.close()
+        found.append(row)
+        print(room.line(row), flush=True)
+        progress("the next rows")
+    progress.close()
+    missed = [row for row in found if not row.ok]
+    print(f"\n{len(found)} rows, {sum(row.reach is not None for row in found)} with a reach, {len(missed)} missed")
+    if args.json:
+        write_json(args.json, {"rows": [room.to_json(row) for row in found]})
+    return FOUND if missed else DONE
+
+
 def demo(args: argparse.Namespace, progress: Progress) -> int:
     """The shipped example, start to end."""
     from sysid.demo import run
@@ -211,6 +236,9 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--model", metavar="M.toml", required=True)
     one.add_argument("--out", metavar="M2.toml", required=True)
     verb("effects", effects, "the catalogue of effects")
+    one = verb("match", match, "MuJoCo against the analytic models and published measurements, row by row")
+    one.add_argument("--json", metavar="FILE", help="the rows as JSON")
+    one.add_argument("--clips", metavar="DIR", help="instead, write shots of the analytic models as clips to fit to")
     one = verb("demo", demo, "the shipped example, start to end")
     one.add_argument("--out", metavar="DIR", default="out/demo", help="where results go (default: out/demo)")
     return top

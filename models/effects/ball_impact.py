@@ -1,7 +1,8 @@
 """Ball on ball: Coulomb friction and energetic restitution, with the cloth's reaction.
 
-The impact is integrated over its normal impulse (models/impulse.py) and replaces MuJoCo's spring contact for balls
-that meet two at a time. Source: Mathavan, Jackson, Parkin 2014. Leaves out any dependence on speed.
+Two balls that meet alone take the impulse of models/analytic/impulse.py; where more bodies touch at once, the springs
+of models/contact.py hold these coefficients. Source: Mathavan, Jackson, Parkin 2014. Leaves out any dependence
+on speed.
 """
 
 from __future__ import annotations

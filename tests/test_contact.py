@@ -1,0 +1,176 @@
+"""Impacts through MuJoCo's contacts: clusters of three and more, and how near two bodies come to the impulse models."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from models.contact import dampings
+from models.model_file import Model, full_model
+from models.shot import Array, Ball, Shot, Table, Track
+from models.simulate import simulate
+from sysid.match import _impact_shot, impact_states
+
+BALL, TABLE = Ball(0.0525, 0.1406), Table(2.0, 1.6, pockets=False)
+D, REACH = BALL.diameter * (1 + 1e-12), float(TABLE.reach(BALL)[0])
+
+
+def model(e: float = 0.94, mu: float = 0.05, cushion: float = 0.98) -> Model:
+    return full_model(TABLE, BALL).with_values(
+        {"ball_impact.restitution": e, "ball_impact.friction": mu, "cushion_impact.restitution": cushion}
+    )
+
+
+def met(
+    places: list[tuple[float, float]], velocity: tuple[float, float], world: Model | None = None, after: float = 2e-3,
+    contacts: str = "clusters",
+) -> Track:  # fmt: skip
+    """What comes of a ball, the first, that is a millimetre from others at rest."""
+    n = len(places)
+    v = np.zeros((n, 2))
+    v[0] = velocity
+    shot = Shot(tuple("abcdefgh"[:n]), np.array(places), v, np.zeros((n, 3)), np.array([0.0, after]))
+    return simulate(world or model(), [shot], contacts=contacts)[0]
+
+
+def energy(track: Track, k: int) -> float:
+    r2 = 0.4 * BALL.radius**2
+    return float(np.sum(track.velocity[k] ** 2) + r2 * np.sum(track.spin[k] ** 2)) * 0.5 * BALL.mass
+
+
+CLUSTERS = {
+    "row of three": [(-D - 1e-3, 0), (0, 0), (D, 0)],
+    "row of five": [(-D - 1e-3, 0), (0, 0), (D, 0), (2 * D, 0), (3 * D, 0)],
+    "two at once": [(-D * np.cos(np.pi / 6) - 1e-3, 0), (0, D / 2), (0, -D / 2)],
+    "triangle": [(-D - 1e-3, 0.002), (0, 0), (D * 0.8660254, D / 2), (D * 0.8660254, -D / 2)],
+}
+
+
+@pytest.mark.parametrize("name", CLUSTERS)
+def test_momentum_stays_and_energy_falls(name: str) -> None:
+    world = model().with_values({"decoupled_cloth.slide": 0.05, "ball_impact.friction": 0.0})
+    track = met(CLUSTERS[name], (1.0, 0.0), world)
+    lost = 0.05 * 9.81 * 2e-3 * len(CLUSTERS[name])  # at most, to the cloth
+    assert track.velocity[-1].sum(axis=0) == pytest.approx([1.0, 0.0], abs=lost)
+    assert energy(track, -1) < energy(track, 0)
+    assert energy(track, -1) > 0.6 * energy(track, 0)
+
+
+def test_a_row_hands_the_speed_to_its_last_ball() -> None:
+    three, five = (met(CLUSTERS[k], (1.0, 0.0)).velocity[-1, :, 0] for k in ("row of three", "row of five"))
+    assert 0.90 < three[-1] < 0.95
+    assert 0.83 < five[-1] < 0.95
+    assert np.all(np.diff(five) > 0)  # nothing still presses
+
+
+def test_what_is_symmetric_stays_so() -> None:
+    v = met(CLUSTERS["two at once"], (1.0, 0.0)).velocity[-1]
+    assert v[1] == pytest.approx(v[2] * [1, -1], abs=1e-9)
+    assert v[0, 1] == pytest.approx(0.0, abs=1e-9)
+    # Two frictionless spheres at 30 degrees, hit without loss: 4/5 of the speed along their lines, and -1/5.
+    ideal = met(CLUSTERS["two at once"], (1.0, 0.0), model(1.0, 0.0).with_values({"decoupled_cloth.slide": 0.05}))
+    assert ideal.velocity[-1, 0, 0] == pytest.approx(-0.2, abs=3e-3)
+    assert ideal.velocity[-1, 1, 0] == pytest.approx(0.6, abs=3e-3)
+
+
+def test_order_of_the_balls_does_not_matter() -> None:
+    places = CLUSTERS["triangle"]
+    swapped = [places[k] for k in (0, 3, 1, 2)]
+    one, other = met(places, (1.0, 0.2)), met(swapped, (1.0, 0.2))
+    assert other.velocity[-1][[0, 2, 3, 1]] == pytest.approx(one.velocity[-1], abs=1e-9)
+
+
+def test_a_ball_frozen_to_a_cushion() -> None:
+    straight = met([(REACH - D - 1e-3, 0), (REACH, 0)], (1.0, 0.0)).velocity[-1]
+    assert straight[0, 0] == pytest.approx(-0.78, abs=0.02)  # the impulse goes through to the rail and comes back
+    assert -0.2 < straight[1, 0] <= 0.0
+    along = met([(REACH, -D - 1e-3), (REACH, 0)], (0.0, 1.0)).velocity[-1]
+    assert along[1] == pytest.approx([0.0, 0.967], abs=5e-3)
+
+
+def test_a_corner_is_met_by_both_cushions_at_once() -> None:
+    top = float(TABLE.reach(BALL)[1])
+    frictionless = full_model(TABLE, BALL).with_values(
+        {"cushion_impact.restitution": 1.0, "cushion_impact.friction": 0.0, "decoupled_cloth.slide": 0.05}
+    )
+    track = met([(REACH - 1e-3, top - 1e-3)], (1.0, 1.0), frictionless)
+    assert track.velocity[-1, 0] == pytest.approx([-1.0, -1.0], rel=0.06)
+    assert {e.rail for e in track.events} == {"+x", "+y"}
+
+
+def test_a_break_keeps_its_momentum_and_order() -> None:
+    rng = np.random.default_rng(0)
+    gap = D * (1 + 1e-6)
+    rack = [(row * gap * np.sqrt(3) / 2, (k - row / 2) * gap) for row in range(5) for k in range(row + 1)]
+    rack = [tuple(np.array(xy) + rng.uniform(-1, 1, 2) * 1e-8) for xy in rack]
+    shot = Shot(
+        tuple(f"{i}" for i in range(16)), np.array([(-0.06, 0.004), *rack]), np.array([(8.0, 0.0), *[(0, 0)] * 15]),
+        np.zeros((16, 3)), np.array([0.0, 4e-3]),
+    )  # fmt: skip
+    world = model(mu=0.0).with_values({"decoupled_cloth.slide": 0.05})
+    one, two = (simulate(world, [shot] * 2, threads=n)[1] for n in (1, 2))
+    assert one.position.tobytes() == two.position.tobytes()
+    assert one.velocity[-1].sum(axis=0) == pytest.approx([8.0, 0.0], abs=0.05)
+    assert energy(one, -1) < energy(one, 0)
+    assert len({name for e in one.events for name in e.balls}) == 16
+    apart = np.linalg.norm(one.position[-1][:, None] - one.position[-1], axis=-1) + np.eye(16)
+    assert apart.min() > D - 1e-4
+
+
+@pytest.mark.parametrize("cushion", [False, True])
+def test_dampings_rise_as_restitution_falls(cushion: bool) -> None:
+    found = dampings(cushion, np.linspace(0.05, 0.99, 40))
+    assert np.all(np.diff(found) < 0)
+
+
+@pytest.mark.parametrize("e", [0.5, 0.8, 0.9, 0.98])
+def test_restitution_of_two_balls_knows_no_speed(e: float) -> None:
+    for speed in (0.2, 1.0, 4.0):
+        world = model(e, 0.0).with_values({"decoupled_cloth.slide": 0.05})
+        track = met([(-D - 1e-6, 0), (0, 0)], (speed, 0.0), world, after=1e-6 / speed + 5e-4, contacts="always")
+        v = track.velocity[-1, :, 0]
+        assert v[1] - v[0] == pytest.approx(e * speed, abs=2e-3 * speed)
+
+
+@pytest.mark.parametrize("kind", ["ball", "cushion"])
+def test_two_bodies_come_out_as_by_their_impulse(kind: str) -> None:
+    states = np.concatenate(impact_states(kind, 60))
+    shots = [_impact_shot(kind, v, angle, top, side, 6e-4) for v, angle, top, side in states]
+    world = dataclasses.replace(model(0.89), table=Table(2.959, 1.473, pockets=False))
+    tracks = [simulate(world, shots, contacts=way) for way in ("always", "never")]
+    for scale, what in ((1.0, "velocity"), (BALL.radius, "spin")):
+        error = scale * np.array(
+            [np.abs(getattr(a, what)[-1] - getattr(b, what)[-1]).max() for a, b in zip(*tracks, strict=True)]
+        )
+        assert np.median(error / states[:, 0]) < 0.005
+        assert np.max(error / states[:, 0]) < 0.01
+
+
+def test_results_are_smooth_in_what_goes_in() -> None:
+    def ends(kind: str, which: int) -> Array:
+        state = np.repeat([[1.5, 0.5, 0.6, 0.4]], 60, axis=0)
+        state[:, which] *= np.linspace(0.9995, 1.0005, 60)
+        shots = [_impact_shot(kind, v, angle, top, side, 6e-4) for v, angle, top, side in state]
+        world = dataclasses.replace(model(0.89), table=Table(2.959, 1.473, pockets=False))
+        tracks = simulate(world, shots, contacts="always")
+        return np.array([np.append(t.velocity[-1, 0], BALL.radius * t.spin[-1, 0]) for t in tracks])
+
+    for kind in ("ball", "cushion"):
+        for which in range(4):
+            assert np.abs(np.diff(ends(kind, which), 2, axis=0)).max() < 1e-9
+
+
+def test_balls_that_lean_on_each_other_are_one_event() -> None:
+    v, w = np.array([[0.5, 0.0], [0.3, 0.0]]), np.zeros((2, 3))
+    w[:, 1] = v[:, 0] / BALL.radius
+    w[0, 1] += 40.0  # topspin drives it into the other again and again
+    shot = Shot(("a", "b"), np.array([[-0.6, 0.0], [-0.6 + D + 0.001, 0.0]]), v, w, np.array([0.0, 1.0]))
+    track = simulate(model(), [shot])[0]
+    assert 1 <= len(track.events) < 25
+
+
+def test_an_unknown_way_through_contacts_is_named() -> None:
+    with pytest.raises(ValueError, match="contacts is 'some'; choose from clusters, always, never"):
+        met([(0, 0)], (1, 0), contacts="some")

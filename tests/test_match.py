@@ -1,0 +1,101 @@
+"""`sysid match`: its rows, the published tables, and clips that a fit of MuJoCo's own contacts starts from."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.model_file import read_model
+from sysid import cli, match
+from sysid.clips import read_clip_set
+from sysid.match import Row
+from sysid.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[Row]:
+    return list(match.rows(count=40, shots=12, few=True))
+
+
+def test_effects_reach_every_figure(rows: list[Row]) -> None:
+    missed = [match.line(row) for row in rows if not row.ok]
+    assert not missed
+    assert sum(row.reach is not None for row in rows) > 30
+
+
+def test_native_contact_misses_by_far_more(rows: list[Row]) -> None:
+    ours = {row.case: row.error for row in rows if row.model == "effects"}
+    pairs = [
+        (row.error, ours[row.case])
+        for row in rows
+        if row.model == "native"
+        and row.case in ours
+        and row.case.startswith(("cloth", "ball-ball", "cushion", "whole"))
+    ]
+    assert len(pairs) > 15
+    assert all(native > 3 * effects for native, effects in pairs)
+
+
+def test_both_models_are_held_against_the_same_cases(rows: list[Row]) -> None:
+    by = [{row.case for row in rows if row.model == name} for name in ("native", "effects")]
+    assert by[0] <= by[1]
+    for part in ("cloth", "ball-ball", "cushion", "cueing", "whole shots", "roughness", "rebounds", "oblique"):
+        assert any(case.startswith(part) for case in by[0])
+
+
+def test_effects_meet_the_measurements_as_the_analytic_models_do(rows: list[Row]) -> None:
+    found = [row for row in rows if row.model == "effects" and "Mathavan" in row.case]
+    assert len(found) == 6
+    for row in found:
+        assert row.analytic is not None
+        assert row.error == pytest.approx(row.analytic, rel=0.05)
+
+
+def test_a_row_that_misses_is_not_ok() -> None:
+    assert Row("a", "effects", 2.0, "mm", 2.0).ok
+    assert not Row("a", "effects", 2.1, "mm", 2.0).ok
+    assert not Row("a", "effects", float("nan"), "mm", 2.0).ok
+    assert Row("a", "native", 1e9, "mm").ok
+    assert "MISSED" in match.line(Row("a", "effects", 2.1, "mm", 2.0))
+
+
+@pytest.mark.parametrize(("error", "status"), [(0.5, 0), (1.5, 1)])
+def test_the_command_writes_its_rows(
+    error: float, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = [Row("motion", "native", 9.0, "mm"), Row("motion", "effects", error, "mm", 1.0)]
+    monkeypatch.setattr(match, "rows", lambda: iter(made))
+    out = tmp_path / "match.json"
+    assert cli.main(["match", "--json", str(out)]) == status
+    data = json.loads(out.read_text())
+    assert [(r["case"], r["model"], r["error"], r["unit"], r["reach"], r["ok"]) for r in data["rows"]] == [
+        ("motion", "native", 9.0, "mm", None, True),
+        ("motion", "effects", error, "mm", 1.0, status == 0),
+    ]
+    assert f"2 rows, 1 with a reach, {status} missed" in capsys.readouterr().out
+
+
+def test_clips_of_the_analytic_models(tmp_path: Path) -> None:
+    folder = tmp_path / "analytic"
+    assert cli.main(["match", "--clips", str(folder)]) == 0
+    clip_set = read_clip_set(folder)
+    assert len(clip_set.clips) == 30
+    assert clip_set.sigma == pytest.approx(2e-4)
+    native = read_model(folder / "native.toml")
+    assert native.table == clip_set.table
+    assert not native.effects
+
+
+def test_published_tables_are_those_of_the_data(data_folder: Path) -> None:
+    for name, table in (
+        ("mathavan2010_cushion_fig7a", CUSHION_2010),
+        ("mathavan2009_cushion_fig9", CUSHION_2009),
+        ("mathavan2009_oblique_ball_ball_table1", OBLIQUE_2009),
+    ):
+        with (data_folder / "published" / f"{name}.csv").open() as file:
+            rows = np.array([[float(x) for x in row] for row in list(csv.reader(file))[1:]])
+        assert np.array(table) == pytest.approx(rows[:, : len(table[0])], abs=6e-4)
