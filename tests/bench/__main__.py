@@ -10,7 +10,8 @@ from pathlib import Path
 
 from sysid.output import table
 from tests.bench.accuracy import cloth_rows, hidden_rows
-from tests.bench.speed import jacobian_rows, other_simulator, peak_memory_mb, shot_rows
+from tests.bench.peers import rows as peer_rows
+from tests.bench.speed import jacobian_rows, peak_memory_mb, shot_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -24,9 +25,8 @@ def main() -> int:
     """Measure and print."""
     began = time.perf_counter()
     print(f"Python {platform.python_version()}, {os.cpu_count()} cores, {platform.machine()}\n", flush=True)
-    for rows in (cloth_rows, shot_rows, jacobian_rows):
+    for rows in (cloth_rows, shot_rows, jacobian_rows, peer_rows):
         print(table(rows()) + "\n", flush=True)
-    print(other_simulator() + "\n", flush=True)
     hidden = data_folder() / "hidden" / "set-11"
     if hidden.is_dir():
         print(table(hidden_rows(hidden)) + "\n", flush=True)
