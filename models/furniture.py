@@ -13,9 +13,8 @@ import mujoco
 import numpy as np
 
 from models.shot import NOSE_HEIGHT, Array, Table
+from models.snooker import FULL_LENGTH, SEMICIRCLE, spots
 
-FULL_LENGTH = 3.569  # of the table that the rules' measures below are for [m]
-BAULK, SEMICIRCLE, BLACK = 0.737, 0.292, 0.324  # baulk line, radius of the D, black spot from the cushion [m]
 RUBBER, FRAME = 0.05, 0.13  # where the rubber ends and the frame ends, from the nose line [m]
 BACK = RUBBER + 0.004  # where the rubber ends under the frame [m]
 BEVEL = 0.008  # of the frame [m]
@@ -26,15 +25,6 @@ CORNER, MIDDLE = (0.012, 0.052), (0.040, 0.048)  # pockets: centre beyond the no
 LEATHER = 0.007  # thickness [m]
 JAWS = {"corner": (0.055, 0.95), "middle": (0.022, 1.3), "": (0.0, 0.0)}  # radius [m], angle [rad]
 ARC = 24  # pieces of a rounding
-
-
-def spots(table: Table) -> dict[str, Array]:
-    """Places of the colours, baulk towards -x: name -> (2,) [m]."""
-    k, end = table.length / FULL_LENGTH, table.length / 2
-    line = -end + BAULK * k
-    places = {"yellow": (line, -SEMICIRCLE * k), "brown": (line, 0), "green": (line, SEMICIRCLE * k)}
-    places |= {"blue": (0, 0), "pink": (end / 2, 0), "black": (end - BLACK * k, 0)}
-    return {name: np.array(xy, float) for name, xy in places.items()}
 
 
 def _mesh(spec: mujoco.MjSpec, name: str, material: str, vertices: Array, faces: Array) -> None:

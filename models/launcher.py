@@ -113,6 +113,7 @@ def build_scene(
     end_mass: float = END_MASS,
     tip_friction: float = TIP_FRICTION,
     slate: bool = True,
+    native: Native | None = None,
     furnished: bool = False,
 ) -> Scene:
     """A launcher at a table, aimed at the first ball.
@@ -127,6 +128,7 @@ def build_scene(
         end_mass: what of the shaft moves sideways with the ball [kg].
         tip_friction: of the tip on the ball.
         slate: False lets the ball float, so that nothing but the tip acts on it.
+        native: terms of the table's contacts; the shipped ones without.
         furnished: with what is only seen.
 
     Raises:
@@ -145,7 +147,7 @@ def build_scene(
         raise BadInput(f"end_mass is {end_mass} kg; give 0.002 to 0.1")
     if not 0 < tip_friction <= 2:
         raise BadInput(f"tip_friction is {tip_friction}; give a number above 0 and up to 2")
-    spec = build_spec(table, ball, names, (Native(),), furnished=furnished)
+    spec = build_spec(table, ball, names, (native or Native(),), furnished=furnished)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # the servo's and the leather's damping
     attach_launcher(spec, np.append(places[0], ball.radius), azimuth)
     end, cue = spec.body(f"{PREFIX}shaft end"), spec.body(f"{PREFIX}cue")

@@ -22,25 +22,11 @@ choose_backend()  # before MuJoCo is imported
 import cv2  # noqa: E402
 import mujoco  # noqa: E402
 
-from models.furniture import spots  # noqa: E402
 from models.shot import Array, Ball, Table  # noqa: E402
+from models.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked  # noqa: E402
 from models.world import build_spec  # noqa: E402
 
-SNOOKER_TABLE, SNOOKER_BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)  # full size
 CAMERAS = ("corner", "overhead", "baulk")
-CLEAR = 0.0005  # between balls that are racked [m]
-
-
-def racked(table: Table, ball: Ball) -> dict[str, Array]:
-    """All 22 balls of snooker on their spots, the white in the D: name -> (2,) [m]."""
-    places = spots(table)
-    step = ball.diameter + CLEAR
-    apex = places["pink"] + [step + CLEAR, 0.0]
-    rows = [(row, k) for row in range(5) for k in range(row + 1)]
-    for number, (row, k) in enumerate(rows, start=1):
-        places[f"red {number}"] = apex + step * np.array([row * np.sqrt(0.75), k - row / 2])
-    places["white"] = places["brown"] + [-0.1 * table.length / 3.569, 0.11 * table.width / 1.778]
-    return places
 
 
 def render(

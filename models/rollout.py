@@ -35,7 +35,14 @@ MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in 
 TINY = 1e-5  # [s]
 CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 RAILS = ("+x", "-x", "+y", "-y")
-FIELDS = ("pair_friction", "pair_solref", "opt.gravity", "body_mass", "body_inertia")  # that an edit may change
+FIELDS = (
+    "pair_friction",
+    "pair_solref",
+    "pair_solreffriction",
+    "opt.gravity",
+    "body_mass",
+    "body_inertia",
+)  # that an edit may change
 MAX_STEPS = 200_000
 
 
@@ -227,7 +234,11 @@ class Rollout:
         self.push[rows, 1:, :3] = balls.force
         self.push[rows, 1:, 3:] = balls.torque
         go = step > 0
-        parts = np.ones(rows.size, np.int64) if self.exact else np.ceil(step / NATIVE_STEP - 1e-9).astype(np.int64)
+        parts = (
+            np.ones(rows.size, np.int64)
+            if self.exact
+            else np.maximum(np.ceil(step / NATIVE_STEP - 1e-9), 1).astype(int)
+        )
         self.timestep[rows[go]] = (step[go] / parts[go]).reshape(-1, *self.timestep.shape[1:])
         for number in np.unique(parts[go]):
             self.batch.step(ids=rows[go & (parts == number)], nstep=int(number))

@@ -3,13 +3,11 @@
 The bed is a box that ends at the nose lines, so that a ball leaving through a pocket falls. A cushion is a capsule
 whose surface a ball meets at 7R/5, its centre R cos(theta) from the nose line, sin(theta) = 2/5. Everything touches
 through explicit pairs of the classes ball_bed, ball_ball and ball_cushion. What is only seen is added on demand
-(models/furniture.py). `python -m models.world OUT.xml` writes a world as plain MJCF.
+(models/furniture.py).
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +16,6 @@ import mujoco
 import numpy as np
 
 from models.effect import Effect
-from models.errors import BadInput
-from models.files import write_whole
 from models.furniture import furnish
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball, Table
 
@@ -145,42 +141,3 @@ def build_spec(
 def build_model(table: Table, ball: Ball, names: Sequence[str], effects: Sequence[Effect] = ()) -> mujoco.MjModel:
     """The compiled world."""
     return build_spec(table, ball, names, effects).compile()
-
-
-def export(table: Table, ball: Ball, names: Sequence[str], path: Path | str) -> None:
-    """Write the world as plain MJCF for any MuJoCo viewer, whole or not at all; the balls wait side by side."""
-    from models.native import Native  # it needs a spec's pairs, which are made here
-
-    gap = ball.diameter * 1.5
-    spec = build_spec(table, ball, names, (Native(),), furnished=True)
-    for k, name in enumerate(names):
-        spec.body(name).pos[0] = (k - (len(names) - 1) / 2) * gap
-    spec.compile()
-    write_whole(path, spec.to_xml().encode(), parents=True)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Write a table with a few balls as MJCF."""
-    parser = argparse.ArgumentParser(prog="python -m models.world", description=main.__doc__)
-    parser.add_argument("out", type=Path, metavar="OUT.xml")
-    parser.add_argument("--length", type=float, default=3.569, help="cushion to cushion [m]")
-    parser.add_argument("--width", type=float, default=1.778, help="[m]")
-    parser.add_argument("--diameter", type=float, default=0.0525, help="of the balls [m]")
-    parser.add_argument("--mass", type=float, default=0.1406, help="of a ball [kg]")
-    parser.add_argument("--no-pockets", action="store_true")
-    parser.add_argument("--balls", default="white,yellow,red", help="names, which choose the colours")
-    given = parser.parse_args(arguments)
-    table, ball = Table(given.length, given.width, not given.no_pockets), Ball(given.diameter, given.mass)
-    try:
-        for name in ("length", "width", "diameter", "mass"):
-            if not 0 < getattr(given, name) < np.inf:
-                raise BadInput(f"--{name} is {getattr(given, name)}; give a positive number")
-        export(table, ball, given.balls.split(","), given.out)
-    except BadInput as error:
-        print(f"models.world: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

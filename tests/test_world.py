@@ -16,7 +16,7 @@ from models import gl
 from models.errors import BadInput
 from models.native import Native, solref
 from models.shot import NOSE_COSINE, NOSE_HEIGHT, Ball, Table
-from models.world import build_model, build_spec, export, pockets, rails
+from models.world import build_model, build_spec, pockets, rails
 
 ROOT = Path(__file__).resolve().parents[1]
 FULL, TEN_BY_FIVE, CAROM = Table(3.569, 1.778), Table(2.959, 1.473), Table(2.84, 1.42, pockets=False)
@@ -162,40 +162,10 @@ def test_a_ball_rolled_into_a_pocket_falls(target: tuple[float, float]) -> None:
     pytest.fail(f"the ball is still at {data.qpos[:3]}")
 
 
-@pytest.mark.parametrize(("table", "ball"), WORLDS)
-def test_the_exported_world_is_plain_mjcf(table: Table, ball: Ball, tmp_path: Path) -> None:
-    path = tmp_path / "new" / "world.xml"
-    export(table, ball, NAMES, path)
-    text = path.read_text(encoding="utf-8")
-    assert "file=" not in text, "it needs no other file"
-    model, here = mujoco.MjModel.from_xml_string(text), native_model(table, ball)
-    assert model.npair == here.npair
-    assert model.pair_friction == pytest.approx(here.pair_friction, rel=1e-5)
-    assert model.pair_solref == pytest.approx(here.pair_solref, rel=1e-5)
-    x = [model.body(name).pos[0] for name in NAMES]
-    assert all(abs(a - b) > ball.diameter for a, b in itertools.combinations(x, 2))
-    data = mujoco.MjData(model)
-    mujoco.mj_step(model, data, 1000)
-    assert np.abs(data.qvel).max() < 1e-2, "at rest"
-    assert [p.name for p in path.parent.iterdir()] == ["world.xml"]
-
-
-def test_the_command_writes_a_world_and_names_what_is_wrong(tmp_path: Path) -> None:
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "models.world", *arguments]
-        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-
-    out = str(tmp_path / "carom.xml")
-    sizes = ("--length", "2.84", "--width", "1.42", "--diameter", "0.0615", "--mass", "0.21", "--no-pockets")
-    assert run(out, *sizes).returncode == 0
-    assert mujoco.MjModel.from_xml_path(out).geom("bed").size[:2] == pytest.approx([1.42, 0.71])
-    wrong = run(out, "--mass", "-1")
-    assert (wrong.returncode, wrong.stderr) == (2, "models.world: --mass is -1.0; give a positive number\n")
-
-
 @pytest.mark.gl
 def test_the_picture_shows_the_balls() -> None:
-    from models.render import racked, render
+    from models.render import render
+    from models.snooker import racked
 
     places = racked(FULL, SNOOKER)
     assert len(places) == 22

@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 
 STEPS = 4  # of a whole impact, where no slip turns
-TURNING = 8e-6  # tolerance of the turning of a slip in a step, over approach speed
+TURNING = 3e-8  # tolerance of the turning of a slip in a step, over approach speed; fits differentiate what comes out
 CLOSER = 0.8  # of the way to the end of a slip, at most, in a step
 STABLE = 2.0  # turns of that kind in a step, at most
 SNAP = 1e-6  # slip times friction over approach speed that ends at once where friction can hold it
