@@ -174,7 +174,17 @@ def effects(args: argparse.Namespace, progress: Progress) -> int:
 
 def match(args: argparse.Namespace, progress: Progress) -> int:
     """MuJoCo against the analytic models and published measurements."""
-    check_outputs(args.json)
+    check_outputs(args.json, args.tune)
+    if args.tune:
+        from models.model_file import write_model
+        from sysid.match_tune import tuned
+
+        model = tuned(progress)
+        progress.close()
+        print_constants(model)
+        write_model(model, args.tune)
+        print(f"\nmodel: {args.tune}")
+        return DONE
     if args.clips:
         from sysid.match_clips import write_clips
 
@@ -238,6 +248,7 @@ def parser() -> argparse.ArgumentParser:
     verb("effects", effects, "the catalogue of effects")
     one = verb("match", match, "MuJoCo against the analytic models and published measurements, row by row")
     one.add_argument("--json", metavar="FILE", help="the rows as JSON")
+    one.add_argument("--tune", metavar="M.toml", help="instead, fit the native MJCF's terms to the analytic models")
     one.add_argument("--clips", metavar="DIR", help="instead, write shots of the analytic models as clips to fit to")
     one = verb("demo", demo, "the shipped example, start to end")
     one.add_argument("--out", metavar="DIR", default="out/demo", help="where results go (default: out/demo)")

@@ -79,7 +79,7 @@ def players() -> tuple[Player, Player]:
     return Player("native", Model(TABLE, BALL)), Player("effects", with_constants(CONSTANTS), "always")
 
 
-def _random_states(count: int) -> tuple[Array, Array]:
+def random_states(count: int) -> tuple[Array, Array]:
     rng = np.random.default_rng(SEED)
     heading, speed = rng.uniform(-np.pi, np.pi, count), rng.uniform(0.2, 3.0, count)
     velocity = speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
@@ -88,7 +88,7 @@ def _random_states(count: int) -> tuple[Array, Array]:
 
 def motion(player: Player, count: int = 500) -> list[Row]:
     """Open cloth, 3 s, random speeds and spins: position all the way, and sidespin while there is some."""
-    velocity, spin = _random_states(count)
+    velocity, spin = random_states(count)
     times = np.linspace(0, 3, 61)
     still = np.zeros((1, 2))
     tracks = player(
@@ -119,7 +119,7 @@ GOLDEN_CUSHION = (  # angle to the cushion [degrees], R w_top and R w_side over 
 )  # fmt: skip
 
 
-def _impact_shot(kind: str, speed: float, angle: float, top: float, side: float, after: float) -> Shot:
+def impact_shot(kind: str, speed: float, angle: float, top: float, side: float, after: float) -> Shot:
     """A ball LEAD before it touches, at an angle to the normal [rad], spin over speed; sampled `after` the touch."""
     way = np.array([np.cos(angle), np.sin(angle)])
     spin = np.array([-top * way[1], top * way[0], side]) * speed / BALL.radius
@@ -156,7 +156,7 @@ def impacts(player: Player, kind: str, count: int = 500) -> list[Row]:
     reach = (0.5, 1.0) if player.name == "effects" else (None, None)
     way = ", impulse" if player.name == "effects" and player.contacts == "clusters" else ""
     for name, states in zip(("golden", f"{count} random"), impact_states(kind, count), strict=True):
-        shots = [_impact_shot(kind, v, angle, top, side, after) for v, angle, top, side in states]
+        shots = [impact_shot(kind, v, angle, top, side, after) for v, angle, top, side in states]
         ours, theirs = player(TABLE, shots), play(TABLE, BALL, CONSTANTS, shots)
         v = np.array([np.abs(a.velocity[-1] - b.velocity[-1]).max() for a, b in zip(ours, theirs, strict=True)])
         w = np.array([np.abs(a.spin[-1] - b.spin[-1]).max() for a, b in zip(ours, theirs, strict=True)])
@@ -243,7 +243,7 @@ def roughness(player: Player, count: int = 200) -> list[Row]:
 def rebounds(player: Player | None, pairs: Sequence[tuple[float, float]]) -> Array:
     """Rebound speeds of a rolling ball straight at a cushion: (n,) [m/s]; without a player, by the analytic model."""
     after = SETTLED[player.name if player else "impulse"]
-    shots = [_impact_shot("cushion", v, 0.0, 1.0, 0.0, after) for v, _ in pairs]
+    shots = [impact_shot("cushion", v, 0.0, 1.0, 0.0, after) for v, _ in pairs]
     tracks = player(TABLE, shots) if player else play(TABLE, BALL, CONSTANTS, shots)
     return np.array([-t.velocity[-1, 0, 0] for t in tracks])
 
@@ -251,7 +251,7 @@ def rebounds(player: Player | None, pairs: Sequence[tuple[float, float]]) -> Arr
 def obliques(player: Player | None) -> Array:
     """Speeds of both balls once they roll, and deflection of the cue ball, at the published cuts: (n, 3) [m/s, deg]."""
     after = SETTLED[player.name if player else "impulse"]
-    shots = [_impact_shot("ball", v, np.radians(cut), 1.0, 0.0, after) for v, cut, *_ in OBLIQUE_2009]
+    shots = [impact_shot("ball", v, np.radians(cut), 1.0, 0.0, after) for v, cut, *_ in OBLIQUE_2009]
     tracks = player(TABLE, shots) if player else play(TABLE, BALL, CONSTANTS, shots)
     rolling = np.array([cloth.rolling_velocity(t.velocity[-1], t.spin[-1], BALL.radius) for t in tracks])
     speed = np.linalg.norm(rolling, axis=-1)

@@ -11,7 +11,7 @@ from models.contact import dampings
 from models.model_file import Model, full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulate import simulate
-from sysid.match import _impact_shot, impact_states
+from sysid.match import impact_shot, impact_states
 
 BALL, TABLE = Ball(0.0525, 0.1406), Table(2.0, 1.6, pockets=False)
 D, REACH = BALL.diameter * (1 + 1e-12), float(TABLE.reach(BALL)[0])
@@ -137,7 +137,7 @@ def test_restitution_of_two_balls_knows_no_speed(e: float) -> None:
 @pytest.mark.parametrize("kind", ["ball", "cushion"])
 def test_two_bodies_come_out_as_by_their_impulse(kind: str) -> None:
     states = np.concatenate(impact_states(kind, 60))
-    shots = [_impact_shot(kind, v, angle, top, side, 6e-4) for v, angle, top, side in states]
+    shots = [impact_shot(kind, v, angle, top, side, 6e-4) for v, angle, top, side in states]
     world = dataclasses.replace(model(0.89), table=Table(2.959, 1.473, pockets=False))
     tracks = [simulate(world, shots, contacts=way) for way in ("always", "never")]
     for scale, what in ((1.0, "velocity"), (BALL.radius, "spin")):
@@ -152,7 +152,7 @@ def test_results_are_smooth_in_what_goes_in() -> None:
     def ends(kind: str, which: int) -> Array:
         state = np.repeat([[1.5, 0.5, 0.6, 0.4]], 60, axis=0)
         state[:, which] *= np.linspace(0.9995, 1.0005, 60)
-        shots = [_impact_shot(kind, v, angle, top, side, 6e-4) for v, angle, top, side in state]
+        shots = [impact_shot(kind, v, angle, top, side, 6e-4) for v, angle, top, side in state]
         world = dataclasses.replace(model(0.89), table=Table(2.959, 1.473, pockets=False))
         tracks = simulate(world, shots, contacts="always")
         return np.array([np.append(t.velocity[-1, 0], BALL.radius * t.spin[-1, 0]) for t in tracks])

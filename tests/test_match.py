@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from models.model_file import read_model
+from models.native import Native
 from sysid import cli, match
 from sysid.clips import read_clip_set
 from sysid.match import Row
@@ -88,6 +89,15 @@ def test_clips_of_the_analytic_models(tmp_path: Path) -> None:
     native = read_model(folder / "native.toml")
     assert native.table == clip_set.table
     assert not native.effects
+
+
+@pytest.mark.slow
+def test_the_shipped_native_terms_are_those_that_tuning_finds(tmp_path: Path) -> None:
+    out = tmp_path / "tuned.toml"
+    assert cli.main(["match", "--tune", str(out)]) == 0
+    found, shipped = read_model(out).native, Native()
+    for name in Native.parameters():
+        assert getattr(shipped, name) == pytest.approx(getattr(found, name), rel=0.02), name
 
 
 def test_published_tables_are_those_of_the_data(data_folder: Path) -> None:
