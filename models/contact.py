@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from models.effect import Balls, Effect
 from models.increments import ball_step, cushion_step
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
-from models.world import NOSE_RADIUS, build_spec, rails
+from models.touch import DEAD
+from models.world import NOSE_RADIUS, build_spec, mouths, rails
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -36,6 +37,8 @@ CUSHION_TIME = 4e-4  # [s]; real ones' some 8 ms
 HERTZ = (3.2180 / BALL_TIME) ** 2.5  # acceleration of the gap is HERTZ d^1.5 [m^-0.5 s^-2]
 LONGEST = 2e-2  # of a cluster, after which the rest of it is left to the next [s]
 CLOSED = 1e-9  # gap below which bodies touch [m]
+CALM = 2 * CUSHION_TIME  # without a speed between what touches, after which nothing more will come of it [s]
+FAR = 100.0  # from the table, for potted balls [m]
 AWAY = 1e-9  # approach speed below which they do not approach [m/s]
 IMPEDANCE = 1e-4  # the lowest that MuJoCo takes
 PARTS = 8  # of a step, over which a slip may turn
@@ -99,6 +102,32 @@ def _meet(
 
 
 @njit(cache=True)
+def _depth(cushion: bool, gap: float, r: float) -> tuple[float, float]:
+    """Depth along the normal, and the normal's horizontal part; a cushion's from the middle of its capsule."""
+    if not cushion:
+        return -gap, 1.0
+    reach = r + NOSE_RADIUS
+    across = reach * NOSE_COSINE + gap
+    apart = np.sqrt(across * across + (reach * NOSE_SINE) ** 2)
+    return reach - apart, across / apart
+
+
+@njit(cache=True)
+def overlaps(
+    kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array,
+) -> Array:  # fmt: skip
+    """Depth of every contact (n, ncontact) [m], 0 where it is open."""
+    out = np.zeros((p.shape[0], kind.size))
+    for n in range(p.shape[0]):
+        for c in range(kind.size):
+            gap, _, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
+            if gap < 0.0:
+                out[n, c] = _depth(kind[c] == 1, gap, radius)[0]
+    return out
+
+
+@njit(cache=True)
 def _local(
     p: Array, v: Array, w: Array, cushion: bool, i: int, j: int, x: float, y: float, s: Array
 ) -> tuple[float, float, float, float]:
@@ -137,10 +166,13 @@ def closing(
 @njit(cache=True)
 def press(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
-    p: Array, v: Array, w: Array, alive: NDArray[np.bool_], reach: Array, damping: Array, mu: Array, cloth: Array,
-    m: float, r: float, force: Array, torque: Array, solref: Array,
+    p: Array, v: Array, w: Array, alive: NDArray[np.bool_], reach: Array, given: Array, damping: Array, mu: Array,
+    cloth: Array, m: float, r: float, force: Array, torque: Array, solref: Array,
 ) -> None:  # fmt: skip
-    """Set the springs of closed contacts, solref (n, ncontact, 2), and add the friction that goes with them."""
+    """Set the springs of closed contacts, solref (n, ncontact, 2), and add the friction that goes with them.
+
+    What a contact overlapped at the start, `given` (n, ncontact) [m], holds no energy; it shrinks as they part.
+    """
     one, two = np.zeros(5), np.zeros(10)
     one_out, two_out = np.zeros(5), np.zeros(10)
     one_after, two_after = np.zeros(5), np.zeros(10)
@@ -149,17 +181,20 @@ def press(
         for c in range(kind.size):
             cushion = kind[c] == 1
             i, j = first[c], second[c]
+            solref[n, c, 0] = solref[n, c, 1] = 0.0
             gap, approach, x, y = _meet(kind, first, second, span, c, p[n], v[n], alive[n], r, reach)
             if gap > CLOSED:
+                given[n, c] = 0.0
                 continue
-            depth = -gap
-            if cushion:  # along the normal, from the middle of the nose's capsule
-                across = (r + NOSE_RADIUS) * NOSE_COSINE + gap
-                depth = r + NOSE_RADIUS - np.sqrt(across * across + ((r + NOSE_RADIUS) * NOSE_SINE) ** 2)
-                approach *= across / (r + NOSE_RADIUS - depth)
-            k, b = _spring(cushion, depth, damping[n, c])
-            solref[n, c, 0], solref[n, c, 1] = -k, -b
-            dp = STEP * (m if cushion else 0.5 * m) * max(k * depth + b * approach, 0.0)
+            depth, level = _depth(cushion, gap, r)
+            given[n, c] = min(given[n, c], max(depth, 0.0))
+            pressed = depth - given[n, c]
+            approach *= level
+            k, b = _spring(cushion, pressed, damping[n, c])
+            if k == 0.0:
+                continue
+            solref[n, c, 0], solref[n, c, 1] = -k * pressed / depth, -b
+            dp = STEP * (m if cushion else 0.5 * m) * max(k * pressed + b * approach, 0.0)
             if dp == 0.0:
                 continue
             s, out, after = (one, one_out, one_after) if cushion else (two, two_out, two_after)
@@ -192,21 +227,25 @@ def press(
 @njit(cache=True)
 def apart(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
-    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array, damping: Array,
-) -> NDArray[np.bool_]:  # fmt: skip
-    """Simulations in which nothing presses or closes: (n,)."""
-    free = np.ones(p.shape[0], np.bool_)
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array, given: Array, damping: Array,
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
+    """Simulations in which nothing presses or closes, and those in which nothing does so at a speed: (n,) each."""
+    free, calm = np.ones(p.shape[0], np.bool_), np.ones(p.shape[0], np.bool_)
     for n in range(p.shape[0]):
         for c in range(kind.size):
+            cushion = kind[c] == 1
             gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
-            if gap <= CLOSED and approach > AWAY:
+            if gap > CLOSED:
+                continue
+            calm[n] = calm[n] and abs(approach) < DEAD
+            if approach > AWAY:
                 free[n] = False
-            elif gap < 0.0:
-                k, b = _spring(kind[c] == 1, -gap, damping[n, c])
-                free[n] = free[n] and -k * gap + b * approach <= 0.0
-            if not free[n]:
-                break
-    return free
+                continue
+            depth, level = _depth(cushion, gap, radius)
+            pressed = depth - min(given[n, c], depth)
+            k, b = _spring(cushion, pressed, damping[n, c])
+            free[n] = free[n] and k * pressed + b * approach * level <= 0.0
+    return free, calm
 
 
 class Contacts:
@@ -227,7 +266,7 @@ class Contacts:
         self.kind = np.zeros(ncontact, np.int64)
         self.first, self.second = np.zeros(ncontact, np.int64), np.zeros(ncontact, np.int64)
         self.span = np.zeros((ncontact, 2))
-        pieces = rails(model.table)
+        pieces, middle = rails(model.table), mouths(model.table)[1]
         start = compiled.geom("cushion 0 +x").id
         for c in range(ncontact):
             one, two = sorted((compiled.pair_geom1[c], compiled.pair_geom2[c]), reverse=True)
@@ -236,17 +275,27 @@ class Contacts:
                 piece = pieces[two - start]
                 k = "xy".index(piece.side[1])
                 self.kind[c], self.first[c], self.second[c] = 1, bodies[0], SIDES.index(piece.side)
-                self.span[c] = sorted((piece.start[1 - k], piece.end[1 - k]))
+                ends = sorted((piece.start[1 - k], piece.end[1 - k]))
+                # Beside a middle pocket the jaws let in what the straight rail would turn back.
+                self.span[c] = [
+                    max(x, middle) if 0 < x < middle else min(x, -middle) if -middle < x < 0 else x for x in ends
+                ]
             else:
                 self.first[c], self.second[c] = min(bodies), max(bodies)
         self.damping = np.zeros((nsim, ncontact))
         self.friction = np.zeros((nsim, ncontact))
         self.peak = np.zeros((nsim, ncontact))
+        self.given = np.zeros((nsim, ncontact))  # overlap that is nobody's doing in this cluster [m]
         self.first_time = np.ones((nsim, ncontact), bool)  # in this cluster
 
-    def enter(self, rows: NDArray[np.int64], p: Array, v: Array) -> None:
-        """Take over simulations at the moment of a touch; p, v (n, nball, 3)."""
-        self.qpos[rows], self.qvel[rows] = p[..., :2], v[..., :2]
+    def enter(self, rows: NDArray[np.int64], p: Array, v: Array, alive: NDArray[np.bool_]) -> None:
+        """Take over simulations at the moment of a touch; p, v (n, nball, 3). Potted balls are put out of the way."""
+        away = FAR * (1.0 + np.arange(p.shape[1]))[:, None]
+        self.qpos[rows] = np.where(alive[..., None], p[..., :2], away)
+        self.qvel[rows] = np.where(alive[..., None], v[..., :2], 0.0)
+        self.given[rows] = overlaps(
+            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.reach
+        )  # fmt: skip
         self.peak[rows] = 0.0
         self.first_time[rows] = True
 
@@ -272,23 +321,27 @@ class Contacts:
 
     def step(
         self, rows: NDArray[np.int64], balls: Balls, alive: NDArray[np.bool_], cloth: Array
-    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+    ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """One STEP, with the friction that goes with the contacts' forces added to the balls'.
 
-        Returns position and velocity after it, (n, nball, 3), and which simulations touch no more.
+        Returns position and velocity after it, (n, nball, 3), which simulations touch no more, and which do so at rest.
         """
-        solref, damping = self.solref[rows], self.damping[rows]
+        solref, damping, given = self.solref[rows], self.damping[rows], self.given[rows]
         press(
             self.kind, self.first, self.second, self.span, balls.position, balls.velocity, balls.spin, alive,
-            self.reach, damping, self.friction[rows], cloth, self.mass, self.radius, balls.force, balls.torque, solref,
+            self.reach, given, damping, self.friction[rows], cloth, self.mass, self.radius, balls.force, balls.torque,
+            solref,
         )  # fmt: skip
-        self.solref[rows] = solref
+        self.solref[rows], self.given[rows] = solref, given
         self.push[rows, 1:, :3] = balls.force
         self.batch.step(ids=rows)
         p, v = balls.position.copy(), balls.velocity.copy()
-        p[..., :2], v[..., :2] = self.qpos[rows], self.qvel[rows]
-        free = apart(self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.reach, damping)
-        return p, v, free
+        p[..., :2] = np.where(alive[..., None], self.qpos[rows], p[..., :2])
+        v[..., :2] = np.where(alive[..., None], self.qvel[rows], v[..., :2])
+        free, calm = apart(
+            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.reach, given, damping
+        )  # fmt: skip
+        return p, v, free, calm
 
     @staticmethod
     def _spec(model: Model, effects: Sequence[Effect], balls: int) -> mujoco.MjSpec:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from models.effect import Impact
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball
+from models.touch import in_mouth
 
 
 def describe(kind: str, ball: Ball, p: Array, v: Array, w: Array, i: NDArray[np.int64], j: NDArray[np.int64]) -> Impact:
@@ -48,8 +49,9 @@ def _describe(
 
 @njit(cache=True)
 def crowded(
-    cushion: bool, hit: NDArray[np.int64], p: Array, alive: NDArray[np.bool_], near: Array, radius: float, reach: Array
-) -> NDArray[np.bool_]:
+    cushion: bool, hit: NDArray[np.int64], p: Array, alive: NDArray[np.bool_], near: Array, radius: float,
+    reach: Array, half: Array, mouths: Array,
+) -> NDArray[np.bool_]:  # fmt: skip
     """Impacts (rows of `hit`: kind, ball, other ball or rail) with a third body within `near` (n,) [m] of theirs."""
     found = np.zeros(hit.shape[0], np.bool_)
     for n in range(hit.shape[0]):
@@ -62,6 +64,26 @@ def crowded(
                     d = 2.0 * radius + near[n]
                     found[n] = found[n] or x * x + y * y < d * d
             for rail in range(4):
-                gap = reach[rail // 2] - (1.0 - 2.0 * (rail % 2)) * p[n, i, rail // 2]
-                found[n] = found[n] or (gap < near[n] and not (cushion and rail == hit[n, 2]))
+                k = rail // 2
+                gap = reach[k] - (1.0 - 2.0 * (rail % 2)) * p[n, i, k]
+                other = not (cushion and rail == hit[n, 2])
+                found[n] = found[n] or (gap < near[n] and other and not in_mouth(p[n, i, 1 - k], rail, half, mouths))
     return found
+
+
+@njit(cache=True)
+def part(cushion: bool, hit: NDArray[np.int64], p: Array, radius: float, reach: Array) -> None:
+    """Put bodies that overlap, each row of `hit`, back to where they touch."""
+    for n in range(hit.shape[0]):
+        i, j = hit[n, 1], hit[n, 2]
+        if cushion:
+            k, sign = j // 2, 1.0 - 2.0 * (j % 2)
+            p[n, i, k] = sign * min(sign * p[n, i, k], reach[k])
+            continue
+        x, y = p[n, j, 0] - p[n, i, 0], p[n, j, 1] - p[n, i, 1]
+        d = math.sqrt(x * x + y * y)
+        more = 0.5 * max(2.0 * radius - d, 0.0) / d
+        p[n, i, 0] -= more * x
+        p[n, i, 1] -= more * y
+        p[n, j, 0] += more * x
+        p[n, j, 1] += more * y

@@ -19,19 +19,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.impulse import collide_rows
-from models.contact import CUSHION_TIME, LONGEST, STEP, Contacts
+from models.contact import CALM, CUSHION_TIME, LONGEST, STEP, Contacts
 from models.effect import Balls, Effect, of
-from models.impacts import crowded, describe
+from models.impacts import crowded, describe, part
 from models.model_file import Model
 from models.native import GRAVITY
 from models.sampling import record, spin_to_world
 from models.shot import Array, Event, Shot, Track
-from models.touch import BALL, CUSHION, DEAD, POCKET, PUSH_STEP, native_step, next_touch
-from models.world import POCKET_MOUTH, build_spec
+from models.touch import BALL, CUSHION, DEAD, LEAN, LEAN_STEP, POCKET, native_step, next_touch
+from models.world import build_spec, mouths
 
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
 NATIVE_RUN = 4  # of them between two looks at what comes next
-MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in [m] (Robotic Billiards 2015)
 TINY = 1e-5  # [s]
 CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 RAILS = ("+x", "-x", "+y", "-y")
@@ -81,8 +80,7 @@ class Rollout:
         table, ball = self.model.table, self.model.ball
         self.reach = table.reach(ball)
         self.half = np.array([table.length / 2, table.width / 2])
-        mouth = POCKET_MOUTH if table.pockets else 0.0
-        self.mouths = np.array([mouth / np.sqrt(2), MIDDLE_ACCEPTANCE if mouth else 0.0, mouth / 2])
+        self.mouths = mouths(table)
         self._start()
 
     def _compile(self) -> Any:
@@ -191,7 +189,7 @@ class Rollout:
         rough = np.zeros(rows.size, bool)
         if not self.resolved.all():
             safe = native_step(
-                balls.position, balls.velocity, alive, balls.ball.radius, self.reach, ~self.resolved,
+                balls.position, balls.velocity, acceleration, alive, balls.ball.radius, self.reach, ~self.resolved,
                 self.fine[rows], np.full(rows.size, np.inf),
             )  # fmt: skip
             hit[safe < step] = 0
@@ -286,30 +284,36 @@ class Rollout:
         w = spin_to_world(quat, self.qvel[rows, :, 3:], False)
         ball, i, j = self.model.ball, hit[:, 1], hit[:, 2]
         approach, e, mu = self._coefficients(kind, rows, p, v, w, i, j)
-        crowd = np.zeros(rows.size, bool)
+        # A rolling ball that has met something rolls on against it: one event, looked at every LEAN_STEP.
+        other, now = j + (kind == "cushion") * self.alive.shape[1], self.clock[rows]
+        leans = now < self.quiet[rows, i, other] + LEAN_STEP
+        slow = approach < np.where(leans, LEAN, DEAD)
+        alone = np.ones(rows.size, bool)
         if self.resolved.all() and self.contacts != "never":
             near = np.maximum(CROWD, approach * CUSHION_TIME)
-            crowd = crowded(kind == "cushion", hit, p, self.alive[rows], near, ball.radius, self.reach)
-            crowd = (crowd & (approach > DEAD)) | (self.contacts == "always")
-        alone = ~crowd
-        if crowd.any():
-            self._through_contacts(rows[crowd])
+            crowd = crowded(
+                kind == "cushion", hit, p, self.alive[rows], near, ball.radius, self.reach, self.half, self.mouths
+            )  # fmt: skip
+            slow |= crowd & (approach < LEAN)  # what leans pushes on through the others
+            alone = slow | ~(crowd | (self.contacts == "always"))
+        if not alone.all():
+            self._through_contacts(rows[~alone])
         if not alone.any():
             return
-        rows, hit, quat, i, j = rows[alone], hit[alone], quat[alone], i[alone], j[alone]
-        p, v, w = p[alone], v[alone], w[alone]
-        collide_rows(
-            kind == "cushion", hit, p, v, w, e[alone], mu[alone], self._cloth(rows), ball.mass, ball.radius
-        )  # fmt: skip
+        e = np.where(slow, 0.0, e)[alone]
+        rows, hit, i, j, other = (a[alone] for a in (rows, hit, i, j, other))
+        p, v, w, quat, mu, now = (a[alone] for a in (p, v, w, quat, mu, now))
+        slow, leans = slow[alone], leans[alone]
+        collide_rows(kind == "cushion", hit, p, v, w, e, mu, self._cloth(rows), ball.mass, ball.radius)
         self.qvel[rows, :, :3] = v
         self.qvel[rows, :, 3:] = spin_to_world(quat, w, True)
-        # A rolling ball that has met something rolls on against it: one event, looked at every PUSH_STEP.
-        other = j + (kind == "cushion") * self.alive.shape[1]
-        slow, now = approach[alone] < DEAD, self.clock[rows]
-        known = slow & (now < self.quiet[rows, i, other] + PUSH_STEP)
-        self.quiet[rows[slow], i[slow], other[slow]] = now[slow] + PUSH_STEP
-        self.leaning |= bool(slow.any())
-        for k in np.flatnonzero(~known):
+        if slow.any():
+            self.leaning = True
+            self.quiet[rows[slow], i[slow], other[slow]] = now[slow] + LEAN_STEP
+            touching = p[slow]
+            part(kind == "cushion", hit[slow], touching, ball.radius, self.reach)
+            self.qpos[rows[slow], :, :3] = touching
+        for k in np.flatnonzero(~(slow & leans)):
             self._log(int(rows[k]), kind, int(i[k]), int(j[k]))
 
     def _quiet(self, rows: NDArray[np.int64]) -> Array:
@@ -327,10 +331,10 @@ class Rollout:
         """Carry simulations through impacts in small steps, until nothing in them touches."""
         if self.world is None:
             nsim, nball = self.alive.shape
-            self.world = Contacts(self.model, self.effects, nball, nsim, self.threads)
+            self.world = Contacts(self.model, [e.select(0) for e in self.effects], nball, nsim, self.threads)
         world = self.world
-        world.enter(rows, self.qpos[rows, :, :3], self.qvel[rows, :, :3])
-        end = self.clock[rows] + LONGEST
+        world.enter(rows, self.qpos[rows, :, :3], self.qvel[rows, :, :3], self.alive[rows])
+        end, calm = self.clock[rows] + LONGEST, np.zeros(rows.size)
         while rows.size:
             balls, alive, cloth = self._balls(rows), self.alive[rows], self._cloth(rows)
             for effect in self.doers:
@@ -345,7 +349,8 @@ class Rollout:
                     begun = world.set(rows, part, e, mu)
                     for n in np.flatnonzero(begun):
                         self._log(int(rows[k[n]]), kind, int(i[n]), int(j[n]))
-            p, v, free = world.step(rows, balls, alive, cloth)
+            p, v, free, rests = world.step(rows, balls, alive, cloth)
+            calm = np.where(rests, calm + STEP, 0.0)
             w = balls.spin + balls.torque / balls.ball.inertia * STEP
             h, t0 = np.full(rows.size, STEP), self.clock[rows]
             record(
@@ -356,8 +361,8 @@ class Rollout:
             self.clock[rows] = t0 + STEP
             self.qpos[rows, :, :2], self.qvel[rows, :, :2] = p[..., :2], v[..., :2]
             self.qvel[rows, :, 3:] = spin_to_world(self.qpos[rows, :, 3:], w, True)
-            on = ~free & (self.clock[rows] < end) & (self.next[rows] < self.count[rows])
-            rows, end = rows[on], end[on]
+            on = ~free & (calm < CALM) & (self.clock[rows] < end) & (self.next[rows] < self.count[rows])
+            rows, end, calm = rows[on], end[on], calm[on]
 
     def _pot(self, s: int, i: int) -> None:
         self.events[s].append(Event(float(self.clock[s]), "pocket", (self.shots[s].names[i],)))

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 BALL, CUSHION, POCKET = 1, 2, 3
-PUSH_STEP = 1e-3  # step while something is pressed against something without moving [s]
+PUSH_STEP = 4e-4  # step while something is pressed against something without moving [s]: 2.4 m/s^2 stay below DEAD
+LEAN_STEP = 2e-3  # between two looks at what leans [s]
+LEAN = 1e-2  # approach speed that leaning may come to meanwhile [m/s]
 DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
 AWAY = 1e-9  # approach speed below which a touch is no impact [m/s]
 
@@ -128,6 +130,13 @@ def _line(gap: float, v: float, a: float, h: float) -> float:
 
 
 @njit(cache=True)
+def in_mouth(along: float, rail: int, half: Array, mouths: Array) -> bool:
+    """Whether a ball at a rail (+x, -x, +y, -y), at `along` from its middle, is in a pocket's mouth."""
+    k = rail // 2
+    return mouths[0] > 0.0 and (abs(along) > half[1 - k] - mouths[0] or (k == 1 and abs(along) < mouths[1]))
+
+
+@njit(cache=True)
 def next_touch(
     position: Array,
     velocity: Array,
@@ -169,11 +178,10 @@ def next_touch(
                     if t < 0.0:
                         push = min(push, PUSH_STEP) if what[1] else push
                         continue
-                    if quiet[s, i, nball + rail] > t and sign * (v[k] + a[k] * t) < DEAD:
+                    if quiet[s, i, nball + rail] > t and sign * (v[k] + a[k] * t) < LEAN:
                         t = quiet[s, i, nball + rail]
                     o = 1 - k
-                    along = abs(p[o] + v[o] * t + 0.5 * a[o] * t * t)
-                    if mouths[0] > 0.0 and (along > half[o] - mouths[0] or (k == 1 and along < mouths[1])):
+                    if in_mouth(p[o] + v[o] * t + 0.5 * a[o] * t * t, rail, half, mouths):
                         t = _line(half[k] - sign * p[k], sign * v[k], sign * a[k], h)
                         if 0.0 <= t < h:
                             h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, rail
@@ -202,7 +210,7 @@ def next_touch(
                     closing = (
                         -(x * (v[0] - w[0] + t * (a[0] - b[0])) + y * (v[1] - w[1] + t * (a[1] - b[1]))) / diameter
                     )
-                    t = quiet[s, j, i] if closing < DEAD else t
+                    t = quiet[s, j, i] if closing < LEAN else t
                 if t < h:
                     h, hit[s, 0], hit[s, 1], hit[s, 2] = t, BALL, j, i
         if push < h:
@@ -231,6 +239,7 @@ def _circle(
 def native_step(
     position: Array,
     velocity: Array,
+    acceleration: Array,
     alive: NDArray[np.bool_],
     radius: float,
     reach: Array,
@@ -238,31 +247,38 @@ def native_step(
     fine: Array,
     coarse: Array,
 ) -> Array:
-    """A safe step where MuJoCo's own contacts act: up to the next touch at present speed, fine while touching."""
+    """A safe step where MuJoCo's own contacts act: not beyond the next touch, fine while touching."""
     nsim, nball = alive.shape
     step = coarse.copy()
     for s in range(nsim):
         for i in range(nball):
             if not alive[s, i]:
                 continue
-            p, v = position[s, i], velocity[s, i]
+            p, v, a = position[s, i], velocity[s, i], acceleration[s, i]
             if what[1]:
                 for k in range(2):
                     for sign in (-1.0, 1.0):
-                        gap, closing = reach[k] - sign * p[k], sign * v[k]
-                        step[s] = min(step[s], _safe(gap, closing, fine[s]))
+                        gap = reach[k] - sign * p[k]
+                        step[s] = min(step[s], _safe(gap, sign * v[k], sign * a[k], fine[s]))
             if what[0]:
                 for j in range(i):
                     if alive[s, j]:
                         x, y = p[0] - position[s, j, 0], p[1] - position[s, j, 1]
                         d = math.sqrt(x * x + y * y)
-                        closing = -(x * (v[0] - velocity[s, j, 0]) + y * (v[1] - velocity[s, j, 1])) / max(d, 1e-12)
-                        step[s] = min(step[s], _safe(d - 2.0 * radius, closing, fine[s]))
+                        x, y = x / max(d, 1e-12), y / max(d, 1e-12)
+                        closing = -(x * (v[0] - velocity[s, j, 0]) + y * (v[1] - velocity[s, j, 1]))
+                        faster = -(x * (a[0] - acceleration[s, j, 0]) + y * (a[1] - acceleration[s, j, 1]))
+                        step[s] = min(step[s], _safe(d - 2.0 * radius, closing, faster, fine[s]))
     return step
 
 
 @njit(cache=True)
-def _safe(gap: float, closing: float, fine: float) -> float:
+def _safe(gap: float, closing: float, faster: float, fine: float) -> float:
+    """Time until a gap is closed, at a speed and its growth; `fine` while it is."""
     if gap <= 0.0:
         return fine if abs(closing) > 1e-6 else np.inf
-    return max(fine, gap / closing) if closing > 0.0 else np.inf
+    disc = closing * closing + 2.0 * faster * gap
+    if disc < 0.0:
+        return np.inf
+    speed = closing + math.sqrt(disc)
+    return max(fine, 2.0 * gap / speed) if speed > 0.0 else np.inf
