@@ -34,6 +34,7 @@ def export(
     """
     names = tuple(places)
     xy = np.array([places[name] for name in names], float).reshape(-1, 2)
+    _check(model, names, xy)
     if launcher:
         spec = build_scene(
             model.table, model.ball, names, xy[0], 0.0, others=xy[1:], native=model.native, furnished=not bare
@@ -45,8 +46,26 @@ def export(
     if bare:
         for geom in spec.geoms:
             geom.group = 0 if geom.name.startswith("cushion") else geom.group
-    spec.compile()
+    try:
+        spec.compile()
+    except ValueError as error:
+        raise BadInput(f"MuJoCo takes no such world ({str(error).splitlines()[0]}); change names or sizes") from error
     write_whole(path, spec.to_xml().encode(), parents=True)
+
+
+def _check(model: Model, names: Sequence[str], xy: Array) -> None:
+    """Names and places that no world can be made of."""
+    for name, at in zip(names, xy, strict=True):
+        if not name or name == "world" or "/" in name:
+            raise BadInput(f"{name!r} cannot name a ball; give names that are not empty, not world, without slashes")
+        if not np.all(np.abs(at) <= model.table.reach(model.ball)):
+            raise BadInput(
+                f"ball {name!r} at {at.round(3).tolist()} is not on the table; take fewer balls, or a larger one"
+            )
+    gaps = np.linalg.norm(xy[:, None] - xy, axis=-1) + np.eye(len(xy))
+    if len(xy) > 1 and gaps.min() < model.ball.diameter:
+        i, j = divmod(int(gaps.argmin()), len(names))
+        raise BadInput(f"balls {names[i]!r} and {names[j]!r} overlap; place them apart, or take smaller ones")
 
 
 def in_a_row(names: Sequence[str], ball: Ball) -> dict[str, Array]:
@@ -60,10 +79,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m models.export", description=main.__doc__)
     parser.add_argument("out", type=Path, metavar="OUT.xml")
     parser.add_argument("--model", metavar="M.toml", help="table, ball and native terms of a model file")
-    parser.add_argument("--length", type=float, default=SNOOKER_TABLE.length, help="cushion to cushion [m]")
-    parser.add_argument("--width", type=float, default=SNOOKER_TABLE.width, help="[m]")
-    parser.add_argument("--diameter", type=float, default=SNOOKER_BALL.diameter, help="of the balls [m]")
-    parser.add_argument("--mass", type=float, default=SNOOKER_BALL.mass, help="of a ball [kg]")
+    parser.add_argument("--length", type=float, help="cushion to cushion [m]")
+    parser.add_argument("--width", type=float, help="[m]")
+    parser.add_argument("--diameter", type=float, help="of the balls [m]")
+    parser.add_argument("--mass", type=float, help="of a ball [kg]")
     parser.add_argument("--no-pockets", action="store_true")
     parser.add_argument("--balls", help="names, which choose the colours (default: all 22 on their spots)")
     parser.add_argument("--launcher", action="store_true", help="with the cue launcher behind the first ball")
@@ -71,12 +90,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     try:
         for name in SIZES:
-            if not 0 < getattr(given, name) < np.inf:
-                raise BadInput(f"--{name} is {getattr(given, name)}; give a positive number")
-        table, ball = Table(given.length, given.width, not given.no_pockets), Ball(given.diameter, given.mass)
+            value = getattr(given, name)
+            if value is not None and not 0 < value < np.inf:
+                raise BadInput(f"--{name} is {value}; give a positive number")
+            if value is not None and given.model:
+                raise BadInput(f"--{name} beside --model, which has its own; leave one of them out")
+        table = Table(
+            given.length or SNOOKER_TABLE.length, given.width or SNOOKER_TABLE.width, not given.no_pockets
+        )  # fmt: skip
+        ball = Ball(given.diameter or SNOOKER_BALL.diameter, given.mass or SNOOKER_BALL.mass)
         model = read_model(given.model) if given.model else Model(table, ball)
-        if given.balls:
-            places = in_a_row(given.balls.split(","), model.ball)
+        if given.balls is not None:
+            names = given.balls.split(",")
+            if len(set(names)) < len(names):
+                raise BadInput(f"--balls {given.balls} names a ball twice; give each a name of its own")
+            places = in_a_row(names, model.ball)
         else:
             spots = racked(model.table, model.ball)
             places = {"white": spots.pop("white"), **spots}

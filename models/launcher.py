@@ -316,7 +316,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print what the launcher makes of the paper's grid of strokes, and what a 4 m/s ball asks of its drive."""
     from models.stroke import GRID, SMALL_GRID, compare, picture, print_drive, write_csv
 
-    parser = argparse.ArgumentParser(prog="python -m models.launcher", description=main.__doc__)
+    parser = argparse.ArgumentParser(prog="python -m models.launcher", description=main.__doc__, allow_abbrev=False)
     parser.add_argument("--grid", action="store_true", help="all 455 strokes; without it a coarse grid of 36")
     parser.add_argument("--float", action="store_true", help="without the slate under the ball")
     parser.add_argument("--out", type=Path, metavar="CSV", help="write every stroke")
@@ -327,6 +327,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if given.picture:
             picture(given.picture, given.width)
             return 0
+        if given.out and not given.out.resolve().parent.is_dir():
+            raise BadInput(f"{given.out}: its folder does not exist; make it or choose another place")
         shots, strokes = compare(GRID if given.grid else SMALL_GRID, slate=not given.float)
         print_drive()
         if given.out:

@@ -175,7 +175,7 @@ def effects(args: argparse.Namespace, progress: Progress) -> int:
 def match(args: argparse.Namespace, progress: Progress) -> int:
     """MuJoCo against the analytic models and published measurements."""
     check_outputs(args.json, args.tune)
-    if args.tune:
+    if args.tune is not None:
         from models.model_file import write_model
         from sysid.match_tune import tuned
 
@@ -185,7 +185,7 @@ def match(args: argparse.Namespace, progress: Progress) -> int:
         write_model(model, args.tune)
         print(f"\nmodel: {args.tune}")
         return DONE
-    if args.clips:
+    if args.clips is not None:
         from sysid.match_clips import write_clips
 
         write_clips(args.clips)
@@ -247,9 +247,10 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--out", metavar="M2.toml", required=True)
     verb("effects", effects, "the catalogue of effects")
     one = verb("match", match, "MuJoCo against the analytic models and published measurements, row by row")
-    one.add_argument("--json", metavar="FILE", help="the rows as JSON")
-    one.add_argument("--tune", metavar="M.toml", help="instead, fit the native MJCF's terms to the analytic models")
-    one.add_argument("--clips", metavar="DIR", help="instead, write shots of the analytic models as clips to fit to")
+    way = one.add_mutually_exclusive_group()
+    way.add_argument("--json", metavar="FILE", help="the rows as JSON")
+    way.add_argument("--tune", metavar="M.toml", help="instead, fit the native MJCF's terms to the analytic models")
+    way.add_argument("--clips", metavar="DIR", help="instead, write shots of the analytic models as clips to fit to")
     one = verb("demo", demo, "the shipped example, start to end")
     one.add_argument("--out", metavar="DIR", default="out/demo", help="where results go (default: out/demo)")
     return top

@@ -73,8 +73,9 @@ def run(out: Path, progress: Progress) -> int:
 
 
 def stack(full: Model, names: tuple[str, ...]) -> Model:
-    """The model with some of its effects, MuJoCo's own terms taking the constants of those left out."""
-    native = {
+    """The model with some of its effects, MuJoCo's own terms with the constants of those left out, or its defaults."""
+    defaults = {f"native.{key}": full.meta(f"native.{key}")["off"] for key in ("ball_grip", "cushion_grip")}
+    native = defaults | {
         f"native.{prefix}{key}": value
         for effect, prefix in NATIVE.items()
         for key in effect_class(effect).parameters()

@@ -153,7 +153,8 @@ def impacts(player: Player, kind: str, count: int = 500) -> list[Row]:
     after = SETTLED["impulse" if player.contacts == "clusters" and player.name == "effects" else player.name]
     found = []
     label = {"ball": "ball-ball", "cushion": "cushion"}[kind]
-    reach = (0.5, 1.0) if player.name == "effects" else (None, None)
+    # By impulse both sides are the same code: what is left is the landing on the touch, and no figure to reach.
+    reach = (0.5, 1.0) if player.name == "effects" and player.contacts == "always" else (None, None)
     way = ", impulse" if player.name == "effects" and player.contacts == "clusters" else ""
     for name, states in zip(("golden", f"{count} random"), impact_states(kind, count), strict=True):
         shots = [impact_shot(kind, v, angle, top, side, after) for v, angle, top, side in states]
@@ -190,8 +191,8 @@ def random_shots(count: int = 200, most: int = 4) -> tuple[list[Shot], list[Trac
         times = np.arange(0, 40, 0.05)
         shot = Shot(names, places, velocity, spin, times)
         track = play(TABLE, BALL, CONSTANTS, [shot])[0]
-        if 1 <= len(track.events) <= most:
-            rest = int(np.argmax(~np.any(track.velocity[:, 0], axis=-1)))
+        rest = int(np.argmax(~np.any(track.velocity[:, 0], axis=-1)))
+        if 1 <= len(track.events) <= most and rest > 0:
             shots.append(dataclasses.replace(shot, times=times[[0, rest]]))
     return shots, play(TABLE, BALL, CONSTANTS, shots)
 
@@ -217,10 +218,11 @@ def whole_shots(player: Player, count: int = 200, moved: float = 1e-6) -> list[R
     away = 1e3 * _apart(_ends(player(TABLE, shots)), _ends(tracks))
     chaos = 1e3 * _apart(_ends(play(TABLE, BALL, CONSTANTS, other)), _ends(tracks))
     way = ", impulse" if player.name == "effects" and player.contacts == "clusters" else ""
-    name, reach = f"whole shots{way}, {count}, 1 to 4 impacts", 5.0 if player.name == "effects" else None
+    name, reach = f"whole shots{way}, {count}, 1 to 4 impacts", 5.0 if player.contacts == "always" else None
     return [
         Row(f"{name}: median", player.name, float(np.median(away)), "mm", reach, float(np.median(chaos))),
         Row(f"{name}: 9 in 10", player.name, float(np.quantile(away, 0.9)), "mm", None, float(np.quantile(chaos, 0.9))),
+        Row(f"{name}: worst", player.name, float(away.max()), "mm", None, float(chaos.max())),
     ]
 
 
@@ -289,9 +291,10 @@ def cueing(player: Player, few: bool = False) -> list[Row]:
     scene = build_scene(stroke.TABLE, stroke.BALL, ("white",), stroke.SPOT, 0.0, slate=player.name == "native")
     shots = stroke.SMALL_GRID if few else stroke.GRID
     wrong = stroke.errors(scene, shots, strike_all(scene, shots))
+    on = "native on the slate, effects afloat"
     parts = (("ball speed", "%"), ("R omega over speed", "%"), ("squirt", "deg"))
     return [
-        Row(f"cueing, {len(shots)} strokes of the launcher: {what}, rms", player.name, float(rms), unit)
+        Row(f"cueing, {len(shots)} strokes, {on}: {what}, rms", player.name, float(rms), unit)
         for (what, unit), rms in zip(parts, np.sqrt(np.mean(wrong**2, axis=0)), strict=True)
     ]
 

@@ -89,3 +89,23 @@ def test_the_command_names_what_is_wrong(tmp_path: Path) -> None:
     assert mujoco.MjModel.from_xml_path(out).geom("bed").size[:2] == pytest.approx([1.42, 0.71])
     wrong = run(out, "--mass", "-1")
     assert (wrong.returncode, wrong.stderr) == (2, "models.export: --mass is -1.0; give a positive number\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--balls", "white,world"), "'world' cannot name a ball"),
+        (("--balls", ","), "names a ball twice"),
+        (("--balls", "white,white"), "names a ball twice"),
+        (("--balls", "launcher/cue,white", "--launcher"), "'launcher/cue' cannot name a ball"),
+        (("--length", "0.5", "--width", "0.3"), "not on the table"),
+        (("--diameter", "1e-9"), "MuJoCo takes no such world"),
+    ],
+)
+def test_what_makes_no_world_is_told_in_one_line(arguments: tuple[str, ...], said: str, tmp_path: Path) -> None:
+    out = tmp_path / "x.xml"
+    done = run(str(out), *arguments)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not out.exists()
