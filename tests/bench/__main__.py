@@ -9,8 +9,8 @@ import time
 from pathlib import Path
 
 from sysid.output import table
+from tests.bench import peers
 from tests.bench.accuracy import cloth_rows, hidden_rows
-from tests.bench.peers import rows as peer_rows
 from tests.bench.speed import jacobian_rows, peak_memory_mb, shot_rows
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,8 +25,9 @@ def main() -> int:
     """Measure and print."""
     began = time.perf_counter()
     print(f"Python {platform.python_version()}, {os.cpu_count()} cores, {platform.machine()}\n", flush=True)
-    for rows in (cloth_rows, shot_rows, jacobian_rows, peer_rows):
+    for rows in (cloth_rows, shot_rows, jacobian_rows, peers.rows):
         print(table(rows()) + "\n", flush=True)
+    print(peers.note() + "\n", flush=True)
     hidden = data_folder() / "hidden" / "set-11"
     if hidden.is_dir():
         print(table(hidden_rows(hidden)) + "\n", flush=True)

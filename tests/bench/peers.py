@@ -166,10 +166,15 @@ def rows() -> list[tuple[str, ...]]:
             (name, f"{theirs:.2f}", f"{ours:.4f}", f"{theirs / ours:.1f}", f"{quick:.5f}", f"{theirs / quick:.0f}",
              f"{1e3 * np.median(off):.3f}" if off.size else "", f"{1e3 * off.max():.3f}" if off.size else "")
         )  # fmt: skip
-    found.append(
-        ("  pooltool one at a time on one core; effects and analytic in a batch (1000; 20 racks), on all cores",)
-    )
-    if not theirs_found:
-        version = ".".join(map(str, sys.version_info[:2]))
-        found.append((f"  pooltool is not installed here (Python {version}; it needs 3.12): see README",))
     return found
+
+
+def note() -> str:
+    """How the figures are to be read."""
+    if importlib.util.find_spec("pooltool") is None:
+        version = ".".join(map(str, sys.version_info[:2]))
+        return f"pooltool is not installed here (Python {version}; it needs 3.12), so not compared: see README"
+    return (
+        "pooltool one at a time on one core, median; effects and analytic in a batch (1000; 20 racks), on all cores;\n"
+        "off: effects, from where an independent program takes the same shots in fine steps"
+    )
