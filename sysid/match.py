@@ -319,7 +319,7 @@ def line(row: Row) -> str:
     """A row as text."""
     reach = "" if row.reach is None else f"  reach {row.reach:g} {row.unit}{'' if row.ok else ': MISSED'}"
     analytic = "" if row.analytic is None else f"  (analytic {row.analytic:.3g})"
-    return f"{row.case:58} {row.model:8} {row.error:9.3g} {row.unit:3}{analytic}{reach}"
+    return f"{row.case:79} {row.model:8} {row.error:9.3g} {row.unit:3}{analytic}{reach}"
 
 
 def to_json(row: Row) -> dict[str, object]:
