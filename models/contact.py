@@ -26,7 +26,7 @@ from models.effect import Balls, Effect
 from models.increments import ball_step, cushion_step
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 from models.touch import DEAD
-from models.world import NOSE_RADIUS, build_spec, mouths, rails
+from models.world import NOSE_RADIUS, build_spec, rails
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -266,7 +266,7 @@ class Contacts:
         self.kind = np.zeros(ncontact, np.int64)
         self.first, self.second = np.zeros(ncontact, np.int64), np.zeros(ncontact, np.int64)
         self.span = np.zeros((ncontact, 2))
-        pieces, middle = rails(model.table), mouths(model.table)[1]
+        pieces, middle = rails(model.table), model.table.mouths()[1]
         start = compiled.geom("cushion 0 +x").id
         for c in range(ncontact):
             one, two = sorted((compiled.pair_geom1[c], compiled.pair_geom2[c]), reverse=True)

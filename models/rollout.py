@@ -27,7 +27,7 @@ from models.native import GRAVITY
 from models.sampling import record, spin_to_world
 from models.shot import Array, Event, Shot, Track
 from models.touch import BALL, CUSHION, DEAD, LEAN, LEAN_STEP, POCKET, native_step, next_touch
-from models.world import build_spec, mouths
+from models.world import build_spec
 
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
 NATIVE_RUN = 4  # of them between two looks at what comes next
@@ -80,7 +80,7 @@ class Rollout:
         table, ball = self.model.table, self.model.ball
         self.reach = table.reach(ball)
         self.half = np.array([table.length / 2, table.width / 2])
-        self.mouths = mouths(table)
+        self.mouths = table.mouths()
         self._start()
 
     def _compile(self) -> Any:

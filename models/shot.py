@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+POCKET_MOUTH = 0.090  # of all six pockets [m] (Robotic Billiards 2015)
+MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in [m] (Robotic Billiards 2015)
 NOSE_HEIGHT = 1.4  # cushion nose over ball radius: 7R/5 (Mathavan, Jackson, Parkin 2010)
 NOSE_SINE = NOSE_HEIGHT - 1.0  # sine of the contact normal's elevation at the nose
 NOSE_COSINE = float(np.sqrt(1.0 - NOSE_SINE**2))
@@ -30,6 +32,10 @@ class Table:
     def reach(self, ball: Ball) -> Array:
         """Largest |x|, |y| of a ball's centre, touching the noses: (2,) [m]."""
         return np.array([self.length / 2, self.width / 2]) - ball.radius * NOSE_COSINE
+
+    def mouths(self) -> Array:
+        """Where a rail takes no ball but a pocket does: from a corner, from a middle; capture at a corner: (3,) [m]."""
+        return np.array([POCKET_MOUTH / np.sqrt(2), MIDDLE_ACCEPTANCE, POCKET_MOUTH / 2]) * self.pockets
 
 
 @dataclass(frozen=True)

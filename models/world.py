@@ -17,12 +17,10 @@ import numpy as np
 
 from models.effect import Effect
 from models.furniture import furnish
-from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball, Table
+from models.shot import NOSE_COSINE, NOSE_SINE, POCKET_MOUTH, Array, Ball, Table
 
 BASE = Path(__file__).with_name("base.xml")
 NOSE_RADIUS = 0.002  # of the capsule that stands for the nose [m]
-POCKET_MOUTH = 0.090  # of all six pockets [m] (Robotic Billiards 2015)
-MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in [m] (Robotic Billiards 2015)
 BED_DEPTH = 0.05  # [m]
 
 COLOURS = {
@@ -71,13 +69,6 @@ def rails(table: Table) -> tuple[Rail, ...]:
         else:
             found.append(Rail(f"{s}y", (-lx, sign * ly), (lx, sign * ly)))
     return tuple(found)
-
-
-def mouths(table: Table) -> Array:
-    """Where a rail takes no ball but a pocket does: from a corner, from a middle, capture at a corner: (3,) [m]."""
-    if not table.pockets:
-        return np.zeros(3)
-    return np.array([POCKET_MOUTH / np.sqrt(2), MIDDLE_ACCEPTANCE, POCKET_MOUTH / 2])
 
 
 def pockets(table: Table) -> Array:

@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shot import Table
+from models.shot import POCKET_MOUTH, Table
 from models.view import CLOTH, CUSHION, POCKET, RAIL, ball_colour
-from models.world import POCKET_MOUTH
 from sysid.clips_faults import one_line
 from sysid.comparison import Comparison, Samples
 

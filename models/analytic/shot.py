@@ -23,8 +23,6 @@ from models.shot import Ball, Event, Shot, Table, Track
 
 Array = NDArray[np.float64]
 Number = float | Array
-MOUTH = 0.090  # of all six pockets [m] (Robotic Billiards 2015)
-MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in [m] (Robotic Billiards 2015)
 KINDS = ("ball", "cushion", "pocket")
 RAILS = ("+x", "-x", "+y", "-y")
 
@@ -76,8 +74,6 @@ def _run(
     rows = constants.rows(n)
     if np.isinf(until).any() and not (rows[:, :2] > 0).all():
         raise ValueError(f"slide {rows[:, 0].min()}, roll {rows[:, 1].min()}: without friction give a finite end")
-    mouth = MOUTH if table.pockets else 0.0
-    mouths = np.array([mouth / np.sqrt(2), MIDDLE_ACCEPTANCE if mouth else 0.0, mouth / 2])
     out, end = np.full((n, times.shape[1], nball, 8), np.nan), np.zeros(n)
     log, who, count = np.full((n, events), np.inf), np.full((n, events, 3), -1), np.zeros((n, 4), np.int64)
     potted = np.zeros((n, nball), np.bool_)
@@ -86,7 +82,8 @@ def _run(
     try:
         play_rows(
             start, rows, int(law_of(constants.cushion_law)), ball.mass, ball.radius, table.reach(ball),
-            np.array([table.length / 2, table.width / 2]), mouths, until, times, out, log, who, count, end, potted,
+            np.array([table.length / 2, table.width / 2]), table.mouths(), until, times, out, log, who, count, end,
+            potted,
         )  # fmt: skip
     finally:
         numba.set_num_threads(before)
