@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import ast
 import importlib
+import os
 import re
+import shutil
 import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -160,3 +163,26 @@ def test_no_text_names_a_folder_of_some_machine() -> None:
             if MACHINE_PATH.search(line):
                 found.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()[:80]}")
     assert found == []
+
+
+def cache_of(checkout: Path, **environment: str) -> str:
+    """Where compiled code of a checkout is kept."""
+    code = "import os, models; print(os.environ['NUMBA_CACHE_DIR'])"
+    clean = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=checkout, env=clean | environment, capture_output=True, text=True, check=True
+    )
+    return Path(done.stdout.strip()).name
+
+
+def test_a_change_in_any_compiled_file_leaves_the_old_code_behind(tmp_path: Path) -> None:
+    copy = tmp_path / "checkout"
+    shutil.copytree(ROOT / "models", copy / "models", ignore=shutil.ignore_patterns("__pycache__"))
+    before = cache_of(copy)
+    assert before == cache_of(copy) == cache_of(ROOT)
+    (copy / "models" / "shot.py").write_text((copy / "models" / "shot.py").read_text() + "\n")
+    assert cache_of(copy) == before, "nothing compiled is in it"
+    kernel = copy / "models" / "analytic" / "coulomb.py"
+    kernel.write_text(kernel.read_text() + "\n")
+    assert cache_of(copy) != before
+    assert cache_of(copy, NUMBA_CACHE_DIR="/somewhere/mine") == "mine"
