@@ -32,6 +32,7 @@ from models.world import build_spec
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
 NATIVE_RUN = 4  # of them between two looks at what comes next
 TINY = 1e-5  # [s]
+TURN = 1e-3  # speed from which a rolling ball may stop within a step [m/s]
 CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 RAILS = ("+x", "-x", "+y", "-y")
 FIELDS = (
@@ -249,6 +250,14 @@ class Rollout:
             self.qpos[rows, :, 2] = np.where(self.alive[rows], ball.radius, self.qpos[rows, :, 2])
             self.qvel[rows, :, 2] = 0
             w1 = balls.spin + balls.torque / ball.inertia * step[:, None, None]
+            # A rolling ball that would turn back within a step, pushed across its way, has come to rest.
+            back = np.sum(balls.velocity[..., :2] * v1[..., :2], axis=-1) < 0
+            if (back & balls.rolling).any():
+                slow = back & balls.rolling & (np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) < TURN)
+                v1, w1 = np.where(slow[..., None], 0.0, v1), w1.copy()
+                w1[..., :2][slow] = 0.0
+                self.qvel[rows, :, :3] = v1
+                self.qvel[rows, :, 3:] = spin_to_world(self.qpos[rows, :, 3:], w1, True)
             if rough.any():
                 w1[rough] = spin_to_world(self.qpos[rows[rough], :, 3:], self.qvel[rows[rough], :, 3:], False)
         else:

@@ -1,0 +1,27 @@
+"""A cushion that gives back less the harder it is hit.
+
+Energetic restitution e - rate (v_n - 1 m/s), v_n the approach speed straight at the rail. Source: rebounds of a rolling
+ball, Mathavan 2009 and 2010: constant up to some 2 m/s, then 0.10 per m/s. Leaves out the knee between the two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from models.effect import Array, Effect, Impact, of, param
+
+REFERENCE = 1.0  # speed at which the base's restitution holds [m/s]
+
+
+@dataclass(frozen=True)
+class CushionRestitutionSpeed(Effect):
+    """Fall of the restitution with speed."""
+
+    rate: float = param(
+        0.05, off=0.0, unit="s/m", bounds=(-0.3, 0.3), source="Mathavan 2009, 2010: 0 below, 0.10 above 2.1 m/s"
+    )
+
+    def impact(self, impact: Impact, rows: Array) -> None:
+        """Less for what comes faster."""
+        if impact.kind == "cushion":
+            impact.restitution -= of(self.rate, rows) * (impact.approach - REFERENCE)
