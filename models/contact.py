@@ -22,10 +22,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from models.analytic.events import AWAY, DEAD
 from models.effect import Balls, Effect
 from models.increments import ball_step, cushion_step
-from models.shot import NOSE_COSINE, NOSE_SINE, Array
-from models.touch import DEAD
+from models.shot import NOSE_COSINE, NOSE_SINE, RAILS, Array
 from models.world import NOSE_RADIUS, build_spec, rails
 
 if TYPE_CHECKING:
@@ -39,10 +39,8 @@ LONGEST = 2e-2  # of a cluster, after which the rest of it is left to the next [
 CLOSED = 1e-9  # gap below which bodies touch [m]
 CALM = 2 * CUSHION_TIME  # without a speed between what touches, after which nothing more will come of it [s]
 FAR = 100.0  # from the table, for potted balls [m]
-AWAY = 1e-9  # approach speed below which they do not approach [m/s]
 IMPEDANCE = 1e-4  # the lowest that MuJoCo takes
 PARTS = 8  # of a step, over which a slip may turn
-SIDES = ("+x", "-x", "+y", "-y")
 
 
 @njit(cache=True)
@@ -274,7 +272,7 @@ class Contacts:
             if min(bodies) < 0:
                 piece = pieces[two - start]
                 k = "xy".index(piece.side[1])
-                self.kind[c], self.first[c], self.second[c] = 1, bodies[0], SIDES.index(piece.side)
+                self.kind[c], self.first[c], self.second[c] = 1, bodies[0], RAILS.index(piece.side)
                 ends = sorted((piece.start[1 - k], piece.end[1 - k]))
                 # Beside a middle pocket the jaws let in what the straight rail would turn back.
                 self.span[c] = [

@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from models.analytic.events import in_mouth
 from models.effect import Impact
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball
-from models.touch import in_mouth
 
 
 def describe(kind: str, ball: Ball, p: Array, v: Array, w: Array, i: NDArray[np.int64], j: NDArray[np.int64]) -> Impact:

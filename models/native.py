@@ -20,8 +20,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from models.effect import Effect, param
+from models.shot import GRAVITY
 
-GRAVITY = 9.81  # [m/s^2]
 TUNED = "sysid match --tune: nearest to the analytic models at the constants of Mathavan 2009, 2010, 2014"
 CONTACT_TIME = 2e-3  # of an impact [s]: 20 steps of the MJCF; real balls 0.2 to 0.3 ms, cushions some 8 ms
 

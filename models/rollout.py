@@ -18,15 +18,15 @@ import mujoco.batch
 import numpy as np
 from numpy.typing import NDArray
 
+from models.analytic.events import DEAD
 from models.analytic.impulse import collide_rows
 from models.contact import CALM, CUSHION_TIME, LONGEST, STEP, Contacts
 from models.effect import Balls, Effect, of
 from models.impacts import crowded, describe, part
 from models.model_file import Model
-from models.native import GRAVITY
 from models.sampling import record, spin_to_world
-from models.shot import Array, Event, Shot, Track
-from models.touch import BALL, CUSHION, DEAD, LEAN, LEAN_STEP, POCKET, native_step, next_touch
+from models.shot import GRAVITY, RAILS, Array, Event, Shot, Track
+from models.touch import BALL, CUSHION, LEAN, LEAN_STEP, POCKET, native_step, next_touch
 from models.world import build_spec
 
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
@@ -34,7 +34,6 @@ NATIVE_RUN = 4  # of them between two looks at what comes next
 TINY = 1e-5  # [s]
 TURN = 1e-3  # speed from which a rolling ball may stop within a step [m/s]
 CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
-RAILS = ("+x", "-x", "+y", "-y")
 FIELDS = (
     "pair_friction",
     "pair_solref",
@@ -165,10 +164,13 @@ class Rollout:
         weight = np.where(self.alive[rows], ball.mass * GRAVITY, 0.0)
         return Balls(ball, p, v, w, weight, np.zeros_like(p), np.zeros_like(p))
 
+    def _acting(self, rows: NDArray[np.int64]) -> list[Effect]:
+        """The effects, with their parameters in some simulations."""
+        return self.doers if rows.size == len(self.shots) else [e.select(rows) for e in self.doers]
+
     def _step(self, rows: NDArray[np.int64]) -> None:
         balls = self._balls(rows)
-        whole = rows.size == len(self.shots)
-        effects = self.doers if whole else [e.select(rows) for e in self.doers]
+        effects = self._acting(rows)
         limit = np.full(rows.size, np.inf if self.exact else NATIVE_RUN * NATIVE_STEP)
         for effect in effects:
             effect.forces(balls)
@@ -252,9 +254,9 @@ class Rollout:
             w1 = balls.spin + balls.torque / ball.inertia * step[:, None, None]
             # A rolling ball that would turn back within a step, pushed across its way, has come to rest.
             back = np.sum(balls.velocity[..., :2] * v1[..., :2], axis=-1) < 0
-            if (back & balls.rolling).any():
+            if back.any():
                 slow = back & balls.rolling & (np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) < TURN)
-                v1, w1 = np.where(slow[..., None], 0.0, v1), w1.copy()
+                v1[slow] = 0.0
                 w1[..., :2][slow] = 0.0
                 self.qvel[rows, :, :3] = v1
                 self.qvel[rows, :, 3:] = spin_to_world(self.qpos[rows, :, 3:], w1, True)
@@ -262,7 +264,10 @@ class Rollout:
                 w1[rough] = spin_to_world(self.qpos[rows[rough], :, 3:], self.qvel[rows[rough], :, 3:], False)
         else:
             w1 = spin_to_world(self.qpos[rows, :, 3:], self.qvel[rows, :, 3:], False)
-        p1 = self.qpos[rows, :, :3]
+        self._record(rows, balls, step, self.qpos[rows, :, :3], v1, w1)
+
+    def _record(self, rows: NDArray[np.int64], balls: Balls, step: Array, p1: Array, v1: Array, w1: Array) -> None:
+        """Sample the step from `balls` to the state after it, and let its time pass."""
         t0 = self.clock[rows]
         record(
             rows, t0, step, self.times, self.count, self.next, balls.position, balls.velocity, balls.spin, v1, w1, p1,
@@ -346,28 +351,22 @@ class Rollout:
         end, calm = self.clock[rows] + LONGEST, np.zeros(rows.size)
         while rows.size:
             balls, alive, cloth = self._balls(rows), self.alive[rows], self._cloth(rows)
-            for effect in self.doers:
-                effect.select(rows).forces(balls)
+            for effect in self._acting(rows):
+                effect.forces(balls)
             which = world.closing(rows, balls, alive)
             for number, kind in enumerate(("ball", "cushion")):
-                part = which[world.kind[which[:, 1]] == number]
-                if len(part):
-                    k, i, j = part[:, 0], world.first[part[:, 1]], world.second[part[:, 1]]
+                these = which[world.kind[which[:, 1]] == number]
+                if len(these):
+                    k, i, j = these[:, 0], world.first[these[:, 1]], world.second[these[:, 1]]
                     state = balls.position[k], balls.velocity[k], balls.spin[k]
                     _, e, mu = self._coefficients(kind, rows[k], *state, i, j)
-                    begun = world.set(rows, part, e, mu)
+                    begun = world.set(rows, these, e, mu)
                     for n in np.flatnonzero(begun):
                         self._log(int(rows[k[n]]), kind, int(i[n]), int(j[n]))
             p, v, free, rests = world.step(rows, balls, alive, cloth)
             calm = np.where(rests, calm + STEP, 0.0)
             w = balls.spin + balls.torque / balls.ball.inertia * STEP
-            h, t0 = np.full(rows.size, STEP), self.clock[rows]
-            record(
-                rows, t0, h, self.times, self.count, self.next, balls.position, balls.velocity, balls.spin, v, w, p,
-                self.theta, self.alive, self.samples,
-            )  # fmt: skip
-            self.theta[rows] += 0.5 * STEP * (balls.spin[..., 2] + w[..., 2])
-            self.clock[rows] = t0 + STEP
+            self._record(rows, balls, np.full(rows.size, STEP), p, v, w)
             self.qpos[rows, :, :2], self.qvel[rows, :, :2] = p[..., :2], v[..., :2]
             self.qvel[rows, :, 3:] = spin_to_world(self.qpos[rows, :, 3:], w, True)
             on = ~free & (calm < CALM) & (self.clock[rows] < end) & (self.next[rows] < self.count[rows])

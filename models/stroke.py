@@ -22,8 +22,8 @@ from models.analytic import cueing
 from models.errors import BadInput
 from models.files import write_whole
 from models.launcher import GEAR, PINION, PREFIX, RUN_UP, TILT, Scene, Stroke, build_scene, strike, strike_all
-from models.native import GRAVITY, Native
-from models.shot import Array, Ball, Table
+from models.native import Native
+from models.shot import GRAVITY, Array, Ball, Table
 
 TABLE, BALL, SPOT = Table(3.569, 1.778), Ball(0.0525, 0.1406), np.array([-1.23, 0.0])
 CUE = cueing.Cue(

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from models.analytic.events import line, meeting
+from models.analytic.events import in_mouth, line, meeting
 
 Array = NDArray[np.float64]
 
@@ -20,14 +20,6 @@ BALL, CUSHION, POCKET = 1, 2, 3
 PUSH_STEP = 4e-4  # step while something is pressed against something without moving [s]: 2.4 m/s^2 stay below DEAD
 LEAN_STEP = 2e-3  # between two looks at what leans [s]
 LEAN = 1e-2  # approach speed that leaning may come to meanwhile [m/s]
-DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
-
-
-@njit(cache=True)
-def in_mouth(along: float, rail: int, half: Array, mouths: Array) -> bool:
-    """Whether a ball at a rail (+x, -x, +y, -y), at `along` from its middle, is in a pocket's mouth."""
-    k = rail // 2
-    return mouths[0] > 0.0 and (abs(along) > half[1 - k] - mouths[0] or (k == 1 and abs(along) < mouths[1]))
 
 
 @njit(cache=True)

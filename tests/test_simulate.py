@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from models.model_file import Model, full_model
-from models.native import GRAVITY
-from models.shot import Array, Ball, Shot, Table, Track
+from models.shot import GRAVITY, Array, Ball, Shot, Table, Track
 from models.simulate import simulate
 
 SNOOKER = Ball(0.0525, 0.1406)

@@ -14,8 +14,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from models.shot import GRAVITY
+
 Array = NDArray[np.float64]
-GRAVITY = 9.81  # [m/s^2]
 STILL = 1e-8  # slip or speed that is none [m/s]
 
 

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.cloth import GRAVITY
-from models.shot import Ball
+from models.shot import GRAVITY, Ball
 
 Array = NDArray[np.float64]
 SEED_LIMIT = 0.5  # offset over radius beyond which no shot is played (Robotic Billiards 2015)

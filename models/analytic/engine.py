@@ -18,15 +18,15 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from models.analytic.cloth import GRAVITY, STILL, turned
+from models.analytic.cloth import STILL, turned
 from models.analytic.cushion import rebound
-from models.analytic.events import line, meeting
+from models.analytic.events import DEAD, in_mouth, line, meeting
 from models.analytic.impulse import collide
+from models.shot import GRAVITY
 
 Array = NDArray[np.float64]
 BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
 REST, SLIDE, ROLL, POTTED = 0, 1, 2, 3
-DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
 PUSH = 1e-3  # [s]
 MOST = 100_000  # events of a shot
 BLOCK = 16  # shots that share a workspace
@@ -94,9 +94,8 @@ def _table(b, what, i, kind, reach, half, mouths, until):  # type: ignore[no-unt
                 b[MEET], what[i, 0] = b[CLOCK] + PUSH, SWITCH
             continue
         o = 1 - k
-        along = abs(b[o] + b[VX + o] * t + 0.5 * b[AX + o] * t * t)
         found = CUSHION
-        if mouths[0] > 0.0 and (along > half[o] - mouths[0] or (k == 1 and along < mouths[1])):
+        if in_mouth(b[o] + b[VX + o] * t + 0.5 * b[AX + o] * t * t, rail, half, mouths):
             found = POCKET
             t = line(half[k] - sign * b[k], sign * b[VX + k], sign * b[AX + k], h)
         if t >= 0.0 and b[CLOCK] + t < b[MEET]:

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 
 CLOSED = 1e-13  # gap that is none [m], and squared distance [m^2]
+DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
 AWAY = 1e-9  # approach speed below which a touch is no impact [m/s]
 STRAIGHT = 4e-16  # sine between velocity and acceleration that is rounding
 
@@ -147,3 +148,10 @@ def line(gap, v, a, h):  # type: ignore[no-untyped-def]
     low = v + math.sqrt(disc)
     t = 2.0 * gap / low if low > 0.0 else np.inf
     return t if t <= h else np.inf
+
+
+@njit(cache=True, error_model="numpy")
+def in_mouth(along, rail, half, mouths):  # type: ignore[no-untyped-def]
+    """Whether a ball at a rail (+x, -x, +y, -y), at `along` from its middle [m], is in a pocket's mouth."""
+    k = rail // 2
+    return mouths[0] > 0.0 and (abs(along) > half[1 - k] - mouths[0] or (k == 1 and abs(along) < mouths[1]))

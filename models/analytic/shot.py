@@ -19,12 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.analytic.cushion import law_of
 from models.analytic.engine import BALL, MOST, POCKET, play_rows
-from models.shot import Ball, Event, Shot, Table, Track
+from models.shot import RAILS, Ball, Event, Shot, Table, Track
 
 Array = NDArray[np.float64]
 Number = float | Array
 KINDS = ("ball", "cushion", "pocket")
-RAILS = ("+x", "-x", "+y", "-y")
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from typing import ClassVar
 import numpy as np
 
 from models.effect import Array, Balls, Effect, column, param
+from models.shot import GRAVITY
 
-GRAVITY = 9.81  # [m/s^2]
 STEP = 0.1  # a rolling ball's heading, and with it the way of its friction, turns little in this time [s]
 
 

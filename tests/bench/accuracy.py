@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from models.model_file import Model, full_model
-from models.native import GRAVITY
-from models.shot import Array, Ball, Shot, Table
+from models.shot import GRAVITY, Array, Ball, Shot, Table
 from models.simulate import simulate
 from sysid.clips import read_clip_set
 from sysid.fit import fit

@@ -11,31 +11,17 @@ from typing import Any
 import numpy as np
 
 from models.analytic.shot import Constants, finish
-from models.model_file import Model, full_model
-from models.shot import Ball, Shot, Table
+from models.shot import Shot, Table
 from models.simulate import simulate
+from sysid.match import BALL, with_constants
 from tests.truth import physics
 from tests.truth.cloth import Constants as Truth
 
 LONG = 120.0  # after which every ball rests [s]
 SLIDE, ROLL, SPIN = 0.2, 0.01, 22.0
 BALL_E, BALL_MU, CUSHION_E, CUSHION_MU = 0.95, 0.05, 0.85, 0.14
-BALL = Ball(0.0525, 0.1406)
+CONSTANTS = Constants(SLIDE, ROLL, SPIN, BALL_E, BALL_MU, CUSHION_E, CUSHION_MU)
 TABLE = Table(3.545, 1.746)  # pooltool's snooker table; where it differs, that one is used
-
-
-def values() -> dict[str, float]:
-    """The constants of both programs."""
-    return {
-        "decoupled_cloth.slide": SLIDE, "decoupled_cloth.roll": ROLL, "decoupled_cloth.spin": SPIN,
-        "ball_impact.restitution": BALL_E, "ball_impact.friction": BALL_MU,
-        "cushion_impact.restitution": CUSHION_E, "cushion_impact.friction": CUSHION_MU,
-    }  # fmt: skip
-
-
-def model(table: Table) -> Model:
-    """MuJoCo with effects."""
-    return full_model(table, BALL).with_values(values())
 
 
 def _shot(position: list[tuple[float, float]], velocity: np.ndarray, spin: np.ndarray) -> Shot:
@@ -118,7 +104,7 @@ def from_fine_steps(table: Table, shots: list[Shot]) -> np.ndarray:
         muc=CUSHION_MU,
     )  # fmt: skip
     found = []
-    for shot, track in zip(shots, simulate(model(table), shots), strict=True):
+    for shot, track in zip(shots, simulate(with_constants(CONSTANTS, table), shots), strict=True):
         starts = {
             name: physics.Start(tuple(p), tuple(v), tuple(w))
             for name, p, v, w in zip(shot.names, shot.position, shot.velocity, shot.spin, strict=True)
@@ -143,7 +129,6 @@ def rows() -> list[tuple[str, ...]]:
     found: list[tuple[str, ...]] = [
         ("the same shots, ms a shot", "pooltool", "effects", "ratio", "analytic", "ratio", "off mm", "worst")
     ]
-    constants = Constants(SLIDE, ROLL, SPIN, BALL_E, BALL_MU, CUSHION_E, CUSHION_MU)
     for name, make, few, count in (
         ("  one ball, side, cushion", single, 40, 1000),
         ("  two balls", double, 40, 1000),
@@ -152,8 +137,8 @@ def rows() -> list[tuple[str, ...]]:
         rng = np.random.default_rng(5)
         shots = [make(rng, table) for _ in range(count)]
         p, v, w = (np.array([getattr(s, k) for s in shots]) for k in ("position", "velocity", "spin"))
-        ours = _batch_ms(lambda s=shots: simulate(model(table), s), count)
-        quick = _batch_ms(lambda p=p, v=v, w=w: finish(table, BALL, constants, p, v, w), count)
+        ours = _batch_ms(lambda s=shots: simulate(with_constants(CONSTANTS, table), s), count)
+        quick = _batch_ms(lambda p=p, v=v, w=w: finish(table, BALL, CONSTANTS, p, v, w), count)
         off = from_fine_steps(table, shots[:few]) if count > few else np.array([])
         theirs = np.nan
         if theirs_found:
