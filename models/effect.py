@@ -23,8 +23,11 @@ Array = NDArray[np.float64]
 STILL = 1e-6  # speed or slip below which there is none [m/s]
 
 
-def param(default: float, *, off: float, unit: str, bounds: tuple[float, float], source: str) -> Any:
-    """Declare a parameter: its usual value, the value at which it vanishes, its unit, bounds and source."""
+def param(default: float, *, off: float | None, unit: str, bounds: tuple[float, float], source: str) -> Any:
+    """Declare a parameter: its usual value, the value at which it vanishes, its unit, bounds and source.
+
+    A parameter that only shapes the effect, and vanishes at no value of its own, has `off` None.
+    """
     return dataclasses.field(default=default, metadata={"off": off, "unit": unit, "bounds": bounds, "source": source})
 
 
@@ -69,6 +72,10 @@ class Impact:
     ball: Ball
     approach: Array  # (n,) [m/s], normal approach speed; for a cushion the horizontal one
     slip: Array  # (n,) [m/s], tangential slip speed at the contact
+    position: Array  # (n, 2) [m], of the ball, or of the first of two
+    velocity: Array  # (n, 2) [m/s], of the same ball
+    first: NDArray[np.int64]  # (n,) number of that ball; 0 is the struck one
+    second: NDArray[np.int64]  # (n,) number of the other ball, or of the rail: +x, -x, +y, -y
     restitution: Array  # (n,), energetic: square root of the work given back over the work done
     friction: Array  # (n,), Coulomb
 
@@ -98,8 +105,9 @@ class Effect:
         return _parameters(cls)  # type: ignore[arg-type] # dataclasses hide that classes hash
 
     def is_off(self) -> bool:
-        """True where every parameter stands at its off value in every simulation."""
-        return all(bool(np.all(getattr(self, k) == m["off"])) for k, m in self.parameters().items())
+        """True where every parameter that has an off value stands at it in every simulation."""
+        known = {k: m["off"] for k, m in self.parameters().items() if m["off"] is not None}
+        return all(bool(np.all(getattr(self, k) == off)) for k, off in known.items())
 
     def select(self, index: Any) -> Effect:
         """The effect with per-simulation parameters narrowed to some simulations."""

@@ -16,7 +16,9 @@ from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball
 def describe(kind: str, ball: Ball, p: Array, v: Array, w: Array, i: NDArray[np.int64], j: NDArray[np.int64]) -> Impact:
     """Impacts of one kind, a row each: p, v, w (n, nball, 3); ball i with ball j, or rail j (+x, -x, +y, -y)."""
     approach, slip = _describe(kind == "cushion", ball.radius, p, v, w, i, j)
-    return Impact(kind, ball, approach, slip, np.zeros(len(i)), np.zeros(len(i)))
+    row = np.arange(len(i))
+    at, going, none = p[row, i, :2], v[row, i, :2], np.zeros(len(i))
+    return Impact(kind, ball, approach, slip, at, going, i, j, none, none.copy())
 
 
 @njit(cache=True)
