@@ -6,12 +6,13 @@ PYTHON ?=
 PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench lint clean
+.PHONY: help demo test bench study lint clean
 
 help:
 	@echo "make demo    the shipped example with a hidden effect, start to end, into out/demo"
 	@echo "make test    lint, then all tests (PYTEST_ARGS=\"-m 'not slow'\" for the quick ones)"
 	@echo "make bench   speed and accuracy figures"
+	@echo "make study   how reliably hidden effects are found, into tests/study/REPORT.md (hours; resumable)"
 	@echo "make lint    ruff and mypy"
 	@echo "make clean   remove .venv, caches and out/demo"
 	@echo
@@ -25,6 +26,9 @@ test: lint
 
 bench: $(READY)
 	@$(BIN)/python -m tests.bench
+
+study: $(READY)
+	@$(BIN)/python -m tests.study
 
 lint: $(READY)
 	@$(BIN)/python -m ruff check --quiet .

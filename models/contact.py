@@ -7,7 +7,8 @@ K d^1.5, with the damper a sqrt(K) d^0.25 (Tsuji, Tanaka, Ishida 1992), whose re
 linear, and softer. What a spring gives back of the work done on it does not depend on what else acts, so restitution
 is energetic. It follows the approach speed while that still grows, as in the middle of a rack.
 Friction at the contact, and of the cloth under a ball that is pressed down, come from the contact's force by the
-increments of the impulse models. Leaves out that balls leave the slate, and that real contacts last longer.
+increments of the impulse models. A ball may be heavier than the others: what its contacts say of it is written into
+the world of its simulation. Leaves out that balls leave the slate, and that real contacts last longer.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from models.analytic.events import AWAY, DEAD
-from models.effect import Balls, Effect
+from models.effect import Balls, Effect, Impact
 from models.increments import ball_step, cushion_step
 from models.shot import NOSE_COSINE, NOSE_SINE, RAILS, Array
 from models.world import NOSE_RADIUS, build_spec, rails
@@ -165,11 +166,13 @@ def closing(
 def press(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
     p: Array, v: Array, w: Array, alive: NDArray[np.bool_], reach: Array, given: Array, damping: Array, mu: Array,
-    cloth: Array, m: float, r: float, force: Array, torque: Array, solref: Array,
+    cloth: Array, heavier: Array, m: float, r: float, force: Array, torque: Array, solref: Array,
 ) -> None:  # fmt: skip
     """Set the springs of closed contacts, solref (n, ncontact, 2), and add the friction that goes with them.
 
     What a contact overlapped at the start, `given` (n, ncontact) [m], holds no energy; it shrinks as they part.
+    `mu` (n, ncontact, 3) as in `ball_step`; `heavier` (n, nball) is each ball's mass over m. Force and torque are
+    those that would move a ball of mass m like this.
     """
     one, two = np.zeros(5), np.zeros(10)
     one_out, two_out = np.zeros(5), np.zeros(10)
@@ -192,25 +195,28 @@ def press(
             if k == 0.0:
                 continue
             solref[n, c, 0], solref[n, c, 1] = -k * pressed / depth, -b
-            dp = STEP * (m if cushion else 0.5 * m) * max(k * pressed + b * approach, 0.0)
+            own = m * heavier[n, i]
+            other = own if cushion else m * heavier[n, j]
+            moved = own if cushion else own / (1.0 + own / other)
+            dp = STEP * moved * max(k * pressed + b * approach, 0.0)
             if dp == 0.0:
                 continue
             s, out, after = (one, one_out, one_after) if cushion else (two, two_out, two_after)
             ax, ay, bx, by = _local(p[n], v[n], w[n], cushion, i, j, x, y, s)
-            law = (mu[n, c], cloth[n], m, r)
+            rub = (mu[n, c, 0], mu[n, c, 1], mu[n, c, 2])
             out[:] = s
             for _ in range(PARTS):
                 if cushion:
-                    cushion_step(out, dp / PARTS, law, after)
+                    cushion_step(out, dp / PARTS, (rub[0], cloth[n], own, r), after)
                 else:
-                    ball_step(out, dp / PARTS, law, after)
+                    ball_step(out, dp / PARTS, rub, (cloth[n], own, other, r), after)
                 out[:] = after
             # What the normal force itself does is MuJoCo's.
             if cushion:
-                out[1] += dp * NOSE_COSINE / m
+                out[1] += dp * NOSE_COSINE / own
             else:
-                out[0] += dp / m
-                out[5] -= dp / m
+                out[0] += dp / own
+                out[5] -= dp / other
             for q in range(1 if cushion else 2):
                 ball, o = (i if q == 0 else j), 5 * q
                 va, vb = (out[o] - s[o]) * m / STEP, (out[o + 1] - s[o + 1]) * m / STEP
@@ -260,6 +266,11 @@ class Contacts:
         self.qvel = self.batch.bind("qvel").reshape(nsim, balls, 2)
         self.push = self.batch.bind("xfrc_applied")
         self.solref = self.batch.expand("pair_solref")
+        # MuJoCo takes the inertia of what only slides from dof_M0, and the stiffness of contacts from body_invweight0.
+        self.inert = self.batch.expand("dof_M0").reshape(nsim, balls, 2)
+        self.give = self.batch.expand("body_invweight0")
+        self.plain_mass, self.plain_give = float(self.inert[0, 0, 0]), self.give[0, 1].copy()
+        self.heavier = np.ones((nsim, balls))  # mass of each ball over that of the model's, known from its first touch
         ncontact = compiled.npair
         self.kind = np.zeros(ncontact, np.int64)
         self.first, self.second = np.zeros(ncontact, np.int64), np.zeros(ncontact, np.int64)
@@ -281,7 +292,7 @@ class Contacts:
             else:
                 self.first[c], self.second[c] = min(bodies), max(bodies)
         self.damping = np.zeros((nsim, ncontact))
-        self.friction = np.zeros((nsim, ncontact))
+        self.friction = np.zeros((nsim, ncontact, 3))
         self.peak = np.zeros((nsim, ncontact))
         self.given = np.zeros((nsim, ncontact))  # overlap that is nobody's doing in this cluster [m]
         self.first_time = np.ones((nsim, ncontact), bool)  # in this cluster
@@ -308,11 +319,17 @@ class Contacts:
         self.peak[rows] = peak
         return found[:count]
 
-    def set(self, rows: NDArray[np.int64], which: NDArray[np.int64], e: Array, mu: Array) -> NDArray[np.bool_]:
-        """Give contacts of `which` (k, 2) the friction mu and the energetic restitution e, (k,); says which are new."""
+    def set(self, rows: NDArray[np.int64], which: NDArray[np.int64], impact: Impact) -> NDArray[np.bool_]:
+        """Give contacts of `which` (k, 2) what an impact, a row each, says of them; returns which are new."""
         at = rows[which[:, 0]], which[:, 1]
-        self.friction[at] = mu
+        e = impact.restitution
+        self.friction[at] = np.stack([impact.friction, impact.gain, impact.decay], axis=-1)
         self.damping[at] = np.where(self.kind[which[:, 1]] == 1, dampings(True, e), dampings(False, e))
+        for n, ball in enumerate((impact.first, impact.second)[: 1 if impact.kind == "cushion" else 2]):
+            heavier = impact.mass[:, n]
+            self.heavier[at[0], ball] = heavier
+            self.inert[at[0], ball] = self.plain_mass * heavier[:, None]
+            self.give[at[0], ball + 1] = self.plain_give / heavier[:, None]
         new = self.first_time[at]
         self.first_time[at] = False
         return new
@@ -327,11 +344,11 @@ class Contacts:
         solref, damping, given = self.solref[rows], self.damping[rows], self.given[rows]
         press(
             self.kind, self.first, self.second, self.span, balls.position, balls.velocity, balls.spin, alive,
-            self.reach, given, damping, self.friction[rows], cloth, self.mass, self.radius, balls.force, balls.torque,
-            solref,
+            self.reach, given, damping, self.friction[rows], cloth, self.heavier[rows], self.mass, self.radius,
+            balls.force, balls.torque, solref,
         )  # fmt: skip
         self.solref[rows], self.given[rows] = solref, given
-        self.push[rows, 1:, :3] = balls.force
+        self.push[rows, 1:, :3] = balls.force * self.heavier[rows][..., None]
         self.batch.step(ids=rows)
         p, v = balls.position.copy(), balls.velocity.copy()
         p[..., :2] = np.where(alive[..., None], self.qpos[rows], p[..., :2])

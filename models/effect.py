@@ -17,9 +17,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shot import Ball
+from models.shot import Ball, Track
 
 Array = NDArray[np.float64]
+CLIMB = 0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
 STILL = 1e-6  # speed or slip below which there is none [m/s]
 
 
@@ -33,7 +34,10 @@ def param(default: float, *, off: float | None, unit: str, bounds: tuple[float, 
 
 @dataclass
 class Balls:
-    """The balls of every simulation, as the `forces` door sees them; force and torque sum up what acts so far."""
+    """The balls of every simulation, as the `forces` door sees them; force and torque sum up what acts so far.
+
+    The factors are on the cloth's friction, 1 but for what effects make of them.
+    """
 
     ball: Ball
     position: Array  # (nsim, nball, 3) [m]
@@ -42,6 +46,13 @@ class Balls:
     normal: Array  # (nsim, nball) [N], cloth on ball
     force: Array  # (nsim, nball, 3) [N]
     torque: Array  # (nsim, nball, 3) [N m]
+    slide_factor: Array  # (nsim, nball) [1], on the friction of a sliding ball
+    spin_factor: Array  # (nsim, nball) [1], on the sidespin's deceleration
+    alive: NDArray[np.bool_]  # (nsim, nball), which are not potted
+    rolled: Array  # (nsim, nball) [rad], turned about the horizontal while rolling, since t = 0
+    time: Array  # (nsim,) [s], since t = 0
+    launch: Array  # (nsim,) [m/s], speed of the struck ball, which is number 0, at t = 0
+    order: Array  # (nsim,), place of the shot in its session, 0 to 1
 
     @property
     def slip(self) -> Array:
@@ -77,7 +88,21 @@ class Impact:
     first: NDArray[np.int64]  # (n,) number of that ball; 0 is the struck one
     second: NDArray[np.int64]  # (n,) number of the other ball, or of the rail: +x, -x, +y, -y
     restitution: Array  # (n,), energetic: square root of the work given back over the work done
-    friction: Array  # (n,), Coulomb
+    friction: Array  # (n,), Coulomb, at a slip that is fast
+    gain: Array  # (n,), what a slip that ends adds to that: gain exp(-decay slip), two balls only
+    decay: Array  # (n,) [s/m], at the slip of every moment of the impact
+    mass: Array  # (n, 2), of the two bodies over that of `ball`, the inertia with it; not used of a rail
+    order: Array  # (n,), place of the shot in its session, 0 to 1
+
+    @property
+    def ratio(self) -> Array:
+        """Mass of the first ball over that of the second: (n,)."""
+        return self.mass[:, 0] / self.mass[:, 1]
+
+    def hold(self) -> None:
+        """Keep the coefficients where the impact models hold, after all effects have had their say."""
+        np.clip(self.restitution, 0.0, 1.0, out=self.restitution)
+        np.clip(self.friction, 0.0, CLIMB if self.kind == "cushion" else np.inf, out=self.friction)
 
 
 @cache
@@ -90,8 +115,10 @@ class Effect:
     """Base of all effects: every door is open and does nothing."""
 
     slot: ClassVar[str] = ""  # effects of one slot replace each other; "" adds to the others
+    first: ClassVar[bool] = False  # it says what the cloth carries, before the others push
     last: ClassVar[bool] = False  # its forces react to what the others apply
-    varies: ClassVar[bool] = False  # its forces change along a step: they are taken at its middle; see `horizon`
+    varies: ClassVar[bool] = False  # its forces change along a step, and are followed by a curve; see `horizon`
+    plain: ClassVar[bool] = False  # its edit of the MJCF is the same whatever its parameters
     resolves: ClassVar[str] = ""  # the kind of impact whose contact it takes over from MuJoCo: "ball" or "cushion"
 
     @classmethod
@@ -118,25 +145,38 @@ class Effect:
         """Change the MJCF before it is compiled."""
 
     def forces(self, balls: Balls) -> None:
-        """Add forces and torques to `balls.force` and `balls.torque`."""
+        """Add forces and torques to `balls.force` and `balls.torque`, or change the factors on the cloth's friction.
+
+        Where they change along a step (`varies`), they must do so smoothly but where `horizon` says.
+        """
 
     def horizon(self, balls: Balls) -> Array | float:
-        """How long these forces stay as they are, or vary so little that the middle of a step stands for all of it.
-
-        (nsim,) or (nsim, nball) [s].
-        """
+        """How long until these forces switch: (nsim,) or (nsim, nball) [s]. What varies smoothly needs none."""
         return np.inf
 
     def impact(self, impact: Impact, rows: Any) -> None:
-        """Change `impact.restitution` and `impact.friction`; `rows` (n,) are the simulations the impacts belong to."""
+        """Change what `impact` says from `restitution` on; `rows` (n,) are the simulations the impacts belong to."""
 
-    def strike(self, velocity: Array, spin: Array) -> tuple[Array, Array]:
-        """What the cue really delivers, (n, 2) and (n, 3), for the velocity and spin commanded."""
+    def strike(self, ball: Ball, velocity: Array, spin: Array) -> tuple[Array, Array]:
+        """What the cue really delivers to the struck ball, the first of every shot, for what was commanded.
+
+        Velocity (nsim, 2) [m/s] and spin (nsim, 3) [rad/s], in and out.
+        """
         return velocity, spin
 
-    def observe(self, times: Array, xy: Array) -> tuple[Array, Array]:
-        """What the camera reports, (n,) and (n, nball, 2), for what happened."""
-        return times, xy
+    def exposures(self, stamps: Array) -> Array:
+        """When the camera really looked, for the time stamps that it reports: (n,) [s], of one simulation.
+
+        Here and in `observe` every parameter is one number.
+        """
+        return stamps
+
+    def observe(self, track: Track) -> Track:
+        """What the camera reports of what happened in one simulation: the track with other positions.
+
+        Its times are the true ones, its velocities are at hand, a potted ball is NaN.
+        """
+        return track
 
 
 def of(value: Any, rows: Any) -> Any:

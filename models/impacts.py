@@ -13,12 +13,18 @@ from models.effect import Impact
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball
 
 
-def describe(kind: str, ball: Ball, p: Array, v: Array, w: Array, i: NDArray[np.int64], j: NDArray[np.int64]) -> Impact:
-    """Impacts of one kind, a row each: p, v, w (n, nball, 3); ball i with ball j, or rail j (+x, -x, +y, -y)."""
+def describe(
+    kind: str, ball: Ball, p: Array, v: Array, w: Array, i: NDArray[np.int64], j: NDArray[np.int64], order: Array
+) -> Impact:
+    """Impacts of one kind, a row each: p, v, w (n, nball, 3); ball i with ball j, or rail j (+x, -x, +y, -y).
+
+    `order` (n,): places of the shots in their session.
+    """
     approach, slip = _describe(kind == "cushion", ball.radius, p, v, w, i, j)
     row = np.arange(len(i))
-    at, going, none = p[row, i, :2], v[row, i, :2], np.zeros(len(i))
-    return Impact(kind, ball, approach, slip, at, going, i, j, none, none.copy())
+    at, going = p[row, i, :2], v[row, i, :2]
+    e, mu, gain, decay = np.zeros((4, len(i)))
+    return Impact(kind, ball, approach, slip, at, going, i, j, e, mu, gain, decay, np.ones((len(i), 2)), order)
 
 
 @njit(cache=True)

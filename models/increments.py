@@ -3,7 +3,8 @@
 Ball-ball: Mathavan, Jackson, Parkin 2014, the cloth pushing back only on the ball that is pressed down. Ball-cushion:
 the same authors 2010, nose above the centre, friction at nose and cloth. Friction opposes the slip of the middle of
 the step (second order), or holds it at zero where that takes less. States as in models/analytic/impulse.py: (va, vb,
-wa, wb, wz) a ball, a along the line of centres or the cushion. Leaves out vertical motion (v_z = 0).
+wa, wb, wz) a ball, a along the line of centres or the cushion. Friction that knows the slip takes the one at the start
+of the step. Leaves out vertical motion (v_z = 0).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 
 from numba import njit
 
+from models.analytic.coulomb import friction_at
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
 SWEEPS = 12  # at most, over the friction of both contacts, which depend on each other
@@ -65,31 +67,44 @@ def cushion_step(s: Array, dp: float, law: tuple[float, float, float, float], ou
 
 
 @njit(cache=True)
-def ball_step(s: Array, dp: float, law: tuple[float, float, float, float], out: Array) -> None:
-    """One step of normal impulse dp between two balls; only the one pressed down feels the cloth."""
-    mu, mu_cloth, m, r = law
-    k = 5.0 / (2.0 * m * r)
-    touch, bed = (7.0 / m, 5.0 / m), (3.5 / m, 3.5 / m)  # v_z stays zero
+def ball_step(
+    s: Array, dp: float, mu: tuple[float, float, float], law: tuple[float, float, float, float], out: Array
+) -> None:
+    """One step of normal impulse dp between two balls; only the one pressed down feels the cloth.
+
+    `mu`: friction, its gain without slip and the decay of that [s/m]. `law`: friction of the cloth, mass of the first
+    ball and of the second [kg], radius [m].
+    """
+    mu_cloth, m0, m1, r = law
+    both = 1.0 + m0 / m1
+    touch = (3.5 * both / m0, 2.5 * both / m0)  # v_z stays zero
     x0, y0 = s[1] - s[6] + r * (s[4] + s[9]), -r * (s[3] + s[8])
+    limit = friction_at(mu, math.sqrt(x0 * x0 + y0 * y0)) * dp
     ft = fz = ga = gb = 0.0
     pressed = 0
     for _ in range(SWEEPS):
         # The pressed ball's reaction (ga, gb) changes the slip between the balls.
         sign = 1.0 - 2.0 * pressed
-        ft, fz = _friction(mu * dp, touch, x0, y0, x0 + sign * gb / m, y0 + r * k * ga, ft, fz)
+        m = m0 if pressed == 0 else m1
+        k = 5.0 / (2.0 * m * r)
+        ft, fz = _friction(limit, touch, x0, y0, x0 + sign * gb / m, y0 + r * k * ga, ft, fz)
         now = 0 if fz < 0.0 else 1
         if now != pressed:
             ga = gb = 0.0
             pressed = now
+            m = m0 if pressed == 0 else m1
+            k = 5.0 / (2.0 * m * r)
         o, sign = 5 * pressed, 1.0 - 2.0 * pressed
         c0, d0 = s[o] - r * s[o + 3], s[o + 1] + r * s[o + 2]
         c1, d1 = c0 - sign * dp / m + r * k * fz, d0 + sign * ft / m
         a, b = ga, gb
-        ga, gb = _friction(mu_cloth * abs(fz), bed, c0, d0, c1, d1, ga, gb)
+        ga, gb = _friction(mu_cloth * abs(fz), (3.5 / m, 3.5 / m), c0, d0, c1, d1, ga, gb)
         if abs(ga - a) + abs(gb - b) <= SETTLED * dp:
             break
     for ball in range(2):
         sign = 1.0 - 2.0 * ball
+        m = m0 if ball == 0 else m1
+        k = 5.0 / (2.0 * m * r)
         o = 5 * ball
         out[o] = s[o] - sign * dp / m
         out[o + 1] = s[o + 1] + sign * ft / m
@@ -97,6 +112,8 @@ def ball_step(s: Array, dp: float, law: tuple[float, float, float, float], out: 
         out[o + 3] = s[o + 3] - k * fz
         out[o + 4] = s[o + 4] + k * ft
     o = 5 * pressed
+    m = m0 if pressed == 0 else m1
+    k = 5.0 / (2.0 * m * r)
     out[o] += ga / m
     out[o + 1] += gb / m
     out[o + 2] += k * gb

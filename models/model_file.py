@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import importlib
 import math
 import pkgutil
+import sys
 import tomllib
+import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import tomli_w
@@ -28,15 +32,101 @@ SECTIONS = ("format", "table", "ball", "native", "effect", "fit")
 
 
 @cache
-def catalogue() -> dict[str, type[Effect]]:
-    """Every effect of the shipped folder, by name."""
+def _shipped() -> dict[str, type[Effect]]:
     found: dict[str, type[Effect]] = {}
     for module in pkgutil.iter_modules(models.effects.__path__):
-        members = vars(importlib.import_module(f"models.effects.{module.name}")).values()
-        for kind in members:
-            if isinstance(kind, type) and issubclass(kind, Effect) and kind.__module__.endswith(f".{module.name}"):
-                found[kind.name()] = kind
-    return dict(sorted(found.items()))
+        for kind in _defined(importlib.import_module(f"models.effects.{module.name}")):
+            found[kind.name()] = kind
+    return found
+
+
+_added: dict[Path, tuple[bytes, tuple[type[Effect], ...]]] = {}  # by file: its text, and the effects of a user there
+
+
+def catalogue() -> dict[str, type[Effect]]:
+    """Every effect of the shipped folder and of the folders added, by name."""
+    own = {kind.name(): kind for _, kinds in _added.values() for kind in kinds}
+    return dict(sorted((_shipped() | own).items()))
+
+
+def _defined(module: ModuleType) -> list[type[Effect]]:
+    """The effects that a module defines, not those it imports."""
+    members = vars(module).values()
+    return [k for k in members if isinstance(k, type) and issubclass(k, Effect) and k.__module__ == module.__name__]
+
+
+def add_folder(path: Path | str) -> tuple[str, ...]:
+    """Let a user's folder of effects, or one file, join the catalogue; returns their names.
+
+    Tests and files whose names begin with _ are left alone; a file that has not changed is not read again. BadInput
+    names the file that cannot be imported, whose effect is not declared as one, or whose name is taken.
+    """
+    path = Path(path).resolve()
+    if not path.exists():
+        raise BadInput(f"{path}: no such folder; name the folder that holds your effects")
+    files = sorted(path.glob("*.py")) if path.is_dir() else [path]
+    files = [f for f in files if not f.name.startswith(("_", "test_", "conftest"))]
+    found = {file: _read_effects(file) for file in files}
+    taken = {"native": Path(__file__)} | {name: Path(str(_file(kind))) for name, kind in _shipped().items()}
+    gone = [f for f in _added if f in found or (f.parent == path and not f.exists())]
+    taken |= {k.name(): file for file, (_, kinds) in _added.items() for k in kinds if file not in gone}
+    for file, (_, kinds) in found.items():
+        for kind in kinds:
+            if kind.name() in taken:
+                raise BadInput(f"{file}: the name {kind.name()} is taken by {taken[kind.name()]}; rename the class")
+            taken[kind.name()] = file
+    names = tuple(kind.name() for _, kinds in found.values() for kind in kinds)
+    if not names:
+        raise BadInput(f"{path}: defines no effect; begin one with: sysid new-effect NAME --dir {path}")
+    for file in gone:
+        del _added[file]
+    _added.update(found)
+    return names
+
+
+def _file(kind: type[Effect]) -> str | None:
+    return sys.modules[kind.__module__].__file__
+
+
+def _read_effects(file: Path) -> tuple[bytes, tuple[type[Effect], ...]]:
+    """A user's file: its text and its effects."""
+    try:
+        text = file.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{file}: cannot be read ({type(error).__name__}); name a folder or a .py file") from error
+    if file in _added and _added[file][0] == text:
+        return _added[file]
+    name = f"own_effects_{hashlib.sha256(str(file.parent).encode()).hexdigest()[:8]}_{file.stem}"
+    module = ModuleType(name)
+    module.__file__ = str(file)
+    before = sys.modules.get(name)
+    sys.modules[name] = module  # dataclasses and pickle look there
+    try:
+        exec(compile(text, str(file), "exec"), vars(module))
+        kinds = tuple(_defined(module))
+        fault = next((f for f in map(_undeclared, kinds) if f), "")
+    except (Exception, SystemExit) as error:
+        line = getattr(error, "lineno", None) if isinstance(error, SyntaxError) else None
+        for frame, number in traceback.walk_tb(error.__traceback__):
+            line = number if line is None or frame.f_code.co_filename == str(file) else line
+        if before is None:
+            del sys.modules[name]
+        said = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
+        raise BadInput(f"{file} line {line}: {type(error).__name__}: {said}; correct it, or move the file") from error
+    if fault:
+        raise BadInput(f"{file}: {fault}")
+    return text, kinds
+
+
+def _undeclared(kind: type[Effect]) -> str:
+    """What keeps a class from being listed and built; "" for an effect."""
+    if not dataclasses.is_dataclass(kind) or "__dataclass_fields__" not in vars(kind):
+        return f"{kind.__name__} is no dataclass; put @dataclass(frozen=True) above it"
+    for f in dataclasses.fields(kind):
+        lacking = [k for k in ("off", "unit", "bounds", "source") if k not in f.metadata]
+        if lacking or f.default is dataclasses.MISSING:
+            return f"{kind.__name__}.{f.name} is not declared; write {f.name}: float = param(default, off=..., ...)"
+    return ""
 
 
 def effect_class(name: str) -> type[Effect]:
@@ -44,7 +134,7 @@ def effect_class(name: str) -> type[Effect]:
     known = catalogue()
     if name not in known:
         near = get_close_matches(name, known, 1)
-        hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"
+        hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}, or name its folder (--effects)"
         raise BadInput(f"unknown effect {name!r}; {hint}")
     return known[name]
 

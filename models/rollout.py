@@ -13,35 +13,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
-import mujoco.batch
 import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.events import DEAD
 from models.analytic.impulse import collide_rows
+from models.batch import batch
 from models.contact import CALM, CUSHION_TIME, LONGEST, STEP, Contacts
-from models.effect import Balls, Effect, of
+from models.curve import MARGIN, Curve, follow, land
+from models.effect import Balls, Effect, Impact, of
 from models.impacts import crowded, describe, part
 from models.model_file import Model
-from models.sampling import record, spin_to_world
+from models.sampling import record, record_curve, spin_to_world
 from models.shot import GRAVITY, RAILS, Array, Event, Shot, Track
 from models.touch import BALL, CUSHION, LEAN, LEAN_STEP, POCKET, native_step, next_touch
-from models.world import build_spec
 
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
 NATIVE_RUN = 4  # of them between two looks at what comes next
-TINY = 1e-5  # [s]
 TURN = 1e-3  # speed from which a rolling ball may stop within a step [m/s]
 CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
-FIELDS = (
-    "pair_friction",
-    "pair_solref",
-    "pair_solreffriction",
-    "opt.gravity",
-    "body_mass",
-    "body_inertia",
-)  # that an edit may change
 MAX_STEPS = 200_000
 
 
@@ -58,12 +48,14 @@ class Rollout:
     def __post_init__(self) -> None:
         """Compile the world and lay out the state."""
         self.effects: list[Effect] = [e.select(self.rows) for e in self.model.stack()]
-        self.doers = self.effects[1:]
+        self.doers = sorted(self.effects[1:], key=lambda e: not e.first)
+        self.varies = any(e.varies for e in self.doers)
         slots = {e.slot for e in self.doers}
         self.cloth = next((e for e in self.doers if e.slot == "cloth"), None)
         self.resolved = np.array([any(e.resolves == k for e in self.doers) for k in ("ball", "cushion")])
         self.exact = "cloth" in slots
-        self.batch = self._compile()
+        names = [f"ball {i}" for i in range(len(self.shots[0].names))]
+        self.batch = batch(self.model, names, self.effects, self.exact, self.resolved, len(self.shots), self.threads)
         self.world: Contacts | None = None
         nsim, nball = len(self.shots), len(self.shots[0].names)
         self.qpos = self.batch.bind("qpos").reshape(nsim, nball, 7)
@@ -76,6 +68,8 @@ class Rollout:
         )  # until when; each ball with each other and each rail [s]
         self.leaning = False
         self.theta = np.zeros((nsim, nball))
+        self.rolled = np.zeros((nsim, nball))
+        self.room = np.full(nsim, np.inf)  # that the last step would have had, where forces vary [s]
         self.events: list[list[Event]] = [[] for _ in self.shots]
         table, ball = self.model.table, self.model.ball
         self.reach = table.reach(ball)
@@ -83,44 +77,12 @@ class Rollout:
         self.mouths = table.mouths()
         self._start()
 
-    def _compile(self) -> Any:
-        table, ball = self.model.table, self.model.ball
-        names = [f"ball {i}" for i in range(len(self.shots[0].names))]
-
-        def world(effects: Sequence[Effect]) -> mujoco.MjModel:
-            spec = build_spec(table, ball, names, effects)
-            if self.exact:
-                # The cloth carries the weight and holds the height: steps of any size, no support to sink into.
-                for pair in spec.pairs:
-                    if self.resolved.all() or pair.classname.name == "ball_bed":
-                        spec.delete(pair)
-                for body in spec.bodies[1:]:
-                    body.gravcomp = 1
-            return spec.compile()
-
-        editors = [
-            type(e).edit is not Effect.edit and any(np.ndim(getattr(e, k)) for k in e.parameters())
-            for e in self.effects
-        ]
-        nsim = len(self.shots)
-        first = world([e.select(0) if any(editors) else e for e in self.effects] if any(editors) else self.effects)
-        batch = mujoco.batch.Batch(first, nsim, nthread=self.threads)
-        if any(editors) and first.npair:
-            fields = {name: batch.expand(name) for name in FIELDS}
-            for s in range(nsim):
-                variant = world([e.select(s) for e in self.effects])
-                for name, values in fields.items():
-                    source = variant.opt.gravity if name == "opt.gravity" else getattr(variant, name)
-                    values[s] = np.reshape(source, values[s].shape)
-        return batch
-
     def _start(self) -> None:
         spin = np.array([s.spin for s in self.shots], float)
         velocity = np.array([s.velocity for s in self.shots], float)
         for effect in self.doers:
             if type(effect).strike is not Effect.strike:
-                for i in range(velocity.shape[1]):
-                    velocity[:, i], spin[:, i] = effect.strike(velocity[:, i], spin[:, i])
+                velocity[:, 0], spin[:, 0] = effect.strike(self.model.ball, velocity[:, 0], spin[:, 0])
         self.qpos[:] = 0
         self.qpos[..., :2] = [s.position for s in self.shots]
         self.qpos[..., 2] = self.model.ball.radius
@@ -128,6 +90,8 @@ class Rollout:
         self.qvel[:] = 0
         self.qvel[..., :2] = velocity
         self.qvel[..., 3:] = spin
+        self.order = np.array([s.order for s in self.shots], float)
+        self.launch = np.hypot(velocity[:, 0, 0], velocity[:, 0, 1])
         self.count = np.array([len(s.times) for s in self.shots])
         self.times = np.full((len(self.shots), max(self.count.max(), 1)), np.inf)
         for k, shot in enumerate(self.shots):
@@ -162,7 +126,11 @@ class Rollout:
         w = spin_to_world(self.qpos[rows, :, 3:], self.qvel[rows, :, 3:], False)
         ball = self.model.ball
         weight = np.where(self.alive[rows], ball.mass * GRAVITY, 0.0)
-        return Balls(ball, p, v, w, weight, np.zeros_like(p), np.zeros_like(p))
+        return Balls(
+            ball, p, v, w, weight, np.zeros_like(p), np.zeros_like(p), np.ones_like(weight), np.ones_like(weight),
+            self.alive[rows], self.rolled[rows], self.clock[rows], self.launch[rows],
+            self.order[rows],
+        )  # fmt: skip
 
     def _acting(self, rows: NDArray[np.int64]) -> list[Effect]:
         """The effects, with their parameters in some simulations."""
@@ -183,12 +151,19 @@ class Rollout:
         moving = np.any(balls.velocity[..., :2] != 0, axis=(1, 2)) | np.any(balls.force[..., :2] != 0, axis=(1, 2))
         limit = np.where(moving, np.minimum(limit, self.longest[rows]), limit)
         limit = np.minimum(limit, np.maximum(self.end[rows] - self.clock[rows], 1e-12))
-        alive = self.alive[rows]
+        switch = limit
+        if self.varies:
+            limit = np.where(moving, np.minimum(limit, self.room[rows]), limit)
+        alive, quiet = self.alive[rows], self._quiet(rows)
         acceleration = balls.force / balls.ball.mass
-        step, hit = next_touch(
-            balls.position, balls.velocity, acceleration, alive, balls.ball.radius, self.reach, self.half, self.mouths,
-            self.resolved, self._quiet(rows), limit,
-        )  # fmt: skip
+
+        def touch(some: Any, acceleration: Array, limit: Array) -> tuple[Array, NDArray[np.int64]]:
+            return next_touch(
+                balls.position[some], balls.velocity[some], acceleration, alive[some], balls.ball.radius, self.reach,
+                self.half, self.mouths, self.resolved, quiet[some], limit,
+            )  # fmt: skip
+
+        step, hit = touch(slice(None), acceleration, limit)
         rough = np.zeros(rows.size, bool)
         if not self.resolved.all():
             safe = native_step(
@@ -198,12 +173,22 @@ class Rollout:
             hit[safe < step] = 0
             rough = safe <= self.fine[rows]
             step = np.minimum(step, safe)
-        if any(e.varies for e in effects):
-            middle = self._middle(balls, step)
-            for effect in effects:
-                effect.forces(middle)
-            balls.force, balls.torque = middle.force, middle.torque
-        self._advance(rows, balls, step, rough)
+        curve = None
+        if self.varies:
+            trial = np.where((hit[:, 0] > 0) & ~rough, np.minimum(MARGIN * step, limit), step)
+            normal = np.where(alive, balls.ball.mass * GRAVITY, 0.0)
+            curve, free = follow(
+                lambda some: [e.select(some) for e in effects], balls, trial, self.end[rows] - self.clock[rows], normal
+            )
+            if self.resolved.all():
+                step, hit = land(touch, curve, curve.span)
+            else:
+                hit[curve.span < step] = 0
+                step = np.minimum(step, curve.span)
+            self.room[rows] = np.where((step < switch) & (hit[:, 0] == 0), free, np.inf)
+            balls.force = balls.ball.mass * curve.mean(curve.push, step)
+            balls.torque = balls.ball.inertia * curve.mean(curve.turn, step)
+        self._advance(rows, balls, step, rough, curve)
         for kind, number in (("ball", BALL), ("cushion", CUSHION)):
             found = np.flatnonzero(hit[:, 0] == number)
             if found.size:
@@ -211,26 +196,9 @@ class Rollout:
         for k in np.flatnonzero(hit[:, 0] == POCKET):
             self._pot(int(rows[k]), int(hit[k, 1]))
 
-    @staticmethod
-    def _middle(balls: Balls, step: Array) -> Balls:
-        """The state half a step ahead under the present forces, with nothing acting yet; now, where steps are tiny.
-
-        Half of the last bit of speed would count as rest, and the ball never come to it.
-        """
-        half = np.where(step > TINY, 0.5 * step, 0.0)[:, None, None]
-        velocity = balls.velocity + half * balls.force / balls.ball.mass
-        velocity[..., 2] = balls.velocity[..., 2]
-        return Balls(
-            balls.ball,
-            balls.position + 0.5 * half * (balls.velocity + velocity),
-            velocity,
-            balls.spin + half * balls.torque / balls.ball.inertia,
-            balls.normal,
-            np.zeros_like(balls.force),
-            np.zeros_like(balls.torque),
-        )
-
-    def _advance(self, rows: NDArray[np.int64], balls: Balls, step: Array, rough: NDArray[np.bool_]) -> None:
+    def _advance(
+        self, rows: NDArray[np.int64], balls: Balls, step: Array, rough: NDArray[np.bool_], curve: Curve | None
+    ) -> None:
         ball = balls.ball
         self.push[rows, 1:, :3] = balls.force
         self.push[rows, 1:, 3:] = balls.torque
@@ -248,6 +216,10 @@ class Rollout:
             # The semi-implicit step is ahead by half the change of velocity.
             behind = 0.5 * (step * ~rough)[:, None, None] * (v1 - balls.velocity)
             self.qpos[rows, :, :2] -= behind[..., :2] * go[:, None, None]
+            if curve is not None:
+                smooth = ~rough & go
+                p1 = balls.position + curve.shift(balls.velocity, curve.push, step)
+                self.qpos[rows[smooth], :, :2] = p1[smooth, :, :2]
             # A native nose presses the ball down, on a slate that does not give.
             self.qpos[rows, :, 2] = np.where(self.alive[rows], ball.radius, self.qpos[rows, :, 2])
             self.qvel[rows, :, 2] = 0
@@ -264,11 +236,26 @@ class Rollout:
                 w1[rough] = spin_to_world(self.qpos[rows[rough], :, 3:], self.qvel[rows[rough], :, 3:], False)
         else:
             w1 = spin_to_world(self.qpos[rows, :, 3:], self.qvel[rows, :, 3:], False)
-        self._record(rows, balls, step, self.qpos[rows, :, :3], v1, w1)
+        self._record(rows, balls, step, self.qpos[rows, :, :3], v1, w1, curve)
 
-    def _record(self, rows: NDArray[np.int64], balls: Balls, step: Array, p1: Array, v1: Array, w1: Array) -> None:
+    def _record(
+        self, rows: NDArray[np.int64], balls: Balls, step: Array, p1: Array, v1: Array, w1: Array,
+        curve: Curve | None = None,
+    ) -> None:  # fmt: skip
         """Sample the step from `balls` to the state after it, and let its time pass."""
         t0 = self.clock[rows]
+        if self.varies:
+            speeds = [np.hypot(v[..., 0], v[..., 1]) for v in (balls.velocity, v1)]
+            rolls = balls.rolling * step[:, None] / balls.ball.radius
+            self.rolled[rows] += rolls * (curve.way(balls.velocity, step) if curve else 0.5 * (speeds[0] + speeds[1]))
+        if curve is not None:
+            record_curve(
+                rows, t0, step, self.times, self.count, self.next, balls.position, balls.velocity, balls.spin,
+                curve.push, curve.turn, v1, w1, p1, self.theta, self.alive, self.samples,
+            )  # fmt: skip
+            self.theta[rows] += curve.shift(balls.spin, curve.turn, step)[..., 2]
+            self.clock[rows] = t0 + step
+            return
         record(
             rows, t0, step, self.times, self.count, self.next, balls.position, balls.velocity, balls.spin, v1, w1, p1,
             self.theta, self.alive, self.samples,
@@ -279,13 +266,14 @@ class Rollout:
     def _coefficients(
         self, kind: str, rows: NDArray[np.int64], p: Array, v: Array, w: Array, i: NDArray[np.int64],
         j: NDArray[np.int64],
-    ) -> tuple[Array, Array, Array]:  # fmt: skip
-        """Approach speed, restitution and friction of impacts, one row each, as the effects say."""
-        impact = describe(kind, self.model.ball, p, v, w, i, j)
+    ) -> Impact:  # fmt: skip
+        """Impacts, one row each, as the effects say."""
+        impact = describe(kind, self.model.ball, p, v, w, i, j, self.order[rows])
         for effect in self.doers:
             effect.impact(impact, rows)
-        e = np.where(impact.approach < DEAD, 0.0, np.clip(impact.restitution, 0.0, 1.5))
-        return impact.approach, e, np.maximum(impact.friction, 0.0)
+        impact.hold()
+        impact.restitution[impact.approach < DEAD] = 0.0
+        return impact
 
     def _cloth(self, rows: NDArray[np.int64]) -> Array:
         """Sliding friction of the cloth in some simulations."""
@@ -297,7 +285,8 @@ class Rollout:
         quat = self.qpos[rows, :, 3:]
         w = spin_to_world(quat, self.qvel[rows, :, 3:], False)
         ball, i, j = self.model.ball, hit[:, 1], hit[:, 2]
-        approach, e, mu = self._coefficients(kind, rows, p, v, w, i, j)
+        impact = self._coefficients(kind, rows, p, v, w, i, j)
+        approach, e, mu = impact.approach, impact.restitution, impact.friction
         # A rolling ball that has met something rolls on against it: one event, looked at every LEAN_STEP.
         other, now = j + (kind == "cushion") * self.alive.shape[1], self.clock[rows]
         leans = now < self.quiet[rows, i, other] + LEAN_STEP
@@ -318,7 +307,10 @@ class Rollout:
         rows, hit, i, j, other = (a[alone] for a in (rows, hit, i, j, other))
         p, v, w, quat, mu, now = (a[alone] for a in (p, v, w, quat, mu, now))
         slow, leans = slow[alone], leans[alone]
-        collide_rows(kind == "cushion", hit, p, v, w, e, mu, self._cloth(rows), ball.mass, ball.radius)
+        collide_rows(
+            kind == "cushion", hit, p, v, w, e, mu, self._cloth(rows), ball.mass, ball.radius, impact.gain[alone],
+            impact.decay[alone], impact.ratio[alone],
+        )  # fmt: skip
         self.qvel[rows, :, :3] = v
         self.qvel[rows, :, 3:] = spin_to_world(quat, w, True)
         if slow.any():
@@ -359,8 +351,7 @@ class Rollout:
                 if len(these):
                     k, i, j = these[:, 0], world.first[these[:, 1]], world.second[these[:, 1]]
                     state = balls.position[k], balls.velocity[k], balls.spin[k]
-                    _, e, mu = self._coefficients(kind, rows[k], *state, i, j)
-                    begun = world.set(rows, these, e, mu)
+                    begun = world.set(rows, these, self._coefficients(kind, rows[k], *state, i, j))
                     for n in np.flatnonzero(begun):
                         self._log(int(rows[k[n]]), kind, int(i[n]), int(j[n]))
             p, v, free, rests = world.step(rows, balls, alive, cloth)

@@ -72,6 +72,7 @@ class Shot:
     times: Array  # (n,) [s], increasing, from 0
     max_step: float = float("inf")  # longest simulation step; constant forces need no limit [s]
     impact_step: float = 1e-4  # step while native contacts act [s]
+    order: float = 0.0  # place in its session, 0 for the first shot, 1 for the last
 
 
 @dataclass(frozen=True)

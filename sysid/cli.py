@@ -6,10 +6,10 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from models.errors import BadInput
-from sysid.output import Progress, print_comparison, print_constants, write_json
+from sysid.output import Progress, print_constants, write_json
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -27,6 +27,15 @@ def check_outputs(*paths: str | None) -> None:
             raise BadInput(f"{path}: its folder does not exist; make it or choose another place")
         if path and Path(path).is_dir():
             raise BadInput(f"{path}: is a folder; name a file")
+
+
+def own_effects(folders: Sequence[str]) -> list[str]:
+    """Let a user's folders of effects join the catalogue; returns their names."""
+    if not folders:
+        return []
+    from models.model_file import add_folder
+
+    return [name for folder in folders for name in add_folder(folder)]
 
 
 def load(args: argparse.Namespace) -> tuple[ClipSet, Model]:
@@ -80,6 +89,7 @@ def check(args: argparse.Namespace, progress: Progress) -> int:
 def compare(args: argparse.Namespace, progress: Progress) -> int:
     """Model against measurement."""
     from sysid import compare as room
+    from sysid.tell import print_comparison
 
     check_outputs(args.json, args.report, args.rrd)
     clip_set, model = load(args)
@@ -97,6 +107,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
     from models.model_file import write_model
     from sysid import compare as room
     from sysid.fit import fit as fit_model
+    from sysid.tell import print_comparison
 
     check_outputs(args.out, args.json, args.report, args.rrd)
     clip_set, model = load(args)
@@ -155,21 +166,58 @@ def add(args: argparse.Namespace, progress: Progress) -> int:
 
 
 def effects(args: argparse.Namespace, progress: Progress) -> int:
-    """List the catalogue."""
-    from models.effect import Effect
-    from models.model_file import catalogue
+    """List the catalogue, or check effects against what every effect owes the workbench."""
+    from models.contract import described, faults
+    from models.model_file import catalogue, effect_class
 
-    doors = ("edit", "forces", "impact", "strike", "observe")
-    for name, kind in catalogue().items():
-        used = [d for d in doors if getattr(kind, d) is not getattr(Effect, d)]
-        module = sys.modules[kind.__module__]
-        print(f"{name}  ({', '.join(used)}{'; slot ' + kind.slot if kind.slot else ''})")
-        print(f"  {(module.__doc__ or '').splitlines()[0]}")
-        for key, meta in kind.parameters().items():
+    check_outputs(args.json)
+    names = args.names or (list(args.own) if args.check and args.own else list(catalogue()))
+    entries: list[dict[str, Any]] = []
+    for name in dict.fromkeys(names):
+        entry = described(effect_class(name))
+        entries.append(entry)
+        if args.check:
+            progress(f"checking {name}")
+            entry["faults"] = faults(effect_class(name))
+            progress.close()
+            print("\n".join([f"{name}: {fault}" for fault in entry["faults"]] or [f"{name}: no faults"]), flush=True)
+            continue
+        print(f"{name}  ({', '.join(entry['doors'])}{'; slot ' + entry['slot'] if entry['slot'] else ''})")
+        print("\n".join(f"  {text}" for text in (entry["says"], entry["formula"]) if text))
+        for key, meta in entry["parameters"].items():
             low, high = meta["bounds"]
-            span = f"{low:g} to {high:g}, off at {meta['off']:g}"
-            print(f"    {key} = {meta['default']:g} [{meta['unit']}], {span}: {meta['source']}")
+            off = "only shapes it" if meta["off"] is None else f"off at {meta['off']:g}"
+            print(f"    {key} = {meta['default']:g} [{meta['unit']}], {low:g} to {high:g}, {off}: {meta['source']}")
+    if args.json:
+        write_json(args.json, {"effects": entries})
+    return FOUND if any(entry.get("faults") for entry in entries) else DONE
+
+
+def new_effect(args: argparse.Namespace, progress: Progress) -> int:
+    """Write an effect's file to fill in, and its test."""
+    from sysid import new_effect as room
+
+    room.checked_name(args.name)
+    effect, test = room.write(args.name, args.dir, room.source_of(args.result, args.name) if args.result else None)
+    print(f"{effect}: the effect, which runs as it is; fill in what it says")
+    print(f"{test}: its test; run it with: python -m pytest {test}")
+    print(f"check it with: sysid effects --check --effects {args.dir}")
     return DONE
+
+
+def diagnose(args: argparse.Namespace, progress: Progress) -> int:
+    """Which effect is missing."""
+    from sysid import loop_cli
+
+    check_outputs(args.json, args.report)
+    return loop_cli.diagnose(args, *load(args), progress)
+
+
+def discover(args: argparse.Namespace, progress: Progress) -> int:
+    """The whole loop."""
+    from sysid import loop_cli
+
+    return loop_cli.discover(args, *load(args), progress)
 
 
 def match(args: argparse.Namespace, progress: Progress) -> int:
@@ -229,23 +277,52 @@ def parser() -> argparse.ArgumentParser:
         one.add_argument("--report", metavar="FILE.html", help="the same with pictures")
         one.add_argument("--rrd", metavar="FILE.rrd", help="measured and modelled shots for Rerun")
 
+    def own(one: argparse.ArgumentParser) -> None:
+        text = "folder, or file, with effects of your own (may be given again)"
+        one.add_argument("--effects", metavar="DIR", action="append", default=[], help=text)
+
     one = verb("check", check, "read a clip set; name every fault")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--json", metavar="FILE", help="the faults as JSON")
     one = verb("compare", compare, "model against measurement: where it fails")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--model", metavar="M.toml", help="model file (default: decoupled cloth, frictional impacts)")
+    own(one)
     drawing(one)
     one = verb("fit", fit, "constants of the model with their uncertainty, error on clips held out")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--model", metavar="M.toml", help="model file to start from")
     one.add_argument("--out", metavar="M2.toml", required=True, help="where the fitted model goes")
+    own(one)
     drawing(one)
     one = verb("add", add, "put an effect on a model's stack")
     one.add_argument("effect", metavar="EFFECT")
     one.add_argument("--model", metavar="M.toml", required=True)
     one.add_argument("--out", metavar="M2.toml", required=True)
-    verb("effects", effects, "the catalogue of effects")
+    own(one)
+    one = verb("effects", effects, "the catalogue of effects; with --check, whether they keep their contract")
+    one.add_argument("names", metavar="NAME", nargs="*", help="only these")
+    one.add_argument("--check", action="store_true", help="name every fault of these, of the folders', or of all")
+    one.add_argument("--json", metavar="FILE", help="the same as JSON")
+    own(one)
+    one = verb("new-effect", new_effect, "an effect's file to fill in, with its test")
+    one.add_argument("name", metavar="NAME", help="in small letters joined by _")
+    one.add_argument("--dir", metavar="DIR", default="effects", help="where they go (default: effects)")
+    one.add_argument(
+        "--from", dest="result", metavar="result.json", help="begin with what a discovery left unexplained"
+    )
+    own(one)
+    one = verb("diagnose", diagnose, "which effect is missing: ranked, or none, or something else")
+    one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
+    one.add_argument("--model", metavar="M.toml", help="model file to start from (default: the base)")
+    own(one)
+    one.add_argument("--json", metavar="FILE", help="the same figures as JSON")
+    one.add_argument("--report", metavar="FILE.html", help="the same with pictures")
+    one = verb("discover", discover, "fit, diagnose and add until nothing more is to be explained")
+    one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
+    one.add_argument("--model", metavar="M.toml", help="model file to start from (default: the base)")
+    one.add_argument("--out", metavar="DIR", required=True, help="where model, result, report and recording go")
+    own(one)
     one = verb("match", match, "MuJoCo against the analytic models and published measurements, row by row")
     way = one.add_mutually_exclusive_group()
     way.add_argument("--json", metavar="FILE", help="the rows as JSON")
@@ -261,6 +338,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser().parse_args(argv)
     progress = Progress()
     try:
+        args.own = own_effects(getattr(args, "effects", ()))
         return int(args.run(args, progress))
     except BadInput as error:
         progress.close()

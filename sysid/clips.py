@@ -54,6 +54,7 @@ class Clip:
     cue: Cue | None = None
     note: str = ""
     extra: Mapping[str, Any] = field(default_factory=dict)  # keys of its [[clip]] that are not known here
+    order: float = 0.0  # place in the session, 0 for the first clip of the set, 1 for the last
 
 
 @dataclass(frozen=True)
@@ -111,24 +112,25 @@ def _read(folder: Path, faults: Faults) -> ClipSet | None:
     if header is None:
         return None
     clips = []
-    for entry in header.entries:
+    last = max(len(header.entries) - 1, 1)
+    for number, entry in enumerate(header.entries):
         text = read_text(entry.path, entry.file, faults)
         rows = None if text is None else parse_rows(text, entry.file, faults)
         if rows is not None:
             check_rows(rows, entry.file, header.table, header.ball, header.camera, faults)
             check_struck(rows, entry, faults)
-            clips.append(_clip(entry, rows))
+            clips.append(_clip(entry, rows, number / last))
     if faults or header.table is None or header.ball is None:
         return None
     camera = header.camera
     return ClipSet(header.table, header.ball, camera["fps"], tuple(clips), camera.get("sigma"), folder, header.extra)
 
 
-def _clip(entry: Entry, rows: Rows) -> Clip:
+def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
     balls = {}
     for k, name in enumerate(rows.names):
         own = np.flatnonzero(rows.ball == k)
         extra = {key: tuple(cells[i] for i in own.tolist()) for key, cells in rows.extra.items()}
         balls[name] = Observation(rows.time[own], rows.xy[own], rows.theta[own], extra)
     cue = None if entry.cue is None else Cue(**entry.cue)
-    return Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra)
+    return Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order)

@@ -11,29 +11,12 @@ from numpy.typing import NDArray
 from models.model_file import Model
 from models.shot import Track
 from sysid.clips import Clip, ClipSet
+from sysid.impacts import Impacts
+from sysid.named import Findings
+from sysid.samples import Samples
+from sysid.whiteness import Whiteness
 
 Array = NDArray[np.float64]
-
-PHASES = ("slide", "roll", "spin", "rest", "after ball", "after cushion")
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Every trusted sample of the compared clips, one row each: what the model missed, and where."""
-
-    clip: NDArray[np.int64]  # (n,) index into the clip set
-    ball: tuple[str, ...]  # (n,)
-    struck: NDArray[np.bool_]  # (n,)
-    time: Array  # (n,) [s]
-    xy: Array  # (n, 2) measured [m]
-    miss: Array  # (n, 2) model minus measurement [m]
-    speed: Array  # (n,) modelled [m/s]
-    heading: Array  # (n,) modelled [rad]
-    spin: Array  # (n,) modelled sidespin [rad/s]
-    motion: tuple[str, ...]  # (n,) "slide", "roll", "spin", "rest": what the ball does
-    last: tuple[str, ...]  # (n,) what the ball met last: "strike", "ball", "cushion"
-    events: NDArray[np.int64]  # (n,) how many events the ball has had so far
-    angle: Array  # (n,) turned angle of the mark, model minus measurement [rad]; NaN where unseen
 
 
 @dataclass(frozen=True)
@@ -61,10 +44,10 @@ class SegmentRow:
 
 
 @dataclass(frozen=True)
-class Departure:
-    """A group of samples or segments, and how far the model misses there."""
+class Group:
+    """A group of samples or segments, and how far the model misses there: position errors, accumulated as they are."""
 
-    by: str  # "phase", "event", "speed", "clip", "ball", "rail"
+    by: str  # "phase", "event", "speed", "clip", "ball", "rail", ...
     where: str  # the group in plain words
     rms_m: float  # distance
     ratio: float  # rms per axis over the noise
@@ -80,11 +63,15 @@ class Comparison:
     noise_m: float  # one standard deviation per axis
     clips: tuple[ClipRow, ...]
     segments: tuple[SegmentRow, ...]
-    where: tuple[Departure, ...]  # the largest first
-    samples: Samples
+    where: tuple[Group, ...]  # whole shots, by group
+    samples: Samples  # of whole shots
     tracks: tuple[Track, ...]  # whole shots of the model, at the measured times
     shots: tuple[Clip, ...]  # the clips compared, in the order of `tracks`
     own: Array  # (n, 7) the clips' own unknowns, see sysid/problem.py
+    stretches: Samples  # the same with motion that begins anew at each event
+    impacts: Impacts
+    local: Findings  # what departs there and then, see sysid/where.py
+    white: Whiteness
 
     def summary(self) -> dict[str, float]:
         """Medians a person asks for first; NaN where there is nothing to take one of."""
@@ -107,6 +94,10 @@ class Comparison:
             "noise_m": self.noise_m,
             "summary": self.summary(),
             "clips": [vars(c) for c in self.clips],
-            "where": [vars(d) for d in self.where],
+            "where": [vars(d) for d in self.local.named],
+            "dependence": [vars(d) for d in self.local.dependence],
+            "whiteness": self.white.to_json(),
+            "groups": [vars(d) for d in self.where],
+            "local_groups": [vars(d) for d in self.local.groups],
             "segments": [vars(s) for s in self.segments],
         }

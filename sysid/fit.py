@@ -60,6 +60,7 @@ class Fit:
     error_rate: float  # model error per way travelled: the middle half of the training residuals
     band_rate: float  # the same for 95 % of them, of which some shots go astray
     training: tuple[int, ...]  # clips whose data gave the constants
+    own: Array  # (n, 7) own unknowns of those clips
 
 
 def training_clips(clip_set: ClipSet) -> list[int]:
@@ -200,36 +201,57 @@ def fit(clip_set: ClipSet, model: Model, report: Report = lambda line: None, com
         "correlation": _correlation(cov),
     }  # fmt: skip
     fitted = dataclasses.replace(fitted, estimates=estimates, fitted=summary)
-    return Fit(fitted, cov, all_names, converged, ratio, rate, band, tuple(rows))
+    return Fit(fitted, cov, all_names, converged, ratio, rate, band, tuple(rows), joint.own)
+
+
+@dataclass(frozen=True)
+class Grown:
+    """Whole shots grown to their ends, constants fitted along the way."""
+
+    growth: Growth  # of the problem, with every constant's name
+    own: Array  # (n, 7)
+    early: Array  # (n, 7) own unknowns as the first events gave them
+    constants: Array  # (q,)
+
+
+def grow(training: ClipSet, model: Model, names: tuple[str, ...], sigma: float, report: Report) -> Grown:
+    """Grow shots from event to event with the constants `names`, from the model's values."""
+    problem = shot_problem(model, names, training, sigma)
+    growth = Growth(problem, training, sigma)
+    c = values_of(model, names)
+    x = problem.start.copy()
+    early = x
+    for stage in range(growth.stages):
+        x = growth.own(x, c, stage)
+        if stage and np.sum(growth.horizon(stage) > growth.horizon(stage - 1)) > 3:
+            seen = growth.grown.until(growth.horizon(stage))
+            joint = joint_fit(seen, x, c, report, f"up to event {stage + 1}", 6, 2)
+            x, c = joint.own, joint.constants
+        if stage <= EARLY:
+            early = x
+        report(f"whole shots up to event {stage + 1} of {growth.stages}")
+    return Grown(growth, x, early, c)
+
+
+def joint_fit(
+    seen: ShotProblem, x: Array, c: Array, report: Report, what: str, iterations: int = 15, own: int = 3
+) -> Joint:
+    """Every constant of a problem and the own unknowns of its shots, together."""
+    steps, bounds = constant_steps(seen.model, seen.names), constant_bounds(seen.model, seen.names)
+    return fit_joint(
+        seen.evaluate, x, c, STEPS, steps, seen.prior, bounds, ROBUST, iterations, own, report=_steps_of(report, what)
+    )
 
 
 def _grow(
     training: ClipSet, model: Model, names: tuple[str, ...], sigma: float, report: Report
 ) -> tuple[Joint, float, float]:
-    problem = shot_problem(model, names, training, sigma)
-    growth = Growth(problem, training, sigma)
-    c = values_of(model, names)
-    x = problem.start.copy()
-    steps, bounds = constant_steps(model, names), constant_bounds(model, names)
-
-    def together(seen: ShotProblem, x: Array, c: Array, iterations: int, own: int, what: str) -> Joint:
-        return fit_joint(
-            seen.evaluate, x, c, STEPS, steps, problem.prior, bounds, ROBUST, iterations, own,
-            report=_steps_of(report, what),
-        )  # fmt: skip
-
-    early = x
-    for stage in range(growth.stages):
-        x = growth.own(x, c, stage)
-        if stage and np.sum(growth.horizon(stage) > growth.horizon(stage - 1)) > 3:
-            joint = together(growth.grown.until(growth.horizon(stage)), x, c, 6, 2, f"up to event {stage + 1}")
-            x, c = joint.own, joint.constants
-        if stage <= EARLY:
-            early = x
-        report(f"whole shots up to event {stage + 1} of {growth.stages}")
+    grown = grow(training, model, names, sigma, report)
+    growth, x, c = grown.growth, grown.own, grown.constants
+    problem = growth.problem
     rate = error_rate(growth, x, c)
     for _ in range(2):
-        joint = together(with_error(problem, sigma, rate, growth.way), x, c, 15, 3, "whole shots together")
+        joint = joint_fit(with_error(problem, sigma, rate, growth.way), x, c, report, "whole shots together")
         x, c = joint.own, joint.constants
         new = error_rate(growth, x, c)
         settled = abs(new - rate) < 0.1 * rate + 1e-4
@@ -238,7 +260,7 @@ def _grow(
         rate = new
     if rate > FOLLOWED:
         seen = with_error(problem, sigma, rate, growth.way).until(growth.horizon(EARLY))
-        first = together(seen, early, c, 15, 3, f"up to event {EARLY + 1} together")
+        first = joint_fit(seen, grown.early, c, report, f"up to event {EARLY + 1} together")
         joint = _widened(first, joint)
     return joint, rate, error_rate(growth, joint.own, joint.constants, 0.95)
 

@@ -13,7 +13,6 @@ from models.files import write_whole
 
 if TYPE_CHECKING:
     from models.model_file import Model
-    from sysid.comparison import Comparison
 
 
 class Progress:
@@ -62,31 +61,6 @@ def table(rows: Sequence[Sequence[str]], right: int = 1) -> str:
         cells = [c.ljust(w) if k < right else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
         lines.append("  ".join(cells).rstrip())
     return "\n".join(lines)
-
-
-def print_comparison(comparison: Comparison) -> None:
-    """What `compare` tells on the terminal."""
-    from sysid.compare import in_words
-
-    s = comparison.summary()
-    mm = 1e3
-    print(f"{len(comparison.clips)} clips, noise {comparison.noise_m * mm:.2f} mm an axis, model: "
-          + (", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact"))  # fmt: skip
-    print(
-        f"segments between events: median rms {s['segment_ratio_median']:.2f} of the noise ({len(comparison.segments)})"
-    )
-    print(f"struck ball, whole clip: median {s['struck_rms_median_m'] * mm:.1f} mm rms")
-    if any(c.held_out for c in comparison.clips):
-        held = sum(c.held_out for c in comparison.clips)
-        print(f"the same on {held} clips held out: median {s['struck_rms_median_held_out_m'] * mm:.1f} mm rms")
-    print("\nWhere the model misses")
-    rows = [("", "rms mm", "of noise", "samples")]
-    for by in dict.fromkeys(d.by for d in comparison.where):
-        for d in [d for d in comparison.where if d.by == by][:6]:
-            rows.append((f"  {d.by:9s} {d.where}", f"{d.rms_m * mm:.2f}", f"{d.ratio:.1f}", str(d.samples)))
-    print(table(rows))
-    print()
-    print("\n".join(in_words(comparison)))
 
 
 def print_constants(model: Model) -> None:

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from models.shot import POCKET_MOUTH, Table
 from models.view import CLOTH, CUSHION, POCKET, RAIL, ball_colour
 from sysid.clips_faults import one_line
-from sysid.comparison import Comparison, Samples
+from sysid.comparison import Comparison
+from sysid.samples import Samples
 
 Array = NDArray[np.float64]
 
@@ -104,7 +105,7 @@ def ladder_svg(rungs: Sequence[Rung], noise_m: float) -> str | None:
         ax.set_axisbelow(True)
         fig.legend(loc="outside upper right", ncols=3)
 
-    return _svg("ladder", 1.1 + 0.34 * len(rungs), draw)
+    return svg("ladder", 1.1 + 0.34 * len(rungs), draw)
 
 
 def tracks_svg(comparison: Comparison, count: int = 6) -> str | None:
@@ -128,7 +129,7 @@ def tracks_svg(comparison: Comparison, count: int = 6) -> str | None:
     def panel(ax: Any, k: int, kind: str) -> None:
         shot, track = comparison.shots[k], comparison.tracks[k]
         row = rows[shot.file]
-        _draw_table(ax, table, dark=True)
+        draw_table(ax, table, dark=True)
         for name, seen in shot.balls.items():
             colour = [c / 255 for c in ball_colour(name)]
             xy = seen.xy[np.isfinite(seen.xy).all(axis=1)]
@@ -154,7 +155,7 @@ def tracks_svg(comparison: Comparison, count: int = 6) -> str | None:
             ax.set_axis_off()
 
     height = WIDTH / 2 * (table.width + 0.55) / (table.length + 0.45)
-    return _svg("tracks", lines * min(height, 6.0) + 0.1, draw)
+    return svg("tracks", lines * min(height, 6.0) + 0.1, draw)
 
 
 def map_svg(comparison: Comparison) -> str | None:
@@ -182,7 +183,7 @@ def map_svg(comparison: Comparison) -> str | None:
 
     def draw(fig: Any) -> None:
         ax = fig.subplots()
-        _draw_table(ax, table, dark=False)
+        draw_table(ax, table, dark=False)
         x, y = (np.linspace(-h, h, n + 1) for h, n in zip(half, cells, strict=True))
         top = max(
             float(np.nanquantile(rms, 0.95)), 4e3 * FLOOR * comparison.noise_m if comparison.noise_m > 0 else 0.0, 1e-9
@@ -198,7 +199,7 @@ def map_svg(comparison: Comparison) -> str | None:
         if 0 < 1e3 * FLOOR * comparison.noise_m < top:
             bar.ax.axhline(1e3 * FLOOR * comparison.noise_m, color=INK, lw=1.3)
 
-    return _svg("map", 0.88 * WIDTH * (table.width + 0.5) / (table.length + 0.45) + 0.3, draw)
+    return svg("map", 0.88 * WIDTH * (table.width + 0.5) / (table.length + 0.45) + 0.3, draw)
 
 
 def dependence_svg(comparison: Comparison) -> str | None:
@@ -235,7 +236,7 @@ def dependence_svg(comparison: Comparison) -> str | None:
         fig.legend(*grid[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
         _draw_signed(grid[5], s, moving & np.isfinite(s.heading))
 
-    return _svg("dependence", 5.7, draw)
+    return svg("dependence", 5.7, draw)
 
 
 def _draw_signed(ax: Any, s: Samples, use: NDArray[np.bool_]) -> None:
@@ -294,7 +295,7 @@ def spread_svg(comparison: Comparison) -> str | None:
             ax.grid(axis="y")
             ax.set_axisbelow(True)
 
-    return _svg("spread", 3.2, draw)
+    return svg("spread", 3.2, draw)
 
 
 def number(value: float) -> str:
@@ -328,7 +329,7 @@ def _binned(x: Array, y: Array, most: int = 14) -> Array:
     return np.array(rows, dtype=float).reshape(-1, 4)
 
 
-def _draw_table(ax: Any, table: Table, *, dark: bool) -> None:
+def draw_table(ax: Any, table: Table, *, dark: bool) -> None:
     """Rail, cushion, bed and pockets, with axes in metres; on a light bed the pockets alone are dark."""
     from matplotlib.patches import Rectangle
 
@@ -377,7 +378,7 @@ def _short(text: str, most: int) -> str:
     return line if len(line) <= most else line[: most - 1] + "…"
 
 
-def _svg(name: str, height: float, draw: Callable[[Any], None]) -> str:
+def svg(name: str, height: float, draw: Callable[[Any], None]) -> str:
     """Draw one picture; nothing in it depends on the clock, the user's settings or earlier pictures."""
     import matplotlib
     from matplotlib.figure import Figure

@@ -1,5 +1,6 @@
 """Clips as least-squares problems: own unknowns and constants in, residuals in units of noise out.
 
+Residuals are between what the camera reports and what the model says that it would; unknowns are true.
 The own unknowns of a shot, or of a segment, are the moving ball's position (2) [m], velocity (2) [m/s] and surface
 speed of its spin, R omega (3) [m/s], all in a frame turned into the direction of motion: along, across, up. A rolling
 ball has R omega across equal to its speed.
@@ -15,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.model_file import Model
+from models.observe import observed, undone
 from models.shot import Shot, Track
-from models.simulate import simulate
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.segments import CLAMPED, Segment, free_from, moving_from
 from sysid.solve import Prior
@@ -71,10 +72,14 @@ class SegmentProblem:
         shots = []
         for row, w in zip(x, which, strict=True):
             time = self.segments[w].time
-            shots.append(_shot(("ball",), row, self.azimuth[w], radius, np.zeros((0, 2)), time - time[0]))
+            shots.append(
+                _shot(("ball",), row, self.azimuth[w], radius, np.zeros((0, 2)), time - time[0], self.segments[w].order)
+            )
         values = {n: c[:, k] for k, n in enumerate(self.names)}
         out = np.full((len(x), 2 * max(len(s.time) for s in self.segments)), np.nan)
-        for k, (track, w) in enumerate(zip(simulate(self.model.with_values(values), shots), which, strict=True)):
+        begun = [float(self.segments[w].time[0]) for w in which]
+        tracks = observed(self.model.with_values(values), shots, begun)
+        for k, (track, w) in enumerate(zip(tracks, which, strict=True)):
             r = (track.position[:, 0] - self.segments[w].xy) / self.sigma
             out[k, : r.size] = r.ravel()
         return out
@@ -105,7 +110,7 @@ class ShotProblem:
     start: Array  # (n, 7)
     azimuth: Array  # (n,)
     prior: Prior
-    rest: tuple[Array, ...]  # of each clip: (nball - 1, 2) where the others lie [m]
+    rest: tuple[Array, ...]  # of each clip: (nball - 1, 2) where the camera sees the others lie [m]
     trusted: tuple[dict[str, NDArray[np.bool_]], ...]  # samples to believe
     sd: tuple[dict[str, Array], ...]  # of each sample [m]
     sd_theta: Array  # (n,) of a marked ball's angle [rad]
@@ -121,8 +126,11 @@ class ShotProblem:
         return (c.struck, *[b for b in c.balls if b != c.struck])
 
     def shot(self, x: Array, clip: int, times: Array) -> Shot:
-        """The shot that unknowns (7,) stand for."""
-        return _shot(self.balls(clip), x, self.azimuth[clip], self.model.ball.radius, self.rest[clip], times)
+        """The shot that unknowns (7,) stand for; the others lie where they are reported, see `undone`."""
+        return _shot(
+            self.balls(clip), x, self.azimuth[clip], self.model.ball.radius, self.rest[clip], times,
+            self.clips[clip].order,
+        )  # fmt: skip
 
     def times(self, clip: int) -> Array:
         """Every time at which any ball was seen, up to the horizon."""
@@ -130,9 +138,10 @@ class ShotProblem:
         return seen[seen <= self.horizon[clip] + 1e-9]
 
     def tracks(self, x: Array, c: Array, which: Index) -> list[Track]:
-        """What the model says of these shots; constants (k, q)."""
+        """What the model says that the camera reports of these shots; constants (k, q)."""
         shots = [self.shot(row, w, self.times(w)) for row, w in zip(x, which, strict=True)]
-        return simulate(self.model.with_values({n: c[:, k] for k, n in enumerate(self.names)}), shots)
+        model = self.model.with_values({n: c[:, k] for k, n in enumerate(self.names)})
+        return observed(model, undone(model, shots))
 
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over their standard deviation: (k, m)."""
@@ -166,14 +175,16 @@ def residual(track: Track, ball: int, seen: Observation, n: int) -> tuple[Array,
     return path[index] - seen.xy[:n], angle - (angle[marked].mean() if marked.any() else 0.0)
 
 
-def _shot(names: tuple[str, ...], x: Array, azimuth: float, radius: float, rest: Array, times: Array) -> Shot:
+def _shot(
+    names: tuple[str, ...], x: Array, azimuth: float, radius: float, rest: Array, times: Array, order: float
+) -> Shot:
     n = len(names)
     q = turn(azimuth)
     position, velocity, spin = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 3))
     position[0], velocity[0] = x[:2], q @ x[2:4]
     spin[0, :2], spin[0, 2] = q @ x[4:6] / radius, x[6] / radius
     position[1:] = rest
-    return Shot(names, position, velocity, spin, times)
+    return Shot(names, position, velocity, spin, times, order=order)
 
 
 def _line(time: Array, xy: Array) -> Array:

@@ -15,8 +15,9 @@ import numpy as np
 
 from models.files import write_whole
 from models.model_file import Estimate, Model
-from sysid.comparison import Comparison, Departure
+from sysid.comparison import Comparison, Group
 from sysid.plots import Rung, dependence_svg, ladder_svg, map_svg, number, spread_svg, tracks_svg
+from sysid.plots_where import missing_map_svg, missing_svg, white_svg
 
 __all__ = ["Rung", "write_report"]
 
@@ -67,6 +68,22 @@ WHERE = (
     "Every group of samples, by rms residual per axis over the noise, the worst first. Bars are logarithmic; the tick "
     "is noise alone (1). With a good model every bar ends near the tick; the group that stands out says where to look."
 )
+MISSING_MAP = (
+    "Rolling balls, each stretch between events begun anew. Arrows: acceleration that measured balls have and the "
+    "model lacks, in the direction in which they are pulled, by cell; colour: how sure that is, in standard deviations "
+    "(clips as witnesses). A cell also reads its neighbours, through the stretches that cross both; cells of too few "
+    "clips are empty. With a good model everything is pale and arrows point "
+    "anywhere."
+)
+MISSING = (
+    "The same accelerations along the ball's way (+ is faster than modelled) and across it (+ is to the left), group "
+    "by group, with bars of two standard deviations. With a good model every bar covers zero. Groups of few clips "
+    "are left out."
+)
+WHITE = (
+    "Correlation of residuals of whole shots with those some samples later, within one ball's stretch; the grey band "
+    "holds 95 % of white noise. Bars that stay above it mean that the model's error lasts, and how long."
+)
 CSS = """
 :root{--ink:#1f2933;--soft:#5b6772;--line:#e0e4e8;--blue:#2563a8}
 *{box-sizing:border-box}
@@ -114,13 +131,15 @@ def write_report(
     ladder: Sequence[Rung] = (),
     notes: Sequence[str] = (),
     model: Model | None = None,
+    sections: Sequence[str] = (),
 ) -> None:
     """Write one HTML file, whole or not at all; the last comparison is drawn in full.
 
     `comparisons` are (label, comparison), from the poorest model to the best. Rungs of `ladder` come between them; a
     rung with a comparison's label stands in its place. Without `model` the last comparison's constants are listed.
+    `sections` are HTML, shown after the ladder.
     """
-    write_whole(path, _page(title, comparisons, ladder, notes, model).encode())
+    write_whole(path, _page(title, comparisons, ladder, notes, model, sections).encode())
 
 
 def _page(
@@ -129,6 +148,7 @@ def _page(
     ladder: Sequence[Rung],
     notes: Sequence[str],
     model: Model | None,
+    sections: Sequence[str],
 ) -> str:
     label, last = comparisons[-1] if comparisons else ("", None)
     body = [f"<h1>{_text(title)}</h1>"]
@@ -141,12 +161,16 @@ def _page(
     if notes:
         body.append('<ul class="notes">' + "".join(f"<li>{_text(note)}</li>" for note in notes) + "</ul>")
     body.append('<p class="sub">Nothing was compared.</p>' if last is None else _cards(last))
-    body += _ladder(comparisons, ladder)
+    body += [*_ladder(comparisons, ladder), *sections]
     if last is not None:
         body += ["<h2>Shots from above</h2>", _figure(tracks_svg(last), "Shots from above", TRACKS)]
         body += ["<h2>Where on the table</h2>", _figure(map_svg(last), "Map of the misses", MAP)]
         what = "Miss against time, speed, heading, sidespin and events"
         body += ["<h2>What the error depends on</h2>", _figure(dependence_svg(last), what, DEPENDENCE)]
+        body += ["<h2>What departs</h2>", _named(last)]
+        body += [_figure(missing_map_svg(last), "Map of the accelerations that the model lacks", MISSING_MAP)]
+        body += [_figure(missing_svg(last), "Accelerations that the model lacks, by variable", MISSING)]
+        body += ["<h2>Is the rest noise?</h2>", _figure(white_svg(last), "Autocorrelation of the residuals", WHITE)]
         body += ["<h2>Stretches and whole shots</h2>", _figure(spread_svg(last), "Spread of the errors", SPREAD)]
         body += ["<h2>Where the model departs</h2>", _where(last.where)]
     shown = model if model is not None else (last.model if last is not None else None)
@@ -229,7 +253,7 @@ def _rung(label: str, comparison: Comparison) -> Rung:
     )
 
 
-def _where(where: Sequence[Departure]) -> str:
+def _where(where: Sequence[Group]) -> str:
     """Departures, one table per kind of group."""
     if not where:
         return '<p class="sub">Nothing to show.</p>'
@@ -260,6 +284,22 @@ def _where(where: Sequence[Departure]) -> str:
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
         sections.append(f"<section><h3>{name}</h3>{table}{more}</section>")
     return f'<p class="sub">{WHERE}</p><div class="groups">{"".join(sections)}</div>'
+
+
+def _named(comparison: Comparison) -> str:
+    """The departures worth naming, and what the error depends on."""
+    rows = [
+        f"<tr><td>{_text(d.where)}</td><td>{_text(d.variable)}</td><td>{_text(d.quantity)} [{_text(d.unit)}]</td>"
+        f'<td class="n">{_with_sd(d.value, d.sd)}</td><td class="n">{d.z:.0f}</td>'
+        f'<td class="n">{number(d.samples)}</td></tr>'
+        for d in comparison.local.named
+    ]
+    if not rows:
+        return '<p class="sub">Nothing stands out: no group departs from the model beyond chance.</p>'
+    heads = "<th>departure</th><th>variable</th><th>quantity</th>" + "".join(
+        f'<th class="n">{h}</th>' for h in ("measured less modelled", "z", "count")
+    )
+    return f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
 def _constants(model: Model) -> str:

@@ -44,6 +44,7 @@ class Segment:
     before: str  # "strike", "ball", "cushion"
     after: str  # "ball", "cushion", "end"
     rail: str = ""  # of the cushion before
+    order: float = 0.0  # of its clip in the session
 
 
 def moving_from(seen: Observation, sigma: float) -> int:
@@ -145,7 +146,7 @@ def split(number: int, clip: Clip, table: Table, ball: BallSize, sigma: float, f
                 inside = _trusted(seen.xy[part], table, ball)
                 time, xy = seen.time[part][inside], seen.xy[part][inside]
                 if len(time):
-                    found.append(Segment(number, name, time, xy, before, cut.kind, rail))
+                    found.append(Segment(number, name, time, xy, before, cut.kind, rail, clip.order))
             low, before, rail = cut.sample + 1, cut.kind, cut.with_ if cut.kind == "cushion" else ""
     return found
 

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+STALLED = 2  # steps in a row that gain nothing
+ROUGH = 10.0  # times the tolerance: what a step may still promise where the loss is rough
 Evaluate = Callable[[Array, Array, NDArray[np.int64]], Array]
 """(k, p) own unknowns, (k, q) constants, (k,) problem numbers -> (k, m) residuals in units of noise, NaN unused."""
 
@@ -179,17 +181,29 @@ def fit_joint(
     own_iterations: int = 2,
     tolerance: float = 1e-5,
     report: Callable[[int, float, Array], None] | None = None,
+    known: Prior | None = None,
 ) -> Joint:
     """Shared constants (q,) within bounds (q, 2), with every problem's own unknowns fitted beside them.
 
+    What is known of the constants beside the data is `known`, (q,) each; sd inf is nothing.
+
     Converged means that the last full (undamped) step asked to change no constant by more than 2 % of its standard
-    deviation, or promised to lower the loss by less than `tolerance` of itself. The covariance is the larger of the
+    deviation, or promised to lower the loss by less than `tolerance` of itself, or by less than ten
+    times that after steps that gained nothing. The covariance is the larger of the
     inverse information and the sandwich over problems, which holds where the model is not quite right.
     """
     x, cost_each = fit_each(evaluate, x, c, steps, prior, robust, 3 * own_iterations)
     # A constant of which the data say nothing stays near its start: bounds as a very wide Gaussian.
-    begin, wide = c.copy(), np.maximum(bounds[:, 1] - bounds[:, 0], 1e-12)
-    cost, damping, converged = float(cost_each.sum()), 1e-4, False
+    begin, width = c.copy(), np.maximum(bounds[:, 1] - bounds[:, 0], 1e-12)
+    wide = width.copy()
+    if known is not None:
+        told = np.isfinite(known.sd)
+        begin[told], wide[told] = known.mean[told], known.sd[told]
+
+    def leash(at: Array) -> float:
+        return 0.5 * float(np.sum(((at - begin) / wide) ** 2))
+
+    cost, damping, converged, stalled = float(cost_each.sum()) + leash(c), 1e-4, False, 0
     for iteration in range(iterations):
         information, score, lift, back = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)
         h = information.sum(axis=0) + np.diag(1 / wide**2)
@@ -203,8 +217,7 @@ def fit_joint(
             new_c = np.clip(c + step, bounds[:, 0], bounds[:, 1])
             new_x = _best_start(evaluate, new_c, prior, robust, x, back, np.einsum("npq,q->np", lift, new_c - c))
             new_x, new_each = fit_each(evaluate, new_x, new_c, steps, prior, robust, own_iterations)
-            leash = 0.5 * float(np.sum(((new_c - begin) / wide) ** 2 - ((c - begin) / wide) ** 2))
-            if new_each.sum() + leash < cost:
+            if new_each.sum() + leash(new_c) < cost:
                 improved = True
                 break
             damping *= 10
@@ -215,13 +228,22 @@ def fit_joint(
             break
         # One at its bound that pushes out has arrived.
         inside = ((c > bounds[:, 0]) | (full < 0)) & ((c < bounds[:, 1]) | (full > 0))
-        arrived = np.all(np.abs(full[inside]) < 0.02 * sd[inside]) or 0.5 * float(g @ full) < tolerance * cost
-        x, c, cost, damping = new_x, new_c, float(new_each.sum()), max(damping / 10, 1e-9)
+        promised = 0.5 * float(g @ full)
+        arrived = np.all(np.abs(full[inside]) < 0.02 * sd[inside]) or promised < tolerance * cost
+        new_cost = float(new_each.sum()) + leash(new_c)
+        # A loss that is rough at the scale of what is left to gain has no better optimum to offer.
+        stalled = stalled + 1 if cost - new_cost < tolerance * cost else 0
+        arrived = arrived or (stalled >= STALLED and promised < ROUGH * tolerance * cost)
+        x, c, cost = new_x, new_c, new_cost
+        damping = max(damping / 10, 1e-9)
         if arrived:
             converged = True
             break
+        if stalled > STALLED:
+            break
     information, score, _, _ = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)
-    return Joint(x, c, covariance(information, score, wide), cost, converged, information, score)
+    found = covariance(information, score, width, np.where(wide < width, 1 / wide**2, 0.0))
+    return Joint(x, c, found, cost, converged, information, score)
 
 
 def _best_start(
@@ -235,10 +257,15 @@ def _best_start(
     return np.asarray(starts[np.argmin(costs, axis=0), np.arange(n)])
 
 
-def covariance(information: Array, score: Array, wide: Array) -> Array:
-    """Of the constants, from what each problem says: (q, q); NaN rows for those known no better than `wide` / 4."""
+def covariance(information: Array, score: Array, wide: Array, beside: Array | None = None) -> Array:
+    """Of the constants, from what each problem says: (q, q); NaN rows for those known no better than `wide` / 4.
+
+    `beside` (q,) is what is known of each constant apart from the problems, as 1 / sd^2.
+    """
     h = information.sum(axis=0)
     q = len(h)
+    if beside is not None:
+        h = h + np.diag(beside)
     known = np.diag(h) > 16 / wide**2
     out = np.full((q, q), np.nan)
     if not known.any():

@@ -88,7 +88,7 @@ def test_no_verb_and_unknown_verbs_are_usage(run: Any) -> None:
 def test_help_names_every_verb(run: Any) -> None:
     said = run("--help")
     assert said.status == 0
-    for verb in ("check", "compare", "fit", "add", "effects", "demo"):
+    for verb in ("check", "compare", "fit", "add", "effects", "new-effect", "demo"):
         assert verb in said.out
         assert run(verb, "--help").status == 0
 

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from models.effect import Effect
+from models.contract import BALL, CONTRACTS, TABLE, TIMES, faults, kept, numbers, played, tried
+from models.effect import Array, Balls, Effect, param
 from models.errors import BadInput
 from models.model_file import Estimate, Model, catalogue, full_model, read_model, write_model
 from models.native import Native
-from models.shot import Array, Ball, Shot, Table, Track
 from models.simulate import simulate
 
-TABLE, BALL = Table(2.84, 1.42, pockets=False), Ball(0.0615, 0.21)
 EFFECTS = sorted(catalogue())
-KINDS = [*(catalogue()[name] for name in EFFECTS), Native]
-TIMES = np.linspace(0, 2.5, 51)
 FAULTS = [  # text to replace in a good file, its replacement, what the message must name
     ('format = "billiard-model/1"', 'format = "billiard-model/9"', ["billiard-model/9", "reads billiard-model/1"]),
     ("length = 2.84", 'length = "long"', ["length", "'long'", "positive number"]),
@@ -38,109 +35,28 @@ FAULTS = [  # text to replace in a good file, its replacement, what the message 
 ]
 
 
-def shots() -> list[Shot]:
-    """A break into three balls, and a swerving shot off two cushions."""
-    names = ("white", "yellow", "red")
-    place = np.array([[-0.8, 0.1], [0.3, 0.12], [0.9, -0.3]])
-    still = np.zeros((3, 2))
-    made = []
-    for velocity, spin in (([2.4, 0.02], [0, 20, 15]), ([-1.0, 1.9], [30, -20, -60])):
-        v, w = still.copy(), np.zeros((3, 3))
-        v[0], w[0] = velocity, spin
-        made.append(Shot(names, place, v, w, TIMES))
-    return made
-
-
-def blob(track: Track) -> bytes:
-    """Every number of a track."""
-    return b"".join(a.tobytes() for a in (track.position, track.velocity, track.spin, track.theta))
-
-
-def bytes_of(tracks: list[Track]) -> list[bytes]:
-    """Every number of every track."""
-    return [blob(track) for track in tracks]
-
-
-def tried(kind: type[Effect], key: str) -> Array:
-    """Two values of a parameter, within its bounds and not off."""
-    meta = kind.parameters()[key]
-    low, high = meta["bounds"]
-    near = meta["default"] + 0.1 * (high - low)
-    return np.array([meta["default"], near if near <= high else meta["default"] - 0.1 * (high - low)])
-
-
-def base_without(kind: type[Effect]) -> Model:
-    """The full model, without what the effect would replace."""
-    model = full_model(TABLE, BALL)
-    kept = [e for e in model.effects if e.name() != kind.name() and (not kind.slot or e.slot != kind.slot)]
-    return dataclasses.replace(model, effects=tuple(kept))
-
-
 def test_the_shipped_effects_are_found() -> None:
     assert {"decoupled_cloth", "ball_impact", "cushion_impact"} <= set(EFFECTS)
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name())
-def test_every_parameter_is_declared(kind: type[Effect]) -> None:
-    assert dataclasses.is_dataclass(kind)
-    assert kind.__doc__
-    assert kind.parameters()
-    for name, meta in kind.parameters().items():
-        assert {"default", "off", "unit", "bounds", "source"} <= set(meta), name
-        low, high = meta["bounds"]
-        assert math.isfinite(low) and math.isfinite(high), name
-        assert low < high, name
-        assert low <= meta["default"] <= high, name
-        assert meta["off"] is None or math.isfinite(meta["off"]), name
-        assert meta["unit"].strip(), f"{name}: a pure number has the unit 1"
-        assert len(meta["source"]) > 5, name
-
-
+@pytest.mark.parametrize("contract", CONTRACTS)
 @pytest.mark.parametrize("name", EFFECTS)
-def test_effects_are_frozen(name: str) -> None:
-    effect = catalogue()[name]()
-    key = next(iter(effect.parameters()))
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        setattr(effect, key, 0.0)
+def test_an_effect_keeps_its_contract(name: str, contract: str) -> None:
+    assert kept(catalogue()[name], contract) == []
 
 
-@pytest.mark.parametrize("name", EFFECTS)
-def test_off_is_absent_to_the_last_bit(name: str) -> None:
-    kind = catalogue()[name]
-    off = kind(**{key: meta["off"] for key, meta in kind.parameters().items() if meta["off"] is not None})
-    without = base_without(kind)
-    assert off.is_off()
-    assert bytes_of(simulate(without.add(off), shots())) == bytes_of(simulate(without, shots()))
-
-
-@pytest.mark.parametrize("name", EFFECTS)
-def test_the_usual_value_does_something(name: str) -> None:
-    without, effect = base_without(catalogue()[name]), catalogue()[name]()
-    assert not effect.is_off()
-    seen = simulate(without.add(effect), shots())
-    changed = bytes_of(seen) != bytes_of(simulate(without, shots()))
-    kind = type(effect)
-    assert changed or kind.observe is not Effect.observe
-
-
-@pytest.mark.parametrize(("name", "key"), [(n, k) for n in EFFECTS for k in catalogue()[n].parameters()])
-def test_one_value_a_shot_is_the_same_as_one_after_another(name: str, key: str) -> None:
-    kind = catalogue()[name]
-    without, values = base_without(kind), tried(kind, key)
-    together = simulate(without.add(kind(**{key: values})), shots())
-    for k, shot in enumerate(shots()):
-        alone = simulate(without.add(kind(**{key: float(values[k])})), [shot])
-        assert blob(together[k]) == blob(alone[0])
+def test_native_terms_are_declared() -> None:
+    assert faults(Native) == []
 
 
 @pytest.mark.parametrize("key", sorted(Native.parameters()))
 def test_native_terms_may_differ_from_shot_to_shot(key: str) -> None:
     model, values = Model(TABLE, BALL), tried(Native, key)
-    short = [dataclasses.replace(shot, times=TIMES[:5]) for shot in shots()]
+    short = [dataclasses.replace(shot, times=TIMES[:5]) for shot in played(2)]
     together = simulate(dataclasses.replace(model, native=Native(**{key: values})), short)
     for k, shot in enumerate(short):
         alone = simulate(dataclasses.replace(model, native=Native(**{key: float(values[k])})), [shot])
-        assert blob(together[k]) == blob(alone[0])
+        assert numbers(together[k : k + 1]) == numbers(alone)
 
 
 def test_select_narrows_arrays_and_leaves_numbers() -> None:
@@ -148,15 +64,6 @@ def test_select_narrows_arrays_and_leaves_numbers() -> None:
     some = effect.select(np.array([2, 0]))
     assert some.restitution.tolist() == [0.95, 0.8]
     assert some.friction == 0.05
-
-
-@pytest.mark.parametrize("name", EFFECTS)
-def test_an_effect_of_the_same_slot_gives_way(name: str) -> None:
-    kind = catalogue()[name]
-    model = full_model(TABLE, BALL).add(kind()).add(kind())
-    assert [e.name() for e in model.effects].count(name) == 1
-    slots = [e.slot for e in model.effects if e.slot]
-    assert len(slots) == len(set(slots))
 
 
 def test_effects_that_react_come_last() -> None:
@@ -222,3 +129,55 @@ def test_constants_are_named_by_effect_and_parameter() -> None:
     other = model.with_values({"decoupled_cloth.slide": 0.25, "native.slide": 0.3})
     assert (other.parameters()["decoupled_cloth.slide"], other.native.slide) == (0.25, 0.3)
     assert model.parameters()["decoupled_cloth.slide"] == 0.2
+
+
+@dataclass(frozen=True)
+class Careless(Effect):
+    """It does what no effect may do."""
+
+    size: float = param(5.0, off=None, unit=" ", bounds=(0.0, 1.0), source="?")
+
+
+@dataclass(frozen=True)
+class Push(Effect):
+    """A push that forgets that a parameter may be an array, and is still there when it is off."""
+
+    size: float = param(0.1, off=0.0, unit="m/s^2", bounds=(0.0, 1.0), source="nowhere")
+
+    def is_off(self) -> bool:
+        return False
+
+    def forces(self, balls: Balls) -> None:
+        balls.force[..., 0] += self.size + 0.01
+
+
+@dataclass(frozen=True)
+class Idle(Effect):
+    """Nothing."""
+
+    size: float = param(0.1, off=0.0, unit="1", bounds=(0.0, 1.0), source="nowhere")
+
+
+@dataclass(frozen=True)
+class Drunk(Effect):
+    """Another camera every time."""
+
+    size: float = param(0.1, off=0.0, unit="1", bounds=(0.0, 1.0), source="nowhere")
+
+    def exposures(self, stamps: Array) -> Array:
+        return stamps * (1 + self.size * np.random.default_rng().random())
+
+
+@pytest.mark.parametrize(
+    ("kind", "contract", "says"),
+    [
+        (Careless, "declared", ["never on", "default 5.0 lies outside", "no unit", "no source"]),
+        (Push, "off_is_absent", ["is_off()"]), (Push, "one_value_a_shot", ["ValueError", "line "]),
+        (Idle, "usual_acts", ["no shot is changed"]), (Drunk, "repeatable", ["differs when played again"]),
+    ],
+)  # fmt: skip
+def test_broken_contracts_are_named(kind: type[Effect], contract: str, says: list[str]) -> None:
+    found = "\n".join(kept(kind, contract))
+    for text in says:
+        assert text in found
+    assert all(line.isprintable() for line in found.splitlines())

@@ -18,9 +18,13 @@ from models.errors import BadInput
 from models.model_file import Estimate, Model, full_model
 from models.shot import Ball, Table, Track
 from sysid.clips import Clip, ClipSet, Observation
-from sysid.comparison import ClipRow, Comparison, Departure, Samples, SegmentRow
+from sysid.comparison import ClipRow, Comparison, Group, SegmentRow
+from sysid.impacts import no_impacts
 from sysid.plots import dependence_svg, ladder_svg, map_svg, spread_svg, tracks_svg
 from sysid.report import Rung, write_report
+from sysid.samples import Samples
+from sysid.where import find
+from sysid.whiteness import whiteness
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 NOISE = 0.0005
@@ -87,17 +91,19 @@ def comparison(count: int = 3, size: float = 0.002, file: str = "clips/{}.csv") 
     motion = tuple("slide" if t < 0.5 else "roll" if t < 1.8 else "rest" for t in time)
     samples = Samples(
         clip, ("cue",) * n, np.ones(n, dtype=bool), time, xy, miss, speed, heading_, 20 * speed, motion,
-        ("strike",) * n, (time > 1).astype(np.int64), np.full(n, np.nan),
+        ("strike",) * n, (time > 1).astype(np.int64), np.full(n, np.nan), 0.1 * speed, ("",) * n, time, clip,
     )  # fmt: skip
     where = (
-        Departure("phase", "while rolling", 0.00123, 1.74, 210),
-        Departure("phase", "while sliding", 0.00777, 10.99, 90),
-        Departure("own kind", "behind the <sofa>", math.nan, math.nan, 3),
+        Group("phase", "while rolling", 0.00123, 1.74, 210),
+        Group("phase", "while sliding", 0.00777, 10.99, 90),
+        Group("own kind", "behind the <sofa>", math.nan, math.nan, 3),
     )
     clip_set = ClipSet(TABLE, BALL, 50.0, tuple(shots), NOISE)
     return Comparison(
         clip_set=clip_set, model=model, noise_m=NOISE, clips=tuple(rows), segments=tuple(segments),
         where=where if n else (), samples=samples, tracks=tuple(tracks), shots=tuple(shots), own=np.zeros((count, 7)),
+        stretches=samples, impacts=no_impacts(), local=find(samples, samples, no_impacts(), TABLE, count, NOISE, 1.0),
+        white=whiteness(samples, NOISE),
     )  # fmt: skip
 
 
@@ -121,14 +127,16 @@ def test_page_is_whole_and_self_contained(tmp_path: Path) -> None:
     assert "http" not in re.sub(r"base64,[A-Za-z0-9+/=]+", "", text)
     assert {tag for tag, _ in seen.seen} & {"script", "link", "iframe", "object"} == set()
     pictures = seen.pictures()
-    assert len(pictures) == 5
+    assert len(pictures) == 7
     assert all(attrs["alt"] for tag, attrs in seen.seen if tag == "img")
     for picture in pictures:
         assert re.findall(r'(?:href|src)="(?!#|data:)[^"]*"|@import|url\((?!#)', picture) == []
         assert "<dc:date>" not in picture
     labels = [words(p) for p in pictures]
     for label, units in zip(
-        labels, ("[mm]", "x [m]", "rms miss in the cell [mm]", "speed [m/s]", "[count]"), strict=True
+        labels,
+        ("[mm]", "x [m]", "rms miss in the cell [mm]", "speed [m/s]", "missing [mm/s²]", "lag [samples]", "[count]"),
+        strict=True,
     ):
         assert units in label
 
@@ -183,7 +191,7 @@ def test_numbers_are_those_of_the_comparison(tmp_path: Path) -> None:
     assert "3 clips" not in text and "clips, 1 of them held out" in text
     assert "nan" not in "".join(seen.words).lower()
     assert "12.3 mm" in words(seen.pictures()[0])
-    assert "median 2.10" in words(seen.pictures()[4])
+    assert "median 2.10" in words(seen.pictures()[-1])
 
 
 def test_a_rung_stands_in_for_the_comparison_of_its_label(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
-"""The physics behind clips with known truth: invariants, published figures, convergence, effects.
+"""The physics behind clips with known truth: invariants, published figures, convergence.
 
-What it writes is tested beside it, in `tests/truth/test_files.py`.
+Its hidden effects and what it writes are tested beside it, in `tests/truth/test_effects.py` and `test_files.py`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 import tests.truth
-from tests.truth.cloth import EFFECTS, GRAVITY, Constants
+from tests.truth.cloth import GRAVITY, Constants
 from tests.truth.impact import BALLS, NOSE, impact
 from tests.truth.physics import Cue, Motion, Start, Table, simulate, strike
 
@@ -222,66 +222,6 @@ def test_a_pocketed_ball_vanishes() -> None:
         assert gone[-1] and not gone[0] and np.all(np.diff(gone.astype(int)) >= 0)
         assert simulate(Table(pockets=False), BASE, balls, times).events[0].kind == "cushion"
     assert np.all(simulate(Table(), BASE, middle, times).xy[:, 1] == [1.0, 0.0])
-
-
-def rolling(speed: float, spin: float = 0.0) -> dict[str, Start]:
-    return {"cue": Start((0.0, 0.0), (speed, 0.0), (0.0, speed / R, spin))}
-
-
-def gain(start: dict[str, Start], **effect: float) -> Array:
-    """What an effect adds to the velocity in its first 10 ms, as an acceleration: (2,) [m/s^2]."""
-    on, off = (play(c, start, 0.01).velocity[-1, 0] for c in (BASE._replace(**effect), BASE))
-    return np.asarray(on - off) / 0.01
-
-
-def test_effects_on_the_cloth() -> None:
-    roll, slide = rolling(1.0), {"cue": Start((0.0, 0.0), (1.0, 0.0))}
-    np.testing.assert_allclose(gain(roll, tilt_y=0.002), (0, 5 / 7 * GRAVITY * 0.002), atol=1e-4)
-    np.testing.assert_allclose(gain(slide, tilt_x=0.002), (GRAVITY * 0.002, 0), atol=1e-4)
-    push = 0.2 * BASE.mur * GRAVITY * np.array([math.cos(2.0), math.sin(2.0)])
-    np.testing.assert_allclose(gain(roll, nap=0.2, nap_phi=2.0), 5 / 7 * push, atol=1e-4)
-    np.testing.assert_allclose(gain(slide, nap=0.2, nap_phi=2.0), push, atol=5e-4)  # the slip turns a little
-    np.testing.assert_allclose(gain(roll, drag1=0.03), (-0.03, 0), atol=1e-4)
-    np.testing.assert_allclose(gain(slide, drag1=0.03), 0, atol=1e-12)
-    np.testing.assert_allclose(gain(roll, drag2=0.03), (-0.03 * 5 / 7, 0), atol=1e-4)
-    np.testing.assert_allclose(gain(slide, drag2=0.03), (-0.03, 0), atol=1e-3)
-    np.testing.assert_allclose(gain(rolling(1.0, 40.0), swerve=0.002), (0, 0.08), atol=1e-3)
-
-
-def test_spin_shares_the_sliding_friction() -> None:
-    start = {"cue": Start((0.0, 0.0), (1.0, 0.0), (0.0, 0.0, 60.0))}
-    twist = 0.012 * 60.0
-    motion = play(BASE._replace(contensou=0.012), start, 0.005)
-    share = 1.0 / math.hypot(1.0, twist)
-    assert (1.0 - motion.velocity[-1, 0, 0]) / 0.005 == pytest.approx(BASE.mus * GRAVITY * share, rel=0.01)
-    assert (60.0 - motion.omega[-1, 0, 2]) / 0.005 == pytest.approx(22.0 * twist * share, rel=0.02)
-
-
-def test_effects_at_impacts() -> None:
-    table = Table(2.0, 2.0, pockets=False)
-    back = [
-        play(BASE._replace(ec_v=k), {"cue": Start((0.9, 0.0), (v, 0.0), (0.0, v / R, 0.0))}, 0.2, table).velocity[
-            -1, 0, 0
-        ]
-        for v in (0.9, 2.0)
-        for k in (0.0, 0.1)
-    ]
-    assert back[1] < back[0] < 0
-    assert back[2] < back[3] < 0
-    stun = {"cue": Start((0.0, 0.0), (1.0, 0.0)), "red": Start((0.1, R))}
-    plain, rough = (play(c, stun, 0.2).velocity[-1, 1] for c in (BASE, BASE._replace(mubb_b=0.1)))
-    assert math.atan2(rough[1], rough[0]) < math.atan2(plain[1], plain[0])
-
-
-def test_every_effect_changes_a_shot_and_off_is_absent() -> None:
-    table = Table(pockets=False)
-    plain = play(BASE, BUSY, 2.0, table).xy[-1]
-    for name, fields in EFFECTS.items():
-        assert set(fields) <= set(Constants._fields), name
-        on = play(BASE._replace(**{fields[0]: 0.01}), BUSY, 2.0, table).xy[-1]
-        off = play(BASE._replace(**{fields[0]: 0.0}), BUSY, 2.0, table).xy[-1]
-        assert np.max(np.abs(on - plain)) > 1e-4, name
-        np.testing.assert_array_equal(off, plain)
 
 
 def test_the_generator_shares_no_code_with_what_it_tests() -> None:

@@ -3,7 +3,8 @@
 `collide_balls`: Mathavan, Jackson, Parkin 2014 (models/analytic/impulse.py). `frictional`: with v_z free and no cloth
 the slip s = v_i - v_j + R (omega_i + omega_j) x n keeps its direction, so J_n = M (1 + e) v_n / 2 and
 J_t = min(mu J_n, M |s| / 7) against s (Alciatore TP A.14). mu is a number, or the law mu(s) = a + b exp(-c s) that
-Alciatore fitted to Marlow's pool balls, taken before the impact. `no_spin`: normal velocities alone. All leave out that
+Alciatore fitted to Marlow's pool balls: of the slip of the moment in the impulse model, of the slip before the impact
+in the closed form, as he has it. `no_spin`: normal velocities alone. All leave out that
 the line of centres turns.
 """
 
@@ -64,14 +65,17 @@ def collide_balls(
     """Velocities (2,) [m/s] and spins (3,) [rad/s] of both balls after an impact; `normal` (2,) points from 1 to 2."""
     n = _unit(normal)
     turn = np.array([[n[0], n[1]], [-n[1], n[0]]])
-    mu = _friction(friction, contact_slip(v1, w1, v2, w2, normal, ball.radius))
+    mu, gain, decay = (
+        (friction.a, friction.b, friction.c) if isinstance(friction, SpeedFriction) else (friction, 0.0, 0.0)
+    )
     state = np.empty(10)
     for k, (v, w) in enumerate(((v1, w1), (v2, w2))):
         spin = np.asarray(w, float)
         state[5 * k : 5 * k + 2] = turn @ np.asarray(v, float)[:2]
         state[5 * k + 2 : 5 * k + 4] = turn @ spin[:2]
         state[5 * k + 4] = spin[2]
-    collide(False, state, float(restitution), (mu, float(cloth), ball.mass, ball.radius), steps)
+    law = (float(mu), float(cloth), ball.mass, ball.radius)
+    collide(False, state, float(restitution), law, steps, float(gain), float(decay))
     out = [
         np.concatenate([turn.T @ state[5 * k : 5 * k + 2], turn.T @ state[5 * k + 2 : 5 * k + 4], [state[5 * k + 4]]])
         for k in range(2)

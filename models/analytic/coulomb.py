@@ -2,7 +2,7 @@
 
 With impulses over mass and spins as R omega, F and G the friction impulses at the contact and at the cloth,
 
-    d(slip at the contact) = (0, ds) dP + (a1, a2) F + (b1, b2) G        |F| <= mu,   F against the slip
+    d(slip at the contact) = (0, ds) dP + (a1, a2) F + (b1, b2) G        |F| <= mu(slip),   F against the slip
     d(slip at the cloth)   = (0, dc) dP + (b1, b2) F + 7/2 G             |G| <= mu_cloth N,  N = max(0, p0 + p1 F2)
     d(approach)            = (du + uf F2 + ug G2) dP
 
@@ -11,7 +11,9 @@ holds it at zero, or lets it leave in the one direction that friction allows. St
 so does the result, but where a slip begins or ceases to stick.
 
 (Mathavan, Jackson, Parkin 2010 and 2014, made of one form.) Compression ends where the approach speed is zero,
-restitution where the work given back is e^2 times the work done. Leaves out friction that depends on speed.
+restitution where the work given back is e^2 times the work done. Friction at the contact follows its slip s of the
+moment, mu(s) = a + b exp(-c s), never below 0 (the form that Alciatore, TP A.14, fitted to Marlow's figures); a slip
+that sticks is held by mu(0). Leaves out friction of the cloth that depends on speed.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from numba import njit
 STEPS = 4  # of a whole impact, where no slip turns
 TURNING = 3e-8  # tolerance of the turning of a slip in a step, over approach speed; fits differentiate what comes out
 CLOSER = 0.8  # of the way to the end of a slip, at most, in a step
+FADING = 0.25  # of the slip over which friction falls by e, at most, in a step
 STABLE = 2.0  # turns of that kind in a step, at most
 SNAP = 1e-6  # slip times friction over approach speed that ends at once where friction can hold it
 STILL = 2e-8  # slip times friction over approach speed that is none
@@ -31,6 +34,13 @@ BED = 3.5  # slip of a ball's lowest point per impulse there
 MANY = 4000  # steps, against endless loops
 ALIGNED = 1e-10  # sine between a slip and its rate that is rounding
 SLIP, STICK = 0, 1
+
+
+@njit(cache=True, error_model="numpy")
+def friction_at(mu, slip):  # type: ignore[no-untyped-def]
+    """Friction a + b exp(-c slip) of a law mu = (a, b, c); a itself, to the last bit, where b is 0."""
+    a, b, c = mu
+    return a if b == 0.0 else max(a + b * math.exp(-c * slip), 0.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -49,7 +59,7 @@ def _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def
         press = cloth * max(0.0, p0 + p1 * f2)
         return b1 * press * x / a1, f2, -press * x, -press * y
     size = math.sqrt(s1 * s1 + s2 * s2)
-    over = -mu / size if size > 0.0 else 0.0
+    over = -friction_at(mu, size) / size if size > 0.0 else 0.0
     f1, f2 = s1 * over, s2 * over
     if mc == STICK:
         return f1, f2, -b1 * f1 / BED, -(dc + b2 * f2) / BED
@@ -62,6 +72,9 @@ def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ign
     """Which slips at rest stick, and in which direction the others leave: (ms, mc, s1, s2, c1, c2)."""
     ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
     x, y = still_s or ms == STICK, still_c or mc == STICK
+    hold = friction_at(mu, 0.0)
+    if x:
+        mu = (hold, 0.0, 0.0)  # directions in place of slips: what leaves does so at the friction of no slip
     for choice in range(4):
         ms = STICK if x and choice in (0, 1) else SLIP
         mc = STICK if y and choice in (0, 2) else SLIP
@@ -79,8 +92,8 @@ def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ign
                 change = 0.0
                 if x and ms == SLIP:
                     size = math.sqrt(p * p + q * q)
-                    hold = mu * max(a1, a2) / size if size > 0.0 else 0.0
-                    n1, n2 = a1 * f1 + b1 * g1 + hold * p, ds + a2 * f2 + b2 * g2 + hold * q
+                    grip = hold * max(a1, a2) / size if size > 0.0 else 0.0
+                    n1, n2 = a1 * f1 + b1 * g1 + grip * p, ds + a2 * f2 + b2 * g2 + grip * q
                     size = math.sqrt(n1 * n1 + n2 * n2)
                     if size > 0.0:
                         n1, n2 = n1 / size, n2 / size
@@ -89,8 +102,8 @@ def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ign
                 if y and mc == SLIP:
                     size = math.sqrt(u * u + v * v)
                     press = cloth * max(0.0, p0 + p1 * f2)
-                    hold = BED * press / size if size > 0.0 else 0.0
-                    n1, n2 = b1 * f1 + BED * g1 + hold * u, dc + b2 * f2 + BED * g2 + hold * v
+                    grip = BED * press / size if size > 0.0 else 0.0
+                    n1, n2 = b1 * f1 + BED * g1 + grip * u, dc + b2 * f2 + BED * g2 + grip * v
                     size = math.sqrt(n1 * n1 + n2 * n2)
                     if size > 0.0:
                         n1, n2 = n1 / size, n2 / size
@@ -100,7 +113,7 @@ def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ign
                     break
         f1, f2, g1, g2 = _rates(p, q, u, v, ms, mc, mu, cloth, k)
         press = cloth * max(0.0, p0 + p1 * f2)
-        over = (ms == STICK and f1 * f1 + f2 * f2 > mu * mu) or (mc == STICK and g1 * g1 + g2 * g2 > press * press)
+        over = (ms == STICK and f1 * f1 + f2 * f2 > hold * hold) or (mc == STICK and g1 * g1 + g2 * g2 > press * press)
         if not over or choice == 3:
             return ms, mc, p, q, u, v
     return SLIP, SLIP, s1, s2, c1, c2
@@ -146,10 +159,19 @@ def _reach(x, y, dx, dy, weight, grip, fine):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def _fade(size, rate, rub, hold, grip, mu):  # type: ignore[no-untyped-def]
+    """How far a slip may go in a step before its friction changes too much."""
+    steep = mu[2] * max(rate, grip * abs(rub - mu[0]))
+    h = FADING / steep if steep > 0.0 else np.inf
+    # Friction that grows as the slip ends may end it sooner than the present rate says.
+    return min(h, CLOSER * size / (rate + grip * (hold - rub))) if hold > rub else h
+
+
+@njit(cache=True, error_model="numpy")
 def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-untyped-def]
-    """Impulses over mass of a whole impact: (P, F1, F2, G1, G2)."""
+    """Impulses over mass of a whole impact: (P, F1, F2, G1, G2); mu = (a, b, c) as in `friction_at`."""
     ds, dc, a1, a2, b1, b2, p0, p1, du, uf, ug = k
-    start = u
+    start, hold = u, friction_at(mu, 0.0)
     longest = (1.0 + e) * u / (-du * steps)
     fine = TURNING * start * (STEPS / steps) ** 4
     total = i1 = i2 = j1 = j2 = work = 0.0
@@ -162,10 +184,11 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
         r1, r2 = a1 * f1 + b1 * g1, ds + a2 * f2 + b2 * g2
         q1, q2 = b1 * f1 + BED * g1, dc + b2 * f2 + BED * g2
         size_s, size_c = math.sqrt(s1 * s1 + s2 * s2), math.sqrt(c1 * c1 + c2 * c2)
-        if ms == SLIP and mu * size_s < SNAP * start:
+        rub = friction_at(mu, size_s)
+        if ms == SLIP and rub * size_s < SNAP * start:
             f1, f2, g1, g2 = _rates(s1, s2, c1, c2, STICK, mc, mu, cloth, k)
             press = cloth * max(0.0, p0 + p1 * f2)
-            if f1 * f1 + f2 * f2 < mu * mu and (mc == SLIP or g1 * g1 + g2 * g2 < press * press):
+            if f1 * f1 + f2 * f2 < hold * hold and (mc == SLIP or g1 * g1 + g2 * g2 < press * press):
                 # What is left of the slip is stopped at once: the impulse that takes is known, its course matters not.
                 f1, f2 = -s1 / a1, -s2 / a2
                 i1, i2 = i1 + f1, i2 + f2
@@ -176,9 +199,9 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
                 continue
             f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
             press = cloth * max(0.0, p0 + p1 * f2)
-        still_s = ms == SLIP and mu * size_s < none and s1 * r1 + s2 * r2 <= 0.0
+        still_s = ms == SLIP and rub * size_s < none and s1 * r1 + s2 * r2 <= 0.0
         still_c = mc == SLIP and press * size_c < none and c1 * q1 + c2 * q2 <= 0.0
-        over = (ms == STICK and f1 * f1 + f2 * f2 > mu * mu * (1.0 + 1e-12)) or (
+        over = (ms == STICK and f1 * f1 + f2 * f2 > hold * hold * (1.0 + 1e-12)) or (
             mc == STICK and g1 * g1 + g2 * g2 > press * press * (1.0 + 1e-12)
         )
         if still_s or still_c or over:
@@ -199,7 +222,9 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
             q1, q2 = b1 * f1 + BED * g1, dc + b2 * f2 + BED * g2
         h = longest
         if ms == SLIP:
-            h = min(h, _reach(s1, s2, r1, r2, mu, a1, fine))
+            h = min(h, _reach(s1, s2, r1, r2, rub, a1, fine))
+            if mu[1] != 0.0:
+                h = min(h, _fade(size_s, math.sqrt(r1 * r1 + r2 * r2), rub, hold, a1, mu))
         if mc == SLIP:
             h = min(h, _reach(c1, c2, q1, q2, press, BED, fine))
         h = max(h, 1e-9 * longest)
@@ -264,6 +289,7 @@ def _top(u, after, gain, h):  # type: ignore[no-untyped-def]
 def _held(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, first, mu, cloth, k):  # type: ignore[no-untyped-def]
     """The part of a step h during which what sticks does so; all of it, usually."""
     ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
+    hold = friction_at(mu, 0.0)
     low, high, x = 0.0, h, h
     for _ in range(50):
         if x < h:
@@ -274,7 +300,7 @@ def _held(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, first, mu, cloth, k):  # ty
         press = cloth * max(0.0, p0 + p1 * f2)
         # A little beyond, so that the end is seen as such.
         limit = 1.0 + 1e-10
-        if (ms == STICK and f1 * f1 + f2 * f2 > limit * mu * mu) or (
+        if (ms == STICK and f1 * f1 + f2 * f2 > limit * hold * hold) or (
             mc == STICK and g1 * g1 + g2 * g2 > limit * press * press
         ):
             high = x

@@ -3,8 +3,8 @@
 Ball-ball: Mathavan, Jackson, Parkin 2014, the cloth pushing back only on the ball that is pressed down. Ball-cushion:
 the same authors 2010, nose above the centre, friction at nose and cloth. Restitution ends where the work given back is
 e^2 times the work of compression, which ends where the approach speed is zero. The cloth's slip is that of the LOWEST
-point of a ball, v + w x (-R z). Leaves out that the line of centres turns during contact, and vertical motion
-(v_z = 0).
+point of a ball, v + w x (-R z). Two balls may differ in mass, their inertia 2/5 m R^2 with it. Leaves out that the
+line of centres turns during contact, and vertical motion (v_z = 0).
 
 Both impacts are one ordinary differential equation (models/analytic/coulomb.py). It takes fourth-order steps whose
 length follows how fast a slip turns, comes to rest on a slip that ends, and then holds it at zero, or lets it leave in
@@ -28,12 +28,18 @@ Array = NDArray[np.float64]
 
 
 @njit(cache=True, error_model="numpy")
-def collide(cushion: bool, state: Array, e: float, law: tuple[float, float, float, float], steps: int = STEPS) -> None:
+def collide(
+    cushion: bool, state: Array, e: float, law: tuple[float, float, float, float], steps: int = STEPS,
+    gain: float = 0.0, decay: float = 0.0, ratio: float = 1.0,
+) -> None:  # fmt: skip
     """Carry a state (5 for a cushion, 10 for two balls) through an impact, in place.
 
     `law`: friction of the contact, friction of the cloth, mass [kg], radius [m]. `steps`: of a whole impact, at least.
+    `gain` [1], `decay` [s/m]: friction of the contact is more by gain exp(-decay slip), at the slip of the moment.
+    `ratio`: mass of the first ball over that of the second, the inertia with it; a cushion does not know it.
     """
-    mu, cloth, _, r = law
+    friction, cloth, _, r = law
+    mu = (friction, 1.0 * gain, 1.0 * decay)
     if cushion:
         if state[1] <= 0.0:
             return
@@ -57,16 +63,19 @@ def collide(cushion: bool, state: Array, e: float, law: tuple[float, float, floa
     s1, s2 = state[1] - state[6] + r * (state[4] + state[9]), -r * (state[3] + state[8])
     o, sign = (0, 1.0) if s2 > 0.0 else (5, -1.0)
     # The cloth's slip is taken along b first, as that between the balls.
-    pair = (0.0, -sign, 7.0, 5.0, sign, 2.5, 0.0, -sign, -2.0, 0.0, sign)
+    # Impulses are over the mass of the pressed ball; the other moves by `far` of them.
+    far = 1.0 * ratio if sign > 0.0 else 1.0 / ratio
+    both = 1.0 + far
+    pair = (0.0, -sign, 3.5 * both, 2.5 * both, sign, 2.5, 0.0, -sign, -both, 0.0, sign)
     c1, c2 = state[o + 1] + r * state[o + 2], state[o] - r * state[o + 3]
     p, f1, f2, g1, g2 = integrate(s1, s2, c1, c2, u, e, mu, cloth, pair, steps)
-    state[0] -= p
-    state[1] += f1
-    state[5] += p
-    state[6] -= f1
     for n in range(2):
-        state[5 * n + 3] -= 2.5 * f2 / r
-        state[5 * n + 4] += 2.5 * f1 / r
+        part = 1.0 if 5 * n == o else far
+        turn = 1.0 - 2.0 * n
+        state[5 * n] -= turn * part * p
+        state[5 * n + 1] += turn * part * f1
+        state[5 * n + 3] -= 2.5 * part * f2 / r
+        state[5 * n + 4] += 2.5 * part * f1 / r
     state[o] += g2
     state[o + 1] += g1
     state[o + 2] += 2.5 * g1 / r
@@ -76,11 +85,12 @@ def collide(cushion: bool, state: Array, e: float, law: tuple[float, float, floa
 @njit(cache=True)
 def collide_rows(
     cushion: bool, hit: NDArray[np.int64], p: Array, v: Array, w: Array, e: Array, mu: Array, cloth: Array,
-    m: float, r: float,
+    m: float, r: float, gain: Array | None = None, decay: Array | None = None, ratio: Array | None = None,
 ) -> None:  # fmt: skip
     """Carry the balls of every simulation through its impact, in place.
 
     `hit` (n, 3): kind, ball, and other ball or rail (+x, -x, +y, -y); p, v, w (n, nball, 3); e, mu, cloth (n,).
+    gain, decay, ratio (n,), as in `collide`.
     """
     state = np.zeros(5 if cushion else 10)
     for k in range(hit.shape[0]):
@@ -102,7 +112,10 @@ def collide_rows(
             state[o + 2] = w[k, b, 0] * ax + w[k, b, 1] * ay
             state[o + 3] = w[k, b, 0] * bx + w[k, b, 1] * by
             state[o + 4] = w[k, b, 2]
-        collide(cushion, state, e[k], (mu[k], cloth[k], m, r))
+        more = 0.0 if gain is None else gain[k]
+        fade = 0.0 if decay is None else decay[k]
+        heavier = 1.0 if ratio is None else ratio[k]
+        collide(cushion, state, e[k], (mu[k], cloth[k], m, r), STEPS, more, fade, heavier)
         for n in range(1 if cushion else 2):
             b = i if n == 0 else j
             o = 5 * n

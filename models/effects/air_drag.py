@@ -12,9 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.effect import STILL, Array, Balls, Effect, column, param
-
-STEP = 0.2  # the middle of a step stands for all of it [s]
+from models.effect import Balls, Effect, column, param
 
 
 @dataclass(frozen=True)
@@ -32,8 +30,3 @@ class AirDrag(Effect):
         v = balls.velocity[..., :2]
         size = balls.ball.mass * column(self.rate) * np.hypot(v[..., 0], v[..., 1])
         balls.force[..., :2] -= size[..., None] * v
-
-    def horizon(self, balls: Balls) -> Array:
-        """Short steps while a ball moves: (nsim, nball) [s]."""
-        v = balls.velocity
-        return np.where(np.hypot(v[..., 0], v[..., 1]) > STILL, STEP, np.inf)

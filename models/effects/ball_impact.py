@@ -22,6 +22,7 @@ class BallImpact(Effect):
     )
     friction: float = param(0.05, off=0.0, unit="1", bounds=(0.0, 0.5), source="Mathavan 2014")
 
+    plain: ClassVar[bool] = True
     slot: ClassVar[str] = "ball_impact"
     resolves: ClassVar[str] = "ball"
 

@@ -23,6 +23,7 @@ class CushionImpact(Effect):
     )
     friction: float = param(0.14, off=0.0, unit="1", bounds=(0.0, 0.43), source="Mathavan 2010")
 
+    plain: ClassVar[bool] = True
     slot: ClassVar[str] = "cushion_impact"
     resolves: ClassVar[str] = "cushion"
 

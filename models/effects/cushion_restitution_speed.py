@@ -1,7 +1,8 @@
 """A cushion that gives back less the harder it is hit.
 
-Energetic restitution e - rate (v_n - 1 m/s), v_n the approach speed straight at the rail. Source: rebounds of a rolling
-ball, Mathavan 2009 and 2010: constant up to some 2 m/s, then 0.10 per m/s. Leaves out the knee between the two.
+Energetic restitution e - rate (v_n - 1 m/s), v_n the approach speed straight at the rail; held within 0 and 1. Source:
+rebounds of a rolling ball, Mathavan 2009 and 2010: constant up to some 2 m/s, then 0.10 per m/s. Leaves out the knee
+between the two.
 """
 
 from __future__ import annotations

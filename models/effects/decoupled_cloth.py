@@ -3,7 +3,8 @@
 Sliding: force -mu_s N u/|u|, u the slip of the lowest point. Rolling: deceleration mu_r g of the ball and mu_r g / R
 of its spin, so that it keeps rolling; what other effects push is shared by a reaction that keeps the slip at zero,
 up to mu_s N. Sidespin: deceleration alpha, whatever the rest does. Source: Robotic Billiards (2015) section IV.B,
-constants from Mathavan, Jackson, Parkin 2009. Leaves out that spin and slide share a finite contact patch (Contensou).
+constants from Mathavan, Jackson, Parkin 2009. Other effects may change the friction by factors (Balls). Leaves out
+that spin and slide share a finite contact patch (Contensou).
 """
 
 from __future__ import annotations
@@ -20,13 +21,15 @@ from models.effect import Array, Balls, Effect, param, spread
 
 STILL = 1e-8  # [m/s], below it a slip or a speed is none
 STILL_SPIN = 1e-6  # [rad/s]
+GRIP = 5e-5  # a slip that full friction ends in this time meets no less than that [s]
+NEAR = 1e-6  # part of that slip within which it is reached
 CREEP = 1e-3  # shortest step towards a stop under a push from the side [s]
 
 
 @njit(cache=True)
 def _forces(
     slide: Array, roll: Array, spin: Array, v: Array, w: Array, normal: Array, force: Array, torque: Array,
-    m: float, r: float,
+    slide_factor: Array, spin_factor: Array, m: float, r: float,
 ) -> None:  # fmt: skip
     inertia = 0.4 * m * r * r
     for s in range(v.shape[0]):
@@ -39,7 +42,11 @@ def _forces(
             gx = gy = dx = dy = 0.0
             held = False
             if slip > STILL:
-                gx, gy = -slide[s] * n * x / slip, -slide[s] * n * y / slip
+                friction = slide[s] * n
+                # A slip that dies away would never end by itself: the last of it meets the full friction.
+                if slip > 3.5 * friction / m * GRIP * (1.0 + NEAR):
+                    friction *= slide_factor[s, i]
+                gx, gy = -friction * x / slip, -friction * y / slip
             else:
                 # Without friction the slip would change at push / M + torque x R / I; 2/7 M of that holds it at zero.
                 hx = -2 / 7 * m * (fx / m - r / inertia * torque[s, i, 1])
@@ -60,11 +67,14 @@ def _forces(
                 torque[s, i, 0] += r * gy + inertia / (m * r) * dy
                 torque[s, i, 1] -= r * gx + inertia / (m * r) * dx
             if abs(w[s, i, 2]) > STILL_SPIN and n > 0.0:
-                torque[s, i, 2] -= inertia * math.copysign(spin[s], w[s, i, 2])
+                torque[s, i, 2] -= inertia * math.copysign(spin[s] * spin_factor[s, i], w[s, i, 2])
 
 
 @njit(cache=True)
-def _horizon(v: Array, w: Array, force: Array, torque: Array, m: float, r: float) -> Array:
+def _horizon(
+    v: Array, w: Array, force: Array, torque: Array, slide: Array, slide_factor: Array, normal: Array, m: float,
+    r: float,
+) -> Array:  # fmt: skip
     inertia = 0.4 * m * r * r
     out = np.full(v.shape[:2], np.inf)
     for s in range(v.shape[0]):
@@ -79,6 +89,11 @@ def _horizon(v: Array, w: Array, force: Array, torque: Array, m: float, r: float
             closing, size = -(x * ax + y * ay), x * x + y * y
             if size > STILL**2 and closing > 0.0:
                 out[s, i] = size / closing
+                if sliding and slide_factor[s, i] != 1.0:
+                    slip = math.sqrt(size)
+                    over = slip - 3.5 * slide[s] * normal[s, i] / m * GRIP
+                    if over > NEAR * slip:
+                        out[s, i] = over * slip / closing
                 # A rolling ball pushed across its way never comes to an exact stop: steps do not shrink without end.
                 if not sliding and abs(x * ay - y * ax) > 1e-6 * closing:
                     out[s, i] = max(out[s, i], CREEP)
@@ -100,6 +115,7 @@ class DecoupledCloth(Effect):
         22.0, off=0.0, unit="rad/s^2", bounds=(1.0, 80.0), source="Robotic Billiards (2015), sidespin deceleration"
     )
 
+    plain: ClassVar[bool] = True
     slot: ClassVar[str] = "cloth"
     last: ClassVar[bool] = True
 
@@ -113,9 +129,13 @@ class DecoupledCloth(Effect):
         """Friction force and torque of each regime."""
         _forces(
             *(spread(k, len(balls.normal)) for k in (self.slide, self.roll, self.spin)),
-            balls.velocity, balls.spin, balls.normal, balls.force, balls.torque, balls.ball.mass, balls.ball.radius,
+            balls.velocity, balls.spin, balls.normal, balls.force, balls.torque,
+            balls.slide_factor, balls.spin_factor, balls.ball.mass, balls.ball.radius,
         )  # fmt: skip
 
     def horizon(self, balls: Balls) -> Array:
         """Time to the next switch: end of slide, of roll, of sidespin: (nsim, nball) [s]."""
-        return _horizon(balls.velocity, balls.spin, balls.force, balls.torque, balls.ball.mass, balls.ball.radius)
+        return _horizon(
+            balls.velocity, balls.spin, balls.force, balls.torque, spread(self.slide, len(balls.normal)),
+            balls.slide_factor, balls.normal, balls.ball.mass, balls.ball.radius,
+        )  # fmt: skip

@@ -13,9 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.effect import Array, Balls, Effect, column, param
-
-STEP = 0.2  # sidespin and heading change little in this time [s]
+from models.effect import Balls, Effect, column, param
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,3 @@ class SideCurve(Effect):
         speed = np.where(rolling, np.hypot(v[..., 0], v[..., 1]), 1.0)
         size = np.where(rolling, column(self.rate) * balls.spin[..., 2], 0.0) / speed
         balls.push_rolling(size[..., None] * np.stack([-v[..., 1], v[..., 0]], axis=-1))
-
-    def horizon(self, balls: Balls) -> Array:
-        """Short steps while a spinning ball rolls: (nsim, nball) [s]."""
-        return np.where(balls.rolling & (np.abs(balls.spin[..., 2]) > 1e-3), STEP, np.inf)

@@ -12,9 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.effect import Array, Balls, Effect, column, param
-
-STEP = 0.3  # the middle of a step is then right to 0.05 mm over ten metres [s]
+from models.effect import Balls, Effect, column, param
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,3 @@ class SpeedDrag(Effect):
         """Drag and its torque on rolling balls."""
         drag = np.where(balls.rolling, column(self.rate), 0.0)[..., None] * balls.velocity[..., :2]
         balls.push_rolling(-drag)
-
-    def horizon(self, balls: Balls) -> Array:
-        """Short steps while a ball rolls: (nsim, nball) [s]."""
-        return np.where(balls.rolling, STEP, np.inf)

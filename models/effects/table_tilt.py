@@ -1,8 +1,9 @@
 """A table that is not level: gravity pulls every ball downhill, g slope.
 
 Force M g slope along x and y, through the centre: a sliding ball gets g slope, a rolling one 5/7 of it, as the cloth
-turns it along. A resting ball stays until the slope exceeds the rolling friction. Source: Newton; fitters aim at 0.4 mm
-in a metre, players notice some 1.7 (AzBilliards). Leaves out that gravity presses a little less on a slope.
+turns it along; so does a flying one. A resting ball stays until the slope exceeds the rolling friction. Source: Newton;
+fitters aim at 0.4 mm in a metre, players notice some 1.7 (AzBilliards). Leaves out that gravity presses a little less
+on a slope.
 """
 
 from __future__ import annotations
@@ -10,12 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from models.effect import Array, Balls, Effect, column, param
+from models.effect import Balls, Effect, column, param
 from models.shot import GRAVITY
-
-STEP = 0.1  # a rolling ball's heading, and with it the way of its friction, turns little in this time [s]
 
 
 @dataclass(frozen=True)
@@ -30,11 +27,7 @@ class TableTilt(Effect):
     varies: ClassVar[bool] = True
 
     def forces(self, balls: Balls) -> None:
-        """The pull downhill on every ball that lies on the cloth."""
-        weight = balls.ball.mass * GRAVITY * (balls.normal > 0)
+        """The pull downhill on every ball that is on the table."""
+        weight = balls.ball.mass * GRAVITY * balls.alive
         balls.force[..., 0] += weight * column(self.slope_x)
         balls.force[..., 1] += weight * column(self.slope_y)
-
-    def horizon(self, balls: Balls) -> Array:
-        """Short steps while a ball rolls: (nsim, nball) [s]."""
-        return np.where(balls.rolling, STEP, np.inf)

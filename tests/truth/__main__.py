@@ -10,14 +10,20 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.truth.cloth import EFFECTS, Constants
-from tests.truth.physics import Table
-from tests.truth.shots import KINDS, NoShot, play
-from tests.truth.write import Camera, Refused, write
+from tests.truth.camera import Camera
+from tests.truth.cloth import Constants
+from tests.truth.effects import EFFECTS, HIDDEN, STRUCTURES
+from tests.truth.physics import MOST_GRIP, Table
+from tests.truth.shots import KINDS, NoShot, clip_constants, play
+from tests.truth.write import Refused, write
 
 JITTER = {"mus": 0.06, "mur": 0.06, "spin": 0.06, "ebb": 0.02, "mubb": 0.1, "ec": 0.02, "muc": 0.08}
-UPPER = {"ebb": 1.0, "ec": 1.0, "muc": 0.43, "nap": 1.0}  # above muc 0.436 a ball would climb the cushion
-SIGNED = {"tilt_x", "tilt_y", "nap_phi", "swerve", "ec_v", "mubb_b"}
+LOWER = {"clock": 0.5, "cue_mass": 0.1, "slow_v": 1e-3, "patch": -0.99, "wear": -0.99, "cling": -1.0, "slow": -0.99}
+UPPER = {"ebb": 1.0, "ec": 1.0, "muc": MOST_GRIP, "nap": 1.0, "clock": 2.0, "cue_mass": 10.0}
+UPPER |= {"dead_rail": 3.0, "cling_share": 1.0, "hop": 1.0, "image_scale": 0.5}
+SIGNED = {"tilt_x", "tilt_y", "nap_phi", "swerve", "ec_v", "mubb_b", "mus_v", "spin_v", "muc_v", "ebb_v", "off_centre"}
+SIGNED |= {"squirt", "lens", "camera_tilt", "image_scale", "shutter", "patch_x", "patch_y", "dead", "crown", "ripple"}
+SIGNED |= {"ends", "shake"}
 EXAMPLE_SEED = 20140
 EXAMPLE = (
     *("stun", "roll", "draw", "follow", "side", "side", "swerve", "spin"),
@@ -68,7 +74,7 @@ def constants(args: argparse.Namespace) -> Constants:
     values: dict[str, float] = {}
     for text in args.effect:
         name, numbers = _numbers(text, "--effect")
-        fields = EFFECTS[pick(name, tuple(EFFECTS), "effect")]
+        fields = HIDDEN[pick(name, tuple(HIDDEN), "effect")]
         if len(numbers) > len(fields):
             raise BadInput(f"--effect {text!r}: takes at most {len(fields)}: {', '.join(fields)}")
         values.update(zip(fields, numbers, strict=False))
@@ -79,9 +85,11 @@ def constants(args: argparse.Namespace) -> Constants:
             raise BadInput(f"--constant {text!r}: takes one value")
         values[name] = numbers[0]
     for name, value in values.items():
-        low, high = (-np.inf if name in SIGNED else 0.0), UPPER.get(name, np.inf)
+        low, high = (-np.inf if name in SIGNED else LOWER.get(name, 0.0)), UPPER.get(name, np.inf)
         if not low <= value <= high:
             raise BadInput(f"{name}={value:g}: expected {low:g} to {high:g}")
+        if name == "dead_rail" and value != round(value):
+            raise BadInput(f"dead_rail={value:g}: expected 0, 1, 2 or 3: +x, -x, +y, -y")
     return c._replace(**values)
 
 
@@ -92,10 +100,15 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--clips", type=int, default=30, metavar="M")
     p.add_argument("--kind", action="append", default=[], metavar="KIND", help=f"repeatable; all of {', '.join(KINDS)}")
-    p.add_argument("--effect", action="append", default=[], metavar="NAME=VALUE[,VALUE]", help=", ".join(EFFECTS))
+    form = "NAME=VALUE[,VALUE]"
+    p.add_argument("--effect", action="append", default=[], metavar=form, help=", ".join(EFFECTS))
+    outside = f"the same, for what no catalogue names: {', '.join(STRUCTURES)}"
+    p.add_argument("--hidden", action="append", dest="effect", metavar=form, help=outside)
     p.add_argument("--constant", action="append", default=[], metavar="NAME=VALUE", help="e.g. mus=0.2")
     p.add_argument("--no-jitter", action="store_true", help="keep the default constants as they are")
     p.add_argument("--open", action="store_true", help="one-ball shots that need no cushion touch none while filmed")
+    p.add_argument("--marked", action="store_true", help="the struck ball's turned angle is seen in every clip")
+    p.add_argument("--no-sigma", action="store_true", help="leave the noise out of clips.toml")
     p.add_argument("--no-cue", action="store_true", help="leave out what was commanded")
     p.add_argument("--no-pockets", action="store_true")
     p.add_argument("--seconds", type=float, default=4.0, help="filmed at most [s]")
@@ -107,6 +120,7 @@ def parser() -> argparse.ArgumentParser:
         ("fps", Camera.fps, "1/s"),
         ("sigma", Camera.sigma, "m"),
         ("missing", Camera.missing, "fraction of the frames"),
+        ("outliers", Camera.outliers, "fraction of the samples, displaced by some cm"),
     ):
         p.add_argument(f"--{name}", type=float, default=value, help=f"[{unit}], default {value:g}")
     p.add_argument("--force", action="store_true", help="replace the clip set that is there")
@@ -126,16 +140,20 @@ def make(args: argparse.Namespace) -> Path:
         ("width", 16 * c.radius, 100.0),
         ("sigma", 0.0, 0.1),
         ("missing", 0.0, 0.9),
+        ("outliers", 0.0, 0.5),
     ):
         value = getattr(args, name)
         if not low <= value <= high:
             raise BadInput(f"--{name} {value:g}: expected {low:g} to {high:g}")
     table = Table(args.length, args.width, not args.no_pockets)
-    camera = Camera(args.fps, args.sigma, missing=args.missing)
+    camera = Camera(
+        args.fps, args.sigma, marked=args.marked, missing=args.missing, outliers=args.outliers, told=not args.no_sigma
+    )
     shots = []
     for k in range(1, args.clips + 1):
         rng = np.random.default_rng([args.seed, k])
-        shots.append(play(kinds[(k - 1) % len(kinds)], rng, table, c, args.seconds, args.fps, args.open))
+        of_clip = clip_constants(c, args.seed, k, args.clips)
+        shots.append(play(kinds[(k - 1) % len(kinds)], rng, table, of_clip, args.seconds, args.fps, args.open))
     return write(args.out, shots, table, c, camera, args.seed, not args.no_cue, args.force)
 
 

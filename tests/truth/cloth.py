@@ -7,7 +7,7 @@ With the slip of the ball's lowest point u = v + omega x (-R z^), sliding obeys
 and rolling (u = 0) obeys dv/dt = -mu_r g v^ + (5/7)(push - air). Sidespin falls at a constant rate in every state.
 Source: Newton-Euler of a solid sphere; Marlow, The Physics of Pocket Billiards (1995). The two changes of state
 (slide to roll, roll to rest) are landed on inside a step, so that the result converges as the step shrinks.
-Left out: hops, and the cloth's own deformation.
+A ball that the cue made hop flies first. Left out: hops otherwise, and the cloth's own deformation.
 
 Everything numba compiles from this file is called from Python only, never from another file's compiled code: numba's
 cache looks at the date of the calling file alone and would keep an outdated copy.
@@ -21,12 +21,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tests.truth.effects import EFFECTS as EFFECTS
+
 Array = NDArray[np.float64]
 Modes = NDArray[np.int64]
 Due = tuple[float, int, int, int]  # time used [s]; what is due, and for whom, as `_touched` says
 
 GRAVITY: Final = 9.81  # [m/s^2]
-X, Y, VX, VY, WX, WY, WZ, THETA, WIDTH = range(9)  # columns of a ball's state: [m], [m/s], [rad/s], [rad]
+# Columns of a ball's state: [m], [m/s], [rad/s], [rad]; angle rolled [rad], time left off the cloth [s], 1 if struck.
+X, Y, VX, VY, WX, WY, WZ, THETA, ROLLED, AIR, STRUCK, WIDTH = range(12)
 REST, SLIDE, ROLL, POTTED = range(4)
 NOTHING, BALL, CUSHION = range(3)  # what ended an advance
 TOUCH_SPEED: Final = 1e-3  # slower approaches are resting contacts, not impacts [m/s]
@@ -34,10 +37,9 @@ CREEP: Final = 5e-5  # a sliding ball rolls once full friction would end its sli
 
 
 class Constants(NamedTuple):
-    """The table's constants, and the hidden effects at the value where each vanishes.
+    """The table's constants, and those of the hidden effects at the value where each vanishes; names in `effects.py`.
 
-    A new effect: a field here, its name in `EFFECTS`, and its term: on the cloth in `_push`, `_slide_rates` or
-    `_roll_rates`, at impacts in `physics.py`.
+    Those of the camera and of what differs between clips are here too, so that one value says all of a clip set.
     """
 
     radius: float = 0.02625  # [m]
@@ -61,26 +63,72 @@ class Constants(NamedTuple):
     mubb_b: float = 0.0  # mubb gains mubb_b*exp(-mubb_c*slip) [1]
     mubb_c: float = 1.088  # [s/m] (Alciatore's fit to Marlow)
 
-
-EFFECTS: Final[dict[str, tuple[str, ...]]] = {
-    "table_tilt": ("tilt_x", "tilt_y"),
-    "cloth_nap": ("nap", "nap_phi"),
-    "speed_drag": ("drag1",),
-    "air_drag": ("drag2",),
-    "spin_slide_coupling": ("contensou",),
-    "side_curve": ("swerve",),
-    "cushion_restitution_speed": ("ec_v",),
-    "ball_friction_speed": ("mubb_b", "mubb_c"),
-}
+    mus_v: float = 0.0  # mus falls by this share per slip speed above 1 m/s, never below 5 % of itself [s/m]
+    spin_v: float = 0.0  # the sidespin's deceleration grows by this share per speed [s/m]
+    muc_v: float = 0.0  # fall of muc per approach speed above 1 m/s [s/m]
+    ebb_v: float = 0.0  # fall of ebb per approach speed above 1 m/s [s/m]
+    cue_mass: float = 1.0  # mass and inertia of the struck ball over those of the others [1]
+    off_centre: float = 0.0  # lateral acceleration over g of the rolling struck ball, times the sine of its turn [1]
+    hop: float = 0.0  # the struck ball leaves the cloth for this time per speed of the strike [s^2/m]
+    squirt: float = 0.0  # turn of the struck ball's path to the left per contact point to the right [rad/m]
+    clock: float = 1.0  # time stamps over true times [1]
+    lens: float = 0.0  # image shrinks by lens r^2 at distance r from the table's centre [1/m^2]
+    camera_tilt: float = 0.0  # image is divided by 1 + k x + k/2 y [1/m]
+    image_scale: float = 0.0  # image is larger by this share [1]
+    shutter: float = 0.0  # a row is read later by this time per y [s/m]
+    patch: float = 0.0  # share by which rolling and sliding friction is higher on a worn patch [1]
+    patch_x: float = 0.4  # its centre [m]
+    patch_y: float = -0.2  # [m]
+    patch_r: float = 0.35  # its radius [m]
+    dead: float = 0.0  # restitution that one cushion lacks [1]
+    dead_rail: float = 2.0  # which: 0 to 3 are +x, -x, +y, -y
+    crown: float = 0.0  # slope away from the table's centre per distance from it [rad/m]
+    ripple: float = 0.0  # mur times 1 + ripple cos(2 heading) [1]
+    wear: float = 0.0  # share by which mur has grown from the first clip to the last [1]
+    cling: float = 0.0  # share by which friction is higher where a ball meets the one named "red" [1]
+    cling_share: float = 1.0  # share of the clips where it is so [1]
+    ends: float = 0.0  # restitution that a cushion lacks at its ends, falling with the square of the way there [1]
+    slow: float = 0.0  # mur times 1 + slow exp(-v / slow_v) [1]
+    slow_v: float = 0.25  # [m/s]
+    shake: float = 0.0  # amplitude of the camera's swing along x [m]
+    shake_hz: float = 1.7  # its frequency [1/s]
 
 
 @njit(cache=True)
-def _push(vx: float, vy: float, c: Constants) -> tuple[float, float]:
-    """Acceleration of a free ball by all that acts on its centre: slope, nap, air [m/s^2]."""
-    speed = np.hypot(vx, vy)
-    ax = GRAVITY * c.tilt_x + c.nap * c.mur * GRAVITY * np.cos(c.nap_phi) - c.drag2 * speed * vx
-    ay = GRAVITY * c.tilt_y + c.nap * c.mur * GRAVITY * np.sin(c.nap_phi) - c.drag2 * speed * vy
+def _push(s: Array, touching: float, c: Constants) -> tuple[float, float]:
+    """Acceleration of a free ball by all that acts on its centre: slope, nap, air, crown [m/s^2].
+
+    touching is 1, or 0 for a ball off the cloth, which neither nap nor crown pushes.
+    """
+    speed = np.hypot(s[VX], s[VY])
+    nap = touching * c.nap * c.mur * GRAVITY
+    crown = touching * GRAVITY * c.crown
+    ax = GRAVITY * c.tilt_x + nap * np.cos(c.nap_phi) - c.drag2 * speed * s[VX] + crown * s[X]
+    ay = GRAVITY * c.tilt_y + nap * np.sin(c.nap_phi) - c.drag2 * speed * s[VY] + crown * s[Y]
     return ax, ay
+
+
+@njit(cache=True)
+def _worn(s: Array, c: Constants) -> float:
+    """Factor on the cloth's friction where the ball is [1]."""
+    if c.patch != 0.0 and np.hypot(s[X] - c.patch_x, s[Y] - c.patch_y) < c.patch_r:
+        return 1.0 + c.patch
+    return 1.0
+
+
+@njit(cache=True)
+def _rolling_friction(s: Array, nx: float, ny: float, c: Constants) -> float:
+    """Rolling deceleration over g where the ball is, towards the direction (nx, ny), at its speed [1]."""
+    mur = c.mur * _worn(s, c) * (1.0 + c.ripple * (nx * nx - ny * ny))
+    if c.slow != 0.0:
+        mur *= 1.0 + c.slow * np.exp(-np.hypot(s[VX], s[VY]) / c.slow_v)
+    return mur
+
+
+@njit(cache=True)
+def _spin_decay(s: Array, c: Constants) -> float:
+    """Deceleration of the sidespin [rad/s^2]."""
+    return c.spin * (1.0 + c.spin_v * np.hypot(s[VX], s[VY]))
 
 
 @njit(cache=True)
@@ -94,19 +142,20 @@ def _slide_rates(s: Array, c: Constants) -> tuple[float, float, float, float, fl
     uy = s[VY] + c.radius * s[WX]
     twist = c.contensou * s[WZ]
     total = np.sqrt(ux * ux + uy * uy + twist * twist)
-    friction = c.mus * GRAVITY / total if total > 0.0 else 0.0
+    mus = max(0.05 * c.mus, c.mus * (1.0 - c.mus_v * (np.hypot(ux, uy) - 1.0))) * _worn(s, c)
+    friction = mus * GRAVITY / total if total > 0.0 else 0.0
     fx, fy = friction * ux, friction * uy
-    decay = c.spin
+    decay = _spin_decay(s, c)
     if c.contensou > 0.0 and total > 0.0:
         decay *= abs(twist) / total
-    ax, ay = _push(s[VX], s[VY], c)
+    ax, ay = _push(s, 1.0, c)
     return ax - fx, ay - fy, -2.5 * fy / c.radius, 2.5 * fx / c.radius, decay
 
 
 @njit(cache=True)
 def _roll_rates(s: Array, c: Constants) -> tuple[float, float]:
     """Rates of (vx, vy) of a rolling ball [m/s^2]."""
-    px, py = _push(s[VX], s[VY], c)
+    px, py = _push(s, 1.0, c)
     px, py = 5.0 / 7.0 * px, 5.0 / 7.0 * py
     speed = np.hypot(s[VX], s[VY])
     # A ball at the point of leaving rest is braked against where it is pushed.
@@ -115,8 +164,8 @@ def _roll_rates(s: Array, c: Constants) -> tuple[float, float]:
     if size == 0.0:
         return 0.0, 0.0
     nx, ny = nx / size, ny / size
-    brake = c.mur * GRAVITY + c.drag1 * speed
-    side = c.swerve * s[WZ] if speed > 0.0 else 0.0
+    brake = _rolling_friction(s, nx, ny, c) * GRAVITY + c.drag1 * speed
+    side = c.swerve * s[WZ] + s[STRUCK] * GRAVITY * c.off_centre * np.sin(s[ROLLED]) if speed > 0.0 else 0.0
     return px - brake * nx - side * ny, py - brake * ny + side * nx
 
 
@@ -158,7 +207,8 @@ def _roll(s: Array, h: float, c: Constants) -> None:
     mid = s.copy()
     mid[VX] += 0.5 * h * ax
     mid[VY] += 0.5 * h * ay
-    _turn(mid, c.spin, 0.5 * h)
+    mid[ROLLED] += 0.5 * h * np.hypot(s[VX], s[VY]) / c.radius
+    _turn(mid, _spin_decay(s, c), 0.5 * h)
     ax, ay = _roll_rates(mid, c)
     s[X] += h * mid[VX]
     s[Y] += h * mid[VY]
@@ -166,7 +216,24 @@ def _roll(s: Array, h: float, c: Constants) -> None:
     s[VY] += h * ay
     s[WX] = -s[VY] / c.radius
     s[WY] = s[VX] / c.radius
-    _turn(s, c.spin, h)
+    s[ROLLED] += h * np.hypot(mid[VX], mid[VY]) / c.radius
+    _turn(s, _spin_decay(mid, c), h)
+
+
+@njit(cache=True)
+def _fly(s: Array, h: float, c: Constants) -> None:
+    """Midpoint step of a ball off the cloth: only slope and air act on it."""
+    ax, ay = _push(s, 0.0, c)
+    mid = s.copy()
+    mid[VX] += 0.5 * h * ax
+    mid[VY] += 0.5 * h * ay
+    ax, ay = _push(mid, 0.0, c)
+    s[X] += h * mid[VX]
+    s[Y] += h * mid[VY]
+    s[VX] += h * ax
+    s[VY] += h * ay
+    s[THETA] += h * s[WZ]
+    s[AIR] -= h
 
 
 @njit(cache=True)
@@ -189,7 +256,7 @@ def _time_to_stop(s: Array, c: Constants) -> float:
     speed = np.hypot(s[VX], s[VY])
     ax, ay = _roll_rates(s, c)
     if speed == 0.0:
-        px, py = _push(0.0, 0.0, c)
+        px, py = _push(s, 1.0, c)
         return 0.0 if ax * px + ay * py <= 0.0 else np.inf
     rate = (ax * s[VX] + ay * s[VY]) / speed
     return speed / -rate if rate < 0.0 else np.inf
@@ -200,7 +267,12 @@ def _move(s: Array, mode: int, h: float, c: Constants) -> int:
     """Advance one ball by h [s], changing its state where that falls; the new mode."""
     left = h
     while left > 0.0:
-        if mode == SLIDE:
+        if s[AIR] > 0.0:
+            due = s[AIR]
+            _fly(s, min(left, due), c)
+            if due <= left:
+                s[AIR] = 0.0
+        elif mode == SLIDE:
             due = _time_to_roll(s, c)
             _slide(s, min(left, due), c)
             if due <= left:
@@ -213,12 +285,14 @@ def _move(s: Array, mode: int, h: float, c: Constants) -> int:
             _roll(s, min(left, due), c)
             if due <= left:
                 s[VX], s[VY], s[WX], s[WY] = 0.0, 0.0, 0.0, 0.0
-                px, py = _push(0.0, 0.0, c)
-                if 5.0 / 7.0 * np.hypot(px, py) <= c.mur * GRAVITY:
+                px, py = _push(s, 1.0, c)
+                size = np.hypot(px, py)
+                nx, ny = (px / size, py / size) if size > 0.0 else (1.0, 0.0)
+                if 5.0 / 7.0 * size <= _rolling_friction(s, nx, ny, c) * GRAVITY:
                     mode = REST
         else:
             due = left
-            _turn(s, c.spin, left)
+            _turn(s, _spin_decay(s, c), left)
         left -= min(left, due)
     return mode
 
@@ -263,7 +337,7 @@ def _lean(s: Array, mode: Modes, reach: Array) -> None:
 def advance(s: Array, mode: Modes, c: Constants, reach: Array, duration: float, step: float) -> Due:
     """Move all balls until an impact is due or duration [s] has passed, in equal steps of at most step [s].
 
-    s: (n, 8) states and mode: (n,) change in place; reach: (2,) largest |x|, |y| of a centre [m].
+    s: (n, WIDTH) states and mode: (n,) change in place; reach: (2,) largest |x|, |y| of a centre [m].
     Returns the time used [s] and what is due as in `_touched`. The instant is bisected within its step.
     """
     kind, i, j = _touched(s, mode, c.radius, reach)

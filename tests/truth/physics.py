@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.truth.cloth import (
+    AIR,
     BALL,
     CUSHION,
     NOTHING,
@@ -19,6 +20,7 @@ from tests.truth.cloth import (
     REST,
     ROLL,
     SLIDE,
+    STRUCK,
     THETA,
     VX,
     WIDTH,
@@ -32,6 +34,8 @@ from tests.truth.impact import BALLS, INCREMENTS, NOSE, NOSE_COSINE, impact
 
 RAILS = ("+x", "-x", "+y", "-y")
 STEP = 5e-5  # [s]
+MOST_GRIP = 0.43  # above a cushion friction of 0.436 a ball would climb the nose [1]
+CLINGS = "red"  # the ball whose impacts may have more friction
 
 
 @dataclass(frozen=True)
@@ -100,22 +104,43 @@ class Motion:
     events: tuple[Event, ...]
 
 
-def strike(xy: tuple[float, float], cue: Cue, radius: float) -> Start:
+def leaves(cue: Cue, squirt: float) -> float:
+    """Where the struck ball goes: the aim turned by squirt [rad/m] per contact point to the right [rad]."""
+    return cue.azimuth + squirt * cue.side
+
+
+def strike(xy: tuple[float, float], cue: Cue, radius: float, squirt: float = 0.0) -> Start:
     """The struck ball: v = V0 f, omega = omega_S (cos(el) z^ + sin(el) f) + omega_T z^ x f.
 
-    omega_S, omega_T = 5 (side, height) V0 / (2 R^2): an impulse M V0 along the aim f, gripping at that lever.
+    omega_S, omega_T = 5 (side, height) V0 / (2 R^2): an impulse M V0 along f, gripping at that lever. f is where the
+    ball leaves to, which squirt [rad/m] turns from the aim.
     Source: Robotic Billiards (2015), equations 1a and 1b; the tilted axis from the impulse along an elevated cue.
     """
-    f = np.array([np.cos(cue.azimuth), np.sin(cue.azimuth)])
+    azimuth = leaves(cue, squirt)
+    f = np.array([np.cos(azimuth), np.sin(azimuth)])
     side, top = 2.5 * cue.speed / radius**2 * np.array([cue.side, cue.height])
     flat = side * np.sin(cue.elevation) * f + top * np.array([-f[1], f[0]])
     vx, vy = cue.speed * f
     return Start(xy, (float(vx), float(vy)), (float(flat[0]), float(flat[1]), float(side * np.cos(cue.elevation))))
 
 
-def cushion_restitution(speed: float, c: Constants) -> float:
-    """Energetic restitution at an approach speed [m/s]: e = ec - ec_v (v_n - 1), held within 0 and 1."""
-    return float(np.clip(c.ec - c.ec_v * (speed - 1.0), 0.0, 1.0))
+def cushion_restitution(speed: float, c: Constants, rail: int = -1, along: float = 0.0) -> float:
+    """Energetic restitution at an approach speed [m/s]: e = ec - ec_v (v_n - 1), held within 0 and 1.
+
+    A dead rail has less, and so has every rail towards its ends: along goes from -1 at one end to 1 at the other.
+    """
+    e = c.ec - c.ec_v * (speed - 1.0) - (c.dead if rail == c.dead_rail else 0.0) - c.ends * along**2
+    return float(np.clip(e, 0.0, 1.0))
+
+
+def cushion_friction(speed: float, c: Constants) -> float:
+    """Friction at an approach speed [m/s]: muc - muc_v (v_n - 1), at least 0 and never so high that balls climb."""
+    return float(np.clip(c.muc - c.muc_v * (speed - 1.0), 0.0, max(c.muc, MOST_GRIP)))
+
+
+def ball_restitution(speed: float, c: Constants) -> float:
+    """Energetic restitution at an approach speed [m/s]: ebb - ebb_v (v_n - 1), held within 0 and 1."""
+    return float(np.clip(c.ebb - c.ebb_v * (speed - 1.0), 0.0, 1.0))
 
 
 def _turned(rows: Array, x: float, y: float) -> Array:
@@ -124,23 +149,31 @@ def _turned(rows: Array, x: float, y: float) -> Array:
     return np.column_stack([rows[:, :2] @ turn.T, rows[:, 2:4] @ turn.T, rows[:, 4]])
 
 
-def _collide(state: Array, i: int, j: int, c: Constants, n: int) -> None:
-    """Resolve the impact of balls i and j in place."""
+def _masses(state: Array, c: Constants) -> Array:
+    """Mass of each ball: (n,) [kg]."""
+    return np.where(state[:, STRUCK] > 0.0, c.mass * c.cue_mass, c.mass)
+
+
+def _collide(state: Array, i: int, j: int, grip: float, c: Constants, n: int) -> None:
+    """Resolve the impact of balls i and j in place, with grip times their friction."""
     line = state[j, :2] - state[i, :2]
     x, y = line / np.hypot(*line)
     q = _turned(state[[i, j], VX : WZ + 1], x, y)
-    mass = np.array([c.mass, c.mass])
-    q = impact(BALLS, q, c.ebb, (c.mubb, c.mubb_b, c.mubb_c), c.mus, mass, c.radius, n)
+    e = ball_restitution(float(q[0, 0] - q[1, 0]), c)
+    mu = (c.mubb * grip, c.mubb_b * grip, c.mubb_c)
+    q = impact(BALLS, q, e, mu, c.mus, _masses(state[[i, j]], c), c.radius, n)
     state[[i, j], VX : WZ + 1] = _turned(q, x, -y)
 
 
-def _rebound(state: Array, i: int, rail: int, c: Constants, n: int) -> None:
+def _rebound(state: Array, i: int, rail: int, table: Table, c: Constants, n: int) -> None:
     """Resolve the impact of ball i on a rail in place."""
     x, y = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[rail]
     q = np.zeros((2, 5))
     q[:1] = _turned(state[[i], VX : WZ + 1], x, y)
-    e = cushion_restitution(float(q[0, 0]), c)
-    q = impact(NOSE, q, e, (c.muc, 0.0, 0.0), c.mus, np.array([c.mass, c.mass]), c.radius, n)
+    speed = float(q[0, 0])
+    along = float(state[i, 1 - rail // 2]) / ((table.width if rail < 2 else table.length) / 2)
+    e, mu = cushion_restitution(speed, c, rail, along), (cushion_friction(speed, c), 0.0, 0.0)
+    q = impact(NOSE, q, e, mu, c.mus, _masses(state[[i, i]], c), c.radius, n)
     state[[i], VX : WZ + 1] = _turned(q[:1], x, -y)
 
 
@@ -152,12 +185,17 @@ def simulate(
     step: float = STEP,
     increments: int = INCREMENTS,
 ) -> Motion:
-    """Play a shot and report it at times [s] (increasing, from 0); steps of at most step [s] between them."""
+    """Play a shot and report it at times [s] (increasing, from 0); steps of at most step [s] between them.
+
+    The first ball is the struck one, for the effects that are about it.
+    """
     c = Constants(*map(float, c))  # an int among them would compile everything again
     names = tuple(balls)
     state = np.zeros((len(names), WIDTH))
     for row, ball in zip(state, balls.values(), strict=True):
         row[:THETA] = (*ball.xy, *ball.velocity, *ball.omega)
+    state[0, STRUCK] = 1.0
+    state[0, AIR] = c.hop * np.hypot(*state[0, VX:WX])
     mode = np.where(np.any(state[:, VX:WZ] != 0.0, axis=1), SLIDE, REST).astype(np.int64)
     reach = table.reach(c.radius)
     seen = np.full((len(times), len(names), WIDTH), np.nan)
@@ -173,11 +211,12 @@ def simulate(
                 state[i, VX:THETA] = 0.0
                 events.append(Event(now, "pocket", (names[i],), RAILS[j]))
             elif kind == CUSHION:
-                _rebound(state, i, j, c, increments)
+                _rebound(state, i, j, table, c, increments)
                 mode[i] = SLIDE
                 events.append(Event(now, "cushion", (names[i],), RAILS[j]))
             elif kind == BALL:
-                _collide(state, i, j, c, increments)
+                grip = 1.0 + c.cling if CLINGS in (names[i], names[j]) else 1.0
+                _collide(state, i, j, grip, c, increments)
                 mode[[i, j]] = SLIDE
                 events.append(Event(now, "ball", (names[i], names[j])))
         on = mode != POTTED

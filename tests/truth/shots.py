@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tests.truth.camera import rolled
 from tests.truth.cloth import Constants
-from tests.truth.physics import STEP, Cue, Motion, Start, Table, simulate, strike
+from tests.truth.physics import STEP, Cue, Motion, Start, Table, leaves, simulate, strike
 
 FULL_LENGTH = 3.569  # of the table the speeds are meant for [m]
 MISCUE = 0.48  # largest distance of the contact point from the centre, in radii
@@ -69,17 +70,18 @@ class Draw:
         return Cue(v, self.between(-np.pi, np.pi), side * radius, height * radius, elevation)
 
     def scene(self, cue: Cue) -> Scene:
-        return Scene({"cue": strike(self.place(), cue, self.c.radius)}, cue)
+        return Scene({"cue": strike(self.place(), cue, self.c.radius, self.c.squirt)}, cue)
 
     def cut_scene(self, cue: Cue) -> Scene:
         """The struck ball runs 0.15 to 0.45 table widths into "red", 5 to 55 degrees off the line of centres."""
         x, y = self.place()
-        run, line = self.between(0.15, 0.45) * self.table.width, cue.azimuth + self.either(0.09, 0.96)
+        way = leaves(cue, self.c.squirt)
+        run, line = self.between(0.15, 0.45) * self.table.width, way + self.either(0.09, 0.96)
         red = (
-            x + run * float(np.cos(cue.azimuth)) + 2 * self.c.radius * float(np.cos(line)),
-            y + run * float(np.sin(cue.azimuth)) + 2 * self.c.radius * float(np.sin(line)),
+            x + run * float(np.cos(way)) + 2 * self.c.radius * float(np.cos(line)),
+            y + run * float(np.sin(way)) + 2 * self.c.radius * float(np.sin(line)),
         )
-        return Scene({"cue": strike((x, y), cue, self.c.radius), "red": Start(red)}, cue)
+        return Scene({"cue": strike((x, y), cue, self.c.radius, self.c.squirt), "red": Start(red)}, cue)
 
 
 def _side(d: Draw) -> Scene:
@@ -156,6 +158,18 @@ def _film(motion: Motion, fps: float) -> Motion:
     return replace(motion, **{name: getattr(motion, name)[:n] for name in rows})
 
 
+def clip_constants(c: Constants, seed: int, clip: int, clips: int) -> Constants:
+    """The constants of one clip, counted from 1, of a session in which some change.
+
+    Whether balls cling is drawn from a stream of its own, so that the shots are those of the session without.
+    """
+    if c.wear != 0.0:
+        c = c._replace(mur=c.mur * (1.0 + c.wear * (clip - 1) / max(1, clips - 1)))
+    if c.cling != 0.0 and np.random.default_rng([seed, clip, 2]).random() >= c.cling_share:
+        c = c._replace(cling=0.0)
+    return c
+
+
 def play(
     name: str,
     rng: np.random.Generator,
@@ -178,7 +192,7 @@ def play(
             continue
         motion = _film(simulate(table, c, scene.balls, times, step), fps)
         if _shows(kind, motion, open_cloth):
-            return Shot(name, scene, motion)
+            return Shot(name, scene, rolled(motion, table, c, scene.balls, step))
     raise NoShot(
         f"kind {name!r}: none of {ATTEMPTS} draws did what it is for within {seconds:g} s on a table of"
         f" {table.length:g} x {table.width:g} m; film longer (--seconds), or leave the kind out"

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.truth.__main__ import EXAMPLE, main, make_example
+from tests.truth.__main__ import EXAMPLE, constants, main, make_example, parser
 from tests.truth.physics import Table
 from tests.truth.shots import KINDS
+from tests.truth.sizes import NATURAL, options
+from tests.truth.write import effects_on
 
 ROOT = Path(__file__).parents[2]
 
@@ -69,6 +71,55 @@ def test_a_clip_set_of_every_kind(tmp_path: Path) -> None:
     assert 0.07 < lost / due < 0.13
 
 
+def test_options_change_nothing_but_their_own(tmp_path: Path) -> None:
+    """Outliers, marks, a noise kept back and effects at zero leave every other sample as it was."""
+    options = ["--clips", "2", "--kind", "stun,cut", "--seconds", "1", "--seed", "4"]
+    for name, more in (
+        ("plain", []),
+        ("zero", ["--effect", "clock_scale=1", "--effect", "cue_hop=0", "--hidden", "worn_patch=0"]),
+        ("marked", ["--marked"]),
+        ("quiet", ["--no-sigma"]),
+        ("far", ["--outliers", "0.1"]),
+    ):
+        assert main([str(tmp_path / name), *options, *more]) == 0
+    plain = files(tmp_path / "plain")
+    assert files(tmp_path / "zero") == plain
+    quiet = files(tmp_path / "quiet")
+    assert quiet["clips.toml"].decode() == plain["clips.toml"].decode().replace("sigma = 0.0005\n", "")
+    assert {k: v for k, v in quiet.items() if k != "clips.toml"} == {
+        k: v for k, v in plain.items() if k != "clips.toml"
+    }
+    far, marked = files(tmp_path / "far"), files(tmp_path / "marked")
+    assert json.loads(far["truth"])["outliers"] == 0.1
+    for name in ("clips/0001.csv", "clips/0002.csv"):
+        rows, other, seen = (f[name].decode().splitlines()[1:] for f in (plain, far, marked))
+        off = sum(a != b for a, b in zip(rows, other, strict=True))
+        assert 0.04 < off / len(rows) < 0.2
+        assert [row.rsplit(",", 1)[0] for row in rows] == [row.rsplit(",", 1)[0] for row in seen]
+        assert all(bool(row.rsplit(",", 1)[1]) == (row.split(",")[1] == "cue") for row in seen)
+
+
+def test_what_the_truth_says_of_hidden_effects(tmp_path: Path) -> None:
+    out = tmp_path / "set"
+    hidden = ["--hidden", "drying_cloth=0.2", "--hidden", "ball_cling=1,0.5", "--effect", "clock_scale=1.01"]
+    options = ["--clips", "5", "--kind", "stun", "--seconds", "1", "--no-jitter"]
+    assert main([str(out), *options, *hidden, "--effect", "cue_ball_mass=1.02"]) == 0
+    truth = json.loads(files(out)["truth"])
+    assert truth["effects"] == ["cue_ball_mass", "clock_scale", "drying_cloth", "ball_cling"]
+    told = {k: truth["parameters"][k] for k in ("wear", "cling", "cling_share", "clock", "cue_mass")}
+    assert told == {"wear": 0.2, "cling": 1.0, "cling_share": 0.5, "clock": 1.01, "cue_mass": 1.02}
+    assert truth["clips"][4]["mur"] == pytest.approx(1.2 * truth["parameters"]["mur"])
+    assert len({clip.get("cling") for clip in truth["clips"]} - {0.0, None}) == 0
+    last = [float(line.split(",")[0]) for line in (out / "clips/0001.csv").read_text().splitlines()[1:]]
+    assert last[-1] == pytest.approx(119 / 120 * 1.01, abs=0.02)
+
+
+def test_every_natural_size_is_taken(tmp_path: Path) -> None:
+    for name in NATURAL:
+        args = parser().parse_args([str(tmp_path), "--seed", "3", *options(name, 1 / 16)])
+        assert effects_on(constants(args)) == [name]
+
+
 def test_clips_without_commands(tmp_path: Path) -> None:
     assert main([str(tmp_path / "set"), "--clips", "2", "--kind", "roll", "--seconds", "1", "--no-cue"]) == 0
     head = tomllib.loads((tmp_path / "set" / "clips.toml").read_text())
@@ -84,6 +135,9 @@ def test_clips_without_commands(tmp_path: Path) -> None:
         (["--effect", "table_tilt"], "NAME=VALUE"),
         (["--constant", "mus=-0.1"], "mus=-0.1: expected 0"),
         (["--constant", "ec=nan"], "finite"),
+        (["--hidden", "wornpatch=0.1"], "did you mean 'worn_patch'"),
+        (["--hidden", "dead_cushion=0.1,1.5"], "dead_rail=1.5"),
+        (["--outliers", "0.7"], "--outliers 0.7"),
         (["--clips", "0"], "--clips 0"),
         (["--diameter", "5"], "--diameter 5"),
         (["--fps", "nan"], "--fps nan"),

@@ -11,31 +11,22 @@ import os
 import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import tomli_w
 
-from tests.truth.cloth import EFFECTS, Constants
+from tests.truth.camera import Camera, displaced, image, stamps
+from tests.truth.cloth import Constants
+from tests.truth.effects import HIDDEN
 from tests.truth.physics import STEP, Cue, Table
-from tests.truth.shots import Shot
+from tests.truth.shots import Shot, clip_constants
 
 SPEED_SPREAD = 0.02  # of the stroke about its command, one standard deviation [1]
 AZIMUTH_SPREAD = float(np.radians(0.3))  # [rad]
 OFFSET_SPREAD = 0.5e-3  # of the contact point [m]
 OFF = Constants()
-
-
-@dataclass(frozen=True)
-class Camera:
-    """What the camera sees, and how well."""
-
-    fps: float = 120.0  # [1/s]
-    sigma: float = 0.0005  # noise of a position, one standard deviation per axis [m]
-    sigma_theta: float = 0.02  # noise of the mark's angle [rad]
-    marked: bool = False  # does the struck ball bear a mark in every clip? Otherwise only one spun by hand does
-    missing: float = 0.01  # fraction of a ball's frames that are missing
 
 
 class Refused(Exception):
@@ -54,38 +45,43 @@ def _commanded(cue: Cue, rng: np.random.Generator) -> dict[str, float]:
     }
 
 
-def _rows(shot: Shot, camera: Camera, rng: np.random.Generator) -> str:
+def _rows(shot: Shot, c: Constants, camera: Camera, seed: int, clip: int, rng: np.random.Generator) -> str:
     """The clip's CSV. A ball's first sample is always there; the angle only where the mark is meant to be tracked."""
     motion = shot.motion
     n, balls = motion.theta.shape
-    xy = motion.xy + camera.sigma * rng.normal(size=motion.xy.shape)
+    stamp = stamps(motion.times, c)
+    xy = image(motion.xy, motion.times, c, clip) + camera.sigma * rng.normal(size=motion.xy.shape)
     theta = motion.theta + camera.sigma_theta * rng.normal(size=motion.theta.shape)
     kept = rng.random((n, balls)) >= camera.missing
     kept[0] = True
+    if camera.outliers > 0.0:
+        # From a stream of its own: the other samples are those of the set without.
+        xy[1:] = displaced(xy[1:], camera.outliers, np.random.default_rng([seed, clip, 3]))
     lines = ["t,ball,x,y,theta"]
     for k in range(n):
         for b, name in enumerate(motion.names):
             if kept[k, b] and np.isfinite(xy[k, b, 0]):
                 mark = f"{theta[k, b]:.4f}" if shot.scene.cue is None or (camera.marked and b == 0) else ""
-                lines.append(f"{motion.times[k]:.6f},{name},{xy[k, b, 0]:.6f},{xy[k, b, 1]:.6f},{mark}")
+                lines.append(f"{stamp[k]:.6f},{name},{xy[k, b, 0]:.6f},{xy[k, b, 1]:.6f},{mark}")
     return "\n".join(lines) + "\n"
 
 
 def _parameters(c: Constants) -> dict[str, float]:
     """The constants by their short names; those of an effect only where it is on."""
-    hidden = {field for fields in EFFECTS.values() for field in fields}
-    shown = {field for name in effects_on(c) for field in EFFECTS[name]}
+    hidden = {field for fields in HIDDEN.values() for field in fields}
+    shown = {field for name in effects_on(c) for field in HIDDEN[name]}
     short = {"radius": "R", "mass": "m"}
     return {short.get(k, k): v for k, v in c._asdict().items() if k not in hidden or k in shown}
 
 
 def effects_on(c: Constants) -> list[str]:
     """Names of the hidden effects that are on."""
-    return [name for name, fields in EFFECTS.items() if any(getattr(c, f) != getattr(OFF, f) for f in fields)]
+    return [name for name, fields in HIDDEN.items() if any(getattr(c, f) != getattr(OFF, f) for f in fields)]
 
 
 def _truth(shots: Sequence[Shot], c: Constants, camera: Camera, seed: int) -> str:
     """The truth beside the folder, as JSON: effects, constants, and how every clip really began and went."""
+    own = [clip_constants(c, seed, k, len(shots))._asdict() for k in range(1, len(shots) + 1)]
     clips = [
         {
             "file": f"clips/{k:04d}.csv",
@@ -93,6 +89,7 @@ def _truth(shots: Sequence[Shot], c: Constants, camera: Camera, seed: int) -> st
             "cue": None if shot.scene.cue is None else asdict(shot.scene.cue),
             "balls": {name: asdict(ball) for name, ball in shot.scene.balls.items()},
             "events": [{**asdict(event), "time": round(event.time, 9)} for event in shot.motion.events],
+            **{name: value for name, value in own[k - 1].items() if value != getattr(c, name)},
         }
         for k, shot in enumerate(shots, 1)
     ]
@@ -105,6 +102,7 @@ def _truth(shots: Sequence[Shot], c: Constants, camera: Camera, seed: int) -> st
         "missing": camera.missing,
         "step_s": STEP,
         "parameters": _parameters(c),
+        **({"outliers": camera.outliers} if camera.outliers > 0.0 else {}),
         "clips": clips,
     }
     return json.dumps(truth, indent=1) + "\n"
@@ -147,12 +145,12 @@ def write(
             if with_cue and command is not None:
                 entry["cue"] = command
             entries.append(entry)
-            (folder / f"clips/{k:04d}.csv").write_text(_rows(shot, camera, rng), encoding="utf-8")
+            (folder / f"clips/{k:04d}.csv").write_text(_rows(shot, c, camera, seed, k, rng), encoding="utf-8")
         head = {
             "format": "billiard-clips/1",
             "table": {"length": table.length, "width": table.width, "pockets": table.pockets},
             "ball": {"diameter": round(2 * c.radius, 9), "mass": c.mass},
-            "camera": {"fps": camera.fps, "sigma": camera.sigma},
+            "camera": {"fps": camera.fps, **({"sigma": camera.sigma} if camera.told else {})},
             "clip": entries,
         }
         (folder / "clips.toml").write_text(tomli_w.dumps(head), encoding="utf-8")

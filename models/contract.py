@@ -1,0 +1,221 @@
+"""What every effect owes the workbench, shipped or a user's: each contract returns the faults it finds, one line each.
+
+A shot of each kind is played with and without the effect, and what the camera reports of it is compared to the last
+bit where the same is promised.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import pickle
+import re
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.effect import Effect
+from models.model_file import Model, add_folder, effect_class, full_model, read_model, write_model
+from models.native import Native
+from models.observe import observed
+from models.shot import Array, Ball, Shot, Table, Track
+
+TABLE, BALL = Table(2.84, 1.42, pockets=False), Ball(0.0615, 0.21)
+TIMES = np.linspace(0, 2.5, 51)
+STROKES = (  # velocity [m/s] and spin [rad/s] of the struck ball
+    ((2.4, 0.02), (0.0, 20.0, 15.0)),  # a break
+    ((-1.0, 1.9), (30.0, -20.0, -60.0)),  # swerve, off two cushions
+    ((-1.5, -0.6), (20.0, -50.0, 0.0)),  # rolls to the other two
+    ((3.0, 1.4), (0.0, -40.0, 40.0)),  # draw with side, far
+    ((0.02, 0.0), (0.0, 0.0, 60.0)),  # spins where it is
+)
+FEW = 2  # of them where one comparison is enough
+Contract = Callable[[type[Effect]], list[str]]
+
+
+class Broken(Exception):
+    """An effect's own code raised an error."""
+
+
+def played(count: int = len(STROKES)) -> list[Shot]:
+    """Shots of the struck ball past or into two others."""
+    names, place = ("white", "yellow", "red"), np.array([[-0.8, 0.1], [0.3, 0.12], [0.9, -0.3]])
+    found = []
+    for velocity, spin in STROKES[:count]:
+        v, w = np.zeros((3, 2)), np.zeros((3, 3))
+        v[0], w[0] = velocity, spin
+        found.append(Shot(names, place, v, w, TIMES))
+    return found
+
+
+def numbers(tracks: Sequence[Track]) -> list[bytes]:
+    """Every number of every track."""
+    return [b"".join(a.tobytes() for a in (t.times, t.position, t.velocity, t.spin, t.theta)) for t in tracks]
+
+
+def tried(kind: type[Effect], key: str) -> Array:
+    """Two values of a parameter, within its bounds."""
+    meta = kind.parameters()[key]
+    low, high = meta["bounds"]
+    near = meta["default"] + 0.1 * (high - low)
+    return np.array([meta["default"], near if near <= high else meta["default"] - 0.1 * (high - low)])
+
+
+def base_without(kind: type[Effect]) -> Model:
+    """The full model, without what the effect would replace."""
+    model = full_model(TABLE, BALL)
+    kept = [e for e in model.effects if e.name() != kind.name() and (not kind.slot or e.slot != kind.slot)]
+    return dataclasses.replace(model, effects=tuple(kept))
+
+
+def switched_off(kind: type[Effect]) -> Effect:
+    """The effect with every parameter at its off value, where it has one."""
+    return kind(**{key: meta["off"] for key, meta in kind.parameters().items() if meta["off"] is not None})
+
+
+def declared(kind: type[Effect]) -> list[str]:
+    """Docstrings that say what it is, and parameters with unit, bounds, source and off value; nothing can be set."""
+    faults = []
+    if not (sys.modules[kind.__module__].__doc__ or "").strip():
+        faults.append("the file has no docstring; state the formula, its source and what it leaves out")
+    if not kind.__doc__ or kind.__doc__.startswith(f"{kind.__name__}("):  # what dataclass writes itself
+        faults.append(f"class {kind.__name__} has no docstring; say what it is in one line")
+    if not dataclasses.is_dataclass(kind) or not kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+        faults.append(f"class {kind.__name__} is not frozen; put @dataclass(frozen=True) above it")
+    if not any(meta["off"] is not None for meta in kind.parameters().values()):
+        faults.append("no parameter has an off value, so that it is never on; give off to the one that sets the size")
+    for name, meta in kind.parameters().items():
+        low, high = meta["bounds"]
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            faults.append(f"{name}: bounds {low}, {high}; give two finite numbers, the lower first")
+        elif not low <= meta["default"] <= high:
+            faults.append(f"{name}: default {meta['default']} lies outside {low} to {high}")
+        if meta["off"] is not None and not math.isfinite(meta["off"]):
+            faults.append(f"{name}: off is {meta['off']}; give a finite number, or None if it only shapes the effect")
+        if not meta["unit"].strip():
+            faults.append(f"{name}: no unit; a pure number has the unit 1")
+        if len(meta["source"]) <= 5:
+            faults.append(f"{name}: no source; say where its value and bounds come from")
+    return faults
+
+
+def off_is_absent(kind: type[Effect]) -> list[str]:
+    """At its off values it is not there, to the last bit."""
+    without, off = base_without(kind), switched_off(kind)
+    if not off.is_off():
+        return ["is_off() is not true at the off values"]
+    if numbers(observed(without.add(off), played(FEW))) != numbers(observed(without, played(FEW))):
+        return ["shots differ from those without it where every parameter is off"]
+    return []
+
+
+def usual_acts(kind: type[Effect]) -> list[str]:
+    """At its default values it is on, and some shot is reported otherwise."""
+    without, effect = base_without(kind), kind()
+    if effect.is_off():
+        return ["it is off at its default values; give a default that acts"]
+    seen = observed(without.add(effect), played())
+    if any(not np.isfinite(t.position).all() for t in seen):
+        return ["positions are not finite at its default values"]
+    if numbers(seen) == numbers(observed(without, played())):
+        return ["no shot is changed by its default values; use a door, or a larger default"]
+    return []
+
+
+def one_value_a_shot(kind: type[Effect]) -> list[str]:
+    """One value a shot, (nsim,) arrays, is the same as one shot after another, to the last bit."""
+    without, shots, faults = base_without(kind), played(FEW), []
+    for key in kind.parameters():
+        values = tried(kind, key)
+        together = observed(without.add(kind(**{key: values})), shots)
+        for k, shot in enumerate(shots):
+            alone = observed(without.add(kind(**{key: float(values[k])})), [shot])
+            if numbers(together[k : k + 1]) != numbers(alone):
+                faults.append(f"{key}: shot {k} of a batch differs from the same alone; shape it with column() or of()")
+    return faults
+
+
+def repeatable(kind: type[Effect]) -> list[str]:
+    """The same shot is the same again, and a pickled effect is the same effect."""
+    model = base_without(kind).add(kind())
+    faults = []
+    if numbers(observed(model, played(1))) != numbers(observed(model, played(1))):
+        faults.append("the same shot differs when played again; keep no state, draw no random numbers")
+    if pickle.loads(pickle.dumps(kind())) != kind():
+        faults.append("a pickled effect comes back as another one")
+    return faults
+
+
+def gives_way(kind: type[Effect]) -> list[str]:
+    """Added twice it is there once, and a slot holds one effect."""
+    model = full_model(TABLE, BALL).add(kind()).add(kind())
+    slots = [e.slot for e in model.effects if e.slot]
+    once = [e.name() for e in model.effects].count(kind.name()) == 1 and len(slots) == len(set(slots))
+    return [] if once else [f"added twice it is there twice, or its slot {kind.slot!r} is"]
+
+
+def file_keeps_it(kind: type[Effect]) -> list[str]:
+    """A model file gives back what was written."""
+    effect = kind(**{key: float(tried(kind, key)[1]) for key in kind.parameters()})
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.toml"
+        write_model(full_model(TABLE, BALL).add(effect), path)
+        back = next(e for e in read_model(path).effects if e.name() == kind.name())
+    return [] if back == effect else [f"a model file gives back {back} for {effect}"]
+
+
+CONTRACTS: dict[str, Contract] = {
+    c.__name__: c for c in (declared, off_is_absent, usual_acts, one_value_a_shot, repeatable, gives_way, file_keeps_it)
+}
+
+
+def kept(kind: type[Effect], contract: str) -> list[str]:
+    """The faults of one contract; an error in the effect's own code is one."""
+    try:
+        return _guarded(CONTRACTS[contract], kind)
+    except Broken as error:
+        return [str(error)]
+
+
+def _guarded(contract: Contract, kind: type[Effect]) -> list[str]:
+    try:
+        return contract(kind)
+    except Exception as error:
+        own = sys.modules[kind.__module__].__file__
+        lines = [n for frame, n in traceback.walk_tb(error.__traceback__) if frame.f_code.co_filename == own]
+        where = f"line {lines[-1]}: " if lines else ""
+        raise Broken(f"{where}{type(error).__name__}: {' '.join(str(error).split())}") from error
+
+
+def faults(kind: type[Effect]) -> list[str]:
+    """Every fault of an effect; where its declaration is faulty, those alone."""
+    found = [f"declared: {text}" for text in kept(kind, "declared")]
+    if found or kind is Native:
+        return found
+    return [f"{name}: {text}" for name in CONTRACTS if name != "declared" for text in kept(kind, name)]
+
+
+def check_file(path: Path | str) -> list[str]:
+    """Every fault of the effects in a user's file or folder, each with its effect's name."""
+    return [f"{name}: {text}" for name in add_folder(path) for text in faults(effect_class(name))]
+
+
+DOORS = ("edit", "forces", "impact", "strike", "exposures", "observe")
+
+
+def described(kind: type[Effect]) -> dict[str, Any]:
+    """What an effect says of itself: name, doors, slot, what it is, its formula's first sentence, its parameters."""
+    module = sys.modules[kind.__module__]
+    says, _, rest = (module.__doc__ or kind.__doc__ or "").strip().partition("\n\n")
+    formula = re.split(r"(?<=[^.]\.)\s", " ".join(rest.split()), maxsplit=1)[0]
+    return {
+        "name": kind.name(), "doors": [d for d in DOORS if getattr(kind, d) is not getattr(Effect, d)],
+        "slot": kind.slot, "says": " ".join(says.split()),
+        "formula": "" if formula.startswith("Source") else formula, "file": module.__file__,
+        "parameters": {key: dict(meta) | {"bounds": list(meta["bounds"])} for key, meta in kind.parameters().items()},
+    }  # fmt: skip

@@ -1,0 +1,26 @@
+"""Balls that grip each other more the slower they slip.
+
+Friction mu + gain exp(-decay s), s the slip of every moment of the impact; mu, the base's, is what remains of it at
+fast slip. Source: throw of pool balls (Marlow), fitted by Alciatore (technical proof A.14): 0.01 + 0.108 exp(-1.088 s).
+Leaves out chalk and dirt (cling), which change it from one impact to the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from models.effect import Array, Effect, Impact, of, param
+
+
+@dataclass(frozen=True)
+class BallFrictionSpeed(Effect):
+    """Friction between balls that falls with their slip."""
+
+    gain: float = param(0.1, off=0.0, unit="1", bounds=(-0.2, 0.4), source="Alciatore TP A.14: 0.108")
+    decay: float = param(1.088, off=None, unit="s/m", bounds=(0.2, 5.0), source="Alciatore TP A.14")
+
+    def impact(self, impact: Impact, rows: Array) -> None:
+        """More for what slips less."""
+        if impact.kind == "ball":
+            impact.gain += of(self.gain, rows)
+            impact.decay[:] = of(self.decay, rows)

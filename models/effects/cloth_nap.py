@@ -1,0 +1,29 @@
+"""The cloth's nap pushes a ball along the table: an acceleration towards the top cushion, from baulk.
+
+Force M push along +x, through the centre: a sliding ball gets the whole of it, a rolling one 5/7, as the cloth turns
+it along. A resting ball stays until the push exceeds the rolling friction. Source: estimate, kappa of 0.5 to 3 mm/s^2;
+the nap runs from baulk to the top cushion. Leaves out that side drifts with the nap, and any part of it across the
+table. A slope along x looks the same: only a level tells them apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from models.effect import Balls, Effect, column, param
+
+
+@dataclass(frozen=True)
+class ClothNap(Effect):
+    """Push of the nap; positive towards +x."""
+
+    push: float = param(
+        0.02, off=0.0, unit="m/s^2", bounds=(-0.1, 0.1), source="estimate: a few percent of mu_r g and up to half of it"
+    )
+
+    varies: ClassVar[bool] = True
+
+    def forces(self, balls: Balls) -> None:
+        """The push on every ball that lies on the cloth."""
+        balls.force[..., 0] += balls.ball.mass * column(self.push) * (balls.normal > 0)

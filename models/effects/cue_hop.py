@@ -1,0 +1,42 @@
+"""The cue's downward stroke makes the struck ball hop: no cloth under it for a time in proportion to its speed.
+
+A cue at 6.5 degrees presses the ball down, and the slate throws it up: at 2 m/s for some 25 ms, 0.8 mm high. Until it
+lands at time k V0 after t = 0, V0 the speed it starts with, the cloth gives neither friction nor loss of sidespin.
+Source: ballistic flight, 2 e V0 tan(elevation) / g, with the restitution e of slate and ball. The height of the balls
+is held, so it leaves out the flight's height, what a flying ball passes over, and the bounces after the first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from models.effect import Array, Balls, Effect, param
+
+LANDED = 1e-12  # this near its landing a ball has landed [s]
+
+
+@dataclass(frozen=True)
+class CueHop(Effect):
+    """Flight of the struck ball, which is ball number 0."""
+
+    time_per_speed: float = param(
+        0.01, off=0.0, unit="s^2/m", bounds=(0.0, 0.15), source="25 ms at 2 m/s, cue at 6.5 degrees (estimate)"
+    )
+
+    first: ClassVar[bool] = True
+
+    def _left(self, balls: Balls) -> Array:
+        """Time to the landing of the struck ball: (nsim,) [s], negative after it."""
+        return np.asarray(self.time_per_speed * balls.launch - balls.time)
+
+    def forces(self, balls: Balls) -> None:
+        """No weight on the cloth while the struck ball flies."""
+        balls.normal[:, 0] = np.where(self._left(balls) > LANDED, 0.0, balls.normal[:, 0])
+
+    def horizon(self, balls: Balls) -> Array:
+        """Until the landing: (nsim,) [s]."""
+        left = self._left(balls)
+        return np.where(left > LANDED, left, np.inf)

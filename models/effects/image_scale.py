@@ -1,0 +1,27 @@
+"""A picture that is too large or too small all over.
+
+Reported position = (1 + stretch) x. Source: geometry; a camera calibrated on the cloth at height H sees balls, whose
+centres lie R higher, by R / (H - R) too far out: 0.0088 to 0.0133 for H = 3 to 2 m. Lengths, speeds and decelerations
+all grow alike, so that cushions and the balls' own size tell it from friction. Leaves out any change over the picture.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+from models.effect import Effect, param
+from models.shot import Track
+
+
+@dataclass(frozen=True)
+class ImageScale(Effect):
+    """Excess of reported lengths over true ones."""
+
+    stretch: float = param(
+        0.005, off=0.0, unit="1", bounds=(-0.1, 0.1), source="parallax of the ball's height, R / (H - R): up to 0.013"
+    )
+
+    def observe(self, track: Track) -> Track:
+        """Every position, larger."""
+        return dataclasses.replace(track, position=track.position * (1 + self.stretch))

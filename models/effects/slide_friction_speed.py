@@ -1,0 +1,34 @@
+"""Sliding friction that depends on the slip: mu_s (1 - k (u - 1 m/s)), u the speed of the lowest point.
+
+Source: Witters and Duymelinck (1986) found 0.14 to 0.21, rising with slip, on a pool table; Mathavan, Jackson, Parkin
+(2009) could not confirm it. A linear law is the least that tells a fast shot from a slow one. Never less than 0.05 of
+mu_s. Leaves out what happens at impacts, where the cloth has its plain friction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from models.effect import STILL, Balls, Effect, column, param
+
+LEAST = 0.05  # of the friction that is left at any slip
+
+
+@dataclass(frozen=True)
+class SlideFrictionSpeed(Effect):
+    """Fall of the sliding friction with slip, relative to its value at 1 m/s."""
+
+    rate: float = param(
+        0.05, off=0.0, unit="s/m", bounds=(-0.3, 0.3), source="Witters, Duymelinck 1986: some -0.2; Mathavan 2009: none"
+    )
+
+    varies: ClassVar[bool] = True
+
+    def forces(self, balls: Balls) -> None:
+        """The friction's factor where a ball slides."""
+        slip = np.hypot(balls.slip[..., 0], balls.slip[..., 1])
+        factor = np.maximum(1.0 - column(self.rate) * (slip - 1.0), LEAST)
+        balls.slide_factor *= np.where(slip > STILL, factor, 1.0)

@@ -1,0 +1,31 @@
+"""Sidespin that decays faster on a ball that moves: alpha (1 + k v), v the speed of the ball.
+
+Source: derived; the one measured alpha (Robotic Billiards, 2015) is that of a ball spun on the spot, and a moving one
+drags its patch over fresh cloth. A linear law is the least that a camera can tell. Never below zero. Leaves out that
+slip and sidespin share a patch (spin_slide_coupling), which has the opposite sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from models.effect import Balls, Effect, column, param
+
+
+@dataclass(frozen=True)
+class SpinDecaySpeed(Effect):
+    """Growth of the sidespin's deceleration with speed."""
+
+    rate: float = param(
+        0.2, off=0.0, unit="s/m", bounds=(-0.5, 2.0), source="estimate; alpha was measured at rest only"
+    )
+
+    varies: ClassVar[bool] = True
+
+    def forces(self, balls: Balls) -> None:
+        """The factor of the sidespin's deceleration."""
+        v = balls.velocity
+        balls.spin_factor *= np.maximum(1.0 + column(self.rate) * np.hypot(v[..., 0], v[..., 1]), 0.0)

@@ -1,0 +1,110 @@
+"""Variables that a departure may depend on, and their groups in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.shot import RAILS, Table
+from sysid.samples import Array, Samples
+
+Index = NDArray[np.int64]
+
+SPEEDS = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, np.inf)  # [m/s]
+SIDESPINS = (-np.inf, -20.0, -5.0, 5.0, 20.0, np.inf)  # [rad/s]
+SLIPS = (0.0, 0.5, 1.0, 2.0, np.inf)  # [m/s]
+TIMES = (0.0, 0.5, 1.0, 2.0, 4.0, np.inf)  # [s]
+SINCE = (0.0, 0.25, 0.5, 1.0, 2.0, np.inf)  # [s]
+APPROACHES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, np.inf)  # [m/s]
+ANGLES = (0.0, 20.0, 45.0, 90.0)  # from the normal [degrees]
+CELLS = (6, 3)  # over the table
+HEADINGS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
+THIRDS = 6  # least clips that are told apart by their order
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable cut into groups."""
+
+    name: str
+    words: tuple[str, ...]  # of each group
+    group: Index  # (n,) of each sample, -1 for none
+    middle: Array  # of each group, for drawing; NaN where that means nothing
+    unit: str = ""
+
+
+def variables(samples: Samples, table: Table, clips: int) -> tuple[Variable, ...]:
+    """What the samples of moving balls can depend on."""
+    s = samples
+    eighth = np.round(s.heading / (np.pi / 4)).astype(np.int64) % 8
+    found = [
+        Variable("everywhere", ("",), np.zeros(len(s.time), dtype=np.int64), np.full(1, np.nan)),
+        Variable("heading", tuple(f"heading {h}" for h in HEADINGS), eighth, np.linspace(0.0, 315.0, 8), "degrees"),
+        cut("speed", s.speed, SPEEDS, "at {} m/s", "m/s"),
+        cut("sidespin", s.spin, SIDESPINS, "with sidespin {} rad/s", "rad/s"),
+        cut("slip", s.slip, SLIPS, "slipping at {} m/s", "m/s"),
+        cut("time", s.time, TIMES, "{} s after the clip's start", "s"),
+        cut("time since event", s.since, SINCE, "{} s after the event before", "s"),
+        place(s.xy, table),
+        chosen("ball", ("the struck ball", "another ball"), np.where(s.struck, 0, 1)),
+        chosen("event before", ("after the strike", "after a ball", "after a cushion"),
+               _index(s.last, ("strike", "ball", "cushion"))),
+        chosen("rail before", tuple(f"after rail {r}" for r in RAILS), _index(s.rail, RAILS)),
+    ]  # fmt: skip
+    return (*found, *order(s.clip, clips))
+
+
+def cut(name: str, values: Array, edges: Sequence[float], words: str, unit: str) -> Variable:
+    """Groups between edges."""
+    group = np.clip(np.searchsorted(edges, np.nan_to_num(values), side="right") - 1, 0, len(edges) - 2)
+    ends = np.array(edges)
+    middle = np.where(np.isinf(ends[1:]), ends[:-1] * 1.25, np.where(np.isinf(ends[:-1]), ends[1:] * 1.25, 0.0))
+    inner = np.isfinite(ends[1:]) & np.isfinite(ends[:-1])
+    middle[inner] = (0.5 * (ends[1:] + ends[:-1]))[inner]
+    return Variable(name, tuple(words.format(span(edges, k)) for k in range(len(edges) - 1)), group, middle, unit)
+
+
+def chosen(name: str, words: tuple[str, ...], group: NDArray[np.int_]) -> Variable:
+    """Groups that are named."""
+    return Variable(name, words, group.astype(np.int64), np.full(len(words), np.nan))
+
+
+def place(xy: Array, table: Table) -> Variable:
+    """Cells of the table."""
+    size = np.array([table.length, table.width])
+    cells = np.array(CELLS)
+    at = np.clip(((xy / size + 0.5) * cells).astype(np.int64), 0, cells - 1)
+    words = []
+    for i in range(CELLS[0]):
+        for j in range(CELLS[1]):
+            low, high = (np.array([i, j]) / cells - 0.5) * size, (np.array([i + 1, j + 1]) / cells - 0.5) * size
+            words.append(f"at x {low[0]:.2f} to {high[0]:.2f} m, y {low[1]:.2f} to {high[1]:.2f} m")
+    return Variable("place", tuple(words), at[:, 0] * CELLS[1] + at[:, 1], np.full(len(words), np.nan))
+
+
+def order(clip: Index, clips: int) -> list[Variable]:
+    """Thirds of the clips, in their order; none of few clips."""
+    if clips < THIRDS:
+        return []
+    edges = [round(clips * k / 3) for k in range(4)]
+    words = tuple(f"in clips {a + 1} to {b}" for a, b in pairwise(edges))
+    group = np.clip(np.searchsorted(edges, clip, side="right") - 1, 0, 2)
+    middle = np.array([0.5 * (a + b + 1) for a, b in pairwise(edges)])
+    return [Variable("clip order", words, group.astype(np.int64), middle, "number of the clip")]
+
+
+def span(edges: Sequence[float], k: int) -> str:
+    """A group's range in words."""
+    low, high = edges[k], edges[k + 1]
+    if np.isinf(high):
+        return f"over {low:g}"
+    return f"below {high:g}" if np.isinf(low) else f"{low:g} to {high:g}"
+
+
+def _index(values: Sequence[str], known: Sequence[str]) -> NDArray[np.int_]:
+    place = {v: k for k, v in enumerate(known)}
+    return np.array([place.get(v, -1) for v in values], dtype=np.int64)

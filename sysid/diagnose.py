@@ -1,0 +1,216 @@
+"""Which effect is missing: every candidate scored beside the active parameters, the best ones fitted, one named.
+
+A candidate that promises nothing is not fitted. Those that are start from the base's optimum; the base is fitted again
+from theirs before a gain is believed, and none that has not converged is named. The margin between the best and the
+next is told, and which candidates these data cannot tell apart.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.effect import Effect
+from models.model_file import Model, catalogue
+from sysid.evidence import Candidate, Point, Score, Scores, candidate, score_all, with_candidate
+from sysid.own import ROBUST
+from sysid.problem import STEPS, Array
+from sysid.refine import refine
+from sysid.solve import fit_each, loss
+from sysid.stages import Clips, Evidence, Stage, compare_stages, left_over, problem_at, stage
+
+PROMISES = 15.0  # fall of chi-square from which a candidate is worth a fit
+RIVALS = 0.2  # of the best candidate's promise: fitted as well
+CLOSE = 0.5  # and of the best one's, where that one explains all
+REST = 0.01  # of the noise's square: what may be left where all is explained
+MOST = 3  # candidates fitted in a round
+NAMED = 10.0  # delta BIC from which an effect is named
+MATTERS = 1e-3  # and the fall of chi-square per residual
+ALIKE = 0.9  # correlation of signatures from which two candidates are look-alikes
+TIED = 10.0  # delta BIC below which two candidates are not told apart
+MOVES = 5.0  # loss by which another optimum of the base is better
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One candidate, fitted."""
+
+    score: Score
+    stage: Stage
+    evidence: Evidence  # over the base
+
+    @property
+    def name(self) -> str:
+        """The candidate's name."""
+        return self.score.candidate.name
+
+    @property
+    def converged(self) -> bool:
+        """Whether its fit came to an optimum; no verdict is drawn from one that has not."""
+        return self.stage.fit.converged
+
+
+@dataclass(frozen=True)
+class Round:
+    """One look for a missing effect."""
+
+    base: Stage
+    scores: Scores
+    trials: tuple[Trial, ...]  # best first
+    alike: tuple[tuple[str, str, float], ...]  # look-alikes among those that matter, with their correlation
+    tied: tuple[tuple[str, str], ...]  # pairs that these data do not tell apart
+    count: int  # residuals
+
+    @property
+    def best(self) -> Trial | None:
+        """The effect to name: the best fit that converged, with evidence enough; None if there is none."""
+        for trial in self.trials:
+            if trial.converged:
+                enough = trial.evidence.delta_bic > NAMED and trial.evidence.gain > MATTERS * self.count
+                return trial if enough else None
+        return None
+
+    @property
+    def margin(self) -> float:
+        """Delta BIC of the best fit over the next; infinite where nothing else was worth a fit."""
+        fitted = [t.evidence.delta_bic for t in self.trials if t.converged]
+        return fitted[0] - fitted[1] if len(fitted) > 1 else float("inf")
+
+    @property
+    def doubtful(self) -> tuple[str, ...]:
+        """Candidates whose fit did not converge."""
+        return tuple(t.name for t in self.trials if not t.converged)
+
+
+def candidates_for(model: Model, extra: Sequence[type[Effect]] = ()) -> list[Candidate]:
+    """Effects that the model lacks and that replace none of its own."""
+    active, slots = {e.name() for e in model.effects}, {e.slot for e in model.effects if e.slot}
+    found = [k for n, k in catalogue().items() if n not in active and k.slot not in slots]
+    return [candidate(k) for k in [*found, *extra]]
+
+
+def look(clips: Clips, base: Stage, candidates: Sequence[Candidate], report: Report = lambda line: None) -> Round:
+    """One round: score, fit the promising, compare."""
+    seen = problem_at(clips, base.point, base.fit.rate)
+    report(f"scoring {len(candidates)} candidates beside {', '.join(base.names) or 'nothing'}")
+    point = dataclasses.replace(base.point, problem=seen)
+    scores = score_all(point, candidates, clips.known)
+    chosen = shortlist(scores)
+    trials: list[Trial] = []
+    for score in chosen:
+        # Beside an effect that leaves nothing but noise only a close rival is worth a fit.
+        settled = bool(trials) and left_over(clips, trials[0].stage) < REST and trials[0].converged
+        pair = sorted((score.candidate.name, chosen[0].candidate.name))
+        same = bool(trials) and scores.alike.get((pair[0], pair[1]), scores.alike.get((pair[1], pair[0]), 0.0)) > ALIKE
+        if not (settled or same) or score.gain > CLOSE * chosen[0].gain:
+            trials.append(try_one(clips, base, score, report))
+    if trials:
+        better = _other_base(clips, base, trials, report)
+        if better is not None:
+            base = better
+            trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage)) for t in trials]
+    trials.sort(key=lambda t: -t.evidence.delta_bic)
+    return Round(base, scores, tuple(trials), *_look_alikes(scores, trials), scores.count)
+
+
+def shortlist(scores: Scores) -> list[Score]:
+    """Candidates worth a fit, the most promising first."""
+    if not scores.rows or scores.rows[0].gain < PROMISES:
+        return []
+    least = max(PROMISES, RIVALS * scores.rows[0].gain)
+    return [row for row in scores.rows if row.gain >= least][:MOST]
+
+
+def try_one(clips: Clips, base: Stage, score: Score, report: Report) -> Trial:
+    """A candidate fitted from the base's optimum."""
+    one = score.candidate
+    keys = tuple(one.effect.parameters())
+    problem = with_candidate(base.point.problem, one, [f"{one.name}.{k}" for k in keys])
+    start = _start(clips, base, score, report)
+    x, added = start
+    known = dict(zip(one.keys, added, strict=True))
+    values = np.array([known.get(k, float(getattr(one.effect, k))) for k in keys])
+    found = refine(
+        Point(problem, x, np.concatenate([base.point.c, values])), clips.training, clips.growth, base.fit.rate,
+        report, f"with {one.name}", clips.known,
+    )  # fmt: skip
+    result = stage(clips, found, base)
+    return Trial(score, result, compare_stages(clips, base, result))
+
+
+def _start(clips: Clips, base: Stage, score: Score, report: Report) -> tuple[Array, Array]:
+    """Own unknowns and switching parameters to start from: the promised step, or where the loss falls most."""
+    one, off = score.candidate, score.candidate.off()
+    known = one.effect.parameters()
+    bounds = np.array([known[k]["bounds"] for k in one.keys], float)
+    step = score.step - off
+    usual = np.array([getattr(one.effect, k) for k in one.keys], float) - off
+    tries = [step, 0.3 * step]
+    one_sided = np.any(np.isclose(off, bounds[:, 0])) or np.any(np.isclose(off, bounds[:, 1]))
+    if one_sided:  # such an effect may grow with the square of its parameter
+        tries = [step, usual, 0.3 * usual]
+    problem = problem_at(
+        clips, dataclasses.replace(base.point, problem=with_candidate(base.point.problem, one)), base.fit.rate
+    )
+    found = []
+    inner = bounds + np.outer(bounds[:, 1] - bounds[:, 0], [1e-4, -1e-4])
+    for move in tries:
+        values = np.clip(off + move, inner[:, 0], inner[:, 1])
+        c = np.concatenate([base.point.c, values])
+        x, cost = fit_each(problem.evaluate, base.point.x, c, STEPS, problem.prior, ROBUST, 3)
+        found.append((float(cost.sum()), x, values))
+    _, x, values = min(found, key=lambda one: one[0])
+    return x, values
+
+
+def _other_base(clips: Clips, base: Stage, trials: Sequence[Trial], report: Report) -> Stage | None:
+    """The base fitted from the optimum of the best alternative, where that is a better one than its own."""
+    best = max(trials, key=lambda t: t.evidence.delta_bic)
+    seen = problem_at(clips, base.point, base.fit.rate)
+    n = len(base.point.x)
+
+    def cost(x: Array) -> Array:
+        r = seen.evaluate(x, np.tile(base.point.c, (n, 1)), np.arange(n))
+        return loss(r, ROBUST) + 0.5 * np.sum(seen.prior.residuals(x) ** 2, axis=1)
+
+    x, _ = fit_each(seen.evaluate, best.stage.point.x, base.point.c, STEPS, seen.prior, ROBUST, 5)
+    old, new = cost(base.point.x), cost(x)
+    better = new < old
+    if float(np.sum((old - new)[better])) < max(MOVES, 1e-3 * float(old.sum())):
+        return None
+    report("the base again, from the optimum of " + best.name)
+    mixed = np.where(better[:, None], x, base.point.x)
+    found = refine(
+        Point(base.point.problem, mixed, base.point.c),
+        clips.training,
+        clips.growth,
+        base.fit.rate,
+        report,
+        "base",
+        clips.known,
+    )
+    return stage(clips, found, base)
+
+
+def _look_alikes(
+    scores: Scores, trials: Sequence[Trial]
+) -> tuple[tuple[tuple[str, str, float], ...], tuple[tuple[str, str], ...]]:
+    """Look-alikes of what was fitted or promised much, and pairs of fits that the evidence does not part."""
+    promise = {row.candidate.name: row.gain for row in scores.rows}
+    top = max(promise.values(), default=0.0)
+    alike = tuple(
+        (a, b, value)
+        for (a, b), value in sorted(scores.alike.items())
+        if value > ALIKE and max(promise[a], promise[b]) > max(PROMISES, 0.5 * top)
+    )
+    tied = []
+    fitted = [t for t in trials if t.converged]
+    for a, one in enumerate(fitted):
+        for two in fitted[a + 1 :]:
+            if abs(one.evidence.delta_bic - two.evidence.delta_bic) < TIED:
+                tied.append((one.name, two.name))
+    return alike, tuple(tied)

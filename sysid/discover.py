@@ -1,0 +1,219 @@
+"""The whole loop: fit, look for what is missing, add it, until nothing more is to be explained."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from models.model_file import Model
+from sysid.clips import ClipSet
+from sysid.diagnose import REST, Round, Trial, candidates_for, look, try_one
+from sysid.evidence import Point
+from sysid.next_shot import NextShot, propose
+from sysid.refine import refine
+from sysid.stages import Clips, Stage, begin, left_over, stage
+from sysid.structure import NAME, Structure, describe, scores_of_terms, select
+
+KEEPS = 4.0  # standard deviations from off below which an effect is pruned
+MOST = 6  # effects added
+OUTDOES = 1.2  # by which a term must promise more than the best named effect to stand for it
+POWER = 3.0  # standard deviations of an effect that the next shot is to bring out
+Report = Callable[[str], None]
+Save = Callable[["Discovery"], None]
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """What was found."""
+
+    clips: Clips
+    stages: tuple[Stage, ...]  # the ladder: base first
+    verdicts: tuple[tuple[str, ...], ...]  # named effects in each stage
+    rounds: tuple[Round, ...]
+    unexplained: Mapping[str, Any] | None = None  # what no effect of the catalogue explains
+    explained: Stage | None = None  # the last stage with the formula for it
+    next_shot: NextShot | None = None
+    pruned: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """Effects added, in order."""
+        return self.verdicts[-1]
+
+    @property
+    def last(self) -> Stage:
+        """The model that was found."""
+        return self.stages[-1]
+
+    @property
+    def alike(self) -> tuple[tuple[str, str], ...]:
+        """Look-alikes of what was found."""
+        found = {(a, b) for r in self.rounds for a, b, _ in r.alike} | {p for r in self.rounds for p in r.tied}
+        return tuple(sorted(found))
+
+
+def weak(found: Stage, names: tuple[str, ...]) -> str | None:
+    """The added effect that lies within a few standard deviations of its off value, the nearest; None if none does."""
+    nearest: tuple[float, str] | None = None
+    for name in names:
+        effect = next(e for e in found.model.effects if e.name() == name)
+        off = {k: m["off"] for k, m in effect.parameters().items() if m["off"] is not None}
+        away = 0.0
+        for key, zero in off.items():
+            value, sd = found.value(f"{name}.{key}")
+            away = max(away, abs(value - zero) / sd if sd > 0 else 0.0)
+        if away < KEEPS and (nearest is None or away < nearest[0]):
+            nearest = (away, name)
+    return nearest[1] if nearest else None
+
+
+def without(clips: Clips, found: Stage, name: str, report: Report) -> Stage:
+    """The stage without an effect, fitted again."""
+    keep = np.array([not n.startswith(name + ".") for n in found.names])
+    problem = found.point.problem
+    model = dataclasses.replace(problem.model, effects=tuple(e for e in problem.model.effects if e.name() != name))
+    less = dataclasses.replace(
+        problem, model=model, names=tuple(n for n, k in zip(found.names, keep, strict=True) if k)
+    )
+    again = refine(
+        Point(less, found.point.x, found.point.c[keep]), clips.training, clips.growth, found.fit.rate, report,
+        f"without {name}", clips.known,
+    )  # fmt: skip
+    return stage(clips, again, found)
+
+
+def _prune(clips: Clips, now: Stage, verdict: tuple[str, ...], report: Report) -> tuple[Stage, tuple[str, ...]]:
+    while (name := weak(now, verdict)) is not None:
+        report(f"{name} is no longer needed")
+        now, verdict = without(clips, now, name, report), tuple(v for v in verdict if v != name)
+    return now, verdict
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One look at what is missing: a named effect, a formula for something else, or nothing."""
+
+    round: Round
+    structure: Structure | None = None  # what stands for it where no effect does
+    trial: Trial | None = None  # the formula, fitted
+
+    @property
+    def name(self) -> str | None:
+        """The effect to name."""
+        best = self.round.best
+        return best.name if best is not None and self.structure is None else None
+
+
+def judge(clips: Clips, now: Stage, report: Report = lambda line: None, formula: bool = True) -> Judgement:
+    """Look for the missing effect; where none explains what is left, for a `formula` outside the catalogue."""
+    seen = look(clips, now, candidates_for(now.model), report)
+    best, now = seen.best, seen.base
+    if not formula or left_over(clips, best.stage if best else now) <= REST:
+        return Judgement(seen)
+    terms, scores = scores_of_terms(clips, now, report)
+    structure = select(terms, scores)
+    if structure is None or (best is not None and structure.gains[0] <= OUTDOES * best.score.gain):
+        return Judgement(seen)
+    report(f"a formula: {', '.join(t.name for t in structure.terms)}")
+    trial = try_one(clips, now, structure.score(), report)
+    return Judgement(seen, structure, trial) if trial.evidence.delta_bic > 0 else Judgement(seen)
+
+
+def discover(
+    clip_set: ClipSet, model: Model, report: Report = lambda line: None, save: Save = lambda found: None,
+    resumed: Discovery | None = None,
+) -> Discovery:  # fmt: skip
+    """Add effects until no candidate is worth it, pruning those that are no longer needed.
+
+    Args:
+        clip_set: every fifth clip is held out.
+        model: what to start from; all its constants are fitted.
+        report: told what is being done.
+        save: given what was found so far, after each effect.
+        resumed: what an earlier, interrupted run saved.
+    """
+    if resumed is None:
+        clips, now = begin(clip_set, model, report)
+        found = Discovery(clips, (now,), ((),), ())
+        save(found)
+    else:
+        found, clips, now = resumed, resumed.clips, resumed.last
+    structure: Structure | None = None
+    for _ in range(MOST):
+        judged = judge(clips, now, report, formula=structure is None)
+        found = dataclasses.replace(found, rounds=(*found.rounds, judged.round))
+        if judged.round.base is not now:
+            now = judged.round.base
+            if structure is None:
+                found = dataclasses.replace(found, stages=(*found.stages[:-1], now))
+        if judged.structure is not None and judged.trial is not None:
+            structure, now = judged.structure, judged.trial.stage
+            found = dataclasses.replace(found, unexplained=describe(structure, now, judged.trial.evidence))
+            continue
+        best = judged.round.best
+        if best is None:
+            break
+        report(f"found {best.name}")
+        now, verdict = _prune(clips, best.stage, (*found.verdict, best.name), report)
+        if verdict in found.verdicts:
+            break
+        found = dataclasses.replace(found, stages=(*found.stages, now), verdicts=(*found.verdicts, verdict))
+        if structure is None:
+            save(found)
+    if structure is not None:
+        found = _with_formula(clips, found, now, structure, report)
+    return dataclasses.replace(found, next_shot=best_next(clips, found.last, found.rounds, found.verdict, report))
+
+
+def _with_formula(clips: Clips, found: Discovery, now: Stage, structure: Structure, report: Report) -> Discovery:
+    """The verdict beside the formula: effects that it makes superfluous go; the model file holds named effects only."""
+    before = found.verdict
+    formed, verdict = _prune(clips, now, before, report)
+    plain = without(clips, formed, NAME, report)
+    told = describe(structure, formed, None) | {"delta_bic": (found.unexplained or {}).get("delta_bic")}
+    told |= {"rms_m": formed.rms, "held_out_rms_m": formed.held_rms, "chi2_reduced": formed.chi2}
+    kept = [(s, v) for s, v in zip(found.stages, found.verdicts, strict=True) if set(v) < set(verdict) or not v]
+    return dataclasses.replace(
+        found, stages=(*(s for s, _ in kept[: len(verdict)]), plain) if verdict else (plain,),
+        verdicts=(*(v for _, v in kept[: len(verdict)]), verdict) if verdict else ((),),
+        unexplained=told, explained=formed, pruned=tuple(v for v in before if v not in verdict),
+    )  # fmt: skip
+
+
+def best_next(
+    clips: Clips, now: Stage, rounds: Sequence[Round], verdict: Sequence[str], report: Report
+) -> NextShot | None:
+    """The shot that parts the verdict from its nearest rival, or brings out what these clips say least about."""
+    if not rounds:
+        return None
+    report("the next shot")
+    named = [r for r in rounds if r.best is not None and r.best.name in verdict]
+    if named:
+        best = named[-1].best
+        rivals = [t for t in named[-1].trials if best and t.name != best.name]
+        if best and rivals:
+            rival = rivals[0].stage
+            why = f"parts {best.name} from {rivals[0].name}, the next best"
+            return propose(rival.point, best.stage.model, rival.fit.joint.covariance, clips.sigma, why)
+    scores = rounds[-1].scores
+    shy = [row for row in scores.rows if row.gain > 0 and np.all(np.isfinite(row.sd)) and np.all(row.sd > 0)]
+    if not shy:
+        return None
+
+    def power(k: int) -> float:  # how large an effect these clips could hide, of its usual size
+        one = shy[k].candidate
+        usual = np.array([getattr(one.effect, key) for key in one.keys]) - one.off()
+        return float(np.max(shy[k].sd / np.maximum(np.abs(usual), 1e-12)))
+
+    row = shy[int(np.argmax([power(k) for k in range(len(shy))]))]
+    one = row.candidate
+    bounds = np.array([one.effect.parameters()[k]["bounds"] for k in one.keys])
+    value = np.clip(one.off() + POWER * row.sd, bounds[:, 0], bounds[:, 1])
+    hidden = ", ".join(f"{k} = {v:.3g}" for k, v in zip(one.keys, value, strict=True))
+    why = f"these clips say least about {one.name}: they could hide {hidden}"
+    other = now.model.add(one.at(value))
+    return propose(now.point, other, now.fit.joint.covariance, clips.sigma, why)

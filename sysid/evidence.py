@@ -1,0 +1,259 @@
+"""What speaks for an effect that the model does not hold, before it is fitted.
+
+The signature of a candidate is how the residuals change when it is switched on a little. It is projected off all that
+the fit already moves, each shot's own unknowns and the constants, and what is left of it is held against the
+residuals: a score test, of all candidates at one operating point, which costs one batch of simulations each.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.effect import Effect
+from models.model_file import Model
+from sysid.own import ROBUST
+from sysid.problem import STEPS, Array, ShotProblem, constant_steps
+from sysid.solve import differences, weights
+
+TARGET = 0.5  # change of the residuals that a probe aims at, in standard deviations, median over shots
+PROBE = 1e-3  # first probe, of the bounds' width
+RANGE = (1e-7, 0.4)  # of the bounds' width, smallest and largest probe
+PASSES = 4
+JUMP = 30.0  # a residual that a probe moves by so many standard deviations met another ball: no derivative
+FLAT = 1e-9  # of a signature's own size: what is left after projection is nothing
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be missing, and the parameters by which it is switched on."""
+
+    effect: Effect  # at usual values; parameters that only shape it keep them
+    keys: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.effect.name()
+
+    def at(self, values: Sequence[float] | Array) -> Effect:
+        """The effect with values of its switching parameters."""
+        return dataclasses.replace(self.effect, **dict(zip(self.keys, values, strict=True)))
+
+    def off(self) -> Array:
+        """Where it vanishes: (k,)."""
+        known = self.effect.parameters()
+        return np.array([known[k]["off"] for k in self.keys], float)
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where a fit has arrived: a problem, own unknowns (n, 7), constants (q,)."""
+
+    problem: ShotProblem
+    x: Array
+    c: Array
+
+    @property
+    def model(self) -> Model:
+        """The model at these constants."""
+        return self.problem.model.with_values({n: float(v) for n, v in zip(self.problem.names, self.c, strict=True)})
+
+    def residuals(self, problem: ShotProblem | None = None, extra: Array | None = None) -> Array:
+        """(n, m), of this or of another problem whose constants continue with `extra` (k,)."""
+        c = self.c if extra is None else np.concatenate([self.c, extra])
+        n = len(self.x)
+        return (problem or self.problem).evaluate(self.x, np.tile(c, (n, 1)), np.arange(n))
+
+
+def candidate(effect: type[Effect] | Effect) -> Candidate:
+    """A candidate from an effect's class: every parameter that has an off value switches it on."""
+    one = effect if isinstance(effect, Effect) else effect()
+    return Candidate(one, tuple(k for k, m in one.parameters().items() if m["off"] is not None))
+
+
+def with_candidate(problem: ShotProblem, one: Candidate, names: Sequence[str] | None = None) -> ShotProblem:
+    """The problem with a candidate in its model, its switching parameters added to the constants."""
+    more = tuple(f"{one.name}.{k}" for k in one.keys) if names is None else tuple(names)
+    return dataclasses.replace(problem, model=problem.model.add(one.effect), names=(*problem.names, *more))
+
+
+@dataclass(frozen=True)
+class Signature:
+    """How a candidate changes the residuals, per probe."""
+
+    candidate: Candidate
+    probe: Array  # (k,) what each parameter was moved by from off
+    columns: Array  # (n, m, k) change of the residuals for one probe
+
+
+def signature(point: Point, base: Array, one: Candidate) -> Signature:
+    """The change of residuals `base` (n, m) when a candidate is switched on, each parameter by a probe of its own."""
+    problem = with_candidate(point.problem, one)
+    known, off = one.effect.parameters(), one.off()
+    k = len(one.keys)
+    bounds = np.array([known[key]["bounds"] for key in one.keys], float)
+    width = bounds[:, 1] - bounds[:, 0]
+    way = np.where(bounds[:, 1] - off >= 0.25 * width, 1.0, -1.0)  # towards the inside
+    room = np.where(way > 0, bounds[:, 1] - off, off - bounds[:, 0])
+    both = np.minimum(bounds[:, 1] - off, off - bounds[:, 0])
+    probe = np.minimum(PROBE * width, room)
+    n, rows = len(point.x), np.arange(len(point.x))
+    columns = np.zeros((*base.shape, k))
+    todo = np.arange(k)
+    for _ in range(PASSES):
+        ahead = np.tile(off, (k, 1)) + np.diag(way * probe)
+        change = {}
+        values = np.concatenate([np.tile(np.concatenate([point.c, ahead[j]]), (n, 1)) for j in todo])
+        r = problem.evaluate(np.tile(point.x, (todo.size, 1)), values, np.tile(rows, todo.size))
+        for j, part in zip(todo, r.reshape(todo.size, *base.shape), strict=True):
+            change[j] = part - base
+            columns[..., j] = np.nan_to_num(change[j]) * way[j]
+        again = []
+        for j in todo:
+            size = float(np.median(np.sqrt(np.nanmean(np.minimum(change[j] ** 2, JUMP**2), axis=1))))
+            top = float(np.sqrt(np.nanmean(np.minimum(change[j] ** 2, JUMP**2))))
+            size = max(size, 0.1 * top)
+            low, high = RANGE[0] * width[j], min(RANGE[1] * width[j], room[j])
+            wanted = float(np.clip(probe[j] * np.clip(TARGET / max(size, 1e-9), 1e-3, 1e3), low, high))
+            if not 0.3 < wanted / probe[j] < 3.0:
+                probe[j] = wanted
+                again.append(j)
+        if not again:
+            break
+        todo = np.array(again)
+    # Where both sides are open, the difference of both takes out what is even in the parameter and steps' own error.
+    two = np.flatnonzero(both > probe)
+    if two.size:
+        behind = np.tile(off, (k, 1)) - np.diag(way * probe)
+        values = np.concatenate([np.tile(np.concatenate([point.c, behind[j]]), (n, 1)) for j in two])
+        r = problem.evaluate(np.tile(point.x, (two.size, 1)), values, np.tile(rows, two.size))
+        for j, part in zip(two, r.reshape(two.size, *base.shape), strict=True):
+            columns[..., j] = 0.5 * (columns[..., j] - np.nan_to_num(part - base) * way[j])
+    columns[np.abs(columns) > JUMP] = 0.0
+    return Signature(one, probe, columns)
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a candidate promises beside all that is active."""
+
+    candidate: Candidate
+    gain: float  # fall of chi-square that the linear model promises
+    step: Array  # (k,) parameter values it would take
+    sd: Array  # (k,) of them
+    explains: float  # correlation of the residuals with the signature, both projected
+
+
+@dataclass(frozen=True)
+class Scores:
+    """All candidates at one operating point."""
+
+    rows: tuple[Score, ...]  # best first
+    alike: dict[tuple[str, str], float]  # correlation of the projected signatures of two candidates
+    chi2: float  # weighted sum of squares
+    count: int  # of residuals
+    left: Array  # (K, K) information of all probes, own unknowns and constants projected off
+    pull: Array  # (K,) gradient of half the loss by them
+    before: Array  # (K,) what they would have alone
+    blocks: dict[str, slice]  # which of them belong to a candidate
+    probe: Array  # (K,) parameter change of one probe
+
+
+def score_all(
+    point: Point, candidates: Sequence[Candidate], known: Mapping[str, tuple[float, float]], robust: float = ROBUST
+) -> Scores:
+    """Score every candidate jointly with own unknowns and constants.
+
+    Args:
+        point: where a fit has arrived; its problem's standard deviations are those to score at.
+        candidates: what may be missing.
+        known: what is known of constants beside the clips: mean and standard deviation.
+        robust: Cauchy's constant.
+    """
+    problem = point.problem
+    n = len(point.x)
+    steps_c = constant_steps(problem.model, problem.names)
+    r, jx, jc = differences(problem.evaluate, point.x, point.c, np.arange(n), STEPS, steps_c)
+    signatures = [signature(point, r, one) for one in candidates]
+    extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
+    w = weights(r, robust)
+    seen = np.isfinite(r)
+    r = np.nan_to_num(r)
+    prior = problem.prior
+    sd = np.broadcast_to(prior.sd, point.x.shape)
+    j = np.concatenate([jc, extra], axis=2)
+    axx = np.einsum("nmp,nm,nmq->npq", jx, w, jx) + np.einsum("np,pq->npq", 1 / sd**2 + 1e-9, np.eye(7))
+    axj = np.einsum("nmp,nm,nmq->npq", jx, w, j)
+    ajj = np.einsum("nmp,nm,nmq->npq", j, w, j)
+    gx = np.einsum("nmp,nm->np", jx, w * r) + prior.residuals(point.x) / sd
+    gj = np.einsum("nmp,nm->np", j, w * r)
+    solved = np.linalg.solve(axx, np.concatenate([axj, gx[..., None]], axis=2))
+    info = (ajj - np.einsum("npq,npr->nqr", axj, solved[..., :-1])).sum(axis=0)
+    grad = (gj - np.einsum("npq,np->nq", axj, solved[..., -1])).sum(axis=0)
+    own = ajj.sum(axis=0)
+    q = len(point.c)
+    _add_known(info, grad, point, signatures, known)
+    scale = np.sqrt(np.maximum(np.diag(info), 1e-300))
+    cc = info[:q, :q] / np.outer(scale[:q], scale[:q])
+    lift = np.linalg.lstsq(cc, info[:q, q:] / scale[:q, None], rcond=1e-10)[0] / scale[:q, None]
+    left = info[q:, q:] - info[q:, :q] @ lift
+    pull = grad[q:] - lift.T @ grad[:q]
+    chi2 = float(np.sum(w * r * r))
+    rows, at, blocks = [], 0, {}
+    for s in signatures:
+        k = len(s.probe)
+        part = slice(at, at + k)
+        block, g = left[part, part], pull[part]
+        size = np.diag(own[q:, q:])[part]
+        fine = np.diag(block) > FLAT * np.maximum(size, 1e-300)
+        gain, step, step_sd = 0.0, np.zeros(k), np.full(k, np.inf)
+        if fine.any():
+            inverse = np.linalg.pinv(block[np.ix_(fine, fine)], rcond=1e-10)
+            taken = -inverse @ g[fine]
+            gain = float(g[fine] @ inverse @ g[fine])
+            step[fine] = taken * s.probe[fine]
+            step_sd[fine] = np.sqrt(np.maximum(np.diag(inverse), 0)) * s.probe[fine]
+        rows.append(Score(s.candidate, gain, s.candidate.off() + step, step_sd, float(np.sqrt(gain / max(chi2, 1e-9)))))
+        blocks[s.candidate.name] = part
+        at += k
+    alike = _alike(left, blocks)
+    probes = np.concatenate([s.probe for s in signatures]) if signatures else np.zeros(0)
+    order = tuple(sorted(rows, key=lambda row: -row.gain))
+    return Scores(order, alike, chi2, int(seen.sum()), left, pull, np.diag(own)[q:], blocks, probes)
+
+
+def _add_known(
+    info: Array, grad: Array, point: Point, signatures: Sequence[Signature], known: Mapping[str, tuple[float, float]]
+) -> None:
+    """Put in what is known of constants (per unit) and of switching parameters (per probe)."""
+    entries = [(name, float(c), 1.0) for name, c in zip(point.problem.names, point.c, strict=True)]
+    for s in signatures:
+        named = [f"{s.candidate.name}.{k}" for k in s.candidate.keys]
+        entries += list(zip(named, s.candidate.off().tolist(), s.probe.tolist(), strict=True))
+    for k, (name, value, unit) in enumerate(entries):
+        if name in known:
+            mean, sd = known[name]
+            info[k, k] += (unit / sd) ** 2
+            grad[k] += unit * (value - mean) / sd**2
+
+
+def _alike(left: Array, blocks: dict[str, slice]) -> dict[tuple[str, str], float]:
+    """Largest canonical correlation of every two candidates."""
+
+    def whiten(block: Array) -> Array:
+        value, vector = np.linalg.eigh(block)
+        keep = value > 1e-10 * max(value.max(initial=0.0), 1e-300)
+        return np.asarray(vector[:, keep] / np.sqrt(value[keep]))
+
+    found = {}
+    names = list(blocks)
+    roots = {n: whiten(left[blocks[n], blocks[n]]) for n in names}
+    for a, one in enumerate(names):
+        for two in names[a + 1 :]:
+            cross = roots[one].T @ left[blocks[one], blocks[two]] @ roots[two]
+            found[one, two] = float(np.linalg.svd(cross, compute_uv=False)[0]) if cross.size else 0.0
+    return found

@@ -1,0 +1,241 @@
+"""What a diagnosis or a discovery found: as a model file, as result.json, as text and as parts of a report."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from models.model_file import Estimate, Model
+from sysid.diagnose import ALIKE, NAMED, Round
+from sysid.discover import Discovery, Judgement
+from sysid.next_shot import NextShot
+from sysid.output import table
+from sysid.stages import Clips, Stage
+
+SHOWN = 8  # candidates listed in a round
+
+
+def model_of(found: Discovery, now: Stage, command: str) -> Model:
+    """A stage's model, with uncertainties, correlations and where they come from."""
+    files = [c.file for c in found.clips.training.clips]
+    converged = now.fit.converged
+    estimates = {}
+    sd = np.sqrt(np.diag(now.fit.joint.covariance))
+    for k, name in enumerate(now.names):
+        source = f"{command}, {len(files)} clips" + ("" if converged else ", NOT converged")
+        estimates[name] = Estimate(float(sd[k]) if converged else float("nan"), source)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = now.fit.joint.covariance / np.outer(sd, sd)
+    summary = {
+        "command": command, "clips": files, "converged": converged, "noise_m": found.clips.sigma,
+        "error_rate": now.fit.rate, "names": list(now.names),
+        "correlation": [[float(np.round(v, 3)) for v in row] for row in correlation],
+    }  # fmt: skip
+    return dataclasses.replace(now.model, estimates=estimates, fitted=summary)
+
+
+def result_of(found: Discovery, elapsed: float) -> dict[str, Any]:
+    """`billiard-discovery/1`."""
+    now = found.last
+    ladder = [
+        {"effects": list(v), "rms_m": s.rms, "held_out_rms_m": s.held_rms, "chi2_reduced": s.chi2,
+         "converged": s.fit.converged}
+        for s, v in zip(found.stages, found.verdicts, strict=True)
+    ]  # fmt: skip
+    meta = now.model.meta
+    parameters = {n: {"value": now.value(n)[0], "sd": now.value(n)[1], "unit": meta(n)["unit"]} for n in now.names}
+    return {
+        "format": "billiard-discovery/1", "verdict": list(found.verdict),
+        "unexplained": dict(found.unexplained) if found.unexplained else None,
+        "noise_floor_m": found.clips.sigma, "ladder": ladder, "rounds": [round_told(r) for r in found.rounds],
+        "look_alikes": [list(p) for p in found.alike], "look_alike_from": ALIKE,
+        "next_shot": found.next_shot.told() if found.next_shot else None, "parameters": parameters,
+        "pruned": list(found.pruned), "converged": now.fit.converged,
+        "doubtful": sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict)), "elapsed_s": elapsed,
+    }  # fmt: skip
+
+
+def round_told(seen: Round) -> list[dict[str, Any]]:
+    """Candidates of one round, best first: those fitted, then what the others promised."""
+    fitted = [
+        {"effect": t.name, "delta_bic": t.evidence.delta_bic, "held_out_gain": _gain(seen.base, t.stage),
+         "fitted": True, "converged": t.converged, "promised": t.score.gain, "rms_m": t.stage.rms,
+         "held_out_rms_m": t.stage.held_rms, "samples_that_count_as_one": t.evidence.tau}
+        for t in seen.trials
+    ]  # fmt: skip
+    names = {t.name for t in seen.trials}
+    rest = [
+        {"effect": row.candidate.name, "delta_bic": row.gain - len(row.candidate.keys) * float(np.log(seen.count)),
+         "held_out_gain": None, "fitted": False, "promised": row.gain}
+        for row in seen.scores.rows
+        if row.candidate.name not in names
+    ]  # fmt: skip
+    return [*fitted, *rest]
+
+
+def _gain(base: Stage, new: Stage) -> float:
+    """Part of the held-out error that is gone."""
+    return 1.0 - new.held_rms / base.held_rms if base.held_rms > 0 else float("nan")
+
+
+def judgement_told(
+    clips: Clips, judged: Judgement, told: Mapping[str, Any] | None, shot: NextShot | None
+) -> dict[str, Any]:
+    """`billiard-diagnosis/1`."""
+    seen = judged.round
+    return {
+        "format": "billiard-diagnosis/1", "verdict": [judged.name] if judged.name else [],
+        "unexplained": dict(told) if told else None, "noise_floor_m": clips.sigma,
+        "base": {"rms_m": seen.base.rms, "held_out_rms_m": seen.base.held_rms, "chi2_reduced": seen.base.chi2,
+                 "converged": seen.base.fit.converged},
+        "candidates": round_told(seen), "margin_delta_bic": seen.margin if np.isfinite(seen.margin) else None,
+        "look_alikes": [[a, b] for a, b, _ in seen.alike], "not_told_apart": [list(p) for p in seen.tied],
+        "doubtful": list(seen.doubtful), "next_shot": shot.told() if shot else None,
+    }  # fmt: skip
+
+
+def round_rows(seen: Round) -> list[tuple[str, ...]]:
+    """A round as a table."""
+    rows: list[tuple[str, ...]] = [("candidate", "delta BIC", "rms mm", "held out mm", "")]
+    for trial in seen.trials:
+        state = "fitted" if trial.converged else "NOT converged: no verdict from it"
+        held = f"{trial.stage.held_rms * 1e3:.3f}"
+        rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", f"{trial.stage.rms * 1e3:.3f}", held, state))
+    fitted = {t.name for t in seen.trials}
+    for row in [r for r in seen.scores.rows if r.candidate.name not in fitted][: SHOWN - len(fitted)]:
+        promised = row.gain - len(row.candidate.keys) * float(np.log(seen.count))
+        rows.append((row.candidate.name, f"{promised:.0f}", "", "", "promised, not fitted"))
+    return rows
+
+
+def verdict_lines(judged: Judgement, told: Mapping[str, Any] | None) -> list[str]:
+    """The verdict in words."""
+    seen = judged.round
+    lines = []
+    if told is not None:
+        lines += unexplained_lines(told)
+    elif judged.name is not None and seen.best is not None:
+        lines.append(f"missing: {judged.name} (delta BIC {seen.best.evidence.delta_bic:.0f})")
+        if np.isfinite(seen.margin):
+            rival = next(t.name for t in seen.trials if t.converged and t.name != judged.name)
+            lines.append(f"margin over the next best, {rival}: {seen.margin:.0f}")
+    else:
+        lines.append(f"none: no effect of the catalogue is worth its parameters (delta BIC under {NAMED:.0f})")
+    lines += alike_lines(seen)
+    if seen.doubtful:
+        lines.append(f"did not converge, and give no verdict: {', '.join(seen.doubtful)}")
+    if not seen.base.fit.converged:
+        lines.append("the base itself did not converge: take this as a hint, not as a verdict")
+    return lines
+
+
+def alike_lines(seen: Round) -> list[str]:
+    """Look-alikes of a round in words."""
+    lines = [f"{a} and {b} look alike in these clips (correlation {r:.2f})" for a, b, r in seen.alike]
+    return lines + [f"these clips do not tell {a} from {b}: film the next shot below" for a, b in seen.tied]
+
+
+def unexplained_lines(told: Mapping[str, Any]) -> list[str]:
+    """What nothing in the catalogue explains, in words."""
+    return [
+        f"something else: {told['where']}",
+        f"it depends on {', '.join(told['depends_on'])}; {told['what']}: {told['size']:.3g}",
+        f"as a formula: {told['form']}",
+        "to add it: sysid new-effect NAME --from result.json",
+    ]
+
+
+def shot_lines(shot: NextShot | None) -> list[str]:
+    """The next shot in words."""
+    if shot is None:
+        return []
+    c = shot.cue
+    return [
+        f"next shot ({shot.why}):",
+        f"  ball at x = {shot.place[0]:.3f}, y = {shot.place[1]:.3f} m; speed {c.speed:.2f} m/s,"
+        f" azimuth {c.azimuth:.3f} rad, side {c.side * 1e3:+.1f} mm, height {c.height * 1e3:+.1f} mm:"
+        f" {shot.sigmas:.0f} standard deviations apart",
+    ]
+
+
+def ladder_rows(found: Discovery) -> list[tuple[str, ...]]:
+    """The ladder of models as a table."""
+    rows: list[tuple[str, ...]] = [("model", "rms mm", "held out mm", "chi2")]
+    for s, names in zip(found.stages, found.verdicts, strict=True):
+        rows.append((label(names), *_errors(s)))
+    if found.explained is not None:
+        rows.append((label(found.verdict) + " + the formula", *_errors(found.explained)))
+    return rows
+
+
+def _errors(s: Stage) -> tuple[str, str, str]:
+    return f"{s.rms * 1e3:.3f}", f"{s.held_rms * 1e3:.3f}", f"{s.chi2:.3f}"
+
+
+def label(names: Sequence[str]) -> str:
+    """A stage by the effects it has."""
+    return " + ".join(["base", *names])
+
+
+def discovery_lines(found: Discovery) -> list[str]:
+    """The outcome in words."""
+    lines = [f"verdict: {', '.join(found.verdict) or 'none, the base model suffices'}"]
+    if not found.verdict and found.unexplained:
+        lines = ["verdict: no effect of the catalogue"]
+    if found.unexplained:
+        lines += unexplained_lines(found.unexplained)
+    if found.pruned:
+        lines.append(f"named on the way, and no longer needed: {', '.join(found.pruned)}")
+    if found.rounds:
+        lines += list(dict.fromkeys(line for r in found.rounds for line in alike_lines(r)))
+    doubtful = sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict))
+    if doubtful:
+        lines.append(f"did not converge, and gave no verdict: {', '.join(doubtful)}")
+    if not found.last.fit.converged:
+        lines.append("the last fit did not converge: its constants carry no uncertainty")
+    return lines + shot_lines(found.next_shot)
+
+
+def print_ladder(found: Discovery) -> None:
+    """The ladder, and the noise beside it."""
+    print(table(ladder_rows(found)))
+    print(f"noise of the tracker: {found.clips.sigma * 1e3:.3f} mm an axis")
+
+
+def sections(rounds: Sequence[Round]) -> list[str]:
+    """Rounds as parts of an HTML report."""
+    out = ["<h2>What could be missing</h2>"]
+    for number, seen in enumerate(rounds, 1):
+        rows = round_rows(seen)
+        top = max([1.0, *(float(r[1]) for r in rows[1:])])
+        head = "".join(f"<th{' class=n' if 0 < k < 4 else ''}>{escape(c)}</th>" for k, c in enumerate(rows[0]))
+        body = []
+        for row in rows[1:]:
+            width = 100 * max(0.0, np.log1p(max(float(row[1]), 0.0)) / np.log1p(top))
+            cells = "".join(f"<td{' class=n' if 0 < k < 4 else ''}>{escape(c)}</td>" for k, c in enumerate(row))
+            body.append(f'<tr>{cells}<td><div class="bar"><i style="width:{width:.1f}%"></i></div></td></tr>')
+        beside = ", ".join(e.name() for e in seen.base.model.effects) or "nothing"
+        out.append(
+            f"<h3>Look {number}, beside {escape(beside)}</h3><table><thead><tr>{head}"
+            f"<th>delta BIC, logarithmic</th></tr></thead><tbody>{''.join(body)}</tbody></table>"
+        )
+        lines = alike_lines(seen)
+        if lines:
+            out.append('<ul class="notes">' + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>")
+    out.append(
+        '<p class="sub">Delta BIC is the fall of chi-square, discounted for residuals that hang together, less what '
+        "the parameters cost; above 10 speaks for an effect. Promised values come from the linear model at the optimum "
+        "and are computed for every candidate; the most promising are fitted.</p>"
+    )
+    return out
+
+
+def merged_own(clips: Clips, last: Stage, files: Sequence[str]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Own unknowns of all clips, in the order of `files`: (n, 7)."""
+    known = {c.file: x for c, x in zip(clips.training.clips, last.point.x, strict=True)}
+    known |= {c.file: x for c, x in zip(clips.held.clips, last.held_own, strict=True)}
+    return np.array([known[f] for f in files])

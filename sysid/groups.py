@@ -1,0 +1,89 @@
+"""Position errors of whole shots by group: how far, not why, for they add up from the first event on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.bins import SPEEDS, Variable, span, variables
+from sysid.clips import ClipSet
+from sysid.comparison import ClipRow, Group, SegmentRow
+from sysid.fit import MISCUT
+from sysid.samples import Samples
+
+LEAST = 12  # samples of a group worth naming
+SIDESPINS = (0.0, 5.0, 20.0, 50.0, np.inf)  # [rad/s]
+PHASES = {"slide": "while sliding", "roll": "while rolling", "spin": "spinning in place", "rest": "at rest"}
+AFTER = {
+    "strike": "before the first event", "ball": "after one ball-ball impact", "cushion": "after one cushion impact",
+    "ball again": "after several, the last with a ball", "cushion again": "after several, the last with a cushion",
+    "pocket": "after a pocket", "pocket again": "after several, the last a pocket",
+}  # fmt: skip
+SHOWN = {
+    "heading": "heading", "time": "time", "time since event": "since event", "place": "place", "rail before": "rail",
+    "clip order": "order",
+}  # fmt: skip
+
+
+def groups(
+    samples: Samples, segments: Sequence[SegmentRow], rows: Sequence[ClipRow], clip_set: ClipSet, sigma: float,
+    sd_theta: float,
+) -> tuple[Group, ...]:  # fmt: skip
+    """Groups of samples by what the ball did, met and was, the worst of each kind first."""
+    square = np.sum(samples.miss**2, axis=1)
+    found: list[Group] = []
+
+    def group(by: str, labels: Sequence[str]) -> None:
+        values = np.asarray(labels, dtype=str)
+        own = []
+        for label in sorted(set(values.tolist()) - {""}):
+            pick = values == label
+            if pick.sum() >= LEAST:
+                mean = float(square[pick].mean())
+                own.append(Group(by, label, float(np.sqrt(mean)), float(np.sqrt(mean / 2) / sigma), int(pick.sum())))
+        found.extend(sorted(own, key=lambda d: -d.ratio))
+
+    group("phase", [PHASES[m] for m in samples.motion])
+    met = [f"{last} again" if more else last for last, more in zip(samples.last, samples.events > 1, strict=True)]
+    group("event", [AFTER[m] for m in met])
+    band = np.digitize(samples.speed, SPEEDS) - 1
+    group("speed", [f"at {span(SPEEDS, int(b))} m/s" for b in band])
+    spin = np.digitize(np.abs(samples.spin), SIDESPINS) - 1
+    group("sidespin", [f"at {span(SIDESPINS, int(b))} rad/s" for b in spin])
+    group("ball", [f"the {'struck' if s else 'object'} ball" for s in samples.struck])
+    if len(set(samples.ball)) > 2:
+        group("ball", [f"ball {name}" for name in samples.ball])
+    for v in variables(samples, clip_set.table, len(clip_set.clips)):
+        if v.name in SHOWN:
+            group(SHOWN[v.name], _words(v))
+    found += _marks(samples, clip_set.ball.radius, sd_theta)
+    by_start: dict[str, list[float]] = {}
+    for s in segments:
+        if s.ratio < MISCUT:
+            by_start.setdefault(f"segments from {s.before}", []).append(s.ratio)
+    for words, ratios in sorted(by_start.items(), key=lambda item: -float(np.median(item[1]))):
+        middle = float(np.median(ratios))
+        found.append(Group("segment", words, middle * sigma * np.sqrt(2), middle, len(ratios)))
+    counts = {c.file: sum(len(o.time) for o in c.balls.values()) for c in clip_set.clips}
+    for row in sorted(rows, key=lambda r: -r.rms_m)[:5]:
+        found.append(Group("clip", row.file, row.rms_m, row.rms_m / np.sqrt(2) / sigma, counts[row.file]))
+    return tuple(found)
+
+
+def _words(variable: Variable) -> list[str]:
+    return [variable.words[k] if k >= 0 else "" for k in variable.group]
+
+
+def _marks(samples: Samples, radius: float, sd_theta: float) -> list[Group]:
+    """How far the marks' angles are missed, as way on the ball's surface, by sidespin."""
+    found = []
+    seen = np.isfinite(samples.angle)
+    band = np.digitize(np.abs(samples.spin), SIDESPINS) - 1
+    for k in sorted(set(band[seen].tolist())):
+        pick = seen & (band == k)
+        if pick.sum() >= LEAST:
+            rms = float(np.sqrt(np.mean(samples.angle[pick] ** 2)))
+            words = f"the mark's angle at {span(SIDESPINS, k)} rad/s"
+            found.append(Group("mark", words, rms * radius, rms / sd_theta, int(pick.sum())))
+    return sorted(found, key=lambda d: -d.ratio)

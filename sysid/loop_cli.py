@@ -1,0 +1,184 @@
+"""The verbs that look for what is missing: `sysid diagnose` and `sysid discover`."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import pickle
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from models.errors import BadInput
+from models.files import write_whole
+from sysid.output import Progress, print_constants, table, write_json
+
+if TYPE_CHECKING:
+    from models.model_file import Model
+    from sysid.clips import ClipSet
+    from sysid.comparison import Comparison
+    from sysid.discover import Discovery
+
+DONE, FOUND = 0, 1
+CHECKPOINT = "unfinished.pickle"
+
+
+def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress: Progress) -> int:
+    """Which effect is missing."""
+    from sysid.discover import best_next, judge
+    from sysid.findings import (
+        judgement_told,
+        merged_own,
+        round_rows,
+        sections,
+        shot_lines,
+        verdict_lines,
+    )
+    from sysid.stages import begin
+    from sysid.structure import describe
+
+    clips, base = begin(clip_set, model, progress)
+    judged = judge(clips, base, progress)
+    told = None
+    if judged.structure is not None and judged.trial is not None:
+        told = describe(judged.structure, judged.trial.stage, judged.trial.evidence)
+    shot = best_next(clips, base, (judged.round,), (judged.name,) if judged.name else (), progress)
+    progress.close()
+    seen = judged.round
+    print(f"{len(clip_set.clips)} clips, {len(clips.held.clips)} of them held out, noise {clips.sigma * 1e3:.3f} mm")
+    print(f"base: {seen.base.rms * 1e3:.3f} mm rms, held out {seen.base.held_rms * 1e3:.3f} mm\n")
+    print(table(round_rows(seen)))
+    lines = verdict_lines(judged, told)
+    print("\n" + "\n".join([*lines, *shot_lines(shot)]))
+    if args.json:
+        write_json(args.json, judgement_told(clips, judged, told, shot))
+    if args.report:
+        from sysid.compare import compare
+        from sysid.report import write_report
+
+        own = merged_own(clips, seen.base, [c.file for c in clip_set.clips])
+        comparison = compare(clip_set, seen.base.model, progress, start=own)
+        progress.close()
+        notes = [*lines, *shot_lines(shot)]
+        write_report(args.report, "What is missing", [("base", comparison)], notes=notes, sections=sections((seen,)))
+        print(f"report: {args.report}")
+    return DONE if seen.base.fit.converged else FOUND
+
+
+def discover(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress: Progress) -> int:
+    """The whole loop into a folder."""
+    from sysid.discover import discover as run
+    from sysid.findings import discovery_lines, print_ladder, round_rows
+
+    out = Path(args.out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{out}: cannot be made ({error.strerror}); choose another folder") from error
+    began = time.monotonic()
+    mark = _fingerprint(clip_set, model)
+    resumed, spent = _resume(out, mark)
+    if resumed is not None:
+        print(f"going on from {out / CHECKPOINT}: {', '.join(resumed.verdict) or 'the base is fitted'}", flush=True)
+
+    def save(found: Discovery) -> None:
+        state = pickle.dumps((mark, spent + time.monotonic() - began, found))
+        write_whole(out / CHECKPOINT, state)
+        progress.close()
+        if found.rounds:
+            print(table(round_rows(found.rounds[-1])) + "\n")
+        last = found.last
+        name = ", ".join(found.verdict) or "base"
+        print(f"{name}: {last.rms * 1e3:.3f} mm rms, held out {last.held_rms * 1e3:.3f} mm\n", flush=True)
+
+    try:
+        found = run(clip_set, model, progress, save, resumed)
+    except KeyboardInterrupt:
+        progress.close()
+        if (out / CHECKPOINT).exists():
+            print(f"interrupted; {out / CHECKPOINT} is kept: the same command goes on from there", flush=True)
+        raise
+    progress.close()
+    print(table(round_rows(found.rounds[-1])) + "\n")
+    print_ladder(found)
+    print("\n" + "\n".join(discovery_lines(found)) + "\n")
+    elapsed = spent + time.monotonic() - began
+    outcome = write_outcome(out, clip_set, found, progress, elapsed, f"sysid discover {args.clips}")
+    print_constants(outcome)
+    print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
+    (out / CHECKPOINT).unlink(missing_ok=True)
+    return DONE if found.last.fit.converged else FOUND
+
+
+def write_outcome(
+    out: Path, clip_set: ClipSet, found: Discovery, progress: Progress, elapsed: float, command: str
+) -> Model:
+    """model.toml, result.json, report.html and review.rrd; the model that was found."""
+    from models.model_file import write_model
+    from sysid.compare import compare
+    from sysid.findings import discovery_lines, label, merged_own, model_of, result_of, sections
+    from sysid.report import write_report
+    from sysid.review import write_rrd
+
+    files = [c.file for c in clip_set.clips]
+    progress("comparing the first model and the last")
+    compared: list[tuple[str, Comparison]] = []
+    for s, names in ((found.stages[0], found.verdicts[0]), (found.last, found.verdict)):
+        if not compared or s is not found.stages[0]:
+            model = model_of(found, s, command)
+            compared.append((label(names), compare(clip_set, model, progress, start=merged_own(found.clips, s, files))))
+    progress.close()
+    model = compared[-1][1].model
+    write_model(model, out / "model.toml")
+    write_json(str(out / "result.json"), result_of(found, elapsed))
+    write_report(
+        out / "report.html", f"What {len(files)} clips say", compared, notes=discovery_lines(found),
+        sections=sections(found.rounds), ladder=_rungs(found),
+    )  # fmt: skip
+    write_rrd(out / "review.rrd", compared[-1][1])
+    return model
+
+
+def _rungs(found: Discovery) -> list[Any]:
+    """The ladder for the report: rms distance, which is sqrt(2) times the rms per axis."""
+    from sysid.findings import label
+    from sysid.report import Rung
+
+    both = 2**0.5
+    rungs = [
+        Rung(label(names), both * s.rms, both * s.held_rms, s.chi2)
+        for s, names in zip(found.stages, found.verdicts, strict=True)
+    ]
+    if found.explained is not None:
+        s = found.explained
+        rungs.append(Rung(label(found.verdict) + " + the formula", both * s.rms, both * s.held_rms, s.chi2))
+    return rungs
+
+
+def _fingerprint(clip_set: ClipSet, model: Model) -> str:
+    """Of what a saved state depends on: the clips, the model to start from, the catalogue and this program."""
+    from models.model_file import catalogue
+
+    digest = hashlib.sha256()
+    root = Path(__file__).resolve().parent.parent
+    for path in sorted([*root.glob("models/**/*.py"), *root.glob("sysid/*.py")]):
+        digest.update(path.read_bytes())
+    digest.update(repr((clip_set.table, clip_set.ball, clip_set.fps, clip_set.sigma, sorted(catalogue()))).encode())
+    digest.update(repr([(e.name(), sorted(vars(e).items())) for e in model.effects]).encode())
+    for clip in clip_set.clips:
+        digest.update(repr((clip.file, clip.struck, clip.cue)).encode())
+        for name, seen in clip.balls.items():
+            digest.update(name.encode() + seen.time.tobytes() + seen.xy.tobytes() + seen.theta.tobytes())
+    return digest.hexdigest()
+
+
+def _resume(out: Path, mark: str) -> tuple[Discovery | None, float]:
+    """What an interrupted run of the same command left, and how long it took; nothing if it was another."""
+    path = out / CHECKPOINT
+    if not path.exists():
+        return None, 0.0
+    try:
+        known, spent, found = pickle.loads(path.read_bytes())
+    except Exception:  # noqa: BLE001 (whatever a damaged or foreign file raises, the work starts afresh)
+        return None, 0.0
+    return (found, float(spent)) if known == mark else (None, 0.0)

@@ -1,0 +1,188 @@
+"""Departures: coefficients of many candidate signatures in one set of residuals, and the few worth naming.
+
+Each clip gives its own value of a coefficient, with the uncertainty of the noise. Under a model that is wrong elsewhere
+the clips' values differ by more than that, so they are averaged with a variance between clips (DerSimonian and Laird
+1986), and the mean's uncertainty is what they scatter (Hartung and Knapp 2001), judged by Student's t of the clips that
+effectively count: what two clips show is no proof, however clear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f, norm, t
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+CHANCE = 0.01  # that a comparison without a fault names anything
+TABLE = "direction on the table"  # the variable of a pull that is the same everywhere
+PLACE = "place"
+MOST = 6  # departures of one kind that are named
+FREE = 1.0  # least effective clips, less one
+SUREST = 38.0  # normal quantile beyond which probabilities are 0 in double precision
+
+
+@dataclass(frozen=True)
+class Departure:
+    """What measured balls do beyond the model in a group."""
+
+    where: str  # a sentence
+    variable: str
+    group: str  # in plain words
+    quantity: str
+    value: float  # measured minus modelled
+    unit: str
+    sd: float
+    z: float  # value over sd
+    samples: int
+    gain: float  # chi-square explained
+    of: str  # "motion", "turning", "impacts"
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """How much of what is left unexplained a variable's groups explain."""
+
+    of: str  # "motion", "turning", "impacts"
+    variable: str
+    groups: int  # coefficients
+    share: float  # of chi-square beyond the noise; NaN where there is none
+    z: float  # of the F test, as a normal quantile
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Departures and dependences of a comparison."""
+
+    named: tuple[Departure, ...]  # the most evident first, each beyond what those before it explain
+    groups: tuple[Departure, ...]  # every group by itself
+    dependence: tuple[Dependence, ...]  # by what they are of, the largest share first
+    tests: int  # groups looked at
+
+
+@dataclass(frozen=True)
+class Head:
+    """What a candidate stands for."""
+
+    variable: str
+    group: str
+    quantity: str
+    unit: str
+    samples: int
+    say: Callable[[float, float], str]  # the sentence for a value and its sd
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Coefficients of candidates with their uncertainty, each (k,); NaN where too few clips tell."""
+
+    value: Array
+    sd: Array
+    sure: Array  # normal quantile as unlikely by chance
+    gain: Array  # chi-square explained
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Signatures of groups in one set of residuals."""
+
+    of: str
+    signature: Array  # (m, k) in units of noise
+    residual: Array  # (m,) in units of noise
+    clip: Index  # (m,)
+    free: int  # degrees of freedom of the residuals
+    heads: tuple[Head, ...]  # k
+
+    @cached_property
+    def _clips(self) -> tuple[Array, Array]:
+        """Which rows are of which clip (c, m); the signatures' power in each clip (c, k)."""
+        known, cluster = np.unique(self.clip, return_inverse=True)
+        member = (cluster == np.arange(len(known))[:, None]).astype(float)
+        return member, member @ self.signature**2
+
+    def slopes(self, residual: Array | None = None) -> Slopes:
+        """Every candidate by itself, in these residuals (m,) or its own."""
+        r = self.residual if residual is None else residual
+        member, weight = self._clips
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cross = (member * r) @ self.signature
+            power = weight.sum(axis=0)
+            tells = weight > 1e-9 * power
+            each = np.where(tells, cross / weight, 0.0)
+            mean = (weight * each).sum(axis=0) / power
+            spread = (weight * (each - mean) ** 2).sum(axis=0) - (tells.sum(axis=0) - 1)
+            differ = np.maximum(spread / (power - (weight**2).sum(axis=0) / power), 0.0)
+            trust = np.where(tells, 1 / (1 / weight + differ), 0.0)
+            whole = trust.sum(axis=0)
+            value = (trust * each).sum(axis=0) / whole
+            free = whole**2 / (trust**2).sum(axis=0) - 1
+            scatter = (trust * (each - value) ** 2).sum(axis=0) / free
+            sd = np.sqrt(np.maximum(scatter, 1.0) / whole)
+            z = np.abs(value) / sd
+            sure = np.minimum(np.where(differ > 0, norm.isf(t.sf(z, free)), z), SUREST)
+            gain = 2 * value * cross.sum(axis=0) - value**2 * power
+        good = (free >= FREE) & (power > 0)
+        return Slopes(*(np.where(good, v, np.nan) for v in (value, sd, sure, gain)))
+
+    def departures(self) -> list[Departure]:
+        """Every group by itself."""
+        found = self.slopes()
+        return [_departure(self.of, h, found, k) for k, h in enumerate(self.heads) if np.isfinite(found.value[k])]
+
+    def dependence(self) -> list[Dependence]:
+        """Every variable's groups together."""
+        total = float(self.residual @ self.residual)
+        beyond = total - self.free
+        rows = []
+        for name in dict.fromkeys(h.variable for h in self.heads):
+            axes_of = ("x", "y") if name == PLACE else ("along", "across")
+            s = self.signature[:, [
+                k for k, h in enumerate(self.heads)
+                if h.variable == name and (self.of != "motion" or name == TABLE or h.quantity.split()[1] in axes_of)
+            ]]  # fmt: skip
+            power = np.sqrt((s**2).sum(axis=0))
+            s = s[:, power > 0] / power[power > 0]
+            if s.shape[1] == 0:
+                continue
+            size, axes = np.linalg.eigh(s.T @ s)
+            use = size > 1e-8 * size[-1]
+            k, left = int(use.sum()), max(self.free - int(use.sum()), 1)
+            gain = float(np.sum((axes[:, use].T @ (s.T @ self.residual)) ** 2 / size[use]))
+            chance = f.sf(gain / k / max((total - gain) / left, 1e-300), k, left)
+            share = (gain - k) / beyond if beyond > 5 * np.sqrt(2 * self.free) else np.nan
+            rows.append(Dependence(self.of, name, k, float(np.clip(share, 0, 1)), float(min(norm.isf(chance), SUREST))))
+        return rows
+
+
+def pursue(candidates: Candidates, tests: int) -> list[Departure]:
+    """Name candidates one after another, each the one that explains most of what those before it leave."""
+    least = norm.isf(CHANCE / 2 / max(tests, 1))
+    named: list[Departure] = []
+    residual = candidates.residual
+    for _ in range(MOST):
+        found = candidates.slopes(residual)
+        sure = (np.nan_to_num(found.sure) > least) & (np.nan_to_num(found.gain) > 0)
+        if not sure.any():
+            break
+        k = int(np.argmax(np.where(sure, found.gain, -1.0)))
+        named.append(_departure(candidates.of, candidates.heads[k], found, k))
+        residual = residual - float(found.value[k]) * candidates.signature[:, k]
+    return named
+
+
+def _departure(of: str, head: Head, found: Slopes, k: int) -> Departure:
+    value, sd = float(found.value[k]), float(found.sd[k])
+    return Departure(
+        head.say(value, sd), head.variable, head.group, head.quantity, value, head.unit, sd, value / sd, head.samples,
+        float(found.gain[k]), of,
+    )  # fmt: skip
+
+
+def joined(columns: Sequence[Array], rows: int) -> Array:
+    """Signatures side by side: (m, k)."""
+    return np.column_stack(columns) if columns else np.empty((rows, 0))

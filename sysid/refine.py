@@ -1,0 +1,148 @@
+"""A fit that starts where another one has arrived, with an effect more or less in the model.
+
+Shots that do not follow the rest are grown again from their strike with the new constants, since a model that lacked
+something may have left them in a false optimum. The error of the model per way, which says how much a late sample
+counts, is estimated anew with the constants until both have settled.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.clips import ClipSet
+from sysid.evidence import Point
+from sysid.fit import error_rate
+from sysid.own import ROBUST, Growth, with_error
+from sysid.problem import STEPS, Array, Index, ShotProblem, constant_bounds, constant_steps
+from sysid.solve import Joint, Prior, fit_each, fit_joint, loss
+
+ASTRAY = 1.5  # loss per residual over the shots' median from which a shot is grown again
+ROUNDS = 3
+ITERATIONS, COARSE_ITERATIONS = 15, 12
+FINE, COARSE = 1e-5, 1e-4  # tolerance of the loss
+FOLLOWED = 3e-4  # error per way up to which shots are followed to the noise
+COARSELY = 0.5  # change of that error that is small, as long as they are not
+SETTLED = 0.1
+NOISE = 1e-5  # error per way that counts as none
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A fit of a model to clips."""
+
+    point: Point  # its problem has the noise of the camera alone
+    joint: Joint
+    rate: float  # error of the model per way travelled
+    regrown: int  # shots that were grown again
+
+    @property
+    def converged(self) -> bool:
+        """Whether the joint fit came to its optimum."""
+        return self.joint.converged
+
+
+def prior_of(names: Sequence[str], known: Mapping[str, tuple[float, float]]) -> Prior | None:
+    """What is known of constants, as a prior over them; None for nothing."""
+    if not any(n in known for n in names):
+        return None
+    pairs = np.array([known.get(n, (0.0, np.inf)) for n in names])
+    return Prior(pairs[:, 0], pairs[:, 1])
+
+
+def shot_costs(problem: ShotProblem, x: Array, c: Array) -> Array:
+    """Loss of every shot per residual: (n,)."""
+    n = len(x)
+    r = problem.evaluate(x, np.tile(c, (n, 1)), np.arange(n))
+    prior = problem.prior.residuals(x)
+    return (loss(r, ROBUST) + 0.5 * np.sum(prior**2, axis=1)) / np.maximum(np.isfinite(r).sum(axis=1), 1)
+
+
+def subset_of(problem: ShotProblem, clip_set: ClipSet, rows: Index) -> tuple[ShotProblem, ClipSet]:
+    """Some shots of a problem."""
+    few = [int(k) for k in rows]
+    part = dataclasses.replace(
+        problem,
+        clips=tuple(problem.clips[k] for k in few),
+        start=problem.start[few],
+        azimuth=problem.azimuth[few],
+        prior=dataclasses.replace(problem.prior, mean=problem.prior.mean[few], sd=problem.prior.sd[few]),
+        rest=tuple(problem.rest[k] for k in few),
+        trusted=tuple(problem.trusted[k] for k in few),
+        sd=tuple(problem.sd[k] for k in few),
+        sd_theta=problem.sd_theta[few],
+        horizon=problem.horizon[few],
+    )
+    return part, dataclasses.replace(clip_set, clips=part.clips)
+
+
+def regrow(problem: ShotProblem, clip_set: ClipSet, sigma: float, rows: Index, x: Array, c: Array) -> tuple[Array, int]:
+    """Grow some shots from their strike at constants (q,); those that end better are kept: own unknowns, how many."""
+    part, few = subset_of(problem, clip_set, rows)
+    growth = Growth(dataclasses.replace(part, sd=_plain(part, sigma)), few, sigma)
+    new = part.start.copy()
+    for stage in range(growth.stages):
+        new = growth.own(new, c, stage)
+    new, _ = fit_each(part.evaluate, new, c, STEPS, part.prior, ROBUST, 6)
+    better = shot_costs(part, new, c) < shot_costs(part, x[rows], c) * (1 - 1e-3)
+    x = x.copy()
+    x[rows[better]] = new[better]
+    return x, int(better.sum())
+
+
+def _plain(problem: ShotProblem, sigma: float) -> tuple[dict[str, Array], ...]:
+    return tuple({b: np.full(len(o.time), sigma) for b, o in clip.balls.items()} for clip in problem.clips)
+
+
+def refine(
+    point: Point,
+    clip_set: ClipSet,
+    growth: Growth,
+    rate: float,
+    report: Report = lambda line: None,
+    what: str = "",
+    known: Mapping[str, tuple[float, float]] | None = None,
+) -> Refined:
+    """Fit constants and own unknowns from a point; `growth` holds the ways of the same shots.
+
+    A model that does not follow the shots to the noise is fitted coarsely: what it lacks moves its constants by more.
+    `known`: mean and standard deviation of constants that are known beside the clips.
+    """
+    problem, sigma, x, c = point.problem, growth.sigma, point.x, point.c
+    steps, bounds = constant_steps(problem.model, problem.names), constant_bounds(problem.model, problem.names)
+    regrown, grown = 0, False
+
+    def error(x: Array, c: Array) -> float:
+        return error_rate(dataclasses.replace(growth, problem=problem), x, c)
+
+    coarse = rate > FOLLOWED
+    for _ in range(ROUNDS):
+        seen = with_error(problem, sigma, rate, growth.way)
+        joint = fit_joint(
+            seen.evaluate, x, c, STEPS, steps, problem.prior, bounds, ROBUST,
+            COARSE_ITERATIONS if coarse else ITERATIONS, 1,
+            tolerance=COARSE if coarse else FINE,
+            report=lambda step, cost, _c: report(f"{what}, step {step}: loss {cost:.0f}"),
+            known=prior_of(problem.names, known or {}),
+        )  # fmt: skip
+        x, c = joint.own, joint.constants
+        new = error(x, c)
+        seen = with_error(problem, sigma, min(new, rate), growth.way)
+        costs = shot_costs(seen, x, c)
+        astray = np.flatnonzero(costs > ASTRAY * max(float(np.median(costs)), 0.5))
+        better = 0
+        if astray.size and not grown:
+            grown = True
+            x, better = regrow(seen, clip_set, sigma, astray, x, c)
+            regrown += better
+            if better:
+                new = error(x, c)
+        settled = abs(new - rate) < (COARSELY if coarse and new > FOLLOWED else SETTLED) * rate + NOISE
+        rate, coarse = new, new > FOLLOWED
+        if settled and not better and joint.converged:
+            break
+    return Refined(Point(problem, x, c), joint, rate, regrown)

@@ -1,0 +1,211 @@
+"""A model brought to clips: fitted on some, tried on the others, compared with its rivals.
+
+A stage is a model with its constants fitted to the training clips, the own unknowns of every shot, and the error left
+on fitted and held-out clips. Two stages are compared at the same standard deviations, those of the better one, with
+the evidence discounted for residuals that hang together.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.model_file import Model
+from sysid.clips import ClipSet
+from sysid.clock import stamp_scale
+from sysid.commands import with_scatter
+from sysid.evidence import Point
+from sysid.fit import error_rate, fit_segments, grow, subset, training_clips
+from sysid.noise import position_noise
+from sysid.own import ROBUST, Growth, with_error
+from sysid.problem import STEPS, Array, ShotProblem, shot_problem
+from sysid.refine import Refined, refine, regrow, shot_costs
+from sysid.solve import fit_each, loss
+
+CLOCK = "clock_scale.factor"
+LAGS = 40  # samples over which residuals may hang together
+STRAYS = 1.6  # loss per residual of a held-out shot, over that of noise, from which it is grown again
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Clips:
+    """A clip set, parted."""
+
+    training: ClipSet
+    held: ClipSet
+    sigma: float  # noise of the camera [m]
+    growth: Growth  # ways and events of the training shots
+    held_growth: Growth | None  # and of the held-out ones
+    known: Mapping[str, tuple[float, float]]  # of constants, beside the clips: mean and standard deviation
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A model at its best on the training clips."""
+
+    fit: Refined
+    rms: float  # of the training clips, per axis [m]
+    held_rms: float  # of the held-out clips; nan without any
+    chi2: float  # reduced, of the training clips
+    held_own: Array  # (n, 7)
+
+    @property
+    def point(self) -> Point:
+        """Where the fit arrived."""
+        return self.fit.point
+
+    @property
+    def model(self) -> Model:
+        """The model at its constants."""
+        return self.fit.point.model
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The constants."""
+        return self.fit.point.problem.names
+
+    def value(self, name: str) -> tuple[float, float]:
+        """A constant and its standard deviation."""
+        k = self.names.index(name)
+        return float(self.point.c[k]), float(np.sqrt(self.fit.joint.covariance[k, k]))
+
+
+def part_clips(clip_set: ClipSet, model: Model) -> Clips:
+    """Every fifth clip held out, the rest for training."""
+    sigma = position_noise(clip_set)
+    rows = training_clips(clip_set)
+    training, held = subset(clip_set, rows), subset(clip_set, [k for k in range(len(clip_set.clips)) if k not in rows])
+    growth = Growth(shot_problem(model, (), training, sigma), training, sigma)
+    other = Growth(shot_problem(model, (), held, sigma), held, sigma) if held.clips else None
+    scale, sd = stamp_scale(clip_set)
+    known = {CLOCK: (scale, sd)} if np.isfinite(sd) else {}
+    return Clips(training, held, sigma, growth, other, known)
+
+
+def begin(clip_set: ClipSet, model: Model, report: Report) -> tuple[Clips, Stage]:
+    """The clips parted, and the model with every constant of its stack fitted to them."""
+    clips = part_clips(clip_set, model)
+    cloth, names, _ = fit_segments(model, clips.training, clips.sigma, report)
+    known = np.isfinite(np.diag(cloth.covariance))
+    model = model.with_values({n: float(v) for n, v, k in zip(names, cloth.constants, known, strict=True) if k})
+    grown = grow(clips.training, model, tuple(model.parameters()), clips.sigma, report)
+    problem = with_scatter(grown.growth.problem, grown.own)
+    rate = error_rate(grown.growth, grown.own, grown.constants)
+    found = refine(
+        Point(problem, grown.own, grown.constants), clips.training, clips.growth, rate, report, "base", clips.known
+    )
+    return clips, stage(clips, found, None)
+
+
+def stage(clips: Clips, found: Refined, before: Stage | None) -> Stage:
+    """What a fit leaves on fitted and held-out clips; `before` knows nearly right unknowns of the latter."""
+    r = found.point.residuals()
+    rms = clips.sigma * float(np.sqrt(np.nanmean(r**2)))
+    freedom = max(int(np.isfinite(r).sum()) - found.point.x.size - found.point.c.size, 1)
+    held_rms, own = np.nan, np.zeros((0, 7))
+    if clips.held_growth is not None:
+        own, held_rms = _held(clips, clips.held_growth, found, before)
+    return Stage(found, rms, held_rms, float(np.nansum(r**2)) / freedom, own)
+
+
+def _held(clips: Clips, growth: Growth, found: Refined, before: Stage | None) -> tuple[Array, float]:
+    point = found.point
+    problem = dataclasses.replace(growth.problem, model=point.problem.model, names=point.problem.names)
+    n = len(problem.clips)
+    here = dataclasses.replace(growth, problem=problem)
+    if before is None:
+        x = problem.start.copy()
+        for number in range(here.stages):
+            x = here.own(x, point.c, number)
+    else:
+        x = before.held_own
+    seen = with_error(problem, clips.sigma, found.rate, growth.way)
+    x, _ = fit_each(seen.evaluate, x, point.c, STEPS, problem.prior, ROBUST, 12)
+    astray = np.flatnonzero(shot_costs(problem, x, point.c) > STRAYS * 0.5)
+    if astray.size and before is not None:
+        x, _ = regrow(seen, clips.held, clips.sigma, astray, x, point.c)
+    x, _ = fit_each(problem.evaluate, x, point.c, STEPS, problem.prior, ROBUST, 6)
+    r = problem.evaluate(x, np.tile(point.c, (n, 1)), np.arange(n))
+    return x, clips.sigma * float(np.sqrt(np.nanmean(r**2)))
+
+
+def left_over(clips: Clips, found: Stage) -> float:
+    """What the residuals hold beyond noise: mean square of the clipped residuals over that of the noise, less one."""
+    r = found.point.residuals()
+    shots = max(r.shape[0], 1)
+    seen = np.isfinite(r)
+    part = 1.0 - (7.0 * shots + found.point.c.size) / max(int(seen.sum()), 1)
+    return float(np.nanmean(np.minimum(r**2, 16.0))) / part - 1.0
+
+
+def problem_at(clips: Clips, point: Point, rate: float) -> ShotProblem:
+    """A point's problem with the model error of a rate."""
+    return with_error(point.problem, clips.sigma, rate, clips.growth.way)
+
+
+def correlation_time(clips: Clips, point: Point, rate: float) -> float:
+    """Samples that count as one, since residuals hang together: integrated autocorrelation, 1 for white noise."""
+    r = point.residuals(problem_at(clips, point, rate))
+    found, weight = np.zeros(LAGS), np.zeros(LAGS)
+    for k, clip in enumerate(point.problem.clips):
+        at = 0
+        for name in point.problem.balls(k):
+            n = len(clip.balls[name].time)
+            xy = np.clip(r[k, at : at + 2 * n].reshape(n, 2), -4, 4)
+            at += 3 * n
+            for axis in range(2):
+                v = xy[:, axis]
+                v = np.where(np.isfinite(v), v, 0.0)
+                for lag in range(min(LAGS, n)):
+                    found[lag] += float(v[: n - lag] @ v[lag:])
+                    weight[lag] += n - lag
+    rho = found / np.maximum(weight, 1)
+    rho = rho / max(rho[0], 1e-12)
+    negative = np.flatnonzero(rho < 0.02)
+    stop = int(negative[0]) if negative.size else LAGS
+    return float(max(1.0, 1.0 + 2.0 * rho[1:stop].sum()))
+
+
+def _beside(clips: Clips, found: Stage) -> float:
+    """Chi-square of constants against what is known of them beside the clips; an absent one stands at off."""
+    total = 0.0
+    for name, (mean, sd) in clips.known.items():
+        value = found.value(name)[0] if name in found.names else found.model.meta(name)["off"]
+        total += ((value - mean) / sd) ** 2
+    return float(total)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One stage against another."""
+
+    delta_bic: float  # positive speaks for the second
+    gain: float  # fall of the loss, doubled: of chi-square
+    tau: float  # samples that count as one
+
+
+def compare_stages(clips: Clips, one: Stage, two: Stage) -> Evidence:
+    """Evidence for `two` over `one`, at the same standard deviations."""
+    rate = min(one.fit.rate, two.fit.rate)
+
+    def cost(s: Stage) -> tuple[float, int]:
+        seen = problem_at(clips, s.point, rate)
+        x, _ = fit_each(seen.evaluate, s.point.x, s.point.c, STEPS, seen.prior, ROBUST, 5)
+        n = len(x)
+        r = seen.evaluate(x, np.tile(s.point.c, (n, 1)), np.arange(n))
+        beside = _beside(clips, s)
+        return float(2 * loss(r, ROBUST).sum() + np.sum(seen.prior.residuals(x) ** 2)) + beside, int(
+            np.isfinite(r).sum()
+        )
+
+    (a, count), (b, _) = cost(one), cost(two)
+    better = two if b < a else one
+    r = better.point.residuals(problem_at(clips, better.point, rate))
+    spread = max(1.0, (float(np.nanmedian(np.abs(r))) / 0.6745) ** 2)
+    tau = correlation_time(clips, better.point, rate)
+    more = two.point.c.size - one.point.c.size
+    return Evidence((a - b) / (tau * spread) - more * float(np.log(max(count / tau, 2))), a - b, tau * spread)

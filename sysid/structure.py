@@ -1,0 +1,128 @@
+"""Structure that no effect of the catalogue explains: where it is, on what it depends, how large, and a sparse formula.
+
+Every term of the library (sysid/terms.py) is scored like a candidate, beside all that is active. Terms are taken one
+after another, each for what it explains beside those taken, while the evidence pays for it; the formula is then fitted.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.evidence import Candidate, Score, Scores, candidate, score_all
+from sysid.problem import Array
+from sysid.stages import Clips, Evidence, Stage, problem_at
+from sysid.terms import DOORS, Term, effect_of, library, source
+
+REMAINS = 40.0  # fall of chi-square that a term must promise before structure is told
+SHARE = 2e-3  # and that, per residual
+PAYS = 0.04  # of what the first term explains: the least that a further one must
+TERMS = 5
+DISTINCT = 1e-3  # of a term's own information that must be left beside the active ones
+SAME = 0.95  # correlation of signatures from which a term is a named candidate in other words
+NAME = "unexplained"
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A sparse formula, not yet fitted."""
+
+    terms: tuple[Term, ...]  # what explains most first
+    gains: tuple[float, ...]  # fall of chi-square of each beside those before it
+    values: Array  # coefficients that the linear model promises
+
+    def candidate(self) -> Candidate:
+        """The formula as an effect to fit."""
+        return candidate(effect_of(NAME, self.terms, self.values.tolist()))
+
+    def score(self) -> Score:
+        """The formula's promise, in the form of a candidate's."""
+        return Score(self.candidate(), float(sum(self.gains)), self.values, np.full(len(self.terms), np.inf), 0.0)
+
+
+def scores_of_terms(clips: Clips, base: Stage, report: Report = lambda line: None) -> tuple[list[Term], Scores]:
+    """Every term beside what is active."""
+    most = max((len(c.balls) for c in clips.training.clips), default=1)
+    terms = library(base.model.table, most)
+    report(f"looking for structure outside the catalogue: {len(terms)} terms")
+    candidates = [candidate(effect_of(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
+    point = dataclasses.replace(base.point, problem=problem_at(clips, base.point, base.fit.rate))
+    return terms, score_all(point, candidates, clips.known)
+
+
+def select(terms: Sequence[Term], scores: Scores) -> Structure | None:
+    """Terms that explain what is left, one after another; None where nothing is."""
+    left, pull, own = scores.left.copy(), scores.pull.copy(), scores.before
+    rows = np.array([scores.blocks[f"term{k}"].start for k in range(len(terms))])
+    chosen: list[int] = []
+    gains: list[float] = []
+    for _ in range(TERMS):
+        size = np.diag(left)[rows]
+        fine = size > DISTINCT * np.maximum(own[rows], 1e-300)
+        gain = np.where(fine, pull[rows] ** 2 / np.where(fine, size, 1.0), 0.0)
+        gain[chosen] = 0.0
+        best = int(np.argmax(gain))
+        enough = max(REMAINS, SHARE * scores.count) if not chosen else max(REMAINS, PAYS * gains[0])
+        if gain[best] < enough:
+            break
+        chosen.append(best)
+        gains.append(float(gain[best]))
+        k = rows[best]
+        lever = left[:, k] / left[k, k]
+        pull = pull - lever * pull[k]
+        left = left - np.outer(lever, left[k, :])
+    if not chosen:
+        return None
+    at = rows[chosen]
+    block = scores.left[np.ix_(at, at)]
+    values = -np.linalg.lstsq(block, scores.pull[at], rcond=1e-10)[0] * scores.probe[at]
+    width = np.array([terms[k].width for k in chosen])
+    return Structure(tuple(terms[k] for k in chosen), tuple(gains), np.clip(values, -0.95 * width, 0.95 * width))
+
+
+def describe(found: Structure, stage: Stage | None, evidence: Evidence | None) -> dict[str, Any]:
+    """What is told of it: where, on what it depends, how large, the formula, as result.json has it."""
+    names = [f"{NAME}.{t.name}" for t in found.terms]
+    if stage is not None:
+        values, sds = zip(*(stage.value(n) for n in names), strict=True)
+    else:
+        values, sds = tuple(found.values), tuple([float("nan")] * len(names))
+    first = found.terms[0]
+    depends = list(dict.fromkeys(word for t in found.terms for word in t.depends_on))
+    places = [(t.place, g) for t, g in zip(found.terms, found.gains, strict=True) if t.place is not None]
+    where = first.where
+    told: dict[str, Any] = {}
+    if first.place is not None:
+        weight = np.array([g for _, g in places])
+        centre = weight @ np.array([p for p, _ in places]) / weight.sum()
+        where = f"on the cloth around x = {centre[0]:.2f} m, y = {centre[1]:.2f} m"
+        told["place_m"] = [float(v) for v in centre]
+    form = "; ".join(f"{DOORS[t.door]}: {v:+.4g} * ({t.factor})" for t, v in zip(found.terms, values, strict=True))
+    return {
+        "where": where, "depends_on": depends, "size": float(values[0]), "unit": first.unit,
+        "what": DOORS[first.door], "form": form,
+        "delta_bic": float(evidence.delta_bic) if evidence else float(sum(found.gains)),
+        "terms": [
+            {"name": t.name, "door": t.door, "factor": t.factor, "unit": t.unit, "width": t.width,
+             "value": float(v), "sd": float(s) if np.isfinite(s) else None, "where": t.where,
+             "depends_on": list(t.depends_on), "gain": g}
+            for t, v, s, g in zip(found.terms, values, sds, found.gains, strict=True)
+        ],
+        **told,
+    }  # fmt: skip
+
+
+def source_from(name: str, told: dict[str, Any], origin: str) -> str:
+    """The effect file for a formula that `describe` told."""
+    terms = [
+        Term(t["name"], t["door"], t["factor"], t["unit"], float(t["width"]), t["where"], tuple(t["depends_on"]),
+             (0.0, 0.0) if "at_" in t["name"] else None)
+        for t in told["terms"]
+    ]  # fmt: skip
+    title = f"Structure found in clips: {told['what']}, {told['where']}."
+    return source(name, terms, [float(t["value"]) for t in told["terms"]], title, origin)

@@ -1,0 +1,65 @@
+"""A comparison in plain words, for the terminal and the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from sysid.comparison import Comparison
+from sysid.named import Dependence
+from sysid.output import table
+
+OF = {"motion": "Between events", "turning": "Of the marks' turning", "impacts": "At impacts"}
+WORST = 5  # clips listed
+NEARLY = 0.9
+LARGE = 1.1  # ratio above which whole shots are not followed to the noise
+
+
+def sentences(comparison: Comparison) -> list[str]:
+    """What departs, the most evident first, what it depends on, and whether the rest is noise; or that nothing does."""
+    found, white = comparison.local, comparison.white
+    lines = [d.where[0].upper() + d.where[1:] + "." for d in found.named]
+    for of, words in OF.items():
+        named = [d for d in found.named if d.of == of]
+        rows = [d for d in found.dependence if d.of == of and math.isfinite(d.share)]
+        if named and rows:
+            best = simplest(rows)
+            lines.append(
+                f"{words} the error depends most on {best.variable}, which explains {100 * best.share:.0f} % of it."
+            )
+    if not found.named:
+        lines = [
+            f"Nothing stands out: none of {found.tests} groups departs beyond what chance does to as many, "
+            f"with noise of {comparison.noise_m * 1e3:.2f} mm."
+        ]
+        if white.samples and white.ratio > LARGE:
+            lines.append(f"Yet whole shots miss by {white.ratio:.1f} times the noise: these clips do not tell where.")
+    return [*lines, white.in_words()]
+
+
+def simplest(rows: Sequence[Dependence]) -> Dependence:
+    """Of the variables that explain nearly as much as any, the one with the fewest groups."""
+    most = max(d.share for d in rows)
+    return min((d for d in rows if d.share >= NEARLY * most), key=lambda d: (d.groups, -d.share))
+
+
+def print_comparison(comparison: Comparison) -> None:
+    """What `compare` tells on the terminal."""
+    s, mm = comparison.summary(), 1e3
+    names = ", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact"
+    print(f"{len(comparison.clips)} clips, noise {comparison.noise_m * mm:.2f} mm an axis, model: {names}")
+    print(
+        f"segments between events: median rms {s['segment_ratio_median']:.2f} of the noise ({len(comparison.segments)})"
+    )
+    print(f"struck ball, whole clip: median {s['struck_rms_median_m'] * mm:.1f} mm rms")
+    held = sum(c.held_out for c in comparison.clips)
+    if held:
+        print(f"the same on {held} clips held out: median {s['struck_rms_median_held_out_m'] * mm:.1f} mm rms")
+    print("\nWorst clips")
+    rows = [("", "struck ball, mm", "all balls, mm", "chi2")]
+    for c in sorted(comparison.clips, key=lambda c: -c.rms_m)[:WORST]:
+        where = f"  {c.file}" + (" (held out)" if c.held_out else "")
+        rows.append((where, f"{c.struck_rms_m * mm:.2f}", f"{c.rms_m * mm:.2f}", f"{c.chi2_reduced:.2f}"))
+    print(table(rows))
+    print("\nWhere the model misses")
+    print("\n".join(f"  {line}" for line in sentences(comparison)))

@@ -1,0 +1,87 @@
+"""Whether what is left is noise: autocorrelation of standardised residuals, and their runs of one sign.
+
+r_k = sum of e_i e_(i+k) / sum of e_i^2 over all pairs of one ball's stretch; of white noise it lies within 1.96 over
+the square root of the number of pairs in 95 % of cases. Signs of white noise change with probability one half: the
+number of changes is binomial. Both axes count. A little less than 0 is usual: fitted unknowns take noise up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.samples import Array, Samples
+
+LAGS = 40
+WHITE = 0.1  # autocorrelation that is too small to matter
+SURE = 4.0  # standard deviations
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Autocorrelation and sign changes of residuals."""
+
+    ratio: float  # root mean square over the noise
+    autocorrelation: tuple[float, ...]  # of lags 1, 2, ...
+    band: tuple[float, ...]  # 95 % of white noise's lie within plus or minus this
+    changes: float  # sign changes over their number expected of white noise
+    z: float  # of that number, negative where signs last
+    samples: int
+
+    @property
+    def white(self) -> bool:
+        """No autocorrelation of the first lags and no lack of sign changes beyond chance."""
+        first = zip(self.autocorrelation[:10], self.band[:10], strict=True)
+        return not any(r > max(SURE / 1.96 * b, WHITE) for r, b in first) and not (
+            self.z < -SURE and self.changes < 1 - WHITE
+        )
+
+    def in_words(self) -> str:
+        """One sentence."""
+        if not self.samples:
+            return "Residuals: too few samples to tell whether they are noise."
+        first = self.autocorrelation[0]
+        if self.white:
+            return f"Residuals are white: neighbours correlate by {first:+.2f}, {self.ratio:.2f} times the noise."
+        least = max(max(self.band), 0.2)
+        last = next((k for k, r in enumerate(self.autocorrelation) if r < least), len(self.autocorrelation))
+        more = "at least " if last == len(self.autocorrelation) else ""
+        return (
+            f"Residuals are not white: neighbours correlate by {first:+.2f}, over {more}{max(last, 1)} samples; "
+            f"signs change {self.changes:.2f} times as often as noise's (z {self.z:.0f}); {self.ratio:.2f} times "
+            "the noise."
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """The figures, and what they say."""
+        return {**vars(self), "white": self.white, "words": self.in_words()}
+
+
+def whiteness(samples: Samples, sigma: float) -> Whiteness:
+    """Of moving balls' residuals; sigma is the noise per axis [m]."""
+    moving = np.array([m != "rest" for m in samples.motion], dtype=bool) & np.isfinite(samples.miss).all(axis=1)
+    e: Array = samples.miss[moving] / sigma
+    label: NDArray[np.int64] = samples.stretch[moving]
+    n = len(e)
+    total = float(np.sum(e**2))
+    if n < 2 or not total > 0:
+        nan = (float("nan"),) * LAGS
+        return Whiteness(float("nan"), nan, nan, float("nan"), float("nan"), 0)
+    found, band = [], []
+    for lag in range(1, LAGS + 1):
+        pair = label[lag:] == label[:-lag]
+        count = int(pair.sum())
+        cross = float(np.sum(e[lag:][pair] * e[:-lag][pair]))
+        found.append(cross / count / (total / n) if count else float("nan"))
+        band.append(1.96 / float(np.sqrt(2 * count)) if count else float("nan"))
+    pair = label[1:] == label[:-1]
+    changes = int(np.sum((e[1:][pair] > 0) != (e[:-1][pair] > 0)))
+    count = 2 * int(pair.sum())
+    z = (changes - count / 2) / np.sqrt(count / 4) if count else float("nan")
+    return Whiteness(
+        float(np.sqrt(total / n / 2)), tuple(found), tuple(band), 2 * changes / count if count else float("nan"),
+        float(z), n,
+    )  # fmt: skip

@@ -1,0 +1,123 @@
+"""The clip sets of the study: what each hides, how large it is, and the options of the generator that make it.
+
+Every set has 12 clips of at most 4 s with 0.5 mm of noise and 1 % of the frames missing, unless its variation says
+otherwise. Seeds follow from what a set is, not from its place in the plan, so that one more set changes no other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import Final
+
+from tests.truth.effects import EFFECTS, STRUCTURES
+from tests.truth.sizes import options
+
+CLIPS: Final = 12
+SIGMA: Final = 0.0005  # [m]
+GROUPS: Final = ("none", "natural", "quarter", "sixteenth", "two", "outside")
+SCALES: Final = {"natural": 1.0, "quarter": 1 / 4, "sixteenth": 1 / 16}
+TIMES: Final = {"natural": 3, "quarter": 3, "sixteenth": 2}  # sets per effect
+OUTSIDE: Final = 2  # sets per structure
+NONE: Final = 30
+FIRST_SEED: Final = {group: 10000 * k for k, group in enumerate(GROUPS, 1)}
+PER_EFFECT: Final = 10  # seeds kept for each
+
+# What only meetings of balls show: half of the clips are cuts, as one who looks for it would play them.
+OF_BALLS: Final = ("ball_friction_speed", "ball_restitution_speed", "cue_ball_mass", "ball_cling")
+CUTS: Final = (
+    *("cut", "roll", "cut_side", "cushion", "cut", "side"),
+    *("cut_side", "draw", "cut", "cushion_side", "cut_side", "long"),
+)
+
+VARIATIONS: Final = {
+    "no cue commands": ("--no-cue",),
+    "unknown noise": ("--no-sigma",),
+    "outliers 0.5 %, missing 5 %": ("--outliers", "0.005", "--missing", "0.05"),
+}
+PAIRS: Final = (
+    ("table_tilt", "cushion_restitution_speed"),
+    ("speed_drag", "ball_restitution_speed"),
+    ("cloth_nap", "lens_distortion"),
+    ("spin_slide_coupling", "squirt"),
+    ("cushion_friction_speed", "ball_friction_speed"),
+    ("cushion_restitution_speed", "camera_tilt"),
+    ("cushion_restitution_speed", "cue_hop"),
+    ("cue_ball_mass", "clock_scale"),
+    ("ball_restitution_speed", "squirt"),
+    ("rolling_shutter", "cue_hop"),
+    ("table_tilt", "speed_drag"),
+    ("side_curve", "image_scale"),
+)
+ELSEWHERE: Final[dict[str, tuple[str, ...]]] = {  # the second set of a structure has it at another place
+    "worn_patch": ("--constant", "patch_x=-0.6", "--constant", "patch_y=0.3"),
+    "dead_cushion": ("--constant", "dead_rail=3"),
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One set."""
+
+    name: str
+    group: str
+    hidden: tuple[str, ...]  # effects, or one structure
+    seed: int
+    options: tuple[str, ...] = ()  # of the generator, for what is hidden
+    variation: str = ""
+    clips: int = CLIPS
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of shots, repeated in this order; empty for all that the generator has."""
+        return CUTS if set(self.hidden) & set(OF_BALLS) else ()
+
+    def words(self) -> tuple[str, ...]:
+        """All options of `python -m tests.truth OUT`."""
+        basis = ("--seed", str(self.seed), "--clips", str(self.clips), "--sigma", repr(SIGMA), "--missing", "0.01")
+        kinds = ("--kind", ",".join(self.kinds)) if self.kinds else ()
+        return (*basis, "--seconds", "4", *kinds, *self.options, *VARIATIONS.get(self.variation, ()))
+
+
+def _none() -> list[Entry]:
+    names = list(VARIATIONS)
+    found = []
+    for k in range(NONE):
+        variation = names[(k // 3) % len(names)] if k % 3 == 2 else ""
+        found.append(Entry(f"none-{k + 1:02d}", "none", (), FIRST_SEED["none"] + k, (), variation))
+    return found
+
+
+def _single(group: str) -> list[Entry]:
+    return [
+        Entry(
+            f"{group}-{effect}-{time + 1}", group, (effect,),
+            FIRST_SEED[group] + PER_EFFECT * k + time, tuple(options(effect, SCALES[group])),
+        )
+        for time in range(TIMES[group])
+        for k, effect in enumerate(EFFECTS)
+    ]  # fmt: skip
+
+
+def _two() -> list[Entry]:
+    return [
+        Entry(f"two-{a}-{b}", "two", (a, b), FIRST_SEED["two"] + k, (*options(a), *options(b)))
+        for k, (a, b) in enumerate(PAIRS)
+    ]
+
+
+def _outside() -> list[Entry]:
+    return [
+        Entry(
+            f"outside-{name}-{time + 1}", "outside", (name,), FIRST_SEED["outside"] + PER_EFFECT * k + time,
+            (*options(name), *(ELSEWHERE.get(name, ()) if time else ())),
+        )
+        for time in range(OUTSIDE)
+        for k, name in enumerate(STRUCTURES)
+    ]  # fmt: skip
+
+
+def plan() -> list[Entry]:
+    """Every set, the groups in turn, so that a part of the study already gives a picture."""
+    groups = [_none(), *(_single(g) for g in SCALES), _two(), _outside()]
+    return [entry for turn in zip_longest(*groups) for entry in turn if entry is not None]

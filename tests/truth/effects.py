@@ -1,0 +1,48 @@
+"""Names of the hidden effects, and the constants of each; `cloth.Constants` says what every constant means.
+
+`EFFECTS` are kinds that a catalogue of effects is expected to name, `STRUCTURES` such that none is: something is there
+that no term describes. `CAMERA` are those of either that leave the motion as it is and change what is seen of it.
+A new one: its constants in `cloth.Constants`, its name here, and its term: on the cloth in `cloth.py`, at impacts in
+`physics.py`, in the camera in `camera.py`, between clips in `shots.clip_constants`; its natural size in `sizes.py`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+EFFECTS: Final[dict[str, tuple[str, ...]]] = {
+    "table_tilt": ("tilt_x", "tilt_y"),
+    "cloth_nap": ("nap", "nap_phi"),
+    "speed_drag": ("drag1",),
+    "air_drag": ("drag2",),
+    "spin_slide_coupling": ("contensou",),
+    "side_curve": ("swerve",),
+    "cushion_restitution_speed": ("ec_v",),
+    "ball_friction_speed": ("mubb_b", "mubb_c"),
+    "slide_friction_speed": ("mus_v",),
+    "spin_decay_speed": ("spin_v",),
+    "cushion_friction_speed": ("muc_v",),
+    "ball_restitution_speed": ("ebb_v",),
+    "cue_ball_mass": ("cue_mass",),
+    "off_centre_ball": ("off_centre",),
+    "cue_hop": ("hop",),
+    "squirt": ("squirt",),
+    "clock_scale": ("clock",),
+    "lens_distortion": ("lens",),
+    "camera_tilt": ("camera_tilt",),
+    "image_scale": ("image_scale",),
+    "rolling_shutter": ("shutter",),
+}
+STRUCTURES: Final[dict[str, tuple[str, ...]]] = {
+    "worn_patch": ("patch", "patch_x", "patch_y", "patch_r"),
+    "dead_cushion": ("dead", "dead_rail"),
+    "crowned_slate": ("crown",),
+    "cloth_grain": ("ripple",),
+    "drying_cloth": ("wear",),
+    "ball_cling": ("cling", "cling_share"),
+    "soft_rail_ends": ("ends",),
+    "slow_drag": ("slow", "slow_v"),
+    "camera_shake": ("shake", "shake_hz"),
+}
+HIDDEN: Final = {**EFFECTS, **STRUCTURES}
+CAMERA: Final = ("clock_scale", "lens_distortion", "camera_tilt", "image_scale", "rolling_shutter", "camera_shake")
