@@ -19,7 +19,7 @@ REPEATS = {"speed": 0.003, "azimuth": 0.001, "offset": 0.0003}  # fraction, [rad
 
 
 def with_scatter(problem: ShotProblem, x: Array) -> ShotProblem:
-    """The problem, its commands known as well as own unknowns x (n, 7) show."""
+    """The problem, its commands known as well as own unknowns x (n, p) show."""
     rows = np.array([k for k, clip in enumerate(problem.clips) if clip.cue is not None], int)
     if rows.size < LEAST:
         return problem

@@ -30,6 +30,7 @@ from sysid.problem import (
 )
 from sysid.segments import split_all
 from sysid.solve import fit_each
+from sysid.spikes import set_aside
 from sysid.tell import sentences
 from sysid.where import find
 from sysid.whiteness import whiteness
@@ -40,8 +41,9 @@ Report = Callable[[str], None]
 def compare(
     clip_set: ClipSet, model: Model, report: Report = lambda line: None, start: Array | None = None
 ) -> Comparison:
-    """Compare whole clips and segments with a model; `start` (n, 7) are own unknowns that are nearly right already."""
+    """Compare whole clips and segments with a model; `start` (n, p) are own unknowns that are nearly right already."""
     sigma = position_noise(clip_set)
+    clip_set, _ = set_aside(clip_set, sigma)
     parts = fit_stretches(clip_set, model, sigma)
     segments = parts.rows(clip_set) if parts else ()
     report(f"{len(segments)} segments between events")

@@ -67,7 +67,7 @@ class Comparison:
     samples: Samples  # of whole shots
     tracks: tuple[Track, ...]  # whole shots of the model, at the measured times
     shots: tuple[Clip, ...]  # the clips compared, in the order of `tracks`
-    own: Array  # (n, 7) the clips' own unknowns, see sysid/problem.py
+    own: Array  # (n, p) the clips' own unknowns, see sysid/problem.py
     stretches: Samples  # the same with motion that begins anew at each event
     impacts: Impacts
     local: Findings  # what departs there and then, see sysid/where.py

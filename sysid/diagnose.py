@@ -17,7 +17,7 @@ from models.effect import Effect
 from models.model_file import Model, catalogue
 from sysid.evidence import Candidate, Point, Score, Scores, candidate, score_all, with_candidate
 from sysid.own import ROBUST
-from sysid.problem import STEPS, Array
+from sysid.problem import Array
 from sysid.refine import refine
 from sysid.solve import fit_each, loss
 from sysid.stages import Clips, Evidence, Stage, compare_stages, left_over, problem_at, stage
@@ -161,7 +161,7 @@ def _start(clips: Clips, base: Stage, score: Score, report: Report) -> tuple[Arr
     for move in tries:
         values = np.clip(off + move, inner[:, 0], inner[:, 1])
         c = np.concatenate([base.point.c, values])
-        x, cost = fit_each(problem.evaluate, base.point.x, c, STEPS, problem.prior, ROBUST, 3)
+        x, cost = fit_each(problem.evaluate, base.point.x, c, problem.steps, problem.prior, ROBUST, 3)
         found.append((float(cost.sum()), x, values))
     _, x, values = min(found, key=lambda one: one[0])
     return x, values
@@ -177,7 +177,7 @@ def _other_base(clips: Clips, base: Stage, trials: Sequence[Trial], report: Repo
         r = seen.evaluate(x, np.tile(base.point.c, (n, 1)), np.arange(n))
         return loss(r, ROBUST) + 0.5 * np.sum(seen.prior.residuals(x) ** 2, axis=1)
 
-    x, _ = fit_each(seen.evaluate, best.stage.point.x, base.point.c, STEPS, seen.prior, ROBUST, 5)
+    x, _ = fit_each(seen.evaluate, best.stage.point.x, base.point.c, seen.steps, seen.prior, ROBUST, 5)
     old, new = cost(base.point.x), cost(x)
     better = new < old
     if float(np.sum((old - new)[better])) < max(MOVES, 1e-3 * float(old.sum())):

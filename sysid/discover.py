@@ -11,11 +11,11 @@ import numpy as np
 
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.diagnose import REST, Round, Trial, candidates_for, look, try_one
-from sysid.evidence import Point
+from sysid.diagnose import NAMED, REST, Round, Trial, candidates_for, look, try_one
+from sysid.evidence import Point, score_all
 from sysid.next_shot import NextShot, propose
 from sysid.refine import refine
-from sysid.stages import Clips, Stage, begin, left_over, stage
+from sysid.stages import Clips, Stage, begin, compare_stages, left_over, problem_at, stage
 from sysid.structure import NAME, Structure, describe, scores_of_terms, select
 
 KEEPS = 4.0  # standard deviations from off below which an effect is pruned
@@ -73,23 +73,53 @@ def weak(found: Stage, names: tuple[str, ...]) -> str | None:
 
 def without(clips: Clips, found: Stage, name: str, report: Report) -> Stage:
     """The stage without an effect, fitted again."""
-    keep = np.array([not n.startswith(name + ".") for n in found.names])
-    problem = found.point.problem
-    model = dataclasses.replace(problem.model, effects=tuple(e for e in problem.model.effects if e.name() != name))
-    less = dataclasses.replace(
-        problem, model=model, names=tuple(n for n, k in zip(found.names, keep, strict=True) if k)
-    )
     again = refine(
-        Point(less, found.point.x, found.point.c[keep]), clips.training, clips.growth, found.fit.rate, report,
-        f"without {name}", clips.known,
-    )  # fmt: skip
+        _less(found, name), clips.training, clips.growth, found.fit.rate, report, f"without {name}", clips.known
+    )
     return stage(clips, again, found)
 
 
+def _less(found: Stage, name: str) -> Point:
+    """The point that is left when an effect goes, nothing fitted."""
+    keep = np.array([not n.startswith(name + ".") for n in found.names])
+    problem = found.point.problem
+    model = dataclasses.replace(problem.model, effects=tuple(e for e in problem.model.effects if e.name() != name))
+    names = tuple(n for n, k in zip(found.names, keep, strict=True) if k)
+    return Point(dataclasses.replace(problem, model=model, names=names), found.point.x, found.point.c[keep])
+
+
 def _prune(clips: Clips, now: Stage, verdict: tuple[str, ...], report: Report) -> tuple[Stage, tuple[str, ...]]:
-    while (name := weak(now, verdict)) is not None:
+    """Drop effects near their off value, unless the evidence holds them."""
+    needed: set[str] = set()
+    while (name := weak(now, tuple(v for v in verdict if v not in needed))) is not None:
+        less = without(clips, now, name, report)
+        if compare_stages(clips, less, now).delta_bic > NAMED:
+            needed.add(name)
+            continue
         report(f"{name} is no longer needed")
-        now, verdict = without(clips, now, name, report), tuple(v for v in verdict if v != name)
+        now, verdict = less, tuple(v for v in verdict if v != name)
+    return now, verdict
+
+
+def _swap(
+    clips: Clips, now: Stage, verdict: tuple[str, ...], rounds: Sequence[Round], report: Report
+) -> tuple[Stage, tuple[str, ...]]:
+    """Put look-alikes in the place of effects that were named before the others were known, where they do better."""
+    pairs = {frozenset((a, b)) for r in rounds for a, b, _ in r.alike} | {frozenset(p) for r in rounds for p in r.tied}
+    for name in verdict[:-1]:
+        rivals = sorted({other for pair in pairs if name in pair for other in pair} - set(verdict))
+        known = [c for c in candidates_for(now.model) if c.name in rivals]
+        if not known:
+            continue
+        less = dataclasses.replace(now, fit=dataclasses.replace(now.fit, point=_less(now, name)))
+        point = dataclasses.replace(less.point, problem=problem_at(clips, less.point, now.fit.rate))
+        for score in score_all(point, known, clips.known).rows:
+            report(f"{score.candidate.name} in the place of {name}")
+            trial = try_one(clips, less, score, report)
+            if trial.converged and compare_stages(clips, now, trial.stage).delta_bic > NAMED:
+                now = trial.stage
+                verdict = tuple(trial.name if v == name else v for v in verdict)
+                break
     return now, verdict
 
 
@@ -159,6 +189,7 @@ def discover(
             break
         report(f"found {best.name}")
         now, verdict = _prune(clips, best.stage, (*found.verdict, best.name), report)
+        now, verdict = _swap(clips, now, verdict, found.rounds, report)
         if verdict in found.verdicts:
             break
         found = dataclasses.replace(found, stages=(*found.stages, now), verdicts=(*found.verdicts, verdict))

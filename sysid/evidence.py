@@ -16,7 +16,7 @@ import numpy as np
 from models.effect import Effect
 from models.model_file import Model
 from sysid.own import ROBUST
-from sysid.problem import STEPS, Array, ShotProblem, constant_steps
+from sysid.problem import Array, ShotProblem, constant_steps
 from sysid.solve import differences, weights
 
 TARGET = 0.5  # change of the residuals that a probe aims at, in standard deviations, median over shots
@@ -51,7 +51,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Point:
-    """Where a fit has arrived: a problem, own unknowns (n, 7), constants (q,)."""
+    """Where a fit has arrived: a problem, own unknowns (n, p), constants (q,)."""
 
     problem: ShotProblem
     x: Array
@@ -90,8 +90,11 @@ class Signature:
     columns: Array  # (n, m, k) change of the residuals for one probe
 
 
-def signature(point: Point, base: Array, one: Candidate) -> Signature:
-    """The change of residuals `base` (n, m) when a candidate is switched on, each parameter by a probe of its own."""
+def signature(point: Point, base: Array, one: Candidate, quick: bool = False) -> Signature:
+    """The change of residuals `base` (n, m) when a candidate is switched on, each parameter by a probe of its own.
+
+    `quick` takes one-sided differences and probes that are less well chosen.
+    """
     problem = with_candidate(point.problem, one)
     known, off = one.effect.parameters(), one.off()
     k = len(one.keys)
@@ -104,7 +107,7 @@ def signature(point: Point, base: Array, one: Candidate) -> Signature:
     n, rows = len(point.x), np.arange(len(point.x))
     columns = np.zeros((*base.shape, k))
     todo = np.arange(k)
-    for _ in range(PASSES):
+    for _ in range(2 if quick else PASSES):
         ahead = np.tile(off, (k, 1)) + np.diag(way * probe)
         change = {}
         values = np.concatenate([np.tile(np.concatenate([point.c, ahead[j]]), (n, 1)) for j in todo])
@@ -127,7 +130,7 @@ def signature(point: Point, base: Array, one: Candidate) -> Signature:
         todo = np.array(again)
     # Where both sides are open, the difference of both takes out what is even in the parameter and steps' own error.
     two = np.flatnonzero(both > probe)
-    if two.size:
+    if two.size and not quick:
         behind = np.tile(off, (k, 1)) - np.diag(way * probe)
         values = np.concatenate([np.tile(np.concatenate([point.c, behind[j]]), (n, 1)) for j in two])
         r = problem.evaluate(np.tile(point.x, (two.size, 1)), values, np.tile(rows, two.size))
@@ -164,7 +167,11 @@ class Scores:
 
 
 def score_all(
-    point: Point, candidates: Sequence[Candidate], known: Mapping[str, tuple[float, float]], robust: float = ROBUST
+    point: Point,
+    candidates: Sequence[Candidate],
+    known: Mapping[str, tuple[float, float]],
+    robust: float = ROBUST,
+    quick: bool = False,
 ) -> Scores:
     """Score every candidate jointly with own unknowns and constants.
 
@@ -173,12 +180,13 @@ def score_all(
         candidates: what may be missing.
         known: what is known of constants beside the clips: mean and standard deviation.
         robust: Cauchy's constant.
+        quick: see `signature`.
     """
     problem = point.problem
     n = len(point.x)
     steps_c = constant_steps(problem.model, problem.names)
-    r, jx, jc = differences(problem.evaluate, point.x, point.c, np.arange(n), STEPS, steps_c)
-    signatures = [signature(point, r, one) for one in candidates]
+    r, jx, jc = differences(problem.evaluate, point.x, point.c, np.arange(n), problem.steps, steps_c)
+    signatures = [signature(point, r, one, quick) for one in candidates]
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
     w = weights(r, robust)
     seen = np.isfinite(r)
@@ -186,7 +194,9 @@ def score_all(
     prior = problem.prior
     sd = np.broadcast_to(prior.sd, point.x.shape)
     j = np.concatenate([jc, extra], axis=2)
-    axx = np.einsum("nmp,nm,nmq->npq", jx, w, jx) + np.einsum("np,pq->npq", 1 / sd**2 + 1e-9, np.eye(7))
+    axx = np.einsum("nmp,nm,nmq->npq", jx, w, jx) + np.einsum(
+        "np,pq->npq", 1 / sd**2 + 1e-9, np.eye(len(problem.steps))
+    )
     axj = np.einsum("nmp,nm,nmq->npq", jx, w, j)
     ajj = np.einsum("nmp,nm,nmq->npq", j, w, j)
     gx = np.einsum("nmp,nm->np", jx, w * r) + prior.residuals(point.x) / sd

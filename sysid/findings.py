@@ -12,6 +12,7 @@ import numpy as np
 from models.model_file import Estimate, Model
 from sysid.diagnose import ALIKE, NAMED, Round
 from sysid.discover import Discovery, Judgement
+from sysid.evidence import Score
 from sysid.next_shot import NextShot
 from sysid.output import table
 from sysid.stages import Clips, Stage
@@ -54,7 +55,7 @@ def result_of(found: Discovery, elapsed: float) -> dict[str, Any]:
         "noise_floor_m": found.clips.sigma, "ladder": ladder, "rounds": [round_told(r) for r in found.rounds],
         "look_alikes": [list(p) for p in found.alike], "look_alike_from": ALIKE,
         "next_shot": found.next_shot.told() if found.next_shot else None, "parameters": parameters,
-        "pruned": list(found.pruned), "converged": now.fit.converged,
+        "spikes_set_aside": found.clips.spikes, "pruned": list(found.pruned), "converged": now.fit.converged,
         "doubtful": sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict)), "elapsed_s": elapsed,
     }  # fmt: skip
 
@@ -69,8 +70,8 @@ def round_told(seen: Round) -> list[dict[str, Any]]:
     ]  # fmt: skip
     names = {t.name for t in seen.trials}
     rest = [
-        {"effect": row.candidate.name, "delta_bic": row.gain - len(row.candidate.keys) * float(np.log(seen.count)),
-         "held_out_gain": None, "fitted": False, "promised": row.gain}
+        {"effect": row.candidate.name, "delta_bic": _promise(seen, row), "held_out_gain": None, "fitted": False,
+         "promised": row.gain}
         for row in seen.scores.rows
         if row.candidate.name not in names
     ]  # fmt: skip
@@ -107,9 +108,13 @@ def round_rows(seen: Round) -> list[tuple[str, ...]]:
         rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", f"{trial.stage.rms * 1e3:.3f}", held, state))
     fitted = {t.name for t in seen.trials}
     for row in [r for r in seen.scores.rows if r.candidate.name not in fitted][: SHOWN - len(fitted)]:
-        promised = row.gain - len(row.candidate.keys) * float(np.log(seen.count))
-        rows.append((row.candidate.name, f"{promised:.0f}", "", "", "promised, not fitted"))
+        rows.append((row.candidate.name, f"{_promise(seen, row):.0f}", "", "", "promised, not fitted"))
     return rows
+
+
+def _promise(seen: Round, row: Score) -> float:
+    """Delta BIC that a candidate promises by the linear model at the optimum."""
+    return row.gain - len(row.candidate.keys) * float(np.log(seen.count))
 
 
 def verdict_lines(judged: Judgement, told: Mapping[str, Any] | None) -> list[str]:
@@ -123,6 +128,10 @@ def verdict_lines(judged: Judgement, told: Mapping[str, Any] | None) -> list[str
         if np.isfinite(seen.margin):
             rival = next(t.name for t in seen.trials if t.converged and t.name != judged.name)
             lines.append(f"margin over the next best, {rival}: {seen.margin:.0f}")
+        else:
+            rest = [row for row in seen.scores.rows if row.candidate.name != judged.name]
+            near = f": the next best, {rest[0].candidate.name}, promises {_promise(seen, rest[0]):.0f}" if rest else ""
+            lines.append(f"no other was near enough to be fitted{near}")
     else:
         lines.append(f"none: no effect of the catalogue is worth its parameters (delta BIC under {NAMED:.0f})")
     lines += alike_lines(seen)
@@ -188,6 +197,8 @@ def discovery_lines(found: Discovery) -> list[str]:
         lines = ["verdict: no effect of the catalogue"]
     if found.unexplained:
         lines += unexplained_lines(found.unexplained)
+    if found.clips.spikes:
+        lines.append(f"{found.clips.spikes} samples that the tracker threw elsewhere were set aside")
     if found.pruned:
         lines.append(f"named on the way, and no longer needed: {', '.join(found.pruned)}")
     if found.rounds:
@@ -235,7 +246,8 @@ def sections(rounds: Sequence[Round]) -> list[str]:
 
 
 def merged_own(clips: Clips, last: Stage, files: Sequence[str]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Own unknowns of all clips, in the order of `files`: (n, 7)."""
+    """Own unknowns of all clips, in the order of `files`: (n, p)."""
     known = {c.file: x for c, x in zip(clips.training.clips, last.point.x, strict=True)}
     known |= {c.file: x for c, x in zip(clips.held.clips, last.held_own, strict=True)}
-    return np.array([known[f] for f in files])
+    most = max(len(x) for x in known.values())
+    return np.array([np.pad(known[f], (0, most - len(known[f]))) for f in files])  # clips of fewer balls have fewer

@@ -34,6 +34,7 @@ from sysid.problem import (
 )
 from sysid.segments import split_all
 from sysid.solve import Joint, fit_each, fit_joint
+from sysid.spikes import set_aside
 
 HOLD_OUT = 5  # every fifth clip
 MISCUT = 25.0  # a segment that misses by so many sigma holds an event that was not seen
@@ -60,7 +61,7 @@ class Fit:
     error_rate: float  # model error per way travelled: the middle half of the training residuals
     band_rate: float  # the same for 95 % of them, of which some shots go astray
     training: tuple[int, ...]  # clips whose data gave the constants
-    own: Array  # (n, 7) own unknowns of those clips
+    own: Array  # (n, p) own unknowns of those clips
 
 
 def training_clips(clip_set: ClipSet) -> list[int]:
@@ -174,6 +175,7 @@ def error_rate(growth: Growth, x: Array, c: Array, share: float = 0.5) -> float:
 def fit(clip_set: ClipSet, model: Model, report: Report = lambda line: None, command: str = "sysid fit") -> Fit:
     """Fit every constant of the model's stack to the training clips."""
     sigma = position_noise(clip_set)
+    clip_set, _ = set_aside(clip_set, sigma)
     rows = training_clips(clip_set)
     training = subset(clip_set, rows)
     cloth, cloth_names, ratio = fit_segments(model, training, sigma, report)
@@ -209,8 +211,8 @@ class Grown:
     """Whole shots grown to their ends, constants fitted along the way."""
 
     growth: Growth  # of the problem, with every constant's name
-    own: Array  # (n, 7)
-    early: Array  # (n, 7) own unknowns as the first events gave them
+    own: Array  # (n, p)
+    early: Array  # (n, p) own unknowns as the first events gave them
     constants: Array  # (q,)
 
 
@@ -239,7 +241,17 @@ def joint_fit(
     """Every constant of a problem and the own unknowns of its shots, together."""
     steps, bounds = constant_steps(seen.model, seen.names), constant_bounds(seen.model, seen.names)
     return fit_joint(
-        seen.evaluate, x, c, STEPS, steps, seen.prior, bounds, ROBUST, iterations, own, report=_steps_of(report, what)
+        seen.evaluate,
+        x,
+        c,
+        seen.steps,
+        steps,
+        seen.prior,
+        bounds,
+        ROBUST,
+        iterations,
+        own,
+        report=_steps_of(report, what),
     )
 
 

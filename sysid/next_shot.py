@@ -19,7 +19,7 @@ from models.observe import observed
 from models.shot import Shot
 from sysid.clips import Clip, ClipSet, Cue, Observation
 from sysid.evidence import Point
-from sysid.problem import STEPS, Array, shot_problem, turn
+from sysid.problem import Array, shot_problem, turn
 from sysid.solve import Prior, differences
 
 SHOTS = 64  # tried; a power of two
@@ -82,7 +82,7 @@ def propose(one: Point, two: Model, covariance: Array, sigma: float, why: str, s
     )  # fmt: skip
     problem = dataclasses.replace(problem, prior=Prior(mean, sd))
     steps = 1e-5 * np.array([np.subtract(*problem.model.meta(n)["bounds"][::-1]) for n in problem.names])
-    r, jx, jc = differences(problem.evaluate, mean, one.c, np.arange(len(plan)), STEPS, steps)
+    r, jx, jc = differences(problem.evaluate, mean, one.c, np.arange(len(plan)), problem.steps, steps)
     sound = np.nan_to_num(covariance)
     apart = np.zeros(len(plan))
     for k in range(len(plan)):

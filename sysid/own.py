@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sysid.clips import Clip, ClipSet
-from sysid.problem import STEPS, Array, Index, ShotProblem
+from sysid.problem import Array, Index, ShotProblem
 from sysid.segments import event_times
 from sysid.solve import Prior, fit_each, loss
 
@@ -68,7 +68,7 @@ def fit_own(
     sigma: float,
     report: Callable[[str], None] | None = None,
 ) -> Array:
-    """Own unknowns of every shot, grown from event to event: (n, 7)."""
+    """Own unknowns of every shot, grown from event to event: (n, p)."""
     growth = Growth(problem, clip_set, sigma)
     x = problem.start.copy()
     for stage in range(growth.stages):
@@ -125,7 +125,7 @@ def _horizon(events: Array, stage: int, end: float, last: bool) -> float:
 
 def _stage(problem: ShotProblem, x: Array, constants: Array, todo: Index, retry: bool) -> Array:
     prior = Prior(problem.prior.mean[todo], problem.prior.sd[todo])
-    best, cost = fit_each(problem.evaluate, x[todo], constants, STEPS, prior, ROBUST, 6, todo)
+    best, cost = fit_each(problem.evaluate, x[todo], constants, problem.steps, prior, ROBUST, 6, todo)
     if not retry:
         return best
     r = problem.evaluate(best, np.tile(constants, (todo.size, 1)), todo)
@@ -136,7 +136,7 @@ def _stage(problem: ShotProblem, x: Array, constants: Array, todo: Index, retry:
         moved = best[bad].copy()
         moved[:, unknown] += shift * np.hypot(moved[:, 2], moved[:, 3])
         here = Prior(prior.mean[bad], prior.sd[bad])
-        new, new_cost = fit_each(problem.evaluate, moved, constants, STEPS, here, ROBUST, 4, todo[bad])
+        new, new_cost = fit_each(problem.evaluate, moved, constants, problem.steps, here, ROBUST, 4, todo[bad])
         better = new_cost < cost[bad]
         best[bad[better]], cost[bad[better]] = new[better], new_cost[better]
     return best
@@ -154,5 +154,5 @@ def polish(problem: ShotProblem, x: Array, constants: Array, rounds: int = 2) ->
             sd=tuple({b: s * k for b, s in clip.items()} for clip, k in zip(problem.sd, scale, strict=True)),
             sd_theta=problem.sd_theta * scale,
         )
-        x, _cost = fit_each(scaled.evaluate, x, constants, STEPS, problem.prior, ROBUST, 10)
+        x, _cost = fit_each(scaled.evaluate, x, constants, problem.steps, problem.prior, ROBUST, 10)
     return x

@@ -3,7 +3,8 @@
 Residuals are between what the camera reports and what the model says that it would; unknowns are true.
 The own unknowns of a shot, or of a segment, are the moving ball's position (2) [m], velocity (2) [m/s] and surface
 speed of its spin, R omega (3) [m/s], all in a frame turned into the direction of motion: along, across, up. A rolling
-ball has R omega across equal to its speed.
+ball has R omega across equal to its speed. Those of a shot go on with how far each other ball lies from the mean of
+where it was seen at rest (2 each) [m]: a twentieth of a millimetre turns a cut by more than what is to be found.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ Index = NDArray[np.int64]
 
 UNKNOWNS = ("x", "y", "v_along", "v_across", "Rw_along", "Rw_across", "Rw_up")
 STEPS = np.array([1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4])  # finite differences, [m] and [m/s]
+REST_STEP = 1e-6  # the same of a resting ball's place [m]
+REST_SD = 2.0  # of the noise: how far it may lie from where it was seen, beside what its samples say
 CUE_SD = {"speed": 0.05, "azimuth": 0.02, "offset": 0.002}  # how far a shot may be from its command
 LIMIT_SPIN = 1.25  # R omega over v at the miscue limit: 5/2 of half a radius
 
@@ -107,7 +110,7 @@ class ShotProblem:
     model: Model
     names: tuple[str, ...]
     clips: tuple[Clip, ...]
-    start: Array  # (n, 7)
+    start: Array  # (n, p)
     azimuth: Array  # (n,)
     prior: Prior
     rest: tuple[Array, ...]  # of each clip: (nball - 1, 2) where the camera sees the others lie [m]
@@ -120,15 +123,22 @@ class ShotProblem:
         """The same shots, up to other times."""
         return dataclasses.replace(self, horizon=horizon)
 
+    @property
+    def steps(self) -> Array:
+        """Finite differences of the own unknowns: (p,)."""
+        return np.concatenate([STEPS, np.full(self.start.shape[1] - len(STEPS), REST_STEP)])
+
     def balls(self, clip: int) -> tuple[str, ...]:
         """Names, the struck ball first."""
         c = self.clips[clip]
         return (c.struck, *[b for b in c.balls if b != c.struck])
 
     def shot(self, x: Array, clip: int, times: Array) -> Shot:
-        """The shot that unknowns (7,) stand for; the others lie where they are reported, see `undone`."""
+        """The shot that unknowns (p,) stand for; the others lie where they are reported, see `undone`."""
+        others = self.rest[clip]
+        rest = others + x[len(STEPS) : len(STEPS) + others.size].reshape(others.shape)
         return _shot(
-            self.balls(clip), x, self.azimuth[clip], self.model.ball.radius, self.rest[clip], times,
+            self.balls(clip), x, self.azimuth[clip], self.model.ball.radius, rest, times,
             self.clips[clip].order,
         )  # fmt: skip
 
@@ -203,12 +213,13 @@ def _straight(time: Array, xy: Array, roll: float) -> tuple[Array, float]:
 
 def shot_problem(model: Model, names: Sequence[str], clip_set: ClipSet, sigma: float) -> ShotProblem:
     """Set up whole shots: starting values and their spread from the cue's command, or from the first samples."""
-    n = len(clip_set.clips)
-    start, mean, sd, azimuth = np.zeros((n, 7)), np.zeros((n, 7)), np.full((n, 7), np.inf), np.zeros(n)
+    n, own = len(clip_set.clips), len(STEPS)
+    p = own + 2 * (max((len(c.balls) for c in clip_set.clips), default=1) - 1)
+    start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), REST_SD * sigma), np.zeros(n)
     rest, trusted, sds = [], [], []
     edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMPED
     for k, clip in enumerate(clip_set.clips):
-        start[k], mean[k], sd[k], azimuth[k] = _begin(clip, clip_set, sigma)
+        start[k, :own], mean[k, :own], sd[k, :own], azimuth[k] = _begin(clip, clip_set, sigma)
         others = [o for b, o in clip.balls.items() if b != clip.struck]
         rest.append(np.array([o.xy[: max(moving_from(o, sigma), 1)].mean(axis=0) for o in others]).reshape(-1, 2))
         believe = {b: np.all(np.abs(o.xy) < edge, axis=1) for b, o in clip.balls.items()}

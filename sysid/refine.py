@@ -17,14 +17,15 @@ from sysid.clips import ClipSet
 from sysid.evidence import Point
 from sysid.fit import error_rate
 from sysid.own import ROBUST, Growth, with_error
-from sysid.problem import STEPS, Array, Index, ShotProblem, constant_bounds, constant_steps
+from sysid.problem import Array, Index, ShotProblem, constant_bounds, constant_steps
 from sysid.solve import Joint, Prior, fit_each, fit_joint, loss
 
 ASTRAY = 1.5  # loss per residual over the shots' median from which a shot is grown again
-ROUNDS = 3
+ROUNDS, COARSE_ROUNDS = 6, 2
+LONG = 40  # steps of a shot grown again
 ITERATIONS, COARSE_ITERATIONS = 15, 12
 FINE, COARSE = 1e-5, 1e-4  # tolerance of the loss
-FOLLOWED = 3e-4  # error per way up to which shots are followed to the noise
+FOLLOWED = 2e-3  # error per way up to which shots are followed to the noise
 COARSELY = 0.5  # change of that error that is small, as long as they are not
 SETTLED = 0.1
 NOISE = 1e-5  # error per way that counts as none
@@ -87,7 +88,7 @@ def regrow(problem: ShotProblem, clip_set: ClipSet, sigma: float, rows: Index, x
     new = part.start.copy()
     for stage in range(growth.stages):
         new = growth.own(new, c, stage)
-    new, _ = fit_each(part.evaluate, new, c, STEPS, part.prior, ROBUST, 6)
+    new, _ = fit_each(part.evaluate, new, c, part.steps, part.prior, ROBUST, LONG)
     better = shot_costs(part, new, c) < shot_costs(part, x[rows], c) * (1 - 1e-3)
     x = x.copy()
     x[rows[better]] = new[better]
@@ -120,10 +121,10 @@ def refine(
         return error_rate(dataclasses.replace(growth, problem=problem), x, c)
 
     coarse = rate > FOLLOWED
-    for _ in range(ROUNDS):
+    for round_ in range(ROUNDS):
         seen = with_error(problem, sigma, rate, growth.way)
         joint = fit_joint(
-            seen.evaluate, x, c, STEPS, steps, problem.prior, bounds, ROBUST,
+            seen.evaluate, x, c, problem.steps, steps, problem.prior, bounds, ROBUST,
             COARSE_ITERATIONS if coarse else ITERATIONS, 1,
             tolerance=COARSE if coarse else FINE,
             report=lambda step, cost, _c: report(f"{what}, step {step}: loss {cost:.0f}"),
@@ -143,6 +144,6 @@ def refine(
                 new = error(x, c)
         settled = abs(new - rate) < (COARSELY if coarse and new > FOLLOWED else SETTLED) * rate + NOISE
         rate, coarse = new, new > FOLLOWED
-        if settled and not better and joint.converged:
+        if (settled and not better and joint.converged) or (coarse and round_ + 1 >= COARSE_ROUNDS):
             break
     return Refined(Point(problem, x, c), joint, rate, regrown)

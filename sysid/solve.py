@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 STALLED = 2  # steps in a row that gain nothing
+FLAT = 0.5  # or in any case: less than a standard deviation along a direction that the data hardly know
 ROUGH = 10.0  # times the tolerance: what a step may still promise where the loss is rough
 Evaluate = Callable[[Array, Array, NDArray[np.int64]], Array]
 """(k, p) own unknowns, (k, q) constants, (k,) problem numbers -> (k, m) residuals in units of noise, NaN unused."""
@@ -233,7 +234,7 @@ def fit_joint(
         new_cost = float(new_each.sum()) + leash(new_c)
         # A loss that is rough at the scale of what is left to gain has no better optimum to offer.
         stalled = stalled + 1 if cost - new_cost < tolerance * cost else 0
-        arrived = arrived or (stalled >= STALLED and promised < ROUGH * tolerance * cost)
+        arrived = arrived or (stalled >= STALLED and promised < max(ROUGH * tolerance * cost, FLAT))
         x, c, cost = new_x, new_c, new_cost
         damping = max(damping / 10, 1e-9)
         if arrived:

@@ -21,12 +21,14 @@ from sysid.evidence import Point
 from sysid.fit import error_rate, fit_segments, grow, subset, training_clips
 from sysid.noise import position_noise
 from sysid.own import ROBUST, Growth, with_error
-from sysid.problem import STEPS, Array, ShotProblem, shot_problem
+from sysid.problem import Array, ShotProblem, shot_problem
 from sysid.refine import Refined, refine, regrow, shot_costs
 from sysid.solve import fit_each, loss
+from sysid.spikes import set_aside
 
 CLOCK = "clock_scale.factor"
 LAGS = 40  # samples over which residuals may hang together
+LONG = 40  # steps of a fit that starts far from its optimum
 STRAYS = 1.6  # loss per residual of a held-out shot, over that of noise, from which it is grown again
 Report = Callable[[str], None]
 
@@ -41,6 +43,7 @@ class Clips:
     growth: Growth  # ways and events of the training shots
     held_growth: Growth | None  # and of the held-out ones
     known: Mapping[str, tuple[float, float]]  # of constants, beside the clips: mean and standard deviation
+    spikes: int  # samples set aside
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class Stage:
     rms: float  # of the training clips, per axis [m]
     held_rms: float  # of the held-out clips; nan without any
     chi2: float  # reduced, of the training clips
-    held_own: Array  # (n, 7)
+    held_own: Array  # (n, p)
 
     @property
     def point(self) -> Point:
@@ -77,13 +80,14 @@ class Stage:
 def part_clips(clip_set: ClipSet, model: Model) -> Clips:
     """Every fifth clip held out, the rest for training."""
     sigma = position_noise(clip_set)
+    clip_set, spikes = set_aside(clip_set, sigma)
     rows = training_clips(clip_set)
     training, held = subset(clip_set, rows), subset(clip_set, [k for k in range(len(clip_set.clips)) if k not in rows])
     growth = Growth(shot_problem(model, (), training, sigma), training, sigma)
     other = Growth(shot_problem(model, (), held, sigma), held, sigma) if held.clips else None
     scale, sd = stamp_scale(clip_set)
     known = {CLOCK: (scale, sd)} if np.isfinite(sd) else {}
-    return Clips(training, held, sigma, growth, other, known)
+    return Clips(training, held, sigma, growth, other, known, spikes)
 
 
 def begin(clip_set: ClipSet, model: Model, report: Report) -> tuple[Clips, Stage]:
@@ -106,7 +110,7 @@ def stage(clips: Clips, found: Refined, before: Stage | None) -> Stage:
     r = found.point.residuals()
     rms = clips.sigma * float(np.sqrt(np.nanmean(r**2)))
     freedom = max(int(np.isfinite(r).sum()) - found.point.x.size - found.point.c.size, 1)
-    held_rms, own = np.nan, np.zeros((0, 7))
+    held_rms, own = np.nan, np.zeros((0, 0))
     if clips.held_growth is not None:
         own, held_rms = _held(clips, clips.held_growth, found, before)
     return Stage(found, rms, held_rms, float(np.nansum(r**2)) / freedom, own)
@@ -124,11 +128,11 @@ def _held(clips: Clips, growth: Growth, found: Refined, before: Stage | None) ->
     else:
         x = before.held_own
     seen = with_error(problem, clips.sigma, found.rate, growth.way)
-    x, _ = fit_each(seen.evaluate, x, point.c, STEPS, problem.prior, ROBUST, 12)
+    x, _ = fit_each(seen.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG)
     astray = np.flatnonzero(shot_costs(problem, x, point.c) > STRAYS * 0.5)
     if astray.size and before is not None:
         x, _ = regrow(seen, clips.held, clips.sigma, astray, x, point.c)
-    x, _ = fit_each(problem.evaluate, x, point.c, STEPS, problem.prior, ROBUST, 6)
+    x, _ = fit_each(problem.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG)
     r = problem.evaluate(x, np.tile(point.c, (n, 1)), np.arange(n))
     return x, clips.sigma * float(np.sqrt(np.nanmean(r**2)))
 
@@ -136,9 +140,9 @@ def _held(clips: Clips, growth: Growth, found: Refined, before: Stage | None) ->
 def left_over(clips: Clips, found: Stage) -> float:
     """What the residuals hold beyond noise: mean square of the clipped residuals over that of the noise, less one."""
     r = found.point.residuals()
-    shots = max(r.shape[0], 1)
     seen = np.isfinite(r)
-    part = 1.0 - (7.0 * shots + found.point.c.size) / max(int(seen.sum()), 1)
+    own = sum(5 + 2 * len(clip.balls) for clip in found.point.problem.clips)
+    part = 1.0 - (own + found.point.c.size) / max(int(seen.sum()), 1)
     return float(np.nanmean(np.minimum(r**2, 16.0))) / part - 1.0
 
 
@@ -194,7 +198,7 @@ def compare_stages(clips: Clips, one: Stage, two: Stage) -> Evidence:
 
     def cost(s: Stage) -> tuple[float, int]:
         seen = problem_at(clips, s.point, rate)
-        x, _ = fit_each(seen.evaluate, s.point.x, s.point.c, STEPS, seen.prior, ROBUST, 5)
+        x, _ = fit_each(seen.evaluate, s.point.x, s.point.c, seen.steps, seen.prior, ROBUST, 5)
         n = len(x)
         r = seen.evaluate(x, np.tile(s.point.c, (n, 1)), np.arange(n))
         beside = _beside(clips, s)

@@ -52,7 +52,7 @@ def scores_of_terms(clips: Clips, base: Stage, report: Report = lambda line: Non
     report(f"looking for structure outside the catalogue: {len(terms)} terms")
     candidates = [candidate(effect_of(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
     point = dataclasses.replace(base.point, problem=problem_at(clips, base.point, base.fit.rate))
-    return terms, score_all(point, candidates, clips.known)
+    return terms, score_all(point, candidates, clips.known, quick=True)
 
 
 def select(terms: Sequence[Term], scores: Scores) -> Structure | None:

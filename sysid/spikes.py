@@ -1,0 +1,55 @@
+"""Samples that a tracker threw elsewhere: set aside before anything is fitted.
+
+A sample is a spike if it lies far from where the two samples before it lead, from where the two after it lead back to,
+and from between its neighbours. A ball that meets something agrees with one of the three.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from sysid.clips import ClipSet, Observation
+from sysid.problem import Array, Index
+
+FAR = 8.0  # standard deviations of an extrapolation
+LEAST = 0.004  # [m]
+NOISE = np.sqrt(6.0)  # of a linear extrapolation by one sample: 1 + 4 + 1
+GAP = 4.0  # of the median interval: neighbours farther away do not tell
+
+
+def spikes(seen: Observation, sigma: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Which samples of a ball are spikes: (n,)."""
+    n = len(seen.time)
+    found = np.zeros(n, bool)
+    if n < 5:
+        return found
+    t, xy = seen.time, seen.xy
+    k: Index = np.arange(2, n - 2)
+
+    def line(a: Index, b: Index) -> Array:
+        slope = (xy[b] - xy[a]) / (t[b] - t[a])[:, None]
+        return np.asarray(xy[a] + slope * (t[k] - t[a])[:, None])
+
+    away = np.min([np.hypot(*(xy[k] - line(*pair)).T) for pair in ((k - 2, k - 1), (k + 1, k + 2), (k - 1, k + 1))], 0)
+    near = (t[k + 2] - t[k - 2]) < GAP * 4 * np.median(np.diff(t))
+    found[k] = near & (away > max(FAR * NOISE * sigma, LEAST))
+    return found
+
+
+def set_aside(clip_set: ClipSet, sigma: float) -> tuple[ClipSet, int]:
+    """The clip set without spikes, and how many there were."""
+    count, clips = 0, []
+    for clip in clip_set.clips:
+        balls = {}
+        for name, seen in clip.balls.items():
+            bad = spikes(seen, sigma)
+            count += int(bad.sum())
+            keep = np.flatnonzero(~bad)
+            extra = (
+                {key: tuple(cells[i] for i in keep) for key, cells in seen.extra.items()} if bad.any() else seen.extra
+            )
+            balls[name] = Observation(seen.time[keep], seen.xy[keep], seen.theta[keep], extra) if bad.any() else seen
+        clips.append(dataclasses.replace(clip, balls=balls))
+    return (dataclasses.replace(clip_set, clips=tuple(clips)), count) if count else (clip_set, 0)
