@@ -1,102 +1,104 @@
-"""The shipped example, start to end: compare, see where the model fails, add what is missing, watch the error fall."""
+"""The shipped example, start to end: fit, compare, diagnose, add what is missing, watch the error fall to the noise."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Sequence
+import json
+import time
 from pathlib import Path
 
-import numpy as np
-
 from models.errors import BadInput
-from models.model_file import Model, effect_class, full_model, write_model
-from sysid.clips import read_clip_set
-from sysid.compare import compare, in_words
-from sysid.comparison import ClipRow, Comparison
-from sysid.fit import fit
-from sysid.output import Progress, print_constants, table, write_json
-from sysid.report import Rung, write_report
-from sysid.review import write_rrd
+from models.model_file import Model, full_model
+from sysid.clips import ClipSet, read_clip_set
+from sysid.compare import in_words
+from sysid.discover import Discovery, Judgement, discover
+from sysid.findings import label, print_ladder, round_rows, shot_lines, verdict_lines
+from sysid.loop_cli import DONE, FOUND, compare_at, write_outcome
+from sysid.output import Progress, table
 
+COMMAND = "sysid demo"
 EXAMPLE = Path(__file__).with_name("example")
-IMPACTS = ("ball_impact", "cushion_impact")
-STACKS = (
-    ("native MuJoCo contact", ()),
-    ("+ decoupled_cloth", ("decoupled_cloth",)),
-    ("+ ball_impact, cushion_impact", ("decoupled_cloth", *IMPACTS)),
-)
-NATIVE = {"decoupled_cloth": "", "ball_impact": "ball_", "cushion_impact": "cushion_"}  # terms of the same meaning
+TRUTH = EXAMPLE.with_name("example.truth.json")
+HIDDEN = {
+    "decoupled_cloth.slide": "mus", "decoupled_cloth.roll": "mur", "decoupled_cloth.spin": "spin",
+    "ball_impact.restitution": "ebb", "ball_impact.friction": "mubb",
+    "cushion_impact.restitution": "ec", "cushion_impact.friction": "muc",
+    "table_tilt.slope_x": "tilt_x", "table_tilt.slope_y": "tilt_y",
+}  # fmt: skip
+ALIKE = "(Look-alikes: part of the one passes for part of the other; the evidence says which of them explains it all.)"
 
 
 def run(out: Path, progress: Progress) -> int:
-    """Fit and compare three models of rising completeness; write model, result, report and recording into `out`."""
+    """Tell the story of the example, and write model, result, report and recording into `out`."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{out}: cannot be made ({error.strerror}); choose another folder") from error
+    began = time.monotonic()
     clip_set = read_clip_set(EXAMPLE)
-    print(f"The example: {len(clip_set.clips)} shots on a snooker table, filmed at {clip_set.fps:g} frames a second.")
-    fitted = fit(clip_set, full_model(clip_set.table, clip_set.ball), progress, command="sysid demo")
-    full = fitted.model
-    last = compare(clip_set, full, progress)
-    print("Each model has the constants that fit the last one, so that only the contact differs.\n", flush=True)
-    found: list[tuple[str, Comparison]] = []
-    for label, names in STACKS:
-        shown = stack(full, names)
-        one = compare(clip_set, shown, _named(progress, label), start=last.own) if len(names) < 3 else last
-        found.append((label, one))
+    print(
+        f"{len(clip_set.clips)} shots on a snooker table, filmed at {clip_set.fps:g} frames a second. Something about"
+        "\nthis table is not in the model: what? Every fifth shot is held out: it gives no constants, it judges them.",
+        flush=True,
+    )
+
+    def tell(found: Discovery) -> None:
         progress.close()
-        print(f"{label}: {pooled(one.clips) * 1e3:.2f} mm rms over all clips")
-        for line in in_words(one):
-            print(f"  {line}")
-        print(flush=True)
-    model = full
-    ladder = [_rung(label, one) for label, one in found]
-    free = [not track.events for track in last.tracks]
-    rows: list[tuple[str, ...]] = [("model", "open cloth mm", "with impacts mm", "held out mm", "chi2")]
-    for rung, (_, one) in zip(ladder, found, strict=True):
-        parts = [[c for c, f in zip(one.clips, free, strict=True) if f is kind] for kind in (True, False)]
-        numbers = [pooled(parts[0]), pooled(parts[1]), rung.held_out_rms_m]
-        rows.append((rung.label, *(f"{n * 1e3:.2f}" for n in numbers), f"{rung.chi2_reduced:.2f}"))
-    noise = found[-1][1].noise_m
-    print(table(rows))
-    print(f"noise of the tracker: {noise * 1e3:.2f} mm an axis, {noise * 2**0.5 * 1e3:.2f} mm in distance\n")
-    print_constants(model)
-    write_model(model, out / "model.toml")
-    write_json(str(out / "result.json"), {**found[-1][1].to_json(), "ladder": [vars(r) for r in ladder]})
-    notes = [f"{label}: {in_words(c)[0]}" for label, c in found]
-    write_report(out / "report.html", "The shipped example", found, ladder=ladder, notes=notes, model=model)
-    write_rrd(out / "review.rrd", found[-1][1])
+        if not found.rounds:
+            _failing(clip_set, found, progress)
+            return
+        _diagnosed(found)
+        print(f"\n3. Added, and all constants fitted again: {label(found.verdict)}\n", flush=True)
+        print_ladder(found)
+
+    found = discover(clip_set, full_model(clip_set.table, clip_set.ball), progress, tell)
+    progress.close()
+    rest = found.rounds[-1]
+    print("\nWhat is still missing?\n  " + "\n  ".join(verdict_lines(Judgement(rest), None)))
+    last = write_outcome(out, clip_set, found, progress, time.monotonic() - began, COMMAND)
+    _indented(in_words(last))
+    _indented(shot_lines(found.next_shot))
+    _revealed(last.model, found)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     print(f"open {out / 'report.html'} in a browser, and the shots with: .venv/bin/rerun {out / 'review.rrd'}")
-    return 0
+    return DONE if found.last.fit.converged else FOUND
 
 
-def stack(full: Model, names: tuple[str, ...]) -> Model:
-    """The model with some of its effects, MuJoCo's own terms with the constants of those left out, or its defaults."""
-    defaults = {f"native.{key}": full.meta(f"native.{key}")["off"] for key in ("ball_grip", "cushion_grip")}
-    native = defaults | {
-        f"native.{prefix}{key}": value
-        for effect, prefix in NATIVE.items()
-        for key in effect_class(effect).parameters()
-        if f"native.{prefix}{key}" in {f"native.{k}" for k in full.native.parameters()}
-        for value in [full.parameters()[f"{effect}.{key}"]]
-    }
-    kept = tuple(e for e in full.effects if e.name() in names)
-    return dataclasses.replace(full.with_values(native), effects=kept)
+def _failing(clip_set: ClipSet, found: Discovery, progress: Progress) -> None:
+    """Where the base model, at its best constants, fails."""
+    base, noise = found.last, found.clips.sigma
+    _, compared = compare_at(0, clip_set, found, progress, COMMAND)
+    print("\n1. The base model (level table, cloth, balls, cushions), all its constants fitted, misses by")
+    print(
+        f"   {base.rms * 1e3:.2f} mm rms an axis, {base.held_rms * 1e3:.2f} mm on held-out shots; the camera's noise is"
+        f" {noise * 1e3:.2f} mm. Where it fails:\n"
+    )
+    _indented(in_words(compared))
 
 
-def _named(progress: Callable[[str], None], label: str) -> Callable[[str], None]:
-    return lambda line: progress(f"{label}: {line}")
+def _diagnosed(found: Discovery) -> None:
+    """What could be missing, ranked, and the verdict."""
+    seen = found.rounds[-1]
+    print("\n2. What could be missing? The evidence for each effect of the catalogue (delta BIC; 10 is enough):\n")
+    print(table(round_rows(seen)) + "\n")
+    _indented(verdict_lines(Judgement(seen), None))
+    if seen.alike:
+        _indented([ALIKE])
 
 
-def pooled(rows: Sequence[ClipRow]) -> float:
-    """Root of the mean squared error over clips [m]; NaN without any."""
-    return float(np.sqrt(np.mean([r.rms_m**2 for r in rows]))) if rows else float("nan")
+def _revealed(model: Model, found: Discovery) -> None:
+    """What was hidden, read only now, beside what was found."""
+    truth = json.loads(TRUTH.read_text(encoding="utf-8"))
+    print(f"\n4. Only now {TRUTH.name} is opened. Hidden: {', '.join(truth['effects'])}. ", end="")
+    print(f"Found: {', '.join(found.verdict) or 'nothing'}.\n")
+    rows: list[tuple[str, ...]] = [("constant", "found", "sd", "hidden", "off by")]
+    for name in found.last.names:
+        value, sd = model.parameters()[name], model.estimates[name].sd
+        if name in HIDDEN:
+            hidden = truth["parameters"][HIDDEN[name]]
+            rows.append((name, f"{value:.5f}", f"{sd:.5f}", f"{hidden:.5f}", f"{(value - hidden) / sd:+.1f} sd"))
+    print(table(rows))
 
 
-def _rung(label: str, comparison: Comparison) -> Rung:
-    fitted = [c for c in comparison.clips if not c.held_out]
-    held = [c for c in comparison.clips if c.held_out]
-    chi2 = float(np.mean([c.chi2_reduced for c in comparison.clips]))
-    return Rung(label, pooled(fitted), pooled(held), chi2, "")
+def _indented(lines: list[str]) -> None:
+    for line in lines:
+        print(f"  {line}")

@@ -12,15 +12,18 @@ import numpy as np
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.diagnose import NAMED, REST, Round, Trial, candidates_for, look, try_one
-from sysid.evidence import Point, score_all
+from sysid.evidence import Candidate, Point, score_all
 from sysid.next_shot import NextShot, propose
+from sysid.problem import Array
 from sysid.refine import refine
 from sysid.stages import Clips, Stage, begin, compare_stages, left_over, problem_at, stage
 from sysid.structure import NAME, Structure, describe, scores_of_terms, select
 
 KEEPS = 4.0  # standard deviations from off below which an effect is pruned
 MOST = 6  # effects added
+RIVAL = 0.7  # of what an effect explains: the least that one must promise to be tried in its place
 OUTDOES = 1.2  # by which a term must promise more than the best named effect to stand for it
+HIDDEN = 0.05  # of the bounds' width: an effect whose sd exceeds it cannot be told from the active ones
 POWER = 3.0  # standard deviations of an effect that the next shot is to bring out
 Report = Callable[[str], None]
 Save = Callable[["Discovery"], None]
@@ -108,12 +111,16 @@ def _swap(
     pairs = {frozenset((a, b)) for r in rounds for a, b, _ in r.alike} | {frozenset(p) for r in rounds for p in r.tied}
     for name in verdict[:-1]:
         rivals = sorted({other for pair in pairs if name in pair for other in pair} - set(verdict))
-        known = [c for c in candidates_for(now.model) if c.name in rivals]
-        if not known:
-            continue
         less = dataclasses.replace(now, fit=dataclasses.replace(now.fit, point=_less(now, name)))
+        known = [c for c in candidates_for(less.model) if c.name in (*rivals, name)]
+        if len(known) < 2:
+            continue
         point = dataclasses.replace(less.point, problem=problem_at(clips, less.point, now.fit.rate))
-        for score in score_all(point, known, clips.known).rows:
+        scores = score_all(point, known, clips.known).rows
+        least = RIVAL * next(row.gain for row in scores if row.candidate.name == name)
+        for score in scores:
+            if score.candidate.name == name or score.gain < least:
+                continue
             report(f"{score.candidate.name} in the place of {name}")
             trial = try_one(clips, less, score, report)
             if trial.converged and compare_stages(clips, now, trial.stage).delta_bic > NAMED:
@@ -215,6 +222,11 @@ def _with_formula(clips: Clips, found: Discovery, now: Stage, structure: Structu
     )  # fmt: skip
 
 
+def _width(one: Candidate) -> Array:
+    known = one.effect.parameters()
+    return np.array([np.subtract(*known[k]["bounds"][::-1]) for k in one.keys])
+
+
 def best_next(
     clips: Clips, now: Stage, rounds: Sequence[Round], verdict: Sequence[str], report: Report
 ) -> NextShot | None:
@@ -231,10 +243,11 @@ def best_next(
             why = f"parts {best.name} from {rivals[0].name}, the next best"
             return propose(rival.point, best.stage.model, rival.fit.joint.covariance, clips.sigma, why)
     scores = rounds[-1].scores
-    shy = [row for row in scores.rows if row.gain > 0 and np.all(np.isfinite(row.sd)) and np.all(row.sd > 0)]
+    shy = [row for row in scores.rows if np.all(row.sd > 0) and np.all(row.sd < HIDDEN * _width(row.candidate))]
     if not shy:
         return None
 
+    # An effect that the active ones can imitate wholly is hidden at any size: no shot brings it out.
     def power(k: int) -> float:  # how large an effect these clips could hide, of its usual size
         one = shy[k].candidate
         usual = np.array([getattr(one.effect, key) for key in one.keys]) - one.off()

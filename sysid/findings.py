@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -10,14 +11,18 @@ from typing import Any
 import numpy as np
 
 from models.model_file import Estimate, Model
+from sysid.compare import in_words
+from sysid.comparison import Comparison
 from sysid.diagnose import ALIKE, NAMED, Round
 from sysid.discover import Discovery, Judgement
 from sysid.evidence import Score
 from sysid.next_shot import NextShot
 from sysid.output import table
+from sysid.plots_where import missing_map_svg
 from sysid.stages import Clips, Stage
 
 SHOWN = 8  # candidates listed in a round
+NONE = f"none: no effect of the catalogue is worth its parameters (delta BIC under {NAMED:.0f})"
 
 
 def model_of(found: Discovery, now: Stage, command: str) -> Model:
@@ -68,12 +73,10 @@ def round_told(seen: Round) -> list[dict[str, Any]]:
          "held_out_rms_m": t.stage.held_rms, "samples_that_count_as_one": t.evidence.tau}
         for t in seen.trials
     ]  # fmt: skip
-    names = {t.name for t in seen.trials}
     rest = [
         {"effect": row.candidate.name, "delta_bic": _promise(seen, row), "held_out_gain": None, "fitted": False,
          "promised": row.gain}
-        for row in seen.scores.rows
-        if row.candidate.name not in names
+        for row in _unfitted(seen)
     ]  # fmt: skip
     return [*fitted, *rest]
 
@@ -106,8 +109,7 @@ def round_rows(seen: Round) -> list[tuple[str, ...]]:
         state = "fitted" if trial.converged else "NOT converged: no verdict from it"
         held = f"{trial.stage.held_rms * 1e3:.3f}"
         rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", f"{trial.stage.rms * 1e3:.3f}", held, state))
-    fitted = {t.name for t in seen.trials}
-    for row in [r for r in seen.scores.rows if r.candidate.name not in fitted][: SHOWN - len(fitted)]:
+    for row in _unfitted(seen)[: SHOWN - len(seen.trials)]:
         rows.append((row.candidate.name, f"{_promise(seen, row):.0f}", "", "", "promised, not fitted"))
     return rows
 
@@ -115,6 +117,13 @@ def round_rows(seen: Round) -> list[tuple[str, ...]]:
 def _promise(seen: Round, row: Score) -> float:
     """Delta BIC that a candidate promises by the linear model at the optimum."""
     return row.gain - len(row.candidate.keys) * float(np.log(seen.count))
+
+
+def _unfitted(seen: Round) -> list[Score]:
+    """Candidates that were not worth a fit, the most promising first."""
+    fitted = {t.name for t in seen.trials}
+    rest = [row for row in seen.scores.rows if row.candidate.name not in fitted]
+    return sorted(rest, key=lambda row: -_promise(seen, row))
 
 
 def verdict_lines(judged: Judgement, told: Mapping[str, Any] | None) -> list[str]:
@@ -128,12 +137,12 @@ def verdict_lines(judged: Judgement, told: Mapping[str, Any] | None) -> list[str
         if np.isfinite(seen.margin):
             rival = next(t.name for t in seen.trials if t.converged and t.name != judged.name)
             lines.append(f"margin over the next best, {rival}: {seen.margin:.0f}")
-        else:
-            rest = [row for row in seen.scores.rows if row.candidate.name != judged.name]
+        elif len(seen.trials) == 1:
+            rest = _unfitted(seen)
             near = f": the next best, {rest[0].candidate.name}, promises {_promise(seen, rest[0]):.0f}" if rest else ""
             lines.append(f"no other was near enough to be fitted{near}")
     else:
-        lines.append(f"none: no effect of the catalogue is worth its parameters (delta BIC under {NAMED:.0f})")
+        lines.append(NONE)
     lines += alike_lines(seen)
     if seen.doubtful:
         lines.append(f"did not converge, and give no verdict: {', '.join(seen.doubtful)}")
@@ -217,6 +226,22 @@ def print_ladder(found: Discovery) -> None:
     print(f"noise of the tracker: {found.clips.sigma * 1e3:.3f} mm an axis")
 
 
+def failures(name: str, comparison: Comparison) -> list[str]:
+    """Where the first model fails, as parts of an HTML report: in words, and drawn."""
+    out = [f'<h2>Where the first model fails</h2><p class="sub">{escape(name)}, all its constants fitted</p>']
+    out.append('<ul class="notes">' + "".join(f"<li>{escape(line)}</li>" for line in in_words(comparison)) + "</ul>")
+    picture = missing_map_svg(comparison)
+    if picture is not None:
+        data = base64.b64encode(picture.encode()).decode()
+        out.append(
+            '<figure><img alt="Map of the accelerations that the first model lacks" '
+            f'src="data:image/svg+xml;base64,{data}"><figcaption>Accelerations that rolling balls have and this model '
+            "lacks: arrows point where balls are pulled, colour says how sure that is. The same picture of the last "
+            "model is below.</figcaption></figure>"
+        )
+    return out
+
+
 def sections(rounds: Sequence[Round]) -> list[str]:
     """Rounds as parts of an HTML report."""
     out = ["<h2>What could be missing</h2>"]
@@ -234,11 +259,11 @@ def sections(rounds: Sequence[Round]) -> list[str]:
             f"<h3>Look {number}, beside {escape(beside)}</h3><table><thead><tr>{head}"
             f"<th>delta BIC, logarithmic</th></tr></thead><tbody>{''.join(body)}</tbody></table>"
         )
-        lines = alike_lines(seen)
+        lines = alike_lines(seen) if seen.best else [NONE, *alike_lines(seen)]
         if lines:
             out.append('<ul class="notes">' + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>")
     out.append(
-        '<p class="sub">Delta BIC is the fall of chi-square, discounted for residuals that hang together, less what '
+        '<p class="more">Delta BIC is the fall of chi-square, discounted for residuals that hang together, less what '
         "the parameters cost; above 10 speaks for an effect. Promised values come from the linear model at the optimum "
         "and are computed for every candidate; the most promising are fitted.</p>"
     )

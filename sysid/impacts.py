@@ -154,6 +154,8 @@ def _case(
         if other is None:
             return None
         name, place = other
+        if float(np.hypot(*(place - position[0]))) < clip_set.ball.diameter:
+            return None  # the stretch's noisy end lies inside the other ball
         hit = following(name)
         after += [] if hit is None else [(1, hit)]
         names = ("ball", "other")

@@ -104,39 +104,48 @@ def discover(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     print("\n" + "\n".join(discovery_lines(found)) + "\n")
     elapsed = spent + time.monotonic() - began
     outcome = write_outcome(out, clip_set, found, progress, elapsed, f"sysid discover {args.clips}")
-    print_constants(outcome)
+    print_constants(outcome.model)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     (out / CHECKPOINT).unlink(missing_ok=True)
     return DONE if found.last.fit.converged else FOUND
 
 
+def compare_at(
+    number: int, clip_set: ClipSet, found: Discovery, progress: Progress, command: str
+) -> tuple[str, Comparison]:
+    """The label of a stage of the ladder, and what comparing its model with all clips says."""
+    from sysid.compare import compare
+    from sysid.findings import label, merged_own, model_of
+
+    seen = found.stages[number]
+    own = merged_own(found.clips, seen, [c.file for c in clip_set.clips])
+    progress("comparing " + label(found.verdicts[number]))
+    compared = compare(clip_set, model_of(found, seen, command), progress, start=own)
+    progress.close()
+    return label(found.verdicts[number]), compared
+
+
 def write_outcome(
     out: Path, clip_set: ClipSet, found: Discovery, progress: Progress, elapsed: float, command: str
-) -> Model:
-    """model.toml, result.json, report.html and review.rrd; the model that was found."""
+) -> Comparison:
+    """model.toml, result.json, report.html and review.rrd; the comparison of the model that was found."""
     from models.model_file import write_model
-    from sysid.compare import compare
-    from sysid.findings import discovery_lines, label, merged_own, model_of, result_of, sections
+    from sysid.findings import discovery_lines, failures, result_of, sections
     from sysid.report import write_report
     from sysid.review import write_rrd
 
-    files = [c.file for c in clip_set.clips]
-    progress("comparing the first model and the last")
-    compared: list[tuple[str, Comparison]] = []
-    for s, names in ((found.stages[0], found.verdicts[0]), (found.last, found.verdict)):
-        if not compared or s is not found.stages[0]:
-            model = model_of(found, s, command)
-            compared.append((label(names), compare(clip_set, model, progress, start=merged_own(found.clips, s, files))))
-    progress.close()
-    model = compared[-1][1].model
-    write_model(model, out / "model.toml")
+    ends = dict.fromkeys((0, len(found.stages) - 1))
+    compared = [compare_at(k, clip_set, found, progress, command) for k in ends]
+    last = compared[-1][1]
+    write_model(last.model, out / "model.toml")
     write_json(str(out / "result.json"), result_of(found, elapsed))
+    first = failures(*compared[0]) if len(compared) > 1 else []
     write_report(
-        out / "report.html", f"What {len(files)} clips say", compared, notes=discovery_lines(found),
-        sections=sections(found.rounds), ladder=_rungs(found),
+        out / "report.html", f"What {len(clip_set.clips)} clips say", compared, notes=discovery_lines(found),
+        sections=[*first, *sections(found.rounds)], ladder=_rungs(found),
     )  # fmt: skip
-    write_rrd(out / "review.rrd", compared[-1][1])
-    return model
+    write_rrd(out / "review.rrd", last)
+    return last
 
 
 def _rungs(found: Discovery) -> list[Any]:

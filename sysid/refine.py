@@ -21,12 +21,14 @@ from sysid.problem import Array, Index, ShotProblem, constant_bounds, constant_s
 from sysid.solve import Joint, Prior, fit_each, fit_joint, loss
 
 ASTRAY = 1.5  # loss per residual over the shots' median from which a shot is grown again
-ROUNDS, COARSE_ROUNDS = 6, 2
-LONG = 40  # steps of a shot grown again
-ITERATIONS, COARSE_ITERATIONS = 15, 12
+ROUNDS = 6
+FALLS = 0.6  # by which the error per way falls in a round, while it is worth another
+CLOSE = 3e-4  # error per way up to which the last digit of constants matters
+LONG, SHORT = 40, 6  # steps of a shot grown again
+ITERATIONS, COARSE_ITERATIONS = 15, 10
 FINE, COARSE = 1e-5, 1e-4  # tolerance of the loss
 FOLLOWED = 2e-3  # error per way up to which shots are followed to the noise
-COARSELY = 0.5  # change of that error that is small, as long as they are not
+EARLY = 4  # events up to which shots are used, as long as they are not: then they are chaos
 SETTLED = 0.1
 NOISE = 1e-5  # error per way that counts as none
 Report = Callable[[str], None]
@@ -55,6 +57,11 @@ def prior_of(names: Sequence[str], known: Mapping[str, tuple[float, float]]) -> 
     return Prior(pairs[:, 0], pairs[:, 1])
 
 
+def trusted_until(growth: Growth, rate: float) -> Array:
+    """Until when shots tell something of a model with an error rate: to their ends, or to the first few events (n,)."""
+    return growth.horizon(EARLY if rate > FOLLOWED else growth.stages - 1)
+
+
 def shot_costs(problem: ShotProblem, x: Array, c: Array) -> Array:
     """Loss of every shot per residual: (n,)."""
     n = len(x)
@@ -81,14 +88,16 @@ def subset_of(problem: ShotProblem, clip_set: ClipSet, rows: Index) -> tuple[Sho
     return part, dataclasses.replace(clip_set, clips=part.clips)
 
 
-def regrow(problem: ShotProblem, clip_set: ClipSet, sigma: float, rows: Index, x: Array, c: Array) -> tuple[Array, int]:
+def regrow(
+    problem: ShotProblem, clip_set: ClipSet, sigma: float, rows: Index, x: Array, c: Array, iterations: int = LONG
+) -> tuple[Array, int]:
     """Grow some shots from their strike at constants (q,); those that end better are kept: own unknowns, how many."""
     part, few = subset_of(problem, clip_set, rows)
     growth = Growth(dataclasses.replace(part, sd=_plain(part, sigma)), few, sigma)
     new = part.start.copy()
     for stage in range(growth.stages):
         new = growth.own(new, c, stage)
-    new, _ = fit_each(part.evaluate, new, c, part.steps, part.prior, ROBUST, LONG)
+    new, _ = fit_each(part.evaluate, new, c, part.steps, part.prior, ROBUST, iterations)
     better = shot_costs(part, new, c) < shot_costs(part, x[rows], c) * (1 - 1e-3)
     x = x.copy()
     x[rows[better]] = new[better]
@@ -120,9 +129,9 @@ def refine(
     def error(x: Array, c: Array) -> float:
         return error_rate(dataclasses.replace(growth, problem=problem), x, c)
 
-    coarse = rate > FOLLOWED
+    coarse = rate > CLOSE
     for round_ in range(ROUNDS):
-        seen = with_error(problem, sigma, rate, growth.way)
+        seen = with_error(problem, sigma, rate, growth.way).until(trusted_until(growth, rate))
         joint = fit_joint(
             seen.evaluate, x, c, problem.steps, steps, problem.prior, bounds, ROBUST,
             COARSE_ITERATIONS if coarse else ITERATIONS, 1,
@@ -138,12 +147,13 @@ def refine(
         better = 0
         if astray.size and not grown:
             grown = True
-            x, better = regrow(seen, clip_set, sigma, astray, x, c)
+            x, better = regrow(seen, clip_set, sigma, astray, x, c, SHORT if coarse else LONG)
             regrown += better
             if better:
                 new = error(x, c)
-        settled = abs(new - rate) < (COARSELY if coarse and new > FOLLOWED else SETTLED) * rate + NOISE
-        rate, coarse = new, new > FOLLOWED
-        if (settled and not better and joint.converged) or (coarse and round_ + 1 >= COARSE_ROUNDS):
+        settled = abs(new - rate) < SETTLED * rate + NOISE
+        slow = round_ > 0 and new > max(FALLS * rate, CLOSE)
+        rate, coarse = new, new > CLOSE
+        if (settled and not better and joint.converged) or slow:
             break
     return Refined(Point(problem, x, c), joint, rate, regrown)

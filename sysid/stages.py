@@ -22,13 +22,13 @@ from sysid.fit import error_rate, fit_segments, grow, subset, training_clips
 from sysid.noise import position_noise
 from sysid.own import ROBUST, Growth, with_error
 from sysid.problem import Array, ShotProblem, shot_problem
-from sysid.refine import Refined, refine, regrow, shot_costs
+from sysid.refine import FOLLOWED, Refined, refine, regrow, shot_costs, trusted_until
 from sysid.solve import fit_each, loss
 from sysid.spikes import set_aside
 
 CLOCK = "clock_scale.factor"
 LAGS = 40  # samples over which residuals may hang together
-LONG = 40  # steps of a fit that starts far from its optimum
+LONG, SHORT = 40, 8  # steps of a fit that starts far from its optimum
 STRAYS = 1.6  # loss per residual of a held-out shot, over that of noise, from which it is grown again
 Report = Callable[[str], None]
 
@@ -121,6 +121,7 @@ def _held(clips: Clips, growth: Growth, found: Refined, before: Stage | None) ->
     problem = dataclasses.replace(growth.problem, model=point.problem.model, names=point.problem.names)
     n = len(problem.clips)
     here = dataclasses.replace(growth, problem=problem)
+    follows = found.rate < FOLLOWED  # what does not follow its own clips need not be at its best on others
     if before is None:
         x = problem.start.copy()
         for number in range(here.stages):
@@ -128,11 +129,11 @@ def _held(clips: Clips, growth: Growth, found: Refined, before: Stage | None) ->
     else:
         x = before.held_own
     seen = with_error(problem, clips.sigma, found.rate, growth.way)
-    x, _ = fit_each(seen.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG)
+    x, _ = fit_each(seen.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG if follows else SHORT)
     astray = np.flatnonzero(shot_costs(problem, x, point.c) > STRAYS * 0.5)
-    if astray.size and before is not None:
+    if astray.size and before is not None and follows:
         x, _ = regrow(seen, clips.held, clips.sigma, astray, x, point.c)
-    x, _ = fit_each(problem.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG)
+    x, _ = fit_each(problem.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG if follows else SHORT)
     r = problem.evaluate(x, np.tile(point.c, (n, 1)), np.arange(n))
     return x, clips.sigma * float(np.sqrt(np.nanmean(r**2)))
 
@@ -147,8 +148,9 @@ def left_over(clips: Clips, found: Stage) -> float:
 
 
 def problem_at(clips: Clips, point: Point, rate: float) -> ShotProblem:
-    """A point's problem with the model error of a rate."""
-    return with_error(point.problem, clips.sigma, rate, clips.growth.way)
+    """A point's problem with the model error of a rate, up to where the shots tell something."""
+    seen = with_error(point.problem, clips.sigma, rate, clips.growth.way)
+    return seen.until(trusted_until(clips.growth, rate))
 
 
 def correlation_time(clips: Clips, point: Point, rate: float) -> float:

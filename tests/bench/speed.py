@@ -17,7 +17,7 @@ from models.simulate import simulate
 from sysid.clips import read_clip_set
 from sysid.fit import values_of
 from sysid.noise import position_noise
-from sysid.problem import STEPS, constant_steps, shot_problem
+from sysid.problem import constant_steps, shot_problem
 from sysid.solve import differences
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -73,10 +73,10 @@ def jacobian_rows() -> list[tuple[str, ...]]:
     which, c = np.arange(len(clip_set.clips)), values_of(model, names)
 
     def jacobian() -> None:
-        differences(problem.evaluate, problem.start, c, which, STEPS, constant_steps(model, names))
+        differences(problem.evaluate, problem.start, c, which, problem.steps, constant_steps(model, names))
 
     jacobian()
-    took, runs = best(jacobian, 3), len(which) * (1 + len(STEPS) + len(names))
+    took, runs = best(jacobian, 3), len(which) * (1 + len(problem.steps) + len(names))
     return [
         (f"Jacobian of the example, {len(which)} clips", "ms", "shots", "shots /s"),
         ("  one batch", f"{took * 1e3:.0f}", str(runs), f"{runs / took:.0f}"),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.truth.__main__ import EXAMPLE, constants, main, make_example, parser
+from tests.truth.__main__ import EXAMPLE, EXAMPLE_HIDES, constants, main, make_example, parser
 from tests.truth.physics import Table
 from tests.truth.shots import KINDS
 from tests.truth.sizes import NATURAL, options
@@ -177,7 +177,9 @@ def test_the_shipped_example_is_what_its_script_makes(tmp_path: Path) -> None:
         places = [np.array([[float(row[2]), float(row[3])] for row in rows]) for rows in (one, other)]
         np.testing.assert_allclose(places[0], places[1], atol=2e-6)
     truth = json.loads(kept["truth"])
-    assert truth["effects"] == []
+    assert truth["effects"] == [EXAMPLE_HIDES]
+    assert NATURAL[EXAMPLE_HIDES].items() <= truth["parameters"].items()
     assert [clip["kind"] for clip in truth["clips"]] == list(EXAMPLE)
-    assert [bool(clip["events"]) for clip in truth["clips"]] == [False] * 8 + [True] * 4
+    meets = [bool(clip["events"]) for clip in truth["clips"]]
+    assert meets == [kind.startswith(("cut", "cushion")) for kind in EXAMPLE]
     assert sum(map(len, kept.values())) < 500_000
