@@ -178,8 +178,8 @@ class Model:
     def meta(self, name: str) -> dict[str, Any]:
         """Unit, bounds, source and off value of a constant."""
         effect, key = name.split(".")
-        kind = Native if effect == "native" else effect_class(effect)
-        return kind.parameters()[key]
+        own = next((e for e in (self.native, *self.effects) if e.name() == effect), None)
+        return (effect_class(effect) if own is None else own).parameters()[key]
 
     def with_values(self, values: Mapping[str, Any]) -> Model:
         """The model with other values of its constants: numbers, or one per simulation."""

@@ -1,8 +1,9 @@
 """How well a cue keeps to its commands, from the shots themselves.
 
 A commanded shot is a starting point and not the truth; how far the real ones scatter around the commands says how much
-a command tells. The scatter is taken per unknown over all commanded clips, robustly, and never below what a good
-launcher repeats. Clips without commands keep their wide start.
+a command tells. The scatter of speed and azimuth, which the tracks show, is taken over all commanded clips, robustly,
+and never below what a good launcher repeats. Tip offsets keep their wide start: where a track says nothing of a spin
+it stays at its command, and its scatter would look like none. So do clips without commands.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from sysid.problem import Array, ShotProblem
 from sysid.solve import Prior
 
 LEAST = 5  # commanded clips from which a scatter is estimated
-REPEATS = {"speed": 0.003, "azimuth": 0.001, "offset": 0.0003}  # fraction, [rad], [m]: a good launcher (2 sd of mean)
+REPEATS = {"speed": 0.003, "azimuth": 0.001}  # fraction, [rad]: no launcher does better
 
 
 def with_scatter(problem: ShotProblem, x: Array) -> ShotProblem:
@@ -24,7 +25,6 @@ def with_scatter(problem: ShotProblem, x: Array) -> ShotProblem:
     if rows.size < LEAST:
         return problem
     speed = np.array([problem.clips[k].cue.speed for k in rows])
-    lever = 2.5 * speed / problem.model.ball.radius
     away = x[rows] - problem.prior.mean[rows]
     sd = problem.prior.sd.copy()
 
@@ -33,6 +33,4 @@ def with_scatter(problem: ShotProblem, x: Array) -> ShotProblem:
 
     sd[rows, 2] = spread(away[:, 2] / speed, REPEATS["speed"]) * speed
     sd[rows, 3] = spread(away[:, 3] / speed, REPEATS["azimuth"]) * speed
-    for k in (5, 6):
-        sd[rows, k] = np.minimum(spread(away[:, k] / lever, REPEATS["offset"]) * lever + 0.005 * speed, sd[rows, k])
     return dataclasses.replace(problem, prior=Prior(problem.prior.mean, sd))

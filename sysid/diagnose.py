@@ -93,20 +93,30 @@ def candidates_for(model: Model, extra: Sequence[type[Effect]] = ()) -> list[Can
     return [candidate(k) for k in [*found, *extra]]
 
 
-def look(clips: Clips, base: Stage, candidates: Sequence[Candidate], report: Report = lambda line: None) -> Round:
-    """One round: score, fit the promising, compare."""
+def look(
+    clips: Clips,
+    base: Stage,
+    candidates: Sequence[Candidate],
+    report: Report = lambda line: None,
+    beside: Callable[[], float] = lambda: 0.0,
+) -> Round:
+    """One round: score, fit the promising, compare; `beside` says what others must promise if the first is not all."""
     seen = problem_at(clips, base.point, base.fit.rate)
     report(f"scoring {len(candidates)} candidates beside {', '.join(base.names) or 'nothing'}")
     point = dataclasses.replace(base.point, problem=seen)
     scores = score_all(point, candidates, clips.known)
     chosen = shortlist(scores)
     trials: list[Trial] = []
+    least = 0.0
     for score in chosen:
-        # Beside an effect that leaves nothing but noise only a close rival is worth a fit.
+        # Beside an effect that leaves nothing but noise only a close rival is worth a fit; beside one that leaves
+        # more, those that promise as much as structure outside the catalogue does.
         settled = bool(trials) and left_over(clips, trials[0].stage) < REST and trials[0].converged
+        if len(trials) == 1 and not settled:
+            least = beside()
         pair = sorted((score.candidate.name, chosen[0].candidate.name))
         same = bool(trials) and scores.alike.get((pair[0], pair[1]), scores.alike.get((pair[1], pair[0]), 0.0)) > ALIKE
-        if not (settled or same) or score.gain > CLOSE * chosen[0].gain:
+        if score.gain > max(least, CLOSE * chosen[0].gain if settled or same else 0.0):
             trials.append(try_one(clips, base, score, report))
     if trials:
         better = _other_base(clips, base, trials, report)

@@ -19,9 +19,11 @@ from sysid.refine import refine
 from sysid.stages import Clips, Stage, begin, compare_stages, left_over, problem_at, stage
 from sysid.structure import NAME, Structure, describe, scores_of_terms, select
 
+SURELY = 2.0  # standard deviations from off below which it goes in any case
 KEEPS = 4.0  # standard deviations from off below which an effect is pruned
 MOST = 6  # effects added
 RIVAL = 0.7  # of what an effect explains: the least that one must promise to be tried in its place
+STANDS = 3.0  # times less may a named effect promise than such a term and still be tried
 OUTDOES = 1.2  # by which a term must promise more than the best named effect to stand for it
 HIDDEN = 0.05  # of the bounds' width: an effect whose sd exceeds it cannot be told from the active ones
 POWER = 3.0  # standard deviations of an effect that the next shot is to bring out
@@ -59,8 +61,8 @@ class Discovery:
         return tuple(sorted(found))
 
 
-def weak(found: Stage, names: tuple[str, ...]) -> str | None:
-    """The added effect that lies within a few standard deviations of its off value, the nearest; None if none does."""
+def weak(found: Stage, names: tuple[str, ...]) -> tuple[float, str] | None:
+    """The added effect nearest to its off value, and how many standard deviations; None if none lies within a few."""
     nearest: tuple[float, str] | None = None
     for name in names:
         effect = next(e for e in found.model.effects if e.name() == name)
@@ -71,7 +73,7 @@ def weak(found: Stage, names: tuple[str, ...]) -> str | None:
             away = max(away, abs(value - zero) / sd if sd > 0 else 0.0)
         if away < KEEPS and (nearest is None or away < nearest[0]):
             nearest = (away, name)
-    return nearest[1] if nearest else None
+    return nearest
 
 
 def without(clips: Clips, found: Stage, name: str, report: Report) -> Stage:
@@ -94,9 +96,10 @@ def _less(found: Stage, name: str) -> Point:
 def _prune(clips: Clips, now: Stage, verdict: tuple[str, ...], report: Report) -> tuple[Stage, tuple[str, ...]]:
     """Drop effects near their off value, unless the evidence holds them."""
     needed: set[str] = set()
-    while (name := weak(now, tuple(v for v in verdict if v not in needed))) is not None:
+    while (found := weak(now, tuple(v for v in verdict if v not in needed))) is not None:
+        away, name = found
         less = without(clips, now, name, report)
-        if compare_stages(clips, less, now).delta_bic > NAMED:
+        if away > SURELY and compare_stages(clips, less, now).delta_bic > NAMED:
             needed.add(name)
             continue
         report(f"{name} is no longer needed")
@@ -147,12 +150,22 @@ class Judgement:
 
 def judge(clips: Clips, now: Stage, report: Report = lambda line: None, formula: bool = True) -> Judgement:
     """Look for the missing effect; where none explains what is left, for a `formula` outside the catalogue."""
-    seen = look(clips, now, candidates_for(now.model), report)
+    known: list[Structure | None] = []
+
+    def outside(base: Stage) -> Structure | None:
+        if not known:
+            known.append(select(*scores_of_terms(clips, base, report)))
+        return known[0]
+
+    def bar() -> float:
+        found = outside(now) if formula else None
+        return found.gains[0] / STANDS if found else 0.0
+
+    seen = look(clips, now, candidates_for(now.model), report, bar)
     best, now = seen.best, seen.base
     if not formula or left_over(clips, best.stage if best else now) <= REST:
         return Judgement(seen)
-    terms, scores = scores_of_terms(clips, now, report)
-    structure = select(terms, scores)
+    structure = outside(now)
     if structure is None or (best is not None and structure.gains[0] <= OUTDOES * best.score.gain):
         return Judgement(seen)
     report(f"a formula: {', '.join(t.name for t in structure.terms)}")

@@ -119,7 +119,7 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
         for j in todo:
             size = float(np.median(np.sqrt(np.nanmean(np.minimum(change[j] ** 2, JUMP**2), axis=1))))
             top = float(np.sqrt(np.nanmean(np.minimum(change[j] ** 2, JUMP**2))))
-            size = max(size, 0.1 * top)
+            size = max(size, 0.5 * top)  # one that shows in few shots shall not be driven out of its linear range
             low, high = RANGE[0] * width[j], min(RANGE[1] * width[j], room[j])
             wanted = float(np.clip(probe[j] * np.clip(TARGET / max(size, 1e-9), 1e-3, 1e3), low, high))
             if not 0.3 < wanted / probe[j] < 3.0:

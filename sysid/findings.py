@@ -26,22 +26,34 @@ NONE = f"none: no effect of the catalogue is worth its parameters (delta BIC und
 
 
 def model_of(found: Discovery, now: Stage, command: str) -> Model:
-    """A stage's model, with uncertainties, correlations and where they come from."""
+    """A stage's model, with uncertainties, correlations and where they come from.
+
+    Beside a formula for what no effect explains the constants are those of the fit that had it: without it they bend
+    to make up for what is missing.
+    """
+    model = now.model
+    if now is found.last and found.explained is not None:
+        now = found.explained
+        model = model.with_values({n: now.value(n)[0] for n in model.parameters() if n in now.names})
     files = [c.file for c in found.clips.training.clips]
     converged = now.fit.converged
     estimates = {}
     sd = np.sqrt(np.diag(now.fit.joint.covariance))
-    for k, name in enumerate(now.names):
+    rows = [k for k, name in enumerate(now.names) if name in model.parameters()]
+    for k in rows:
+        name = now.names[k]
         source = f"{command}, {len(files)} clips" + ("" if converged else ", NOT converged")
+        source += "" if np.isfinite(sd[k]) else ": these clips do not tell"
         estimates[name] = Estimate(float(sd[k]) if converged else float("nan"), source)
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = now.fit.joint.covariance / np.outer(sd, sd)
+    correlation = correlation[np.ix_(rows, rows)]
     summary = {
         "command": command, "clips": files, "converged": converged, "noise_m": found.clips.sigma,
-        "error_rate": now.fit.rate, "names": list(now.names),
+        "error_rate": now.fit.rate, "names": [now.names[k] for k in rows],
         "correlation": [[float(np.round(v, 3)) for v in row] for row in correlation],
     }  # fmt: skip
-    return dataclasses.replace(now.model, estimates=estimates, fitted=summary)
+    return dataclasses.replace(model, estimates=estimates, fitted=summary)
 
 
 def result_of(found: Discovery, elapsed: float) -> dict[str, Any]:
@@ -52,8 +64,10 @@ def result_of(found: Discovery, elapsed: float) -> dict[str, Any]:
          "converged": s.fit.converged}
         for s, v in zip(found.stages, found.verdicts, strict=True)
     ]  # fmt: skip
-    meta = now.model.meta
-    parameters = {n: {"value": now.value(n)[0], "sd": now.value(n)[1], "unit": meta(n)["unit"]} for n in now.names}
+    best = found.explained or now
+    parameters = {
+        n: {"value": best.value(n)[0], "sd": best.value(n)[1], "unit": now.model.meta(n)["unit"]} for n in now.names
+    }
     return {
         "format": "billiard-discovery/1", "verdict": list(found.verdict),
         "unexplained": dict(found.unexplained) if found.unexplained else None,
@@ -172,9 +186,10 @@ def shot_lines(shot: NextShot | None) -> list[str]:
     if shot is None:
         return []
     c = shot.cue
+    other = f", another at {shot.other[0]:.3f}, {shot.other[1]:.3f} m" if shot.other else ""
     return [
         f"next shot ({shot.why}):",
-        f"  ball at x = {shot.place[0]:.3f}, y = {shot.place[1]:.3f} m; speed {c.speed:.2f} m/s,"
+        f"  ball at x = {shot.place[0]:.3f}, y = {shot.place[1]:.3f} m{other}; speed {c.speed:.2f} m/s,"
         f" azimuth {c.azimuth:.3f} rad, side {c.side * 1e3:+.1f} mm, height {c.height * 1e3:+.1f} mm:"
         f" {shot.sigmas:.0f} standard deviations apart",
     ]

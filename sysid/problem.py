@@ -35,8 +35,12 @@ LIMIT_SPIN = 1.25  # R omega over v at the miscue limit: 5/2 of half a radius
 
 
 def constant_steps(model: Model, names: Sequence[str]) -> Array:
-    """Finite-difference steps of constants: 1e-5 of their bounds' width."""
-    return np.array([1e-5 * np.subtract(*model.meta(n)["bounds"][::-1]) for n in names])
+    """Finite-difference steps of constants: 1e-5 of their bounds' width, (q,); and 3e-3, (2, q), where forces vary.
+
+    There the steps of a simulation are chosen along the way, and a choice that changes is a tiny jump.
+    """
+    steps = np.array([1e-5 * np.subtract(*model.meta(n)["bounds"][::-1]) for n in names])
+    return np.stack([steps, 300 * steps]) if any(e.varies for e in model.stack()) else steps
 
 
 def constant_bounds(model: Model, names: Sequence[str]) -> Array:

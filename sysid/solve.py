@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+JUMP = 3.0  # times smaller with the larger step is a derivative that a jump had faked
 STALLED = 2  # steps in a row that gain nothing
 FLAT = 0.5  # or in any case: less than a standard deviation along a direction that the data hardly know
 ROUGH = 10.0  # times the tolerance: what a step may still promise where the loss is rough
@@ -50,22 +51,33 @@ def weights(residuals: Array, c: float) -> Array:
 def differences(
     evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array, steps_c: Array
 ) -> tuple[Array, Array, Array]:
-    """Residuals (n, m) and their derivatives by own unknowns (n, m, p) and constants (n, m, q), in one call."""
+    """Residuals (n, m) and their derivatives by own unknowns (n, m, p) and constants (n, m, q), in one call.
+
+    `steps_c` is (q,), or (2, q) where residuals are smooth but for tiny jumps: a jump fakes a derivative that falls
+    with the step, so the smaller of both is taken where they disagree.
+    """
     (n, p), q = x.shape, c.size
+    both = np.atleast_2d(steps_c)
     rows = [(x, np.broadcast_to(c, (n, q)))]
     for k in range(p):
         moved = x.copy()
         moved[:, k] += steps[k]
         rows.append((moved, np.broadcast_to(c, (n, q))))
-    for k in range(q):
-        moved_c = c.copy()
-        moved_c[k] += steps_c[k]
-        rows.append((x, np.broadcast_to(moved_c, (n, q))))
+    for change in both:
+        for k in range(q):
+            moved_c = c.copy()
+            moved_c[k] += change[k]
+            rows.append((x, np.broadcast_to(moved_c, (n, q))))
     r = evaluate(np.concatenate([a for a, _ in rows]), np.concatenate([b for _, b in rows]), np.tile(which, len(rows)))
     r = r.reshape(len(rows), n, -1)
-    scale = np.concatenate([steps, steps_c])
+    scale = np.concatenate([steps, both.ravel()])
     d = np.nan_to_num((r[1:] - r[0]) / scale[:, None, None])
-    return r[0], np.moveaxis(d[:p], 0, -1), np.moveaxis(d[p:], 0, -1)
+    by_c = d[p : p + q]
+    if len(both) == 2:
+        other = d[p + q :]
+        faked = np.sum(other**2, axis=2) < np.sum(by_c**2, axis=2) / JUMP**2
+        by_c = np.where(faked[..., None], other, by_c)
+    return r[0], np.moveaxis(d[:p], 0, -1), np.moveaxis(by_c, 0, -1)
 
 
 def fit_each(
