@@ -8,6 +8,7 @@ is an expression of what a ball does and where it is. The same source text serve
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from types import ModuleType
 from models.effect import Effect
 from models.shot import Table
 
+ASSIGNED = re.compile(r" {8,12}(\w+) = ")
 CELLS = (6, 3)  # places on the table that are told apart, along and across
 RAILS = ("+x", "-x", "+y", "-y")
 
@@ -147,24 +149,32 @@ FORCES = '''
 
     def forces(self, balls: Balls) -> None:
         """What acts on the balls."""
-        x, y = balls.position[..., 0], balls.position[..., 1]
-        v, wz = balls.velocity[..., :2], balls.spin[..., 2]
+        x = balls.position[..., 0]
+        y = balls.position[..., 1]
+        v = balls.velocity[..., :2]
+        wz = balls.spin[..., 2]
         speed = np.hypot(v[..., 0], v[..., 1])
         heading = np.arctan2(v[..., 1], v[..., 0])
-        order, time = column(balls.order), column(balls.time)
-        other = np.arange(x.shape[1]) > 0
-        rolling, on = balls.rolling, balls.normal > 0
+        order = column(balls.order)
+        time = column(balls.time)
+        other = np.arange(v.shape[1]) > 0
+        rolling = balls.rolling
+        on = balls.normal > 0
 '''
 IMPACT = '''
     def impact(self, impact: Impact, rows: Array) -> None:
         """What changes at contacts."""
-        order, slip, other = impact.order, impact.slip, impact.first > 0
-        first, second = impact.first, impact.second
+        order = impact.order
+        slip = impact.slip
+        other = impact.first > 0
+        first = impact.first
+        second = impact.second
 '''
 OBSERVE = '''
     def observe(self, track: Track) -> Track:
         """What the camera reports."""
-        x, y = track.position[..., 0], track.position[..., 1]
+        x = track.position[..., 0]
+        y = track.position[..., 1]
         moved = track.position.copy()
 '''
 
@@ -201,19 +211,38 @@ def source(name: str, terms: Sequence[Term], values: Sequence[float], title: str
                 for t in here:
                     what = "restitution" if t.door.endswith("_e") else "friction"
                     out.append(f"            impact.{what} += of(self.{t.name}, rows) * ({t.factor})\n")
-                    least = (
-                        "np.clip(impact.restitution, 0.0, 1.0)"
-                        if what == "restitution"
-                        else "np.maximum(impact.friction, 0.0)"
-                    )
-                    out.append(f"            impact.{what}[:] = {least}\n")
     if doors & {"image_x", "image_y"}:
         out.append(OBSERVE)
         for t in terms:
             if t.door.startswith("image"):
                 out.append(f"        moved[..., {0 if t.door.endswith('x') else 1}] += self.{t.name} * ({t.factor})\n")
         out.append("        return replace(track, position=moved)\n")
-    return "".join(out)
+    return tidy("".join(out))
+
+
+def tidy(text: str) -> str:
+    """The text without imports and variables that it does not use."""
+    lines = text.splitlines()
+    while True:
+        kept = [k for k, line in enumerate(lines) if not (m := ASSIGNED.match(line)) or _used(lines, k, m[1])]
+        if len(kept) == len(lines):
+            break
+        lines = [lines[k] for k in kept]
+    out = []
+    for k, line in enumerate(lines):
+        start, found, names = line.partition(" import ")
+        if found and line.startswith("from ") and "__future__" not in line:
+            needed = [n for n in names.split(", ") if _used(lines, k, n)]
+            out += [f"{start} import {', '.join(needed)}"] if needed else []
+        elif line != "import numpy as np" or _used(lines, k, "np"):
+            out.append(line)
+    return "\n".join(out) + "\n"
+
+
+def _used(lines: Sequence[str], at: int, name: str) -> bool:
+    word = re.compile(rf"\b{name}\b")
+    body = [line for k, line in enumerate(lines) if k != at and not line.startswith("from ")]
+    return any(word.search(line) for line in body[body.index("@dataclass(frozen=True)") :])
 
 
 def _cloth_line(t: Term) -> str:
