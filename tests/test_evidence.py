@@ -1,0 +1,129 @@
+"""Scores of effects that a model does not hold, the clock of the stamps, and the next shot."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.model_file import effect_class, full_model
+from models.shot import Ball, Table
+from sysid.clips import Clip, ClipSet, Observation, read_clip_set
+from sysid.clock import stamp_scale
+from sysid.evidence import Point, candidate, score_all
+from sysid.next_shot import OFFSET, SPEEDS, propose
+from sysid.problem import ShotProblem, shot_problem
+from sysid.solve import fit_each
+from tests.truth.__main__ import jittered
+from tests.truth.__main__ import main as generate
+
+SIGMA = 0.0005
+NAMES = ("decoupled_cloth.slide", "decoupled_cloth.roll", "cushion_impact.restitution", "cushion_impact.friction")
+
+
+@pytest.fixture(scope="module")
+def drag(tmp_path_factory: pytest.TempPathFactory) -> Point:
+    """A fit that stands at the true constants, on clips with a little air drag hidden."""
+    folder = tmp_path_factory.mktemp("drag") / "set"
+    words = [
+        "--seed",
+        "9",
+        "--clips",
+        "6",
+        "--seconds",
+        "2",
+        "--kind",
+        "roll,stun,follow",
+        "--effect",
+        "air_drag=0.004",
+    ]
+    assert generate([str(folder), *words]) == 0
+    clip_set, c = read_clip_set(folder), jittered(9)
+    values = {
+        "decoupled_cloth.slide": c.mus, "decoupled_cloth.roll": c.mur, "decoupled_cloth.spin": c.spin,
+        "ball_impact.restitution": c.ebb, "ball_impact.friction": c.mubb, "cushion_impact.restitution": c.ec,
+        "cushion_impact.friction": c.muc,
+    }  # fmt: skip
+    model = full_model(clip_set.table, clip_set.ball).with_values(values)
+    problem = shot_problem(model, NAMES, clip_set, SIGMA)
+    at = np.array([values[n] for n in NAMES])
+    x, _ = fit_each(problem.evaluate, problem.start, at, problem.steps, problem.prior, 4.0, 40)
+    return Point(problem, x, at)
+
+
+def test_the_hidden_effect_scores_best_and_its_size_is_promised(drag: Point) -> None:
+    names = ("table_tilt", "air_drag", "speed_drag", "side_curve", "lens_distortion", "cushion_restitution_speed")
+    found = score_all(drag, [candidate(effect_class(n)) for n in names], {})
+    gains = {row.candidate.name: row.gain for row in found.rows}
+    assert list(gains.values()) == sorted(gains.values(), reverse=True)
+    assert found.rows[0].candidate.name == "air_drag"
+    assert gains["air_drag"] > gains["speed_drag"] > 5 * gains["side_curve"]
+    [best] = [row for row in found.rows if row.candidate.name == "air_drag"]
+    assert best.step[0] == pytest.approx(0.004, abs=4 * best.sd[0])
+    assert best.sd[0] < 0.001
+    pair = found.alike.get(("air_drag", "speed_drag"), found.alike.get(("speed_drag", "air_drag"), 0.0))
+    assert 0.9 < pair <= 1.0 + 1e-9
+    assert found.alike["table_tilt", "cushion_restitution_speed"] < 0.9
+
+
+def test_quick_scores_are_nearly_the_same(drag: Point) -> None:
+    few = [candidate(effect_class(n)) for n in ("air_drag", "side_curve")]
+    slow, quick = score_all(drag, few, {}), score_all(drag, few, {}, quick=True)
+    assert quick.rows[0].gain == pytest.approx(slow.rows[0].gain, rel=0.05)
+
+
+def test_what_is_known_beside_the_clips_counts(drag: Point) -> None:
+    """The stamps' interval tells of a clock as the tracks cannot."""
+    few = [candidate(effect_class("clock_scale"))]
+    blind = score_all(drag, few, {}).rows[0]
+    told = score_all(drag, few, {"clock_scale.factor": (1.01, 0.001)}).rows[0]
+    assert told.gain > blind.gain + 50
+    assert told.step[0] == pytest.approx(1.01, abs=0.003)
+
+
+def filmed(interval: float, fps: float, frames: int = 80, noise: float = 0.0) -> ClipSet:
+    keep = np.random.default_rng(2).random(frames) > 0.2
+    time = (interval * np.arange(frames) + noise * np.random.default_rng(3).normal(size=frames))[keep]
+    seen = Observation(time, np.zeros((len(time), 2)), np.full(len(time), np.nan))
+    return ClipSet(Table(3.569, 1.778), Ball(0.0525, 0.1406), fps, (Clip("a", "cue", {"cue": seen}),), SIGMA)
+
+
+def test_stamps_tell_a_clock_that_runs_fast() -> None:
+    scale, sd = stamp_scale(filmed(1.012 / 120, 120.0))
+    assert scale == pytest.approx(1.012, abs=1e-6)
+    assert sd < 5e-4
+    scale, sd = stamp_scale(filmed(1 / 120, 120.0, noise=2e-5))
+    assert abs(scale - 1) < 3 * sd
+    assert stamp_scale(filmed(0.0199, 50.2))[1] > 4e-4, "a rate given to one digit says less"
+    assert stamp_scale(filmed(1 / 120, 120.0, frames=20))[1] == np.inf
+    assert stamp_scale(filmed(1.4 / 120, 120.0))[1] == np.inf, "no whole number of frames"
+
+
+def test_the_next_shot_is_within_the_launcher_and_tells_most(drag: Point) -> None:
+    other = drag.model.add(effect_class("air_drag")(0.01))
+    shot = propose(drag, other, np.diag([1e-3, 1e-4, 1e-3, 1e-3]) ** 2, SIGMA, "a test")
+    assert SPEEDS[0] <= shot.cue.speed <= SPEEDS[1]
+    assert np.hypot(shot.cue.side, shot.cue.height) <= OFFSET + 1e-4
+    assert shot.sigmas > 5
+    assert shot.told()["cue"]["speed"] == shot.cue.speed
+    same = propose(drag, drag.model, np.eye(4) * 1e-8, SIGMA, "nothing to part")
+    assert same.sigmas < 1.0
+    slower = drag.model.with_values({"decoupled_cloth.roll": 0.0150})
+    free = propose(drag, slower, np.eye(4), SIGMA, "a constant that may be anything")
+    held = propose(drag, slower, np.eye(4) * 1e-16, SIGMA, "a constant that is known")
+    assert free.sigmas < 0.2 * held.sigmas
+
+
+def test_a_problem_with_other_balls_has_their_places_as_unknowns(tmp_path: Path) -> None:
+    assert generate([str(tmp_path / "cut"), "--seed", "3", "--clips", "2", "--seconds", "1", "--kind", "cut"]) == 0
+    clip_set = read_clip_set(tmp_path / "cut")
+    problem: ShotProblem = shot_problem(full_model(clip_set.table, clip_set.ball), (), clip_set, SIGMA)
+    assert problem.start.shape == (2, 9)
+    assert len(problem.steps) == 9
+    moved = problem.start.copy()
+    moved[:, 7] += 0.001
+    one, two = (problem.shot(x[0], 0, np.array([0.0])) for x in (problem.start, moved))
+    assert two.position[1] - one.position[1] == pytest.approx([0.001, 0.0])
+    assert dataclasses.replace(one, position=two.position).velocity is one.velocity
