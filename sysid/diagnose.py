@@ -31,7 +31,8 @@ NAMED = 10.0  # delta BIC from which an effect is named
 MATTERS = 1e-3  # and the fall of chi-square per residual
 ALIKE = 0.9  # correlation of signatures from which two candidates are look-alikes
 TIED = 10.0  # delta BIC below which two candidates are not told apart
-MOVES = 5.0  # loss by which another optimum of the base is better
+MOVES = 2.0  # loss by which another optimum is better
+NEAR = 0.3  # of the noise's square: left over by a fit that differs from another by single shots
 Report = Callable[[str], None]
 
 
@@ -119,10 +120,15 @@ def look(
         if score.gain > max(least, CLOSE * chosen[0].gain if settled or same else 0.0):
             trials.append(try_one(clips, base, score, report))
     if trials:
-        better = _other_base(clips, base, trials, report)
+        trials = _settle(clips, base, trials, report)
+        best = max(trials, key=lambda t: t.evidence.delta_bic)
+        better = _lent(clips, base, best.stage, "base", report)
         if better is not None:
             base = better
-            trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage)) for t in trials]
+        rate = min(t.stage.fit.rate for t in trials)  # what is to be compared is weighed alike
+        first = max(trials, key=lambda t: t.evidence.gain)
+        tau = compare_stages(clips, base, first.stage, rate).tau
+        trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, rate, tau)) for t in trials]
     trials.sort(key=lambda t: -t.evidence.delta_bic)
     return Round(base, scores, tuple(trials), *_look_alikes(scores, trials), scores.count)
 
@@ -177,33 +183,41 @@ def _start(clips: Clips, base: Stage, score: Score, report: Report) -> tuple[Arr
     return x, values
 
 
-def _other_base(clips: Clips, base: Stage, trials: Sequence[Trial], report: Report) -> Stage | None:
-    """The base fitted from the optimum of the best alternative, where that is a better one than its own."""
-    best = max(trials, key=lambda t: t.evidence.delta_bic)
-    seen = problem_at(clips, base.point, base.fit.rate)
-    n = len(base.point.x)
+def _lent(clips: Clips, one: Stage, other: Stage, what: str, report: Report) -> Stage | None:
+    """A fit from the optimum of another, shot by shot, where that is a better one than its own."""
+    seen = problem_at(clips, one.point, one.fit.rate)
+    n = len(one.point.x)
 
     def cost(x: Array) -> Array:
-        r = seen.evaluate(x, np.tile(base.point.c, (n, 1)), np.arange(n))
+        r = seen.evaluate(x, np.tile(one.point.c, (n, 1)), np.arange(n))
         return loss(r, ROBUST) + 0.5 * np.sum(seen.prior.residuals(x) ** 2, axis=1)
 
-    x, _ = fit_each(seen.evaluate, best.stage.point.x, base.point.c, seen.steps, seen.prior, ROBUST, 5)
-    old, new = cost(base.point.x), cost(x)
+    x, _ = fit_each(seen.evaluate, other.point.x, one.point.c, seen.steps, seen.prior, ROBUST, 5)
+    old, new = cost(one.point.x), cost(x)
     better = new < old
     if float(np.sum((old - new)[better])) < max(MOVES, 1e-3 * float(old.sum())):
         return None
-    report("the base again, from the optimum of " + best.name)
-    mixed = np.where(better[:, None], x, base.point.x)
-    found = refine(
-        Point(base.point.problem, mixed, base.point.c),
-        clips.training,
-        clips.growth,
-        base.fit.rate,
-        report,
-        "base",
-        clips.known,
-    )
-    return stage(clips, found, base)
+    report(f"{what} again, from another optimum")
+    mixed = Point(one.point.problem, np.where(better[:, None], x, one.point.x), one.point.c)
+    found = refine(mixed, clips.training, clips.growth, one.fit.rate, report, what, clips.known)
+    return stage(clips, found, one)
+
+
+def _settle(clips: Clips, base: Stage, trials: list[Trial], report: Report) -> list[Trial]:
+    """Close fits that may differ by where single shots ended: each tries the optimum of the other."""
+    best = max(trials, key=lambda t: t.evidence.delta_bic)
+    for k, trial in enumerate(trials):
+        near = left_over(clips, trial.stage) < NEAR and left_over(clips, best.stage) < NEAR
+        if trial is best or not near:
+            continue
+        for one, other in ((trial, best), (best, trial)):
+            found = _lent(clips, one.stage, other.stage, one.name, report)
+            if found is not None:
+                new = dataclasses.replace(one, stage=found, evidence=compare_stages(clips, base, found))
+                if new.evidence.gain > one.evidence.gain:
+                    trials[k if one is trial else trials.index(best)] = new
+                    trial, best = (new, best) if one is trial else (trial, new)
+    return trials
 
 
 def _look_alikes(

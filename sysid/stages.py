@@ -194,9 +194,14 @@ class Evidence:
     tau: float  # samples that count as one
 
 
-def compare_stages(clips: Clips, one: Stage, two: Stage) -> Evidence:
-    """Evidence for `two` over `one`, at the same standard deviations."""
-    rate = min(one.fit.rate, two.fit.rate)
+def compare_stages(
+    clips: Clips, one: Stage, two: Stage, rate: float | None = None, tau: float | None = None
+) -> Evidence:
+    """Evidence for `two` over `one`, at the same standard deviations: of an error per way, or of the better one's.
+
+    `tau`: samples that count as one; found from the better one's residuals if not given.
+    """
+    rate = min(one.fit.rate, two.fit.rate) if rate is None else rate
 
     def cost(s: Stage) -> tuple[float, int]:
         seen = problem_at(clips, s.point, rate)
@@ -209,9 +214,10 @@ def compare_stages(clips: Clips, one: Stage, two: Stage) -> Evidence:
         )
 
     (a, count), (b, _) = cost(one), cost(two)
-    better = two if b < a else one
-    r = better.point.residuals(problem_at(clips, better.point, rate))
-    spread = max(1.0, (float(np.nanmedian(np.abs(r))) / 0.6745) ** 2)
-    tau = correlation_time(clips, better.point, rate)
+    if tau is None:
+        better = two if b < a else one
+        r = better.point.residuals(problem_at(clips, better.point, rate))
+        spread = max(1.0, (float(np.nanmedian(np.abs(r))) / 0.6745) ** 2)
+        tau = correlation_time(clips, better.point, rate) * spread
     more = two.point.c.size - one.point.c.size
-    return Evidence((a - b) / (tau * spread) - more * float(np.log(max(count / tau, 2))), a - b, tau * spread)
+    return Evidence((a - b) / tau - more * float(np.log(max(count / tau, 2))), a - b, tau)
