@@ -18,8 +18,8 @@ from models.model_file import Model, catalogue
 from sysid.evidence import Candidate, Point, Score, Scores, candidate, score_all, with_candidate
 from sysid.own import ROBUST
 from sysid.problem import Array
-from sysid.refine import refine
-from sysid.solve import fit_each, loss
+from sysid.refine import refine, shot_losses
+from sysid.solve import fit_each
 from sysid.stages import Clips, Evidence, Stage, compare_stages, left_over, problem_at, stage
 
 PROMISES = 15.0  # fall of chi-square from which a candidate is worth a fit
@@ -186,14 +186,8 @@ def _start(clips: Clips, base: Stage, score: Score, report: Report) -> tuple[Arr
 def _lent(clips: Clips, one: Stage, other: Stage, what: str, report: Report) -> Stage | None:
     """A fit from the optimum of another, shot by shot, where that is a better one than its own."""
     seen = problem_at(clips, one.point, one.fit.rate)
-    n = len(one.point.x)
-
-    def cost(x: Array) -> Array:
-        r = seen.evaluate(x, np.tile(one.point.c, (n, 1)), np.arange(n))
-        return loss(r, ROBUST) + 0.5 * np.sum(seen.prior.residuals(x) ** 2, axis=1)
-
     x, _ = fit_each(seen.evaluate, other.point.x, one.point.c, seen.steps, seen.prior, ROBUST, 5)
-    old, new = cost(one.point.x), cost(x)
+    old, new = (shot_losses(seen, at, one.point.c)[0] for at in (one.point.x, x))
     better = new < old
     if float(np.sum((old - new)[better])) < max(MOVES, 1e-3 * float(old.sum())):
         return None
@@ -205,18 +199,18 @@ def _lent(clips: Clips, one: Stage, other: Stage, what: str, report: Report) -> 
 
 def _settle(clips: Clips, base: Stage, trials: list[Trial], report: Report) -> list[Trial]:
     """Close fits that may differ by where single shots ended: each tries the optimum of the other."""
-    best = max(trials, key=lambda t: t.evidence.delta_bic)
-    for k, trial in enumerate(trials):
-        near = left_over(clips, trial.stage) < NEAR and left_over(clips, best.stage) < NEAR
-        if trial is best or not near:
+    first = max(range(len(trials)), key=lambda k: trials[k].evidence.delta_bic)
+    for k in range(len(trials)):
+        near = all(left_over(clips, trials[i].stage) < NEAR for i in (k, first))
+        if k == first or not near:
             continue
-        for one, other in ((trial, best), (best, trial)):
-            found = _lent(clips, one.stage, other.stage, one.name, report)
+        for i, other in ((k, first), (first, k)):
+            one = trials[i]
+            found = _lent(clips, one.stage, trials[other].stage, one.name, report)
             if found is not None:
                 new = dataclasses.replace(one, stage=found, evidence=compare_stages(clips, base, found))
                 if new.evidence.gain > one.evidence.gain:
-                    trials[k if one is trial else trials.index(best)] = new
-                    trial, best = (new, best) if one is trial else (trial, new)
+                    trials[i] = new
     return trials
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from models.effect import Effect
 from models.model_file import Model
 from sysid.own import ROBUST
-from sysid.problem import Array, ShotProblem, constant_steps
-from sysid.solve import differences, weights
+from sysid.problem import Array, Index, ShotProblem, constant_steps
+from sysid.solve import differences, eliminated, weights
 
 TARGET = 0.5  # change of the residuals that a probe aims at, in standard deviations, median over shots
 PROBE = 1e-3  # first probe, of the bounds' width
@@ -62,11 +62,10 @@ class Point:
         """The model at these constants."""
         return self.problem.model.with_values({n: float(v) for n, v in zip(self.problem.names, self.c, strict=True)})
 
-    def residuals(self, problem: ShotProblem | None = None, extra: Array | None = None) -> Array:
-        """(n, m), of this or of another problem whose constants continue with `extra` (k,)."""
-        c = self.c if extra is None else np.concatenate([self.c, extra])
+    def residuals(self, problem: ShotProblem | None = None) -> Array:
+        """(n, m), of this problem or of the same one with other standard deviations."""
         n = len(self.x)
-        return (problem or self.problem).evaluate(self.x, np.tile(c, (n, 1)), np.arange(n))
+        return (problem or self.problem).evaluate(self.x, np.tile(self.c, (n, 1)), np.arange(n))
 
 
 def candidate(effect: type[Effect] | Effect) -> Candidate:
@@ -107,16 +106,20 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
     n, rows = len(point.x), np.arange(len(point.x))
     columns = np.zeros((*base.shape, k))
     todo = np.arange(k)
+
+    def moved(which: Index, by: Array) -> dict[int, Array]:
+        """Change of the residuals with each of these parameters moved from off."""
+        at = [np.concatenate([point.c, off + by * (np.arange(k) == j)]) for j in which]
+        values = np.repeat(at, n, axis=0)
+        r = problem.evaluate(np.tile(point.x, (which.size, 1)), values, np.tile(rows, which.size))
+        return {int(j): part - base for j, part in zip(which, r.reshape(which.size, *base.shape), strict=True)}
+
     for _ in range(2 if quick else PASSES):
-        ahead = np.tile(off, (k, 1)) + np.diag(way * probe)
-        change = {}
-        values = np.concatenate([np.tile(np.concatenate([point.c, ahead[j]]), (n, 1)) for j in todo])
-        r = problem.evaluate(np.tile(point.x, (todo.size, 1)), values, np.tile(rows, todo.size))
-        for j, part in zip(todo, r.reshape(todo.size, *base.shape), strict=True):
-            change[j] = part - base
-            columns[..., j] = np.nan_to_num(change[j]) * way[j]
+        change = moved(todo, way * probe)
+        for number, part in change.items():
+            columns[..., number] = np.nan_to_num(part) * way[number]
         again = []
-        for j in todo:
+        for j in todo.tolist():
             size = float(np.median(np.sqrt(np.nanmean(np.minimum(change[j] ** 2, JUMP**2), axis=1))))
             top = float(np.sqrt(np.nanmean(np.minimum(change[j] ** 2, JUMP**2))))
             size = max(size, 0.5 * top)  # one that shows in few shots shall not be driven out of its linear range
@@ -131,11 +134,8 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
     # Where both sides are open, the difference of both takes out what is even in the parameter and steps' own error.
     two = np.flatnonzero(both > probe)
     if two.size and not quick:
-        behind = np.tile(off, (k, 1)) - np.diag(way * probe)
-        values = np.concatenate([np.tile(np.concatenate([point.c, behind[j]]), (n, 1)) for j in two])
-        r = problem.evaluate(np.tile(point.x, (two.size, 1)), values, np.tile(rows, two.size))
-        for j, part in zip(two, r.reshape(two.size, *base.shape), strict=True):
-            columns[..., j] = 0.5 * (columns[..., j] - np.nan_to_num(part - base) * way[j])
+        for number, part in moved(two, -way * probe).items():
+            columns[..., number] = 0.5 * (columns[..., number] - np.nan_to_num(part) * way[number])
     columns[np.abs(columns) > JUMP] = 0.0
     return Signature(one, probe, columns)
 
@@ -148,7 +148,6 @@ class Score:
     gain: float  # fall of chi-square that the linear model promises
     step: Array  # (k,) parameter values it would take
     sd: Array  # (k,) of them
-    explains: float  # correlation of the residuals with the signature, both projected
 
 
 @dataclass(frozen=True)
@@ -188,23 +187,11 @@ def score_all(
     r, jx, jc = differences(problem.evaluate, point.x, point.c, np.arange(n), problem.steps, steps_c)
     signatures = [signature(point, r, one, quick) for one in candidates]
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
-    w = weights(r, robust)
-    seen = np.isfinite(r)
-    r = np.nan_to_num(r)
-    prior = problem.prior
-    sd = np.broadcast_to(prior.sd, point.x.shape)
     j = np.concatenate([jc, extra], axis=2)
-    axx = np.einsum("nmp,nm,nmq->npq", jx, w, jx) + np.einsum(
-        "np,pq->npq", 1 / sd**2 + 1e-9, np.eye(len(problem.steps))
-    )
-    axj = np.einsum("nmp,nm,nmq->npq", jx, w, j)
-    ajj = np.einsum("nmp,nm,nmq->npq", j, w, j)
-    gx = np.einsum("nmp,nm->np", jx, w * r) + prior.residuals(point.x) / sd
-    gj = np.einsum("nmp,nm->np", j, w * r)
-    solved = np.linalg.solve(axx, np.concatenate([axj, gx[..., None]], axis=2))
-    info = (ajj - np.einsum("npq,npr->nqr", axj, solved[..., :-1])).sum(axis=0)
-    grad = (gj - np.einsum("npq,np->nq", axj, solved[..., -1])).sum(axis=0)
-    own = ajj.sum(axis=0)
+    information, score, _, _ = eliminated(r, jx, j, point.x, problem.prior, robust)
+    info, grad = information.sum(axis=0), score.sum(axis=0)
+    w = weights(r, robust)
+    own = np.einsum("nmp,nm,nmp->p", j, w, j)
     q = len(point.c)
     _add_known(info, grad, point, signatures, known)
     scale = np.sqrt(np.maximum(np.diag(info), 1e-300))
@@ -212,13 +199,13 @@ def score_all(
     lift = np.linalg.lstsq(cc, info[:q, q:] / scale[:q, None], rcond=1e-10)[0] / scale[:q, None]
     left = info[q:, q:] - info[q:, :q] @ lift
     pull = grad[q:] - lift.T @ grad[:q]
-    chi2 = float(np.sum(w * r * r))
+    chi2 = float(np.sum(w * np.nan_to_num(r) ** 2))
     rows, at, blocks = [], 0, {}
     for s in signatures:
         k = len(s.probe)
         part = slice(at, at + k)
         block, g = left[part, part], pull[part]
-        size = np.diag(own[q:, q:])[part]
+        size = own[q:][part]
         fine = np.diag(block) > FLAT * np.maximum(size, 1e-300)
         gain, step, step_sd = 0.0, np.zeros(k), np.full(k, np.inf)
         if fine.any():
@@ -227,13 +214,13 @@ def score_all(
             gain = float(g[fine] @ inverse @ g[fine])
             step[fine] = taken * s.probe[fine]
             step_sd[fine] = np.sqrt(np.maximum(np.diag(inverse), 0)) * s.probe[fine]
-        rows.append(Score(s.candidate, gain, s.candidate.off() + step, step_sd, float(np.sqrt(gain / max(chi2, 1e-9)))))
+        rows.append(Score(s.candidate, gain, s.candidate.off() + step, step_sd))
         blocks[s.candidate.name] = part
         at += k
     alike = _alike(left, blocks)
     probes = np.concatenate([s.probe for s in signatures]) if signatures else np.zeros(0)
     order = tuple(sorted(rows, key=lambda row: -row.gain))
-    return Scores(order, alike, chi2, int(seen.sum()), left, pull, np.diag(own)[q:], blocks, probes)
+    return Scores(order, alike, chi2, int(np.isfinite(r).sum()), left, pull, own[q:], blocks, probes)
 
 
 def _add_known(

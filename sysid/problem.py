@@ -123,6 +123,16 @@ class ShotProblem:
     sd_theta: Array  # (n,) of a marked ball's angle [rad]
     horizon: Array  # (n,) [s]
 
+    def only(self, rows: Index) -> ShotProblem:
+        """Some of the shots."""
+        few = [int(k) for k in rows]
+        return dataclasses.replace(
+            self, clips=tuple(self.clips[k] for k in few), start=self.start[few], azimuth=self.azimuth[few],
+            prior=Prior(self.prior.mean[few], self.prior.sd[few]), rest=tuple(self.rest[k] for k in few),
+            trusted=tuple(self.trusted[k] for k in few), sd=tuple(self.sd[k] for k in few),
+            sd_theta=self.sd_theta[few], horizon=self.horizon[few],
+        )  # fmt: skip
+
     def until(self, horizon: Array) -> ShotProblem:
         """The same shots, up to other times."""
         return dataclasses.replace(self, horizon=horizon)

@@ -16,7 +16,7 @@ import numpy as np
 from sysid.clips import ClipSet
 from sysid.evidence import Point
 from sysid.fit import error_rate
-from sysid.own import ROBUST, Growth, with_error
+from sysid.own import ROBUST, Growth, fit_own, with_error
 from sysid.problem import Array, Index, ShotProblem, constant_bounds, constant_steps
 from sysid.solve import Joint, Prior, fit_each, fit_joint, loss
 
@@ -46,7 +46,6 @@ class Refined:
     point: Point  # its problem has the noise of the camera alone
     joint: Joint
     rate: float  # error of the model per way travelled
-    regrown: int  # shots that were grown again
 
     @property
     def converged(self) -> bool:
@@ -67,41 +66,25 @@ def trusted_until(growth: Growth, rate: float) -> Array:
     return growth.horizon(EARLY if rate > FOLLOWED else growth.stages - 1)
 
 
-def shot_costs(problem: ShotProblem, x: Array, c: Array) -> Array:
-    """Loss of every shot per residual: (n,)."""
+def shot_losses(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]:
+    """Loss of every shot, its prior with it, and how many residuals it has: (n,), (n,)."""
     n = len(x)
     r = problem.evaluate(x, np.tile(c, (n, 1)), np.arange(n))
-    prior = problem.prior.residuals(x)
-    return (loss(r, ROBUST) + 0.5 * np.sum(prior**2, axis=1)) / np.maximum(np.isfinite(r).sum(axis=1), 1)
+    return loss(r, ROBUST) + 0.5 * np.sum(problem.prior.residuals(x) ** 2, axis=1), np.isfinite(r).sum(axis=1)
 
 
-def subset_of(problem: ShotProblem, clip_set: ClipSet, rows: Index) -> tuple[ShotProblem, ClipSet]:
-    """Some shots of a problem."""
-    few = [int(k) for k in rows]
-    part = dataclasses.replace(
-        problem,
-        clips=tuple(problem.clips[k] for k in few),
-        start=problem.start[few],
-        azimuth=problem.azimuth[few],
-        prior=dataclasses.replace(problem.prior, mean=problem.prior.mean[few], sd=problem.prior.sd[few]),
-        rest=tuple(problem.rest[k] for k in few),
-        trusted=tuple(problem.trusted[k] for k in few),
-        sd=tuple(problem.sd[k] for k in few),
-        sd_theta=problem.sd_theta[few],
-        horizon=problem.horizon[few],
-    )
-    return part, dataclasses.replace(clip_set, clips=part.clips)
+def shot_costs(problem: ShotProblem, x: Array, c: Array) -> Array:
+    """Loss of every shot per residual: (n,)."""
+    total, count = shot_losses(problem, x, c)
+    return np.asarray(total / np.maximum(count, 1))
 
 
 def regrow(
     problem: ShotProblem, clip_set: ClipSet, sigma: float, rows: Index, x: Array, c: Array, iterations: int = LONG
 ) -> tuple[Array, int]:
     """Grow some shots from their strike at constants (q,); those that end better are kept: own unknowns, how many."""
-    part, few = subset_of(problem, clip_set, rows)
-    growth = Growth(dataclasses.replace(part, sd=_plain(part, sigma)), few, sigma)
-    new = part.start.copy()
-    for stage in range(growth.stages):
-        new = growth.own(new, c, stage)
+    part = problem.only(rows)
+    new = fit_own(part, dataclasses.replace(clip_set, clips=part.clips), c, sigma)
     new, _ = fit_each(part.evaluate, new, c, part.steps, part.prior, ROBUST, iterations)
     better = shot_costs(part, new, c) < shot_costs(part, x[rows], c) * (1 - 1e-3)
     x = x.copy()
@@ -117,12 +100,13 @@ def _doubt(
     A shot in a false optimum bends the constants until it nearly fits; at those that the others have by themselves, it
     finds its place. None where no shot stands out, or where nothing is gained.
     """
-    costs = shot_costs(seen, x, c)
+    old, count = shot_losses(seen, x, c)
+    costs = old / np.maximum(count, 1)
     odd = np.flatnonzero(costs > STANDS_OUT * float(np.median(costs)))
     rest = np.setdiff1d(np.arange(len(x)), odd)
     if odd.size == 0 or rest.size < max(3, 2 * len(x) // 3):
         return None
-    part, _ = subset_of(seen, clip_set, rest)
+    part, few = seen.only(rest), seen.only(odd)
     steps, bounds = constant_steps(seen.model, seen.names), constant_bounds(seen.model, seen.names)
     alone = fit_joint(
         part.evaluate, x[rest], c, seen.steps, steps, part.prior, bounds, ROBUST, COARSE_ITERATIONS, 1,
@@ -134,17 +118,10 @@ def _doubt(
     for unknown, shift in SPINS:
         moved = new[odd].copy()
         moved[:, unknown] += shift * np.hypot(moved[:, 2], moved[:, 3])
-        few, _ = subset_of(seen, clip_set, odd)
         tried, _ = fit_each(few.evaluate, moved, at, few.steps, few.prior, ROBUST, MEDIUM)
         better = shot_costs(few, tried, at) < shot_costs(few, new[odd], at)
         new[odd[better]] = tried[better]
-    samples = np.isfinite(seen.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))).sum(axis=1)
-    before, after = float(costs @ samples), float(shot_costs(seen, new, at) @ samples)
-    return (new, at) if after < before - GAINS else None
-
-
-def _plain(problem: ShotProblem, sigma: float) -> tuple[dict[str, Array], ...]:
-    return tuple({b: np.full(len(o.time), sigma) for b, o in clip.balls.items()} for clip in problem.clips)
+    return (new, at) if shot_losses(seen, new, at)[0].sum() < old.sum() - GAINS else None
 
 
 def refine(
@@ -163,7 +140,7 @@ def refine(
     """
     problem, sigma, x, c = point.problem, growth.sigma, point.x, point.c
     steps, bounds = constant_steps(problem.model, problem.names), constant_bounds(problem.model, problem.names)
-    regrown, grown, doubted = 0, False, False
+    grown, doubted = False, False
 
     def error(x: Array, c: Array) -> float:
         return error_rate(dataclasses.replace(growth, problem=problem), x, c)
@@ -187,7 +164,6 @@ def refine(
         if astray.size and not grown:
             grown = True
             x, better = regrow(seen, clip_set, sigma, astray, x, c, SHORT if coarse else LONG)
-            regrown += better
             if better:
                 new = error(x, c)
         if not coarse and not doubted:
@@ -202,4 +178,4 @@ def refine(
         rate, coarse = new, new > CLOSE
         if (settled and not better and joint.converged) or slow:
             break
-    return Refined(Point(problem, x, c), joint, rate, regrown)
+    return Refined(Point(problem, x, c), joint, rate)

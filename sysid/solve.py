@@ -163,9 +163,19 @@ class Joint:
 def _eliminate(
     evaluate: Evaluate, x: Array, c: Array, steps: Array, steps_c: Array, prior: Prior, robust: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Information (n, q, q) and score (n, q) on the constants, own unknowns eliminated; step map (n, p, q), (n, p)."""
+    """`eliminated` at a point, from finite differences."""
+    r, jx, jc = differences(evaluate, x, c, np.arange(len(x)), steps, steps_c)
+    return eliminated(r, jx, jc, x, prior, robust)
+
+
+def eliminated(
+    r: Array, jx: Array, jc: Array, x: Array, prior: Prior, robust: float
+) -> tuple[Array, Array, Array, Array]:
+    """Information (n, q, q) and score (n, q) on the constants, own unknowns eliminated; step map (n, p, q), (n, p).
+
+    From residuals (n, m) and their derivatives by own unknowns (n, m, p) and constants (n, m, q).
+    """
     n, p = x.shape
-    r, jx, jc = differences(evaluate, x, c, np.arange(n), steps, steps_c)
     w = weights(r, robust)
     r = np.nan_to_num(r)
     sd = np.broadcast_to(prior.sd, (n, p))

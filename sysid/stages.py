@@ -22,8 +22,8 @@ from sysid.fit import error_rate, fit_segments, grow, subset, training_clips
 from sysid.noise import position_noise
 from sysid.own import ROBUST, Growth, with_error
 from sysid.problem import Array, ShotProblem, shot_problem
-from sysid.refine import FOLLOWED, Refined, refine, regrow, shot_costs, trusted_until
-from sysid.solve import fit_each, loss
+from sysid.refine import FOLLOWED, Refined, refine, regrow, shot_costs, shot_losses, trusted_until
+from sysid.solve import fit_each
 from sysid.spikes import set_aside
 
 CLOCK = "clock_scale.factor"
@@ -206,12 +206,8 @@ def compare_stages(
     def cost(s: Stage) -> tuple[float, int]:
         seen = problem_at(clips, s.point, rate)
         x, _ = fit_each(seen.evaluate, s.point.x, s.point.c, seen.steps, seen.prior, ROBUST, 5)
-        n = len(x)
-        r = seen.evaluate(x, np.tile(s.point.c, (n, 1)), np.arange(n))
-        beside = _beside(clips, s)
-        return float(2 * loss(r, ROBUST).sum() + np.sum(seen.prior.residuals(x) ** 2)) + beside, int(
-            np.isfinite(r).sum()
-        )
+        total, count = shot_losses(seen, x, s.point.c)
+        return 2 * float(total.sum()) + _beside(clips, s), int(count.sum())
 
     (a, count), (b, _) = cost(one), cost(two)
     if tau is None:

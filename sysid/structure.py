@@ -23,7 +23,6 @@ SHARE = 2e-3  # and that, per residual
 PAYS = 0.04  # of what the first term explains: the least that a further one must
 TERMS = 5
 DISTINCT = 1e-3  # of a term's own information that must be left beside the active ones
-SAME = 0.95  # correlation of signatures from which a term is a named candidate in other words
 NAME = "unexplained"
 Report = Callable[[str], None]
 
@@ -42,7 +41,7 @@ class Structure:
 
     def score(self) -> Score:
         """The formula's promise, in the form of a candidate's."""
-        return Score(self.candidate(), float(sum(self.gains)), self.values, np.full(len(self.terms), np.inf), 0.0)
+        return Score(self.candidate(), float(sum(self.gains)), self.values, np.full(len(self.terms), np.inf))
 
 
 def scores_of_terms(clips: Clips, base: Stage, report: Report = lambda line: None) -> tuple[list[Term], Scores]:
