@@ -32,7 +32,8 @@ EARLY = 4  # events up to which shots are used, as long as they are not: then th
 # Where a sidespin has died out before a cushion, its start no longer shows: other spins (unknown, shift over speed) are
 # tried by hand.
 STANDS_OUT = 1.15  # loss per residual over the median, where shots are followed to the noise
-SPINS = (*((6, s) for s in (-0.35, -0.2, -0.12, -0.07, -0.03, 0.03, 0.07, 0.12, 0.2, 0.35)), (5, -0.3), (5, 0.3))
+SIDES = (0.03, 0.07, 0.12, 0.2, 0.35, 0.6, 0.9)
+SPINS = (*((6, s * sign) for s in SIDES for sign in (-1, 1)), (5, -0.3), (5, 0.3))
 GAINS = 2.0  # of the loss, for which shots are moved
 SETTLED = 0.1
 NOISE = 1e-5  # error per way that counts as none
@@ -92,6 +93,20 @@ def regrow(
     return x, int(better.sum())
 
 
+def other_spins(problem: ShotProblem, rows: Index, x: Array, c: Array) -> Array:
+    """Own unknowns with some shots tried from other spins, at constants (q,); those that end better are kept."""
+    part, best = problem.only(rows), x[rows]
+    for unknown, shift in SPINS:
+        moved = best.copy()
+        moved[:, unknown] += shift * np.hypot(moved[:, 2], moved[:, 3])
+        tried, _ = fit_each(part.evaluate, moved, c, part.steps, part.prior, ROBUST, MEDIUM)
+        better = shot_costs(part, tried, c) < shot_costs(part, best, c)
+        best[better] = tried[better]
+    x = x.copy()
+    x[rows] = best
+    return x
+
+
 def _doubt(
     seen: ShotProblem, clip_set: ClipSet, sigma: float, x: Array, c: Array, known: Mapping[str, tuple[float, float]]
 ) -> tuple[Array, Array] | None:
@@ -106,7 +121,7 @@ def _doubt(
     rest = np.setdiff1d(np.arange(len(x)), odd)
     if odd.size == 0 or rest.size < max(3, 2 * len(x) // 3):
         return None
-    part, few = seen.only(rest), seen.only(odd)
+    part = seen.only(rest)
     steps, bounds = constant_steps(seen.model, seen.names), constant_bounds(seen.model, seen.names)
     alone = fit_joint(
         part.evaluate, x[rest], c, seen.steps, steps, part.prior, bounds, ROBUST, COARSE_ITERATIONS, 1,
@@ -115,12 +130,7 @@ def _doubt(
     new, at = x.copy(), alone.constants
     new[rest] = alone.own
     new, _ = regrow(seen, clip_set, sigma, odd, new, at)
-    for unknown, shift in SPINS:
-        moved = new[odd].copy()
-        moved[:, unknown] += shift * np.hypot(moved[:, 2], moved[:, 3])
-        tried, _ = fit_each(few.evaluate, moved, at, few.steps, few.prior, ROBUST, MEDIUM)
-        better = shot_costs(few, tried, at) < shot_costs(few, new[odd], at)
-        new[odd[better]] = tried[better]
+    new = other_spins(seen, odd, new, at)
     return (new, at) if shot_losses(seen, new, at)[0].sum() < old.sum() - GAINS else None
 
 
@@ -166,7 +176,7 @@ def refine(
             x, better = regrow(seen, clip_set, sigma, astray, x, c, SHORT if coarse else LONG)
             if better:
                 new = error(x, c)
-        if not coarse and not doubted:
+        if new <= FOLLOWED and not doubted:
             doubted = True
             without = _doubt(with_error(problem, sigma, new, growth.way), clip_set, sigma, x, c, known or {})
             if without is not None:

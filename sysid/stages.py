@@ -22,7 +22,7 @@ from sysid.fit import error_rate, fit_segments, grow, subset, training_clips
 from sysid.noise import position_noise
 from sysid.own import ROBUST, Growth, with_error
 from sysid.problem import Array, ShotProblem, shot_problem
-from sysid.refine import FOLLOWED, Refined, refine, regrow, shot_costs, shot_losses, trusted_until
+from sysid.refine import FOLLOWED, Refined, other_spins, refine, regrow, shot_costs, shot_losses, trusted_until
 from sysid.solve import fit_each
 from sysid.spikes import set_aside
 
@@ -131,8 +131,9 @@ def _held(clips: Clips, growth: Growth, found: Refined, before: Stage | None) ->
     seen = with_error(problem, clips.sigma, found.rate, growth.way)
     x, _ = fit_each(seen.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG if follows else SHORT)
     astray = np.flatnonzero(shot_costs(problem, x, point.c) > STRAYS * 0.5)
-    if astray.size and before is not None and follows:
+    if astray.size and follows:
         x, _ = regrow(seen, clips.held, clips.sigma, astray, x, point.c)
+        x = other_spins(seen, astray, x, point.c)
     x, _ = fit_each(problem.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG if follows else SHORT)
     r = problem.evaluate(x, np.tile(point.c, (n, 1)), np.arange(n))
     return x, clips.sigma * float(np.sqrt(np.nanmean(r**2)))
