@@ -51,7 +51,7 @@ class Balls:
     alive: NDArray[np.bool_]  # (nsim, nball), which are not potted
     rolled: Array  # (nsim, nball) [rad], turned about the horizontal while rolling, since t = 0
     time: Array  # (nsim,) [s], since t = 0
-    launch: Array  # (nsim,) [m/s], speed of the struck ball, which is number 0, at t = 0
+    launch: Array  # (nsim,) [m/s], speed of the struck ball, which is number 0, at t = 0; 0 if it was not struck then
     order: Array  # (nsim,), place of the shot in its session, 0 to 1
 
     @property

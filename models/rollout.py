@@ -80,9 +80,11 @@ class Rollout:
     def _start(self) -> None:
         spin = np.array([s.spin for s in self.shots], float)
         velocity = np.array([s.velocity for s in self.shots], float)
+        struck = np.array([s.struck for s in self.shots])[:, None]
         for effect in self.doers:
             if type(effect).strike is not Effect.strike:
-                velocity[:, 0], spin[:, 0] = effect.strike(self.model.ball, velocity[:, 0], spin[:, 0])
+                v, w = effect.strike(self.model.ball, velocity[:, 0], spin[:, 0])
+                velocity[:, 0], spin[:, 0] = np.where(struck, v, velocity[:, 0]), np.where(struck, w, spin[:, 0])
         self.qpos[:] = 0
         self.qpos[..., :2] = [s.position for s in self.shots]
         self.qpos[..., 2] = self.model.ball.radius
@@ -91,7 +93,7 @@ class Rollout:
         self.qvel[..., :2] = velocity
         self.qvel[..., 3:] = spin
         self.order = np.array([s.order for s in self.shots], float)
-        self.launch = np.hypot(velocity[:, 0, 0], velocity[:, 0, 1])
+        self.launch = np.hypot(velocity[:, 0, 0], velocity[:, 0, 1]) * struck[:, 0]
         self.count = np.array([len(s.times) for s in self.shots])
         self.times = np.full((len(self.shots), max(self.count.max(), 1)), np.inf)
         for k, shot in enumerate(self.shots):

@@ -73,6 +73,7 @@ class Shot:
     max_step: float = float("inf")  # longest simulation step; constant forces need no limit [s]
     impact_step: float = 1e-4  # step while native contacts act [s]
     order: float = 0.0  # place in its session, 0 for the first shot, 1 for the last
+    struck: bool = True  # whether the first ball was struck at t = 0; otherwise it was on its way
 
 
 @dataclass(frozen=True)

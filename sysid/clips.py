@@ -55,6 +55,7 @@ class Clip:
     note: str = ""
     extra: Mapping[str, Any] = field(default_factory=dict)  # keys of its [[clip]] that are not known here
     order: float = 0.0  # place in the session, 0 for the first clip of the set, 1 for the last
+    running: bool = False  # a piece of a shot, which begins with a ball on its way
 
 
 @dataclass(frozen=True)

@@ -100,13 +100,17 @@ def look(
     candidates: Sequence[Candidate],
     report: Report = lambda line: None,
     beside: Callable[[], float] = lambda: 0.0,
+    share: float = 0.0,
 ) -> Round:
-    """One round: score, fit the promising, compare; `beside` says what others must promise if the first is not all."""
+    """One round: score, fit the promising, compare.
+
+    `beside` says what others must promise if the first is not all; `share`, of what goes beyond noise, what any must.
+    """
     seen = problem_at(clips, base.point, base.fit.rate)
     report(f"scoring {len(candidates)} candidates beside {', '.join(base.names) or 'nothing'}")
     point = dataclasses.replace(base.point, problem=seen)
     scores = score_all(point, candidates, clips.known)
-    chosen = shortlist(scores)
+    chosen = shortlist(scores, share)
     trials: list[Trial] = []
     least = 0.0
     for score in chosen:
@@ -122,7 +126,7 @@ def look(
     if trials:
         trials = _settle(clips, base, trials, report)
         best = max(trials, key=lambda t: t.evidence.delta_bic)
-        better = _lent(clips, base, best.stage, "base", report)
+        better = lent(clips, base, best.stage, "base", report)
         if better is not None:
             base = better
         rate = min(t.stage.fit.rate for t in trials)  # what is to be compared is weighed alike
@@ -133,11 +137,11 @@ def look(
     return Round(base, scores, tuple(trials), *_look_alikes(scores, trials), scores.count)
 
 
-def shortlist(scores: Scores) -> list[Score]:
+def shortlist(scores: Scores, share: float = 0.0) -> list[Score]:
     """Candidates worth a fit, the most promising first."""
-    if not scores.rows or scores.rows[0].gain < PROMISES:
+    if not scores.rows:
         return []
-    least = max(PROMISES, RIVALS * scores.rows[0].gain)
+    least = max(PROMISES, RIVALS * scores.rows[0].gain, share * (scores.chi2 - scores.count))
     return [row for row in scores.rows if row.gain >= least][:MOST]
 
 
@@ -183,7 +187,7 @@ def _start(clips: Clips, base: Stage, score: Score, report: Report) -> tuple[Arr
     return x, values
 
 
-def _lent(clips: Clips, one: Stage, other: Stage, what: str, report: Report) -> Stage | None:
+def lent(clips: Clips, one: Stage, other: Stage, what: str, report: Report) -> Stage | None:
     """A fit from the optimum of another, shot by shot, where that is a better one than its own."""
     seen = problem_at(clips, one.point, one.fit.rate)
     x, _ = fit_each(seen.evaluate, other.point.x, one.point.c, seen.steps, seen.prior, ROBUST, 5)
@@ -206,7 +210,7 @@ def _settle(clips: Clips, base: Stage, trials: list[Trial], report: Report) -> l
             continue
         for i, other in ((k, first), (first, k)):
             one = trials[i]
-            found = _lent(clips, one.stage, trials[other].stage, one.name, report)
+            found = lent(clips, one.stage, trials[other].stage, one.name, report)
             if found is not None:
                 new = dataclasses.replace(one, stage=found, evidence=compare_stages(clips, base, found))
                 if new.evidence.gain > one.evidence.gain:

@@ -11,7 +11,7 @@ import numpy as np
 
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.diagnose import NAMED, REST, Round, Trial, candidates_for, look, try_one
+from sysid.diagnose import NAMED, REST, Round, Trial, candidates_for, lent, look, try_one
 from sysid.evidence import Candidate, Point, score_all
 from sysid.next_shot import NextShot, propose
 from sysid.problem import Array
@@ -26,6 +26,7 @@ RIVAL = 0.7  # of what an effect explains: the least that one must promise to be
 STANDS = 3.0  # times less may a named effect promise than such a term and still be tried
 OUTDOES = 1.2  # by which a term must promise more than the best named effect to stand for it
 HIDDEN = 0.05  # of the bounds' width: an effect whose sd exceeds it cannot be told from the active ones
+SHARE = 0.05  # of what a formula leaves beyond noise: what a named effect beside it must promise
 POWER = 3.0  # standard deviations of an effect that the next shot is to bring out
 Report = Callable[[str], None]
 Save = Callable[["Discovery"], None]
@@ -126,6 +127,7 @@ def _swap(
                 continue
             report(f"{score.candidate.name} in the place of {name}")
             trial = try_one(clips, less, score, report)
+            now = lent(clips, now, trial.stage, name, report) or now
             if trial.converged and compare_stages(clips, now, trial.stage).delta_bic > NAMED:
                 now = trial.stage
                 verdict = tuple(trial.name if v == name else v for v in verdict)
@@ -161,7 +163,7 @@ def judge(clips: Clips, now: Stage, report: Report = lambda line: None, formula:
         found = outside(now) if formula else None
         return found.gains[0] / STANDS if found else 0.0
 
-    seen = look(clips, now, candidates_for(now.model), report, bar)
+    seen = look(clips, now, candidates_for(now.model), report, bar, 0.0 if formula else SHARE)
     best, now = seen.best, seen.base
     if not formula or left_over(clips, best.stage if best else now) <= REST:
         return Judgement(seen)

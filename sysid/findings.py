@@ -18,6 +18,7 @@ from sysid.discover import Discovery, Judgement
 from sysid.evidence import Score
 from sysid.next_shot import NextShot
 from sysid.output import table
+from sysid.pieces import whole
 from sysid.plots_where import missing_map_svg
 from sysid.stages import Clips, Stage
 
@@ -35,7 +36,7 @@ def model_of(found: Discovery, now: Stage, command: str) -> Model:
     if now is found.last and found.explained is not None:
         now = found.explained
         model = model.with_values({n: now.value(n)[0] for n in model.parameters() if n in now.names})
-    files = [c.file for c in found.clips.training.clips]
+    files = list(dict.fromkeys(whole(c.file) for c in found.clips.training.clips))
     converged = now.fit.converged
     estimates = {}
     sd = np.sqrt(np.diag(now.fit.joint.covariance))
@@ -74,7 +75,7 @@ def result_of(found: Discovery, elapsed: float) -> dict[str, Any]:
         "noise_floor_m": found.clips.sigma, "ladder": ladder, "rounds": [round_told(r) for r in found.rounds],
         "look_alikes": [list(p) for p in found.alike], "look_alike_from": ALIKE,
         "next_shot": found.next_shot.told() if found.next_shot else None, "parameters": parameters,
-        "spikes_set_aside": found.clips.spikes, "pruned": list(found.pruned), "converged": now.fit.converged,
+        "spikes_set_aside": found.clips.spikes, "shots_cut": found.clips.cut, "pruned": list(found.pruned), "converged": now.fit.converged,
         "doubtful": sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict)), "elapsed_s": elapsed,
     }  # fmt: skip
 
@@ -221,6 +222,8 @@ def discovery_lines(found: Discovery) -> list[str]:
         lines = ["verdict: no effect of the catalogue"]
     if found.unexplained:
         lines += unexplained_lines(found.unexplained)
+    if found.clips.cut:
+        lines.append(cut_line(found.clips))
     if found.clips.spikes:
         lines.append(f"{found.clips.spikes} samples that the tracker threw elsewhere were set aside")
     if found.pruned:
@@ -285,8 +288,19 @@ def sections(rounds: Sequence[Round]) -> list[str]:
     return out
 
 
-def merged_own(clips: Clips, last: Stage, files: Sequence[str]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Own unknowns of all clips, in the order of `files`: (n, p)."""
+def cut_line(clips: Clips) -> str:
+    """That long shots were cut, and into what."""
+    count = len(clips.training.clips) + len(clips.held.clips)
+    return (
+        f"{clips.cut} shots cut into {count} pieces of one impact each: the cloth alone misses by more than the noise, "
+        "and every further impact multiplies that; errors are those of the pieces"
+    )
+
+
+def merged_own(clips: Clips, last: Stage, files: Sequence[str]) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+    """Own unknowns of all clips, in the order of `files`: (n, p); None where only pieces of them were fitted."""
+    if clips.cut:
+        return None
     known = {c.file: x for c, x in zip(clips.training.clips, last.point.x, strict=True)}
     known |= {c.file: x for c, x in zip(clips.held.clips, last.held_own, strict=True)}
     most = max(len(x) for x in known.values())

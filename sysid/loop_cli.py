@@ -27,6 +27,7 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     """Which effect is missing."""
     from sysid.discover import best_next, judge
     from sysid.findings import (
+        cut_line,
         judgement_told,
         merged_own,
         round_rows,
@@ -34,6 +35,7 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
         shot_lines,
         verdict_lines,
     )
+    from sysid.pieces import whole
     from sysid.stages import begin
     from sysid.structure import describe
 
@@ -45,10 +47,11 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     shot = best_next(clips, base, (judged.round,), (judged.name,) if judged.name else (), progress)
     progress.close()
     seen = judged.round
-    print(f"{len(clip_set.clips)} clips, {len(clips.held.clips)} of them held out, noise {clips.sigma * 1e3:.3f} mm")
+    held = len({whole(c.file) for c in clips.held.clips})
+    print(f"{len(clip_set.clips)} clips, {held} of them held out, noise {clips.sigma * 1e3:.3f} mm")
     print(f"base: {seen.base.rms * 1e3:.3f} mm rms, held out {seen.base.held_rms * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
-    lines = verdict_lines(judged, told)
+    lines = [*([cut_line(clips)] if clips.cut else []), *verdict_lines(judged, told)]
     print("\n" + "\n".join([*lines, *shot_lines(shot)]))
     if args.json:
         write_json(args.json, judgement_told(clips, judged, told, shot))

@@ -80,8 +80,11 @@ class SegmentProblem:
         for row, w in zip(x, which, strict=True):
             time = self.segments[w].time
             shots.append(
-                _shot(("ball",), row, self.azimuth[w], radius, np.zeros((0, 2)), time - time[0], self.segments[w].order)
-            )
+                _shot(
+                    ("ball",), row, self.azimuth[w], radius, np.zeros((0, 2)), time - time[0], self.segments[w].order,
+                    self.segments[w].before == "strike",
+                )
+            )  # fmt: skip
         values = {n: c[:, k] for k, n in enumerate(self.names)}
         out = np.full((len(x), 2 * max(len(s.time) for s in self.segments)), np.nan)
         begun = [float(self.segments[w].time[0]) for w in which]
@@ -101,9 +104,7 @@ def segment_problem(model: Model, names: Sequence[str], segments: Sequence[Segme
     for k, s in enumerate(segments):
         n = min(6, len(s.time))
         start[k], azimuth[k] = _straight(s.time[:n] - s.time[0], s.xy[:n], 1.0)
-    speed = start[:, 2]
-    wide = 2 * speed + 0.05
-    sd = np.column_stack([np.full((len(segments), 4), np.inf), wide, wide, wide])
+    sd = np.array([_running_sd(v) for v in start[:, 2]])
     return SegmentProblem(open_cloth, tuple(names), tuple(segments), sigma, start, azimuth, Prior(start, sd))
 
 
@@ -153,7 +154,7 @@ class ShotProblem:
         rest = others + x[len(STEPS) : len(STEPS) + others.size].reshape(others.shape)
         return _shot(
             self.balls(clip), x, self.azimuth[clip], self.model.ball.radius, rest, times,
-            self.clips[clip].order,
+            self.clips[clip].order, not self.clips[clip].running,
         )  # fmt: skip
 
     def times(self, clip: int) -> Array:
@@ -200,15 +201,16 @@ def residual(track: Track, ball: int, seen: Observation, n: int) -> tuple[Array,
 
 
 def _shot(
-    names: tuple[str, ...], x: Array, azimuth: float, radius: float, rest: Array, times: Array, order: float
-) -> Shot:
+    names: tuple[str, ...], x: Array, azimuth: float, radius: float, rest: Array, times: Array, order: float,
+    struck: bool,
+) -> Shot:  # fmt: skip
     n = len(names)
     q = turn(azimuth)
     position, velocity, spin = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 3))
     position[0], velocity[0] = x[:2], q @ x[2:4]
     spin[0, :2], spin[0, 2] = q @ x[4:6] / radius, x[6] / radius
     position[1:] = rest
-    return Shot(names, position, velocity, spin, times, order=order)
+    return Shot(names, position, velocity, spin, times, order=order, struck=struck)
 
 
 def _line(time: Array, xy: Array) -> Array:
@@ -237,7 +239,8 @@ def shot_problem(model: Model, names: Sequence[str], clip_set: ClipSet, sigma: f
         others = [o for b, o in clip.balls.items() if b != clip.struck]
         rest.append(np.array([o.xy[: max(moving_from(o, sigma), 1)].mean(axis=0) for o in others]).reshape(-1, 2))
         believe = {b: np.all(np.abs(o.xy) < edge, axis=1) for b, o in clip.balls.items()}
-        believe[clip.struck][: free_from(clip.balls[clip.struck], sigma)] = False
+        if not clip.running:
+            believe[clip.struck][: free_from(clip.balls[clip.struck], sigma)] = False
         trusted.append(believe)
         sds.append({b: np.full(len(o.time), sigma) for b, o in clip.balls.items()})
     end = np.array([max(o.time[-1] for o in c.balls.values()) for c in clip_set.clips])
@@ -247,9 +250,17 @@ def shot_problem(model: Model, names: Sequence[str], clip_set: ClipSet, sigma: f
     )  # fmt: skip
 
 
+def _running_sd(speed: float) -> Array:
+    """What is known of a ball on its way, which comes from an impact or a strike: little of its spin (7,)."""
+    return np.array([np.inf] * 4 + [2 * speed + 0.05] * 3)
+
+
 def _begin(clip: Clip, clip_set: ClipSet, sigma: float) -> tuple[Array, Array, Array, float]:
     """Start, mean and spread of a shot's unknowns, and its azimuth."""
     seen, radius = clip.balls[clip.struck], clip_set.ball.radius
+    if clip.running:
+        x, azimuth = _straight(seen.time[:6], seen.xy[:6], 1.0)
+        return x, x.copy(), _running_sd(x[2]), azimuth
     low = free_from(seen, sigma)
     part = slice(low, low + 6)
     x, azimuth = _straight(seen.time[part], seen.xy[part], 0.5)

@@ -95,15 +95,18 @@ def regrow(
 
 def other_spins(problem: ShotProblem, rows: Index, x: Array, c: Array) -> Array:
     """Own unknowns with some shots tried from other spins, at constants (q,); those that end better are kept."""
-    part, best = problem.only(rows), x[rows]
-    for unknown, shift in SPINS:
-        moved = best.copy()
-        moved[:, unknown] += shift * np.hypot(moved[:, 2], moved[:, 3])
-        tried, _ = fit_each(part.evaluate, moved, c, part.steps, part.prior, ROBUST, MEDIUM)
-        better = shot_costs(part, tried, c) < shot_costs(part, best, c)
-        best[better] = tried[better]
+    k = len(SPINS)
+    which, moved = np.tile(rows, k), np.repeat(x[None, rows], k, axis=0)
+    for trial, (unknown, shift) in zip(moved, SPINS, strict=True):
+        trial[:, unknown] += shift * np.hypot(trial[:, 2], trial[:, 3])
+    prior = Prior(problem.prior.mean[which], problem.prior.sd[which])
+    tried, cost = fit_each(
+        problem.evaluate, moved.reshape(len(which), -1), c, problem.steps, prior, ROBUST, MEDIUM, which
+    )
+    best = np.argmin(cost.reshape(k, len(rows)), axis=0)
+    better = cost.reshape(k, -1)[best, np.arange(len(rows))] < shot_losses(problem, x, c)[0][rows]
     x = x.copy()
-    x[rows] = best
+    x[rows[better]] = tried.reshape(k, len(rows), -1)[best, np.arange(len(rows))][better]
     return x
 
 
@@ -142,11 +145,13 @@ def refine(
     report: Report = lambda line: None,
     what: str = "",
     known: Mapping[str, tuple[float, float]] | None = None,
+    doubtful: float = CLOSE,
 ) -> Refined:
     """Fit constants and own unknowns from a point; `growth` holds the ways of the same shots.
 
     A model that does not follow the shots to the noise is fitted coarsely: what it lacks moves its constants by more.
-    `known`: mean and standard deviation of constants that are known beside the clips.
+    `known`: mean and standard deviation of constants that are known beside the clips. `doubtful`: error per way up to
+    which single shots that stand out are doubted, since the others are followed well enough.
     """
     problem, sigma, x, c = point.problem, growth.sigma, point.x, point.c
     steps, bounds = constant_steps(problem.model, problem.names), constant_bounds(problem.model, problem.names)
@@ -176,7 +181,7 @@ def refine(
             x, better = regrow(seen, clip_set, sigma, astray, x, c, SHORT if coarse else LONG)
             if better:
                 new = error(x, c)
-        if new <= FOLLOWED and not doubted:
+        if new <= doubtful and not doubted:
             doubted = True
             without = _doubt(with_error(problem, sigma, new, growth.way), clip_set, sigma, x, c, known or {})
             if without is not None:

@@ -18,11 +18,23 @@ from sysid.clips import ClipSet
 from sysid.clock import stamp_scale
 from sysid.commands import with_scatter
 from sysid.evidence import Point
-from sysid.fit import error_rate, fit_segments, grow, subset, training_clips
+from sysid.fit import FOLLOWS, error_rate, fit_segments, grow, subset, training_clips
 from sysid.noise import position_noise
 from sysid.own import ROBUST, Growth, with_error
+from sysid.pieces import cut_up
 from sysid.problem import Array, ShotProblem, shot_problem
-from sysid.refine import FOLLOWED, Refined, other_spins, refine, regrow, shot_costs, shot_losses, trusted_until
+from sysid.refine import (
+    CLOSE,
+    EARLY,
+    FOLLOWED,
+    Refined,
+    other_spins,
+    refine,
+    regrow,
+    shot_costs,
+    shot_losses,
+    trusted_until,
+)
 from sysid.solve import fit_each
 from sysid.spikes import set_aside
 
@@ -44,6 +56,7 @@ class Clips:
     held_growth: Growth | None  # and of the held-out ones
     known: Mapping[str, tuple[float, float]]  # of constants, beside the clips: mean and standard deviation
     spikes: int  # samples set aside
+    cut: int = 0  # shots that were cut into pieces of one impact each; 0 where whole shots are fitted
 
 
 @dataclass(frozen=True)
@@ -77,31 +90,45 @@ class Stage:
         return float(self.point.c[k]), float(np.sqrt(self.fit.joint.covariance[k, k]))
 
 
-def part_clips(clip_set: ClipSet, model: Model) -> Clips:
-    """Every fifth clip held out, the rest for training."""
+def part_clips(clip_set: ClipSet, model: Model, report: Report) -> tuple[Clips, Model]:
+    """Every fifth clip held out, the rest for training, and the model with the constants of the open cloth.
+
+    Long shots are cut into pieces where the model does not follow the open cloth.
+    """
     sigma = position_noise(clip_set)
     clip_set, spikes = set_aside(clip_set, sigma)
-    rows = training_clips(clip_set)
-    training, held = subset(clip_set, rows), subset(clip_set, [k for k in range(len(clip_set.clips)) if k not in rows])
-    growth = Growth(shot_problem(model, (), training, sigma), training, sigma)
-    other = Growth(shot_problem(model, (), held, sigma), held, sigma) if held.clips else None
     scale, sd = stamp_scale(clip_set)
     known = {CLOCK: (scale, sd)} if np.isfinite(sd) else {}
-    return Clips(training, held, sigma, growth, other, known, spikes)
+    rows = training_clips(clip_set)
+    training, held = subset(clip_set, rows), subset(clip_set, [k for k in range(len(clip_set.clips)) if k not in rows])
+    cloth, names, ratio = fit_segments(model, training, sigma, report)
+    told = np.isfinite(np.diag(cloth.covariance))
+    model = model.with_values({n: float(v) for n, v, t in zip(names, cloth.constants, told, strict=True) if t})
+    growth = Growth(shot_problem(model, (), training, sigma), training, sigma)
+    cut = 0
+    if ratio > FOLLOWS and np.median([len(e) for e in growth.events]) > EARLY:
+        cut = len(clip_set.clips)
+        training, held = cut_up(training, sigma), cut_up(held, sigma)
+        report(f"{cut} shots cut into {len(training.clips) + len(held.clips)} pieces of one impact each")
+        growth = Growth(shot_problem(model, (), training, sigma), training, sigma)
+    other = Growth(shot_problem(model, (), held, sigma), held, sigma) if held.clips else None
+    return Clips(training, held, sigma, growth, other, known, spikes, cut), model
 
 
 def begin(clip_set: ClipSet, model: Model, report: Report) -> tuple[Clips, Stage]:
     """The clips parted, and the model with every constant of its stack fitted to them."""
-    clips = part_clips(clip_set, model)
-    cloth, names, _ = fit_segments(model, clips.training, clips.sigma, report)
-    known = np.isfinite(np.diag(cloth.covariance))
-    model = model.with_values({n: float(v) for n, v, k in zip(names, cloth.constants, known, strict=True) if k})
+    clips, model = part_clips(clip_set, model, report)
     grown = grow(clips.training, model, tuple(model.parameters()), clips.sigma, report)
-    problem = with_scatter(grown.growth.problem, grown.own)
-    rate = error_rate(grown.growth, grown.own, grown.constants)
-    found = refine(
-        Point(problem, grown.own, grown.constants), clips.training, clips.growth, rate, report, "base", clips.known
-    )
+    point = Point(with_scatter(grown.growth.problem, grown.own), grown.own, grown.constants)
+    rate = error_rate(grown.growth, point.x, point.c)
+    for _ in range(2 if clips.cut else 1):
+        if clips.cut:  # a piece that begins on the way knows nothing of its spin
+            report("other spins")
+            seen = with_error(point.problem, clips.sigma, rate, clips.growth.way)
+            point = dataclasses.replace(point, x=other_spins(seen, np.arange(len(point.x)), point.x, point.c))
+            rate = error_rate(dataclasses.replace(clips.growth, problem=point.problem), point.x, point.c)
+        found = refine(point, clips.training, clips.growth, rate, report, "base", clips.known, FOLLOWED)
+        point, rate = found.point, found.rate
     return clips, stage(clips, found, None)
 
 
@@ -131,9 +158,12 @@ def _held(clips: Clips, growth: Growth, found: Refined, before: Stage | None) ->
     seen = with_error(problem, clips.sigma, found.rate, growth.way)
     x, _ = fit_each(seen.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG if follows else SHORT)
     astray = np.flatnonzero(shot_costs(problem, x, point.c) > STRAYS * 0.5)
-    if astray.size and follows:
-        x, _ = regrow(seen, clips.held, clips.sigma, astray, x, point.c)
+    if clips.cut and before is None:
         x = other_spins(seen, astray, x, point.c)
+    elif astray.size and follows:
+        x, _ = regrow(seen, clips.held, clips.sigma, astray, x, point.c)
+        if found.rate < CLOSE:
+            x = other_spins(seen, astray, x, point.c)
     x, _ = fit_each(problem.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG if follows else SHORT)
     r = problem.evaluate(x, np.tile(point.c, (n, 1)), np.arange(n))
     return x, clips.sigma * float(np.sqrt(np.nanmean(r**2)))

@@ -1,0 +1,102 @@
+"""Long shots cut into pieces of one impact each.
+
+Every impact multiplies an error, so a shot of a dozen cushions says little of a model that does not yet follow the
+cloth: its end is chance, and what bends its beginning least looks best. A piece begins on a free run, with unknowns of
+its own, and ends before the second impact. It tells of the cloth, of the camera and of the impact in it; nothing is
+carried from one piece to the next. Impacts of two balls on their way, and those that nobody saw, end a piece.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from sysid.clips import Clip, ClipSet, Observation
+from sysid.segments import Cut, cuts_of, free_from, moving_from, onset
+
+FEWEST = 5  # samples of a piece's first run
+AFTER = 3  # and of the run after its impact
+TOGETHER = 2.5  # frames by which a ball may seem to be set moving before or after it was hit
+
+
+def cut_up(clip_set: ClipSet, sigma: float) -> ClipSet:
+    """The pieces of all clips, as clips of their own named `FILE#k`; `sigma` is the noise [m]."""
+    found = [piece for clip in clip_set.clips for piece in _pieces(clip, clip_set, sigma)]
+    return dataclasses.replace(clip_set, clips=tuple(found))
+
+
+def whole(file: str) -> str:
+    """The clip that a piece is of."""
+    return file.rpartition("#")[0] or file
+
+
+def _pieces(clip: Clip, clip_set: ClipSet, sigma: float) -> list[Clip]:
+    table, ball = clip_set.table, clip_set.ball
+    tracks = {name: onset(seen, sigma, clip_set.fps) for name, seen in clip.balls.items()}
+    found: list[Clip] = []
+    for name, seen in tracks.items():
+        n = len(seen.time)
+        cuts = [*cuts_of(name, tracks, table, ball, sigma), Cut(n, "end", "")]
+        low = free_from(seen, sigma) if name == clip.struck else 1
+        k = 0
+        while k < len(cuts):
+            end, struck = cuts[k].sample, name == clip.struck and k == 0
+            first = slice(low, end)
+            low = end + 1
+            if end - first.start >= FEWEST:
+                balls = {name: _part(seen, first)}
+                if k + 1 < len(cuts) and cuts[k + 1].sample - low >= AFTER:
+                    more = _other(cuts[k], float(seen.time[end]), clip, tracks, clip_set, sigma)
+                    if more is not None:
+                        balls = {name: _part(seen, slice(first.start, cuts[k + 1].sample), end), **more}
+                        k, low = k + 1, cuts[k + 1].sample + 1
+                balls = _from_zero(balls, float(seen.time[first.start]))
+                found.append(
+                    Clip(
+                        f"{clip.file}#{len(found) + 1}", name, balls, clip.cue if struck else None, clip.note,
+                        order=clip.order, running=not struck,
+                    )
+                )  # fmt: skip
+            k += 1
+    return found
+
+
+def _part(seen: Observation, part: slice, without: int | None = None) -> Observation:
+    keep = np.zeros(len(seen.time), bool)
+    keep[part] = True
+    if without is not None:  # the sample next to an impact is not to be trusted
+        keep[without] = False
+    return Observation(seen.time[keep], seen.xy[keep], seen.theta[keep])
+
+
+def _from_zero(balls: Mapping[str, Observation], start: float) -> dict[str, Observation]:
+    return {b: Observation(np.maximum(o.time - start, 0.0), o.xy, o.theta) for b, o in balls.items()}
+
+
+def _other(
+    cut: Cut, when: float, clip: Clip, tracks: Mapping[str, Observation], clip_set: ClipSet, sigma: float
+) -> dict[str, Observation] | None:
+    """What else is in the piece: nothing at a cushion; the ball that was hit, if it lay until then; None if unclear."""
+    if cut.kind == "cushion":
+        return {}
+    if cut.kind == "end" or cut.with_ == clip.struck:
+        return None
+    seen, moved = clip.balls[cut.with_], tracks[cut.with_]
+    lying = moving_from(seen, sigma)
+    if len(moved.time) < AFTER or abs(float(moved.time[0]) - when) > TOGETHER / clip_set.fps or lying == 0:
+        return None
+    later = cuts_of(cut.with_, dict(tracks), clip_set.table, clip_set.ball, sigma)
+    end = next((c.sample for c in later if c.sample > 1), len(moved.time))
+    rest = seen.xy[:lying].mean(axis=0)
+    part = _part(moved, slice(1, end))
+    if len(part.time) < AFTER:
+        return None
+    lay = Observation(np.array([0.0]), rest[None], np.full(1, np.nan))
+    return {
+        cut.with_: Observation(
+            np.concatenate([lay.time, part.time]), np.concatenate([lay.xy, part.xy]),
+            np.concatenate([lay.theta, part.theta]),
+        )
+    }  # fmt: skip
