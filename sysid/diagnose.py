@@ -65,6 +65,7 @@ class Round:
     alike: tuple[tuple[str, str, float], ...]  # look-alikes among those that matter, with their correlation
     tied: tuple[tuple[str, str], ...]  # pairs that these data do not tell apart
     count: int  # residuals
+    runs: int = 0  # that were looked at, without impacts; 0 where it was whole shots, or pieces of them
 
     @property
     def best(self) -> Trial | None:

@@ -16,7 +16,8 @@ from sysid.evidence import Candidate, Point, score_all
 from sysid.next_shot import NextShot, propose
 from sysid.problem import Array
 from sysid.refine import refine
-from sysid.stages import Clips, Stage, begin, compare_stages, left_over, problem_at, stage
+from sysid.runs import believed, look_at_runs
+from sysid.stages import Clips, Stage, begin, compare_stages, followed, left_over, problem_at, stage
 from sysid.structure import NAME, Structure, describe, scores_of_terms, select
 
 SURELY = 2.0  # standard deviations from off below which it goes in any case
@@ -195,7 +196,20 @@ def discover(
     else:
         found, clips, now = resumed, resumed.clips, resumed.last
     structure: Structure | None = None
+    smooth = True  # whether runs without impacts may tell something
     for _ in range(MOST):
+        if smooth and structure is None and not followed(clips, now):
+            seen = look_at_runs(clips, now, report)
+            best = seen.best if seen else None
+            better = believed(clips, now, best, report) if best else None
+            found = dataclasses.replace(found, rounds=(*found.rounds, *([seen] if seen else [])))
+            smooth = better is not None
+            if best is not None and better is not None:
+                report(f"found {best.name}")
+                now, verdict = _prune(clips, better, (*found.verdict, best.name), report)
+                found = dataclasses.replace(found, stages=(*found.stages, now), verdicts=(*found.verdicts, verdict))
+                save(found)
+                continue
         judged = judge(clips, now, report, formula=structure is None)
         found = dataclasses.replace(found, rounds=(*found.rounds, judged.round))
         if judged.round.base is not now:

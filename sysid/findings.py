@@ -75,7 +75,8 @@ def result_of(found: Discovery, elapsed: float) -> dict[str, Any]:
         "noise_floor_m": found.clips.sigma, "ladder": ladder, "rounds": [round_told(r) for r in found.rounds],
         "look_alikes": [list(p) for p in found.alike], "look_alike_from": ALIKE,
         "next_shot": found.next_shot.told() if found.next_shot else None, "parameters": parameters,
-        "spikes_set_aside": found.clips.spikes, "shots_cut": found.clips.cut, "pruned": list(found.pruned), "converged": now.fit.converged,
+        "spikes_set_aside": found.clips.spikes, "shots_cut": found.clips.cut,
+        "pruned": list(found.pruned), "converged": now.fit.converged,
         "doubtful": sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict)), "elapsed_s": elapsed,
     }  # fmt: skip
 
@@ -111,7 +112,7 @@ def judgement_told(
         "unexplained": dict(told) if told else None, "noise_floor_m": clips.sigma,
         "base": {"rms_m": seen.base.rms, "held_out_rms_m": seen.base.held_rms, "chi2_reduced": seen.base.chi2,
                  "converged": seen.base.fit.converged},
-        "candidates": round_told(seen), "margin_delta_bic": seen.margin if np.isfinite(seen.margin) else None,
+        "runs": seen.runs, "candidates": round_told(seen), "margin_delta_bic": seen.margin if np.isfinite(seen.margin) else None,
         "look_alikes": [[a, b] for a, b, _ in seen.alike], "not_told_apart": [list(p) for p in seen.tied],
         "doubtful": list(seen.doubtful), "next_shot": shot.told() if shot else None,
     }  # fmt: skip
@@ -272,9 +273,10 @@ def sections(rounds: Sequence[Round]) -> list[str]:
             width = 100 * max(0.0, np.log1p(max(float(row[1]), 0.0)) / np.log1p(top))
             cells = "".join(f"<td{' class=n' if 0 < k < 4 else ''}>{escape(c)}</td>" for k, c in enumerate(row))
             body.append(f'<tr>{cells}<td><div class="bar"><i style="width:{width:.1f}%"></i></div></td></tr>')
+        where = f", at {seen.runs} runs between impacts" if seen.runs else ""
         beside = ", ".join(e.name() for e in seen.base.model.effects) or "nothing"
         out.append(
-            f"<h3>Look {number}, beside {escape(beside)}</h3><table><thead><tr>{head}"
+            f"<h3>Look {number}{where}, beside {escape(beside)}</h3><table><thead><tr>{head}"
             f"<th>delta BIC, logarithmic</th></tr></thead><tbody>{''.join(body)}</tbody></table>"
         )
         lines = alike_lines(seen) if seen.best else [NONE, *alike_lines(seen)]

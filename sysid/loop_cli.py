@@ -25,7 +25,7 @@ CHECKPOINT = "unfinished.pickle"
 
 def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress: Progress) -> int:
     """Which effect is missing."""
-    from sysid.discover import best_next, judge
+    from sysid.discover import Judgement, best_next, judge
     from sysid.findings import (
         cut_line,
         judgement_told,
@@ -36,11 +36,13 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
         verdict_lines,
     )
     from sysid.pieces import whole
-    from sysid.stages import begin
+    from sysid.runs import look_at_runs
+    from sysid.stages import begin, followed
     from sysid.structure import describe
 
     clips, base = begin(clip_set, model, progress)
-    judged = judge(clips, base, progress)
+    smooth = None if followed(clips, base) else look_at_runs(clips, base, progress)
+    judged = Judgement(smooth) if smooth and smooth.best else judge(clips, base, progress)
     told = None
     if judged.structure is not None and judged.trial is not None:
         told = describe(judged.structure, judged.trial.stage, judged.trial.evidence)
@@ -49,6 +51,10 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     seen = judged.round
     held = len({whole(c.file) for c in clips.held.clips})
     print(f"{len(clip_set.clips)} clips, {held} of them held out, noise {clips.sigma * 1e3:.3f} mm")
+    if seen.runs:
+        print(
+            f"whole shots miss by {base.rms * 1e3:.3f} mm, too much to be followed; {seen.runs} runs between impacts:"
+        )
     print(f"base: {seen.base.rms * 1e3:.3f} mm rms, held out {seen.base.held_rms * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
     lines = [*([cut_line(clips)] if clips.cut else []), *verdict_lines(judged, told)]
@@ -59,8 +65,9 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
         from sysid.compare import compare
         from sysid.report import write_report
 
-        own = merged_own(clips, seen.base, [c.file for c in clip_set.clips])
-        comparison = compare(clip_set, seen.base.model, progress, start=own)
+        whole_shots = base if seen.runs else seen.base
+        own = merged_own(clips, whole_shots, [c.file for c in clip_set.clips])
+        comparison = compare(clip_set, whole_shots.model, progress, start=own)
         progress.close()
         notes = [*lines, *shot_lines(shot)]
         write_report(args.report, "What is missing", [("base", comparison)], notes=notes, sections=sections((seen,)))

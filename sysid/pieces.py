@@ -1,14 +1,16 @@
-"""Long shots cut into pieces of one impact each.
+"""Shots cut into pieces of one impact each, or into runs of none.
 
 Every impact multiplies an error, so a shot of a dozen cushions says little of a model that does not yet follow the
 cloth: its end is chance, and what bends its beginning least looks best. A piece begins on a free run, with unknowns of
 its own, and ends before the second impact. It tells of the cloth, of the camera and of the impact in it; nothing is
 carried from one piece to the next. Impacts of two balls on their way, and those that nobody saw, end a piece.
+A run has no impact at all: nothing but cloth and camera.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -21,33 +23,38 @@ AFTER = 3  # and of the run after its impact
 TOGETHER = 2.5  # frames by which a ball may seem to be set moving before or after it was hit
 
 
-def cut_up(clip_set: ClipSet, sigma: float) -> ClipSet:
-    """The pieces of all clips, as clips of their own named `FILE#k`; `sigma` is the noise [m]."""
-    found = [piece for clip in clip_set.clips for piece in _pieces(clip, clip_set, sigma)]
+def cut_up(clip_set: ClipSet, sigma: float, impacts: bool = True) -> ClipSet:
+    """The pieces of all clips, or the runs, as clips of their own named `FILE#k`; `sigma` is the noise [m]."""
+    found = [piece for clip in clip_set.clips for piece in _pieces(clip, clip_set, sigma, impacts)]
     return dataclasses.replace(clip_set, clips=tuple(found))
 
 
 def whole(file: str) -> str:
     """The clip that a piece is of."""
-    return file.rpartition("#")[0] or file
+    return re.sub(r"(#\d+)+$", "", file)
 
 
-def _pieces(clip: Clip, clip_set: ClipSet, sigma: float) -> list[Clip]:
+def _pieces(clip: Clip, clip_set: ClipSet, sigma: float, impacts: bool) -> list[Clip]:
     table, ball = clip_set.table, clip_set.ball
-    tracks = {name: onset(seen, sigma, clip_set.fps) for name, seen in clip.balls.items()}
+    tracks = {
+        name: seen if clip.running and name == clip.struck else onset(seen, sigma, clip_set.fps)
+        for name, seen in clip.balls.items()
+    }
     found: list[Clip] = []
     for name, seen in tracks.items():
         n = len(seen.time)
         cuts = [*cuts_of(name, tracks, table, ball, sigma), Cut(n, "end", "")]
-        low = free_from(seen, sigma) if name == clip.struck else 1
+        low = 1
+        if name == clip.struck:
+            low = 0 if clip.running else free_from(seen, sigma)
         k = 0
         while k < len(cuts):
-            end, struck = cuts[k].sample, name == clip.struck and k == 0
+            end, struck = cuts[k].sample, name == clip.struck and k == 0 and not clip.running
             first = slice(low, end)
             low = end + 1
             if end - first.start >= FEWEST:
                 balls = {name: _part(seen, first)}
-                if k + 1 < len(cuts) and cuts[k + 1].sample - low >= AFTER:
+                if impacts and k + 1 < len(cuts) and cuts[k + 1].sample - low >= AFTER:
                     more = _other(cuts[k], float(seen.time[end]), clip, tracks, clip_set, sigma)
                     if more is not None:
                         balls = {name: _part(seen, slice(first.start, cuts[k + 1].sample), end), **more}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from models.model_file import Model
 from models.observe import observed, undone
-from models.shot import Shot, Track
+from models.shot import Shot, Table, Track
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.segments import CLAMPED, Segment, free_from, moving_from
 from sysid.solve import Prior
@@ -95,11 +95,14 @@ class SegmentProblem:
         return out
 
 
+def open_table(table: Table) -> Table:
+    """A table so large that nothing reaches its cushions."""
+    return dataclasses.replace(table, length=1e3, width=1e3, pockets=False)
+
+
 def segment_problem(model: Model, names: Sequence[str], segments: Sequence[Segment], sigma: float) -> SegmentProblem:
     """Set up segments with starting values: straight through the first samples, rolling."""
-    open_cloth = dataclasses.replace(
-        model, table=dataclasses.replace(model.table, length=1e3, width=1e3, pockets=False)
-    )
+    open_cloth = dataclasses.replace(model, table=open_table(model.table))
     start, azimuth = np.zeros((len(segments), 7)), np.zeros(len(segments))
     for k, s in enumerate(segments):
         n = min(6, len(s.time))

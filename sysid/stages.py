@@ -118,18 +118,23 @@ def part_clips(clip_set: ClipSet, model: Model, report: Report) -> tuple[Clips, 
 def begin(clip_set: ClipSet, model: Model, report: Report) -> tuple[Clips, Stage]:
     """The clips parted, and the model with every constant of its stack fitted to them."""
     clips, model = part_clips(clip_set, model, report)
+    return clips, settle(clips, model, report, "base")
+
+
+def settle(clips: Clips, model: Model, report: Report, what: str) -> Stage:
+    """A model fitted anew: shots grown from their beginnings, from the constants that it has."""
     grown = grow(clips.training, model, tuple(model.parameters()), clips.sigma, report)
     point = Point(with_scatter(grown.growth.problem, grown.own), grown.own, grown.constants)
     rate = error_rate(grown.growth, point.x, point.c)
     for _ in range(2 if clips.cut else 1):
         if clips.cut:  # a piece that begins on the way knows nothing of its spin
-            report("other spins")
+            report(f"{what}, other spins")
             seen = with_error(point.problem, clips.sigma, rate, clips.growth.way)
             point = dataclasses.replace(point, x=other_spins(seen, np.arange(len(point.x)), point.x, point.c))
             rate = error_rate(dataclasses.replace(clips.growth, problem=point.problem), point.x, point.c)
-        found = refine(point, clips.training, clips.growth, rate, report, "base", clips.known, FOLLOWED)
+        found = refine(point, clips.training, clips.growth, rate, report, what, clips.known, FOLLOWED)
         point, rate = found.point, found.rate
-    return clips, stage(clips, found, None)
+    return stage(clips, found, None)
 
 
 def stage(clips: Clips, found: Refined, before: Stage | None) -> Stage:
@@ -167,6 +172,11 @@ def _held(clips: Clips, growth: Growth, found: Refined, before: Stage | None) ->
     x, _ = fit_each(problem.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG if follows else SHORT)
     r = problem.evaluate(x, np.tile(point.c, (n, 1)), np.arange(n))
     return x, clips.sigma * float(np.sqrt(np.nanmean(r**2)))
+
+
+def followed(clips: Clips, found: Stage) -> bool:
+    """Whether whole shots are followed closely enough to say what acts on them between impacts."""
+    return not clips.cut and found.fit.rate <= FOLLOWED
 
 
 def left_over(clips: Clips, found: Stage) -> float:

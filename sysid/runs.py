@@ -1,0 +1,85 @@
+"""Runs between impacts, where whole shots are not followed.
+
+A model that lacks much on the cloth leaves whole shots in false optima, since every impact multiplies what is wrong
+before it, and then the wrong effect may promise most. A run without impacts has none: there cloth and camera are looked
+at by themselves, and what is found is believed when whole shots are followed better with it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from models.effect import Effect
+from models.model_file import Model
+from models.shot import Table
+from sysid.clips import ClipSet
+from sysid.diagnose import NAMED, Round, Trial, candidates_for, look
+from sysid.fit import LEAST_SEGMENTS, MISCUT, SEGMENT_ROBUST, subset
+from sysid.own import Growth
+from sysid.pieces import cut_up
+from sysid.problem import open_table, shot_problem
+from sysid.solve import fit_each
+from sysid.stages import Clips, Stage, compare_stages, settle
+
+UNSEEN = 6.0  # times the median, by which a run misses that holds an unseen impact
+STEPS = 8  # of the fit that shows it
+Report = Callable[[str], None]
+
+
+def runs_of(clips: Clips, model: Model) -> Clips:
+    """The same clips, cut into runs; those that miss by far more than the others hold an unseen impact, and go."""
+    training, held = (_smooth(part, clips.sigma, model) for part in (clips.training, clips.held))
+    growth = Growth(shot_problem(model, (), training, clips.sigma), training, clips.sigma)
+    other = Growth(shot_problem(model, (), held, clips.sigma), held, clips.sigma) if held.clips else None
+    return dataclasses.replace(clips, training=training, held=held, growth=growth, held_growth=other, cut=0)
+
+
+def _smooth(part: ClipSet, sigma: float, model: Model) -> ClipSet:
+    runs = cut_up(part, sigma, impacts=False)
+    if not runs.clips:
+        return runs
+    problem = shot_problem(model, (), runs, sigma)
+    x, _ = fit_each(problem.evaluate, problem.start, np.zeros(0), problem.steps, problem.prior, SEGMENT_ROBUST, STEPS)
+    r = problem.evaluate(x, np.zeros((len(x), 0)), np.arange(len(x)))
+    miss = np.sqrt(np.nanmean(r**2, axis=1))
+    return subset(runs, np.flatnonzero(miss < max(MISCUT, UNSEEN * float(np.median(miss)))).tolist())
+
+
+def look_at_runs(clips: Clips, now: Stage, report: Report) -> Round | None:
+    """Which effect of cloth or camera is missing in runs; None where there are too few of them."""
+    table = now.model.table
+    model = _on(now.model, open_table(table))
+    runs = runs_of(clips, model)
+    if len(runs.training.clips) < LEAST_SEGMENTS:
+        return None
+    report(f"{len(runs.training.clips)} runs between impacts")
+    base = settle(runs, model, report, "runs")
+    candidates = [one for one in candidates_for(model) if _acts(type(one.effect))]
+    seen = look(runs, base, candidates, report)
+    trials = tuple(dataclasses.replace(t, stage=_home(t.stage, table)) for t in seen.trials)
+    return dataclasses.replace(seen, base=_home(seen.base, table), trials=trials, runs=len(runs.training.clips))
+
+
+def believed(clips: Clips, now: Stage, best: Trial, report: Report) -> Stage | None:
+    """Whole shots with what runs have shown, fitted anew; None where they are not followed better."""
+    new = settle(clips, best.stage.model, report, f"with {best.name}")
+    return new if compare_stages(clips, now, new).delta_bic > NAMED else None
+
+
+def _acts(kind: type[Effect]) -> bool:
+    """Whether an effect shows between impacts."""
+    return any(getattr(kind, door) is not getattr(Effect, door) for door in ("forces", "observe", "exposures"))
+
+
+def _on(model: Model, table: Table) -> Model:
+    return dataclasses.replace(model, table=table)
+
+
+def _home(found: Stage, table: Table) -> Stage:
+    """A stage whose model is that of the real table."""
+    problem = found.point.problem
+    point = dataclasses.replace(found.point, problem=dataclasses.replace(problem, model=_on(problem.model, table)))
+    return dataclasses.replace(found, fit=dataclasses.replace(found.fit, point=point))
