@@ -112,7 +112,8 @@ def judgement_told(
         "unexplained": dict(told) if told else None, "noise_floor_m": clips.sigma,
         "base": {"rms_m": seen.base.rms, "held_out_rms_m": seen.base.held_rms, "chi2_reduced": seen.base.chi2,
                  "converged": seen.base.fit.converged},
-        "runs": seen.runs, "candidates": round_told(seen), "margin_delta_bic": seen.margin if np.isfinite(seen.margin) else None,
+        "runs": seen.runs, "candidates": round_told(seen),
+        "margin_delta_bic": seen.margin if np.isfinite(seen.margin) else None,
         "look_alikes": [[a, b] for a, b, _ in seen.alike], "not_told_apart": [list(p) for p in seen.tied],
         "doubtful": list(seen.doubtful), "next_shot": shot.told() if shot else None,
     }  # fmt: skip

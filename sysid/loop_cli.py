@@ -52,9 +52,7 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     held = len({whole(c.file) for c in clips.held.clips})
     print(f"{len(clip_set.clips)} clips, {held} of them held out, noise {clips.sigma * 1e3:.3f} mm")
     if seen.runs:
-        print(
-            f"whole shots miss by {base.rms * 1e3:.3f} mm, too much to be followed; {seen.runs} runs between impacts:"
-        )
+        print(f"whole shots miss by {base.rms * 1e3:.3f} mm, so {seen.runs} runs between impacts are looked at")
     print(f"base: {seen.base.rms * 1e3:.3f} mm rms, held out {seen.base.held_rms * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
     lines = [*([cut_line(clips)] if clips.cut else []), *verdict_lines(judged, told)]
