@@ -41,32 +41,37 @@ def _pieces(clip: Clip, clip_set: ClipSet, sigma: float, impacts: bool) -> list[
         for name, seen in clip.balls.items()
     }
     found: list[Clip] = []
-    for name, seen in tracks.items():
+    taken: dict[str, int] = {}  # sample after the first run of a ball that is in the piece of the one that hit it
+    for name in sorted(
+        tracks, key=lambda b: (b != clip.struck, float(tracks[b].time[0]))
+    ):  # who hits before who is hit
+        seen = tracks[name]
         n = len(seen.time)
         cuts = [*cuts_of(name, tracks, table, ball, sigma), Cut(n, "end", "")]
-        low = 1
+        cuts = [cut for cut in cuts if cut.sample > taken.get(name, -1)]
+        low = taken.get(name, 0) + 1
         if name == clip.struck:
             low = 0 if clip.running else free_from(seen, sigma)
         k = 0
         while k < len(cuts):
-            end, struck = cuts[k].sample, name == clip.struck and k == 0 and not clip.running
-            first = slice(low, end)
-            low = end + 1
-            if end - first.start >= FEWEST:
-                balls = {name: _part(seen, first)}
-                if impacts and k + 1 < len(cuts) and cuts[k + 1].sample - low >= AFTER:
-                    more = _other(cuts[k], float(seen.time[end]), clip, tracks, clip_set, sigma)
-                    if more is not None:
-                        balls = {name: _part(seen, slice(first.start, cuts[k + 1].sample), end), **more}
-                        k, low = k + 1, cuts[k + 1].sample + 1
-                balls = _from_zero(balls, float(seen.time[first.start]))
-                found.append(
-                    Clip(
-                        f"{clip.file}#{len(found) + 1}", name, balls, clip.cue if struck else None, clip.note,
-                        order=clip.order, running=not struck,
-                    )
-                )  # fmt: skip
-            k += 1
+            cut, first, run = cuts[k], slice(low, cuts[k].sample), k
+            k, low = k + 1, cut.sample + 1
+            if first.stop - first.start < FEWEST:
+                continue
+            balls = {name: _part(seen, first)}
+            if impacts and k < len(cuts) and cuts[k].sample - low >= AFTER:
+                more = _other(cut, float(seen.time[cut.sample]), clip, tracks, clip_set, sigma)
+                if more is not None:
+                    balls = {name: _part(seen, slice(first.start, cuts[k].sample), cut.sample), **more}
+                    taken |= {b: int(np.searchsorted(tracks[b].time, o.time[-1])) + 1 for b, o in more.items()}
+                    k, low = k + 1, cuts[k].sample + 1
+            struck = name == clip.struck and run == 0 and not clip.running
+            found.append(
+                Clip(
+                    f"{clip.file}#{len(found) + 1}", name, _from_zero(balls, float(seen.time[first.start])),
+                    clip.cue if struck else None, clip.note, order=clip.order, running=not struck,
+                )
+            )  # fmt: skip
     return found
 
 
