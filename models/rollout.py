@@ -177,13 +177,16 @@ class Rollout:
             step = np.minimum(step, safe)
         curve = None
         if self.varies:
-            trial = np.where((hit[:, 0] > 0) & ~rough, np.minimum(MARGIN * step, limit), step)
+            now = (hit[:, 0] > 0) & ~rough & (step <= 0)  # they touch already, and no curve has no length
+            near = np.where(now, limit, np.minimum(MARGIN * step, limit))
+            trial = np.where((hit[:, 0] > 0) & ~rough, near, step)
             normal = np.where(alive, balls.ball.mass * GRAVITY, 0.0)
             curve, free = follow(
                 lambda some: [e.select(some) for e in effects], balls, trial, self.end[rows] - self.clock[rows], normal
             )
             if self.resolved.all():
-                step, hit = land(touch, curve, curve.span)
+                landed, met = land(touch, curve, curve.span)
+                step, hit = np.where(now, step, landed), np.where(now[:, None], hit, met)
             else:
                 hit[curve.span < step] = 0
                 step = np.minimum(step, curve.span)

@@ -118,3 +118,14 @@ def test_slip_and_sidespin_share_their_friction() -> None:
     track = simulate(model("spin_slide_coupling", {"lever": 0.01}), [shot])[0]
     assert (u - track.velocity[1, 0, 0]) / h == pytest.approx(0.212 * 9.81 / np.sqrt(2), rel=1e-3)
     assert (wz - track.spin[1, 0, 2]) / h == pytest.approx(22.0 / np.sqrt(2), rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["side_curve", "air_drag", "slide_friction_speed", "off_centre_ball"])
+@pytest.mark.parametrize("gap", [0.0, -1e-4, -0.02])
+def test_balls_that_touch_from_the_start_part_as_without_the_effect(name: str, gap: float) -> None:
+    places = np.array([[0.0, 0.0], [BALL.diameter + gap, 0.0]])
+    shot = Shot(("a", "b"), places, np.array([[0.9, 0.3], [0.0, 0.0]]), np.zeros((2, 3)), np.linspace(0, 0.3, 10))
+    base = full_model(TABLE, BALL)
+    plain, varied = (simulate(m, [shot])[0] for m in (base, base.add(effect_class(name)())))
+    assert len(varied.events) == len(plain.events) == 1
+    assert np.abs(varied.position - plain.position).max() < 0.01
