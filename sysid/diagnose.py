@@ -20,7 +20,7 @@ from sysid.own import ROBUST
 from sysid.problem import Array
 from sysid.refine import refine, shot_losses
 from sysid.solve import fit_each
-from sysid.stages import Clips, Evidence, Stage, compare_stages, left_over, problem_at, stage
+from sysid.stages import Clips, Evidence, Stage, compare_stages, left_over, problem_at, settle, stage
 
 PROMISES = 15.0  # fall of chi-square from which a candidate is worth a fit
 RIVALS = 0.2  # of the best candidate's promise: fitted as well
@@ -123,7 +123,10 @@ def look(
         pair = sorted((score.candidate.name, chosen[0].candidate.name))
         same = bool(trials) and scores.alike.get((pair[0], pair[1]), scores.alike.get((pair[1], pair[0]), 0.0)) > ALIKE
         if score.gain > max(least, CLOSE * chosen[0].gain if settled or same else 0.0):
-            trials.append(try_one(clips, base, score, report))
+            trial = try_one(clips, base, score, report)
+            if not trials and left_over(clips, trial.stage) > REST:
+                trial = _anew(clips, base, trial, report)
+            trials.append(trial)
     if trials:
         trials = _settle(clips, base, trials, report)
         best = max(trials, key=lambda t: t.evidence.delta_bic)
@@ -200,6 +203,17 @@ def lent(clips: Clips, one: Stage, other: Stage, what: str, report: Report) -> S
     mixed = Point(one.point.problem, np.where(better[:, None], x, one.point.x), one.point.c)
     found = refine(mixed, clips.training, clips.growth, one.fit.rate, report, what, clips.known)
     return stage(clips, found, one)
+
+
+def _anew(clips: Clips, base: Stage, trial: Trial, report: Report) -> Trial:
+    """A trial that leaves more than noise, grown from the strikes with its effect, if that ends better.
+
+    Where the base was in a false optimum, a fit that starts from there may stay in it.
+    """
+    found = settle(clips, trial.stage.model, report, f"with {trial.name}, anew")
+    if compare_stages(clips, trial.stage, found).gain < 2 * MOVES:
+        return trial
+    return dataclasses.replace(trial, stage=found, evidence=compare_stages(clips, base, found))
 
 
 def _settle(clips: Clips, base: Stage, trials: list[Trial], report: Report) -> list[Trial]:

@@ -36,6 +36,7 @@ SIDES = (0.03, 0.07, 0.12, 0.2, 0.35, 0.6, 0.9)
 SPINS = (*((6, s * sign) for s in SIDES for sign in (-1, 1)), (5, -0.3), (5, 0.3))
 GAINS = 2.0  # of the loss, for which shots are moved
 SETTLED = 0.1
+STUCK = 1e-6  # by which the loss of a round differs from that before
 NOISE = 1e-5  # error per way that counts as none
 Report = Callable[[str], None]
 
@@ -155,7 +156,7 @@ def refine(
     """
     problem, sigma, x, c = point.problem, growth.sigma, point.x, point.c
     steps, bounds = constant_steps(problem.model, problem.names), constant_bounds(problem.model, problem.names)
-    grown, doubted = False, False
+    grown, doubted, cost = False, False, np.inf
 
     def error(x: Array, c: Array) -> float:
         return error_rate(dataclasses.replace(growth, problem=problem), x, c)
@@ -191,6 +192,8 @@ def refine(
         settled = abs(new - rate) < SETTLED * rate + NOISE
         slow = round_ > 0 and new > max(FALLS * rate, CLOSE)
         rate, coarse = new, new > CLOSE
-        if (settled and not better and joint.converged) or slow:
+        stuck = abs(cost - joint.cost) < STUCK * joint.cost  # the same fit again would end where it began
+        cost = joint.cost
+        if (settled and not better and (joint.converged or stuck)) or slow:
             break
     return Refined(Point(problem, x, c), joint, rate)

@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 JUMP = 3.0  # times smaller with the larger step is a derivative that a jump had faked
 STALLED = 2  # steps in a row that gain nothing
+ATTEMPTS = 8  # at a step of the constants, ten times shorter each
+FIRST_DAMPING = 1e-4
+MORE_OWN = 6  # times the steps of the own unknowns, where none of them helps
 FLAT = 0.5  # or in any case: less than a standard deviation along a direction that the data hardly know
 ROUGH = 10.0  # times the tolerance: what a step may still promise where the loss is rough
 Evaluate = Callable[[Array, Array, NDArray[np.int64]], Array]
@@ -226,7 +229,7 @@ def fit_joint(
     def leash(at: Array) -> float:
         return 0.5 * float(np.sum(((at - begin) / wide) ** 2))
 
-    cost, damping, converged, stalled = float(cost_each.sum()) + leash(c), 1e-4, False, 0
+    cost, damping, converged, stalled = float(cost_each.sum()) + leash(c), FIRST_DAMPING, False, 0
     for iteration in range(iterations):
         information, score, lift, back = _eliminate(evaluate, x, c, steps, steps_c, prior, robust)
         h = information.sum(axis=0) + np.diag(1 / wide**2)
@@ -234,12 +237,14 @@ def fit_joint(
         full = np.linalg.lstsq(h, g, rcond=None)[0]
         if report:
             report(iteration, cost, c)
-        improved = False
-        for _attempt in range(8):
+        improved, own = False, own_iterations
+        for attempt in range(2 * ATTEMPTS):
+            if attempt == ATTEMPTS:  # no step helps: perhaps since own unknowns do not get where it would lead them
+                damping, own = FIRST_DAMPING, MORE_OWN * own_iterations
             step = -np.linalg.solve(h + damping * np.diag(np.diag(h)) + 1e-12 * np.eye(c.size), g)
             new_c = np.clip(c + step, bounds[:, 0], bounds[:, 1])
             new_x = _best_start(evaluate, new_c, prior, robust, x, back, np.einsum("npq,q->np", lift, new_c - c))
-            new_x, new_each = fit_each(evaluate, new_x, new_c, steps, prior, robust, own_iterations)
+            new_x, new_each = fit_each(evaluate, new_x, new_c, steps, prior, robust, own)
             if new_each.sum() + leash(new_c) < cost:
                 improved = True
                 break
