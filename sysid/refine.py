@@ -36,6 +36,7 @@ SIDES = (0.03, 0.07, 0.12, 0.2, 0.35, 0.6, 0.9)
 SPINS = (*((6, s * sign) for s in SIDES for sign in (-1, 1)), (5, -0.3), (5, 0.3))
 GAINS = 2.0  # of the loss, for which shots are moved
 SETTLED = 0.1
+DOUBTS = 3  # times that shots which stand out are tried anew, while it helps
 STUCK = 1e-6  # by which the loss of a round differs from that before
 NOISE = 1e-5  # error per way that counts as none
 Report = Callable[[str], None]
@@ -156,7 +157,7 @@ def refine(
     """
     problem, sigma, x, c = point.problem, growth.sigma, point.x, point.c
     steps, bounds = constant_steps(problem.model, problem.names), constant_bounds(problem.model, problem.names)
-    grown, doubted, cost = False, False, np.inf
+    grown, doubts, cost = False, DOUBTS, np.inf
 
     def error(x: Array, c: Array) -> float:
         return error_rate(dataclasses.replace(growth, problem=problem), x, c)
@@ -182,10 +183,12 @@ def refine(
             x, better = regrow(seen, clip_set, sigma, astray, x, c, SHORT if coarse else LONG)
             if better:
                 new = error(x, c)
-        if new <= doubtful and not doubted:
-            doubted = True
+        if new <= doubtful and doubts:
+            doubts -= 1
             without = _doubt(with_error(problem, sigma, new, growth.way), clip_set, sigma, x, c, known or {})
-            if without is not None:
+            if without is None:
+                doubts = 0
+            else:
                 report(f"{what}, without shots that bend the constants")
                 x, c = without
                 better, new = better + 1, error(x, c)

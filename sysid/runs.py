@@ -44,7 +44,8 @@ def _smooth(part: ClipSet, sigma: float, model: Model) -> ClipSet:
     problem = shot_problem(model, (), runs, sigma)
     x, _ = fit_each(problem.evaluate, problem.start, np.zeros(0), problem.steps, problem.prior, SEGMENT_ROBUST, STEPS)
     r = problem.evaluate(x, np.zeros((len(x), 0)), np.arange(len(x)))
-    miss = np.sqrt(np.nanmean(r**2, axis=1))
+    count = np.isfinite(r).sum(axis=1)
+    miss = np.where(count > 0, np.sqrt(np.nansum(r**2, axis=1) / np.maximum(count, 1)), np.inf)
     return subset(runs, np.flatnonzero(miss < max(MISCUT, UNSEEN * float(np.median(miss)))).tolist())
 
 
