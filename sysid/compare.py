@@ -13,7 +13,7 @@ from models.shot import Track
 from sysid.clips import ClipSet
 from sysid.collect import joined, of_shots, of_stretches
 from sysid.comparison import ClipRow, Comparison, SegmentRow
-from sysid.fit import MISCUT, SEGMENT_ROBUST, cloth_constants, segment_ratios, values_of
+from sysid.fit import MISCUT, SEGMENT_ROBUST, cloth_constants, ratios, values_of
 from sysid.groups import groups
 from sysid.impacts import impacts, no_impacts
 from sysid.noise import position_noise
@@ -102,7 +102,7 @@ def fit_stretches(clip_set: ClipSet, model: Model, sigma: float) -> Stretches | 
     problem = segment_problem(model, names, segments, sigma)
     c = values_of(model, names)
     x, _ = fit_each(problem.evaluate, problem.start, c, STEPS, problem.prior, SEGMENT_ROBUST, 10)
-    return Stretches(problem, x, segment_ratios(problem, x, c))
+    return Stretches(problem, x, ratios(problem, x, c))
 
 
 def _clip_row(problem: ShotProblem, clip_set: ClipSet, k: int, track: Track, sigma: float, held: bool) -> ClipRow:

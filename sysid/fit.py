@@ -105,18 +105,18 @@ def fit_segments(model: Model, clip_set: ClipSet, sigma: float, report: Report) 
     x = problem.start
     for last in (False, True):
         x, _ = fit_each(problem.evaluate, x, c, STEPS, problem.prior, SEGMENT_ROBUST, 8)
-        good = np.flatnonzero(segment_ratios(problem, x, c) < MISCUT)
+        good = np.flatnonzero(ratios(problem, x, c) < MISCUT)
         if good.size < LEAST_SEGMENTS:
             raise BadInput(TOO_FEW.format(good.size))
         part = problem.only(good)
-        robust = ROBUST * max(1.0, float(np.sqrt(np.mean(segment_ratios(problem, x, c)[good] ** 2))))
+        robust = ROBUST * max(1.0, float(np.sqrt(np.mean(ratios(problem, x, c)[good] ** 2))))
         joint = fit_joint(
             part.evaluate, x[good], c, STEPS, steps, part.prior, bounds, robust, 20 if last else 5,
             report=_steps_of(report, f"{good.size} segments"),
         )  # fmt: skip
         c = joint.constants
     x[good] = joint.own
-    return joint, names, float(np.median(segment_ratios(problem, x, c)))
+    return joint, names, float(np.median(ratios(problem, x, c)))
 
 
 def _steps_of(report: Report, what: str) -> Callable[[int, float, Array], None]:
@@ -141,10 +141,11 @@ def _scan(problem: SegmentProblem, model: Model, names: Sequence[str], c: Array,
     return c
 
 
-def segment_ratios(problem: SegmentProblem, x: Array, c: Array) -> Array:
-    """Rms residual per axis over noise of every segment: (n,)."""
+def ratios(problem: SegmentProblem | ShotProblem, x: Array, c: Array) -> Array:
+    """Rms residual per axis over noise of every segment or shot: (n,); infinite where no sample is trusted."""
     r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
-    return np.sqrt(np.nanmean(r**2, axis=1))
+    count = np.isfinite(r).sum(axis=1)
+    return np.where(count > 0, np.sqrt(np.nansum(r**2, axis=1) / np.maximum(count, 1)), np.inf)
 
 
 def error_rate(growth: Growth, x: Array, c: Array, share: float = 0.5) -> float:
@@ -219,7 +220,7 @@ class Grown:
 def grow(training: ClipSet, model: Model, names: tuple[str, ...], sigma: float, report: Report) -> Grown:
     """Grow shots from event to event with the constants `names`, from the model's values."""
     problem = shot_problem(model, names, training, sigma)
-    growth = Growth(problem, training, sigma)
+    growth = Growth.of(problem, training, sigma)
     c = values_of(model, names)
     x = problem.start.copy()
     early = x

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -69,7 +69,7 @@ def fit_own(
     report: Callable[[str], None] | None = None,
 ) -> Array:
     """Own unknowns of every shot, grown from event to event: (n, p)."""
-    growth = Growth(problem, clip_set, sigma)
+    growth = Growth.of(problem, clip_set, sigma)
     x = problem.start.copy()
     for stage in range(growth.stages):
         x = growth.own(x, constants, stage)
@@ -85,17 +85,22 @@ class Growth:
     problem: ShotProblem
     clip_set: ClipSet
     sigma: float
+    events: list[Array]
+    way: list[dict[str, Array]]
 
-    def __post_init__(self) -> None:
-        """Find the events, once."""
-        events, way = events_and_ways(self.clip_set, self.sigma)
-        object.__setattr__(self, "events", events)
-        object.__setattr__(self, "way", way)
-        object.__setattr__(self, "grown", with_error(self.problem, self.sigma, FORGIVE, way))
+    @staticmethod
+    def of(problem: ShotProblem, clip_set: ClipSet, sigma: float) -> Growth:
+        """The horizons of a problem's shots: their events found."""
+        return Growth(problem, clip_set, sigma, *events_and_ways(clip_set, sigma))
 
-    events: list[Array] = field(init=False)
-    way: list[dict[str, Array]] = field(init=False)
-    grown: ShotProblem = field(init=False)
+    def at(self, problem: ShotProblem) -> Growth:
+        """The same shots with another model or noise."""
+        return dataclasses.replace(self, problem=problem)
+
+    @property
+    def grown(self) -> ShotProblem:
+        """The problem with what is forgiven while the horizon grows."""
+        return with_error(self.problem, self.sigma, FORGIVE, self.way)
 
     @property
     def stages(self) -> int:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -40,14 +40,13 @@ def _pieces(clip: Clip, clip_set: ClipSet, sigma: float, impacts: bool) -> list[
         name: seen if clip.running and name == clip.struck else onset(seen, sigma, clip_set.fps)
         for name, seen in clip.balls.items()
     }
+    events = {name: cuts_of(name, tracks, table, ball, sigma) for name in tracks}
     found: list[Clip] = []
     taken: dict[str, int] = {}  # sample after the first run of a ball that is in the piece of the one that hit it
-    for name in sorted(
-        tracks, key=lambda b: (b != clip.struck, float(tracks[b].time[0]))
-    ):  # who hits before who is hit
+    # Who hits before who is hit.
+    for name in sorted(tracks, key=lambda b: (b != clip.struck, float(tracks[b].time[0]))):
         seen = tracks[name]
-        n = len(seen.time)
-        cuts = [*cuts_of(name, tracks, table, ball, sigma), Cut(n, "end", "")]
+        cuts = [*events[name], Cut(len(seen.time), "end", "")]
         cuts = [cut for cut in cuts if cut.sample > taken.get(name, -1)]
         low = taken.get(name, 0) + 1
         if name == clip.struck:
@@ -60,7 +59,7 @@ def _pieces(clip: Clip, clip_set: ClipSet, sigma: float, impacts: bool) -> list[
                 continue
             balls = {name: _part(seen, first)}
             if impacts and k < len(cuts) and cuts[k].sample - low >= AFTER:
-                more = _other(cut, float(seen.time[cut.sample]), clip, tracks, clip_set, sigma)
+                more = _other(cut, float(seen.time[cut.sample]), clip, tracks, events, clip_set.fps, sigma)
                 if more is not None:
                     balls = {name: _part(seen, slice(first.start, cuts[k].sample), cut.sample), **more}
                     taken |= {b: int(np.searchsorted(tracks[b].time, o.time[-1])) + 1 for b, o in more.items()}
@@ -88,7 +87,13 @@ def _from_zero(balls: Mapping[str, Observation], start: float) -> dict[str, Obse
 
 
 def _other(
-    cut: Cut, when: float, clip: Clip, tracks: Mapping[str, Observation], clip_set: ClipSet, sigma: float
+    cut: Cut,
+    when: float,
+    clip: Clip,
+    tracks: Mapping[str, Observation],
+    events: Mapping[str, Sequence[Cut]],
+    fps: float,
+    sigma: float,
 ) -> dict[str, Observation] | None:
     """What else is in the piece: nothing at a cushion; the ball that was hit, if it lay until then; None if unclear."""
     if cut.kind == "cushion":
@@ -97,10 +102,9 @@ def _other(
         return None
     seen, moved = clip.balls[cut.with_], tracks[cut.with_]
     lying = moving_from(seen, sigma)
-    if len(moved.time) < AFTER or abs(float(moved.time[0]) - when) > TOGETHER / clip_set.fps or lying == 0:
+    if len(moved.time) < AFTER or abs(float(moved.time[0]) - when) > TOGETHER / fps or lying == 0:
         return None
-    later = cuts_of(cut.with_, dict(tracks), clip_set.table, clip_set.ball, sigma)
-    end = next((c.sample for c in later if c.sample > 1), len(moved.time))
+    end = next((c.sample for c in events[cut.with_] if c.sample > 1), len(moved.time))
     rest = seen.xy[:lying].mean(axis=0)
     part = _part(moved, slice(1, end))
     if len(part.time) < AFTER:

@@ -29,9 +29,9 @@ ITERATIONS, COARSE_ITERATIONS = 15, 10
 FINE, COARSE = 1e-5, 1e-4  # tolerance of the loss
 FOLLOWED = 2e-3  # error per way up to which shots are followed to the noise
 EARLY = 4  # events up to which shots are used, as long as they are not: then they are chaos
+STANDS_OUT = 1.15  # loss per residual over the median, where shots are followed to the noise
 # Where a sidespin has died out before a cushion, its start no longer shows: other spins (unknown, shift over speed) are
 # tried by hand.
-STANDS_OUT = 1.15  # loss per residual over the median, where shots are followed to the noise
 SIDES = (0.03, 0.07, 0.12, 0.2, 0.35, 0.6, 0.9)
 SPINS = (*((6, s * sign) for s in SIDES for sign in (-1, 1)), (5, -0.3), (5, 0.3))
 GAINS = 2.0  # of the loss, for which shots are moved
@@ -160,7 +160,7 @@ def refine(
     grown, doubts, cost = False, DOUBTS, np.inf
 
     def error(x: Array, c: Array) -> float:
-        return error_rate(dataclasses.replace(growth, problem=problem), x, c)
+        return error_rate(growth.at(problem), x, c)
 
     coarse = rate > CLOSE
     for round_ in range(ROUNDS):

@@ -17,12 +17,11 @@ from models.model_file import Model
 from models.shot import Table
 from sysid.clips import ClipSet
 from sysid.diagnose import NAMED, Round, Trial, candidates_for, look
-from sysid.fit import LEAST_SEGMENTS, MISCUT, SEGMENT_ROBUST, subset
-from sysid.own import Growth
+from sysid.fit import LEAST_SEGMENTS, MISCUT, SEGMENT_ROBUST, ratios, subset
 from sysid.pieces import cut_up
 from sysid.problem import open_table, shot_problem
 from sysid.solve import fit_each
-from sysid.stages import Clips, Stage, compare_stages, settle
+from sysid.stages import Clips, Stage, compare_stages, growth_of, settle
 
 UNSEEN = 6.0  # times the median, by which a run misses that holds an unseen impact
 STEPS = 8  # of the fit that shows it
@@ -32,8 +31,8 @@ Report = Callable[[str], None]
 def runs_of(clips: Clips, model: Model) -> Clips:
     """The same clips, cut into runs; those that miss by far more than the others hold an unseen impact, and go."""
     training, held = (_smooth(part, clips.sigma, model) for part in (clips.training, clips.held))
-    growth = Growth(shot_problem(model, (), training, clips.sigma), training, clips.sigma)
-    other = Growth(shot_problem(model, (), held, clips.sigma), held, clips.sigma) if held.clips else None
+    growth = growth_of(model, training, clips.sigma)
+    other = growth_of(model, held, clips.sigma) if held.clips else None
     return dataclasses.replace(clips, training=training, held=held, growth=growth, held_growth=other, cut=0)
 
 
@@ -43,9 +42,7 @@ def _smooth(part: ClipSet, sigma: float, model: Model) -> ClipSet:
         return runs
     problem = shot_problem(model, (), runs, sigma)
     x, _ = fit_each(problem.evaluate, problem.start, np.zeros(0), problem.steps, problem.prior, SEGMENT_ROBUST, STEPS)
-    r = problem.evaluate(x, np.zeros((len(x), 0)), np.arange(len(x)))
-    count = np.isfinite(r).sum(axis=1)
-    miss = np.where(count > 0, np.sqrt(np.nansum(r**2, axis=1) / np.maximum(count, 1)), np.inf)
+    miss = ratios(problem, x, np.zeros(0))
     return subset(runs, np.flatnonzero(miss < max(MISCUT, UNSEEN * float(np.median(miss)))).tolist())
 
 

@@ -27,6 +27,7 @@ from sysid.refine import (
     CLOSE,
     EARLY,
     FOLLOWED,
+    STANDS_OUT,
     Refined,
     other_spins,
     refine,
@@ -41,7 +42,7 @@ from sysid.spikes import set_aside
 CLOCK = "clock_scale.factor"
 LAGS = 40  # samples over which residuals may hang together
 LONG, SHORT = 40, 8  # steps of a fit that starts far from its optimum
-STRAYS = 1.6  # loss per residual of a held-out shot, over that of noise, from which it is grown again
+NOISE = 0.5  # loss per residual of noise
 Report = Callable[[str], None]
 
 
@@ -104,15 +105,20 @@ def part_clips(clip_set: ClipSet, model: Model, report: Report) -> tuple[Clips, 
     cloth, names, ratio = fit_segments(model, training, sigma, report)
     told = np.isfinite(np.diag(cloth.covariance))
     model = model.with_values({n: float(v) for n, v, t in zip(names, cloth.constants, told, strict=True) if t})
-    growth = Growth(shot_problem(model, (), training, sigma), training, sigma)
+    growth = growth_of(model, training, sigma)
     cut = 0
     if ratio > FOLLOWS and np.median([len(e) for e in growth.events]) > EARLY:
         cut = len(clip_set.clips)
         training, held = cut_up(training, sigma), cut_up(held, sigma)
         report(f"{cut} shots cut into {len(training.clips) + len(held.clips)} pieces of one impact each")
-        growth = Growth(shot_problem(model, (), training, sigma), training, sigma)
-    other = Growth(shot_problem(model, (), held, sigma), held, sigma) if held.clips else None
+        growth = growth_of(model, training, sigma)
+    other = growth_of(model, held, sigma) if held.clips else None
     return Clips(training, held, sigma, growth, other, known, spikes, cut), model
+
+
+def growth_of(model: Model, clip_set: ClipSet, sigma: float) -> Growth:
+    """The horizons of clips as whole shots."""
+    return Growth.of(shot_problem(model, (), clip_set, sigma), clip_set, sigma)
 
 
 def begin(clip_set: ClipSet, model: Model, report: Report) -> tuple[Clips, Stage]:
@@ -131,7 +137,7 @@ def settle(clips: Clips, model: Model, report: Report, what: str) -> Stage:
             report(f"{what}, other spins")
             seen = with_error(point.problem, clips.sigma, rate, clips.growth.way)
             point = dataclasses.replace(point, x=other_spins(seen, np.arange(len(point.x)), point.x, point.c))
-            rate = error_rate(dataclasses.replace(clips.growth, problem=point.problem), point.x, point.c)
+            rate = error_rate(clips.growth.at(point.problem), point.x, point.c)
         found = refine(point, clips.training, clips.growth, rate, report, what, clips.known, FOLLOWED)
         point, rate = found.point, found.rate
     return stage(clips, found, None)
@@ -152,7 +158,7 @@ def _held(clips: Clips, growth: Growth, found: Refined, before: Stage | None) ->
     point = found.point
     problem = dataclasses.replace(growth.problem, model=point.problem.model, names=point.problem.names)
     n = len(problem.clips)
-    here = dataclasses.replace(growth, problem=problem)
+    here = growth.at(problem)
     follows = found.rate < FOLLOWED  # what does not follow its own clips need not be at its best on others
     if before is None:
         x = problem.start.copy()
@@ -162,7 +168,7 @@ def _held(clips: Clips, growth: Growth, found: Refined, before: Stage | None) ->
         x = before.held_own
     seen = with_error(problem, clips.sigma, found.rate, growth.way)
     x, _ = fit_each(seen.evaluate, x, point.c, problem.steps, problem.prior, ROBUST, LONG if follows else SHORT)
-    astray = np.flatnonzero(shot_costs(problem, x, point.c) > STRAYS * 0.5)
+    astray = np.flatnonzero(shot_costs(problem, x, point.c) > STANDS_OUT * NOISE)
     if clips.cut and before is None:
         x = other_spins(seen, astray, x, point.c)
     elif astray.size and follows:
