@@ -169,19 +169,16 @@ def _switches(v: Array, w: Array, push: Array, turn: Array, span: Array, r: floa
     return out
 
 
-def follow(
-    select: Callable[[NDArray[np.int64]], Sequence[Effect]], balls: Balls, span: Array, left: Array, normal: Array
-) -> tuple[Curve, Array]:
+def follow(effects: Sequence[Effect], balls: Balls, span: Array, left: Array, normal: Array) -> tuple[Curve, Array]:
     """The curve over a trial step, or over as much of it as can be followed; and the room there was: (nsim,) [s]."""
-    every = np.arange(span.size)
-    curve = look(select(every), balls, span, normal)
+    curve = look(effects, balls, span, normal)
     free = room(balls, curve, left)
     for _ in range(TRIALS):
         again = np.flatnonzero(curve.span > LONGER * free)
         if again.size == 0:
             break
         some = take(balls, again)
-        part = look(select(again), some, free[again], normal[again])
+        part = look([e.select(again) for e in effects], some, free[again], normal[again])
         curve.span[again], curve.push[:, again], curve.turn[:, again] = part.span, part.push, part.turn
         free[again] = room(some, part, left[again])
     # A slide that ends within the step on the curve ends the step.

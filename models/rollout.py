@@ -181,9 +181,7 @@ class Rollout:
             near = np.where(now, limit, np.minimum(MARGIN * step, limit))
             trial = np.where((hit[:, 0] > 0) & ~rough, near, step)
             normal = np.where(alive, balls.ball.mass * GRAVITY, 0.0)
-            curve, free = follow(
-                lambda some: [e.select(some) for e in effects], balls, trial, self.end[rows] - self.clock[rows], normal
-            )
+            curve, free = follow(effects, balls, trial, self.end[rows] - self.clock[rows], normal)
             if self.resolved.all():
                 landed, met = land(touch, curve, curve.span)
                 step, hit = np.where(now, step, landed), np.where(now[:, None], hit, met)
