@@ -1,0 +1,1 @@
+"""From high-speed video to clips: camera, detection, tracks, spin, cue."""

@@ -1,0 +1,223 @@
+"""The camera over the table: table coordinates to pixels and back, and its file.
+
+Pinhole with the distortion of Brown and Conrady as OpenCV has it. Table frame as in models/shot.py, z = 0 on the cloth;
+pixel (0, 0) is the centre of the first pixel. Balls are seen against the plane of their centres, z = R: at one radius
+of height, a point on the cloth seen at 45 degrees lies a radius away from where the ball's centre is.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from models.errors import BadInput
+from models.files import write_whole
+from models.shot import Ball, Table
+
+Array = NDArray[np.float64]
+FORMAT = "billiard-camera/1"
+OUTLINE = 24  # points of a ball's outline
+ROUNDS = 3  # from the centre of an outline to the ball's
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A calibrated camera."""
+
+    size: tuple[int, int]  # width, height [pixels]
+    matrix: Array  # (3, 3) focal lengths and principal point [pixels]
+    distortion: Array  # (5,) k1, k2, p1, p2, k3
+    rotation: Array  # (3,) Rodrigues vector that takes table axes to camera axes [rad]
+    translation: Array  # (3,) of the table's centre in the camera's frame [m]
+    table: Table
+    diameter: float  # of the balls [m]
+    residual_m: float = math.nan  # rms of the calibration, on the table [m]
+    readout: float = 0.0  # time from the first row to the last of a rolling shutter [s]
+    source: str = ""  # what it was calibrated from
+
+    @property
+    def radius(self) -> float:
+        """Radius of a ball [m]."""
+        return self.diameter / 2
+
+    @property
+    def axes(self) -> Array:
+        """Rotation from table to camera axes: (3, 3)."""
+        return np.asarray(cv2.Rodrigues(np.asarray(self.rotation, float))[0])
+
+    @property
+    def eye(self) -> Array:
+        """Where the camera is: (3,) [m], table frame."""
+        return np.asarray(-self.axes.T @ self.translation)
+
+    def project(self, points: Array) -> Array:
+        """Pixels (n, 2) of points (n, 3) [m]."""
+        points = np.asarray(points, float).reshape(-1, 3)
+        if len(points) == 0:
+            return np.zeros((0, 2))
+        pixels, _ = cv2.projectPoints(points, self.rotation, self.translation, self.matrix, self.distortion)
+        return np.asarray(pixels, float).reshape(-1, 2)
+
+    def rays(self, pixels: Array) -> Array:
+        """Unit directions (n, 3), table frame, in which pixels (n, 2) look."""
+        pixels = np.asarray(pixels, float).reshape(-1, 1, 2)
+        if len(pixels) == 0:
+            return np.zeros((0, 3))
+        stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-10)
+        flat = cv2.undistortPoints(pixels, self.matrix, self.distortion, criteria=stop).reshape(-1, 2)
+        rays = np.column_stack([flat, np.ones(len(flat))]) @ self.axes
+        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+    def on_plane(self, pixels: Array, height: float) -> Array:
+        """Where pixels (n, 2) meet the plane z = height [m]: (n, 2) [m]; NaN for those that look elsewhere."""
+        rays, eye = self.rays(pixels), self.eye
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = (height - eye[2]) / rays[:, 2]
+        far = np.where(far > 0, far, np.nan)
+        return np.asarray(eye[:2] + far[:, None] * rays[:, :2])
+
+    def outline(self, xy: Array) -> Array:
+        """Centres of the outlines of balls at (n, 2) [m], as a circle fit sees them: (n, 2) [pixels].
+
+        A sphere's outline is an ellipse whose centre lies farther out than the image of the sphere's centre.
+        """
+        rim = self.rims(xy)
+        return np.asarray(rim.mean(axis=1))
+
+    def rims(self, xy: Array) -> Array:
+        """Points on the outlines of balls at (n, 2) [m]: (n, OUTLINE, 2) [pixels]."""
+        centres = np.column_stack([np.asarray(xy, float).reshape(-1, 2), np.full(len(xy), self.radius)])
+        sight = centres - self.eye
+        away = np.linalg.norm(sight, axis=1, keepdims=True)
+        along = sight / away
+        # The cone of sight touches the sphere in a circle, R^2 / d before its centre.
+        middle = centres - along * self.radius**2 / away
+        spread = self.radius * np.sqrt(1.0 - (self.radius / away) ** 2)
+        across = np.cross(along, [1.0, 0.0, 0.0])
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        up = np.cross(along, across)
+        angle = np.linspace(0, 2 * np.pi, OUTLINE, endpoint=False)
+        ring = across[:, None] * np.cos(angle)[:, None] + up[:, None] * np.sin(angle)[:, None]
+        points = middle[:, None] + spread[:, None] * ring
+        return self.project(points.reshape(-1, 3)).reshape(len(centres), OUTLINE, 2)
+
+    def centres(self, pixels: Array) -> Array:
+        """Where balls are whose outlines are centred at pixels (n, 2): (n, 2) [m]."""
+        pixels = np.asarray(pixels, float).reshape(-1, 2)
+        straight = self.on_plane(pixels, self.radius)
+        found = straight
+        for _ in range(ROUNDS):
+            found = found + straight - self.on_plane(self.outline(found), self.radius)
+        return np.asarray(found)
+
+    def radius_px(self, xy: Array) -> Array:
+        """Mean radius of the outlines of balls at (n, 2) [m]: (n,) [pixels]."""
+        rim = self.rims(xy)
+        return np.asarray(np.linalg.norm(rim - rim.mean(axis=1, keepdims=True), axis=2).mean(axis=1))
+
+
+def write_camera(path: Path | str, camera: Camera) -> None:
+    """Write a camera's file, whole or not at all."""
+    known: dict[str, Any] = {
+        "format": FORMAT,
+        "size": list(camera.size),
+        "matrix": np.asarray(camera.matrix, float).tolist(),
+        "distortion": np.asarray(camera.distortion, float).tolist(),
+        "rotation": np.asarray(camera.rotation, float).tolist(),
+        "translation": np.asarray(camera.translation, float).tolist(),
+        "readout": float(camera.readout),
+        "source": camera.source,
+        "table": {"length": camera.table.length, "width": camera.table.width, "pockets": camera.table.pockets},
+        "ball": {"diameter": camera.diameter},
+    }
+    if math.isfinite(camera.residual_m):
+        known["residual_m"] = float(camera.residual_m)
+    scalars = {k: v for k, v in known.items() if not isinstance(v, dict)}
+    sections = {k: v for k, v in known.items() if isinstance(v, dict)}
+    write_whole(path, tomli_w.dumps(scalars | sections).encode())
+
+
+def read_camera(path: Path | str) -> Camera:
+    """Read a camera's file; BadInput names the entry that is missing or wrong, and the remedy."""
+    try:
+        data = tomllib.loads(Path(path).read_text())
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; make a camera file with: sysid calibrate") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: is not TOML ({error}); make a camera file with: sysid calibrate") from None
+    if data.get("format") != FORMAT:
+        raise BadInput(f'{path}: format is {data.get("format")!r}, not "{FORMAT}": make it with sysid calibrate')
+    table, ball = _section(path, data, "table"), _section(path, data, "ball")
+    width, height = (int(v) for v in _numbers(path, data, "size", (2,)))
+    if min(width, height) < 1:
+        raise BadInput(f"{path}: size = {[width, height]} must be two positive counts of pixels")
+    return Camera(
+        (width, height), _numbers(path, data, "matrix", (3, 3)), _numbers(path, data, "distortion", (5,)),
+        _numbers(path, data, "rotation", (3,)), _numbers(path, data, "translation", (3,)),
+        Table(_positive(path, table, "length"), _positive(path, table, "width"), bool(table.get("pockets", True))),
+        _positive(path, ball, "diameter"), float(data.get("residual_m", math.nan)), float(data.get("readout", 0.0)),
+        str(data.get("source", "")),
+    )  # fmt: skip
+
+
+def _section(path: Path | str, data: dict[str, Any], name: str) -> dict[str, Any]:
+    found = data.get(name)
+    if not isinstance(found, dict):
+        raise BadInput(f"{path}: the section [{name}] is missing; make the file anew with sysid calibrate")
+    return found
+
+
+def _positive(path: Path | str, section: dict[str, Any], name: str) -> float:
+    value = section.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
+        raise BadInput(f"{path}: {name} = {value!r} must be a length in metres, above 0")
+    return float(value)
+
+
+def _numbers(path: Path | str, data: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:
+    try:
+        found = np.asarray(data[name], float)
+    except (KeyError, TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape != shape or not np.isfinite(found).all():
+        size = " x ".join(map(str, shape))
+        raise BadInput(f"{path}: {name} must hold {size} finite numbers; make the file anew with sysid calibrate")
+    return found
+
+
+def ball_of(camera: Camera, mass: float) -> Ball:
+    """The ball that the camera was calibrated for."""
+    return Ball(camera.diameter, mass)
+
+
+def overhead(
+    table: Table, diameter: float, size: tuple[int, int], height: float, span: float, tilt: tuple[float, float] = (0, 0)
+) -> Camera:
+    """An ideal camera over the table's centre.
+
+    Args:
+        table: the table below.
+        diameter: of the balls [m].
+        size: width and height of its pictures [pixels].
+        height: of the camera over the cloth [m].
+        span: how much of the table's length the width of a picture shows at the cloth [m].
+        tilt: by which it looks past the table's centre along x and y [rad].
+    """
+    focal = size[0] * height / span
+    matrix = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
+    look = np.array([math.tan(tilt[0]), math.tan(tilt[1]), -1.0])
+    z = look / np.linalg.norm(look)
+    x = np.array([1.0, 0.0, 0.0]) - z[0] * z
+    x /= np.linalg.norm(x)
+    axes = np.stack([x, np.cross(z, x), z])
+    return Camera(
+        size, matrix, np.zeros(5), cv2.Rodrigues(axes)[0].ravel(), -axes @ np.array([0, 0, height]), table, diameter
+    )

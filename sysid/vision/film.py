@@ -1,0 +1,251 @@
+"""Test footage: pictures of a table as a camera would see them, drawn ray by ray where it matters.
+
+Balls are spheres with a pattern, seen through the calibrated camera with all its distortion; the table is a plane
+picture. On top come what cameras do: blur during the exposure, rows read one after another, uneven light, shadows,
+noise. The truth is known to far below a pixel. Needs no OpenGL.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.shot import NOSE_HEIGHT, POCKET_MOUTH
+from sysid.vision.camera import Array, Camera
+from sysid.vision.motion import Cue, Motion
+
+Picture = NDArray[np.uint8]
+Colour = tuple[float, float, float]  # red, green, blue, 0 to 1
+
+BALLS: Mapping[str, Colour] = {
+    "white": (0.94, 0.92, 0.84), "cue": (0.94, 0.92, 0.84), "red": (0.72, 0.05, 0.07), "yellow": (0.93, 0.78, 0.10),
+    "green": (0.02, 0.38, 0.18), "brown": (0.42, 0.22, 0.10), "blue": (0.08, 0.20, 0.66), "pink": (0.93, 0.52, 0.62),
+    "black": (0.05, 0.05, 0.06),
+}  # fmt: skip
+CLOTH: Colour = (0.05, 0.42, 0.20)
+CUSHION: Colour = (0.03, 0.30, 0.14)
+WOOD: Colour = (0.30, 0.15, 0.08)
+FLOOR: Colour = (0.16, 0.15, 0.15)
+HOLE: Colour = (0.01, 0.01, 0.01)
+CUE_WOOD: Colour = (0.95, 0.80, 0.55)
+LEATHER: Colour = (0.25, 0.35, 0.60)
+MARK: Colour = (0.04, 0.04, 0.04)
+RUBBER = 0.05  # width of the cushions [m]
+FRAME = 0.10  # and of the wood behind them [m]
+FINE = 4  # rays along the side of a pixel
+SHIFT = 4  # bits of sub-pixel positions in OpenCV's drawing
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A round mark on a ball."""
+
+    place: tuple[float, float, float]  # its middle, in the ball's axes; any length
+    angle: float  # half its width, seen from the ball's centre [rad]
+    colour: Colour = MARK
+
+
+@dataclass(frozen=True)
+class Look:
+    """What light and camera make of the scene."""
+
+    exposure: float = 0.0  # during which a picture is taken [s]
+    readout: float = 0.0  # from the first row to the last [s]
+    noise: float = 5.0  # one standard deviation [grey levels]
+    blur: float = 0.6  # of the lens, one standard deviation [pixels]
+    uneven: float = 0.15  # of the light across the picture, 0 to 1
+    shadow: float = 0.3  # of the balls on the cloth, 0 to 1
+    light: tuple[float, float, float] = (0.35, 0.2, 1.0)  # where it comes from; any length
+    gloss: float = 0.35  # of the balls, 0 to 1
+    parts: int = 5  # moments of an exposure that are drawn
+    spots: Mapping[str, Sequence[Spot]] = field(default_factory=dict)  # of balls by name
+    colours: Mapping[str, Colour] = field(default_factory=dict)  # of balls by name, in place of the usual ones
+
+
+def film(camera: Camera, motion: Motion, times: Array, look: Look = Look(), seed: int = 0) -> Iterator[Picture]:
+    """Pictures (height, width, 3), blue, green, red, taken at times (k,) [s]: the middle row's middle of exposure."""
+    ground = table_picture(camera, look)
+    rng = np.random.default_rng(seed)
+    for time in times:
+        picture = draw(camera, motion, float(time), look, ground)
+        yield developed(picture, look, rng)
+
+
+def developed(picture: NDArray[np.float32], look: Look, rng: np.random.Generator) -> Picture:
+    """What the sensor makes of the light (height, width, 3), 0 to 1 in red, green, blue: blur and noise."""
+    if look.blur > 0:
+        picture = cv2.GaussianBlur(picture, (0, 0), look.blur)
+    grey = 255.0 * picture[..., ::-1]
+    if look.noise > 0:
+        grey = grey + look.noise * rng.standard_normal(grey.shape, dtype=np.float32)
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+def _unit(vector: Sequence[float] | Array) -> Array:
+    v = np.asarray(vector, float)
+    return np.asarray(v / np.linalg.norm(v))
+
+
+def _light(camera: Camera, look: Look, pixels: Array) -> Array:
+    """Brightness of the light at pixels (n, 2): (n,)."""
+    w, h = camera.size
+    u, v = 2 * pixels[:, 0] / w - 1, 2 * pixels[:, 1] / h - 1
+    return np.asarray(1.0 - look.uneven * (0.25 * (u**2 + v**2) + 0.25 * u + 0.15 * v))
+
+
+def table_picture(camera: Camera, look: Look) -> NDArray[np.float32]:
+    """The empty table: (height, width, 3), red, green, blue, 0 to 1."""
+    w, h = camera.size
+    grid = np.stack(np.meshgrid(np.arange(w), np.arange(h)), axis=-1).reshape(-1, 2).astype(float)
+    offsets = (np.arange(2) + 0.5) / 2 - 0.5
+    total = np.zeros((h * w, 3))
+    for dx in offsets:
+        for dy in offsets:
+            total += _ground(camera, grid + np.array([dx, dy]))
+    picture = total / offsets.size**2 * _light(camera, look, grid)[:, None]
+    return np.asarray(picture.reshape(h, w, 3), np.float32)
+
+
+def _ground(camera: Camera, pixels: Array) -> Array:
+    """Colour of the empty table at pixels (n, 2): (n, 3)."""
+    table, nose = camera.table, NOSE_HEIGHT * camera.radius
+    half = np.array([table.length / 2, table.width / 2])
+    cloth, top = camera.on_plane(pixels, 0.0), camera.on_plane(pixels, nose)
+    out = np.tile(np.array(CLOTH), (len(pixels), 1))
+    weave = 0.02 * np.sin(cloth[:, 0] * 900) * np.sin(cloth[:, 1] * 900)
+    out *= (1 + np.nan_to_num(weave))[:, None]
+    over = np.abs(np.nan_to_num(top, nan=1e3)) - half
+    beyond = over.max(axis=1)
+    out[beyond > 0] = CUSHION
+    out[beyond > RUBBER] = WOOD
+    out[beyond > RUBBER + FRAME] = FLOOR
+    if table.pockets:
+        back = POCKET_MOUTH / 2
+        for sx in (-1, 0, 1):
+            for sy in (-1, 1):
+                middle = np.array([sx * half[0], sy * half[1]]) + (0.3 if sx else 1.0) * back * np.array([sx, sy])
+                hole = np.linalg.norm(np.nan_to_num(top, nan=1e3) - middle, axis=1) < back
+                out[hole] = HOLE
+    return out
+
+
+def draw(camera: Camera, motion: Motion, time: float, look: Look, ground: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The light that falls on the sensor: (height, width, 3), red, green, blue, 0 to 1."""
+    parts = look.parts if look.exposure > 0 else 1
+    moments = time + look.exposure * ((np.arange(parts) + 0.5) / parts - 0.5)
+    total: NDArray[np.float32] | None = None
+    for moment in moments:
+        picture = ground.copy()
+        for k in range(len(motion.names)):
+            _shadow(camera, motion, k, moment, look, picture)
+        for k in range(len(motion.names)):
+            _ball(camera, motion, k, moment, look, picture)
+        if motion.cue is not None:
+            _cue(camera, motion.cue, moment, look, picture)
+        total = picture if total is None else total + picture
+    return np.asarray(total / np.float32(parts)) if total is not None and parts > 1 else np.asarray(total)
+
+
+def _delay(camera: Camera, look: Look, row: Array | float) -> Array:
+    """When a row is read, after the middle one [s]."""
+    return np.asarray(look.readout * (np.asarray(row, float) / (camera.size[1] - 1) - 0.5))
+
+
+def _patch(camera: Camera, pixels: Array, margin: float) -> tuple[int, int, int, int] | None:
+    """Columns and rows (x0, x1, y0, y1) of a picture that hold these pixels; None outside."""
+    low, high = np.floor(pixels.min(axis=0) - margin).astype(int), np.ceil(pixels.max(axis=0) + margin).astype(int)
+    x0, y0 = max(low[0], 0), max(low[1], 0)
+    x1, y1 = min(high[0] + 1, camera.size[0]), min(high[1] + 1, camera.size[1])
+    return (x0, x1, y0, y1) if x1 > x0 and y1 > y0 else None
+
+
+def _when(camera: Camera, motion: Motion, k: int, moment: float, look: Look) -> tuple[Array, Array, Array, float]:
+    """Place (2,), velocity (2,), orientation (3, 3) of a ball as its own rows are read, and when that is."""
+    when = moment
+    for _ in range(3 if look.readout else 1):
+        place = motion.at(when)[0][k]
+        if look.readout and np.isfinite(place).all():
+            when = moment + float(_delay(camera, look, camera.outline(place[None])[0, 1]))
+    (place, axes), (later, _) = (tuple(v[k] for v in motion.at(t)) for t in (when, when + 1e-4))
+    return place, (later - place) / 1e-4, axes, when
+
+
+def _shadow(camera: Camera, motion: Motion, k: int, moment: float, look: Look, picture: NDArray[np.float32]) -> None:
+    place, *_ = _when(camera, motion, k, moment, look)
+    if look.shadow <= 0 or not np.isfinite(place).all():
+        return
+    light, r = _unit(look.light), camera.radius
+    middle = place - light[:2] / light[2] * r
+    ring = middle + 1.3 * r * np.array([[np.cos(a), np.sin(a)] for a in np.linspace(0, 2 * np.pi, 12)])
+    box = _patch(camera, camera.project(np.column_stack([ring, np.zeros(len(ring))])), 2)
+    if box is None:
+        return
+    x0, x1, y0, y1 = box
+    grid = np.stack(np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)), axis=-1).reshape(-1, 2).astype(float)
+    far = np.linalg.norm(camera.on_plane(grid, 0.0) - middle, axis=1) / r
+    dark = look.shadow * np.clip((1.3 - far) / 0.5, 0, 1)
+    picture[y0:y1, x0:x1] *= (1 - dark).reshape(y1 - y0, x1 - x0, 1).astype(np.float32)
+
+
+def _ball(camera: Camera, motion: Motion, k: int, moment: float, look: Look, picture: NDArray[np.float32]) -> None:
+    place, velocity, axes, when = _when(camera, motion, k, moment, look)
+    if not np.isfinite(place).all():
+        return
+    box = _patch(camera, camera.rims(place[None])[0], 2)
+    if box is None:
+        return
+    x0, x1, y0, y1 = box
+    sub = (np.arange(FINE) + 0.5) / FINE - 0.5
+    xs, ys = (np.arange(a, b)[:, None] + sub for a, b in ((x0, x1), (y0, y1)))
+    pixels = np.stack(np.meshgrid(xs.ravel(), ys.ravel()), axis=-1).reshape(-1, 2)
+    rays, eye, r = camera.rays(pixels), camera.eye, camera.radius
+    centre = np.tile([place[0], place[1], r], (len(pixels), 1))
+    if look.readout:
+        late = moment + _delay(camera, look, pixels[:, 1]) - when
+        centre[:, :2] += late[:, None] * velocity
+    to = centre - eye
+    along = np.sum(rays * to, axis=1)
+    inside = r**2 - (np.sum(to**2, axis=1) - along**2)
+    hit = inside > 0
+    normal = (eye + (along - np.sqrt(np.maximum(inside, 0)))[:, None] * rays - centre) / r
+    base = np.array(look.colours.get(motion.names[k], BALLS.get(motion.names[k].split("_")[0], BALLS["red"])))
+    skin = np.tile(base, (len(pixels), 1))
+    own = normal @ axes  # in the ball's axes
+    for spot in look.spots.get(motion.names[k], ()):
+        skin[own @ _unit(spot.place) > np.cos(spot.angle)] = spot.colour
+    light = _unit(look.light)
+    shade = 0.45 + 0.55 * np.maximum(normal @ light, 0)
+    mirror = rays - 2 * np.sum(rays * normal, axis=1, keepdims=True) * normal
+    shine = look.gloss * np.maximum(mirror @ light, 0) ** 60
+    colour = (
+        np.minimum(skin * shade[:, None] + shine[:, None], 1) * _light(camera, look, pixels)[:, None] * hit[:, None]
+    )
+    shape = (y1 - y0, FINE, x1 - x0, FINE)
+    cover = hit.reshape(shape).mean(axis=(1, 3))[..., None]
+    seen = colour.reshape(*shape, 3).mean(axis=(1, 3))
+    picture[y0:y1, x0:x1] = picture[y0:y1, x0:x1] * (1 - cover) + seen
+
+
+def _cue(camera: Camera, cue: Cue, moment: float, look: Look, picture: NDArray[np.float32]) -> None:
+    """The cue as a tapered stick, its leather tip in another colour."""
+    when = moment
+    for _ in range(3 if look.readout else 1):
+        row = float(np.clip(camera.project(cue.tip_at(when)[None])[0, 1], 0, camera.size[1] - 1))
+        when = moment + float(_delay(camera, look, row))
+    tip, back = cue.tip_at(when), -cue.direction
+    side = _unit(np.cross([0, 0, 1.0], back))
+    for begin, end, colour in ((0.0, 0.012, LEATHER), (0.012, cue.length, CUE_WOOD)):
+        ways = np.linspace(begin, end, 2 if begin == 0 else 12)
+        wide = 0.5 * (cue.tip + (cue.butt - cue.tip) * ways / cue.length)
+        middle = tip + ways[:, None] * back
+        edge = np.concatenate([middle + wide[:, None] * side, (middle - wide[:, None] * side)[::-1]])
+        points = camera.project(edge)
+        cover = np.zeros(picture.shape[:2], np.uint8)
+        cv2.fillPoly(cover, [np.rint(points * 2**SHIFT).astype(np.int32)], 255, cv2.LINE_AA, SHIFT)
+        part = (cover.astype(np.float32) / 255)[..., None]
+        picture *= 1 - part
+        picture += part * np.array(colour, np.float32)
