@@ -7,7 +7,7 @@ noise. The truth is known to far below a pixel. Needs no OpenGL.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import cv2
@@ -19,6 +19,7 @@ from sysid.vision.camera import Array, Camera
 from sysid.vision.motion import Cue, Motion
 
 Picture = NDArray[np.uint8]
+Light = NDArray[np.float32]
 Colour = tuple[float, float, float]  # red, green, blue, 0 to 1
 
 BALLS: Mapping[str, Colour] = {
@@ -66,16 +67,34 @@ class Look:
     colours: Mapping[str, Colour] = field(default_factory=dict)  # of balls by name, in place of the usual ones
 
 
-def film(camera: Camera, motion: Motion, times: Array, look: Look = Look(), seed: int = 0) -> Iterator[Picture]:
-    """Pictures (height, width, 3), blue, green, red, taken at times (k,) [s]: the middle row's middle of exposure."""
-    ground = table_picture(camera, look)
+def film(
+    camera: Camera, motion: Motion, times: Array, look: Look = Look(), seed: int = 0, opengl: bool = False
+) -> Iterator[Picture]:
+    """Pictures (height, width, 3), blue, green, red, taken at times (k,) [s]: the middle row's middle of exposure.
+
+    `opengl`: drawn by MuJoCo; BadInput where it cannot.
+    """
     rng = np.random.default_rng(seed)
+    if opengl:
+        from sysid.vision.film_gl import Drawn
+
+        with Drawn(camera, motion, look) as drawn:
+            for time in times:
+                yield developed(exposed(drawn.picture, float(time), look), look, rng)
+        return
+    ground = table_picture(camera, look)
     for time in times:
-        picture = draw(camera, motion, float(time), look, ground)
-        yield developed(picture, look, rng)
+        yield developed(exposed(lambda at: _picture(camera, motion, at, look, ground), float(time), look), look, rng)
 
 
-def developed(picture: NDArray[np.float32], look: Look, rng: np.random.Generator) -> Picture:
+def exposed(picture: Callable[[float], Light], time: float, look: Look) -> Light:
+    """The light that falls on the sensor during an exposure: (height, width, 3), red, green, blue, 0 to 1."""
+    parts = look.parts if look.exposure > 0 else 1
+    moments = time + look.exposure * ((np.arange(parts) + 0.5) / parts - 0.5)
+    return np.asarray(sum(picture(float(at)) for at in moments) / np.float32(parts), np.float32)
+
+
+def developed(picture: Light, look: Look, rng: np.random.Generator) -> Picture:
     """What the sensor makes of the light (height, width, 3), 0 to 1 in red, green, blue: blur and noise."""
     if look.blur > 0:
         picture = cv2.GaussianBlur(picture, (0, 0), look.blur)
@@ -90,14 +109,14 @@ def _unit(vector: Sequence[float] | Array) -> Array:
     return np.asarray(v / np.linalg.norm(v))
 
 
-def _light(camera: Camera, look: Look, pixels: Array) -> Array:
+def brightness(camera: Camera, look: Look, pixels: Array) -> Array:
     """Brightness of the light at pixels (n, 2): (n,)."""
     w, h = camera.size
     u, v = 2 * pixels[:, 0] / w - 1, 2 * pixels[:, 1] / h - 1
     return np.asarray(1.0 - look.uneven * (0.25 * (u**2 + v**2) + 0.25 * u + 0.15 * v))
 
 
-def table_picture(camera: Camera, look: Look) -> NDArray[np.float32]:
+def table_picture(camera: Camera, look: Look) -> Light:
     """The empty table: (height, width, 3), red, green, blue, 0 to 1."""
     w, h = camera.size
     grid = np.stack(np.meshgrid(np.arange(w), np.arange(h)), axis=-1).reshape(-1, 2).astype(float)
@@ -106,7 +125,7 @@ def table_picture(camera: Camera, look: Look) -> NDArray[np.float32]:
     for dx in offsets:
         for dy in offsets:
             total += _ground(camera, grid + np.array([dx, dy]))
-    picture = total / offsets.size**2 * _light(camera, look, grid)[:, None]
+    picture = total / offsets.size**2 * brightness(camera, look, grid)[:, None]
     return np.asarray(picture.reshape(h, w, 3), np.float32)
 
 
@@ -133,21 +152,16 @@ def _ground(camera: Camera, pixels: Array) -> Array:
     return out
 
 
-def draw(camera: Camera, motion: Motion, time: float, look: Look, ground: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The light that falls on the sensor: (height, width, 3), red, green, blue, 0 to 1."""
-    parts = look.parts if look.exposure > 0 else 1
-    moments = time + look.exposure * ((np.arange(parts) + 0.5) / parts - 0.5)
-    total: NDArray[np.float32] | None = None
-    for moment in moments:
-        picture = ground.copy()
-        for k in range(len(motion.names)):
-            _shadow(camera, motion, k, moment, look, picture)
-        for k in range(len(motion.names)):
-            _ball(camera, motion, k, moment, look, picture)
-        if motion.cue is not None:
-            _cue(camera, motion.cue, moment, look, picture)
-        total = picture if total is None else total + picture
-    return np.asarray(total / np.float32(parts)) if total is not None and parts > 1 else np.asarray(total)
+def _picture(camera: Camera, motion: Motion, moment: float, look: Look, ground: Light) -> Light:
+    """The light at a moment."""
+    picture = ground.copy()
+    for k in range(len(motion.names)):
+        _shadow(camera, motion, k, moment, look, picture)
+    for k in range(len(motion.names)):
+        _ball(camera, motion, k, moment, look, picture)
+    if motion.cue is not None:
+        _cue(camera, motion.cue, moment, look, picture)
+    return picture
 
 
 def _delay(camera: Camera, look: Look, row: Array | float) -> Array:
@@ -163,7 +177,7 @@ def _patch(camera: Camera, pixels: Array, margin: float) -> tuple[int, int, int,
     return (x0, x1, y0, y1) if x1 > x0 and y1 > y0 else None
 
 
-def _when(camera: Camera, motion: Motion, k: int, moment: float, look: Look) -> tuple[Array, Array, Array, float]:
+def when_read(camera: Camera, motion: Motion, k: int, moment: float, look: Look) -> tuple[Array, Array, Array, float]:
     """Place (2,), velocity (2,), orientation (3, 3) of a ball as its own rows are read, and when that is."""
     when = moment
     for _ in range(3 if look.readout else 1):
@@ -174,8 +188,8 @@ def _when(camera: Camera, motion: Motion, k: int, moment: float, look: Look) -> 
     return place, (later - place) / 1e-4, axes, when
 
 
-def _shadow(camera: Camera, motion: Motion, k: int, moment: float, look: Look, picture: NDArray[np.float32]) -> None:
-    place, *_ = _when(camera, motion, k, moment, look)
+def _shadow(camera: Camera, motion: Motion, k: int, moment: float, look: Look, picture: Light) -> None:
+    place, *_ = when_read(camera, motion, k, moment, look)
     if look.shadow <= 0 or not np.isfinite(place).all():
         return
     light, r = _unit(look.light), camera.radius
@@ -191,8 +205,8 @@ def _shadow(camera: Camera, motion: Motion, k: int, moment: float, look: Look, p
     picture[y0:y1, x0:x1] *= (1 - dark).reshape(y1 - y0, x1 - x0, 1).astype(np.float32)
 
 
-def _ball(camera: Camera, motion: Motion, k: int, moment: float, look: Look, picture: NDArray[np.float32]) -> None:
-    place, velocity, axes, when = _when(camera, motion, k, moment, look)
+def _ball(camera: Camera, motion: Motion, k: int, moment: float, look: Look, picture: Light) -> None:
+    place, velocity, axes, when = when_read(camera, motion, k, moment, look)
     if not np.isfinite(place).all():
         return
     box = _patch(camera, camera.rims(place[None])[0], 2)
@@ -222,7 +236,7 @@ def _ball(camera: Camera, motion: Motion, k: int, moment: float, look: Look, pic
     mirror = rays - 2 * np.sum(rays * normal, axis=1, keepdims=True) * normal
     shine = look.gloss * np.maximum(mirror @ light, 0) ** 60
     colour = (
-        np.minimum(skin * shade[:, None] + shine[:, None], 1) * _light(camera, look, pixels)[:, None] * hit[:, None]
+        np.minimum(skin * shade[:, None] + shine[:, None], 1) * brightness(camera, look, pixels)[:, None] * hit[:, None]
     )
     shape = (y1 - y0, FINE, x1 - x0, FINE)
     cover = hit.reshape(shape).mean(axis=(1, 3))[..., None]
@@ -230,7 +244,7 @@ def _ball(camera: Camera, motion: Motion, k: int, moment: float, look: Look, pic
     picture[y0:y1, x0:x1] = picture[y0:y1, x0:x1] * (1 - cover) + seen
 
 
-def _cue(camera: Camera, cue: Cue, moment: float, look: Look, picture: NDArray[np.float32]) -> None:
+def _cue(camera: Camera, cue: Cue, moment: float, look: Look, picture: Light) -> None:
     """The cue as a tapered stick, its leather tip in another colour."""
     when = moment
     for _ in range(3 if look.readout else 1):
