@@ -323,6 +323,15 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--model", metavar="M.toml", help="model file to start from (default: the base)")
     one.add_argument("--out", metavar="DIR", required=True, help="where model, result, report and recording go")
     own(one)
+    from sysid import cli_measure
+    from sysid.vision import cli_calibrate, cli_track
+
+    for name, room, text in (
+        ("calibrate", cli_calibrate, "lens and place of the camera, from the table itself or from a board"),
+        ("track", cli_track, "from a video to a clip set"),
+        ("measure", cli_measure, "friction and restitution by direct methods, without a simulation"),
+    ):
+        room.add(verb(name, room.run, text))
     one = verb("match", match, "MuJoCo against the analytic models and published measurements, row by row")
     way = one.add_mutually_exclusive_group()
     way.add_argument("--json", metavar="FILE", help="the rows as JSON")

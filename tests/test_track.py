@@ -1,0 +1,375 @@
+"""From sightings to a clip set: shots split rightly, what is no shot left out and told, the noise known."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path as File
+from typing import cast
+
+import cv2
+import numpy as np
+import pytest
+
+from models.errors import BadInput
+from models.model_file import full_model
+from models.shot import Array, Shot, Table
+from models.simulate import simulate
+from models.view_video import Sightings, write_track
+from sysid.clips import check_clip_set, read_clip_set, write_clip_set
+from sysid.output import Progress
+from sysid.vision import cli_track
+from sysid.vision.camera import Camera, overhead, write_camera
+from sysid.vision.detect import Detector, Seen
+from sysid.vision.film import Look, film
+from sysid.vision.follow import Follower
+from sysid.vision.frames import Footage, Frame, Picture
+from sysid.vision.motion import motion_of
+from sysid.vision.preview import write_previews
+from sysid.vision.track import Extra, Tracked, clip_set, note, rough, track, tracked
+from tests.test_follow import BALL, CAMERA, FPS, HOME, NAMES, NOISE, TABLE, Recording, random_tracks, sightings
+
+PLACE = CAMERA.radius / float(CAMERA.radius_px(np.zeros((1, 2)))[0])  # size of a pixel on the table [m]
+
+
+def tracked_of(
+    made: Recording, drop: float = 0.0, noise: float = NOISE, camera: Camera = CAMERA
+) -> Tracked:  # fmt: skip
+    """What is made of a recording."""
+    follower = Follower(camera)
+    position = np.concatenate(made.rows)
+    for index, some in enumerate(
+        sightings(position, NAMES, np.random.default_rng(0), drop=drop, noise=noise, camera=camera)
+    ):
+        follower.take(index, index / made.fps, some)
+    frames = np.arange(len(position))
+    return tracked(follower.paths(), frames, frames / made.fps, camera)
+
+
+def test_several_shots_are_split(tmp_path: File) -> None:
+    made = Recording().wait(0.5).shot((1.2, 0.45)).wait(0.6).shot((-0.9, 0.1)).wait(0.4).shot((0.8, -0.5), ball=1)
+    made.wait(0.5).put(0, (-0.5, 0.2)).wait(0.5).shot((-0.2, 0.3)).wait(0.5)
+    found = tracked_of(made, drop=0.02)
+    assert found.doubts == ()
+    assert found.left_out == ()
+    assert [shot.struck for shot in found.shots] == ["white", "white", "red", "white"]
+    assert [shot.time for shot in found.shots] == pytest.approx(made.struck, abs=2e-3)
+    speeds = [np.hypot(1.2, 0.45), np.hypot(0.9, 0.1), np.hypot(0.8, 0.5), np.hypot(0.2, 0.3)]
+    assert [shot.speed for shot in found.shots] == pytest.approx(speeds, abs=0.06)  # the cloth slows a sliding ball
+    clips = clip_set(found, CAMERA, BALL.mass, FPS)
+    write_clip_set(clips, tmp_path / "set")
+    assert check_clip_set(tmp_path / "set") == []
+    clips = read_clip_set(tmp_path / "set")
+    for clip in clips.clips:
+        seen = clip.balls[clip.struck]
+        assert next(iter(clip.balls)) == clip.struck
+        assert seen.time[0] == 0.0
+        speed = np.hypot(*np.diff(seen.xy[:4], axis=0).T) / np.diff(seen.time[:4])
+        assert speed[0] > 0.9 * speed[-1], "a clip begins after the strike"
+        resting = [o for name, o in clip.balls.items() if name != clip.struck]
+        assert all(np.ptp(o.xy[-10:], axis=0).max() < 2e-3 for o in (seen, *resting)), "and ends when all rest"
+    assert {len(clip.balls) for clip in clips.clips} == {3}
+    assert clips.clips[1].note == f"shot 2 at {made.struck[1]:.2f} s; 3 balls"
+
+
+def test_the_noise_is_known() -> None:
+    made = Recording().wait(0.5).shot((1.2, 0.45)).wait(0.6).shot((-0.9, 0.1)).wait(0.5)
+    for noise in (0.05, 0.2, 0.5):
+        found = tracked_of(made, noise=noise)
+        assert found.noise.moving == pytest.approx(noise * PLACE, rel=0.1)
+        assert found.noise.resting == pytest.approx(noise * PLACE, rel=0.1)
+        assert clip_set(found, CAMERA, BALL.mass, FPS).sigma == found.noise.sigma
+        assert len(found.shots) == 2
+
+
+def test_fifty_random_shots_of_three_balls() -> None:
+    """Every one is found, of the ball that was struck, however it collides."""
+    rng = np.random.default_rng(1)
+    for true in random_tracks(120, 50, 4.0):
+        position = np.concatenate([np.repeat(true.position[:1], 40, axis=0), true.position])
+        follower = Follower(CAMERA)
+        for index, some in enumerate(sightings(position, ("white", "red", "red"), rng, drop=0.02)):
+            follower.take(index, index / FPS, some)
+        frames = np.arange(len(position))
+        found = tracked(follower.paths(), frames, frames / FPS, CAMERA)
+        assert [shot.struck for shot in found.shots] == ["white"], (found.left_out, true.events)
+        assert found.shots[0].time == pytest.approx(40 / FPS, abs=1.01 / FPS)
+        assert len(found.shots[0].balls) == 3
+
+
+def test_balls_that_touch_at_the_start() -> None:
+    start = HOME.copy()
+    start[1] = start[0] + BALL.diameter * np.array([np.cos(0.3), np.sin(0.3)])
+    made = Recording(start).wait(0.5).shot((1.0, 0.1)).wait(0.5)
+    (shot,) = tracked_of(made).shots
+    assert shot.struck == "white"
+    assert set(shot.balls) == set(NAMES)
+    # The clip begins with the last frame at rest, so that the other ball is seen where it lay.
+    assert shot.first == round(0.5 * FPS) - 1
+    made = Recording(start).wait(0.5).shot((-0.3, 0.8), ball=1).wait(0.5)
+    (shot,) = tracked_of(made).shots
+    assert shot.struck == "red"
+
+
+def test_a_potted_ball_ends_at_its_pocket() -> None:
+    start = HOME.copy()
+    start[1] = [0.85, 0.36]
+    way = np.array([1.0, 0.5]) - start[1]
+    start[0] = start[1] - 0.4 * way / np.linalg.norm(way)
+    made = Recording(start).wait(0.4).shot(1.2 * way / np.linalg.norm(way)).wait(0.5)
+    assert np.isnan(made.now[1]).all()
+    found = tracked_of(made)
+    (shot,) = found.shots
+    assert "red" in shot.potted
+    assert "red potted" in shot.remarks
+    path, rows = found.found[0]["red"]
+    assert np.linalg.norm(np.abs(path.xy[rows]) - [1.0, 0.5], axis=1).min() > 0.045
+    assert found.doubts == ()
+
+
+def test_hands_are_no_cues() -> None:
+    made = Recording().wait(0.5).push(1, (0.3, 0.3)).wait(0.5).shot((1.2, 0.45)).wait(0.5).put(0, (-0.7, 0.3)).wait(0.5)
+    made.push(0, (-0.5, 0.0), 0.5).wait(0.4).shot((0.9, 0.3)).wait(0.5)
+    found = tracked_of(made)
+    assert [shot.time for shot in found.shots] == pytest.approx(made.struck, abs=2e-3)
+    assert len(found.left_out) == 2
+    assert all("as if moved by hand" in text for text in found.left_out)
+    assert "red" in found.left_out[0]
+
+
+def test_shots_without_their_beginning_are_left_out_and_told() -> None:
+    made = Recording().shot((1.2, 0.45)).wait(0.5).shot((-0.9, 0.1)).wait(0.5).shot((1.0, 0.0))
+    made.rows[0] = made.rows[0][10:]
+    made.rows[-1] = made.rows[-1][:60]
+    found = tracked_of(made)
+    assert len(found.shots) == 2
+    assert "on its way when the video begins" in found.left_out[0]
+    assert "cut off by the end of the video" in found.shots[1].remarks
+    assert found.shots[0].remarks == ()
+
+
+def test_two_shots_in_one() -> None:
+    """A ball struck while another still rolls: what rolls cannot be part of a clip."""
+    made = Recording().wait(0.5).shot((1.2, 0.45))
+    made.rows[-1] = made.rows[-1][:120]
+    made.now = made.rows[-1][-1]
+    rest = made.now.copy()
+    made.shot((0.3, 0.9), ball=2)
+    drift = np.cumsum(np.full((len(made.rows[-1]), 1), 0.15 / FPS), axis=0)[:60] * [1.0, 0.0]
+    made.rows[-1][:60, 0] = rest[0] + drift
+    made.rows[-1][60:, 0] = rest[0] + drift[-1]
+    found = tracked_of(made.wait(0.5))
+    assert [shot.struck for shot in found.shots] == ["white"]
+    assert found.shots[0].last <= round(made.struck[1] * FPS) + 1
+    assert any("yellow" in text and "on its way" in text for text in found.left_out)
+
+
+def test_a_ball_hidden_during_a_shot_leaves_a_gap() -> None:
+    made = Recording().wait(0.5).shot((1.2, 0.45)).wait(0.5)
+    made.rows[1][100:160, 2] = np.nan
+    found = tracked_of(made)
+    assert len(found.shots) == 1
+    path, rows = found.found[0]["yellow"]
+    frames = path.frame[rows]
+    assert not ((frames >= 160) & (frames < 220)).any()
+    assert frames[-1] > 300
+
+
+def test_a_struck_ball_lost_half_the_time_is_not_to_be_trusted() -> None:
+    made = Recording().wait(0.5).shot((1.2, 0.45)).wait(0.5)
+    made.rows[1][60:, 0] = np.nan
+    made.rows[2][:, 0] = np.nan
+    found = tracked_of(made)
+    assert any("white was lost in" in text for text in found.doubts)
+
+
+def test_late_rows_and_slow_cameras() -> None:
+    camera = dataclasses.replace(CAMERA, readout=0.015)
+    made = Recording(fps=30.0).wait(0.7).shot((1.0, 0.35), late=0.9).wait(0.7).shot((-0.9, 0.2), late=0.2).wait(0.7)
+    found = tracked_of(made, camera=camera)
+    assert [shot.struck for shot in found.shots] == ["white", "white"]
+    assert [shot.time for shot in found.shots] == pytest.approx(made.struck, abs=0.01)
+    clips = clip_set(found, camera, BALL.mass, 30.0)
+    times = {name: seen.time[0] for name, seen in clips.clips[0].balls.items()}
+    assert min(times.values()) == 0.0
+    assert max(times.values()) > 0.001
+
+
+def test_what_pictures_tell_goes_into_the_clip() -> None:
+    found = tracked_of(Recording().wait(0.5).shot((1.2, 0.45)).wait(0.5))
+    count = found.found[0]["white"][1].size
+    extra = Extra({"white": np.arange(count, dtype=float)}, "cue tip 1.43 +- 0.01 m/s at 34.2 deg")
+    (clip,) = clip_set(found, CAMERA, BALL.mass, FPS, [extra]).clips
+    assert clip.note.endswith("; 3 balls; cue tip 1.43 +- 0.01 m/s at 34.2 deg")
+    assert clip.balls["white"].theta[-1] == count - 1
+    assert np.isnan(clip.balls["red"].theta).all()
+
+
+def test_nothing_to_see() -> None:
+    found = tracked_of(Recording().wait(1.0))
+    assert found.shots == ()
+    assert "no shot was found" in found.doubts[0]
+    with pytest.raises(BadInput, match="holds no shot"):
+        clip_set(found, CAMERA, BALL.mass, FPS)
+
+
+def test_residuals_are_the_noise() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(2000) / FPS
+    xy = np.column_stack([0.5 * time, 0.1 * time**2]) + 1e-4 * rng.standard_normal((2000, 2))
+    off = rough(time, xy)
+    assert np.sqrt(np.nanmean(off**2)) == pytest.approx(1e-4 * np.sqrt(2 * (1 + 34 / 36)), rel=0.05)
+    late = np.delete(time, 1000)
+    assert np.isnan(rough(late, np.delete(xy, 1000, axis=0))[998:1002]).all()
+
+
+class Drawn:
+    """Footage of a recording: white discs on black, which a detector without doubts finds."""
+
+    size, fps, assumed = CAMERA.size, FPS, ("frame times from the test",)
+
+    def __init__(self, made: Recording) -> None:
+        self.position = np.concatenate(made.rows)
+        self.count = len(self.position)
+
+    def __iter__(self) -> Iterator[Frame]:
+        for index in range(self.count):
+            picture = np.zeros((self.size[1] // 2, self.size[0] // 2, 3), np.uint8)
+            picture[0, 0] = index // 256, index % 256, 0
+            yield Frame(index, index / FPS, picture)
+
+
+class Knowing:
+    """A detector that looks up where balls are; those that are not expected only when all are asked for."""
+
+    told, noise = ("told by the test",), 1.0
+
+    def __init__(self, made: Recording) -> None:
+        position = np.concatenate(made.rows)
+        self.seen = list(sightings(position, NAMES, np.random.default_rng(0)))
+        self.asked = [0, 0]
+
+    def find(self, picture: Picture, expected: Sequence[tuple[str, Array]] = ()) -> list[Seen]:
+        index = 256 * int(picture[0, 0, 0]) + int(picture[0, 0, 1])
+        self.asked[bool(expected)] += 1
+        if not expected:
+            return self.seen[index]
+        return [s for s in self.seen[index] for name, px in expected if s.name == name and np.hypot(*(s.xy - px)) < 60]
+
+
+@pytest.fixture(scope="module")
+def shown() -> tuple[Drawn, Tracked]:
+    made = Recording().wait(0.4).shot((1.2, 0.45), seconds=1.0).wait(0.4).put(2, (0.2, 0.3)).wait(0.4)
+    made.shot((-0.5, 0.3)).wait(0.4)
+    footage, detector = Drawn(made), Knowing(made)
+    result = track(cast(Footage, footage), CAMERA, cast(Detector, detector), {"white": 1}, lambda line: None)
+    assert detector.asked[0] < 0.1 * footage.count < detector.asked[1]
+    return footage, result
+
+
+def test_the_whole_picture_is_searched_now_and_then(shown: tuple[Drawn, Tracked]) -> None:
+    """Or a ball that is put on the table would not be found."""
+    _, result = shown
+    assert [path.name for path in result.scene.paths if path.frame[-1] == len(result.scene.frames) - 1] != []
+    assert len(result.shots) == 2
+    assert all(len(shot.balls) == 3 for shot in result.shots)
+    assert result.rate > 100
+
+
+def test_a_picture_of_every_clip(tmp_path: File, shown: tuple[Drawn, Tracked]) -> None:
+    footage, result = shown
+    written = write_previews(tmp_path / "previews", cast(Footage, footage), result)
+    assert [path.name for path in written] == ["0001.png", "0002.png"]
+    picture = cv2.imread(str(written[0]))
+    assert picture.shape == (480, 640, 3)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="is a file"):
+        write_previews(tmp_path / "file", cast(Footage, footage), result)
+
+
+def test_a_recording_of_the_footage(tmp_path: File, shown: tuple[Drawn, Tracked]) -> None:
+    from rerun.chunk import RrdReader
+
+    footage, result = shown
+    scene = result.scene
+    balls = {p.name: Sightings(p.frame, p.time, p.pixels, p.radius, p.xy, rough(p.time, p.xy)) for p in scene.paths}
+    shots = [(scene.when(s.first), scene.when(s.last), note(k, s)) for k, s in enumerate(result.shots, 1)]
+    (tmp_path / "fake.mp4").write_bytes(b"no video")
+    write_track(
+        tmp_path / "t.rrd", tmp_path / "fake.mp4", (scene.frames, scene.times),
+        lambda: (frame.picture for frame in footage), balls, shots, TABLE, BALL.diameter,
+    )  # fmt: skip
+    rows: dict[str, int] = {}
+    for chunk in RrdReader(tmp_path / "t.rrd").stream().to_chunks():
+        rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.to_record_batch().num_rows
+    assert rows["/picture/video"] == footage.count + 1
+    for path in scene.paths:
+        assert rows[f"/picture/{path.name}"] > len(path.time)
+        assert rows[f"/top/path/{path.name}"] == 3
+        assert rows[f"/residual/{path.name}"] == len(path.time) + 1
+    assert [file.name for file in tmp_path.iterdir() if file.name.startswith(".")] == []
+
+
+def options(*given: str) -> argparse.Namespace:
+    one = argparse.ArgumentParser()
+    cli_track.add(one)
+    return one.parse_args(given)
+
+
+def test_what_cannot_be_used_is_refused_before_the_work(tmp_path: File) -> None:
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "other.txt").write_text("mine")
+    begin = ("v.mkv", "--camera", "c.toml", "--out")
+    for given, words in (
+        ((*begin, str(tmp_path / "set")), "is there already"),
+        ((*begin, str(tmp_path / "set"), "--force"), "holds something else"),
+        ((*begin, str(tmp_path / "new"), "--mass", "-1"), "--mass -1"),
+        ((*begin, str(tmp_path / "new"), "--json", str(tmp_path / "no" / "f.json")), "folder does not exist"),
+        ((*begin, str(tmp_path / "new"), "--preview", str(tmp_path / "set" / "other.txt")), "is a file"),
+        ((*begin, str(tmp_path / "new")), "c.toml"),
+    ):
+        with pytest.raises(BadInput, match=words):
+            cli_track.run(options(*given), Progress())
+
+
+@pytest.mark.slow
+def test_from_video_to_clips(tmp_path: File, capsys: pytest.CaptureFixture[str]) -> None:
+    table = Table(1.0, 0.55)
+    flat = overhead(table, BALL.diameter, (480, 320), 1.6, 1.2, (0.02, -0.03))
+    camera = dataclasses.replace(flat, distortion=np.array([-0.05, 0.01, 0.0, 0.0, 0.0]))
+    write_camera(tmp_path / "camera.toml", camera)
+    places, velocity = np.array([[-0.3, -0.1], [0.05, 0.02], [0.3, -0.15]]), np.zeros((3, 2))
+    velocity[0] = [1.0, 0.33]
+    shot = Shot(NAMES, places, velocity, np.zeros((3, 3)), np.linspace(0, 2, 2001))
+    true = simulate(full_model(table, BALL), [shot], threads=1)[0]
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    times = np.arange(-0.4, 1.3, 1 / 60)
+    for k, picture in enumerate(film(camera, motion_of(true), times, Look(exposure=0.002, noise=3.0))):
+        cv2.imwrite(str(folder / f"{k:04d}.png"), picture)
+    given = [str(folder), "--camera", str(tmp_path / "camera.toml"), "--out", str(tmp_path / "set"), "--fps", "60"]
+    more = ["--rrd", str(tmp_path / "t.rrd"), "--preview", str(tmp_path / "p"), "--json", str(tmp_path / "t.json")]
+    code = cli_track.run(options(*given, *more), Progress())
+    said = capsys.readouterr().out
+    assert code == 0, said
+    assert "mass 0.1406 kg" in said
+    (clip,) = read_clip_set(tmp_path / "set").clips
+    assert clip.struck == "white"
+    assert set(clip.balls) == set(NAMES)
+    start = json.loads((tmp_path / "t.json").read_text())["clips"][0]["frames"][0]
+    for k, name in enumerate(NAMES):
+        seen = clip.balls[name]
+        at = times[start] + seen.time
+        right = np.column_stack([np.interp(at, true.times, true.position[:, k, axis]) for axis in (0, 1)])
+        off = np.hypot(*(seen.xy - right).T)
+        assert len(seen.time) == len(times) - start
+        rms = float(np.sqrt(np.mean(off**2)))
+        print(f"{name}: {1e3 * rms:.3f} mm, {rms / camera.radius * float(camera.radius_px(right[:1])[0]):.3f} px")
+        assert rms < 4e-4, name
+    assert (tmp_path / "t.rrd").stat().st_size > 1e5
+    assert (tmp_path / "p" / "0001.png").is_file()
+    with pytest.raises(BadInput, match="is there already"):
+        cli_track.run(options(*given), Progress())
