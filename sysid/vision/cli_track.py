@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from models.errors import BadInput
 from sysid.output import Progress, table, write_json
 
 if TYPE_CHECKING:
     from sysid.vision.camera import Camera
+    from sysid.vision.details import Details
     from sysid.vision.frames import Footage
     from sysid.vision.track import Tracked
 
@@ -41,6 +44,7 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     import cv2
 
     from sysid.vision.camera import read_camera
+    from sysid.vision.details import details
     from sysid.vision.detect import Detector
     from sysid.vision.frames import open_footage
     from sysid.vision.palette import default_palette, read_palette
@@ -55,15 +59,17 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
         raise BadInput(f"{args.video}: {sizes} pixels in video and {args.camera}; calibrate with this video's frames")
     detector = Detector.learn(camera, footage, palette, progress)
     result = track(footage, camera, detector, dict(zip(palette.names, palette.counts, strict=True)), progress)
+    seen = details(result, footage, camera, progress)
     progress.close()
     mass = args.mass if args.mass is not None else USUAL * camera.diameter**3
     told = [*footage.assumed, *detector.told, *result.told]
     if args.mass is None:
         told.append(f"mass {mass:.4f} kg, that of a snooker ball of this size: give yours with --mass")
     _print(result, told)
-    _write(args, result, footage, camera, mass, progress)
+    _print_details(seen)
+    _write(args, result, seen, footage, camera, mass, progress)
     if args.json:
-        write_json(args.json, to_json(args.video, result, told))
+        write_json(args.json, to_json(args.video, result, told, seen))
     for doubt in result.doubts:
         print(f"not to be trusted: {doubt}")
     return FOUND if result.doubts else DONE
@@ -100,13 +106,39 @@ def rows(result: Tracked) -> list[dict[str, Any]]:
     return found
 
 
-def to_json(video: str, result: Tracked, told: Sequence[str]) -> dict[str, Any]:
+def to_json(video: str, result: Tracked, told: Sequence[str], seen: Sequence[Details]) -> dict[str, Any]:
     """All figures."""
+    clips = [{**row, **_detail(one)} for row, one in zip(rows(result), seen, strict=True)]
     return {
         "format": "billiard-track/1", "video": video, "frames": len(result.scene.frames), "rate": result.rate,
         "noise": {"moving": result.noise.moving, "resting": result.noise.resting, "sigma": result.noise.sigma},
-        "clips": rows(result), "left_out": list(result.left_out), "told": list(told), "doubts": list(result.doubts),
+        "clips": clips, "left_out": list(result.left_out), "told": list(told), "doubts": list(result.doubts),
     }  # fmt: skip
+
+
+def _detail(one: Details) -> dict[str, Any]:
+    """Cue and marks of a clip."""
+    c = one.cue
+    cue = None if c is None else {
+        "speed": c.speed, "speed_sd": c.speed_sd, "azimuth": c.azimuth, "azimuth_sd": c.azimuth_sd, "side": c.side,
+        "side_sd": c.side_sd, "contact": c.contact, "told": list(c.told),
+    }  # fmt: skip
+    marks = {n: {"angles": int(np.isfinite(t.theta).sum()), "told": list(t.told)} for n, t in one.turned.items()}
+    return {"cue": cue, "marks": marks}
+
+
+def _print_details(seen: Sequence[Details]) -> None:
+    """What was seen of cues and marks, a line each."""
+    for number, one in enumerate(seen, 1):
+        if one.tip:
+            print(f"clip {number}: {one.tip}")
+        for text in one.cue.told if one.cue else ():
+            print(f"clip {number}: cue: {text}")
+        for name, turned in one.turned.items():
+            count = int(np.isfinite(turned.theta).sum())
+            print(f"clip {number}: {name}: turned angle in {count} of {len(turned.theta)} pictures")
+            for text in turned.told:
+                print(f"clip {number}: {name}: {text}")
 
 
 def _print(result: Tracked, told: Sequence[str]) -> None:
@@ -130,14 +162,16 @@ def _print(result: Tracked, told: Sequence[str]) -> None:
 
 
 def _write(
-    args: argparse.Namespace, result: Tracked, footage: Footage, camera: Camera, mass: float, progress: Progress
-) -> None:
+    args: argparse.Namespace, result: Tracked, seen: Sequence[Details], footage: Footage, camera: Camera, mass: float,
+    progress: Progress,
+) -> None:  # fmt: skip
     """The clip set, and pictures and recording where asked."""
     from sysid.clips import write_clip_set
-    from sysid.vision.track import clip_set
+    from sysid.vision.track import Extra, clip_set
 
     if result.shots:
-        write_clip_set(clip_set(result, camera, mass, footage.fps), args.out)
+        extras = [Extra({n: t.theta for n, t in one.turned.items()}, one.tip) for one in seen]
+        write_clip_set(clip_set(result, camera, mass, footage.fps, extras), args.out)
         print(f"\nclips: {args.out}")
     if args.preview:
         from sysid.vision.preview import write_previews

@@ -39,7 +39,7 @@ LOOK = 0.22  # distance of colours that can be the same ball's
 SAMPLES, OFTEN = 30, 0.1  # frames to learn from, and the part of them that shows a ball
 CLEAN = 16  # outlines to learn the optics from
 BLURS = (0.6, 0.72, 0.85, 1.0, 1.25, 1.6, 2.0, 2.6)  # of edges, that are tried [pixels]
-LONG = 1.5  # stretch at which they can be told
+LONG, MUTE = 1.5, 1e3  # stretch at which they can be told; noise that leaves an edge without a say [grey levels]
 ROUGH, SMOOTHEST = 4.0, 1.0  # noise of edges before it is known, and the least after that [grey levels]
 LOOSE = 0.05  # by which the radius may be off before it is known, in parts
 # What is told of: departures in size, small radii [pixels], soft or rough edges, changing light, poor centres [pixels].
@@ -332,9 +332,10 @@ def _optics(found: Sequence[tuple[View, Fit]], optics: Optics) -> Optics:
 
     if not clean:
         return replace(optics, give=Optics.give)
-    # Along short normals every blur fits. Colour, often kept at half the resolution, is softer than brightness; taken for
-    # too sharp, its edges seem to lie farther out.
-    light = min(BLURS, key=lambda b: middle(replace(optics, blur=(b, b), stretch=LONG), lambda fit: fit.rest))
+    # Along short normals every blur fits. Colour, often kept at half the resolution, is softer than brightness, which is
+    # looked at alone; taken for too sharp, its edges seem to lie farther out.
+    alone = replace(optics, rough=(ROUGH, MUTE), stretch=LONG)
+    light = min(BLURS, key=lambda b: middle(replace(alone, blur=(b, b)), lambda fit: fit.rest))
     softer = [replace(optics, blur=(light, b)) for b in BLURS if b >= light]
     optics = min(softer, key=lambda tried: abs(middle(tried, lambda fit: fit.between)))
     for _ in range(2):

@@ -38,7 +38,8 @@ MARK: Colour = (0.04, 0.04, 0.04)
 RUBBER = 0.05  # width of the cushions [m]
 FRAME = 0.10  # and of the wood behind them [m]
 FINE = 4  # rays along the side of a pixel
-SHIFT = 4  # bits of sub-pixel positions in OpenCV's drawing
+SHIFT = 8  # bits of sub-pixel positions in OpenCV's drawing
+CUE_FINE = 8  # finer pixels along the side of one, for the cue
 
 
 @dataclass(frozen=True)
@@ -258,8 +259,16 @@ def _cue(camera: Camera, cue: Cue, moment: float, look: Look, picture: Light) ->
         middle = tip + ways[:, None] * back
         edge = np.concatenate([middle + wide[:, None] * side, (middle - wide[:, None] * side)[::-1]])
         points = camera.project(edge)
-        cover = np.zeros(picture.shape[:2], np.uint8)
-        cv2.fillPoly(cover, [np.rint(points * 2**SHIFT).astype(np.int32)], 255, cv2.LINE_AA, SHIFT)
-        part = (cover.astype(np.float32) / 255)[..., None]
-        picture *= 1 - part
-        picture += part * np.array(colour, np.float32)
+        low = np.clip(np.floor(points.min(axis=0)).astype(int) - 1, 0, camera.size)
+        high = np.clip(np.ceil(points.max(axis=0)).astype(int) + 2, 0, camera.size)
+        if (high <= low).any():
+            continue
+        # OpenCV's own smooth edges lie half a pixel too far out: what covers a pixel is counted on a finer grid.
+        w, h = high - low
+        fine = np.zeros((h * CUE_FINE, w * CUE_FINE), np.uint8)
+        corners = (points - low + 0.5) * CUE_FINE - 0.5
+        cv2.fillPoly(fine, [np.rint(corners * 2**SHIFT).astype(np.int32)], 255, cv2.LINE_8, SHIFT)
+        part = cv2.resize(fine.astype(np.float32) / 255, (int(w), int(h)), interpolation=cv2.INTER_AREA)[..., None]
+        seen = picture[low[1] : high[1], low[0] : high[0]]
+        seen *= 1 - part
+        seen += part * np.array(colour, np.float32)
