@@ -33,13 +33,14 @@ APART = 1.3  # radii between two balls' centres, at least
 DOUBTFUL, CLEAR = 3.0, 0.1  # quality below which other ways are tried; scatter than which none is better [pixels]
 TRIED, WAYS, ASTRAY = 10, 6, 0.3  # guesses tried in other ways; places about each; how far off [radii]
 DRAWN = (0.75, 0.9, 1.1)  # parts of a smear that are tried
+CLEARLY = 1.25  # quality over another's, of what takes its place
 BLOB, VAGUE = 0.6, (0.1, 0.02)  # smear [radii] whose middle is better than an outline; its sd [pixels], and growth
 NEAR, REACHES = 2.5, (2.5, 6.0)  # from an expected place: what is taken at once [pixels], windows searched [radii]
 LOOK = 0.22  # distance of colours that can be the same ball's
 SAMPLES, OFTEN = 30, 0.1  # frames to learn from, and the part of them that shows a ball
 CLEAN = 16  # outlines to learn the optics from
 BLURS = (0.6, 0.72, 0.85, 1.0, 1.25, 1.6, 2.0, 2.6)  # of edges, that are tried [pixels]
-LONG, MUTE = 1.5, 1e3  # stretch at which they can be told; noise that leaves an edge without a say [grey levels]
+LONG = 1.5  # stretch at which they can be told
 ROUGH, SMOOTHEST = 4.0, 1.0  # noise of edges before it is known, and the least after that [grey levels]
 LOOSE = 0.05  # by which the radius may be off before it is known, in parts
 # What is told of: departures in size, small radii [pixels], soft or rough edges, changing light, poor centres [pixels].
@@ -168,7 +169,8 @@ def fit_near(view: View, optics: Optics, starts: Sequence[Array]) -> list[Fit | 
 
 
 def _better(one: Fit | None, other: Fit | None) -> Fit | None:
-    return max(one, other, key=lambda fit: fit.quality) if one and other else one or other
+    """The first, unless the other is clearly better."""
+    return other if other and (one is None or other.quality > CLEARLY * one.quality) else one
 
 
 def plausible(view: View, fit: Fit | None, coverage: float = COVERAGE) -> bool:
@@ -322,26 +324,24 @@ def _optics(found: Sequence[tuple[View, Fit]], optics: Optics) -> Optics:
     """What lens and sensor make of the clearest outlines: the blurs that leave least, and how edges scatter."""
     clean = sorted((f for f in found if np.isfinite(f[1].rest)), key=lambda f: -f[1].quality)[:CLEAN]
 
-    def fitted(tried: Optics) -> list[Fit]:
-        fits = [fit_outlines(view, tried, [fit.xy])[0] for view, fit in clean]
-        return [fit for fit in fits if fit is not None]
+    def fitted(tried: Optics) -> list[tuple[View, Fit]]:
+        fits = [(view, fit_outlines(view, tried, [fit.xy])[0]) for view, fit in clean]
+        return [(view, fit) for view, fit in fits if fit is not None]
 
     def middle(tried: Optics, of: Callable[[Fit], float]) -> float:
         fits = fitted(tried)
-        return float(np.median([of(fit) for fit in fits])) if 2 * len(fits) > len(clean) else np.inf
+        return float(np.median([of(fit) for _, fit in fits])) if 2 * len(fits) > len(clean) else np.inf
 
     if not clean:
         return replace(optics, give=Optics.give)
-    # Along short normals every blur fits. Colour, often kept at half the resolution, is softer than brightness, which is
-    # looked at alone; taken for too sharp, its edges seem to lie farther out.
-    alone = replace(optics, rough=(ROUGH, MUTE), stretch=LONG)
-    light = min(BLURS, key=lambda b: middle(replace(alone, blur=(b, b)), lambda fit: fit.rest))
+    # Along short normals every blur fits. Colour, often kept at half the resolution, is softer than brightness; taken
+    # for too sharp, its edges seem to lie farther out, and draw the outline with them.
+    light = min(BLURS, key=lambda b: middle(replace(optics, blur=(b, b), stretch=LONG), lambda fit: fit.rest))
     softer = [replace(optics, blur=(light, b)) for b in BLURS if b >= light]
     optics = min(softer, key=lambda tried: abs(middle(tried, lambda fit: fit.between)))
-    for _ in range(2):
-        fits = fitted(optics)
-        if fits:
-            rough = np.maximum(np.median([fit.rough for fit in fits], axis=0), SMOOTHEST)
-            size = float(np.median([fit.size for fit in fits]))
-            optics = replace(optics, rough=(float(rough[0]), float(rough[1])), size=size, give=Optics.give)
+    for give in (optics.give, optics.give, Optics.give):
+        clean = fitted(optics) or clean
+        rough = np.maximum(np.median([fit.rough for _, fit in clean], axis=0), SMOOTHEST)
+        size = float(np.median([fit.size for _, fit in clean]))
+        optics = replace(optics, rough=(float(rough[0]), float(rough[1])), size=size, give=give)
     return optics

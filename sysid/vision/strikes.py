@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from models.shot import Table
 from sysid.vision.camera import Array
 from sysid.vision.follow import Path
+from sysid.vision.jumps import first_jump
 
 REST = 0.15  # in which a ball that rests keeps its place [s]
 FEWEST = 4  # sightings of a rest
@@ -338,7 +339,8 @@ def _shot(
         if scene.when(move.began) - scene.when(cover) < (LULL if move.place is not None else 1.5 * scene.period):
             cover = max(cover, min(move.ended, limit))
     last = min(int(scene.frames[np.searchsorted(scene.times, scene.when(cover) + TAIL, side="right") - 1]), limit)
-    remarks = []
+    last, jumps = first_jump(scene.paths, first, last)
+    remarks = [f"cut short at {scene.when(last):.2f} s, where {jumps} jumps"] if jumps else []
     if last >= scene.frames[-1] and cover >= scene.frames[-1] - 1:
         remarks.append("cut off by the end of the video")
     potted = {}
