@@ -16,6 +16,7 @@ from sysid.evidence import Candidate, Point, score_all
 from sysid.next_shot import NextShot, propose
 from sysid.problem import Array
 from sysid.refine import refine
+from sysid.remainder import remainder
 from sysid.runs import believed, look_at_runs
 from sysid.stages import Clips, Stage, begin, compare_stages, followed, left_over, problem_at, stage
 from sysid.structure import NAME, Structure, describe, scores_of_terms, select
@@ -233,6 +234,8 @@ def discover(
             save(found)
     if structure is not None:
         found = _with_formula(clips, found, now, structure, report)
+    if found.unexplained is None:
+        found = dataclasses.replace(found, unexplained=remainder(clips, found.last))
     return dataclasses.replace(found, next_shot=best_next(clips, found.last, found.rounds, found.verdict, report))
 
 
