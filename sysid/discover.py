@@ -11,11 +11,12 @@ import numpy as np
 
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.diagnose import NAMED, REST, Round, Trial, candidates_for, lent, look, try_one
+from sysid.diagnose import MATTERS, NAMED, REST, Round, Trial, candidates_for, lent, look, try_one
 from sysid.evidence import Candidate, Point, score_all
 from sysid.next_shot import NextShot, propose
 from sysid.problem import Array
 from sysid.refine import refine
+from sysid.remainder import remainder
 from sysid.runs import believed, look_at_runs
 from sysid.stages import Clips, Stage, begin, compare_stages, followed, left_over, problem_at, stage
 from sysid.structure import NAME, Structure, describe, scores_of_terms, select
@@ -233,22 +234,33 @@ def discover(
             save(found)
     if structure is not None:
         found = _with_formula(clips, found, now, structure, report)
+    if found.unexplained is None:
+        found = dataclasses.replace(found, unexplained=remainder(clips, found.last))
     return dataclasses.replace(found, next_shot=best_next(clips, found.last, found.rounds, found.verdict, report))
 
 
 def _with_formula(clips: Clips, found: Discovery, now: Stage, structure: Structure, report: Report) -> Discovery:
-    """The verdict beside the formula: effects that it makes superfluous go; the model file holds named effects only."""
+    """The verdict beside the formula, without what either makes superfluous; the model file holds named effects only.
+
+    Effects that were named beside the formula may explain what it was found for.
+    """
     before = found.verdict
     formed, verdict = _prune(clips, now, before, report)
     plain = without(clips, formed, NAME, report)
-    told = describe(structure, formed, None) | {"delta_bic": (found.unexplained or {}).get("delta_bic")}
-    told |= {"rms_m": formed.rms, "held_out_rms_m": formed.held_rms, "chi2_reduced": formed.chi2}
+    plain = lent(clips, plain, formed, f"without {NAME}", report) or plain
+    worth = compare_stages(clips, plain, formed)
     kept = [(s, v) for s, v in zip(found.stages, found.verdicts, strict=True) if set(v) < set(verdict) or not v]
-    return dataclasses.replace(
+    found = dataclasses.replace(
         found, stages=(*(s for s, _ in kept[: len(verdict)]), plain) if verdict else (plain,),
         verdicts=(*(v for _, v in kept[: len(verdict)]), verdict) if verdict else ((),),
-        unexplained=told, explained=formed, pruned=tuple(v for v in before if v not in verdict),
+        pruned=tuple(v for v in before if v not in verdict),
     )  # fmt: skip
+    if worth.delta_bic <= NAMED or worth.gain <= MATTERS * found.rounds[-1].count:
+        report("the formula is no longer needed")
+        return dataclasses.replace(found, unexplained=None)
+    told = describe(structure, formed, worth)
+    told |= {"rms_m": formed.rms, "held_out_rms_m": formed.held_rms, "chi2_reduced": formed.chi2}
+    return dataclasses.replace(found, unexplained=told, explained=formed)
 
 
 def _width(one: Candidate) -> Array:

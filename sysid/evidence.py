@@ -140,6 +140,28 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
     return Signature(one, probe, columns)
 
 
+def of_strike(point: Point, jx: Array, one: Candidate) -> Signature:
+    """The signature of an effect that is open at the strike alone, from the derivatives jx (n, m, p) by own unknowns.
+
+    All that it does is to begin the shot with other unknowns, so nothing but what is known of these tells of it. The
+    difference of two simulations would drown that: it says as much of a thin cut as its steps are uneven.
+    """
+    known, off, problem = one.effect.parameters(), one.off(), point.problem
+    probe = np.array([PROBE * np.subtract(*known[k]["bounds"][::-1]) for k in one.keys])
+    shifts = np.zeros((*point.x.shape, len(off)))
+    for j, by in enumerate(probe):
+        step = by * (np.arange(len(off)) == j)
+        there, back = (problem.struck(point.x, one.at(off + s * step)) for s in (1.0, -1.0))
+        shifts[..., j] = 0.5 * (there - back)
+    return Signature(one, probe, np.einsum("nmp,npk->nmk", jx, shifts))
+
+
+def strikes_only(kind: type[Effect]) -> bool:
+    """Whether an effect's only open door is the strike."""
+    others = ("edit", "forces", "horizon", "impact", "exposures", "observe")
+    return kind.strike is not Effect.strike and all(getattr(kind, d) is getattr(Effect, d) for d in others)
+
+
 @dataclass(frozen=True)
 class Score:
     """What a candidate promises beside all that is active."""
@@ -185,7 +207,10 @@ def score_all(
     n = len(point.x)
     steps_c = constant_steps(problem.model, problem.names)
     r, jx, jc = differences(problem.evaluate, point.x, point.c, np.arange(n), problem.steps, steps_c)
-    signatures = [signature(point, r, one, quick) for one in candidates]
+    signatures = [
+        of_strike(point, jx, one) if strikes_only(type(one.effect)) else signature(point, r, one, quick)
+        for one in candidates
+    ]
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
     j = np.concatenate([jc, extra], axis=2)
     information, score, _, _ = eliminated(r, jx, j, point.x, problem.prior, robust)

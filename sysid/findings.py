@@ -176,12 +176,13 @@ def alike_lines(seen: Round) -> list[str]:
 
 def unexplained_lines(told: Mapping[str, Any]) -> list[str]:
     """What nothing in the catalogue explains, in words."""
-    return [
-        f"something else: {told['where']}",
-        f"it depends on {', '.join(told['depends_on'])}; {told['what']}: {told['size']:.3g}",
-        f"as a formula: {told['form']}",
-        "to add it: sysid new-effect NAME --from result.json",
-    ]
+    depends = f"it depends on {', '.join(told['depends_on'])}; " if told["depends_on"] else ""
+    lines = [f"something else: {told['where']}", f"{depends}{told['what']}: {told['size']:.3g} {told['unit']}"]
+    if told["form"]:
+        lines.append(f"as a formula: {told['form']}")
+    if told["terms"]:
+        lines.append("to add it: sysid new-effect NAME --from result.json")
+    return lines
 
 
 def shot_lines(shot: NextShot | None) -> list[str]:

@@ -6,6 +6,7 @@ import argparse
 import hashlib
 import pickle
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +37,7 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
         verdict_lines,
     )
     from sysid.pieces import whole
+    from sysid.remainder import remainder
     from sysid.runs import look_at_runs
     from sysid.stages import begin, followed
     from sysid.structure import describe
@@ -43,9 +45,11 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     clips, base = begin(clip_set, model, progress)
     smooth = None if followed(clips, base) else look_at_runs(clips, base, progress)
     judged = Judgement(smooth) if smooth and smooth.best else judge(clips, base, progress)
-    told = None
+    told: Mapping[str, Any] | None = None
     if judged.structure is not None and judged.trial is not None:
         told = describe(judged.structure, judged.trial.stage, judged.trial.evidence)
+    elif judged.name is None:
+        told = remainder(clips, judged.round.base)
     shot = best_next(clips, base, (judged.round,), (judged.name,) if judged.name else (), progress)
     progress.close()
     seen = judged.round

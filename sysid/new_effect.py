@@ -191,6 +191,8 @@ def source_of(path: Path | str, name: str) -> str:
 def translated(unexplained: dict[str, Any], name: str, path: Path) -> str:
     """The effect's text for the formula that a discovery found; BadInput where it found none."""
     try:
+        if not unexplained["terms"]:
+            raise ValueError
         return source_from(name, unexplained, f"sysid discover, {path.name}")
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(

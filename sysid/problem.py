@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.effect import Effect
 from models.model_file import Model
 from models.observe import observed, undone
 from models.shot import Shot, Table, Track
@@ -159,6 +160,18 @@ class ShotProblem:
             self.balls(clip), x, self.azimuth[clip], self.model.ball.radius, rest, times,
             self.clips[clip].order, not self.clips[clip].running,
         )  # fmt: skip
+
+    def struck(self, x: Array, effect: Effect) -> Array:
+        """Own unknowns (n, p) that begin as these do where an effect changes what the cue delivers."""
+        velocity = np.stack([turn(a) @ row[2:4] for a, row in zip(self.azimuth, x, strict=True)])
+        spin = np.stack([np.append(turn(a) @ row[4:6], row[6]) for a, row in zip(self.azimuth, x, strict=True)])
+        radius = self.model.ball.radius
+        v, w = effect.strike(self.model.ball, velocity, spin / radius)
+        out = x.copy()
+        for k, (a, clip) in enumerate(zip(self.azimuth, self.clips, strict=True)):
+            if not clip.running:
+                out[k, 2:4], out[k, 4:6], out[k, 6] = turn(-a) @ v[k], turn(-a) @ w[k, :2] * radius, w[k, 2] * radius
+        return out
 
     def times(self, clip: int) -> Array:
         """Every time at which any ball was seen, up to the horizon."""

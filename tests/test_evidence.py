@@ -12,6 +12,7 @@ from models.model_file import effect_class, full_model
 from models.shot import Ball, Table
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clock import stamp_scale
+from sysid.commands import with_scatter
 from sysid.evidence import Point, candidate, score_all
 from sysid.next_shot import OFFSET, SPEEDS, propose
 from sysid.problem import ShotProblem, shot_problem
@@ -23,23 +24,9 @@ SIGMA = 0.0005
 NAMES = ("decoupled_cloth.slide", "decoupled_cloth.roll", "cushion_impact.restitution", "cushion_impact.friction")
 
 
-@pytest.fixture(scope="module")
-def drag(tmp_path_factory: pytest.TempPathFactory) -> Point:
-    """A fit that stands at the true constants, on clips with a little air drag hidden."""
-    folder = tmp_path_factory.mktemp("drag") / "set"
-    words = [
-        "--seed",
-        "9",
-        "--clips",
-        "6",
-        "--seconds",
-        "2",
-        "--kind",
-        "roll,stun,follow",
-        "--effect",
-        "air_drag=0.004",
-    ]
-    assert generate([str(folder), *words]) == 0
+def at_the_truth(folder: Path, *words: str) -> Point:
+    """A fit that stands at the true constants of a generated set."""
+    assert generate([str(folder), "--seed", "9", *words]) == 0
     clip_set, c = read_clip_set(folder), jittered(9)
     values = {
         "decoupled_cloth.slide": c.mus, "decoupled_cloth.roll": c.mur, "decoupled_cloth.spin": c.spin,
@@ -51,6 +38,13 @@ def drag(tmp_path_factory: pytest.TempPathFactory) -> Point:
     at = np.array([values[n] for n in NAMES])
     x, _ = fit_each(problem.evaluate, problem.start, at, problem.steps, problem.prior, 4.0, 40)
     return Point(problem, x, at)
+
+
+@pytest.fixture(scope="module")
+def drag(tmp_path_factory: pytest.TempPathFactory) -> Point:
+    """Clips with a little air drag hidden."""
+    words = ("--clips", "6", "--seconds", "2", "--kind", "roll,stun,follow", "--effect", "air_drag=0.004")
+    return at_the_truth(tmp_path_factory.mktemp("drag") / "set", *words)
 
 
 def test_the_hidden_effect_scores_best_and_its_size_is_promised(drag: Point) -> None:
@@ -81,6 +75,20 @@ def test_what_is_known_beside_the_clips_counts(drag: Point) -> None:
     told = score_all(drag, few, {"clock_scale.factor": (1.01, 0.001)}).rows[0]
     assert told.gain > blind.gain + 50
     assert told.step[0] == pytest.approx(1.01, abs=0.003)
+
+
+def test_squirt_shows_against_the_commands_as_far_as_they_are_kept(tmp_path: Path) -> None:
+    """Thin cuts magnify the direction, and tell no more of it: the cue strays by 0.3 degrees from its commands."""
+    kinds = ("--kind", "roll,cut_side,side,stun,cushion_side,draw", "--clips", "12", "--seconds", "2")
+    for folder, squirt in (("set", 4.0), ("none", 0.0)):
+        found = at_the_truth(tmp_path / folder, *kinds, *(("--effect", f"squirt={squirt}") if squirt else ()))
+        problem = with_scatter(found.problem, found.x)
+        strays = problem.prior.sd[:, 3] / found.x[:, 2]
+        assert np.median(strays) == pytest.approx(np.radians(0.3), rel=0.5)
+        [score] = score_all(dataclasses.replace(found, problem=problem), [candidate(effect_class("squirt"))], {}).rows
+        assert score.step[0] == pytest.approx(squirt, abs=3 * score.sd[0])
+        assert 0.3 < score.sd[0] < 1.2
+        assert (score.gain > 15.0) is (squirt > 0)
 
 
 def filmed(interval: float, fps: float, frames: int = 80, noise: float = 0.0) -> ClipSet:

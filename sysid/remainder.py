@@ -1,0 +1,94 @@
+"""What is left where neither an effect nor a formula explains it: a camera that swings, or that something is there.
+
+The balls of a clip swing together in the picture, with a phase that no clip knows of another. So each clip has an
+amplitude and a phase of its own, and the frequency is the one at which they explain most together. What own unknowns
+can imitate, less than a swing a clip, shows too weak.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from sysid.evidence import Point
+from sysid.problem import Array
+from sysid.stages import Clips, Stage, correlation_time, left_over
+
+LEFT = 0.1  # of the noise's square, beyond it, from which something is left
+TOGETHER = 1.5  # samples that count as one, from which residuals hang together: else the noise is larger, or has tails
+CHANCE = 1e-6  # that noise alone shows such a swing
+CLIPPED = 4.0  # residuals count as no larger [standard deviations]
+FINE = 4  # frequencies per swing in the longest clip
+FASTEST = 60.0  # [1/s]
+FEWEST = 2  # swings in the longest clip
+MOST = 0.5  # of what is left, that one frequency must explain: all that moves slowly has some of each
+LEAST = 20  # samples of a clip
+
+
+def remainder(clips: Clips, now: Stage) -> Mapping[str, Any] | None:
+    """What a fit leaves beyond noise, as `unexplained` of result.json has it; None where it is nothing to speak of."""
+    left = left_over(clips, now)
+    together = correlation_time(clips, now.point, now.fit.rate)
+    if left < LEFT or together < TOGETHER:
+        return None
+    return swing(now.point, clips.sigma) or {
+        "where": "not located", "depends_on": [], "size": clips.sigma * float(np.sqrt(left)), "unit": "m",
+        "what": f"error beyond the noise, rms, {together:.0f} samples of which hang together", "form": None,
+        "delta_bic": None, "terms": [],
+    }  # fmt: skip
+
+
+def swing(point: Point, sigma: float) -> Mapping[str, Any] | None:
+    """The swing that explains most, as `unexplained` of result.json has it; None where there is none.
+
+    `sigma` is the noise that the point's residuals are in units of [m].
+    """
+    clips = [c for c in _by_clip(point) if len(c[0]) >= LEAST]
+    if not clips:
+        return None
+    longest = max(float(np.ptp(t)) for t, _ in clips)
+    step = np.median([float(np.median(np.diff(np.unique(t)))) for t, _ in clips])
+    frequency = np.arange(FEWEST * FINE, int(FINE * longest * min(0.5 / step, FASTEST))) / (FINE * longest)
+    if frequency.size == 0:
+        return None
+    power, size, gain = (np.zeros((2, frequency.size)) for _ in range(3))
+    for time, r in clips:
+        wave = np.exp(-2j * np.pi * frequency[:, None] * time)
+        for axis in range(2):
+            found = 2 * np.abs(wave @ r[:, axis]) ** 2 / len(time)
+            power[axis] += found / max(float(np.mean(r[:, axis] ** 2)) - found.max() / len(time), 0.2)
+            size[axis] += 2 * found / len(time)
+            gain[axis] += found
+    axis, k = (int(v) for v in np.unravel_index(int(np.argmax(power)), power.shape))
+    chance = float(chi2.sf(power[axis, k], 2 * len(clips))) * power.size
+    left = sum(float(np.sum(r**2 - 1)) for _, r in clips)
+    if not chance < CHANCE or gain[axis, k] < MOST * left:
+        return None
+    amplitude, f = sigma * float(np.sqrt(size[axis, k] / len(clips))), float(frequency[k])
+    name = "xy"[axis]
+    return {
+        "where": f"the image: it swings along {name}, {f:.2f} times a second", "depends_on": ["time"],
+        "size": amplitude, "unit": "m", "what": "place of everything in the image", "frequency_hz": f,
+        "form": f"{name} + {amplitude:.2g} m sin(2 pi {f:.2f} t + a phase of each clip)",
+        "delta_bic": float(power[axis, k]) - 2 * len(clips) * float(np.log(sum(len(t) for t, _ in clips))), "terms": [],
+    }  # fmt: skip
+
+
+def _by_clip(point: Point) -> list[tuple[Array, Array]]:
+    """Times (m,) and residuals (m, 2) of every clip, in standard deviations, all balls that were trusted together."""
+    found = []
+    residuals = point.residuals()
+    for k, clip in enumerate(point.problem.clips):
+        times, values, at = [], [], 0
+        for name in point.problem.balls(k):
+            n = len(clip.balls[name].time)
+            xy = residuals[k, at : at + 2 * n].reshape(n, 2)
+            good = np.isfinite(xy).all(axis=1)
+            times.append(clip.balls[name].time[good])
+            values.append(np.clip(xy[good], -CLIPPED, CLIPPED))
+            at += 3 * n
+        found.append((np.concatenate(times), np.concatenate(values)))
+    return found
