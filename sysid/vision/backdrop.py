@@ -36,7 +36,7 @@ NOISY, OFF = (
     0.06,
 )  # departures that count: above so many times the noise, and so great a part of the table's colour
 SPAN, DARK = 3.0, 0.55  # window about a smeared ball [radii]; what a shadow leaves of the light
-SHORTEST, LONGEST = 2.0, 3.0  # smears [pixels], [radii]
+SHORTEST, LONGEST = 0.15, 3.0  # smears [radii]
 UNLIKE = 0.25  # part by which the variances of a smeared ball may differ from a stadium's
 
 
@@ -323,7 +323,7 @@ def smeared(view: View, place: Array) -> tuple[Array, Array] | None:
     box, ends = 2 * radius * long, 4 * radius**3 * long / 3
     across = (disc * radius**2 / 4 + box * radius**2 / 3) / len(x)
     along = (disc * (radius**2 + long**2) / 4 + box * long**2 / 12 + ends) / len(x)
-    if not SHORTEST < long < LONGEST * radius or max(abs(thin / across - 1), abs(wide / along - 1)) > UNLIKE:
+    if not SHORTEST < long / radius < LONGEST or max(abs(thin / across - 1), abs(wide / along - 1)) > UNLIKE:
         return None
     return np.asarray(middles[k] + corner), np.asarray(long * axes[:, 1])
 

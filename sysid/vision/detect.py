@@ -32,8 +32,8 @@ FULL, FILLED, DISC = 0.7, 0.5, 0.8  # coverage from which on a ball need not fil
 APART = 1.3  # radii between two balls' centres, at least
 DOUBTFUL, CLEAR = 3.0, 0.1  # quality below which other ways are tried; scatter than which none is better [pixels]
 TRIED, WAYS, ASTRAY = 10, 6, 0.3  # guesses tried in other ways; places about each; how far off [radii]
-DRAWN = (0.75, 0.9, 1.1)  # parts of a smear that are tried
-CLEARLY = 1.25  # quality over another's, of what takes its place
+LOOSELY, DRAWN = 0.22, (0.75, 0.9, 1.1)  # scatter from which on smears are tried [pixels], and in which parts
+CLEARLY = 1.1  # quality over another's, of what takes its place
 BLOB, VAGUE = 0.6, (0.1, 0.02)  # smear [radii] whose middle is better than an outline; its sd [pixels], and growth
 NEAR, REACHES = 2.5, (2.5, 6.0)  # from an expected place: what is taken at once [pixels], windows searched [radii]
 LOOK = 0.22  # distance of colours that can be the same ball's
@@ -41,7 +41,10 @@ SAMPLES, OFTEN = 30, 0.1  # frames to learn from, and the part of them that show
 CLEAN = 16  # outlines to learn the optics from
 BLURS = (0.6, 0.72, 0.85, 1.0, 1.25, 1.6, 2.0, 2.6)  # of edges, that are tried [pixels]
 LONG = 1.5  # stretch at which they can be told
-ROUGH, SMOOTHEST = 4.0, 1.0  # noise of edges before it is known, and the least after that [grey levels]
+# Noise of edges in brightness and colour [grey levels], and their blur [pixels], before they are known: colour is often
+# kept at half the resolution, and taken for too sharp it draws outlines astray.
+ROUGH, SOFTER = (4.0, 6.0), (0.85, 1.0)
+SMOOTHEST = 1.0  # the least noise of edges [grey levels]
 LOOSE = 0.05  # by which the radius may be off before it is known, in parts
 # What is told of: departures in size, small radii [pixels], soft or rough edges, changing light, poor centres [pixels].
 WRONG_SIZE, SMALL, SOFT, FLICKER, POOR = 0.04, 6.0, 1.4, 0.03, 0.15
@@ -151,7 +154,8 @@ def fit_near(view: View, optics: Optics, starts: Sequence[Array]) -> list[Fit | 
     owners: list[int] = []
     tries: list[tuple[Array, Array]] = []
     for k in [k for k, fit in enumerate(best) if fit is None or fit.quality < DOUBTFUL][:TRIED]:
-        moved, radius = smeared(view, starts[k]), view.scene.radius(starts[k])
+        fit, radius = best[k], view.scene.radius(starts[k])
+        moved = smeared(view, starts[k]) if fit is None or fit.scatter > LOOSELY else None
         if moved is not None:
             middle, way = moved
             long = float(np.hypot(*way))
@@ -221,7 +225,7 @@ class Detector:
             raise BadInput("camera: sees no table in its pictures; calibrate it anew")
         progress("learning what the empty table looks like")
         pictures = [frame.picture for frame in footage.sample(SAMPLES)]
-        optics = Optics((ROUGH, ROUGH), give=LOOSE * scene.radius(np.array(camera.size) / 2))
+        optics = Optics(ROUGH, SOFTER, give=LOOSE * scene.radius(np.array(camera.size) / 2))
         backdrop, resting = empty_table(scene, pictures, lambda view: [fit.xy for fit in balls(view, optics, FILLED)])
         progress("learning what the balls look like")
         views = [backdrop.view(picture) for picture in pictures]
@@ -304,7 +308,7 @@ def _troubles(learnt: Detector, found: Sequence[Fit], resting: int, lights: Arra
         )
     if radius < SMALL:
         told.append(f"balls are only {radius:.1f} pixels in radius: centres are poor")
-    if optics.blur[1] > SOFT * optics.blur[0] or max(optics.rough) > SOFT * max(learnt.noise, ROUGH):
+    if optics.blur[1] > SOFT * optics.blur[0] or max(optics.rough) > SOFT * max(learnt.noise, ROUGH[0]):
         told.append(
             "edges are rougher than the noise, as compression makes them: true errors may be twice the estimated"
         )
@@ -334,11 +338,13 @@ def _optics(found: Sequence[tuple[View, Fit]], optics: Optics) -> Optics:
 
     if not clean:
         return replace(optics, give=Optics.give)
-    # Along short normals every blur fits. Colour, often kept at half the resolution, is softer than brightness; taken
-    # for too sharp, its edges seem to lie farther out, and draw the outline with them.
-    light = min(BLURS, key=lambda b: middle(replace(optics, blur=(b, b), stretch=LONG), lambda fit: fit.rest))
-    softer = [replace(optics, blur=(light, b)) for b in BLURS if b >= light]
-    optics = min(softer, key=lambda tried: abs(middle(tried, lambda fit: fit.between)))
+    # Where colour is taken for too sharp, its edges seem to lie farther out. Along short normals every blur fits.
+    pairs = []
+    for light in BLURS:
+        softer = [replace(optics, blur=(light, tint)) for tint in BLURS if tint >= light]
+        pairs.append(min(softer, key=lambda tried: abs(middle(tried, lambda fit: fit.between))))
+    best = min(pairs, key=lambda tried: middle(replace(tried, stretch=LONG), lambda fit: fit.rest))
+    optics = replace(optics, blur=best.blur)
     for give in (optics.give, optics.give, Optics.give):
         clean = fitted(optics) or clean
         rough = np.maximum(np.median([fit.rough for _, fit in clean], axis=0), SMOOTHEST)

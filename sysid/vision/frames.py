@@ -29,7 +29,7 @@ STAMPS = ("times.csv", "timestamps.txt")  # beside the pictures
 PROBE = 60  # frames that show how a container keeps time
 ROUNDED = 0.6e-3  # off the even rate by the millisecond that some containers round to [s]
 UNEVEN = 0.05  # of a period: more than this off the even rate is a variable one
-AGREE = 0.003  # by which the rate of the stamps may differ from the container's
+AGREE = 0.003  # by which a rate may differ from the one it was given without a word
 GAP = 1.75  # periods from one frame to the next from which on frames are missing
 SEEK = 1500  # frames from which on a sample jumps rather than reads through
 SLOWEST = 1.0  # frame rate below which the times of pictures cannot be seconds [1/s]
@@ -195,14 +195,11 @@ class Video:
             # Every frame is then taken to follow the one before: `steps` counts at least one.
             period = 1.0 / (rate if math.isfinite(rate) else fps or 1.0)
             return _stretched(Clock(period, True, 1.0, (f"frame times from the rate {1 / period:.6g}/s",)), fps)
-        period = float(np.median(steps))
-        for _ in range(3):  # the rate to which whole numbers of periods fit best
-            turn = np.maximum(np.round((stamps - stamps[0]) / period), 0)
-            period = float(turn @ (stamps - stamps[0]) / (turn @ turn))
-        if math.isfinite(rate) and abs(period * rate - 1) < max(AGREE, ROUNDED / (stamps[-1] - stamps[0])):
-            period = 1.0 / rate
-            off = stamps - stamps[0] - period * np.round((stamps - stamps[0]) / period)
-            if np.abs(off).max() < max(ROUNDED, UNEVEN * period):
+        if math.isfinite(rate):
+            # Stamps may be rounded to the millisecond: the rate that the container tells is tried as it is.
+            period, since = 1.0 / rate, stamps - stamps[0]
+            off = since - period * np.round(since / period)
+            if np.abs(off).max() < max(ROUNDED, UNEVEN * period) and np.round(since[-1] / period) >= len(steps):
                 return _stretched(Clock(period, True, 1.0, (f"frame times from the container, {rate:.6g}/s",)), fps)
         told = f"frame times from the container, a variable rate of about {1 / np.median(steps):.4g}/s"
         return _stretched(Clock(float(np.median(steps)), False, 1.0, (told,)), fps)
