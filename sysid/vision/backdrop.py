@@ -37,7 +37,7 @@ NOISY, OFF = (
 )  # departures that count: above so many times the noise, and so great a part of the table's colour
 SPAN, DARK = 3.0, 0.55  # window about a smeared ball [radii]; what a shadow leaves of the light
 SHORTEST, LONGEST = 0.15, 3.0  # smears [radii]
-UNLIKE = 0.25  # part by which the variances of a smeared ball may differ from a stadium's
+UNLIKE, ALIKE = 0.25, 0.2  # parts by which a smeared ball's variances may differ from a stadium's, and their ratio
 
 
 @dataclass(frozen=True)
@@ -298,10 +298,10 @@ def _differs(off: Image, table: Image, noise: float) -> Mask:
     return np.asarray(off.max(axis=2) > np.maximum(NOISY * noise, OFF * table.max(axis=2)))
 
 
-def smeared(view: View, place: Array) -> tuple[Array, Array] | None:
+def smeared(view: View, place: Array) -> tuple[Array, Array, bool] | None:
     """What lies about a pixel (2,) as a ball that moves: its middle (2,) and its way during the exposure (2,) [pixels].
 
-    None if its shape is not that of a disc drawn out in a line.
+    Also whether it is as long for its width as that makes it; None if it is no disc drawn out in a line.
     """
     radius = view.scene.radius(place)
     part, table, corner = view.part(place, SPAN * radius)
@@ -325,7 +325,8 @@ def smeared(view: View, place: Array) -> tuple[Array, Array] | None:
     along = (disc * (radius**2 + long**2) / 4 + box * long**2 / 12 + ends) / len(x)
     if not SHORTEST < long / radius < LONGEST or max(abs(thin / across - 1), abs(wide / along - 1)) > UNLIKE:
         return None
-    return np.asarray(middles[k] + corner), np.asarray(long * axes[:, 1])
+    alike = bool(abs(wide / thin * across / along - 1) < ALIKE)
+    return np.asarray(middles[k] + corner), np.asarray(long * axes[:, 1]), alike
 
 
 def _grid(scene: Scene, table: Image) -> Grid:

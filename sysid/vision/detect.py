@@ -30,11 +30,11 @@ SEEN, FEWEST = 0.6, 8  # standard deviation of an edge that counts as seen [pixe
 COVERAGE, AGREEMENT, SURE = 0.3, 0.6, 0.5  # the least of an outline, the least agreement, and the largest sd [pixels]
 FULL, FILLED, DISC = 0.7, 0.5, 0.8  # coverage from which on a ball need not fill so much of such a part of its radius
 APART = 1.3  # radii between two balls' centres, at least
-DOUBTFUL, CLEAR = 3.0, 0.1  # quality below which other ways are tried; scatter than which none is better [pixels]
+DOUBTFUL, CLEAR = 4.0, 0.1  # quality below which other ways are tried; scatter than which none is better [pixels]
 TRIED, WAYS, ASTRAY = 10, 6, 0.3  # guesses tried in other ways; places about each; how far off [radii]
 LOOSELY, DRAWN = 0.22, (0.75, 0.9, 1.1)  # scatter from which on smears are tried [pixels], and in which parts
 CLEARLY = 1.1  # quality over another's, of what takes its place
-BLOB, VAGUE = 0.6, (0.1, 0.02)  # smear [radii] whose middle is better than an outline; its sd [pixels], and growth
+BLOB, VAGUE = 0.35, (0.1, 0.02)  # smear [radii] whose middle may be better than an outline; its sd [pixels], and growth
 NEAR, REACHES = 2.5, (2.5, 6.0)  # from an expected place: what is taken at once [pixels], windows searched [radii]
 LOOK = 0.22  # distance of colours that can be the same ball's
 SAMPLES, OFTEN = 30, 0.1  # frames to learn from, and the part of them that shows a ball
@@ -157,11 +157,11 @@ def fit_near(view: View, optics: Optics, starts: Sequence[Array]) -> list[Fit | 
         fit, radius = best[k], view.scene.radius(starts[k])
         moved = smeared(view, starts[k]) if fit is None or fit.scatter > LOOSELY else None
         if moved is not None:
-            middle, way = moved
+            middle, way, alike = moved
             long = float(np.hypot(*way))
-            if long > BLOB * radius:
+            if alike and long > BLOB * radius:
                 sd = VAGUE[0] + VAGUE[1] * long
-                best[k] = _better(best[k], Fit(middle, radius, 0.0, sd, scatter=2 * sd))
+                best[k] = _better(best[k], Fit(middle, radius, 0.0, sd, scatter=VAGUE[0] + sd))
             more = [(middle, part * way) for part in DRAWN]
         else:
             angles = np.arange(WAYS) * 2 * np.pi / WAYS
@@ -246,15 +246,15 @@ class Detector:
         return replace(learnt, told=tuple(told))
 
     def find(self, picture: Picture, expected: Sequence[tuple[str, Array]] = ()) -> list[Seen]:
-        """Balls in a picture: all, or those that are expected, by name, near pixels (2,)."""
+        """Balls in a picture: all, or of those that are expected, by name, near pixels (2,), all that are there."""
         view = self.backdrop.view(picture)
         if not expected:
             seen = [self._named(view, fit) for fit in balls(view, self.optics)]
             return sorted((s for s in seen if s is not None), key=lambda s: -s.score)
         found: list[Seen] = []
-        places = [np.asarray(place, float) for _, place in expected]
-        fits = fit_near(view, self.optics, places)
-        for (name, _), place, fit in zip(expected, places, fits, strict=True):
+        wanted = [(name, np.asarray(place, float)) for name, place in expected if np.isfinite(place).all()]
+        fits = fit_near(view, self.optics, [place for _, place in wanted])
+        for (name, place), fit in zip(wanted, fits, strict=True):
             ball = self._ball(view, name, fit, found)
             if ball is None or np.hypot(*(ball.xy - place)) > NEAR:
                 ball = self._around(view, name, place, found)
@@ -329,8 +329,8 @@ def _optics(found: Sequence[tuple[View, Fit]], optics: Optics) -> Optics:
     clean = sorted((f for f in found if np.isfinite(f[1].rest)), key=lambda f: -f[1].quality)[:CLEAN]
 
     def fitted(tried: Optics) -> list[tuple[View, Fit]]:
-        fits = [(view, fit_outlines(view, tried, [fit.xy])[0]) for view, fit in clean]
-        return [(view, fit) for view, fit in fits if fit is not None]
+        each = [(view, [fit.xy for v, fit in clean if v is view]) for view in {id(v): v for v, _ in clean}.values()]
+        return [(view, fit) for view, at in each for fit in fit_outlines(view, tried, at) if fit is not None]
 
     def middle(tried: Optics, of: Callable[[Fit], float]) -> float:
         fits = fitted(tried)

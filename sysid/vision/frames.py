@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it is read once, when a video is first opened or written
+
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
@@ -199,7 +201,8 @@ class Video:
             # Stamps may be rounded to the millisecond: the rate that the container tells is tried as it is.
             period, since = 1.0 / rate, stamps - stamps[0]
             off = since - period * np.round(since / period)
-            if np.abs(off).max() < max(ROUNDED, UNEVEN * period) and np.round(since[-1] / period) >= len(steps):
+            each = np.median(steps) / period  # some containers tell the finest rate that they can hold
+            if np.abs(off).max() < max(ROUNDED, UNEVEN * period) and 0.5 < each < GAP:
                 return _stretched(Clock(period, True, 1.0, (f"frame times from the container, {rate:.6g}/s",)), fps)
         told = f"frame times from the container, a variable rate of about {1 / np.median(steps):.4g}/s"
         return _stretched(Clock(float(np.median(steps)), False, 1.0, (told,)), fps)
@@ -345,7 +348,6 @@ def _number(text: str) -> bool:
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
     """Keep OpenCV and FFmpeg from writing what is about to be told in one line."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     logging = cv2.utils.logging
     before = logging.getLogLevel()
     logging.setLogLevel(logging.LOG_LEVEL_SILENT)

@@ -292,7 +292,11 @@ def _kinds(
     deepest = np.maximum(np.floor(FINER * np.log2(DEEPEST * radii[:, None] / INNER)), 0)
     stretch = np.full(smear.shape, optics.stretch) if optics.stretch else 2 ** (np.minimum(steps, deepest) / FINER)
     sort = np.stack([np.broadcast_to(np.round(2 * radii)[:, None] / 2, smear.shape), width, stretch], axis=-1)
-    kinds, which = np.unique(sort.reshape(-1, 3), axis=0, return_inverse=True)
+    if not smear.any():  # then all normals of a ball are alike, which is found out sooner
+        kinds, which = np.unique(sort[:, 0], axis=0, return_inverse=True)
+        which = np.repeat(which, smear.shape[1])
+    else:
+        kinds, which = np.unique(sort.reshape(-1, 3), axis=0, return_inverse=True)
     light, tint = optics.blur
     known = [(r / s, float(np.hypot(light, w) / s), float(np.hypot(tint, w) / s)) for r, w, s in kinds.tolist()]
     return stretch, which.reshape(-1), known
@@ -330,7 +334,7 @@ def edges_of(view: View, optics: Optics, rim: Array, normals: Array, heights: Ar
         cv2.remap(v, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for v in (view.picture, view.table)
     )
     seen, table = seen.reshape(m, -1, 3).astype(np.float32), (table * view.gain.astype(np.float32)).reshape(m, -1, 3)
-    own = table.mean(axis=1)
+    own = table.reshape(m, RAYS, n, 3)[:, :, RIM].mean(axis=1)
     bright = np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1.0)
     seen, table = ((v @ _axes(own / bright)).transpose(2, 0, 1).reshape(3, m * RAYS, n) for v in (seen, table))
     light = _edge_shift(seen[0], table[0], which, [_profile(r, b, True) for r, b, _ in kinds])
