@@ -17,7 +17,7 @@ from sysid.next_shot import NextShot, propose
 from sysid.problem import Array
 from sysid.refine import refine
 from sysid.remainder import remainder
-from sysid.runs import believed, look_at_runs
+from sysid.runs import believed, look_at_runs, outdone
 from sysid.stages import Clips, Stage, begin, compare_stages, followed, left_over, problem_at, stage
 from sysid.structure import NAME, Structure, describe, scores_of_terms, select
 
@@ -203,6 +203,8 @@ def discover(
             seen = look_at_runs(clips, now, report)
             best = seen.best if seen else None
             better = believed(clips, now, best, report) if best else None
+            if best is not None and better is not None and outdone(clips, now, best, better, report):
+                better = None
             found = dataclasses.replace(found, rounds=(*found.rounds, *([seen] if seen else [])))
             smooth = better is not None
             if best is not None and better is not None:

@@ -16,12 +16,13 @@ from models.effect import Effect
 from models.model_file import Model
 from models.shot import Table
 from sysid.clips import ClipSet
-from sysid.diagnose import NAMED, Round, Trial, candidates_for, look
+from sysid.diagnose import NAMED, Round, Trial, candidates_for, look, try_one
+from sysid.evidence import score_all
 from sysid.fit import LEAST_SEGMENTS, MISCUT, SEGMENT_ROBUST, ratios, subset
 from sysid.pieces import cut_up
 from sysid.problem import open_table, shot_problem
 from sysid.solve import fit_each
-from sysid.stages import Clips, Stage, compare_stages, growth_of, settle
+from sysid.stages import Clips, Stage, compare_stages, growth_of, problem_at, settle
 
 UNSEEN = 6.0  # times the median, by which a run misses that holds an unseen impact
 STEPS = 8  # of the fit that shows it
@@ -65,6 +66,21 @@ def believed(clips: Clips, now: Stage, best: Trial, report: Report) -> Stage | N
     """Whole shots with what runs have shown, fitted anew; None where they are not followed better."""
     new = settle(clips, best.stage.model, report, f"with {best.name}")
     return new if compare_stages(clips, now, new).delta_bic > NAMED else None
+
+
+def outdone(clips: Clips, now: Stage, best: Trial, better: Stage, report: Report) -> bool:
+    """Whether whole shots are followed better still with what they promise most of themselves.
+
+    An effect that runs hardly show, since their own spins imitate it, leaves them to another that does a little.
+    """
+    report("what whole shots promise themselves")
+    seen = problem_at(clips, now.point, now.fit.rate)
+    scores = score_all(dataclasses.replace(now.point, problem=seen), candidates_for(now.model), clips.known).rows
+    first = scores[0]
+    if first.candidate.name == best.name:
+        return False
+    trial = try_one(clips, now, first, report)
+    return trial.converged and compare_stages(clips, better, trial.stage).delta_bic > NAMED
 
 
 def _acts(kind: type[Effect]) -> bool:
