@@ -15,12 +15,12 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model, catalogue
-from sysid.evidence import Candidate, Point, Score, Scores, candidate, score_all, with_candidate
+from sysid.evidence import Candidate, Point, Score, Scores, candidate, with_candidate
 from sysid.own import ROBUST
 from sysid.problem import Array
 from sysid.refine import refine, shot_losses
 from sysid.solve import fit_each
-from sysid.stages import Clips, Evidence, Stage, compare_stages, left_over, problem_at, settle, stage
+from sysid.stages import Clips, Evidence, Stage, compare_stages, left_over, problem_at, scores_at, settle, stage
 
 PROMISES = 15.0  # fall of chi-square from which a candidate is worth a fit
 RIVALS = 0.2  # of the best candidate's promise: fitted as well
@@ -107,10 +107,8 @@ def look(
 
     `beside` says what others must promise if the first is not all; `share`, of what goes beyond noise, what any must.
     """
-    seen = problem_at(clips, base.point, base.fit.rate)
     report(f"scoring {len(candidates)} candidates beside {', '.join(base.names) or 'nothing'}")
-    point = dataclasses.replace(base.point, problem=seen)
-    scores = score_all(point, candidates, clips.known)
+    scores = scores_at(clips, base, candidates)
     chosen = shortlist(scores, share)
     trials: list[Trial] = []
     least = 0.0

@@ -12,13 +12,13 @@ import numpy as np
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.diagnose import MATTERS, NAMED, REST, Round, Trial, candidates_for, lent, look, try_one
-from sysid.evidence import Candidate, Point, score_all
+from sysid.evidence import Candidate, Point
 from sysid.next_shot import NextShot, propose
 from sysid.problem import Array
 from sysid.refine import refine
 from sysid.remainder import remainder
-from sysid.runs import believed, look_at_runs, outdone
-from sysid.stages import Clips, Stage, begin, compare_stages, followed, left_over, problem_at, stage
+from sysid.runs import believed, look_at_runs
+from sysid.stages import Clips, Stage, begin, compare_stages, followed, left_over, scores_at, stage
 from sysid.structure import NAME, Structure, describe, scores_of_terms, select
 
 SURELY = 2.0  # standard deviations from off below which it goes in any case
@@ -121,8 +121,7 @@ def _swap(
         known = [c for c in candidates_for(less.model) if c.name in (*rivals, name)]
         if len(known) < 2:
             continue
-        point = dataclasses.replace(less.point, problem=problem_at(clips, less.point, now.fit.rate))
-        scores = score_all(point, known, clips.known).rows
+        scores = scores_at(clips, less, known).rows
         least = RIVAL * next(row.gain for row in scores if row.candidate.name == name)
         for score in scores:
             if score.candidate.name == name or score.gain < least:
@@ -203,8 +202,6 @@ def discover(
             seen = look_at_runs(clips, now, report)
             best = seen.best if seen else None
             better = believed(clips, now, best, report) if best else None
-            if best is not None and better is not None and outdone(clips, now, best, better, report):
-                better = None
             found = dataclasses.replace(found, rounds=(*found.rounds, *([seen] if seen else [])))
             smooth = better is not None
             if best is not None and better is not None:

@@ -156,10 +156,9 @@ def of_strike(point: Point, jx: Array, one: Candidate) -> Signature:
     return Signature(one, probe, np.einsum("nmp,npk->nmk", jx, shifts))
 
 
-def strikes_only(kind: type[Effect]) -> bool:
+def strikes_only(effect: Effect) -> bool:
     """Whether an effect's only open door is the strike."""
-    others = ("edit", "forces", "horizon", "impact", "exposures", "observe")
-    return kind.strike is not Effect.strike and all(getattr(kind, d) is getattr(Effect, d) for d in others)
+    return effect.opens("strike") and not effect.opens("edit", "forces", "horizon", "impact", "exposures", "observe")
 
 
 @dataclass(frozen=True)
@@ -208,8 +207,7 @@ def score_all(
     steps_c = constant_steps(problem.model, problem.names)
     r, jx, jc = differences(problem.evaluate, point.x, point.c, np.arange(n), problem.steps, steps_c)
     signatures = [
-        of_strike(point, jx, one) if strikes_only(type(one.effect)) else signature(point, r, one, quick)
-        for one in candidates
+        of_strike(point, jx, one) if strikes_only(one.effect) else signature(point, r, one, quick) for one in candidates
     ]
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
     j = np.concatenate([jc, extra], axis=2)

@@ -17,12 +17,11 @@ from models.model_file import Model
 from models.shot import Table
 from sysid.clips import ClipSet
 from sysid.diagnose import NAMED, Round, Trial, candidates_for, look, try_one
-from sysid.evidence import score_all
 from sysid.fit import LEAST_SEGMENTS, MISCUT, SEGMENT_ROBUST, ratios, subset
 from sysid.pieces import cut_up
 from sysid.problem import open_table, shot_problem
 from sysid.solve import fit_each
-from sysid.stages import Clips, Stage, compare_stages, growth_of, problem_at, settle
+from sysid.stages import Clips, Stage, compare_stages, growth_of, scores_at, settle
 
 UNSEEN = 6.0  # times the median, by which a run misses that holds an unseen impact
 STEPS = 8  # of the fit that shows it
@@ -63,20 +62,23 @@ def look_at_runs(clips: Clips, now: Stage, report: Report) -> Round | None:
 
 
 def believed(clips: Clips, now: Stage, best: Trial, report: Report) -> Stage | None:
-    """Whole shots with what runs have shown, fitted anew; None where they are not followed better."""
+    """Whole shots with what runs have shown, fitted anew; None where they are not followed better.
+
+    Nor where they are followed better still with what they promise most of themselves.
+    """
     new = settle(clips, best.stage.model, report, f"with {best.name}")
-    return new if compare_stages(clips, now, new).delta_bic > NAMED else None
+    if compare_stages(clips, now, new).delta_bic <= NAMED or _outdone(clips, now, best, new, report):
+        return None
+    return new
 
 
-def outdone(clips: Clips, now: Stage, best: Trial, better: Stage, report: Report) -> bool:
+def _outdone(clips: Clips, now: Stage, best: Trial, better: Stage, report: Report) -> bool:
     """Whether whole shots are followed better still with what they promise most of themselves.
 
     An effect that runs hardly show, since their own spins imitate it, leaves them to another that does a little.
     """
     report("what whole shots promise themselves")
-    seen = problem_at(clips, now.point, now.fit.rate)
-    scores = score_all(dataclasses.replace(now.point, problem=seen), candidates_for(now.model), clips.known).rows
-    first = scores[0]
+    first = scores_at(clips, now, candidates_for(now.model)).rows[0]
     if first.candidate.name == best.name:
         return False
     trial = try_one(clips, now, first, report)
@@ -85,7 +87,7 @@ def outdone(clips: Clips, now: Stage, best: Trial, better: Stage, report: Report
 
 def _acts(kind: type[Effect]) -> bool:
     """Whether an effect shows between impacts."""
-    return any(getattr(kind, door) is not getattr(Effect, door) for door in ("forces", "observe", "exposures"))
+    return kind.opens("forces", "observe", "exposures")
 
 
 def _on(model: Model, table: Table) -> Model:
