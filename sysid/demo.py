@@ -10,8 +10,9 @@ from models.errors import BadInput
 from models.model_file import Model, full_model
 from sysid.clips import ClipSet, read_clip_set
 from sysid.compare import in_words
-from sysid.discover import Discovery, Judgement, discover
+from sysid.discover import Discovery, discover
 from sysid.findings import label, print_ladder, round_rows, shot_lines, verdict_lines
+from sysid.judge import Judgement
 from sysid.loop_cli import DONE, FOUND, compare_at, write_outcome
 from sysid.output import Progress, table
 

@@ -88,6 +88,14 @@ class Round:
         return tuple(t.name for t in self.trials if not t.converged)
 
 
+@dataclass(frozen=True)
+class Begun:
+    """What is known of a look before it begins."""
+
+    scores: Scores
+    trial: Trial | None = None  # the most promising candidate, fitted
+
+
 def candidates_for(model: Model, extra: Sequence[type[Effect]] = ()) -> list[Candidate]:
     """Effects that the model lacks and that replace none of its own."""
     active, slots = {e.name() for e in model.effects}, {e.slot for e in model.effects if e.slot}
@@ -102,13 +110,15 @@ def look(
     report: Report = lambda line: None,
     beside: Callable[[], float] = lambda: 0.0,
     share: float = 0.0,
+    begun: Begun | None = None,
 ) -> Round:
     """One round: score, fit the promising, compare.
 
-    `beside` says what others must promise if the first is not all; `share`, of what goes beyond noise, what any must.
+    `beside` says what others must promise if the first is not all; `share`, of what goes beyond noise, what any must;
+    `begun`, what of this very look is known already.
     """
-    report(f"scoring {len(candidates)} candidates beside {', '.join(base.names) or 'nothing'}")
-    scores = scores_at(clips, base, candidates)
+    begun = begun or Begun(scored(clips, base, candidates, report))
+    scores = begun.scores
     chosen = shortlist(scores, share)
     trials: list[Trial] = []
     least = 0.0
@@ -121,7 +131,7 @@ def look(
         pair = sorted((score.candidate.name, chosen[0].candidate.name))
         same = bool(trials) and scores.alike.get((pair[0], pair[1]), scores.alike.get((pair[1], pair[0]), 0.0)) > ALIKE
         if score.gain > max(least, CLOSE * chosen[0].gain if settled or same else 0.0):
-            trial = try_one(clips, base, score, report)
+            trial = begun.trial if begun.trial and not trials else try_one(clips, base, score, report)
             if not trials and left_over(clips, trial.stage) > REST:
                 trial = _anew(clips, base, trial, report)
             trials.append(trial)
@@ -137,6 +147,12 @@ def look(
         trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, rate, tau)) for t in trials]
     trials.sort(key=lambda t: -t.evidence.delta_bic)
     return Round(base, scores, tuple(trials), *_look_alikes(scores, trials), scores.count)
+
+
+def scored(clips: Clips, base: Stage, candidates: Sequence[Candidate], report: Report) -> Scores:
+    """What every candidate promises beside the active parameters."""
+    report(f"scoring {len(candidates)} candidates beside {', '.join(base.names) or 'nothing'}")
+    return scores_at(clips, base, candidates)
 
 
 def shortlist(scores: Scores, share: float = 0.0) -> list[Score]:

@@ -26,7 +26,7 @@ CHECKPOINT = "unfinished.pickle"
 
 def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress: Progress) -> int:
     """Which effect is missing."""
-    from sysid.discover import Judgement, best_next, judge
+    from sysid.discover import best_next
     from sysid.findings import (
         cut_line,
         judgement_told,
@@ -36,15 +36,14 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
         shot_lines,
         verdict_lines,
     )
+    from sysid.judge import judge
     from sysid.pieces import whole
     from sysid.remainder import remainder
-    from sysid.runs import look_at_runs
-    from sysid.stages import begin, followed
+    from sysid.stages import begin
     from sysid.structure import describe
 
     clips, base = begin(clip_set, model, progress)
-    smooth = None if followed(clips, base) else look_at_runs(clips, base, progress)
-    judged = Judgement(smooth) if smooth and smooth.best else judge(clips, base, progress)
+    judged = judge(clips, base, progress)
     told: Mapping[str, Any] | None = None
     if judged.structure is not None and judged.trial is not None:
         told = describe(judged.structure, judged.trial.stage, judged.trial.evidence)

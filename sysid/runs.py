@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,12 +17,12 @@ from models.effect import Effect
 from models.model_file import Model
 from models.shot import Table
 from sysid.clips import ClipSet
-from sysid.diagnose import NAMED, Round, Trial, candidates_for, look, try_one
+from sysid.diagnose import NAMED, Begun, Round, Trial, candidates_for, look, scored, try_one
 from sysid.fit import LEAST_SEGMENTS, MISCUT, SEGMENT_ROBUST, ratios, subset
 from sysid.pieces import cut_up
 from sysid.problem import open_table, shot_problem
 from sysid.solve import fit_each
-from sysid.stages import Clips, Stage, compare_stages, growth_of, scores_at, settle
+from sysid.stages import Clips, Stage, compare_stages, growth_of, settle
 
 UNSEEN = 6.0  # times the median, by which a run misses that holds an unseen impact
 STEPS = 8  # of the fit that shows it
@@ -61,28 +62,31 @@ def look_at_runs(clips: Clips, now: Stage, report: Report) -> Round | None:
     return dataclasses.replace(seen, base=_home(seen.base, table), trials=trials, runs=len(runs.training.clips))
 
 
-def believed(clips: Clips, now: Stage, best: Trial, report: Report) -> Stage | None:
-    """Whole shots with what runs have shown, fitted anew; None where they are not followed better.
+@dataclass(frozen=True)
+class Belief:
+    """What whole shots say to what runs have named."""
 
-    Nor where they are followed better still with what they promise most of themselves.
+    stage: Stage | None = None  # whole shots with it, where they agree
+    begun: Begun | None = None  # where they do not: what was seen of their own look
+
+
+def believed(clips: Clips, now: Stage, best: Trial, report: Report) -> Belief:
+    """Whole shots agree where they are followed better with what runs have named, and no better with something else.
+
+    An effect that runs hardly show, since their own spins imitate it, leaves them to another that does a little: what
+    whole shots themselves promise most is fitted as well.
     """
     new = settle(clips, best.stage.model, report, f"with {best.name}")
-    if compare_stages(clips, now, new).delta_bic <= NAMED or _outdone(clips, now, best, new, report):
-        return None
-    return new
-
-
-def _outdone(clips: Clips, now: Stage, best: Trial, better: Stage, report: Report) -> bool:
-    """Whether whole shots are followed better still with what they promise most of themselves.
-
-    An effect that runs hardly show, since their own spins imitate it, leaves them to another that does a little.
-    """
-    report("what whole shots promise themselves")
-    first = scores_at(clips, now, candidates_for(now.model)).rows[0]
+    if compare_stages(clips, now, new).delta_bic <= NAMED:
+        return Belief()
+    scores = scored(clips, now, candidates_for(now.model), report)
+    first = scores.rows[0]
     if first.candidate.name == best.name:
-        return False
-    trial = try_one(clips, now, first, report)
-    return trial.converged and compare_stages(clips, better, trial.stage).delta_bic > NAMED
+        return Belief(new)
+    rival = try_one(clips, now, first, report)
+    if rival.converged and compare_stages(clips, new, rival.stage).delta_bic > NAMED:
+        return Belief(begun=Begun(scores, rival))
+    return Belief(new)
 
 
 def _acts(kind: type[Effect]) -> bool:
