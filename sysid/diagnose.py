@@ -93,7 +93,7 @@ class Begun:
     """What is known of a look before it begins."""
 
     scores: Scores
-    trial: Trial | None = None  # the most promising candidate, fitted
+    fitted: tuple[Trial, ...] = ()
 
 
 def candidates_for(model: Model, extra: Sequence[type[Effect]] = ()) -> list[Candidate]:
@@ -118,7 +118,7 @@ def look(
     `begun`, what of this very look is known already.
     """
     begun = begun or Begun(scored(clips, base, candidates, report))
-    scores = begun.scores
+    scores, known = begun.scores, {t.name: t for t in begun.fitted}
     chosen = shortlist(scores, share)
     trials: list[Trial] = []
     least = 0.0
@@ -131,7 +131,7 @@ def look(
         pair = sorted((score.candidate.name, chosen[0].candidate.name))
         same = bool(trials) and scores.alike.get((pair[0], pair[1]), scores.alike.get((pair[1], pair[0]), 0.0)) > ALIKE
         if score.gain > max(least, CLOSE * chosen[0].gain if settled or same else 0.0):
-            trial = begun.trial if begun.trial and not trials else try_one(clips, base, score, report)
+            trial = known.get(score.candidate.name) or try_one(clips, base, score, report)
             if not trials and left_over(clips, trial.stage) > REST:
                 trial = _anew(clips, base, trial, report)
             trials.append(trial)

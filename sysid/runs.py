@@ -77,16 +77,18 @@ def believed(clips: Clips, now: Stage, best: Trial, report: Report) -> Belief:
     whole shots themselves promise most is fitted as well.
     """
     new = settle(clips, best.stage.model, report, f"with {best.name}")
-    if compare_stages(clips, now, new).delta_bic <= NAMED:
+    worth = compare_stages(clips, now, new)
+    if worth.delta_bic <= NAMED:
         return Belief()
     scores = scored(clips, now, candidates_for(now.model), report)
     first = scores.rows[0]
     if first.candidate.name == best.name:
         return Belief(new)
     rival = try_one(clips, now, first, report)
-    if rival.converged and compare_stages(clips, new, rival.stage).delta_bic > NAMED:
-        return Belief(begun=Begun(scores, rival))
-    return Belief(new)
+    if not rival.converged or compare_stages(clips, new, rival.stage).delta_bic <= NAMED:
+        return Belief(new)
+    beaten = Trial(next(row for row in scores.rows if row.candidate.name == best.name), new, worth)
+    return Belief(begun=Begun(scores, (rival, beaten)))
 
 
 def _acts(kind: type[Effect]) -> bool:

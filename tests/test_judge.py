@@ -29,7 +29,7 @@ def looked(monkeypatch: pytest.MonkeyPatch, by_runs: float, own: str, by_own: fl
         return SimpleNamespace(name=score.candidate.name, stage=with_own, converged=True)
 
     def look(clips: Any, base: Any, candidates: Any, report: Any, beside: Any, share: float, begun: Any) -> Any:
-        known = begun.trial if begun else None
+        known = begun.fitted[0] if begun else None
         return SimpleNamespace(base=base, best=known or try_one(clips, base, told(own), report), scores=begun)
 
     runs = SimpleNamespace(best=SimpleNamespace(name="speed_drag", stage=with_runs), base=NOW)
@@ -37,7 +37,11 @@ def looked(monkeypatch: pytest.MonkeyPatch, by_runs: float, own: str, by_own: fl
         (sysid.runs, "settle", lambda clips, model, report, what: with_runs),
         (sysid.runs, "compare_stages", lambda clips, a, b: SimpleNamespace(delta_bic=b.gain - a.gain)),
         (sysid.runs, "candidates_for", lambda model: []),
-        (sysid.runs, "scored", lambda clips, base, candidates, report: SimpleNamespace(rows=(told(own),))),
+        (
+            sysid.runs,
+            "scored",
+            lambda clips, base, candidates, report: SimpleNamespace(rows=(told(own), told("speed_drag"))),
+        ),
         (sysid.runs, "try_one", try_one),
         (sysid.judge, "look_at_runs", lambda clips, now, report: runs),
         (sysid.judge, "candidates_for", lambda model: []),
