@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sysid.aside import Aside
 from sysid.diagnose import REST, Round, Trial, candidates_for, look, try_one
-from sysid.runs import believed, look_at_runs
+from sysid.runs import believed, look_at_runs, promised
 from sysid.stages import Clips, Stage, followed, left_over
 from sysid.structure import Structure, scores_of_terms, select
 
@@ -48,10 +49,18 @@ def judge(
 
     `smooth` says whether runs without impacts may be asked.
     """
-    runs = look_at_runs(clips, now, report) if smooth and formula and not followed(clips, now) else None
-    belief = believed(clips, now, runs.best, report) if runs is not None and runs.best is not None else None
-    if runs is not None and belief is not None and belief.stage is not None:
-        return Judgement(runs, believed=belief.stage)
+    runs, begun = None, None
+    if smooth and formula and not followed(clips, now):
+        with Aside(lambda: promised(clips, now)) as own:
+            runs = look_at_runs(clips, now, report)
+            if runs is not None and runs.best is not None:
+                belief = believed(clips, now, runs.best, own.result, report)
+                if belief.stage is not None:
+                    return Judgement(runs, believed=belief.stage)
+                begun = belief.begun
+            else:
+                report("what whole shots promise themselves")
+                begun = own.result()
     known: list[Structure | None] = []
 
     def outside(base: Stage) -> Structure | None:
@@ -63,7 +72,6 @@ def judge(
         found = outside(now) if formula else None
         return found.gains[0] / STANDS if found else 0.0
 
-    begun = belief.begun if belief is not None else None
     seen = look(clips, now, candidates_for(now.model), report, bar, 0.0 if formula else SHARE, begun)
     best, now = seen.best, seen.base
     if not formula or left_over(clips, best.stage if best else now) <= REST:

@@ -70,25 +70,29 @@ class Belief:
     begun: Begun | None = None  # where they do not: what was seen of their own look
 
 
-def believed(clips: Clips, now: Stage, best: Trial, report: Report) -> Belief:
+def promised(clips: Clips, now: Stage) -> Begun:
+    """What whole shots promise, with what promises most fitted."""
+    scores = scored(clips, now, candidates_for(now.model), lambda line: None)
+    return Begun(scores, tuple(try_one(clips, now, row, lambda line: None) for row in scores.rows[:1]))
+
+
+def believed(clips: Clips, now: Stage, best: Trial, own: Callable[[], Begun], report: Report) -> Belief:
     """Whole shots agree where they are followed better with what runs have named, and no better with something else.
 
-    An effect that runs hardly show, since their own spins imitate it, leaves them to another that does a little: what
-    whole shots themselves promise most is fitted as well.
+    An effect that runs hardly show, since their own spins imitate it, leaves them to another that does a little: `own`
+    is what whole shots promise themselves.
     """
     new = settle(clips, best.stage.model, report, f"with {best.name}")
     worth = compare_stages(clips, now, new)
+    begun = own()
     if worth.delta_bic <= NAMED:
-        return Belief()
-    scores = scored(clips, now, candidates_for(now.model), report)
-    first = scores.rows[0]
-    if first.candidate.name == best.name:
-        return Belief(new)
-    rival = try_one(clips, now, first, report)
-    if not rival.converged or compare_stages(clips, new, rival.stage).delta_bic <= NAMED:
-        return Belief(new)
-    beaten = Trial(next(row for row in scores.rows if row.candidate.name == best.name), new, worth)
-    return Belief(begun=Begun(scores, (rival, beaten)))
+        return Belief(begun=begun)
+    for rival in begun.fitted:
+        better = rival.name != best.name and rival.converged
+        if better and compare_stages(clips, new, rival.stage).delta_bic > NAMED:
+            score = next(row for row in begun.scores.rows if row.candidate.name == best.name)
+            return Belief(begun=Begun(begun.scores, (rival, Trial(score, new, worth))))
+    return Belief(new)
 
 
 def _acts(kind: type[Effect]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,17 @@ from sysid.judge import Judgement, judge
 
 NOW = SimpleNamespace(gain=0.0, model=None)
 CLIPS: Any = None
+
+
+class Here(nullcontext[None]):
+    """What would be done aside, done when it is asked for."""
+
+    def __init__(self, task: Any) -> None:
+        super().__init__()
+        self.result = task
+
+    def __enter__(self) -> Any:
+        return self
 
 
 def told(name: str) -> Any:
@@ -37,12 +49,9 @@ def looked(monkeypatch: pytest.MonkeyPatch, by_runs: float, own: str, by_own: fl
         (sysid.runs, "settle", lambda clips, model, report, what: with_runs),
         (sysid.runs, "compare_stages", lambda clips, a, b: SimpleNamespace(delta_bic=b.gain - a.gain)),
         (sysid.runs, "candidates_for", lambda model: []),
-        (
-            sysid.runs,
-            "scored",
-            lambda clips, base, candidates, report: SimpleNamespace(rows=(told(own), told("speed_drag"))),
-        ),
+        (sysid.runs, "scored", lambda *known: SimpleNamespace(rows=(told(own), told("speed_drag")))),
         (sysid.runs, "try_one", try_one),
+        (sysid.judge, "Aside", Here),
         (sysid.judge, "look_at_runs", lambda clips, now, report: runs),
         (sysid.judge, "candidates_for", lambda model: []),
         (sysid.judge, "followed", lambda clips, now: False),
@@ -55,7 +64,7 @@ def looked(monkeypatch: pytest.MonkeyPatch, by_runs: float, own: str, by_own: fl
 
 def test_runs_are_believed_where_whole_shots_promise_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     seen, fitted = looked(monkeypatch, 200.0, "speed_drag", 0.0)
-    assert seen.name == "speed_drag" and seen.believed is not None and fitted == []
+    assert seen.name == "speed_drag" and seen.believed is not None and fitted == ["speed_drag"]
 
 
 def test_runs_are_believed_where_what_whole_shots_promise_explains_less(monkeypatch: pytest.MonkeyPatch) -> None:
