@@ -15,6 +15,7 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model, catalogue
+from sysid.aside import Aside
 from sysid.evidence import Candidate, Point, Score, Scores, candidate, with_candidate
 from sysid.own import ROBUST
 from sysid.problem import Array
@@ -120,21 +121,17 @@ def look(
     begun = begun or Begun(scored(clips, base, candidates, report))
     scores, known = begun.scores, {t.name: t for t in begun.fitted}
     chosen = shortlist(scores, share)
-    trials: list[Trial] = []
-    least = 0.0
-    for score in chosen:
-        # Beside an effect that leaves nothing but noise only a close rival is worth a fit; beside one that leaves
-        # more, those that promise as much as structure outside the catalogue does.
-        settled = bool(trials) and left_over(clips, trials[0].stage) < REST and trials[0].converged
-        if len(trials) == 1 and not settled:
-            least = beside()
-        pair = sorted((score.candidate.name, chosen[0].candidate.name))
-        same = bool(trials) and scores.alike.get((pair[0], pair[1]), scores.alike.get((pair[1], pair[0]), 0.0)) > ALIKE
-        if score.gain > max(least, CLOSE * chosen[0].gain if settled or same else 0.0):
-            trial = known.get(score.candidate.name) or try_one(clips, base, score, report)
-            if not trials and left_over(clips, trial.stage) > REST:
-                trial = _anew(clips, base, trial, report)
-            trials.append(trial)
+    close = [s for s in chosen[1:2] if s.gain > CLOSE * chosen[0].gain and s.candidate.name not in known]
+    with Aside(lambda: [try_one(clips, base, score, lambda line: None) for score in close]) as rival:
+
+        def fitted(score: Score) -> Trial:
+            name = score.candidate.name
+            if close and name == close[0].candidate.name:
+                report(f"with {name}")
+                return rival.result()[0]
+            return known.get(name) or try_one(clips, base, score, report)
+
+        trials = _trials(clips, base, scores, chosen, fitted, beside, report)
     if trials:
         trials = _settle(clips, base, trials, report)
         best = max(trials, key=lambda t: t.evidence.delta_bic)
@@ -147,6 +144,35 @@ def look(
         trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, rate, tau)) for t in trials]
     trials.sort(key=lambda t: -t.evidence.delta_bic)
     return Round(base, scores, tuple(trials), *_look_alikes(scores, trials), scores.count)
+
+
+def _trials(
+    clips: Clips,
+    base: Stage,
+    scores: Scores,
+    chosen: Sequence[Score],
+    fitted: Callable[[Score], Trial],
+    beside: Callable[[], float],
+    report: Report,
+) -> list[Trial]:
+    """The candidates worth it, fitted.
+
+    Beside an effect that leaves nothing but noise only a close rival is worth a fit; beside one that leaves more, those
+    that promise as much as structure outside the catalogue does.
+    """
+    trials: list[Trial] = []
+    least = 0.0
+    for score in chosen:
+        settled = bool(trials) and left_over(clips, trials[0].stage) < REST and trials[0].converged
+        if len(trials) == 1 and not settled:
+            least = beside()
+        same = bool(trials) and scores.likeness(score.candidate.name, chosen[0].candidate.name) > ALIKE
+        if score.gain > max(least, CLOSE * chosen[0].gain if settled or same else 0.0):
+            trial = fitted(score)
+            if not trials and left_over(clips, trial.stage) > REST:
+                trial = _anew(clips, base, trial, report)
+            trials.append(trial)
+    return trials
 
 
 def scored(clips: Clips, base: Stage, candidates: Sequence[Candidate], report: Report) -> Scores:
