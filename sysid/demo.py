@@ -68,6 +68,7 @@ def _failing(clip_set: ClipSet, found: Discovery, progress: Progress) -> None:
     """Where the base model, at its best constants, fails."""
     base, noise = found.last, found.clips.sigma
     _, compared = compare_at(0, clip_set, found, progress, COMMAND)
+    progress.close()
     print("\n1. The base model (level table, cloth, balls, cushions), all its constants fitted, misses by")
     print(
         f"   {base.rms * 1e3:.2f} mm rms an axis, {base.held_rms * 1e3:.2f} mm on held-out shots; the camera's noise is"
