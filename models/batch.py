@@ -58,13 +58,13 @@ def batch(
     """
 
     def world(active: Sequence[Effect]) -> mujoco.MjModel:
-        key = tuple(type(e)() if e.plain else e for e in active if type(e).edit is not Effect.edit)
+        key = tuple(type(e)() if e.plain else e for e in active if e.opens("edit"))
         carried = exact, bool(resolved.all())
         if any(np.ndim(getattr(e, k)) for e in key for k in e.parameters()):
             return _world(model.table, model.ball, tuple(names), key, *carried)
         return _known(model.table, model.ball, tuple(names), key, *carried)
 
-    editors = [type(e).edit is not Effect.edit and any(np.ndim(getattr(e, k)) for k in e.parameters()) for e in effects]
+    editors = [e.opens("edit") and any(np.ndim(getattr(e, k)) for k in e.parameters()) for e in effects]
     first = world([e.select(0) if any(editors) else e for e in effects] if any(editors) else effects)
     made = mujoco.batch.Batch(first, nsim, nthread=threads)
     if any(editors) and first.npair:

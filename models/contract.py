@@ -214,7 +214,7 @@ def described(kind: type[Effect]) -> dict[str, Any]:
     says, _, rest = (module.__doc__ or kind.__doc__ or "").strip().partition("\n\n")
     formula = re.split(r"(?<=[^.]\.)\s", " ".join(rest.split()), maxsplit=1)[0]
     return {
-        "name": kind.name(), "doors": [d for d in DOORS if getattr(kind, d) is not getattr(Effect, d)],
+        "name": kind.name(), "doors": [d for d in DOORS if kind.opens(d)],
         "slot": kind.slot, "says": " ".join(says.split()),
         "formula": "" if formula.startswith("Source") else formula, "file": module.__file__,
         "parameters": {key: dict(meta) | {"bounds": list(meta["bounds"])} for key, meta in kind.parameters().items()},

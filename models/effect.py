@@ -131,6 +131,11 @@ class Effect:
         """Metadata of every parameter: name -> off, unit, bounds, source, default."""
         return _parameters(cls)  # type: ignore[arg-type] # dataclasses hide that classes hash
 
+    @classmethod
+    def opens(cls, *doors: str) -> bool:
+        """Whether it does something at any of these doors."""
+        return any(getattr(cls, door) is not getattr(Effect, door) for door in doors)
+
     def is_off(self) -> bool:
         """True where every parameter that has an off value stands at it in every simulation."""
         known = {k: m["off"] for k, m in self.parameters().items() if m["off"] is not None}

@@ -24,11 +24,7 @@ ROUNDS = 200
 
 def camera(model: Model) -> tuple[Effect, ...]:
     """The effects that stand between what happens and what is reported."""
-    return tuple(
-        e
-        for e in model.stack()[1:]
-        if type(e).observe is not Effect.observe or type(e).exposures is not Effect.exposures
-    )
+    return tuple(e for e in model.stack()[1:] if e.opens("observe", "exposures"))
 
 
 def observed(model: Model, shots: Sequence[Shot], begun: Sequence[float] | None = None) -> list[Track]:
@@ -59,7 +55,7 @@ def observed(model: Model, shots: Sequence[Shot], begun: Sequence[float] | None 
 
 def undone(model: Model, shots: Sequence[Shot]) -> list[Shot]:
     """The shots with the resting balls, all but the first, moved to where they lie if the camera sees them there."""
-    eyes = [e for e in camera(model) if type(e).observe is not Effect.observe]
+    eyes = [e for e in camera(model) if e.opens("observe")]
     if not eyes:
         return list(shots)
     known: dict[tuple[bytes, ...], Array] = {}
@@ -104,7 +100,7 @@ def _exposed(eyes: Sequence[Effect], stamps: Array) -> Array:
 def _checked(eyes: Sequence[Effect], times: Array) -> Array:
     """Times that can be simulated; BadInput names the effects that made others."""
     if times.size and not (times[0] >= 0 and (np.diff(times) >= 0).all()):
-        names = ", ".join(e.name() for e in eyes if type(e).exposures is not Effect.exposures)
+        names = ", ".join(e.name() for e in eyes if e.opens("exposures"))
         raise BadInput(f"{names}: exposures go backwards, or to before the shot; correct the effect or its bounds")
     return times
 

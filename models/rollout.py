@@ -82,7 +82,7 @@ class Rollout:
         velocity = np.array([s.velocity for s in self.shots], float)
         struck = np.array([s.struck for s in self.shots])[:, None]
         for effect in self.doers:
-            if type(effect).strike is not Effect.strike:
+            if effect.opens("strike"):
                 v, w = effect.strike(self.model.ball, velocity[:, 0], spin[:, 0])
                 velocity[:, 0], spin[:, 0] = np.where(struck, v, velocity[:, 0]), np.where(struck, w, spin[:, 0])
         self.qpos[:] = 0

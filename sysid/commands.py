@@ -17,7 +17,7 @@ from sysid.problem import Array, ShotProblem
 from sysid.solve import Prior
 
 LEAST = 5  # commanded clips from which a scatter is estimated
-CLIPPED = 4.0  # times the median's standard deviation, beyond which a stroke was another one
+CLIPPED = 2.0  # times the median's standard deviation, beyond which a stroke was another one, or its fit astray
 REPEATS = {"speed": 0.003, "azimuth": 0.001}  # fraction, [rad]: no launcher does better
 
 

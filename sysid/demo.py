@@ -10,8 +10,9 @@ from models.errors import BadInput
 from models.model_file import Model, full_model
 from sysid.clips import ClipSet, read_clip_set
 from sysid.compare import in_words
-from sysid.discover import Discovery, Judgement, discover
+from sysid.discover import Discovery, discover
 from sysid.findings import label, print_ladder, round_rows, shot_lines, verdict_lines
+from sysid.judge import Judgement
 from sysid.loop_cli import DONE, FOUND, compare_at, write_outcome
 from sysid.output import Progress, table
 
@@ -67,6 +68,7 @@ def _failing(clip_set: ClipSet, found: Discovery, progress: Progress) -> None:
     """Where the base model, at its best constants, fails."""
     base, noise = found.last, found.clips.sigma
     _, compared = compare_at(0, clip_set, found, progress, COMMAND)
+    progress.close()
     print("\n1. The base model (level table, cloth, balls, cushions), all its constants fitted, misses by")
     print(
         f"   {base.rms * 1e3:.2f} mm rms an axis, {base.held_rms * 1e3:.2f} mm on held-out shots; the camera's noise is"

@@ -15,12 +15,13 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model, catalogue
-from sysid.evidence import Candidate, Point, Score, Scores, candidate, score_all, with_candidate
+from sysid.aside import Aside
+from sysid.evidence import Candidate, Point, Score, Scores, candidate, with_candidate
 from sysid.own import ROBUST
 from sysid.problem import Array
 from sysid.refine import refine, shot_losses
 from sysid.solve import fit_each
-from sysid.stages import Clips, Evidence, Stage, compare_stages, left_over, problem_at, settle, stage
+from sysid.stages import Clips, Evidence, Stage, compare_stages, left_over, problem_at, scores_at, settle, stage
 
 PROMISES = 15.0  # fall of chi-square from which a candidate is worth a fit
 RIVALS = 0.2  # of the best candidate's promise: fitted as well
@@ -88,6 +89,14 @@ class Round:
         return tuple(t.name for t in self.trials if not t.converged)
 
 
+@dataclass(frozen=True)
+class Begun:
+    """What is known of a look before it begins."""
+
+    scores: Scores
+    fitted: tuple[Trial, ...] = ()
+
+
 def candidates_for(model: Model, extra: Sequence[type[Effect]] = ()) -> list[Candidate]:
     """Effects that the model lacks and that replace none of its own."""
     active, slots = {e.name() for e in model.effects}, {e.slot for e in model.effects if e.slot}
@@ -102,31 +111,27 @@ def look(
     report: Report = lambda line: None,
     beside: Callable[[], float] = lambda: 0.0,
     share: float = 0.0,
+    begun: Begun | None = None,
 ) -> Round:
     """One round: score, fit the promising, compare.
 
-    `beside` says what others must promise if the first is not all; `share`, of what goes beyond noise, what any must.
+    `beside` says what others must promise if the first is not all; `share`, of what goes beyond noise, what any must;
+    `begun`, what of this very look is known already.
     """
-    seen = problem_at(clips, base.point, base.fit.rate)
-    report(f"scoring {len(candidates)} candidates beside {', '.join(base.names) or 'nothing'}")
-    point = dataclasses.replace(base.point, problem=seen)
-    scores = score_all(point, candidates, clips.known)
+    begun = begun or Begun(scored(clips, base, candidates, report))
+    scores, known = begun.scores, {t.name: t for t in begun.fitted}
     chosen = shortlist(scores, share)
-    trials: list[Trial] = []
-    least = 0.0
-    for score in chosen:
-        # Beside an effect that leaves nothing but noise only a close rival is worth a fit; beside one that leaves
-        # more, those that promise as much as structure outside the catalogue does.
-        settled = bool(trials) and left_over(clips, trials[0].stage) < REST and trials[0].converged
-        if len(trials) == 1 and not settled:
-            least = beside()
-        pair = sorted((score.candidate.name, chosen[0].candidate.name))
-        same = bool(trials) and scores.alike.get((pair[0], pair[1]), scores.alike.get((pair[1], pair[0]), 0.0)) > ALIKE
-        if score.gain > max(least, CLOSE * chosen[0].gain if settled or same else 0.0):
-            trial = try_one(clips, base, score, report)
-            if not trials and left_over(clips, trial.stage) > REST:
-                trial = _anew(clips, base, trial, report)
-            trials.append(trial)
+    close = [s for s in chosen[1:2] if s.gain > CLOSE * chosen[0].gain and s.candidate.name not in known]
+    with Aside(lambda: [try_one(clips, base, score, lambda line: None) for score in close]) as rival:
+
+        def fitted(score: Score) -> Trial:
+            name = score.candidate.name
+            if close and name == close[0].candidate.name:
+                report(f"with {name}")
+                return rival.result()[0]
+            return known.get(name) or try_one(clips, base, score, report)
+
+        trials = _trials(clips, base, scores, chosen, fitted, beside, report)
     if trials:
         trials = _settle(clips, base, trials, report)
         best = max(trials, key=lambda t: t.evidence.delta_bic)
@@ -139,6 +144,41 @@ def look(
         trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, rate, tau)) for t in trials]
     trials.sort(key=lambda t: -t.evidence.delta_bic)
     return Round(base, scores, tuple(trials), *_look_alikes(scores, trials), scores.count)
+
+
+def _trials(
+    clips: Clips,
+    base: Stage,
+    scores: Scores,
+    chosen: Sequence[Score],
+    fitted: Callable[[Score], Trial],
+    beside: Callable[[], float],
+    report: Report,
+) -> list[Trial]:
+    """The candidates worth it, fitted.
+
+    Beside an effect that leaves nothing but noise only a close rival is worth a fit; beside one that leaves more, those
+    that promise as much as structure outside the catalogue does.
+    """
+    trials: list[Trial] = []
+    least = 0.0
+    for score in chosen:
+        settled = bool(trials) and left_over(clips, trials[0].stage) < REST and trials[0].converged
+        if len(trials) == 1 and not settled:
+            least = beside()
+        same = bool(trials) and scores.likeness(score.candidate.name, chosen[0].candidate.name) > ALIKE
+        if score.gain > max(least, CLOSE * chosen[0].gain if settled or same else 0.0):
+            trial = fitted(score)
+            if not trials and left_over(clips, trial.stage) > REST:
+                trial = _anew(clips, base, trial, report)
+            trials.append(trial)
+    return trials
+
+
+def scored(clips: Clips, base: Stage, candidates: Sequence[Candidate], report: Report) -> Scores:
+    """What every candidate promises beside the active parameters."""
+    report(f"scoring {len(candidates)} candidates beside {', '.join(base.names) or 'nothing'}")
+    return scores_at(clips, base, candidates)
 
 
 def shortlist(scores: Scores, share: float = 0.0) -> list[Score]:

@@ -11,24 +11,21 @@ import numpy as np
 
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.diagnose import MATTERS, NAMED, REST, Round, Trial, candidates_for, lent, look, try_one
-from sysid.evidence import Candidate, Point, score_all
+from sysid.diagnose import MATTERS, NAMED, Round, candidates_for, lent, try_one
+from sysid.evidence import Candidate, Point
+from sysid.judge import judge
 from sysid.next_shot import NextShot, propose
 from sysid.problem import Array
 from sysid.refine import refine
 from sysid.remainder import remainder
-from sysid.runs import believed, look_at_runs
-from sysid.stages import Clips, Stage, begin, compare_stages, followed, left_over, problem_at, stage
-from sysid.structure import NAME, Structure, describe, scores_of_terms, select
+from sysid.stages import Clips, Stage, begin, compare_stages, scores_at, stage
+from sysid.structure import NAME, Structure, describe
 
 SURELY = 2.0  # standard deviations from off below which it goes in any case
 KEEPS = 4.0  # standard deviations from off below which an effect is pruned
 MOST = 6  # effects added
 RIVAL = 0.7  # of what an effect explains: the least that one must promise to be tried in its place
-STANDS = 3.0  # times less may a named effect promise than such a term and still be tried
-OUTDOES = 1.2  # by which a term must promise more than the best named effect to stand for it
 HIDDEN = 0.05  # of the bounds' width: an effect whose sd exceeds it cannot be told from the active ones
-SHARE = 0.05  # of what a formula leaves beyond noise: what a named effect beside it must promise
 POWER = 3.0  # standard deviations of an effect that the next shot is to bring out
 Report = Callable[[str], None]
 Save = Callable[["Discovery"], None]
@@ -121,8 +118,7 @@ def _swap(
         known = [c for c in candidates_for(less.model) if c.name in (*rivals, name)]
         if len(known) < 2:
             continue
-        point = dataclasses.replace(less.point, problem=problem_at(clips, less.point, now.fit.rate))
-        scores = score_all(point, known, clips.known).rows
+        scores = scores_at(clips, less, known).rows
         least = RIVAL * next(row.gain for row in scores if row.candidate.name == name)
         for score in scores:
             if score.candidate.name == name or score.gain < least:
@@ -135,46 +131,6 @@ def _swap(
                 verdict = tuple(trial.name if v == name else v for v in verdict)
                 break
     return now, verdict
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """One look at what is missing: a named effect, a formula for something else, or nothing."""
-
-    round: Round
-    structure: Structure | None = None  # what stands for it where no effect does
-    trial: Trial | None = None  # the formula, fitted
-
-    @property
-    def name(self) -> str | None:
-        """The effect to name."""
-        best = self.round.best
-        return best.name if best is not None and self.structure is None else None
-
-
-def judge(clips: Clips, now: Stage, report: Report = lambda line: None, formula: bool = True) -> Judgement:
-    """Look for the missing effect; where none explains what is left, for a `formula` outside the catalogue."""
-    known: list[Structure | None] = []
-
-    def outside(base: Stage) -> Structure | None:
-        if not known:
-            known.append(select(*scores_of_terms(clips, base, report)))
-        return known[0]
-
-    def bar() -> float:
-        found = outside(now) if formula else None
-        return found.gains[0] / STANDS if found else 0.0
-
-    seen = look(clips, now, candidates_for(now.model), report, bar, 0.0 if formula else SHARE)
-    best, now = seen.best, seen.base
-    if not formula or left_over(clips, best.stage if best else now) <= REST:
-        return Judgement(seen)
-    structure = outside(now)
-    if structure is None or (best is not None and structure.gains[0] <= OUTDOES * best.score.gain):
-        return Judgement(seen)
-    report(f"a formula: {', '.join(t.name for t in structure.terms)}")
-    trial = try_one(clips, now, structure.score(), report)
-    return Judgement(seen, structure, trial) if trial.evidence.delta_bic > 0 else Judgement(seen)
 
 
 def discover(
@@ -199,20 +155,15 @@ def discover(
     structure: Structure | None = None
     smooth = True  # whether runs without impacts may tell something
     for _ in range(MOST):
-        if smooth and structure is None and not followed(clips, now):
-            seen = look_at_runs(clips, now, report)
-            best = seen.best if seen else None
-            better = believed(clips, now, best, report) if best else None
-            found = dataclasses.replace(found, rounds=(*found.rounds, *([seen] if seen else [])))
-            smooth = better is not None
-            if best is not None and better is not None:
-                report(f"found {best.name}")
-                now, verdict = _prune(clips, better, (*found.verdict, best.name), report)
-                found = dataclasses.replace(found, stages=(*found.stages, now), verdicts=(*found.verdicts, verdict))
-                save(found)
-                continue
-        judged = judge(clips, now, report, formula=structure is None)
-        found = dataclasses.replace(found, rounds=(*found.rounds, judged.round))
+        judged = judge(clips, now, report, formula=structure is None, smooth=smooth)
+        found = dataclasses.replace(found, rounds=(*found.rounds, *judged.rounds))
+        smooth = judged.believed is not None
+        if judged.believed is not None and judged.name is not None:
+            report(f"found {judged.name}")
+            now, verdict = _prune(clips, judged.believed, (*found.verdict, judged.name), report)
+            found = dataclasses.replace(found, stages=(*found.stages, now), verdicts=(*found.verdicts, verdict))
+            save(found)
+            continue
         if judged.round.base is not now:
             now = judged.round.base
             if structure is None:

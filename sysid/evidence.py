@@ -15,6 +15,7 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model
+from sysid.aside import shared
 from sysid.own import ROBUST
 from sysid.problem import Array, Index, ShotProblem, constant_steps
 from sysid.solve import differences, eliminated, weights
@@ -156,10 +157,9 @@ def of_strike(point: Point, jx: Array, one: Candidate) -> Signature:
     return Signature(one, probe, np.einsum("nmp,npk->nmk", jx, shifts))
 
 
-def strikes_only(kind: type[Effect]) -> bool:
+def strikes_only(effect: Effect) -> bool:
     """Whether an effect's only open door is the strike."""
-    others = ("edit", "forces", "horizon", "impact", "exposures", "observe")
-    return kind.strike is not Effect.strike and all(getattr(kind, d) is getattr(Effect, d) for d in others)
+    return effect.opens("strike") and not effect.opens("edit", "forces", "horizon", "impact", "exposures", "observe")
 
 
 @dataclass(frozen=True)
@@ -186,6 +186,10 @@ class Scores:
     blocks: dict[str, slice]  # which of them belong to a candidate
     probe: Array  # (K,) parameter change of one probe
 
+    def likeness(self, one: str, two: str) -> float:
+        """Correlation of what two candidates would do; 0 for one that was not scored."""
+        return self.alike.get((one, two), self.alike.get((two, one), 0.0))
+
 
 def score_all(
     point: Point,
@@ -207,10 +211,13 @@ def score_all(
     n = len(point.x)
     steps_c = constant_steps(problem.model, problem.names)
     r, jx, jc = differences(problem.evaluate, point.x, point.c, np.arange(n), problem.steps, steps_c)
-    signatures = [
-        of_strike(point, jx, one) if strikes_only(type(one.effect)) else signature(point, r, one, quick)
-        for one in candidates
-    ]
+
+    def shown(k: int) -> tuple[Array, Array]:
+        one = candidates[k]
+        found = of_strike(point, jx, one) if strikes_only(one.effect) else signature(point, r, one, quick)
+        return found.probe, found.columns
+
+    signatures = [Signature(one, *found) for one, found in zip(candidates, shared(shown, len(candidates)), strict=True)]
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
     j = np.concatenate([jc, extra], axis=2)
     information, score, _, _ = eliminated(r, jx, j, point.x, problem.prior, robust)

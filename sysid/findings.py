@@ -14,8 +14,9 @@ from models.model_file import Estimate, Model
 from sysid.compare import in_words
 from sysid.comparison import Comparison
 from sysid.diagnose import ALIKE, NAMED, Round
-from sysid.discover import Discovery, Judgement
+from sysid.discover import Discovery
 from sysid.evidence import Score
+from sysid.judge import Judgement
 from sysid.next_shot import NextShot
 from sysid.output import table
 from sysid.pieces import whole

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from models.effect import Effect
 from models.errors import BadInput
 from models.model_file import Estimate, Model
 from sysid.clips import ClipSet
@@ -87,7 +86,7 @@ def cloth_constants(model: Model) -> tuple[str, ...]:
         owner, key = name.split(".")
         effect = next(e for e in model.stack() if e.name() == owner)
         native = effect is model.native and key in ("slide", "roll", "spin")
-        if native or type(effect).forces is not Effect.forces:
+        if native or effect.opens("forces"):
             found.append(name)
     return tuple(found)
 
@@ -105,11 +104,12 @@ def fit_segments(model: Model, clip_set: ClipSet, sigma: float, report: Report) 
     x = problem.start
     for last in (False, True):
         x, _ = fit_each(problem.evaluate, x, c, STEPS, problem.prior, SEGMENT_ROBUST, 8)
-        good = np.flatnonzero(ratios(problem, x, c) < MISCUT)
+        ratio = ratios(problem, x, c)
+        good = np.flatnonzero(ratio < MISCUT)
         if good.size < LEAST_SEGMENTS:
             raise BadInput(TOO_FEW.format(good.size))
         part = problem.only(good)
-        robust = ROBUST * max(1.0, float(np.sqrt(np.mean(ratios(problem, x, c)[good] ** 2))))
+        robust = ROBUST * max(1.0, float(np.sqrt(np.mean(ratio[good] ** 2))))
         joint = fit_joint(
             part.evaluate, x[good], c, STEPS, steps, part.prior, bounds, robust, 20 if last else 5,
             report=_steps_of(report, f"{good.size} segments"),
@@ -152,17 +152,12 @@ def error_rate(growth: Growth, x: Array, c: Array, share: float = 0.5) -> float:
     """Model error per way with which a share of |residual| / sd lies where Gaussian noise has it; 0 if noise does."""
     n = len(x)
     metres = with_error(growth.problem, 1.0, 0.0, growth.way).evaluate(x, np.tile(c, (n, 1)), np.arange(n))
-    way = np.full_like(metres, np.nan)
-    for k in range(n):
-        at = 0
-        for name in growth.problem.balls(k):
-            w = growth.way[k][name]
-            way[k, at : at + 2 * len(w)] = np.repeat(w, 2)
-            at += 3 * len(w)
-    use = np.isfinite(metres) & (way > 0)
+    parts = [(xy.ravel(), np.repeat(growth.way[k][b], 2)) for k, b, xy in growth.problem.by_ball(metres)]
+    off, way = (np.concatenate(part) for part in zip(*parts, strict=True))
+    use = np.isfinite(off) & (way > 0)
     if not use.any():
         return 0.0
-    miss, far = np.abs(metres[use]), way[use]
+    miss, far = np.abs(off[use]), way[use]
     low, high = 0.0, 1.0
     for _ in range(40):
         middle = 0.5 * (low + high)

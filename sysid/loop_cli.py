@@ -6,7 +6,7 @@ import argparse
 import hashlib
 import pickle
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,7 @@ CHECKPOINT = "unfinished.pickle"
 
 def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress: Progress) -> int:
     """Which effect is missing."""
-    from sysid.discover import Judgement, best_next, judge
+    from sysid.discover import best_next
     from sysid.findings import (
         cut_line,
         judgement_told,
@@ -36,15 +36,14 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
         shot_lines,
         verdict_lines,
     )
+    from sysid.judge import judge
     from sysid.pieces import whole
     from sysid.remainder import remainder
-    from sysid.runs import look_at_runs
-    from sysid.stages import begin, followed
+    from sysid.stages import begin
     from sysid.structure import describe
 
     clips, base = begin(clip_set, model, progress)
-    smooth = None if followed(clips, base) else look_at_runs(clips, base, progress)
-    judged = Judgement(smooth) if smooth and smooth.best else judge(clips, base, progress)
+    judged = judge(clips, base, progress)
     told: Mapping[str, Any] | None = None
     if judged.structure is not None and judged.trial is not None:
         told = describe(judged.structure, judged.trial.stage, judged.trial.evidence)
@@ -123,7 +122,7 @@ def discover(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
 
 
 def compare_at(
-    number: int, clip_set: ClipSet, found: Discovery, progress: Progress, command: str
+    number: int, clip_set: ClipSet, found: Discovery, report: Callable[[str], None], command: str
 ) -> tuple[str, Comparison]:
     """The label of a stage of the ladder, and what comparing its model with all clips says."""
     from sysid.compare import compare
@@ -131,9 +130,8 @@ def compare_at(
 
     seen = found.stages[number]
     own = merged_own(found.clips, seen, [c.file for c in clip_set.clips])
-    progress("comparing " + label(found.verdicts[number]))
-    compared = compare(clip_set, model_of(found, seen, command), progress, start=own)
-    progress.close()
+    report("comparing " + label(found.verdicts[number]))
+    compared = compare(clip_set, model_of(found, seen, command), report, start=own)
     return label(found.verdicts[number]), compared
 
 
@@ -142,12 +140,16 @@ def write_outcome(
 ) -> Comparison:
     """model.toml, result.json, report.html and review.rrd; the comparison of the model that was found."""
     from models.model_file import write_model
+    from sysid.aside import Aside
     from sysid.findings import discovery_lines, failures, result_of, sections
     from sysid.report import write_report
     from sysid.review import write_rrd
 
-    ends = dict.fromkeys((0, len(found.stages) - 1))
-    compared = [compare_at(k, clip_set, found, progress, command) for k in ends]
+    ends = list(dict.fromkeys((0, len(found.stages) - 1)))
+    with Aside(lambda: [compare_at(k, clip_set, found, lambda line: None, command) for k in ends[:-1]]) as base:
+        compared = [compare_at(ends[-1], clip_set, found, progress, command)]
+        progress.close()
+        compared = [*base.result(), *compared]
     last = compared[-1][1]
     write_model(last.model, out / "model.toml")
     write_json(str(out / "result.json"), result_of(found, elapsed))

@@ -10,7 +10,7 @@ where it was seen at rest (2 each) [m]: a twentieth of a millimetre turns a cut 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -163,15 +163,24 @@ class ShotProblem:
 
     def struck(self, x: Array, effect: Effect) -> Array:
         """Own unknowns (n, p) that begin as these do where an effect changes what the cue delivers."""
-        velocity = np.stack([turn(a) @ row[2:4] for a, row in zip(self.azimuth, x, strict=True)])
-        spin = np.stack([np.append(turn(a) @ row[4:6], row[6]) for a, row in zip(self.azimuth, x, strict=True)])
-        radius = self.model.ball.radius
-        v, w = effect.strike(self.model.ball, velocity, spin / radius)
+        ball, q = self.model.ball, np.stack([turn(a) for a in self.azimuth])
+        velocity, level = (np.einsum("nij,nj->ni", q, x[:, part]) for part in (slice(2, 4), slice(4, 6)))
+        v, w = effect.strike(ball, velocity, np.column_stack([level, x[:, 6]]) / ball.radius)
         out = x.copy()
-        for k, (a, clip) in enumerate(zip(self.azimuth, self.clips, strict=True)):
-            if not clip.running:
-                out[k, 2:4], out[k, 4:6], out[k, 6] = turn(-a) @ v[k], turn(-a) @ w[k, :2] * radius, w[k, 2] * radius
-        return out
+        out[:, 2:4] = np.einsum("nji,nj->ni", q, v)
+        out[:, 4:6] = np.einsum("nji,nj->ni", q, w[:, :2] * ball.radius)
+        out[:, 6] = w[:, 2] * ball.radius
+        running = np.array([clip.running for clip in self.clips])
+        return np.where(running[:, None], x, out)
+
+    def by_ball(self, residuals: Array) -> Iterator[tuple[int, str, Array]]:
+        """Residuals (n, m), taken apart: number of the clip, ball, residuals of its places (samples, 2)."""
+        for k, clip in enumerate(self.clips):
+            at = 0
+            for name in self.balls(k):
+                n = len(clip.balls[name].time)
+                yield k, name, residuals[k, at : at + 2 * n].reshape(n, 2)
+                at += 3 * n
 
     def times(self, clip: int) -> Array:
         """Every time at which any ball was seen, up to the horizon."""

@@ -15,17 +15,17 @@ from scipy.stats import chi2
 
 from sysid.evidence import Point
 from sysid.problem import Array
-from sysid.stages import Clips, Stage, correlation_time, left_over
+from sysid.stages import CLIPPED, Clips, Stage, correlation_time, left_over
 
 LEFT = 0.1  # of the noise's square, beyond it, from which something is left
 TOGETHER = 1.5  # samples that count as one, from which residuals hang together: else the noise is larger, or has tails
 CHANCE = 1e-6  # that noise alone shows such a swing
-CLIPPED = 4.0  # residuals count as no larger [standard deviations]
 FINE = 4  # frequencies per swing in the longest clip
 FASTEST = 60.0  # [1/s]
 FEWEST = 2  # swings in the longest clip
 MOST = 0.5  # of what is left, that one frequency must explain: all that moves slowly has some of each
 LEAST = 20  # samples of a clip
+AT_ONCE = 200  # frequencies
 
 
 def remainder(clips: Clips, now: Stage) -> Mapping[str, Any] | None:
@@ -56,9 +56,11 @@ def swing(point: Point, sigma: float) -> Mapping[str, Any] | None:
         return None
     power, size, gain = (np.zeros((2, frequency.size)) for _ in range(3))
     for time, r in clips:
-        wave = np.exp(-2j * np.pi * frequency[:, None] * time)
+        # A few frequencies at a time: long clips at high rates would fill the memory.
+        parts = np.array_split(frequency, frequency.size // AT_ONCE + 1)
+        waves = np.concatenate([np.exp(-2j * np.pi * f[:, None] * time) @ r for f in parts])
         for axis in range(2):
-            found = 2 * np.abs(wave @ r[:, axis]) ** 2 / len(time)
+            found = 2 * np.abs(waves[:, axis]) ** 2 / len(time)
             power[axis] += found / max(float(np.mean(r[:, axis] ** 2)) - found.max() / len(time), 0.2)
             size[axis] += 2 * found / len(time)
             gain[axis] += found
@@ -79,16 +81,9 @@ def swing(point: Point, sigma: float) -> Mapping[str, Any] | None:
 
 def _by_clip(point: Point) -> list[tuple[Array, Array]]:
     """Times (m,) and residuals (m, 2) of every clip, in standard deviations, all balls that were trusted together."""
-    found = []
-    residuals = point.residuals()
-    for k, clip in enumerate(point.problem.clips):
-        times, values, at = [], [], 0
-        for name in point.problem.balls(k):
-            n = len(clip.balls[name].time)
-            xy = residuals[k, at : at + 2 * n].reshape(n, 2)
-            good = np.isfinite(xy).all(axis=1)
-            times.append(clip.balls[name].time[good])
-            values.append(np.clip(xy[good], -CLIPPED, CLIPPED))
-            at += 3 * n
-        found.append((np.concatenate(times), np.concatenate(values)))
-    return found
+    clips = point.problem.clips
+    found: list[list[tuple[Array, Array]]] = [[] for _ in clips]
+    for k, name, xy in point.problem.by_ball(point.residuals()):
+        good = np.isfinite(xy).all(axis=1)
+        found[k].append((clips[k].balls[name].time[good], np.clip(xy[good], -CLIPPED, CLIPPED)))
+    return [(np.concatenate([t for t, _ in one]), np.concatenate([r for _, r in one])) for one in found]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from models.effect import Effect
 from models.model_file import Model
 from models.shot import Table
 from sysid.clips import ClipSet
-from sysid.diagnose import NAMED, Round, Trial, candidates_for, look
+from sysid.diagnose import NAMED, Begun, Round, Trial, candidates_for, look, scored, try_one
 from sysid.fit import LEAST_SEGMENTS, MISCUT, SEGMENT_ROBUST, ratios, subset
 from sysid.pieces import cut_up
 from sysid.problem import open_table, shot_problem
@@ -61,15 +62,42 @@ def look_at_runs(clips: Clips, now: Stage, report: Report) -> Round | None:
     return dataclasses.replace(seen, base=_home(seen.base, table), trials=trials, runs=len(runs.training.clips))
 
 
-def believed(clips: Clips, now: Stage, best: Trial, report: Report) -> Stage | None:
-    """Whole shots with what runs have shown, fitted anew; None where they are not followed better."""
+@dataclass(frozen=True)
+class Belief:
+    """What whole shots say to what runs have named."""
+
+    stage: Stage | None = None  # whole shots with it, where they agree
+    begun: Begun | None = None  # where they do not: what was seen of their own look
+
+
+def promised(clips: Clips, now: Stage) -> Begun:
+    """What whole shots promise, with what promises most fitted."""
+    scores = scored(clips, now, candidates_for(now.model), lambda line: None)
+    return Begun(scores, tuple(try_one(clips, now, row, lambda line: None) for row in scores.rows[:1]))
+
+
+def believed(clips: Clips, now: Stage, best: Trial, own: Callable[[], Begun], report: Report) -> Belief:
+    """Whole shots agree where they are followed better with what runs have named, and no better with something else.
+
+    An effect that runs hardly show, since their own spins imitate it, leaves them to another that does a little: `own`
+    is what whole shots promise themselves.
+    """
     new = settle(clips, best.stage.model, report, f"with {best.name}")
-    return new if compare_stages(clips, now, new).delta_bic > NAMED else None
+    worth = compare_stages(clips, now, new)
+    begun = own()
+    if worth.delta_bic <= NAMED:
+        return Belief(begun=begun)
+    for rival in begun.fitted:
+        better = rival.name != best.name and rival.converged
+        if better and compare_stages(clips, new, rival.stage).delta_bic > NAMED:
+            score = next(row for row in begun.scores.rows if row.candidate.name == best.name)
+            return Belief(begun=Begun(begun.scores, (rival, Trial(score, new, worth))))
+    return Belief(new)
 
 
 def _acts(kind: type[Effect]) -> bool:
     """Whether an effect shows between impacts."""
-    return any(getattr(kind, door) is not getattr(Effect, door) for door in ("forces", "observe", "exposures"))
+    return kind.opens("forces", "observe", "exposures")
 
 
 def _on(model: Model, table: Table) -> Model:

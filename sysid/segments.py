@@ -58,7 +58,8 @@ def onset(seen: Observation, sigma: float, fps: float) -> Observation:
     first = moving_from(seen, sigma)
     if first == len(seen.time):
         return Observation(seen.time[:1], seen.xy[:1], seen.theta[:1])
-    first = max(first, 1)
+    if first <= 1 or np.hypot(*(seen.xy[first - 1] - seen.xy[0])) > 4 * sigma:  # it is on its way from the start
+        return seen
     time = seen.time[first - 1 :].copy()
     time[0] = max(time[0], time[1] - 1 / fps)
     return Observation(time, seen.xy[first - 1 :], seen.theta[first - 1 :])

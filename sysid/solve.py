@@ -237,8 +237,13 @@ def fit_joint(
         full = np.linalg.lstsq(h, g, rcond=None)[0]
         if report:
             report(iteration, cost, c)
+        sd = np.sqrt(np.maximum(np.diag(np.linalg.pinv(h)), 0))
+        # One at its bound that pushes out has arrived.
+        inside = ((c > bounds[:, 0]) | (full < 0)) & ((c < bounds[:, 1]) | (full > 0))
+        promised = 0.5 * float(g @ full)
+        arrived = bool(np.all(np.abs(full[inside]) < 0.02 * sd[inside]) or promised < tolerance * cost)
         improved, own = False, own_iterations
-        for attempt in range(2 * ATTEMPTS):
+        for attempt in range(1 if arrived else 2 * ATTEMPTS):
             if attempt == ATTEMPTS:  # no step helps: perhaps since own unknowns do not get where it would lead them
                 damping, own = FIRST_DAMPING, MORE_OWN * own_iterations
             step = -np.linalg.solve(h + damping * np.diag(np.diag(h)) + 1e-12 * np.eye(c.size), g)
@@ -249,15 +254,10 @@ def fit_joint(
                 improved = True
                 break
             damping *= 10
-        sd = np.sqrt(np.maximum(np.diag(np.linalg.pinv(h)), 0))
         if not improved:
             # No step lowers the loss: at the optimum if the wanted step is small against the uncertainty.
-            converged = bool(np.all(np.abs(full) < 0.1 * sd + 1e-12))
+            converged = arrived or bool(np.all(np.abs(full) < 0.1 * sd + 1e-12))
             break
-        # One at its bound that pushes out has arrived.
-        inside = ((c > bounds[:, 0]) | (full < 0)) & ((c < bounds[:, 1]) | (full > 0))
-        promised = 0.5 * float(g @ full)
-        arrived = np.all(np.abs(full[inside]) < 0.02 * sd[inside]) or promised < tolerance * cost
         new_cost = float(new_each.sum()) + leash(new_c)
         # A loss that is rough at the scale of what is left to gain has no better optimum to offer.
         stalled = stalled + 1 if cost - new_cost < tolerance * cost else 0

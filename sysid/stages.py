@@ -8,7 +8,7 @@ the evidence discounted for residuals that hang together.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.clock import stamp_scale
 from sysid.commands import with_scatter
-from sysid.evidence import Point
+from sysid.evidence import Candidate, Point, Scores, score_all
 from sysid.fit import FOLLOWS, error_rate, fit_segments, grow, subset, training_clips
 from sysid.noise import position_noise
 from sysid.own import ROBUST, Growth, with_error
@@ -43,6 +43,7 @@ CLOCK = "clock_scale.factor"
 LAGS = 40  # samples over which residuals may hang together
 LONG, SHORT = 40, 8  # steps of a fit that starts far from its optimum
 NOISE = 0.5  # loss per residual of noise
+CLIPPED = 4.0  # standard deviations, as which larger residuals count in what is left
 Report = Callable[[str], None]
 
 
@@ -191,7 +192,7 @@ def left_over(clips: Clips, found: Stage) -> float:
     seen = np.isfinite(r)
     own = sum(5 + 2 * len(clip.balls) for clip in found.point.problem.clips)
     part = 1.0 - (own + found.point.c.size) / max(int(seen.sum()), 1)
-    return float(np.nanmean(np.minimum(r**2, 16.0))) / part - 1.0
+    return float(np.nanmean(np.minimum(r**2, CLIPPED**2))) / part - 1.0
 
 
 def problem_at(clips: Clips, point: Point, rate: float) -> ShotProblem:
@@ -200,22 +201,22 @@ def problem_at(clips: Clips, point: Point, rate: float) -> ShotProblem:
     return seen.until(trusted_until(clips.growth, rate))
 
 
+def scores_at(clips: Clips, found: Stage, candidates: Sequence[Candidate], quick: bool = False) -> Scores:
+    """What candidates promise where a fit has arrived, at its error per way."""
+    point = dataclasses.replace(found.point, problem=problem_at(clips, found.point, found.fit.rate))
+    return score_all(point, candidates, clips.known, quick=quick)
+
+
 def correlation_time(clips: Clips, point: Point, rate: float) -> float:
     """Samples that count as one, since residuals hang together: integrated autocorrelation, 1 for white noise."""
     r = point.residuals(problem_at(clips, point, rate))
     found, weight = np.zeros(LAGS), np.zeros(LAGS)
-    for k, clip in enumerate(point.problem.clips):
-        at = 0
-        for name in point.problem.balls(k):
-            n = len(clip.balls[name].time)
-            xy = np.clip(r[k, at : at + 2 * n].reshape(n, 2), -4, 4)
-            at += 3 * n
-            for axis in range(2):
-                v = xy[:, axis]
-                v = np.where(np.isfinite(v), v, 0.0)
-                for lag in range(min(LAGS, n)):
-                    found[lag] += float(v[: n - lag] @ v[lag:])
-                    weight[lag] += n - lag
+    for _, _, xy in point.problem.by_ball(r):
+        n = len(xy)
+        for v in np.nan_to_num(np.clip(xy, -CLIPPED, CLIPPED)).T:
+            for lag in range(min(LAGS, n)):
+                found[lag] += float(v[: n - lag] @ v[lag:])
+                weight[lag] += n - lag
     rho = found / np.maximum(weight, 1)
     rho = rho / max(rho[0], 1e-12)
     negative = np.flatnonzero(rho < 0.02)

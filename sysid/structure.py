@@ -6,16 +6,15 @@ after another, each for what it explains beside those taken, while the evidence 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sysid.evidence import Candidate, Score, Scores, candidate, score_all
+from sysid.evidence import Candidate, Score, Scores, candidate
 from sysid.problem import Array
-from sysid.stages import Clips, Evidence, Stage, problem_at
+from sysid.stages import Clips, Evidence, Stage, scores_at
 from sysid.terms import DOORS, Term, effect_of, library, source
 
 REMAINS = 40.0  # fall of chi-square that a term must promise before structure is told
@@ -50,8 +49,7 @@ def scores_of_terms(clips: Clips, base: Stage, report: Report = lambda line: Non
     terms = library(base.model.table, most)
     report(f"looking for structure outside the catalogue: {len(terms)} terms")
     candidates = [candidate(effect_of(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
-    point = dataclasses.replace(base.point, problem=problem_at(clips, base.point, base.fit.rate))
-    return terms, score_all(point, candidates, clips.known, quick=True)
+    return terms, scores_at(clips, base, candidates, quick=True)
 
 
 def select(terms: Sequence[Term], scores: Scores) -> Structure | None:

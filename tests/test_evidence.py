@@ -87,7 +87,8 @@ def test_squirt_shows_against_the_commands_as_far_as_they_are_kept(tmp_path: Pat
         assert np.median(strays) == pytest.approx(np.radians(0.3), rel=0.5)
         [score] = score_all(dataclasses.replace(found, problem=problem), [candidate(effect_class("squirt"))], {}).rows
         assert score.step[0] == pytest.approx(squirt, abs=3 * score.sd[0])
-        assert 0.3 < score.sd[0] < 1.2
+        sides = [clip.cue.side for clip in problem.clips if clip.cue is not None]
+        assert score.sd[0] == pytest.approx(np.radians(0.3) / np.linalg.norm(sides), rel=0.5)
         assert (score.gain > 15.0) is (squirt > 0)
 
 

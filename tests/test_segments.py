@@ -246,3 +246,16 @@ def test_measured_carom_shots_are_cut(data_folder: Path) -> None:
     for s in found:
         speed = np.hypot(*np.diff(s.xy, axis=0).T) / np.diff(s.time)
         assert speed.max() < 15.0
+
+
+def test_a_ball_on_its_way_keeps_the_time_of_its_first_sample() -> None:
+    """Only one that lay still until then may be said to start a frame before it is seen elsewhere."""
+    keep = np.array([0, 2, 3, 4, 5, 6])
+    time = keep / FPS
+    moving = Observation(time, np.column_stack([1.5 * time, 0 * time]), np.full(6, np.nan))
+    assert onset(moving, SIGMA, FPS).time == pytest.approx(time)
+    lay = np.array([0, 1, 2, 6, 7, 8]) / FPS
+    x = np.array([0, 0, 0, 0.01, 0.02, 0.03])
+    struck = onset(Observation(lay, np.column_stack([x, 0 * x]), np.full(6, np.nan)), SIGMA, FPS)
+    assert struck.time == pytest.approx(np.array([5, 6, 7, 8]) / FPS)
+    assert struck.xy[0] == pytest.approx([0.0, 0.0])

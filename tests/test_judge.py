@@ -1,0 +1,83 @@
+"""Whom one look believes: runs between impacts, or whole shots. The fits are given, the decision is tested."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+import sysid.judge
+import sysid.runs
+from sysid.judge import Judgement, judge
+
+NOW = SimpleNamespace(gain=0.0, model=None)
+CLIPS: Any = None
+
+
+class Here(nullcontext[None]):
+    """What would be done aside, done when it is asked for."""
+
+    def __init__(self, task: Any) -> None:
+        super().__init__()
+        self.result = task
+
+    def __enter__(self) -> Any:
+        return self
+
+
+def told(name: str) -> Any:
+    return SimpleNamespace(candidate=SimpleNamespace(name=name), gain=50.0)
+
+
+def looked(monkeypatch: pytest.MonkeyPatch, by_runs: float, own: str, by_own: float) -> tuple[Judgement, list[str]]:
+    """A look where runs name speed_drag: evidence of whole shots for it, what they promise most, evidence for that."""
+    with_runs, with_own = (SimpleNamespace(gain=gain, model=None) for gain in (by_runs, by_own))
+    fitted: list[str] = []
+
+    def try_one(clips: Any, base: Any, score: Any, report: Any) -> Any:
+        fitted.append(score.candidate.name)
+        return SimpleNamespace(name=score.candidate.name, stage=with_own, converged=True)
+
+    def look(clips: Any, base: Any, candidates: Any, report: Any, beside: Any, share: float, begun: Any) -> Any:
+        known = begun.fitted[0] if begun else None
+        return SimpleNamespace(base=base, best=known or try_one(clips, base, told(own), report), scores=begun)
+
+    runs = SimpleNamespace(best=SimpleNamespace(name="speed_drag", stage=with_runs), base=NOW)
+    for module, key, stands in (
+        (sysid.runs, "settle", lambda clips, model, report, what: with_runs),
+        (sysid.runs, "compare_stages", lambda clips, a, b: SimpleNamespace(delta_bic=b.gain - a.gain)),
+        (sysid.runs, "candidates_for", lambda model: []),
+        (sysid.runs, "scored", lambda *known: SimpleNamespace(rows=(told(own), told("speed_drag")))),
+        (sysid.runs, "try_one", try_one),
+        (sysid.judge, "Aside", Here),
+        (sysid.judge, "look_at_runs", lambda clips, now, report: runs),
+        (sysid.judge, "candidates_for", lambda model: []),
+        (sysid.judge, "followed", lambda clips, now: False),
+        (sysid.judge, "look", look),
+        (sysid.judge, "left_over", lambda clips, stage: 0.0),
+    ):
+        monkeypatch.setattr(module, key, stands)
+    return judge(CLIPS, NOW, lambda line: None), fitted  # type: ignore[arg-type]
+
+
+def test_runs_are_believed_where_whole_shots_promise_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, fitted = looked(monkeypatch, 200.0, "speed_drag", 0.0)
+    assert seen.name == "speed_drag" and seen.believed is not None and fitted == ["speed_drag"]
+
+
+def test_runs_are_believed_where_what_whole_shots_promise_explains_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, fitted = looked(monkeypatch, 200.0, "squirt", 205.0)
+    assert seen.name == "speed_drag" and seen.believed is not None and fitted == ["squirt"]
+
+
+def test_whole_shots_name_what_explains_more_and_it_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, fitted = looked(monkeypatch, 200.0, "spin_slide_coupling", 900.0)
+    assert seen.name == "spin_slide_coupling" and seen.believed is None and fitted == ["spin_slide_coupling"]
+    assert len(seen.rounds) == 2, "what runs said is kept"
+
+
+def test_runs_that_whole_shots_gain_nothing_by_are_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, _ = looked(monkeypatch, 5.0, "squirt", 100.0)
+    assert seen.name == "squirt" and seen.believed is None
