@@ -227,8 +227,11 @@ class Rollout:
             self.qpos[rows, :, 2] = np.where(self.alive[rows], ball.radius, self.qpos[rows, :, 2])
             self.qvel[rows, :, 2] = 0
             w1 = balls.spin + balls.torque / ball.inertia * step[:, None, None]
-            # A rolling ball that would turn back within a step, pushed across its way, has come to rest.
+            # A rolling ball that would turn back within a step, or would but for a push across its way, is at rest.
             back = np.sum(balls.velocity[..., :2] * v1[..., :2], axis=-1) < 0
+            if curve is not None:
+                first = balls.velocity + step[:, None, None] * curve.push[0]
+                back |= np.sum(balls.velocity[..., :2] * first[..., :2], axis=-1) < 0
             if back.any():
                 slow = back & balls.rolling & (np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) < TURN)
                 v1[slow] = 0.0

@@ -50,3 +50,12 @@ def test_every_ball_comes_to_rest(rate: float) -> None:
     shots = [rolling(v, side, times) for v in np.geomspace(0.001, 1.0, 12) for side in (0.0, 4.0, 40.0)]
     for track in simulate(model(speed_drag=0.01, side_curve=rate), shots):
         assert np.abs(track.velocity[-1]).max() < 1e-6
+
+
+def test_a_push_across_the_way_keeps_no_ball_going() -> None:
+    """Though sidespin pushes three times harder than the cloth brakes, it takes nothing off the speed, nor adds any."""
+    speed, times = 0.05, np.linspace(0.0, 2.0, 201)
+    track = simulate(model(side_curve=0.003), [rolling(speed, 40.0, times)])[0]
+    size, stop = np.hypot(*track.velocity[:, 0].T), speed / (0.004 * 9.81)
+    assert size == pytest.approx(np.maximum(speed - 0.004 * 9.81 * times, 0.0), abs=1e-3)
+    assert np.all(size[times > stop + 0.03] < 1e-9) and track.spin[-1, 0, 2] > 29.0
