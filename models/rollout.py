@@ -75,6 +75,7 @@ class Rollout:
         self.reach = table.reach(ball)
         self.half = np.array([table.length / 2, table.width / 2])
         self.mouths = table.mouths()
+        self.falls = np.array([[name not in s.staying for name in s.names] for s in self.shots])
         self._start()
 
     def _start(self) -> None:
@@ -156,13 +157,13 @@ class Rollout:
         switch = limit
         if self.varies:
             limit = np.where(moving, np.minimum(limit, self.room[rows]), limit)
-        alive, quiet = self.alive[rows], self._quiet(rows)
+        alive, quiet, falls = self.alive[rows], self._quiet(rows), self.falls[rows]
         acceleration = balls.force / balls.ball.mass
 
         def touch(some: Any, acceleration: Array, limit: Array) -> tuple[Array, NDArray[np.int64]]:
             return next_touch(
                 balls.position[some], balls.velocity[some], acceleration, alive[some], balls.ball.radius, self.reach,
-                self.half, self.mouths, self.resolved, quiet[some], limit,
+                self.half, self.mouths, falls[some], self.resolved, quiet[some], limit,
             )  # fmt: skip
 
         step, hit = touch(slice(None), acceleration, limit)
@@ -227,8 +228,11 @@ class Rollout:
             self.qpos[rows, :, 2] = np.where(self.alive[rows], ball.radius, self.qpos[rows, :, 2])
             self.qvel[rows, :, 2] = 0
             w1 = balls.spin + balls.torque / ball.inertia * step[:, None, None]
-            # A rolling ball that would turn back within a step, pushed across its way, has come to rest.
+            # A rolling ball that would turn back within a step, or would but for a push across its way, is at rest.
             back = np.sum(balls.velocity[..., :2] * v1[..., :2], axis=-1) < 0
+            if curve is not None:
+                first = balls.velocity + step[:, None, None] * curve.push[0]
+                back |= np.sum(balls.velocity[..., :2] * first[..., :2], axis=-1) < 0
             if back.any():
                 slow = back & balls.rolling & (np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) < TURN)
                 v1[slow] = 0.0

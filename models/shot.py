@@ -39,6 +39,14 @@ class Table:
         """Where a rail takes no ball but a pocket does: from a corner, from a middle; capture at a corner: (3,) [m]."""
         return np.array([POCKET_MOUTH / np.sqrt(2), MIDDLE_ACCEPTANCE, POCKET_MOUTH / 2]) * self.pockets
 
+    def to_pocket(self, xy: Array) -> Array:
+        """From places (..., 2) to where the nose lines meet, or to the middle of a long one, the nearest: (...) [m]."""
+        if not self.pockets:
+            return np.full(np.shape(xy)[:-1], np.inf)
+        over = np.abs(xy) - np.array([self.length, self.width]) / 2
+        corner, middle = np.hypot(over[..., 0], over[..., 1]), np.hypot(xy[..., 0], over[..., 1])
+        return np.asarray(np.minimum(corner, middle))
+
 
 @dataclass(frozen=True)
 class Ball:
@@ -74,6 +82,7 @@ class Shot:
     impact_step: float = 1e-4  # step while native contacts act [s]
     order: float = 0.0  # place in its session, 0 for the first shot, 1 for the last
     struck: bool = True  # whether the first ball was struck at t = 0; otherwise it was on its way
+    staying: tuple[str, ...] = ()  # balls that are known to be on the table after: no pocket takes them
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ def next_touch(
     reach: Array,
     half: Array,
     mouths: Array,
+    falls: NDArray[np.bool_],
     what: NDArray[np.bool_],
     quiet: Array,
     limit: Array,
@@ -39,7 +40,8 @@ def next_touch(
     """The step to the next touch of every simulation, at most `limit`, and what it is: (nsim,), (nsim, 3).
 
     Positions (nsim, nball, 3); `reach` and `half` (2,): where centres meet the cushions, and the nose lines;
-    `mouths` (corner, middle, capture) [m], zeros on a table without pockets; `what`: balls?, cushions?
+    `mouths` (corner, middle, capture) [m], zeros on a table without pockets; `falls` (nsim, nball): which balls
+    a pocket takes; `what`: balls?, cushions?
     `quiet` (nsim, nball, nball + 4): for how long bodies that lean on each other need no other look [s].
     """
     nsim, nball = alive.shape
@@ -53,7 +55,8 @@ def next_touch(
                 continue
             p, v, a = position[s, i], velocity[s, i], acceleration[s, i]
             moving = v[0] != 0.0 or v[1] != 0.0 or a[0] != 0.0 or a[1] != 0.0
-            if moving and (what[1] or mouths[0] > 0.0):
+            pockets = mouths[0] > 0.0 and (falls[s, i] or not what[1])  # native cushions have gaps
+            if moving and (what[1] or pockets):
                 for rail in range(4):
                     k = rail // 2
                     sign = 1.0 - 2.0 * (rail % 2)
@@ -66,13 +69,13 @@ def next_touch(
                     if quiet[s, i, nball + rail] > t and sign * (v[k] + a[k] * t) < LEAN:
                         t = quiet[s, i, nball + rail]
                     o = 1 - k
-                    if in_mouth(p[o] + v[o] * t + 0.5 * a[o] * t * t, rail, half, mouths):
+                    if pockets and in_mouth(p[o] + v[o] * t + 0.5 * a[o] * t * t, rail, half, mouths):
                         t = line(half[k] - sign * p[k], sign * v[k], sign * a[k], h)
                         if 0.0 <= t < h:
                             h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, rail
                     elif what[1] and (t < h or (t == h and hit[s, 0] == 0)):
                         h, hit[s, 0], hit[s, 1], hit[s, 2] = t, CUSHION, i, rail
-            if moving and mouths[0] > 0.0:
+            if moving and pockets:
                 qx, qy = abs(p[0]) - half[0], abs(p[1]) - half[1]
                 sx, sy = math.copysign(1.0, p[0]), math.copysign(1.0, p[1])
                 t = meeting(qx, qy, sx * v[0], sy * v[1], sx * a[0], sy * a[1], mouths[2], h)

@@ -87,9 +87,7 @@ def _check_places(rows: Rows, file: str, table: Table, ball: Ball, noise: float,
     good = True
     for i in outside.tolist():
         x, y = (float(v) for v in rows.xy[i])
-        corner = math.hypot(abs(x) - half[0], abs(y) - half[1])
-        middle = math.hypot(x, abs(y) - half[1])
-        if table.pockets and min(corner, middle) <= POCKET_REACH * ball.diameter + noise:
+        if table.to_pocket(rows.xy[i]) <= POCKET_REACH * ball.diameter + noise:
             continue
         good = False
         axis = 0 if abs(x) > limit[0] else 1

@@ -21,6 +21,7 @@ from models.model_file import Model
 from models.observe import observed, undone
 from models.shot import Shot, Table, Track
 from sysid.clips import Clip, ClipSet, Observation
+from sysid.clips_check import POCKET_REACH
 from sysid.segments import CLAMPED, Segment, free_from, moving_from
 from sysid.solve import Prior
 
@@ -123,6 +124,7 @@ class ShotProblem:
     azimuth: Array  # (n,)
     prior: Prior
     rest: tuple[Array, ...]  # of each clip: (nball - 1, 2) where the camera sees the others lie [m]
+    staying: tuple[tuple[str, ...], ...]  # balls of each clip that end elsewhere than at a pocket
     trusted: tuple[dict[str, NDArray[np.bool_]], ...]  # samples to believe
     sd: tuple[dict[str, Array], ...]  # of each sample [m]
     sd_theta: Array  # (n,) of a marked ball's angle [rad]
@@ -134,8 +136,8 @@ class ShotProblem:
         return dataclasses.replace(
             self, clips=tuple(self.clips[k] for k in few), start=self.start[few], azimuth=self.azimuth[few],
             prior=Prior(self.prior.mean[few], self.prior.sd[few]), rest=tuple(self.rest[k] for k in few),
-            trusted=tuple(self.trusted[k] for k in few), sd=tuple(self.sd[k] for k in few),
-            sd_theta=self.sd_theta[few], horizon=self.horizon[few],
+            staying=tuple(self.staying[k] for k in few), trusted=tuple(self.trusted[k] for k in few),
+            sd=tuple(self.sd[k] for k in few), sd_theta=self.sd_theta[few], horizon=self.horizon[few],
         )  # fmt: skip
 
     def until(self, horizon: Array) -> ShotProblem:
@@ -158,7 +160,7 @@ class ShotProblem:
         rest = others + x[len(STEPS) : len(STEPS) + others.size].reshape(others.shape)
         return _shot(
             self.balls(clip), x, self.azimuth[clip], self.model.ball.radius, rest, times,
-            self.clips[clip].order, not self.clips[clip].running,
+            self.clips[clip].order, not self.clips[clip].running, self.staying[clip],
         )  # fmt: skip
 
     def struck(self, x: Array, effect: Effect) -> Array:
@@ -227,7 +229,7 @@ def residual(track: Track, ball: int, seen: Observation, n: int) -> tuple[Array,
 
 def _shot(
     names: tuple[str, ...], x: Array, azimuth: float, radius: float, rest: Array, times: Array, order: float,
-    struck: bool,
+    struck: bool, staying: tuple[str, ...] = (),
 ) -> Shot:  # fmt: skip
     n = len(names)
     q = turn(azimuth)
@@ -235,7 +237,7 @@ def _shot(
     position[0], velocity[0] = x[:2], q @ x[2:4]
     spin[0, :2], spin[0, 2] = q @ x[4:6] / radius, x[6] / radius
     position[1:] = rest
-    return Shot(names, position, velocity, spin, times, order=order, struck=struck)
+    return Shot(names, position, velocity, spin, times, order=order, struck=struck, staying=staying)
 
 
 def _line(time: Array, xy: Array) -> Array:
@@ -257,7 +259,7 @@ def shot_problem(model: Model, names: Sequence[str], clip_set: ClipSet, sigma: f
     n, own = len(clip_set.clips), len(STEPS)
     p = own + 2 * (max((len(c.balls) for c in clip_set.clips), default=1) - 1)
     start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), REST_SD * sigma), np.zeros(n)
-    rest, trusted, sds = [], [], []
+    rest, trusted, sds, staying = [], [], [], []
     edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMPED
     for k, clip in enumerate(clip_set.clips):
         start[k, :own], mean[k, :own], sd[k, :own], azimuth[k] = _begin(clip, clip_set, sigma)
@@ -268,10 +270,12 @@ def shot_problem(model: Model, names: Sequence[str], clip_set: ClipSet, sigma: f
             believe[clip.struck][: free_from(clip.balls[clip.struck], sigma)] = False
         trusted.append(believe)
         sds.append({b: np.full(len(o.time), sigma) for b, o in clip.balls.items()})
+        ends = {b: clip_set.table.to_pocket(o.xy[-1]) for b, o in clip.balls.items()}
+        staying.append(tuple(b for b, far in ends.items() if far > POCKET_REACH * clip_set.ball.diameter))
     end = np.array([max(o.time[-1] for o in c.balls.values()) for c in clip_set.clips])
     return ShotProblem(
-        model, tuple(names), clip_set.clips, start, azimuth, Prior(mean, sd), tuple(rest), tuple(trusted), tuple(sds),
-        np.full(n, theta_noise(clip_set.clips)), end,
+        model, tuple(names), clip_set.clips, start, azimuth, Prior(mean, sd), tuple(rest), tuple(staying),
+        tuple(trusted), tuple(sds), np.full(n, theta_noise(clip_set.clips)), end,
     )  # fmt: skip
 
 

@@ -96,10 +96,14 @@ def regrow(
 
 
 def other_spins(problem: ShotProblem, rows: Index, x: Array, c: Array) -> Array:
-    """Own unknowns with some shots tried from other spins, at constants (q,); those that end better are kept."""
-    k = len(SPINS)
-    which, moved = np.tile(rows, k), np.repeat(x[None, rows], k, axis=0)
-    for trial, (unknown, shift) in zip(moved, SPINS, strict=True):
+    """Own unknowns with some shots tried from other spins, at constants (q,); those that end better are kept.
+
+    From where they are, and from where they began: one that has gone far astray has no good optimum near it.
+    """
+    shifts = [(base, *spin) for base in (x, problem.start) for spin in SPINS] + [(problem.start, 6, 0.0)]
+    k = len(shifts)
+    which, moved = np.tile(rows, k), np.stack([base[rows] for base, _, _ in shifts])
+    for trial, (_, unknown, shift) in zip(moved, shifts, strict=True):
         trial[:, unknown] += shift * np.hypot(trial[:, 2], trial[:, 3])
     prior = Prior(problem.prior.mean[which], problem.prior.sd[which])
     tried, cost = fit_each(

@@ -15,7 +15,7 @@ import pytest
 from models.model_file import full_model
 from models.shot import Ball, Shot, Table
 from models.simulate import simulate
-from sysid.aside import Aside
+from sysid.aside import Aside, shared
 
 forked = pytest.mark.skipif(
     sys.platform != "linux" or len(os.sched_getaffinity(0)) < 2, reason="one core, or no fork: work is done in place"
@@ -70,3 +70,14 @@ def test_what_is_not_asked_for_ends_with_its_context() -> None:
     with Aside(lambda: time.sleep(600)):
         assert active_children()
     assert time.monotonic() - began < 60 and not active_children()
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 5])
+def test_shared_work_keeps_its_order(count: int) -> None:
+    assert shared(lambda k: k * k, count) == [k * k for k in range(count)]
+
+
+@forked
+def test_work_aside_shares_no_more() -> None:
+    with Aside(lambda: {os.getpid(), *shared(lambda _: os.getpid(), 4)}) as aside:
+        assert len(aside.result()) == 1

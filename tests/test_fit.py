@@ -12,10 +12,13 @@ import pytest
 
 from models.errors import BadInput
 from models.model_file import Model, full_model, read_model, write_model
+from models.shot import Ball, Shot, Table
+from models.simulate import simulate
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.compare import compare
 from sysid.fit import HOLD_OUT, Fit, _widened, fit, training_clips
 from sysid.noise import position_noise
+from sysid.problem import shot_problem
 from sysid.solve import Joint
 from tests.bench.accuracy import CONSTANTS
 from tests.truth.__main__ import main as make_truth
@@ -210,6 +213,24 @@ def test_what_the_clips_do_not_show_is_not_claimed(tmp_path: Path) -> None:
     assert found.converged
     for name in ("decoupled_cloth.slide", "decoupled_cloth.roll"):
         assert abs(told[name]) < 4
+
+
+def test_a_ball_seen_to_stay_is_not_potted_by_a_pocket_that_is_smaller_than_modelled() -> None:
+    """It rebounds 40 mm from the middle of a long cushion, where the model's pocket takes it."""
+    model = full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406))
+    times, clips = np.linspace(0, 1.2, 145), []
+    for staying in (("white",), ()):
+        velocity, spin = np.array([[0.0, 1.5]]), np.array([[-1.5 / model.ball.radius, 0.0, 0.0]])
+        shot = Shot(("white",), np.array([[0.04, 0.3]]), velocity, spin, times, staying=staying)
+        xy = simulate(model, [shot])[0].position[:, 0]
+        seen = np.isfinite(xy[:, 0])
+        ball = Observation(times[seen], xy[seen], np.full(seen.sum(), np.nan))
+        clips.append(Clip(f"clips/{len(clips)}.csv", "white", {"white": ball}))
+    problem = shot_problem(model, (), ClipSet(model.table, model.ball, 120.0, tuple(clips), 5e-4), 5e-4)
+    assert problem.staying == (("white",), ())
+    own = np.tile([0.04, 0.3, 1.5, 0.0, 0.0, 1.5, 0.0], (2, 1))
+    missed = problem.evaluate(own, np.zeros((2, 0)), np.arange(2))
+    assert np.nanmax(np.abs(missed)) < 0.01 and np.isfinite(missed[0, : 2 * len(times)]).sum() > 250
 
 
 def test_too_little_to_fit_is_one_clear_line(case: Case, start: Model) -> None:

@@ -236,6 +236,16 @@ def test_a_potted_ball_is_gone_for_good(model: Model, start: Any, velocity: Any)
         assert np.isfinite(values[:, 1]).all()
 
 
+@pytest.mark.parametrize(("start", "velocity"), [((0.04, 0.3), (0.0, 1.5)), ((1.4, 0.5), (1.5, 1.5))])
+def test_a_ball_that_is_known_to_stay_meets_cushions_where_mouths_are(start: Any, velocity: Any) -> None:
+    shot = Shot(("white",), np.array([start]), np.array([velocity]), np.zeros((1, 3)), np.linspace(0, 1.0, 21))
+    closed = dataclasses.replace(POCKETS, table=dataclasses.replace(POCKETS.table, pockets=False))
+    potted, stays = simulate(POCKETS, [shot, dataclasses.replace(shot, staying=("white",))])
+    assert np.isnan(potted.position[-1]).all()
+    assert {e.kind for e in stays.events} == {"cushion"}
+    assert np.array_equal(stays.position, simulate(closed, [shot])[0].position)
+
+
 @pytest.mark.parametrize("missing", ["decoupled_cloth", "ball_impact", "cushion_impact"])
 def test_native_contacts_stand_in_for_a_missing_effect(missing: str) -> None:
     model = dataclasses.replace(CAROM, effects=tuple(e for e in CAROM.effects if e.name() != missing))
