@@ -27,6 +27,7 @@ FEWEST = 4  # sightings of a rest
 CONTACT = 0.002  # longest time that cue and ball touch [s]
 TAIL = 0.3  # of rest at the end of a clip [s]
 UNSEEN = 0.1  # a ball that was hidden for so long was set in motion unseen [s]
+FORGOTTEN = 1.0  # a moving ball that was lost for longer sets nothing in motion: it was taken away [s]
 GAIN = 0.75  # speed at once over the speed later, below which a ball is moved by hand
 POTTED = 0.1  # after its last sighting within which a ball drops [s]
 LULL = 1.0  # without motion, after which a shot is over [s]
@@ -217,7 +218,8 @@ def _near(scene: Scene, other: Move, move: Move) -> bool:
         between = np.column_stack([np.interp(times, path.time, path.xy[:, k]) for k in (0, 1)])
         places = np.concatenate([places, between])
     elif gone > UNSEEN:
-        if other.lost and pocketed(scene, path, np.arange(other.first, other.stop)) is not None:
+        dropped = other.lost and pocketed(scene, path, np.arange(other.first, other.stop)) is not None
+        if dropped or (other.lost and gone > FORGOTTEN):
             return False
         places, room = path.xy[last][None], room + speed * gone
     return move.place is not None and float(np.linalg.norm(places - move.place, axis=1).min()) < room

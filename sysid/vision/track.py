@@ -244,8 +244,7 @@ def overlap(found: Found, radius: float) -> float:
 def _outside(xy: Array, table: Table, diameter: float) -> NDArray[np.bool_]:
     """Which places (n, 2) lie where no ball can be: (n,)."""
     over = np.abs(xy) - np.array([table.length, table.width]) / 2
-    pocket = np.minimum(np.hypot(*over.T), np.hypot(xy[:, 0], over[:, 1])) < POCKET_REACH * diameter
-    return np.asarray((over > BEYOND).any(axis=1) & ~(pocket & table.pockets))
+    return np.asarray((over > BEYOND).any(axis=1) & (table.to_pocket(xy) >= POCKET_REACH * diameter))
 
 
 def lost_frames(scene: Scene, shot: Shot, path: Path, rows: NDArray[np.int64]) -> int:
