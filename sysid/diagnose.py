@@ -31,6 +31,7 @@ MOST = 3  # candidates fitted in a round
 NAMED = 10.0  # delta BIC from which an effect is named
 MATTERS = 1e-3  # and the fall of chi-square per residual
 ALIKE = 0.9  # correlation of signatures from which two candidates are look-alikes
+CONTEST = 100.0  # delta BIC below which chance in single shots may decide between two fits
 TIED = 10.0  # delta BIC below which two candidates are not told apart
 MOVES = 2.0  # loss by which another optimum is better
 NEAR = 0.3  # of the noise's square: left over by a fit that differs from another by single shots
@@ -142,6 +143,7 @@ def look(
         first = max(trials, key=lambda t: t.evidence.gain)
         tau = compare_stages(clips, base, first.stage, rate).tau
         trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, rate, tau)) for t in trials]
+        trials = _contested(clips, base, trials, rate, tau)
     trials.sort(key=lambda t: -t.evidence.delta_bic)
     return Round(base, scores, tuple(trials), *_look_alikes(scores, trials), scores.count)
 
@@ -271,6 +273,22 @@ def _settle(clips: Clips, base: Stage, trials: list[Trial], report: Report) -> l
                 if new.evidence.gain > one.evidence.gain:
                     trials[i] = new
     return trials
+
+
+def _contested(clips: Clips, base: Stage, trials: list[Trial], rate: float, tau: float) -> list[Trial]:
+    """The trials, those near the best held against the base with shots at the best optima that any of them found."""
+    top = max(t.evidence.delta_bic for t in trials)
+    close = [t.stage for t in trials if t.converged and top - t.evidence.delta_bic < CONTEST]
+    if len(close) < 2:
+        return trials
+
+    def again(trial: Trial) -> Trial:
+        if not any(s is trial.stage for s in close):
+            return trial
+        rivals = [s for s in close if s is not trial.stage]
+        return dataclasses.replace(trial, evidence=compare_stages(clips, base, trial.stage, rate, tau, rivals))
+
+    return [again(t) for t in trials]
 
 
 def _look_alikes(

@@ -243,21 +243,31 @@ class Evidence:
 
 
 def compare_stages(
-    clips: Clips, one: Stage, two: Stage, rate: float | None = None, tau: float | None = None
+    clips: Clips,
+    one: Stage,
+    two: Stage,
+    rate: float | None = None,
+    tau: float | None = None,
+    rivals: Sequence[Stage] = (),
 ) -> Evidence:
     """Evidence for `two` over `one`, at the same standard deviations: of an error per way, or of the better one's.
 
-    `tau`: samples that count as one; found from the better one's residuals if not given.
+    `tau`: samples that count as one; found from the better one's residuals if not given. `rivals` of `two` do nearly
+    as well: shots are tried from their optima as well, so that it is not chance in single shots that decides.
     """
     rate = min(one.fit.rate, two.fit.rate) if rate is None else rate
 
-    def cost(s: Stage) -> tuple[float, int]:
+    def cost(s: Stage, others: Sequence[Stage] = ()) -> tuple[float, int]:
         seen = problem_at(clips, s.point, rate)
-        x, _ = fit_each(seen.evaluate, s.point.x, s.point.c, seen.steps, seen.prior, ROBUST, 5)
-        total, count = shot_losses(seen, x, s.point.c)
-        return 2 * float(total.sum()) + _beside(clips, s), int(count.sum())
+        found = []
+        for start in (s, *others):
+            steps = LONG if others else 5
+            x, _ = fit_each(seen.evaluate, start.point.x, s.point.c, seen.steps, seen.prior, ROBUST, steps)
+            total, count = shot_losses(seen, x, s.point.c)
+            found.append(total)
+        return 2 * float(np.min(found, axis=0).sum()) + _beside(clips, s), int(count.sum())
 
-    (a, count), (b, _) = cost(one), cost(two)
+    (a, count), (b, _) = cost(one), cost(two, rivals)
     if tau is None:
         better = two if b < a else one
         r = better.point.residuals(problem_at(clips, better.point, rate))
