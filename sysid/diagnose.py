@@ -63,7 +63,7 @@ class Round:
 
     base: Stage
     scores: Scores
-    trials: tuple[Trial, ...]  # best first
+    trials: tuple[Trial, ...]  # best first, and among equals the simplest
     alike: tuple[tuple[str, str, float], ...]  # look-alikes among those that matter, with their correlation
     tied: tuple[tuple[str, str], ...]  # pairs that these data do not tell apart
     count: int  # residuals
@@ -144,8 +144,7 @@ def look(
         tau = compare_stages(clips, base, first.stage, rate).tau
         trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, rate, tau)) for t in trials]
         trials = _contested(clips, base, trials, rate, tau)
-    trials.sort(key=lambda t: -t.evidence.delta_bic)
-    return Round(base, scores, tuple(trials), *_look_alikes(scores, trials), scores.count)
+    return Round(base, scores, tuple(_ranked(trials)), *_look_alikes(scores, trials), scores.count)
 
 
 def _trials(
@@ -289,6 +288,17 @@ def _contested(clips: Clips, base: Stage, trials: list[Trial], rate: float, tau:
         return dataclasses.replace(trial, evidence=compare_stages(clips, base, trial.stage, rate, tau, rivals))
 
     return [again(t) for t in trials]
+
+
+def _ranked(trials: Sequence[Trial]) -> list[Trial]:
+    """Best first; of those that these data do not tell from the best, the one with the fewest parameters."""
+    top = max((t.evidence.delta_bic for t in trials if t.converged), default=0.0)
+
+    def rank(trial: Trial) -> tuple[bool, int, float]:
+        tied = trial.converged and top - trial.evidence.delta_bic < TIED
+        return not tied, trial.stage.point.c.size if tied else 0, -trial.evidence.delta_bic
+
+    return sorted(trials, key=rank)
 
 
 def _look_alikes(

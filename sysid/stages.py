@@ -42,6 +42,7 @@ from sysid.spikes import set_aside
 CLOCK = "clock_scale.factor"
 LAGS = 40  # samples over which residuals may hang together
 LONG, SHORT = 40, 8  # steps of a fit that starts far from its optimum
+FINE, COARSE = 1e-7, 1e-4  # tolerance of the loss, where single shots decide and elsewhere
 NOISE = 0.5  # loss per residual of noise
 CLIPPED = 4.0  # standard deviations, as which larger residuals count in what is left
 Report = Callable[[str], None]
@@ -261,8 +262,10 @@ def compare_stages(
         seen = problem_at(clips, s.point, rate)
         found = []
         for start in (s, *others):
-            steps = LONG if others else 5
-            x, _ = fit_each(seen.evaluate, start.point.x, s.point.c, seen.steps, seen.prior, ROBUST, steps)
+            steps, tolerance = (LONG, FINE) if others else (5, COARSE)
+            x, _ = fit_each(
+                seen.evaluate, start.point.x, s.point.c, seen.steps, seen.prior, ROBUST, steps, tolerance=tolerance
+            )
             total, count = shot_losses(seen, x, s.point.c)
             found.append(total)
         return 2 * float(np.min(found, axis=0).sum()) + _beside(clips, s), int(count.sum())
