@@ -15,7 +15,7 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model, catalogue
-from sysid.aside import Aside
+from sysid.aside import Aside, shared
 from sysid.evidence import Candidate, Point, Score, Scores, candidate, with_candidate
 from sysid.own import ROBUST
 from sysid.problem import Array
@@ -32,6 +32,7 @@ NAMED = 10.0  # delta BIC from which an effect is named
 MATTERS = 1e-3  # and the fall of chi-square per residual
 ALIKE = 0.9  # correlation of signatures from which two candidates are look-alikes
 CONTEST = 100.0  # delta BIC below which chance in single shots may decide between two fits
+PATIENT, EXACT = 40, 1e-7  # steps and tolerance of single shots there
 TIED = 10.0  # delta BIC below which two candidates are not told apart
 MOVES = 2.0  # loss by which another optimum is better
 NEAR = 0.3  # of the noise's square: left over by a fit that differs from another by single shots
@@ -143,7 +144,7 @@ def look(
         first = max(trials, key=lambda t: t.evidence.gain)
         tau = compare_stages(clips, base, first.stage, rate).tau
         trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, rate, tau)) for t in trials]
-        trials = _contested(clips, base, trials, rate, tau)
+        trials = _contested(clips, base, trials, rate, tau, report)
     return Round(base, scores, tuple(_ranked(trials)), *_look_alikes(scores, trials), scores.count)
 
 
@@ -274,20 +275,35 @@ def _settle(clips: Clips, base: Stage, trials: list[Trial], report: Report) -> l
     return trials
 
 
-def _contested(clips: Clips, base: Stage, trials: list[Trial], rate: float, tau: float) -> list[Trial]:
-    """The trials, those near the best held against the base with shots at the best optima that any of them found."""
+def _contested(clips: Clips, base: Stage, trials: list[Trial], rate: float, tau: float, report: Report) -> list[Trial]:
+    """The trials, those near the best fitted to the last digit, from the best optima of shots that any of them found."""
     top = max(t.evidence.delta_bic for t in trials)
     close = [t.stage for t in trials if t.converged and top - t.evidence.delta_bic < CONTEST]
     if len(close) < 2:
         return trials
 
-    def again(trial: Trial) -> Trial:
-        if not any(s is trial.stage for s in close):
-            return trial
-        rivals = [s for s in close if s is not trial.stage]
-        return dataclasses.replace(trial, evidence=compare_stages(clips, base, trial.stage, rate, tau, rivals))
+    report("what is nearly as good, to the last digit")
 
-    return [again(t) for t in trials]
+    def again(k: int) -> Stage:
+        one = close[k]
+        seen = problem_at(clips, one.point, rate)
+        starts = [one.point.x, *(other.point.x for other in close if other is not one)]
+        tried = [
+            fit_each(seen.evaluate, x, one.point.c, seen.steps, seen.prior, ROBUST, PATIENT, tolerance=EXACT)[0]
+            for x in starts
+        ]
+        losses = [shot_losses(seen, x, one.point.c)[0] for x in tried]
+        best = np.stack(tried)[np.argmin(losses, axis=0), np.arange(len(one.point.x))]
+        mixed = Point(one.point.problem, best, one.point.c)
+        found = refine(mixed, clips.training, clips.growth, rate, lambda line: None, "", clips.known, fine=True)
+        return stage(clips, found, one)
+
+    def held_against(trial: Trial, new: Stage) -> Trial:
+        evidence = compare_stages(clips, base, new, rate, tau)
+        return dataclasses.replace(trial, stage=new, evidence=evidence)
+
+    better = iter(shared(again, len(close)))
+    return [held_against(t, next(better)) if any(s is t.stage for s in close) else t for t in trials]
 
 
 def _ranked(trials: Sequence[Trial]) -> list[Trial]:

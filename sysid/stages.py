@@ -42,7 +42,6 @@ from sysid.spikes import set_aside
 CLOCK = "clock_scale.factor"
 LAGS = 40  # samples over which residuals may hang together
 LONG, SHORT = 40, 8  # steps of a fit that starts far from its optimum
-FINE, COARSE = 1e-7, 1e-4  # tolerance of the loss, where single shots decide and elsewhere
 NOISE = 0.5  # loss per residual of noise
 CLIPPED = 4.0  # standard deviations, as which larger residuals count in what is left
 Report = Callable[[str], None]
@@ -244,33 +243,21 @@ class Evidence:
 
 
 def compare_stages(
-    clips: Clips,
-    one: Stage,
-    two: Stage,
-    rate: float | None = None,
-    tau: float | None = None,
-    rivals: Sequence[Stage] = (),
+    clips: Clips, one: Stage, two: Stage, rate: float | None = None, tau: float | None = None
 ) -> Evidence:
     """Evidence for `two` over `one`, at the same standard deviations: of an error per way, or of the better one's.
 
-    `tau`: samples that count as one; found from the better one's residuals if not given. `rivals` of `two` do nearly
-    as well: shots are tried from their optima as well, so that it is not chance in single shots that decides.
+    `tau`: samples that count as one; found from the better one's residuals if not given.
     """
     rate = min(one.fit.rate, two.fit.rate) if rate is None else rate
 
-    def cost(s: Stage, others: Sequence[Stage] = ()) -> tuple[float, int]:
+    def cost(s: Stage) -> tuple[float, int]:
         seen = problem_at(clips, s.point, rate)
-        found = []
-        for start in (s, *others):
-            steps, tolerance = (LONG, FINE) if others else (5, COARSE)
-            x, _ = fit_each(
-                seen.evaluate, start.point.x, s.point.c, seen.steps, seen.prior, ROBUST, steps, tolerance=tolerance
-            )
-            total, count = shot_losses(seen, x, s.point.c)
-            found.append(total)
-        return 2 * float(np.min(found, axis=0).sum()) + _beside(clips, s), int(count.sum())
+        x, _ = fit_each(seen.evaluate, s.point.x, s.point.c, seen.steps, seen.prior, ROBUST, 5)
+        total, count = shot_losses(seen, x, s.point.c)
+        return 2 * float(total.sum()) + _beside(clips, s), int(count.sum())
 
-    (a, count), (b, _) = cost(one), cost(two, rivals)
+    (a, count), (b, _) = cost(one), cost(two)
     if tau is None:
         better = two if b < a else one
         r = better.point.residuals(problem_at(clips, better.point, rate))
