@@ -276,7 +276,7 @@ def _settle(clips: Clips, base: Stage, trials: list[Trial], report: Report) -> l
 
 
 def _contested(clips: Clips, base: Stage, trials: list[Trial], rate: float, tau: float, report: Report) -> list[Trial]:
-    """The trials, those near the best fitted to the last digit, from the best optima of shots that any of them found."""
+    """The trials, those near the best fitted to the last digit, from the best optima of shots among them."""
     top = max(t.evidence.delta_bic for t in trials)
     close = [t.stage for t in trials if t.converged and top - t.evidence.delta_bic < CONTEST]
     if len(close) < 2:
