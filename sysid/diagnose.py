@@ -21,7 +21,18 @@ from sysid.own import ROBUST
 from sysid.problem import Array
 from sysid.refine import refine, shot_losses
 from sysid.solve import fit_each
-from sysid.stages import Clips, Evidence, Stage, compare_stages, left_over, problem_at, scores_at, settle, stage
+from sysid.stages import (
+    Clips,
+    Evidence,
+    Stage,
+    compare_stages,
+    left_over,
+    problem_at,
+    scores_at,
+    settle,
+    stage,
+    weighed_like,
+)
 
 PROMISES = 15.0  # fall of chi-square from which a candidate is worth a fit
 RIVALS = 0.2  # of the best candidate's promise: fitted as well
@@ -140,11 +151,11 @@ def look(
         better = lent(clips, base, best.stage, "base", report)
         if better is not None:
             base = better
-        rate = min(t.stage.fit.rate for t in trials)  # what is to be compared is weighed alike
+        by = min((t.stage for t in trials), key=lambda s: s.fit.rate)  # what is to be compared is weighed alike
         first = max(trials, key=lambda t: t.evidence.gain)
-        tau = compare_stages(clips, base, first.stage, rate).tau
-        trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, rate, tau)) for t in trials]
-        trials = _contested(clips, base, trials, rate, tau, report)
+        tau = compare_stages(clips, base, first.stage, by).tau
+        trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, by, tau)) for t in trials]
+        trials = _contested(clips, base, trials, by, tau, report)
     return Round(base, scores, tuple(_ranked(trials)), *_look_alikes(scores, trials), scores.count)
 
 
@@ -275,7 +286,7 @@ def _settle(clips: Clips, base: Stage, trials: list[Trial], report: Report) -> l
     return trials
 
 
-def _contested(clips: Clips, base: Stage, trials: list[Trial], rate: float, tau: float, report: Report) -> list[Trial]:
+def _contested(clips: Clips, base: Stage, trials: list[Trial], by: Stage, tau: float, report: Report) -> list[Trial]:
     """The trials, those near the best fitted to the last digit, from the best optima of shots among them."""
     top = max(t.evidence.delta_bic for t in trials)
     close = [t.stage for t in trials if t.converged and top - t.evidence.delta_bic < CONTEST]
@@ -285,8 +296,8 @@ def _contested(clips: Clips, base: Stage, trials: list[Trial], rate: float, tau:
     report("what is nearly as good, to the last digit")
 
     def again(k: int) -> Stage:
-        one = close[k]
-        seen = problem_at(clips, one.point, rate)
+        one, point = close[k], weighed_like(close[k].point, by)
+        seen = problem_at(clips, point, by.fit.rate)
         starts = [one.point.x, *(other.point.x for other in close if other is not one)]
         tried = [
             fit_each(seen.evaluate, x, one.point.c, seen.steps, seen.prior, ROBUST, PATIENT, tolerance=EXACT)[0]
@@ -294,12 +305,12 @@ def _contested(clips: Clips, base: Stage, trials: list[Trial], rate: float, tau:
         ]
         losses = [shot_losses(seen, x, one.point.c)[0] for x in tried]
         best = np.stack(tried)[np.argmin(losses, axis=0), np.arange(len(one.point.x))]
-        mixed = Point(one.point.problem, best, one.point.c)
-        found = refine(mixed, clips.training, clips.growth, rate, lambda line: None, "", clips.known, fine=True)
+        mixed = Point(point.problem, best, point.c)
+        found = refine(mixed, clips.training, clips.growth, by.fit.rate, lambda line: None, "", clips.known, fine=True)
         return stage(clips, found, one)
 
     def held_against(trial: Trial, new: Stage) -> Trial:
-        evidence = compare_stages(clips, base, new, rate, tau)
+        evidence = compare_stages(clips, base, new, by, tau)
         return dataclasses.replace(trial, stage=new, evidence=evidence)
 
     better = iter(shared(again, len(close)))
