@@ -15,13 +15,24 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model, catalogue
-from sysid.aside import Aside
+from sysid.aside import Aside, shared
 from sysid.evidence import Candidate, Point, Score, Scores, candidate, with_candidate
 from sysid.own import ROBUST
 from sysid.problem import Array
 from sysid.refine import refine, shot_losses
 from sysid.solve import fit_each
-from sysid.stages import Clips, Evidence, Stage, compare_stages, left_over, problem_at, scores_at, settle, stage
+from sysid.stages import (
+    Clips,
+    Evidence,
+    Stage,
+    compare_stages,
+    left_over,
+    problem_at,
+    scores_at,
+    settle,
+    stage,
+    weighed_like,
+)
 
 PROMISES = 15.0  # fall of chi-square from which a candidate is worth a fit
 RIVALS = 0.2  # of the best candidate's promise: fitted as well
@@ -31,6 +42,8 @@ MOST = 3  # candidates fitted in a round
 NAMED = 10.0  # delta BIC from which an effect is named
 MATTERS = 1e-3  # and the fall of chi-square per residual
 ALIKE = 0.9  # correlation of signatures from which two candidates are look-alikes
+CONTEST = 100.0  # delta BIC below which chance in single shots may decide between two fits
+PATIENT, EXACT = 40, 1e-7  # steps and tolerance of single shots there
 TIED = 10.0  # delta BIC below which two candidates are not told apart
 MOVES = 2.0  # loss by which another optimum is better
 NEAR = 0.3  # of the noise's square: left over by a fit that differs from another by single shots
@@ -62,7 +75,7 @@ class Round:
 
     base: Stage
     scores: Scores
-    trials: tuple[Trial, ...]  # best first
+    trials: tuple[Trial, ...]  # best first, and among equals the simplest
     alike: tuple[tuple[str, str, float], ...]  # look-alikes among those that matter, with their correlation
     tied: tuple[tuple[str, str], ...]  # pairs that these data do not tell apart
     count: int  # residuals
@@ -138,12 +151,12 @@ def look(
         better = lent(clips, base, best.stage, "base", report)
         if better is not None:
             base = better
-        rate = min(t.stage.fit.rate for t in trials)  # what is to be compared is weighed alike
+        by = min((t.stage for t in trials), key=lambda s: s.fit.rate)  # what is to be compared is weighed alike
         first = max(trials, key=lambda t: t.evidence.gain)
-        tau = compare_stages(clips, base, first.stage, rate).tau
-        trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, rate, tau)) for t in trials]
-    trials.sort(key=lambda t: -t.evidence.delta_bic)
-    return Round(base, scores, tuple(trials), *_look_alikes(scores, trials), scores.count)
+        tau = compare_stages(clips, base, first.stage, by).tau
+        trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, by, tau)) for t in trials]
+        trials = _contested(clips, base, trials, by, tau, report)
+    return Round(base, scores, tuple(_ranked(trials)), *_look_alikes(scores, trials), scores.count)
 
 
 def _trials(
@@ -271,6 +284,48 @@ def _settle(clips: Clips, base: Stage, trials: list[Trial], report: Report) -> l
                 if new.evidence.gain > one.evidence.gain:
                     trials[i] = new
     return trials
+
+
+def _contested(clips: Clips, base: Stage, trials: list[Trial], by: Stage, tau: float, report: Report) -> list[Trial]:
+    """The trials, those near the best fitted to the last digit, from the best optima of shots among them."""
+    top = max(t.evidence.delta_bic for t in trials)
+    close = [t.stage for t in trials if t.converged and top - t.evidence.delta_bic < CONTEST]
+    if len(close) < 2:
+        return trials
+
+    report("what is nearly as good, to the last digit")
+
+    def again(k: int) -> Stage:
+        one, point = close[k], weighed_like(close[k].point, by)
+        seen = problem_at(clips, point, by.fit.rate)
+        starts = [one.point.x, *(other.point.x for other in close if other is not one)]
+        tried = [
+            fit_each(seen.evaluate, x, one.point.c, seen.steps, seen.prior, ROBUST, PATIENT, tolerance=EXACT)[0]
+            for x in starts
+        ]
+        losses = [shot_losses(seen, x, one.point.c)[0] for x in tried]
+        best = np.stack(tried)[np.argmin(losses, axis=0), np.arange(len(one.point.x))]
+        mixed = Point(point.problem, best, point.c)
+        found = refine(mixed, clips.training, clips.growth, by.fit.rate, lambda line: None, "", clips.known, fine=True)
+        return stage(clips, found, one)
+
+    def held_against(trial: Trial, new: Stage) -> Trial:
+        evidence = compare_stages(clips, base, new, by, tau)
+        return dataclasses.replace(trial, stage=new, evidence=evidence)
+
+    better = iter(shared(again, len(close)))
+    return [held_against(t, next(better)) if any(s is t.stage for s in close) else t for t in trials]
+
+
+def _ranked(trials: Sequence[Trial]) -> list[Trial]:
+    """Best first; of those that these data do not tell from the best, the one with the fewest parameters."""
+    top = max((t.evidence.delta_bic for t in trials if t.converged), default=0.0)
+
+    def rank(trial: Trial) -> tuple[bool, int, float]:
+        tied = trial.converged and top - trial.evidence.delta_bic < TIED
+        return not tied, trial.stage.point.c.size if tied else 0, -trial.evidence.delta_bic
+
+    return sorted(trials, key=rank)
 
 
 def _look_alikes(

@@ -152,12 +152,13 @@ def refine(
     what: str = "",
     known: Mapping[str, tuple[float, float]] | None = None,
     doubtful: float = CLOSE,
+    fine: bool = False,
 ) -> Refined:
     """Fit constants and own unknowns from a point; `growth` holds the ways of the same shots.
 
     A model that does not follow the shots to the noise is fitted coarsely: what it lacks moves its constants by more.
     `known`: mean and standard deviation of constants that are known beside the clips. `doubtful`: error per way up to
-    which single shots that stand out are doubted, since the others are followed well enough.
+    which single shots that stand out are doubted, since the others are followed well enough. `fine`: to the last digit.
     """
     problem, sigma, x, c = point.problem, growth.sigma, point.x, point.c
     steps, bounds = constant_steps(problem.model, problem.names), constant_bounds(problem.model, problem.names)
@@ -166,7 +167,7 @@ def refine(
     def error(x: Array, c: Array) -> float:
         return error_rate(growth.at(problem), x, c)
 
-    coarse = rate > CLOSE
+    coarse = rate > CLOSE and not fine
     for round_ in range(ROUNDS):
         seen = with_error(problem, sigma, rate, growth.way).until(trusted_until(growth, rate))
         joint = fit_joint(
@@ -198,7 +199,7 @@ def refine(
                 better, new = better + 1, error(x, c)
         settled = abs(new - rate) < SETTLED * rate + NOISE
         slow = round_ > 0 and new > max(FALLS * rate, CLOSE)
-        rate, coarse = new, new > CLOSE
+        rate, coarse = new, new > CLOSE and not fine
         stuck = abs(cost - joint.cost) < STUCK * joint.cost  # the same fit again would end where it began
         cost = joint.cost
         if (settled and not better and (joint.converged or stuck)) or slow:

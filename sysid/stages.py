@@ -242,17 +242,21 @@ class Evidence:
     tau: float  # samples that count as one
 
 
-def compare_stages(
-    clips: Clips, one: Stage, two: Stage, rate: float | None = None, tau: float | None = None
-) -> Evidence:
-    """Evidence for `two` over `one`, at the same standard deviations: of an error per way, or of the better one's.
+def weighed_like(point: Point, by: Stage) -> Point:
+    """A point of a fit, what is known of its own unknowns taken from another: scatter of commands differs by fit."""
+    return dataclasses.replace(point, problem=dataclasses.replace(point.problem, prior=by.point.problem.prior))
+
+
+def compare_stages(clips: Clips, one: Stage, two: Stage, by: Stage | None = None, tau: float | None = None) -> Evidence:
+    """Evidence for `two` over `one`, at the same standard deviations and priors: those of `by`, or of the better one.
 
     `tau`: samples that count as one; found from the better one's residuals if not given.
     """
-    rate = min(one.fit.rate, two.fit.rate) if rate is None else rate
+    by = min((one, two), key=lambda s: s.fit.rate) if by is None else by
+    rate = by.fit.rate
 
     def cost(s: Stage) -> tuple[float, int]:
-        seen = problem_at(clips, s.point, rate)
+        seen = problem_at(clips, weighed_like(s.point, by), rate)
         x, _ = fit_each(seen.evaluate, s.point.x, s.point.c, seen.steps, seen.prior, ROBUST, 5)
         total, count = shot_losses(seen, x, s.point.c)
         return 2 * float(total.sum()) + _beside(clips, s), int(count.sum())

@@ -138,15 +138,15 @@ def test_an_interrupted_discovery_goes_on(
     folder = clips(tmp_path / "set", 35, "--effect", "lens_distortion=0.006", "--kind", "roll,stun,cushion")
     whole, parted = tmp_path / "whole", tmp_path / "parted"
     assert cli.main(["discover", str(folder), "--out", str(whole)]) == 0
-    look = sysid.discover.look
+    judge = sysid.discover.judge
 
     def stop(*_words: Any, **_more: Any) -> Any:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sysid.discover, "look", stop)
+    monkeypatch.setattr(sysid.discover, "judge", stop)
     assert cli.main(["discover", str(folder), "--out", str(parted)]) == cli.INTERRUPTED
     assert sorted(p.name for p in parted.iterdir()) == ["unfinished.pickle"]
-    monkeypatch.setattr(sysid.discover, "look", look)
+    monkeypatch.setattr(sysid.discover, "judge", judge)
     monkeypatch.setattr(sysid.discover, "begin", stop)  # the base is not fitted again
     capsys.readouterr()
     assert cli.main(["discover", str(folder), "--out", str(parted)]) == 0

@@ -6,10 +6,12 @@ from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import sysid.judge
 import sysid.runs
+from sysid.diagnose import _ranked
 from sysid.judge import Judgement, judge
 
 NOW = SimpleNamespace(gain=0.0, model=None)
@@ -81,3 +83,14 @@ def test_whole_shots_name_what_explains_more_and_it_is_fitted_once(monkeypatch: 
 def test_runs_that_whole_shots_gain_nothing_by_are_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     seen, _ = looked(monkeypatch, 5.0, "squirt", 100.0)
     assert seen.name == "squirt" and seen.believed is None
+
+
+def trial(name: str, delta_bic: float, constants: int, converged: bool = True) -> Any:
+    stage = SimpleNamespace(point=SimpleNamespace(c=np.zeros(constants)))
+    return SimpleNamespace(name=name, evidence=SimpleNamespace(delta_bic=delta_bic), stage=stage, converged=converged)
+
+
+def test_of_fits_that_are_not_told_apart_the_simplest_is_the_verdict() -> None:
+    tilt, nap, drag = trial("table_tilt", 405.0, 9), trial("cloth_nap", 402.0, 8), trial("speed_drag", 390.0, 8)
+    lost = trial("squirt", 900.0, 7, converged=False)
+    assert [t.name for t in _ranked([drag, tilt, nap, lost])] == ["cloth_nap", "table_tilt", "squirt", "speed_drag"]
