@@ -99,6 +99,25 @@ def test_fifty_random_shots_of_three_balls() -> None:
         assert len(found.shots[0].balls) == 3
 
 
+def test_a_ball_that_was_taken_away_on_its_way_sets_nothing_in_motion() -> None:
+    made = Recording().wait(0.5).shot((0.9, -0.2), ball=1, seconds=0.5)
+    made.now = made.now.copy()
+    made.now[1] = np.nan
+    made.wait(1.5).shot((0.8, 0.3)).wait(0.5)
+    assert [shot.struck for shot in tracked_of(made).shots] == ["red", "white"]
+
+
+def test_errors_that_change_slowly_count_as_noise() -> None:
+    """Marks that turn with a ball draw its outline to and fro: neighbouring frames err alike."""
+    made, sway = Recording().wait(0.5).shot((1.2, 0.45)).wait(0.6).shot((-0.9, 0.1)).wait(0.5), 0.3
+    for rows in made.rows:
+        way = np.cumsum(np.linalg.norm(np.diff(rows[:, 0], axis=0, prepend=rows[:1, 0]), axis=1))
+        rows[:, 0] += sway * PLACE * 2**0.5 * np.column_stack([f(way / BALL.radius) for f in (np.cos, np.sin)])
+    found = tracked_of(made, noise=0.05)
+    assert found.noise.moving == pytest.approx(sway * PLACE, rel=0.4)
+    assert found.noise.resting < 0.07 * PLACE
+
+
 def test_balls_that_touch_at_the_start() -> None:
     start = HOME.copy()
     start[1] = start[0] + BALL.diameter * np.array([np.cos(0.3), np.sin(0.3)])

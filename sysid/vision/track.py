@@ -33,6 +33,7 @@ WHOLE = 0.2  # between two searches of the whole picture [s]
 SHOWN = 0.2  # between two lines of progress [s]
 SAME = 1.2  # radii within which two sightings are the same ball
 ENOUGH = 100  # third differences that make an estimate of the noise
+TURNS, LEAST_SWAY, FEW_SWAYS = 2.0, 10, 5  # along which slow errors are looked for: turns, frames; how many such parts
 UNKNOWN = 0.01  # noise to go by where there is too little to tell, in radii
 VAGUE = 5.0  # times the usual standard deviation: a sighting that is not used
 LOST = 0.5  # part of the struck ball's frames without it that spoils a clip
@@ -194,7 +195,32 @@ def noise_of(scene: Scene) -> Noise:
                 scatter.append((off - np.median(off, axis=0)).ravel())
     values = np.abs(np.concatenate(scatter)) if scatter else np.zeros(0)
     resting = float(np.median(values)) / 0.6745 if values.size >= ENOUGH else math.nan
-    return Noise(_third(scene, resting=False), resting)
+    return Noise(float(np.fmax(_third(scene, resting=False), _swaying(scene))), resting)
+
+
+def _swaying(scene: Scene) -> float:
+    """Error of moving balls that changes over several frames, as marks that turn make it [m]; NaN if little is seen.
+
+    What cubics over two turns of a rolling ball leave, in the middle one of them: impacts are in the fewer. Of the ball
+    where it is largest.
+    """
+    left: dict[str, list[float]] = {}
+    for path in scene.paths:
+        lies = np.zeros(len(path.time), bool)
+        for first, last in rests(scene, path):
+            lies[first : last + 1] = True
+        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.xy, axis=0), axis=1))])
+        k = 0
+        while k < len(way):
+            stop = int(np.searchsorted(way, way[k] + TURNS * 2 * math.pi * scene.radius))
+            part, k = slice(k, stop), max(stop, k + 1)
+            count = stop - part.start
+            whole = count >= LEAST_SWAY and path.frame[stop - 1] - path.frame[part.start] == count - 1
+            if stop < len(way) and whole and not lies[part].any():
+                cubic = np.vander(np.linspace(-1, 1, count), 4)
+                miss = path.xy[part] - cubic @ np.linalg.lstsq(cubic, path.xy[part], rcond=None)[0]
+                left.setdefault(path.name, []).append(float(np.sqrt(np.sum(miss**2) / 2 / (count - 4))))
+    return max((float(np.median(values)) for values in left.values() if len(values) >= FEW_SWAYS), default=math.nan)
 
 
 def _contrast(time: Array, count: int) -> Array:
