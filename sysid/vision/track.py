@@ -33,7 +33,8 @@ WHOLE = 0.2  # between two searches of the whole picture [s]
 SHOWN = 0.2  # between two lines of progress [s]
 SAME = 1.2  # radii within which two sightings are the same ball
 ENOUGH = 100  # third differences that make an estimate of the noise
-TURNS, LEAST_SWAY, FEW_SWAYS = 2.0, 10, 5  # along which slow errors are looked for: turns, frames; how many such parts
+TURNS, LEAST_SWAY, FEW_SWAYS = 2.0, 10, 3  # along which slow errors are looked for: turns, frames; how many such parts
+KINK = 8.0  # times the noise, of third differences at impacts
 UNKNOWN = 0.01  # noise to go by where there is too little to tell, in radii
 VAGUE = 5.0  # times the usual standard deviation: a sighting that is not used
 LOST = 0.5  # part of the struck ball's frames without it that spoils a clip
@@ -195,24 +196,34 @@ def noise_of(scene: Scene) -> Noise:
                 scatter.append((off - np.median(off, axis=0)).ravel())
     values = np.abs(np.concatenate(scatter)) if scatter else np.zeros(0)
     resting = float(np.median(values)) / 0.6745 if values.size >= ENOUGH else math.nan
-    return Noise(float(np.fmax(_third(scene, resting=False), _swaying(scene))), resting)
+    quick = _third(scene, resting=False)
+    return Noise(float(np.fmax(quick, _swaying(scene, quick))), resting)
 
 
-def _swaying(scene: Scene) -> float:
+def _swaying(scene: Scene, quick: float) -> float:
     """Error of moving balls that changes over several frames, as marks that turn make it [m]; NaN if little is seen.
 
-    What cubics over two turns of a rolling ball leave, in the middle one of them: impacts are in the fewer. Of the ball
-    where it is largest.
+    What cubics leave over two turns of a rolling ball without a kink, which would stand out of the `quick` noise [m]:
+    in the middle one of them, of the ball where that is largest.
     """
     left: dict[str, list[float]] = {}
     for path in scene.paths:
         lies = np.zeros(len(path.time), bool)
         for first, last in rests(scene, path):
             lies[first : last + 1] = True
+        kinked = np.zeros(len(path.time), bool)
+        if len(path.time) >= 4:
+            bend = np.abs(_cancelled(path.time, path.xy, _contrast(path.time, 4))).max(axis=1)
+            for at in np.flatnonzero(~(bend < KINK * quick)):
+                kinked[at : at + 4] = True
         way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.xy, axis=0), axis=1))])
         k = 0
         while k < len(way):
             stop = int(np.searchsorted(way, way[k] + TURNS * 2 * math.pi * scene.radius))
+            met = k + int(np.argmax(kinked[k:stop])) if kinked[k:stop].any() else stop
+            if met < stop:
+                k = met + 1
+                continue
             part, k = slice(k, stop), max(stop, k + 1)
             count = stop - part.start
             whole = count >= LEAST_SWAY and path.frame[stop - 1] - path.frame[part.start] == count - 1
