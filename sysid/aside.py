@@ -57,7 +57,7 @@ class Aside(Generic[T]):
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._process is not None:
-            self._process.terminate()
+            self._process.kill()  # a handler inherited for other signals may still be in its place
             self._process.join()
             self._from.close()
 
