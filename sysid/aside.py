@@ -72,6 +72,8 @@ def _work(task: Callable[[], object], to: Connection) -> None:
 
 def shared(work: Callable[[int], T], count: int) -> list[T]:
     """work(0), work(1) ... in order, every other one done aside."""
+    if count < 2:
+        return [work(k) for k in range(count)]
     with Aside(lambda: [work(k) for k in range(1, count, 2)]) as aside:
         here = [work(k) for k in range(0, count, 2)]
         found = [*here, *aside.result()]
