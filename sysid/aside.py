@@ -57,7 +57,7 @@ class Aside(Generic[T]):
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._process is not None:
-            self._process.terminate()
+            self._process.kill()  # a handler inherited for other signals may still be in its place
             self._process.join()
             self._from.close()
 
@@ -72,6 +72,8 @@ def _work(task: Callable[[], object], to: Connection) -> None:
 
 def shared(work: Callable[[int], T], count: int) -> list[T]:
     """work(0), work(1) ... in order, every other one done aside."""
+    if count < 2:
+        return [work(k) for k in range(count)]
     with Aside(lambda: [work(k) for k in range(1, count, 2)]) as aside:
         here = [work(k) for k in range(0, count, 2)]
         found = [*here, *aside.result()]

@@ -21,8 +21,7 @@ from sysid.remainder import remainder
 from sysid.stages import Clips, Stage, begin, compare_stages, scores_at, stage
 from sysid.structure import NAME, Structure, describe
 
-SURELY = 2.0  # standard deviations from off below which it goes in any case
-KEEPS = 4.0  # standard deviations from off below which an effect is pruned
+KEEPS = 4.0  # standard deviations from off below which the evidence is asked whether an effect is still needed
 MOST = 6  # effects added
 RIVAL = 0.7  # of what an effect explains: the least that one must promise to be tried in its place
 HIDDEN = 0.05  # of the bounds' width: an effect whose sd exceeds it cannot be told from the active ones
@@ -61,8 +60,8 @@ class Discovery:
         return tuple(sorted(found))
 
 
-def weak(found: Stage, names: tuple[str, ...]) -> tuple[float, str] | None:
-    """The added effect nearest to its off value, and how many standard deviations; None if none lies within a few."""
+def weak(found: Stage, names: tuple[str, ...]) -> str | None:
+    """The added effect nearest to its off value, in standard deviations; None if none lies within a few."""
     nearest: tuple[float, str] | None = None
     for name in names:
         effect = next(e for e in found.model.effects if e.name() == name)
@@ -73,7 +72,7 @@ def weak(found: Stage, names: tuple[str, ...]) -> tuple[float, str] | None:
             away = max(away, abs(value - zero) / sd if sd > 0 else 0.0)
         if away < KEEPS and (nearest is None or away < nearest[0]):
             nearest = (away, name)
-    return nearest
+    return nearest[1] if nearest else None
 
 
 def without(clips: Clips, found: Stage, name: str, report: Report) -> Stage:
@@ -81,7 +80,8 @@ def without(clips: Clips, found: Stage, name: str, report: Report) -> Stage:
     again = refine(
         _less(found, name), clips.training, clips.growth, found.fit.rate, report, f"without {name}", clips.known
     )
-    return stage(clips, again, found)
+    plain = stage(clips, again, found)
+    return lent(clips, plain, found, f"without {name}", report) or plain
 
 
 def _less(found: Stage, name: str) -> Point:
@@ -94,12 +94,14 @@ def _less(found: Stage, name: str) -> Point:
 
 
 def _prune(clips: Clips, now: Stage, verdict: tuple[str, ...], report: Report) -> tuple[Stage, tuple[str, ...]]:
-    """Drop effects near their off value, unless the evidence holds them."""
+    """Drop effects near their off value, unless the evidence holds them.
+
+    A standard deviation alone does not tell: that of a gain is wide where a rate that goes with it is not determined.
+    """
     needed: set[str] = set()
-    while (found := weak(now, tuple(v for v in verdict if v not in needed))) is not None:
-        away, name = found
+    while (name := weak(now, tuple(v for v in verdict if v not in needed))) is not None:
         less = without(clips, now, name, report)
-        if away > SURELY and compare_stages(clips, less, now).delta_bic > NAMED:
+        if compare_stages(clips, less, now).delta_bic > NAMED:
             needed.add(name)
             continue
         report(f"{name} is no longer needed")
@@ -198,7 +200,6 @@ def _with_formula(clips: Clips, found: Discovery, now: Stage, structure: Structu
     before = found.verdict
     formed, verdict = _prune(clips, now, before, report)
     plain = without(clips, formed, NAME, report)
-    plain = lent(clips, plain, formed, f"without {NAME}", report) or plain
     worth = compare_stages(clips, plain, formed)
     kept = [(s, v) for s, v in zip(found.stages, found.verdicts, strict=True) if set(v) < set(verdict) or not v]
     found = dataclasses.replace(

@@ -140,16 +140,18 @@ def write_outcome(
 ) -> Comparison:
     """model.toml, result.json, report.html and review.rrd; the comparison of the model that was found."""
     from models.model_file import write_model
-    from sysid.aside import Aside
+    from sysid.aside import shared
     from sysid.findings import discovery_lines, failures, result_of, sections
     from sysid.report import write_report
     from sysid.review import write_rrd
 
     ends = list(dict.fromkeys((0, len(found.stages) - 1)))
-    with Aside(lambda: [compare_at(k, clip_set, found, lambda line: None, command) for k in ends[:-1]]) as base:
-        compared = [compare_at(ends[-1], clip_set, found, progress, command)]
-        progress.close()
-        compared = [*base.result(), *compared]
+
+    def compared_at(k: int) -> tuple[str, Comparison]:
+        return compare_at(ends[k], clip_set, found, progress if k == 0 else lambda line: None, command)
+
+    compared = shared(compared_at, len(ends))
+    progress.close()
     last = compared[-1][1]
     write_model(last.model, out / "model.toml")
     write_json(str(out / "result.json"), result_of(found, elapsed))

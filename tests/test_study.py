@@ -16,7 +16,7 @@ from sysid.output import write_json
 from tests.study import __main__ as command
 from tests.study import run
 from tests.study.judge import BASE, EFFECT_TRUTH, RIGHT, Row
-from tests.study.plan import GROUPS, NONE, PAIRS, VARIATIONS, Entry, plan
+from tests.study.plan import CLIPS, GROUPS, MIXES, NONE, PAIRS, VARIATIONS, Entry, plan
 from tests.study.report import rate, text
 from tests.truth.__main__ import constants, parser
 from tests.truth.effects import EFFECTS, STRUCTURES
@@ -73,8 +73,10 @@ def test_plan_is_well_formed() -> None:
     assert sorted(e.hidden[0] for e in entries if e.group == "outside") == sorted([*STRUCTURES] * 2)
     assert len(PAIRS) == 12 and {effect for pair in PAIRS for effect in pair} <= set(EFFECTS)
     for entry in entries:
-        kinds = entry.kinds
-        assert not kinds or (len(kinds) == entry.clips and sum(k.startswith("cut") for k in kinds) == len(kinds) // 2)
+        assert len(entry.kinds) in (0, entry.clips)
+    cuts, sides = (mix.kinds for mix in MIXES)
+    assert sum(k.startswith("cut") for k in cuts) == CLIPS // 2
+    assert sum(k.endswith("side") or k == "swerve" for k in sides) == CLIPS * 7 // 12
 
 
 def test_the_generator_takes_every_set_and_hides_what_the_plan_says() -> None:

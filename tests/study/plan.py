@@ -6,6 +6,7 @@ otherwise. Seeds follow from what a set is, not from its place in the plan, so t
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Final
@@ -23,12 +24,39 @@ NONE: Final = 30
 FIRST_SEED: Final = {group: 10000 * k for k, group in enumerate(GROUPS, 1)}
 PER_EFFECT: Final = 10  # seeds kept for each
 
-# What only meetings of balls show: half of the clips are cuts, as one who looks for it would play them.
-OF_BALLS: Final = ("ball_friction_speed", "ball_restitution_speed", "cue_ball_mass", "ball_cling")
-CUTS: Final = (
-    *("cut", "roll", "cut_side", "cushion", "cut", "side"),
-    *("cut_side", "draw", "cut", "cushion_side", "cut_side", "long"),
-)
+
+@dataclass(frozen=True)
+class Mix:
+    """Kinds of shots, repeated in this order, for effects that the usual ones hardly show.
+
+    As one plays them who looks for such an effect.
+    """
+
+    name: str
+    effects: tuple[str, ...]
+    kinds: tuple[str, ...]
+
+
+MIXES: Final = (
+    Mix(
+        "half cuts",  # what only meetings of balls show
+        ("ball_friction_speed", "ball_restitution_speed", "cue_ball_mass", "ball_cling"),
+        (*("cut", "roll", "cut_side", "cushion", "cut", "side"),
+         *("cut_side", "draw", "cut", "cushion_side", "cut_side", "long")),
+    ),
+    Mix(
+        "two thirds with side",  # what only a sidespin shows, and squirt only against a command
+        ("squirt", "spin_decay_speed"),
+        (*("cushion_side", "side", "swerve", "roll", "cushion", "cut_side"),
+         *("side", "cut", "cushion_side", "draw", "spin", "side")),
+    ),
+)  # fmt: skip
+
+
+def mix_of(hidden: Iterable[str]) -> Mix | None:
+    """The mix for what is hidden; None for all kinds in turn."""
+    return next((mix for mix in MIXES if set(hidden) & set(mix.effects)), None)
+
 
 VARIATIONS: Final = {
     "no cue commands": ("--no-cue",),
@@ -70,7 +98,8 @@ class Entry:
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of shots, repeated in this order; empty for all that the generator has."""
-        return CUTS if set(self.hidden) & set(OF_BALLS) else ()
+        mix = mix_of(self.hidden)
+        return mix.kinds if mix else ()
 
     def words(self) -> tuple[str, ...]:
         """All options of `python -m tests.truth OUT`."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from models.files import write_whole
 from tests.study.judge import EFFECT_TRUTH, RIGHT, WITHIN, Row
-from tests.study.plan import CLIPS, CUTS, GROUPS, OF_BALLS, VARIATIONS
+from tests.study.plan import CLIPS, GROUPS, MIXES, VARIATIONS, mix_of
 from tests.study.run import LIMIT
 from tests.truth.effects import EFFECTS, STRUCTURES
 
@@ -113,6 +113,12 @@ def figures(rows: Sequence[Row]) -> str:
     return grid(("figure", "reach", "measured", "sets"), [(a, b, c, str(n)) for a, b, c, n in table])
 
 
+def _told(name: str) -> str:
+    """What is hidden, and by which shots."""
+    mix = mix_of((name,))
+    return f"{name} ({mix.name})" if mix else name
+
+
 def by_effect(rows: Sequence[Row]) -> str:
     """One line for each effect."""
 
@@ -126,7 +132,7 @@ def by_effect(rows: Sequence[Row]) -> str:
         sizes = [v for r in mine if r.sure for v in r.size_errors().values()]
         off = [z for r in mine if r.sure for z in r.effects_off()]
         covered = f"{sum(abs(z) <= WITHIN for z in off)}/{len(off)}"
-        name = f"{effect} (half cuts)" if effect in OF_BALLS else effect
+        name = _told(effect)
         return (name, *cells, f"{effect}.{EFFECT_TRUTH[effect][0].key}", _spread(sizes), covered)
 
     head = ("effect", *SINGLE, "main parameter", "its error, all sizes", "in the 95 % interval")
@@ -163,7 +169,7 @@ def structures(rows: Sequence[Row]) -> str:
         mine = [r for r in rows if r.hidden == (name,)]
         wrong = Counter(v for r in mine for v in r.wrong)
         told = ", ".join(f"{v} {n}x" if n > 1 else v for v, n in sorted(wrong.items())) or "none"
-        shots = f"{name} (half cuts)" if name in OF_BALLS else name
+        shots = _told(name)
         seen, right = sum(bool(r.unexplained) for r in mine), sum(r.right_place for r in mine)
         lines.append((shots, RIGHT[name].says, f"{seen}/{len(mine)}", f"{right}/{len(mine)}", told))
     return grid(("structure", "what counts as right", "told", "rightly", "effects named"), lines)
@@ -216,13 +222,14 @@ def text(results: Sequence[Mapping[str, Any]], planned: int) -> str:
     """The whole report."""
     rows = [Row(r) for r in sorted(results, key=lambda r: str(r["name"]))]
     misses = [r for r in rows if missed(r)]
+    mixes = "; ".join(f"{m.name} for {', '.join(m.effects)} ({', '.join(m.kinds)})" for m in MIXES)
     parts = [
         "# How reliably hidden effects are found",
         "Written by `make study` (`python -m tests.study`); change nothing by hand.",
         f"{len(rows)} of {planned} planned sets. " + _versions(rows),
         f"Every set: {CLIPS} clips of at most 4 s made by the independent generator (`tests/truth`), 0.5 mm noise, 1 %"
         " of the frames missing, constants moved by the seed; every fifth clip is held out. Shots are of all kinds in"
-        f" turn, but for {', '.join(OF_BALLS)}: {', '.join(CUTS)}. A set that failed or took over {LIMIT / 60:g}"
+        f" turn, but for effects that those hardly show: {mixes}. A set that failed or took over {LIMIT / 60:g}"
         " minutes is a miss. Intervals behind rates are Wilson's, 95 %.",
         "## Figures",
         figures(rows),
