@@ -1,10 +1,10 @@
 """From paths to shots: when a ball is struck, what belongs to the shot, and what is left out and why.
 
-A ball rests where its sightings keep to one place. It is set in motion by a ball that moves and comes as near as a
-touch; otherwise it was struck, or moved by hand. A strike takes a millisecond or two: the ball is as fast at once as
-it will be. A hand takes longer: a ball that gains speed on free cloth was moved by hand. A shot lasts until all balls
-rest, are potted or lost, or something else is set in motion. Its clip begins with the first frame that was exposed
-wholly after the strike; with the last one before it, if the struck ball has touched another by then.
+A ball is set in motion by a ball that moves and comes as near as a touch; otherwise it was struck, or moved by hand. A
+strike takes a millisecond or two: the ball is as fast at once as it will be. A hand takes longer: a ball that gains
+speed on free cloth was moved by hand. A shot lasts until all balls rest, are potted or lost, or something else is set
+in motion. Its clip begins with the first frame that was exposed wholly after the strike; with the last one before it,
+if the struck ball has touched another by then.
 """
 
 from __future__ import annotations
@@ -12,69 +12,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from models.shot import Table
-from sysid.vision.camera import Array
-from sysid.vision.follow import Path
 from sysid.vision.jumps import first_jump
+from sysid.vision.moves import FEWEST, UNSEEN, Move, Scene, moves_of, place_of, pocketed, rests, speed_of
 
-REST = 0.15  # in which a ball that rests keeps its place [s]
-FEWEST = 4  # sightings of a rest
 CONTACT = 0.002  # longest time that cue and ball touch [s]
 TAIL = 0.3  # of rest at the end of a clip [s]
-UNSEEN = 0.1  # a ball that was hidden for so long was set in motion unseen [s]
 FORGOTTEN = 1.0  # a moving ball that was lost for longer sets nothing in motion: it was taken away [s]
 GAIN = 0.75  # speed at once over the speed later, below which a ball is moved by hand
-POTTED = 0.1  # after its last sighting within which a ball drops [s]
 LULL = 1.0  # without motion, after which a shot is over [s]
 TOGETHER = 1.5  # frames within which balls begin to move that may have been set in motion at once
 BEHIND = 0.87  # cosine of the angle to its way within which a ball stands behind another
 LEAST = 5  # sightings of a struck ball that make a clip
-
-
-@dataclass(frozen=True)
-class Move:
-    """A ball's way from one rest to the next."""
-
-    path: Path
-    first: int  # its first sighting away from where it rested
-    stop: int  # sighting that begins the next rest; that after the last one, if there is none
-    place: Array | None  # where it rested (2,) [m]; None if that was not seen
-    before: int  # frame in which it was last seen at rest
-
-    @property
-    def name(self) -> str:
-        """The ball."""
-        return self.path.name
-
-    @property
-    def began(self) -> int:
-        """The first frame in which it had moved."""
-        return int(self.path.frame[self.first])
-
-    @property
-    def onset(self) -> float:
-        """When it began to move, by its first sightings on the way [s]; those before may have been too near to tell."""
-        path, first = self.path, self.first
-        if self.place is None:
-            return float(path.time[first])
-        speed = float(np.linalg.norm(_speed(path, first, self.stop)))
-        way = float(np.linalg.norm(path.xy[first] - self.place))
-        return max(float(path.time[first]) - way / max(speed, 1e-6), float(path.time[max(first - 3, 0)]))
-
-    @property
-    def lost(self) -> bool:
-        """Whether it was seen no more."""
-        return self.stop == len(self.path.frame)
-
-    @property
-    def ended(self) -> int:
-        """The last frame in which it moved."""
-        return int(self.path.frame[self.stop - 1])
 
 
 @dataclass(frozen=True)
@@ -89,27 +40,6 @@ class Shot:
     speed: float  # of the struck ball at the beginning [m/s]
     potted: Mapping[str, int]  # ball -> the last frame before it is in a pocket
     remarks: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Scene:
-    """All that was seen, and on what."""
-
-    paths: Sequence[Path]
-    frames: NDArray[np.int64]  # (m,) indices of the frames that were read
-    times: Array  # (m,) [s]
-    table: Table
-    radius: float  # of the balls [m]
-    sigma: float  # of a sighting, one standard deviation per axis [m]
-
-    def when(self, frame: int) -> float:
-        """Time of a frame [s]."""
-        return float(self.times[np.searchsorted(self.frames, frame)])
-
-    @cached_property
-    def period(self) -> float:
-        """Between two frames [s]."""
-        return float(np.median(np.diff(self.times))) if len(self.times) > 1 else 1.0
 
 
 def split(scene: Scene) -> tuple[tuple[Shot, ...], tuple[str, ...]]:
@@ -142,74 +72,12 @@ def split(scene: Scene) -> tuple[tuple[Shot, ...], tuple[str, ...]]:
     return tuple(shots), tuple(f"{time:.2f} s: {text}" for time, text in sorted(notes))
 
 
-def rests(scene: Scene, path: Path) -> list[tuple[int, int]]:
-    """First and last sighting of every rest."""
-    count = max(FEWEST, math.ceil(REST / scene.period) + 1)
-    if len(path.frame) < count:
-        return []
-    room = 2 * max(4 * scene.sigma, 0.025 * scene.radius)
-    windows = np.lib.stride_tricks.sliding_window_view(path.xy, count, axis=0)
-    still = (np.ptp(windows, axis=2) < room).all(axis=1)
-    joined = np.zeros(len(path.frame) - 1, bool)  # a sighting and the next one, at rest in one place
-    for k in range(count - 1):
-        joined[k : k + len(still)] |= still
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(int)))
-    found: list[tuple[int, int]] = []
-    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if found:
-            old = _place(path, *found[-1])
-            back = np.linalg.norm(_place(path, first, last) - old) < max(6 * scene.sigma, 0.1 * scene.radius)
-            between = np.linalg.norm(path.xy[found[-1][1] : first] - old, axis=1)
-            if back and (between > scene.radius / 2).sum() < 3:  # the cue or a hand was over it
-                found[-1] = (found[-1][0], last)
-                continue
-        found.append((first, last))
-    return found
-
-
-def _place(path: Path, first: int, last: int) -> Array:
-    return np.asarray(np.median(path.xy[first : last + 1], axis=0))
-
-
-def moves_of(scene: Scene, path: Path, resting: Sequence[tuple[int, int]]) -> list[Move]:
-    """What a ball does between its rests, but for less than half a radius, or where it was put elsewhere unseen."""
-    n = len(path.frame)
-    found = []
-    bounds = [None, *resting]
-    for k, rest in enumerate(bounds):
-        stop = resting[k][0] if k < len(resting) else n
-        if rest is None:
-            if stop > FEWEST:
-                found.append(Move(path, 0, stop, None, -1))
-            continue
-        count = max(FEWEST, math.ceil(REST / scene.period) + 1)
-        place = _place(path, max(rest[0], rest[1] - 30 - count), max(rest[1] - count, rest[0] + 1))
-        away = np.linalg.norm(path.xy - place, axis=1) > max(5 * scene.sigma, 0.02 * scene.radius)
-        first = max(rest[0] + 1, rest[1] - count)
-        while first < stop and not away[first : first + 3].all():
-            first += 1
-        far = np.linalg.norm(path.xy[first:stop] - place, axis=1) > scene.radius / 2
-        if far.sum() < 2:  # a shadow or the cue beside it moves what is seen of a ball, too
-            continue
-        hidden = path.time[first] - path.time[first - 1] > max(UNSEEN, 3.5 * scene.period)
-        found.append(Move(path, first, stop, None if hidden else place, int(path.frame[first - 1])))
-    return found
-
-
-def _speed(path: Path, first: int, stop: int, most: int = 4) -> Array:
-    """Mean velocity over the first few sightings (2,) [m/s]."""
-    last = min(first + most, stop, len(path.frame)) - 1
-    if last <= first:
-        first, last = max(first - 1, 0), max(last, 1)
-    return np.asarray((path.xy[last] - path.xy[first]) / (path.time[last] - path.time[first]))
-
-
 def _near(scene: Scene, other: Move, move: Move) -> bool:
     """Whether a moving ball comes, or may have come unseen, to touch one at rest just when that begins to move."""
     path, begun = other.path, float(move.path.time[move.first])
     left = float(move.path.time[move.first - 1])
     last = int(np.searchsorted(path.time, left, side="right")) - 1
-    velocity = _speed(path, max(last - 1, other.first - 1, 0), last + 1)
+    velocity = speed_of(path, max(last - 1, other.first - 1, 0), last + 1)
     speed, gone = float(np.linalg.norm(velocity)), begun - float(path.time[last])
     times = np.linspace(left, begun, 9)
     places = path.xy[last] + (times - path.time[last])[:, None] * velocity
@@ -253,7 +121,7 @@ def _groups(scene: Scene, moves: Sequence[Move]) -> list[list[Move]]:
 def _together(scene: Scene, one: Move, two: Move) -> bool:
     if one.place is None or two.place is None or abs(one.onset - two.onset) > TOGETHER * scene.period:
         return False
-    fastest = max(float(np.linalg.norm(_speed(m.path, m.first, m.stop))) for m in (one, two))
+    fastest = max(float(np.linalg.norm(speed_of(m.path, m.first, m.stop))) for m in (one, two))
     between = float(np.linalg.norm(one.place - two.place))
     return between < 2.3 * scene.radius + (TOGETHER + 0.5) * fastest * scene.period + 6 * scene.sigma
 
@@ -267,7 +135,7 @@ def _struck(scene: Scene, group: Sequence[Move]) -> Move:
         total = 0.0
         for other in group:
             if other is not one and one.place is not None and other.place is not None:
-                velocity, way = _speed(other.path, other.first, other.stop), other.place - one.place
+                velocity, way = speed_of(other.path, other.first, other.stop), other.place - one.place
                 total += float(np.linalg.norm(velocity) - velocity @ way / np.linalg.norm(way))
         return round(total, 3), one.name.split("_")[0] not in ("white", "cue")
 
@@ -293,7 +161,7 @@ def _free(scene: Scene, move: Move) -> int:
 def _unclean(scene: Scene, move: Move) -> str:
     """Why this was no stroke of a cue; empty if it was."""
     path, xy = move.path, move.path.xy
-    velocity = _speed(path, move.first, move.stop)
+    velocity = speed_of(path, move.first, move.stop)
     for other in scene.paths:
         k = int(np.searchsorted(other.frame, move.before, side="right")) - 1
         if move.place is None or other.name == move.name or k < 0:
@@ -322,7 +190,7 @@ def _shot(
 ) -> tuple[Shot | None, str]:  # fmt: skip
     """The shot that a strike begins, or why there is none."""
     path = struck.path
-    velocity = _speed(path, struck.first, max(_free(scene, struck), struck.first + 2))
+    velocity = speed_of(path, struck.first, max(_free(scene, struck), struck.first + 2))
     speed = float(np.linalg.norm(velocity))
     time = min(struck.onset, *(m.onset for m in group))
     k = struck.first
@@ -349,7 +217,7 @@ def _shot(
     balls = [struck.name]
     for other in scene.paths:
         part = np.flatnonzero((other.frame >= first) & (other.frame <= last))
-        before = [_place(other, a, b) for a, b in resting[other.name] if other.frame[a] <= first]
+        before = [place_of(other, a, b) for a, b in resting[other.name] if other.frame[a] <= first]
         there = part.size and before and np.linalg.norm(other.xy[part[0]] - before[-1]) < scene.radius / 2
         if other.name != struck.name and not there:
             if part.size > FEWEST:
@@ -370,32 +238,3 @@ def _shot(
     if len(own) < LEAST:
         return None, f"{len(own)} sightings of it: left out"
     return Shot(struck.name, time, first, last, tuple(balls), speed, potted, tuple(remarks)), ""
-
-
-def pocketed(scene: Scene, path: Path, part: NDArray[np.int64]) -> int | None:
-    """The last frame before a ball is in a pocket, of these sightings of it; None if it does not drop."""
-    if not scene.table.pockets or part.size < 2:
-        return None
-    # A ball that drops is seen no more, or elsewhere and later.
-    breaks = [*np.flatnonzero(np.diff(path.time[part]) > max(POTTED, 3.5 * scene.period)).tolist(), part.size - 1]
-    for k in breaks:
-        last = int(part[k])
-        if last + 1 < len(path.time) and path.time[last + 1] - path.time[last] < POTTED:
-            continue
-        ways = np.linspace(0, max(POTTED, 3 * scene.period), 40)
-        if scene.times[-1] - path.time[last] < ways[-1] / 2:
-            ways = ways[:1]
-        onwards = path.xy[last] + ways[:, None] * _speed(path, max(last - 2, 0), last + 1)
-        if _in_mouth(scene, onwards, scene.radius / 2).any():
-            kept = part[: k + 1][~_in_mouth(scene, path.xy[part[: k + 1]], 0.0)]
-            return int(path.frame[kept[-1]]) if kept.size else None
-    return None
-
-
-def _in_mouth(scene: Scene, xy: Array, room: float) -> NDArray[np.bool_]:
-    """Whether places (n, 2) lie beyond the noses' lines, less some room [m], where there is a pocket."""
-    corner, middle, capture = scene.table.mouths()
-    over = np.abs(xy) - np.array([scene.table.length, scene.table.width]) / 2
-    end, side = over[:, 0] > -room, over[:, 1] > -room
-    across = (over[:, 0] > -corner) | (np.abs(xy[:, 0]) < middle)
-    return np.asarray((end & (over[:, 1] > -corner)) | (side & across) | (np.hypot(*over.T) < capture))

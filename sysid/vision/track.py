@@ -23,7 +23,8 @@ from sysid.clips_check import OVERLAP, POCKET_REACH
 from sysid.spikes import spikes
 from sysid.vision.camera import Array, Camera, ball_of
 from sysid.vision.follow import Follower, Path
-from sysid.vision.strikes import Scene, Shot, rests, split
+from sysid.vision.moves import Scene, rests
+from sysid.vision.strikes import Shot, split
 
 if TYPE_CHECKING:
     from sysid.vision.detect import Detector, Seen
@@ -35,6 +36,7 @@ SAME = 1.2  # radii within which two sightings are the same ball
 ENOUGH = 100  # third differences that make an estimate of the noise
 TURNS, LEAST_SWAY, FEW_SWAYS = 2.0, 10, 3  # along which slow errors are looked for: turns, frames; how many such parts
 KINK = 8.0  # times the noise, of third differences at impacts
+KNOTS = np.linspace(-0.8, 0.8, 9)  # where a ball may cease to slide, in a run from -1 to 1
 UNKNOWN = 0.01  # noise to go by where there is too little to tell, in radii
 VAGUE = 5.0  # times the usual standard deviation: a sighting that is not used
 LOST = 0.5  # part of the struck ball's frames without it that spoils a clip
@@ -203,8 +205,8 @@ def noise_of(scene: Scene) -> Noise:
 def _swaying(scene: Scene, quick: float) -> float:
     """Error of moving balls that changes over several frames, as marks that turn make it [m]; NaN if little is seen.
 
-    What cubics leave over two turns of a rolling ball without a kink, which would stand out of the `quick` noise [m]:
-    in the middle one of them, of the ball where that is largest.
+    What parabolas, a sliding one and a rolling one that goes on from it, leave over two turns of a ball without a kink,
+    which would stand out of the `quick` noise [m]: in the middle such run, of the ball where that is largest.
     """
     left: dict[str, list[float]] = {}
     for path in scene.paths:
@@ -228,10 +230,19 @@ def _swaying(scene: Scene, quick: float) -> float:
             count = stop - part.start
             whole = count >= LEAST_SWAY and path.frame[stop - 1] - path.frame[part.start] == count - 1
             if stop < len(way) and whole and not lies[part].any():
-                cubic = np.vander(np.linspace(-1, 1, count), 4)
-                miss = path.xy[part] - cubic @ np.linalg.lstsq(cubic, path.xy[part], rcond=None)[0]
-                left.setdefault(path.name, []).append(float(np.sqrt(np.sum(miss**2) / 2 / (count - 4))))
+                least = min(_beside_parabolas(path.xy[part], knot) for knot in KNOTS)
+                left.setdefault(path.name, []).append(float(np.sqrt(least / 2 / (count - 5))))
     return max((float(np.median(values)) for values in left.values() if len(values) >= FEW_SWAYS), default=math.nan)
+
+
+def _beside_parabolas(xy: Array, knot: float) -> float:
+    """Sum of squares that two parabolas leave of evenly timed places (n, 2) where one goes on from the other [m^2].
+
+    The `knot` lies between them, of -1 to 1.
+    """
+    time = np.linspace(-1, 1, len(xy))
+    basis = np.column_stack([np.vander(time, 3), np.maximum(time - knot, 0.0) ** 2])
+    return float(np.sum((xy - basis @ np.linalg.lstsq(basis, xy, rcond=None)[0]) ** 2))
 
 
 def _contrast(time: Array, count: int) -> Array:
