@@ -289,16 +289,18 @@ def _settle(clips: Clips, base: Stage, trials: list[Trial], report: Report) -> l
 def _contested(clips: Clips, base: Stage, trials: list[Trial], by: Stage, tau: float, report: Report) -> list[Trial]:
     """The trials, those near the best fitted to the last digit, from the best optima of shots among them."""
     top = max(t.evidence.delta_bic for t in trials)
-    close = [t.stage for t in trials if t.converged and top - t.evidence.delta_bic < CONTEST]
+    close = [k for k, t in enumerate(trials) if t.converged and top - t.evidence.delta_bic < CONTEST]
     if len(close) < 2:
         return trials
 
     report("what is nearly as good, to the last digit")
+    stages = [trials[k].stage for k in close]
 
-    def again(k: int) -> Stage:
-        one, point = close[k], weighed_like(close[k].point, by)
+    def again(number: int) -> Stage:
+        one = stages[number]
+        point = weighed_like(one.point, by)
         seen = problem_at(clips, point, by.fit.rate)
-        starts = [one.point.x, *(other.point.x for other in close if other is not one)]
+        starts = [one.point.x, *(other.point.x for other in stages if other is not one)]
         tried = [
             fit_each(seen.evaluate, x, one.point.c, seen.steps, seen.prior, ROBUST, PATIENT, tolerance=EXACT)[0]
             for x in starts
@@ -309,12 +311,10 @@ def _contested(clips: Clips, base: Stage, trials: list[Trial], by: Stage, tau: f
         found = refine(mixed, clips.training, clips.growth, by.fit.rate, lambda line: None, "", clips.known, fine=True)
         return stage(clips, found, one)
 
-    def held_against(trial: Trial, new: Stage) -> Trial:
-        evidence = compare_stages(clips, base, new, by, tau)
-        return dataclasses.replace(trial, stage=new, evidence=evidence)
-
-    better = iter(shared(again, len(close)))
-    return [held_against(t, next(better)) if any(s is t.stage for s in close) else t for t in trials]
+    found = list(trials)
+    for k, new in zip(close, shared(again, len(close)), strict=True):
+        found[k] = dataclasses.replace(trials[k], stage=new, evidence=compare_stages(clips, base, new, by, tau))
+    return found
 
 
 def _ranked(trials: Sequence[Trial]) -> list[Trial]:

@@ -64,7 +64,8 @@ def run_all(todo: Sequence[Entry], workers: int, out: Path, mark: str) -> int:
     with stopped_in_the_end([]) as running:
         while waiting or running:
             while waiting and len(running) < workers:
-                running.append(Running(waiting.pop(0), mark, out))
+                slot = min(set(range(workers)) - {r.slot for r in running})
+                running.append(Running(waiting.pop(0), mark, out, slot=slot))
             time.sleep(POLL)
             for one in [r for r in running if r.done()]:
                 running.remove(one)

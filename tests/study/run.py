@@ -1,4 +1,4 @@
-"""One set: made, given to `discover`, its result written; `python -m tests.study.run NAME OUT` is a process of its own.
+"""One set: made, given to `discover`, its result written; `python -m tests.study.run NAME OUT SLOT` is one process.
 
 A result is a small JSON file, whole or absent. It bears the fingerprint of the sources that made it and the options of
 its set, by which an outdated one is known. What goes wrong is a result as well: the text of the error, and a miss.
@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import platform
+import signal
 import subprocess
 import sys
 import time
@@ -134,10 +135,11 @@ def study_one(entry: Entry, out: Path = OUT) -> dict[str, Any] | None:
 
 
 class Running:
-    """A set in a process of its own, with one thread."""
+    """A set in a process of its own, with one thread on one core."""
 
-    def __init__(self, entry: Entry, mark: str, out: Path = OUT, limit: float = LIMIT) -> None:
-        """Start it."""
+    def __init__(self, entry: Entry, mark: str, out: Path = OUT, limit: float = LIMIT, slot: int = 0) -> None:
+        """Start it; of those that run beside each other, every one has a `slot` of its own."""
+        self.slot = slot
         self.entry, self.mark, self.out, self.limit = entry, mark, out, limit
         # The folder of compiled code is chosen by the sources of now: a child must choose for itself.
         env = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | dict.fromkeys(ONE_THREAD, "1")
@@ -147,7 +149,7 @@ class Running:
         self.began = time.monotonic()
         with self.errors.open("wb") as stderr:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "tests.study.run", entry.name, str(out)], cwd=ROOT, env=env,
+                [sys.executable, "-m", "tests.study.run", entry.name, str(out), str(slot)], cwd=ROOT, env=env,
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True,
             )  # fmt: skip
 
@@ -175,7 +177,7 @@ class Running:
     def stop(self) -> None:
         """End it now."""
         if self.process.poll() is None:
-            self.process.kill()
+            os.killpg(self.process.pid, signal.SIGKILL)  # and what it has begun aside
             self.process.wait()
         self.errors.unlink(missing_ok=True)
 
@@ -191,8 +193,10 @@ def stopped_in_the_end(running: list[Running]) -> Iterator[list[Running]]:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run one set, by name, with its files under a folder."""
-    name, out = argv[0], Path(argv[1])
+    """Run one set, by name, with its files under a folder, on one core."""
+    name, out, slot = argv[0], Path(argv[1]), int(argv[2])
+    cores = sorted(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {cores[slot % len(cores)]})
     entry = next(e for e in plan() if e.name == name)
     result = study_one(entry, out)
     if result is None:
