@@ -39,6 +39,8 @@ CORE, DIM, GLOSSY = 0.65, 0.5, 0.9  # part of the radius whose colour counts, an
 INNER, OUTER, EVERY = 3.0, 4.0, 0.5  # what is looked at along a normal: within, without, how finely [pixels]
 ALONG = np.arange(-INNER, OUTER + EVERY / 2, EVERY)
 RIM = int(INNER / EVERY)  # the sample on the outline
+WITHIN = RIM - 1  # so many samples that lie within, clear of the edge
+SHADINGS, MARKED, LEAN = 3, (3.0, 0.1), 1e-6  # of finding marks: steps, standard deviations and parts of the brightness
 FINE = 0.05  # how finely the model is computed [pixels]
 
 SHARP = 0.85  # blur from which on normals are stretched [pixels]
@@ -322,6 +324,23 @@ class Edges:
     bright: Array  # (m, 1) of the table [grey levels]
 
 
+def _plain(within: Array, normals: Array) -> NDArray[np.bool_]:
+    """Which normals (m, RAYS, 2) begin on the ball's own colour, by how bright they begin (m, RAYS, k): not on a mark.
+
+    A ball's shading is linear in the normal (Lambert's law and an ambient part).
+    """
+    level = within.transpose(0, 2, 1)
+    x = np.concatenate([np.ones((*normals.shape[:2], 1)), normals], axis=2)[:, None]
+    model = np.median(level, axis=2, keepdims=True)
+    for _ in range(SHADINGS):
+        off = np.abs(level - model)
+        limit = np.maximum(MARKED[0] * 1.48 * np.median(off, axis=2, keepdims=True), MARKED[1] * np.abs(model))
+        pull = (x * np.maximum(0.0, 1 - (off / limit) ** 2)[..., None]).transpose(0, 1, 3, 2)
+        model = (x @ np.linalg.solve(pull @ x + LEAN * np.eye(3), pull @ level[..., None]))[..., 0]
+    plain = (np.abs(level - model) < limit).all(axis=1)
+    return np.asarray(plain & np.roll(plain, 1, axis=1) & np.roll(plain, -1, axis=1))
+
+
 def edges_of(view: View, optics: Optics, rim: Array, normals: Array, heights: Array, smears: Array) -> Edges:
     """Look along the normals of outlines (m, RAYS, 2) that move by smears (m, 2) during the exposure."""
     h, w = view.picture.shape[:2]
@@ -334,6 +353,7 @@ def edges_of(view: View, optics: Optics, rim: Array, normals: Array, heights: Ar
         cv2.remap(v, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for v in (view.picture, view.table)
     )
     seen, table = seen.reshape(m, -1, 3).astype(np.float32), (table * view.gain.astype(np.float32)).reshape(m, -1, 3)
+    plain = _plain(seen.reshape(m, RAYS, n, 3)[:, :, :WITHIN:2].mean(axis=3), normals)
     own = table.reshape(m, RAYS, n, 3)[:, :, RIM].mean(axis=1)
     bright = np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1.0)
     seen, table = ((v @ _axes(own / bright)).transpose(2, 0, 1).reshape(3, m * RAYS, n) for v in (seen, table))
@@ -347,7 +367,7 @@ def edges_of(view: View, optics: Optics, rim: Array, normals: Array, heights: Ar
     rest = [(r - 2 * move * p + move**2 * h) / free for (p, h, r), free in zip(parts, LEFT, strict=True)]
     each = [(stretch * p / np.maximum(h, 1e-9), h / stretch**2) for p, h, _ in parts]
     stain, shade = np.abs(tint[3]).max(axis=0) / bright, light[3] / bright
-    clear = (stain < TINT) & (shade > DARKEST) & (shade < BRIGHTEST)
+    clear = plain & (stain < TINT) & (shade > DARKEST) & (shade < BRIGHTEST)
     column, row = rim[..., 0].round().astype(int).clip(0, w - 1), rim[..., 1].round().astype(int).clip(0, h - 1)
     clear &= ~(view.scene.beyond[row, column] & (heights < NOSE_HEIGHT * view.scene.camera.radius))
     x, y = points[:, :, -1, 0], points[:, :, -1, 1]
