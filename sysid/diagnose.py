@@ -180,7 +180,9 @@ def _trials(
         if len(trials) == 1 and not settled:
             least = beside()
         same = bool(trials) and scores.likeness(score.candidate.name, chosen[0].candidate.name) > ALIKE
-        if score.gain > max(least, CLOSE * chosen[0].gain if settled or same else 0.0):
+        if (score.sudden and not settled) or score.gain > max(
+            least, CLOSE * chosen[0].gain if settled or same else 0.0
+        ):
             trial = fitted(score)
             if not trials and left_over(clips, trial.stage) > REST:
                 trial = _anew(clips, base, trial, report)
@@ -195,11 +197,15 @@ def scored(clips: Clips, base: Stage, candidates: Sequence[Candidate], report: R
 
 
 def shortlist(scores: Scores, share: float = 0.0) -> list[Score]:
-    """Candidates worth a fit, the most promising first."""
+    """Candidates worth a fit, the most promising first; then those whose promise is a rough one."""
     if not scores.rows:
         return []
-    least = max(PROMISES, RIVALS * scores.rows[0].gain, share * (scores.chi2 - scores.count))
-    return [row for row in scores.rows if row.gain >= least][:MOST]
+    beyond = share * (scores.chi2 - scores.count)
+    least = max(PROMISES, RIVALS * scores.rows[0].gain, beyond)
+    chosen = [row for row in scores.rows if row.gain >= least][:MOST]
+    return chosen + [
+        row for row in scores.rows if row.sudden and row.gain >= max(PROMISES, beyond) and row not in chosen
+    ]
 
 
 def try_one(clips: Clips, base: Stage, score: Score, report: Report) -> Trial:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from models.model_file import Model
+from sysid.aside import shared
 from sysid.clips import ClipSet
 from sysid.diagnose import MATTERS, NAMED, Round, candidates_for, lent, try_one
 from sysid.evidence import Candidate, Point
@@ -109,6 +110,35 @@ def _prune(clips: Clips, now: Stage, verdict: tuple[str, ...], report: Report) -
     return now, verdict
 
 
+def needed(clips: Clips, found: Discovery, report: Report) -> Discovery:
+    """Without effects that were named beside a fit in a false optimum, and that the one found since does without."""
+    now, verdict = found.last, found.verdict
+    while len(verdict) > 1:
+        report("whether all of them are needed")
+
+        def less(k: int, now: Stage = now, verdict: tuple[str, ...] = verdict) -> Stage:
+            return without(clips, now, verdict[k], lambda line: None)
+
+        stages = shared(less, len(verdict))
+        worth = [compare_stages(clips, one, now).delta_bic for one in stages]
+        k = int(np.argmin(worth))
+        if worth[k] > NAMED:
+            break
+        report(f"{verdict[k]} is not needed")
+        now, verdict = stages[k], (*verdict[:k], *verdict[k + 1 :])
+    return found if verdict == found.verdict else _ending(found, now, verdict)
+
+
+def _ending(found: Discovery, now: Stage, verdict: tuple[str, ...]) -> Discovery:
+    """The ladder with another end: the stages on the way to it are those that name a part of it."""
+    way = [(s, v) for s, v in zip(found.stages, found.verdicts, strict=True) if set(v) < set(verdict) or not v]
+    way = way[: len(verdict)]
+    return dataclasses.replace(
+        found, stages=(*(s for s, _ in way), now), verdicts=(*(v for _, v in way), verdict),
+        pruned=tuple(v for v in found.verdict if v not in verdict),
+    )  # fmt: skip
+
+
 def _swap(
     clips: Clips, now: Stage, verdict: tuple[str, ...], rounds: Sequence[Round], report: Report
 ) -> tuple[Stage, tuple[str, ...]]:
@@ -187,6 +217,8 @@ def discover(
             save(found)
     if structure is not None:
         found = _with_formula(clips, found, now, structure, report)
+    else:
+        found = needed(clips, found, report)
     if found.unexplained is None:
         found = dataclasses.replace(found, unexplained=remainder(clips, found.last))
     return dataclasses.replace(found, next_shot=best_next(clips, found.last, found.rounds, found.verdict, report))
@@ -201,12 +233,7 @@ def _with_formula(clips: Clips, found: Discovery, now: Stage, structure: Structu
     formed, verdict = _prune(clips, now, before, report)
     plain = without(clips, formed, NAME, report)
     worth = compare_stages(clips, plain, formed)
-    kept = [(s, v) for s, v in zip(found.stages, found.verdicts, strict=True) if set(v) < set(verdict) or not v]
-    found = dataclasses.replace(
-        found, stages=(*(s for s, _ in kept[: len(verdict)]), plain) if verdict else (plain,),
-        verdicts=(*(v for _, v in kept[: len(verdict)]), verdict) if verdict else ((),),
-        pruned=tuple(v for v in before if v not in verdict),
-    )  # fmt: skip
+    found = _ending(found, plain, verdict)
     if worth.delta_bic <= NAMED or worth.gain <= MATTERS * found.rounds[-1].count:
         report("the formula is no longer needed")
         return dataclasses.replace(found, unexplained=None)
