@@ -22,11 +22,13 @@ from sysid.problem import Array
 from sysid.refine import refine, shot_losses
 from sysid.solve import fit_each
 from sysid.stages import (
+    LACKING,
     Clips,
     Evidence,
     Stage,
     compare_stages,
     left_over,
+    missed,
     problem_at,
     scores_at,
     settle,
@@ -148,7 +150,8 @@ def look(
     if trials:
         trials = _settle(clips, base, trials, report)
         best = max(trials, key=lambda t: t.evidence.delta_bic)
-        better = lent(clips, base, best.stage, "base", report)
+        alone = left_over(clips, best.stage) < REST and missed(clips, best.stage, best.name) > LACKING
+        better = lent(clips, base, best.stage, "base", report) if not alone else None
         if better is not None:
             base = better
         by = min((t.stage for t in trials), key=lambda s: s.fit.rate)  # what is to be compared is weighed alike

@@ -13,13 +13,13 @@ from models.model_file import Model
 from sysid.aside import shared
 from sysid.clips import ClipSet
 from sysid.diagnose import MATTERS, NAMED, Round, candidates_for, lent, try_one
-from sysid.evidence import Candidate, Point
+from sysid.evidence import Candidate
 from sysid.judge import judge
 from sysid.next_shot import NextShot, propose
 from sysid.problem import Array
 from sysid.refine import refine
 from sysid.remainder import remainder
-from sysid.stages import Clips, Stage, begin, compare_stages, scores_at, stage
+from sysid.stages import LACKING, Clips, Stage, begin, compare_stages, missed, scores_at, stage, taken_out
 from sysid.structure import NAME, Structure, describe
 
 KEEPS = 4.0  # standard deviations from off below which the evidence is asked whether an effect is still needed
@@ -79,19 +79,10 @@ def weak(found: Stage, names: tuple[str, ...]) -> str | None:
 def without(clips: Clips, found: Stage, name: str, report: Report) -> Stage:
     """The stage without an effect, fitted again."""
     again = refine(
-        _less(found, name), clips.training, clips.growth, found.fit.rate, report, f"without {name}", clips.known
+        taken_out(found, name), clips.training, clips.growth, found.fit.rate, report, f"without {name}", clips.known
     )
     plain = stage(clips, again, found)
     return lent(clips, plain, found, f"without {name}", report) or plain
-
-
-def _less(found: Stage, name: str) -> Point:
-    """The point that is left when an effect goes, nothing fitted."""
-    keep = np.array([not n.startswith(name + ".") for n in found.names])
-    problem = found.point.problem
-    model = dataclasses.replace(problem.model, effects=tuple(e for e in problem.model.effects if e.name() != name))
-    names = tuple(n for n, k in zip(found.names, keep, strict=True) if k)
-    return Point(dataclasses.replace(problem, model=model, names=names), found.point.x, found.point.c[keep])
 
 
 def _prune(clips: Clips, now: Stage, verdict: tuple[str, ...], report: Report) -> tuple[Stage, tuple[str, ...]]:
@@ -116,16 +107,18 @@ def needed(clips: Clips, found: Discovery, report: Report) -> Discovery:
     while len(verdict) > 1:
         report("whether all of them are needed")
 
-        def less(k: int, now: Stage = now, verdict: tuple[str, ...] = verdict) -> Stage:
-            return without(clips, now, verdict[k], lambda line: None)
+        def left(k: int, now: Stage = now, verdict: tuple[str, ...] = verdict) -> float:
+            return missed(clips, now, verdict[k])
 
-        stages = shared(less, len(verdict))
-        worth = [compare_stages(clips, one, now).delta_bic for one in stages]
-        k = int(np.argmin(worth))
-        if worth[k] > NAMED:
+        times = shared(left, len(verdict))
+        k = int(np.argmin(times))
+        if times[k] > LACKING:
+            break
+        less = without(clips, now, verdict[k], report)
+        if compare_stages(clips, less, now).delta_bic > NAMED:
             break
         report(f"{verdict[k]} is not needed")
-        now, verdict = stages[k], (*verdict[:k], *verdict[k + 1 :])
+        now, verdict = less, (*verdict[:k], *verdict[k + 1 :])
     return found if verdict == found.verdict else _ending(found, now, verdict)
 
 
@@ -146,7 +139,7 @@ def _swap(
     pairs = {frozenset((a, b)) for r in rounds for a, b, _ in r.alike} | {frozenset(p) for r in rounds for p in r.tied}
     for name in verdict[:-1]:
         rivals = sorted({other for pair in pairs if name in pair for other in pair} - set(verdict))
-        less = dataclasses.replace(now, fit=dataclasses.replace(now.fit, point=_less(now, name)))
+        less = dataclasses.replace(now, fit=dataclasses.replace(now.fit, point=taken_out(now, name)))
         known = [c for c in candidates_for(less.model) if c.name in (*rivals, name)]
         if len(known) < 2:
             continue
