@@ -89,7 +89,9 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, words: tuple[s
 @pytest.mark.slow
 def test_an_effect_that_another_makes_superfluous_goes(tmp_path: Path) -> None:
     """As where it was named beside a fit in a false optimum: the ladder ends without it."""
-    clip_set = read_clip_set(clips(tmp_path / "set", 36, "--kind", "roll,follow,cushion", "--effect", "air_drag=0.02"))
+    clip_set = read_clip_set(
+        clips(tmp_path / "set", 36, "--kind", "roll,cushion", "--effect", "air_drag=0.02", "--clips", "5")
+    )
     fitted, base = begin(clip_set, full_model(clip_set.table, clip_set.ball), lambda line: None)
 
     def added(to: Stage, name: str) -> Stage:
