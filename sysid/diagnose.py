@@ -22,11 +22,13 @@ from sysid.problem import Array
 from sysid.refine import refine, shot_losses
 from sysid.solve import fit_each
 from sysid.stages import (
+    LACKING,
     Clips,
     Evidence,
     Stage,
     compare_stages,
     left_over,
+    missed,
     problem_at,
     scores_at,
     settle,
@@ -148,7 +150,8 @@ def look(
     if trials:
         trials = _settle(clips, base, trials, report)
         best = max(trials, key=lambda t: t.evidence.delta_bic)
-        better = lent(clips, base, best.stage, "base", report)
+        alone = left_over(clips, best.stage) < REST and missed(clips, best.stage, best.name) > LACKING
+        better = lent(clips, base, best.stage, "base", report) if not alone else None
         if better is not None:
             base = better
         by = min((t.stage for t in trials), key=lambda s: s.fit.rate)  # what is to be compared is weighed alike
@@ -180,7 +183,9 @@ def _trials(
         if len(trials) == 1 and not settled:
             least = beside()
         same = bool(trials) and scores.likeness(score.candidate.name, chosen[0].candidate.name) > ALIKE
-        if score.gain > max(least, CLOSE * chosen[0].gain if settled or same else 0.0):
+        if (score.sudden and not settled) or score.gain > max(
+            least, CLOSE * chosen[0].gain if settled or same else 0.0
+        ):
             trial = fitted(score)
             if not trials and left_over(clips, trial.stage) > REST:
                 trial = _anew(clips, base, trial, report)
@@ -195,11 +200,15 @@ def scored(clips: Clips, base: Stage, candidates: Sequence[Candidate], report: R
 
 
 def shortlist(scores: Scores, share: float = 0.0) -> list[Score]:
-    """Candidates worth a fit, the most promising first."""
+    """Candidates worth a fit, the most promising first; then those whose promise is a rough one."""
     if not scores.rows:
         return []
-    least = max(PROMISES, RIVALS * scores.rows[0].gain, share * (scores.chi2 - scores.count))
-    return [row for row in scores.rows if row.gain >= least][:MOST]
+    beyond = share * (scores.chi2 - scores.count)
+    least = max(PROMISES, RIVALS * scores.rows[0].gain, beyond)
+    chosen = [row for row in scores.rows if row.gain >= least][:MOST]
+    return chosen + [
+        row for row in scores.rows if row.sudden and row.gain >= max(PROMISES, beyond) and row not in chosen
+    ]
 
 
 def try_one(clips: Clips, base: Stage, score: Score, report: Report) -> Trial:

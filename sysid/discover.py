@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 
 from models.model_file import Model
+from sysid.aside import shared
 from sysid.clips import ClipSet
 from sysid.diagnose import MATTERS, NAMED, Round, candidates_for, lent, try_one
-from sysid.evidence import Candidate, Point
+from sysid.evidence import Candidate
 from sysid.judge import judge
 from sysid.next_shot import NextShot, propose
 from sysid.problem import Array
 from sysid.refine import refine
 from sysid.remainder import remainder
-from sysid.stages import Clips, Stage, begin, compare_stages, scores_at, stage
+from sysid.stages import LACKING, Clips, Stage, begin, compare_stages, missed, scores_at, stage, taken_out
 from sysid.structure import NAME, Structure, describe
 
 KEEPS = 4.0  # standard deviations from off below which the evidence is asked whether an effect is still needed
@@ -78,19 +79,10 @@ def weak(found: Stage, names: tuple[str, ...]) -> str | None:
 def without(clips: Clips, found: Stage, name: str, report: Report) -> Stage:
     """The stage without an effect, fitted again."""
     again = refine(
-        _less(found, name), clips.training, clips.growth, found.fit.rate, report, f"without {name}", clips.known
+        taken_out(found, name), clips.training, clips.growth, found.fit.rate, report, f"without {name}", clips.known
     )
     plain = stage(clips, again, found)
     return lent(clips, plain, found, f"without {name}", report) or plain
-
-
-def _less(found: Stage, name: str) -> Point:
-    """The point that is left when an effect goes, nothing fitted."""
-    keep = np.array([not n.startswith(name + ".") for n in found.names])
-    problem = found.point.problem
-    model = dataclasses.replace(problem.model, effects=tuple(e for e in problem.model.effects if e.name() != name))
-    names = tuple(n for n, k in zip(found.names, keep, strict=True) if k)
-    return Point(dataclasses.replace(problem, model=model, names=names), found.point.x, found.point.c[keep])
 
 
 def _prune(clips: Clips, now: Stage, verdict: tuple[str, ...], report: Report) -> tuple[Stage, tuple[str, ...]]:
@@ -109,6 +101,37 @@ def _prune(clips: Clips, now: Stage, verdict: tuple[str, ...], report: Report) -
     return now, verdict
 
 
+def needed(clips: Clips, found: Discovery, report: Report) -> Discovery:
+    """Without effects that were named beside a fit in a false optimum, and that the one found since does without."""
+    now, verdict = found.last, found.verdict
+    while len(verdict) > 1:
+        report("whether all of them are needed")
+
+        def left(k: int, now: Stage = now, verdict: tuple[str, ...] = verdict) -> float:
+            return missed(clips, now, verdict[k])
+
+        times = shared(left, len(verdict))
+        k = int(np.argmin(times))
+        if times[k] > LACKING:
+            break
+        less = without(clips, now, verdict[k], report)
+        if compare_stages(clips, less, now).delta_bic > NAMED:
+            break
+        report(f"{verdict[k]} is not needed")
+        now, verdict = less, (*verdict[:k], *verdict[k + 1 :])
+    return found if verdict == found.verdict else _ending(found, now, verdict)
+
+
+def _ending(found: Discovery, now: Stage, verdict: tuple[str, ...]) -> Discovery:
+    """The ladder with another end: the stages on the way to it are those that name a part of it."""
+    way = [(s, v) for s, v in zip(found.stages, found.verdicts, strict=True) if set(v) < set(verdict) or not v]
+    way = way[: len(verdict)]
+    return dataclasses.replace(
+        found, stages=(*(s for s, _ in way), now), verdicts=(*(v for _, v in way), verdict),
+        pruned=tuple(v for v in found.verdict if v not in verdict),
+    )  # fmt: skip
+
+
 def _swap(
     clips: Clips, now: Stage, verdict: tuple[str, ...], rounds: Sequence[Round], report: Report
 ) -> tuple[Stage, tuple[str, ...]]:
@@ -116,7 +139,7 @@ def _swap(
     pairs = {frozenset((a, b)) for r in rounds for a, b, _ in r.alike} | {frozenset(p) for r in rounds for p in r.tied}
     for name in verdict[:-1]:
         rivals = sorted({other for pair in pairs if name in pair for other in pair} - set(verdict))
-        less = dataclasses.replace(now, fit=dataclasses.replace(now.fit, point=_less(now, name)))
+        less = dataclasses.replace(now, fit=dataclasses.replace(now.fit, point=taken_out(now, name)))
         known = [c for c in candidates_for(less.model) if c.name in (*rivals, name)]
         if len(known) < 2:
             continue
@@ -187,6 +210,8 @@ def discover(
             save(found)
     if structure is not None:
         found = _with_formula(clips, found, now, structure, report)
+    else:
+        found = needed(clips, found, report)
     if found.unexplained is None:
         found = dataclasses.replace(found, unexplained=remainder(clips, found.last))
     return dataclasses.replace(found, next_shot=best_next(clips, found.last, found.rounds, found.verdict, report))
@@ -201,12 +226,7 @@ def _with_formula(clips: Clips, found: Discovery, now: Stage, structure: Structu
     formed, verdict = _prune(clips, now, before, report)
     plain = without(clips, formed, NAME, report)
     worth = compare_stages(clips, plain, formed)
-    kept = [(s, v) for s, v in zip(found.stages, found.verdicts, strict=True) if set(v) < set(verdict) or not v]
-    found = dataclasses.replace(
-        found, stages=(*(s for s, _ in kept[: len(verdict)]), plain) if verdict else (plain,),
-        verdicts=(*(v for _, v in kept[: len(verdict)]), verdict) if verdict else ((),),
-        pruned=tuple(v for v in before if v not in verdict),
-    )  # fmt: skip
+    found = _ending(found, plain, verdict)
     if worth.delta_bic <= NAMED or worth.gain <= MATTERS * found.rounds[-1].count:
         report("the formula is no longer needed")
         return dataclasses.replace(found, unexplained=None)

@@ -24,6 +24,7 @@ TARGET = 0.5  # change of the residuals that a probe aims at, in standard deviat
 PROBE = 1e-3  # first probe, of the bounds' width
 RANGE = (1e-7, 0.4)  # of the bounds' width, smallest and largest probe
 PASSES = 4
+GONE = 3.0  # times the target that an effect may still be in the smallest probes, if it fades with its parameter
 JUMP = 30.0  # a residual that a probe moves by so many standard deviations met another ball: no derivative
 FLAT = 1e-9  # of a signature's own size: what is left after projection is nothing
 
@@ -88,6 +89,7 @@ class Signature:
     candidate: Candidate
     probe: Array  # (k,) what each parameter was moved by from off
     columns: Array  # (n, m, k) change of the residuals for one probe
+    sudden: bool = False  # whether it does not fade as its parameters go to off: then it was looked at its usual size
 
 
 def signature(point: Point, base: Array, one: Candidate, quick: bool = False) -> Signature:
@@ -106,7 +108,8 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
     probe = np.minimum(PROBE * width, room)
     n, rows = len(point.x), np.arange(len(point.x))
     columns = np.zeros((*base.shape, k))
-    todo = np.arange(k)
+    todo, before = np.arange(k), np.full((2, k), np.inf)  # probe and size of the pass before
+    sudden: list[int] = []
 
     def moved(which: Index, by: Array) -> dict[int, Array]:
         """Change of the residuals with each of these parameters moved from off."""
@@ -126,19 +129,28 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
             size = max(size, 0.5 * top)  # one that shows in few shots shall not be driven out of its linear range
             low, high = RANGE[0] * width[j], min(RANGE[1] * width[j], room[j])
             wanted = float(np.clip(probe[j] * np.clip(TARGET / max(size, 1e-9), 1e-3, 1e3), low, high))
+            if size > GONE * TARGET and probe[j] < 0.3 * before[0, j] and size > 0.7 * before[1, j]:
+                sudden.append(j)
+                continue
+            before[:, j] = probe[j], size
             if not 0.3 < wanted / probe[j] < 3.0:
                 probe[j] = wanted
                 again.append(j)
         if not again:
             break
         todo = np.array(again)
+    if sudden:
+        usual = np.array([getattr(one.effect, key) for key in one.keys], float) - off
+        probe[sudden] = np.abs(usual[sudden])
+        for number, part in moved(np.array(sudden), usual).items():
+            columns[..., number] = np.nan_to_num(part) * np.sign(usual[number])
     # Where both sides are open, the difference of both takes out what is even in the parameter and steps' own error.
-    two = np.flatnonzero(both > probe)
+    two = np.setdiff1d(np.flatnonzero(both > probe), sudden)
     if two.size and not quick:
         for number, part in moved(two, -way * probe).items():
             columns[..., number] = 0.5 * (columns[..., number] - np.nan_to_num(part) * way[number])
     columns[np.abs(columns) > JUMP] = 0.0
-    return Signature(one, probe, columns)
+    return Signature(one, probe, columns, bool(sudden))
 
 
 def of_strike(point: Point, jx: Array, one: Candidate) -> Signature:
@@ -170,6 +182,7 @@ class Score:
     gain: float  # fall of chi-square that the linear model promises
     step: Array  # (k,) parameter values it would take
     sd: Array  # (k,) of them
+    sudden: bool = False  # see `Signature`: then this promise is a rough one
 
 
 @dataclass(frozen=True)
@@ -212,10 +225,10 @@ def score_all(
     steps_c = constant_steps(problem.model, problem.names)
     r, jx, jc = differences(problem.evaluate, point.x, point.c, np.arange(n), problem.steps, steps_c)
 
-    def shown(k: int) -> tuple[Array, Array]:
+    def shown(k: int) -> tuple[Array, Array, bool]:
         one = candidates[k]
         found = of_strike(point, jx, one) if strikes_only(one.effect) else signature(point, r, one, quick)
-        return found.probe, found.columns
+        return found.probe, found.columns, found.sudden
 
     signatures = [Signature(one, *found) for one, found in zip(candidates, shared(shown, len(candidates)), strict=True)]
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
@@ -246,7 +259,7 @@ def score_all(
             gain = float(g[fine] @ inverse @ g[fine])
             step[fine] = taken * s.probe[fine]
             step_sd[fine] = np.sqrt(np.maximum(np.diag(inverse), 0)) * s.probe[fine]
-        rows.append(Score(s.candidate, gain, s.candidate.off() + step, step_sd))
+        rows.append(Score(s.candidate, gain, s.candidate.off() + step, step_sd, s.sudden))
         blocks[s.candidate.name] = part
         at += k
     alike = _alike(left, blocks)

@@ -25,7 +25,7 @@ ROUNDS = 6
 FALLS = 0.6  # by which the error per way falls in a round, while it is worth another
 CLOSE = 3e-4  # error per way up to which the last digit of constants matters
 LONG, MEDIUM, SHORT = 40, 15, 6  # steps of a shot tried again
-ITERATIONS, COARSE_ITERATIONS = 15, 10
+ITERATIONS, COARSE_ITERATIONS, FEW = 15, 10, 4
 FINE, COARSE = 1e-5, 1e-4  # tolerance of the loss
 FOLLOWED = 2e-3  # error per way up to which shots are followed to the noise
 EARLY = 4  # events up to which shots are used, as long as they are not: then they are chaos
@@ -80,6 +80,15 @@ def shot_costs(problem: ShotProblem, x: Array, c: Array) -> Array:
     """Loss of every shot per residual: (n,)."""
     total, count = shot_losses(problem, x, c)
     return np.asarray(total / np.maximum(count, 1))
+
+
+def loss_soon(problem: ShotProblem, x: Array, c: Array, known: Mapping[str, tuple[float, float]]) -> float:
+    """The loss a few steps from a point."""
+    steps, bounds = constant_steps(problem.model, problem.names), constant_bounds(problem.model, problem.names)
+    return fit_joint(
+        problem.evaluate, x, c, problem.steps, steps, problem.prior, bounds, ROBUST, FEW, 1,
+        known=prior_of(problem.names, known),
+    ).cost  # fmt: skip
 
 
 def regrow(

@@ -29,6 +29,7 @@ from sysid.refine import (
     FOLLOWED,
     STANDS_OUT,
     Refined,
+    loss_soon,
     other_spins,
     refine,
     regrow,
@@ -40,6 +41,7 @@ from sysid.solve import fit_each
 from sysid.spikes import set_aside
 
 CLOCK = "clock_scale.factor"
+LACKING = 1.5  # times the loss that a few steps without an effect may leave, if it is to be doubted
 LAGS = 40  # samples over which residuals may hang together
 LONG, SHORT = 40, 8  # steps of a fit that starts far from its optimum
 NOISE = 0.5  # loss per residual of noise
@@ -231,6 +233,23 @@ def _beside(clips: Clips, found: Stage) -> float:
         value = found.value(name)[0] if name in found.names else found.model.meta(name)["off"]
         total += ((value - mean) / sd) ** 2
     return float(total)
+
+
+def taken_out(found: Stage, name: str) -> Point:
+    """The point that is left when an effect goes, nothing fitted."""
+    keep = np.array([not n.startswith(name + ".") for n in found.names])
+    problem = found.point.problem
+    model = dataclasses.replace(problem.model, effects=tuple(e for e in problem.model.effects if e.name() != name))
+    names = tuple(n for n, k in zip(found.names, keep, strict=True) if k)
+    return Point(dataclasses.replace(problem, model=model, names=names), found.point.x, found.point.c[keep])
+
+
+def missed(clips: Clips, found: Stage, name: str) -> float:
+    """How many times the loss is larger a few steps after an effect was taken out."""
+    seen = problem_at(clips, found.point, found.fit.rate)
+    point = taken_out(found, name)
+    soon = loss_soon(problem_at(clips, point, found.fit.rate), point.x, point.c, clips.known)
+    return soon / float(shot_losses(seen, found.point.x, found.point.c)[0].sum())
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,10 @@ from models.model_file import catalogue, full_model, read_model
 from models.simulate import simulate
 from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
-from sysid.discover import Discovery, discover
+from sysid.diagnose import candidates_for, try_one
+from sysid.discover import Discovery, discover, needed
 from sysid.findings import result_of
+from sysid.stages import Stage, begin, scores_at
 from tests.truth.__main__ import main as generate
 
 CLIPS = "8"
@@ -82,6 +84,30 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, words: tuple[s
     )
     assert not any(row["fitted"] for row in told["rounds"][0])
     assert len(clip_set.clips) == int(CLIPS)
+
+
+@pytest.mark.slow
+def test_an_effect_that_another_makes_superfluous_goes(tmp_path: Path) -> None:
+    """As where it was named beside a fit in a false optimum: the ladder ends without it."""
+    clip_set = read_clip_set(
+        clips(tmp_path / "set", 36, "--kind", "roll,cushion", "--effect", "air_drag=0.02", "--clips", "5")
+    )
+    fitted, base = begin(clip_set, full_model(clip_set.table, clip_set.ball), lambda line: None)
+
+    def added(to: Stage, name: str) -> Stage:
+        [score] = [s for s in scores_at(fitted, to, candidates_for(to.model)).rows if s.candidate.name == name]
+        return try_one(fitted, to, score, lambda line: None).stage
+
+    first = added(base, "side_curve")
+    both = added(first, "air_drag")
+    verdicts = ((), ("side_curve",), ("side_curve", "air_drag"))
+    lines: list[str] = []
+    found = needed(fitted, Discovery(fitted, (base, first, both), verdicts, ()), lines.append)
+    assert found.verdicts == ((), ("air_drag",))
+    assert found.stages[0] is base and "air_drag.rate" in found.last.names
+    assert found.pruned == ("side_curve",) and "side_curve is not needed" in lines
+    assert found.last.chi2 < 1.05 < base.chi2
+    assert needed(fitted, found, lines.append) is found
 
 
 @pytest.mark.slow
