@@ -150,10 +150,8 @@ def look(
     if trials:
         trials = _settle(clips, base, trials, report)
         best = max(trials, key=lambda t: t.evidence.delta_bic)
-        alone = left_over(clips, best.stage) < REST and missed(clips, best.stage, best.name) > LACKING
-        better = lent(clips, base, best.stage, "base", report) if not alone else None
-        if better is not None:
-            base = better
+        if left_over(clips, best.stage) >= REST or missed(clips, best.stage, best.name) <= LACKING:
+            base = lent(clips, base, best.stage, "base", report) or base
         by = min((t.stage for t in trials), key=lambda s: s.fit.rate)  # what is to be compared is weighed alike
         first = max(trials, key=lambda t: t.evidence.gain)
         tau = compare_stages(clips, base, first.stage, by).tau
@@ -183,9 +181,8 @@ def _trials(
         if len(trials) == 1 and not settled:
             least = beside()
         same = bool(trials) and scores.likeness(score.candidate.name, chosen[0].candidate.name) > ALIKE
-        if (score.sudden and not settled) or score.gain > max(
-            least, CLOSE * chosen[0].gain if settled or same else 0.0
-        ):
+        bar = max(least, CLOSE * chosen[0].gain if settled or same else 0.0)
+        if score.gain > bar or (score.sudden and not settled):
             trial = fitted(score)
             if not trials and left_over(clips, trial.stage) > REST:
                 trial = _anew(clips, base, trial, report)
@@ -206,9 +203,8 @@ def shortlist(scores: Scores, share: float = 0.0) -> list[Score]:
     beyond = share * (scores.chi2 - scores.count)
     least = max(PROMISES, RIVALS * scores.rows[0].gain, beyond)
     chosen = [row for row in scores.rows if row.gain >= least][:MOST]
-    return chosen + [
-        row for row in scores.rows if row.sudden and row.gain >= max(PROMISES, beyond) and row not in chosen
-    ]
+    rough = [row for row in scores.rows if row.sudden and row.gain >= max(PROMISES, beyond)]
+    return chosen + [row for row in rough if all(row is not one for one in chosen)]
 
 
 def try_one(clips: Clips, base: Stage, score: Score, report: Report) -> Trial:

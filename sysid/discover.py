@@ -90,11 +90,11 @@ def _prune(clips: Clips, now: Stage, verdict: tuple[str, ...], report: Report) -
 
     A standard deviation alone does not tell: that of a gain is wide where a rate that goes with it is not determined.
     """
-    needed: set[str] = set()
-    while (name := weak(now, tuple(v for v in verdict if v not in needed))) is not None:
+    kept: set[str] = set()
+    while (name := weak(now, tuple(v for v in verdict if v not in kept))) is not None:
         less = without(clips, now, name, report)
         if compare_stages(clips, less, now).delta_bic > NAMED:
-            needed.add(name)
+            kept.add(name)
             continue
         report(f"{name} is no longer needed")
         now, verdict = less, tuple(v for v in verdict if v != name)
@@ -103,14 +103,14 @@ def _prune(clips: Clips, now: Stage, verdict: tuple[str, ...], report: Report) -
 
 def needed(clips: Clips, found: Discovery, report: Report) -> Discovery:
     """Without effects that were named beside a fit in a false optimum, and that the one found since does without."""
+
+    def lacking(now: Stage, verdict: tuple[str, ...]) -> list[float]:
+        return shared(lambda k: missed(clips, now, verdict[k]), len(verdict))
+
     now, verdict = found.last, found.verdict
     while len(verdict) > 1:
         report("whether all of them are needed")
-
-        def left(k: int, now: Stage = now, verdict: tuple[str, ...] = verdict) -> float:
-            return missed(clips, now, verdict[k])
-
-        times = shared(left, len(verdict))
+        times = lacking(now, verdict)
         k = int(np.argmin(times))
         if times[k] > LACKING:
             break
@@ -222,8 +222,7 @@ def _with_formula(clips: Clips, found: Discovery, now: Stage, structure: Structu
 
     Effects that were named beside the formula may explain what it was found for.
     """
-    before = found.verdict
-    formed, verdict = _prune(clips, now, before, report)
+    formed, verdict = _prune(clips, now, found.verdict, report)
     plain = without(clips, formed, NAME, report)
     worth = compare_stages(clips, plain, formed)
     found = _ending(found, plain, verdict)

@@ -25,6 +25,7 @@ PROBE = 1e-3  # first probe, of the bounds' width
 RANGE = (1e-7, 0.4)  # of the bounds' width, smallest and largest probe
 PASSES = 4
 GONE = 3.0  # times the target that an effect may still be in the smallest probes, if it fades with its parameter
+FADES = (0.3, 0.7)  # times the last probe: one so much smaller, that does so much of what that did, shows no fading
 JUMP = 30.0  # a residual that a probe moves by so many standard deviations met another ball: no derivative
 FLAT = 1e-9  # of a signature's own size: what is left after projection is nothing
 
@@ -129,7 +130,7 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
             size = max(size, 0.5 * top)  # one that shows in few shots shall not be driven out of its linear range
             low, high = RANGE[0] * width[j], min(RANGE[1] * width[j], room[j])
             wanted = float(np.clip(probe[j] * np.clip(TARGET / max(size, 1e-9), 1e-3, 1e3), low, high))
-            if size > GONE * TARGET and probe[j] < 0.3 * before[0, j] and size > 0.7 * before[1, j]:
+            if size > GONE * TARGET and probe[j] < FADES[0] * before[0, j] and size > FADES[1] * before[1, j]:
                 sudden.append(j)
                 continue
             before[:, j] = probe[j], size

@@ -45,7 +45,7 @@ MIXES: Final = (
          *("cut_side", "draw", "cut", "cushion_side", "cut_side", "long")),
     ),
     Mix(
-        "two thirds with side",  # what only a sidespin shows, and squirt only against a command
+        "seven in twelve with side",  # what only a sidespin shows, and squirt only against a command
         ("squirt", "spin_decay_speed"),
         (*("cushion_side", "side", "swerve", "roll", "cushion", "cut_side"),
          *("side", "cut", "cushion_side", "draw", "spin", "side")),

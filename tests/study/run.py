@@ -195,8 +195,9 @@ def stopped_in_the_end(running: list[Running]) -> Iterator[list[Running]]:
 def main(argv: Sequence[str]) -> int:
     """Run one set, by name, with its files under a folder, on one core."""
     name, out, slot = argv[0], Path(argv[1]), int(argv[2])
-    cores = sorted(os.sched_getaffinity(0))
-    os.sched_setaffinity(0, {cores[slot % len(cores)]})
+    if sys.platform == "linux":  # elsewhere nothing is done aside
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {cores[slot % len(cores)]})
     entry = next(e for e in plan() if e.name == name)
     result = study_one(entry, out)
     if result is None:
