@@ -326,4 +326,5 @@ def test_a_real_match(data_folder: Path) -> None:
         assert roll.value * GRAVITY + roll.slope * (speed - roll.speed) == pytest.approx(known, abs=0.003)
     assert any("varies with speed" in w for w in roll.warnings)
     assert found["decoupled_cloth.slide"].value == pytest.approx(0.205, abs=0.01)
-    assert found["ball_impact.restitution"].value == pytest.approx(0.96, abs=0.04)
+    hit = found["ball_impact.restitution"]  # few impacts, at 50 frames a second
+    assert hit.sd < 0.05 and abs(hit.value - 0.96) < 2 * hit.sd

@@ -123,7 +123,7 @@ def _detail(one: Details) -> dict[str, Any]:
         "speed": c.speed, "speed_sd": c.speed_sd, "azimuth": c.azimuth, "azimuth_sd": c.azimuth_sd, "side": c.side,
         "side_sd": c.side_sd, "contact": c.contact, "told": list(c.told),
     }  # fmt: skip
-    marks = {n: {"angles": int(np.isfinite(t.theta).sum()), "told": list(t.told)} for n, t in one.turned.items()}
+    marks = {n: {"angles": int(np.isfinite(t.theta).sum()), "kept": int(t.steady.sum()), "told": list(t.told)} for n, t in one.turned.items()}
     return {"cue": cue, "marks": marks}
 
 
@@ -135,8 +135,11 @@ def _print_details(seen: Sequence[Details]) -> None:
         for text in one.cue.told if one.cue else ():
             print(f"clip {number}: cue: {text}")
         for name, turned in one.turned.items():
-            count = int(np.isfinite(turned.theta).sum())
+            count, kept = int(np.isfinite(turned.theta).sum()), int(turned.steady.sum())
             print(f"clip {number}: {name}: turned angle in {count} of {len(turned.theta)} pictures")
+            if kept < count:
+                astray = f"by {np.nanmax(turned.drift):.2f} rad at the end"
+                print(f"clip {number}: {name}: only {kept} of them go into the clip: rolling may lead it astray, {astray}")
             for text in turned.told:
                 print(f"clip {number}: {name}: {text}")
 
@@ -170,7 +173,9 @@ def _write(
     from sysid.vision.track import Extra, clip_set
 
     if result.shots:
-        extras = [Extra({n: t.theta for n, t in one.turned.items()}, one.tip) for one in seen]
+        extras = [
+            Extra({n: np.where(t.steady, t.theta, np.nan) for n, t in one.turned.items()}, one.tip) for one in seen
+        ]
         write_clip_set(clip_set(result, camera, mass, footage.fps, extras), args.out)
         print(f"\nclips: {args.out}")
     if args.preview:

@@ -46,6 +46,7 @@ HOPELESS = 60.0  # cost of a turn and the AHEAD frames after it that nothing exp
 MOST = 120  # turns that are looked at
 FASTEST = 3.0  # turn between frames that is looked for [rad]
 USUAL = 50.0  # sidespin [rad/s]
+ASTRAY = 4.0  # what errors that add up may cost a fit, in squared standard deviations
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -61,6 +62,16 @@ class Turning:
     spin_sd: Array  # (n, 3) [rad/s]
     quaternion: Array  # (n, 4) w, x, y, z: turned since the first frame that is told
     told: tuple[str, ...] = ()  # what a user should know
+
+    @property
+    def steady(self) -> NDArray[np.bool_]:
+        """Where the angle is known and how far it may have gone astray is, all in all, no more than noise: (n,).
+
+        A fit takes the errors of angles for independent; those of a rolling ball's add up, all one way.
+        """
+        known = np.isfinite(self.theta)
+        share = np.where(known, self.drift / self.sd, 0.0)
+        return known & (np.cumsum(share**2) <= ASTRAY)
 
 
 @dataclass(frozen=True)
@@ -337,8 +348,10 @@ def _bring(state: _State, frame: Marks, k: int, guess: Array, loose: float) -> _
     landmarks = np.concatenate([landmarks, frame.place[new] @ axes])
     weight = np.concatenate([weight, frame.weight[new]])
     whole = state.whole or (full and state.full)
-    # Errors about the horizontal, which hang together, become errors about the vertical as the ball rolls on.
-    stray = (math.hypot(turn[0], turn[1]) * math.hypot(spread[0], spread[1]) if full else 0.0, walk)
+    # Errors about the horizontal, which hang together, become errors about the vertical as the ball rolls on. In place
+    # a single mark comes round to where it was, so that they do not add up.
+    across = math.hypot(turn[0], turn[1])
+    stray = (across * math.hypot(spread[0], spread[1]) if full else 0.0, walk if across > SLIP[0] else 0.0)
     return _State(k, axes, landmarks, weight, turn, state.spin, spread, stray, full, whole, cost)
 
 
