@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.errors import BadInput
 from sysid.output import Progress, table, write_json
@@ -123,8 +124,19 @@ def _detail(one: Details) -> dict[str, Any]:
         "speed": c.speed, "speed_sd": c.speed_sd, "azimuth": c.azimuth, "azimuth_sd": c.azimuth_sd, "side": c.side,
         "side_sd": c.side_sd, "contact": c.contact, "told": list(c.told),
     }  # fmt: skip
-    marks = {n: {"angles": int(np.isfinite(t.theta).sum()), "kept": int(t.steady.sum()), "told": list(t.told)} for n, t in one.turned.items()}
+    marks = {}
+    for name, t in one.turned.items():
+        marks[name] = {"angles": _count(t.theta), "kept": _count(t.steady), "told": list(t.told), "sidespin": None}
+        if (first := t.sidespin) is not None:
+            marks[name]["sidespin"] = {
+                "from": first.start, "to": first.end, "value": first.spin, "sd": first.spin_sd,
+            }  # fmt: skip
     return {"cue": cue, "marks": marks}
+
+
+def _count(values: NDArray[np.float64]) -> int:
+    """How many are known."""
+    return int(np.isfinite(values).sum())
 
 
 def _print_details(seen: Sequence[Details]) -> None:
@@ -135,11 +147,13 @@ def _print_details(seen: Sequence[Details]) -> None:
         for text in one.cue.told if one.cue else ():
             print(f"clip {number}: cue: {text}")
         for name, turned in one.turned.items():
-            count, kept = int(np.isfinite(turned.theta).sum()), int(turned.steady.sum())
-            print(f"clip {number}: {name}: turned angle in {count} of {len(turned.theta)} pictures")
+            count, kept = _count(turned.theta), _count(turned.steady)
+            first = turned.sidespin
+            rate = f", at first {first.spin:+.2f} +- {first.spin_sd:.2f} rad/s" if first is not None else ""
+            print(f"clip {number}: {name}: turned angle in {count} of {len(turned.theta)} pictures{rate}")
             if kept < count:
-                astray = f"by {np.nanmax(turned.drift):.2f} rad at the end"
-                print(f"clip {number}: {name}: only {kept} of them go into the clip: rolling may lead it astray, {astray}")
+                why = f"rolling may lead it astray, by {np.nanmax(turned.drift):.2f} rad at the end"
+                print(f"clip {number}: {name}: {kept or 'none'} of these angles go into the clip: {why}")
             for text in turned.told:
                 print(f"clip {number}: {name}: {text}")
 
@@ -173,9 +187,7 @@ def _write(
     from sysid.vision.track import Extra, clip_set
 
     if result.shots:
-        extras = [
-            Extra({n: np.where(t.steady, t.theta, np.nan) for n, t in one.turned.items()}, one.tip) for one in seen
-        ]
+        extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
         write_clip_set(clip_set(result, camera, mass, footage.fps, extras), args.out)
         print(f"\nclips: {args.out}")
     if args.preview:

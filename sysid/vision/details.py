@@ -16,9 +16,10 @@ from sysid.vision.camera import Array, Camera
 from sysid.vision.cue import CueSeen, watch_cue
 from sysid.vision.film import Picture
 from sysid.vision.frames import Footage
-from sysid.vision.spin import Turning, turning
+from sysid.vision.spin import turning
 from sysid.vision.spots import Spots, find_spots
 from sysid.vision.track import Tracked
+from sysid.vision.turned import Turning
 
 BEFORE = 0.35  # of a cue's coming that is looked at [s]
 AFTER = 0.01  # and past the strike [s]

@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 from models.errors import BadInput
 from sysid.vision.camera import Array, Camera
 from sysid.vision.spots import MODEL, Marks, Picture, Spots, choose_marks, find_spots, spacing, triad, ways
+from sysid.vision.turned import Turning
 
 BLIND = 0.2  # standard deviation of a turn about the vertical beyond which marks do not show it [rad]
 BRAKE = 40.0  # change of spin that is allowed for while a ball is out of sight [rad/s^2]
@@ -46,44 +47,7 @@ HOPELESS = 60.0  # cost of a turn and the AHEAD frames after it that nothing exp
 MOST = 120  # turns that are looked at
 FASTEST = 3.0  # turn between frames that is looked for [rad]
 USUAL = 50.0  # sidespin [rad/s]
-ASTRAY = 4.0  # what errors that add up may cost a fit, in squared standard deviations
 UP = np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True)
-class Turning:
-    """How a ball turned. Values are NaN where its marks did not tell."""
-
-    time: Array  # (n,) [s]
-    theta: Array  # (n,) turned angle about the vertical, the integral of omega_z, unwrapped [rad]
-    sd: Array  # (n,) of each angle [rad]
-    drift: Array  # (n,) how far the angle may have gone astray since the first that is told: one sd [rad]
-    spin: Array  # (n, 3) mean angular velocity since the frame before, table frame [rad/s]
-    spin_sd: Array  # (n, 3) [rad/s]
-    quaternion: Array  # (n, 4) w, x, y, z: turned since the first frame that is told
-    told: tuple[str, ...] = ()  # what a user should know
-
-    @property
-    def steady(self) -> NDArray[np.bool_]:
-        """Where the angle is known and how far it may have gone astray is, all in all, no more than noise: (n,).
-
-        A fit takes the errors of angles for independent; those of a rolling ball's add up, all one way.
-        """
-        known = np.isfinite(self.theta)
-        share = np.where(known, self.drift / self.sd, 0.0)
-        return known & (np.cumsum(share**2) <= ASTRAY)
-
-
-@dataclass(frozen=True)
-class Rate:
-    """A spin about the vertical, and how it changes."""
-
-    time: float  # middle of the frames it comes from [s]
-    spin: float  # omega_z then [rad/s]
-    spin_sd: float
-    change: float  # [rad/s^2], below 0 where a positive spin slows down
-    change_sd: float
-    count: int  # frames
 
 
 @dataclass(frozen=True)
@@ -109,27 +73,6 @@ def watch(frames: Iterable[tuple[float, Picture, Array]], camera: Camera) -> Tur
     for time, picture, xy in frames:
         seen.append(find_spots(picture, time, xy, camera, seen[-1] if seen else None))
     return turning(seen, camera.radius)
-
-
-def rate(turned: Turning, start: float, end: float) -> Rate:
-    """Spin about the vertical between two times [s], fitted with a constant deceleration."""
-    use = (turned.time >= start) & (turned.time <= end) & np.isfinite(turned.theta)
-    count = int(use.sum())
-    if count < 4:
-        raise BadInput(f"from {start:g} to {end:g} s the turned angle is known in {count} frames: choose a longer time")
-    time, theta, sd = turned.time[use], turned.theta[use], turned.sd[use]
-    middle = 0.5 * float(time[0] + time[-1])
-    basis = np.vander(time - middle, 3, increasing=True) * np.array([1.0, 1.0, 0.5])
-    weighted = basis / sd[:, None]
-    value, *_ = np.linalg.lstsq(weighted, theta / sd, rcond=None)
-    rest = (theta - basis @ value) / sd
-    # Errors that hang together from frame to frame average out more slowly.
-    alike = float(np.clip(rest[1:] @ rest[:-1] / max(rest @ rest, 1e-12), 0.0, 0.9))
-    scatter = max(float(rest @ rest) / (count - 3), 1.0) * (1 + alike) / (1 - alike)
-    inverse = np.linalg.inv(weighted.T @ weighted)
-    strays = inverse @ weighted.T @ (turned.drift[use] / sd)
-    spread = np.sqrt(np.diag(inverse) * scatter + strays**2)
-    return Rate(middle, float(value[1]), float(spread[1]), float(value[2]), float(spread[2]), count)
 
 
 def turning(seen: Sequence[Spots], radius: float) -> Turning:
@@ -350,8 +293,8 @@ def _bring(state: _State, frame: Marks, k: int, guess: Array, loose: float) -> _
     whole = state.whole or (full and state.full)
     # Errors about the horizontal, which hang together, become errors about the vertical as the ball rolls on. In place
     # a single mark comes round to where it was, so that they do not add up.
-    across = math.hypot(turn[0], turn[1])
-    stray = (across * math.hypot(spread[0], spread[1]) if full else 0.0, walk if across > SLIP[0] else 0.0)
+    rolled = math.hypot(turn[0], turn[1])
+    stray = (rolled * math.hypot(spread[0], spread[1]) if full else 0.0, walk if rolled > SLIP[0] else 0.0)
     return _State(k, axes, landmarks, weight, turn, state.spin, spread, stray, full, whole, cost)
 
 

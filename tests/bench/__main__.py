@@ -12,6 +12,7 @@ from sysid.output import table
 from tests.bench import peers
 from tests.bench.accuracy import cloth_rows, hidden_rows
 from tests.bench.speed import jacobian_rows, peak_memory_mb, shot_rows
+from tests.bench.video import video_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -25,7 +26,7 @@ def main() -> int:
     """Measure and print."""
     began = time.perf_counter()
     print(f"Python {platform.python_version()}, {os.cpu_count()} cores, {platform.machine()}\n", flush=True)
-    for rows in (cloth_rows, shot_rows, jacobian_rows, peers.rows):
+    for rows in (cloth_rows, shot_rows, jacobian_rows, video_rows, peers.rows):
         print(table(rows()) + "\n", flush=True)
     print(peers.note() + "\n", flush=True)
     hidden = data_folder() / "hidden" / "set-11"

@@ -23,7 +23,7 @@ from tests.footage.scenes import Scene, scenes
 
 SAME = 0.1  # between the strike of a clip and that of the shot it shows [s]
 NEAR = 2.0  # radii between surfaces within which a ball is near another, or a cushion
-TURNED = 3.0  # least turn about the vertical that a rate is taken from [rad]
+SPUN = 10.0  # least sidespin that is counted [rad/s]
 PLACE = 0.3  # speed below which a ball spins in place [m/s]
 
 
@@ -79,6 +79,12 @@ def score(set_: Path, told: Path, clips: Path, cam: Path) -> Score:
             continue
         found.clips += 1
         _places(found, shot, clip, row["frames"], fps, camera)
+        for name, marks in row["marks"].items():
+            if (told := marks["sidespin"]) is not None and name in shot.track.names:
+                ends = shot.turned(name, np.array([told["from"], told["to"]]))
+                if abs(true := float(np.diff(ends)[0] / (told["to"] - told["from"]))) > SPUN:
+                    into = found.in_place if np.hypot(*shot.velocity) < PLACE else found.rolling
+                    into.append(told["value"] / true - 1)
         cue = row["cue"]
         if cue and shot.motion.cue and np.isfinite(cue["speed"]):
             found.speed.append(cue["speed"] / shot.motion.cue.speed - 1)
@@ -111,13 +117,6 @@ def _places(found: Score, shot: Scene, clip: Clip, frames: Sequence[int], fps: f
         near = gap < NEAR * camera.radius
         found.near.append((scale * off[near & ~wrong]).ravel())
         found.free.append((scale * off[~near & ~wrong]).ravel())
-        told = np.flatnonzero(np.isfinite(seen.theta))
-        if told.size > 2:
-            turn = shot.turned(name, at)
-            way = turn[told[-1]] - turn[told[0]]
-            if abs(way) > TURNED:
-                error = (seen.theta[told[-1]] - seen.theta[told[0]]) / way - 1
-                (found.in_place if np.hypot(*shot.velocity) < PLACE else found.rolling).append(float(error))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
