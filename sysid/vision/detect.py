@@ -32,6 +32,7 @@ FULL, FILLED, DISC = 0.7, 0.5, 0.8  # coverage from which on a ball need not fil
 APART = 1.3  # radii between two balls' centres, at least
 DOUBTFUL, CLEAR = 4.0, 0.1  # quality below which other ways are tried; scatter than which none is better [pixels]
 TRIED, WAYS, ASTRAY = 10, 6, 0.3  # guesses tried in other ways; places about each; how far off [radii]
+MOST, MOST_AGREE, UNUSUAL = 0.6, 0.9, 2.2  # coverage, agreement, and roughness in usual ones, that leave no doubt
 LOOSELY, DRAWN = 0.22, (0.75, 0.9, 1.1)  # scatter from which on smears are tried [pixels], and in which parts
 CLEARLY = 1.1  # quality over another's, of what takes its place
 BLOB, VAGUE = 0.35, (0.1, 0.02)  # smear [radii] whose middle may be better than an outline; its sd [pixels], and growth
@@ -81,6 +82,13 @@ class Fit:
     def quality(self) -> float:
         """How much it is to be preferred to another outline of the same ball."""
         return self.coverage * self.agreement / max(self.scatter, CLEAR)
+
+    def doubtful(self, optics: Optics) -> bool:
+        """Whether it may be badly placed: it is poor, and not because pictures are."""
+        if self.quality > DOUBTFUL:
+            return False
+        usual = all(own < UNUSUAL * known for own, known in zip(self.rough, optics.rough, strict=True))
+        return not (usual and self.coverage > MOST and self.agreement > MOST_AGREE)
 
 
 def _agreed(
@@ -153,7 +161,7 @@ def fit_near(view: View, optics: Optics, starts: Sequence[Array]) -> list[Fit | 
     best = fit_outlines(view, optics, starts)
     owners: list[int] = []
     tries: list[tuple[Array, Array]] = []
-    for k in [k for k, fit in enumerate(best) if fit is None or fit.quality < DOUBTFUL][:TRIED]:
+    for k in [k for k, fit in enumerate(best) if fit is None or fit.doubtful(optics)][:TRIED]:
         fit, radius = best[k], view.scene.radius(starts[k])
         moved = smeared(view, starts[k]) if fit is None or fit.scatter > LOOSELY else None
         if moved is not None:
