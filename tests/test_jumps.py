@@ -10,7 +10,9 @@ from sysid.vision.jumps import first_jump
 
 def path(xy: np.ndarray) -> Path:
     n = len(xy)
-    return Path("white", np.arange(n), np.arange(n) / 120, xy * 400, xy, np.ones(n), np.full(n, 11.0))
+    return Path(
+        "white", np.arange(n), np.arange(n) / 120, xy * 400, xy, np.ones(n), np.full(n, 11.0), np.full(n, np.nan)
+    )
 
 
 def test_a_cut_in_the_footage_ends_the_shot() -> None:
@@ -27,6 +29,9 @@ def test_strokes_collisions_and_gaps_are_no_jumps() -> None:
     gap = path(time * [2.0, 0.0])
     keep = (gap.frame < 20) | (gap.frame > 35)
     sparse = Path(
-        "white", gap.frame[keep], gap.time[keep], *(v[keep] for v in (gap.pixels, gap.xy, gap.sd, gap.radius))
+        "white",
+        gap.frame[keep],
+        gap.time[keep],
+        *(v[keep] for v in (gap.pixels, gap.xy, gap.sd, gap.radius, gap.change)),
     )
     assert first_jump([path(struck), path(turned), sparse], 0, 59) == (59, "")

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
         raise BadInput(f"{args.video}: {sizes} pixels in video and {args.camera}; calibrate with this video's frames")
     detector = Detector.learn(camera, footage, palette, progress)
     result = track(footage, camera, detector, dict(zip(palette.names, palette.counts, strict=True)), progress)
-    seen = details(result, footage, camera, progress)
+    result, seen = details(result, footage, camera, progress)
     progress.close()
     mass = args.mass if args.mass is not None else USUAL * camera.diameter**3
     told = [*footage.assumed, *detector.told, *result.told]

@@ -18,11 +18,12 @@ from sysid.vision.film import Picture
 from sysid.vision.frames import Footage
 from sysid.vision.spin import turning
 from sysid.vision.spots import Spots, find_spots
-from sysid.vision.track import Tracked
+from sysid.vision.track import Tracked, without
 from sysid.vision.turned import Turning
 
 BEFORE = 0.35  # of a cue's coming that is looked at [s]
 AFTER = 0.01  # and past the strike [s]
+TURNED, FEWEST = 1.0, 20  # turn of a ball that spins in place [rad], and the frames that tell it, at least
 PLAIN = 12  # sightings without a mark after which a ball has none
 
 
@@ -63,8 +64,8 @@ class _Marked:
 
 def details(
     result: Tracked, footage: Footage, camera: Camera, progress: Callable[[str], None] = lambda line: None
-) -> tuple[Details, ...]:
-    """Marks and cue of every shot."""
+) -> tuple[Tracked, tuple[Details, ...]]:
+    """Marks and cue of every shot; spins in place that no marks tell of are no shots."""
     marked = [{name: _Marked(name) for name in found} for found in result.found]
     where: dict[int, list[tuple[int, str, int]]] = {}
     for number, found in enumerate(result.found):
@@ -92,12 +93,21 @@ def details(
     for collected, cue in zip(marked, cues, strict=True):
         turned = {m.name: turning(m.seen, camera.radius) for m in collected.values() if not m.plain and len(m.seen) > 2}
         out.append(Details({n: t for n, t in turned.items() if np.isfinite(t.theta).any()}, cue))
-    return tuple(out)
+    bad = [shot.spun and not _turns(one.turned.get(shot.struck)) for shot, one in zip(result.shots, out, strict=True)]
+    return without(result, bad), tuple(one for one, off in zip(out, bad, strict=True) if not off)
+
+
+def _turns(turned: Turning | None) -> bool:
+    """Whether marks show that a ball turns, and for long."""
+    known = np.zeros(0) if turned is None else turned.theta[np.isfinite(turned.theta)]
+    return len(known) >= FEWEST and abs(known[-1] - known[0]) > TURNED
 
 
 def _cue(result: Tracked, k: int, frames: list[tuple[float, Picture]], camera: Camera) -> CueSeen | None:
     """The cue before the strike of a shot."""
     shot = result.shots[k]
+    if shot.spun:
+        return None
     path, _ = result.found[k][shot.struck]
     before = np.flatnonzero(path.time < shot.time)
     if len(frames) < 3 or before.size == 0:

@@ -61,6 +61,7 @@ class Seen:
     sd: float  # estimated error of the centre, one standard deviation per axis [pixels]
     coverage: float  # part of the outline that was seen, 0 to 1
     score: float  # how well outline and colour fit, 0 to 1
+    change: float = float("nan")  # of its face since the picture before, 1 for noise alone
 
 
 @dataclass(frozen=True)

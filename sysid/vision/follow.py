@@ -171,10 +171,11 @@ class Row(NamedTuple):
     v: float
     sd: float
     radius: float
+    change: float
 
 
 def _row(frame: int, time: float, seen: Seen) -> Row:
-    return Row(frame, time, float(seen.xy[0]), float(seen.xy[1]), float(seen.sd), float(seen.radius))
+    return Row(frame, time, float(seen.xy[0]), float(seen.xy[1]), float(seen.sd), float(seen.radius), seen.change)
 
 
 @dataclass
@@ -210,6 +211,7 @@ class Path:
     xy: Array  # (n, 2) [m], table frame
     sd: Array  # (n,) of a sighting, as the detector has it [pixels]
     radius: Array  # (n,) of its outline [pixels]
+    change: Array  # (n,) of its face since the frame before, 1 for noise alone; NaN where not known
 
 
 @dataclass
@@ -217,9 +219,7 @@ class Follower:
     """Follows balls from frame to frame."""
 
     camera: Camera
-    counts: Mapping[str, int] = field(
-        default_factory=dict
-    )  # how many balls of a name there can be, where that is known
+    counts: Mapping[str, int] = field(default_factory=dict)  # of balls of a name there can be, where that is known
     balls: list[_Ball] = field(default_factory=list)
     _forecast: float = math.nan  # the time that the balls' predictions are for
 
@@ -274,10 +274,10 @@ class Follower:
         return tuple(self._path(name, ball.rows) for name, ball in named)
 
     def _path(self, name: str, rows: Sequence[Row]) -> Path:
-        frame, time, u, v, sd, radius = np.array(rows).T
+        frame, time, u, v, sd, radius, change = np.array(rows).T
         px = np.column_stack([u, v])
         xy = [self.camera.centres(px[k : k + BUNCH]) for k in range(0, len(px), BUNCH)]
-        return Path(name, frame.astype(np.int64), time, px, np.concatenate(xy), sd, radius)
+        return Path(name, frame.astype(np.int64), time, px, np.concatenate(xy), sd, radius, change)
 
     def _late(self, row: float) -> float:
         """When a row of the picture is exposed, after the middle one [s]."""

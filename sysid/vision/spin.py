@@ -61,7 +61,7 @@ class _State:
     turn: Array  # (3,) rotation vector since the state before [rad]
     spin: Array | None  # (3,) smoothed [rad/s]
     sd: Array  # (3,) of the orientation about x, y, z [rad]
-    stray: tuple[float, float]  # what this turn adds to the turned angle's error: [rad], and variance [rad^2]
+    stray: tuple[float, float, float]  # what this turn adds to the turned angle's error: (2,) [rad], variance [rad^2]
     full: bool  # all three angles are measured
     whole: bool  # and so is all of the spin, now or before
     cost: float  # of this frame, in squared standard deviations
@@ -83,7 +83,7 @@ def turning(seen: Sequence[Spots], radius: float) -> Turning:
     if late.size:
         raise BadInput(f"frame {late[0] + 1} at {time[late[0] + 1]:g} s is not later than the one before: sort them")
     step = float(np.median(np.diff(time))) if n > 1 else math.inf
-    theta, sd, stray, run = np.full(n, np.nan), np.full(n, np.nan), np.zeros((n, 2)), np.full(n, -1)
+    theta, sd, stray, run = np.full(n, np.nan), np.full(n, np.nan), np.zeros((n, 3)), np.full(n, -1)
     spin, spin_sd, quaternion = np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.full((n, 4), np.nan)
     state: _State | None = None
     angle, runs, known = 0.0, 0, -1
@@ -115,7 +115,8 @@ def turning(seen: Sequence[Spots], radius: float) -> Turning:
     theta[other], sd[other], quaternion[other] = np.nan, np.nan, np.nan
     astray = np.cumsum(stray, axis=0)
     astray -= astray[int(np.argmax(run == best))]
-    drift = np.where(other, np.nan, np.sqrt(np.maximum(astray[:, 0] ** 2 + astray[:, 1], 0)))
+    alike = np.maximum.accumulate(np.where(other, 0.0, np.hypot(astray[:, 0], astray[:, 1])))
+    drift = np.where(other, np.nan, np.sqrt(np.maximum(alike**2 + astray[:, 2], 0)))
     return Turning(time, theta, sd, drift, spin, spin_sd, quaternion, tuple(told))
 
 
@@ -141,7 +142,7 @@ def _told(frames: Sequence[Marks], state: _State | None, run: NDArray[np.int64],
 def _begin(frame: Marks, k: int) -> _State:
     """The first sight: the ball's axes are the table's."""
     full, spread, _ = _spread(frame.place, frame.sd, frame.sight, np.full(3, 1e6))
-    return _State(k, np.eye(3), frame.place, frame.weight, np.zeros(3), None, spread, (0.0, 0.0), full, False, 0.0)
+    return _State(k, np.eye(3), frame.place, frame.weight, np.zeros(3), None, spread, (0.0, 0.0, 0.0), full, False, 0.0)
 
 
 def _follow(state: _State, frames: Sequence[Marks], k: int, radius: float) -> _State | None:
@@ -293,8 +294,8 @@ def _bring(state: _State, frame: Marks, k: int, guess: Array, loose: float) -> _
     whole = state.whole or (full and state.full)
     # Errors about the horizontal, which hang together, become errors about the vertical as the ball rolls on. In place
     # a single mark comes round to where it was, so that they do not add up.
-    rolled = math.hypot(turn[0], turn[1])
-    stray = (rolled * math.hypot(spread[0], spread[1]) if full else 0.0, walk if rolled > SLIP[0] else 0.0)
+    wide = math.hypot(spread[0], spread[1]) if full else 0.0
+    stray = (float(turn[0]) * wide, float(turn[1]) * wide, walk if math.hypot(turn[0], turn[1]) > SLIP[0] else 0.0)
     return _State(k, axes, landmarks, weight, turn, state.spin, spread, stray, full, whole, cost)
 
 

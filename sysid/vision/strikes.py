@@ -40,6 +40,7 @@ class Shot:
     speed: float  # of the struck ball at the beginning [m/s]
     potted: Mapping[str, int]  # ball -> the last frame before it is in a pocket
     remarks: tuple[str, ...] = ()
+    spun: bool = False  # in place, rather than struck
 
 
 def split(scene: Scene) -> tuple[tuple[Shot, ...], tuple[str, ...]]:

@@ -24,6 +24,7 @@ from sysid.spikes import spikes
 from sysid.vision.camera import Array, Camera, ball_of
 from sysid.vision.follow import Follower, Path
 from sysid.vision.moves import Scene, rests
+from sysid.vision.spins import change, spins
 from sysid.vision.strikes import Shot, split
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ VAGUE = 5.0  # times the usual standard deviation: a sighting that is not used
 LOST = 0.5  # part of the struck ball's frames without it that spoils a clip
 ROUGH = 0.15  # noise that is not to be trusted, in radii
 BEYOND = 0.004  # over the nose line [m]
+EMPTY = "no shot was found that begins with a ball at rest and a clean stroke"
 
 Found = Mapping[str, tuple[Path, NDArray[np.int64]]]  # ball -> its path, and which of its sightings
 
@@ -89,13 +91,17 @@ def track(
     follower = Follower(camera, counts)
     frames, times = [], []
     began = shown = clock.monotonic()
-    looked = -math.inf
+    looked, before = -math.inf, None
     for frame in footage:
         frames.append(frame.index)
         times.append(frame.time)
         expected = follower.expected(frame.time)
         whole = not expected or follower.seeking or frame.time - looked >= WHOLE
-        follower.take(frame.index, frame.time, _look(detector, frame.picture, expected, whole))
+        seen = _look(detector, frame.picture, expected, whole)
+        if before is not None:
+            seen = [replace(s, change=change(before, frame.picture, s.xy, s.radius, detector.noise)) for s in seen]
+        follower.take(frame.index, frame.time, seen)
+        before = frame.picture
         looked = frame.time if whole else looked
         if (now := clock.monotonic()) - shown > SHOWN:
             shown, rate = now, len(frames) / (now - began)
@@ -129,6 +135,7 @@ def tracked(
     if math.isfinite(noise.sigma):
         scene = replace(scene, sigma=max(noise.sigma, 1e-6))
     shots, left_out = split(scene) if len(frames) > 1 else ((), ())
+    shots = tuple(sorted([*shots, *spins(scene, shots)], key=lambda shot: shot.time))
     kept, doubts, out = [], [], list(left_out)
     for shot in shots:
         found = _sightings(shot, scene)
@@ -150,13 +157,21 @@ def tracked(
     if not paths:
         doubts.append("no ball was found: check that camera file and palette belong to this video")
     elif not kept:
-        doubts.append("no shot was found that begins with a ball at rest and a clean stroke")
+        doubts.append(EMPTY)
     if noise.sigma > ROUGH * camera.radius:
         doubts.append(f"balls scatter by {1e3 * noise.sigma:.1f} mm: check focus, light and calibration")
     return Tracked(
         scene, tuple(shot for shot, _ in kept), tuple(found for _, found in kept), tuple(out), noise, tuple(doubts),
         tuple(told), rate,
     )  # fmt: skip
+
+
+def without(result: Tracked, bad: Sequence[bool]) -> Tracked:
+    """What was tracked but for some of the shots."""
+    kept = [k for k, off in enumerate(bad) if not off]
+    doubts = (*result.doubts, EMPTY) if result.shots and not kept else result.doubts
+    shots, found = tuple(result.shots[k] for k in kept), tuple(result.found[k] for k in kept)
+    return replace(result, shots=shots, found=found, doubts=doubts)
 
 
 def _sightings(shot: Shot, scene: Scene) -> Found:
@@ -184,7 +199,7 @@ def _without(path: Path, bad: NDArray[np.bool_]) -> Path:
     keep = ~bad
     return replace(
         path, frame=path.frame[keep], time=path.time[keep], pixels=path.pixels[keep], xy=path.xy[keep],
-        sd=path.sd[keep], radius=path.radius[keep],
+        sd=path.sd[keep], radius=path.radius[keep], change=path.change[keep],
     )  # fmt: skip
 
 
@@ -304,7 +319,8 @@ def lost_frames(scene: Scene, shot: Shot, path: Path, rows: NDArray[np.int64]) -
 def note(number: int, shot: Shot, extra: Extra = Extra()) -> str:
     """A clip in plain words."""
     count = f"{len(shot.balls)} ball{'s' * (len(shot.balls) > 1)}"
-    return "; ".join([f"shot {number} at {shot.time:.2f} s", count, *shot.remarks, *([extra.tip] if extra.tip else [])])
+    what = f"{shot.struck} spins in place" if shot.spun else f"shot {number}"
+    return "; ".join([f"{what} at {shot.time:.2f} s", count, *shot.remarks, *([extra.tip] if extra.tip else [])])
 
 
 def clip_set(result: Tracked, camera: Camera, mass: float, fps: float, extras: Sequence[Extra] = ()) -> ClipSet:

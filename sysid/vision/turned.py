@@ -10,7 +10,6 @@ from models.errors import BadInput
 from sysid.vision.camera import Array
 
 FIRST, LEAST = 0.25, 8  # stretch from which a shot's sidespin is told [s], and its frames at least
-ASTRAY = 4.0  # what errors that add up may cost a fit, in squared standard deviations
 
 
 @dataclass(frozen=True)
@@ -31,11 +30,10 @@ class Turning:
         """The angle where a fit may have it, else NaN: (n,) [rad].
 
         A fit takes the errors of angles for independent; those of a rolling ball add up, all one way. So it has them
-        for as long as what adds up is, all in all, no more than noise, and none if that is less than half of them.
+        for as long as what adds up is no more than noise, and none if that is less than half of them.
         """
         known = np.isfinite(self.theta)
-        share = np.where(known, self.drift / self.sd, 0.0)
-        good = known & (np.cumsum(share**2) <= ASTRAY)
+        good = known & (self.drift <= self.sd)
         return np.where(good & (2 * good.sum() >= known.sum()), self.theta, np.nan)
 
     @property
