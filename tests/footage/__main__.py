@@ -41,7 +41,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--exposure", type=float, default=0.0, metavar="S", help="of a picture [s] (0)")
     p.add_argument("--tilt", type=float, default=0.01, metavar="A", help="of the camera [rad] (0.01)")
     p.add_argument("--lens", type=float, default=-0.08, metavar="K", help="its first radial distortion (-0.08)")
-    p.add_argument("--plain", action="store_true", help="the struck ball carries no marks")
+    p.add_argument("--marks", type=int, default=len(MARKS), metavar="N", help="on the struck ball (all)")
     p.add_argument("--seed", type=int, default=0)
     return p
 
@@ -70,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     size = tuple(int(v) for v in args.size.split("x"))
     table, diameter, fps, shots = scenes(args.set)
     camera = camera_over(table, diameter, (size[0], size[1]), args.tilt, args.lens)
-    marks = {} if args.plain else {"white": [Spot(place, MARK) for place in MARKS]}
+    marks = {"white": [Spot(place, MARK) for place in MARKS[: args.marks]]}
     look = Look(exposure=args.exposure, noise=args.noise, blur=args.blur, spots=marks)
     where = args.out.with_suffix(".camera.toml")
     write_camera(where, camera)
