@@ -22,7 +22,7 @@ demo: $(READY)
 	@$(BIN)/sysid demo --out out/demo
 
 test: lint
-	@$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal $(PYTEST_ARGS)
 
 bench: $(READY)
 	@$(BIN)/python -m tests.bench

@@ -34,6 +34,7 @@ REST_STEP = 1e-6  # the same of a resting ball's place [m]
 REST_SD = 2.0  # of the noise: how far it may lie from where it was seen, beside what its samples say
 CUE_SD = {"speed": 0.05, "azimuth": 0.02, "offset": 0.002}  # how far a shot may be from its command
 LIMIT_SPIN = 1.25  # R omega over v at the miscue limit: 5/2 of half a radius
+TOLD = 8  # angles of a mark from which on they alone tell the sidespin
 
 
 def constant_steps(model: Model, names: Sequence[str]) -> Array:
@@ -313,7 +314,7 @@ def _begin(clip: Clip, clip_set: ClipSet, sigma: float) -> tuple[Array, Array, A
         return x, mean, sd, azimuth
     speed = x[2]
     wide = 0.6 * LIMIT_SPIN * speed + 0.02
-    sd[4:] = [0.1 * speed + 0.02, wide, wide if marked.size <= 3 else np.inf]
+    sd[4:] = [0.1 * speed + 0.02, wide, np.inf if marked.size > TOLD else wide]
     return x, x.copy(), sd, azimuth
 
 

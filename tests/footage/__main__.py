@@ -1,7 +1,8 @@
 """Film a clip set of the independent generator: `python -m tests.footage SET OUT.mkv`.
 
 The shots are played again by the program that made them and drawn as a camera over the table would see them, the cue
-with them, one after another in a lossless video. OUT.camera.toml is the camera, SET.truth.json the truth.
+with them, one after another in a video: lossless in an .mkv, compressed in an .mp4. OUT.camera.toml is the camera,
+SET.truth.json the truth.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ MARKS = (
     (0.2, 0.9, -0.2), (0.6, -0.6, 0.6),
 )  # fmt: skip
 MARK = 0.3  # half the width of a mark, seen from the ball's centre [rad]
+CODES = {".mkv": "FFV1", ".mp4": "mp4v"}
 HEIGHT, MARGIN = 1.4, 0.15  # of the camera, in widths of its view; of the view beyond the table, in its length
 
 
@@ -34,13 +36,15 @@ def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = argparse.ArgumentParser(prog="python -m tests.footage", description="Film clips with known truth.")
     p.add_argument("set", type=Path, metavar="SET", help="clip set made with: python -m tests.truth SET")
-    p.add_argument("out", type=Path, metavar="OUT.mkv", help="lossless video")
+    p.add_argument("out", type=Path, metavar="OUT.mkv", help="lossless video (.mkv) or compressed (.mp4)")
     p.add_argument("--size", default="640x400", metavar="WxH", help="of the pictures [pixels] (640x400)")
     p.add_argument("--noise", type=float, default=5.0, metavar="G", help="of the pictures [grey levels] (5)")
     p.add_argument("--blur", type=float, default=0.6, metavar="B", help="of the lens [pixels] (0.6)")
     p.add_argument("--exposure", type=float, default=0.0, metavar="S", help="of a picture [s] (0)")
     p.add_argument("--tilt", type=float, default=0.01, metavar="A", help="of the camera [rad] (0.01)")
     p.add_argument("--lens", type=float, default=-0.08, metavar="K", help="its first radial distortion (-0.08)")
+    p.add_argument("--oblique", action="store_true", help="a low lamp: long shadows, dark sides")
+    p.add_argument("--guides", action="store_true", help="lines and a ring are projected on the table for every shot")
     p.add_argument("--marks", type=int, default=len(MARKS), metavar="N", help="on the struck ball (all)")
     p.add_argument("--seed", type=int, default=0)
     return p
@@ -54,29 +58,52 @@ def camera_over(table: Table, diameter: float, size: tuple[int, int], tilt: floa
     return replace(made, distortion=np.array([lens, -lens / 4, 0.0, 0.0, 0.0]))
 
 
-def pictures(camera: Camera, shots: Sequence[Scene], fps: float, look: Look, seed: int) -> Iterator[Picture]:
+def pictures(
+    camera: Camera, shots: Sequence[Scene], fps: float, look: Look, seed: int, guides: bool = False
+) -> Iterator[Picture]:
     """All frames of the recording, the first at 0 s."""
     number = 0
     for k, shot in enumerate(shots):
         last = int(np.ceil(shot.ends * fps - 1e-9))
         times = np.arange(number, last) / fps - shot.struck
         number = last
-        yield from film(camera, shot.motion, times, look, seed + k)
+        light = guide_light(camera, shot) if guides else None
+        for picture in film(camera, shot.motion, times, look, seed + k):
+            yield picture if light is None else cv2.add(picture, light)
+
+
+def guide_light(camera: Camera, shot: Scene) -> Picture:
+    """What a projector adds to a picture: the way of the struck ball, a line across it, and a ring where it ends."""
+    light = np.zeros((camera.size[1], camera.size[0], 3), np.uint8)
+    start = shot.track.position[0, 0]
+    way = shot.velocity / max(float(np.hypot(*shot.velocity)), 1e-9)
+    ends = [start + 0.05 * way, start + 0.6 * way, start + np.array([0.3, -0.3]), start - np.array([0.3, -0.2])]
+    pixels = camera.outline(np.array(ends)).round().astype(int).tolist()
+    cv2.line(light, pixels[0], pixels[1], (150, 150, 150), 2, cv2.LINE_AA)
+    cv2.line(light, pixels[2], pixels[3], (90, 140, 40), 2, cv2.LINE_AA)
+    cv2.circle(
+        light, pixels[1], round(float(camera.radius_px(np.array([ends[1]]))[0])), (120, 120, 120), 2, cv2.LINE_AA
+    )
+    return light
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Film."""
     args = parser().parse_args(argv)
+    if args.out.suffix not in CODES:
+        parser().error(f"{args.out}: end it in {' or '.join(CODES)}")
     size = tuple(int(v) for v in args.size.split("x"))
     table, diameter, fps, shots = scenes(args.set)
     camera = camera_over(table, diameter, (size[0], size[1]), args.tilt, args.lens)
     marks = {"white": [Spot(place, MARK) for place in MARKS[: args.marks]]}
     look = Look(exposure=args.exposure, noise=args.noise, blur=args.blur, spots=marks)
+    if args.oblique:
+        look = replace(look, light=(0.9, 0.5, 0.6), shadow=0.5, uneven=0.4)
     where = args.out.with_suffix(".camera.toml")
     write_camera(where, camera)
-    writer = cv2.VideoWriter(str(args.out), cv2.VideoWriter_fourcc(*"FFV1"), fps, camera.size)
+    writer = cv2.VideoWriter(str(args.out), cv2.VideoWriter_fourcc(*CODES[args.out.suffix]), fps, camera.size)
     progress, count = Progress(), 0
-    for count, picture in enumerate(pictures(camera, shots, fps, look, args.seed), 1):
+    for count, picture in enumerate(pictures(camera, shots, fps, look, args.seed, args.guides), 1):
         writer.write(picture)
         progress(f"{count} frames of {shots[-1].ends * fps:.0f}")
     writer.release()
