@@ -48,9 +48,10 @@ def drawn(picture: Picture, result: Tracked, number: int) -> Picture:
         _draw(out, result, found, name)
     path, rows = found[shot.struck]
     lost = lost_frames(result.scene, shot, path, rows)
+    what = "spun" if shot.spun else f"struck, {shot.speed:.2f} m/s"
     words = [
         f"clip {number + 1}: {note(number + 1, shot)}",
-        f"{shot.struck} struck, {shot.speed:.2f} m/s, {rows.size} sightings, {lost} lost",
+        f"{shot.struck} {what}, {rows.size} sightings, {lost} lost",
     ]
     scale = max(picture.shape[1] / 1600, 0.4)
     out[: int(95 * scale)] //= 3
