@@ -181,6 +181,18 @@ def test_nothing_is_found_where_there_is_no_ball(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_ball_that_is_looked_for_in_a_black_pocket_is_not_there(tmp_path: Path) -> None:
+    camera = camera_of(10)
+    pictures = shown(camera, ("white",), np.array([[(0.2 - 0.06 * k, 0.1)] for k in range(5)]))
+    pocket = camera.outline(np.array([[-0.3, -0.1]]))[0]
+    for picture in pictures:
+        cv2.circle(picture, (int(pocket[0]), int(pocket[1])), 24, (0, 0, 0), -1)
+    detector = learnt(tmp_path / "f", camera, pictures)
+    (found,) = detector.find(pictures[0], [("white", camera.outline(np.array([[0.2, 0.1]]))[0]), ("red", pocket)])
+    assert found.name == "white"
+    assert [s.name for s in detector.find(pictures[2], [("white", pocket)]) if np.hypot(*(s.xy - pocket)) < 24] == []
+
+
 def test_balls_at_rest_all_along_do_not_hide_in_the_backdrop(tmp_path: Path) -> None:
     camera = camera_of(10)
     half = camera.table.width / 2 - 0.95 * camera.radius

@@ -41,6 +41,7 @@ ALONG = np.arange(-INNER, OUTER + EVERY / 2, EVERY)
 RIM = int(INNER / EVERY)  # the sample on the outline
 WITHIN = RIM - 1  # so many samples that lie within, clear of the edge
 SHADINGS, MARKED, LEAN = 3, (3.0, 0.1), 1e-6  # of finding marks: steps, standard deviations and parts of the brightness
+SMOOTH = 0.3  # noise of a picture, at least: that of rounding [grey levels]
 FINE = 0.05  # how finely the model is computed [pixels]
 
 SHARP = 0.85  # blur from which on normals are stretched [pixels]
@@ -307,7 +308,8 @@ def _kinds(
 def _axes(own: Array) -> Array:
     """Axes of colour (m, 3, 3), in columns: the table's own (m, 3), along which shadows work, and two across it."""
     b, g, r = own.T
-    flat = np.stack([-g, b + r, -g], axis=1) / np.hypot(np.sqrt(2) * g, b + r)[:, None]
+    # A table that is black, as in a pocket, has no axes, and tells nothing.
+    flat = np.stack([-g, b + r, -g], axis=1) / np.maximum(np.hypot(np.sqrt(2) * g, b + r), 1e-9)[:, None]
     x, y, z = flat.T
     return np.stack([own, flat, np.stack([g * z - r * y, r * x - b * z, b * y - g * x], axis=1)], axis=2)
 
@@ -334,7 +336,8 @@ def _plain(within: Array, normals: Array) -> NDArray[np.bool_]:
     model = np.median(level, axis=2, keepdims=True)
     for _ in range(SHADINGS):
         off = np.abs(level - model)
-        limit = np.maximum(MARKED[0] * 1.48 * np.median(off, axis=2, keepdims=True), MARKED[1] * np.abs(model))
+        spread = np.maximum(1.48 * np.median(off, axis=2, keepdims=True), SMOOTH)
+        limit = np.maximum(MARKED[0] * spread, MARKED[1] * np.abs(model))
         pull = (x * np.maximum(0.0, 1 - (off / limit) ** 2)[..., None]).transpose(0, 1, 3, 2)
         model = (x @ np.linalg.solve(pull @ x + LEAN * np.eye(3), pull @ level[..., None]))[..., 0]
     plain = (np.abs(level - model) < limit).all(axis=1)
