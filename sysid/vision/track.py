@@ -37,6 +37,7 @@ SAME = 1.2  # radii within which two sightings are the same ball
 ENOUGH = 100  # third differences that make an estimate of the noise
 TURNS, LEAST_SWAY, FEW_SWAYS = 2.0, 10, 3  # along which slow errors are looked for: turns, frames; how many such parts
 KINK = 8.0  # times the noise, of third differences at impacts
+CLEAR = 0.25  # part of such runs in which nothing was met, at least
 KNOTS = np.linspace(-0.8, 0.8, 9)  # where a ball may cease to slide, in a run from -1 to 1
 UNKNOWN = 0.01  # noise to go by where there is too little to tell, in radii
 VAGUE = 5.0  # times the usual standard deviation: a sighting that is not used
@@ -221,7 +222,8 @@ def _swaying(scene: Scene, quick: float) -> float:
     """Error of moving balls that changes over several frames, as marks that turn make it [m]; NaN if little is seen.
 
     What parabolas, a sliding one and a rolling one that goes on from it, leave over two turns of a ball without a kink,
-    which would stand out of the `quick` noise [m]: in the middle such run, of the ball where that is largest.
+    which would stand out of the `quick` noise [m]: in one of the smoother such runs, of the ball where that is largest.
+    Others hold a glancing touch that does not stand out.
     """
     left: dict[str, list[float]] = {}
     for path in scene.paths:
@@ -247,7 +249,8 @@ def _swaying(scene: Scene, quick: float) -> float:
             if stop < len(way) and whole and not lies[part].any():
                 least = min(_beside_parabolas(path.xy[part], knot) for knot in KNOTS)
                 left.setdefault(path.name, []).append(float(np.sqrt(least / 2 / (count - 5))))
-    return max((float(np.median(values)) for values in left.values() if len(values) >= FEW_SWAYS), default=math.nan)
+    told = [values for values in left.values() if len(values) >= FEW_SWAYS]
+    return max((float(np.quantile(values, CLEAR)) for values in told), default=math.nan)
 
 
 def _beside_parabolas(xy: Array, knot: float) -> float:
