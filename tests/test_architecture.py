@@ -152,6 +152,10 @@ def test_no_lock_file_is_tracked() -> None:
     assert [path.name for path in tracked_files() if LOCK_FILES.match(path.name)] == []
 
 
+def test_no_link_is_tracked() -> None:
+    assert [path.name for path in tracked_files() if path.is_symlink()] == []
+
+
 def test_no_text_names_a_folder_of_some_machine() -> None:
     found = []
     for path in tracked_files():
