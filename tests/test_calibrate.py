@@ -295,7 +295,9 @@ def test_the_command_writes_camera_report_and_figures(
     assert "v.avi" in written.source
     pixels = camera.outline(np.array([[0.8, 0.3], [-0.9, -0.4]]))
     assert written.centres(pixels) == pytest.approx(np.array([[0.8, 0.3], [-0.9, -0.4]]), abs=1e-3)
-    assert cv2.imread(report).shape == picture.shape
+    drawn = cv2.imread(report).shape
+    assert drawn[1] >= 1000 and drawn[1] % picture.shape[1] == 0, "small pictures are drawn larger"
+    assert drawn[0] > picture.shape[0] * drawn[1] // picture.shape[1], "the figures stand below"
     told = json.loads(Path(figures).read_text())
     assert told["residual_m"] == pytest.approx(written.residual_m)
     assert told["doubts"] == []

@@ -25,6 +25,7 @@ PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm"}
 FRAMES = 15  # of which the median is taken
 BOARD_FRAMES = 40  # that are searched for a board
 GRID = 0.25  # of the lines drawn on the report [m]
+LEGIBLE = 1000  # least width of the report [pixels]
 
 
 def add(one: argparse.ArgumentParser) -> None:
@@ -249,12 +250,13 @@ def write_report(path: str, picture: Picture, found: Calibration) -> None:
         far = min(abs(away) / (3 * unit), 1.0)
         colour = (0, int(255 * (1 - far)), int(255 * far)) if kept else (160, 160, 160)
         cv2.circle(canvas, (round(16 * u), round(16 * v)), 16 * (thick + 1), colour, cv2.FILLED, cv2.LINE_AA, 4)
-    scale = picture.shape[1] / 1600
+    larger = max(1, -(-LEGIBLE // canvas.shape[1]))
+    canvas = cv2.resize(canvas, None, fx=larger, fy=larger, interpolation=cv2.INTER_NEAREST)
+    scale = canvas.shape[1] / 1600
     texts = [f"{name}: {text}" for name, text in rows(found)] + [f"NOT to be trusted: {t}" for t in found.doubts]
-    wide = max(cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, 1)[0][0] for text in texts)
-    low, high = int((14 + 24 * len(texts)) * scale), min(wide + int(24 * scale), picture.shape[1])
-    canvas[:low, :high] = canvas[:low, :high] // 3
+    below = np.zeros((int((14 + 24 * len(texts)) * scale), canvas.shape[1], 3), np.uint8)
     for k, text in enumerate(texts):
         place = (int(12 * scale), int((26 + 24 * k) * scale))
-        cv2.putText(canvas, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, (255, 255, 255), 1, cv2.LINE_AA)
+        cv2.putText(below, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, (255, 255, 255), 1, cv2.LINE_AA)
+    canvas = np.vstack([canvas, below])
     write_whole(path, cv2.imencode(".png", canvas)[1].tobytes())
