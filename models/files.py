@@ -1,12 +1,24 @@
-"""Files that are written whole or not at all."""
+"""Files: TOML read, and anything written whole or not at all."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import tomllib
 from pathlib import Path
+from typing import Any
 
 from models.errors import BadInput
+
+
+def read_toml(path: Path | str, missing: str, wrong: str) -> dict[str, Any]:
+    """What a TOML file holds; BadInput with a remedy where it is `missing` or `wrong`, in one line."""
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; {missing}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: is not TOML ({error}); {wrong}") from None
 
 
 def write_whole(path: Path | str, content: bytes, *, parents: bool = False) -> None:

@@ -8,7 +8,6 @@ of height, a point on the cloth seen at 45 degrees lies a radius away from where
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.files import write_whole
+from models.files import read_toml, write_whole
 from models.shot import Ball, Table
 
 Array = NDArray[np.float64]
@@ -147,12 +146,8 @@ def write_camera(path: Path | str, camera: Camera) -> None:
 
 def read_camera(path: Path | str) -> Camera:
     """Read a camera's file; BadInput names the entry that is missing or wrong, and the remedy."""
-    try:
-        data = tomllib.loads(Path(path).read_text())
-    except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; make a camera file with: sysid calibrate") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: is not TOML ({error}); make a camera file with: sysid calibrate") from None
+    remedy = "make a camera file with: sysid calibrate"
+    data = read_toml(path, remedy, remedy)
     if data.get("format") != FORMAT:
         raise BadInput(f'{path}: format is {data.get("format")!r}, not "{FORMAT}": make it with sysid calibrate')
     table, ball = _section(path, data, "table"), _section(path, data, "ball")

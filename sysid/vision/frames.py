@@ -315,9 +315,10 @@ def _stretched(clock: Clock, fps: float | None) -> Clock:
 def _stamps(path: Path, count: int) -> Array:
     """Times of pictures [s] from a text file: one on a line, the column headed time or t, else the last."""
     try:
-        lines = [re.split(r"[,;\s]+", line.strip().rstrip(",;")) for line in path.read_text().splitlines()]
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         raise BadInput(f"{path}: cannot be read as text; write one time in seconds on a line") from None
+    lines = [re.split(r"[,;\s]+", line.strip().rstrip(",;")) for line in text.splitlines()]
     rows = [row for row in lines if row != [""] and not row[0].startswith("#")]
     column = -1
     if rows and not _number(rows[0][-1]):

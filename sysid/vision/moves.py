@@ -43,6 +43,23 @@ class Scene:
         """Between two frames [s]."""
         return float(np.median(np.diff(self.times))) if len(self.times) > 1 else 1.0
 
+    @cached_property
+    def resting(self) -> dict[str, list[tuple[int, int]]]:
+        """First and last sighting of every rest of every ball."""
+        return {path.name: rests(self, path) for path in self.paths}
+
+    @cached_property
+    def moves(self) -> list[Move]:
+        """What all balls do between their rests."""
+        return [move for path in self.paths for move in moves_of(self, path, self.resting[path.name])]
+
+    def lies(self, path: Path) -> NDArray[np.bool_]:
+        """Which sightings of a ball are of it at rest: (n,)."""
+        found = np.zeros(len(path.time), bool)
+        for first, last in self.resting[path.name]:
+            found[first : last + 1] = True
+        return found
+
 
 @dataclass(frozen=True)
 class Move:

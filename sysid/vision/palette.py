@@ -10,7 +10,6 @@ circle, both blurred, T the empty table, and a, b, c free. A shift of the outlin
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from models.errors import BadInput
+from models.files import read_toml
 from models.shot import NOSE_HEIGHT
 from sysid.vision.backdrop import RAYS, Array, View
 from sysid.vision.frames import Picture
@@ -82,12 +82,8 @@ def default_palette() -> Palette:
 
 def read_palette(path: Path | str) -> Palette:
     """Read a palette: `[[ball]]` with `name`, `rgb` (0 to 1, or to 255) and, if there are more than one, `count`."""
-    try:
-        data = tomllib.loads(Path(path).read_text())
-    except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; name a TOML file with [[ball]] name, rgb") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: is not TOML ({error}); write [[ball]] name, rgb for each ball") from None
+    form = "[[ball]] name, rgb"
+    data = read_toml(path, f"name a TOML file with {form}", f"write {form} for each ball")
     balls = data.get("ball")
     if not isinstance(balls, list) or not balls:
         raise BadInput(f"{path}: names no ball; write [[ball]] name, rgb for each ball")

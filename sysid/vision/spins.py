@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sysid.vision.camera import Array
 from sysid.vision.follow import Path
-from sysid.vision.moves import Scene, moves_of, rests
+from sysid.vision.moves import Scene
 from sysid.vision.strikes import Shot
 
 FACE = 0.7  # part of the radius that is surely the ball
@@ -42,15 +42,13 @@ def change(before: Picture, picture: Picture, xy: Array, radius: float, noise: f
 
 def spins(scene: Scene, shots: Sequence[Shot]) -> list[Shot]:
     """Spins in place, as shots without speed, beside those shots that have one."""
-    resting = {path.name: rests(scene, path) for path in scene.paths}
-    moves = [move for path in scene.paths for move in moves_of(scene, path, resting[path.name])]
     busy = np.zeros(len(scene.frames), bool)
-    for first, last in [(s.first, s.last) for s in shots] + [(m.before, m.ended) for m in moves]:
+    for first, last in [(s.first, s.last) for s in shots] + [(m.before, m.ended) for m in scene.moves]:
         busy[slice(*np.searchsorted(scene.frames, (first - BESIDE, last + BESIDE + 1)).tolist())] = True
     found = []
     for path in scene.paths:
         free = ~busy[np.searchsorted(scene.frames, path.frame)]
-        for begin, end in resting[path.name]:
+        for begin, end in scene.resting[path.name]:
             rows = np.arange(begin, end + 1)
             alive = free[rows] & _alive(path.change[rows])
             hidden = np.diff(path.time[rows], prepend=-np.inf) > 2.5 * scene.period
@@ -60,7 +58,7 @@ def spins(scene: Scene, shots: Sequence[Shot]) -> list[Shot]:
             for low, high in zip(edges[::2], edges[1::2] - 1, strict=True):
                 first, last = int(rows[low]), int(rows[high])
                 if path.time[last] - path.time[first] >= LEAST:
-                    found.append(_spin(scene, path, first, last, resting))
+                    found.append(_spin(scene, path, first, last))
     return found
 
 
@@ -71,15 +69,13 @@ def _alive(values: Array) -> NDArray[np.bool_]:
     return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, SMOOTH), axis=1) > ALIVE)
 
 
-def _spin(
-    scene: Scene, path: Path, first: int, last: int, resting: Mapping[str, Sequence[tuple[int, int]]]
-) -> Shot:  # fmt: skip
+def _spin(scene: Scene, path: Path, first: int, last: int) -> Shot:
     """A spin, with the balls that rest meanwhile."""
     begin, end = int(path.frame[first]), int(path.frame[last])
     others = [
         other.name
         for other in scene.paths
         if other.name != path.name
-        and any(other.frame[a] <= begin and other.frame[b] >= end for a, b in resting[other.name])
+        and any(other.frame[a] <= begin and other.frame[b] >= end for a, b in scene.resting[other.name])
     ]
     return Shot(path.name, float(path.time[first]), begin, end, (path.name, *others), 0.0, {}, spun=True)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.vision.jumps import first_jump
-from sysid.vision.moves import FEWEST, UNSEEN, Move, Scene, moves_of, place_of, pocketed, rests, speed_of
+from sysid.vision.moves import FEWEST, UNSEEN, Move, Scene, place_of, pocketed, speed_of
 
 CONTACT = 0.002  # longest time that cue and ball touch [s]
 TAIL = 0.3  # of rest at the end of a clip [s]
@@ -45,8 +45,7 @@ class Shot:
 
 def split(scene: Scene) -> tuple[tuple[Shot, ...], tuple[str, ...]]:
     """Shots in order, and in plain words what was left out."""
-    resting = {path.name: rests(scene, path) for path in scene.paths}
-    moves = [move for path in scene.paths for move in moves_of(scene, path, resting[path.name])]
+    resting, moves = scene.resting, scene.moves
     notes: list[tuple[float, str]] = []
     strikes: list[tuple[Move, list[Move], bool]] = []  # the struck ball, all that it sets off at once, is it clean
     for move in (m for m in moves if m.place is None):

@@ -23,7 +23,7 @@ from sysid.clips_check import OVERLAP, POCKET_REACH
 from sysid.spikes import spikes
 from sysid.vision.camera import Array, Camera, ball_of
 from sysid.vision.follow import Follower, Path
-from sysid.vision.moves import Scene, rests
+from sysid.vision.moves import Scene
 from sysid.vision.spins import change, spins
 from sysid.vision.strikes import Shot, split
 
@@ -208,7 +208,7 @@ def noise_of(scene: Scene) -> Noise:
     """The noise of a scene's sightings."""
     scatter = []
     for path in scene.paths:
-        for first, last in rests(scene, path):
+        for first, last in scene.resting[path.name]:
             if last - first >= 20:
                 off = path.xy[first : last + 1]
                 scatter.append((off - np.median(off, axis=0)).ravel())
@@ -227,9 +227,7 @@ def _swaying(scene: Scene, quick: float) -> float:
     """
     left: dict[str, list[float]] = {}
     for path in scene.paths:
-        lies = np.zeros(len(path.time), bool)
-        for first, last in rests(scene, path):
-            lies[first : last + 1] = True
+        lies = scene.lies(path)
         kinked = np.zeros(len(path.time), bool)
         if len(path.time) >= 4:
             bend = np.abs(_cancelled(path.time, path.xy, _contrast(path.time, 4))).max(axis=1)
@@ -291,9 +289,7 @@ def _third(scene: Scene, *, resting: bool) -> float:
             continue
         left = _cancelled(path.time, path.xy, _contrast(path.time, 4))
         if not resting:
-            lies = np.zeros(len(path.time), bool)
-            for first, last in rests(scene, path):
-                lies[first : last + 1] = True
+            lies = scene.lies(path)
             left[lies[:-3] | lies[1:-2] | lies[2:-1] | lies[3:]] = np.nan
         found.append(left[np.isfinite(left)])
     values = np.abs(np.concatenate(found)) if found else np.zeros(0)
