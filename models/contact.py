@@ -8,7 +8,8 @@ linear, and softer. What a spring gives back of the work done on it does not dep
 is energetic. It follows the approach speed while that still grows, as in the middle of a rack.
 Friction at the contact, and of the cloth under a ball that is pressed down, come from the contact's force by the
 increments of the impulse models. A ball may be heavier than the others: what its contacts say of it is written into
-the world of its simulation. Leaves out that balls leave the slate, and that real contacts last longer.
+the world of its simulation. Leaves out that balls leave the slate, that real contacts last longer, and the jaws: before
+them the straight cushions end, and a ball meets a jaw by its impulse once the others have done with it.
 """
 
 from __future__ import annotations
@@ -255,8 +256,10 @@ def apart(
 class Contacts:
     """A batch in which balls and cushions touch through MuJoCo's contacts."""
 
-    def __init__(self, model: Model, effects: Sequence[Effect], balls: int, nsim: int, threads: int) -> None:
-        """Compile the world of `balls` balls, `nsim` times."""
+    def __init__(
+        self, model: Model, effects: Sequence[Effect], balls: int, nsim: int, threads: int, ends: Array
+    ) -> None:
+        """Compile the world of `balls` balls, `nsim` times; cushions end at `ends` (3,) from a corner, a middle [m]."""
         spec = self._spec(model, effects, balls)
         compiled = spec.compile()
         self.radius, self.mass = model.ball.radius, model.ball.mass
@@ -275,7 +278,8 @@ class Contacts:
         self.kind = np.zeros(ncontact, np.int64)
         self.first, self.second = np.zeros(ncontact, np.int64), np.zeros(ncontact, np.int64)
         self.span = np.zeros((ncontact, 2))
-        pieces, middle = rails(model.table), model.table.mouths()[1]
+        pieces, middle = rails(model.table), ends[1]
+        half = np.array([model.table.length, model.table.width]) / 2 - ends[0]
         start = compiled.geom("cushion 0 +x").id
         for c in range(ncontact):
             one, two = sorted((compiled.pair_geom1[c], compiled.pair_geom2[c]), reverse=True)
@@ -284,10 +288,11 @@ class Contacts:
                 piece = pieces[two - start]
                 k = "xy".index(piece.side[1])
                 self.kind[c], self.first[c], self.second[c] = 1, bodies[0], RAILS.index(piece.side)
-                ends = sorted((piece.start[1 - k], piece.end[1 - k]))
-                # Beside a middle pocket the jaws let in what the straight rail would turn back.
+                far = half[1 - k]
+                both = sorted(min(max(x, -far), far) for x in (piece.start[1 - k], piece.end[1 - k]))
+                # Beside a pocket the jaws let in what the straight rail would turn back.
                 self.span[c] = [
-                    max(x, middle) if 0 < x < middle else min(x, -middle) if -middle < x < 0 else x for x in ends
+                    max(x, middle) if 0 < x < middle else min(x, -middle) if -middle < x < 0 else x for x in both
                 ]
             else:
                 self.first[c], self.second[c] = min(bodies), max(bodies)

@@ -9,18 +9,22 @@ from numba import njit
 from numpy.typing import NDArray
 
 from models.analytic.events import in_mouth
+from models.analytic.pocket import NONE, OWNERS, outward
 from models.effect import Impact
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball
 
 
 def describe(
-    kind: str, ball: Ball, p: Array, v: Array, w: Array, i: NDArray[np.int64], j: NDArray[np.int64], order: Array
-) -> Impact:
+    kind: str, ball: Ball, p: Array, v: Array, w: Array, i: NDArray[np.int64], j: NDArray[np.int64], order: Array,
+    jaws: Array = NONE,
+) -> Impact:  # fmt: skip
     """Impacts of one kind, a row each: p, v, w (n, nball, 3); ball i with ball j, or rail j (+x, -x, +y, -y).
 
-    `order` (n,): places of the shots in their session.
+    `order` (n,): places of the shots in their session. Jaw j - 4 of `jaws` counts as the rail that it ends.
     """
-    approach, slip = _describe(kind == "cushion", ball.radius, p, v, w, i, j)
+    approach, slip = _describe(kind == "cushion", ball.radius, p, v, w, i, j, jaws)
+    if kind == "cushion":
+        j = np.array([*range(4), *OWNERS])[j]
     row = np.arange(len(i))
     at, going = p[row, i, :2], v[row, i, :2]
     e, mu, gain, decay = np.zeros((4, len(i)))
@@ -29,14 +33,14 @@ def describe(
 
 @njit(cache=True)
 def _describe(
-    cushion: bool, r: float, p: Array, v: Array, w: Array, first: NDArray[np.int64], second: NDArray[np.int64]
-) -> tuple[Array, Array]:
+    cushion: bool, r: float, p: Array, v: Array, w: Array, first: NDArray[np.int64], second: NDArray[np.int64],
+    jaws: Array,
+) -> tuple[Array, Array]:  # fmt: skip
     approach, slip = np.empty(first.size), np.empty(first.size)
     for n in range(first.size):
         i, j = first[n], second[n]
         if cushion:
-            sign = 1.0 - 2.0 * (j % 2)
-            nx, ny = (sign, 0.0) if j < 2 else (0.0, sign)
+            nx, ny = outward(j, p[n, i, 0], p[n, i, 1], jaws)
             c, s = NOSE_COSINE, NOSE_SINE
             ux, uy = v[n, i, 0], v[n, i, 1]
             wx, wy, wz = w[n, i, 0], w[n, i, 1], w[n, i, 2]
@@ -80,10 +84,17 @@ def crowded(
 
 
 @njit(cache=True)
-def part(cushion: bool, hit: NDArray[np.int64], p: Array, radius: float, reach: Array) -> None:
+def part(cushion: bool, hit: NDArray[np.int64], p: Array, radius: float, reach: Array, jaws: Array) -> None:
     """Put bodies that overlap, each row of `hit`, back to where they touch."""
     for n in range(hit.shape[0]):
         i, j = hit[n, 1], hit[n, 2]
+        if cushion and j >= 4:
+            nx, ny = outward(j, p[n, i, 0], p[n, i, 1], jaws)
+            x, y = jaws[j - 4, 0] - p[n, i, 0], jaws[j - 4, 1] - p[n, i, 1]
+            more = max(jaws[j - 4, 2] - math.sqrt(x * x + y * y), 0.0)
+            p[n, i, 0] -= more * nx
+            p[n, i, 1] -= more * ny
+            continue
         if cushion:
             k, sign = j // 2, 1.0 - 2.0 * (j % 2)
             p[n, i, k] = sign * min(sign * p[n, i, k], reach[k])

@@ -28,7 +28,7 @@ from models.native import Native
 from models.shot import Ball, Table
 
 FORMAT = "billiard-model/1"
-SECTIONS = ("format", "table", "ball", "native", "effect", "fit")
+SECTIONS = ("format", "table", "ball", "native", "effect", "fit", "execution")
 
 
 @cache
@@ -157,6 +157,9 @@ class Model:
     effects: tuple[Effect, ...] = ()
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
     fitted: Mapping[str, Any] = field(default_factory=dict)  # what the last fit said of itself: clips, command, errors
+    execution: Mapping[str, float] = field(
+        default_factory=dict
+    )  # how well the launcher repeats, for the planner to read
 
     def stack(self) -> tuple[Effect, ...]:
         """What acts: the native terms, then the effects that are not off, those that react to the others last."""
@@ -242,6 +245,16 @@ def _size(data: Mapping[str, Any], path: Path, section: str, key: str) -> float:
     return float(value)
 
 
+def _execution(entry: Any, path: Path) -> dict[str, float]:
+    """The launcher's standard deviations, which the planner knows by name."""
+    if not isinstance(entry, dict):
+        raise BadInput(f"{path}: execution is {entry!r}; write it as a table [execution]")
+    for key, value in entry.items():
+        if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value < math.inf:
+            raise BadInput(f"{path} [execution]: {key} is {value!r}; give a number of 0 or more")
+    return {key: float(value) for key, value in entry.items()}
+
+
 def read_model(path: Path | str) -> Model:
     """Read a model file; BadInput names what is wrong in it."""
     path = Path(path)
@@ -264,7 +277,9 @@ def read_model(path: Path | str) -> Model:
         raise BadInput(f"{path} [table]: pockets is {pockets!r}; give true or false")
     table, ball = Table(length, width, pockets), Ball(diameter, mass)
     values, estimates = _numbers(data.get("native", {}), f"{path} [native]", Native)
-    model = Model(table, ball, Native(**values), fitted=data.get("fit", {}))
+    model = Model(
+        table, ball, Native(**values), fitted=data.get("fit", {}), execution=_execution(data.get("execution", {}), path)
+    )
     entries = data.get("effect", [])
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise BadInput(f"{path}: effects are written as [[effect]] with a name and parameters; correct [effect]")
@@ -301,4 +316,6 @@ def write_model(model: Model, path: Path | str) -> None:
     }
     if model.fitted:
         data["fit"] = dict(model.fitted)
+    if model.execution:
+        data["execution"] = dict(model.execution)
     write_whole(path, tomli_w.dumps(data).encode(), parents=True)

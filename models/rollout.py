@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from models.analytic.events import DEAD
 from models.analytic.impulse import collide_rows
+from models.analytic.pocket import NONE, Pockets, pockets_of, rail_of
 from models.batch import batch
 from models.contact import CALM, CUSHION_TIME, LONGEST, STEP, Contacts
 from models.curve import MARGIN, Curve, follow, land
@@ -25,7 +26,7 @@ from models.effect import Balls, Effect, Impact, of
 from models.impacts import crowded, describe, part
 from models.model_file import Model
 from models.sampling import record, record_curve, spin_to_world
-from models.shot import GRAVITY, RAILS, Array, Event, Shot, Track
+from models.shot import GRAVITY, Array, Event, Shot, Track
 from models.touch import BALL, CUSHION, LEAN, LEAN_STEP, POCKET, native_step, next_touch
 
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
@@ -44,6 +45,7 @@ class Rollout:
     rows: NDArray[np.int64]  # of these shots among all, to pick per-simulation parameters
     threads: int
     contacts: str = "clusters"
+    jaws: bool = False
 
     def __post_init__(self) -> None:
         """Compile the world and lay out the state."""
@@ -63,18 +65,17 @@ class Rollout:
         self.push = self.batch.bind("xfrc_applied")
         self.timestep = self.batch.expand("opt.timestep")
         self.alive = np.ones((nsim, nball), bool)
-        self.quiet = np.full(
-            (nsim, nball, nball + 4), -np.inf
-        )  # until when; each ball with each other and each rail [s]
+        table, ball = self.model.table, self.model.ball
+        self.pockets = pockets_of(table, ball) if self.jaws else Pockets(table.mouths(), NONE, NONE)
+        # Until when; each ball with each other, each rail and jaw [s].
+        self.quiet = np.full((nsim, nball, nball + 4 + len(self.pockets.jaws)), -np.inf)
         self.leaning = False
         self.theta = np.zeros((nsim, nball))
         self.rolled = np.zeros((nsim, nball))
         self.room = np.full(nsim, np.inf)  # that the last step would have had, where forces vary [s]
         self.events: list[list[Event]] = [[] for _ in self.shots]
-        table, ball = self.model.table, self.model.ball
         self.reach = table.reach(ball)
         self.half = np.array([table.length / 2, table.width / 2])
-        self.mouths = table.mouths()
         self.falls = np.array([[name not in s.staying for name in s.names] for s in self.shots])
         self._start()
 
@@ -163,7 +164,8 @@ class Rollout:
         def touch(some: Any, acceleration: Array, limit: Array) -> tuple[Array, NDArray[np.int64]]:
             return next_touch(
                 balls.position[some], balls.velocity[some], acceleration, alive[some], balls.ball.radius, self.reach,
-                self.half, self.mouths, falls[some], self.resolved, quiet[some], limit,
+                self.half, self.pockets.ends, self.pockets.jaws, self.pockets.falls, falls[some], self.resolved,
+                quiet[some], limit,
             )  # fmt: skip
 
         step, hit = touch(slice(None), acceleration, limit)
@@ -275,7 +277,7 @@ class Rollout:
         j: NDArray[np.int64],
     ) -> Impact:  # fmt: skip
         """Impacts, one row each, as the effects say."""
-        impact = describe(kind, self.model.ball, p, v, w, i, j, self.order[rows])
+        impact = describe(kind, self.model.ball, p, v, w, i, j, self.order[rows], self.pockets.jaws)
         for effect in self.doers:
             effect.impact(impact, rows)
         impact.hold()
@@ -302,10 +304,13 @@ class Rollout:
         if self.resolved.all() and self.contacts != "never":
             near = np.maximum(CROWD, approach * CUSHION_TIME)
             crowd = crowded(
-                kind == "cushion", hit, p, self.alive[rows], near, ball.radius, self.reach, self.half, self.mouths
+                kind == "cushion", hit, p, self.alive[rows], near, ball.radius, self.reach, self.half,
+                self.pockets.ends,
             )  # fmt: skip
+            jaw = (j >= 4) & (kind == "cushion")  # no contact of MuJoCo's stands for a jaw
+            crowd &= ~jaw
             slow |= crowd & (approach < LEAN)  # what leans pushes on through the others
-            alone = slow | ~(crowd | (self.contacts == "always"))
+            alone = slow | jaw | ~(crowd | (self.contacts == "always"))
         if not alone.all():
             self._through_contacts(rows[~alone])
         if not alone.any():
@@ -316,7 +321,7 @@ class Rollout:
         slow, leans = slow[alone], leans[alone]
         collide_rows(
             kind == "cushion", hit, p, v, w, e, mu, self._cloth(rows), ball.mass, ball.radius, impact.gain[alone],
-            impact.decay[alone], impact.ratio[alone],
+            impact.decay[alone], impact.ratio[alone], self.pockets.jaws,
         )  # fmt: skip
         self.qvel[rows, :, :3] = v
         self.qvel[rows, :, 3:] = spin_to_world(quat, w, True)
@@ -324,13 +329,13 @@ class Rollout:
             self.leaning = True
             self.quiet[rows[slow], i[slow], other[slow]] = now[slow] + LEAN_STEP
             touching = p[slow]
-            part(kind == "cushion", hit[slow], touching, ball.radius, self.reach)
+            part(kind == "cushion", hit[slow], touching, ball.radius, self.reach, self.pockets.jaws)
             self.qpos[rows[slow], :, :3] = touching
         for k in np.flatnonzero(~(slow & leans)):
             self._log(int(rows[k]), kind, int(i[k]), int(j[k]))
 
     def _quiet(self, rows: NDArray[np.int64]) -> Array:
-        """For how long bodies that lean on each other need no other look (n, nball, nball + 4) [s]."""
+        """For how long bodies that lean on each other need no other look (n, nball, nball + 4 + jaws) [s]."""
         if not self.leaning:
             return self.quiet[: rows.size]
         return np.maximum(self.quiet[rows] - self.clock[rows, None, None], 0.0)
@@ -338,13 +343,14 @@ class Rollout:
     def _log(self, s: int, kind: str, i: int, j: int) -> None:
         names = self.shots[s].names
         hurt = (names[i], names[j]) if kind == "ball" else (names[i],)
-        self.events[s].append(Event(float(self.clock[s]), kind, hurt, "" if kind == "ball" else RAILS[j]))
+        self.events[s].append(Event(float(self.clock[s]), kind, hurt, "" if kind == "ball" else rail_of(j)))
 
     def _through_contacts(self, rows: NDArray[np.int64]) -> None:
         """Carry simulations through impacts in small steps, until nothing in them touches."""
         if self.world is None:
             nsim, nball = self.alive.shape
-            self.world = Contacts(self.model, [e.select(0) for e in self.effects], nball, nsim, self.threads)
+            effects = [e.select(0) for e in self.effects]
+            self.world = Contacts(self.model, effects, nball, nsim, self.threads, self.pockets.ends)
         world = self.world
         world.enter(rows, self.qpos[rows, :, :3], self.qvel[rows, :, :3], self.alive[rows])
         end, calm = self.clock[rows] + LONGEST, np.zeros(rows.size)
@@ -371,7 +377,9 @@ class Rollout:
             rows, end, calm = rows[on], end[on], calm[on]
 
     def _pot(self, s: int, i: int) -> None:
-        self.events[s].append(Event(float(self.clock[s]), "pocket", (self.shots[s].names[i],)))
+        x, y = self.qpos[s, i, :2]
+        names = (self.shots[s].names[i],)
+        self.events[s].append(Event(float(self.clock[s]), "pocket", names, place=(float(x), float(y))))
         self.alive[s, i] = False
         self.qpos[s, i, 2] = -1.0 - i  # out of the way of native contacts
         self.qvel[s, i] = 0

@@ -93,6 +93,7 @@ class Event:
     kind: str  # "ball", "cushion", "pocket"
     balls: tuple[str, ...]
     rail: str = ""  # "+x", "-x", "+y", "-y" of a cushion; "" otherwise
+    place: tuple[float, float] | None = field(default=None, compare=False)  # of a potted ball's centre as it fell [m]
 
 
 @dataclass(frozen=True)

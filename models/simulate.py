@@ -14,8 +14,16 @@ CHUNK = 1024  # simulations at a time
 CONTACTS = ("clusters", "always", "never")
 
 
-def _check(model: Model, shots: Sequence[Shot]) -> None:
+def _check(model: Model, shots: Sequence[Shot], jaws: bool) -> None:
     """Raise ValueError, which names the offender, for shots and parameters that do not fit together."""
+    if jaws:
+        found = {e.resolves for e in model.stack()} | {e.slot for e in model.stack()}
+        missing = [k for k in ("cloth", "ball", "cushion") if k not in found]
+        if missing:
+            raise ValueError(
+                f"jaws need effects that take over cloth, balls and cushions; this model has none for "
+                f"{', '.join(missing)}: add decoupled_cloth, ball_impact, cushion_impact"
+            )
     for effect in model.stack():
         for key in effect.parameters():
             shape, name = np.shape(getattr(effect, key)), f"{effect.name()}.{key}"
@@ -44,6 +52,7 @@ def simulate(
     *,
     threads: int = 0,
     contacts: str = "clusters",
+    jaws: bool = False,
 ) -> list[Track]:
     """Play shots on a model; a parameter that is an array gives each shot its own value.
 
@@ -54,13 +63,16 @@ def simulate(
         threads: that step the simulations; 0 for one a core.
         contacts: which impacts go through MuJoCo's contacts, where effects resolve both kinds: "clusters" of three
             bodies or more, "always" all, "never" any. The others are carried through by their impulse.
+        jaws: whether pockets have jaws and an edge (models/analytic/pocket.py), which needs effects for cloth, balls
+            and cushions; without, a mouth takes what comes into it. Impacts at a jaw are carried through by their
+            impulse; balls in `Shot.staying` meet straight cushions in place of pockets.
 
     Returns:
         A track for every shot, in order; the same bytes at any thread count, whatever else is in the batch.
     """
     if contacts not in CONTACTS:
         raise ValueError(f"contacts is {contacts!r}; choose from {', '.join(CONTACTS)}")
-    _check(model, shots)
+    _check(model, shots, jaws)
     tracks: list[Track | None] = [None] * len(shots)
     sizes = np.array([len(s.names) for s in shots])
     done = 0
@@ -68,9 +80,8 @@ def simulate(
         rows = np.flatnonzero(sizes == size)
         for start in range(0, rows.size, CHUNK):
             part = rows[start : start + CHUNK]
-            for k, track in zip(
-                part, Rollout(model, [shots[r] for r in part], part, threads, contacts).run(), strict=True
-            ):
+            batch = Rollout(model, [shots[r] for r in part], part, threads, contacts, jaws)
+            for k, track in zip(part, batch.run(), strict=True):
                 tracks[k] = track
             done += part.size
             if progress:

@@ -1,7 +1,8 @@
 """When do balls touch next, while every acceleration is constant? Compiled, one simulation after another.
 
 Times of touch are those of models/analytic/events.py. A cushion is a line at R cos(theta) before the nose line, a
-pocket takes a ball whose centre passes the nose line at its mouth, or comes within the corner's capture circle.
+pocket takes a ball whose centre passes the nose line at its mouth, or comes within the corner's capture circle; or it
+has jaws and an edge (models/analytic/pocket.py).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from models.analytic.events import in_mouth, line, meeting
+from models.analytic.pocket import straight
 
 Array = NDArray[np.float64]
 
@@ -32,6 +34,8 @@ def next_touch(
     reach: Array,
     half: Array,
     mouths: Array,
+    jaws: Array,
+    edges: Array,
     falls: NDArray[np.bool_],
     what: NDArray[np.bool_],
     quiet: Array,
@@ -40,9 +44,10 @@ def next_touch(
     """The step to the next touch of every simulation, at most `limit`, and what it is: (nsim,), (nsim, 3).
 
     Positions (nsim, nball, 3); `reach` and `half` (2,): where centres meet the cushions, and the nose lines;
-    `mouths` (corner, middle, capture) [m], zeros on a table without pockets; `falls` (nsim, nball): which balls
-    a pocket takes; `what`: balls?, cushions?
-    `quiet` (nsim, nball, nball + 4): for how long bodies that lean on each other need no other look [s].
+    `mouths` (corner, middle, capture) [m], zeros on a table without pockets; where pockets have jaws the ends of
+    the straight cushions, `jaws` the arcs and `edges` the falls of models/analytic/pocket.py, otherwise of no rows;
+    `falls` (nsim, nball): which balls a pocket takes; `what`: balls?, cushions?
+    `quiet` (nsim, nball, nball + 4 + jaws): for how long bodies that lean on each other need no other look [s].
     """
     nsim, nball = alive.shape
     step, hit = limit.copy(), np.zeros((nsim, 3), np.int64)
@@ -56,11 +61,15 @@ def next_touch(
             p, v, a = position[s, i], velocity[s, i], acceleration[s, i]
             moving = v[0] != 0.0 or v[1] != 0.0 or a[0] != 0.0 or a[1] != 0.0
             pockets = mouths[0] > 0.0 and (falls[s, i] or not what[1])  # native cushions have gaps
+            bent = pockets and edges.shape[0] > 0
             if moving and (what[1] or pockets):
                 for rail in range(4):
                     k = rail // 2
                     sign = 1.0 - 2.0 * (rail % 2)
-                    t = line(reach[k] - sign * p[k], sign * v[k], sign * a[k], h)
+                    if bent:
+                        t = straight(rail, reach, p, v, a, half, mouths, h)
+                    else:
+                        t = line(reach[k] - sign * p[k], sign * v[k], sign * a[k], h)
                     if t == np.inf:
                         continue
                     if t < 0.0:
@@ -70,12 +79,31 @@ def next_touch(
                         t = quiet[s, i, nball + rail]
                     o = 1 - k
                     if pockets and in_mouth(p[o] + v[o] * t + 0.5 * a[o] * t * t, rail, half, mouths):
+                        if bent:
+                            continue
                         t = line(half[k] - sign * p[k], sign * v[k], sign * a[k], h)
                         if 0.0 <= t < h:
                             h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, rail
                     elif what[1] and (t < h or (t == h and hit[s, 0] == 0)):
                         h, hit[s, 0], hit[s, 1], hit[s, 2] = t, CUSHION, i, rail
-            if moving and pockets:
+            if moving and bent:
+                for k in range(edges.shape[0]):
+                    t = meeting(p[0] - edges[k, 0], p[1] - edges[k, 1], v[0], v[1], a[0], a[1], edges[k, 2], h)
+                    if 0.0 <= t < h:
+                        h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, k
+                for k in range(jaws.shape[0]):
+                    x, y = p[0] - jaws[k, 0], p[1] - jaws[k, 1]
+                    t = meeting(x, y, v[0], v[1], a[0], a[1], jaws[k, 2], h)
+                    if t == -1.0:
+                        push = min(push, PUSH_STEP)
+                        continue
+                    if quiet[s, i, nball + 4 + k] > t:
+                        x, y = x + v[0] * t, y + v[1] * t
+                        closing = -(x * (v[0] + a[0] * t) + y * (v[1] + a[1] * t)) / jaws[k, 2]
+                        t = quiet[s, i, nball + 4 + k] if closing < LEAN else t
+                    if t < h or (t == h and hit[s, 0] == 0):
+                        h, hit[s, 0], hit[s, 1], hit[s, 2] = t, CUSHION, i, 4 + k
+            elif moving and pockets:
                 qx, qy = abs(p[0]) - half[0], abs(p[1]) - half[1]
                 sx, sy = math.copysign(1.0, p[0]), math.copysign(1.0, p[1])
                 t = meeting(qx, qy, sx * v[0], sy * v[1], sx * a[0], sy * a[1], mouths[2], h)

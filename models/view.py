@@ -91,7 +91,7 @@ _Rows = tuple[Sequence[int] | Array, Sequence[float] | Array, Sequence[int] | Ar
 
 
 @dataclass(frozen=True)
-class _Out:
+class Out:
     """The open recording."""
 
     rr: Any  # the module
@@ -148,13 +148,13 @@ def write_review(path: Path | str, table: Table, ball: Ball, reviews: Sequence[R
     stream = rr.RecordingStream(APPLICATION, recording_id=digest.hexdigest()[:32], send_properties=False)
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
-    out = _Out(rr, stream, clips)
+    out = Out(rr, stream, clips)
     with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
         part = Path(folder) / target.name
         try:
             stream.save(part, default_blueprint=_blueprint(table, ball, clips))
             stream.send_recording_name(title)
-            _draw_table(out, table, ball)
+            draw_table(out, table, ball)
             _draw_balls(out, ball)
             _draw_events(out, ball)
             _plot(out)
@@ -201,7 +201,7 @@ def _lay_out(reviews: Sequence[Review]) -> list[_Clip]:
     return clips
 
 
-def _draw_table(out: _Out, table: Table, ball: Ball) -> None:
+def draw_table(out: Out, table: Table, ball: Ball) -> None:
     rr, half, d, nose = out.rr, np.array([table.length, table.width]) / 2, ball.diameter, NOSE_HEIGHT * ball.radius
     out.fixed("top", rr.Transform3D(mat3x3=np.diag([1.0, -1.0, 1.0])))  # up is +y on a table, -y in a picture
     layers = (("rail", 2.6 * d, RAIL), ("cushion", d, CUSHION), ("cloth", 0.0, CLOTH))
@@ -219,11 +219,11 @@ def _draw_table(out: _Out, table: Table, ball: Ball) -> None:
         corners = [(sx * (u + 0.3 * r), sy * (v + 0.3 * r)) for sx in (-1, 1) for sy in (-1, 1)]
         discs = np.array([*corners, (0, v + 0.8 * r), (0, -v - 0.8 * r)])
         out.fixed("top/table/pockets", rr.Points2D(discs, radii=r, colors=POCKET, draw_order=-50))
-        holes = {"lengths": 1.1 * nose, "radii": r, "centers": _lift(discs, nose / 2), "fill_mode": "solid"}
+        holes = {"lengths": 1.1 * nose, "radii": r, "centers": lift(discs, nose / 2), "fill_mode": "solid"}
         out.fixed("space/table/pockets", rr.Cylinders3D(**holes, colors=POCKET))
 
 
-def _lift(xy: Array, height: float) -> Array:
+def lift(xy: Array, height: float) -> Array:
     return np.column_stack([xy, np.full(len(xy), height)])
 
 
@@ -245,28 +245,28 @@ def _appearances(clips: Sequence[_Clip], who: str, name: str) -> tuple[_Rows, Ar
     return (np.concatenate(index), np.concatenate(times), np.concatenate(shown)), np.concatenate(points)
 
 
-def _draw_balls(out: _Out, ball: Ball) -> None:
+def _draw_balls(out: Out, ball: Ball) -> None:
     """Balls as they move, and over each clip their whole paths: measured dots, modelled lines."""
     rr, r = out.rr, ball.radius
     for who, name in [(which, one) for which in ("measured", "modelled") for one in out.names(which)]:
         rows, xy = _appearances(out.clips, who, name)
         whole = [_finite(*clip.series[who][name])[1] if name in clip.series[who] else xy[:0] for clip in out.clips]
         things: list[tuple[str, str, Any, dict[str, Any], dict[str, Any], _Rows]]
-        high, strips = _lift(xy, r), [path for path in whole if len(path) > 1]
+        high, strips = lift(xy, r), [path for path in whole if len(path) > 1]
         if who == "measured":
             colour, dots, flat = out.colour(name), out.per_clip([len(path) for path in whole]), np.concatenate(whole)
             things = [
                 ("top", "", rr.Points2D, {"radii": r, "draw_order": 20}, {"positions": xy}, rows),
                 ("top", "_path", rr.Points2D, {"radii": -1.8, "draw_order": 0}, {"positions": flat}, dots),
                 ("space", "", rr.Points3D, {"radii": r}, {"positions": high}, rows),
-                ("space", "_path", rr.Points3D, {"radii": -1.5}, {"positions": _lift(flat, CLEAR)}, dots),
+                ("space", "_path", rr.Points3D, {"radii": -1.5}, {"positions": lift(flat, CLEAR)}, dots),
             ]
         else:
             colour, lines = MODEL, out.per_clip([int(len(path) > 1) for path in whole])
             ring = {"centers": xy, "half_sizes": np.full(xy.shape, r)}
             globe = {"centers": high, "half_sizes": np.full(high.shape, 1.04 * r)}
             glass = {"fill_mode": "transparentfillmajorwireframe", "line_radii": -0.7}
-            raised = [_lift(strip, CLEAR) for strip in strips]
+            raised = [lift(strip, CLEAR) for strip in strips]
             things = [
                 ("top", "", rr.Ellipses2D, {"line_radii": -1.5, "draw_order": 30}, ring, rows),
                 ("top", "_path", rr.LineStrips2D, {"radii": -1.0, "draw_order": 10}, {"strips": strips}, lines),
@@ -278,7 +278,7 @@ def _draw_balls(out: _Out, ball: Ball) -> None:
             out.moving(f"{view}/{out.path(who + part, name)}", kind, {**shared, **style}, data, when)
 
 
-def _draw_events(out: _Out, ball: Ball) -> None:
+def _draw_events(out: Out, ball: Ball) -> None:
     """The model's contacts: a mark on the table for the whole clip, and one at zero in the plot of errors."""
     rr = out.rr
     for kind, (word, colour) in EVENTS.items():
@@ -295,7 +295,7 @@ def _draw_events(out: _Out, ball: Ball) -> None:
             out.moving(f"error/distance/event_{kind}", rr.Scalars, {}, {"scalars": np.zeros(len(found))}, rows)
 
 
-def _plot(out: _Out) -> None:
+def _plot(out: Out) -> None:
     """Curves over time; a NaN after each clip keeps its curve apart from the next clip's."""
     rr = out.rr
     for who, plots in (("error", ("error/distance", "error/x", "error/y")), ("speed", ("speed",))):
@@ -333,7 +333,7 @@ def _page(clip: _Clip, count: int) -> str:
     return "\n".join(lines)
 
 
-def _describe(out: _Out, title: str) -> None:
+def _describe(out: Out, title: str) -> None:
     """Words: how to read the review, each clip's errors, a list of the clips, what happens when."""
     rr, clips = out.rr, out.clips
     rms = _rms(np.concatenate([clip.distances() for clip in clips]))

@@ -5,6 +5,9 @@ sidespin in closed form. Kept for every ball is when it changes (end of slide or
 for every pair when it meets; only what an event has changed is worked out anew. Leaves out that three balls touch at
 once: they are taken two by two.
 
+Where pockets have jaws (models/analytic/pocket.py) a straight rail ends before them, jaw k is logged as rail 4 + k,
+and a ball falls where the slate ends; otherwise it falls where its centre passes the nose line within a mouth.
+
 Impacts without end (a ball held between others, or pressed to a cushion by its own friction): an impact below DEAD
 gives nothing back, a touch below AWAY is none, and what is pressed together at rest is looked at again after PUSH
 seconds; what still goes on after MOST events is given up, and reported.
@@ -22,6 +25,7 @@ from models.analytic.cloth import STILL, turned
 from models.analytic.cushion import rebound
 from models.analytic.events import DEAD, in_mouth, line, meeting
 from models.analytic.impulse import collide
+from models.analytic.pocket import outward, straight
 from models.shot import GRAVITY
 
 Array = NDArray[np.float64]
@@ -78,15 +82,19 @@ def _phase(b, radius, slide, roll):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _table(b, what, i, kind, reach, half, mouths, until):  # type: ignore[no-untyped-def]
+def _table(b, what, i, kind, reach, half, mouths, jaws, falls, until):  # type: ignore[no-untyped-def]
     """What of the table a ball meets next, within its phase and the time wanted."""
     b[MEET] = np.inf
     if kind != SLIDE and kind != ROLL:
         return
     h = min(b[END], until) - b[CLOCK]
+    bent = falls.shape[0] > 0
     for rail in range(4):
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-        t = line(reach[k] - sign * b[k], sign * b[VX + k], sign * b[AX + k], h)
+        if bent:
+            t = straight(rail, reach, b[X:VX], b[VX:WX], b[AX:END], half, mouths, h)
+        else:
+            t = line(reach[k] - sign * b[k], sign * b[VX + k], sign * b[AX + k], h)
         if t == np.inf:
             continue
         if t < 0.0:
@@ -95,12 +103,23 @@ def _table(b, what, i, kind, reach, half, mouths, until):  # type: ignore[no-unt
             continue
         o = 1 - k
         found = CUSHION
-        if in_mouth(b[o] + b[VX + o] * t + 0.5 * b[AX + o] * t * t, rail, half, mouths):
+        if not bent and in_mouth(b[o] + b[VX + o] * t + 0.5 * b[AX + o] * t * t, rail, half, mouths):
             found = POCKET
             t = line(half[k] - sign * b[k], sign * b[VX + k], sign * b[AX + k], h)
         if t >= 0.0 and b[CLOCK] + t < b[MEET]:
             b[MEET], what[i, 0], what[i, 1] = b[CLOCK] + t, found, rail
-    if mouths[0] > 0.0:
+    if bent:
+        for k in range(jaws.shape[0] + falls.shape[0]):
+            fall = k >= jaws.shape[0]
+            place = falls[k - jaws.shape[0]] if fall else jaws[k]
+            t = meeting(b[X] - place[0], b[Y] - place[1], b[VX], b[VY], b[AX], b[AY], place[2], h)
+            if t == -1.0:
+                if not fall and b[CLOCK] + PUSH < b[MEET]:
+                    b[MEET], what[i, 0] = b[CLOCK] + PUSH, SWITCH
+            elif b[CLOCK] + t < b[MEET]:
+                b[MEET] = b[CLOCK] + t
+                what[i, 0], what[i, 1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
+    elif mouths[0] > 0.0:
         for corner in range(4):
             sx, sy = 1.0 - 2.0 * (corner % 2), 1.0 - 2.0 * (corner // 2)
             t = meeting(b[X] - sx * half[0], b[Y] - sy * half[1], b[VX], b[VY], b[AX], b[AY], mouths[2], h)
@@ -131,11 +150,10 @@ def _pairs(now, i, b, kind, pair, again, radius, until):  # type: ignore[no-unty
 
 
 @njit(cache=True, error_model="numpy")
-def _hit(b, i, j, rail, state, c, law, mass, radius):  # type: ignore[no-untyped-def]
+def _hit(b, i, j, rail, jaws, state, c, law, mass, radius):  # type: ignore[no-untyped-def]
     """Carry two balls, or one and a cushion (j < 0), through their impact."""
     if j < 0:
-        sign = 1.0 - 2.0 * (rail % 2)
-        bx, by = (sign, 0.0) if rail < 2 else (0.0, sign)
+        bx, by = outward(rail, b[i, X], b[i, Y], jaws)
         ax, ay = by, -bx
     else:
         ax, ay = b[j, X] - b[i, X], b[j, Y] - b[i, Y]
@@ -181,19 +199,20 @@ def _sample(b, kind, times, begin, until, radius, alpha, out):  # type: ignore[n
 
 @njit(cache=True, error_model="numpy")
 def _play(  # type: ignore[no-untyped-def]
-    b, kind, what, pair, again, state, c, law, mass, radius, reach, half, mouths, until, times, out, log, who, count
+    b, kind, what, pair, again, state, c, law, mass, radius, reach, half, mouths, jaws, falls, until, most, times, out,
+    log, who, count,
 ):  # fmt: skip
-    """Play one shot from b's first eight columns; returns when it ended, nan where it was given up."""
+    """Play one shot from b's first eight columns; returns when it ended, nan where it was given up, balls as then."""
     n = b.shape[0]
     slide, roll, alpha = c[0], c[1], c[2]
     for i in range(n):
         b[i, CLOCK] = 0.0
         kind[i] = _phase(b[i], radius, slide, roll)
     for i in range(n):
-        _table(b[i], what, i, kind[i], reach, half, mouths, until)
+        _table(b[i], what, i, kind[i], reach, half, mouths, jaws, falls, until)
         _pairs(0.0, i, b, kind, pair, again, radius, until)
     next_, logged, now = 0, 0, 0.0
-    for _ in range(MOST):
+    for _ in range(most):
         t, event, i, j = np.inf, SWITCH, -1, -1
         for k in range(n):
             if b[k, MEET] < t:
@@ -216,10 +235,10 @@ def _play(  # type: ignore[no-untyped-def]
             if again[j * (j - 1) // 2 + i]:
                 event = SWITCH
             else:
-                _hit(b, i, j, 0, state, c, law, mass, radius)
+                _hit(b, i, j, 0, jaws, state, c, law, mass, radius)
             kind[j] = _phase(b[j], radius, slide, roll)
         elif event == CUSHION:
-            _hit(b, i, -1, what[i, 1], state, c, law, mass, radius)
+            _hit(b, i, -1, what[i, 1], jaws, state, c, law, mass, radius)
         elif event == SWITCH and t == b[i, END]:
             if kind[i] == SLIDE:
                 b[i, WX], b[i, WY] = -b[i, VY] / radius, b[i, VX] / radius
@@ -239,12 +258,14 @@ def _play(  # type: ignore[no-untyped-def]
                 who[logged, 0], who[logged, 1] = event, i
                 who[logged, 2] = j if event == BALL else what[i, 1]
             logged += 1
-        _table(b[i], what, i, kind[i], reach, half, mouths, until)
+        _table(b[i], what, i, kind[i], reach, half, mouths, jaws, falls, until)
         _pairs(now, i, b, kind, pair, again, radius, until)
         if j >= 0:
-            _table(b[j], what, j, kind[j], reach, half, mouths, until)
+            _table(b[j], what, j, kind[j], reach, half, mouths, jaws, falls, until)
             _pairs(now, j, b, kind, pair, again, radius, until)
     else:
+        for i in range(n):
+            _advance(b[i], kind[i], now, radius, alpha)
         return np.nan
     _sample(b, kind, times, next_, until, radius, alpha, out)
     if until < np.inf:
@@ -261,10 +282,13 @@ def _play(  # type: ignore[no-untyped-def]
 @njit(cache=True, parallel=True, error_model="numpy")
 def play_rows(
     start: Array, constants: Array, law: int, mass: float, radius: float, reach: Array, half: Array, mouths: Array,
-    until: Array, times: Array, out: Array, log: Array, who: NDArray[np.int64], count: NDArray[np.int64], end: Array,
-    potted: NDArray[np.bool_],
+    jaws: Array, falls: Array, until: Array, most: int, times: Array, out: Array, log: Array, who: NDArray[np.int64],
+    count: NDArray[np.int64], end: Array, potted: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Play shots: `start` (n, nball, 8) in and out, `constants` (n, 7), `times` (n, m), `out` (n, m, nball, 8)."""
+    """Play shots: `start` (n, nball, 8) in and out, `constants` (n, 7), `times` (n, m), `out` (n, m, nball, 8).
+
+    `jaws`, `falls` as models/analytic/pocket.py has them, with its `ends` for `mouths`; no rows: mouths only.
+    """
     n, nball = start.shape[0], start.shape[1]
     for block in prange((n + BLOCK - 1) // BLOCK):
         b = np.zeros((nball, 13))
@@ -276,8 +300,8 @@ def play_rows(
                 for x in range(8):
                     b[i, x] = start[s, i, x]
             end[s] = _play(
-                b, kind, what, pair, again, state, constants[s], law, mass, radius, reach, half, mouths, until[s],
-                times[s], out[s], log[s], who[s], count[s],
+                b, kind, what, pair, again, state, constants[s], law, mass, radius, reach, half, mouths, jaws, falls,
+                until[s], most, times[s], out[s], log[s], who[s], count[s],
             )  # fmt: skip
             for i in range(nball):
                 potted[s, i] = kind[i] == POTTED

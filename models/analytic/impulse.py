@@ -22,6 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from models.analytic.coulomb import STEPS, integrate
+from models.analytic.pocket import outward
 from models.shot import NOSE_COSINE, NOSE_SINE
 
 Array = NDArray[np.float64]
@@ -86,18 +87,22 @@ def collide(
 def collide_rows(
     cushion: bool, hit: NDArray[np.int64], p: Array, v: Array, w: Array, e: Array, mu: Array, cloth: Array,
     m: float, r: float, gain: Array | None = None, decay: Array | None = None, ratio: Array | None = None,
+    jaws: Array | None = None,
 ) -> None:  # fmt: skip
     """Carry the balls of every simulation through its impact, in place.
 
-    `hit` (n, 3): kind, ball, and other ball or rail (+x, -x, +y, -y); p, v, w (n, nball, 3); e, mu, cloth (n,).
-    gain, decay, ratio (n,), as in `collide`.
+    `hit` (n, 3): kind, ball, and other ball or rail (+x, -x, +y, -y), or 4 + jaw; p, v, w (n, nball, 3);
+    e, mu, cloth (n,). gain, decay, ratio (n,), as in `collide`; `jaws` as models/analytic/pocket.py has them.
     """
     state = np.zeros(5 if cushion else 10)
     for k in range(hit.shape[0]):
         i, j = hit[k, 1], hit[k, 2]
         if cushion:
-            sign = 1.0 - 2.0 * (j % 2)
-            bx, by = (sign, 0.0) if j < 2 else (0.0, sign)
+            if jaws is None:
+                sign = 1.0 - 2.0 * (j % 2)
+                bx, by = (sign, 0.0) if j < 2 else (0.0, sign)
+            else:
+                bx, by = outward(j, p[k, i, 0], p[k, i, 1], jaws)
             ax, ay = by, -bx
         else:
             ax, ay = p[k, j, 0] - p[k, i, 0], p[k, j, 1] - p[k, i, 1]

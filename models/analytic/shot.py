@@ -4,7 +4,8 @@ Motion between events is the closed form of the cloth (models/analytic/cloth.py)
 (models/analytic/events.py), impacts are those of models/analytic/impulse.py and cushion.py. `play` gives the tracks
 that models.simulate gives; `finish` plays thousands of shots to their end and builds nothing else. Sources: Robotic
 Billiards (2015) for cloth and pockets; Mathavan, Jackson, Parkin 2009, 2010, 2014 for figures and impacts; Han 2005.
-Leaves out jumps, jaws, and impacts of three at once, which are taken two by two (see models/analytic/engine.py).
+Pockets are mouths, or have jaws (models/analytic/pocket.py). Leaves out jumps, and impacts of three at once, which are
+taken two by two (see models/analytic/engine.py).
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.analytic.cushion import law_of
 from models.analytic.engine import BALL, MOST, POCKET, play_rows
-from models.shot import RAILS, Ball, Event, Shot, Table, Track
+from models.analytic.pocket import NONE, Pockets, pockets_of, rail_of
+from models.shot import Ball, Event, Shot, Table, Track
 
 Array = NDArray[np.float64]
 Number = float | Array
@@ -60,15 +62,17 @@ class Result:
     velocity: Array  # (n, nball, 2) [m/s]
     spin: Array  # (n, nball, 3) [rad/s]
     potted: NDArray[np.bool_]  # (n, nball)
-    time: Array  # (n,) [s], when everything had come to rest, spin too, or `until`
+    time: Array  # (n,) [s], when everything had come to rest, spin too, or `until`; nan: given up after `most` events
     counts: NDArray[np.int64]  # (n, 4): impacts of balls, of cushions, balls potted, changes of phase
     event_time: Array  # (n, events) [s], inf beyond the last one
-    event: NDArray[np.int64]  # (n, events, 3): kind (0 ball, 1 cushion, 2 pocket), ball, other ball or rail
+    # (n, events, 3): kind (0 ball, 1 cushion, 2 pocket), ball, and other ball, rail, 4 + jaw, or pocket where jaws are
+    event: NDArray[np.int64]
 
 
 def _run(
-    table: Table, ball: Ball, constants: Constants, start: Array, until: Array, times: Array, events: int, threads: int
-) -> tuple[Result, Array]:
+    table: Table, ball: Ball, constants: Constants, start: Array, until: Array, times: Array, events: int, threads: int,
+    jaws: bool, most: int,
+) -> tuple[Result, Array]:  # fmt: skip
     n, nball = start.shape[:2]
     rows = constants.rows(n)
     if np.isinf(until).any() and not (rows[:, :2] > 0).all():
@@ -76,24 +80,25 @@ def _run(
     out, end = np.full((n, times.shape[1], nball, 8), np.nan), np.zeros(n)
     log, who, count = np.full((n, events), np.inf), np.full((n, events, 3), -1), np.zeros((n, 4), np.int64)
     potted = np.zeros((n, nball), np.bool_)
+    pockets = pockets_of(table, ball) if jaws else Pockets(table.mouths(), NONE, NONE)
     before = numba.get_num_threads()
     numba.set_num_threads(min(threads or before, numba.config.NUMBA_NUM_THREADS))
     try:
         play_rows(
             start, rows, int(law_of(constants.cushion_law)), ball.mass, ball.radius, table.reach(ball),
-            np.array([table.length / 2, table.width / 2]), table.mouths(), until, times, out, log, who, count, end,
-            potted,
+            np.array([table.length / 2, table.width / 2]), pockets.ends, pockets.jaws, pockets.falls, until, most,
+            times, out, log, who, count, end, potted,
         )  # fmt: skip
     finally:
         numba.set_num_threads(before)
-    if np.isnan(end).any():
-        raise RuntimeError(f"shot {int(np.flatnonzero(np.isnan(end))[0])} has not come to its end after {MOST} events")
+    if most >= MOST and np.isnan(end).any():
+        raise RuntimeError(f"shot {int(np.flatnonzero(np.isnan(end))[0])} has not come to its end after {most} events")
     return Result(start[..., :2], start[..., 2:4], start[..., 4:7], potted, end, count, log, who), out
 
 
 def finish(
     table: Table, ball: Ball, constants: Constants, position: ArrayLike, velocity: ArrayLike, spin: ArrayLike,
-    until: ArrayLike = np.inf, *, events: int = 0, threads: int = 0,
+    until: ArrayLike = np.inf, *, events: int = 0, threads: int = 0, jaws: bool = False, most: int = MOST,
 ) -> Result:  # fmt: skip
     """Play many shots to rest, or until a time.
 
@@ -107,6 +112,9 @@ def finish(
         until: one time or (n,) [s].
         events: how many impacts and pots of a shot to log.
         threads: at most; 0 for all. The result does not depend on it, to the last bit.
+        jaws: whether pockets have jaws and an edge; without, a mouth takes what comes into it.
+        most: events (changes of phase too) after which a shot is given up. Below the default that is no error: its
+            time is nan, and its balls are as they were then.
 
     Raises:
         ValueError: for shapes and numbers that do not fit.
@@ -121,15 +129,16 @@ def finish(
             raise ValueError(f"{name} holds {value[~np.isfinite(value)][0]}; give finite numbers")
     start = np.concatenate([p, v, w, np.zeros((n, nball, 1))], axis=2)
     end = np.broadcast_to(np.asarray(until, float), (n,)).copy()
-    return _run(table, ball, constants, start, end, np.zeros((n, 0)), events, threads)[0]
+    return _run(table, ball, constants, start, end, np.zeros((n, 0)), events, threads, jaws, most)[0]
 
 
 def play(
-    table: Table, ball: Ball, constants: Constants, shots: Sequence[Shot], *, events: int = 64, threads: int = 0
-) -> list[Track]:
+    table: Table, ball: Ball, constants: Constants, shots: Sequence[Shot], *, events: int = 64, threads: int = 0,
+    jaws: bool = False,
+) -> list[Track]:  # fmt: skip
     """A track for every shot, in order, as models.simulate gives; all shots of one number of balls go together.
 
-    `events`: room for the log to begin with; it grows where a shot has more.
+    `events`: room for the log to begin with; it grows where a shot has more. `jaws`: as in `finish`.
     """
     tracks: list[Track | None] = [None] * len(shots)
     sizes = np.array([len(s.names) for s in shots], int)
@@ -147,25 +156,26 @@ def play(
         end = np.array([shots[r].times[-1] if len(shots[r].times) else 0.0 for r in order])
         room = events
         while True:
-            result, out = _run(table, ball, own, start.copy(), end, times, room, threads)
+            result, out = _run(table, ball, own, start.copy(), end, times, room, threads, jaws, MOST)
             most = int(result.counts[:, :3].sum(axis=1).max(initial=0))
             if most <= room:
                 break
             room = most
         for k, r in enumerate(order):
-            tracks[r] = _track(shots[r], out[k], result.event_time[k], result.event[k])
+            tracks[r] = _track(shots[r], out[k], result.event_time[k], result.event[k], result.position[k])
     return [t for t in tracks if t is not None]
 
 
-def _track(shot: Shot, out: Array, when: Array, who: NDArray[np.int64]) -> Track:
+def _track(shot: Shot, out: Array, when: Array, who: NDArray[np.int64], last: Array) -> Track:
     data, names = out[: len(shot.times)], shot.names
     happened = []
     for t, (kind, i, j) in zip(when, who, strict=True):
         if kind < 0:
             break
         balls = (names[i], names[j]) if kind == BALL else (names[i],)
-        rail = RAILS[j] if kind not in (BALL, POCKET) else ""
-        happened.append(Event(float(t), KINDS[kind], balls, rail))
+        rail = rail_of(int(j)) if kind not in (BALL, POCKET) else ""
+        place = (float(last[i, 0]), float(last[i, 1])) if kind == POCKET else None
+        happened.append(Event(float(t), KINDS[kind], balls, rail, place))
     return Track(
         names, shot.times, data[..., :2], data[..., 2:4], data[..., 4:7], data[..., 7], tuple(happened)
     )  # fmt: skip

@@ -1,0 +1,338 @@
+"""A planned shot to look at in the Rerun viewer: how it should run, how it may run, and what else could be played.
+
+A plan is read here as the parsed file `billiard-plan/1`, a dict: what makes plans lies further down the house, and a
+recording needs none of it. The nominal shot runs on the timeline `shot_time` [s], each alternative on the same one in
+a view and under an entity path of its own. Outlines of the resting places are ellipses of the draws' own covariance,
+made just large enough to hold the stated share of the draws: no normal distribution is supposed. Left out: the balls'
+rotation, and when within the shot a draw parts from the nominal one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import BadInput
+from models.shot import NOSE_COSINE, POCKET_MOUTH, Array, Ball, Table
+from models.view import CLEAR, FLOOR, Colour, Out, ball_colour, draw_table, lift
+
+APPLICATION, FORMAT = "cuelab_plan", "billiard-plan/1"
+FATES: Mapping[str, Colour] = {"potted": (86, 190, 255), "missed": (255, 159, 28), "foul": (255, 122, 217)}
+WANTED, AVOID = (255, 255, 255), (255, 122, 217)
+SHARES = (0.5, 0.9)  # of the draws, inside the outlines
+FEWEST = 5  # draws that an outline needs
+SLACK = 5e-4  # by which a ball that fell may seem to have stopped short [m]
+FLAT = 1e-4  # least standard deviation of an outline [m]
+GUIDE = """
+* **Solid balls** roll the nominal shot: press play. **Rings** are where they started.
+* **Thin lines**: draws of what the launcher may really do. Blue: potted. Orange: missed. Pink: a foul.
+* **Dots**: where the cue ball may come to rest; the outlines hold 50 % and 90 % of them.
+* **White cross and circle**: where it is wanted. **Pink ring**: a ball to keep clear of.
+* Each alternative has a tab of its own; every layer can be hidden by its entity path (blueprint panel, on the left).
+"""
+
+
+def scene_of(plan: Mapping[str, Any]) -> tuple[Table, Ball, dict[str, Array]]:
+    """Table, ball and places (2,) [m] of all balls of a plan; BadInput where it is no plan."""
+    if plan.get("format") != FORMAT:
+        raise BadInput(f"format = {plan.get('format')!r} is no plan; give what `planner plan` writes ({FORMAT!r})")
+    try:
+        scene = plan["scene"]
+        table = Table(**{key: scene["table"][key] for key in ("length", "width", "pockets") if key in scene["table"]})
+        ball = Ball(float(scene["ball"]["diameter"]), float(scene["ball"]["mass"]))
+        return table, ball, {name: np.array(xy, float).reshape(2) for name, xy in scene["balls"].items()}
+    except (KeyError, TypeError, ValueError) as error:
+        text = f"scene of the plan is incomplete ({type(error).__name__}: {error}); plan the shot again"
+        raise BadInput(" ".join(text.split())) from None
+
+
+def path_of(track: Mapping[str, Any]) -> Array:
+    """The way of one ball: (n, 2) [m]."""
+    return np.array(track["xy"], float).reshape(-1, 2)
+
+
+def dropped(table: Table, ball: Ball, xy: Array) -> bool:
+    """Whether a way that ends at `xy` (2,) [m] ended in a pocket."""
+    if not table.pockets:
+        return False
+    over = np.array([table.length, table.width]) / 2 - np.abs(xy)
+    beyond = bool(np.any(over < ball.radius * NOSE_COSINE - SLACK) and table.to_pocket(xy) < POCKET_MOUTH)
+    return beyond or float(np.hypot(*over)) < POCKET_MOUTH / 2 + SLACK
+
+
+def fate(draw: Mapping[str, Any]) -> str:
+    """A key of FATES; a foul outweighs the pot."""
+    return "foul" if draw.get("foul") else "potted" if draw.get("potted") else "missed"
+
+
+def resting(plan: Mapping[str, Any]) -> tuple[Array, NDArray[np.bool_]]:
+    """Where the cue ball comes to rest in the draws (n, 2) [m], and whether the object ball was potted (n,)."""
+    places = plan.get("places") or {}
+    cue = np.array(places.get("cue") or [], float).reshape(-1, 2)
+    return cue, np.array(places.get("potted") or [True] * len(cue), bool)
+
+
+def outline(cloud: Array, share: float) -> Array:
+    """The ellipse of a cloud (n, 2) [m] that holds a share of it: (73, 2) [m], closed; (0, 2) of too few points."""
+    if len(cloud) < FEWEST:
+        return np.empty((0, 2))
+    mean = cloud.mean(axis=0)
+    variance, axes = np.linalg.eigh(np.cov(cloud.T))
+    size = np.sqrt(np.maximum(variance, FLAT**2))
+    reach = np.quantile(np.hypot(*((cloud - mean) @ axes / size).T), share)
+    turn = np.linspace(0.0, 2 * math.pi, 73)
+    return np.asarray(mean + reach * (np.column_stack([np.cos(turn), np.sin(turn)]) * size) @ axes.T)
+
+
+def percent(chance: Mapping[str, Any] | None) -> str:
+    """A probability with its interval; – where it is not known."""
+    values = [(chance or {}).get(key) for key in ("value", "low", "high")]
+    shown = [f"{100 * v:.0f}" if v is not None and math.isfinite(v) else "–" for v in values]
+    return f"{shown[0]} % ({shown[1]} to {shown[2]})" if shown[0] != "–" else "–"
+
+
+def given(value: Any, form: str, unit: str = "") -> str:
+    """A number in a format with its unit; – where there is none."""
+    return f"{value:{form}}{unit}" if isinstance(value, int | float) and math.isfinite(value) else "–"
+
+
+def strike_words(plan: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What to set and what it should give, as (what, value), in the order in which it is set."""
+    stroke, launcher = plan.get("stroke") or {}, plan.get("launcher") or {}
+    low, high = launcher.get("theta_tolerance_deg") or (None, None)
+    theta, elevation = launcher.get("theta"), stroke.get("elevation")
+    degrees = launcher.get("theta_deg", math.degrees(theta) if theta is not None else None)
+    return [
+        ("string", str(launcher.get("string", "–"))),
+        ("x′0, + is right", given(launcher.get("x0_mm"), "+.1f", " mm")),
+        ("y′0, + is up", given(launcher.get("y0_mm"), "+.1f", " mm")),
+        ("θ, counter-clockwise from +x", given(degrees, ".2f", "°")),
+        ("θ [rad]", given(theta, ".4f")),
+        ("yaw may be off by", "–" if low is None else f"{given(low, '+.2f', '°')} to {given(high, '+.2f', '°')}"),
+        ("cue speed", given(launcher.get("cue_speed"), ".2f", " m/s")),
+        ("ball speed", given(stroke.get("speed"), ".2f", " m/s")),
+        ("cue raised by", given(None if elevation is None else math.degrees(elevation), ".1f", "°")),
+    ]
+
+
+def rest_words(rest: Mapping[str, Any] | None) -> str:
+    """Where the cue ball ends: how near to the place that is wanted, else where, with its standard deviation."""
+    rest = rest or {}
+    if rest.get("distance_median") is not None:
+        far = rest.get("distance_90")
+        middle = given(1e3 * rest["distance_median"], ".0f")
+        most = "" if far is None else f", within {1e3 * far:.0f} mm in 90 %"
+        return f"within {middle} mm of the wanted place half of the time{most}"
+    if not rest.get("mean"):
+        return "–"
+    (x, y), (dx, dy) = rest["mean"], rest.get("sd") or (None, None)
+    sd = " ± ".join(["", " / ".join(given(None if d is None else 1e3 * d, ".0f") for d in (dx, dy))])
+    return f"at {1e3 * x:.0f}, {1e3 * y:.0f}{sd} mm"
+
+
+def sentence(plan: Mapping[str, Any]) -> str:
+    """The shot in one sentence, as one operator tells it to another."""
+    goal, stroke, launcher = plan["scene"].get("goal") or {}, plan.get("stroke"), plan.get("launcher") or {}
+    if not stroke:
+        return f"No shot on the {goal.get('object', 'object ball')} is reasonable here."
+    side, height = launcher.get("x0_mm") or 0.0, launcher.get("y0_mm") or 0.0
+    words = [f"{abs(side):g} mm {'right' if side > 0 else 'left'}"] * (side != 0)
+    words += [f"{abs(height):g} mm {'above' if height > 0 else 'below'}"] * (height != 0)
+    where = f"{' and '.join(words)}{' of' * (height == 0)} centre" if words else "in the centre"
+    chance = (plan.get("pot_probability") or {}).get("value")
+    often = "" if chance is None else f", in about {100 * chance:.0f} plays of a hundred"
+    return (
+        f"Aim the cue at {dict(strike_words(plan))['θ, counter-clockwise from +x']}, strike the {goal.get('cue')} "
+        f"{where} with string {launcher.get('string', '–')}: the {goal.get('object')} goes "
+        f"{_clause(plan.get('kind') or 'down')}{often}; the cue ball stops {rest_words(plan.get('rest'))}."
+    )
+
+
+def wanted(plan: Mapping[str, Any]) -> tuple[Array | None, float]:
+    """Where the cue ball is wanted (2,) [m], None for anywhere, and how far from there it may be [m]."""
+    goal = plan["scene"].get("goal") or {}
+    place = goal.get("rest") or goal.get("rest_region")
+    return (None, 0.0) if not place else (np.array(place[:2], float), float(place[2]) if len(place) > 2 else 0.0)
+
+
+def _clause(kind: str) -> str:
+    """The first clause of a kind of shot, to stand inside a sentence."""
+    clause = kind.split(";")[0]
+    return clause[clause.index("into ") :] if "into " in clause else f"down ({clause})"
+
+
+def write_plan(path: Path | str, plan: Mapping[str, Any], *, title: str) -> None:
+    """Write one Rerun recording of a plan; the file appears whole or not at all.
+
+    Raises BadInput where it cannot be written, or is given no plan.
+    """
+    import rerun as rr
+    from rerun.chunk import RrdReader
+
+    target, (table, ball, balls) = Path(path), scene_of(plan)
+    digest = hashlib.sha256(json.dumps([title, plan], sort_keys=True).encode())
+    stream = rr.RecordingStream(APPLICATION, recording_id=digest.hexdigest()[:32], send_properties=False)
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    out = Out(rr, stream, ())
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
+            part = Path(folder) / target.name
+            stream.save(part, default_blueprint=_blueprint(table, ball, plan))
+            stream.send_recording_name(title)
+            draw_table(out, table, ball)
+            _draw_scene(out, plan, ball, balls)
+            _draw_shot(out, "shot", plan.get("tracks") or [], table, ball, balls)
+            for number, other in enumerate(plan.get("alternatives") or [], start=1):
+                _draw_shot(out, f"alternative/{number}", other.get("tracks") or [], table, ball, balls)
+            _draw_draws(out, plan)
+            _describe(out, plan, title)
+            stream.flush()
+            stream.disconnect()
+            RrdReader(part).store()  # refuses a file that was cut short
+            part.replace(target)
+    except (OSError, RuntimeError) as error:  # Rerun raises the latter for a full disk
+        text = f"{path}: cannot be written ({error}); choose another place"
+        raise BadInput(" ".join(text.split())) from error
+    finally:
+        stream.disconnect()
+
+
+def _lines(out: Out, part: str, strips: Sequence[Array], colour: Colour, radius: float, order: float) -> None:
+    """Lines in both views, for all times."""
+    long = [strip for strip in strips if len(strip) > 1]
+    if long:
+        rr, style = out.rr, {"radii": radius, "colors": colour}
+        out.fixed(f"top/{part}", rr.LineStrips2D(long, **style, draw_order=order))
+        out.fixed(f"space/{part}", rr.LineStrips3D([lift(strip, CLEAR) for strip in long], **style))
+
+
+def _circle(centre: Array, radius: float) -> Array:
+    turn = np.linspace(0.0, 2 * math.pi, 49)
+    return np.asarray(centre + radius * np.column_stack([np.cos(turn), np.sin(turn)]))
+
+
+def _draw_scene(out: Out, plan: Mapping[str, Any], ball: Ball, balls: Mapping[str, Array]) -> None:
+    """Where the balls start, where the cue ball is wanted, what it shall not touch."""
+    goal, r = plan["scene"].get("goal") or {}, ball.radius
+    for name, xy in balls.items():
+        _lines(out, f"start/{out.path(name)}", [_circle(xy, r)], ball_colour(name), -1.2, 15)
+    place, radius = wanted(plan)
+    if place is not None:
+        cross = [place + r * np.array(bar) for bar in ([[-1, 0], [1, 0]], [[0, -1], [0, 1]])]
+        _lines(out, "wanted", [*cross, _circle(place, radius or r)], WANTED, -1.5, 50)
+    elif goal.get("rest_for") in balls:
+        _lines(out, "wanted", [_circle(balls[goal["rest_for"]], 1.5 * r)], WANTED, -1.5, 50)
+    for name in (name for name in goal.get("avoid") or [] if name in balls):
+        _lines(out, f"avoid/{out.path(name)}", [_circle(balls[name], 1.6 * r)], AVOID, -1.5, 50)
+
+
+def _draw_shot(
+    out: Out, part: str, tracks: Sequence[Mapping[str, Any]], table: Table, ball: Ball, balls: Mapping[str, Array]
+) -> None:
+    """Balls that run along their ways on the timeline, the others where they are; a potted ball goes."""
+    rr, r = out.rr, ball.radius
+    moving = {track["ball"]: track for track in tracks if len(track["t"])}
+    for name, start in balls.items():
+        where, colour = f"{part}/ball/{out.path(name)}", ball_colour(name)
+        if name not in moving:
+            out.fixed(f"top/{where}", rr.Points2D([start], radii=r, colors=colour, draw_order=20))
+            out.fixed(f"space/{where}", rr.Points3D(lift(start[None], r), radii=r, colors=colour))
+            continue
+        time, xy = np.array(moving[name]["t"], float), path_of(moving[name])
+        _lines(out, f"{part}/path/{out.path(name)}", [xy], colour, -1.6, 10)
+        rows = np.ones(len(time), int)
+        if dropped(table, ball, xy[-1]):
+            time, rows = np.append(time, time[-1] + 1e-3), np.append(rows, 0)
+        column = [rr.TimeColumn("shot_time", duration=time)]
+        for view, kind, places in (("top", rr.Points2D, xy), ("space", rr.Points3D, lift(xy, r))):
+            flat = {"draw_order": 20} if view == "top" else {}
+            out.fixed(f"{view}/{where}", kind.from_fields(radii=r, colors=colour, **flat))
+            data = kind.columns(positions=places).partition(rows)
+            out.stream.send_columns(f"{view}/{where}", column, data, strict=True)
+
+
+def _draw_draws(out: Out, plan: Mapping[str, Any]) -> None:
+    """What the launcher may really do: ways and resting places, by what became of the draw."""
+    fan = plan.get("fan") or []
+    for word, colour in FATES.items():
+        strips = [path_of(track) for draw in fan if fate(draw) == word for track in draw["tracks"]]
+        _lines(out, f"fan/{word}", strips, colour, -0.5, 5)
+    cloud, potted = resting(plan)
+    for word, chosen in (("potted", potted), ("missed", ~potted)):
+        if chosen.any():
+            dots = {"radii": -1.4, "colors": FATES[word]}
+            out.fixed(f"top/rest/{word}", out.rr.Points2D(cloud[chosen], **dots, draw_order=30))
+            out.fixed(f"space/rest/{word}", out.rr.Points3D(lift(cloud[chosen], CLEAR), **dots))
+    _lines(out, "rest/outline", [outline(cloud, share) for share in SHARES], WANTED, -0.8, 40)
+
+
+def _row(*cells: str) -> str:
+    return "| " + " | ".join(" ".join(cell.replace("|", "/").split()) for cell in cells) + " |"
+
+
+def _describe(out: Out, plan: Mapping[str, Any], title: str) -> None:
+    """Words: the stroke and what it should give; the alternatives; how to read the recording."""
+    why, lines = str(plan.get("why") or ""), [f"# {title}"]
+    if plan.get("stroke"):
+        lines += [f"**{sentence(plan)}**\n", f"{why}\n", "| set | |", "|---|---|"]
+        lines += [_row(*words) for words in strike_words(plan)]
+        lines += ["\n| expect | |", "|---|---|", _row("pot", percent(plan.get("pot_probability")))]
+        lines += [_row("foul", percent(plan.get("foul_probability"))), _row("cue ball", rest_words(plan.get("rest")))]
+        named = sorted((plan.get("fouls") or {}).items(), key=lambda pair: -pair[1])
+        lines += [_row(f"foul: {name}", given(100 * chance, ".1f", " %")) for name, chance in named if chance > 0]
+    else:
+        lines += [f"**{sentence(plan)}**\n", why]
+    others = plan.get("alternatives") or []
+    table = ["# Alternatives", _row("", "shot", "string", "pot", "foul", "cue ball", "why"), "|---" * 7 + "|"]
+    for number, other in enumerate(others, start=1):
+        chances = (percent(other.get(key)) for key in ("pot_probability", "foul_probability"))
+        string = str((other.get("launcher") or {}).get("string", "–"))
+        words = (str(number), str(other.get("kind", "")), string, *chances, rest_words(other.get("rest")))
+        table.append(_row(*words, str(other.get("why") or "")))
+    pages = {"plan": lines, "alternatives": table if others else ["No alternatives."], "guide": [GUIDE]}
+    for name, page in pages.items():
+        out.fixed(f"text/{name}", out.rr.TextDocument("\n".join(page), media_type="text/markdown"))
+
+
+def _blueprint(table: Table, ball: Ball, plan: Mapping[str, Any]) -> Any:
+    """The table on the left, a tab for every alternative; words on the right."""
+    import rerun.blueprint as rrb
+
+    x, y = np.array([table.length, table.width]) / 2 + 3 * ball.diameter
+    bounds = rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y])
+
+    def above(name: str, *contents: str) -> Any:
+        # From the root, as a view leaves out the transform of its own origin.
+        whole = ["+ /top", "+ /top/table/**", "+ /top/start/**", "+ /top/wanted", "+ /top/avoid/**", *contents]
+        return rrb.Spatial2DView(origin="/", contents=whole, visual_bounds=bounds, name=name, background=FLOOR)
+
+    eye = rrb.EyeControls3D(kind="orbital", position=(0, -1.6 * y, 1.95 * y), look_target=(0, -0.1 * y, 0))
+    space = rrb.Spatial3DView(
+        origin="space", contents=["+ /space/**", "- /space/alternative/**"], name="In 3-D", eye_controls=eye,
+        background=FLOOR, line_grid=False,
+    )  # fmt: skip
+    views = [above("The plan", "+ /top/shot/**", "+ /top/fan/**", "+ /top/rest/**"), space]
+    for number in range(1, len(plan.get("alternatives") or []) + 1):
+        views.append(above(f"Alternative {number}", f"+ /top/alternative/{number}/**"))
+    names = {"alternatives": "Alternatives", "guide": "How to read this"}
+    pages = [rrb.TextDocumentView(origin=f"text/{key}", name=name) for key, name in names.items()]
+    words = rrb.Vertical(
+        rrb.TextDocumentView(origin="text/plan", name="What to play"), rrb.Tabs(*pages), row_shares=[3, 2]
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(rrb.Tabs(*views), words, column_shares=[7, 3]),
+        rrb.TimePanel(state="collapsed", timeline="shot_time", loop_mode="all"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_layout=False,
+        auto_views=False,
+    )

@@ -1,0 +1,199 @@
+"""The search: many strokes screened, the best refined against the launcher's errors, a few judged anew.
+
+1. Fans of aims along every open way, in the analytic engine (planner/candidates.py).
+2. The cross-entropy method (Rubinstein 1999) from each of the best: strokes are drawn about a mean, judged over common
+   hands, and mean and spread follow the best of them. All starts go side by side.
+3. Where the model holds effects that the engine lacks, the same with fewer strokes and hands in MuJoCo, from the best.
+4. The few that remain are made playable (string, stage steps) and judged over hands that the search has not seen: the
+   best of many is partly the luckiest, and its old figures would promise too much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.candidates import Way, starts, ways
+from planner.execution import Execution
+from planner.play import Player
+from planner.risk import Hands, Judged, deal, judge
+from planner.stroke import AZIMUTH, HEIGHT, SIDE, SPEED
+from planner.value import Wish
+
+Array = NDArray[np.float64]
+Report = Callable[[str], None]
+PLAIN = 0.15  # offset over radius below which a stroke is called plain
+LEAST = 0.05  # probability of a made shot below which none is offered
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long to look."""
+
+    starts: int = 14  # strokes from the fans that are refined
+    strokes: int = 24  # drawn about each, a round
+    best: int = 6  # of them that the next round follows
+    rounds: int = 5
+    hands: int = 32  # that a drawn stroke is judged over
+    finalists: int = 6  # that are compared more closely
+    closely: int = 256  # hands for that
+    fresh: int = 1024  # hands that the offered ones are judged over, not seen before
+    slow_starts: int = 3  # the same in MuJoCo
+    slow_strokes: int = 12
+    slow_best: int = 4
+    slow_rounds: int = 3
+    slow_hands: int = 16
+    slow_fresh: int = 256
+
+
+@dataclass(frozen=True)
+class Found:
+    """A stroke that the search offers."""
+
+    way: Way
+    judged: Judged
+
+
+def search(
+    player: Player, execution: Execution, wish: Wish, *, seed: int = 0, effort: Effort | None = None,
+    report: Report | None = None,
+) -> list[Found]:  # fmt: skip
+    """The best strokes that differ in kind, the best first; none where none is reasonable.
+
+    Args:
+        player: the scene on its model.
+        execution: how well the launcher repeats.
+        wish: what a shot is worth.
+        seed: of everything that is drawn.
+        effort: how long to look.
+        report: told what is being done.
+    """
+    effort, say = effort or Effort(), report or (lambda line: None)
+    open_ways = ways(player.scene)
+    say(f"{len(open_ways)} ways lie open; fans of aims along them")
+    begun = starts(player, open_ways, execution, wish, effort.starts)
+    if len(begun.q) == 0:
+        return []
+    hands = deal(player.model, execution, effort.closely, seed)
+    rng = np.random.default_rng(seed)
+    say(f"refining {len(begun.q)} strokes over {effort.hands} plays each")
+    shape = (effort.strokes, effort.best, effort.rounds)
+    q = refine(player, hands.first(effort.hands), begun.q, wish, rng, shape)
+    if player.exact:
+        q, way = playable(player, q, begun.way)
+        if len(q) == 0:
+            return []
+        close = judge(player, hands, q, wish)
+        order = np.argsort([-j.value for j in close], kind="stable")[: effort.finalists]
+        fresh = deal(player.model, execution, effort.fresh, seed + 1)
+        say(f"judging {len(order)} strokes over {len(fresh)} plays")
+        final = judge(player, fresh, q[order], wish)
+    else:
+        close = judge(player, hands, q, wish)
+        order = _spread([-j.value for j in close], begun.way, effort.slow_starts)
+        say(f"refining {len(order)} strokes in MuJoCo, with {', '.join(player.beyond)}")
+        shape = (effort.slow_strokes, effort.slow_best, effort.slow_rounds)
+        few = hands.first(effort.slow_hands)
+        q = refine(player, few, q[order], wish, rng, shape, mujoco=True)
+        q, way = playable(player, q, begun.way[order])
+        if len(q) == 0:
+            return []
+        order = np.arange(len(q))
+        fresh = deal(player.model, execution, effort.slow_fresh, seed + 1)
+        say(f"judging {len(order)} strokes over {len(fresh)} plays in MuJoCo")
+        final = judge(player, fresh, q, wish, mujoco=True)
+    offered = sorted(zip(way[order], final, strict=True), key=lambda pair: -pair[1].value)
+    return _kinds(player, [Found(open_ways[w], j) for w, j in offered if j.made >= LEAST])
+
+
+def playable(player: Player, q: Array, way: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """The strokes as strings and stage steps ask for them, and their ways; without those beyond the launcher."""
+    ball = player.scene.ball
+    q = player.launcher.playable(q, ball)
+    allowed = player.launcher.allowed(q, ball)
+    return q[allowed], way[allowed]
+
+
+def _spread(cost: list[float], way: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """The cheapest few, the first two of different ways where there are."""
+    order = np.argsort(cost, kind="stable")
+    first = order[:1]
+    other = [k for k in order if way[k] != way[order[0]]][:1]
+    rest = [k for k in order[1:] if k not in other]
+    return np.array([*first, *other, *rest][:count], int)
+
+
+def refine(
+    player: Player, hands: Hands, q: Array, wish: Wish, rng: np.random.Generator, shape: tuple[int, int, int], *,
+    mujoco: bool = False,
+) -> Array:  # fmt: skip
+    """Strokes (n, 4) moved to where they are worth most over the hands.
+
+    `shape`: strokes drawn about each in a round, the best of them that count, and rounds.
+    """
+    strokes, best, rounds = shape
+    ball, launcher = player.scene.ball, player.launcher
+    n, limit = len(q), launcher.offset * ball.radius
+    # As wide as the fans' grid is coarse; the azimuth as wide as what the engine lacks may turn a ball by.
+    sd = np.empty((n, 4))
+    sd[:, SPEED] = 0.12 * q[:, SPEED]
+    sd[:, AZIMUTH] = 0.006 if mujoco else np.maximum(0.002, 1.5 * hands.execution.azimuth_sd)
+    sd[:, [SIDE, HEIGHT]] = 0.2 * limit
+    if mujoco:
+        sd[:, [SPEED, SIDE, HEIGHT]] *= 0.35
+    mean, top, at = q.copy(), np.full(n, -np.inf), q.copy()
+    for k in range(rounds):
+        drawn = mean[:, None] + sd[:, None] * rng.standard_normal((n, strokes, 4))
+        drawn[:, 0] = at if k else q  # the best so far stays among them
+        flat = within(player, drawn.reshape(-1, 4))
+        values = np.array([j.value for j in judge(player, hands, flat, wish, mujoco=mujoco)]).reshape(n, strokes)
+        drawn = flat.reshape(n, strokes, 4)
+        order = np.argsort(-values, axis=1, kind="stable")[:, :best]
+        chosen = np.take_along_axis(drawn, order[..., None], axis=1)
+        first = np.take_along_axis(values, order[:, :1], axis=1)[:, 0]
+        at = np.where((first > top)[:, None], chosen[:, 0], at)
+        top = np.maximum(top, first)
+        mean = 0.8 * chosen.mean(axis=1) + 0.2 * mean
+        sd = 0.7 * np.maximum(chosen.std(axis=1), 0.05 * sd) + 0.3 * sd
+    last = within(player, mean)
+    mine = np.array([j.value for j in judge(player, hands, np.concatenate([last, at]), wish, mujoco=mujoco)])
+    # The mean of the best is less lucky than the best of all: it need not be quite as good.
+    return np.where((mine[:n] >= mine[n:] - 0.01)[:, None], last, at)
+
+
+def within(player: Player, q: Array) -> Array:
+    """Strokes drawn back to what the launcher can play: (n, 4)."""
+    ball, launcher = player.scene.ball, player.launcher
+    out, limit = q.copy(), launcher.offset * ball.radius
+    off = np.hypot(q[:, SIDE], q[:, HEIGHT])
+    shrink = np.minimum(1.0, 0.999 * limit / np.maximum(off, 1e-12))
+    out[:, [SIDE, HEIGHT]] *= shrink[:, None]
+    gain = launcher.gain(out, ball)
+    out[:, SPEED] = np.clip(q[:, SPEED], launcher.slowest * gain, launcher.fastest * gain)
+    return out
+
+
+def kind_of(found: Found, radius: float) -> tuple[object, ...]:
+    """What makes two strokes differ in kind: pocket, cushions, draw or follow, side, cushions of the cue ball after."""
+    q, out = found.judged.q, found.judged.outcomes
+    after = int(np.median(out.hits[:, 1][out.made])) if out.made.any() else 0
+    return found.way.pocket, found.way.bank, found.way.kick, after, spin_words(q, radius)
+
+
+def spin_words(q: Array, radius: float) -> str:
+    """What spin a stroke (4,) gives, in words."""
+    least = PLAIN * radius
+    tilt = "follow" if q[HEIGHT] > least else "draw" if q[HEIGHT] < -least else ""
+    side = "right side" if q[SIDE] > least else "left side" if q[SIDE] < -least else ""
+    return " and ".join(word for word in (tilt, side) if word) or "no spin"
+
+
+def _kinds(player: Player, found: list[Found]) -> list[Found]:
+    """The best of every kind."""
+    kept: dict[tuple[object, ...], Found] = {}
+    for one in found:
+        kept.setdefault(kind_of(one, player.scene.ball.radius), one)
+    return list(kept.values())
