@@ -1,0 +1,206 @@
+"""The shot as a dm_control task: see the balls and the goal, ask for one stroke, be told what it was worth.
+
+The action is the paper's q = (V_C0, x'_0, y'_0, theta): speed of the cue [m/s], offset of its axis to the right and
+upwards [m], azimuth [rad], within V_C0 < 2.2 m/s and a contact offset < 0.5 R (Robotic Billiards 2015, section VI).
+What lies where, what is wanted, and what may go wrong in a play come from the room above as an Episode: this file knows
+no goals. Every reset draws one anew; its errors are not shown, so that a policy must do well whatever they are.
+
+The physics is a dm_control.rl.control.Physics and not a dm_control.mujoco.Physics: that one steps a single MjModel by a
+fixed time, while models/simulate.py lets the effects act between steps, lands on what happens next, and plays shots
+side by side. So a step is a whole shot, until all balls rest, and time is counted in shots. Leaves out that a
+launcher's strings and stage come in steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from dm_control.rl import control
+from dm_env import specs
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+SENT = ("cue speed [m/s]", "x'0 [m]", "y'0 [m]", "theta [rad]")
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How strokes ended."""
+
+    place: Array  # (n, nball, 2) [m], where balls stopped; NaN where none is on the table
+    reward: Array  # (n,)
+
+
+class Episode(Protocol):
+    """A start, and the errors of one play, which nobody is shown."""
+
+    @property
+    def position(self) -> Array:
+        """Where balls lie before the stroke: (nball, 2) [m]; NaN in rows that stand for no ball."""
+
+    @property
+    def goal(self) -> Mapping[str, NDArray[Any]]:
+        """What is wanted, as it is observed: arrays of the same shapes in every episode."""
+
+    def play(self, actions: Array) -> Ending:
+        """Play actions (n, 4), each from the same start and with the same errors."""
+
+    def expected(self, actions: Array, plays: int, rng: np.random.Generator) -> Array:
+        """Mean reward of actions (n, 4) over so many plays whose errors are drawn from `rng`: (n,)."""
+
+
+Dealer = Callable[[np.random.Generator], Episode]
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What strokes a launcher can be asked for."""
+
+    slowest: float  # of the cue [m/s]
+    fastest: float  # of the cue [m/s]
+    offset: float  # of the cue's axis from the ball's centre, in any direction [m]
+
+    def spec(self) -> specs.BoundedArray:
+        """Bounds of an action: (4,). They hold a square of offsets, of which the circle within is played."""
+        high = np.array([self.fastest, self.offset, self.offset, math.pi])
+        low = np.array([self.slowest, *-high[1:]])
+        return specs.BoundedArray((4,), np.float64, low, high, name=", ".join(SENT))
+
+    def held(self, actions: ArrayLike) -> Array:
+        """What is sent for actions (n, 4): speeds within bounds, offsets drawn back to the circle, azimuths within pi.
+
+        Raises:
+            ValueError: for another shape, or numbers that are not finite.
+        """
+        out = np.array(actions, np.float64)
+        if out.ndim != 2 or out.shape[1] != len(SENT):
+            raise ValueError(f"actions have shape {out.shape}; give (n, 4): {', '.join(SENT)}")
+        if not np.isfinite(out).all():
+            raise ValueError(f"an action holds {out[~np.isfinite(out)][0]}; give finite {', '.join(SENT)}")
+        out[:, 0] = np.clip(out[:, 0], self.slowest, self.fastest)
+        out[:, 1:3] *= np.minimum(1.0, self.offset / np.maximum(np.hypot(out[:, 1], out[:, 2]), 1e-12))[:, None]
+        turned = np.abs(out[:, 3]) > math.pi
+        out[turned, 3] = np.remainder(out[turned, 3] + math.pi, 2 * math.pi) - math.pi
+        return out
+
+
+class ShotPhysics(control.Physics):
+    """Balls on a table, moved by whole shots."""
+
+    def __init__(self, episode: Episode) -> None:
+        """Lay out the balls."""
+        self.start(episode)
+
+    def start(self, episode: Episode) -> None:
+        """Lay out the balls of an episode."""
+        self.episode = episode
+        self.reset()
+
+    def reset(self) -> None:
+        """Put the balls back to where the episode started."""
+        self.position = self.episode.position
+        self.sent, self.reward, self.shots = np.zeros(len(SENT)), 0.0, 0
+
+    def after_reset(self) -> None:
+        """Nothing follows from the places of balls that rest."""
+
+    def set_control(self, control: Array) -> None:
+        """Load the launcher with a stroke (4,) that it can play."""
+        self.sent = control
+
+    def step(self, n_sub_steps: int = 1) -> None:
+        """Play the stroke until all balls rest."""
+        if n_sub_steps != 1:
+            raise ValueError(f"n_sub_steps is {n_sub_steps}; a step is a whole shot, play 1")
+        ending = self.episode.play(self.sent[None])
+        self.position, self.reward = ending.place[0], float(ending.reward[0])
+        self.shots += 1
+
+    def time(self) -> float:
+        """Shots played since the reset."""
+        return float(self.shots)
+
+    def timestep(self) -> float:
+        """One shot."""
+        return 1.0
+
+
+class ShotTask(control.Task):
+    """One stroke, and its worth.
+
+    Observed are `position` (nball, 2) [m], zeros where no ball is on the table; `on_table` (nball,); `sent` (4,), the
+    stroke that was played, which differs from the action where that lay outside of the launcher's reach; and the goal.
+    """
+
+    def __init__(self, deal: Dealer, reach: Reach, rng: np.random.Generator) -> None:
+        """Take what deals the episodes, what the launcher can play, and where chance comes from."""
+        self.deal, self.reach, self.rng = deal, reach, rng
+
+    def initialize_episode(self, physics: ShotPhysics) -> None:
+        """Draw a start and the errors of a play."""
+        physics.start(self.deal(self.rng))
+
+    def action_spec(self, physics: ShotPhysics) -> specs.BoundedArray:
+        """Bounds of what can be asked for."""
+        return self.reach.spec()
+
+    def before_step(self, action: ArrayLike, physics: ShotPhysics) -> None:
+        """Load what can be played of what is asked for."""
+        physics.set_control(self.reach.held(np.asarray(action)[None])[0])
+
+    def get_observation(self, physics: ShotPhysics) -> OrderedDict[str, NDArray[Any]]:
+        """What a camera would tell, what was played, and what is wanted."""
+        seen = np.isfinite(physics.position[:, 0])
+        found: OrderedDict[str, NDArray[Any]] = OrderedDict()
+        found["position"] = np.where(seen[:, None], physics.position, 0.0)
+        found["on_table"] = seen
+        found["sent"] = physics.sent.copy()
+        for name, value in physics.episode.goal.items():
+            found[name] = np.array(value)
+        return found
+
+    def get_reward(self, physics: ShotPhysics) -> float:
+        """What the last shot was worth."""
+        return physics.reward
+
+    def get_termination(self, physics: ShotPhysics) -> float:
+        """A shot is an episode: nothing comes after it."""
+        return 0.0
+
+
+class ShotEnvironment(control.Environment):
+    """A dm_env.Environment of one step, which also plays many strokes at once for those who search."""
+
+    def __init__(self, deal: Dealer, reach: Reach, seed: int, *, flat: bool = False) -> None:
+        """Deal a first episode, from which the specs are read; the first reset deals the same again.
+
+        Args:
+            deal: draws an episode.
+            reach: what the launcher can play.
+            seed: of all that is drawn.
+            flat: observe one vector instead of named arrays.
+        """
+        first = deal(np.random.default_rng(seed))
+        task = ShotTask(deal, reach, np.random.default_rng(seed))
+        super().__init__(ShotPhysics(first), task, flat_observation=flat)
+
+    def reward_spec(self) -> specs.Array:
+        """One number."""
+        return specs.Array((), np.float64, name="reward")
+
+    def discount_spec(self) -> specs.BoundedArray:
+        """0, as an episode ends with its shot."""
+        return specs.BoundedArray((), np.float64, 0.0, 1.0, name="discount")
+
+    def rewards(self, actions: ArrayLike) -> Array:
+        """What `step` would pay for each of actions (n, 4) in this episode, with its hidden errors: (n,)."""
+        return self.physics.episode.play(self.task.reach.held(actions)).reward
+
+    def expected(self, actions: ArrayLike, plays: int) -> Array:
+        """Mean reward of actions (n, 4) from this episode's start over fresh errors, the same for all: (n,)."""
+        return self.physics.episode.expected(self.task.reach.held(actions), plays, self.task.rng)

@@ -1,0 +1,149 @@
+"""Scenes on a fitted model as a dm_control task: `load` makes the environment of models/environment.py.
+
+Every reset deals one hand (planner/risk.py): errors of the launcher, and constants of the model drawn from its
+uncertainty. Shots are played with pocket jaws, in MuJoCo with all of the model's effects, or by the analytic engine,
+which is faster and knows of the base effects alone. The reward is planner/value.py's worth, from -foul to 1.
+
+The action's offsets are those of the cue's axis, (R + r_t) / R farther out than the contact, and its azimuth is the
+cue's: where the model knows no squirt the ball leaves at that of models/analytic/cueing.py, as planner/stroke.py says.
+Leaves out the next shot: an episode is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.environment import Ending, Reach, ShotEnvironment
+from models.errors import BadInput
+from models.model_file import Model
+from planner.execution import Execution, execution_from
+from planner.outcome import Outcomes
+from planner.play import Player
+from planner.risk import Hands, deal
+from planner.scene import MOST, Scene, pocket_places
+from planner.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher, launcher_terms
+from planner.value import Wish, worth
+
+Array = NDArray[np.float64]
+Source = Scene | Callable[[np.random.Generator], Scene]
+
+
+def as_strokes(launcher: Launcher, model: Model, actions: Array) -> Array:
+    """The strokes of planner/stroke.py (n, 4) that a launcher plays for actions (n, 4) (V_C0, x'0, y'0, theta)."""
+    ball, q = model.ball, np.zeros((len(actions), 4))
+    q[:, [SIDE, HEIGHT]] = actions[:, 1:3] * ball.radius / (ball.radius + launcher.cue.tip_radius)
+    q[:, SPEED] = actions[:, 0] * launcher.gain(q, ball)
+    squirt = [launcher_terms(launcher, model, row)["squirt"] for row in q]
+    q[:, AZIMUTH] = actions[:, 3] + squirt
+    return q
+
+
+def as_actions(launcher: Launcher, model: Model, q: Array) -> Array:
+    """The actions (n, 4) that ask for strokes (n, 4); the way back from `as_strokes`."""
+    out = np.empty((len(q), 4))
+    axis = (model.ball.radius + launcher.cue.tip_radius) / model.ball.radius
+    for row, stroke in zip(out, q, strict=True):
+        terms = launcher_terms(launcher, model, stroke)
+        row[:] = terms["cue_speed"], axis * stroke[SIDE], axis * stroke[HEIGHT], terms["theta"]
+    return out
+
+
+@dataclass(frozen=True)
+class ScenePlay:
+    """A scene, and one hand of errors to play it with; see models.environment.Episode."""
+
+    player: Player
+    hands: Hands  # one
+    wish: Wish
+    mujoco: bool
+    rows: int  # of observed balls; those of the scene come first
+
+    @property
+    def position(self) -> Array:
+        """Where balls lie: (rows, 2) [m], the cue ball first, then the object ball; NaN from where there are none."""
+        return self._filled(self.player.scene.position[None])[0]
+
+    @property
+    def goal(self) -> dict[str, NDArray[Any]]:
+        """What is wanted.
+
+        `pocket` (2,) [m] its place, zeros where `any_pocket` (1,) will do; `rest` (2,) [m] the cue ball's place, with
+        `rest_radius` (1,) [m] about it, zeros where `any_rest` (1,) will do; `rest_for` (rows,) marks the ball to leave
+        a shot on, `avoid` (rows,) those that nothing may touch.
+        """
+        scene, goal = self.player.scene, self.player.scene.goal
+        some = np.zeros(2) if goal.pocket is None else pocket_places(scene.table)[goal.pocket]
+        names = [*scene.names, *[""] * (self.rows - len(scene.names))]
+        return {
+            "pocket": np.array(some, float), "any_pocket": np.array([goal.pocket is None]),
+            "rest": np.zeros(2) if goal.rest is None else np.array(goal.rest, float),
+            "rest_radius": np.array([float(goal.rest_radius)]), "any_rest": np.array([goal.rest is None]),
+            "rest_for": np.array([bool(n) and n == goal.rest_for for n in names]),
+            "avoid": np.array([n in goal.avoid for n in names]),
+        }  # fmt: skip
+
+    def play(self, actions: Array) -> Ending:
+        """Play actions (n, 4) with this hand."""
+        outcomes = self._outcomes(actions, self.hands)
+        return Ending(self._filled(outcomes.place), worth(self.player.scene, outcomes, self.wish))
+
+    def expected(self, actions: Array, plays: int, rng: np.random.Generator) -> Array:
+        """Mean worth of actions (n, 4) over hands drawn afresh, the same for all: (n,)."""
+        if plays < 1:
+            raise BadInput(f"plays is {plays}; give 1 or more to take the mean over")
+        hands = _dealt(self.player.model, self.hands.execution, plays, rng)
+        found = worth(self.player.scene, self._outcomes(actions, hands), self.wish)
+        return np.asarray(found.reshape(len(actions), plays).mean(axis=1))
+
+    def _outcomes(self, actions: Array, hands: Hands) -> Outcomes:
+        q = as_strokes(self.player.launcher, self.player.model, actions)
+        return hands.play(self.player, q, mujoco=self.mujoco)
+
+    def _filled(self, place: Array) -> Array:
+        """Places (n, nball, 2) with rows of NaN up to those observed: (n, rows, 2)."""
+        return np.pad(place, ((0, 0), (0, self.rows - place.shape[1]), (0, 0)), constant_values=np.nan)
+
+
+def _dealt(model: Model, execution: Execution, count: int, rng: np.random.Generator) -> Hands:
+    return deal(model, execution, count, int(rng.integers(2**63)))
+
+
+def load(
+    scene: Source, model: Model, execution: Execution | None = None, wish: Wish | None = None, *, seed: int = 0,
+    mujoco: bool = True, launcher: Launcher | None = None, balls: int | None = None, threads: int = 0,
+    flat: bool = False,
+) -> ShotEnvironment:  # fmt: skip
+    """The environment of a scene, or of scenes drawn from a Generator.
+
+    Args:
+        scene: what every episode starts from, or a function that draws one.
+        model: fitted to the same table and ball; its uncertainty is drawn from.
+        execution: how well the launcher repeats; where not given the model's own, or the usual.
+        wish: what a shot is worth.
+        seed: of all that is drawn.
+        mujoco: play in MuJoCo with all effects; otherwise in the analytic engine, with the base ones alone.
+        launcher: the default one where not given.
+        balls: rows that are observed, the same in every episode; those of the scene, or 22 where scenes are drawn.
+        threads: at most; 0 for all.
+        flat: observe one vector instead of named arrays.
+
+    Raises:
+        BadInput: for a model that does not fit the scene, or a scene of more balls than are observed.
+    """
+    device, wanted = launcher or Launcher(), wish or Wish()
+    errors = execution or (execution_from(model.execution, "model") if model.execution else Execution())
+    rows = balls or (len(scene.names) if isinstance(scene, Scene) else MOST)
+
+    def dealt(rng: np.random.Generator) -> ScenePlay:
+        player = Player(model, scene if isinstance(scene, Scene) else scene(rng), device, threads)
+        if len(player.scene.names) > rows:
+            raise BadInput(f"a scene of {len(player.scene.names)} balls, {rows} are observed; set balls to as many")
+        return ScenePlay(player, _dealt(player.model, errors, 1, rng), wanted, mujoco, rows)
+
+    axis = device.offset * (model.ball.radius + device.cue.tip_radius)
+    return ShotEnvironment(dealt, Reach(device.slowest, device.fastest, axis), seed, flat=flat)

@@ -1,0 +1,107 @@
+"""A policy that finds a shot from rewards alone: python -m planner.example_environment
+
+The environment of planner/environment.py on one scene, and the cross-entropy method (Rubinstein 1999): actions are
+drawn about a mean, the best of them say where and how wide to draw next. After a wide first round every action is
+judged over several hands of the launcher's errors and the model's uncertainty, the one found over hands not yet seen.
+It begins with a plain stroke at the middle of the object ball, and knows of no pocket, angle or spin: planner/search.py
+does, and finds better shots sooner.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.environment import ShotEnvironment
+from models.errors import BadInput
+from models.model_file import Estimate, Model, full_model, read_model
+from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from planner.environment import load
+from planner.scene import Goal, Scene, read_scene
+
+Array = NDArray[np.float64]
+FIRST = 1200  # actions of the first round, which must hit upon a pot
+DRAWN, BEST = 100, 10  # of the later ones
+ROUNDS = 12
+PLAYS = 16  # that an action is judged over
+FRESH = 256  # for the figures that are told
+LEAST = np.array([0.02, 2e-4, 2e-4, 3e-4])  # spread below which nothing is told apart: as q
+# How well a fit of some fifty shots knows the constants: one standard deviation each.
+KNOWN = {
+    "decoupled_cloth.slide": 0.005, "decoupled_cloth.roll": 0.0003, "decoupled_cloth.spin": 1.0,
+    "ball_impact.restitution": 0.01, "ball_impact.friction": 0.01,
+    "cushion_impact.restitution": 0.015, "cushion_impact.friction": 0.02,
+}  # fmt: skip
+
+
+def example_scene() -> Scene:
+    """A red to be cut into a corner 0.6 m away, a blue that must stay, the white wanted on the other side."""
+    places = np.array([[0.9, 0.35], [1.35, 0.45], [1.45, -0.3]])
+    goal = Goal("white", "red", (1, 1), rest=np.array([0.9, -0.2]), rest_radius=0.1, avoid=("blue",))
+    return Scene(SNOOKER_TABLE, SNOOKER_BALL, ("white", "red", "blue"), places, goal)
+
+
+def example_model() -> Model:
+    """The base model with usual constants, as uncertain as a fit leaves them."""
+    base = full_model(SNOOKER_TABLE, SNOOKER_BALL)
+    known = {name: Estimate(sd, "assumed for the example") for name, sd in KNOWN.items()}
+    return Model(base.table, base.ball, effects=base.effects, estimates=known)
+
+
+def plain(environment: ShotEnvironment, diameter: float) -> tuple[Array, Array]:
+    """A plain stroke at the middle of the object ball, `diameter` [m], and how far about it to look: (4,), (4,)."""
+    observed, spec = environment.reset().observation, environment.action_spec()
+    way = observed["position"][1] - observed["position"][0]
+    mean = np.array([0.5 * (spec.minimum[0] + spec.maximum[0]), 0.0, 0.0, math.atan2(way[1], way[0])])
+    width = math.asin(min(diameter / float(np.hypot(*way)), 1.0))
+    return mean, np.array([*(spec.maximum - spec.minimum)[:3] / 4, width / 2])
+
+
+def improve(environment: ShotEnvironment, mean: Array, spread: Array, rng: np.random.Generator) -> Array:
+    """The action that the cross-entropy method arrives at: (4,)."""
+    for k in range(ROUNDS):
+        count = DRAWN if k else FIRST
+        actions = np.concatenate([mean[None], mean + spread * rng.normal(size=(count, 4))])
+        found = environment.expected(actions, PLAYS if k else 1)
+        best = actions[np.argsort(-found, kind="stable")[:BEST]]
+        mean, spread = best.mean(axis=0), np.maximum(best.std(axis=0), LEAST)
+    return environment.task.reach.held(mean[None])[0]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the example; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="planner.example_environment", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--scene", help="scene file; needs --model (default: one built in)")
+    parser.add_argument("--model", help="model file, fitted to the scene's table")
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args(arguments)
+    try:
+        if bool(given.scene) != bool(given.model):
+            raise BadInput("--scene and --model go together; give both, or neither for the built-in ones")
+        if given.seed < 0:
+            raise BadInput(f"--seed is {given.seed}; give 0 or more")
+        scene = read_scene(given.scene) if given.scene else example_scene()
+        environment = load(scene, read_model(given.model) if given.model else example_model(), seed=given.seed)
+    except BadInput as error:
+        print(f"planner.example_environment: {error}", file=sys.stderr)
+        return 2
+    began = time.perf_counter()
+    mean, spread = plain(environment, scene.ball.diameter)
+    found = improve(environment, mean, spread, np.random.default_rng(given.seed))
+    before, after = environment.expected([mean, found], FRESH)
+    speed, side, height, theta = found
+    print(
+        f"mean reward over {FRESH} plays: {before:.3f} before, {after:.3f} after ({time.perf_counter() - began:.0f} s)"
+    )
+    print(f"cue speed {speed:.2f} m/s, x'0 {1e3 * side:+.1f} mm, y'0 {1e3 * height:+.1f} mm, theta {theta:+.4f} rad")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
