@@ -28,6 +28,7 @@ MARGIN = 0.055  # of the object ball's path from the pocket's middle (Robotic Bi
 POPULATION = 12  # strokes for each of the four unknowns
 GENERATIONS = 40
 EVERY = 0.02  # between the points of a path, 44 mm at the fastest [s]
+IN_OFF = 99.0  # cost of one, which keeps the paper's rules and has no place [m^2]
 ABOVE = 100.0  # cost from which a constraint is violated [m^2], larger than any table's squared diagonal
 
 
@@ -83,7 +84,7 @@ def _cost(track: Track, pocket: Array, rest: Array | None, radius: float) -> flo
         return ABOVE + past - MARGIN
     end = track.position[-1, 0]
     if np.isnan(end[0]):
-        return ABOVE - 1.0  # an in-off keeps the paper's rules, and has no place
+        return IN_OFF
     if rest is None:
         return 0.0
     return max(float(np.hypot(*(end - rest))) - radius, 0.0) ** 2

@@ -197,15 +197,14 @@ def starts(player: Player, found: list[Way], execution: Execution, wish: Wish, c
     rows = np.arange(len(fans))
     score = weighed[rows, best]
     order = np.argsort(-score, kind="stable")
-    kept: list[int] = []
+    good = [int(k) for k in order if score[k] > 0]
+    first: list[int] = []
     per_way = np.zeros(len(found), int)
-    room = max(3, math.ceil(count / 2))
-    for k in order:
-        if score[k] <= 0 or len(kept) == count:
-            break
-        if per_way[which[k]] < room:
-            kept.append(int(k))
+    for k in good:  # no way takes more than half of the places that others could use
+        if per_way[which[k]] < count // 2:
+            first.append(k)
             per_way[which[k]] += 1
+    kept = (first + [k for k in good if k not in first])[:count]
     return Starts(fans[kept, best[kept]], which[kept], score[kept])
 
 

@@ -110,6 +110,8 @@ def _paper(
     pocket = pocket_name(POCKETS[way.pocket])
     if cost > baseline.ABOVE:
         return [], f"no stroke sends the ball within 55 mm of the {pocket}" + (f": {way.lies}" if way.lies else "")
+    if cost >= baseline.IN_OFF:
+        return [], f"every stroke that sends the ball within 55 mm of the {pocket} loses the cue ball"
     rows, _ = playable(player, q[None], np.zeros(1, np.int64))
     if len(rows) == 0:
         return [], "the stroke found lies beyond the launcher's strings"
@@ -120,6 +122,8 @@ def _paper(
         f"differential evolution on the nominal model: the cue ball {away:.0f} mm from the wanted place, the path of "
         f"the ball within 55 mm of the {pocket}; launcher errors did not enter the choice"
     )
+    if not player.outcomes(rows).potted[0]:
+        why += "; that far from its middle the jaws keep the ball out"
     return [Found(way, judged)], why
 
 
@@ -129,7 +133,7 @@ def _told(player: Player, found: Found) -> dict[str, Any]:
     made = judged.outcomes.made
     after = int(np.median(judged.outcomes.hits[made, 1])) if made.any() else 0
     over = ("no cushion", "one cushion", "two cushions", "three cushions")
-    kind = f"{describe(found.way)}, {spin_words(judged.q, player.scene.ball.radius)}; "
+    kind = f"{describe(found.way)}; {spin_words(judged.q, player.scene.ball.radius)}, "
     kind += f"cue ball over {over[after] if after < len(over) else f'{after} cushions'} after it"
     track = player.tracks(judged.q[None], every=EVERY)[0]
     return {

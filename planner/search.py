@@ -10,13 +10,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.candidates import Way, starts, ways
+from planner.candidates import Way, every_way, starts, ways
 from planner.execution import Execution
 from planner.play import Player
 from planner.risk import Hands, Judged, deal, judge
@@ -25,6 +26,7 @@ from planner.value import Wish
 
 Array = NDArray[np.float64]
 Report = Callable[[str], None]
+HALVED = 2  # rounds after which the worse half of the starts is given up
 PLAIN = 0.15  # offset over radius below which a stroke is called plain
 LEAST = 0.05  # probability of a made shot below which none is offered
 
@@ -33,7 +35,7 @@ LEAST = 0.05  # probability of a made shot below which none is offered
 class Effort:
     """How long to look."""
 
-    starts: int = 14  # strokes from the fans that are refined
+    starts: int = 36  # strokes from the fans that are refined; after two rounds the better half of them
     strokes: int = 24  # drawn about each, a round
     best: int = 6  # of them that the next round follows
     rounds: int = 5
@@ -81,9 +83,10 @@ def search(
     rng = np.random.default_rng(seed)
     say(f"refining {len(begun.q)} strokes over {effort.hands} plays each")
     shape = (effort.strokes, effort.best, effort.rounds)
-    q = refine(player, hands.first(effort.hands), begun.q, wish, rng, shape)
+    q, live = refine(player, hands.first(effort.hands), begun.q, wish, rng, shape)
+    ways_of = begun.way[live]
     if player.exact:
-        q, way = playable(player, q, begun.way)
+        q, way = playable(player, q, ways_of)
         if len(q) == 0:
             return []
         close = judge(player, hands, q, wish)
@@ -93,12 +96,12 @@ def search(
         final = judge(player, fresh, q[order], wish)
     else:
         close = judge(player, hands, q, wish)
-        order = _spread([-j.value for j in close], begun.way, effort.slow_starts)
+        order = _spread([-j.value for j in close], ways_of, effort.slow_starts)
         say(f"refining {len(order)} strokes in MuJoCo, with {', '.join(player.beyond)}")
         shape = (effort.slow_strokes, effort.slow_best, effort.slow_rounds)
         few = hands.first(effort.slow_hands)
-        q = refine(player, few, q[order], wish, rng, shape, mujoco=True)
-        q, way = playable(player, q, begun.way[order])
+        q, live = refine(player, few, q[order], wish, rng, shape, mujoco=True)
+        q, way = playable(player, q, ways_of[order[live]])
         if len(q) == 0:
             return []
         order = np.arange(len(q))
@@ -106,7 +109,17 @@ def search(
         say(f"judging {len(order)} strokes over {len(fresh)} plays in MuJoCo")
         final = judge(player, fresh, q, wish, mujoco=True)
     offered = sorted(zip(way[order], final, strict=True), key=lambda pair: -pair[1].value)
-    return _kinds(player, [Found(open_ways[w], j) for w, j in offered if j.made >= LEAST])
+    return _kinds(player, [Found(_really(player, open_ways, int(w), j), j) for w, j in offered if j.made >= LEAST])
+
+
+def _really(player: Player, open_ways: list[Way], begun: int, judged: Judged) -> Way:
+    """The way that a stroke takes, which began along another one where any pocket counts and another took the ball."""
+    out = judged.outcomes
+    pocket = int(np.argmax(np.bincount(out.pocket[out.potted], minlength=6)))
+    if open_ways[begun].pocket == pocket:
+        return open_ways[begun]
+    others = [w for w in every_way(player.scene) if w.pocket == pocket]
+    return min(others, key=lambda w: (bool(w.lies), abs(math.remainder(w.aim - judged.q[AZIMUTH], 2 * math.pi))))
 
 
 def playable(player: Player, q: Array, way: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
@@ -129,10 +142,10 @@ def _spread(cost: list[float], way: NDArray[np.int64], count: int) -> NDArray[np
 def refine(
     player: Player, hands: Hands, q: Array, wish: Wish, rng: np.random.Generator, shape: tuple[int, int, int], *,
     mujoco: bool = False,
-) -> Array:  # fmt: skip
-    """Strokes (n, 4) moved to where they are worth most over the hands.
+) -> tuple[Array, NDArray[np.int64]]:  # fmt: skip
+    """Strokes (n, 4) moved to where they are worth most over the hands, and which of the given ones they were.
 
-    `shape`: strokes drawn about each in a round, the best of them that count, and rounds.
+    `shape`: strokes drawn about each in a round, the best of them that count, and rounds. In MuJoCo all are kept.
     """
     strokes, best, rounds = shape
     ball, launcher = player.scene.ball, player.launcher
@@ -145,23 +158,27 @@ def refine(
     if mujoco:
         sd[:, [SPEED, SIDE, HEIGHT]] *= 0.35
     mean, top, at = q.copy(), np.full(n, -np.inf), q.copy()
+    live = np.arange(n)
     for k in range(rounds):
-        drawn = mean[:, None] + sd[:, None] * rng.standard_normal((n, strokes, 4))
-        drawn[:, 0] = at if k else q  # the best so far stays among them
+        if k == HALVED and not mujoco:
+            live = np.sort(np.argsort(-top, kind="stable")[: max(1, (n + 1) // 2)])
+        drawn = mean[live, None] + sd[live, None] * rng.standard_normal((live.size, strokes, 4))
+        drawn[:, 0] = at[live]  # the best so far stays among them
         flat = within(player, drawn.reshape(-1, 4))
-        values = np.array([j.value for j in judge(player, hands, flat, wish, mujoco=mujoco)]).reshape(n, strokes)
-        drawn = flat.reshape(n, strokes, 4)
+        values = np.array([j.value for j in judge(player, hands, flat, wish, mujoco=mujoco)]).reshape(-1, strokes)
+        drawn = flat.reshape(-1, strokes, 4)
         order = np.argsort(-values, axis=1, kind="stable")[:, :best]
         chosen = np.take_along_axis(drawn, order[..., None], axis=1)
         first = np.take_along_axis(values, order[:, :1], axis=1)[:, 0]
-        at = np.where((first > top)[:, None], chosen[:, 0], at)
-        top = np.maximum(top, first)
-        mean = 0.8 * chosen.mean(axis=1) + 0.2 * mean
-        sd = 0.7 * np.maximum(chosen.std(axis=1), 0.05 * sd) + 0.3 * sd
+        at[live] = np.where((first > top[live])[:, None], chosen[:, 0], at[live])
+        top[live] = np.maximum(top[live], first)
+        mean[live] = 0.8 * chosen.mean(axis=1) + 0.2 * mean[live]
+        sd[live] = 0.7 * np.maximum(chosen.std(axis=1), 0.05 * sd[live]) + 0.3 * sd[live]
+    n, mean, at = live.size, mean[live], at[live]
     last = within(player, mean)
     mine = np.array([j.value for j in judge(player, hands, np.concatenate([last, at]), wish, mujoco=mujoco)])
     # The mean of the best is less lucky than the best of all: it need not be quite as good.
-    return np.where((mine[:n] >= mine[n:] - 0.01)[:, None], last, at)
+    return np.where((mine[:n] >= mine[n:] - 0.01)[:, None], last, at), live
 
 
 def within(player: Player, q: Array) -> Array:

@@ -1,7 +1,7 @@
 """What a shot is worth: one number that the search makes large, and from which it is told what was bought.
 
 worth = made ((1 - rest) + rest ease(d)) - foul x fouled, with d the cue ball's distance from the wanted place and
-ease = max(0, 1 - d / far), 1 where every place is as good. Where the place must leave a shot on another ball, ease is
+ease = exp(-d / far), 1 where every place is as good. Where the place must leave a shot on another ball, ease is
 that of the best pot from there: (1 - cut / 75 degrees) x exp(-(way of the cue ball + way of the ball) / 3 m), 0 where
 a ball is in the way. Leaves out safety and what comes after the next shot.
 """
@@ -27,7 +27,7 @@ class Wish:
     """What the user asks for."""
 
     rest: float = 0.2  # part of a made shot's worth that the cue ball's place decides, 0 to 1
-    far: float = 0.5  # distance from the wanted place at which that part is lost [m]
+    far: float = 0.5  # distance from the wanted place at which that part is down to 1/e [m]
     foul: float = 0.5  # what a foul costs
 
 
@@ -45,7 +45,7 @@ def ease(scene: Scene, outcomes: Outcomes, far: float) -> Array:
         return _next_shot(scene, outcomes.place, scene.names.index(scene.goal.rest_for))
     if scene.goal.rest is None:
         return np.where(np.isfinite(outcomes.cue[:, 0]), 1.0, 0.0)
-    return np.nan_to_num(np.maximum(0.0, 1.0 - distance(scene, outcomes) / far))
+    return np.nan_to_num(np.exp(-distance(scene, outcomes) / far))
 
 
 def worth(scene: Scene, outcomes: Outcomes, wish: Wish) -> Array:
