@@ -1,0 +1,247 @@
+"""The cueing map: what a told stroke gives the ball, and what to tell for a stroke that is wanted.
+
+The physics is in robot/cue_impulse.py, the fit of its constants to a campaign in robot/map_fit.py; here are the
+values, both directions, and the file (billiard-cueing-map/1, TOML). Backwards: the stage goes to contact point times
+(R + r_t) / R less the zeros, the cue's speed is the root of its ball speed, the cue is turned against squirt and the
+zero of the aim. No contact beyond half the radius is told (Robotic Billiards 2015). The file's [execution] is what
+`planner plan` reads. Leaves out drift of the constants with wear and chalk: strike a new campaign.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq, least_squares
+
+from models.analytic import cueing
+from models.errors import BadInput
+from models.files import read_toml, write_whole
+from models.shot import Ball
+from planner.execution import Execution, execution_from
+from planner.stroke import Launcher
+from robot.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt
+
+Array = NDArray[np.float64]
+FORMAT = "billiard-cueing-map/1"
+SECTIONS = ("format", "ball", "cue", "constants", "uncertainty", "execution", "fit")
+OFFSET = cueing.SEED_LIMIT  # contact over radius beyond which nothing is told
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What strokes give, with the uncertainty that the constants leave; the launcher's scatter comes on top."""
+
+    ball_speed: Array  # horizontal (n,) [m/s]
+    squirt: Array  # against the aim, > 0 to the left (n,) [rad]
+    ball_speed_sd: Array  # (n,) [m/s]
+    squirt_sd: Array  # (n,) [rad]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What to tell the launcher."""
+
+    string: int  # the nearest
+    cue_speed: float  # that is wanted [m/s]; the string's own departs by up to half a step
+    x0_mm: float  # of the stage, to the right
+    y0_mm: float  # of the stage, up, across the cue
+    theta: float  # of the cue [rad], table frame
+    ball_speed: float  # that the nearest string gives [m/s]
+    squirt: float  # that theta is turned against, with the zero of the aim [rad]
+
+
+@dataclass(frozen=True)
+class CueingMap:
+    """A launcher's map, with where it came from."""
+
+    constants: Constants
+    geometry: Geometry
+    covariance: Array  # of the constants, in the order of NAMES (8, 8); nan where none was computed
+    execution: Execution
+    shots: int = 0  # that it was fitted to
+    left_out: int = 0  # that lay too far off
+    chi2_reduced: float = math.nan
+
+    def predict(self, cue_speed: ArrayLike, x0_mm: ArrayLike, y0_mm: ArrayLike) -> Prediction:
+        """Ball speed and squirt of strokes as told: cue speed [m/s], stage [mm]; all (n,)."""
+        given = [np.atleast_1d(np.asarray(v, float)) for v in (cue_speed, x0_mm, y0_mm)]
+        v, x, y = np.broadcast_arrays(given[0], 1e-3 * given[1], 1e-3 * given[2])
+        speed, squirt = ball_speed_and_squirt(self.constants, self.geometry, v, x, y)
+        slopes = np.empty((len(NAMES), 2, len(v)))
+        for k, name in enumerate(NAMES):
+            step = 1e-4 * max(abs(getattr(self.constants, name)), 1e-3)
+            moved = dataclasses.replace(self.constants, **{name: getattr(self.constants, name) + step})
+            other = ball_speed_and_squirt(moved, self.geometry, v, x, y)
+            slopes[k] = (other[0] - speed) / step, (other[1] - squirt) / step
+        variance = np.einsum("kin,kl,lin->in", slopes, self.covariance, slopes)
+        return Prediction(speed, squirt, *np.sqrt(np.maximum(variance, 0.0)))
+
+    def stroke_for(
+        self, ball_speed: float, azimuth: float, side: float, height: float, launcher: Launcher | None = None
+    ) -> Setting:
+        """What to tell for a stroke.
+
+        Args:
+            ball_speed: horizontal, as the ball leaves the tip [m/s].
+            azimuth: in which the ball is to leave [rad], table frame.
+            side: of the contact point, to the right [m].
+            height: the same, up [m].
+            launcher: whose strings and bounds hold; the planner's without.
+
+        Raises:
+            BadInput: the contact is beyond the miscue limit, or no cue speed within bounds gives that ball speed.
+        """
+        launcher = launcher or Launcher()
+        radius, lever, c = self.geometry.ball.radius, self.geometry.lever, self.constants
+        for name, value in (("ball_speed", ball_speed), ("azimuth", azimuth), ("side", side), ("height", height)):
+            if not math.isfinite(value):
+                raise BadInput(f"{name} is {value}; give a finite number")
+        off, most = math.hypot(side, height) / radius, min(OFFSET, launcher.offset)
+        if off > most + 1e-9:
+            raise BadInput(
+                f"contact at side {1e3 * side:.2f} mm, height {1e3 * height:.2f} mm is {off:.3f} R from the centre; "
+                f"the tip slips beyond {most:g} R ({1e3 * most * radius:.2f} mm), strike nearer"
+            )
+        x, y = np.array([side / lever - c.side_zero]), np.array([height / lever - c.height_zero])
+
+        def given(v: float) -> tuple[float, float]:
+            speed, turn = ball_speed_and_squirt(c, self.geometry, np.array([v]), x, y)
+            return float(speed[0]), float(turn[0])
+
+        least, fastest = given(launcher.slowest)[0], given(launcher.fastest)[0]
+        if not least * (1 - 1e-9) <= ball_speed <= fastest * (1 + 1e-9):
+            raise BadInput(
+                f"ball_speed is {ball_speed:g} m/s; at this contact the cue's {launcher.slowest:g} to "
+                f"{launcher.fastest:g} m/s give {least:.3f} to {fastest:.3f} m/s"
+            )
+        low, high = 0.9 * launcher.slowest, 1.1 * launcher.fastest
+        cue_speed = float(brentq(lambda v: given(v)[0] - ball_speed, low, high, xtol=1e-12))
+        string = launcher.string(cue_speed)
+        squirt = given(cue_speed)[1]
+        return Setting(
+            string=string, cue_speed=cue_speed, x0_mm=1e3 * float(x[0]), y0_mm=1e3 * float(y[0]),
+            theta=math.remainder(azimuth - squirt, 2 * math.pi),
+            ball_speed=given(launcher.cue_speed(string))[0], squirt=squirt,
+        )  # fmt: skip
+
+
+def launcher_of(cueing_map: CueingMap, base: Launcher | None = None) -> Launcher:
+    """The planner's launcher that comes nearest to the map.
+
+    The planner's laws know neither slate nor the leather's damping nor the zeros of stage and aim, so its restitution
+    and masses are those that come nearest over all contacts at 1.5 m/s, not the map's own; `stroke_for` is exact.
+    """
+    base, g = base or Launcher(), cueing_map.geometry
+    part = np.linspace(-1.0, 1.0, 11) * OFFSET
+    a, b = (v.ravel() for v in np.meshgrid(part, part))
+    inside = np.hypot(a, b) <= OFFSET
+    a, b = a[inside], b[inside]
+    exact = dataclasses.replace(cueing_map.constants, side_zero=0.0, height_zero=0.0, aim_zero=0.0)
+    axis = g.ball.radius / g.lever
+    speed, squirt = ball_speed_and_squirt(exact, g, np.full(len(a), 1.5), a * axis, b * axis)
+
+    def cue(p: Array) -> cueing.Cue:
+        masses = g.ball.mass / p[1:]
+        return cueing.Cue(
+            float(masses[0]), float(masses[1]), g.tip_radius, float(p[0]), base.cue.tip_friction, g.elevation
+        )
+
+    def left(p: Array) -> Array:
+        law = (1 + p[0]) * math.cos(g.elevation) / (1 + p[1] + 2.5 * (a**2 + b**2))
+        turn = [cueing.squirt(float(x), float(y), float(p[2])) for x, y in zip(a, b, strict=True)]
+        return np.concatenate([(law * 1.5 / speed - 1) / 0.01, (np.array(turn) - squirt) / 0.01])
+
+    found = least_squares(left, [0.75, 0.28, 20.0], bounds=([0.0, 0.01, 2.0], [2.0, 2.0, 500.0]), x_scale=[0.1, 0.1, 5])
+    return dataclasses.replace(base, cue=cue(found.x))
+
+
+def write_map(path: Path | str, cueing_map: CueingMap) -> None:
+    """Write the map's TOML file, whole or not at all."""
+    m, g = cueing_map, cueing_map.geometry
+    data = {
+        "format": FORMAT,
+        "ball": {"diameter": g.ball.diameter, "mass": g.ball.mass},
+        "cue": {"tip_radius": g.tip_radius, "elevation": g.elevation},
+        "constants": dataclasses.asdict(m.constants),
+        "uncertainty": {"names": list(NAMES), "covariance": [[float(v) for v in row] for row in m.covariance]},
+        "execution": dataclasses.asdict(m.execution),
+        "fit": {"shots": m.shots, "left_out": m.left_out, "chi2_reduced": m.chi2_reduced},
+    }
+    write_whole(path, tomli_w.dumps(data).encode())
+
+
+def read_map(path: Path | str) -> CueingMap:
+    """A map from its file; BadInput names what is wrong in it."""
+    data = read_toml(path, "name a cueing map", "correct that line")
+    if data.get("format") != FORMAT:
+        raise BadInput(f"{path}: format is {data.get('format')!r}; a cueing map says {FORMAT!r}")
+    _known(path, "", data, SECTIONS)
+    bounds = {f.name: f.metadata["bounds"] for f in dataclasses.fields(Constants)}
+    ball = _numbers(path, data, "ball", {"diameter": (0.02, 0.1), "mass": (0.02, 1.0)})
+    cue = _numbers(path, data, "cue", {"tip_radius": (0.002, 0.03), "elevation": (0.0, 1.5)})
+    constants = _numbers(path, data, "constants", bounds)
+    rest = data.get("uncertainty", {})
+    covariance = np.full((len(NAMES), len(NAMES)), math.nan)
+    if rest:
+        covariance = _covariance(path, rest)
+    fit = data.get("fit", {})
+    shots, left_out, chi2 = (
+        fit.get(k, default) for k, default in (("shots", 0), ("left_out", 0), ("chi2_reduced", math.nan))
+    )
+    if not isinstance(shots, int) or not isinstance(left_out, int) or not isinstance(chi2, int | float):
+        raise BadInput(f"{path} [fit]: is {fit!r}; give whole numbers shots, left_out and a number chi2_reduced")
+    if "execution" not in data:
+        raise BadInput(f"{path}: has no [execution]; write speed_sd, azimuth_sd, side_sd, height_sd below it")
+    return CueingMap(
+        Constants(**constants), Geometry(Ball(**ball), **cue), covariance,
+        execution_from(data["execution"], str(path)), shots, left_out, float(chi2),
+    )  # fmt: skip
+
+
+def _known(path: Path | str, where: str, data: Mapping[str, Any], names: Any) -> None:
+    for key in data:
+        if key not in names:
+            near = get_close_matches(key, list(names), 1)
+            hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(names)}"
+            raise BadInput(f"{path}{where}: unknown key {key!r}; {hint}")
+
+
+def _numbers(
+    path: Path | str, data: Mapping[str, Any], section: str, bounds: Mapping[str, tuple[float, float]]
+) -> dict[str, float]:
+    """All numbers of a section, each within its bounds."""
+    table = data.get(section)
+    if not isinstance(table, Mapping):
+        raise BadInput(f"{path}: [{section}] is {table!r}; give {', '.join(bounds)} below it")
+    _known(path, f" [{section}]", table, bounds)
+    for name, (low, high) in bounds.items():
+        value = table.get(name)
+        if not isinstance(value, int | float) or isinstance(value, bool) or not low <= value <= high:
+            raise BadInput(f"{path} [{section}]: {name} is {value!r}; give a number from {low:g} to {high:g}")
+    return {name: float(table[name]) for name in bounds}
+
+
+def _covariance(path: Path | str, table: Any) -> Array:
+    """The covariance of the constants; nan stands for one that was not computed."""
+    names, rows = (table.get("names"), table.get("covariance")) if isinstance(table, Mapping) else (None, None)
+    try:
+        found = np.array(rows, float)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if names != list(NAMES) or found.shape != (len(NAMES), len(NAMES)):
+        raise BadInput(f"{path} [uncertainty]: give names = {list(NAMES)} and their covariance, {len(NAMES)} rows")
+    fault = not np.all(np.isnan(found)) and (
+        not np.all(np.isfinite(found)) or not np.allclose(found, found.T) or np.any(np.diag(found) < 0)
+    )
+    if fault:
+        raise BadInput(f"{path} [uncertainty]: covariance is not symmetric with a diagonal of 0 or more; write it anew")
+    return found

@@ -1,0 +1,240 @@
+"""What goes over the wire between the computer and the launcher: frames, strokes, the stop byte and the status.
+
+A stroke is 'NNNp', as in Robotic Billiards (2015), section V: three digits, 001 to 200, and a 'p'. All else is framed:
+
+    request   :SSSS BODY*CCCC\\n        SSSS sequence number, CCCC checksum, both in upper-case hexadecimal digits
+    reply     =SSSS BODY*CCCC\\n        with the request's number; 0000 is for the greeting and for what nobody asked
+    stop      !                        one byte, anywhere, also in the middle of a frame
+
+The checksum is CRC-16/CCITT-FALSE (x^16 + x^12 + x^5 + 1, start FFFF) over all that stands before the '*': it finds
+every error of up to three bits in a frame, and one in 65536 of all others passes. Bodies hold upper-case letters,
+digits, blanks, '.' and '-', so that neither a stroke nor a stop can stand inside a frame that arrives unharmed.
+
+'NNNp' has no checksum, and so it never acts alone: `ARM NNN K` goes before it in a frame, where K is one more than the
+number of strokes ever begun. Armed, the launcher strikes on this very NNN, once, and is disarmed by it; K makes a
+second stroke of the same number impossible for ever, however often either line is sent, and whoever sends it.
+Leaves out encryption and addressing: one launcher at the end of one cable.
+"""
+
+from __future__ import annotations
+
+import binascii
+import dataclasses
+import re
+from dataclasses import dataclass
+
+from models.errors import BadInput
+
+VERSION = "CUELAB 1"
+STOP = b"!"
+FIRST, LAST = 1, 200  # strings of the paper
+UNASKED = 0  # sequence number of the greeting, and of messages that nobody asked for
+MOST_SEQUENCE = 0xFFFF
+LONGEST = 96  # bytes of a frame
+STATES = ("UNHOMED", "IDLE", "MOVING", "ARMED", "STRIKING", "EXTENDED", "RETRACTING", "STOPPED", "FAULT")
+BUSY = ("MOVING", "STRIKING", "RETRACTING")  # left without a command
+FAULTS = {1: "the stage is stuck", 2: "the rack did not come back", 4: "restarted in mid-stroke"}  # bits
+BODY = re.compile(r"[A-Z0-9.\- ]{1,80}")
+FRAME = re.compile(rb"([:=][0-9A-F]{4} [A-Z0-9.\- ]{1,80})\*([0-9A-F]{4})")
+
+
+class LauncherError(RuntimeError):
+    """What the launcher did not do, and why, in one line. What it did is known, unless the class says otherwise."""
+
+
+class LinkLost(LauncherError):
+    """The launcher does not answer, or its cable is out: what it does now is not known."""
+
+
+class LauncherStopped(LauncherError):
+    """The launcher is stopped; only a reset lets it go on."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame that arrived unharmed."""
+
+    sequence: int
+    body: str
+
+
+@dataclass(frozen=True)
+class StrokeLine:
+    """An 'NNNp' that arrived, whether or not it may act."""
+
+    string: int
+
+
+@dataclass(frozen=True)
+class StopByte:
+    """A '!' that arrived."""
+
+
+Arrival = Frame | StrokeLine | StopByte
+
+
+@dataclass(frozen=True)
+class Status:
+    """What the launcher tells of itself."""
+
+    state: str = "UNHOMED"  # one of STATES
+    boots: int = 0  # times it was switched on; another number says that it has forgotten where its stage is
+    stops: int = 0  # stop bytes ever acted on; a reset must name it
+    begun: int = 0  # strokes ever begun; kept without power, written before the first pulse
+    done: int = 0  # number of the last stroke that ran to its end
+    armed: int = 0  # string that may strike now, 0 for none
+    x_um: int = 0  # stage, from home [micrometre]
+    y_um: int = 0
+    string: int = 0  # of the last stroke done, 0 for none
+    speed_um_s: int = 0  # of the cue at the ball, measured in that stroke [micrometre/s]
+    force_mn: int = 0  # peak of that stroke [millinewton]
+    dropped: int = 0  # bytes thrown away since it was switched on: noise, frames with a wrong checksum
+    refused: int = 0  # 'NNNp' refused since then
+    faults: int = 0  # bits of FAULTS
+
+    @property
+    def cue_speed(self) -> float:
+        """Of the last stroke done, measured [m/s]."""
+        return self.speed_um_s * 1e-6
+
+    @property
+    def peak_force(self) -> float:
+        """Of the last stroke done, measured [N]."""
+        return self.force_mn * 1e-3
+
+    def troubles(self) -> tuple[str, ...]:
+        """The faults in words."""
+        return tuple(words for bit, words in FAULTS.items() if self.faults & bit)
+
+
+def checksum(data: bytes) -> int:
+    """CRC-16/CCITT-FALSE; 0x29B1 for b"123456789"."""
+    return binascii.crc_hqx(data, 0xFFFF)
+
+
+def frame(lead: str, sequence: int, body: str) -> bytes:
+    """A framed line; lead ":" for a request, "=" for a reply."""
+    if not 0 <= sequence <= MOST_SEQUENCE:
+        raise BadInput(f"sequence number is {sequence}; give 0 to {MOST_SEQUENCE}")
+    if not BODY.fullmatch(body):
+        raise BadInput(f"frame body is {body!r}; use up to 80 upper-case letters, digits, blanks, '.' and '-'")
+    text = f"{lead}{sequence:04X} {body}".encode("ascii")
+    return text + b"*%04X\n" % checksum(text)
+
+
+def unframe(line: bytes) -> Frame | None:
+    """What a line without its newline says; None where it was harmed."""
+    found = FRAME.fullmatch(line)
+    if found is None or checksum(found[1]) != int(found[2], 16):
+        return None
+    return Frame(int(found[1][1:5], 16), found[1][6:].decode("ascii"))
+
+
+def next_sequence(sequence: int) -> int:
+    """The number after this one; 0 is left out."""
+    return sequence % MOST_SEQUENCE + 1
+
+
+def string_number(string: str | int) -> int:
+    """47 for '047p', '047' or 47; BadInput for what is none of the paper's strings."""
+    text = f"{string:03d}" if isinstance(string, int) and not isinstance(string, bool) else str(string)
+    digits = text.removesuffix("p")
+    if not (len(digits) == 3 and digits.isascii() and digits.isdigit() and FIRST <= int(digits) <= LAST):
+        raise BadInput(f"speed string is {string!r}; give three digits, 001 to 200, and a 'p'")
+    return int(digits)
+
+
+def stroke_line(string: int) -> bytes:
+    """b'047p' for 47."""
+    return b"%03dp" % string_number(string)
+
+
+def status_body(status: Status) -> str:
+    """A status as the body of a reply."""
+    return " ".join(["OK", status.state, *(str(v) for v in dataclasses.astuple(status)[1:])])
+
+
+def parse_status(body: str) -> Status | None:
+    """The status in a reply's body; None where it is none."""
+    words = body.split(" ")
+    fields = dataclasses.fields(Status)
+    if len(words) != len(fields) + 1 or words[0] != "OK" or words[1] not in STATES:
+        return None
+    if not all(re.fullmatch(r"-?\d{1,12}", word) for word in words[2:]):
+        return None
+    return Status(words[1], *(int(word) for word in words[2:]))
+
+
+class Reader:
+    """Bytes in, arrivals out, in order; what makes no sense is counted and thrown away.
+
+    A lead byte always begins a new frame, so that after any garbage the next whole frame is read. An 'NNNp' counts with
+    three digits exactly and only outside a frame: a digit too many, or too few, is noise.
+    """
+
+    def __init__(self, lead: str, *, commands: bool) -> None:
+        """Begin outside a frame.
+
+        Args:
+            lead: of the frames to read, ":" or "=".
+            commands: strokes and stop bytes count, as they do for the launcher.
+        """
+        self._lead, self._commands = ord(lead), commands
+        self._held = bytearray()
+        self._framed = False
+        self.dropped = 0  # bytes
+
+    @property
+    def waiting(self) -> bool:
+        """A line is under way."""
+        return bool(self._held)
+
+    def forget(self) -> None:
+        """Throw away the line under way."""
+        self.dropped += len(self._held)
+        self._held.clear()
+        self._framed = False
+
+    def feed(self, data: bytes) -> list[Arrival]:
+        """Arrivals that these bytes complete."""
+        found: list[Arrival] = []
+        for byte in data:
+            if self._commands and byte == STOP[0]:
+                self.forget()
+                found.append(StopByte())
+            elif byte == self._lead:
+                self.forget()
+                self._held.append(byte)
+                self._framed = True
+            elif self._framed:
+                self._in_frame(byte, found)
+            else:
+                self._outside(byte, found)
+        return found
+
+    def _in_frame(self, byte: int, found: list[Arrival]) -> None:
+        if byte != ord("\n"):
+            self._held.append(byte)
+            if len(self._held) > LONGEST:
+                self.forget()
+            return
+        got = unframe(bytes(self._held))
+        if got is None:
+            self._held.append(byte)
+            self.forget()
+        else:
+            found.append(got)
+            self._held.clear()
+            self._framed = False
+
+    def _outside(self, byte: int, found: list[Arrival]) -> None:
+        if self._commands and ord("0") <= byte <= ord("9"):
+            self._held.append(byte)
+            if len(self._held) > LONGEST:
+                self.forget()
+        elif self._commands and byte == ord("p") and len(self._held) == 3 and FIRST <= int(self._held) <= LAST:
+            found.append(StrokeLine(int(self._held)))
+            self._held.clear()
+        else:
+            self.forget()
+            self.dropped += 1
