@@ -68,7 +68,8 @@ def simulate(
             impulse; balls in `Shot.staying` meet straight cushions in place of pockets.
 
     Returns:
-        A track for every shot, in order; the same bytes at any thread count, whatever else is in the batch.
+        A track for every shot, in order; the same bytes at any thread count, and the same to
+            rounding whatever else is in the batch.
     """
     if contacts not in CONTACTS:
         raise ValueError(f"contacts is {contacts!r}; choose from {', '.join(CONTACTS)}")
