@@ -69,7 +69,7 @@ def simulate(
 
     Returns:
         A track for every shot, in order; the same bytes at any thread count, and the same to
-            rounding whatever else is in the batch.
+        rounding whatever else is in the batch.
     """
     if contacts not in CONTACTS:
         raise ValueError(f"contacts is {contacts!r}; choose from {', '.join(CONTACTS)}")
