@@ -233,24 +233,10 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
     return DONE
 
 
-def status(args: argparse.Namespace, progress: Progress) -> int:
-    """Ask how the launcher is."""
+def ask(args: argparse.Namespace, progress: Progress) -> int:
+    """One command of the launcher's that needs no words: its verb is the driver's method."""
     with _link(args, _settings(args)) as launcher:
-        did = launcher.status()
-    return _report(did)
-
-
-def reset(args: argparse.Namespace, progress: Progress) -> int:
-    """Leave the stopped state, or a fault; it must be homed then."""
-    with _link(args, _settings(args)) as launcher:
-        did = launcher.reset()
-    return _report(did)
-
-
-def home(args: argparse.Namespace, progress: Progress) -> int:
-    """Bring rack and stage to their switches."""
-    with _link(args, _settings(args)) as launcher:
-        did = launcher.home()
+        did = {"status": launcher.status, "reset": launcher.reset, "home": launcher.home}[args.verb]()
     return _report(did)
 
 
@@ -348,10 +334,10 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--report", metavar="H.html", help="the map on paper, beside the paper's networks")
     one.add_argument("--picture", metavar="P.png", help="its pictures alone")
     for name, run, text in (
-        ("status", status, "how the launcher is"),
+        ("status", ask, "how the launcher is"),
         ("stop", stop, "everything stopped now"),
-        ("reset", reset, "out of the stopped state, or a fault"),
-        ("home", home, "rack and stage to their switches"),
+        ("reset", ask, "out of the stopped state, or a fault"),
+        ("home", ask, "rack and stage to their switches"),
     ):
         wired(verb(name, run, text), required=True)
     return top
