@@ -90,7 +90,13 @@ def plan(args: argparse.Namespace, progress: Progress) -> int:
         launcher = with_speeds(launcher, slow, fast)
     asked = read_scene(args.scene)
     model = load_model(args.model, asked)
-    execution = load_execution(args.execution, model)
+    if args.map:
+        from planner.cueing_map import read_map
+        from planner.mapped import with_map
+
+        cueing_map = read_map(args.map)
+        launcher = with_map(launcher, cueing_map, asked.ball)
+    execution = cueing_map.execution if args.map and not args.execution else load_execution(args.execution, model)
     began = time.monotonic()
     made = make_plan(
         asked, model, execution, Wish(args.rest_weight, args.far, args.foul_cost), method=args.method, seed=args.seed,
@@ -200,7 +206,10 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("scene", metavar="SCENE.toml", help="scene file")
     one.add_argument("--model", metavar="M.toml", help="fitted model (default: the base with its usual constants)")
     one.add_argument("--out", metavar="PLAN.json", required=True, help="plan file to write")
-    one.add_argument("--execution", metavar="E.toml", help="launcher's repeatability (default: the model file's)")
+    text = "launcher's repeatability (default: the map's, or the model file's)"
+    one.add_argument("--execution", metavar="E.toml", help=text)
+    text = "cueing map of the launcher, made with: robot map (default: Alciatore's formulas for a regular cue)"
+    one.add_argument("--map", metavar="MAP.toml", help=text)
     text = "risk: over errors of launcher and model; ga: the paper's, on the nominal model"
     one.add_argument("--method", choices=("risk", "ga"), default="risk", help=text)
     one.add_argument("--seed", metavar="N", type=int, default=0, help="of everything drawn (default: 0)")

@@ -26,7 +26,7 @@ from planner.outcome import Outcomes
 from planner.play import Player
 from planner.risk import Hands, deal
 from planner.scene import MOST, Scene, pocket_places
-from planner.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher, launcher_terms
+from planner.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher
 from planner.value import Wish, worth
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ def as_strokes(launcher: Launcher, model: Model, actions: Array) -> Array:
     ball, q = model.ball, np.zeros((len(actions), 4))
     q[:, [SIDE, HEIGHT]] = actions[:, 1:3] * ball.radius / (ball.radius + launcher.cue.tip_radius)
     q[:, SPEED] = actions[:, 0] * launcher.gain(q, ball)
-    squirt = [launcher_terms(launcher, model, row)["squirt"] for row in q]
+    squirt = [launcher.terms(model, row)["squirt"] for row in q]
     q[:, AZIMUTH] = actions[:, 3] + squirt
     return q
 
@@ -48,7 +48,7 @@ def as_actions(launcher: Launcher, model: Model, q: Array) -> Array:
     out = np.empty((len(q), 4))
     axis = (model.ball.radius + launcher.cue.tip_radius) / model.ball.radius
     for row, stroke in zip(out, q, strict=True):
-        terms = launcher_terms(launcher, model, stroke)
+        terms = launcher.terms(model, stroke)
         row[:] = terms["cue_speed"], axis * stroke[SIDE], axis * stroke[HEIGHT], terms["theta"]
     return out
 

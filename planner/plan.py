@@ -25,10 +25,10 @@ from planner.candidates import describe, every_way
 from planner.execution import Execution
 from planner.outcome import FOULS
 from planner.play import Player
-from planner.risk import Judged, deal, judge
+from planner.risk import Hands, Judged, deal, judge
 from planner.scene import POCKETS, Scene, pocket_name, scene_dict
 from planner.search import LEAST, Effort, Found, playable, search, spin_words
-from planner.stroke import AZIMUTH, Launcher, launcher_terms, stroke_terms
+from planner.stroke import AZIMUTH, Launcher, stroke_terms
 from planner.value import Wish
 
 Array = NDArray[np.float64]
@@ -39,6 +39,7 @@ CLOUD = 500  # resting places kept
 EVERY, COARSE = 0.02, 0.08  # seconds between the points of a track, of the fan's
 LOST = 0.1  # part of the pots that the tolerance of the yaw may cost
 TURNS = np.concatenate([np.arange(0.0, 0.2, 0.01), np.arange(0.2, 1.0, 0.02), np.arange(1.0, 4.01, 0.1)])  # [degrees]
+COARSELY = 7  # of them at a time, before the one is sought at which too much is lost
 OTHERS = 4  # strokes of other kinds that are told
 
 
@@ -137,7 +138,7 @@ def _told(player: Player, found: Found) -> dict[str, Any]:
     kind += f"cue ball over {over[after] if after < len(over) else f'{after} cushions'} after it"
     track = player.tracks(judged.q[None], every=EVERY)[0]
     return {
-        "stroke": stroke_terms(player.launcher, judged.q), "launcher": launcher_terms(player.launcher, model, judged.q),
+        "stroke": stroke_terms(player.launcher, judged.q), "launcher": player.launcher.terms(model, judged.q),
         "pocket": list(POCKETS[found.way.pocket]), "kind": kind, **judged.figures(player.scene),
         "tracks": moving(track),
     }  # fmt: skip
@@ -146,16 +147,31 @@ def _told(player: Player, found: Found) -> dict[str, Any]:
 def yaw_tolerance(player: Player, q: Array, execution: Execution, seed: int) -> list[float]:
     """How far the yaw may be off, below and above, before LOST of the pots is lost: two numbers [degrees]."""
     hands = deal(player.model, execution, 256 if player.exact else 32, seed)
-    turns = TURNS if player.exact else TURNS[::4]
+    coarse, fine = TURNS[::COARSELY], COARSELY if player.exact else 2
+    both = np.concatenate([-coarse, coarse[1:]])
+    potted = _potted(player, hands, q, both)
+    least = (1 - LOST) * potted[0]
     found = []
-    for sign in (-1.0, 1.0):
-        turned = np.repeat(q[None], len(turns), axis=0)
-        turned[:, AZIMUTH] += sign * np.radians(turns)
-        potted = hands.play(player, turned, mujoco=not player.exact).potted.reshape(len(turns), -1).mean(axis=1)
-        lost = potted < (1 - LOST) * potted[0]
-        last = int(np.argmax(lost)) - 1 if lost.any() else len(turns) - 1
-        found.append(round(sign * float(turns[max(last, 0)]), 3) + 0.0)
-    return found
+    for sign, rates in ((-1.0, potted[: len(coarse)]), (1.0, np.r_[potted[0], potted[len(coarse) :]])):
+        lost = rates < least
+        k = int(np.argmax(lost)) if lost.any() else len(coarse)
+        if k == len(coarse):
+            found.append(sign * float(coarse[-1]))
+            continue
+        between = np.linspace(coarse[k - 1], coarse[k], fine + 1)[:-1] if k else np.zeros(1)
+        rates = np.r_[rates[max(k - 1, 0)], _potted(player, hands, q, sign * between[1:])]
+        found.append(sign * float(between[np.flatnonzero(rates >= least)[-1]]) if k else 0.0)
+    return [round(v, 3) + 0.0 for v in found]
+
+
+def _potted(player: Player, hands: Hands, q: Array, turns: Array) -> Array:
+    """The share of plays that pot at each turn of the yaw [degrees]: (n,)."""
+    if len(turns) == 0:
+        return np.zeros(0)
+    turned = np.repeat(q[None], len(turns), axis=0)
+    turned[:, AZIMUTH] += np.radians(turns)
+    potted = hands.play(player, turned, mujoco=not player.exact).potted
+    return np.asarray(potted.reshape(len(turns), -1).mean(axis=1))
 
 
 def moving(track: Track) -> list[dict[str, Any]]:

@@ -2,7 +2,8 @@
 
 1. Fans of aims along every open way, in the analytic engine (planner/candidates.py).
 2. The cross-entropy method (Rubinstein 1999) from each of the best: strokes are drawn about a mean, judged over common
-   hands, and mean and spread follow the best of them. All starts go side by side.
+   hands, and mean and spread follow the best of them. All starts go side by side; again and again the worse half is
+   given up and the other judged over twice as many hands (successive halving, Jamieson and Talwalkar 2016).
 3. Where the model holds effects that the engine lacks, the same with fewer strokes and hands in MuJoCo, from the best.
 4. The few that remain are made playable (string, stage steps) and judged over hands that the search has not seen: the
    best of many is partly the luckiest, and its old figures would promise too much.
@@ -11,7 +12,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,6 @@ from planner.value import Wish
 
 Array = NDArray[np.float64]
 Report = Callable[[str], None]
-HALVED = 2  # rounds after which the worse half of the starts is given up
 PLAIN = 0.15  # offset over radius below which a stroke is called plain
 LEAST = 0.05  # probability of a made shot below which none is offered
 
@@ -35,11 +35,12 @@ LEAST = 0.05  # probability of a made shot below which none is offered
 class Effort:
     """How long to look."""
 
-    starts: int = 36  # strokes from the fans that are refined; after two rounds the better half of them
+    starts: int = 36  # strokes from the fans that are refined
     strokes: int = 24  # drawn about each, a round
     best: int = 6  # of them that the next round follows
-    rounds: int = 5
-    hands: int = 32  # that a drawn stroke is judged over
+    rounds: int = 2  # before the worse half of the starts is given up
+    halved: int = 3  # times that it is
+    hands: int = 16  # that a drawn stroke is judged over; twice as many each time
     finalists: int = 6  # that are compared more closely
     closely: int = 256  # hands for that
     fresh: int = 1024  # hands that the offered ones are judged over, not seen before
@@ -81,9 +82,10 @@ def search(
         return []
     hands = deal(player.model, execution, effort.closely, seed)
     rng = np.random.default_rng(seed)
-    say(f"refining {len(begun.q)} strokes over {effort.hands} plays each")
+    say(f"refining {len(begun.q)} strokes over {effort.hands} plays each, and more")
     shape = (effort.strokes, effort.best, effort.rounds)
-    q, live = refine(player, hands.first(effort.hands), begun.q, wish, rng, shape)
+    few = [hands.first(effort.hands << k) for k in range(effort.halved + 1)]
+    q, live = refine(player, few, begun.q, wish, rng, shape)
     ways_of = begun.way[live]
     if player.exact:
         q, way = playable(player, q, ways_of)
@@ -99,7 +101,7 @@ def search(
         order = _spread([-j.value for j in close], ways_of, effort.slow_starts)
         say(f"refining {len(order)} strokes in MuJoCo, with {', '.join(player.beyond)}")
         shape = (effort.slow_strokes, effort.slow_best, effort.slow_rounds)
-        few = hands.first(effort.slow_hands)
+        few = [hands.first(effort.slow_hands)]
         q, live = refine(player, few, q[order], wish, rng, shape, mujoco=True)
         q, way = playable(player, q, ways_of[order[live]])
         if len(q) == 0:
@@ -140,12 +142,13 @@ def _spread(cost: list[float], way: NDArray[np.int64], count: int) -> NDArray[np
 
 
 def refine(
-    player: Player, hands: Hands, q: Array, wish: Wish, rng: np.random.Generator, shape: tuple[int, int, int], *,
-    mujoco: bool = False,
+    player: Player, hands: Sequence[Hands], q: Array, wish: Wish, rng: np.random.Generator,
+    shape: tuple[int, int, int], *, mujoco: bool = False,
 ) -> tuple[Array, NDArray[np.int64]]:  # fmt: skip
     """Strokes (n, 4) moved to where they are worth most over the hands, and which of the given ones they were.
 
-    `shape`: strokes drawn about each in a round, the best of them that count, and rounds. In MuJoCo all are kept.
+    `shape`: strokes drawn about each in a round, the best of them that count, and rounds over each of the hands;
+    between one and the next the worse half of the strokes is given up.
     """
     strokes, best, rounds = shape
     ball, launcher = player.scene.ball, player.launcher
@@ -153,30 +156,31 @@ def refine(
     # As wide as the fans' grid is coarse; the azimuth as wide as what the engine lacks may turn a ball by.
     sd = np.empty((n, 4))
     sd[:, SPEED] = 0.12 * q[:, SPEED]
-    sd[:, AZIMUTH] = 0.006 if mujoco else np.maximum(0.002, 1.5 * hands.execution.azimuth_sd)
+    sd[:, AZIMUTH] = 0.006 if mujoco else np.maximum(0.002, 1.5 * hands[0].execution.azimuth_sd)
     sd[:, [SIDE, HEIGHT]] = 0.2 * limit
     if mujoco:
         sd[:, [SPEED, SIDE, HEIGHT]] *= 0.35
-    mean, top, at = q.copy(), np.full(n, -np.inf), q.copy()
-    live = np.arange(n)
-    for k in range(rounds):
-        if k == HALVED and not mujoco:
-            live = np.sort(np.argsort(-top, kind="stable")[: max(1, (n + 1) // 2)])
-        drawn = mean[live, None] + sd[live, None] * rng.standard_normal((live.size, strokes, 4))
-        drawn[:, 0] = at[live]  # the best so far stays among them
-        flat = within(player, drawn.reshape(-1, 4))
-        values = np.array([j.value for j in judge(player, hands, flat, wish, mujoco=mujoco)]).reshape(-1, strokes)
-        drawn = flat.reshape(-1, strokes, 4)
-        order = np.argsort(-values, axis=1, kind="stable")[:, :best]
-        chosen = np.take_along_axis(drawn, order[..., None], axis=1)
-        first = np.take_along_axis(values, order[:, :1], axis=1)[:, 0]
-        at[live] = np.where((first > top[live])[:, None], chosen[:, 0], at[live])
-        top[live] = np.maximum(top[live], first)
-        mean[live] = 0.8 * chosen.mean(axis=1) + 0.2 * mean[live]
-        sd[live] = 0.7 * np.maximum(chosen.std(axis=1), 0.05 * sd[live]) + 0.3 * sd[live]
+    mean, at, live = q.copy(), q.copy(), np.arange(n)
+    for number, some in enumerate(hands):
+        top = np.full(n, -np.inf)  # over other hands a worth is another
+        for _ in range(rounds):
+            drawn = mean[live, None] + sd[live, None] * rng.standard_normal((live.size, strokes, 4))
+            drawn[:, 0] = at[live]  # the best so far stays among them
+            flat = within(player, drawn.reshape(-1, 4))
+            values = np.array([j.value for j in judge(player, some, flat, wish, mujoco=mujoco)]).reshape(-1, strokes)
+            drawn = flat.reshape(-1, strokes, 4)
+            order = np.argsort(-values, axis=1, kind="stable")[:, :best]
+            chosen = np.take_along_axis(drawn, order[..., None], axis=1)
+            first = np.take_along_axis(values, order[:, :1], axis=1)[:, 0]
+            at[live] = np.where((first > top[live])[:, None], chosen[:, 0], at[live])
+            top[live] = np.maximum(top[live], first)
+            mean[live] = 0.8 * chosen.mean(axis=1) + 0.2 * mean[live]
+            sd[live] = 0.7 * np.maximum(chosen.std(axis=1), 0.05 * sd[live]) + 0.3 * sd[live]
+        if number < len(hands) - 1:
+            live = np.sort(live[np.argsort(-top[live], kind="stable")[: max(1, (live.size + 1) // 2)]])
     n, mean, at = live.size, mean[live], at[live]
     last = within(player, mean)
-    mine = np.array([j.value for j in judge(player, hands, np.concatenate([last, at]), wish, mujoco=mujoco)])
+    mine = np.array([j.value for j in judge(player, hands[-1], np.concatenate([last, at]), wish, mujoco=mujoco)])
     # The mean of the best is less lucky than the best of all: it need not be quite as good.
     return np.where((mine[:n] >= mine[n:] - 0.01)[:, None], last, at), live
 

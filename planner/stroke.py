@@ -9,7 +9,7 @@ In launcher terms: the axis of the cue lies (R + r_t) / R farther out than the c
 V_C = v (1 + M / M_C + 5/2 rho^2) / ((1 + e) cos(el)); the string NNN asks for V_C = 2.75 - 0.012312 (NNN - 1) m/s, the
 linear law through the paper's two figures ('001p' 2.75, '200p' 0.30 m/s). Where the model knows no squirt, the cue is
 turned against the one of models/analytic/cueing.py. Sources: Robotic Billiards (2015), Alciatore TP A.31. Leaves out
-what the slate takes, some 4 % of the speed, which a calibration of the launcher would hold.
+what the slate takes, some 4 % of the speed: a cueing map knows it (planner/mapped.py).
 """
 
 from __future__ import annotations
@@ -85,6 +85,25 @@ class Launcher:
         out[:, SPEED] = gain * [self.cue_speed(self.string(float(v))) for v in asked]
         return out
 
+    def terms(self, model: Model, q: Array) -> dict[str, Any]:
+        """What to tell the launcher for one stroke (4,)."""
+        ball = model.ball
+        cue_speed = float(q[SPEED] / self.gain(q[None], ball)[0])
+        knows = any(effect.slot == "squirt" or effect.name() == "squirt" for effect in model.effects)
+        a, b = q[SIDE] / ball.radius, q[HEIGHT] / ball.radius
+        squirt = 0.0 if knows else cueing.squirt(float(a), float(b), ball.mass / self.cue.end_mass)
+        axis = (ball.radius + self.cue.tip_radius) / ball.radius
+        return self.told(cue_speed, float(axis * q[SIDE]), float(axis * q[HEIGHT]), float(q[AZIMUTH]), squirt)
+
+    def told(self, cue_speed: float, x0: float, y0: float, azimuth: float, squirt: float) -> dict[str, Any]:
+        """The entries of a plan file, from cue speed [m/s], stage [m], the ball's azimuth and its squirt [rad]."""
+        theta = math.remainder(azimuth - squirt, 2 * math.pi)
+        return {
+            "string": f"{self.string(cue_speed):03d}p", "x0_mm": round(1e3 * x0, 3) + 0.0,
+            "y0_mm": round(1e3 * y0, 3) + 0.0, "theta": theta, "theta_deg": round(math.degrees(theta), 3),
+            "cue_speed": cue_speed, "squirt": squirt,
+        }  # fmt: skip
+
 
 def launch(q: Array, elevation: float, ball: Ball) -> tuple[Array, Array]:
     """Velocity (n, 2) [m/s] and spin (n, 3) [rad/s] that strokes give the cue ball."""
@@ -93,22 +112,6 @@ def launch(q: Array, elevation: float, ball: Ball) -> tuple[Array, Array]:
     lever = 2.5 * q[:, SPEED] / ball.radius**2
     flat = (lever * q[:, SIDE] * math.sin(elevation))[:, None] * aim + (lever * q[:, HEIGHT])[:, None] * left
     return q[:, SPEED, None] * aim, np.concatenate([flat, (lever * q[:, SIDE])[:, None]], axis=-1)
-
-
-def launcher_terms(launcher: Launcher, model: Model, q: Array) -> dict[str, Any]:
-    """What to tell the launcher for one stroke (4,)."""
-    ball, cue = model.ball, launcher.cue
-    cue_speed = float(q[SPEED] / launcher.gain(q[None], ball)[0])
-    knows = any(effect.slot == "squirt" or effect.name() == "squirt" for effect in model.effects)
-    a, b = q[SIDE] / ball.radius, q[HEIGHT] / ball.radius
-    squirt = 0.0 if knows else cueing.squirt(float(a), float(b), ball.mass / cue.end_mass)
-    axis = 1e3 * (ball.radius + cue.tip_radius) / ball.radius
-    theta = math.remainder(float(q[AZIMUTH]) - squirt, 2 * math.pi)
-    return {
-        "string": f"{launcher.string(cue_speed):03d}p", "x0_mm": round(float(axis * q[SIDE]), 3) + 0.0,
-        "y0_mm": round(float(axis * q[HEIGHT]), 3) + 0.0, "theta": theta, "theta_deg": round(math.degrees(theta), 3),
-        "cue_speed": cue_speed, "squirt": squirt,
-    }  # fmt: skip
 
 
 def stroke_terms(launcher: Launcher, q: Array) -> dict[str, float]:

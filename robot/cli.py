@@ -203,9 +203,9 @@ def campaign(args: argparse.Namespace, progress: Progress) -> int:
 
 def fit(args: argparse.Namespace, progress: Progress) -> int:
     """Fit the cueing map to a campaign; with a report or a picture, set it beside the paper's networks."""
+    from models.analytic.cue_impulse import NAMES
+    from planner.cueing_map import write_map
     from robot.campaign import read_campaign
-    from robot.cue_impulse import NAMES
-    from robot.cueing_map import write_map
     from robot.map_fit import fit_map
 
     check_outputs(args.out, args.report, args.picture)

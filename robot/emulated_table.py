@@ -1,9 +1,9 @@
 """A table with hidden parameters behind the emulated launcher: what the closed loop is tried on without hardware.
 
-The firmware tells every hit (`hit`: cue speed, side, height of the axis as the stage puts it); the balance of impulses
-of robot/cue_impulse.py, with true constants that nobody tells, makes velocity and spin of it, or the MuJoCo launcher
-does; the hidden model plays the shot with jaws at the pockets until all balls rest; a camera straight above reports
-positions with normal noise, from the hit (t = 0) on. The stand is turned by hand, with a normal error for each setting.
+The firmware tells every hit (`hit`: cue speed, side, height of the axis as the stage puts it); a balance of impulses
+(models/analytic/cue_impulse.py), with true constants that nobody tells, makes velocity and spin of it, or the MuJoCo
+launcher does; the hidden model plays the shot with jaws at the pockets until all balls rest; a camera straight above
+reports positions with normal noise, from the hit (t = 0) on. The stand is turned by hand, each time with an error.
 
 A hit is only noted, since it comes in the midst of an exchange; the shot is played when somebody looks. A stand serves
 one stroke: the cue ball lies elsewhere then. Leaves out the hop after the hit, a marked ball's angle, and the camera's
@@ -20,11 +20,11 @@ from pathlib import Path
 
 import numpy as np
 
+from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
 from models.model_file import Model
 from models.shot import GRAVITY, Array, Shot, Track
 from models.simulate import simulate
-from robot.cue_impulse import Constants, Geometry, launch
 from robot.emulator import Line, VirtualClock, WirePort
 from robot.faults import Faults
 from robot.firmware import Firmware

@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
+from models.analytic.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt
 from models.errors import BadInput
 from models.shot import Ball
+from planner.cueing_map import CueingMap
 from planner.execution import MOST, Execution
 from robot.campaign import CueShot
-from robot.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt
-from robot.cueing_map import CueingMap
 
 Array = NDArray[np.float64]
 BALL = Ball(0.0525, 0.1406)  # Robotic Billiards 2015

@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.analytic.cue_impulse import NAMES
 from models.errors import BadInput
 from models.files import write_whole
+from planner.cueing_map import CueingMap, write_map
 from robot.campaign import CueShot, read_campaign
-from robot.cue_impulse import NAMES
-from robot.cueing_map import CueingMap, write_map
 from robot.map_fit import fit_map
 from robot.networks import Contest, Score, Told, average, compare_maps
 from sysid.output import table

@@ -25,8 +25,8 @@ from sklearn.neural_network import MLPRegressor
 from threadpoolctl import threadpool_limits
 
 from models.errors import BadInput
+from planner.cueing_map import CueingMap
 from robot.campaign import CueShot
-from robot.cueing_map import CueingMap
 from robot.map_fit import fit_map
 
 Array = NDArray[np.float64]

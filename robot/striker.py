@@ -23,13 +23,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from models.analytic.cloth import slip, state_at
+from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
 from models.launcher import PREFIX, Scene, build_scene, strike
 from models.native import solref
 from models.shot import GRAVITY, Array, Ball, Table
 from planner.stroke import Launcher
 from robot.campaign import CueShot
-from robot.cue_impulse import Constants, Geometry, launch
 
 RATE = 180.0  # of the camera [1/s] (Robotic Billiards 2015)
 SEEN = 0.35  # after the hit, over which the track is read [s]

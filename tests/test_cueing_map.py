@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -12,14 +11,14 @@ import numpy as np
 import pytest
 
 from models.analytic import cueing
+from models.analytic.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt, launch
 from models.errors import BadInput
 from models.launcher import SPEEDS, strike
 from models.shot import Ball
+from planner.cueing_map import FORMAT, CueingMap, read_map, write_map
 from planner.execution import Execution, read_execution
 from planner.stroke import Launcher
 from robot.campaign import COLUMNS, CueShot, count_played, make_grid, read_campaign, run_campaign
-from robot.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt, launch
-from robot.cueing_map import FORMAT, CueingMap, launcher_of, read_map, write_map
 from robot.map_fit import fit_map, scatter
 from robot.map_report import write_picture, write_report
 from robot.networks import average, compare_maps, noise_floor, train_networks
@@ -212,9 +211,10 @@ def test_forth_and_back_is_where_it_began(seed: int) -> None:
         x, y = 1e3 * side, 1e3 * height
         given = made.predict(v, x, y)
         contact = [(side + TRUE.side_zero) * GEOMETRY.lever, (height + TRUE.height_zero) * GEOMETRY.lever]
-        if math.hypot(*contact) > 0.5 * BALL.radius:
-            continue
-        back = made.stroke_for(float(given.ball_speed[0]), 1.0, *contact, launcher=wide)
+        _, _, *spun = (float(a[0]) for a in made.give(*(np.array([a]) for a in (v, side, height))))
+        if max(math.hypot(*contact), math.hypot(*spun)) > 0.5 * BALL.radius or contact[1] > 0.35 * BALL.radius:
+            continue  # as high up the ball leaves rolling, wherever it is hit
+        back = made.stroke_for(float(given.ball_speed[0]), 1.0, *spun, launcher=wide)
         assert (back.cue_speed, back.x0_mm, back.y0_mm) == pytest.approx((v, x, y), rel=1e-9, abs=1e-9)
         assert back.theta + float(given.squirt[0]) == pytest.approx(1.0)
 
@@ -232,31 +232,16 @@ def test_a_setting_names_the_string_and_what_it_gives() -> None:
     [
         (
             (1.0, 0.0, 0.0132, 0.0),
-            r"side 13\.20 mm, height 0\.00 mm is 0\.503 R .* beyond 0\.5 R \(13\.12 mm\), strike",
+            r"side 13\.20 mm, height 0\.00 mm takes a contact 0\.503 R .* beyond 0\.5 R \(13\.12 mm\), ask",
         ),
-        ((1.0, 0.0, 0.01, -0.01), r"is 0\.539 R from the centre"),
-        ((9.0, 0.0, 0.0, 0.0), r"ball_speed is 9 m/s; at this contact the cue's 0\.3 to 2\.2 m/s give 0\.4"),
+        ((1.0, 0.0, 0.01, -0.01), r"takes a contact 0\.539 R from the centre"),
+        ((9.0, 0.0, 0.0, 0.0), r"ball_speed is 9 m/s; with this spin the cue's 0\.3 to 2\.2 m/s give about 0\.4"),
         ((float("nan"), 0.0, 0.0, 0.0), "ball_speed is nan; give a finite number"),
     ],
 )
 def test_what_cannot_be_struck_says_why(arguments: tuple[float, float, float, float], message: str) -> None:
     with pytest.raises(BadInput, match=message):
         exact_map().stroke_for(*arguments)
-
-
-def test_the_planners_launcher_comes_near(fitted: CueingMap) -> None:
-    launcher = launcher_of(fitted)
-    assert isinstance(launcher, Launcher)
-    plain = dataclasses.replace(fitted.constants, side_zero=0.0, height_zero=0.0, aim_zero=0.0)
-    for a, b in itertools.product((0.0, 0.006, 0.012), (-0.006, 0.0, 0.004)):
-        if math.hypot(a, b) > 0.0131:
-            continue
-        q = np.array([[1.5, 0.0, a, b]])
-        place = [np.array([v / GEOMETRY.lever]) for v in (a, b)]
-        speed, turn = ball_speed_and_squirt(plain, GEOMETRY, np.full(1, 1.5), *place)
-        assert launcher.gain(q, BALL)[0] * 1.5 == pytest.approx(speed[0], rel=0.03)
-        law = cueing.squirt(a / BALL.radius, b / BALL.radius, BALL.mass / launcher.cue.end_mass)
-        assert math.degrees(law - turn[0]) == pytest.approx(0, abs=0.35)
 
 
 def test_the_file_holds_the_map_and_the_planner_reads_it(tmp_path: Path, fitted: CueingMap) -> None:

@@ -26,7 +26,7 @@ from planner.environment import as_actions, as_strokes, load
 from planner.execution import Execution
 from planner.play import Player
 from planner.scene import POCKETS, Goal, Scene
-from planner.stroke import Launcher, launcher_terms
+from planner.stroke import Launcher
 from planner.value import Wish, worth
 
 Array = NDArray[np.float64]
@@ -166,7 +166,7 @@ def test_actions_are_in_the_launchers_terms() -> None:
     actions = asks(20, 6)
     q = as_strokes(LAUNCHER, model(), actions)
     assert as_actions(LAUNCHER, model(), q) == pytest.approx(actions, abs=1e-6)  # millimetres are told to the third
-    terms = [launcher_terms(LAUNCHER, model(), row) for row in q]
+    terms = [LAUNCHER.terms(model(), row) for row in q]
     assert [t["cue_speed"] for t in terms] == pytest.approx(actions[:, 0].tolist())
     assert [t["x0_mm"] for t in terms] == pytest.approx((1e3 * actions[:, 1]).tolist(), abs=1e-3)
     assert [t["theta"] for t in terms] == pytest.approx(actions[:, 3].tolist())

@@ -23,7 +23,7 @@ from planner.outcome import FOULS, Outcomes, joined
 from planner.play import Player
 from planner.risk import deal, judge, wilson
 from planner.scene import POCKETS, Goal, Scene, pocket_places
-from planner.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher, launch, launcher_terms, stroke_terms, with_speeds
+from planner.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher, launch, stroke_terms, with_speeds
 from planner.value import Wish, distance, ease, worth
 from sysid.clips import Clip, ClipSet, Cue, Observation
 from sysid.problem import shot_problem, turn
@@ -187,7 +187,7 @@ def test_what_strings_and_steps_can_ask_for_is_near(seed: int, out: float) -> No
 def test_launcher_terms() -> None:
     launcher = Launcher()
     for q in launcher.playable(strokes(20, 4), BALL):
-        terms = launcher_terms(launcher, MODEL, q)
+        terms = launcher.terms(MODEL, q)
         assert terms["x0_mm"] == pytest.approx(1e3 * q[SIDE] * (R + 0.010) / R, abs=6e-4)
         assert terms["y0_mm"] == pytest.approx(1e3 * q[HEIGHT] * (R + 0.010) / R, abs=6e-4)
         assert launcher.cue_speed(int(terms["string"][:3])) == pytest.approx(terms["cue_speed"], abs=1e-9)
@@ -198,7 +198,7 @@ def test_launcher_terms() -> None:
         thrown = Squirt(2.5 / R / (3.5 + 20)).strike(BALL, *level)[0][0]
         assert math.copysign(1, terms["squirt"]) == math.copysign(1, math.atan2(thrown[1], thrown[0]))
         assert terms["theta_deg"] == pytest.approx(math.degrees(terms["theta"]), abs=6e-4)
-        aware = launcher_terms(launcher, MODEL.add(Squirt(1.5)), q)
+        aware = launcher.terms(MODEL.add(Squirt(1.5)), q)
         assert aware["squirt"] == 0.0 and aware["theta"] == pytest.approx(q[AZIMUTH])
         assert aware["string"] == terms["string"]
 

@@ -23,7 +23,7 @@ from tests.clip_samples import contents, edit
 from tests.test_cli import EXAMPLE, Said
 from tests.test_planner import BALL, HALF, MODEL, TABLE, R, scene, straight
 
-QUICK = Effort(starts=6, strokes=12, best=4, rounds=3, hands=16, finalists=3, closely=64, fresh=128)
+QUICK = Effort(starts=6, strokes=12, best=4, rounds=3, halved=1, hands=16, finalists=3, closely=64, fresh=128)
 RUBBISH = "[execution]\nspeed = 0.1\n"
 
 

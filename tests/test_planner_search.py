@@ -32,7 +32,7 @@ from tests.clip_samples import refusal
 from tests.test_planner import AWAY, BALL, HALF, MODEL, TABLE, R, fitted, ready, scene, straight
 
 QUICK = Effort(
-    starts=6, strokes=12, best=4, rounds=3, hands=16, finalists=3, closely=64, fresh=256,
+    starts=6, strokes=12, best=4, rounds=3, halved=1, hands=16, finalists=3, closely=64, fresh=256,
     slow_starts=2, slow_strokes=10, slow_best=3, slow_rounds=4, slow_hands=8, slow_fresh=64,
 )  # fmt: skip
 EXACT = Execution(0.0, 0.0, 0.0, 0.0)

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
 from models.model_file import Model, full_model
 from models.shot import Array, Ball, Shot, Table
 from models.simulate import simulate
 from planner.scene import Goal, Scene, scene_dict
-from planner.stroke import Launcher, launcher_terms, stroke_terms
-from robot.cue_impulse import Constants, Geometry, launch
+from planner.stroke import Launcher, stroke_terms
 from robot.emulated_table import EmulatedTable, emulated_launcher
 from robot.faults import DOWN, KINDS, UP, Faults
 from robot.firmware import Firmware
@@ -52,7 +52,7 @@ def straight_plan(path: Path, *, speed: float = 1.6, side: float = 0.0, height: 
     q = Launcher().playable(np.array([[speed, math.pi / 4, side, height]]), BALL)[0]
     plan: dict[str, Any] = {
         "format": "billiard-plan/1", "scene": scene_dict(scene), "stroke": stroke_terms(Launcher(), q),
-        "launcher": launcher_terms(Launcher(), MODEL, q) | change,
+        "launcher": Launcher().terms(MODEL, q) | change,
     }  # fmt: skip
     path.write_text(json.dumps(plan))
     return path

@@ -1,10 +1,11 @@
 """The cueing map: what a told stroke gives the ball, and what to tell for a stroke that is wanted.
 
-The physics is in robot/cue_impulse.py, the fit of its constants to a campaign in robot/map_fit.py; here are the
-values, both directions, and the file (billiard-cueing-map/1, TOML). Backwards: the stage goes to contact point times
-(R + r_t) / R less the zeros, the cue's speed is the root of its ball speed, the cue is turned against squirt and the
-zero of the aim. No contact beyond half the radius is told (Robotic Billiards 2015). The file's [execution] is what
-`planner plan` reads. Leaves out drift of the constants with wear and chalk: strike a new campaign.
+The physics is in models/analytic/cue_impulse.py, the fit of its constants to a campaign in robot/map_fit.py; here are
+the values, both directions, and the file (billiard-cueing-map/1, TOML). Backwards: cue speed and stage are moved by
+what ball speed and spin lack, nearly linear in them, and the cue is turned against squirt and the zero of the aim.
+No contact beyond half the radius is told (Robotic Billiards 2015). The file's [execution] is the launcher's
+repeatability. Leaves out the spin about the direction of the aim, which follows from the rest, and drift of the
+constants with wear and chalk: strike a new campaign.
 """
 
 from __future__ import annotations
@@ -20,20 +21,20 @@ from typing import Any
 import numpy as np
 import tomli_w
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq, least_squares
 
 from models.analytic import cueing
+from models.analytic.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt, launch
 from models.errors import BadInput
 from models.files import read_toml, write_whole
 from models.shot import Ball
 from planner.execution import Execution, execution_from
 from planner.stroke import Launcher
-from robot.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt
 
 Array = NDArray[np.float64]
 FORMAT = "billiard-cueing-map/1"
 SECTIONS = ("format", "ball", "cue", "constants", "uncertainty", "execution", "fit")
 OFFSET = cueing.SEED_LIMIT  # contact over radius beyond which nothing is told
+ROUNDS = 12  # of going back
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Setting:
     """What to tell the launcher."""
 
     string: int  # the nearest
-    cue_speed: float  # that is wanted [m/s]; the string's own departs by up to half a step
+    cue_speed: float  # that is wanted [m/s]; the string's own is up to half a step off
     x0_mm: float  # of the stage, to the right
     y0_mm: float  # of the stage, up, across the cue
     theta: float  # of the cue [rad], table frame
@@ -85,6 +86,30 @@ class CueingMap:
         variance = np.einsum("kin,kl,lin->in", slopes, self.covariance, slopes)
         return Prediction(speed, squirt, *np.sqrt(np.maximum(variance, 0.0)))
 
+    def give(self, cue_speed: Array, x0: Array, y0: Array) -> tuple[Array, Array, Array, Array]:
+        """What told strokes give: horizontal ball speed [m/s], squirt [rad], and its spin's side and height [m].
+
+        Side and height are those of planner/stroke.py: a contact there would give this spin at this speed.
+        """
+        velocity, spin = launch(self.constants, self.geometry, cue_speed, x0, y0)
+        speed, turn = np.hypot(velocity[:, 0], velocity[:, 1]), np.arctan2(velocity[:, 1], velocity[:, 0])
+        scale = 0.4 * self.geometry.ball.radius**2 / speed
+        return speed, turn, scale * spin[:, 2], scale * (np.cos(turn) * spin[:, 1] - np.sin(turn) * spin[:, 0])
+
+    def told(self, speed: Array, side: Array, height: Array) -> tuple[Array, Array, Array, Array]:
+        """What to tell for ball speeds [m/s] and the side and height of their spin [m], all (n,); `give` backwards.
+
+        Returns:
+            Cue speed [m/s], place of the stage to the right and up [m], and the squirt that comes of it [rad].
+        """
+        lever, c = self.geometry.lever, self.constants
+        x, y, cue = side / lever - c.side_zero, height / lever - c.height_zero, speed / 1.3
+        turn = np.zeros_like(speed)
+        for _ in range(ROUNDS):  # each leaves a tenth of the error, but beyond rolling, where the slate holds spin back
+            got, turn, right, up = self.give(cue, x, y)
+            cue, x, y = cue * speed / got, x + (side - right) / lever, y + (height - up) / lever
+        return cue, x, y, turn
+
     def stroke_for(
         self, ball_speed: float, azimuth: float, side: float, height: float, launcher: Launcher | None = None
     ) -> Setting:
@@ -93,7 +118,7 @@ class CueingMap:
         Args:
             ball_speed: horizontal, as the ball leaves the tip [m/s].
             azimuth: in which the ball is to leave [rad], table frame.
-            side: of the contact point, to the right [m].
+            side: of its spin, as a contact so far to the right would give it [m].
             height: the same, up [m].
             launcher: whose strings and bounds hold; the planner's without.
 
@@ -105,63 +130,31 @@ class CueingMap:
         for name, value in (("ball_speed", ball_speed), ("azimuth", azimuth), ("side", side), ("height", height)):
             if not math.isfinite(value):
                 raise BadInput(f"{name} is {value}; give a finite number")
-        off, most = math.hypot(side, height) / radius, min(OFFSET, launcher.offset)
+        if ball_speed <= 0:
+            raise BadInput(f"ball_speed is {ball_speed:g} m/s; give one above 0")
+        most = min(OFFSET, launcher.offset)
+        one = np.array([ball_speed]), np.array([side]), np.array([height])
+        off = math.hypot(side, height) / radius
+        if off <= most + 1e-9:
+            cue, x, y, turn = (float(v[0]) for v in self.told(*one))
+            off = lever * math.hypot(x + c.side_zero, y + c.height_zero) / radius
         if off > most + 1e-9:
             raise BadInput(
-                f"contact at side {1e3 * side:.2f} mm, height {1e3 * height:.2f} mm is {off:.3f} R from the centre; "
-                f"the tip slips beyond {most:g} R ({1e3 * most * radius:.2f} mm), strike nearer"
+                f"spin of side {1e3 * side:.2f} mm, height {1e3 * height:.2f} mm takes a contact {off:.3f} R from the "
+                f"centre; the tip slips beyond {most:g} R ({1e3 * most * radius:.2f} mm), ask for less"
             )
-        x, y = np.array([side / lever - c.side_zero]), np.array([height / lever - c.height_zero])
-
-        def given(v: float) -> tuple[float, float]:
-            speed, turn = ball_speed_and_squirt(c, self.geometry, np.array([v]), x, y)
-            return float(speed[0]), float(turn[0])
-
-        least, fastest = given(launcher.slowest)[0], given(launcher.fastest)[0]
-        if not least * (1 - 1e-9) <= ball_speed <= fastest * (1 + 1e-9):
+        if not launcher.slowest * (1 - 1e-9) <= cue <= launcher.fastest * (1 + 1e-9):
+            least, fastest = (ball_speed / cue * v for v in (launcher.slowest, launcher.fastest))
             raise BadInput(
-                f"ball_speed is {ball_speed:g} m/s; at this contact the cue's {launcher.slowest:g} to "
-                f"{launcher.fastest:g} m/s give {least:.3f} to {fastest:.3f} m/s"
+                f"ball_speed is {ball_speed:g} m/s; with this spin the cue's {launcher.slowest:g} to "
+                f"{launcher.fastest:g} m/s give about {least:.3f} to {fastest:.3f} m/s"
             )
-        low, high = 0.9 * launcher.slowest, 1.1 * launcher.fastest
-        cue_speed = float(brentq(lambda v: given(v)[0] - ball_speed, low, high, xtol=1e-12))
-        string = launcher.string(cue_speed)
-        squirt = given(cue_speed)[1]
+        string = launcher.string(cue)
+        given = self.give(np.array([launcher.cue_speed(string)]), np.array([x]), np.array([y]))
         return Setting(
-            string=string, cue_speed=cue_speed, x0_mm=1e3 * float(x[0]), y0_mm=1e3 * float(y[0]),
-            theta=math.remainder(azimuth - squirt, 2 * math.pi),
-            ball_speed=given(launcher.cue_speed(string))[0], squirt=squirt,
+            string=string, cue_speed=cue, x0_mm=1e3 * x, y0_mm=1e3 * y,
+            theta=math.remainder(azimuth - turn, 2 * math.pi), ball_speed=float(given[0][0]), squirt=turn,
         )  # fmt: skip
-
-
-def launcher_of(cueing_map: CueingMap, base: Launcher | None = None) -> Launcher:
-    """The planner's launcher that comes nearest to the map.
-
-    The planner's laws know neither slate nor the leather's damping nor the zeros of stage and aim, so its restitution
-    and masses are those that come nearest over all contacts at 1.5 m/s, not the map's own; `stroke_for` is exact.
-    """
-    base, g = base or Launcher(), cueing_map.geometry
-    part = np.linspace(-1.0, 1.0, 11) * OFFSET
-    a, b = (v.ravel() for v in np.meshgrid(part, part))
-    inside = np.hypot(a, b) <= OFFSET
-    a, b = a[inside], b[inside]
-    exact = dataclasses.replace(cueing_map.constants, side_zero=0.0, height_zero=0.0, aim_zero=0.0)
-    axis = g.ball.radius / g.lever
-    speed, squirt = ball_speed_and_squirt(exact, g, np.full(len(a), 1.5), a * axis, b * axis)
-
-    def cue(p: Array) -> cueing.Cue:
-        masses = g.ball.mass / p[1:]
-        return cueing.Cue(
-            float(masses[0]), float(masses[1]), g.tip_radius, float(p[0]), base.cue.tip_friction, g.elevation
-        )
-
-    def left(p: Array) -> Array:
-        law = (1 + p[0]) * math.cos(g.elevation) / (1 + p[1] + 2.5 * (a**2 + b**2))
-        turn = [cueing.squirt(float(x), float(y), float(p[2])) for x, y in zip(a, b, strict=True)]
-        return np.concatenate([(law * 1.5 / speed - 1) / 0.01, (np.array(turn) - squirt) / 0.01])
-
-    found = least_squares(left, [0.75, 0.28, 20.0], bounds=([0.0, 0.01, 2.0], [2.0, 2.0, 500.0]), x_scale=[0.1, 0.1, 5])
-    return dataclasses.replace(base, cue=cue(found.x))
 
 
 def write_map(path: Path | str, cueing_map: CueingMap) -> None:
