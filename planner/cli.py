@@ -217,8 +217,8 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--cue-speed", metavar=("LOW", "HIGH"), nargs=2, type=float, help=text)
     text = "part of a pot's worth that the cue ball's place decides (default: 0.2)"
     one.add_argument("--rest-weight", metavar="W", type=float, default=0.2, help=text)
-    text = "distance from the wanted place at which that part is down to 1/e [m] (default: 0.5)"
-    one.add_argument("--far", metavar="D", type=float, default=0.5, help=text)
+    text = "distance from the wanted place at which that part is down to 1/e [m] (default: 0.35)"
+    one.add_argument("--far", metavar="D", type=float, default=0.35, help=text)
     one.add_argument("--foul-cost", metavar="C", type=float, default=0.5, help="pots that a foul costs (default: 0.5)")
     one.add_argument("--report", metavar="FILE.html", help="the plan on paper")
     one.add_argument("--picture", metavar="FILE.png", help="the table from above")

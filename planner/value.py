@@ -27,7 +27,7 @@ class Wish:
     """What the user asks for."""
 
     rest: float = 0.2  # part of a made shot's worth that the cue ball's place decides, 0 to 1
-    far: float = 0.5  # distance from the wanted place at which that part is down to 1/e [m]
+    far: float = 0.35  # distance from the wanted place at which that part is down to 1/e [m]
     foul: float = 0.5  # what a foul costs
 
 
