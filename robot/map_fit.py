@@ -61,6 +61,7 @@ def fit_map(
     *,
     start: Constants | None = None,
     execution: Execution | None = None,
+    fewest: int = FEWEST,
 ) -> CueingMap:
     """Fit the constants to a campaign.
 
@@ -69,6 +70,7 @@ def fit_map(
         geometry: of tip, cue and ball; the paper's without.
         start: what is held for known before, the centre of the priors.
         execution: the launcher's scatter; from the repeats where there are enough, else the planner's, without.
+        fewest: shots; with fewer than constants the priors hold the rest.
 
     Raises:
         BadInput: too few shots, or all at one place.
@@ -76,10 +78,10 @@ def fit_map(
     geometry, start = geometry or Geometry(BALL), start or Constants()
     good = [s for s in shots if not s.miscue]
     places = {(s.x0_mm, s.y0_mm) for s in good}
-    if len(good) < FEWEST or len({x for x, _ in places}) < 3 or len({y for _, y in places}) < 3:
+    if len(good) < fewest or len({x for x, _ in places}) < 3 or len({y for _, y in places}) < 3:
         raise BadInput(
             f"{len(good)} shots at {len(places)} places cannot tell a cueing map; "
-            f"strike {FEWEST} or more, at 3 or more sides and heights"
+            f"strike {fewest} or more, at 3 or more sides and heights"
         )
     constants, noise = start, execution or Execution()
     for again in (False, True):

@@ -1,0 +1,190 @@
+"""What a series of shots came to: read from the folder that `robot learn` fills, which holds nothing it needs twice.
+
+    course.json        what the series is: settings that every part of it shares
+    start.toml         the model that it begins with, and start_map.toml the cueing map
+    shots/0001.json    plans, with 0001.played.json beside each that was played
+    clips/             every film, a clip set
+    fits/0010/         what was learnt from the first ten: fit.json, model.toml, map.toml
+
+The cue ball's miss is taken from where the plan told that it would stop: the middle (medians of x and y) of the plays
+that it was judged by. What the launcher's scatter alone does is the floor: no model can foretell better.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.errors import BadInput
+from models.shot import Array
+from planner.plan import read_plan
+from planner.scene import Scene, scene_from
+from robot.play import played_file
+from sysid.clips import Clip, read_clip_set
+
+FORMAT, FIT_FORMAT = "billiard-course/1", "billiard-refit/1"
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One shot of a series: what was planned, and what came of it."""
+
+    number: int  # from 1
+    scene: Scene
+    learnt: int  # shots that model and map had been fitted to when it was planned
+    told: Array  # (2,) where the cue ball was to stop [m]
+    spread: float  # median distance from there of the plays that the plan was judged by [m]
+    promised: float  # probability of potting
+    potted: bool | None  # None where nobody saw
+    cue_end: Array | None  # (2,) where the cue ball stopped [m]; None in a pocket, or not seen
+    floor: float  # median distance of the same stroke's repeats from their middle [m]; nan where it was not repeated
+    plan: dict[str, Any]
+    played: dict[str, Any]
+    clip: Clip | None
+
+    @property
+    def miss(self) -> float:
+        """Of the cue ball from where the plan told that it would stop [m]; nan where it did not stop on the table."""
+        return math.nan if self.cue_end is None else float(np.hypot(*(self.cue_end - self.told)))
+
+    @property
+    def away(self) -> float:
+        """Of the cue ball from where it was wanted [m]; nan where it fell."""
+        value = self.played.get("from_wanted")
+        return math.nan if value is None else float(value)
+
+
+@dataclass(frozen=True)
+class Refit:
+    """What was learnt from the shots so far."""
+
+    shots: int
+    verdict: tuple[str, ...]  # effects added to the base
+    unexplained: str  # what remains, in words; "" for nothing
+    rms: float  # of the fitted clips, per axis [m]
+    held_rms: float  # of those held out [m]; nan without any
+    chi2: float
+    values: dict[str, tuple[float, float]]  # constants of the table, with standard deviations
+    launcher: dict[str, tuple[float, float]]  # constants of the cueing map, with standard deviations
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Story:
+    """A series as far as it has come."""
+
+    course: dict[str, Any]
+    shots: tuple[Shot, ...]
+    refits: tuple[Refit, ...]
+    ended: str  # why it stopped by itself; "" where it did not
+
+    def median_miss(self, first: int, last: int) -> float:
+        """Of shots first to last, both counted from 1 [m]; nan without any."""
+        return _median([s.miss for s in self.shots if first <= s.number <= last])
+
+    def median_spread(self, first: int, last: int) -> float:
+        """What their plans said that the miss would be [m]."""
+        return _median([s.spread for s in self.shots if first <= s.number <= last])
+
+    def floor(self, first: int, last: int) -> float:
+        """The launcher's own scatter in these shots, measured by repeats [m]; nan where none were."""
+        return _median([s.floor for s in self.shots if first <= s.number <= last])
+
+
+def _median(values: list[float]) -> float:
+    known = [v for v in values if math.isfinite(v)]
+    return float(np.median(known)) if known else math.nan
+
+
+def plan_file(folder: Path | str, number: int) -> Path:
+    """Where the plan of a shot is."""
+    return Path(folder) / "shots" / f"{number:04d}.json"
+
+
+def fit_folder(folder: Path | str, shots: int) -> Path:
+    """Where is what was learnt from so many shots."""
+    return Path(folder) / "fits" / f"{shots:04d}"
+
+
+def read_json(path: Path, form: str) -> dict[str, Any]:
+    """A JSON file of a format; BadInput where it is none."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; name a folder of robot learn") from None
+    except ValueError as error:
+        raise BadInput(f"{path}: is not JSON ({error}); remove it, and robot learn makes it again") from None
+    if not isinstance(data, dict) or data.get("format") != form:
+        raise BadInput(f"{path}: is not of format {form}; remove it, and robot learn makes it again")
+    return data
+
+
+def count_played(folder: Path | str) -> int:
+    """Shots that were played, without a gap from the first on."""
+    number = 0
+    while played_file(plan_file(folder, number + 1)).is_file():
+        number += 1
+    return number
+
+
+def middle_of(plan: dict[str, Any]) -> tuple[Array, float]:
+    """Where a plan tells that the cue ball will stop (2,) [m], and the median distance of its plays from there [m]."""
+    places = np.array(plan["places"]["cue"], float).reshape(-1, 2)
+    if len(places) == 0:
+        return np.full(2, math.nan), math.nan
+    middle = np.median(places, axis=0)
+    return middle, float(np.median(np.hypot(*(places - middle).T)))
+
+
+def read_story(folder: Path | str) -> Story:
+    """A series from its folder.
+
+    Raises:
+        BadInput: for a folder that holds none, or a file in it that was changed.
+    """
+    folder = Path(folder)
+    course = read_json(folder / "course.json", FORMAT)
+    count = count_played(folder)
+    clips: dict[str, Clip] = {}
+    if (folder / "clips" / "clips.toml").is_file():
+        clips = {clip.file: clip for clip in read_clip_set(folder / "clips").clips}
+    shots = tuple(_shot(folder, k, clips) for k in range(1, count + 1))
+    fits = sorted(path.parent for path in folder.glob("fits/*/fit.json"))
+    refits = tuple(_refit(read_json(path / "fit.json", FIT_FORMAT)) for path in fits)
+    ended = folder / "ended.txt"
+    return Story(course, shots, refits, ended.read_text(encoding="utf-8").strip() if ended.is_file() else "")
+
+
+def _shot(folder: Path, number: int, clips: dict[str, Clip]) -> Shot:
+    path = plan_file(folder, number)
+    plan = read_plan(path)
+    played = read_json(played_file(path), "billiard-played/1")
+    told, spread = middle_of(plan)
+    repeats = path.with_suffix(".repeats.json")
+    floor = math.nan
+    if repeats.is_file():
+        ends = np.array(read_json(repeats, "billiard-repeats/1")["cue"], float).reshape(-1, 2)
+        floor = float(np.median(np.hypot(*(ends - np.median(ends, axis=0)).T))) if len(ends) > 2 else math.nan
+    end, clip = played.get("cue_end"), played.get("clip")
+    return Shot(
+        number, scene_from(plan["scene"], str(path)), int(plan["learnt"]), told, spread,
+        float(plan["pot_probability"]["value"]), played.get("potted"), None if end is None else np.array(end, float),
+        floor, plan, played, clips.get(clip["file"]) if clip else None,
+    )  # fmt: skip
+
+
+def _refit(data: dict[str, Any]) -> Refit:
+    values, launcher = (
+        {name: (float(one["value"]), math.nan if one["sd"] is None else float(one["sd"])) for name, one in part.items()}
+        for part in (data["parameters"], data["launcher"])
+    )
+    held = data["held_out_rms_m"]
+    return Refit(
+        data["shots"], tuple(data["verdict"]), data["unexplained"] or "", data["rms_m"],
+        math.nan if held is None else held, data["chi2_reduced"], values, launcher, data["elapsed_s"],
+    )  # fmt: skip

@@ -1,0 +1,68 @@
+"""Clips up to where a pocket's jaws enter: what is fitted knows pockets that swallow, not jaws that throw back.
+
+A ball that touches a jaw and drops is followed up to the touch. Where one comes out again, everything that it may meet
+is another motion, and the whole clip ends there. Jaws are those of models/analytic/pocket.py, and a little wider.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from models.analytic.pocket import pockets_of
+from models.errors import BadInput
+from models.shot import Array
+from sysid.clips import Clip, ClipSet, Observation
+from sysid.clips_check import POCKET_REACH
+
+WIDER = 3e-3  # noise, and how well the jaws' place is known [m]
+LEAST = 12  # samples of the struck ball that make a clip
+
+
+def before_jaws(clip_set: ClipSet) -> ClipSet:
+    """The clips, none beyond a jaw; a clip of which next to nothing is left is left out."""
+    try:
+        jaws = pockets_of(clip_set.table, clip_set.ball).jaws
+    except BadInput:  # other pockets than snooker's: nothing is known of their jaws
+        return clip_set
+    if len(jaws) == 0:
+        return clip_set
+    clips = [_before(clip, clip_set, jaws) for clip in clip_set.clips]
+    return dataclasses.replace(clip_set, clips=tuple(c for c in clips if len(c.balls[c.struck].time) >= LEAST))
+
+
+def _before(clip: Clip, clip_set: ClipSet, jaws: Array) -> Clip:
+    end, ends = np.inf, {}
+    last = max(float(seen.time[-1]) for seen in clip.balls.values())
+    for name, seen in clip.balls.items():
+        touched = _touched(seen, jaws)
+        if touched is None:
+            continue
+        away = clip_set.table.to_pocket(seen.xy[-1])
+        if away < clip_set.ball.radius or (away < POCKET_REACH * clip_set.ball.diameter and seen.time[-1] < last):
+            ends[name] = touched
+        else:
+            end = min(end, touched)
+    if end == np.inf and not ends:
+        return clip
+    kept = {name: _until(seen, min(end, ends.get(name, np.inf))) for name, seen in clip.balls.items()}
+    return dataclasses.replace(clip, balls=kept)
+
+
+def _touched(seen: Observation, jaws: Array) -> float | None:
+    """When a ball that moves first meets a jaw [s]."""
+    gap = np.hypot(*(seen.xy[:, None] - jaws[None, :, :2]).transpose(2, 0, 1)) - jaws[:, 2]
+    met = np.flatnonzero((gap < WIDER).any(axis=1))
+    if met.size == 0 or np.ptp(seen.xy, axis=0).max() < WIDER:
+        return None
+    return float(seen.time[met[0]])
+
+
+def _until(seen: Observation, end: float) -> Observation:
+    rows = np.flatnonzero(seen.time < end)
+    if rows.size == len(seen.time):
+        return seen
+    rows = rows if rows.size else np.array([0])
+    extra = {key: tuple(cells[i] for i in rows.tolist()) for key, cells in seen.extra.items()}
+    return Observation(seen.time[rows], seen.xy[rows], seen.theta[rows], extra)
