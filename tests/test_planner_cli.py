@@ -12,15 +12,19 @@ import numpy as np
 import pytest
 
 import planner.plan
+from models.analytic.cue_impulse import Geometry
 from models.effects.squirt import Squirt
 from models.model_file import full_model, write_model
 from models.shot import Ball, Table
 from planner.cli import main
+from planner.cueing_map import CueingMap, write_map
+from planner.execution import Execution
 from planner.plan import make_plan, read_plan
 from planner.scene import read_scene, write_scene
 from planner.search import Effort
 from tests.clip_samples import contents, edit
 from tests.test_cli import EXAMPLE, Said
+from tests.test_mapped_launcher import TRUE
 from tests.test_planner import BALL, HALF, MODEL, TABLE, R, scene, straight
 
 QUICK = Effort(starts=6, strokes=12, best=4, rounds=3, halved=1, hands=16, finalists=3, closely=64, fresh=128)
@@ -132,6 +136,21 @@ def test_options_reach_the_plan(run: Any, asked: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_map_makes_terms_of_its_own_launcher(run: Any, asked: Path, tmp_path: Path) -> None:
+    out, file = tmp_path / "p.json", tmp_path / "map.toml"
+    made = CueingMap(TRUE, Geometry(BALL), np.full((8, 8), np.nan), Execution(0.01, 8e-4, 3e-4, 3e-4))
+    write_map(file, made)
+    assert run("plan", asked, "--out", out, "--map", file).status == 0
+    plan = read_plan(out)
+    told, stroke = plan["launcher"], plan["stroke"]
+    given = made.give(*(np.array([v]) for v in (told["cue_speed"], 1e-3 * told["x0_mm"], 1e-3 * told["y0_mm"])))
+    wanted = [stroke["speed"], told["squirt"], stroke["side"], stroke["height"]]
+    assert np.ravel(given) == pytest.approx(wanted, abs=2e-6)
+    assert plan["execution"]["speed_sd"] == 0.01, "the map's repeatability"
+    write_map(file, dataclasses.replace(made, geometry=Geometry(Ball(0.0572, 0.17))))
+    assert "the cueing map is of balls of 57.2 mm" in refused(run, tmp_path, "plan", asked, "--out", out, "--map", file)
+
+
 def test_the_papers_method_by_name(run: Any, asked: Path, tmp_path: Path) -> None:
     assert run("plan", asked, "--method", "ga", "--out", tmp_path / "p.json").status == 0
     told = read_plan(tmp_path / "p.json")
