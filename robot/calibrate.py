@@ -12,9 +12,7 @@ Leaves out what the ball takes of the speed (models/analytic/cue_impulse.py) and
 
 from __future__ import annotations
 
-import argparse
 import math
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
@@ -24,10 +22,9 @@ import numpy as np
 
 from models.errors import BadInput
 from robot.launcher import Done, Launcher
-from robot.protocol import LauncherError, string_number
+from robot.protocol import string_number
 from robot.settings import Settings, SpeedTable, read_settings, write_settings
-from sysid.cli import check_outputs
-from sysid.output import Progress, table, write_json
+from sysid.output import table
 
 STRINGS = (1, 25, 50, 75, 100, 125, 150, 175, 200)
 REPEATS = 5
@@ -166,73 +163,3 @@ def text(measured: Sequence[StringSpeed], settings: Settings) -> str:
 def result(measured: Sequence[StringSpeed]) -> dict[str, object]:
     """The same for a JSON file."""
     return {"format": "cuelab-strings/1", "strings": [asdict(r) | {"mean_sd": r.mean_sd} for r in measured]}
-
-
-def confirmed(strings: Sequence[int | str], repeats: int) -> bool:
-    """A yes from the terminal; anything else, and nobody there, is a no."""
-    print(f"about to strike {repeats * len(strings)} times without a pause, {repeats} of each of {list(strings)}")
-    try:
-        return input("take the ball away, keep clear, then type yes: ").strip().lower() == "yes"
-    except EOFError:
-        return False
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure what cue speed each string gives and write a launcher's file with it; emulated without --port."""
-    parser = argparse.ArgumentParser(prog="python -m robot.calibrate", description=main.__doc__, allow_abbrev=False)
-    parser.add_argument("--out", metavar="NEW.toml", required=True, help="launcher's file to write")
-    parser.add_argument("--settings", metavar="L.toml", help="launcher's file so far (default: the paper's launcher)")
-    parser.add_argument("--port", metavar="P", help="where the launcher is, such as /dev/ttyUSB0")
-    parser.add_argument("--log", metavar="LOG.jsonl", help="every exchange, a line each")
-    parser.add_argument("--strings", metavar="N", type=int, nargs="+", default=list(STRINGS), help="to be measured")
-    parser.add_argument("--repeats", metavar="N", type=int, default=REPEATS, help=f"of each (default: {REPEATS})")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the emulated launcher (default: 0)")
-    parser.add_argument("--yes", action="store_true", help="strike without asking")
-    parser.add_argument("--json", metavar="FILE", help="the same figures")
-    given = parser.parse_args(arguments)
-    progress = Progress()
-    try:
-        measured, settings = _run(given, progress)
-        progress.close()
-        print(text(measured, settings))  # before the file: a table that does not fall is refused, its strokes are made
-        write_calibration(given.settings, measured, given.out)
-        print(f"launcher's file: {given.out}")
-        if given.json:
-            write_json(given.json, result(measured))
-    except (BadInput, LauncherError) as error:
-        progress.close()
-        print(f"robot.calibrate: {error}", file=sys.stderr)
-        return 2 if isinstance(error, BadInput) else 1
-    except KeyboardInterrupt:
-        progress.close()
-        print("robot.calibrate: interrupted; what was moving was stopped, reset and home it", file=sys.stderr)
-        return 130
-    return 0
-
-
-def _run(given: argparse.Namespace, progress: Progress) -> tuple[tuple[StringSpeed, ...], Settings]:
-    """The strokes that the command line asks for, and the settings that they were made with."""
-    settings = read_settings(given.settings) if given.settings else Settings()
-    if given.seed < 0:
-        raise BadInput(f"--seed {given.seed}: give a number of 0 or more")
-    check_outputs(given.out, given.json)
-    if given.port:
-        from robot.link import Link, serial_opener
-
-        port = replace(settings.port, device=given.port)
-        link = Link(serial_opener(port), settings.timing, baud=port.baud, log=given.log)
-        launcher = Launcher(settings, link)
-        if not given.yes and not confirmed(given.strings, given.repeats):
-            raise BadInput("not confirmed; nothing was struck, say yes to strike")
-    else:
-        from robot.emulated_table import emulated_launcher
-
-        print("no --port: on the emulated launcher, whose strings run as the settings say")
-        rng = np.random.default_rng(given.seed)
-        launcher = emulated_launcher(settings, lambda *_: None, rng, log=given.log)[0]
-    with launcher:
-        return measure_strings(launcher, given.strings, given.repeats, progress), settings
-
-
-if __name__ == "__main__":
-    sys.exit(main())

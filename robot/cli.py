@@ -1,4 +1,4 @@
-"""The `robot` command: the emulated launcher, plans played, cueing campaigns and the map made of them, single verbs.
+"""The `robot` command: the emulated launcher, plans played, single verbs; what measures and learns is in its own files.
 
 Without --port nothing real moves: plans go to an emulated launcher at an emulated table, and the command says so. An
 interrupt stops the launcher before anything else (robot/link.py).
@@ -9,24 +9,25 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.errors import BadInput
+from robot import cli_learn, cli_measure
+from robot.cli_common import Run, confirmed, launcher_at, line_of, seed_of, seeded, settings_of, wired, with_effects
 from robot.protocol import LauncherError
-from sysid.cli import BAD, DONE, FOUND, INTERRUPTED, check_outputs, own_effects
-from sysid.output import Progress, table
+from sysid.cli import BAD, DONE, FOUND, INTERRUPTED, own_effects
+from sysid.output import Progress
 
 if TYPE_CHECKING:
     from models.shot import Array, Ball, Table
     from planner.scene import Scene
     from robot.emulated_table import EmulatedTable
     from robot.launcher import Did, Launcher
-    from robot.link import Link
     from robot.play import Played
     from robot.settings import Settings
     from sysid.clips import Observation
@@ -44,7 +45,7 @@ def emulate(args: argparse.Namespace, progress: Progress) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the port goes away too
     if not 0 <= args.fault_rate <= 1:
         raise BadInput(f"--fault-rate {args.fault_rate:g}: give a share of the lines, 0 to 1")
-    rest = {"baud": args.baud, "pace": args.pace, "fault_rate": args.fault_rate, "seed": _seed(args)}
+    rest = {"baud": args.baud, "pace": args.pace, "fault_rate": args.fault_rate, "seed": seed_of(args)}
     serve(args.path, say=say, **rest)
     return DONE
 
@@ -81,7 +82,7 @@ def play(args: argparse.Namespace, progress: Progress) -> int:
     from planner.scene import read_scene
     from robot.play import play_plan, read_order
 
-    settings = _settings(args)
+    settings = settings_of(args)
     order = read_order(args.plan, settings)
     scene = read_scene(args.scene) if args.scene else None
     if args.tolerance <= 0:
@@ -100,8 +101,8 @@ def play(args: argparse.Namespace, progress: Progress) -> int:
         if args.dry_run:
             played = play_plan(args.plan, _dry(settings), camera, tolerance=most)
         else:
-            with _link(args, settings) as launcher:
-                played = play_plan(args.plan, launcher, camera, None if args.yes else _ask, tolerance=most)
+            with launcher_at(args, settings) as launcher:
+                played = play_plan(args.plan, launcher, camera, None if args.yes else _confirmed, tolerance=most)
         return _tell(played, args, None)
     print("no --port: on the emulated launcher and table")
     emulated = _emulated_table(args, scene or order.scene, np.radians(order.yaw_deg))
@@ -123,14 +124,14 @@ def _emulated_table(args: argparse.Namespace, scene: Scene, azimuth: float) -> E
     if (model.table, model.ball) != (scene.table, scene.ball):
         raise BadInput(f"{args.model}: is of another table or ball than the scene; name a model of the scene's")
     places = {n: (float(x), float(y)) for n, (x, y) in zip(scene.names, scene.position, strict=True)}
-    return EmulatedTable(model, places, azimuth, _seed(args))
+    return EmulatedTable(model, places, azimuth, seed_of(args))
 
 
 def _emulated_launcher(args: argparse.Namespace, settings: Settings, emulated: EmulatedTable) -> Launcher:
     from robot.emulated_table import emulated_launcher
     from robot.faults import Faults
 
-    rng, chance = np.random.default_rng((_seed(args), FIRMWARE)).spawn(2)
+    rng, chance = np.random.default_rng((seed_of(args), FIRMWARE)).spawn(2)
     faults = Faults(args.fault_rate, chance) if args.fault_rate else None
     return emulated_launcher(settings, emulated.hit, rng, faults=faults, log=args.log)[0]
 
@@ -141,13 +142,8 @@ def _dry(settings: Settings) -> Launcher:
     return Launcher(settings, None, dry_run=True)
 
 
-def _ask(what: str) -> bool:
-    """A yes from the terminal; anything else, and nobody there, is a no."""
-    print(f"about to strike: {what}")
-    try:
-        return input("turn the stand, keep clear, then type yes: ").strip().lower() == "yes"
-    except EOFError:
-        return False
+def _confirmed(what: str) -> bool:
+    return confirmed(what, "turn the stand")
 
 
 def _tell(played: Played, args: argparse.Namespace, emulated: EmulatedTable | None) -> int:
@@ -181,68 +177,16 @@ def _tell(played: Played, args: argparse.Namespace, emulated: EmulatedTable | No
     return FOUND if troubled else DONE
 
 
-def campaign(args: argparse.Namespace, progress: Progress) -> int:
-    """Play the paper's campaign with the emulated launcher, on and on into one file."""
-    from models.gl import choose_backend
-
-    choose_backend()
-    from robot.campaign import count_played, run_campaign
-    from robot.striker import EmulatedStriker, Sloppiness, draw_hidden
-
-    check_outputs(args.out)
-    if args.most is not None and args.most < 1:
-        raise BadInput(f"--most {args.most}: give 1 or more")
-    print("on the emulated launcher, with constants drawn from the seed")
-    hidden = draw_hidden(np.random.default_rng(_seed(args)))
-    striker = EmulatedStriker(hidden, Sloppiness(), args.seed, count_played(args.out))
-    shots = run_campaign(striker, args.out, args.seed, progress, most=args.most)
-    progress.close()
-    print(f"{len(shots)} shots, {sum(s.miscue for s in shots)} miscues: {args.out}")
-    return DONE
-
-
-def fit(args: argparse.Namespace, progress: Progress) -> int:
-    """Fit the cueing map to a campaign; with a report or a picture, set it beside the paper's networks."""
-    from models.analytic.cue_impulse import NAMES
-    from planner.cueing_map import write_map
-    from robot.campaign import read_campaign
-    from robot.map_fit import fit_map
-
-    check_outputs(args.out, args.report, args.picture)
-    shots = read_campaign(args.campaign)
-    made = fit_map(shots)
-    write_map(args.out, made)
-    sds = np.sqrt(np.diag(made.covariance))
-    rows = [("constant", "value", "sd")]
-    rows += [(n, f"{getattr(made.constants, n):.6g}", f"{sd:.2g}") for n, sd in zip(NAMES, sds, strict=True)]
-    print(table(rows))
-    print(f"map: {args.out} ({made.shots} shots, {made.left_out} left out, chi2 {made.chi2_reduced:.2f})")
-    if args.report or args.picture:
-        from robot.map_report import write_picture, write_report
-        from robot.networks import compare_maps
-
-        progress("training the networks it is judged against")
-        contest = compare_maps(shots, np.random.default_rng(0))
-        progress.close()
-        if args.report:
-            write_report(args.report, f"Cueing map: {Path(args.campaign).name}", shots, contest)
-            print(f"report: {args.report}")
-        if args.picture:
-            write_picture(args.picture, shots, contest)
-            print(f"picture: {args.picture}")
-    return DONE
-
-
 def ask(args: argparse.Namespace, progress: Progress) -> int:
     """One command of the launcher's that needs no words: its verb is the driver's method."""
-    with _link(args, _settings(args)) as launcher:
+    with launcher_at(args, settings_of(args)) as launcher:
         did = {"status": launcher.status, "reset": launcher.reset, "home": launcher.home}[args.verb]()
     return _report(did)
 
 
 def stop(args: argparse.Namespace, progress: Progress) -> int:
     """Stop everything, without a word before."""
-    with _line(args, _settings(args)) as line:
+    with line_of(args, settings_of(args)) as line:
         stopped = line.stop()
     sent = f"{stopped.bytes_sent} bytes" if stopped.bytes_sent != 1 else "1 byte"
     if not stopped.confirmed:
@@ -262,49 +206,15 @@ def _report(did: Did) -> int:
     return FOUND if s.state in ("STOPPED", "FAULT") else DONE
 
 
-def _seed(args: argparse.Namespace) -> int:
-    if args.seed < 0:
-        raise BadInput(f"--seed {args.seed}: give a number of 0 or more")
-    return int(args.seed)
-
-
-def _settings(args: argparse.Namespace) -> Settings:
-    """The launcher's file, or the defaults; --port goes before what it says."""
-    from robot.settings import Settings, read_settings
-
-    ours = read_settings(args.settings) if args.settings else Settings()
-    return replace(ours, port=replace(ours.port, device=args.port)) if args.port else ours
-
-
-def _line(args: argparse.Namespace, settings: Settings) -> Link:
-    from robot.link import Link, serial_opener
-
-    return Link(serial_opener(settings.port), settings.timing, baud=settings.port.baud, log=args.log)
-
-
-def _link(args: argparse.Namespace, settings: Settings) -> Launcher:
-    from robot.launcher import Launcher
-
-    return Launcher(settings, _line(args, settings))
-
-
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     top = argparse.ArgumentParser(prog="robot", description="The launcher, with and without hardware.")
     verbs = top.add_subparsers(dest="verb", required=True)
 
-    def verb(name: str, run: Callable[[argparse.Namespace, Progress], int], text: str) -> argparse.ArgumentParser:
+    def verb(name: str, run: Run, text: str) -> argparse.ArgumentParser:
         one = verbs.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False)
         one.set_defaults(run=run, effects=[])
         return one
-
-    def wired(one: argparse.ArgumentParser, required: bool) -> None:
-        one.add_argument("--port", metavar="P", required=required, help="where the launcher is, such as /dev/ttyUSB0")
-        one.add_argument("--settings", metavar="L.toml", help="launcher's file (default: the paper's launcher)")
-        one.add_argument("--log", metavar="LOG.jsonl", help="every exchange, a line each, added to what it holds")
-
-    def seeded(one: argparse.ArgumentParser, default: int) -> None:
-        one.add_argument("--seed", metavar="N", type=int, default=default, help=f"of all drawn (default: {default})")
 
     one = verb("emulate", emulate, "an emulated launcher on a pseudo-terminal; its path is printed first")
     one.add_argument("--path", metavar="P", help="of the port (default: a new one)")
@@ -319,20 +229,13 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--tolerance", metavar="MM", type=float, default=5.0, help="of each ball's place (default: 5)")
     one.add_argument("--clips", metavar="DIR", help="clip set that the emulated camera's film is added to")
     one.add_argument("--model", metavar="HIDDEN.toml", help="what the emulated table really is (default: the base)")
-    one.add_argument("--effects", metavar="DIR", action="append", default=[], help="folder of effects of your own")
+    with_effects(one)
     one.add_argument("--fault-rate", metavar="R", type=float, default=0.0, help="share of lines with a fault, emulated")
     seeded(one, 0)
     one.add_argument("--dry-run", action="store_true", help="check, and say what would be sent")
     one.add_argument("--yes", action="store_true", help="strike without asking; look at the table first")
-    one = verb("campaign", campaign, "the paper's grid of strokes on the emulated launcher, begun or gone on with")
-    one.add_argument("out", metavar="OUT.csv", help="shots, a row each")
-    one.add_argument("--most", metavar="N", type=int, help="stop after so many more shots")
-    seeded(one, 1)
-    one = verb("map", fit, "the cueing map of a campaign: what a told stroke gives the ball")
-    one.add_argument("campaign", metavar="CSV", help="of robot campaign")
-    one.add_argument("--out", metavar="MAP.toml", required=True, help="map to write; planner plan --execution reads it")
-    one.add_argument("--report", metavar="H.html", help="the map on paper, beside the paper's networks")
-    one.add_argument("--picture", metavar="P.png", help="its pictures alone")
+    cli_measure.add(verb)
+    cli_learn.add(verb)
     for name, run, text in (
         ("status", ask, "how the launcher is"),
         ("stop", stop, "everything stopped now"),

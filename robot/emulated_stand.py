@@ -22,21 +22,26 @@ from robot.settings import Settings
 
 HAND_SD = 2e-3  # of a ball laid by hand on its marked place, each axis [m]
 LAY, FIRMWARE, TABLE = range(3)  # what is drawn, each from a stream of its own
-# How far constants of tables differ: cloths (Alciatore, drag 0.15 to 0.4, roll 0.005 to 0.015), cushions and balls.
-SPREAD = {
-    "decoupled_cloth.slide": (0.8, 1.2), "decoupled_cloth.roll": (0.75, 1.3), "decoupled_cloth.spin": (0.75, 1.3),
-    "ball_impact.restitution": (0.97, 1.03), "ball_impact.friction": (0.7, 1.4),
-    "cushion_impact.restitution": (0.92, 1.06), "cushion_impact.friction": (0.7, 1.4),
-}  # fmt: skip # times the value that the model begins with
+# How far a table may be from the textbook's, as a fraction of its value: cloths roll with 0.005 to 0.015 and drag with
+# 0.15 to 0.4, cushions give back 0.7 to 0.98, balls 0.87 to 0.98 (Alciatore, Mathavan 2010, 2014).
+OFF = {
+    "decoupled_cloth.slide": 0.25, "decoupled_cloth.roll": 0.3, "decoupled_cloth.spin": 0.4,
+    "ball_impact.restitution": 0.04, "ball_impact.friction": 0.4,
+    "cushion_impact.restitution": 0.08, "cushion_impact.friction": 0.4,
+}  # fmt: skip
 EFFECTS = ("table_tilt", "cloth_nap", "speed_drag", "side_curve", "slide_friction_speed", "cushion_restitution_speed")
 
 
 def draw_hidden_table(start: Model, rng: np.random.Generator, effect: str | None = None) -> Model:
-    """A table of the size of `start` that differs from it, with an effect at its natural size."""
+    """A table of the size of `start` that differs from it, with an effect at its natural size.
+
+    Every constant is off by half to all of what it may be, to either side: one that nobody has measured yet.
+    """
     values = {}
-    for name, (low, high) in SPREAD.items():
+    for name, width in OFF.items():
         least, most = start.meta(name)["bounds"]
-        values[name] = float(np.clip(start.parameters()[name] * rng.uniform(low, high), least, most))
+        off = width * rng.uniform(0.5, 1.0) * rng.choice([-1.0, 1.0])
+        values[name] = float(np.clip(start.parameters()[name] * (1.0 + off), least, most))
     kind = effect_class(effect or EFFECTS[int(rng.integers(len(EFFECTS)))])
     return start.with_values(values).add(kind())
 

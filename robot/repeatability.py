@@ -16,9 +16,7 @@ the last alone.
 
 from __future__ import annotations
 
-import argparse
 import math
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
@@ -29,9 +27,8 @@ from models.model_file import full_model
 from models.shot import Array, Table
 from models.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from robot.emulated_table import SIGMA, EmulatedTable, emulated_launcher
-from robot.settings import Settings, read_settings
-from sysid.cli import check_outputs
-from sysid.output import Progress, table, write_json
+from robot.settings import Settings
+from sysid.output import table
 
 WITHIN = 0.050  # of the mean place: the paper's repeatability [m]
 BALL_SD = 1e-4  # of the place a ball is put back to, each axis [m]; as robot/striker.py has it
@@ -177,39 +174,3 @@ def result(on_table: Sequence[Repeated], on_open: Sequence[Repeated], seed: int)
         for name, got in cloths.items()
     }
     return {"format": "cuelab-repeatability/1", "seed": seed, **told}
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """How far apart strokes of the emulated launcher end, on a snooker table and on a cloth without end."""
-    parser = argparse.ArgumentParser(prog="python -m robot.repeatability", description=main.__doc__, allow_abbrev=False)
-    parser.add_argument("--settings", metavar="L.toml", help="launcher's file (default: the paper's launcher)")
-    parser.add_argument("--strings", metavar="N", type=int, nargs="+", help="default: 15 over the launcher's speeds")
-    parser.add_argument("--repeats", metavar="N", type=int, default=REPEATS, help=f"of each (default: {REPEATS})")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of all drawn (default: 0)")
-    parser.add_argument("--json", metavar="FILE", help="the same figures")
-    given = parser.parse_args(arguments)
-    progress = Progress()
-    try:
-        if given.seed < 0:
-            raise BadInput(f"--seed {given.seed}: give a number of 0 or more")
-        check_outputs(given.json)
-        settings = read_settings(given.settings) if given.settings else Settings()
-        strings = given.strings or spread_strings(settings)
-        both = [
-            measure(settings, strings, given.repeats, given.seed, cloth=cloth, progress=progress)
-            for cloth in (SNOOKER_TABLE, OPEN)
-        ]
-        progress.close()
-        for name, got in zip(("snooker table", "cloth without end"), both, strict=True):
-            print(f"{name}\n{text(got)}\n")
-        if given.json:
-            write_json(given.json, result(both[0], both[1], given.seed))
-    except BadInput as error:
-        progress.close()
-        print(f"robot.repeatability: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
