@@ -92,11 +92,11 @@ def plan(args: argparse.Namespace, progress: Progress) -> int:
     model = load_model(args.model, asked)
     if args.map:
         from planner.cueing_map import read_map
-        from planner.mapped import with_map
+        from planner.mapped import unsure, with_map
 
         cueing_map = read_map(args.map)
         launcher = with_map(launcher, cueing_map, asked.ball)
-    execution = cueing_map.execution if args.map and not args.execution else load_execution(args.execution, model)
+    execution = unsure(cueing_map) if args.map and not args.execution else load_execution(args.execution, model)
     began = time.monotonic()
     made = make_plan(
         asked, model, execution, Wish(args.rest_weight, args.far, args.foul_cost), method=args.method, seed=args.seed,

@@ -21,6 +21,7 @@ from models.errors import BadInput
 from models.model_file import Model
 from models.shot import Ball
 from planner.cueing_map import CueingMap
+from planner.execution import Execution
 from planner.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher
 
 Array = NDArray[np.float64]
@@ -84,6 +85,22 @@ def with_map(launcher: Launcher, cueing_map: CueingMap, ball: Ball) -> MappedLau
     rest = {f.name: getattr(launcher, f.name) for f in dataclasses.fields(Launcher)}
     rest |= {"cue": cue, "offset": _least_spin(launcher.offset, cueing_map)}
     return MappedLauncher(**rest, cueing_map=cueing_map)
+
+
+def unsure(cueing_map: CueingMap) -> Execution:
+    """The launcher's repeatability and what its map leaves open, as one: a map's error is in every stroke alike.
+
+    Taken over the stage's reach at a usual speed; a map without uncertainty adds none.
+    """
+    g, known = cueing_map.geometry, cueing_map.execution
+    if not np.isfinite(cueing_map.covariance).all():
+        return known
+    reach = 1e3 * 0.4 * g.ball.radius / g.lever * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+    p = cueing_map.predict(USUAL / 1.3, reach[:, 0], reach[:, 1])
+    speed, turn = (float(np.sqrt(np.mean(v**2))) for v in (p.ball_speed_sd / p.ball_speed, p.squirt_sd))
+    return dataclasses.replace(
+        known, speed_sd=float(np.hypot(known.speed_sd, speed)), azimuth_sd=float(np.hypot(known.azimuth_sd, turn))
+    )
 
 
 def _least_spin(offset: float, cueing_map: CueingMap) -> float:

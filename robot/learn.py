@@ -29,7 +29,7 @@ from models.files import write_whole
 from models.model_file import Model, read_model, write_model
 from models.shot import Array
 from planner.cueing_map import CueingMap, read_map, write_map
-from planner.mapped import with_map
+from planner.mapped import unsure, with_map
 from planner.plan import make_plan
 from planner.scene import Scene
 from planner.search import Effort
@@ -197,7 +197,7 @@ def _play(folder: Path, course: Course, stand: Stand, number: int, learnt: int, 
             raise BadInput(f"shot {number}: ball {lacking[0]} is not seen on the table; lay it, and go on")
         scene = dataclasses.replace(asked, position=np.array([seen[name] for name in asked.names]))
         plan = make_plan(
-            scene, model, cueing_map.execution, course.wish, seed=course.study.number(number, 2), launcher=strokes,
+            scene, model, unsure(cueing_map), course.wish, seed=course.study.number(number, 2), launcher=strokes,
             effort=course.effort, report=lambda line: report(f"shot {number}: {line}"),
         )  # fmt: skip
         if plan["stroke"] is not None:

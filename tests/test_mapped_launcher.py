@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from models.analytic.cue_impulse import Constants, Geometry, launch
+from models.analytic.cue_impulse import NAMES, Constants, Geometry, launch
 from models.errors import BadInput
 from models.model_file import full_model
 from models.shot import Array, Ball, Table
 from planner.cueing_map import CueingMap
 from planner.execution import Execution
-from planner.mapped import with_map
+from planner.mapped import unsure, with_map
 from planner.stroke import Launcher
 from planner.stroke import launch as plan_launch
 
@@ -57,3 +58,17 @@ def launcher_within(launcher: Launcher, q: Array) -> Array:
 def test_a_map_of_other_balls_is_refused() -> None:
     with pytest.raises(BadInput, match=r"the cueing map is of balls of 52\.5 mm, 140\.6 g, the scene's have 57\.2 mm"):
         with_map(Launcher(), MAP, Ball(0.0572, 0.17))
+
+
+def test_what_the_map_leaves_open_is_one_more_error() -> None:
+    assert unsure(MAP) == MAP.execution, "nothing is known of it"
+    covariance = np.zeros((8, 8))
+    k = NAMES.index("aim_zero")
+    covariance[k, k] = 3e-3**2  # turns every stroke alike
+    wide = unsure(dataclasses.replace(MAP, covariance=covariance))
+    assert wide.azimuth_sd == pytest.approx(math.hypot(MAP.execution.azimuth_sd, 3e-3), rel=1e-3)
+    assert dataclasses.replace(wide, azimuth_sd=MAP.execution.azimuth_sd) == MAP.execution
+    k = NAMES.index("tip_restitution")
+    covariance[k, k] = 0.0171**2  # 1 % of 1 + e
+    wide = unsure(dataclasses.replace(MAP, covariance=covariance))
+    assert wide.speed_sd == pytest.approx(math.hypot(MAP.execution.speed_sd, 0.01), rel=0.1)
