@@ -39,7 +39,7 @@ from planner.value import Wish
 from robot.launcher import Launcher
 from robot.play import Camera, play_plan, played_file
 from robot.relearn import learn_launcher, learn_table
-from robot.story import FIT_FORMAT, FORMAT, Story, count_played, fit_folder, plan_file, read_json, read_story
+from robot.story import FIT_FORMAT, FORMAT, Story, count_played, fit_folder, middle_of, plan_file, read_json, read_story
 from sysid.clips import ClipSet, read_clip_set
 from sysid.output import write_json
 
@@ -151,8 +151,7 @@ def learn(
         learnt = played - played % course.every
         if learnt and not (fit_folder(folder, learnt) / "fit.json").is_file():
             say(_refit(folder, course, learnt, report))
-        story = read_story(folder)
-        why = why_ended(story, course.every) if course.stops and played == learnt else ""
+        why = why_ended(read_story(folder), course.every) if course.stops and played == learnt > 0 else ""
         if why or played >= course.shots:
             write_whole(folder / "ended.txt", f"{why or f'all {played} shots are played'}\n".encode())
             return read_story(folder)
@@ -208,17 +207,16 @@ def _play(folder: Path, course: Course, stand: Stand, number: int, learnt: int, 
     write_json(str(path), plan | {"learnt": learnt})
     laid.turn(math.radians(plan["launcher"]["theta_deg"]))
     with laid.launcher as launcher:
-        play_plan(path, launcher, laid.camera, laid.confirm, clips=folder / "clips", say=report)
+        played = play_plan(path, launcher, laid.camera, laid.confirm, clips=folder / "clips", say=report)
     ends = stand.repeat(path, number)
     if ends is not None:
         told = {"format": "billiard-repeats/1", "plan": path.name, "cue": np.round(ends, 5).tolist()}
         write_json(str(path.with_suffix(".repeats.json")), told)
-    shot = read_story(folder).shots[-1]
-    pot = {True: "potted", False: "not potted", None: "not seen"}[shot.potted]
-    miss = (
-        f"{1e3 * shot.miss:.0f} mm from where it was told to stop" if math.isfinite(shot.miss) else "not on the table"
-    )
-    return f"shot {number:3d}: {pot} ({100 * shot.promised:.0f} % promised), the cue ball {miss}"
+    pot = {True: "potted", False: "not potted", None: "not seen"}[played.potted]
+    miss = "not on the table"
+    if played.cue_end is not None:
+        miss = f"{1e3 * float(np.hypot(*(middle_of(plan)[0] - played.cue_end))):.0f} mm from where it was told to stop"
+    return f"shot {number:3d}: {pot} ({100 * plan['pot_probability']['value']:.0f} % promised), the cue ball {miss}"
 
 
 def _refit(folder: Path, course: Course, learnt: int, report: Report) -> str:
