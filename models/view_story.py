@@ -1,0 +1,300 @@
+"""A series of shots to look at in the Rerun viewer: where each was to go, where it went, and how the miss fell.
+
+`shot` counts the shots: on this timeline the table shows how each one ended, and the curves run over the series. On
+`shot_time` [s] the balls roll as filmed, one shot after another, each with its t = 0 at a whole second. What it takes
+are plain values, since what makes a series lies further down the house. Left out: the third dimension, and what the
+refits made of single films. The same values give the same recording.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.errors import BadInput
+from models.shot import Array, Ball, Table
+from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.view import FLOOR, GAP, MODEL, UNSEEN, WHITE, Colour, Out, ball_colour, draw_table
+
+APPLICATION = "cuelab_story"
+Way = tuple[Array, Array]  # time (n,) [s] in its shot, increasing; places (n, 2) [m]; NaN where unseen
+TOLD: Colour = (255, 159, 28)
+CURVES: Mapping[str, tuple[str, Colour]] = {
+    "miss": ("miss of the cue ball", (140, 190, 240)),
+    "median": ("its median in the block", (60, 130, 255)),
+    "spread": ("what the plan foresaw", TOLD),
+    "floor": ("the launcher's own scatter", (200, 200, 200)),
+}
+GUIDE = """
+* **Solid balls and thick lines**: as filmed, in the balls' own colours. **Thin cyan lines**: as planned.
+* **Orange cross**: where the cue ball was told to stop; the **arrow** leads from there to where it did.
+* **White circle**: where it was wanted. **Thin rings**: where the balls lay.
+* **Timelines**: `shot` steps from shot to shot and shows how each ended; on `shot_time` the balls roll.
+* **Curves**, in mm over the shots: they end at the launcher's own scatter, if all else was learnt.
+"""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One shot: what was planned, and what came of it."""
+
+    number: int  # from 1
+    start: Mapping[str, Array]  # ball -> (2,) [m], table frame
+    planned: Mapping[str, Way] = field(default_factory=dict)  # by ball, of those that move
+    played: Mapping[str, Way] = field(default_factory=dict)  # by ball, as filmed; empty where there is no film
+    told: Array | None = None  # (2,) where the cue ball was to stop [m]
+    stopped: Array | None = None  # (2,) where it did [m]
+    wanted: Array | None = None  # (2,) where it was wanted [m]
+    curves: Mapping[str, float] = field(default_factory=dict)  # a key of CURVES -> [m]; NaN for none
+    words: str = ""  # what came of it, in a line
+    page: str = ""  # the same at length, Markdown
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A series."""
+
+    scenes: Sequence[Scene]
+    lessons: Sequence[tuple[int, str]] = ()  # shots that a refit was made after, and what it found, in a line
+    words: str = ""  # what the series came to, Markdown
+    table: Table = SNOOKER_TABLE
+    ball: Ball = SNOOKER_BALL
+
+
+def write_story(path: Path | str, recording: Recording, *, title: str) -> None:
+    """Write one Rerun recording of a series; the file appears whole or not at all.
+
+    Raises BadInput where it cannot be written.
+    """
+    import rerun as rr
+    from rerun.chunk import RrdReader
+
+    target, table, ball = Path(path), recording.table, recording.ball
+    stream = rr.RecordingStream(APPLICATION, recording_id=_digest(recording, title), send_properties=False)
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    out = _Film(rr, stream, (), _lay_out(recording.scenes))
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
+            part = Path(folder) / target.name
+            stream.save(part, default_blueprint=_blueprint(table, ball))
+            stream.send_recording_name(title)
+            draw_table(out, table, ball)
+            _draw_balls(out, ball)
+            _draw_marks(out, ball)
+            _plot(out)
+            _describe(out, recording, title)
+            stream.flush()
+            stream.disconnect()
+            RrdReader(part).store()  # refuses a file that was cut short
+            part.replace(target)
+    except (OSError, RuntimeError) as error:  # Rerun raises the latter for a full disk
+        text = f"{path}: cannot be written ({error}); choose another place"
+        raise BadInput(" ".join(text.split())) from error
+    finally:
+        stream.disconnect()
+
+
+@dataclass(frozen=True)
+class _Laid:
+    """A shot on the timeline: t = 0 at `start`, everything until `last` [s]."""
+
+    scene: Scene
+    start: float
+    last: float
+
+
+@dataclass(frozen=True)
+class _Film(Out):
+    """The open recording, with the shots one after another."""
+
+    laid: Sequence[_Laid]
+
+    def names(self, who: str) -> list[str]:
+        """Every ball in `start`, `planned` or `played` of the shots, in order of appearance."""
+        return list(dict.fromkeys(name for one in self.laid for name in getattr(one.scene, who)))
+
+    def send(self, path: str, kind: Any, style: Mapping[str, Any], data: Mapping[str, Any], rows: Any) -> None:
+        """Log an archetype with a fixed style; rows are (shot, time [s], instances)."""
+        shot, time, count = (np.asarray(part) for part in rows)
+        if not len(shot):
+            return
+        if style:
+            self.fixed(path, kind.from_fields(**style))
+        columns = [self.rr.TimeColumn("shot", sequence=shot.astype(int))]
+        columns.append(self.rr.TimeColumn("shot_time", duration=time.astype(float)))
+        self.stream.send_columns(path, columns, kind.columns(**data).partition(count.astype(int)), strict=True)
+
+    def per_shot(self, count: Sequence[int] | None = None) -> tuple[list[int], list[float], Sequence[int]]:
+        """One row at each shot's beginning."""
+        laid = self.laid
+        return [one.scene.number for one in laid], [one.start for one in laid], count or [1] * len(laid)
+
+
+def _digest(recording: Recording, title: str) -> str:
+    """Of all that is shown."""
+    digest = hashlib.sha256(repr((title, recording.table, recording.ball, recording.words, recording.lessons)).encode())
+    for scene in recording.scenes:
+        digest.update(repr((scene.number, scene.words, scene.page, sorted(scene.curves.items()))).encode())
+        places = [scene.told, scene.stopped, scene.wanted, *scene.start.values()]
+        ways = [part for who in (scene.planned, scene.played) for way in who.values() for part in way]
+        for values in (np.empty(0) if part is None else np.asarray(part, float) for part in [*places, *ways]):
+            digest.update(values.tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _lay_out(scenes: Sequence[Scene]) -> list[_Laid]:
+    """The shots one after another, each from a whole second."""
+    laid: list[_Laid] = []
+    for scene in scenes:
+        times = [time for who in (scene.planned, scene.played) for time, _ in who.values()]
+        for name, (time, xy) in (pair for who in (scene.planned, scene.played) for pair in who.items()):
+            if np.ndim(time) != 1 or np.shape(xy) != (len(time), 2):
+                shapes = f"time {np.shape(time)}, xy {np.shape(xy)}"
+                raise ValueError(f"shot {scene.number}, ball {name!r}: {shapes}; want (n,) and (n, 2)")
+        whole = np.concatenate([np.zeros(1), *times])
+        start = math.ceil(laid[-1].last + GAP - float(whole.min())) if laid else 0.0
+        laid.append(_Laid(scene, start, start + float(whole.max())))
+    return laid
+
+
+def _line(way: Way | None) -> Array:
+    """Where a ball was, without what is not known: (n, 2) [m]."""
+    return np.empty((0, 2)) if way is None else np.asarray(way[1])[np.isfinite(way[1]).all(axis=1)]
+
+
+def _draw_balls(out: _Film, ball: Ball) -> None:
+    """Balls as filmed, at their places where there is no film; their ways, planned and played, over the whole shot."""
+    rr, r = out.rr, ball.radius
+    for who, radius, order in (("planned", -0.8, 12.0), ("played", -1.8, 10.0)):
+        for name in out.names(who):
+            lines = [_line(getattr(one.scene, who).get(name)) for one in out.laid]
+            strips = [line for line in lines if len(line) > 1]
+            style = {"radii": radius, "colors": MODEL if who == "planned" else ball_colour(name), "draw_order": order}
+            rows = out.per_shot([int(len(line) > 1) for line in lines])
+            out.send(f"top/{who}/{out.path(name)}", rr.LineStrips2D, style, {"strips": strips}, rows)
+    for name in dict.fromkeys([*out.names("start"), *out.names("played")]):
+        shot, times, shown, points = [], [], [], []
+        for one in out.laid:
+            time, xy, known = _appearance(one, name)
+            shot += [one.scene.number] * len(time)
+            times += list(one.start + time)
+            shown += known.astype(int).tolist()
+            points.append(xy[known])
+        style = {"radii": r, "colors": ball_colour(name), "labels": name, "show_labels": False, "draw_order": 20.0}
+        data = {"positions": np.concatenate([np.empty((0, 2)), *points])}
+        out.send(f"top/ball/{out.path(name)}", rr.Points2D, style, data, (shot, times, shown))
+    for name in out.names("start"):
+        lies = [one.scene.start.get(name) for one in out.laid]
+        rings = np.array([xy for xy in lies if xy is not None]).reshape(-1, 2)
+        style = {"line_radii": -0.6, "colors": ball_colour(name), "draw_order": 15.0}
+        data = {"centers": rings, "half_sizes": np.full(rings.shape, r)}
+        rows = out.per_shot([int(xy is not None) for xy in lies])
+        out.send(f"top/start/{out.path(name)}", rr.Ellipses2D, style, data, rows)
+
+
+def _appearance(one: _Laid, name: str) -> tuple[Array, Array, Any]:
+    """Times (n,) [s], places (n, 2) [m] of a ball in a shot and whether it is seen (n,); a row unseen hides it."""
+    scene = one.scene
+    if name not in scene.played:
+        lies = scene.start.get(name)
+        if lies is None or scene.played:  # where there is a film, what it does not show is not there
+            return np.zeros(1), np.full((1, 2), math.nan), np.zeros(1, bool)
+        return np.zeros(1), np.reshape(lies, (1, 2)), np.ones(1, bool)
+    time, xy = np.asarray(scene.played[name][0], float), np.asarray(scene.played[name][1], float)
+    if not len(time) or time[0] > 0:
+        time, xy = np.append(0.0, time), np.vstack([scene.start.get(name, np.full(2, math.nan)), xy])
+    if time[-1] < max((t[-1] for t, _ in scene.played.values() if len(t)), default=0.0) - UNSEEN:
+        time, xy = np.append(time, time[-1] + UNSEEN), np.vstack([xy, np.full(2, math.nan)])
+    return time, xy, np.isfinite(xy).all(axis=1)
+
+
+def _draw_marks(out: _Film, ball: Ball) -> None:
+    """Where the cue ball was told to stop, where it stopped, where it was wanted."""
+    rr, r = out.rr, ball.radius
+    scenes = [one.scene for one in out.laid]
+    told = [s.told if s.told is not None and np.isfinite(s.told).all() else None for s in scenes]
+    bars = [
+        [xy + r * np.array(bar) for bar in ([[-1, -1], [1, 1]], [[-1, 1], [1, -1]])] for xy in told if xy is not None
+    ]
+    style: dict[str, Any] = {"radii": -1.6, "colors": TOLD, "draw_order": 40.0}
+    rows = out.per_shot([0 if xy is None else 2 for xy in told])
+    out.send("top/told", rr.LineStrips2D, style, {"strips": [bar for pair in bars for bar in pair]}, rows)
+    pairs = [None if a is None or s.stopped is None else (a, s.stopped) for a, s in zip(told, scenes, strict=True)]
+    known = np.array([pair for pair in pairs if pair is not None]).reshape(-1, 2, 2)
+    data = {"origins": known[:, 0], "vectors": known[:, 1] - known[:, 0]}
+    style = {"radii": -1.4, "colors": TOLD, "draw_order": 45.0}
+    out.send("top/miss", rr.Arrows2D, style, data, out.per_shot([int(pair is not None) for pair in pairs]))
+    for part, colour, places in (
+        ("stopped", TOLD, [s.stopped for s in scenes]), ("wanted", WHITE, [s.wanted for s in scenes])
+    ):  # fmt: skip
+        rings = np.array([xy for xy in places if xy is not None]).reshape(-1, 2)
+        data = {"centers": rings, "half_sizes": np.full(rings.shape, 1.2 * r)}
+        style = {"line_radii": -1.4, "colors": colour, "draw_order": 42.0}
+        out.send(f"top/{part}", rr.Ellipses2D, style, data, out.per_shot([int(xy is not None) for xy in places]))
+
+
+def _plot(out: _Film) -> None:
+    """Miss and forecast of every shot [mm]; a shot without leaves a gap."""
+    rr = out.rr
+    for key, (name, colour) in CURVES.items():
+        values = [1e3 * one.scene.curves.get(key, math.nan) for one in out.laid]
+        if key == "miss":
+            style = rr.SeriesPoints(colors=colour, names=name, marker_sizes=4.0)
+        else:
+            style = rr.SeriesLines(colors=colour, names=name, widths=2.0)
+        out.fixed(f"plot/{key}", style)
+        out.send(f"plot/{key}", rr.Scalars, {}, {"scalars": values}, out.per_shot())
+
+
+def _describe(out: _Film, recording: Recording, title: str) -> None:
+    """Words: the series, how to read it, each shot, what refits found."""
+    rr, style = out.rr, {"media_type": "text/markdown"}
+    out.fixed("text/series", rr.TextDocument(f"# {title}\n{recording.words}", **style))
+    out.fixed("text/guide", rr.TextDocument(GUIDE, **style))
+    pages = [one.scene.page or one.scene.words for one in out.laid]
+    data = {"text": pages, "media_type": ["text/markdown"] * len(pages)}
+    out.send("text/shot", rr.TextDocument, {}, data, out.per_shot())
+    lines = [one.scene.words for one in out.laid]
+    log = {"text": lines, "level": ["DEBUG"] * len(lines)}
+    out.send("log/shot", rr.TextLog, {}, log, out.per_shot())
+    last = {one.scene.number: one.last for one in out.laid}
+    lessons = [(shots, last.get(shots, max(last.values(), default=0.0)), text) for shots, text in recording.lessons]
+    if lessons:
+        shots, times, texts = zip(*lessons, strict=True)
+        log = {"text": list(texts), "level": ["INFO"] * len(texts)}
+        out.send("log/refit", rr.TextLog, {}, log, (shots, times, [1] * len(texts)))
+
+
+def _blueprint(table: Table, ball: Ball) -> Any:
+    """Table and log on the left, curves and words on the right."""
+    import rerun.blueprint as rrb
+
+    x, y = np.array([table.length, table.width]) / 2 + 3 * ball.diameter
+    # From the root, as a view leaves out the transform of its own origin.
+    plan = {"origin": "/", "contents": "/top/**", "visual_bounds": rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y])}
+    above = rrb.Spatial2DView(**plan, name="The shot from above", background=FLOOR)
+    curves = rrb.TimeSeriesView(
+        origin="plot", name="Miss of the cue ball over the shots [mm]", plot_legend=rrb.Corner2D.RightTop
+    )
+    log = rrb.TextLogView(origin="log", name="Shots, and what refits found")
+    series = rrb.TextDocumentView(origin="text/series", name="The series")
+    guide = rrb.TextDocumentView(origin="text/guide", name="How to read this")
+    shot = rrb.TextDocumentView(origin="text/shot", name="This shot")
+    left = rrb.Vertical(above, log, row_shares=[5, 2])
+    right = rrb.Vertical(curves, rrb.Tabs(shot, series, guide), row_shares=[1, 1])
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[3, 2]),
+        rrb.TimePanel(state="collapsed", timeline="shot", fps=1.0, loop_mode="all"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_layout=False,
+        auto_views=False,
+    )
