@@ -111,6 +111,9 @@ class EmulatedTable:
         noise = self.sigma / math.sqrt(LOOKS)
         return {name: xy + noise * self._rng.standard_normal(2) for name, xy in self._places.items()}
 
+    def arm(self) -> None:
+        """It sees every hit anyway."""
+
     def film(self) -> dict[str, Observation]:
         """What the camera saw since the last film ended, from the hit on; empty where nothing was struck."""
         self._play()

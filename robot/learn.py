@@ -38,7 +38,7 @@ from planner.study import Study, draw_scene
 from planner.value import Wish
 from robot.launcher import Launcher
 from robot.play import Camera, play_plan, played_file
-from robot.relearn import learn_launcher, learn_table
+from robot.relearn import relearn
 from robot.story import FIT_FORMAT, FORMAT, Story, count_played, fit_folder, middle_of, plan_file, read_json, read_story
 from sysid.clips import ClipSet, read_clip_set
 from sysid.output import write_json
@@ -229,10 +229,11 @@ def _refit(folder: Path, course: Course, learnt: int, report: Report) -> str:
     def say(line: str) -> None:
         report(f"{len(clip_set.clips)} clips: {line}")
 
-    model, result = learn_table(clip_set, course.model, say)
-    cueing_map, launcher = learn_launcher(clip_set, played, model, course.cueing_map, say)
-    write_model(model, out / "model.toml")
-    write_map(out / "map.toml", cueing_map)
+    known, _ = latest(folder, course, learnt - course.every)
+    found = relearn(clip_set, played, course.model, course.cueing_map, known, say)
+    result = found.result
+    write_model(found.model, out / "model.toml")
+    write_map(out / "map.toml", found.cueing_map)
     write_json(str(out / "result.json"), result)
     last, unexplained = result["ladder"][-1], result["unexplained"]
     told = {
@@ -240,11 +241,11 @@ def _refit(folder: Path, course: Course, learnt: int, report: Report) -> str:
         "unexplained": unexplained["where"] if unexplained else "", "rms_m": last["rms_m"],
         "held_out_rms_m": last["held_out_rms_m"], "chi2_reduced": last["chi2_reduced"],
         "parameters": {n: {"value": p["value"], "sd": p["sd"]} for n, p in result["parameters"].items()},
-        "launcher": launcher, "elapsed_s": time.monotonic() - began,
+        "launcher": found.launcher(), "elapsed_s": time.monotonic() - began,
     }  # fmt: skip
     write_json(str(out / "fit.json"), told)  # the last: with it the refit is there
-    found = ", ".join(result["verdict"]) or "no effect beyond the base"
-    return f"learnt from {learnt} shots: {found}; whole shots within {1e3 * last['rms_m']:.2f} mm rms"
+    names = ", ".join(result["verdict"]) or "no effect beyond the base"
+    return f"learnt from {learnt} shots: {names}; whole shots within {1e3 * last['rms_m']:.2f} mm rms"
 
 
 def films(folder: Path, learnt: int) -> tuple[ClipSet, list[dict[str, Any]]]:

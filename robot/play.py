@@ -57,6 +57,10 @@ class Camera(Protocol):
         """Where the resting balls are seen, by name: (2,) [m]."""
         ...
 
+    def arm(self) -> None:
+        """Film from now on: a stroke is about to be made."""
+        ...
+
     def film(self) -> Mapping[str, Observation]:
         """The balls' places since the last film ended, t = 0 at the hit; empty where nothing was filmed."""
         ...
@@ -216,6 +220,8 @@ def play_plan(
     what = f"yaw {order.yaw_deg:.2f} degrees, tip at {placed.x0_mm:+.2f}, {placed.y0_mm:+.2f} mm, string {order.string}"
     if confirm is not None and not launcher.dry_run and not confirm(what):
         raise BadInput(f"not confirmed ({what}); nothing was struck, say yes to strike")
+    if camera is not None and not launcher.dry_run:
+        camera.arm()
     when = datetime.now(UTC).isoformat(timespec="milliseconds")
     try:
         done = launcher.strike(order.string)

@@ -1,14 +1,18 @@
 """What a series of filmed strokes says of the table and of the launcher.
 
-The table: sysid/discover.py on the films, each up to where a pocket's jaws enter. The launcher: the first velocity of
-every film, the fitted model run back to the hit, beside the string, the stage and the yaw that were told, makes a
-campaign of its own, to which the cueing map is fitted; what so few strokes do not tell stays with the start map.
+The launcher: what every film begins with, up to its first impact, beside the string, the stage and the yaw that were
+told, makes a campaign of its own, to which the cueing map is fitted; what so few strokes do not tell stays with the
+start map. The table: sysid/discover.py on the films, each up to where a pocket's jaws enter, with the commands that
+this map makes of what was told: a launcher that is not yet known must not look like an effect of the table. A squirt
+that is found all the same is the launcher's, and left to its map, which is fitted again in the end.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,78 +24,119 @@ from planner.cueing_map import CueingMap
 from robot.campaign import CueShot
 from robot.map_fit import fit_map
 from robot.protocol import string_number
-from sysid.clips import ClipSet
+from sysid.clips import ClipSet, Cue
 from sysid.discover import discover
 from sysid.findings import model_of, result_of
 from sysid.jaws import before_jaws
 from sysid.noise import position_noise
-from sysid.own import fit_own, polish
+from sysid.own import ROBUST, Growth
 from sysid.problem import shot_problem, turn
+from sysid.solve import fit_each
 from sysid.spikes import set_aside
 
 FEWEST = 8  # strokes from which the map is fitted anew; the start map holds what they do not tell
-SPEED_SD, SQUIRT_SD = 2e-3, 5e-4  # of a first velocity from a film: fraction of the speed, [rad]; tests/test_learn.py
+LONGEST = 0.4  # of a film's beginning [s]
+SQUIRT = "squirt"  # name or slot
 Report = Callable[[str], None]
 
 
-def learn_table(clip_set: ClipSet, start: Model, report: Report) -> tuple[Model, dict[str, Any]]:
-    """The model that films ask for, beginning at `start`, and the discovery's result (billiard-discovery/1)."""
-    found = discover(before_jaws(clip_set), start, report)
-    return model_of(found, found.last, "robot learn"), result_of(found, math.nan)
+@dataclass(frozen=True)
+class Learnt:
+    """Table and launcher, as a series of strokes tells them."""
+
+    model: Model
+    cueing_map: CueingMap
+    result: dict[str, Any]  # of the discovery, billiard-discovery/1
+
+    def launcher(self) -> dict[str, dict[str, float]]:
+        """Constants of the map, with their standard deviations."""
+        sds = np.sqrt(np.diag(self.cueing_map.covariance))
+        made = self.cueing_map.constants
+        return {n: {"value": getattr(made, n), "sd": float(s)} for n, s in zip(NAMES, sds, strict=True)}
 
 
-def learn_launcher(
-    clip_set: ClipSet, played: Sequence[Mapping[str, Any]], model: Model, start: CueingMap, report: Report
-) -> tuple[CueingMap, dict[str, dict[str, float]]]:
-    """The cueing map that films and what was told ask for, and its constants with their standard deviations.
+def relearn(
+    clip_set: ClipSet, played: Sequence[Mapping[str, Any]], start: Model, start_map: CueingMap, known: Model,
+    report: Report,
+) -> Learnt:  # fmt: skip
+    """Learn both from all strokes so far.
 
     Args:
         clip_set: films of the strokes.
         played: the record of each (billiard-played/1), in the same order.
-        model: of the table, fitted.
-        start: the map that is held for known before.
+        start: the model that the discovery begins with.
+        start_map: the map that is held for known before.
+        known: the best model so far.
         report: told what is being done.
     """
-    report("first velocities")
+    short = before_jaws(clip_set)
+    report("what every film begins with")
+    rough = learn_launcher(short, played, known, start_map)
+    found = discover(with_commands(short, played, rough), start, report)
+    model = model_of(found, found.last, "robot learn")
+    model = dataclasses.replace(model, effects=tuple(e for e in model.effects if SQUIRT not in (e.slot, e.name())))
+    return Learnt(model, learn_launcher(short, played, model, start_map), result_of(found, math.nan))
+
+
+def learn_launcher(
+    clip_set: ClipSet, played: Sequence[Mapping[str, Any]], model: Model, start: CueingMap
+) -> CueingMap:  # fmt: skip
+    """The cueing map that films and what was told ask for, seen with a model of the table."""
     strokes = strokes_of(clip_set, played, first_velocities(clip_set, model))
     places = [{s.x0_mm for s in strokes}, {s.y0_mm for s in strokes}]
     if len(strokes) < FEWEST or min(map(len, places)) < 3:
-        made = start
-    else:
-        made = fit_map(strokes, start.geometry, start=start.constants, execution=start.execution, fewest=FEWEST)
-    sds = np.sqrt(np.diag(made.covariance))
-    return made, {n: {"value": getattr(made.constants, n), "sd": float(s)} for n, s in zip(NAMES, sds, strict=True)}
+        return start
+    return fit_map(strokes, start.geometry, start=start.constants, execution=start.execution, fewest=FEWEST)
 
 
-def first_velocities(clip_set: ClipSet, model: Model) -> dict[str, Array]:
-    """What the struck ball of every clip begins with, by its file: (2,) [m/s], table frame."""
-    clip_set = before_jaws(clip_set)
+def with_commands(clip_set: ClipSet, played: Sequence[Mapping[str, Any]], cueing_map: CueingMap) -> ClipSet:
+    """The clips, their commands what a map makes of what was told: the ball's speed, way and spin."""
+    told = {record["clip"]["file"]: record for record in played}
+    clips = []
+    for clip in clip_set.clips:
+        done, theta = told[clip.file]["done"], math.radians(told[clip.file]["asked"]["theta_deg"])
+        stroke = (done["asked_speed"], 1e-3 * done["x0_mm"], 1e-3 * done["y0_mm"])
+        speed, turned, side, height = (float(v[0]) for v in cueing_map.give(*(np.array([v]) for v in stroke)))
+        azimuth = math.remainder(theta + turned, 2 * math.pi)
+        cue = Cue(speed, azimuth, side, height, cueing_map.geometry.elevation)
+        clips.append(dataclasses.replace(clip, cue=cue))
+    return dataclasses.replace(clip_set, clips=tuple(clips))
+
+
+def first_velocities(clip_set: ClipSet, model: Model) -> dict[str, tuple[Array, float]]:
+    """What the struck ball of every clip begins with, by its file: velocity (2,) and one standard deviation [m/s].
+
+    From its way to the first impact, or so much of it as `LONGEST`: a model that is still wrong errs little there.
+    """
     sigma = position_noise(clip_set)
     clip_set, _ = set_aside(clip_set, sigma)
     problem = shot_problem(model, (), clip_set, sigma)
     none = np.zeros(0)
-    x = polish(problem, fit_own(problem, clip_set, none, sigma), none)
+    growth = Growth.of(problem, clip_set, sigma)
+    time = np.clip(growth.horizon(0), 2 / clip_set.fps, LONGEST)
+    x, _ = fit_each(problem.until(time).evaluate, growth.own(problem.start.copy(), none, 0), none, problem.steps,
+                    problem.prior, ROBUST, 10)  # fmt: skip
+    sd = sigma / time * np.sqrt(12 / np.maximum(time * clip_set.fps, 2.0))  # of a slope through so many places
     return {
-        clip.file: turn(float(azimuth)) @ row[2:4]
-        for clip, azimuth, row in zip(clip_set.clips, problem.azimuth, x, strict=True)
+        clip.file: (turn(float(azimuth)) @ row[2:4], float(s))
+        for clip, azimuth, row, s in zip(clip_set.clips, problem.azimuth, x, sd, strict=True)
     }
 
 
 def strokes_of(
-    clip_set: ClipSet, played: Sequence[Mapping[str, Any]], velocities: Mapping[str, Array]
+    clip_set: ClipSet, played: Sequence[Mapping[str, Any]], velocities: Mapping[str, tuple[Array, float]]
 ) -> list[CueShot]:
     """Strokes as a campaign has them: what was told, and what the ball began with."""
+    told = {record["clip"]["file"]: record for record in played}
     out = []
-    for k, (clip, record) in enumerate(zip(clip_set.clips, played, strict=True)):
-        if clip.file not in velocities:
-            continue
-        velocity, done = velocities[clip.file], record["done"]
-        speed = float(np.hypot(*velocity))
+    for k, clip in enumerate(clip_set.clips):
+        (velocity, sd), record = velocities[clip.file], told[clip.file]
+        speed, done = float(np.hypot(*velocity)), record["done"]
         aside = math.atan2(velocity[1], velocity[0]) - math.radians(record["asked"]["theta_deg"])
         out.append(
             CueShot(
-                string_number(record["asked"]["string"]), done["asked_speed"], done["x0_mm"], done["y0_mm"], speed,
-                SPEED_SD * speed, 0.0, math.remainder(aside, 2 * math.pi), SQUIRT_SD, 0.0, False, k,
+                string_number(record["asked"]["string"]), done["asked_speed"], done["x0_mm"], done["y0_mm"], speed, sd,
+                0.0, math.remainder(aside, 2 * math.pi), sd / speed, 0.0, False, k,
             )
         )  # fmt: skip
     return out

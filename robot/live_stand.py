@@ -1,0 +1,92 @@
+"""A series, or one plan, at a real table: a person lays the balls and turns the stand, a camera looks and films.
+
+The camera decides when a scene is laid: every ball within reach of its place is enough, as the plan is made for where
+it really lies. The stand's turn is told live from the camera's picture of the cue (robot/align.py) until it is aligned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from models.errors import BadInput
+from models.shot import Array
+from planner.scene import Scene
+from robot.align import align
+from robot.launcher import Launcher
+from robot.learn import Laid
+from robot.live_camera import LiveCamera
+from robot.settings import Settings
+
+REACH = 0.03  # within which a ball counts as laid [m]
+TRIES = 20  # times that somebody is asked to lay a scene
+
+
+@dataclass
+class LiveStand:
+    """A table, a launcher at a port, a camera, and whoever stands there."""
+
+    camera: LiveCamera
+    settings: Settings
+    connect: Callable[[], Launcher]  # a launcher, not yet connected
+    confirm: Callable[[str], bool]  # asked before every stroke
+    ready: Callable[[str], bool]  # told what to do, answers when it is done; no: the series ends here
+    say: Callable[[str], None] = print
+
+    def lay(self, scene: Scene, number: int) -> Laid:
+        """Have the balls of a shot laid, until the camera sees them there.
+
+        Raises:
+            BadInput: nobody goes on, or they are not laid after many tries.
+        """
+        if (scene.table, scene.ball) != (self.camera.table, self.camera.ball):
+            raise BadInput(
+                f"the series is for {scene.table}, {scene.ball}; the camera sees {self.camera.table}, "
+                f"{self.camera.ball}: begin with a model of this table (robot learn --model)"
+            )
+        text = self._words(scene)
+        for _ in range(TRIES):
+            if not self.ready(f"shot {number}: lay {text}"):
+                raise BadInput(f"shot {number}: not laid; the same command goes on from here")
+            faults = self._faults(scene)
+            if not faults:
+                return Laid(self.camera, self.connect(), self.turn, self.confirm)
+            self.say("; ".join(faults))
+        raise BadInput(f"shot {number}: {faults[0]}; see that the camera's file fits, and names the balls as they are")
+
+    def turn(self, azimuth: float) -> None:
+        """Say how to turn the stand until it is aligned; BadInput where no more pictures come."""
+        low, high = self.settings.limits.yaw_deg
+        self.settings.check_yaw(float(np.degrees(azimuth)))
+        self.say(f"turn the stand to {np.degrees(azimuth):.1f} degrees (it reaches {low:g} to {high:g})")
+        align(self.camera.pictures(), self.camera.seen_with, azimuth, say=self.say)
+
+    def repeat(self, plan: Path, number: int) -> Array | None:
+        """Nobody lays a scene twenty times."""
+        return None
+
+    def _faults(self, scene: Scene) -> list[str]:
+        """What is not yet laid."""
+        seen = self.camera.look()
+        told = [f"{name} is not seen" for name in scene.names if name not in seen]
+        told += [f"{name} is one too many" for name in seen if name not in scene.names]
+        for name, place in zip(scene.names, scene.position, strict=True):
+            away = float(np.hypot(*(seen[name] - place))) if name in seen else 0.0
+            if away > REACH:
+                told.append(f"{name} lies {1e3 * away:.0f} mm from its place")
+        return told
+
+    def _words(self, scene: Scene) -> str:
+        """Where the balls go, from the cushions."""
+        half = np.array([scene.table.length, scene.table.width]) / 2
+        ends = (("-x", "+x"), ("-y", "+y"))
+        parts = []
+        for name, xy in zip(scene.names, scene.position, strict=True):
+            sides = [
+                f"{1e2 * (half[k] - abs(xy[k])):.1f} cm from the {ends[k][int(xy[k] > 0)]} cushion" for k in range(2)
+            ]
+            parts.append(f"{name} {' and '.join(sides)}")
+        return "; ".join(parts)
