@@ -72,6 +72,9 @@ class SeenScene:
         """Where the balls are, by name: (2,) [m]."""
         return dict(zip(self.scene.names, self.scene.position, strict=True))
 
+    def arm(self) -> None:
+        """Nobody films."""
+
     def film(self) -> Mapping[str, Observation]:
         """Nothing."""
         return {}

@@ -148,6 +148,8 @@ def learn(
     begin(folder, course)
     while True:
         played = count_played(folder)
+        if played and not plan_file(folder, played).with_suffix(".repeats.json").is_file():  # broken off before them
+            _repeat(plan_file(folder, played), stand, played)
         learnt = played - played % course.every
         if learnt and not (fit_folder(folder, learnt) / "fit.json").is_file():
             say(_refit(folder, course, learnt, report))
@@ -208,15 +210,20 @@ def _play(folder: Path, course: Course, stand: Stand, number: int, learnt: int, 
     laid.turn(math.radians(plan["launcher"]["theta_deg"]))
     with laid.launcher as launcher:
         played = play_plan(path, launcher, laid.camera, laid.confirm, clips=folder / "clips", say=report)
-    ends = stand.repeat(path, number)
-    if ends is not None:
-        told = {"format": "billiard-repeats/1", "plan": path.name, "cue": np.round(ends, 5).tolist()}
-        write_json(str(path.with_suffix(".repeats.json")), told)
+    _repeat(path, stand, number)
     pot = {True: "potted", False: "not potted", None: "not seen"}[played.potted]
     miss = "not on the table"
     if played.cue_end is not None:
         miss = f"{1e3 * float(np.hypot(*(middle_of(plan)[0] - played.cue_end))):.0f} mm from where it was told to stop"
     return f"shot {number:3d}: {pot} ({100 * plan['pot_probability']['value']:.0f} % promised), the cue ball {miss}"
+
+
+def _repeat(plan: Path, stand: Stand, number: int) -> None:
+    """Where the stroke ends when it is repeated, into a file beside the plan; nothing where nobody repeats it."""
+    ends = stand.repeat(plan, number)
+    if ends is not None:
+        told = {"format": "billiard-repeats/1", "plan": plan.name, "cue": np.round(ends, 5).tolist()}
+        write_json(str(plan.with_suffix(".repeats.json")), told)
 
 
 def _refit(folder: Path, course: Course, learnt: int, report: Report) -> str:

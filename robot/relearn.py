@@ -103,40 +103,50 @@ def with_commands(clip_set: ClipSet, played: Sequence[Mapping[str, Any]], cueing
     return dataclasses.replace(clip_set, clips=tuple(clips))
 
 
-def first_velocities(clip_set: ClipSet, model: Model) -> dict[str, tuple[Array, float]]:
-    """What the struck ball of every clip begins with, by its file: velocity (2,) and one standard deviation [m/s].
+def first_velocities(clip_set: ClipSet, model: Model) -> dict[str, tuple[Array, float, float]]:
+    """What the struck ball of every clip begins with, by its file: velocity (2,), its sd along and across [m/s].
 
-    From its way to the first impact, or so much of it as `LONGEST`: a model that is still wrong errs little there.
+    From its way to the first impact, or so much of it as `LONGEST`: a model that is still wrong errs little there. How
+    well a film tells it is that of all its unknowns together: a ball that is struck near natural roll slides for a few
+    frames only, and spin across its way then looks like another direction, 25 mrad of it in place of 1.
     """
     sigma = position_noise(clip_set)
     clip_set, _ = set_aside(clip_set, sigma)
     problem = shot_problem(model, (), clip_set, sigma)
     none = np.zeros(0)
     growth = Growth.of(problem, clip_set, sigma)
-    time = np.clip(growth.horizon(0), 2 / clip_set.fps, LONGEST)
-    x, _ = fit_each(problem.until(time).evaluate, growth.own(problem.start.copy(), none, 0), none, problem.steps,
-                    problem.prior, ROBUST, 10)  # fmt: skip
-    sd = sigma / time * np.sqrt(12 / np.maximum(time * clip_set.fps, 2.0))  # of a slope through so many places
-    return {
-        clip.file: (turn(float(azimuth)) @ row[2:4], float(s))
-        for clip, azimuth, row, s in zip(clip_set.clips, problem.azimuth, x, sd, strict=True)
-    }
+    begun = problem.until(np.clip(growth.horizon(0), 2 / clip_set.fps, LONGEST))
+    x, _ = fit_each(
+        begun.evaluate, growth.own(problem.start.copy(), none, 0), none, problem.steps, problem.prior, ROBUST, 10
+    )
+    every, constants = np.arange(len(x)), np.zeros((len(x), 0))
+    steps = np.diag(problem.steps)
+    slopes = [(begun.evaluate(x + s, constants, every) - begun.evaluate(x - s, constants, every)) for s in steps]
+    jacobian = np.nan_to_num(np.stack(slopes, axis=-1) / (2 * problem.steps))
+    known = np.swapaxes(jacobian, 1, 2) @ jacobian + problem.prior.sd[:, :, None] ** -2.0 * np.eye(x.shape[1])
+    out = {}
+    for clip, azimuth, row, cov in zip(clip_set.clips, problem.azimuth, x, np.linalg.inv(known), strict=True):
+        along = row[2:4] / np.hypot(*row[2:4])
+        across = np.array([-along[1], along[0]])
+        sds = (float(np.sqrt(way @ cov[2:4, 2:4] @ way)) for way in (along, across))
+        out[clip.file] = (turn(float(azimuth)) @ row[2:4], *sds)
+    return out
 
 
 def strokes_of(
-    clip_set: ClipSet, played: Sequence[Mapping[str, Any]], velocities: Mapping[str, tuple[Array, float]]
+    clip_set: ClipSet, played: Sequence[Mapping[str, Any]], velocities: Mapping[str, tuple[Array, float, float]]
 ) -> list[CueShot]:
     """Strokes as a campaign has them: what was told, and what the ball began with."""
     told = {record["clip"]["file"]: record for record in played}
     out = []
     for k, clip in enumerate(clip_set.clips):
-        (velocity, sd), record = velocities[clip.file], told[clip.file]
+        (velocity, sd, sd_across), record = velocities[clip.file], told[clip.file]
         speed, done = float(np.hypot(*velocity)), record["done"]
         aside = math.atan2(velocity[1], velocity[0]) - math.radians(record["asked"]["theta_deg"])
         out.append(
             CueShot(
                 string_number(record["asked"]["string"]), done["asked_speed"], done["x0_mm"], done["y0_mm"], speed, sd,
-                0.0, math.remainder(aside, 2 * math.pi), sd / speed, 0.0, False, k,
+                0.0, math.remainder(aside, 2 * math.pi), sd_across / speed, 0.0, False, k,
             )
         )  # fmt: skip
     return out

@@ -6,7 +6,8 @@ from the mean place, sqrt(sum |xy - mean|^2 / (n - 1)), on a table with cushions
 run D goes with the square of the speed, dD = 2 D dV / V, and a cushion leaves some 0.3 of the ball's energy, and of the
 scatter: on a full-size table 50 mm are 1.3 % of the speed. The same strokes on a cloth without end (`OPEN`) run up to
 30 m and scatter six times as far; they tell the launcher from the cushions. The emulated launcher repeats its speed
-within 1.1 % (robot/firmware.py), which makes 43 mm; 300 strokes, as played without options, tell that within 2 or 3 mm.
+within 1.25 % (robot/firmware.py), which makes 47 mm over 1800 strokes; 300, as `robot repeat` plays them without
+options, tell that within 3 mm.
 
 The ball lies on the brown spot and goes straight up the table, tip at its centre, the stand turned once; it is put back
 by hand, within `BALL_SD`. Places are those that the emulated camera sees, runs are true. Leaves out a stand that

@@ -15,7 +15,8 @@ import robot.firmware as fw
 import robot.repeatability as rep
 from models.errors import BadInput
 from models.shot import Table
-from robot.repeatability import OPEN, Repeated, main, mean_scatter, measure, rows, spread_strings, text
+from robot.cli import main
+from robot.repeatability import OPEN, Repeated, mean_scatter, measure, rows, spread_strings, text
 from robot.settings import Settings
 
 OURS = Settings()
@@ -86,12 +87,14 @@ def average(repeats: int, seeds: range) -> float:
 
 
 def test_the_papers_fifty_millimetres_come_out_roughly() -> None:
-    assert average(12, range(2)) == pytest.approx(PAPER, rel=0.3)
+    """360 strokes tell their average within some 6 %, and the emulated launcher's is 47 mm."""
+    assert average(12, range(2)) == pytest.approx(PAPER, rel=0.2)
 
 
 @pytest.mark.slow
 def test_the_papers_fifty_millimetres_come_out() -> None:
-    assert average(40, range(3)) == pytest.approx(PAPER, rel=0.2)
+    """1800 strokes tell it within 3 %; the paper's own figure is a round one."""
+    assert average(40, range(3)) == pytest.approx(PAPER, rel=0.12)
 
 
 def test_the_strings_span_the_papers_speeds() -> None:
@@ -151,7 +154,7 @@ def test_a_smaller_table_is_measured_as_well() -> None:
 
 def test_the_command_prints_and_writes_both_cloths(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "r.json"
-    assert main(["--strings", "60", "160", "--repeats", "3", "--json", str(out)]) == 0
+    assert main(["repeat", "--strings", "60", "160", "--repeats", "3", "--json", str(out)]) == 0
     told = capsys.readouterr().out
     assert "snooker table" in told and "cloth without end" in told and told.count("on average +-") == 2
     kept = json.loads(out.read_text())
@@ -159,5 +162,6 @@ def test_the_command_prints_and_writes_both_cloths(tmp_path: Path, capsys: pytes
     assert kept["table"]["mean_scatter_m"] == pytest.approx(mean_scatter(again))
     assert kept["open"]["strings"][0]["run"] > kept["table"]["strings"][0]["run"]
     for words in (["--repeats", "1"], ["--seed", "-1"], ["--settings", "absent.toml"], ["--strings", "300"]):
-        assert main(words) == 2
-        assert capsys.readouterr().err.startswith("robot.repeatability: ")
+        assert main(["repeat", *words]) == 2
+        [line] = capsys.readouterr().err.splitlines()
+        assert line.startswith("robot repeat: ")

@@ -18,7 +18,6 @@ from robot.calibrate import (
     STRINGS,
     StringSpeed,
     calibration_from,
-    main,
     measure_strings,
     rows,
     speed_table,
@@ -26,6 +25,7 @@ from robot.calibrate import (
     text,
     write_calibration,
 )
+from robot.cli import main
 from robot.emulator import Line, VirtualClock, WirePort
 from robot.firmware import Firmware
 from robot.launcher import Done, Launcher
@@ -213,7 +213,7 @@ def test_strings_beyond_the_limits_and_dry_launchers_measure_nothing() -> None:
 
 def test_the_command_writes_a_launchers_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, figures = tmp_path / "new.toml", tmp_path / "f.json"
-    words = ["--out", str(out), "--strings", "20", "100", "180", "--repeats", "3", "--json", str(figures)]
+    words = ["calibrate", "--out", str(out), "--strings", "20", "100", "180", "--repeats", "3", "--json", str(figures)]
     assert main(words) == 0
     told = capsys.readouterr().out
     assert "no --port" in told and "020p" in told and str(out) in told
@@ -239,7 +239,7 @@ def test_the_command_names_bad_input(
     words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("builtins.input", lambda _: "no")
-    assert main(["--out", str(tmp_path / "new.toml"), *words]) == 2
+    assert main(["calibrate", "--out", str(tmp_path / "new.toml"), *words]) == 2
     told = capsys.readouterr().err
-    assert says in told and told.startswith("robot.calibrate: ") and told.count("\n") == 1
+    assert says in told and told.startswith("robot calibrate: ") and told.count("\n") == 1
     assert not (tmp_path / "new.toml").exists()

@@ -18,12 +18,13 @@ import pytest
 import robot.cli
 from models.model_file import write_model
 from planner.scene import scene_from, write_scene
+from robot import calibrate, repeatability
 from robot.campaign import COLUMNS
-from robot.cli import main
+from robot.cli import main, parser
 from robot.emulator import Emulator, Pace
 from robot.firmware import Firmware
 from robot.play import played_file, read_order
-from robot.settings import write_settings
+from robot.settings import read_settings, write_settings
 from sysid.clips import read_clip_set
 from tests.clip_samples import contents
 from tests.test_cli import Said
@@ -90,6 +91,9 @@ def test_bad_input_is_one_line_and_status_2(run: Run, plan: Path, tmp_path: Path
         (("emulate", "--fault-rate", "-1"), "--fault-rate -1"),
         (("map", tmp_path / "none.csv", "--out", tmp_path / "m.toml"), "none.csv"),
         (("campaign", tmp_path / "no" / "c.csv"), "its folder does not exist"),
+        (("repeat", "--json", tmp_path / "no" / "r.json"), "its folder does not exist"),
+        (("calibrate", "--out", tmp_path / "new.toml", "--port", "/dev/none", "--yes"), "cannot be opened"),
+        (("learn", "--out", tmp_path / "set", "--every", "3"), "a refit every 3"),
     ):
         before = contents(tmp_path)
         said = run(*words)
@@ -97,7 +101,7 @@ def test_bad_input_is_one_line_and_status_2(run: Run, plan: Path, tmp_path: Path
         [line] = said.err.splitlines()
         assert line.startswith(f"robot {words[0]}: ") and part in line, line
         assert contents(tmp_path) == before
-    for words in ((), ("plai",), ("status",), ("map", "x.csv")):
+    for words in ((), ("plai",), ("status",), ("map", "x.csv"), ("calibrate",), ("learn",)):
         assert run(*words).status == 2
 
 
@@ -157,6 +161,26 @@ def test_a_port_gets_the_stroke_once_after_a_yes(run: Run, plan: Path, tmp_path:
         assert said.status == 0 and "nobody has looked" in said.out and len(struck(device)) == 2
     told = json.loads(played_file(plan).read_text())
     assert told["struck"] == "yes" and told["potted"] is None and told["clip"] is None
+
+
+def test_a_port_is_calibrated_after_a_yes(run: Run, tmp_path: Path, monkeypatch: Any) -> None:
+    out = tmp_path / "new.toml"
+    with at_a_port() as (port, device):
+        words = ("calibrate", "--port", port, "--out", out, "--strings", 40, 160, "--repeats", 1)
+        monkeypatch.setattr("builtins.input", lambda prompt: "no")
+        said = run(*words)
+        assert said.status == 2 and "nothing was struck" in said.err and not struck(device) and not out.exists()
+        monkeypatch.setattr("builtins.input", lambda prompt: "yes")
+        said = run(*words)
+        assert said.status == 0 and "about to strike: 2 times without a pause" in said.out
+        assert "no --port" not in said.out and len(struck(device)) == 2 and device.state == "IDLE"
+    made = read_settings(out)
+    assert made.calibration.strings == (40, 160) and made.port.device == OURS.port.device
+
+
+def test_options_default_to_what_is_measured_without_them() -> None:
+    assert parser().parse_args(["repeat"]).repeats == repeatability.REPEATS
+    assert parser().parse_args(["calibrate", "--out", "x"]).repeats == calibrate.REPEATS
 
 
 def test_an_interrupt_stops_the_launcher_first(run: Run, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:

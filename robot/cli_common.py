@@ -1,0 +1,75 @@
+"""What the verbs of the `robot` command share: the launcher's file, its line, and options that mean the same in all."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from models.errors import BadInput
+from sysid.output import Progress
+
+if TYPE_CHECKING:
+    from robot.launcher import Launcher
+    from robot.link import Link
+    from robot.settings import Settings
+
+Run = Callable[[argparse.Namespace, Progress], int]
+Verb = Callable[[str, Run, str], argparse.ArgumentParser]  # makes a verb of its name, what runs it, and what it is
+
+
+def wired(one: argparse.ArgumentParser, required: bool) -> None:
+    """Options of a verb that speaks to a launcher."""
+    one.add_argument("--port", metavar="P", required=required, help="where the launcher is, such as /dev/ttyUSB0")
+    one.add_argument("--settings", metavar="L.toml", help="launcher's file (default: the paper's launcher)")
+    one.add_argument("--log", metavar="LOG.jsonl", help="every exchange, a line each, added to what it holds")
+
+
+def seeded(one: argparse.ArgumentParser, default: int) -> None:
+    """The seed's option."""
+    one.add_argument("--seed", metavar="N", type=int, default=default, help=f"of all drawn (default: {default})")
+
+
+def with_effects(one: argparse.ArgumentParser) -> None:
+    """The option of a verb that reads models."""
+    one.add_argument("--effects", metavar="DIR", action="append", default=[], help="folder of effects of your own")
+
+
+def seed_of(args: argparse.Namespace) -> int:
+    """The seed; BadInput for one below 0."""
+    if args.seed < 0:
+        raise BadInput(f"--seed {args.seed}: give a number of 0 or more")
+    return int(args.seed)
+
+
+def settings_of(args: argparse.Namespace) -> Settings:
+    """The launcher's file, or the defaults; --port goes before what it says."""
+    from robot.settings import Settings, read_settings
+
+    ours = read_settings(args.settings) if args.settings else Settings()
+    device = getattr(args, "port", None)
+    return replace(ours, port=replace(ours.port, device=device)) if device else ours
+
+
+def line_of(args: argparse.Namespace, settings: Settings) -> Link:
+    """The line to the launcher at the port, not yet opened."""
+    from robot.link import Link, serial_opener
+
+    return Link(serial_opener(settings.port), settings.timing, baud=settings.port.baud, log=args.log)
+
+
+def launcher_at(args: argparse.Namespace, settings: Settings) -> Launcher:
+    """The launcher at the port, not yet connected."""
+    from robot.launcher import Launcher
+
+    return Launcher(settings, line_of(args, settings))
+
+
+def confirmed(what: str, remedy: str) -> bool:
+    """A yes from the terminal before a stroke; anything else, and nobody there, is a no."""
+    print(f"about to strike: {what}")
+    try:
+        return input(f"{remedy}, keep clear, then type yes: ").strip().lower() == "yes"
+    except EOFError:
+        return False
