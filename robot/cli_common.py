@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from models.errors import BadInput
@@ -13,6 +14,7 @@ from sysid.output import Progress
 if TYPE_CHECKING:
     from robot.launcher import Launcher
     from robot.link import Link
+    from robot.live_camera import LiveCamera
     from robot.settings import Settings
 
 Run = Callable[[argparse.Namespace, Progress], int]
@@ -34,6 +36,32 @@ def seeded(one: argparse.ArgumentParser, default: int) -> None:
 def with_effects(one: argparse.ArgumentParser) -> None:
     """The option of a verb that reads models."""
     one.add_argument("--effects", metavar="DIR", action="append", default=[], help="folder of effects of your own")
+
+
+def with_camera(one: argparse.ArgumentParser, required: bool) -> None:
+    """Options of a verb that looks with a real camera."""
+    text = "camera file, made with: sysid calibrate"
+    one.add_argument("--camera", metavar="CAM.toml", required=required, help=text)
+    text = "camera's number, address, or a film that stands in for it"
+    one.add_argument("--video", metavar="SOURCE", required=required, help=text)
+    one.add_argument("--fps", metavar="F", type=float, help="pictures a second (default: what the camera says)")
+    one.add_argument("--palette", metavar="P.toml", help="names and colours of the balls (default: those of snooker)")
+    one.add_argument("--mass", metavar="M", type=float, help="of a ball [kg] (default: of a snooker ball of its size)")
+
+
+def filmed(args: argparse.Namespace) -> bool:
+    """Whether a camera was named; BadInput for half of one."""
+    if bool(args.camera) != bool(args.video):
+        raise BadInput("--camera CAM.toml and --video SOURCE go together; give both, or neither")
+    return bool(args.camera)
+
+
+def camera_of(args: argparse.Namespace, films: Path | str) -> LiveCamera:
+    """The camera named, its recordings into a folder."""
+    from robot.live_camera import LiveCamera
+
+    rest = {"fps": args.fps, "palette_path": args.palette, "mass": args.mass}
+    return LiveCamera.open(args.video, args.camera, films, **rest)
 
 
 def seed_of(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""`robot learn`: the closed loop on the emulated launcher and table, and how near it came to what they really are.
+"""`robot learn`: the closed loop, at a table or on the emulator, and there how near it came to what it really is.
 
 What the emulator hides is drawn from the seed and stays in this process: DIR/emulated.json holds only a fingerprint of
 it, by which a series goes on with the same table and launcher or not at all; DIR/hidden.toml and DIR/hidden_cue.json
@@ -12,22 +12,35 @@ import dataclasses
 import hashlib
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from models.errors import BadInput
-from robot.cli_common import Verb, seed_of, seeded, with_effects
+from robot.cli_common import (
+    Verb,
+    camera_of,
+    confirmed,
+    filmed,
+    launcher_at,
+    seed_of,
+    seeded,
+    settings_of,
+    wired,
+    with_camera,
+    with_effects,
+)
 from sysid.cli import DONE, INTERRUPTED, check_outputs
 from sysid.output import Progress, table, write_json
 
 if TYPE_CHECKING:
-    from models.analytic.cue_impulse import Constants
-    from models.model_file import Model
+    from models.shot import Ball, Table
     from robot.emulated_stand import EmulatedStand
     from robot.learn import Course
+    from robot.live_camera import LiveCamera
+    from robot.live_stand import LiveStand
     from robot.story import Refit, Story
 
 FORMAT, CUE_FORMAT, EMULATED_FORMAT = "billiard-learn/1", "billiard-hidden-cue/1", "billiard-emulated/1"
@@ -36,10 +49,10 @@ HIDDEN = 7  # beside the seed: its draws are not the scenes'
 
 def add(verb: Verb) -> None:
     """The verb with its options."""
-    text = "plan, play, film, refit table and launcher, plan on: a series on the emulated launcher and table"
+    text = "plan, play, film, refit table and launcher, plan on; without --port on the emulated launcher and table"
     one = verb("learn", run, text)
     one.add_argument("--out", metavar="DIR", required=True, help="folder of the series; one that is there goes on")
-    text = "model to begin with (default: the base on a full-size table)"
+    text = "model to begin with (default: the base; emulated, on a full-size table)"
     one.add_argument("--model", metavar="START.toml", help=text)
     text = "cueing map to begin with (default: the usual constants)"
     one.add_argument("--map", metavar="MAP.toml", help=text)
@@ -48,6 +61,9 @@ def add(verb: Verb) -> None:
     one.add_argument("--balls", metavar="N", type=int, default=2, help="in each scene, 2 to 8 (default: 2)")
     seeded(one, 0)
     one.add_argument("--all", action="store_true", help="play all shots, also where nothing improves any more")
+    wired(one, required=False)
+    with_camera(one, required=False)
+    one.add_argument("--yes", action="store_true", help="strike without asking; look at the table first")
     truth = one.add_mutually_exclusive_group()
     text = "what the emulated table really is (default: drawn from the seed)"
     truth.add_argument("--hidden", metavar="TABLE.toml", help=text)
@@ -63,42 +79,77 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     check_outputs(args.json)
     if args.repeats < 0:
         raise BadInput(f"--repeats {args.repeats}: give 0 or more")
+    from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
     from robot.learn import begin, learn
 
-    course = _course(args)
-    stand = _emulated(args, course)
     folder = Path(args.out)
-    begin(folder, course)
-    _keep_to(folder, stand)
 
     def say(line: str) -> None:
         progress.close()
         print(line, flush=True)
 
-    say("on the emulated launcher and table")
     try:
-        story = learn(folder, course, stand, say, progress)
-        _reveal(folder, stand)
-        told = figures(story, course, stand)
+        if args.port:
+            with _camera(args, folder) as camera:
+                course = _course(args, camera.table, camera.ball)
+                story = learn(folder, course, _at_the_table(args, camera, say), say, progress)
+            emulated = None
+        else:
+            course = _course(args, SNOOKER_TABLE, SNOOKER_BALL)
+            emulated = _emulated(args, course)
+            begin(folder, course)
+            _keep_to(folder, emulated)
+            say("no --port: on the emulated launcher and table")
+            story = learn(folder, course, emulated, say, progress)
+            _reveal(folder, emulated)
+        told = figures(story, course, emulated)
         progress.close()
         print(f"\n{text_of(told)}")
         if args.json:
             write_json(args.json, told)
         _draw(folder, story, progress)
-        print(f"\nseries: {folder} (report.html, story.rrd, hidden.toml, hidden_cue.json)")
+        progress.close()
+        print(f"\nseries: {folder} (report.html, story.rrd{', hidden.toml, hidden_cue.json' if emulated else ''})")
     except KeyboardInterrupt:
         progress.close()
         print(f"robot learn: interrupted; {folder} is kept: the same command goes on from there", file=sys.stderr)
         return INTERRUPTED
-    progress.close()
     return DONE
 
 
-def _course(args: argparse.Namespace) -> Course:
-    """What the command line asks for."""
+def _camera(args: argparse.Namespace, folder: Path) -> LiveCamera:
+    """The camera of a series at a table, which it cannot do without."""
+    for name in ("hidden", "effect"):
+        if getattr(args, name):
+            raise BadInput(f"--{name} belongs to the emulated table; leave it out, or leave --port out")
+    if not filmed(args):
+        raise BadInput("--port: a series needs a camera; give --camera CAM.toml and --video SOURCE")
+    return camera_of(args, folder / "films")
+
+
+def _at_the_table(args: argparse.Namespace, camera: LiveCamera, say: Callable[[str], None]) -> LiveStand:
+    """The stand at a port, with whoever is at the terminal."""
+    from robot.live_stand import LiveStand
+
+    settings = settings_of(args)
+
+    def confirm(what: str) -> bool:
+        return args.yes or confirmed(what, "the stand is aligned")
+
+    def ready(what: str) -> bool:
+        say(what)
+        try:
+            return input("then press return (q ends the series here): ").strip().lower() != "q"
+        except EOFError:
+            return False
+
+    return LiveStand(camera, settings, lambda: launcher_at(args, settings), confirm, ready, say)
+
+
+def _course(args: argparse.Namespace, on: Table, ball: Ball) -> Course:
+    """What the command line asks for, without a model on the base for a table and its balls."""
     from models.analytic.cue_impulse import NAMES, Constants, Geometry
     from models.model_file import full_model, read_model
-    from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
     from planner.cueing_map import CueingMap, read_map
     from planner.execution import Execution
     from planner.mapped import with_map
@@ -106,7 +157,7 @@ def _course(args: argparse.Namespace) -> Course:
     from robot.emulated_table import BASE
     from robot.learn import Course
 
-    model = read_model(args.model) if args.model else full_model(SNOOKER_TABLE, SNOOKER_BALL)
+    model = read_model(args.model) if args.model else full_model(on, ball)
     if lacking := sorted(set(BASE) - {e.name() for e in model.stack()}):
         raise BadInput(f"{args.model}: lacks {', '.join(lacking)}; give a model that starts from the base")
     if args.map:
@@ -182,13 +233,13 @@ def _draw(folder: Path, story: Story, progress: Progress) -> None:
     write_recording(folder / "story.rrd", story)
 
 
-def figures(story: Story, course: Course, stand: EmulatedStand) -> dict[str, Any]:
+def figures(story: Story, course: Course, stand: EmulatedStand | None) -> dict[str, Any]:
     """What a series came to, as plain values (billiard-learn/1)."""
     return {
         "format": FORMAT, "seed": course.seed, "shots": len(story.shots), "every": course.every,
         "ended": story.ended, "blocks": _blocks(story, course.every),
         "refits": [dataclasses.asdict(refit) for refit in story.refits],
-        "truth": _truth(story.refits[-1] if story.refits else None, course, stand.model, stand.cue),
+        "truth": _truth(story.refits[-1] if story.refits else None, course, stand),
     }  # fmt: skip
 
 
@@ -209,13 +260,15 @@ def _blocks(story: Story, every: int) -> list[dict[str, Any]]:
     return out
 
 
-def _truth(last: Refit | None, course: Course, model: Model, cue: Constants) -> dict[str, Any]:
-    """What was hidden beside what was begun with and what was found."""
+def _truth(last: Refit | None, course: Course, stand: EmulatedStand | None) -> dict[str, Any]:
+    """What was begun with and what was found, beside what was hidden where it was emulated."""
     start = course.model.parameters()
     began = {n: float(v) for n, v in start.items()} | dataclasses.asdict(course.cueing_map.constants)
-    hidden = {n: float(v) for n, v in model.parameters().items()} | dataclasses.asdict(cue)
+    hidden: dict[str, float] = {}
+    if stand is not None:
+        hidden = {n: float(v) for n, v in stand.model.parameters().items()} | dataclasses.asdict(stand.cue)
     found = {**last.values, **last.launcher} if last else {}
-    units = {f.name: f.metadata["unit"] for f in dataclasses.fields(cue)}
+    units = {f.name: f.metadata["unit"] for f in dataclasses.fields(course.cueing_map.constants)}
     rows = []
     for name in dict.fromkeys((*hidden, *found)):
         value, sd = found.get(name, (math.nan, math.nan))
@@ -226,7 +279,7 @@ def _truth(last: Refit | None, course: Course, model: Model, cue: Constants) -> 
             })  # fmt: skip
     base = {e.name() for e in course.model.stack()}
     return {
-        "effects": [e.name() for e in model.stack() if e.name() not in base],
+        "effects": [e.name() for e in stand.model.stack() if e.name() not in base] if stand else None,
         "found": list(last.verdict) if last else [],
         "constants": rows,
     }
@@ -260,15 +313,16 @@ def text_of(told: dict[str, Any]) -> str:
 
 def _truth_lines(truth: dict[str, Any]) -> list[str]:
     """The truth beside what was found."""
-    rows: list[tuple[str, ...]] = [("constant", "unit", "began with", "learnt", "sd", "really")]
-    rows += [
-        (c["name"], c["unit"], *_numbers(c["began"], c["value"], c["sd"], c["hidden"])) for c in truth["constants"]
-    ]
-    return [
-        f"effects of the emulated table: {', '.join(truth['effects']) or 'none beyond those begun with'}",
-        f"found: {', '.join(truth['found']) or 'none'}",
-        table(rows, 2),
-    ]
+    emulated = truth["effects"] is not None
+    rows: list[tuple[str, ...]] = [("constant", "unit", "began with", "learnt", "sd", *["really"] * emulated)]
+    for c in truth["constants"]:
+        values = (c["began"], c["value"], c["sd"], *[c["hidden"]] * emulated)
+        rows.append((c["name"], c["unit"], *_numbers(*values)))
+    lines = [f"found: {', '.join(truth['found']) or 'none'}", table(rows, 2)]
+    if emulated:
+        effects = ", ".join(truth["effects"]) or "none beyond those begun with"
+        lines.insert(0, f"effects of the emulated table: {effects}")
+    return lines
 
 
 def _numbers(*values: float | None) -> Sequence[str]:
