@@ -260,9 +260,9 @@ def test_a_launchers_constants_come_back_from_films() -> None:
     made = learnt(30)
     sds = dict(zip(NAMES, np.sqrt(np.diag(made.covariance)), strict=True))
     for name, sd in sds.items():
-        assert 0 < sd < 2 * PRIOR_SD[name]
+        assert 0 < sd < 1.2 * PRIOR_SD[name]
         assert abs(getattr(made.constants, name) - getattr(TRUE, name)) < 4 * sd, name
-    assert made.shots + made.left_out == 30
+    assert (made.shots, made.left_out) == (30, 0)
     # What thirty strokes tell: the start misses the truth by many of its standard deviations.
     assert sds["aim_zero"] < 1e-3 < abs(TRUE.aim_zero)
     assert sds["end_mass"] < 5e-4 < abs(TRUE.end_mass - MAP.constants.end_mass)

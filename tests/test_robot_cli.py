@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import robot.cli
+import robot.cli_play
 from models.model_file import write_model
 from planner.scene import scene_from, write_scene
 from robot import calibrate, repeatability
@@ -82,7 +82,7 @@ def test_bad_input_is_one_line_and_status_2(run: Run, plan: Path, tmp_path: Path
         (("play", plan, "--scene", moved), "ball blue lies 20."),
         (("play", plan, "--settings", settings), "the limits are 0.3 to 0.5"),
         (("play", plan, "--port", "/dev/none"), "cannot be opened"),
-        (("play", plan, "--port", "/dev/none", "--clips", "x"), "--clips belongs to the emulated launcher"),
+        (("play", plan, "--port", "/dev/none", "--clips", "x"), "--clips: nobody films; give --camera and --video"),
         (("play", plan, "--seed", "-1"), "--seed -1"),
         (("play", plan, "--fault-rate", "2"), "rate of faults is 2"),
         (("status", "--port", "/dev/none"), "cannot be opened"),
@@ -109,7 +109,7 @@ def test_interrupts_end_with_their_own_status(run: Run, plan: Path, monkeypatch:
     def broken(*args: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(robot.cli, "_emulated_table", broken)
+    monkeypatch.setattr(robot.cli_play, "_emulated_table", broken)
     said = run("play", plan)
     assert said.status == 130 and "robot play: interrupted" in said.err
 
