@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.shot import NOSE_COSINE, POCKET_MOUTH, Array, Ball, Table
 from models.view import CLEAR, FLOOR, Colour, Out, ball_colour, draw_table, lift
+from models.view_file import whole_recording
 
 APPLICATION, FORMAT = "cuelab_plan", "billiard-plan/1"
 FATES: Mapping[str, Colour] = {"potted": (86, 190, 255), "missed": (255, 159, 28), "foul": (255, 122, 217)}
@@ -175,35 +175,18 @@ def write_plan(path: Path | str, plan: Mapping[str, Any], *, title: str) -> None
     Raises BadInput where it cannot be written, or is given no plan.
     """
     import rerun as rr
-    from rerun.chunk import RrdReader
 
-    target, (table, ball, balls) = Path(path), scene_of(plan)
-    digest = hashlib.sha256(json.dumps([title, plan], sort_keys=True).encode())
-    stream = rr.RecordingStream(APPLICATION, recording_id=digest.hexdigest()[:32], send_properties=False)
-    stream.set_log_time_enabled(False)
-    stream.set_log_tick_enabled(False)
-    out = Out(rr, stream, ())
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
-            part = Path(folder) / target.name
-            stream.save(part, default_blueprint=_blueprint(table, ball, plan))
-            stream.send_recording_name(title)
-            draw_table(out, table, ball)
-            _draw_scene(out, plan, ball, balls)
-            _draw_shot(out, "shot", plan.get("tracks") or [], table, ball, balls)
-            for number, other in enumerate(plan.get("alternatives") or [], start=1):
-                _draw_shot(out, f"alternative/{number}", other.get("tracks") or [], table, ball, balls)
-            _draw_draws(out, plan)
-            _describe(out, plan, title)
-            stream.flush()
-            stream.disconnect()
-            RrdReader(part).store()  # refuses a file that was cut short
-            part.replace(target)
-    except (OSError, RuntimeError) as error:  # Rerun raises the latter for a full disk
-        text = f"{path}: cannot be written ({error}); choose another place"
-        raise BadInput(" ".join(text.split())) from error
-    finally:
-        stream.disconnect()
+    table, ball, balls = scene_of(plan)
+    digest = hashlib.sha256(json.dumps([title, plan], sort_keys=True).encode()).hexdigest()[:32]
+    with whole_recording(path, APPLICATION, digest, title, _blueprint(table, ball, plan)) as stream:
+        out = Out(rr, stream, ())
+        draw_table(out, table, ball)
+        _draw_scene(out, plan, ball, balls)
+        _draw_shot(out, "shot", plan.get("tracks") or [], table, ball, balls)
+        for number, other in enumerate(plan.get("alternatives") or [], start=1):
+            _draw_shot(out, f"alternative/{number}", other.get("tracks") or [], table, ball, balls)
+        _draw_draws(out, plan)
+        _describe(out, plan, title)
 
 
 def _lines(out: Out, part: str, strips: Sequence[Array], colour: Colour, radius: float, order: float) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import BadInput
 from models.shot import Array, Ball, Table
 from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.view import FLOOR, GAP, MODEL, UNSEEN, WHITE, Colour, Out, ball_colour, draw_table
+from models.view_file import whole_recording
 
 APPLICATION = "cuelab_story"
 Way = tuple[Array, Array]  # time (n,) [s] in its shot, increasing; places (n, 2) [m]; NaN where unseen
@@ -74,32 +73,15 @@ def write_story(path: Path | str, recording: Recording, *, title: str) -> None:
     Raises BadInput where it cannot be written.
     """
     import rerun as rr
-    from rerun.chunk import RrdReader
 
-    target, table, ball = Path(path), recording.table, recording.ball
-    stream = rr.RecordingStream(APPLICATION, recording_id=_digest(recording, title), send_properties=False)
-    stream.set_log_time_enabled(False)
-    stream.set_log_tick_enabled(False)
-    out = _Film(rr, stream, (), _lay_out(recording.scenes))
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
-            part = Path(folder) / target.name
-            stream.save(part, default_blueprint=_blueprint(table, ball))
-            stream.send_recording_name(title)
-            draw_table(out, table, ball)
-            _draw_balls(out, ball)
-            _draw_marks(out, ball)
-            _plot(out)
-            _describe(out, recording, title)
-            stream.flush()
-            stream.disconnect()
-            RrdReader(part).store()  # refuses a file that was cut short
-            part.replace(target)
-    except (OSError, RuntimeError) as error:  # Rerun raises the latter for a full disk
-        text = f"{path}: cannot be written ({error}); choose another place"
-        raise BadInput(" ".join(text.split())) from error
-    finally:
-        stream.disconnect()
+    table, ball = recording.table, recording.ball
+    with whole_recording(path, APPLICATION, _digest(recording, title), title, _blueprint(table, ball)) as stream:
+        out = _Film(rr, stream, (), _lay_out(recording.scenes))
+        draw_table(out, table, ball)
+        _draw_balls(out, ball)
+        _draw_marks(out, ball)
+        _plot(out)
+        _describe(out, recording, title)
 
 
 @dataclass(frozen=True)

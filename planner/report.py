@@ -8,7 +8,6 @@ normal distribution; they are left out where there are few draws. The same plan 
 from __future__ import annotations
 
 import base64
-import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
@@ -38,7 +37,8 @@ from models.view_plan import (
     strike_words,
     wanted,
 )
-from sysid.plots import INK, MODEL, NOISE, STYLE, WIDTH, draw_table, number, svg
+from sysid.drawing import INK, MODEL, NOISE, WIDTH, png, svg
+from sysid.plots import draw_table, number
 from sysid.report import CSS
 
 LIMIT = 0.5  # offset over radius beyond which no stroke is played (Robotic Billiards 2015)
@@ -95,19 +95,8 @@ def write_report(path: Path | str, plan: Mapping[str, Any], title: str) -> None:
 
 def write_picture(path: Path | str, plan: Mapping[str, Any]) -> None:
     """Write the table from above as PNG, whole or not at all; BadInput as for the report."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
     scene_of(plan)
-    height, draw = _picture(plan)
-    out = io.BytesIO()
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(STYLE)
-        fig = Figure(figsize=(WIDTH, height), layout="constrained")
-        draw(fig)
-        fig.savefig(out, format="png", dpi=144, metadata={"Software": None}, facecolor="white")
-    write_whole(path, out.getvalue())
+    write_whole(path, png(*_picture(plan), dpi=144))
 
 
 def _cards(plan: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -7,9 +7,7 @@ ten bins: in each, as many should pot as were promised, but for the error of so 
 
 from __future__ import annotations
 
-import io
 import math
-import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -22,8 +20,9 @@ from models.files import write_whole
 from models.shot import Ball, Table
 from models.view import ball_colour
 from planner.outcome import FOULS
+from sysid.drawing import HELD_OUT, INK, MODEL, NOISE, png
 from sysid.output import table
-from sysid.plots import HELD_OUT, INK, MODEL, NOISE, STYLE, WIDTH, draw_table
+from sysid.plots import draw_table
 
 Array = NDArray[np.float64]
 Told = Mapping[str, Any]
@@ -271,28 +270,22 @@ def write_report(path: Path | str, scenes: Sequence[Told], settings: Told, out: 
 
 def draw_study(scenes: Sequence[Told], told: Told) -> bytes:
     """The pictures of a study, without those that failed, as PNG: the same bytes for the same scenes."""
-    import matplotlib
-    from matplotlib.figure import Figure
 
-    out = io.BytesIO()
-    with matplotlib.rc_context(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(STYLE)
-        fig = Figure(figsize=(WIDTH, 13.0), layout="constrained")
+    def draw(fig: Any) -> None:
         axes = fig.subplots(4, 2, height_ratios=[4, 4, 3, 3])
-        if scenes:
-            _draw_calibration(axes[0, 0], scenes, told)
-            _draw_pots(axes[0, 1], scenes, told)
-            for ax, key, title in ((axes[1, 0], "away", "plays that potted, all scenes"), (axes[1, 1], "median", "")):
-                _draw_distances(ax, scenes, told, key, title or "scenes' medians of plays that potted")
-            ranked = sorted(scenes, key=lambda s: (-_seen(s, next(iter(told["methods"])))["made"], s["number"]))
-            for k, ax in enumerate(axes[2:].flat):
-                ax.set_axis_off()
-                if k < len(ranked):  # from where it goes well to where it goes badly
-                    _draw_scene(ax, ranked[min(k, 3) * (len(ranked) - 1) // max(min(3, len(ranked) - 1), 1)], told)
-        fig.savefig(out, format="png", dpi=120, metadata={"Software": None}, facecolor="white")
-    return out.getvalue()
+        if not scenes:
+            return
+        _draw_calibration(axes[0, 0], scenes, told)
+        _draw_pots(axes[0, 1], scenes, told)
+        for ax, key, title in ((axes[1, 0], "away", "plays that potted, all scenes"), (axes[1, 1], "median", "")):
+            _draw_distances(ax, scenes, told, key, title or "scenes' medians of plays that potted")
+        ranked = sorted(scenes, key=lambda s: (-_seen(s, next(iter(told["methods"])))["made"], s["number"]))
+        for k, ax in enumerate(axes[2:].flat):
+            ax.set_axis_off()
+            if k < len(ranked):  # from where it goes well to where it goes badly
+                _draw_scene(ax, ranked[min(k, 3) * (len(ranked) - 1) // max(min(3, len(ranked) - 1), 1)], told)
+
+    return png(13.0, draw, dpi=120)
 
 
 def _draw_calibration(ax: Any, scenes: Sequence[Told], told: Told) -> None:

@@ -56,6 +56,13 @@ def filmed(args: argparse.Namespace) -> bool:
     return bool(args.camera)
 
 
+def emulated_only(args: argparse.Namespace) -> None:
+    """BadInput for a camera without a launcher at a port."""
+    for name in ("camera", "video"):
+        if getattr(args, name):
+            raise BadInput(f"--{name} belongs to a launcher at a --port; the emulated one has a camera of its own")
+
+
 def camera_of(args: argparse.Namespace, films: Path | str) -> LiveCamera:
     """The camera named, its recordings into a folder."""
     from robot.live_camera import LiveCamera

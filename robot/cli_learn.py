@@ -23,6 +23,7 @@ from robot.cli_common import (
     Verb,
     camera_of,
     confirmed,
+    emulated_only,
     filmed,
     launcher_at,
     seed_of,
@@ -95,6 +96,7 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
                 story = learn(folder, course, _at_the_table(args, camera, say), say, progress)
             emulated = None
         else:
+            emulated_only(args)
             course = _course(args, SNOOKER_TABLE, SNOOKER_BALL)
             emulated = _emulated(args, course)
             begin(folder, course)

@@ -15,6 +15,7 @@ from robot.cli_common import (
     Verb,
     camera_of,
     confirmed,
+    emulated_only,
     filmed,
     launcher_at,
     seed_of,
@@ -105,9 +106,7 @@ def play(args: argparse.Namespace, progress: Progress) -> int:
     most = 1e-3 * args.tolerance
     if args.port:
         return _at_the_table(args, settings, order, scene, most)
-    for name in ("camera", "video"):
-        if getattr(args, name):
-            raise BadInput(f"--{name} belongs to a launcher at a --port; the emulated one has a camera of its own")
+    emulated_only(args)
     print("no --port: on the emulated launcher and table")
     emulated = _emulated_table(args, scene or order.scene, np.radians(order.yaw_deg))
     if args.dry_run:
@@ -135,7 +134,8 @@ def _at_the_table(
         with camera_of(args, args.films) as camera:
             if args.dry_run:
                 return _tell(play_plan(args.plan, _dry(settings), camera, tolerance=most), args, None)
-            _aligned(camera, np.radians(order.yaw_deg), order.scene.position[0])
+            if not _aligned(camera, np.radians(order.yaw_deg), order.scene.position[0]):
+                raise BadInput(f"--video {args.video}: no more pictures came, and the stand is not aligned; try again")
             with launcher_at(args, settings) as launcher:
                 played = play_plan(args.plan, launcher, camera, confirm, clips=args.clips, tolerance=most)
         return _tell(played, args, None)
@@ -173,13 +173,17 @@ def align_stand(args: argparse.Namespace, progress: Progress) -> int:
     ball = None
     if args.plan:
         plan = read_plan(args.plan)
-        if plan["stroke"] is None:
-            raise BadInput(f"{args.plan}: holds no stroke ({plan['why']}); plan another shot")
-        wanted, ball = plan["launcher"]["theta_deg"], scene_from(plan["scene"], f"{args.plan} scene").position[0]
+        if plan.get("stroke") is None:
+            raise BadInput(f"{args.plan}: holds no stroke ({plan.get('why', 'no reason told')}); plan another shot")
+        launcher = plan.get("launcher")
+        wanted = launcher.get("theta_deg") if isinstance(launcher, dict) else None
+        if not isinstance(wanted, int | float):
+            raise BadInput(f"{args.plan}: theta_deg of its launcher is {wanted!r}; make the plan again")
+        ball = scene_from(plan.get("scene"), f"{args.plan} scene").position[0]
     else:
         wanted = args.azimuth
     if not abs(wanted) <= 360:
-        raise BadInput(f"--azimuth {wanted:g}: give degrees, -360 to 360")
+        raise BadInput(f"{args.plan or '--azimuth'}: the direction is {wanted:g}; give degrees, -360 to 360")
     with camera_of(args, "films") as camera:
         return DONE if _aligned(camera, np.radians(wanted), ball) else FOUND
 
@@ -241,8 +245,10 @@ def _tell(played: Played, args: argparse.Namespace, emulated: EmulatedTable | No
         print(f"noted: {line}")
     if played.clip:
         print(f"clip: {Path(args.clips) / played.clip}")
+    elif args.clips:
+        print("clip: none, no shot was seen")
     print(f"played: {played_file(args.plan)}")
     if emulated is not None and emulated.strokes != 1:
         print(f"the emulated cue ball was struck {emulated.strokes} times")
     troubled = any("the cue is not back" in line or "the film is lost" in line for line in played.noted)
-    return FOUND if troubled else DONE
+    return FOUND if troubled or (args.clips and not played.clip) else DONE

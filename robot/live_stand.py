@@ -1,13 +1,15 @@
 """A series, or one plan, at a real table: a person lays the balls and turns the stand, a camera looks and films.
 
 The camera decides when a scene is laid: every ball within reach of its place is enough, as the plan is made for where
-it really lies. The stand's turn is told live from the camera's picture of the cue (robot/align.py) until it is aligned.
+it really lies. The stand's turn is told live from the camera's picture of the cue (robot/align.py) until it is aligned;
+nothing is struck from a stand that never was.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ import numpy as np
 from models.errors import BadInput
 from models.shot import Array
 from planner.scene import Scene
-from robot.align import align
+from robot.align import align, turn_for
 from robot.launcher import Launcher
 from robot.learn import Laid
 from robot.live_camera import LiveCamera
@@ -51,33 +53,47 @@ class LiveStand:
         for _ in range(TRIES):
             if not self.ready(f"shot {number}: lay {text}"):
                 raise BadInput(f"shot {number}: not laid; the same command goes on from here")
-            faults = self._faults(scene)
+            faults, ball = self._faults(scene)
             if not faults:
-                return Laid(self.camera, self.connect(), self.turn, self.confirm)
+                return Laid(self.camera, self.connect(), partial(self.turn, ball_xy=ball), self.confirm)
             self.say("; ".join(faults))
         raise BadInput(f"shot {number}: {faults[0]}; see that the camera's file fits, and names the balls as they are")
 
-    def turn(self, azimuth: float) -> None:
-        """Say how to turn the stand until it is aligned; BadInput where no more pictures come."""
+    def turn(self, azimuth: float, ball_xy: Array | None = None) -> None:
+        """Say how to turn the stand until it is aligned.
+
+        Args:
+            azimuth: wanted [rad].
+            ball_xy: (2,) of the ball that will be struck [m]; without, it is looked for.
+
+        Raises:
+            BadInput: the stand does not reach it, or no more pictures come and it is not aligned.
+        """
         low, high = self.settings.limits.yaw_deg
         self.settings.check_yaw(float(np.degrees(azimuth)))
         self.say(f"turn the stand to {np.degrees(azimuth):.1f} degrees (it reaches {low:g} to {high:g})")
-        align(self.camera.pictures(), self.camera.seen_with, azimuth, say=self.say)
+        line = align(self.camera.pictures(), self.camera.seen_with, azimuth, ball_xy, say=self.say)
+        left = turn_for(line, azimuth)
+        if left.side:
+            raise BadInput(f"no more pictures came, and the stand is not aligned ({left}); see that the camera films")
 
     def repeat(self, plan: Path, number: int) -> Array | None:
         """Nobody lays a scene twenty times."""
         return None
 
-    def _faults(self, scene: Scene) -> list[str]:
-        """What is not yet laid."""
-        seen = self.camera.look()
+    def _faults(self, scene: Scene) -> tuple[list[str], Array | None]:
+        """What is not yet laid, and where the cue ball is seen (2,) [m]."""
+        try:
+            seen = self.camera.look()
+        except BadInput as error:  # no ball at all, or somebody in the picture: nothing that ends a series
+            return [str(error)], None
         told = [f"{name} is not seen" for name in scene.names if name not in seen]
         told += [f"{name} is one too many" for name in seen if name not in scene.names]
         for name, place in zip(scene.names, scene.position, strict=True):
             away = float(np.hypot(*(seen[name] - place))) if name in seen else 0.0
             if away > REACH:
                 told.append(f"{name} lies {1e3 * away:.0f} mm from its place")
-        return told
+        return told, seen.get(scene.names[0])
 
     def _words(self, scene: Scene) -> str:
         """Where the balls go, from the cushions."""

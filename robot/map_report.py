@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import base64
-import io
 import math
 import sys
 from collections import defaultdict
@@ -29,8 +28,9 @@ from planner.cueing_map import CueingMap, write_map
 from robot.campaign import CueShot, read_campaign
 from robot.map_fit import fit_map
 from robot.networks import Contest, Score, Told, average, compare_maps
+from sysid.drawing import HELD_OUT, INK, MODEL, NOISE, png, svg
 from sysid.output import table
-from sysid.plots import HELD_OUT, INK, MODEL, NOISE, STYLE, WIDTH, number, svg
+from sysid.plots import number
 from sysid.report import CSS
 
 Array = NDArray[np.float64]
@@ -97,20 +97,15 @@ def write_report(
 
 def write_picture(path: Path | str, shots: Sequence[CueShot], contest: Contest, *, string: int | None = None) -> None:
     """Write all pictures below each other as one PNG, whole or not at all."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
     pictures = list(_pictures(shots, contest, string).values())
-    out = io.BytesIO()
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(STYLE)
-        fig = Figure(figsize=(WIDTH, sum(height for height, _, _ in pictures)), layout="constrained")
-        parts: Any = fig.subfigures(len(pictures), 1, height_ratios=[height for height, _, _ in pictures])
+    heights = [height for height, _, _ in pictures]
+
+    def below_each_other(fig: Any) -> None:
+        parts = fig.subfigures(len(pictures), 1, height_ratios=heights)
         for part, (_, draw, _) in zip(parts, pictures, strict=True):
             draw(part)
-        fig.savefig(out, format="png", dpi=110, metadata={"Software": None}, facecolor="white")
-    write_whole(path, out.getvalue())
+
+    write_whole(path, png(sum(heights), below_each_other, dpi=110))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

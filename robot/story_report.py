@@ -10,7 +10,6 @@ discoveries' own reports, which lie beside each refit.
 from __future__ import annotations
 
 import base64
-import io
 import math
 from collections.abc import Sequence
 from html import escape
@@ -23,7 +22,8 @@ from models.view_story import Scene as Film
 from planner.scene import pocket_name
 from robot.story import Refit, Shot, Story
 from robot.story_pictures import Block, Draw, above, blocks, changes, constants, ends, misses, pot_count, pots
-from sysid.plots import STYLE, WIDTH, number, svg
+from sysid.drawing import png, svg
+from sysid.plots import number
 from sysid.report import CSS
 
 NONE = "–"
@@ -68,18 +68,7 @@ def write_report(path: Path | str, story: Story, title: str) -> None:
 
 def write_picture(path: Path | str, story: Story) -> None:
     """Write the main picture as PNG, whole or not at all; BadInput where it cannot be written."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    height, draw = misses(story)
-    out = io.BytesIO()
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(STYLE)
-        fig = Figure(figsize=(WIDTH, height), layout="constrained")
-        draw(fig)
-        fig.savefig(out, format="png", dpi=144, metadata={"Software": None}, facecolor="white")
-    write_whole(path, out.getvalue())
+    write_whole(path, png(*misses(story), dpi=144))
 
 
 def write_recording(path: Path | str, story: Story, title: str = "A series of shots") -> None:

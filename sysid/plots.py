@@ -8,10 +8,8 @@ samples of a clip share its fitted unknowns, which makes a perfect model's misse
 
 from __future__ import annotations
 
-import io
 import math
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
@@ -23,36 +21,15 @@ from models.shot import POCKET_MOUTH, Table
 from models.view import CLOTH, CUSHION, POCKET, RAIL, ball_colour
 from sysid.clips_faults import one_line
 from sysid.comparison import Comparison
+from sysid.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH, svg
 from sysid.samples import Samples
 
 Array = NDArray[np.float64]
 
 FLOOR = math.sqrt(2.0)  # rms miss of a perfect model over the noise per axis
 RAYLEIGH = tuple(math.sqrt(-2.0 * math.log(1.0 - p)) for p in (0.1, 0.5, 0.9))
-INK, MODEL, HELD_OUT, NOISE, SHOWN = "#1f2933", "#2563a8", "#d9730d", "#8a94a0", "#00dcf5"
-WIDTH = 10.6  # of every picture [inch of 72 points]
 DOTS = 140  # most dots of one ball in a track picture
 FEWEST = 5  # samples that a bin needs
-STYLE = {
-    "svg.fonttype": "none",
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial"],
-    "font.size": 8.5,
-    "axes.titlesize": 9,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.edgecolor": NOISE,
-    "axes.labelcolor": INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "grid.color": "#e3e7eb",
-    "grid.linewidth": 0.7,
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-}
 
 
 @dataclass(frozen=True)
@@ -376,19 +353,3 @@ def _short(text: str, most: int) -> str:
     """A printable label of at most so many characters."""
     line = one_line(text)
     return line if len(line) <= most else line[: most - 1] + "…"
-
-
-def svg(name: str, height: float, draw: Callable[[Any], None]) -> str:
-    """Draw one picture; nothing in it depends on the clock, the user's settings or earlier pictures."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    out = io.StringIO()
-    with matplotlib.rc_context(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # the browser has more fonts
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update({**STYLE, "svg.hashsalt": name})
-        fig = Figure(figsize=(WIDTH, height), layout="constrained")
-        draw(fig)
-        fig.savefig(out, format="svg", metadata={"Date": None, "Creator": None}, facecolor="white")
-    return out.getvalue()

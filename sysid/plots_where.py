@@ -9,8 +9,9 @@ import numpy as np
 
 from sysid.bins import CELLS, Variable, variables
 from sysid.comparison import Comparison
+from sysid.drawing import HELD_OUT, INK, MODEL, NOISE, WIDTH, svg
 from sysid.named import Departure
-from sysid.plots import HELD_OUT, INK, MODEL, NOISE, WIDTH, draw_table, svg
+from sysid.plots import draw_table
 
 SHOWN = ("speed", "heading", "sidespin", "time", "time since event", "clip order")
 PHASES = (("rolling balls", MODEL), ("sliding balls", HELD_OUT))
