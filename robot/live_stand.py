@@ -7,6 +7,7 @@ nothing is struck from a stand that never was.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -70,8 +71,8 @@ class LiveStand:
             BadInput: the stand does not reach it, or no more pictures come and it is not aligned.
         """
         low, high = self.settings.limits.yaw_deg
-        self.settings.check_yaw(float(np.degrees(azimuth)))
-        self.say(f"turn the stand to {np.degrees(azimuth):.1f} degrees (it reaches {low:g} to {high:g})")
+        degrees = self.settings.check_yaw(round(math.degrees(azimuth), 6))
+        self.say(f"turn the stand to {degrees:.1f} degrees (it reaches {low:g} to {high:g})")
         line = align(self.camera.pictures(), self.camera.seen_with, azimuth, ball_xy, say=self.say)
         left = turn_for(line, azimuth)
         if left.side:

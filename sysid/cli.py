@@ -44,6 +44,10 @@ def load(args: argparse.Namespace) -> tuple[ClipSet, Model]:
     from sysid.clips import read_clip_set
 
     clip_set = read_clip_set(args.clips)
+    if getattr(args, "jaws", False):
+        from sysid.jaws import before_jaws
+
+        clip_set = before_jaws(clip_set)
     if not args.model:
         return clip_set, full_model(clip_set.table, clip_set.ball)
     model = read_model(args.model)
@@ -262,6 +266,12 @@ def demo(args: argparse.Namespace, progress: Progress) -> int:
     return run(Path(args.out), progress)
 
 
+def jaws(one: argparse.ArgumentParser) -> None:
+    """The option of a verb that looks at shots."""
+    text = "the table's pockets have jaws: look at every shot up to where a ball touches one"
+    one.add_argument("--jaws", action="store_true", help=text)
+
+
 def parser() -> argparse.ArgumentParser:
     """Every verb with its options."""
     top = argparse.ArgumentParser(prog="sysid", description="From tracked shots to a fitted MuJoCo table.")
@@ -287,11 +297,13 @@ def parser() -> argparse.ArgumentParser:
     one = verb("compare", compare, "model against measurement: where it fails")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--model", metavar="M.toml", help="model file (default: decoupled cloth, frictional impacts)")
+    jaws(one)
     own(one)
     drawing(one)
     one = verb("fit", fit, "constants of the model with their uncertainty, error on clips held out")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--model", metavar="M.toml", help="model file to start from")
+    jaws(one)
     one.add_argument("--out", metavar="M2.toml", required=True, help="where the fitted model goes")
     own(one)
     drawing(one)
@@ -315,12 +327,14 @@ def parser() -> argparse.ArgumentParser:
     one = verb("diagnose", diagnose, "which effect is missing: ranked, or none, or something else")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--model", metavar="M.toml", help="model file to start from (default: the base)")
+    jaws(one)
     own(one)
     one.add_argument("--json", metavar="FILE", help="the same figures as JSON")
     one.add_argument("--report", metavar="FILE.html", help="the same with pictures")
     one = verb("discover", discover, "fit, diagnose and add until nothing more is to be explained")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--model", metavar="M.toml", help="model file to start from (default: the base)")
+    jaws(one)
     one.add_argument("--out", metavar="DIR", required=True, help="where model, result, report and recording go")
     own(one)
     from sysid import cli_measure

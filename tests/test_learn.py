@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -34,6 +35,7 @@ from robot.relearn import FEWEST, Learnt, learn_launcher, with_commands
 from robot.settings import Settings
 from robot.story import Refit, Story, fit_folder, read_story
 from robot.story import Shot as Played
+from sysid.cli import load
 from sysid.clips import Clip, ClipSet, Cue, Observation
 from sysid.jaws import LEAST, WIDER, before_jaws
 from tests.test_jaws import into_pockets
@@ -169,6 +171,16 @@ def test_a_clip_ends_where_a_ball_rattles() -> None:
         for name, seen in clip.balls.items():
             assert seen.time[-1] < touch, "it may meet the others after that"
             assert np.array_equal(seen.xy, whole.balls[name].xy[whole.balls[name].time < touch])
+
+
+def test_the_command_looks_up_to_the_jaws(tmp_path: Path) -> None:
+    whole = film(by_fate("rattled")[0], "clips/0001.csv")
+    write_clip_set(clip_set(whole), tmp_path / "set")
+    args = argparse.Namespace(clips=str(tmp_path / "set"), model=None, jaws=False)
+    both = []
+    for args.jaws in (False, True):
+        both.append(load(args)[0].clips[0].balls["b"].time)
+    assert len(both[0]) == len(whole.balls["b"].time) > len(both[1])
 
 
 def test_a_ball_that_drops_off_a_jaw_leaves_the_others_their_samples() -> None:
