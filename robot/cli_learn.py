@@ -111,7 +111,8 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
             write_json(args.json, told)
         _draw(folder, story, progress)
         progress.close()
-        print(f"\nseries: {folder} (report.html, story.rrd{', hidden.toml, hidden_cue.json' if emulated else ''})")
+        hidden = ", hidden.toml, hidden_cue.json" if emulated else ""
+        print(f"\nseries: {folder} (report.html, story.png, story.rrd{hidden})")
     except KeyboardInterrupt:
         progress.close()
         print(f"robot learn: interrupted; {folder} is kept: the same command goes on from there", file=sys.stderr)
@@ -228,10 +229,11 @@ def _reveal(folder: Path, stand: EmulatedStand) -> None:
 
 def _draw(folder: Path, story: Story, progress: Progress) -> None:
     """The report and the recording."""
-    from robot.story_report import write_recording, write_report
+    from robot.story_report import write_picture, write_recording, write_report
 
     progress("report and recording")
     write_report(folder / "report.html", story, f"The closed loop: {len(story.shots)} shots")
+    write_picture(folder / "story.png", story)
     write_recording(folder / "story.rrd", story)
 
 
