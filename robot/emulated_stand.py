@@ -6,6 +6,7 @@ values differ, and one effect of the catalogue at its natural size. `draw_hidden
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -65,6 +66,7 @@ class EmulatedStand:
     settings: Settings = field(default_factory=Settings)
     seed: int = 0
     repeats: int = 20  # of every stroke, for the launcher's own scatter
+    make: Callable[..., EmulatedTable] = EmulatedTable  # of a table, with its arguments
     table: EmulatedTable | None = None
 
     def lay(self, scene: Scene, number: int) -> Laid:
@@ -98,7 +100,7 @@ class EmulatedStand:
     def _table(self, scene: Scene, position: Array, number: int, again: int) -> EmulatedTable:
         places = {n: (float(x), float(y)) for n, (x, y) in zip(scene.names, position, strict=True)}
         seed = int(np.random.SeedSequence([self.seed, number, TABLE, again]).generate_state(1)[0])
-        return EmulatedTable(self.model, places, 0.0, seed, constants=self.cue)
+        return self.make(self.model, places, 0.0, seed, constants=self.cue)
 
     def _rng(self, number: int, again: int) -> np.random.Generator:
         return np.random.default_rng([self.seed, number, FIRMWARE, again])
