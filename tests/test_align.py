@@ -83,16 +83,6 @@ def test_cues_of_all_colours_everywhere() -> None:
     assert np.abs(beside).max() < 2e-3
 
 
-@pytest.mark.slow
-def test_many_more() -> None:
-    errors = [
-        off(cue_direction(case.picture, CAMERA, np.array(case.stick.ball)), case.stick.azimuth)
-        for case in cases(60, seed=5)
-    ]
-    assert np.abs(errors).max() < 0.15
-    assert float(np.sqrt(np.mean(np.square(errors)))) < 0.03
-
-
 def test_the_elevation_matters_as_it_is_noted(ground: Light) -> None:
     stick = Stick(BALL, math.radians(75), left=0.005)
     seen = drawn(ground, stick)
