@@ -4,13 +4,15 @@ BIN := .venv/bin
 READY := .venv/.ready
 PYTHON ?=
 PYTEST_ARGS ?=
+TESTS = $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench study lint clean
+.PHONY: help demo test test-slow bench study lint clean
 
 help:
 	@echo "make demo    the shipped example with a hidden effect, start to end, into out/demo"
-	@echo "make test    lint, then all tests (PYTEST_ARGS=\"-m 'not slow'\" for the quick ones)"
+	@echo "make test    lint, then all tests but the slow ones (PYTEST_ARGS=\"-k name\" for some)"
+	@echo "make test-slow   the slow ones: whole discoveries, footage tracked from end to end"
 	@echo "make bench   speed and accuracy figures"
 	@echo "make study   how reliably hidden effects are found, into tests/study/REPORT.md (hours; resumable)"
 	@echo "make lint    ruff and mypy"
@@ -22,7 +24,10 @@ demo: $(READY)
 	@$(BIN)/sysid demo --out out/demo
 
 test: lint
-	@$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal $(PYTEST_ARGS)
+	@$(TESTS) -m "not slow" $(PYTEST_ARGS)
+
+test-slow: $(READY)
+	@$(TESTS) -m slow $(PYTEST_ARGS)
 
 bench: $(READY)
 	@$(BIN)/python -m tests.bench
