@@ -30,7 +30,8 @@ def emulate(args: argparse.Namespace, progress: Progress) -> int:
     def say(line: str) -> None:
         print(line, flush=True)
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the port goes away too
+    for name in (signal.SIGINT, signal.SIGTERM):  # so that the port goes away too, also when started from a script
+        signal.signal(name, signal.default_int_handler)
     if not 0 <= args.fault_rate <= 1:
         raise BadInput(f"--fault-rate {args.fault_rate:g}: give a share of the lines, 0 to 1")
     rest = {"baud": args.baud, "pace": args.pace, "fault_rate": args.fault_rate, "seed": seed_of(args)}

@@ -204,6 +204,9 @@ def test_emulate_prints_its_port_and_ends_on_an_interrupt() -> None:
             assert main(["home", "--port", port]) == 0
         finally:
             served.send_signal(signal.SIGINT)
-            _, err = served.communicate(timeout=10)
+            try:
+                _, err = served.communicate(timeout=10)
+            finally:
+                served.kill()  # or leaving would wait for ever
         assert served.returncode == 0 and err == ""
         assert not Path(port).exists()
