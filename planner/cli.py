@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from models.errors import BadInput
 from planner import cli_study
-from sysid.cli import BAD, DONE, FOUND, INTERRUPTED, check_outputs, own_effects
+from sysid.cli import DONE, FOUND, check_outputs, run_verb
 from sysid.output import Progress, table, write_json
 
 if TYPE_CHECKING:
@@ -232,19 +232,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a verb: 0 done, 1 a finding to act on (no shot is reasonable), 2 bad input."""
-    args = parser().parse_args(argv)
-    progress = Progress()
-    try:
-        own_effects(args.effects)
-        return int(args.run(args, progress))
-    except BadInput as error:
-        progress.close()
-        print(f"planner {args.verb}: {error}", file=sys.stderr)
-        return BAD
-    except KeyboardInterrupt:
-        progress.close()
-        print(f"planner {args.verb}: interrupted; files already named above are complete", file=sys.stderr)
-        return INTERRUPTED
+    return run_verb("planner", parser().parse_args(argv), "; files already named above are complete")
 
 
 if __name__ == "__main__":

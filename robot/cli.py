@@ -16,7 +16,7 @@ from models.errors import BadInput
 from robot import cli_learn, cli_measure, cli_play
 from robot.cli_common import Run, launcher_at, line_of, seed_of, seeded, settings_of, wired
 from robot.protocol import LauncherError
-from sysid.cli import BAD, DONE, FOUND, INTERRUPTED, own_effects
+from sysid.cli import DONE, FOUND, run_verb
 from sysid.output import Progress
 
 if TYPE_CHECKING:
@@ -100,23 +100,8 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a verb: 0 done, 1 the launcher needs looking after, 2 bad input."""
     args = parser().parse_args(argv)
-    progress = Progress()
-    try:
-        own_effects(args.effects)
-        return int(args.run(args, progress))
-    except BadInput as error:
-        progress.close()
-        print(f"robot {args.verb}: {error}", file=sys.stderr)
-        return BAD
-    except LauncherError as error:
-        progress.close()
-        print(f"robot {args.verb}: {error}", file=sys.stderr)
-        return FOUND
-    except KeyboardInterrupt:
-        progress.close()
-        stopped = "; the launcher was stopped, reset and home it" if getattr(args, "port", None) else ""
-        print(f"robot {args.verb}: interrupted{stopped}", file=sys.stderr)
-        return INTERRUPTED
+    stopped = "; the launcher was stopped, reset and home it" if getattr(args, "port", None) else ""
+    return run_verb("robot", args, stopped, (LauncherError,))
 
 
 if __name__ == "__main__":

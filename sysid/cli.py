@@ -356,24 +356,29 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run a verb: 0 done, 1 a finding to act on, 2 bad input."""
-    args = parser().parse_args(argv)
+def run_verb(
+    program: str, args: argparse.Namespace, interrupted: str, faults: tuple[type[Exception], ...] = ()
+) -> int:  # fmt: skip
+    """Run the verb of a command line, its faults one line each; `faults` are those that a user must act on."""
     progress = Progress()
+    told: tuple[type[Exception], ...] = (BadInput, *faults)
     try:
         args.own = own_effects(getattr(args, "effects", ()))
         return int(args.run(args, progress))
-    except BadInput as error:
+    except told as error:
         progress.close()
-        print(f"sysid {args.verb}: {error}", file=sys.stderr)
-        return BAD
+        print(f"{program} {args.verb}: {error}", file=sys.stderr)
+        return BAD if isinstance(error, BadInput) else FOUND
     except KeyboardInterrupt:
         progress.close()
-        print(
-            f"sysid {args.verb}: interrupted; files already named above are complete, no other was written",
-            file=sys.stderr,
-        )
+        print(f"{program} {args.verb}: interrupted{interrupted}", file=sys.stderr)
         return INTERRUPTED
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a verb: 0 done, 1 a finding to act on, 2 bad input."""
+    kept = "; files already named above are complete, no other was written"
+    return run_verb("sysid", parser().parse_args(argv), kept)
 
 
 if __name__ == "__main__":
