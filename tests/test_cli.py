@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,16 +36,23 @@ class Said:
     err: str
 
 
+def said_by(
+    command: Callable[[Sequence[str]], int], words: Sequence[object], capsys: pytest.CaptureFixture[str]
+) -> Said:  # fmt: skip
+    """What a command says to words of a command line."""
+    capsys.readouterr()
+    try:
+        status = command([str(w) for w in words])
+    except SystemExit as stop:  # argparse
+        status = int(stop.code or 0)
+    out, err = capsys.readouterr()
+    return Said(status, out, err)
+
+
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Any:
     def play(*words: str | Path) -> Said:
-        capsys.readouterr()
-        try:
-            status = main([str(w) for w in words])
-        except SystemExit as stop:  # argparse
-            status = int(stop.code or 0)
-        out, err = capsys.readouterr()
-        return Said(status, out, err)
+        return said_by(main, words, capsys)
 
     return play
 

@@ -23,7 +23,7 @@ from planner.plan import make_plan, read_plan
 from planner.scene import read_scene, write_scene
 from planner.search import Effort
 from tests.clip_samples import contents, edit
-from tests.test_cli import EXAMPLE, Said
+from tests.test_cli import EXAMPLE, Said, said_by
 from tests.test_mapped_launcher import TRUE
 from tests.test_planner import BALL, HALF, MODEL, TABLE, R, scene, straight
 
@@ -41,13 +41,7 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(planner.plan, "make_plan", quick)
 
     def play(*words: str | Path) -> Said:
-        capsys.readouterr()
-        try:
-            status = main([str(w) for w in words])
-        except SystemExit as stop:  # argparse
-            status = int(stop.code or 0)
-        out, err = capsys.readouterr()
-        return Said(status, out, err)
+        return said_by(main, words, capsys)
 
     return play
 

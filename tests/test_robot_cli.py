@@ -27,7 +27,7 @@ from robot.play import played_file, read_order
 from robot.settings import read_settings, write_settings
 from sysid.clips import read_clip_set
 from tests.clip_samples import contents
-from tests.test_cli import Said
+from tests.test_cli import Said, said_by
 from tests.test_robot_play import MODEL, OURS, straight_plan, struck
 
 Run = Callable[..., Said]
@@ -41,13 +41,7 @@ def plan(tmp_path: Path) -> Path:
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
     def call(*words: str | Path) -> Said:
-        capsys.readouterr()
-        try:
-            status = main([str(w) for w in words])
-        except SystemExit as stop:  # argparse
-            status = int(stop.code or 0)
-        out, err = capsys.readouterr()
-        return Said(status, out, err)
+        return said_by(main, words, capsys)
 
     return call
 
