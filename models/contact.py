@@ -15,73 +15,31 @@ them the straight cushions end, and a ball meets a jaw by its impulse once the o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import TYPE_CHECKING
 
 import mujoco
 import mujoco.batch
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from models.analytic.events import AWAY, DEAD
-from models.effect import Balls, Effect, Impact
+from models.compiled import compiled
+from models.act import Balls
+from models.effect import Effect
+from models.impacts import DECAY, FIRST, FRICTION, GAIN, MASS_FIRST, RESTITUTION
 from models.increments import ball_step, cushion_step
-from models.shot import NOSE_COSINE, NOSE_SINE, RAILS, Array
-from models.world import NOSE_RADIUS, build_spec, rails
+from models.shot import NOSE_COSINE, RAILS, Array
+from models.spring import CALM, CLOSED, PARTS, STEP, dampings, depth_of, spring
+from models.world import build_spec, rails
 
 if TYPE_CHECKING:
     from models.model_file import Model
 
-STEP = 4e-6  # [s]
-BALL_TIME = 1e-4  # two balls' contact at 1 m/s [s]; real ones' 0.2 to 0.3 ms, in which the line of centres turns
-CUSHION_TIME = 4e-4  # [s]; real ones' some 8 ms
-HERTZ = (3.2180 / BALL_TIME) ** 2.5  # acceleration of the gap is HERTZ d^1.5 [m^-0.5 s^-2]
-LONGEST = 2e-2  # of a cluster, after which the rest of it is left to the next [s]
-CLOSED = 1e-9  # gap below which bodies touch [m]
-CALM = 2 * CUSHION_TIME  # without a speed between what touches, after which nothing more will come of it [s]
 FAR = 100.0  # from the table, for potted balls [m]
 IMPEDANCE = 1e-4  # the lowest that MuJoCo takes
-PARTS = 8  # of a step, over which a slip may turn
 
 
-@njit(cache=True)
-def _spring(cushion: bool, depth: float, damping: float) -> tuple[float, float]:
-    """Stiffness over the depth [1/s^2] and damping [1/s] of a contact per unit of its effective mass."""
-    if depth <= CLOSED:  # a touch is landed on to rounding: nothing acts on either side of it
-        return 0.0, 0.0
-    if cushion:
-        return (np.pi / CUSHION_TIME) ** 2, 2.0 * damping * np.pi / CUSHION_TIME
-    return HERTZ * np.sqrt(depth), damping * np.sqrt(HERTZ) * depth**0.25
-
-
-@njit(cache=True)
-def _bounce(cushion: bool, damping: float) -> float:
-    """Restitution of a contact at 1 m/s, stepped as MuJoCo steps it."""
-    depth, v = 0.0, 1.0
-    for _ in range(10_000):
-        k, b = _spring(cushion, depth, damping)
-        v -= STEP * max(k * depth + b * v, 0.0)
-        depth += STEP * v
-        if depth <= 0.0:
-            break
-    return -v
-
-
-@cache
-def _dampings(cushion: bool) -> tuple[Array, Array]:
-    """Restitutions, rising, and the damping that gives each."""
-    damping = np.linspace(4.0, 0.0, 2001)
-    return np.array([_bounce(cushion, d) for d in damping]), damping
-
-
-def dampings(cushion: bool, restitution: Array) -> Array:
-    """The damping of contacts for their restitutions (n,): (n,)."""
-    rebound, damping = _dampings(cushion)
-    return np.interp(restitution, rebound, damping)
-
-
-@njit(cache=True)
+@compiled
 def _meet(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array, c: int,
     p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array,
@@ -101,18 +59,7 @@ def _meet(
     return reach[k] - sign * p[i, k], sign * v[i, k], sign * (k == 0), sign * (k == 1)
 
 
-@njit(cache=True)
-def _depth(cushion: bool, gap: float, r: float) -> tuple[float, float]:
-    """Depth along the normal, and the normal's horizontal part; a cushion's from the middle of its capsule."""
-    if not cushion:
-        return -gap, 1.0
-    reach = r + NOSE_RADIUS
-    across = reach * NOSE_COSINE + gap
-    apart = np.sqrt(across * across + (reach * NOSE_SINE) ** 2)
-    return reach - apart, across / apart
-
-
-@njit(cache=True)
+@compiled
 def overlaps(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
     p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array,
@@ -123,11 +70,11 @@ def overlaps(
         for c in range(kind.size):
             gap, _, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
             if gap < 0.0:
-                out[n, c] = _depth(kind[c] == 1, gap, radius)[0]
+                out[n, c] = depth_of(kind[c] == 1, gap, radius)[0]
     return out
 
 
-@njit(cache=True)
+@compiled
 def _local(
     p: Array, v: Array, w: Array, cushion: bool, i: int, j: int, x: float, y: float, s: Array
 ) -> tuple[float, float, float, float]:
@@ -143,7 +90,7 @@ def _local(
     return ax, ay, bx, by
 
 
-@njit(cache=True)
+@compiled
 def closing(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
     p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array, peak: Array,
@@ -163,7 +110,7 @@ def closing(
     return count
 
 
-@njit(cache=True)
+@compiled
 def press(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
     p: Array, v: Array, w: Array, alive: NDArray[np.bool_], reach: Array, given: Array, damping: Array, mu: Array,
@@ -188,11 +135,11 @@ def press(
             if gap > CLOSED:
                 given[n, c] = 0.0
                 continue
-            depth, level = _depth(cushion, gap, r)
+            depth, level = depth_of(cushion, gap, r)
             given[n, c] = min(given[n, c], max(depth, 0.0))
             pressed = depth - given[n, c]
             approach *= level
-            k, b = _spring(cushion, pressed, damping[n, c])
+            k, b = spring(cushion, pressed, damping[n, c])
             if k == 0.0:
                 continue
             solref[n, c, 0], solref[n, c, 1] = -k * pressed / depth, -b
@@ -229,7 +176,7 @@ def press(
                 torque[n, ball, 2] += (out[o + 4] - s[o + 4]) * inertia / STEP
 
 
-@njit(cache=True)
+@compiled
 def apart(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
     p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array, given: Array, damping: Array,
@@ -246,9 +193,9 @@ def apart(
             if approach > AWAY:
                 free[n] = False
                 continue
-            depth, level = _depth(cushion, gap, radius)
+            depth, level = depth_of(cushion, gap, radius)
             pressed = depth - min(given[n, c], depth)
-            k, b = _spring(cushion, pressed, damping[n, c])
+            k, b = spring(cushion, pressed, damping[n, c])
             free[n] = free[n] and k * pressed + b * approach * level <= 0.0
     return free, calm
 
@@ -324,14 +271,15 @@ class Contacts:
         self.peak[rows] = peak
         return found[:count]
 
-    def set(self, rows: NDArray[np.int64], which: NDArray[np.int64], impact: Impact) -> NDArray[np.bool_]:
-        """Give contacts of `which` (k, 2) what an impact, a row each, says of them; returns which are new."""
+    def set(
+        self, rows: NDArray[np.int64], which: NDArray[np.int64], cushion: bool, impacts: Array
+    ) -> NDArray[np.bool_]:
+        """Give contacts of `which` (k, 2) what impacts (k, IMPACT_FIELDS) say of them; returns which are new."""
         at = rows[which[:, 0]], which[:, 1]
-        e = impact.restitution
-        self.friction[at] = np.stack([impact.friction, impact.gain, impact.decay], axis=-1)
-        self.damping[at] = np.where(self.kind[which[:, 1]] == 1, dampings(True, e), dampings(False, e))
-        for n, ball in enumerate((impact.first, impact.second)[: 1 if impact.kind == "cushion" else 2]):
-            heavier = impact.mass[:, n]
+        self.friction[at] = impacts[:, [FRICTION, GAIN, DECAY]]
+        self.damping[at] = dampings(cushion, impacts[:, RESTITUTION])
+        for n in range(1 if cushion else 2):
+            heavier, ball = impacts[:, MASS_FIRST + n], impacts[:, FIRST + n].astype(np.int64)
             self.heavier[at[0], ball] = heavier
             self.inert[at[0], ball] = self.plain_mass * heavier[:, None]
             self.give[at[0], ball + 1] = self.plain_give / heavier[:, None]
@@ -347,13 +295,15 @@ class Contacts:
         Returns position and velocity after it, (n, nball, 3), which simulations touch no more, and which do so at rest.
         """
         solref, damping, given = self.solref[rows], self.damping[rows], self.given[rows]
+        force, torque = self.mass * balls.acceleration, balls.ball.inertia * balls.turning
         press(
             self.kind, self.first, self.second, self.span, balls.position, balls.velocity, balls.spin, alive,
             self.reach, given, damping, self.friction[rows], cloth, self.heavier[rows], self.mass, self.radius,
-            balls.force, balls.torque, solref,
+            force, torque, solref,
         )  # fmt: skip
         self.solref[rows], self.given[rows] = solref, given
-        self.push[rows, 1:, :3] = balls.force * self.heavier[rows][..., None]
+        balls.turning = torque / balls.ball.inertia
+        self.push[rows, 1:, :3] = force * self.heavier[rows][..., None]
         self.batch.step(ids=rows)
         p, v = balls.position.copy(), balls.velocity.copy()
         p[..., :2] = np.where(alive[..., None], self.qpos[rows], p[..., :2])

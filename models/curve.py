@@ -8,15 +8,17 @@ step cut there. Its last term says how far an accurate step may go (`room`).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from models.effect import STILL, Balls, Effect
+from models.act import Balls
+from models.compiled import compiled
+from models.effect import STILL
+from models.hooks import Hooks
 from models.shot import Array
 
 TINY = 1e-5  # step along which nothing varies: parts of the last bit of speed would count as rest [s]
@@ -73,8 +75,8 @@ def take(balls: Balls, index: NDArray[np.int64]) -> Balls:
     return dataclasses.replace(balls, **some)
 
 
-def ahead(balls: Balls, push: Array, turn: Array, t: Array, normal: Array) -> Balls:
-    """The state at t (nsim,) under constant accelerations, with nothing acting yet."""
+def ahead(balls: Balls, push: Array, turn: Array, t: Array) -> Balls:
+    """The state at t (nsim,) under constant accelerations."""
     part = t[:, None, None]
     velocity = balls.velocity + part * push
     velocity[..., 2] = balls.velocity[..., 2]
@@ -84,30 +86,20 @@ def ahead(balls: Balls, push: Array, turn: Array, t: Array, normal: Array) -> Ba
         position=balls.position + 0.5 * part * (balls.velocity + velocity),
         velocity=velocity,
         spin=balls.spin + part * turn,
-        normal=normal.copy(),
-        force=np.zeros_like(balls.force),
-        torque=np.zeros_like(balls.torque),
-        slide_factor=np.ones_like(balls.slide_factor),
-        spin_factor=np.ones_like(balls.spin_factor),
         rolled=balls.rolled + 0.5 * t[:, None] * (speeds[0] + speeds[1]) / balls.ball.radius * balls.rolling,
         time=balls.time + t,
     )
 
 
-def look(effects: Sequence[Effect], balls: Balls, span: Array, normal: Array) -> Curve:
-    """Follow the forces from the present ones, which `balls` hold, over a trial step.
-
-    `normal` (nsim, nball) [N] is that of balls on which no effect has acted.
-    """
-    m, inertia = balls.ball.mass, balls.ball.inertia
+def look(hooks: Hooks, cloth: Array, balls: Balls, span: Array) -> Curve:
+    """Follow what acts from the present, which `balls` hold, over a trial step."""
     bend = np.where(span > TINY, span, 0.0)
-    push, turn = [balls.force / m], [balls.torque / inertia]
+    push, turn = [balls.acceleration], [balls.turning]
     for part in (1 / 2, 3 / 4):
-        then = ahead(balls, push[-1], turn[-1], part * bend, normal)
-        for effect in effects:
-            effect.forces(then)
-        push.append(then.force / m)
-        turn.append(then.torque / inertia)
+        then = ahead(balls, push[-1], turn[-1], part * bend)
+        then.act(hooks, cloth)
+        push.append(then.acceleration)
+        turn.append(then.turning)
     over = np.divide(1.0, bend, out=np.zeros_like(bend), where=bend > 0)[:, None, None]
     out = []
     for k in (push, turn):
@@ -135,7 +127,7 @@ def room(balls: Balls, curve: Curve, left: Array) -> Array:
     return np.asarray(np.cbrt(np.divide(TOLERANCE, worst, out=np.full_like(worst, np.inf), where=worst > 0)))
 
 
-@njit(cache=True)
+@compiled
 def _ends(start: Array, terms: Array, span: float) -> float:
     """When a velocity (k,) that changes by terms (3, k) no longer has a part along what it was; inf if after span."""
     one = np.dot(start, start)
@@ -152,7 +144,7 @@ def _ends(start: Array, terms: Array, span: float) -> float:
     return high
 
 
-@njit(cache=True)
+@compiled
 def _switches(v: Array, w: Array, push: Array, turn: Array, span: Array, r: float) -> Array:
     out = span.copy()
     for s in range(v.shape[0]):
@@ -169,16 +161,16 @@ def _switches(v: Array, w: Array, push: Array, turn: Array, span: Array, r: floa
     return out
 
 
-def follow(effects: Sequence[Effect], balls: Balls, span: Array, left: Array, normal: Array) -> tuple[Curve, Array]:
+def follow(hooks: Hooks, cloth: Array, balls: Balls, span: Array, left: Array) -> tuple[Curve, Array]:
     """The curve over a trial step, or over as much of it as can be followed; and the room there was: (nsim,) [s]."""
-    curve = look(effects, balls, span, normal)
+    curve = look(hooks, cloth, balls, span)
     free = room(balls, curve, left)
     for _ in range(TRIALS):
         again = np.flatnonzero(curve.span > LONGER * free)
         if again.size == 0:
             break
         some = take(balls, again)
-        part = look([e.select(again) for e in effects], some, free[again], normal[again])
+        part = look(hooks, cloth, some, free[again])
         curve.span[again], curve.push[:, again], curve.turn[:, again] = part.span, part.push, part.turn
         free[again] = room(some, part, left[again])
     # A slide that ends within the step on the curve ends the step.

@@ -11,16 +11,16 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
 
 from models.analytic.coulomb import friction_at
+from models.compiled import compiled
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
 SWEEPS = 12  # at most, over the friction of both contacts, which depend on each other
 SETTLED = 1e-7  # change of the friction between sweeps over the normal impulse that ends them
 
 
-@njit(cache=True)
+@compiled
 def _friction(
     limit: float, give: tuple[float, float], x0: float, y0: float, x1: float, y1: float, fx: float, fy: float
 ) -> tuple[float, float]:
@@ -38,7 +38,7 @@ def _friction(
     return -limit * x / size, -limit * y / size
 
 
-@njit(cache=True)
+@compiled
 def cushion_step(s: Array, dp: float, law: tuple[float, float, float, float], out: Array) -> None:
     """One step of normal impulse dp at the nose."""
     mu, mu_cloth, m, r = law
@@ -66,7 +66,7 @@ def cushion_step(s: Array, dp: float, law: tuple[float, float, float, float], ou
     out[4] = wz - k * fx * NOSE_COSINE
 
 
-@njit(cache=True)
+@compiled
 def ball_step(
     s: Array, dp: float, mu: tuple[float, float, float], law: tuple[float, float, float, float], out: Array
 ) -> None:

@@ -160,6 +160,7 @@ class Model:
     execution: Mapping[str, float] = field(
         default_factory=dict
     )  # how well the launcher repeats, for the planner to read
+    engine: str = "events"  # what plays it: "events", the compiled event engine, or "mujoco"; not part of a file
 
     def stack(self) -> tuple[Effect, ...]:
         """What acts: the native terms, then the effects that are not off, those that react to the others last."""
@@ -195,6 +196,11 @@ class Model:
                 k = [e.name() for e in effects].index(owner)
                 effects[k] = dataclasses.replace(effects[k], **{key: value})
         return dataclasses.replace(self, native=native, effects=tuple(effects))
+
+    def select(self, index: Any) -> Model:
+        """The model with per-simulation parameters narrowed to some simulations."""
+        chosen = tuple(e.select(index) for e in self.effects)
+        return dataclasses.replace(self, native=self.native.select(index), effects=chosen)
 
     def add(self, effect: Effect) -> Model:
         """The model with one more effect; one of the same slot or name gives way."""

@@ -1,6 +1,6 @@
 """What the camera reports of shots: when it looked, and where it believes the balls to be.
 
-Effects with the doors `exposures` and `observe` are the camera. Positions pass through `observe` in the order of the
+Effects with the hooks `exposures` and `observe` are the camera. Positions pass through `observe` in the order of the
 model's stack, from the table to the report; time stamps pass through `exposures` the other way.
 """
 
@@ -11,8 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from models.compiled import compiled
 from models.effect import Effect
 from models.errors import BadInput
+from models.hooks import IMAGE_FIELDS, Hooks, call_exposures, call_hook, hooks_of
 from models.model_file import Model
 from models.shot import Array, Shot, Track
 from models.simulate import simulate
@@ -42,15 +44,66 @@ def observed(model: Model, shots: Sequence[Shot], begun: Sequence[float] | None 
     eyes = camera(model)
     if not eyes:
         return simulate(model, shots)
-    own = [[e.select(k) for e in eyes] for k in range(len(shots))]
+    hooks = hooks_of(eyes, len(shots))
     starts = np.zeros(len(shots)) if begun is None else np.asarray(begun, float)
-    since = [float(_exposed(c, np.array([s]))[0]) for c, s in zip(own, starts, strict=True)]
-    true = [_exposed(c, s + np.asarray(shot.times, float)) for c, s, shot in zip(own, starts, shots, strict=True)]
+    true, since = [], []
+    for k, shot in enumerate(shots):
+        stamps = np.append(starts[k], starts[k] + np.asarray(shot.times, float))
+        looked = expose(stamps, hooks.own[k].ctypes.data, hooks.exposures)
+        since.append(float(looked[0]))
+        true.append(looked[1:])
     played = [
         dataclasses.replace(shot, times=_checked(eyes, t - t0)) for shot, t, t0 in zip(shots, true, since, strict=True)
     ]
     tracks = simulate(model, played)
-    return [_report(c, track, t, shot) for c, track, t, shot in zip(own, tracks, true, shots, strict=True)]
+    return [_report(hooks, k, track, t, shot) for k, (track, t, shot) in enumerate(zip(tracks, true, shots, strict=True))]
+
+
+@compiled
+def expose(stamps, own, hooks):  # type: ignore[no-untyped-def]
+    """The true times of stamps (n,), through the hooks from the last to the first."""
+    out = stamps.copy()
+    for n in range(out.size):
+        for k in range(hooks.shape[0] - 1, -1, -1):
+            out[n] = call_exposures(hooks[k, 0], own + 8 * hooks[k, 1], out[n])
+    return out
+
+
+@compiled
+def see(position, velocity, times, own, hooks):  # type: ignore[no-untyped-def]
+    """Move positions (n, nball, 2) to where they are reported, in place."""
+    image = np.zeros(IMAGE_FIELDS)
+    for n in range(position.shape[0]):
+        for i in range(position.shape[1]):
+            image[0], image[1], image[4] = position[n, i, 0], position[n, i, 1], times[n]
+            image[2], image[3] = velocity[n, i, 0], velocity[n, i, 1]
+            for k in range(hooks.shape[0]):
+                call_hook(hooks[k, 0], own + 8 * hooks[k, 1], image.ctypes.data)
+            position[n, i, 0], position[n, i, 1] = image[0], image[1]
+
+
+@compiled
+def unsee(reported, own, hooks, place):  # type: ignore[no-untyped-def]
+    """Where balls at rest lie that are reported at (n, 2) [m]: the fixed point of x - (observe(x) - reported).
+
+    Where no place is reported so (a lens so strong that it folds the table's corners), the reported one.
+    """
+    image = np.zeros(IMAGE_FIELDS)
+    for i in range(reported.shape[0]):
+        x, y = reported[i, 0], reported[i, 1]
+        for _ in range(ROUNDS):
+            image[0], image[1], image[2], image[3], image[4] = x, y, 0.0, 0.0, 0.0
+            for k in range(hooks.shape[0]):
+                call_hook(hooks[k, 0], own + 8 * hooks[k, 1], image.ctypes.data)
+            dx, dy = image[0] - reported[i, 0], image[1] - reported[i, 1]
+            x, y = x - dx, y - dy
+            miss = max(abs(dx), abs(dy))
+            if not miss < FAR:
+                x, y = reported[i, 0], reported[i, 1]
+                break
+            if miss < UNDONE:
+                break
+        place[i, 0], place[i, 1] = x, y
 
 
 def undone(model: Model, shots: Sequence[Shot]) -> list[Shot]:
@@ -58,43 +111,13 @@ def undone(model: Model, shots: Sequence[Shot]) -> list[Shot]:
     eyes = [e for e in camera(model) if e.opens("observe")]
     if not eyes:
         return list(shots)
-    known: dict[tuple[bytes, ...], Array] = {}
+    hooks = hooks_of(eyes, len(shots))
     out = []
     for k, shot in enumerate(shots):
-        own = [e.select(k) for e in eyes]
-        reported = np.asarray(shot.position, float)[1:]
-        values = [np.array([getattr(e, p) for p in e.parameters()], float).tobytes() for e in own]
-        key = (repr(shot.names).encode(), reported.tobytes(), *values)
-        if key not in known:
-            known[key] = _place(own, shot.names[1:], reported)
-        out.append(dataclasses.replace(shot, position=np.concatenate([shot.position[:1], known[key]])))
+        place = np.array(shot.position, float)
+        unsee(place[1:].copy(), hooks.own[k].ctypes.data, hooks.observe, place[1:])
+        out.append(dataclasses.replace(shot, position=place))
     return out
-
-
-def _place(eyes: Sequence[Effect], names: tuple[str, ...], reported: Array) -> Array:
-    """Where balls at rest lie that are reported at (n, 2) [m]: the fixed point of x - (observe(x) - reported).
-
-    Where no place is reported so (a lens so strong that it folds the table's corners), the reported one.
-    """
-    n, place = len(names), reported
-    zero = np.zeros((1, n, 3))
-    for _ in range(ROUNDS if n else 0):
-        seen = Track(names, np.zeros(1), place[None], zero[..., :2], zero, zero[..., 0])
-        for effect in eyes:
-            seen = effect.observe(seen)
-        miss = seen.position[0] - reported
-        place = place - miss
-        if not np.abs(miss).max() < FAR:
-            return reported
-        if np.abs(miss).max() < UNDONE:
-            break
-    return place
-
-
-def _exposed(eyes: Sequence[Effect], stamps: Array) -> Array:
-    for effect in reversed(eyes):
-        stamps = effect.exposures(stamps)
-    return stamps
 
 
 def _checked(eyes: Sequence[Effect], times: Array) -> Array:
@@ -105,11 +128,10 @@ def _checked(eyes: Sequence[Effect], times: Array) -> Array:
     return times
 
 
-def _report(eyes: Sequence[Effect], track: Track, true: Array, shot: Shot) -> Track:
+def _report(hooks: Hooks, number: int, track: Track, true: Array, shot: Shot) -> Track:
     """A track as the camera tells it; `true` are its times on the camera's own axis, those of the shot are stamps."""
-    seen = dataclasses.replace(track, times=true)
-    for effect in eyes:
-        seen = effect.observe(seen)
+    position = np.array(track.position)
+    see(position, np.ascontiguousarray(track.velocity), true, hooks.own[number].ctypes.data, hooks.observe)
     when = np.interp([e.time for e in track.events], np.append(0.0, track.times), np.append(0.0, shot.times))
     events = tuple(dataclasses.replace(e, time=float(t)) for e, t in zip(track.events, when, strict=True))
-    return dataclasses.replace(seen, times=shot.times, events=events)
+    return dataclasses.replace(track, times=shot.times, position=position, events=events)

@@ -16,23 +16,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.act import Balls
 from models.analytic.events import DEAD
 from models.analytic.impulse import collide_rows
 from models.analytic.pocket import NONE, Pockets, pockets_of, rail_of
 from models.batch import batch
-from models.contact import CALM, CUSHION_TIME, LONGEST, STEP, Contacts
+from models.contact import Contacts
 from models.curve import MARGIN, Curve, follow, land
-from models.effect import Balls, Effect, Impact, of
-from models.impacts import crowded, describe, part
+from models.engine.cluster import CROWD
+from models.hooks import IMPACT_FIELDS, hooks_of
+from models.impacts import APPROACH, DECAY, FRICTION, GAIN, MASS_FIRST, MASS_SECOND, RESTITUTION, ask_rows, crowded, part, strike_rows
 from models.model_file import Model
 from models.sampling import record, record_curve, spin_to_world
-from models.shot import GRAVITY, Array, Event, Shot, Track
+from models.shot import Array, Event, Shot, Track
+from models.spring import CALM, CUSHION_TIME, LONGEST, STEP
 from models.touch import BALL, CUSHION, LEAN, LEAN_STEP, POCKET, native_step, next_touch
 
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
 NATIVE_RUN = 4  # of them between two looks at what comes next
 TURN = 1e-3  # speed from which a rolling ball may stop within a step [m/s]
-CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 MAX_STEPS = 200_000
 
 
@@ -49,13 +51,18 @@ class Rollout:
 
     def __post_init__(self) -> None:
         """Compile the world and lay out the state."""
-        self.effects: list[Effect] = [e.select(self.rows) for e in self.model.stack()]
-        self.doers = sorted(self.effects[1:], key=lambda e: not e.first)
-        self.varies = any(e.varies for e in self.doers)
-        slots = {e.slot for e in self.doers}
-        self.cloth = next((e for e in self.doers if e.slot == "cloth"), None)
-        self.resolved = np.array([any(e.resolves == k for e in self.doers) for k in ("ball", "cushion")])
-        self.exact = "cloth" in slots
+        own = self.model.select(self.rows)
+        self.effects = own.stack()
+        acting = self.effects[1:]
+        cloth = next((e for e in acting if e.slot == "cloth"), None)
+        nsim = len(self.shots)
+        self.hooks = hooks_of([e for e in acting if e is not cloth], nsim)
+        self.varies = len(self.hooks.forces) > 0
+        self.resolved = np.array([any(e.resolves == k for e in acting) for k in ("ball", "cushion")])
+        self.exact = cloth is not None
+        laws = [getattr(cloth, k) for k in ("slide", "roll", "spin")] if cloth is not None else []
+        self.cloth = np.stack([np.broadcast_to(np.asarray(k, float), (nsim,)) for k in laws], 1) if laws else np.zeros((nsim, 0))
+        self.slide = np.broadcast_to(np.asarray(getattr(cloth or own.native, "slide"), float), (nsim,))
         names = [f"ball {i}" for i in range(len(self.shots[0].names))]
         self.batch = batch(self.model, names, self.effects, self.exact, self.resolved, len(self.shots), self.threads)
         self.world: Contacts | None = None
@@ -82,11 +89,8 @@ class Rollout:
     def _start(self) -> None:
         spin = np.array([s.spin for s in self.shots], float)
         velocity = np.array([s.velocity for s in self.shots], float)
-        struck = np.array([s.struck for s in self.shots])[:, None]
-        for effect in self.doers:
-            if effect.opens("strike"):
-                v, w = effect.strike(self.model.ball, velocity[:, 0], spin[:, 0])
-                velocity[:, 0], spin[:, 0] = np.where(struck, v, velocity[:, 0]), np.where(struck, w, spin[:, 0])
+        struck = np.array([s.struck for s in self.shots])
+        strike_rows(self.hooks.own, self.hooks.strike, self.model.ball.radius, self.model.ball.mass, struck, velocity, spin)
         self.qpos[:] = 0
         self.qpos[..., :2] = [s.position for s in self.shots]
         self.qpos[..., 2] = self.model.ball.radius
@@ -95,7 +99,7 @@ class Rollout:
         self.qvel[..., :2] = velocity
         self.qvel[..., 3:] = spin
         self.order = np.array([s.order for s in self.shots], float)
-        self.launch = np.hypot(velocity[:, 0, 0], velocity[:, 0, 1]) * struck[:, 0]
+        self.launch = np.hypot(velocity[:, 0, 0], velocity[:, 0, 1]) * struck
         self.count = np.array([len(s.times) for s in self.shots])
         self.times = np.full((len(self.shots), max(self.count.max(), 1)), np.inf)
         for k, shot in enumerate(self.shots):
@@ -128,38 +132,24 @@ class Rollout:
     def _balls(self, rows: NDArray[np.int64]) -> Balls:
         p, v = self.qpos[rows, :, :3], self.qvel[rows, :, :3]
         w = spin_to_world(self.qpos[rows, :, 3:], self.qvel[rows, :, 3:], False)
-        ball = self.model.ball
-        weight = np.where(self.alive[rows], ball.mass * GRAVITY, 0.0)
         return Balls(
-            ball, p, v, w, weight, np.zeros_like(p), np.zeros_like(p), np.ones_like(weight), np.ones_like(weight),
-            self.alive[rows], self.rolled[rows], self.clock[rows], self.launch[rows],
-            self.order[rows],
+            self.model.ball, p, v, w, self.alive[rows], self.rolled[rows], self.clock[rows], self.launch[rows],
+            self.order[rows], rows,
         )  # fmt: skip
-
-    def _acting(self, rows: NDArray[np.int64]) -> list[Effect]:
-        """The effects, with their parameters in some simulations."""
-        return self.doers if rows.size == len(self.shots) else [e.select(rows) for e in self.doers]
 
     def _step(self, rows: NDArray[np.int64]) -> None:
         balls = self._balls(rows)
-        effects = self._acting(rows)
         limit = np.full(rows.size, np.inf if self.exact else NATIVE_RUN * NATIVE_STEP)
-        for effect in effects:
-            effect.forces(balls)
-        for effect in effects:
-            span = np.asarray(effect.horizon(balls))
-            if span.ndim == 2:
-                span = np.where(self.alive[rows], span, np.inf).min(axis=1)
-            limit = np.minimum(limit, span)
+        limit = np.minimum(limit, balls.act(self.hooks, self.cloth))
         # A moving simulation takes no step beyond the longest; one at rest goes to its end at once.
-        moving = np.any(balls.velocity[..., :2] != 0, axis=(1, 2)) | np.any(balls.force[..., :2] != 0, axis=(1, 2))
+        moving = np.any(balls.velocity[..., :2] != 0, axis=(1, 2)) | np.any(balls.acceleration[..., :2] != 0, axis=(1, 2))
         limit = np.where(moving, np.minimum(limit, self.longest[rows]), limit)
         limit = np.minimum(limit, np.maximum(self.end[rows] - self.clock[rows], 1e-12))
         switch = limit
         if self.varies:
             limit = np.where(moving, np.minimum(limit, self.room[rows]), limit)
         alive, quiet, falls = self.alive[rows], self._quiet(rows), self.falls[rows]
-        acceleration = balls.force / balls.ball.mass
+        acceleration = balls.acceleration
 
         def touch(some: Any, acceleration: Array, limit: Array) -> tuple[Array, NDArray[np.int64]]:
             return next_touch(
@@ -183,8 +173,7 @@ class Rollout:
             now = (hit[:, 0] > 0) & ~rough & (step <= 0)  # they touch already, and no curve has no length
             near = np.where(now, limit, np.minimum(MARGIN * step, limit))
             trial = np.where((hit[:, 0] > 0) & ~rough, near, step)
-            normal = np.where(alive, balls.ball.mass * GRAVITY, 0.0)
-            curve, free = follow(effects, balls, trial, self.end[rows] - self.clock[rows], normal)
+            curve, free = follow(self.hooks, self.cloth, balls, trial, self.end[rows] - self.clock[rows])
             if self.resolved.all():
                 landed, met = land(touch, curve, curve.span)
                 step, hit = np.where(now, step, landed), np.where(now[:, None], hit, met)
@@ -192,8 +181,7 @@ class Rollout:
                 hit[curve.span < step] = 0
                 step = np.minimum(step, curve.span)
             self.room[rows] = np.where((step < switch) & (hit[:, 0] == 0), free, np.inf)
-            balls.force = balls.ball.mass * curve.mean(curve.push, step)
-            balls.torque = balls.ball.inertia * curve.mean(curve.turn, step)
+            balls.acceleration, balls.turning = curve.mean(curve.push, step), curve.mean(curve.turn, step)
         self._advance(rows, balls, step, rough, curve)
         for kind, number in (("ball", BALL), ("cushion", CUSHION)):
             found = np.flatnonzero(hit[:, 0] == number)
@@ -206,8 +194,8 @@ class Rollout:
         self, rows: NDArray[np.int64], balls: Balls, step: Array, rough: NDArray[np.bool_], curve: Curve | None
     ) -> None:
         ball = balls.ball
-        self.push[rows, 1:, :3] = balls.force
-        self.push[rows, 1:, 3:] = balls.torque
+        self.push[rows, 1:, :3] = ball.mass * balls.acceleration
+        self.push[rows, 1:, 3:] = ball.inertia * balls.turning
         go = step > 0
         parts = (
             np.ones(rows.size, np.int64)
@@ -229,7 +217,7 @@ class Rollout:
             # A native nose presses the ball down, on a slate that does not give.
             self.qpos[rows, :, 2] = np.where(self.alive[rows], ball.radius, self.qpos[rows, :, 2])
             self.qvel[rows, :, 2] = 0
-            w1 = balls.spin + balls.torque / ball.inertia * step[:, None, None]
+            w1 = balls.spin + balls.turning * step[:, None, None]
             # A rolling ball that would turn back within a step, or would but for a push across its way, is at rest.
             back = np.sum(balls.velocity[..., :2] * v1[..., :2], axis=-1) < 0
             if curve is not None:
@@ -275,18 +263,14 @@ class Rollout:
     def _coefficients(
         self, kind: str, rows: NDArray[np.int64], p: Array, v: Array, w: Array, i: NDArray[np.int64],
         j: NDArray[np.int64],
-    ) -> Impact:  # fmt: skip
-        """Impacts, one row each, as the effects say."""
-        impact = describe(kind, self.model.ball, p, v, w, i, j, self.order[rows], self.pockets.jaws)
-        for effect in self.doers:
-            effect.impact(impact, rows)
-        impact.hold()
-        impact.restitution[impact.approach < DEAD] = 0.0
-        return impact
-
-    def _cloth(self, rows: NDArray[np.int64]) -> Array:
-        """Sliding friction of the cloth in some simulations."""
-        return np.broadcast_to(of(getattr(self.cloth or self.effects[0], "slide", 0.0), rows), rows.shape).copy()
+    ) -> Array:  # fmt: skip
+        """Impacts, one row each, as the effects say: (n, IMPACT_FIELDS)."""
+        out = np.zeros((rows.size, IMPACT_FIELDS))
+        ask_rows(
+            kind == "cushion", p, v, w, i, j, self.pockets.jaws, self.model.ball.radius, self.order[rows],
+            self.clock[rows], self.hooks.own, rows, self.hooks.impact, out,
+        )  # fmt: skip
+        return out
 
     def _impact(self, kind: str, rows: NDArray[np.int64], hit: NDArray[np.int64]) -> None:
         """Bodies that touch: two alone by their impulse, several at a time through MuJoCo's contacts."""
@@ -295,7 +279,7 @@ class Rollout:
         w = spin_to_world(quat, self.qvel[rows, :, 3:], False)
         ball, i, j = self.model.ball, hit[:, 1], hit[:, 2]
         impact = self._coefficients(kind, rows, p, v, w, i, j)
-        approach, e, mu = impact.approach, impact.restitution, impact.friction
+        approach, e, mu = impact[:, APPROACH], impact[:, RESTITUTION], impact[:, FRICTION]
         # A rolling ball that has met something rolls on against it: one event, looked at every LEAN_STEP.
         other, now = j + (kind == "cushion") * self.alive.shape[1], self.clock[rows]
         leans = now < self.quiet[rows, i, other] + LEAN_STEP
@@ -320,8 +304,8 @@ class Rollout:
         p, v, w, quat, mu, now = (a[alone] for a in (p, v, w, quat, mu, now))
         slow, leans = slow[alone], leans[alone]
         collide_rows(
-            kind == "cushion", hit, p, v, w, e, mu, self._cloth(rows), ball.mass, ball.radius, impact.gain[alone],
-            impact.decay[alone], impact.ratio[alone], self.pockets.jaws,
+            kind == "cushion", hit, p, v, w, e, mu, self.slide[rows], ball.mass, ball.radius, impact[alone, GAIN],
+            impact[alone, DECAY], impact[alone, MASS_FIRST] / impact[alone, MASS_SECOND], self.pockets.jaws,
         )  # fmt: skip
         self.qvel[rows, :, :3] = v
         self.qvel[rows, :, 3:] = spin_to_world(quat, w, True)
@@ -355,21 +339,20 @@ class Rollout:
         world.enter(rows, self.qpos[rows, :, :3], self.qvel[rows, :, :3], self.alive[rows])
         end, calm = self.clock[rows] + LONGEST, np.zeros(rows.size)
         while rows.size:
-            balls, alive, cloth = self._balls(rows), self.alive[rows], self._cloth(rows)
-            for effect in self._acting(rows):
-                effect.forces(balls)
+            balls, alive, cloth = self._balls(rows), self.alive[rows], self.slide[rows]
+            balls.act(self.hooks, self.cloth)
             which = world.closing(rows, balls, alive)
             for number, kind in enumerate(("ball", "cushion")):
                 these = which[world.kind[which[:, 1]] == number]
                 if len(these):
                     k, i, j = these[:, 0], world.first[these[:, 1]], world.second[these[:, 1]]
                     state = balls.position[k], balls.velocity[k], balls.spin[k]
-                    begun = world.set(rows, these, self._coefficients(kind, rows[k], *state, i, j))
+                    begun = world.set(rows, these, kind == "cushion", self._coefficients(kind, rows[k], *state, i, j))
                     for n in np.flatnonzero(begun):
                         self._log(int(rows[k[n]]), kind, int(i[n]), int(j[n]))
             p, v, free, rests = world.step(rows, balls, alive, cloth)
             calm = np.where(rests, calm + STEP, 0.0)
-            w = balls.spin + balls.torque / balls.ball.inertia * STEP
+            w = balls.spin + balls.turning * STEP
             self._record(rows, balls, np.full(rows.size, STEP), p, v, w)
             self.qpos[rows, :, :2], self.qvel[rows, :, :2] = p[..., :2], v[..., :2]
             self.qvel[rows, :, 3:] = spin_to_world(self.qpos[rows, :, 3:], w, True)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from models.compiled import compiled
 from models.shot import Array
 
 
-@njit(cache=True)
+@compiled
 def spin_to_world(quat: Array, w: Array, inverse: bool) -> Array:
     """Rotate (nsim, nball, 3) vectors from ball to table frame by (nsim, nball, 4) quaternions, or back."""
     out = np.empty_like(w)
@@ -25,7 +25,7 @@ def spin_to_world(quat: Array, w: Array, inverse: bool) -> Array:
     return out
 
 
-@njit(cache=True)
+@compiled
 def record(
     rows: NDArray[np.int64], t0: Array, h: Array, times: Array, count: NDArray[np.int64], next_: NDArray[np.int64],
     p0: Array, v0: Array, w0: Array, v1: Array, w1: Array, p1: Array, theta: Array, alive: NDArray[np.bool_],
@@ -53,7 +53,7 @@ def record(
             next_[s] += 1
 
 
-@njit(cache=True)
+@compiled
 def record_curve(
     rows: NDArray[np.int64], t0: Array, h: Array, times: Array, count: NDArray[np.int64], next_: NDArray[np.int64],
     p0: Array, v0: Array, w0: Array, push: Array, turn: Array, v1: Array, w1: Array, p1: Array, theta: Array,

@@ -1,4 +1,4 @@
-"""Many shots -> many tracks: what fits in a batch, in batches (models/rollout.py)."""
+"""Many shots -> many tracks: by the event engine (models/engine), or in MuJoCo (models/rollout.py)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from models.engine.play import lacking, play
 from models.model_file import Model
 from models.rollout import Rollout
 from models.shot import Shot, Track
@@ -56,13 +57,16 @@ def simulate(
 ) -> list[Track]:
     """Play shots on a model; a parameter that is an array gives each shot its own value.
 
+    The model's `engine` plays them: "events" (where the model has an effect for cloth, balls and cushions, and none that
+    edits the MJCF) or "mujoco".
+
     Args:
         model: table, ball and effects; parameters are numbers or (len(shots),) arrays.
         shots: the balls' states at t = 0 and the times wanted.
         progress: called with the number of shots done.
         threads: that step the simulations; 0 for one a core.
-        contacts: which impacts go through MuJoCo's contacts, where effects resolve both kinds: "clusters" of three
-            bodies or more, "always" all, "never" any. The others are carried through by their impulse.
+        contacts: which impacts go through springs in small steps, where effects resolve both kinds: "clusters" of three
+            bodies or more, "never" any, and in MuJoCo "always" all. The others are carried through by their impulse.
         jaws: whether pockets have jaws and an edge (models/analytic/pocket.py), which needs effects for cloth, balls
             and cushions; without, a mouth takes what comes into it. Impacts at a jaw are carried through by their
             impulse; balls in `Shot.staying` meet straight cushions in place of pockets.
@@ -74,6 +78,16 @@ def simulate(
     if contacts not in CONTACTS:
         raise ValueError(f"contacts is {contacts!r}; choose from {', '.join(CONTACTS)}")
     _check(model, shots, jaws)
+    if model.engine == "events" and contacts != "always" and not lacking(model):
+        done, tracks_found = 0, []
+        for start in range(0, len(shots), CHUNK):
+            part = np.arange(start, min(start + CHUNK, len(shots)))
+            few = [shots[k] for k in part]
+            tracks_found += play(model.select(part), few, threads=threads, jaws=jaws, clusters=contacts == "clusters")
+            done += part.size
+            if progress:
+                progress(done)
+        return tracks_found
     tracks: list[Track | None] = [None] * len(shots)
     sizes = np.array([len(s.names) for s in shots])
     done = 0

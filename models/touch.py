@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from models.analytic.events import in_mouth, line, meeting
 from models.analytic.pocket import straight
+from models.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ LEAN_STEP = 2e-3  # between two looks at what leans [s]
 LEAN = 1e-2  # approach speed that leaning may come to meanwhile [m/s]
 
 
-@njit(cache=True)
+@compiled
 def next_touch(
     position: Array,
     velocity: Array,
@@ -133,7 +133,7 @@ def next_touch(
     return step, hit
 
 
-@njit(cache=True)
+@compiled
 def native_step(
     position: Array,
     velocity: Array,
@@ -170,7 +170,7 @@ def native_step(
     return step
 
 
-@njit(cache=True)
+@compiled
 def _safe(gap: float, closing: float, faster: float, fine: float) -> float:
     """Time until a gap is closed, at a speed and its growth; `fine` while it is."""
     if gap <= 0.0:

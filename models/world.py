@@ -18,9 +18,9 @@ import numpy as np
 from models.effect import Effect
 from models.furniture import furnish
 from models.shot import NOSE_COSINE, NOSE_SINE, POCKET_MOUTH, Array, Ball, Table
+from models.spring import NOSE_RADIUS
 
 BASE = Path(__file__).with_name("base.xml")
-NOSE_RADIUS = 0.002  # of the capsule that stands for the nose [m]
 BED_DEPTH = 0.05  # [m]
 
 COLOURS = {

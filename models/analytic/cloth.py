@@ -11,16 +11,62 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from models.compiled import compiled
+from models.hooks import AX, AY, BX, BY, BZ, RADIUS, SLIDE_FACTOR, SPIN_FACTOR, WEIGHT, WZ
 from models.shot import GRAVITY
 
 Array = NDArray[np.float64]
 STILL = 1e-8  # slip or speed that is none [m/s]
+STILL_SPIN = 1e-6  # sidespin that is none [rad/s]
+SLIDING, ROLLING, RESTING = 1, 2, 0
+GRIP = 5e-5  # a slip that full friction ends in this time meets no less than that [s]
+NEAR = 1e-6  # part of that slip within which it is reached
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
+def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ignore[no-untyped-def]
+    """Add the cloth's friction to what pushes and turns a ball (models/hooks.py); returns False where it holds the ball.
+
+    `mode`: whether it slides, rolls or rests. Sliding friction acts against the unit vector (ux, uy) of the slip, of
+    size `slip`; rolling friction against that of the velocity, (vx, vy); friction of sidespin against the sign of wz.
+    A rolling or resting ball is held at no slip by a reaction to the pushes, up to the friction of a sliding one.
+    """
+    n, radius, held = r[WEIGHT] * GRAVITY, r[RADIUS], False
+    gx = gy = dx = dy = 0.0
+    if mode == SLIDING:
+        friction = slide * n
+        # A slip that dies away would never end by itself: the last of it meets the full friction.
+        if slip > 3.5 * friction * GRIP * (1.0 + NEAR):
+            friction *= r[SLIDE_FACTOR]
+        gx, gy = -friction * ux, -friction * uy
+    else:
+        # Without friction the slip would change at push + torque x R / I; 2/7 of that holds it at zero.
+        gx = -2 / 7 * (r[AX] - radius * r[BY])
+        gy = -2 / 7 * (r[AY] + radius * r[BX])
+        need = math.sqrt(gx * gx + gy * gy)
+        if need > slide * n:
+            gx, gy = gx * (slide * n / need), gy * (slide * n / need)
+        if mode == ROLLING:
+            dx, dy = roll * n * vx, roll * n * vy
+        else:
+            # A ball at rest stays there until the push exceeds what rolling resistance can hold.
+            px, py = r[AX] + gx, r[AY] + gy
+            held = math.sqrt(px * px + py * py) <= roll * n
+    if held:
+        r[AX] = r[AY] = r[BX] = r[BY] = 0.0
+    else:
+        r[AX] += gx - dx
+        r[AY] += gy - dy
+        r[BX] += (2.5 * gy + dy) / radius
+        r[BY] -= (2.5 * gx + dx) / radius
+    if abs(wz) > STILL_SPIN and n > 0.0:
+        r[BZ] -= math.copysign(spin * r[SPIN_FACTOR], wz)
+    return not held
+
+
+@compiled
 def turned(wz: float, alpha: float, t: float) -> tuple[float, float]:
     """Angle turned about the vertical in a time, and the sidespin left: [rad], [rad/s]."""
     size = abs(wz)
@@ -29,7 +75,7 @@ def turned(wz: float, alpha: float, t: float) -> tuple[float, float]:
     return (wz - 0.5 * math.copysign(alpha, wz) * t) * t, wz - math.copysign(alpha * t, wz)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def flow(b: Array, t: float, radius: float, slide: float, roll: float, alpha: float) -> None:
     """Carry one ball (x, y, vx, vy, wx, wy, wz, theta) through a time on open cloth, in place."""
     b7, b[6] = turned(b[6], alpha, t)
@@ -62,7 +108,7 @@ def flow(b: Array, t: float, radius: float, slide: float, roll: float, alpha: fl
     b[4], b[5] = -b[3] / radius, b[2] / radius
 
 
-@njit(cache=True)
+@compiled
 def _flow_rows(rows: Array, times: Array, radius: float, slide: float, roll: float, alpha: float) -> None:
     for k in range(rows.shape[0]):
         flow(rows[k], times[k], radius, slide, roll, alpha)

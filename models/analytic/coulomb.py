@@ -21,7 +21,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from models.compiled import compiled
 
 STEPS = 4  # of a whole impact, where no slip turns
 TURNING = 3e-8  # tolerance of the turning of a slip in a step, over approach speed; fits differentiate what comes out
@@ -36,14 +37,14 @@ ALIGNED = 1e-10  # sine between a slip and its rate that is rounding
 SLIP, STICK = 0, 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def friction_at(mu, slip):  # type: ignore[no-untyped-def]
     """Friction a + b exp(-c slip) of a law mu = (a, b, c); a itself, to the last bit, where b is 0."""
     a, b, c = mu
     return a if b == 0.0 else max(a + b * math.exp(-c * slip), 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def]
     """Friction (F1, F2, G1, G2) per normal impulse for slips and whether they stick."""
     ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
@@ -67,7 +68,7 @@ def _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def
     return f1, f2, -press * x, -press * y
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def]
     """Which slips at rest stick, and in which direction the others leave: (ms, mc, s1, s2, c1, c2)."""
     ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
@@ -119,7 +120,7 @@ def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ign
     return SLIP, SLIP, s1, s2, c1, c2
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _runge_kutta(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, mu, cloth, k):  # type: ignore[no-untyped-def]
     """Friction of a step h that begins with F, G: its mean, and the F2, G2 that work takes, from a double integral."""
     ds, dc, a1, a2, b1, b2, _, _, _, _, _ = k
@@ -140,7 +141,7 @@ def _runge_kutta(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, mu, cloth, k):  # ty
     return m1 / 6.0, m2 / 6.0, n1 / 6.0, n2 / 6.0, w2 / 6.0, v2 / 6.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _reach(x, y, dx, dy, weight, grip, fine):  # type: ignore[no-untyped-def]
     """How far a slip may go in a step before it turns too much, given its rate and its friction."""
     rate = math.sqrt(dx * dx + dy * dy)
@@ -158,7 +159,7 @@ def _reach(x, y, dx, dy, weight, grip, fine):  # type: ignore[no-untyped-def]
     return min(h, stable * max(1.0, 0.01 * fine / past))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _fade(size, rate, rub, hold, grip, mu):  # type: ignore[no-untyped-def]
     """How far a slip may go in a step before its friction changes too much."""
     steep = mu[2] * max(rate, grip * abs(rub - mu[0]))
@@ -167,7 +168,7 @@ def _fade(size, rate, rub, hold, grip, mu):  # type: ignore[no-untyped-def]
     return min(h, CLOSER * size / (rate + grip * (hold - rub))) if hold > rub else h
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-untyped-def]
     """Impulses over mass of a whole impact: (P, F1, F2, G1, G2); mu = (a, b, c) as in `friction_at`."""
     ds, dc, a1, a2, b1, b2, p0, p1, du, uf, ug = k
@@ -273,7 +274,7 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
     return total, i1, i2, j1, j2
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _top(u, after, gain, h):  # type: ignore[no-untyped-def]
     """Most work within a step in which the approach ends: its integral through (0, u), (h, after), with this area."""
     # u(t) = u + (after - u) x + c x (1 - x), x = t / h; its mean is gain / h.
@@ -285,7 +286,7 @@ def _top(u, after, gain, h):  # type: ignore[no-untyped-def]
     return h * x * (u + 0.5 * (after - u) * x + c * x * (0.5 - x / 3.0))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _held(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, first, mu, cloth, k):  # type: ignore[no-untyped-def]
     """The part of a step h during which what sticks does so; all of it, usually."""
     ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from models.analytic.coulomb import STEPS
 from models.analytic.impulse import collide
+from models.compiled import compiled
 from models.shot import NOSE_COSINE, NOSE_SINE, Ball
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def rolling_rebound(speed: ArrayLike) -> Array:
     return -0.0877 * v * v + 1.131 * v - 0.0953
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def han(state: Array, e: float, mu: float, radius: float) -> None:
     """Han's impact of a state (va, vb, wa, wb, wz), b into the cushion, in place."""
     if state[1] <= 0.0:
@@ -85,7 +85,7 @@ def han(state: Array, e: float, mu: float, radius: float) -> None:
     state[4] -= 2.5 / radius * fx * NOSE_COSINE
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def rebound(law: int, state: Array, e: float, friction: tuple[float, float, float, float]) -> None:
     """Carry a state (va, vb, wa, wb, wz) through an impact by either law, in place; `friction` as in `collide`."""
     if law == 1:

@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from models.compiled import compiled
 
 CLOSED = 1e-13  # gap that is none [m], and squared distance [m^2]
 DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
@@ -21,7 +22,7 @@ AWAY = 1e-9  # approach speed below which a touch is no impact [m/s]
 STRAIGHT = 4e-16  # sine between velocity and acceleration that is rounding
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _root(c0, c1, c2, c3, c4, low, high, falling):  # type: ignore[no-untyped-def]
     """The root of a polynomial in an interval where it changes sign once: Newton, kept inside by bisection."""
     x = 0.5 * (low + high)
@@ -43,7 +44,7 @@ def _root(c0, c1, c2, c3, c4, low, high, falling):  # type: ignore[no-untyped-de
     return x
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def first_fall(c0, c1, c2, c3, c4, h):  # type: ignore[no-untyped-def]
     """First time in [0, h] at which a quartic that is not negative at 0 falls through zero; inf where it does not."""
     # Roots of the second derivative part the interval into pieces where the first is monotone.
@@ -82,7 +83,7 @@ def first_fall(c0, c1, c2, c3, c4, h):  # type: ignore[no-untyped-def]
     return np.inf
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def meeting(x, y, vx, vy, ax, ay, distance, h):  # type: ignore[no-untyped-def]
     """First time in [0, h] at which a relative motion comes within a distance; inf for none, -1 where pressed."""
     c0 = x * x + y * y - distance * distance
@@ -132,7 +133,7 @@ def meeting(x, y, vx, vy, ax, ay, distance, h):  # type: ignore[no-untyped-def]
     return first_fall(c1, c2, c3, c4, 0.0, h)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def line(gap, v, a, h):  # type: ignore[no-untyped-def]
     """The same for a straight line at a gap, approached at speed v and acceleration a."""
     if gap <= CLOSED:
@@ -150,7 +151,7 @@ def line(gap, v, a, h):  # type: ignore[no-untyped-def]
     return t if t <= h else np.inf
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def in_mouth(along, rail, half, mouths):  # type: ignore[no-untyped-def]
     """Whether a ball at a rail (+x, -x, +y, -y), at `along` from its middle [m], is in a pocket's mouth."""
     k = rail // 2

@@ -18,17 +18,17 @@ the first to the second, for a cushion b points into it.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from models.analytic.coulomb import STEPS, integrate
 from models.analytic.pocket import outward
+from models.compiled import compiled
 from models.shot import NOSE_COSINE, NOSE_SINE
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def collide(
     cushion: bool, state: Array, e: float, law: tuple[float, float, float, float], steps: int = STEPS,
     gain: float = 0.0, decay: float = 0.0, ratio: float = 1.0,
@@ -83,7 +83,7 @@ def collide(
     state[o + 3] -= 2.5 * g2 / r
 
 
-@njit(cache=True)
+@compiled
 def collide_rows(
     cushion: bool, hit: NDArray[np.int64], p: Array, v: Array, w: Array, e: Array, mu: Array, cloth: Array,
     m: float, r: float, gain: Array | None = None, decay: Array | None = None, ratio: Array | None = None,

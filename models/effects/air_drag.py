@@ -7,12 +7,10 @@ speed_drag, whose power of the speed is one less: shots of very different speeds
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import ClassVar
 
-import numpy as np
-
-from models.effect import Balls, Effect, column, param
+from models.effect import BallState, Effect, param
 
 
 @dataclass(frozen=True)
@@ -23,10 +21,8 @@ class AirDrag(Effect):
         0.0042, off=0.0, unit="1/m", bounds=(-0.05, 0.1), source="sphere, C_d 0.45; derived for a snooker ball"
     )
 
-    varies: ClassVar[bool] = True
-
-    def forces(self, balls: Balls) -> None:
-        """Drag against the motion."""
-        v = balls.velocity[..., :2]
-        size = balls.ball.mass * column(self.rate) * np.hypot(v[..., 0], v[..., 1])
-        balls.force[..., :2] -= size[..., None] * v
+    def forces(self, ball: BallState) -> None:
+        """-k |v| v."""
+        speed = math.sqrt(ball.vx * ball.vx + ball.vy * ball.vy)
+        ball.ax -= self.rate * speed * ball.vx
+        ball.ay -= self.rate * speed * ball.vy

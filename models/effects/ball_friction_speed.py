@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.effect import Array, Effect, Impact, of, param
+from models.effect import Effect, ImpactState, param
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,8 @@ class BallFrictionSpeed(Effect):
     gain: float = param(0.1, off=0.0, unit="1", bounds=(-0.2, 0.4), source="Alciatore TP A.14: 0.108")
     decay: float = param(1.088, off=None, unit="s/m", bounds=(0.2, 5.0), source="Alciatore TP A.14")
 
-    def impact(self, impact: Impact, rows: Array) -> None:
+    def impact(self, hit: ImpactState) -> None:
         """More for what slips less."""
-        if impact.kind == "ball":
-            impact.gain += of(self.gain, rows)
-            impact.decay[:] = of(self.decay, rows)
+        if not hit.cushion:
+            hit.gain += self.gain
+            hit.decay = self.decay

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from models.effect import Array, Effect, Impact, of, param
+from models.effect import Effect, ImpactState, param
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class BallImpact(Effect):
     slot: ClassVar[str] = "ball_impact"
     resolves: ClassVar[str] = "ball"
 
-    def impact(self, impact: Impact, rows: Array) -> None:
+    def impact(self, hit: ImpactState) -> None:
         """Constant coefficients."""
-        if impact.kind == "ball":
-            impact.restitution += of(self.restitution, rows)
-            impact.friction += of(self.friction, rows)
+        if not hit.cushion:
+            hit.restitution += self.restitution
+            hit.friction += self.friction

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.effect import Array, Effect, Impact, of, param
+from models.effect import Effect, ImpactState, param
 
 REFERENCE = 1.0  # speed at which the base's restitution holds [m/s]
 
@@ -26,7 +26,7 @@ class BallRestitutionSpeed(Effect):
         source="none measured; pool 0.92 to 0.98 (Alciatore)",
     )
 
-    def impact(self, impact: Impact, rows: Array) -> None:
+    def impact(self, hit: ImpactState) -> None:
         """Less for what comes faster."""
-        if impact.kind == "ball":
-            impact.restitution -= of(self.rate, rows) * (impact.approach - REFERENCE)
+        if not hit.cushion:
+            hit.restitution -= self.rate * (hit.approach - REFERENCE)

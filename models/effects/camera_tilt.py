@@ -7,11 +7,9 @@ with the tilt squared, which calibration takes along with the table's corners.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
-from models.effect import Effect, param
-from models.shot import Track
+from models.effect import Effect, ImageState, param
 
 
 @dataclass(frozen=True)
@@ -23,7 +21,8 @@ class CameraTilt(Effect):
     )
     along_y: float = param(0.002, off=0.0, unit="1/m", bounds=(-0.03, 0.03), source="as along_x")
 
-    def observe(self, track: Track) -> Track:
+    def observe(self, image: ImageState) -> None:
         """Every position over its depth."""
-        x, y = track.position[..., :1], track.position[..., 1:]
-        return dataclasses.replace(track, position=track.position / (1 + self.along_x * x + self.along_y * y))
+        depth = 1.0 + self.along_x * image.x + self.along_y * image.y
+        image.x /= depth
+        image.y /= depth

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.effect import Array, Effect, param
+from models.effect import Effect, param
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,6 @@ class ClockScale(Effect):
         1.01, off=1.0, unit="1", bounds=(0.9, 1.1), source="estimate: frame rates are off by 0.01 to 0.5 %"
     )
 
-    def exposures(self, stamps: Array) -> Array:
-        """The true times of the stamps."""
-        return stamps / self.factor
+    def exposures(self, stamp: float) -> float:
+        """The true time of a stamp."""
+        return stamp / self.factor

@@ -9,9 +9,8 @@ table. A slope along x looks the same: only a level tells them apart.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from models.effect import Balls, Effect, column, param
+from models.effect import BallState, Effect, param
 
 
 @dataclass(frozen=True)
@@ -22,8 +21,7 @@ class ClothNap(Effect):
         0.02, off=0.0, unit="m/s^2", bounds=(-0.1, 0.1), source="estimate: a few percent of mu_r g and up to half of it"
     )
 
-    varies: ClassVar[bool] = True
-
-    def forces(self, balls: Balls) -> None:
-        """The push on every ball that lies on the cloth."""
-        balls.force[..., 0] += balls.ball.mass * column(self.push) * (balls.normal > 0)
+    def forces(self, ball: BallState) -> None:
+        """The push on a ball that lies on the cloth."""
+        if ball.weight > 0.0:
+            ball.ax += self.push

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from models.effect import Array, Effect, Impact, of, param
+from models.effect import Effect, ImpactState, param
 
 STRUCK = 0  # number of the struck ball
 
@@ -22,9 +20,9 @@ class CueBallMass(Effect):
 
     factor: float = param(1.02, off=1.0, unit="1", bounds=(0.8, 1.25), source="rules of snooker: a set within 3 g, 2 %")
 
-    def impact(self, impact: Impact, rows: Array) -> None:
+    def impact(self, hit: ImpactState) -> None:
         """Wherever it meets something; the second body is a ball only where two balls meet."""
-        factor = of(self.factor, rows)
-        impact.mass[:, 0] *= np.where(impact.first == STRUCK, factor, 1.0)
-        if impact.kind == "ball":
-            impact.mass[:, 1] *= np.where(impact.second == STRUCK, factor, 1.0)
+        if hit.first == STRUCK:
+            hit.mass_first *= self.factor
+        if not hit.cushion and hit.second == STRUCK:
+            hit.mass_second *= self.factor

@@ -8,13 +8,13 @@ is held, so it leaves out the flight's height, what a flying ball passes over, a
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
+from models.effect import BallState, Effect, param
 
-from models.effect import Array, Balls, Effect, param
-
+STRUCK = 0  # number of the struck ball
 LANDED = 1e-12  # this near its landing a ball has landed [s]
 
 
@@ -28,15 +28,12 @@ class CueHop(Effect):
 
     first: ClassVar[bool] = True
 
-    def _left(self, balls: Balls) -> Array:
-        """Time to the landing of the struck ball: (nsim,) [s], negative after it."""
-        return np.asarray(self.time_per_speed * balls.launch - balls.time)
-
-    def forces(self, balls: Balls) -> None:
+    def forces(self, ball: BallState) -> None:
         """No weight on the cloth while the struck ball flies."""
-        balls.normal[:, 0] = np.where(self._left(balls) > LANDED, 0.0, balls.normal[:, 0])
+        if ball.number == STRUCK and self.time_per_speed * ball.launch - ball.time > LANDED:
+            ball.weight = 0.0
 
-    def horizon(self, balls: Balls) -> Array:
-        """Until the landing: (nsim,) [s]."""
-        left = self._left(balls)
-        return np.where(left > LANDED, left, np.inf)
+    def horizon(self, ball: BallState) -> float:
+        """Until the landing [s]."""
+        left = self.time_per_speed * ball.launch - ball.time
+        return left if ball.number == STRUCK and left > LANDED else math.inf

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.effect import Array, Effect, Impact, of, param
+from models.effect import Effect, ImpactState, param
 
 REFERENCE = 1.0  # speed at which the base's friction holds [m/s]
 
@@ -22,7 +22,7 @@ class CushionFrictionSpeed(Effect):
         0.02, off=0.0, unit="s/m", bounds=(-0.2, 0.2), source="none measured; Mathavan 2010 has 0.14 at all speeds"
     )
 
-    def impact(self, impact: Impact, rows: Array) -> None:
+    def impact(self, hit: ImpactState) -> None:
         """Less for what comes faster."""
-        if impact.kind == "cushion":
-            impact.friction -= of(self.rate, rows) * (impact.approach - REFERENCE)
+        if hit.cushion:
+            hit.friction -= self.rate * (hit.approach - REFERENCE)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from models.effect import Array, Effect, Impact, of, param
+from models.effect import Effect, ImpactState, param
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class CushionImpact(Effect):
     slot: ClassVar[str] = "cushion_impact"
     resolves: ClassVar[str] = "cushion"
 
-    def impact(self, impact: Impact, rows: Array) -> None:
+    def impact(self, hit: ImpactState) -> None:
         """Constant coefficients."""
-        if impact.kind == "cushion":
-            impact.restitution += of(self.restitution, rows)
-            impact.friction += of(self.friction, rows)
+        if hit.cushion:
+            hit.restitution += self.restitution
+            hit.friction += self.friction

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.effect import Array, Effect, Impact, of, param
+from models.effect import Effect, ImpactState, param
 
 REFERENCE = 1.0  # speed at which the base's restitution holds [m/s]
 
@@ -22,7 +22,7 @@ class CushionRestitutionSpeed(Effect):
         0.05, off=0.0, unit="s/m", bounds=(-0.3, 0.3), source="Mathavan 2009, 2010: 0 below, 0.10 above 2.1 m/s"
     )
 
-    def impact(self, impact: Impact, rows: Array) -> None:
+    def impact(self, hit: ImpactState) -> None:
         """Less for what comes faster."""
-        if impact.kind == "cushion":
-            impact.restitution -= of(self.rate, rows) * (impact.approach - REFERENCE)
+        if hit.cushion:
+            hit.restitution -= self.rate * (hit.approach - REFERENCE)

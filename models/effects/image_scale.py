@@ -7,11 +7,9 @@ all grow alike, so that cushions and the balls' own size tell it from friction. 
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
-from models.effect import Effect, param
-from models.shot import Track
+from models.effect import Effect, ImageState, param
 
 
 @dataclass(frozen=True)
@@ -22,6 +20,7 @@ class ImageScale(Effect):
         0.005, off=0.0, unit="1", bounds=(-0.1, 0.1), source="parallax of the ball's height, R / (H - R): up to 0.013"
     )
 
-    def observe(self, track: Track) -> Track:
+    def observe(self, image: ImageState) -> None:
         """Every position, larger."""
-        return dataclasses.replace(track, position=track.position * (1 + self.stretch))
+        image.x *= 1.0 + self.stretch
+        image.y *= 1.0 + self.stretch

@@ -8,13 +8,9 @@ of a full-size table would be folded back.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
-import numpy as np
-
-from models.effect import Effect, param
-from models.shot import Track
+from models.effect import Effect, ImageState, param
 
 
 @dataclass(frozen=True)
@@ -25,7 +21,8 @@ class LensDistortion(Effect):
         0.003, off=0.0, unit="1/m^2", bounds=(-0.03, 0.03), source="estimate: 0.5 to 2 % at the corner, 1.99 m out"
     )
 
-    def observe(self, track: Track) -> Track:
+    def observe(self, image: ImageState) -> None:
         """Every position moved along its radius."""
-        r2 = np.sum(track.position**2, axis=-1, keepdims=True)
-        return dataclasses.replace(track, position=track.position * (1 - self.barrel * r2))
+        inward = 1.0 - self.barrel * (image.x * image.x + image.y * image.y)
+        image.x *= inward
+        image.y *= inward

@@ -7,14 +7,13 @@ is 0.002. Leaves out how the ball lay when it was struck, the tumbling of its ax
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import ClassVar
 
-import numpy as np
-
-from models.effect import Array, Balls, Effect, column, param
+from models.effect import BallState, Effect, param, push_along
 from models.shot import GRAVITY
 
+STRUCK = 0  # number of the struck ball
 TURN = 1.0  # of a rolling ball, along which the sine is followed [rad]
 SLOW = 0.02  # below this speed steps do not shorten as much as the angle asks for [m/s]
 
@@ -27,20 +26,13 @@ class OffCentreBall(Effect):
         0.001, off=0.0, unit="1", bounds=(-0.02, 0.02), source="0.05 mm of 26 mm would be 0.002 (estimate)"
     )
 
-    varies: ClassVar[bool] = True
-
-    def forces(self, balls: Balls) -> None:
+    def forces(self, ball: BallState) -> None:
         """The pull across the way of the struck ball, and the torque that keeps it rolling."""
-        v = balls.velocity[:, :1, :2]
-        speed = np.hypot(v[..., 0], v[..., 1])
-        rolls = balls.rolling[:, :1]
-        size = np.where(rolls, GRAVITY * column(self.offset) * np.sin(balls.rolled[:, :1]), 0.0)
-        pull = np.zeros_like(balls.velocity[..., :2])
-        pull[:, :1] = (size / np.where(rolls, speed, 1.0))[..., None] * np.stack([-v[..., 1], v[..., 0]], axis=-1)
-        balls.push_rolling(pull)
+        if ball.rolling and ball.number == STRUCK:
+            push_along(ball, 0.0, GRAVITY * self.offset * math.sin(ball.rolled))
 
-    def horizon(self, balls: Balls) -> Array:
-        """A part of a turn of the struck ball: (nsim,) [s]."""
-        v = balls.velocity[:, 0]
-        speed = np.hypot(v[:, 0], v[:, 1])
-        return np.where(balls.rolling[:, 0], TURN * balls.ball.radius / np.maximum(speed, SLOW), np.inf)
+    def horizon(self, ball: BallState) -> float:
+        """A part of a turn of the struck ball [s]."""
+        if not (ball.rolling and ball.number == STRUCK):
+            return math.inf
+        return TURN * ball.radius / max(math.sqrt(ball.vx * ball.vx + ball.vy * ball.vy), SLOW)

@@ -8,11 +8,9 @@ impact within it changes, and the mark's angle.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
-from models.effect import Effect, param
-from models.shot import Track
+from models.effect import Effect, ImageState, param
 
 
 @dataclass(frozen=True)
@@ -23,7 +21,8 @@ class RollingShutter(Effect):
         0.003, off=0.0, unit="s/m", bounds=(-0.02, 0.02), source="estimate: a readout of 5 ms over 1.52 m"
     )
 
-    def observe(self, track: Track) -> Track:
+    def observe(self, image: ImageState) -> None:
         """Every ball, moved on by its delay."""
-        late = self.delay * track.position[..., 1:]
-        return dataclasses.replace(track, position=track.position + late * track.velocity)
+        late = self.delay * image.y
+        image.x += late * image.vx
+        image.y += late * image.vy

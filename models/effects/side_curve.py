@@ -9,11 +9,8 @@ resistance, of order (7/5) mu_r R; sign and size are for the data to say.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-import numpy as np
-
-from models.effect import Balls, Effect, column, param
+from models.effect import BallState, Effect, param, push_along
 
 
 @dataclass(frozen=True)
@@ -24,12 +21,7 @@ class SideCurve(Effect):
         0.001, off=0.0, unit="m/rad/s", bounds=(-0.01, 0.01), source="estimate: 2/7 of 0.5 mm times alpha / omega_z"
     )
 
-    varies: ClassVar[bool] = True
-
-    def forces(self, balls: Balls) -> None:
+    def forces(self, ball: BallState) -> None:
         """Push to the left of the motion, and the torque that keeps the ball rolling."""
-        v = balls.velocity
-        rolling = balls.rolling
-        speed = np.where(rolling, np.hypot(v[..., 0], v[..., 1]), 1.0)
-        size = np.where(rolling, column(self.rate) * balls.spin[..., 2], 0.0) / speed
-        balls.push_rolling(size[..., None] * np.stack([-v[..., 1], v[..., 0]], axis=-1))
+        if ball.rolling:
+            push_along(ball, 0.0, self.rate * ball.wz)

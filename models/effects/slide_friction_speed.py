@@ -7,13 +7,12 @@ mu_s. Leaves out what happens at impacts, where the cloth has its plain friction
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import ClassVar
 
-import numpy as np
+from models.effect import STILL, BallState, Effect, param
 
-from models.effect import STILL, Balls, Effect, column, param
-
+REFERENCE = 1.0  # slip at which the base's friction holds [m/s]
 LEAST = 0.05  # of the friction that is left at any slip
 
 
@@ -25,10 +24,8 @@ class SlideFrictionSpeed(Effect):
         0.05, off=0.0, unit="s/m", bounds=(-0.3, 0.3), source="Witters, Duymelinck 1986: some -0.2; Mathavan 2009: none"
     )
 
-    varies: ClassVar[bool] = True
-
-    def forces(self, balls: Balls) -> None:
+    def forces(self, ball: BallState) -> None:
         """The friction's factor where a ball slides."""
-        slip = np.hypot(balls.slip[..., 0], balls.slip[..., 1])
-        factor = np.maximum(1.0 - column(self.rate) * (slip - 1.0), LEAST)
-        balls.slide_factor *= np.where(slip > STILL, factor, 1.0)
+        slip = math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y)
+        if slip > STILL:
+            ball.slide_factor *= max(1.0 - self.rate * (slip - REFERENCE), LEAST)

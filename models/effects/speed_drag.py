@@ -8,11 +8,8 @@ one. Air drag has the same sign and nearly the same shape (v^2), so the two are 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-import numpy as np
-
-from models.effect import Balls, Effect, column, param
+from models.effect import BallState, Effect, param, push_rolling
 
 
 @dataclass(frozen=True)
@@ -23,9 +20,7 @@ class SpeedDrag(Effect):
         0.01, off=0.0, unit="1/s", bounds=(-0.1, 0.2), source="physics estimate: up to 5 % of mu_r g per m/s"
     )
 
-    varies: ClassVar[bool] = True
-
-    def forces(self, balls: Balls) -> None:
-        """Drag and its torque on rolling balls."""
-        drag = np.where(balls.rolling, column(self.rate), 0.0)[..., None] * balls.velocity[..., :2]
-        balls.push_rolling(-drag)
+    def forces(self, ball: BallState) -> None:
+        """Drag and its torque on rolling balls: -k v."""
+        if ball.rolling:
+            push_rolling(ball, -self.rate * ball.vx, -self.rate * ball.vy)

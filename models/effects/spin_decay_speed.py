@@ -7,12 +7,10 @@ slip and sidespin share a patch (spin_slide_coupling), which has the opposite si
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import ClassVar
 
-import numpy as np
-
-from models.effect import Balls, Effect, column, param
+from models.effect import BallState, Effect, param
 
 
 @dataclass(frozen=True)
@@ -23,9 +21,7 @@ class SpinDecaySpeed(Effect):
         0.2, off=0.0, unit="s/m", bounds=(-0.5, 2.0), source="estimate; alpha was measured at rest only"
     )
 
-    varies: ClassVar[bool] = True
-
-    def forces(self, balls: Balls) -> None:
+    def forces(self, ball: BallState) -> None:
         """The factor of the sidespin's deceleration."""
-        v = balls.velocity
-        balls.spin_factor *= np.maximum(1.0 + column(self.rate) * np.hypot(v[..., 0], v[..., 1]), 0.0)
+        speed = math.sqrt(ball.vx * ball.vx + ball.vy * ball.vy)
+        ball.spin_factor *= max(1.0 + self.rate * speed, 0.0)

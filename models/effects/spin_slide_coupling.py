@@ -8,12 +8,10 @@ which differs by up to 40 %, and that rolling shares the patch too.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import ClassVar
 
-import numpy as np
-
-from models.effect import STILL, Array, Balls, Effect, column, param
+from models.effect import STILL, BallState, Effect, param
 
 FAR, NEAR = 3.0, 2.0  # slip over the share of sidespin, where a step must end, and where it does
 
@@ -26,24 +24,21 @@ class SpinSlideCoupling(Effect):
         0.005, off=0.0, unit="m", bounds=(0.0, 0.03), source="Hertz patch of 4.95 mm, from alpha = 22 rad/s^2"
     )
 
-    varies: ClassVar[bool] = True
-
-    def forces(self, balls: Balls) -> None:
+    def forces(self, ball: BallState) -> None:
         """What is left of either friction where a ball slides."""
-        slip = np.hypot(balls.slip[..., 0], balls.slip[..., 1])
-        lever = np.broadcast_to(column(self.lever), slip.shape)
-        twist = np.abs(lever * balls.spin[..., 2])
-        total = np.hypot(slip, twist)
-        shared = (slip > STILL) & (lever > 0)
-        balls.slide_factor *= np.divide(slip, total, out=np.ones_like(slip), where=shared)
-        balls.spin_factor *= np.divide(twist, total, out=np.ones_like(slip), where=shared)
+        slip = math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y)
+        twist = abs(self.lever * ball.wz)
+        if slip > STILL and self.lever > 0.0:
+            total = math.sqrt(slip * slip + twist * twist)
+            ball.slide_factor *= slip / total
+            ball.spin_factor *= twist / total
 
-    def horizon(self, balls: Balls) -> Array:
-        """Until slip is no longer far above the share of sidespin, where friction turns soft: (nsim, nball) [s]."""
-        slip = np.hypot(balls.slip[..., 0], balls.slip[..., 1])
-        twist = np.broadcast_to(np.abs(column(self.lever) * balls.spin[..., 2]), slip.shape)
-        turn = balls.torque / balls.ball.inertia * balls.ball.radius
-        pull = balls.force[..., :2] / balls.ball.mass + np.stack([-turn[..., 1], turn[..., 0]], axis=-1)
-        rate = np.hypot(pull[..., 0], pull[..., 1])
-        far = (slip > FAR * twist) & (slip > STILL) & (twist > 0) & (rate > 0)
-        return np.divide(slip - NEAR * twist, rate, out=np.full_like(slip, np.inf), where=far)
+    def horizon(self, ball: BallState) -> float:
+        """Until slip is no longer far above the share of sidespin, where friction turns soft [s]."""
+        slip = math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y)
+        twist = abs(self.lever * ball.wz)
+        pull_x, pull_y = ball.ax - ball.radius * ball.by, ball.ay + ball.radius * ball.bx
+        rate = math.sqrt(pull_x * pull_x + pull_y * pull_y)
+        if slip > FAR * twist and slip > STILL and twist > 0.0 and rate > 0.0:
+            return (slip - NEAR * twist) / rate
+        return math.inf

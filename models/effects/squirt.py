@@ -10,12 +10,10 @@ which count as at the limit.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-import numpy as np
-
-from models.effect import STILL, Array, Effect, param
-from models.shot import Ball
+from models.effect import STILL, Effect, StrokeState, param
 
 MISCUE = 0.5  # largest offset over radius (Robotic Billiards 2015)
 LEVEL = 0.03  # offset over radius below which spin about the aim says nothing of the cue's elevation
@@ -29,18 +27,17 @@ class Squirt(Effect):
         3.0, off=0.0, unit="rad/m", bounds=(-20.0, 20.0), source="Alciatore TP A.31: 2.5 / (R (3.5 + M/m_e)), 12 to 50"
     )
 
-    def strike(self, ball: Ball, velocity: Array, spin: Array) -> tuple[Array, Array]:
+    def strike(self, cue: StrokeState) -> None:
         """Velocity and horizontal spin, turned."""
-        speed = np.hypot(velocity[:, 0], velocity[:, 1])
-        moving = speed > STILL
-        lever = 0.4 * ball.radius**2 / np.where(moving, speed, 1.0)
-        up, aim = lever * spin[:, 2], lever * np.sum(spin[:, :2] * velocity, axis=-1) / np.where(moving, speed, 1.0)
-        offset = up * np.sqrt(1 + aim**2 / (up**2 + (LEVEL * ball.radius) ** 2))
-        limit = MISCUE * ball.radius
-        angle = np.where(moving, self.per_offset * np.clip(offset, -limit, limit), 0.0)
-        c, s = np.cos(angle), np.sin(angle)
-
-        def turned(a: Array) -> Array:
-            return np.stack([c * a[:, 0] - s * a[:, 1], s * a[:, 0] + c * a[:, 1]], axis=-1)
-
-        return turned(velocity), np.concatenate([turned(spin), spin[:, 2:]], axis=-1)
+        speed = math.sqrt(cue.vx * cue.vx + cue.vy * cue.vy)
+        if speed <= STILL:
+            return
+        lever = 0.4 * cue.radius * cue.radius / speed
+        up, aim = lever * cue.wz, lever * (cue.wx * cue.vx + cue.wy * cue.vy) / speed
+        level = LEVEL * cue.radius
+        offset = up * math.sqrt(1.0 + aim * aim / (up * up + level * level))
+        limit = MISCUE * cue.radius
+        angle = self.per_offset * min(max(offset, -limit), limit)
+        c, s = math.cos(angle), math.sin(angle)
+        cue.vx, cue.vy = c * cue.vx - s * cue.vy, s * cue.vx + c * cue.vy
+        cue.wx, cue.wy = c * cue.wx - s * cue.wy, s * cue.wx + c * cue.wy

@@ -9,9 +9,8 @@ on a slope.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from models.effect import Balls, Effect, column, param
+from models.effect import BallState, Effect, param
 from models.shot import GRAVITY
 
 
@@ -24,10 +23,7 @@ class TableTilt(Effect):
     )
     slope_y: float = param(0.0005, off=0.0, unit="rad", bounds=(-0.01, 0.01), source="as slope_x")
 
-    varies: ClassVar[bool] = True
-
-    def forces(self, balls: Balls) -> None:
-        """The pull downhill on every ball that is on the table."""
-        weight = balls.ball.mass * GRAVITY * balls.alive
-        balls.force[..., 0] += weight * column(self.slope_x)
-        balls.force[..., 1] += weight * column(self.slope_y)
+    def forces(self, ball: BallState) -> None:
+        """The pull downhill."""
+        ball.ax += GRAVITY * self.slope_x
+        ball.ay += GRAVITY * self.slope_y

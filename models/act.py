@@ -1,0 +1,140 @@
+"""What acts on the balls of many simulations at a moment: effects and cloth, for the MuJoCo world and its steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.analytic.cloth import GRIP, NEAR, RESTING, ROLLING, SLIDING, STILL, STILL_SPIN, add_cloth
+from models.compiled import compiled
+from models.effect import STILL as NO_ROLL
+from models.engine.motion import push
+from models.hooks import (
+    AX,
+    AY,
+    BALL_FIELDS,
+    BX,
+    BY,
+    BZ,
+    LAUNCH,
+    MASS,
+    NUMBER,
+    ORDER,
+    RADIUS,
+    SLIDE_FACTOR,
+    SLIP_X,
+    SLIP_Y,
+    TIME,
+    VX,
+    VY,
+    WEIGHT,
+    WX,
+    WY,
+    WZ,
+    Hooks,
+    X,
+    Y,
+    call_horizon,
+)
+from models.hooks import ROLLED as HAS_ROLLED
+from models.hooks import ROLLING as IS_ROLLING
+from models.shot import GRAVITY, Array, Ball
+
+CREEP = 1e-3  # shortest step towards a stop under a push from the side [s]
+
+
+@dataclass
+class Balls:
+    """The balls of some simulations, and after `act` what acts on them."""
+
+    ball: Ball
+    position: Array  # (n, nball, 3) [m]
+    velocity: Array  # (n, nball, 3) [m/s]
+    spin: Array  # (n, nball, 3) [rad/s], table frame
+    alive: NDArray[np.bool_]  # (n, nball), which are not potted
+    rolled: Array  # (n, nball) [rad], turned about the horizontal while rolling, since t = 0
+    time: Array  # (n,) [s], since t = 0
+    launch: Array  # (n,) [m/s], speed of the struck ball, which is number 0, at t = 0; 0 if it was not struck then
+    order: Array  # (n,), place of the shot in its session, 0 to 1
+    rows: NDArray[np.int64]  # (n,) of the simulations among all, to find their parameters
+    acceleration: Array = field(default_factory=lambda: np.zeros(0))  # (n, nball, 3) [m/s^2]
+    turning: Array = field(default_factory=lambda: np.zeros(0))  # (n, nball, 3) [rad/s^2]
+    rolling: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))  # (n, nball)
+
+    def act(self, hooks: Hooks, cloth: Array) -> Array:
+        """Let effects and cloth act; returns how long until something switches: (n,) [s].
+
+        `cloth` (nsim, 3): friction of sliding and rolling, deceleration of sidespin; (nsim, 0) where MuJoCo has the cloth.
+        """
+        self.acceleration, self.turning = np.zeros_like(self.position), np.zeros_like(self.position)
+        self.rolling, span = np.zeros(self.alive.shape, bool), np.full(len(self.rows), np.inf)
+        act_rows(
+            self.position, self.velocity, self.spin, self.alive, self.rolled, self.time, self.launch, self.order,
+            self.ball.radius, self.ball.mass, hooks.own, self.rows, hooks.forces, hooks.support, hooks.horizon, cloth,
+            self.acceleration, self.turning, self.rolling, span,
+        )  # fmt: skip
+        return span
+
+
+@compiled
+def act_rows(  # type: ignore[no-untyped-def]
+    p, v, w, alive, rolled, time, launch, order, radius, mass, own, rows, forces, support, horizon, cloth, acceleration,
+    turning, rolling, span,
+):  # fmt: skip
+    """See `Balls.act`."""
+    r = np.zeros(BALL_FIELDS)
+    at = r.ctypes.data
+    for s in range(p.shape[0]):
+        parameters = own[rows[s]].ctypes.data
+        for i in range(p.shape[1]):
+            if not alive[s, i]:
+                continue
+            r[X], r[Y], r[VX], r[VY] = p[s, i, 0], p[s, i, 1], v[s, i, 0], v[s, i, 1]
+            r[WX], r[WY], r[WZ] = w[s, i, 0], w[s, i, 1], w[s, i, 2]
+            ux, uy = r[VX] - radius * r[WY], r[VY] + radius * r[WX]
+            u, speed = math.sqrt(ux * ux + uy * uy), math.sqrt(r[VX] * r[VX] + r[VY] * r[VY])
+            r[SLIP_X], r[SLIP_Y], r[TIME], r[LAUNCH], r[ORDER] = ux, uy, time[s], launch[s], order[s]
+            r[HAS_ROLLED], r[NUMBER], r[RADIUS], r[MASS] = rolled[s, i], i, radius, mass
+            r[IS_ROLLING] = 1.0 if u < NO_ROLL and speed > NO_ROLL else 0.0
+            push(r, at, parameters, forces, support)
+            rolling[s, i] = r[IS_ROLLING] > 0.0
+            if cloth.shape[1] > 0:
+                slide, roll, spin = cloth[rows[s], 0], cloth[rows[s], 1], cloth[rows[s], 2]
+                mode = SLIDING if u > STILL else (ROLLING if speed > STILL else RESTING)
+                over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / speed if speed > 0.0 else 0.0
+                add_cloth(r, mode, u, ux * over, uy * over, r[VX] * per, r[VY] * per, r[WZ], slide, roll, spin)
+                span[s] = min(span[s], _until_switch(r, u, speed, slide))
+            for k in range(horizon.shape[0]):
+                left = call_horizon(horizon[k, 0], parameters + 8 * horizon[k, 1], at)
+                if left == left:
+                    span[s] = min(span[s], left)
+            acceleration[s, i, 0], acceleration[s, i, 1] = r[AX], r[AY]
+            turning[s, i, 0], turning[s, i, 1], turning[s, i, 2] = r[BX], r[BY], r[BZ]
+
+
+@compiled
+def _until_switch(r, slip, speed, slide):  # type: ignore[no-untyped-def]
+    """How long until a slide, a roll or a sidespin ends, at what acts now [s]."""
+    span, ax, ay = np.inf, r[AX], r[AY]
+    sliding = slip > STILL
+    if sliding:
+        x, y = r[SLIP_X], r[SLIP_Y]
+        ax, ay = ax - r[RADIUS] * r[BY], ay + r[RADIUS] * r[BX]
+    else:
+        x, y = r[VX], r[VY]
+    closing, size = -(x * ax + y * ay), x * x + y * y
+    if size > STILL * STILL and closing > 0.0:
+        span = size / closing
+        if sliding and r[SLIDE_FACTOR] != 1.0:
+            over = slip - 3.5 * slide * r[WEIGHT] * GRAVITY * GRIP
+            if over > NEAR * slip:
+                span = over * slip / closing
+        # A rolling ball pushed across its way never comes to an exact stop: steps do not shrink without end.
+        if not sliding and abs(x * ay - y * ax) > 1e-6 * closing:
+            span = max(span, CREEP)
+    if abs(r[WZ]) > STILL_SPIN and r[WZ] * r[BZ] < 0.0:
+        span = min(span, -r[WZ] / r[BZ])
+    return span

@@ -1,0 +1,132 @@
+"""Functions compiled by numba, kept on disk: `@compiled`, and callbacks that compiled code calls by their address.
+
+numba's own cache knows a function by the file that holds it, and not what that function calls or which constants it
+reads; then a program would go on running what was changed elsewhere. Here the cache is stamped with the text of all
+compiled files, and lies beside them, or in the user's cache folder where that cannot be written. Nothing is compiled
+by an import; the first call does it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+from numba.core import caching, ccallback, compiler
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+HERE = Path(__file__).parent
+FOLDER = "compiled"  # in __pycache__ beside the source
+OPTIONS = {"error_model": "numpy", "nogil": True}
+
+
+@cache
+def stamp() -> str:
+    """A digest of every file of this package: what is compiled, and the constants that it may read."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in sorted(HERE.rglob("*.py")):
+        digest.update(str(path.relative_to(HERE)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+@cache
+def cache_folder(beside: Path) -> Path | None:
+    """Where compiled code of the sources in a folder is kept; None where nothing can be written."""
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        home = Path(chosen)
+    else:
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+    name = hashlib.sha256(str(beside.resolve()).encode()).hexdigest()[:12]
+    for folder in (beside / "__pycache__" / FOLDER, home / "cuelab" / name):
+        if _writable(folder):
+            return folder
+    return None
+
+
+class _Locator(caching._CacheLocator):  # type: ignore[misc]
+    """Compiled code beside its source, valid while no compiled file has changed."""
+
+    def __init__(self, function: Callable[..., Any], file: str, folder: Path) -> None:
+        self._py_file, self._folder = file, folder
+        self._line = function.__code__.co_firstlineno
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        own = Path(self._py_file)
+        if HERE in own.parents:
+            return stamp()
+        return hashlib.sha256(stamp().encode() + own.read_bytes()).hexdigest()
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _Locator | None:
+        path = Path(py_file)
+        folder = cache_folder(path.parent) if path.is_file() else None
+        return None if folder is None else cls(py_func, py_file, folder)
+
+
+class _Results(caching.CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Locator,)
+
+
+class _Cache(caching.FunctionCache):  # type: ignore[misc]
+    _impl_class = _Results
+
+
+def _kept(function: Callable[..., Any]) -> Any:
+    """The cache of a function; one that keeps nothing where there is no place for it."""
+    try:
+        return _Cache(function)
+    except RuntimeError:  # no locator
+        return caching.NullCache()
+
+
+def compiled(function: Function) -> Function:
+    """Compile a function on its first call, without the GIL while it runs, and keep it on disk."""
+    dispatcher = numba.njit(**OPTIONS)(function)
+    dispatcher._cache = _kept(function)
+    return dispatcher  # type: ignore[no-any-return]
+
+
+def callback(function: Callable[..., Any], signature: Any) -> Any:
+    """A function compiled for one signature, whose `address` compiled code can call."""
+    args = signature.args, signature.return_type
+    found = ccallback.CFunc(function, args, locals={}, options={"error_model": "numpy"}, pipeline_class=compiler.Compiler)
+    found._cache = _kept(function)
+    found.compile()
+    return found
+
+
+def is_ready() -> bool:
+    """Whether compiled code of these sources is on disk already."""
+    folder = cache_folder(HERE / "engine")
+    return folder is not None and (folder / f"ready-{stamp()[:16]}-{sys.version_info[1]}").exists()
+
+
+def set_ready() -> None:
+    """Note that everything has been compiled once."""
+    folder = cache_folder(HERE / "engine")
+    if folder is not None:
+        (folder / f"ready-{stamp()[:16]}-{sys.version_info[1]}").touch()
+
+
+__all__ = ["cache_folder", "callback", "compiled", "is_ready", "set_ready", "stamp"]

@@ -1,0 +1,273 @@
+"""Several bodies that touch at once: a shot in small steps, through springs that hold restitution and friction.
+
+The same springs as those of MuJoCo's contacts in models/contact.py, stepped in the same way: two balls have that of Hertz
+with the damper of Tsuji, Tanaka, Ishida 1992, a cushion a linear one. What a spring gives back of the work done on it
+does not depend on what else acts, so restitution is energetic. Friction at a contact, and of the cloth under a ball that
+is pressed down, follow from its force by the increments of the impulse models. Jaws have no spring.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL, add_cloth
+from models.analytic.events import AWAY, DEAD, in_mouth
+from models.compiled import compiled
+from models.engine.motion import POTTED, ROLLED, STATE, TURN, VX, VY, WX, WY, WZ, X, Y, push
+from models.engine.touch import BALL, CUSHION
+from models.hooks import AX, AY, BX, BY, BZ
+from models.hooks import ROLLED as R_ROLLED
+from models.hooks import ROLLING as R_ROLLING
+from models.hooks import RADIUS, SLIP_X, SLIP_Y, TIME
+from models.hooks import VX as R_VX
+from models.hooks import VY as R_VY
+from models.hooks import WX as R_WX
+from models.hooks import WY as R_WY
+from models.hooks import WZ as R_WZ
+from models.hooks import X as R_X
+from models.hooks import Y as R_Y
+from models.impacts import (
+    DECAY,
+    FRICTION,
+    GAIN,
+    MASS_FIRST,
+    MASS_SECOND,
+    RESTITUTION,
+    ask,
+    describe,
+)
+from models.increments import ball_step, cushion_step
+from models.shot import GRAVITY, NOSE_COSINE
+from models.spring import CALM, CLOSED, LONGEST, PARTS, STEP, depth_of, spring
+
+CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
+
+
+@compiled
+def is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
+    """Whether a third body is within `near` [m] of the bodies of an impact: balls i and j, or ball i and a rail (j < 0)."""
+    for one in (i, j):
+        if one < 0:
+            continue
+        for k in range(b.shape[0]):
+            if k != i and k != j and kind[k] != POTTED:
+                x, y = b[k, X] - b[one, X], b[k, Y] - b[one, Y]
+                d = 2.0 * radius + near
+                if x * x + y * y < d * d:
+                    return True
+        for other in range(4):
+            k = other // 2
+            gap = reach[k] - (1.0 - 2.0 * (other % 2)) * b[one, k]
+            if gap < near and not (j < 0 and other == rail) and not in_mouth(b[one, 1 - k], other, half, mouths):
+                return True
+    return False
+
+
+@compiled
+def _meets(b, c, i, j, kind, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
+    """Gap, approach speed and normal of balls i and j, or of ball i and rail -1 - j where j < 0."""
+    if j >= 0:
+        x, y = b[j, X] - b[i, X], b[j, Y] - b[i, Y]
+        d2, touch = x * x + y * y, 2.0 * radius + CLOSED
+        if d2 > touch * touch:
+            return np.inf, 0.0, 1.0, 0.0
+        d = math.sqrt(d2)
+        x, y = x / d, y / d
+        return d - 2.0 * radius, (b[i, VX] - b[j, VX]) * x + (b[i, VY] - b[j, VY]) * y, x, y
+    rail = -1 - j
+    k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
+    gap = reach[k] - sign * b[i, k]
+    if gap > CLOSED or in_mouth(b[i, 1 - k], rail, half, mouths):
+        return np.inf, 0.0, 1.0, 0.0
+    return gap, sign * b[i, VX + k], sign * (1.0 - k), sign * float(k)
+
+
+@compiled
+def _flow(b, i, r, at, own, forces, support, cloth, now, dv):  # type: ignore[no-untyped-def]
+    """Add what cloth and effects do to ball i in a step to its changes dv (n, 5) of velocity and spin."""
+    radius = r[RADIUS]
+    ux, uy = b[i, VX] - radius * b[i, WY], b[i, VY] + radius * b[i, WX]
+    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[i, VX] ** 2 + b[i, VY] ** 2)
+    r[R_X], r[R_Y], r[R_VX], r[R_VY] = b[i, X], b[i, Y], b[i, VX], b[i, VY]
+    r[R_WX], r[R_WY], r[R_WZ], r[SLIP_X], r[SLIP_Y] = b[i, WX], b[i, WY], b[i, WZ], ux, uy
+    r[TIME], r[R_ROLLED] = now, b[i, ROLLED]
+    mode = SLIDING if u > STILL else (ROLLING if v > STILL else RESTING)
+    r[R_ROLLING] = 1.0 if mode == ROLLING else 0.0
+    push(r, at, own, forces, support)
+    over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
+    add_cloth(
+        r, mode, u, ux * over, uy * over, b[i, VX] * per, b[i, VY] * per, b[i, WZ], cloth[0], cloth[1], cloth[2]
+    )
+    dv[i, 0], dv[i, 1] = r[AX] * STEP, r[AY] * STEP
+    dv[i, 2], dv[i, 3], dv[i, 4] = r[BX] * STEP, r[BY] * STEP, r[BZ] * STEP
+    if mode == ROLLING:
+        b[i, ROLLED] += v / radius * STEP
+    # No friction turns a slip, a roll or a sidespin round within a step.
+    if mode == SLIDING:
+        ux, uy = ux + dv[i, 0] - radius * dv[i, 3], uy + dv[i, 1] + radius * dv[i, 2]
+        if u <= 3.5 * cloth[0] * GRAVITY * STEP:
+            dv[i, 0], dv[i, 1] = dv[i, 0] - 2 / 7 * ux, dv[i, 1] - 2 / 7 * uy
+            dv[i, 3] += 2.5 / radius * 2 / 7 * ux
+            dv[i, 2] -= 2.5 / radius * 2 / 7 * uy
+    if b[i, WZ] * (b[i, WZ] + dv[i, 4]) < 0.0:
+        dv[i, 4] = -b[i, WZ]
+
+
+@compiled
+def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # type: ignore[no-untyped-def]
+    """Add what a normal impulse dp and the friction with it do to the bodies of a contact to their changes dv."""
+    radius = work[3, 0]
+    cushion = j < 0
+    ax, ay, bx, by = (ny, -nx, nx, ny) if cushion else (nx, ny, -ny, nx)
+    s, out, after = work[0], work[1], work[2]
+    for q in range(1 if cushion else 2):
+        ball, o = (i if q == 0 else j), 5 * q
+        s[o], s[o + 1] = b[ball, VX] * ax + b[ball, VY] * ay, b[ball, VX] * bx + b[ball, VY] * by
+        s[o + 2], s[o + 3] = b[ball, WX] * ax + b[ball, WY] * ay, b[ball, WX] * bx + b[ball, WY] * by
+        s[o + 4] = b[ball, WZ]
+    own = mass * heavier[i]
+    other = own if cushion else mass * heavier[j]
+    out[:] = s
+    for _ in range(PARTS):
+        if cushion:
+            cushion_step(out[:5], dp / PARTS, (mu[0], cloth, own, radius), after[:5])
+        else:
+            ball_step(out, dp / PARTS, (mu[0], mu[1], mu[2]), (cloth, own, other, radius), after)
+        out[:] = after
+    if cushion:
+        out[1] += dp * (NOSE_COSINE - level) / own
+    for q in range(1 if cushion else 2):
+        ball, o = (i if q == 0 else j), 5 * q
+        va, vb, wa, wb = out[o] - s[o], out[o + 1] - s[o + 1], out[o + 2] - s[o + 2], out[o + 3] - s[o + 3]
+        dv[ball, 0] += va * ax + vb * bx
+        dv[ball, 1] += va * ay + vb * by
+        dv[ball, 2] += wa * ax + wb * bx
+        dv[ball, 3] += wa * ay + wb * by
+        dv[ball, 4] += out[o + 4] - s[o + 4]
+
+
+@compiled
+def through(  # type: ignore[no-untyped-def]
+    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half, mouths, jaws, order,
+    hit, table, times, begin, out, log, who, logged, count,
+):  # fmt: skip
+    """Carry a shot through a cluster: returns when it has parted, the next sample's number and how much is logged.
+
+    `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work, `table` as models/spring.py has it.
+    """
+    n = b.shape[0]
+    pairs = n * (n - 1) // 2
+    contacts = pairs + 4 * n
+    damping, mu, peak = np.zeros(contacts), np.zeros((contacts, 3)), np.zeros(contacts)
+    given, known = np.zeros(contacts), np.zeros(contacts, np.bool_)
+    heavier, dv, work = np.ones(n), np.zeros((n, 5)), np.zeros((4, 10))
+    first, second = np.empty(contacts, np.int64), np.empty(contacts, np.int64)
+    at = 0
+    for i in range(1, n):
+        for j in range(i):
+            first[at], second[at] = j, i
+            at += 1
+    for i in range(n):
+        for rail in range(4):
+            first[at], second[at] = i, -1 - rail
+            at += 1
+    work[3, 0] = radius
+    for c in range(contacts):
+        i, j = first[c], second[c]
+        if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
+            continue
+        gap, _, _, _ = _meets(b, c, i, j, kind, radius, reach, half, mouths)
+        if gap < 0.0:
+            given[c] = depth_of(j < 0, gap, radius)[0]
+    end, calm = now + LONGEST, 0.0
+    while True:
+        for i in range(n):
+            dv[i] = 0.0
+            if kind[i] != POTTED:
+                _flow(b, i, records[i], records[i].ctypes.data, own, forces, support, cloth, now, dv)
+        for c in range(contacts):
+            i, j = first[c], second[c]
+            if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
+                continue
+            gap, approach, nx, ny = _meets(b, c, i, j, kind, radius, reach, half, mouths)
+            if gap > CLOSED:
+                peak[c] = given[c] = 0.0
+                continue
+            cushion = j < 0
+            if approach > max(peak[c], AWAY):
+                peak[c] = approach
+                describe(
+                    hit, cushion, i, -1 - j if cushion else j, b[i], b[i if cushion else j], nx, ny, radius, order, now
+                )
+                ask(hit, hit.ctypes.data, own, impact)
+                damping[c] = np.interp(hit[RESTITUTION], table[1 if cushion else 0], table[2])
+                mu[c, 0], mu[c, 1], mu[c, 2] = hit[FRICTION], hit[GAIN], hit[DECAY]
+                heavier[i] = hit[MASS_FIRST]
+                if not cushion:
+                    heavier[j] = hit[MASS_SECOND]
+                if not known[c]:
+                    known[c] = True
+                    count[CUSHION if cushion else BALL] += 1
+                    if logged < log.size:
+                        log[logged] = now
+                        who[logged, 0], who[logged, 1] = CUSHION if cushion else BALL, i
+                        who[logged, 2] = -1 - j if cushion else j
+                    logged += 1
+            depth, level = depth_of(cushion, gap, radius)
+            given[c] = min(given[c], max(depth, 0.0))
+            pressed = depth - given[c]
+            k, damp = spring(cushion, pressed, damping[c])
+            if k == 0.0:
+                continue
+            one = mass * heavier[i]
+            moved = one if cushion else one / (1.0 + heavier[i] / heavier[j])
+            dp = STEP * moved * max(k * pressed + damp * approach * level, 0.0)
+            if dp > 0.0:
+                _press(b, i, j, nx, ny, dp, mu[c], cloth[0], heavier, mass, level, dv, work)
+        while begin < times.size and times[begin] <= min(now + STEP, until):
+            part = times[begin] - now
+            for i in range(n):
+                o = out[begin, i]
+                if kind[i] == POTTED:
+                    o[:] = np.nan
+                    continue
+                f = part / STEP
+                o[2], o[3] = b[i, VX] + f * dv[i, 0], b[i, VY] + f * dv[i, 1]
+                o[0], o[1] = b[i, X] + part * (b[i, VX] + dv[i, 0]), b[i, Y] + part * (b[i, VY] + dv[i, 1])
+                for x in range(3):
+                    o[4 + x] = b[i, WX + x] + f * dv[i, 2 + x]
+                o[7] = b[i, TURN] + part * (b[i, WZ] + 0.5 * f * dv[i, 4])
+            begin += 1
+        for i in range(n):
+            if kind[i] == POTTED:
+                continue
+            b[i, TURN] += STEP * (b[i, WZ] + 0.5 * dv[i, 4])
+            b[i, VX] += dv[i, 0]
+            b[i, VY] += dv[i, 1]
+            b[i, WX] += dv[i, 2]
+            b[i, WY] += dv[i, 3]
+            b[i, WZ] += dv[i, 4]
+            b[i, X] += STEP * b[i, VX]
+            b[i, Y] += STEP * b[i, VY]
+        now += STEP
+        free, rests = True, True
+        for c in range(contacts):
+            i, j = first[c], second[c]
+            if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
+                continue
+            gap, approach, _, _ = _meets(b, c, i, j, kind, radius, reach, half, mouths)
+            if gap > CLOSED:
+                continue
+            rests = rests and abs(approach) < DEAD
+            if approach > AWAY:
+                free = False
+                continue
+            depth, level = depth_of(j < 0, gap, radius)
+            pressed = depth - min(given[c], depth)
+            k, damp = spring(j < 0, pressed, damping[c])
+            free = free and k * pressed + damp * approach * level <= 0.0
+        calm = calm + STEP if rests else 0.0
+        if free or calm >= CALM or now >= end or now >= until:
+            return now, begin, logged

@@ -1,0 +1,266 @@
+"""The event loop of a shot, and many shots in a row.
+
+Kept for every ball is when its motion ends and what it meets of the table, for every pair when it meets; only what an
+event has changed is worked out anew. Two bodies that meet alone are carried through by their impulse
+(models/analytic/impulse.py), several at a time through springs (models/engine/cluster.py).
+
+Where pockets have jaws (models/analytic/pocket.py) a straight rail ends before them, jaw k is logged as rail 4 + k,
+and a ball falls where the slate ends; otherwise it falls where its centre passes the nose line within a mouth.
+
+Impacts without end (a ball held between others, or pressed to a cushion by its own friction): an impact below DEAD
+gives nothing back, nor does one below LEAN of a ball that has just had such a one, which is not logged either; a touch
+below AWAY is none, and what is pressed together at rest is looked at again after PUSH seconds. What still goes on after
+`most` events is given up, and reported.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from models.analytic.coulomb import STEPS
+from models.analytic.events import DEAD
+from models.analytic.impulse import collide
+from models.analytic.pocket import outward
+from models.compiled import compiled
+from models.engine.cluster import CROWD, is_crowded, through
+from models.engine.motion import (
+    CLOCK,
+    COLUMNS,
+    CURVE,
+    END,
+    MEET,
+    POTTED,
+    STATE,
+    TERMS,
+    TRY,
+    VX,
+    VY,
+    WX,
+    WY,
+    WZ,
+    X,
+    Y,
+    advance,
+    arrive,
+    curve,
+    lay_record,
+    plain_phase,
+)
+from models.engine.touch import BALL, CUSHION, POCKET, PUSH, SWITCH, meet_balls, meet_table
+from models.hooks import BALL_FIELDS, IMPACT_FIELDS, call_hook
+from models.impacts import APPROACH, DECAY, FRICTION, GAIN, MASS_FIRST, MASS_SECOND, RESTITUTION, ask, describe
+from models.spring import CUSHION_TIME
+
+LEAN = 1e-2  # approach speed that leaning may come to between two looks [m/s]
+LEANS = 2.5 * PUSH  # for how long a ball that leans is known to [s]
+ROW = 8  # numbers of a ball at a moment: place, velocity, spin, angle turned
+
+
+@compiled
+def _hit(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, mass, radius, order, now):  # type: ignore[no-untyped-def]
+    """Carry two balls, or one and a cushion (j < 0), through their impact by its impulse; returns whether they lean."""
+    if j < 0:
+        bx, by = outward(rail, b[i, X], b[i, Y], jaws)
+        ax, ay = by, -bx
+        describe(hit, True, i, rail, b[i], b[i], bx, by, radius, order, now)
+    else:
+        ax, ay = b[j, X] - b[i, X], b[j, Y] - b[i, Y]
+        d = math.sqrt(ax * ax + ay * ay)
+        ax, ay = ax / d, ay / d
+        bx, by = -ay, ax
+        describe(hit, False, i, j, b[i], b[j], ax, ay, radius, order, now)
+    ask(hit, hit.ctypes.data, own, impact)
+    slow = hit[APPROACH] < (LEAN if leans else DEAD)
+    for n in range(1 if j < 0 else 2):
+        q, o = b[i] if n == 0 else b[j], 5 * n
+        state[o], state[o + 1] = q[VX] * ax + q[VY] * ay, q[VX] * bx + q[VY] * by
+        state[o + 2], state[o + 3] = q[WX] * ax + q[WY] * ay, q[WX] * bx + q[WY] * by
+        state[o + 4] = q[WZ]
+    collide(
+        j < 0, state, 0.0 if slow else hit[RESTITUTION], (hit[FRICTION], cloth[0], mass, radius), STEPS, hit[GAIN],
+        hit[DECAY], hit[MASS_FIRST] / hit[MASS_SECOND],
+    )  # fmt: skip
+    for n in range(1 if j < 0 else 2):
+        q, o = b[i] if n == 0 else b[j], 5 * n
+        q[VX], q[VY] = state[o] * ax + state[o + 1] * bx, state[o] * ay + state[o + 1] * by
+        q[WX], q[WY] = state[o + 2] * ax + state[o + 3] * bx, state[o + 2] * ay + state[o + 3] * by
+        q[WZ] = state[o + 4]
+    return slow
+
+
+@compiled
+def _approach(b, i, j, rail, jaws):  # type: ignore[no-untyped-def]
+    if j < 0:
+        x, y = outward(rail, b[i, X], b[i, Y], jaws)
+        return b[i, VX] * x + b[i, VY] * y
+    x, y = b[j, X] - b[i, X], b[j, Y] - b[i, Y]
+    return ((b[i, VX] - b[j, VX]) * x + (b[i, VY] - b[j, VY]) * y) / math.sqrt(x * x + y * y)
+
+
+@compiled
+def _sample(b, m, kind, times, begin, until, radius, alpha, out, keep):  # type: ignore[no-untyped-def]
+    """Write the balls at all times from number `begin` up to a moment; returns the next number."""
+    while begin < times.size and times[begin] <= until:
+        for i in range(b.shape[0]):
+            o = out[begin, i]
+            if kind[i] == POTTED:
+                o[:] = np.nan
+                continue
+            keep[:] = b[i]
+            advance(b[i], m[i], kind[i], times[begin], radius, alpha)
+            o[:ROW] = b[i, :ROW]
+            b[i] = keep
+        begin += 1
+    return begin
+
+
+@compiled
+def play_shot(  # type: ignore[no-untyped-def]
+    start, stays, launch, order, own, forces, support, horizon, impact, cloth, mass, radius, reach, half, mouths, jaws,
+    falls, table, clusters, until, most, times, out, log, who, count, potted,
+):  # fmt: skip
+    """Play one shot from `start` (n, 8), which is left as it ends; returns when, nan where it was given up.
+
+    `own` is the address of the effects' parameters, `forces`, `horizon`, `impact` their hooks (models/hooks.py), `cloth`
+    the friction of sliding and rolling and the deceleration of sidespin; potted balls begin with nan for a place.
+    """
+    n = start.shape[0]
+    curved = forces.shape[0] > 0
+    b, m = np.zeros((n, COLUMNS)), np.zeros((n, STATE if curved else 1, TERMS))
+    kind, what = np.zeros(n, np.int64), np.zeros((n, 2), np.int64)
+    pair, again = np.zeros(n * (n - 1) // 2), np.zeros(n * (n - 1) // 2, np.bool_)
+    state, hit, keep = np.zeros(10), np.zeros(IMPACT_FIELDS), np.zeros(COLUMNS)
+    leans = np.full(n, -np.inf)
+    records = np.zeros((n, BALL_FIELDS))
+    y, k = np.zeros(STATE), np.zeros((7, STATE))
+    slide, roll, alpha = cloth[0], cloth[1], cloth[2]
+    for i in range(n):
+        lay_record(records[i], i, launch, order, radius, mass)
+        b[i, :ROW] = start[i]
+        if not b[i, X] == b[i, X]:
+            kind[i] = POTTED
+            b[i, END] = b[i, MEET] = np.inf
+    todo = np.ones(n, np.bool_)
+    next_, logged, now, ended = 0, 0, 0.0, np.nan
+    for _ in range(most + 1):
+        for i in range(n):
+            if todo[i] and kind[i] != POTTED:
+                if curved:
+                    kind[i] = curve(
+                        b[i], m[i], until, records[i], records[i].ctypes.data, own, forces, support, horizon, cloth, y,
+                        k,
+                    )  # fmt: skip
+                else:
+                    kind[i] = plain_phase(b[i], radius, slide, roll)
+        for i in range(n):
+            if todo[i]:
+                meet_table(b[i], m[i], what, i, kind[i], reach, half, mouths, jaws, falls, stays[i], until)
+                meet_balls(now, i, b, m, kind, pair, again, radius, until)
+                todo[i] = False
+        t, event, i, j = np.inf, SWITCH, -1, -1
+        for q in range(n):
+            if b[q, MEET] < t:
+                t, event, i = b[q, MEET], what[q, 0], q
+            if b[q, END] < t:
+                t, event, i = b[q, END], SWITCH, q
+        at = 0
+        for q in range(1, n):
+            for p in range(q):
+                if pair[at] < t:
+                    t, event, i, j = pair[at], BALL, p, q
+                at += 1
+        if t > until or t == np.inf:
+            ended = until
+            break
+        next_ = _sample(b, m, kind, times, next_, t, radius, alpha, out, keep)
+        now = t
+        advance(b[i], m[i], kind[i], t, radius, alpha)
+        todo[i] = True
+        if event == BALL:
+            advance(b[j], m[j], kind[j], t, radius, alpha)
+            todo[j] = True
+            if again[j * (j - 1) // 2 + i]:
+                event = SWITCH
+        if event == BALL or event == CUSHION:
+            rail = what[i, 1] if event == CUSHION else -1
+            speed = _approach(b, i, j, rail, jaws)
+            if clusters and rail < 4 and speed >= LEAN:
+                for q in range(n):
+                    advance(b[q], m[q], kind[q], t, radius, alpha)
+                near = max(CROWD, speed * CUSHION_TIME)
+                if is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):
+                    count[SWITCH] += 1
+                    now, next_, logged = through(
+                        b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half,
+                        mouths, jaws, order, hit, table, times, next_, out, log, who, logged, count,
+                    )  # fmt: skip
+                    for q in range(n):
+                        b[q, CLOCK] = now
+                        todo[q] = True
+                    continue
+            known = leans[i] > now or (j >= 0 and leans[j] > now)
+            slow = _hit(b, i, j, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now)
+            if slow:
+                leans[i] = now + LEANS
+                if j >= 0:
+                    leans[j] = now + LEANS
+            b[i, TRY] = 0.0
+            if j >= 0:
+                b[j, TRY] = 0.0
+            if slow and known:
+                event = SWITCH
+        elif event == SWITCH and t == b[i, END]:
+            arrive(b[i], kind[i], radius)
+        count[event] += 1
+        if event == POCKET:
+            kind[i] = POTTED
+            for x in range(VX, WZ + 1):
+                b[i, x] = 0.0
+            b[i, END] = np.inf
+        if event != SWITCH:
+            if logged < log.size:
+                log[logged] = t
+                who[logged, 0], who[logged, 1] = event, i
+                who[logged, 2] = j if event == BALL else what[i, 1]
+            logged += 1
+    if ended == ended:
+        _sample(b, m, kind, times, next_, until, radius, alpha, out, keep)
+        now = until
+        if until == np.inf:
+            now = 0.0
+            for i in range(n):
+                if kind[i] != POTTED:
+                    now = max(now, b[i, CLOCK] + (abs(b[i, WZ]) / alpha if alpha > 0.0 else 0.0))
+        ended = now
+    for i in range(n):
+        if kind[i] != POTTED:
+            advance(b[i], m[i], kind[i], now, radius, alpha)
+        start[i] = b[i, :ROW]
+        potted[i] = kind[i] == POTTED
+    return ended
+
+
+@compiled
+def play_rows(  # type: ignore[no-untyped-def]
+    first, last, start, stays, struck, order, own, forces, support, horizon, impact, strike, cloth, mass, radius, reach,
+    half, mouths, jaws, falls, table, clusters, until, most, times, out, log, who, count, end, potted,
+):  # fmt: skip
+    """Play shots number `first` to `last`: `start` (n, nball, 8) in and out, `times` (n, m), `out` (n, m, nball, 8)."""
+    cue = np.zeros(7)
+    for s in range(first, last):
+        at = own[s].ctypes.data
+        launch = 0.0
+        if struck[s]:
+            b = start[s, 0]
+            cue[0], cue[1], cue[2], cue[3], cue[4], cue[5], cue[6] = b[VX], b[VY], b[WX], b[WY], b[WZ], radius, mass
+            for k in range(strike.shape[0]):
+                call_hook(strike[k, 0], at + 8 * strike[k, 1], cue.ctypes.data)
+            b[VX], b[VY], b[WX], b[WY], b[WZ] = cue[0], cue[1], cue[2], cue[3], cue[4]
+            launch = math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
+        end[s] = play_shot(
+            start[s], stays[s], launch, order[s], at, forces, support, horizon, impact, cloth[s], mass, radius, reach,
+            half, mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s], log[s], who[s], count[s],
+            potted[s],
+        )  # fmt: skip

@@ -1,0 +1,224 @@
+"""Shots on a model, many at a time over threads: the model's effects laid out, its shots laid out, tracks handed back."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from models.analytic.pocket import NONE, Pockets, pockets_of, rail_of
+from models.engine.loop import ROW, play_rows
+from models.engine.touch import BALL, POCKET
+from models.hooks import Array, Hooks, hooks_of
+from models.shot import Event, Shot, Track
+from models.spring import damping_table
+
+if TYPE_CHECKING:
+    from models.model_file import Model
+
+KINDS = ("ball", "cushion", "pocket")
+MOST = 100_000  # events of a shot, after which it is given up
+LOGGED = 64  # room for events of a shot to begin with
+CHUNK = 16  # shots that a thread takes at a time, at least
+PARTS = 8  # chunks for each thread, at most
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(_cores(), thread_name_prefix="shots")
+
+
+@cache
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def over_threads(work: Callable[[int, int], object], count: int, threads: int = 0) -> None:
+    """Do work(first, last) for parts of `count` rows on threads (0: one a core); what it writes must not overlap."""
+    threads = min(threads or _cores(), _cores())
+    size = max(CHUNK, -(-count // (PARTS * threads)))
+    parts = [(k, min(k + size, count)) for k in range(0, count, size)]
+    if threads == 1 or len(parts) == 1:
+        for part in parts:
+            work(*part)
+        return
+    waiting = iter(parts)
+
+    def some(_: int) -> None:
+        for part in waiting:  # the GIL makes taking the next one safe
+            work(*part)
+
+    for done in [_pool().submit(some, k) for k in range(min(threads, len(parts)))]:
+        done.result()
+
+
+@dataclass(frozen=True)
+class Game:
+    """A model laid out for a number of shots."""
+
+    hooks: Hooks
+    cloth: Array  # (n, 3): friction of sliding and rolling, deceleration of sidespin [rad/s^2]
+    pockets: Pockets
+    reach: Array
+    half: Array
+    mass: float
+    radius: float
+
+
+def lacking(model: Model) -> str:
+    """Why the engine does not play a model; "" where it does."""
+    stack = model.stack()
+    found = {e.slot for e in stack} | {e.resolves for e in stack}
+    missing = [k for k in ("cloth", "ball", "cushion") if k not in found]
+    if missing:
+        return f"it has no effect for {', '.join(missing)}"
+    edits = [e.name() for e in stack[1:] if e.opens("edit") and e.slot != "cloth"]
+    return f"{', '.join(edits)} edits the MJCF" if edits else ""
+
+
+def lay_out(model: Model, count: int, jaws: bool = False) -> Game:
+    """A model for `count` shots; its parameters are numbers or (count,) arrays.
+
+    Raises:
+        ValueError: for a model that the engine does not play.
+    """
+    if why := lacking(model):
+        raise ValueError(f"the event engine does not play this model: {why}")
+    stack = model.stack()[1:]
+    cloth = next(e for e in stack if e.slot == "cloth")
+    laws = np.stack([np.broadcast_to(np.asarray(getattr(cloth, k), float), (count,)) for k in ("slide", "roll", "spin")])
+    table, ball = model.table, model.ball
+    return Game(
+        hooks_of([e for e in stack if e is not cloth], count), np.ascontiguousarray(laws.T),
+        pockets_of(table, ball) if jaws else Pockets(table.mouths(), NONE, NONE), table.reach(ball),
+        np.array([table.length, table.width]) / 2, ball.mass, ball.radius,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Result:
+    """How shots ended."""
+
+    position: Array  # (n, nball, 2) [m]; of a potted ball where it fell
+    velocity: Array  # (n, nball, 2) [m/s]
+    spin: Array  # (n, nball, 3) [rad/s]
+    potted: NDArray[np.bool_]  # (n, nball)
+    time: Array  # (n,) [s], when everything had come to rest, spin too, or `until`; nan: given up after `most` events
+    counts: NDArray[np.int64]  # (n, 4): impacts of balls, of cushions, balls potted, changes of motion
+    event_time: Array  # (n, events) [s], inf beyond the last one
+    # (n, events, 3): kind (0 ball, 1 cushion, 2 pocket), ball, and other ball, rail, 4 + jaw, or pocket where jaws are
+    event: NDArray[np.int64]
+
+
+def run(
+    game: Game, start: Array, stays: NDArray[np.bool_], struck: NDArray[np.bool_], order: Array, until: Array,
+    times: Array, events: int, threads: int, most: int, clusters: bool,
+) -> tuple[Result, Array]:  # fmt: skip
+    """Play laid-out shots from `start` (n, nball, 8), which is left as they end; samples (n, m, nball, 8)."""
+    n, nball = start.shape[:2]
+    out, end = np.full((n, times.shape[1], nball, ROW), np.nan), np.zeros(n)
+    log, who, count = np.full((n, events), np.inf), np.full((n, events, 3), -1), np.zeros((n, 4), np.int64)
+    potted, hooks, pockets, table = np.zeros((n, nball), np.bool_), game.hooks, game.pockets, damping_table()
+
+    def part(first: int, last: int) -> None:
+        play_rows(
+            first, last, start, stays, struck, order, hooks.own, hooks.forces, hooks.support, hooks.horizon,
+            hooks.impact, hooks.strike, game.cloth, game.mass, game.radius, game.reach, game.half, pockets.ends,
+            pockets.jaws, pockets.falls, table, clusters, until, most, times, out, log, who, count, end, potted,
+        )  # fmt: skip
+
+    over_threads(part, n, threads)
+    if most >= MOST and np.isnan(end).any():
+        raise RuntimeError(f"shot {int(np.flatnonzero(np.isnan(end))[0])} has not come to its end after {most} events")
+    return Result(start[..., :2], start[..., 2:4], start[..., 4:7], potted, end, count, log, who), out
+
+
+def finish(
+    model: Model, position: ArrayLike, velocity: ArrayLike, spin: ArrayLike, until: ArrayLike = np.inf, *,
+    events: int = 0, threads: int = 0, jaws: bool = False, most: int = MOST, clusters: bool = True,
+) -> Result:  # fmt: skip
+    """Play many shots of one number of balls to rest, or until a time.
+
+    Args:
+        model: table, ball and effects; parameters are numbers or (n,) arrays.
+        position: (n, nball, 2) [m].
+        velocity: (n, nball, 2) [m/s], of the struck ball, number 0, as commanded.
+        spin: (n, nball, 3) [rad/s].
+        until: one time or (n,) [s].
+        events: how many impacts and pots of a shot to log.
+        threads: at most; 0 for all. The result does not depend on it, to the last bit.
+        jaws: whether pockets have jaws and an edge; without, a mouth takes what comes into it.
+        most: events (changes of motion too) after which a shot is given up. Below the default that is no error: its
+            time is nan, and its balls are as they were then.
+        clusters: whether several bodies that touch at once go through springs, or are taken two by two.
+
+    Raises:
+        ValueError: for shapes and numbers that do not fit, and for a model that the engine does not play.
+        RuntimeError: for a shot that never ends.
+    """
+    p, v, w = (np.asarray(x, float) for x in (position, velocity, spin))
+    n, nball = p.shape[:2]
+    for name, value, size in (("position", p, 2), ("velocity", v, 2), ("spin", w, 3)):
+        if value.shape != (n, nball, size):
+            raise ValueError(f"{name} has shape {value.shape}; {n} shots of {nball} balls need {(n, nball, size)}")
+        if not np.isfinite(value).all():
+            raise ValueError(f"{name} holds {value[~np.isfinite(value)][0]}; give finite numbers")
+    game = lay_out(model, n, jaws)
+    end = np.broadcast_to(np.asarray(until, float), (n,)).copy()
+    if np.isinf(end).any() and not (game.cloth[:, :2] > 0).all():
+        raise ValueError(f"friction {game.cloth[:, :2].min()} of sliding or rolling: without any give a finite end")
+    start = np.concatenate([p, v, w, np.zeros((n, nball, 1))], axis=2)
+    stays, struck = np.zeros((n, nball), np.bool_), np.ones(n, np.bool_)
+    return run(game, start, stays, struck, np.zeros(n), end, np.zeros((n, 0)), events, threads, most, clusters)[0]
+
+
+def play(
+    model: Model, shots: Sequence[Shot], *, threads: int = 0, jaws: bool = False, clusters: bool = True
+) -> list[Track]:
+    """A track for every shot, in order; all shots of one number of balls go together."""
+    tracks: list[Track | None] = [None] * len(shots)
+    sizes = np.array([len(s.names) for s in shots], int)
+    for size in np.unique(sizes):
+        part = np.flatnonzero(sizes == size)
+        some = [shots[k] for k in part]
+        own = model.select(part)
+        game = lay_out(own, len(some), jaws)
+        start = np.zeros((len(some), size, ROW))
+        times = np.full((len(some), max(len(s.times) for s in some)), np.inf)
+        for k, shot in enumerate(some):
+            start[k, :, :2], start[k, :, 2:4], start[k, :, 4:7] = shot.position, shot.velocity, shot.spin
+            times[k, : len(shot.times)] = shot.times
+        stays = np.array([[name in s.staying for name in s.names] for s in some])
+        struck, order = np.array([s.struck for s in some]), np.array([s.order for s in some], float)
+        end = np.array([s.times[-1] if len(s.times) else 0.0 for s in some])
+        room = LOGGED
+        while True:
+            result, out = run(game, start.copy(), stays, struck, order, end, times, room, threads, MOST, clusters)
+            most = int(result.counts[:, :3].sum(axis=1).max(initial=0))
+            if most <= room:
+                break
+            room = most
+        for k, number in enumerate(part):
+            tracks[number] = _track(some[k], out[k], result.event_time[k], result.event[k], result.position[k])
+    return [t for t in tracks if t is not None]
+
+
+def _track(shot: Shot, out: Array, when: Array, who: NDArray[np.int64], last: Array) -> Track:
+    data, names = out[: len(shot.times)], shot.names
+    happened = []
+    for t, (kind, i, j) in zip(when, who, strict=True):
+        if kind < 0:
+            break
+        balls = (names[i], names[j]) if kind == BALL else (names[i],)
+        rail = rail_of(int(j)) if kind not in (BALL, POCKET) else ""
+        place = (float(last[i, 0]), float(last[i, 1])) if kind == POCKET else None
+        happened.append(Event(float(t), KINDS[kind], balls, rail, place))
+    return Track(
+        names, shot.times, data[..., :2], data[..., 2:4], data[..., 4:7], data[..., 7], tuple(happened)
+    )  # fmt: skip

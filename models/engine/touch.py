@@ -1,0 +1,286 @@
+"""What a ball meets next, and when: on parabolas in closed form, on curves by steps that cannot pass a touch.
+
+A gap g that closes at speed v, while no more than A accelerates it, is open for at least the time in which
+g - v t - A t^2 / 2 falls to zero. Stepping on by that time again and again comes to the first touch from before it,
+quadratically fast where it is met at a speed, and to none where there is none. For two balls the gap is their distance
+less a diameter, which only curves outwards beside that. A time of -1 says that things are pressed together at rest.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from models.analytic.events import AWAY, CLOSED, in_mouth, line, meeting
+from models.analytic.pocket import straight
+from models.compiled import compiled
+from models.engine.motion import (
+    AX,
+    AY,
+    BOUND,
+    CLOCK,
+    CURVE,
+    END,
+    MEET,
+    POTTED,
+    REST,
+    ROLL,
+    SLIDE,
+    VX,
+    VY,
+    WX,
+    X,
+    Y,
+    place,
+    pull,
+)
+
+BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
+PUSH = 1e-3  # until what is pressed together at rest is looked at again [s]
+MOST_STEPS = 200  # towards a touch
+ARRIVED = 1e-15  # step that is none [s]
+
+
+@compiled
+def _wait(gap, closing, bound):  # type: ignore[no-untyped-def]
+    """The time for which a gap is open for certain."""
+    if gap <= CLOSED:  # it has just been closed, and opens
+        return max(-2.0 * closing / bound, 1e-9) if bound > 0.0 else np.inf
+    low = closing + math.sqrt(closing * closing + 2.0 * bound * gap)
+    return 2.0 * gap / low if low > 0.0 else np.inf
+
+
+@compiled
+def _to_line(b, m, kind, k, sign, level, t, end):  # type: ignore[no-untyped-def]
+    """When a ball on a curve comes to the line sign * coordinate k = level; inf for not before the end."""
+    first = True
+    for _ in range(MOST_STEPS):
+        x, y, vx, vy = place(b, m, kind, t)
+        gap = level - sign * (x if k == 0 else y)
+        closing = sign * (vx if k == 0 else vy)
+        if gap <= CLOSED and closing > AWAY:
+            return t
+        if gap <= CLOSED and closing >= -AWAY and first:
+            ax, ay = pull(b, m, kind, t)
+            if sign * (ax if k == 0 else ay) > 0.0:
+                return -1.0
+        if first:
+            h = end - t
+            x, y, _, _ = place(b, m, kind, end)
+            last = level - sign * (x if k == 0 else y)
+            if gap > CLOSED and min(gap, last) > 0.125 * b[BOUND] * h * h:
+                return np.inf
+        first = False
+        wait = _wait(gap, closing, b[BOUND])
+        t += wait
+        if t > end:
+            return np.inf
+        if wait <= ARRIVED:
+            return t
+    return t
+
+
+@compiled
+def _to_point(b, m, kind, px, py, rho, t, end):  # type: ignore[no-untyped-def]
+    """When a ball on a curve comes within rho of a point."""
+    first = True
+    for _ in range(MOST_STEPS):
+        x, y, vx, vy = place(b, m, kind, t)
+        x, y = px - x, py - y
+        d = math.sqrt(x * x + y * y)
+        gap, closing = d - rho, (x * vx + y * vy) / d
+        if gap <= CLOSED and closing > AWAY:
+            return t
+        if gap <= CLOSED and closing >= -AWAY and first:
+            ax, ay = pull(b, m, kind, t)
+            if x * ax + y * ay > 0.0:
+                return -1.0
+        wait = _wait(gap, closing, b[BOUND])
+        if first and gap > CLOSED:
+            h = end - t
+            qx, qy, _, _ = place(b, m, kind, end)
+            if _apart(x, y, px - qx, py - qy) > rho + 0.125 * b[BOUND] * h * h:
+                return np.inf
+        first = False
+        t += wait
+        if t > end:
+            return np.inf
+        if wait <= ARRIVED:
+            return t
+    return t
+
+
+@compiled
+def _apart(x, y, u, v):  # type: ignore[no-untyped-def]
+    """Least distance of the origin from the chord between (x, y) and (u, v)."""
+    dx, dy = u - x, v - y
+    size = dx * dx + dy * dy
+    s = min(max(-(x * dx + y * dy) / size, 0.0), 1.0) if size > 0.0 else 0.0
+    x, y = x + s * dx, y + s * dy
+    return math.sqrt(x * x + y * y)
+
+
+@compiled
+def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-def]
+    """When two balls, one of them on a curve at least, come within rho of each other."""
+    first, bound = True, b[BOUND] + c[BOUND]
+    for _ in range(MOST_STEPS):
+        x, y, vx, vy = place(b, m, kind, t)
+        qx, qy, qvx, qvy = place(c, n, other, t)
+        x, y, vx, vy = qx - x, qy - y, vx - qvx, vy - qvy
+        d = math.sqrt(x * x + y * y)
+        gap, closing = d - rho, (x * vx + y * vy) / d
+        if gap <= CLOSED and closing > AWAY:
+            return t
+        if gap <= CLOSED and closing >= -AWAY and first:
+            ax, ay = pull(b, m, kind, t)
+            bx, by = pull(c, n, other, t)
+            if x * (ax - bx) + y * (ay - by) > 0.0:
+                return -1.0
+        if first and gap > CLOSED:
+            h = end - t
+            ux, uy, _, _ = place(b, m, kind, end)
+            qx, qy, _, _ = place(c, n, other, end)
+            if _apart(x, y, qx - ux, qy - uy) > rho + 0.125 * bound * h * h:
+                return np.inf
+        first = False
+        wait = _wait(gap, closing, bound)
+        t += wait
+        if t > end:
+            return np.inf
+        if wait <= ARRIVED:
+            return t
+    return t
+
+
+@compiled
+def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
+    """What of the table a ball meets next, within its motion and the time wanted; no pocket takes one that stays."""
+    b[MEET] = np.inf
+    if kind == REST or kind == POTTED:
+        return
+    if kind == CURVE:
+        _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays, until)
+        return
+    h = min(b[END], until) - b[CLOCK]
+    bent = falls.shape[0] > 0 and not stays
+    for rail in range(4):
+        k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
+        if bent:
+            t = straight(rail, reach, b[X:VX], b[VX:WX], b[AX:END], half, mouths, h)
+        else:
+            t = line(reach[k] - sign * b[k], sign * b[VX + k], sign * b[AX + k], h)
+        if t == np.inf:
+            continue
+        if t < 0.0:
+            _look_again(b, what, i)
+            continue
+        o = 1 - k
+        found = CUSHION
+        if not bent and not stays and in_mouth(b[o] + b[VX + o] * t + 0.5 * b[AX + o] * t * t, rail, half, mouths):
+            found = POCKET
+            t = line(half[k] - sign * b[k], sign * b[VX + k], sign * b[AX + k], h)
+        if t >= 0.0 and b[CLOCK] + t < b[MEET]:
+            b[MEET], what[i, 0], what[i, 1] = b[CLOCK] + t, found, rail
+    if bent:
+        for k in range(jaws.shape[0] + falls.shape[0]):
+            fall = k >= jaws.shape[0]
+            at = falls[k - jaws.shape[0]] if fall else jaws[k]
+            t = meeting(b[X] - at[0], b[Y] - at[1], b[VX], b[VY], b[AX], b[AY], at[2], h)
+            if t == -1.0:
+                if not fall:
+                    _look_again(b, what, i)
+            elif b[CLOCK] + t < b[MEET]:
+                b[MEET] = b[CLOCK] + t
+                what[i, 0], what[i, 1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
+    elif mouths[0] > 0.0 and not stays:
+        for corner in range(4):
+            sx, sy = 1.0 - 2.0 * (corner % 2), 1.0 - 2.0 * (corner // 2)
+            t = meeting(b[X] - sx * half[0], b[Y] - sy * half[1], b[VX], b[VY], b[AX], b[AY], mouths[2], h)
+            if t >= 0.0 and b[CLOCK] + t < b[MEET]:
+                b[MEET], what[i, 0], what[i, 1] = b[CLOCK] + t, POCKET, -1
+
+
+@compiled
+def _look_again(b, what, i):  # type: ignore[no-untyped-def]
+    if b[CLOCK] + PUSH < b[MEET]:
+        b[MEET], what[i, 0] = b[CLOCK] + PUSH, SWITCH
+
+
+@compiled
+def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
+    now, end = b[CLOCK], min(b[END], until)
+    if end <= now:
+        return
+    bent = falls.shape[0] > 0 and not stays
+    for rail in range(4):
+        k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
+        o, gap = 1 - k, reach[k] - sign * b[k]
+        if bent and gap < -CLOSED and in_mouth(b[o], rail, half, mouths):
+            # Between the jaws, beyond the line: once it has come out, it is looked at again.
+            t = _to_line(b, m, CURVE, k, -sign, -reach[k] - CLOSED, now, end)
+            if t != np.inf and t != -1.0 and t < b[MEET]:
+                b[MEET], what[i, 0] = t, SWITCH
+            continue
+        t = _to_line(b, m, CURVE, k, sign, reach[k], now, end)
+        if t == np.inf:
+            continue
+        if t < 0.0:
+            _look_again(b, what, i)
+            continue
+        x, y, _, _ = place(b, m, CURVE, t)
+        found = CUSHION
+        if not stays and in_mouth(y if k == 0 else x, rail, half, mouths):
+            if bent:
+                continue
+            found = POCKET
+            t = _to_line(b, m, CURVE, k, sign, half[k], now, end)
+        if t >= 0.0 and t < b[MEET]:
+            b[MEET], what[i, 0], what[i, 1] = t, found, rail
+    if bent:
+        for k in range(jaws.shape[0] + falls.shape[0]):
+            fall = k >= jaws.shape[0]
+            at = falls[k - jaws.shape[0]] if fall else jaws[k]
+            t = _to_point(b, m, CURVE, at[0], at[1], at[2], now, end)
+            if t == -1.0:
+                if not fall:
+                    _look_again(b, what, i)
+            elif t < b[MEET]:
+                b[MEET] = t
+                what[i, 0], what[i, 1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
+    elif mouths[0] > 0.0 and not stays:
+        for corner in range(4):
+            sx, sy = 1.0 - 2.0 * (corner % 2), 1.0 - 2.0 * (corner // 2)
+            t = _to_point(b, m, CURVE, sx * half[0], sy * half[1], mouths[2], now, end)
+            if t >= 0.0 and t < b[MEET]:
+                b[MEET], what[i, 0], what[i, 1] = t, POCKET, -1
+
+
+@compiled
+def meet_balls(now, i, b, m, kind, pair, again, radius, until):  # type: ignore[no-untyped-def]
+    """When a ball meets each other one, within the motions of both: fills the times `pair`, and `again` where pressed."""
+    for j in range(b.shape[0]):
+        if j == i:
+            continue
+        at = i * (i - 1) // 2 + j if j < i else j * (j - 1) // 2 + i
+        pair[at], again[at] = np.inf, False
+        if kind[i] == POTTED or kind[j] == POTTED or (kind[i] == REST and kind[j] == REST):
+            continue
+        end = min(b[i, END], b[j, END], until)
+        if kind[i] == CURVE or kind[j] == CURVE:
+            t = _to_ball(b[i], m[i], kind[i], b[j], m[j], kind[j], 2.0 * radius, now, end) if end > now else np.inf
+            if t == -1.0:
+                pair[at], again[at] = now + PUSH, True
+            else:
+                pair[at] = t
+            continue
+        d = now - b[j, CLOCK]
+        x = b[i, X] - b[j, X] - (b[j, VX] + 0.5 * b[j, AX] * d) * d
+        y = b[i, Y] - b[j, Y] - (b[j, VY] + 0.5 * b[j, AY] * d) * d
+        vx, vy = b[i, VX] - b[j, VX] - b[j, AX] * d, b[i, VY] - b[j, VY] - b[j, AY] * d
+        t = meeting(x, y, vx, vy, b[i, AX] - b[j, AX], b[i, AY] - b[j, AY], 2.0 * radius, end - now)
+        if t == -1.0:
+            pair[at], again[at] = now + PUSH, True
+        else:
+            pair[at] = now + t
