@@ -22,7 +22,7 @@ from models.hooks import Hooks
 from models.shot import Array
 
 TINY = 1e-5  # step along which nothing varies: parts of the last bit of speed would count as rest [s]
-TOLERANCE = 4e-5  # of a step, by its last term: some ten times its error of position or more [m]
+TOLERANCE = 2e-6  # of a step, by its last term: some ten times its error of position or more [m]
 BRAKE = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
 SPIN = 0.02  # how long an error of sidespin counts [s]
 LONGER = 1.3  # than there is room for a trial may be

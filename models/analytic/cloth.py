@@ -34,6 +34,7 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
     A rolling or resting ball is held at no slip by a reaction to the pushes, up to the friction of a sliding one.
     """
     n, radius, held = r[WEIGHT] * GRAVITY, r[RADIUS], False
+    per = 1.0 / radius
     gx = gy = dx = dy = 0.0
     if mode == SLIDING:
         friction = slide * n
@@ -45,22 +46,23 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
         # Without friction the slip would change at push + torque x R / I; 2/7 of that holds it at zero.
         gx = -2 / 7 * (r[AX] - radius * r[BY])
         gy = -2 / 7 * (r[AY] + radius * r[BX])
-        need = math.sqrt(gx * gx + gy * gy)
-        if need > slide * n:
-            gx, gy = gx * (slide * n / need), gy * (slide * n / need)
+        most, need = slide * n, gx * gx + gy * gy
+        if need > most * most:
+            need = most / math.sqrt(need)
+            gx, gy = gx * need, gy * need
         if mode == ROLLING:
             dx, dy = roll * n * vx, roll * n * vy
         else:
             # A ball at rest stays there until the push exceeds what rolling resistance can hold.
             px, py = r[AX] + gx, r[AY] + gy
-            held = math.sqrt(px * px + py * py) <= roll * n
+            held = px * px + py * py <= (roll * n) ** 2
     if held:
         r[AX] = r[AY] = r[BX] = r[BY] = 0.0
     else:
         r[AX] += gx - dx
         r[AY] += gy - dy
-        r[BX] += (2.5 * gy + dy) / radius
-        r[BY] -= (2.5 * gx + dx) / radius
+        r[BX] += (2.5 * gy + dy) * per
+        r[BY] -= (2.5 * gx + dx) * per
     if abs(wz) > STILL_SPIN and n > 0.0:
         r[BZ] -= math.copysign(spin * r[SPIN_FACTOR], wz)
     return not held

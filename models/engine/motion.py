@@ -70,12 +70,13 @@ REST, SLIDE, ROLL, POTTED, CURVE = 0, 1, 2, 3, 4
 COLUMNS, STATE, TERMS = 20, 9, 6
 ON, SLIDE_ENDS, STOPS = 0.0, 1.0, 2.0  # how a curve's end is reached
 
-TOLERANCE = 1e-7  # of a step, as an error of position at the end of the roll [m]
+TOLERANCE = 2e-7  # of a step, as an error of position at the end of the roll [m]
 BRAKE = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
 SPIN_LASTS = 0.02  # how long an error of sidespin counts [s]
-SHORT_SLIDE = 1e-3  # rest of a slide that is taken at a constant friction [s]
-SHORT_ROLL = 0.02  # rest of a roll that is taken straight [s]
-SPARE = 0.9  # of the way to the end of a roll, in a step
+SHORT_SLIDE = 1e-4  # rest of a slide that is taken at a constant friction [s]
+SHORT_ROLL = 0.03  # rest of a roll that is taken straight [s]
+SPARE_ROLL, SPARE_SLIDE = 0.9, 0.9  # of the way to the end of a roll, or of a slide at an even friction, in a step
+BEFORE = 1e-9  # by which a step's last look comes before its end, where a push may switch [s]
 GROWTH, SHRINK, SAFETY = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
 LONGEST = 2.0  # [s]
 SHORTEST = 1e-7  # step that is taken whatever its error [s]
@@ -206,6 +207,7 @@ def arrive(b, kind, radius):  # type: ignore[no-untyped-def]
             b[VX] -= 2 / 7 * (b[VX] - radius * b[WY])
             b[VY] -= 2 / 7 * (b[VY] + radius * b[WX])
             b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
+            b[TRY] = 0.0
         elif b[LAST] == STOPS:
             b[VX] = b[VY] = b[WX] = b[WY] = 0.0
         if abs(b[WZ]) <= STILL_SPIN:
@@ -224,40 +226,43 @@ def push(r, at, own, forces, support):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _rates(y, t, mode, way, r, at, own, forces, support, cloth, out):  # type: ignore[no-untyped-def]
-    """Derivatives `out` of the state y (STATE,) of a ball; False where friction would have to turn round.
+def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: ignore[no-untyped-def]
+    """Derivatives k[n] of the state y (STATE,) of a ball; False where friction would have to turn round.
 
     `way`: directions at the beginning of the step, of slip and of velocity, and sidespin.
     """
     radius, fine = r[R_RADIUS], True
-    r[R_X], r[R_Y], r[R_VX], r[R_VY] = y[X], y[Y], y[VX], y[VY]
+    ux = uy = u = vx = vy = speed = 0.0
+    r[R_X], r[R_Y], r[R_VX], r[R_VY], r[R_WZ] = y[X], y[Y], y[VX], y[VY], y[WZ]
+    r[R_TIME], r[R_ROLLED], r[R_ROLLING] = t, y[ROLLED], 0.0
     if mode == ROLLING:
-        y[WX], y[WY] = -y[VY] / radius, y[VX] / radius
-    r[R_WX], r[R_WY], r[R_WZ] = y[WX], y[WY], y[WZ]
-    ux, uy = y[VX] - radius * y[WY], y[VY] + radius * y[WX]
-    r[R_SLIP_X], r[R_SLIP_Y], r[R_TIME], r[R_ROLLED] = ux, uy, t, y[ROLLED]
-    r[R_ROLLING] = 1.0 if mode == ROLLING else 0.0
-    push(r, at, own, forces, support)
-    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(y[VX] * y[VX] + y[VY] * y[VY])
-    vx = vy = 0.0
-    if mode == SLIDING:
-        if r[R_WEIGHT] > 0.0 and ux * way[0] + uy * way[1] <= 0.0:
-            fine, ux, uy, u = False, way[0], way[1], 1.0
-        over = 1.0 / u if u > 0.0 else 0.0
-        ux, uy = ux * over, uy * over
-    elif mode == ROLLING:
+        r[R_ROLLING] = 1.0
+        r[R_WX], r[R_WY] = -y[VY] / radius, y[VX] / radius
+        speed = math.sqrt(y[VX] * y[VX] + y[VY] * y[VY])
         if y[VX] * way[2] + y[VY] * way[3] <= 0.0:
             fine, vx, vy = False, way[2], way[3]
         else:
-            vx, vy = y[VX] / v, y[VY] / v
+            vx, vy = y[VX] / speed, y[VY] / speed
+    else:
+        r[R_WX], r[R_WY] = y[WX], y[WY]
+        ux, uy = y[VX] - radius * y[WY], y[VY] + radius * y[WX]
+    r[R_SLIP_X], r[R_SLIP_Y] = ux, uy
+    push(r, at, own, forces, support)
+    if mode == SLIDING:
+        u = math.sqrt(ux * ux + uy * uy)
+        if r[R_WEIGHT] > 0.0 and ux * way[0] + uy * way[1] <= 0.0:
+            fine, ux, uy, u = False, way[0], way[1], 1.0
+        else:
+            over = 1.0 / u if u > 0.0 else 0.0
+            ux, uy = ux * over, uy * over
     moves = add_cloth(r, mode, u, ux, uy, vx, vy, way[4], cloth[0], cloth[1], cloth[2])
-    out[X], out[Y] = y[VX], y[VY]
+    k[n, X], k[n, Y] = y[VX], y[VY]
     if mode == RESTING and not moves:
-        out[X] = out[Y] = 0.0
-    out[VX], out[VY] = r[R_AX], r[R_AY]
-    out[WX], out[WY], out[WZ] = r[R_BX], r[R_BY], r[R_BZ]
-    out[TURN] = y[WZ]
-    out[ROLLED] = v / radius if mode == ROLLING else 0.0
+        k[n, X] = k[n, Y] = 0.0
+    k[n, VX], k[n, VY] = r[R_AX], r[R_AY]
+    k[n, WX], k[n, WY], k[n, WZ] = r[R_BX], r[R_BY], r[R_BZ]
+    k[n, TURN] = y[WZ]
+    k[n, ROLLED] = speed / radius
     return fine
 
 
@@ -303,7 +308,7 @@ def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # ty
     way = (ux * over, uy * over, b[VX] * per, b[VY] * per, b[WZ])
     for x in range(STATE):
         y[x] = b[x]
-    _rates(y, now, mode, way, r, at, own, forces, support, cloth, k[0])
+    _rates(y, now, mode, way, r, at, own, forces, support, cloth, k, 0)
     b[AX], b[AY], b[MODE], b[LAST] = k[0, VX], k[0, VY], mode, ON
     # How far the step may go: to the next switch, and to where the ball changes.
     h = LONGEST
@@ -325,7 +330,7 @@ def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # ty
                 h, straight = left, True
                 b[LAST] = ON if soft else SLIDE_ENDS
         else:
-            h = min(h, left - 0.5 * SHORT_SLIDE)
+            h = min(h, (SPARE_ROLL if soft else SPARE_SLIDE) * left)
     elif mode == ROLLING:
         rate = -(way[2] * k[0, VX] + way[3] * k[0, VY])
         left = v / rate if rate > 0.0 else np.inf
@@ -334,7 +339,7 @@ def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # ty
                 h, straight = left, True
                 b[LAST] = STOPS
         else:
-            h = min(h, SPARE * left)
+            h = min(h, SPARE_ROLL * left)
     elif mode == RESTING:
         if b[WZ] == 0.0 or bz == 0.0:
             b[AX] = b[AY] = b[BOUND] = 0.0
@@ -379,8 +384,11 @@ def _step(b, m, h, left, mode, way, r, at, own, forces, support, cloth, y, k):  
     """A step of at most h whose error is small, from k[0] on: fills the polynomials m, returns its length."""
     radius, v = r[R_RADIUS], math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
     lasts = min(left, v / BRAKE)
+    # An error of slip along the slip ends the slide too soon or too late; one across turns it for what is left of it.
     slip_rate = math.sqrt((k[0, VX] - radius * k[0, WY]) ** 2 + (k[0, VY] + radius * k[0, WX]) ** 2)
     early = BRAKE * lasts / max(slip_rate, BRAKE)
+    slip = math.sqrt((b[VX] - radius * b[WY]) ** 2 + (b[VY] + radius * b[WX]) ** 2)
+    turns = 2 / 7 * min(left, slip / max(slip_rate, BRAKE))
     while True:
         fine = True
         for stage in range(6):
@@ -389,9 +397,8 @@ def _step(b, m, h, left, mode, way, r, at, own, forces, support, cloth, y, k):  
                 for n in range(stage + 1):
                     total += STAGES[stage, n] * k[n, x]
                 y[x] = b[x] + h * total
-            if not _rates(
-                y, b[CLOCK] + NODES[stage] * h, mode, way, r, at, own, forces, support, cloth, k[stage + 1]
-            ):
+            t = b[CLOCK] + min(NODES[stage] * h, max(h - BEFORE, 0.0))
+            if not _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, stage + 1):
                 fine = False
                 break
         if not fine:
@@ -408,7 +415,8 @@ def _step(b, m, h, left, mode, way, r, at, own, forces, support, cloth, y, k):  
         if mode == ROLLING:
             sx = sy = 0.0
         ex, ey = ex - 2 / 7 * sx, ey - 2 / 7 * sy
-        error = math.sqrt(ex * ex + ey * ey) * lasts + early * math.sqrt(sx * sx + sy * sy)
+        error = math.sqrt(ex * ex + ey * ey) * lasts
+        error += early * abs(sx * way[0] + sy * way[1]) + turns * abs(sx * way[1] - sy * way[0])
         error += SPIN_LASTS * radius * abs(wz)
         # Sidespin that would pass through zero ends the step there.
         crossed = b[WZ] != 0.0 and way[4] * y[WZ] < 0.0 and abs(y[WZ]) > STILL_SPIN

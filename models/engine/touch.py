@@ -65,12 +65,6 @@ def _to_line(b, m, kind, k, sign, level, t, end):  # type: ignore[no-untyped-def
             ax, ay = pull(b, m, kind, t)
             if sign * (ax if k == 0 else ay) > 0.0:
                 return -1.0
-        if first:
-            h = end - t
-            x, y, _, _ = place(b, m, kind, end)
-            last = level - sign * (x if k == 0 else y)
-            if gap > CLOSED and min(gap, last) > 0.125 * b[BOUND] * h * h:
-                return np.inf
         first = False
         wait = _wait(gap, closing, b[BOUND])
         t += wait
@@ -97,11 +91,6 @@ def _to_point(b, m, kind, px, py, rho, t, end):  # type: ignore[no-untyped-def]
             if x * ax + y * ay > 0.0:
                 return -1.0
         wait = _wait(gap, closing, b[BOUND])
-        if first and gap > CLOSED:
-            h = end - t
-            qx, qy, _, _ = place(b, m, kind, end)
-            if _apart(x, y, px - qx, py - qy) > rho + 0.125 * b[BOUND] * h * h:
-                return np.inf
         first = False
         t += wait
         if t > end:
@@ -214,9 +203,14 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
     if end <= now:
         return
     bent = falls.shape[0] > 0 and not stays
+    # A curve keeps within A h^2 / 8 of its chord: most of the table is put aside by that.
+    ex, ey, _, _ = place(b, m, CURVE, end)
+    aside = 0.125 * b[BOUND] * (end - now) ** 2
     for rail in range(4):
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
         o, gap = 1 - k, reach[k] - sign * b[k]
+        if gap > CLOSED and min(gap, reach[k] - sign * (ex if k == 0 else ey)) > aside:
+            continue
         if bent and gap < -CLOSED and in_mouth(b[o], rail, half, mouths):
             # Between the jaws, beyond the line: once it has come out, it is looked at again.
             t = _to_line(b, m, CURVE, k, -sign, -reach[k] - CLOSED, now, end)
@@ -242,6 +236,8 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
         for k in range(jaws.shape[0] + falls.shape[0]):
             fall = k >= jaws.shape[0]
             at = falls[k - jaws.shape[0]] if fall else jaws[k]
+            if _apart(at[0] - b[X], at[1] - b[Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED + aside:
+                continue
             t = _to_point(b, m, CURVE, at[0], at[1], at[2], now, end)
             if t == -1.0:
                 if not fall:
@@ -251,8 +247,10 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
                 what[i, 0], what[i, 1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
     elif mouths[0] > 0.0 and not stays:
         for corner in range(4):
-            sx, sy = 1.0 - 2.0 * (corner % 2), 1.0 - 2.0 * (corner // 2)
-            t = _to_point(b, m, CURVE, sx * half[0], sy * half[1], mouths[2], now, end)
+            px, py = (1.0 - 2.0 * (corner % 2)) * half[0], (1.0 - 2.0 * (corner // 2)) * half[1]
+            if _apart(px - b[X], py - b[Y], px - ex, py - ey) > mouths[2] + CLOSED + aside:
+                continue
+            t = _to_point(b, m, CURVE, px, py, mouths[2], now, end)
             if t >= 0.0 and t < b[MEET]:
                 b[MEET], what[i, 0], what[i, 1] = t, POCKET, -1
 
