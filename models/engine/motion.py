@@ -70,7 +70,7 @@ REST, SLIDE, ROLL, POTTED, CURVE = 0, 1, 2, 3, 4
 COLUMNS, STATE, TERMS = 20, 9, 6
 ON, SLIDE_ENDS, STOPS = 0.0, 1.0, 2.0  # how a curve's end is reached
 
-TOLERANCE = 2e-7  # of a step, as an error of position at the end of the roll [m]
+TOLERANCE = 1e-6  # of a step, as an error of position at the end of the roll [m]
 BRAKE = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
 SPIN_LASTS = 0.02  # how long an error of sidespin counts [s]
 SHORT_SLIDE = 1e-4  # rest of a slide that is taken at a constant friction [s]
