@@ -86,7 +86,7 @@ def cloth_constants(model: Model) -> tuple[str, ...]:
         owner, key = name.split(".")
         effect = next(e for e in model.stack() if e.name() == owner)
         native = effect is model.native and key in ("slide", "roll", "spin")
-        if native or effect.opens("forces"):
+        if native or effect.slot == "cloth" or effect.opens("forces"):
             found.append(name)
     return tuple(found)
 

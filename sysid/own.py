@@ -50,8 +50,7 @@ def ways(clip: Clip, first: float) -> dict[str, Array]:
 
 def with_error(problem: ShotProblem, sigma: float, rate: float, way: Sequence[dict[str, Array]]) -> ShotProblem:
     """The problem with a model error that grows with the way: sd = hypot(sigma, rate way)."""
-    sd = tuple({b: np.hypot(sigma, rate * w) for b, w in clip.items()} for clip in way)
-    return dataclasses.replace(problem, sd=sd)
+    return dataclasses.replace(problem, sd=np.hypot(sigma, rate * problem.laid(way)))
 
 
 def events_and_ways(clip_set: ClipSet, sigma: float) -> tuple[list[Array], list[dict[str, Array]]]:
@@ -156,7 +155,7 @@ def polish(problem: ShotProblem, x: Array, constants: Array, rounds: int = 2) ->
         scale = np.maximum(scatter, 1.0)
         scaled = dataclasses.replace(
             problem,
-            sd=tuple({b: s * k for b, s in clip.items()} for clip, k in zip(problem.sd, scale, strict=True)),
+            sd=problem.sd * scale[:, None, None],
             sd_theta=problem.sd_theta * scale,
         )
         x, _cost = fit_each(scaled.evaluate, x, constants, problem.steps, problem.prior, ROBUST, 10)

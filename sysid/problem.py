@@ -10,18 +10,22 @@ where it was seen at rest (2 each) [m]: a twentieth of a millimetre turns a cut 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.effect import Effect
+from models.engine.play import lacking
+from models.hooks import hooks_of
+from models.impacts import strike_rows
 from models.model_file import Model
 from models.observe import observed, undone
 from models.shot import Shot, Table, Track
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips_check import POCKET_REACH
+from sysid.residual_rows import ShotData, packed, residuals
 from sysid.segments import CLAMPED, Segment, free_from, moving_from
 from sysid.solve import Prior
 
@@ -37,13 +41,23 @@ LIMIT_SPIN = 1.25  # R omega over v at the miscue limit: 5/2 of half a radius
 TOLD = 8  # angles of a mark from which on they alone tell the sidespin
 
 
-def constant_steps(model: Model, names: Sequence[str]) -> Array:
-    """Finite-difference steps of constants: 1e-5 of their bounds' width, (q,); and 3e-3, (2, q), where forces vary.
+def by_events(model: Model) -> bool:
+    """Whether the event engine plays a model; MuJoCo otherwise."""
+    return model.engine == "events" and not lacking(model)
 
-    There the steps of a simulation are chosen along the way, and a choice that changes is a tiny jump.
+
+def is_varied(model: Model) -> bool:
+    """Whether effects push balls along their way: then the steps of a play are chosen by their error."""
+    return any(e.opens("forces") for e in model.stack())
+
+
+def constant_steps(model: Model, names: Sequence[str]) -> Array:
+    """Finite-difference steps of constants: 1e-5 of their bounds' width, (q,); a hundred times that where forces vary.
+
+    There the steps of a play are chosen along the way, and a choice that changes is a tiny jump.
     """
-    steps = np.array([1e-5 * np.subtract(*model.meta(n)["bounds"][::-1]) for n in names])
-    return np.stack([steps, 300 * steps]) if any(e.varies for e in model.stack()) else steps
+    part = 1e-3 if is_varied(model) else 1e-5
+    return np.array([part * np.subtract(*model.meta(n)["bounds"][::-1]) for n in names])
 
 
 def constant_bounds(model: Model, names: Sequence[str]) -> Array:
@@ -68,17 +82,23 @@ class SegmentProblem:
     start: Array  # (n, 7)
     azimuth: Array  # (n,)
     prior: Prior
+    data: ShotData
 
     def only(self, rows: Index) -> SegmentProblem:
         """Some of the segments."""
         return dataclasses.replace(
             self, segments=tuple(self.segments[k] for k in rows), start=self.start[rows], azimuth=self.azimuth[rows],
-            prior=Prior(self.prior.mean[rows], self.prior.sd[rows]),
+            prior=Prior(self.prior.mean[rows], self.prior.sd[rows]), data=self.data.only(rows),
         )  # fmt: skip
 
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over sigma: (k, 2 m)."""
         radius = self.model.ball.radius
+        if by_events(self.model):
+            n, size = len(self.segments), 2 * max(len(s.time) for s in self.segments)
+            sd = np.full(self.data.theta.shape, self.sigma)
+            none = np.full(n, np.inf)
+            return residuals(self.model, self.names, self.data, sd, np.ones(n), none, x, c, which, size)
         shots = []
         for row, w in zip(x, which, strict=True):
             time = self.segments[w].time
@@ -111,7 +131,14 @@ def segment_problem(model: Model, names: Sequence[str], segments: Sequence[Segme
         n = min(6, len(s.time))
         start[k], azimuth[k] = _straight(s.time[:n] - s.time[0], s.xy[:n], 1.0)
     sd = np.array([_running_sd(v) for v in start[:, 2]])
-    return SegmentProblem(open_cloth, tuple(names), tuple(segments), sigma, start, azimuth, Prior(start, sd))
+    n = len(segments)
+    data = packed(
+        [[s.time - s.time[0]] for s in segments], [[s.xy] for s in segments],
+        [[np.full(len(s.time), np.nan)] for s in segments], [[np.ones(len(s.time), bool)] for s in segments],
+        [np.zeros((0, 2))] * n, [[False]] * n, azimuth, [s.order for s in segments],
+        [s.before == "strike" for s in segments], [float(s.time[0]) for s in segments],
+    )  # fmt: skip
+    return SegmentProblem(open_cloth, tuple(names), tuple(segments), sigma, start, azimuth, Prior(start, sd), data)
 
 
 @dataclass(frozen=True)
@@ -127,7 +154,8 @@ class ShotProblem:
     rest: tuple[Array, ...]  # of each clip: (nball - 1, 2) where the camera sees the others lie [m]
     staying: tuple[tuple[str, ...], ...]  # balls of each clip that end elsewhere than at a pocket
     trusted: tuple[dict[str, NDArray[np.bool_]], ...]  # samples to believe
-    sd: tuple[dict[str, Array], ...]  # of each sample [m]
+    data: ShotData
+    sd: Array  # (n, nball, m) of each sample's place [m]
     sd_theta: Array  # (n,) of a marked ball's angle [rad]
     horizon: Array  # (n,) [s]
 
@@ -138,7 +166,7 @@ class ShotProblem:
             self, clips=tuple(self.clips[k] for k in few), start=self.start[few], azimuth=self.azimuth[few],
             prior=Prior(self.prior.mean[few], self.prior.sd[few]), rest=tuple(self.rest[k] for k in few),
             staying=tuple(self.staying[k] for k in few), trusted=tuple(self.trusted[k] for k in few),
-            sd=tuple(self.sd[k] for k in few), sd_theta=self.sd_theta[few], horizon=self.horizon[few],
+            data=self.data.only(rows), sd=self.sd[few], sd_theta=self.sd_theta[few], horizon=self.horizon[few],
         )  # fmt: skip
 
     def until(self, horizon: Array) -> ShotProblem:
@@ -168,13 +196,23 @@ class ShotProblem:
         """Own unknowns (n, p) that begin as these do where an effect changes what the cue delivers."""
         ball, q = self.model.ball, np.stack([turn(a) for a in self.azimuth])
         velocity, level = (np.einsum("nij,nj->ni", q, x[:, part]) for part in (slice(2, 4), slice(4, 6)))
-        v, w = effect.strike(ball, velocity, np.column_stack([level, x[:, 6]]) / ball.radius)
+        v, w = velocity[:, None].copy(), np.column_stack([level, x[:, 6]])[:, None] / ball.radius
+        hooks = hooks_of([effect], len(x))
+        struck = np.array([not clip.running for clip in self.clips])
+        strike_rows(hooks.own, hooks.strike, ball.radius, ball.mass, struck, v, w)
         out = x.copy()
-        out[:, 2:4] = np.einsum("nji,nj->ni", q, v)
-        out[:, 4:6] = np.einsum("nji,nj->ni", q, w[:, :2] * ball.radius)
-        out[:, 6] = w[:, 2] * ball.radius
-        running = np.array([clip.running for clip in self.clips])
-        return np.where(running[:, None], x, out)
+        out[:, 2:4] = np.einsum("nji,nj->ni", q, v[:, 0])
+        out[:, 4:6] = np.einsum("nji,nj->ni", q, w[:, 0, :2] * ball.radius)
+        out[:, 6] = w[:, 0, 2] * ball.radius
+        return np.where(struck[:, None], out, x)
+
+    def laid(self, values: Sequence[Mapping[str, Array]]) -> Array:
+        """Numbers of every sample, given by ball, as `sd` has them: (n, nball, m); 1 beyond."""
+        out = np.ones(self.data.theta.shape)
+        for k, clip in enumerate(values):
+            for i, name in enumerate(self.balls(k)):
+                out[k, i, : len(clip[name])] = clip[name]
+        return out
 
     def by_ball(self, residuals: Array) -> Iterator[tuple[int, str, Array]]:
         """Residuals (n, m), taken apart: number of the clip, ball, residuals of its places (samples, 2)."""
@@ -199,6 +237,10 @@ class ShotProblem:
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over their standard deviation: (k, m)."""
         size = max(sum(3 * len(o.time) for o in clip.balls.values()) for clip in self.clips)
+        if by_events(self.model):
+            return residuals(
+                self.model, self.names, self.data, self.sd, self.sd_theta, self.horizon, x, c, which, size
+            )
         out = np.full((len(x), size), np.nan)
         for k, (track, w) in enumerate(zip(self.tracks(x, c, which), which, strict=True)):
             at = 0
@@ -206,7 +248,7 @@ class ShotProblem:
                 seen = self.clips[w].balls[name]
                 n = int(np.searchsorted(seen.time, self.horizon[w] + 1e-9, side="right"))
                 r, angle = residual(track, b, seen, n)
-                r = np.where(self.trusted[w][name][:n, None], r / self.sd[w][name][:n, None], np.nan)
+                r = np.where(self.trusted[w][name][:n, None], r / self.sd[w, b, :n, None], np.nan)
                 out[k, at : at + 2 * n] = r.ravel()
                 out[k, at + 2 * n : at + 3 * n] = angle / self.sd_theta[w]
                 at += 3 * len(seen.time)
@@ -260,7 +302,7 @@ def shot_problem(model: Model, names: Sequence[str], clip_set: ClipSet, sigma: f
     n, own = len(clip_set.clips), len(STEPS)
     p = own + 2 * (max((len(c.balls) for c in clip_set.clips), default=1) - 1)
     start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), REST_SD * sigma), np.zeros(n)
-    rest, trusted, sds, staying = [], [], [], []
+    rest, trusted, staying = [], [], []
     edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMPED
     for k, clip in enumerate(clip_set.clips):
         start[k, :own], mean[k, :own], sd[k, :own], azimuth[k] = _begin(clip, clip_set, sigma)
@@ -270,13 +312,21 @@ def shot_problem(model: Model, names: Sequence[str], clip_set: ClipSet, sigma: f
         if not clip.running:
             believe[clip.struck][: free_from(clip.balls[clip.struck], sigma)] = False
         trusted.append(believe)
-        sds.append({b: np.full(len(o.time), sigma) for b, o in clip.balls.items()})
         ends = {b: clip_set.table.to_pocket(o.xy[-1]) for b, o in clip.balls.items()}
         staying.append(tuple(b for b, far in ends.items() if far > POCKET_REACH * clip_set.ball.diameter))
     end = np.array([max(o.time[-1] for o in c.balls.values()) for c in clip_set.clips])
+    names_of = [(c.struck, *[b for b in c.balls if b != c.struck]) for c in clip_set.clips]
+    balls = [[c.balls[b] for b in own] for c, own in zip(clip_set.clips, names_of, strict=True)]
+    data = packed(
+        [[o.time for o in own] for own in balls], [[o.xy for o in own] for own in balls],
+        [[o.theta for o in own] for own in balls],
+        [[t[b] for b in own] for t, own in zip(trusted, names_of, strict=True)], rest,
+        [[b in s for b in own] for s, own in zip(staying, names_of, strict=True)], azimuth,
+        [c.order for c in clip_set.clips], [not c.running for c in clip_set.clips], np.zeros(n).tolist(),
+    )  # fmt: skip
     return ShotProblem(
         model, tuple(names), clip_set.clips, start, azimuth, Prior(mean, sd), tuple(rest), tuple(staying),
-        tuple(trusted), tuple(sds), np.full(n, theta_noise(clip_set.clips)), end,
+        tuple(trusted), data, np.full(data.theta.shape, sigma), np.full(n, theta_noise(clip_set.clips)), end,
     )  # fmt: skip
 
 

@@ -1,0 +1,229 @@
+"""Residuals of many shots, compiled: each is played by the event engine, seen by the camera and held against its clip.
+
+One call plays a row of own unknowns and constants for each residual vector that a fit asks for; nothing is kept of a
+play but its residuals, so that memory does not grow with the length of the clips.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.compiled import compiled
+from models.engine.loop import ROW, play_shot
+from models.engine.play import MOST, lay_out, over_threads
+from models.errors import BadInput
+from models.hooks import call_hook
+from models.model_file import Model
+from models.observe import camera, expose, see, unsee
+from models.spring import damping_table
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+OWN = 7  # own unknowns of the moving ball
+PLACE, ANGLE = 2, 1  # residuals of a sample: of its place, and of its mark's angle
+
+
+@dataclass(frozen=True)
+class ShotData:
+    """What was measured of shots, laid out for compiled code: n shots of at most b balls with s samples each.
+
+    The residuals of a shot stand ball after ball: places (2 s) and angles (s), with s the ball's own number of samples.
+    """
+
+    stamps: Array  # (n, m) [s], every time at which any ball was seen, inf beyond
+    begun: Array  # (n,) [s], the stamp at which each shot begins
+    azimuth: Array  # (n,) [rad], into which the own unknowns are turned
+    order: Array  # (n,) place of the shot in its session
+    struck: NDArray[np.bool_]  # (n,)
+    balls: Index  # (n,) how many there are
+    rest: Array  # (n, b, 2) [m], where the camera sees the others lie; the first is not used
+    stays: NDArray[np.bool_]  # (n, b), balls that no pocket takes
+    count: Index  # (n, b) samples of each ball
+    at: Index  # (n, b, s) number of a sample's stamp
+    xy: Array  # (n, b, s, 2) [m]
+    theta: Array  # (n, b, s) [rad], nan where no mark was seen
+    trusted: NDArray[np.bool_]  # (n, b, s) places to believe
+
+    @property
+    def size(self) -> int:
+        """Residuals of the longest shot."""
+        return int((3 * self.count.sum(axis=1)).max(initial=0))
+
+    def only(self, rows: Index) -> ShotData:
+        """Some of the shots."""
+        return dataclasses.replace(self, **{f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)})
+
+
+def packed(
+    times: Sequence[Sequence[Array]], places: Sequence[Sequence[Array]], angles: Sequence[Sequence[Array]],
+    trusted: Sequence[Sequence[NDArray[np.bool_]]], rest: Sequence[Array], stays: Sequence[Sequence[bool]],
+    azimuth: Array, order: Sequence[float], struck: Sequence[bool], begun: Sequence[float],
+) -> ShotData:  # fmt: skip
+    """Lay out shots: of each, the samples of every ball in turn, the struck one first; times count from its beginning."""
+    n, b = len(times), max((len(t) for t in times), default=1)
+    s = max((len(t) for shot in times for t in shot), default=0)
+    union = [np.unique(np.concatenate(shot)) for shot in times]
+    out = ShotData(
+        np.full((n, max((len(u) for u in union), default=0)), np.inf), np.array(begun, float), np.array(azimuth, float),
+        np.array(order, float), np.array(struck, bool), np.array([len(t) for t in times], np.int64),
+        np.zeros((n, b, 2)), np.zeros((n, b), bool), np.zeros((n, b), np.int64), np.zeros((n, b, s), np.int64),
+        np.zeros((n, b, s, 2)), np.full((n, b, s), np.nan), np.zeros((n, b, s), bool),
+    )  # fmt: skip
+    for k in range(n):
+        out.stamps[k, : len(union[k])] = union[k]
+        out.rest[k, 1 : 1 + len(rest[k])] = rest[k]
+        out.stays[k, : len(stays[k])] = stays[k]
+        for i, t in enumerate(times[k]):
+            own = len(t)
+            out.count[k, i] = own
+            out.at[k, i, :own] = np.searchsorted(union[k], t)
+            out.xy[k, i, :own], out.theta[k, i, :own] = places[k][i], angles[k][i]
+            out.trusted[k, i, :own] = trusted[k][i]
+    return out
+
+
+def residuals(
+    model: Model, names: Sequence[str], samples: ShotData, sd: Array, sd_theta: Array, horizon: Array, x: Array, c: Array,
+    which: Index, size: int,
+) -> Array:  # fmt: skip
+    """Residuals over their standard deviation of rows of unknowns: (k, size), nan where there is none.
+
+    Args:
+        model: table, ball and effects, for the event engine.
+        names: the constants that `c` has values of.
+        samples: what was measured of n shots.
+        sd: (n, b, s) of each sample's place [m].
+        sd_theta: (n,) of a mark's angle [rad].
+        horizon: (n,) until when a shot is looked at [s].
+        x: (k, p) own unknowns: place, velocity and surface speed of the first ball, displacement of each other one.
+        c: (k, q) constants.
+        which: (k,) numbers of the shots.
+        size: of a row of residuals.
+    """
+    k = len(x)
+    out = np.full((k, size), np.nan)
+    if k == 0:
+        return out
+    eyes = camera(model)
+    own = model.with_values({n: np.ascontiguousarray(c[:, j]) for j, n in enumerate(names)}) if names else model
+    game = lay_out(own, k)
+    hooks, pockets, table = game.hooks, game.pockets, damping_table()
+    faults = np.zeros(k, np.int64)
+    x = np.ascontiguousarray(x)
+
+    def part(first: int, last: int) -> None:
+        residual_rows(
+            first, last, x, which, samples.stamps, samples.begun, samples.azimuth, samples.order, samples.struck,
+            samples.balls, samples.rest, samples.stays, samples.count, samples.at, samples.xy, samples.theta,
+            samples.trusted, sd, sd_theta, horizon, hooks.own, hooks.forces, hooks.support, hooks.horizon, hooks.impact,
+            hooks.strike, hooks.observe, hooks.exposures, game.cloth, game.mass, game.radius, game.reach, game.half,
+            pockets.ends, pockets.jaws, pockets.falls, table, out, faults,
+        )  # fmt: skip
+
+    over_threads(part, k)
+    if (faults == BACKWARDS).any():
+        effects = ", ".join(e.name() for e in eyes if e.opens("exposures"))
+        raise BadInput(f"{effects}: exposures go backwards, or to before the shot; correct the effect or its bounds")
+    return out
+
+
+FINE, BACKWARDS, GIVEN_UP = 0, 1, 2
+LOST = 10.0  # residual of a sample that a play which does not come to its end leaves, over its standard deviation
+
+
+@compiled
+def residual_rows(  # type: ignore[no-untyped-def]
+    first, last, x, which, stamps, begun, azimuth, order, struck, balls, rest, stays, count, at, xy, theta, trusted, sd,
+    sd_theta, horizon, own, forces, support, horizons, impact, strike, observe, exposures, cloth, mass, radius, reach,
+    half, mouths, jaws, falls, table, out, faults,
+):  # fmt: skip
+    """See `residuals`."""
+    most = rest.shape[1]
+    track = np.zeros((stamps.shape[1], most, ROW))
+    position, velocity = np.zeros((stamps.shape[1], most, 2)), np.zeros((stamps.shape[1], most, 2))
+    log, who, counts, potted = np.zeros(0), np.zeros((0, 3), np.int64), np.zeros(4, np.int64), np.zeros(most, np.bool_)
+    start, place, cue = np.zeros((most, ROW)), np.zeros((most, 2)), np.zeros(7)
+    for row in range(first, last):
+        w = which[row]
+        n, here = balls[w], own[row].ctypes.data
+        cs, sn = math.cos(azimuth[w]), math.sin(azimuth[w])
+        u = x[row]
+        start[:] = 0.0
+        start[0, 0], start[0, 1] = u[0], u[1]
+        start[0, 2], start[0, 3] = cs * u[2] - sn * u[3], sn * u[2] + cs * u[3]
+        start[0, 4], start[0, 5] = (cs * u[4] - sn * u[5]) / radius, (sn * u[4] + cs * u[5]) / radius
+        start[0, 6] = u[6] / radius
+        for i in range(1, n):
+            place[i, 0], place[i, 1] = rest[w, i, 0] + u[5 + 2 * i], rest[w, i, 1] + u[6 + 2 * i]
+        if observe.shape[0] > 0 and n > 1:
+            unsee(place[1:n].copy(), here, observe, place[1:n])
+        for i in range(1, n):
+            start[i, 0], start[i, 1] = place[i, 0], place[i, 1]
+        launch = 0.0
+        if struck[w]:
+            cue[0], cue[1], cue[2], cue[3] = start[0, 2], start[0, 3], start[0, 4], start[0, 5]
+            cue[4], cue[5], cue[6] = start[0, 6], radius, mass
+            for k in range(strike.shape[0]):
+                call_hook(strike[k, 0], here + 8 * strike[k, 1], cue.ctypes.data)
+            for k in range(5):
+                start[0, 2 + k] = cue[k]
+            launch = math.sqrt(cue[0] * cue[0] + cue[1] * cue[1])
+        seen = 0
+        while seen < stamps.shape[1] and stamps[w, seen] <= horizon[w] + 1e-9:
+            seen += 1
+        if seen == 0:
+            continue
+        looked = stamps[w, :seen].copy()
+        moment = looked
+        if exposures.shape[0] > 0:
+            moment = expose(looked + begun[w], here, exposures)
+            since = expose(begun[w : w + 1], here, exposures)[0]
+            looked = moment - since
+            back = looked[0] < 0.0
+            for k in range(1, seen):
+                back = back or looked[k] < looked[k - 1]
+            if back:
+                faults[row] = BACKWARDS
+                continue
+        ended = play_shot(
+            start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row], mass, radius,
+            reach, half, mouths, jaws, falls, table, True, looked[seen - 1], MOST, looked, track[:seen, :n], log, who,
+            counts, potted[:n],
+        )  # fmt: skip
+        if not ended == ended:
+            faults[row] = GIVEN_UP
+        for i in range(n):
+            last_seen = 0
+            for k in range(seen):
+                if track[k, i, 0] == track[k, i, 0]:
+                    last_seen = k
+                position[k, i, 0], position[k, i, 1] = track[last_seen, i, 0], track[last_seen, i, 1]
+                velocity[k, i, 0], velocity[k, i, 1] = track[last_seen, i, 2], track[last_seen, i, 3]
+        if observe.shape[0] > 0:
+            see(position[:seen, :n], velocity[:seen, :n], moment, here, observe)
+        to = 0
+        for i in range(n):
+            marked, mean = 0, 0.0
+            for k in range(count[w, i]):
+                s = at[w, i, k]
+                if s >= seen:
+                    break
+                if trusted[w, i, k]:
+                    for axis in range(2):
+                        out[row, to + 2 * k + axis] = (position[s, i, axis] - xy[w, i, k, axis]) / sd[w, i, k]
+                angle = track[s, i, 7] - theta[w, i, k]
+                if angle == angle:
+                    marked, mean = marked + 1, mean + angle
+                    out[row, to + 2 * count[w, i] + k] = angle
+            # Where the mark began is unknown: the mean takes it out, as a free offset fitted beside the rest would.
+            if marked > 0:
+                for k in range(count[w, i]):
+                    at_angle = to + 2 * count[w, i] + k
+                    out[row, at_angle] = (out[row, at_angle] - mean / marked) / sd_theta[w]
+            to += 3 * count[w, i]
