@@ -15,7 +15,6 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model, catalogue
-from sysid.aside import Aside, shared
 from sysid.evidence import Candidate, Point, Score, Scores, candidate, with_candidate
 from sysid.own import ROBUST
 from sysid.problem import Array
@@ -136,17 +135,11 @@ def look(
     begun = begun or Begun(scored(clips, base, candidates, report))
     scores, known = begun.scores, {t.name: t for t in begun.fitted}
     chosen = shortlist(scores, share)
-    close = [s for s in chosen[1:2] if s.gain > CLOSE * chosen[0].gain and s.candidate.name not in known]
-    with Aside(lambda: [try_one(clips, base, score, lambda line: None) for score in close]) as rival:
 
-        def fitted(score: Score) -> Trial:
-            name = score.candidate.name
-            if close and name == close[0].candidate.name:
-                report(f"with {name}")
-                return rival.result()[0]
-            return known.get(name) or try_one(clips, base, score, report)
+    def fitted(score: Score) -> Trial:
+        return known.get(score.candidate.name) or try_one(clips, base, score, report)
 
-        trials = _trials(clips, base, scores, chosen, fitted, beside, report)
+    trials = _trials(clips, base, scores, chosen, fitted, beside, report)
     if trials:
         trials = _settle(clips, base, trials, report)
         best = max(trials, key=lambda t: t.evidence.delta_bic)
@@ -317,7 +310,7 @@ def _contested(clips: Clips, base: Stage, trials: list[Trial], by: Stage, tau: f
         return stage(clips, found, one)
 
     found = list(trials)
-    for k, new in zip(close, shared(again, len(close)), strict=True):
+    for k, new in zip(close, [again(n) for n in range(len(close))], strict=True):
         found[k] = dataclasses.replace(trials[k], stage=new, evidence=compare_stages(clips, base, new, by, tau))
     return found
 

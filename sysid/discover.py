@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from models.model_file import Model
-from sysid.aside import shared
 from sysid.clips import ClipSet
 from sysid.diagnose import MATTERS, NAMED, Round, candidates_for, lent, try_one
 from sysid.evidence import Candidate
@@ -105,7 +104,7 @@ def needed(clips: Clips, found: Discovery, report: Report) -> Discovery:
     """Without effects that were named beside a fit in a false optimum, and that the one found since does without."""
 
     def lacking(now: Stage, verdict: tuple[str, ...]) -> list[float]:
-        return shared(lambda k: missed(clips, now, verdict[k]), len(verdict))
+        return [missed(clips, now, name) for name in verdict]
 
     now, verdict = found.last, found.verdict
     while len(verdict) > 1:

@@ -15,7 +15,6 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model
-from sysid.aside import shared
 from sysid.own import ROBUST
 from sysid.problem import Array, Index, ShotProblem, constant_steps
 from sysid.solve import differences, eliminated, weights
@@ -226,12 +225,10 @@ def score_all(
     steps_c = constant_steps(problem.model, problem.names)
     r, jx, jc = differences(problem.evaluate, point.x, point.c, np.arange(n), problem.steps, steps_c)
 
-    def shown(k: int) -> tuple[Array, Array, bool]:
-        one = candidates[k]
-        found = of_strike(point, jx, one) if strikes_only(one.effect) else signature(point, r, one, quick)
-        return found.probe, found.columns, found.sudden
-
-    signatures = [Signature(one, *found) for one, found in zip(candidates, shared(shown, len(candidates)), strict=True)]
+    signatures = [
+        of_strike(point, jx, one) if strikes_only(one.effect) else signature(point, r, one, quick)
+        for one in candidates
+    ]
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
     j = np.concatenate([jc, extra], axis=2)
     information, score, _, _ = eliminated(r, jx, j, point.x, problem.prior, robust)

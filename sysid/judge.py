@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sysid.aside import Aside
 from sysid.diagnose import REST, Round, Trial, candidates_for, look, try_one
 from sysid.runs import believed, look_at_runs, promised
 from sysid.stages import Clips, Stage, followed, left_over
@@ -51,16 +50,12 @@ def judge(
     """
     runs, begun = None, None
     if smooth and formula and not followed(clips, now):
-        with Aside(lambda: promised(clips, now)) as own:
-            runs = look_at_runs(clips, now, report)
-            if runs is not None and runs.best is not None:
-                belief = believed(clips, now, runs.best, own.result, report)
-                if belief.stage is not None:
-                    return Judgement(runs, believed=belief.stage)
-                begun = belief.begun
-            else:
-                report("what whole shots promise themselves")
-                begun = own.result()
+        runs = look_at_runs(clips, now, report)
+        if runs is not None and runs.best is not None:
+            belief = believed(clips, now, runs.best, lambda: promised(clips, now), report)
+            if belief.stage is not None:
+                return Judgement(runs, believed=belief.stage)
+            begun = belief.begun
     known: list[Structure | None] = []
 
     def outside(base: Stage) -> Structure | None:

@@ -140,17 +140,13 @@ def write_outcome(
 ) -> Comparison:
     """model.toml, result.json, report.html and review.rrd; the comparison of the model that was found."""
     from models.model_file import write_model
-    from sysid.aside import shared
     from sysid.findings import discovery_lines, failures, result_of, sections
     from sysid.report import write_report
     from sysid.review import write_rrd
 
     ends = list(dict.fromkeys((0, len(found.stages) - 1)))
 
-    def compared_at(k: int) -> tuple[str, Comparison]:
-        return compare_at(ends[k], clip_set, found, progress if k == 0 else lambda line: None, command)
-
-    compared = shared(compared_at, len(ends))
+    compared = [compare_at(end, clip_set, found, progress, command) for end in ends]
     progress.close()
     last = compared[-1][1]
     write_model(last.model, out / "model.toml")
