@@ -3,7 +3,7 @@
 A way says which pocket, over which cushion the object ball goes, if any, and over which the cue ball comes to it. The
 pocket is mirrored in the object ball's cushion, the ghost ball (one diameter from the object ball, away from the
 pocket) in the cue ball's. That aim leaves out throw, swerve, squirt, spin at the cushion: so every combination of speed
-and tip offset is played at aims in a fan about it, in the analytic engine, and the aims are weighed by how often the
+and tip offset is played at aims in a fan about it, in the event engine, and the aims are weighed by how often the
 launcher's azimuth errs from one to the other. Sources: ghost-ball aiming (Alciatore), and what throw and swerve can be
 (Robotic Billiards 2015, section IV). Leaves out two cushions on one way, and combinations over other balls.
 """
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 THINNEST = math.radians(80)  # cut beyond which a ball is not aimed at
 STRAIGHT = math.radians(5)  # cut up to which a shot is called straight
 THROW = 0.12  # what throw may turn the object ball by, ample [rad]
+PUSH = 0.006  # what effects that push a ball may turn it by, more at long and slow shots [rad]
 CURVE = 0.045  # what swerve may turn the cue ball by at the tip's limit [rad]
 SOFT = 0.1  # more that a cushion, whose rebound is no mirror, asks of the fan, in widths of the ghost ball's diameter
 AIMS = 41  # in a fan
@@ -168,16 +169,17 @@ def starts(player: Player, found: list[Way], execution: Execution, wish: Wish, c
     """Play fans of aims along ways, and keep the best strokes that differ."""
     scene, launcher = player.scene, player.launcher
     base = combinations(launcher, scene)
+    pushed = any(e.opens("forces") for e in player.model.effects)
     parts, who = [], []
     for k, way in enumerate(found):
         # The model's own squirt is known: it is aimed off from the first.
         q = np.array(base)
         q[:, AZIMUTH] = way.aim
-        velocity = player.starts(q, {})[0]
-        q[:, AZIMUTH] -= np.arctan2(velocity[:, 1], velocity[:, 0]) - way.aim
+        q[:, AZIMUTH] -= player.deflection(q)
         side = np.abs(base[:, 2]) / (launcher.offset * scene.ball.radius)
         width = scene.ball.diameter / max(way.run, scene.ball.diameter)
         half = THROW * width + CURVE * side * min(1.0, way.run) + 0.002
+        half = half + PUSH * pushed
         if way.bank >= 0 or way.kick >= 0:
             half = half + SOFT * width + (0.06 if way.kick >= 0 else 0.0)
         fan = np.repeat(q[:, None], AIMS, axis=1)

@@ -1,8 +1,8 @@
 """Scenes on a fitted model as a dm_control task: `load` makes the environment of models/environment.py.
 
 Every reset deals one hand (planner/risk.py): errors of the launcher, and constants of the model drawn from its
-uncertainty. Shots are played with pocket jaws, in MuJoCo with all of the model's effects, or by the analytic engine,
-which is faster and knows of the base effects alone. The reward is planner/value.py's worth, from -foul to 1.
+uncertainty. Shots are played with pocket jaws and all of the model's effects, in MuJoCo, or by the event engine, which
+is faster. The reward is planner/value.py's worth, from -foul to 1.
 
 The action's offsets are those of the cue's axis, (R + r_t) / R farther out than the contact, and its azimuth is the
 cue's: where the model knows no squirt the ball leaves at that of models/analytic/cueing.py, as planner/stroke.py says.
@@ -126,7 +126,7 @@ def load(
         execution: how well the launcher repeats; where not given the model's own, or the usual.
         wish: what a shot is worth.
         seed: of all that is drawn.
-        mujoco: play in MuJoCo with all effects; otherwise in the analytic engine, with the base ones alone.
+        mujoco: play in MuJoCo; otherwise in the event engine.
         launcher: the default one where not given.
         balls: rows that are observed, the same in every episode; those of the scene, or 22 where scenes are drawn.
         threads: at most; 0 for all.

@@ -12,8 +12,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.engine import BALL
-from models.analytic.shot import Result
+from models.engine.play import Result
+from models.engine.touch import BALL, CUSHION
 from models.shot import Track
 from planner.scene import POCKETS, Pocket, Scene, pocket_places
 
@@ -86,9 +86,9 @@ def _judged(
 
 
 def of_result(scene: Scene, result: Result) -> Outcomes:
-    """Outcomes of shots of the analytic engine, which logged enough events."""
+    """Outcomes of shots of the event engine, which logged enough events."""
     kind, i, j = result.event[..., 0], result.event[..., 1], result.event[..., 2]
-    ball, cushion = kind == BALL, kind == 1
+    ball, cushion = kind == BALL, kind == CUSHION
     met = ball & (i == 0)
     n = len(kind)
     when = np.where(met.any(axis=1), np.argmax(met, axis=1), kind.shape[1])

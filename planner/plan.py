@@ -39,6 +39,7 @@ CLOUD = 500  # resting places kept
 EVERY, COARSE = 0.02, 0.08  # seconds between the points of a track, of the fan's
 LOST = 0.1  # part of the pots that the tolerance of the yaw may cost
 TURNS = np.concatenate([np.arange(0.0, 0.2, 0.01), np.arange(0.2, 1.0, 0.02), np.arange(1.0, 4.01, 0.1)])  # [degrees]
+TURNED = 256  # plays that a turn of the yaw is judged by
 COARSELY = 7  # of them at a time, before the one is sought at which too much is lost
 OTHERS = 4  # strokes of other kinds that are told
 
@@ -86,7 +87,7 @@ def make_plan(
     if not found:
         return head | {"stroke": None, "launcher": None, "alternatives": [], "why": why}
     say("tracks, and the tolerance of the yaw")
-    hands = deal(model, execution, effort.fresh if player.exact else effort.slow_fresh, seed + 1)
+    hands = deal(model, execution, effort.fresh, seed + 1)
     few = hands.first(FAN)
     best = found[0]
     plan = _told(player, best) | {"why": why}
@@ -116,14 +117,14 @@ def _paper(
     rows, _ = playable(player, q[None], np.zeros(1, np.int64))
     if len(rows) == 0:
         return [], "the stroke found lies beyond the launcher's strings"
-    hands = deal(player.model, execution, effort.fresh if player.exact else effort.slow_fresh, seed + 1)
-    judged = judge(player, hands, rows, wish, mujoco=not player.exact)[0]
+    hands = deal(player.model, execution, effort.fresh, seed + 1)
+    judged = judge(player, hands, rows, wish, mujoco=True)[0]
     away = 1e3 * math.sqrt(max(cost, 0.0))
     why = (
         f"differential evolution on the nominal model: the cue ball {away:.0f} mm from the wanted place, the path of "
         f"the ball within 55 mm of the {pocket}; launcher errors did not enter the choice"
     )
-    if not player.outcomes(rows).potted[0]:
+    if not player.play(rows).potted[0]:
         why += "; that far from its middle the jaws keep the ball out"
     return [Found(way, judged)], why
 
@@ -146,8 +147,8 @@ def _told(player: Player, found: Found) -> dict[str, Any]:
 
 def yaw_tolerance(player: Player, q: Array, execution: Execution, seed: int) -> list[float]:
     """How far the yaw may be off, below and above, before LOST of the pots is lost: two numbers [degrees]."""
-    hands = deal(player.model, execution, 256 if player.exact else 32, seed)
-    coarse, fine = TURNS[::COARSELY], COARSELY if player.exact else 2
+    hands = deal(player.model, execution, TURNED, seed)
+    coarse = TURNS[::COARSELY]
     both = np.concatenate([-coarse, coarse[1:]])
     potted = _potted(player, hands, q, both)
     least = (1 - LOST) * potted[0]
@@ -158,7 +159,7 @@ def yaw_tolerance(player: Player, q: Array, execution: Execution, seed: int) -> 
         if k == len(coarse):
             found.append(sign * float(coarse[-1]))
             continue
-        between = np.linspace(coarse[k - 1], coarse[k], fine + 1)[:-1] if k else np.zeros(1)
+        between = np.linspace(coarse[k - 1], coarse[k], COARSELY + 1)[:-1] if k else np.zeros(1)
         rates = np.r_[rates[max(k - 1, 0)], _potted(player, hands, q, sign * between[1:])]
         found.append(sign * float(between[np.flatnonzero(rates >= least)[-1]]) if k else 0.0)
     return [round(v, 3) + 0.0 for v in found]
@@ -170,7 +171,7 @@ def _potted(player: Player, hands: Hands, q: Array, turns: Array) -> Array:
         return np.zeros(0)
     turned = np.repeat(q[None], len(turns), axis=0)
     turned[:, AZIMUTH] += np.radians(turns)
-    potted = hands.play(player, turned, mujoco=not player.exact).potted
+    potted = hands.play(player, turned).potted
     return np.asarray(potted.reshape(len(turns), -1).mean(axis=1))
 
 

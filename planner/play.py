@@ -1,8 +1,8 @@
-"""Strokes played on a fitted model: thousands a moment by the compiled analytic engine, or in MuJoCo with all effects.
+"""Strokes played on a fitted model: thousands a moment by the event engine, or in MuJoCo.
 
-Where a model holds nothing that the analytic engine lacks (decoupled cloth, impacts with constant coefficients, what
-the cue delivers), both agree to rounding and the engine speaks for the model; otherwise it screens, and MuJoCo judges.
-Pockets have jaws in both. What a camera sees is left out: it changes no shot.
+Both play all of the model's effects, with jaws at the pockets. The engine (models/engine) is what a search looks with;
+MuJoCo is the second opinion that finalists are judged by. A model that edits the MJCF is played in MuJoCo alone, which
+takes a search ten times as long. What a camera sees is left out: it changes no shot.
 """
 
 from __future__ import annotations
@@ -13,27 +13,24 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic import shot as analytic
-from models.effect import Effect
+from models.engine.play import finish, lacking
 from models.errors import BadInput
+from models.hooks import hooks_of
+from models.impacts import strike_rows
 from models.model_file import Model
 from models.shot import GRAVITY, Shot, Track
 from models.simulate import simulate
 from planner.outcome import Outcomes, joined, of_result, of_tracks
 from planner.scene import Scene
-from planner.stroke import SPEED, Launcher, launch
+from planner.stroke import AZIMUTH, SPEED, Launcher, launch
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Array]  # constants of the model, by name: (n,)
-CONSTANTS = {
-    "decoupled_cloth.slide": "slide", "decoupled_cloth.roll": "roll", "decoupled_cloth.spin": "spin",
-    "ball_impact.restitution": "ball_restitution", "ball_impact.friction": "ball_friction",
-    "cushion_impact.restitution": "cushion_restitution", "cushion_impact.friction": "cushion_friction",
-}  # fmt: skip
 EVENTS = 48  # logged of a shot
 MOST = 3000  # events after which a shot is given up, as no one plans for it
 CHUNK = 20_000  # shots at a time: bounds the memory of their logs
 SPARE = 2.0  # on how long a ball can roll from its first speed
+PLAYS = ("edit", "forces", "horizon", "impact", "strike")  # hooks through which an effect changes a shot
 
 
 class Player:
@@ -46,30 +43,31 @@ class Player:
                 f"the scene's table and ball, {_size(scene)}, are not the model's, {_size(model)}; "
                 "give a model that was fitted to this table"
             )
-        doors = ("edit", "forces", "horizon", "impact", "strike")
-        acting = tuple(e for e in model.stack()[1:] if e.opens(*doors) or e.slot)
+        acting = tuple(e for e in model.stack()[1:] if e.opens(*PLAYS) or e.slot)
         self.model = dataclasses.replace(model, effects=acting)
-        names = {e.name() for e in acting}
-        base = {name.split(".")[0] for name in CONSTANTS}
-        if not base <= names:
-            lacking = ", ".join(sorted(base - names))
-            raise BadInput(f"the model lacks {lacking}; fit one that starts from the base (sysid fit CLIPS)")
-        self.strikes: tuple[Effect, ...] = tuple(e for e in acting if e.name() not in base and e.opens("strike"))
-        beyond = [e for e in acting if e.name() not in base and e.opens("edit", "forces", "horizon", "impact")]
-        self.exact = not beyond
-        self.beyond = tuple(e.name() for e in beyond)
+        plain = tuple(e for e in acting if e.slot == "cloth" or not e.opens("edit"))
+        if why := lacking(dataclasses.replace(model, effects=plain)):
+            raise BadInput(
+                f"the model cannot be planned on: {why}; fit one that starts from the base (sysid fit CLIPS)"
+            )
+        self.in_mujoco_alone = len(plain) < len(acting)
         self.scene, self.launcher, self.threads = scene, launcher, threads
 
-    def starts(self, q: Array, values: Values) -> tuple[Array, Array]:
-        """Velocity and spin of the cue ball as its model says: (n, 2), (n, 3)."""
+    def deflection(self, q: Array) -> Array:
+        """How far to the left of its azimuth the ball leaves, as the model's cue delivers it: (n,) [rad]."""
         velocity, spin = launch(q, self.launcher.elevation, self.scene.ball)
-        for effect in self.strikes:
-            own = {k.split(".")[1]: v for k, v in values.items() if k.split(".")[0] == effect.name()}
-            velocity, spin = dataclasses.replace(effect, **own).strike(self.scene.ball, velocity, spin)
-        return velocity, spin
+        v, w = velocity[:, None].copy(), spin[:, None].copy()
+        hooks = hooks_of(self.model.stack()[1:], len(q))
+        ball = self.scene.ball
+        struck = np.ones(len(q), np.bool_)
+        strike_rows(hooks.own, hooks.strike, ball.radius, ball.mass, struck, v, w)  # type: ignore[no-untyped-call]
+        turned = np.arctan2(v[:, 0, 1], v[:, 0, 0]) - q[:, AZIMUTH]
+        return np.asarray((turned + np.pi) % (2 * np.pi) - np.pi)
 
     def screen(self, q: Array, values: Values | None = None) -> Outcomes:
-        """Play strokes (n, 4) in the analytic engine, with the model's constants or (n,) of one's own each."""
+        """Play strokes (n, 4) in the event engine, with the model's constants or (n,) of one's own each."""
+        if self.in_mujoco_alone:
+            return self.play(q, values)
         values = values or {}
         parts = [self._screen(q[k : k + CHUNK], {n: v[k : k + CHUNK] for n, v in values.items()})
                  for k in range(0, len(q), CHUNK)]  # fmt: skip
@@ -79,27 +77,23 @@ class Player:
         scene, n = self.scene, len(q)
         balls = len(scene.names)
         v, w = np.zeros((n, balls, 2)), np.zeros((n, balls, 3))
-        v[:, 0], w[:, 0] = self.starts(q, values)
-        result = analytic.finish(
-            scene.table, scene.ball, self.constants(values), np.broadcast_to(scene.position, (n, balls, 2)), v, w,
-            events=EVENTS, threads=self.threads, jaws=True, most=MOST,
+        v[:, 0], w[:, 0] = launch(q, self.launcher.elevation, scene.ball)
+        result = finish(
+            self.model.with_values(values), np.broadcast_to(scene.position, (n, balls, 2)), v, w, events=EVENTS,
+            threads=self.threads, jaws=True, most=MOST,
         )  # fmt: skip
         return of_result(scene, result)
 
-    def constants(self, values: Values) -> analytic.Constants:
-        """The analytic engine's constants."""
-        known = self.model.parameters()
-        return analytic.Constants(**{own: values.get(name, known[name]) for name, own in CONSTANTS.items()})
-
     def play(self, q: Array, values: Values | None = None) -> Outcomes:
-        """The same in MuJoCo, with all effects."""
+        """The same in MuJoCo."""
         return of_tracks(self.scene, self.tracks(q, values))
 
     def tracks(self, q: Array, values: Values | None = None, *, every: float = 0.0, jaws: bool = True) -> list[Track]:
         """Tracks in MuJoCo until everything rests, sampled `every` so many seconds, or at the ends only."""
         scene, n = self.scene, len(q)
         velocity, spin = launch(q, self.launcher.elevation, scene.ball)
-        roll = float(np.min(self.model.parameters()["decoupled_cloth.roll"]))
+        cloth = next(e for e in self.model.effects if e.slot == "cloth")
+        roll = float(np.min(getattr(cloth, "roll")))  # noqa: B009 (no field of every effect)
         longest = SPARE * q[:, SPEED] / (roll * GRAVITY) + 1.0
         balls, shots = len(scene.names), []
         for k in range(n):
@@ -108,12 +102,8 @@ class Player:
             end = float(longest[k])
             times = np.arange(0.0, end, every) if every else np.array([0.0, end])
             shots.append(Shot(scene.names, scene.position, v, w, times))
-        model = self.model.with_values(dict(values)) if values else self.model
+        model = dataclasses.replace(self.model, engine="mujoco").with_values(values or {})
         return simulate(model, shots, threads=self.threads, jaws=jaws)
-
-    def outcomes(self, q: Array, values: Values | None = None) -> Outcomes:
-        """By the engine where it speaks for the model, in MuJoCo otherwise."""
-        return self.screen(q, values) if self.exact else self.play(q, values)
 
 
 def _size(what: Scene | Model) -> str:

@@ -1,12 +1,13 @@
 """The search: many strokes screened, the best refined against the launcher's errors, a few judged anew.
 
-1. Fans of aims along every open way, in the analytic engine (planner/candidates.py).
+1. Fans of aims along every open way (planner/candidates.py).
 2. The cross-entropy method (Rubinstein 1999) from each of the best: strokes are drawn about a mean, judged over common
    hands, and mean and spread follow the best of them. All starts go side by side; again and again the worse half is
    given up and the other judged over twice as many hands (successive halving, Jamieson and Talwalkar 2016).
-3. Where the model holds effects that the engine lacks, the same with fewer strokes and hands in MuJoCo, from the best.
-4. The few that remain are made playable (string, stage steps) and judged over hands that the search has not seen: the
-   best of many is partly the luckiest, and its old figures would promise too much.
+3. Those that remain are made playable (string, stage steps), and the best few of them judged in MuJoCo over hands that
+   the search has not seen: the best of many is partly the luckiest, and its old figures would promise too much.
+
+All plays but the last are the event engine's, with all of the model's effects.
 """
 
 from __future__ import annotations
@@ -43,13 +44,7 @@ class Effort:
     hands: int = 16  # that a drawn stroke is judged over; twice as many each time
     finalists: int = 6  # that are compared more closely
     closely: int = 256  # hands for that
-    fresh: int = 1024  # hands that the offered ones are judged over, not seen before
-    slow_starts: int = 3  # the same in MuJoCo
-    slow_strokes: int = 12
-    slow_best: int = 4
-    slow_rounds: int = 3
-    slow_hands: int = 16
-    slow_fresh: int = 256
+    fresh: int = 1024  # hands that the offered ones are judged over in MuJoCo, not seen before
 
 
 @dataclass(frozen=True)
@@ -86,30 +81,14 @@ def search(
     shape = (effort.strokes, effort.best, effort.rounds)
     few = [hands.first(effort.hands << k) for k in range(effort.halved + 1)]
     q, live = refine(player, few, begun.q, wish, rng, shape)
-    ways_of = begun.way[live]
-    if player.exact:
-        q, way = playable(player, q, ways_of)
-        if len(q) == 0:
-            return []
-        close = judge(player, hands, q, wish)
-        order = np.argsort([-j.value for j in close], kind="stable")[: effort.finalists]
-        fresh = deal(player.model, execution, effort.fresh, seed + 1)
-        say(f"judging {len(order)} strokes over {len(fresh)} plays")
-        final = judge(player, fresh, q[order], wish)
-    else:
-        close = judge(player, hands, q, wish)
-        order = _spread([-j.value for j in close], ways_of, effort.slow_starts)
-        say(f"refining {len(order)} strokes in MuJoCo, with {', '.join(player.beyond)}")
-        shape = (effort.slow_strokes, effort.slow_best, effort.slow_rounds)
-        few = [hands.first(effort.slow_hands)]
-        q, live = refine(player, few, q[order], wish, rng, shape, mujoco=True)
-        q, way = playable(player, q, ways_of[order[live]])
-        if len(q) == 0:
-            return []
-        order = np.arange(len(q))
-        fresh = deal(player.model, execution, effort.slow_fresh, seed + 1)
-        say(f"judging {len(order)} strokes over {len(fresh)} plays in MuJoCo")
-        final = judge(player, fresh, q, wish, mujoco=True)
+    q, way = playable(player, q, begun.way[live])
+    if len(q) == 0:
+        return []
+    close = judge(player, hands, q, wish)
+    order = np.argsort([-j.value for j in close], kind="stable")[: effort.finalists]
+    fresh = deal(player.model, execution, effort.fresh, seed + 1)
+    say(f"judging {len(order)} strokes over {len(fresh)} plays in MuJoCo")
+    final = judge(player, fresh, q[order], wish, mujoco=True)
     offered = sorted(zip(way[order], final, strict=True), key=lambda pair: -pair[1].value)
     return _kinds(player, [Found(_really(player, open_ways, int(w), j), j) for w, j in offered if j.made >= LEAST])
 
@@ -132,18 +111,9 @@ def playable(player: Player, q: Array, way: NDArray[np.int64]) -> tuple[Array, N
     return q[allowed], way[allowed]
 
 
-def _spread(cost: list[float], way: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """The cheapest few, the first two of different ways where there are."""
-    order = np.argsort(cost, kind="stable")
-    first = order[:1]
-    other = [k for k in order if way[k] != way[order[0]]][:1]
-    rest = [k for k in order[1:] if k not in other]
-    return np.array([*first, *other, *rest][:count], int)
-
-
 def refine(
     player: Player, hands: Sequence[Hands], q: Array, wish: Wish, rng: np.random.Generator,
-    shape: tuple[int, int, int], *, mujoco: bool = False,
+    shape: tuple[int, int, int],
 ) -> tuple[Array, NDArray[np.int64]]:  # fmt: skip
     """Strokes (n, 4) moved to where they are worth most over the hands, and which of the given ones they were.
 
@@ -153,13 +123,11 @@ def refine(
     strokes, best, rounds = shape
     ball, launcher = player.scene.ball, player.launcher
     n, limit = len(q), launcher.offset * ball.radius
-    # As wide as the fans' grid is coarse; the azimuth as wide as what the engine lacks may turn a ball by.
+    # As wide as the fans' grid is coarse.
     sd = np.empty((n, 4))
     sd[:, SPEED] = 0.12 * q[:, SPEED]
-    sd[:, AZIMUTH] = 0.006 if mujoco else np.maximum(0.002, 1.5 * hands[0].execution.azimuth_sd)
+    sd[:, AZIMUTH] = max(0.002, 1.5 * hands[0].execution.azimuth_sd)
     sd[:, [SIDE, HEIGHT]] = 0.2 * limit
-    if mujoco:
-        sd[:, [SPEED, SIDE, HEIGHT]] *= 0.35
     mean, at, live = q.copy(), q.copy(), np.arange(n)
     for number, some in enumerate(hands):
         top = np.full(n, -np.inf)  # over other hands a worth is another
@@ -167,7 +135,7 @@ def refine(
             drawn = mean[live, None] + sd[live, None] * rng.standard_normal((live.size, strokes, 4))
             drawn[:, 0] = at[live]  # the best so far stays among them
             flat = within(player, drawn.reshape(-1, 4))
-            values = np.array([j.value for j in judge(player, some, flat, wish, mujoco=mujoco)]).reshape(-1, strokes)
+            values = np.array([j.value for j in judge(player, some, flat, wish)]).reshape(-1, strokes)
             drawn = flat.reshape(-1, strokes, 4)
             order = np.argsort(-values, axis=1, kind="stable")[:, :best]
             chosen = np.take_along_axis(drawn, order[..., None], axis=1)
@@ -180,7 +148,7 @@ def refine(
             live = np.sort(live[np.argsort(-top[live], kind="stable")[: max(1, (live.size + 1) // 2)]])
     n, mean, at = live.size, mean[live], at[live]
     last = within(player, mean)
-    mine = np.array([j.value for j in judge(player, hands[-1], np.concatenate([last, at]), wish, mujoco=mujoco)])
+    mine = np.array([j.value for j in judge(player, hands[-1], np.concatenate([last, at]), wish)])
     # The mean of the best is less lucky than the best of all: it need not be quite as good.
     return np.where((mine[:n] >= mine[n:] - 0.01)[:, None], last, at), live
 

@@ -49,6 +49,7 @@ FREE = 0.01  # of the object ball from a cushion [m]
 CUT = math.radians(65)  # beyond which no one would call the pocket
 TRIES = 2000  # scenes drawn for one that can be played
 FANNED = 512  # strokes drawn for one that pots
+CHOSEN = 64  # plays that the ceiling's strokes are put in order by, before they are judged anew
 EVERY, FINEST = 0.04, 4  # between the points of a track [s]; decimals that are kept of places [m]
 # How well constants are known that a model tells no uncertainty of: estimates.
 PRIORS = {
@@ -152,8 +153,7 @@ def _reachable(player: Player, way: Way, rng: np.random.Generator) -> Array | No
     q = np.empty((FANNED, 4))
     q[:, SIDE], q[:, HEIGHT], q[:, AZIMUTH] = off * np.cos(angle), off * np.sin(angle), way.aim
     q[:, SPEED] = rng.uniform(launcher.slowest, launcher.fastest, FANNED) * launcher.gain(q, scene.ball)
-    velocity = player.starts(q, {})[0]
-    q[:, AZIMUTH] -= np.arctan2(velocity[:, 1], velocity[:, 0]) - way.aim  # the model's own squirt
+    q[:, AZIMUTH] -= player.deflection(q)  # the model's own squirt
     width = scene.ball.diameter / max(way.run, scene.ball.diameter)
     half = THROW * width + CURVE * np.abs(q[:, SIDE]) / limit * min(1.0, way.run) + 0.002
     q[:, AZIMUTH] += half * rng.uniform(-1, 1, FANNED)
@@ -254,11 +254,9 @@ def _told(study: Study, number: int, player: Player, truth: Player, hands: Hands
     if q is None:
         none = {"potted": 0.0, "made": 0.0, "foul": 0.0, "fouls": dict.fromkeys(FOULS, 0.0), "away": []}
         return {"stroke": None, "predicted": None, "seen": none | {"median": None, "median_all": None}}
-    effort = study.effort
-    count = effort.fresh if player.exact else effort.slow_fresh
     # The plays by which the search chose among its last few: what a plan file promises.
-    fresh = deal(player.model, study.execution, count, study.number(number, PLAN) + 1)
-    judged = judge(player, fresh, q[None], study.wish, mujoco=not player.exact)[0]
+    fresh = deal(player.model, study.execution, study.effort.fresh, study.number(number, PLAN) + 1)
+    judged = judge(player, fresh, q[None], study.wish, mujoco=True)[0]
     tracks = moving(player.tracks(q[None], every=EVERY)[0])
     return {
         "stroke": stroke_terms(player.launcher, q), "predicted": judged.figures(player.scene),
@@ -285,7 +283,7 @@ def _ceiling(
     study: Study, number: int, truth: Player, hands: Hands, strokes: list[tuple[str, Array]]
 ) -> dict[str, Any]:
     """The best pot that the truth allows: chosen on plays of its own, told on the planners'."""
-    effort = dataclasses.replace(study.effort, slow_starts=study.effort.slow_starts + 1, slow_fresh=64)
+    effort = dataclasses.replace(study.effort, fresh=min(study.effort.fresh, CHOSEN))
     asked = Wish(rest=0.0, foul=0.0)
     found = search(truth, study.execution, asked, seed=study.number(number, CHOICE), effort=effort)
     offered = [("search", f.judged.q) for f in found] + strokes

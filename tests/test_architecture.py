@@ -171,25 +171,83 @@ def test_no_text_names_a_folder_of_some_machine() -> None:
     assert found == []
 
 
-def cache_of(checkout: Path, **environment: str) -> str:
-    """Where compiled code of a checkout is kept."""
-    code = "import os, models; print(os.environ['NUMBA_CACHE_DIR'])"
-    clean = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=checkout, env=clean | environment, capture_output=True, text=True, check=True
-    )
-    return Path(done.stdout.strip()).name
-
-
-def test_a_change_in_any_compiled_file_leaves_the_old_code_behind(tmp_path: Path) -> None:
-    copy = tmp_path / "checkout"
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the models, nothing of which has been compiled."""
+    copy = tmp_path_factory.mktemp("copy") / "checkout"
     shutil.copytree(ROOT / "models", copy / "models", ignore=shutil.ignore_patterns("__pycache__"))
-    before = cache_of(copy)
-    assert before == cache_of(copy) == cache_of(ROOT)
-    for name in ("view.py", "shot.py", "analytic/coulomb.py"):
-        file = copy / "models" / name
+    return copy
+
+
+def told_by(code: str, checkout: Path, **environment: str) -> str:
+    """What a program prints that imports the models of a checkout."""
+    env = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | environment
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=checkout, env=env, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_an_import_sets_no_variable_and_compiles_nothing() -> None:
+    code = """
+import os, sys
+import mujoco  # it chooses a renderer
+before = dict(os.environ)
+import models.simulate, models.observe, models.engine.play, sysid.fit, planner.search, robot.play
+from numba.core.dispatcher import Dispatcher
+from models.hooks import address
+made = [f for m in list(sys.modules.values()) for f in vars(m).values() if isinstance(f, Dispatcher)
+        and f.py_func.__module__.startswith("models.")]
+assert dict(os.environ) == before, set(os.environ.items()) ^ set(before.items())
+assert address.cache_info().currsize == 0
+print(len(made), sum(len(f.signatures) for f in made))
+"""
+    functions, compiled = map(int, told_by(code, ROOT).split())
+    assert functions > 50
+    assert compiled == 0
+
+
+def test_a_change_in_any_source_of_the_models_leaves_the_old_code_behind(checkout: Path) -> None:
+    def stamp() -> str:
+        return told_by("from models.compiled import stamp; print(stamp())", checkout)
+
+    before = stamp()
+    assert before == stamp()
+    for name in ("view.py", "shot.py", "analytic/coulomb.py", "effects/squirt.py"):
+        file = checkout / "models" / name
         file.write_text(file.read_text() + "\n")
-        after = cache_of(copy)
-        assert (after == before) is (name == "view.py"), "nothing compiled uses views; constants of shots are frozen in"
+        after = stamp()
+        assert after != before
         before = after
-    assert cache_of(copy, NUMBA_CACHE_DIR="/somewhere/mine") == "mine"
+
+
+HITS = """
+from models.analytic.cloth import turned
+turned(2.0, 1.0, 0.5)
+print(sum(turned.stats.cache_hits.values()))
+"""
+
+
+def test_compiled_code_is_read_again_until_a_source_changes(checkout: Path) -> None:
+    assert [told_by(HITS, checkout) for _ in range(2)] == ["0", "1"]
+    assert list((checkout / "models/analytic/__pycache__/compiled").glob("cloth.turned*.nbi"))
+    file = checkout / "models" / "shot.py"
+    file.write_text(file.read_text() + "\n")
+    assert [told_by(HITS, checkout) for _ in range(2)] == ["0", "1"]
+
+
+def test_a_checkout_that_cannot_be_written_uses_the_user_s_cache(checkout: Path, tmp_path: Path) -> None:
+    kept = checkout / "models" / "analytic" / "__pycache__"
+    shutil.rmtree(kept, ignore_errors=True)
+    kept.touch()  # no folder can be made there, whoever asks
+    try:
+        for variable in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
+            folder = tmp_path / variable
+            assert [told_by(HITS, checkout, **{variable: str(folder)}) for _ in range(2)] == ["0", "1"]
+            assert list(folder.glob("cuelab/*/cloth.turned*.nbi"))
+        nowhere = tmp_path / "file"
+        nowhere.touch()
+        assert [told_by(HITS, checkout, XDG_CACHE_HOME=str(nowhere)) for _ in range(2)] == ["0", "0"], "none is needed"
+    finally:
+        kept.unlink()

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.analytic import shot as analytic
+from models.engine.play import finish
 from models.effects.squirt import Squirt
 from models.effects.table_tilt import TableTilt
 from models.model_file import full_model
@@ -33,7 +33,6 @@ from tests.test_planner import AWAY, BALL, HALF, MODEL, TABLE, R, fitted, ready,
 
 QUICK = Effort(
     starts=6, strokes=12, best=4, rounds=3, halved=1, hands=16, finalists=3, closely=64, fresh=256,
-    slow_starts=2, slow_strokes=10, slow_best=3, slow_rounds=4, slow_hands=8, slow_fresh=64,
 )  # fmt: skip
 EXACT = Execution(0.0, 0.0, 0.0, 0.0)
 REACH = TABLE.reach(BALL)
@@ -242,11 +241,13 @@ def test_the_published_stroke() -> None:
     v, w = np.zeros((4, 2, 2)), np.zeros((4, 2, 3))
     v[:, 0], w[:, 0] = launch(q, 0.0, BALL)
     start = np.broadcast_to(PUBLISHED.position, (4, 2, 2))
-    constants = analytic.Constants(slide=0.212)
-    result = analytic.finish(PAPER, BALL, constants, start, v, w)
+    model = full_model(PAPER, BALL).with_values(
+        {"decoupled_cloth.slide": 0.212, "ball_impact.restitution": 0.89, "cushion_impact.restitution": 0.98}
+    )
+    result = finish(model, start, v, w)
     assert PUBLISHED.goal.rest is not None
     assert np.hypot(*(result.position[:, 0] - PUBLISHED.goal.rest).T).max() < 0.110
-    early = analytic.finish(PAPER, BALL, constants, start, v, w, 0.4).position[:, 1]
+    early = finish(model, start, v, w, 0.4).position[:, 1]
     line = early - PUBLISHED.position[1]
     assert np.degrees(np.arctan2(line[:, 1], line[:, 0])) + 90 == pytest.approx(np.full(4, 49.7), abs=1.0)
     to = pocket_places(PAPER)[0, -1] - PUBLISHED.position[1]

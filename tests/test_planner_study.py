@@ -42,7 +42,6 @@ from tests.clip_samples import refusal
 
 QUICK = Effort(
     starts=3, strokes=6, best=2, rounds=1, halved=1, hands=8, finalists=2, closely=16, fresh=64,
-    slow_starts=1, slow_strokes=2, slow_best=1, slow_rounds=1, slow_hands=4, slow_fresh=16,
 )  # fmt: skip
 MODEL = usual_model()
 STUDY = Study(MODEL, method="risk", plays=24, effort=QUICK)

@@ -213,7 +213,7 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
             continue
         if bent and gap < -CLOSED and in_mouth(b[o], rail, half, mouths):
             # Between the jaws, beyond the line: once it has come out, it is looked at again.
-            t = _to_line(b, m, CURVE, k, -sign, -reach[k] - CLOSED, now, end)
+            t = _to_line(b, m, CURVE, k, -sign, -reach[k], now, end)
             if t != np.inf and t != -1.0 and t < b[MEET]:
                 b[MEET], what[i, 0] = t, SWITCH
             continue

@@ -141,8 +141,7 @@ class Running:
         """Start it; of those that run beside each other, every one has a `slot` of its own."""
         self.slot = slot
         self.entry, self.mark, self.out, self.limit = entry, mark, out, limit
-        # The folder of compiled code is chosen by the sources of now: a child must choose for itself.
-        env = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | dict.fromkeys(ONE_THREAD, "1")
+        env = os.environ | dict.fromkeys(ONE_THREAD, "1")
         result_path(entry.name, out).unlink(missing_ok=True)
         self.errors = out / "results" / f".{entry.name}.stderr"
         self.errors.parent.mkdir(parents=True, exist_ok=True)

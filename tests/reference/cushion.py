@@ -1,4 +1,4 @@
-"""A ball and a cushion: two models behind one call.
+"""A ball and a cushion as others have it: Han's law, measured rebounds, and one call for the 2010 impulse model.
 
 `mathavan2010`: nose at 7/5 R, rigid, friction at nose and cloth, energetic restitution, the ball stays on the cloth
 (Mathavan, Jackson, Parkin 2010; models/analytic/impulse.py). `han2005`: a free ball meets the nose once,
@@ -12,43 +12,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.analytic.coulomb import STEPS
 from models.analytic.impulse import collide
-from models.compiled import compiled
 from models.shot import NOSE_COSINE, NOSE_SINE, Ball
 
 Array = NDArray[np.float64]
-
-
-class Law(IntEnum):
-    """The cushion models."""
-
-    MATHAVAN2010 = 0
-    HAN2005 = 1
-
-
-def law_of(name: str | Law) -> Law:
-    """The model of a name, "mathavan2010" or "han2005"."""
-    if isinstance(name, Law):
-        return name
-    known = {law.name.lower(): law for law in Law}
-    if name not in known:
-        raise ValueError(f"cushion law {name!r} is unknown; choose from {', '.join(known)}")
-    return known[name]
+Restitution = float | Callable[[float], ArrayLike]
 
 
 @dataclass(frozen=True)
 class TwoPiece:
     """Restitution that falls beyond a normal speed: the figure with which the 2010 model meets its own measurements."""
 
-    low: float = 0.98  # [1], bounds 0 to 1; Mathavan 2010
-    slope: float = 0.10  # [s/m], bounds 0 to 0.5; from the markers of Mathavan 2010 fig. 7
-    knee: float = 2.1  # [m/s], bounds 0 to 10; the same
+    low: float = 0.98  # [1]; Mathavan 2010
+    slope: float = 0.10  # [s/m]; from the markers of Mathavan 2010 fig. 7
+    knee: float = 2.1  # [m/s]; the same
 
     def __call__(self, speed: ArrayLike) -> Array:
         """Restitution at normal speeds [m/s]."""
@@ -67,16 +49,15 @@ def rolling_rebound(speed: ArrayLike) -> Array:
     return -0.0877 * v * v + 1.131 * v - 0.0953
 
 
-@compiled
-def han(state: Array, e: float, mu: float, radius: float) -> None:
+def han2005(state: Array, e: float, friction: float, radius: float) -> None:
     """Han's impact of a state (va, vb, wa, wb, wz), b into the cushion, in place."""
     if state[1] <= 0.0:
         return
     p = (1.0 + e) * state[1] * NOSE_COSINE
     sx = state[0] + radius * (state[3] * NOSE_SINE - state[4] * NOSE_COSINE)
     sy = -state[1] * NOSE_SINE + radius * state[2]
-    size = math.sqrt(sx * sx + sy * sy)
-    rub = min(mu * p, 2.0 / 7.0 * size) / size if size > 0.0 else 0.0
+    size = math.hypot(sx, sy)
+    rub = min(friction * p, 2.0 / 7.0 * size) / size if size > 0.0 else 0.0
     fx, fy = -rub * sx, -rub * sy
     state[0] += fx
     state[1] -= p * NOSE_COSINE + fy * NOSE_SINE
@@ -85,25 +66,14 @@ def han(state: Array, e: float, mu: float, radius: float) -> None:
     state[4] -= 2.5 / radius * fx * NOSE_COSINE
 
 
-@compiled
-def rebound(law: int, state: Array, e: float, friction: tuple[float, float, float, float]) -> None:
-    """Carry a state (va, vb, wa, wb, wz) through an impact by either law, in place; `friction` as in `collide`."""
-    if law == 1:
-        han(state, e, friction[0], friction[3])
-    else:
-        collide(True, state, e, friction)
-
-
-Restitution = float | Callable[[float], ArrayLike]
-
-
 def collide_cushion(
     velocity: ArrayLike, spin: ArrayLike, normal: ArrayLike, ball: Ball, *, restitution: Restitution, friction: float,
-    cloth: float, law: str | Law = Law.MATHAVAN2010, steps: int = STEPS,
+    cloth: float = 0.0, law: str = "mathavan2010", steps: int = STEPS,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Velocity (2,) [m/s] and spin (3,) [rad/s] after an impact.
 
-    `normal` (2,) points into the cushion; a restitution may be a function of the normal speed [m/s].
+    `normal` (2,) points into the cushion; a restitution may be a function of the normal speed [m/s]; `law` is
+    "mathavan2010" or "han2005", which knows no cloth.
     """
     b = np.asarray(normal, float)[:2] / np.linalg.norm(np.asarray(normal, float)[:2])
     turn = np.array([[b[1], -b[0]], [b[0], b[1]]])
@@ -111,8 +81,8 @@ def collide_cushion(
     state = np.concatenate([turn @ np.asarray(velocity, float)[:2], turn @ w[:2], w[2:3]])
     speed = max(float(state[1]), 0.0)
     e = float(np.asarray(restitution(speed))) if callable(restitution) else float(restitution)
-    if law_of(law) is Law.HAN2005:
-        han(state, e, float(friction), ball.radius)
+    if law == "han2005":
+        han2005(state, e, float(friction), ball.radius)
     else:
         collide(True, state, e, (float(friction), float(cloth), ball.mass, ball.radius), steps)
     return turn.T @ state[:2], np.concatenate([turn.T @ state[2:4], state[4:5]])

@@ -1,0 +1,1 @@
+"""Published formulas and figures that only tests hold the project against."""
