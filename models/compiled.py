@@ -102,7 +102,16 @@ def _kept(function: Callable[..., Any]) -> Any:
 
 def compiled(function: Function) -> Function:
     """Compile a function on its first call, without the GIL while it runs, and keep it on disk."""
-    dispatcher = numba.njit(**OPTIONS)(function)
+    return _dispatcher(function, OPTIONS)
+
+
+def compiled_sums(function: Function) -> Function:
+    """The same where sums may be taken in any order, which is fixed by the compiler: four at a time."""
+    return _dispatcher(function, {**OPTIONS, "fastmath": {"reassoc", "contract", "nsz"}})
+
+
+def _dispatcher(function: Function, options: dict[str, Any]) -> Function:
+    dispatcher = numba.njit(**options)(function)
     dispatcher._cache = _kept(function)
     return dispatcher  # type: ignore[no-any-return]
 
@@ -129,4 +138,4 @@ def set_ready() -> None:
         (folder / f"ready-{stamp()[:16]}-{sys.version_info[1]}").touch()
 
 
-__all__ = ["cache_folder", "callback", "compiled", "is_ready", "set_ready", "stamp"]
+__all__ = ["cache_folder", "callback", "compiled", "compiled_sums", "is_ready", "set_ready", "stamp"]

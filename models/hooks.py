@@ -236,20 +236,25 @@ class Hooks:
     exposures: Table
 
 
-def hooks_of(effects: Sequence[Any], count: int) -> Hooks:
-    """Lay out effects (models.effect.Effect) for `count` simulations; the forces of those that are `first` come first."""
+def hooks_of(effects: Sequence[Any], count: int, begins: Sequence[int] | None = None) -> Hooks:
+    """Lay out effects (models.effect.Effect) for `count` simulations; the forces of those that are `first` come first.
+
+    `begins`: where in a row the parameters of each effect stand, if the row is made elsewhere.
+    """
     columns: list[Array] = []
     tables: dict[str, list[tuple[int, int]]] = {name: [] for name in COMPILED}
-    support = at = 0
-    for effect in sorted(effects, key=lambda e: not e.first):
+    support = end = 0
+    for number in sorted(range(len(effects)), key=lambda k: not effects[k].first):
+        effect = effects[number]
         kind, layout = type(effect), effect.layout()
         values = effect.row(count)
+        at = end if begins is None else begins[number]
         for name in COMPILED:
             if kind.opens(name):
                 tables[name].append((address(getattr(kind, name), name, layout), at))
                 support += name == "forces" and kind.first
         columns.append(values)
-        at += values.shape[1]
+        end += values.shape[1]
     own = np.concatenate(columns, axis=1) if columns else np.zeros((count, 0))
     made = {k: np.array(v, np.int64).reshape(-1, 2) for k, v in tables.items()}
     return Hooks(np.ascontiguousarray(own), support=support, **made)

@@ -17,6 +17,7 @@ from models.effect import Effect
 from models.model_file import Model
 from sysid.own import ROBUST
 from sysid.problem import Array, Index, ShotProblem, constant_steps
+from sysid.normal_equations import from_jacobian
 from sysid.solve import differences, eliminated, weights
 
 TARGET = 0.5  # change of the residuals that a probe aims at, in standard deviations, median over shots
@@ -234,7 +235,7 @@ def score_all(
     information, score, _, _ = eliminated(r, jx, j, point.x, problem.prior, robust)
     info, grad = information.sum(axis=0), score.sum(axis=0)
     w = weights(r, robust)
-    own = np.einsum("nmp,nm,nmp->p", j, w, j)
+    own = from_jacobian(r, j, robust).matrix.sum(axis=0).diagonal()
     q = len(point.c)
     _add_known(info, grad, point, signatures, known)
     scale = np.sqrt(np.maximum(np.diag(info), 1e-300))

@@ -12,12 +12,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.effect import Effect
-from models.engine.play import lacking
+from models.engine.play import Layout, lacking
 from models.hooks import hooks_of
 from models.impacts import strike_rows
 from models.model_file import Model
@@ -91,6 +92,11 @@ class SegmentProblem:
             prior=Prior(self.prior.mean[rows], self.prior.sd[rows]), data=self.data.only(rows),
         )  # fmt: skip
 
+    @cached_property
+    def layout(self) -> Layout:
+        """The model, laid out for the event engine."""
+        return Layout(self.model, self.names)
+
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over sigma: (k, 2 m)."""
         radius = self.model.ball.radius
@@ -98,7 +104,7 @@ class SegmentProblem:
             n, size = len(self.segments), 2 * max(len(s.time) for s in self.segments)
             sd = np.full(self.data.theta.shape, self.sigma)
             none = np.full(n, np.inf)
-            return residuals(self.model, self.names, self.data, sd, np.ones(n), none, x, c, which, size)
+            return residuals(self.layout, self.data, sd, np.ones(n), none, x, c, which, size)
         shots = []
         for row, w in zip(x, which, strict=True):
             time = self.segments[w].time
@@ -234,13 +240,16 @@ class ShotProblem:
         model = self.model.with_values({n: c[:, k] for k, n in enumerate(self.names)})
         return observed(model, undone(model, shots))
 
+    @cached_property
+    def layout(self) -> Layout:
+        """The model, laid out for the event engine."""
+        return Layout(self.model, self.names)
+
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over their standard deviation: (k, m)."""
         size = max(sum(3 * len(o.time) for o in clip.balls.values()) for clip in self.clips)
         if by_events(self.model):
-            return residuals(
-                self.model, self.names, self.data, self.sd, self.sd_theta, self.horizon, x, c, which, size
-            )
+            return residuals(self.layout, self.data, self.sd, self.sd_theta, self.horizon, x, c, which, size)
         out = np.full((len(x), size), np.nan)
         for k, (track, w) in enumerate(zip(self.tracks(x, c, which), which, strict=True)):
             at = 0

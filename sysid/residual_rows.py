@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from models.compiled import compiled
 from models.engine.loop import ROW, play_shot
-from models.engine.play import MOST, lay_out, over_threads
+from models.engine.play import MOST, Layout, over_threads
 from models.errors import BadInput
 from models.hooks import call_hook
-from models.model_file import Model
 from models.observe import camera, expose, see, unsee
 from models.spring import damping_table
 
@@ -89,14 +88,13 @@ def packed(
 
 
 def residuals(
-    model: Model, names: Sequence[str], samples: ShotData, sd: Array, sd_theta: Array, horizon: Array, x: Array, c: Array,
+    layout: Layout, samples: ShotData, sd: Array, sd_theta: Array, horizon: Array, x: Array, c: Array,
     which: Index, size: int,
 ) -> Array:  # fmt: skip
     """Residuals over their standard deviation of rows of unknowns: (k, size), nan where there is none.
 
     Args:
-        model: table, ball and effects, for the event engine.
-        names: the constants that `c` has values of.
+        layout: table, ball and effects, and which constants `c` has values of.
         samples: what was measured of n shots.
         sd: (n, b, s) of each sample's place [m].
         sd_theta: (n,) of a mark's angle [rad].
@@ -110,9 +108,7 @@ def residuals(
     out = np.full((k, size), np.nan)
     if k == 0:
         return out
-    eyes = camera(model)
-    own = model.with_values({n: np.ascontiguousarray(c[:, j]) for j, n in enumerate(names)}) if names else model
-    game = lay_out(own, k)
+    game = layout.game(c)
     hooks, pockets, table = game.hooks, game.pockets, damping_table()
     faults = np.zeros(k, np.int64)
     x = np.ascontiguousarray(x)
@@ -128,7 +124,7 @@ def residuals(
 
     over_threads(part, k)
     if (faults == BACKWARDS).any():
-        effects = ", ".join(e.name() for e in eyes if e.opens("exposures"))
+        effects = ", ".join(e.name() for e in camera(layout.model) if e.opens("exposures"))
         raise BadInput(f"{effects}: exposures go backwards, or to before the shot; correct the effect or its bounds")
     return out
 

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.normal_equations import NormalEquations, from_differences, from_jacobian, robust_loss
+
 Array = NDArray[np.float64]
-JUMP = 3.0  # times smaller with the larger step is a derivative that a jump had faked
 STALLED = 2  # steps in a row that gain nothing
 ATTEMPTS = 8  # at a step of the constants, ten times shorter each
 FIRST_DAMPING = 1e-4
@@ -39,10 +40,7 @@ class Prior:
 
 def loss(residuals: Array, c: float) -> Array:
     """Half the loss of every problem: (n,) for (n, m) residuals; NaN counts nothing, infinite c is least squares."""
-    r = np.nan_to_num(residuals)
-    if np.isinf(c):
-        return 0.5 * np.sum(r * r, axis=-1)
-    return 0.5 * c * c * np.sum(np.log1p((r / c) ** 2), axis=-1)
+    return robust_loss(residuals, c)
 
 
 def weights(residuals: Array, c: float) -> Array:
@@ -51,36 +49,30 @@ def weights(residuals: Array, c: float) -> Array:
     return np.isfinite(residuals) / (1.0 + (r / c) ** 2)
 
 
+def moved(
+    evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array, steps_c: Array
+) -> Array:
+    """Residuals (1 + p + q, n, m) at a point and with each own unknown, then each constant moved by its step."""
+    (n, p), q = x.shape, len(steps_c)
+    rows = np.tile(x, (1 + p + q, 1, 1))
+    constants = np.tile(c, (1 + p + q, n, 1))
+    for k in range(p):
+        rows[1 + k, :, k] += steps[k]
+    for k in range(q):
+        constants[1 + p + k, :, k] += steps_c[k]
+    count = (1 + p + q) * n
+    r = evaluate(rows.reshape(count, p), constants.reshape(count, c.size), np.tile(which, 1 + p + q))
+    return r.reshape(1 + p + q, n, -1)
+
+
 def differences(
     evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array, steps_c: Array
 ) -> tuple[Array, Array, Array]:
-    """Residuals (n, m) and their derivatives by own unknowns (n, m, p) and constants (n, m, q), in one call.
-
-    `steps_c` is (q,), or (2, q) where residuals are smooth but for tiny jumps: a jump fakes a derivative that falls
-    with the step, so the smaller of both is taken where they disagree.
-    """
-    (n, p), q = x.shape, c.size
-    both = np.atleast_2d(steps_c)
-    rows = [(x, np.broadcast_to(c, (n, q)))]
-    for k in range(p):
-        moved = x.copy()
-        moved[:, k] += steps[k]
-        rows.append((moved, np.broadcast_to(c, (n, q))))
-    for change in both:
-        for k in range(q):
-            moved_c = c.copy()
-            moved_c[k] += change[k]
-            rows.append((x, np.broadcast_to(moved_c, (n, q))))
-    r = evaluate(np.concatenate([a for a, _ in rows]), np.concatenate([b for _, b in rows]), np.tile(which, len(rows)))
-    r = r.reshape(len(rows), n, -1)
-    scale = np.concatenate([steps, both.ravel()])
-    d = np.nan_to_num((r[1:] - r[0]) / scale[:, None, None])
-    by_c = d[p : p + q]
-    if len(both) == 2:
-        other = d[p + q :]
-        faked = np.sum(other**2, axis=2) < np.sum(by_c**2, axis=2) / JUMP**2
-        by_c = np.where(faked[..., None], other, by_c)
-    return r[0], np.moveaxis(d[:p], 0, -1), np.moveaxis(by_c, 0, -1)
+    """Residuals (n, m) and their derivatives by own unknowns (n, m, p) and constants (n, m, q), in one call."""
+    r = moved(evaluate, x, c, which, steps, steps_c)
+    d = np.nan_to_num((r[1:] - r[0]) / np.concatenate([steps, steps_c])[:, None, None])
+    p = x.shape[1]
+    return r[0], np.moveaxis(d[:p], 0, -1), np.moveaxis(d[p:], 0, -1)
 
 
 def fit_each(
@@ -102,16 +94,11 @@ def fit_each(
     means, sds = np.broadcast_to(prior.mean, (n, p)), np.broadcast_to(prior.sd, (n, p))
     for _ in range(iterations):
         here = Prior(means[active], sds[active])
-        r, jac, _c = (
-            differences(evaluate, x[active], c, which[active], steps, np.zeros(0))
-            if c.size == 0
-            else _own(evaluate, x[active], c, which[active], steps)
-        )
+        rows = moved(evaluate, x[active], c, which[active], steps, np.zeros(0))
+        normal = from_differences(rows, steps, robust)
         rp = here.residuals(x[active])
-        cost[active] = loss(r, robust) + 0.5 * np.sum(rp * rp, axis=1)
-        w = weights(r, robust)
-        a = np.einsum("nmp,nm,nmq->npq", jac, w, jac)
-        g = np.einsum("nmp,nm->np", jac, w * np.nan_to_num(r)) + rp / here.sd
+        cost[active] = normal.loss + 0.5 * np.sum(rp * rp, axis=1)
+        a, g = normal.matrix, normal.gradient + rp / here.sd
         diagonal = np.einsum("npp->np", a) + 1 / here.sd**2
         trial, trial_cost = x[active].copy(), np.full(active.size, np.inf)
         todo = np.arange(active.size)
@@ -141,15 +128,6 @@ def fit_each(
     return x, cost
 
 
-def _own(evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array) -> tuple[Array, Array, Array]:
-    """`differences` by the own unknowns alone, the constants held."""
-
-    def held(rows: Array, _none: Array, numbers: NDArray[np.int64]) -> Array:
-        return evaluate(rows, np.broadcast_to(c, (len(rows), c.size)), numbers)
-
-    return differences(held, x, np.zeros(0), which, steps, np.zeros(0))
-
-
 @dataclass(frozen=True)
 class Joint:
     """A joint fit: own unknowns (n, p), constants (q,), their covariance (q, q), and whether it converged."""
@@ -167,8 +145,8 @@ def _eliminate(
     evaluate: Evaluate, x: Array, c: Array, steps: Array, steps_c: Array, prior: Prior, robust: float
 ) -> tuple[Array, Array, Array, Array]:
     """`eliminated` at a point, from finite differences."""
-    r, jx, jc = differences(evaluate, x, c, np.arange(len(x)), steps, steps_c)
-    return eliminated(r, jx, jc, x, prior, robust)
+    rows = moved(evaluate, x, c, np.arange(len(x)), steps, steps_c)
+    return _without_own(from_differences(rows, np.concatenate([steps, steps_c]), robust), x, prior)
 
 
 def eliminated(
@@ -178,18 +156,18 @@ def eliminated(
 
     From residuals (n, m) and their derivatives by own unknowns (n, m, p) and constants (n, m, q).
     """
+    return _without_own(from_jacobian(r, np.concatenate([jx, jc], axis=2), robust), x, prior)
+
+
+def _without_own(normal: NormalEquations, x: Array, prior: Prior) -> tuple[Array, Array, Array, Array]:
     n, p = x.shape
-    w = weights(r, robust)
-    r = np.nan_to_num(r)
     sd = np.broadcast_to(prior.sd, (n, p))
-    axx = np.einsum("nmp,nm,nmq->npq", jx, w, jx) + np.einsum("np,pq->npq", 1 / sd**2 + 1e-9, np.eye(p))
-    axc = np.einsum("nmp,nm,nmq->npq", jx, w, jc)
-    acc = np.einsum("nmp,nm,nmq->npq", jc, w, jc)
-    gx = np.einsum("nmp,nm->np", jx, w * r) + prior.residuals(x) / sd
-    gc = np.einsum("nmp,nm->np", jc, w * r)
+    axx = normal.matrix[:, :p, :p] + np.einsum("np,pq->npq", 1 / sd**2 + 1e-9, np.eye(p))
+    axc, acc = normal.matrix[:, :p, p:], normal.matrix[:, p:, p:]
+    gx, gc = normal.gradient[:, :p] + prior.residuals(x) / sd, normal.gradient[:, p:]
     solved = np.linalg.solve(axx, np.concatenate([axc, gx[..., None]], axis=2))
     lift, back = solved[..., :-1], solved[..., -1]
-    information = acc - np.einsum("npq,npr->nqr", axc, lift)
+    information = acc - np.swapaxes(axc, 1, 2) @ lift
     score = gc - np.einsum("npq,np->nq", axc, back)
     return information, score, lift, back
 

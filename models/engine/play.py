@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from models.model_file import Model
 
 KINDS = ("ball", "cushion", "pocket")
+LAWS = ("slide", "roll", "spin")  # constants of the cloth
 MOST = 100_000  # events of a shot, after which it is given up
 LOGGED = 64  # room for events of a shot to begin with
 CHUNK = 16  # shots that a thread takes at a time, at least
@@ -92,13 +94,61 @@ def lay_out(model: Model, count: int, jaws: bool = False) -> Game:
         raise ValueError(f"the event engine does not play this model: {why}")
     stack = model.stack()[1:]
     cloth = next(e for e in stack if e.slot == "cloth")
-    laws = np.stack([np.broadcast_to(np.asarray(getattr(cloth, k), float), (count,)) for k in ("slide", "roll", "spin")])
+    laws = np.stack([np.broadcast_to(np.asarray(getattr(cloth, k), float), (count,)) for k in LAWS])
     table, ball = model.table, model.ball
     return Game(
         hooks_of([e for e in stack if e is not cloth], count), np.ascontiguousarray(laws.T),
         pockets_of(table, ball) if jaws else Pockets(table.mouths(), NONE, NONE), table.reach(ball),
         np.array([table.length, table.width]) / 2, ball.mass, ball.radius,
     )  # fmt: skip
+
+
+class Layout:
+    """A model laid out once for many calls, with the values of some of its constants in rows."""
+
+    def __init__(self, model: Model, names: Sequence[str]) -> None:
+        """Find where in a row of parameters each of the constants `names` stands."""
+        self.model, self.effects = model, [e for e in model.effects if e.slot != "cloth"]
+        cloth = next(e for e in model.effects if e.slot == "cloth")
+        self.cloth = np.array([[float(getattr(cloth, k)) for k in LAWS]])
+        rows = [e.row(1) for e in self.effects]
+        self.own = np.concatenate([*rows, np.zeros((1, 0))], axis=1)
+        self.begins = np.cumsum([0, *(r.shape[1] for r in rows)])
+        self.places: list[tuple[bool, int]] = []  # of each constant: whether it is the cloth's, and its column
+        self.offs: list[list[tuple[int, float]]] = [[] for _ in self.effects]  # column and off value of its switches
+        owners = [e.name() for e in self.effects]
+        for name in names:
+            owner, key = name.split(".")
+            if owner == cloth.name():
+                self.places.append((True, LAWS.index(key)))
+            else:
+                n = owners.index(owner)
+                self.places.append((False, int(self.begins[n]) + self.effects[n].layout().index(key)))
+        for n, effect in enumerate(self.effects):
+            for key, meta in effect.parameters().items():
+                if meta["off"] is not None:
+                    self.offs[n].append((int(self.begins[n]) + effect.layout().index(key), meta["off"]))
+        self.games: dict[tuple[bool, ...], Game] = {}  # by which effects are on
+
+    def game(self, c: Array) -> Game:
+        """The model with constants c (n, q) for n shots; effects that are off in all of them are left out."""
+        n = len(c)
+        own, cloth = np.repeat(self.own, n, axis=0), np.repeat(self.cloth, n, axis=0)
+        for k, (is_cloth, column) in enumerate(self.places):
+            (cloth if is_cloth else own)[:, column] = c[:, k]
+        on = tuple(
+            not offs or any(bool((own[:, column] != off).any()) for column, off in offs) for offs in self.offs
+        )
+        if on not in self.games:
+            some = [e for e, here in zip(self.effects, on, strict=True) if here]
+            begins = [int(b) for b, here in zip(self.begins, on, strict=False) if here]
+            table, ball = self.model.table, self.model.ball
+            self.games[on] = Game(
+                hooks_of(some, 1, begins), self.cloth, Pockets(table.mouths(), NONE, NONE), table.reach(ball),
+                np.array([table.length, table.width]) / 2, ball.mass, ball.radius,
+            )  # fmt: skip
+        found = self.games[on]
+        return dataclasses.replace(found, hooks=dataclasses.replace(found.hooks, own=own), cloth=cloth)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,128 @@
+"""What least squares need of residuals and their finite differences, summed up in one pass, compiled."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.compiled import compiled, compiled_sums
+from models.engine.play import over_threads
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Of n problems with k unknowns each, prior knowledge left out."""
+
+    loss: Array  # (n,) half the robust loss
+    matrix: Array  # (n, k, k) J^T W J
+    gradient: Array  # (n, k) J^T W r
+
+
+def robust_loss(residuals: Array, c: float) -> Array:
+    """Half of Cauchy's loss, c^2/2 log(1 + (r/c)^2), of every problem: (...,) for residuals (..., m).
+
+    NaN counts nothing; infinite c is least squares.
+    """
+    flat = np.ascontiguousarray(residuals, float).reshape(-1, residuals.shape[-1])
+    out = np.empty(len(flat))
+    over_threads(lambda first, last: _losses(flat, float(c), out, first, last), len(flat))
+    return out.reshape(residuals.shape[:-1])
+
+
+@compiled
+def _losses(residuals, c, out, first, last):  # type: ignore[no-untyped-def]
+    for n in range(first, last):
+        total = 0.0
+        for k in range(residuals.shape[1]):
+            r = residuals[n, k]
+            if r == r:
+                total += r * r if c == np.inf else c * c * math.log1p((r / c) * (r / c))
+        out[n] = 0.5 * total
+
+
+def from_differences(rows: Array, steps: Array, c: float) -> NormalEquations:
+    """From residuals (1 + k, n, m) at a point and with each of k unknowns moved by its step; loss of Cauchy's c."""
+    rows, steps = np.ascontiguousarray(rows), np.ascontiguousarray(steps, float)
+    k, n = rows.shape[0] - 1, rows.shape[1]
+    found = NormalEquations(np.empty(n), np.empty((n, k, k)), np.empty((n, k)))
+    over_threads(
+        lambda first, last: _sum_rows(rows, steps, float(c), found.loss, found.matrix, found.gradient, first, last), n
+    )
+    return found
+
+
+@compiled_sums
+def _sum_rows(rows, steps, c, loss, matrix, gradient, first, last):  # type: ignore[no-untyped-def]
+    count, size = rows.shape[0] - 1, rows.shape[2]
+    j, weighted = np.empty((count, size)), np.empty((count, size))
+    r = np.empty(size)
+    for n in range(first, last):
+        total, used = 0.0, 0
+        for s in range(size):
+            value = rows[0, n, s]
+            if not math.isnan(value):
+                q = value / c
+                weight = 1.0 / (1.0 + q * q)
+                total += 0.5 * value * value if math.isinf(c) else 0.5 * c * c * math.log1p(q * q)
+                r[used] = value
+                for k in range(count):
+                    d = (rows[k + 1, n, s] - value) / steps[k]
+                    d = 0.0 if math.isnan(d) else d
+                    j[k, used], weighted[k, used] = d, weight * d
+                used += 1
+        loss[n] = total
+        for a in range(count):
+            for b in range(a + 1):
+                matrix[n, a, b] = matrix[n, b, a] = _dot(weighted[a], j[b], used)
+            gradient[n, a] = _dot(weighted[a], r, used)
+
+
+@compiled_sums
+def _dot(a, b, count):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for k in range(count):
+        total += a[k] * b[k]
+    return total
+
+
+def from_jacobian(r: Array, jacobian: Array, c: float) -> NormalEquations:
+    """From residuals (n, m) and their derivatives (n, m, k)."""
+    n, _, k = jacobian.shape
+    r = np.ascontiguousarray(r)
+    found = NormalEquations(np.empty(n), np.empty((n, k, k)), np.empty((n, k)))
+    rows = np.ascontiguousarray(np.moveaxis(jacobian, 2, 0))
+    over_threads(
+        lambda first, last: _sum_jacobian(r, rows, float(c), found.loss, found.matrix, found.gradient, first, last), n
+    )
+    return found
+
+
+@compiled_sums
+def _sum_jacobian(residuals, rows, c, loss, matrix, gradient, first, last):  # type: ignore[no-untyped-def]
+    count, size = rows.shape[0], rows.shape[2]
+    j, weighted = np.empty((count, size)), np.empty((count, size))
+    r = np.empty(size)
+    for n in range(first, last):
+        total, used = 0.0, 0
+        for s in range(size):
+            value = residuals[n, s]
+            if not math.isnan(value):
+                q = value / c
+                weight = 1.0 / (1.0 + q * q)
+                total += 0.5 * value * value if math.isinf(c) else 0.5 * c * c * math.log1p(q * q)
+                r[used] = value
+                for k in range(count):
+                    d = rows[k, n, s]
+                    d = 0.0 if math.isnan(d) else d
+                    j[k, used], weighted[k, used] = d, weight * d
+                used += 1
+        loss[n] = total
+        for a in range(count):
+            for b in range(a + 1):
+                matrix[n, a, b] = matrix[n, b, a] = _dot(weighted[a], j[b], used)
+            gradient[n, a] = _dot(weighted[a], r, used)
