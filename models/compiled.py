@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable
@@ -26,11 +27,23 @@ FOLDER = "compiled"  # in __pycache__ beside the source
 OPTIONS = {"error_model": "numpy", "nogil": True}
 
 
+IMPORT = re.compile(rb"^from models\.([\w.]+) import", re.MULTILINE)
+
+
+def sources() -> list[Path]:
+    """Files of this package that hold compiled functions, and those that they import constants from."""
+    texts = {path: path.read_bytes() for path in sorted(HERE.rglob("*.py"))}
+    found = {path for path, text in texts.items() if b"\n@compiled" in text}
+    names = {name for path in found for name in IMPORT.findall(texts[path])}
+    used = {HERE.joinpath(*name.decode().split(".")).with_suffix(".py") for name in names}
+    return sorted(found | (used & texts.keys()))
+
+
 @cache
 def stamp() -> str:
-    """A digest of every file of this package: what is compiled, and the constants that it may read."""
+    """A digest of what compiled code is made of."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(HERE.rglob("*.py")):
+    for path in sources():
         digest.update(str(path.relative_to(HERE)).encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 

@@ -77,15 +77,13 @@ def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: fl
         for sign, mark in ((1.0, "+"), (-1.0, "-")):
             gap = reach[axis] - sign * xy[:, axis]
             inward = sign * step[:, axis]
-            found = []
-            for k in range(1, len(xy) - 1):
-                room = NEAR + 0.5 * max(np.abs(step[k - 1, axis]), np.abs(step[k, axis]))
-                turns = inward[k - 1] > 0 >= inward[k] and inward[k - 1] - inward[k] > 5 * sigma
-                if turns and gap[k] < room:
-                    found.append(k)
-            for k in range(SLOPE, len(xy) - SLOPE):
+            size = np.abs(step[:, axis])
+            room = NEAR + 0.5 * np.maximum(size[:-1], size[1:])
+            turns = (inward[:-1] > 0) & (inward[1:] <= 0) & (inward[:-1] - inward[1:] > 5 * sigma)
+            found = (1 + np.flatnonzero(turns & (gap[1:-1] < room))).tolist()
+            for k in (SLOPE + np.flatnonzero(gap[SLOPE:-SLOPE] < TOUCHING)).tolist():
                 window = gap[k - SLOPE : k + SLOPE + 1]
-                if gap[k] < TOUCHING and gap[k] == window.min() and all(abs(k - f) > 2 for f in found):
+                if gap[k] == window.min() and all(abs(k - f) > 2 for f in found):
                     before, after = (
                         float(np.polyfit(time[part], gap[part], 1)[0])
                         for part in (slice(k - SLOPE, k), slice(k + 1, k + SLOPE + 1))
@@ -107,12 +105,10 @@ def ball_cuts(name: str, time: Array, others: dict[str, Observation], xy: Array,
         there = np.column_stack([np.interp(time, track.time, track.xy[:, k]) for k in (0, 1)])
         distance = np.hypot(*(xy - there).T)
         change = np.abs(np.diff(distance))
-        for k in range(len(time)):
-            left = distance[k - 1] if k else np.inf
-            right = distance[k + 1] if k + 1 < len(time) else np.inf
-            reach = max(change[k - 1] if k else 0.0, change[k] if k + 1 < len(time) else 0.0)
-            if distance[k] <= min(left, right) and distance[k] < ball.diameter + 0.6 * reach + 0.003:
-                cuts.append(Cut(k, "ball", other))
+        around = np.concatenate([[np.inf], distance, [np.inf]])
+        reach = np.maximum(np.concatenate([[0.0], change]), np.concatenate([change, [0.0]]))
+        near = (distance <= np.minimum(around[:-2], around[2:])) & (distance < ball.diameter + 0.6 * reach + 0.003)
+        cuts += [Cut(int(k), "ball", other) for k in np.flatnonzero(near)]
     return cuts
 
 
