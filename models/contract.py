@@ -1,7 +1,7 @@
 """What every effect owes the workbench, shipped or a user's: each contract returns the faults it finds, one line each.
 
 A shot of each kind is played with and without the effect, and what the camera reports of it is compared to the last
-bit where the same is promised.
+bit where the same is promised; the event engine and the MuJoCo world must agree to a twentieth of a millimetre.
 """
 
 from __future__ import annotations
@@ -20,10 +20,13 @@ from typing import Any
 import numpy as np
 
 from models.effect import Effect
+from models.engine.play import lacking
+from models.hooks import COMPILED, HookError, address
 from models.model_file import Model, add_folder, effect_class, full_model, read_model, write_model
 from models.native import Native
 from models.observe import observed
 from models.shot import Array, Ball, Shot, Table, Track
+from models.simulate import simulate
 
 TABLE, BALL = Table(2.84, 1.42, pockets=False), Ball(0.0615, 0.21)
 TIMES = np.linspace(0, 2.5, 51)
@@ -35,6 +38,7 @@ STROKES = (  # velocity [m/s] and spin [rad/s] of the struck ball
     ((0.02, 0.0), (0.0, 0.0, 60.0)),  # spins where it is
 )
 FEW = 2  # of them where one comparison is enough
+AGREED = 5e-5  # between the event engine and MuJoCo, before the second impact [m]
 Contract = Callable[[type[Effect]], list[str]]
 
 
@@ -104,6 +108,23 @@ def declared(kind: type[Effect]) -> list[str]:
     return faults
 
 
+def compiles(kind: type[Effect]) -> list[str]:
+    """Every hook compiles, for its parameters and nothing else."""
+    found = []
+    for hook in COMPILED:
+        if kind.opens(hook):
+            try:
+                address(getattr(kind, hook), hook, kind.layout())
+            except HookError as error:
+                found.append(str(error))
+            except KeyError as error:
+                told = f"{kind.__name__}.{hook} uses {error}, which is neither a parameter nor a field of its state"
+                found.append(f"{told}; correct the name (fields: models/hooks.py)")
+            except TypeError as error:
+                found.append(f"{kind.__name__}.{hook} does not compile: {error}; declare it as models/effect.py does")
+    return found
+
+
 def off_is_absent(kind: type[Effect]) -> list[str]:
     """At its off values it is not there, to the last bit."""
     without, off = base_without(kind), switched_off(kind)
@@ -123,7 +144,7 @@ def usual_acts(kind: type[Effect]) -> list[str]:
     if any(not np.isfinite(t.position).all() for t in seen):
         return ["positions are not finite at its default values"]
     if numbers(seen) == numbers(observed(without, played())):
-        return ["no shot is changed by its default values; use a door, or a larger default"]
+        return ["no shot is changed by its default values; use a hook, or a larger default"]
     return []
 
 
@@ -136,7 +157,9 @@ def one_value_a_shot(kind: type[Effect]) -> list[str]:
         for k, shot in enumerate(shots):
             alone = observed(without.add(kind(**{key: float(values[k])})), [shot])
             if numbers(together[k : k + 1]) != numbers(alone):
-                faults.append(f"{key}: shot {k} of a batch differs from the same alone; shape it with column() or of()")
+                faults.append(
+                    f"{key}: shot {k} of a batch differs from the same alone; let hooks read self, and keep nothing"
+                )
     return faults
 
 
@@ -169,9 +192,33 @@ def file_keeps_it(kind: type[Effect]) -> list[str]:
     return [] if back == effect else [f"a model file gives back {back} for {effect}"]
 
 
+def engines_agree(kind: type[Effect]) -> list[str]:
+    """The event engine and the MuJoCo world play the same shots; nothing to compare where MuJoCo alone plays it."""
+    model, faults = base_without(kind).add(kind()), []
+    if lacking(model):
+        return []
+    shots = played(FEW)
+    by_engine = [simulate(dataclasses.replace(model, engine=engine), shots) for engine in ("events", "mujoco")]
+    for k, (one, other) in enumerate(zip(*by_engine, strict=True)):
+        end = min(track.events[1].time if len(track.events) > 1 else math.inf for track in (one, other))
+        before = one.times < end
+        apart = float(np.abs(one.position - other.position)[before].max())
+        if not apart <= AGREED:
+            faults.append(
+                f"shot {k}: event engine and MuJoCo differ by {1e3 * apart:.3g} mm before the second impact; "
+                "let horizon say when a force jumps, and let hooks read nothing but self and the state they are given"
+            )
+    return faults
+
+
 CONTRACTS: dict[str, Contract] = {
-    c.__name__: c for c in (declared, off_is_absent, usual_acts, one_value_a_shot, repeatable, gives_way, file_keeps_it)
-}
+    c.__name__: c
+    for c in (
+        declared, compiles, off_is_absent, usual_acts, one_value_a_shot, repeatable, gives_way, file_keeps_it,
+        engines_agree,
+    )
+}  # fmt: skip
+FIRST = ("declared", "compiles")  # without these the others say nothing new
 
 
 def kept(kind: type[Effect], contract: str) -> list[str]:
@@ -185,6 +232,8 @@ def kept(kind: type[Effect], contract: str) -> list[str]:
 def _guarded(contract: Contract, kind: type[Effect]) -> list[str]:
     try:
         return contract(kind)
+    except HookError as error:
+        raise Broken(str(error)) from error
     except Exception as error:
         own = sys.modules[kind.__module__].__file__
         lines = [n for frame, n in traceback.walk_tb(error.__traceback__) if frame.f_code.co_filename == own]
@@ -193,11 +242,12 @@ def _guarded(contract: Contract, kind: type[Effect]) -> list[str]:
 
 
 def faults(kind: type[Effect]) -> list[str]:
-    """Every fault of an effect; where its declaration is faulty, those alone."""
-    found = [f"declared: {text}" for text in kept(kind, "declared")]
-    if found or kind is Native:
-        return found
-    return [f"{name}: {text}" for name in CONTRACTS if name != "declared" for text in kept(kind, name)]
+    """Every fault of an effect; where its declaration is faulty or a hook does not compile, those alone."""
+    for name in FIRST:
+        found = [f"{name}: {text}" for text in kept(kind, name)]
+        if found or kind is Native:
+            return found
+    return [f"{name}: {text}" for name in CONTRACTS if name not in FIRST for text in kept(kind, name)]
 
 
 def check_file(path: Path | str) -> list[str]:
@@ -205,16 +255,16 @@ def check_file(path: Path | str) -> list[str]:
     return [f"{name}: {text}" for name in add_folder(path) for text in faults(effect_class(name))]
 
 
-DOORS = ("edit", "forces", "impact", "strike", "exposures", "observe")
+HOOKS = ("edit", "forces", "impact", "strike", "exposures", "observe")
 
 
 def described(kind: type[Effect]) -> dict[str, Any]:
-    """What an effect says of itself: name, doors, slot, what it is, its formula's first sentence, its parameters."""
+    """What an effect says of itself: name, hooks, slot, what it is, its formula's first sentence, its parameters."""
     module = sys.modules[kind.__module__]
     says, _, rest = (module.__doc__ or kind.__doc__ or "").strip().partition("\n\n")
     formula = re.split(r"(?<=[^.]\.)\s", " ".join(rest.split()), maxsplit=1)[0]
     return {
-        "name": kind.name(), "doors": [d for d in DOORS if kind.opens(d)],
+        "name": kind.name(), "doors": [hook for hook in HOOKS if kind.opens(hook)],
         "slot": kind.slot, "says": " ".join(says.split()),
         "formula": "" if formula.startswith("Source") else formula, "file": module.__file__,
         "parameters": {key: dict(meta) | {"bounds": list(meta["bounds"])} for key, meta in kind.parameters().items()},

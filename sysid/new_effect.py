@@ -11,6 +11,7 @@ from typing import Any
 from models.errors import BadInput
 from models.files import write_whole
 from models.model_file import catalogue
+from sysid.clips_faults import one_line
 from sysid.structure import source_from
 
 TEMPLATE = '''"""{title}: say in one line what it is.
@@ -21,14 +22,10 @@ Replace this example, which is a rolling resistance that grows with the speed, b
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import ClassVar
 
-import numpy as np
-
-from models.effect import Array, Balls, Effect, column, param
-
-STEP = 0.2  # a force that changes along the way is taken at the middle of steps of at most this length [s]
+from models.effect import BallState, Effect, param, push_along
 
 
 @dataclass(frozen=True)
@@ -36,42 +33,43 @@ class {cls}(Effect):
     """Deceleration in proportion to speed."""
 
     # Every parameter: its usual value, the value at which it vanishes, unit, bounds, and where these come from.
-    # It is one number, or an (nsim,) array with a value for every simulation.
     rate: float = param(0.01, off=0.0, unit="1/s", bounds=(-0.1, 0.2), source="replace: where these come from")
 
-    varies: ClassVar[bool] = True  # the force changes along a step; without this line it is taken at its beginning
     # slot: ClassVar[str] = "cloth"  # effects of one slot replace each other; leave out to add to the others
 
-    # The doors follow. Keep those that you use; one is enough.
+    # The hooks follow. Keep those that you use; one is enough. They are compiled: arithmetic on numbers, with math, of
+    # the parameters in self and the state that they are given (its fields: models/hooks.py).
 
-    def forces(self, balls: Balls) -> None:
-        """Every step: add to balls.force [N] and balls.torque [N m], both (nsim, nball, 3)."""
-        rate = np.where(balls.rolling, column(self.rate), 0.0)  # column: (nsim,) to (nsim, 1)
-        balls.push_rolling(-rate[..., None] * balls.velocity[..., :2])
+    def forces(self, ball: BallState) -> None:
+        """What pushes a ball: add to ball.ax, ball.ay [m/s^2] and ball.bx, ball.by, ball.bz [rad/s^2]."""
+        if ball.rolling:
+            push_along(ball, -self.rate * math.hypot(ball.vx, ball.vy), 0.0)  # along the motion, and to the left of it
 
-    def horizon(self, balls: Balls) -> Array:
-        """For how long that force, or its middle, stands for all of it: (nsim, nball) [s]."""
-        return np.where(balls.rolling, STEP, np.inf)
+    # def horizon(self, ball: BallState) -> float:
+    #     """How long until that force switches [s]; only for one that jumps: what varies smoothly needs none."""
+    #     return 2.0 - ball.time if ball.time < 2.0 else math.inf
 
-    # def impact(self, impact: Impact, rows: Any) -> None:
-    #     """Before a contact: change impact.restitution and impact.friction, (n,); `of` picks the rows' parameters."""
-    #     if impact.kind == "cushion":
-    #         impact.restitution -= of(self.rate, rows) * (impact.approach - 1.0)
+    # def impact(self, hit: ImpactState) -> None:
+    #     """Before a contact: change hit.restitution, hit.friction."""
+    #     if hit.cushion:
+    #         hit.restitution -= self.rate * (hit.approach - 1.0)
 
-    # def strike(self, ball: Ball, velocity: Array, spin: Array) -> tuple[Array, Array]:
-    #     """Once: what the struck ball really gets, (nsim, 2) [m/s] and (nsim, 3) [rad/s]."""
-    #     return velocity * (1.0 - np.asarray(self.rate))[..., None], spin
+    # def strike(self, cue: StrokeState) -> None:
+    #     """Once: what the struck ball really gets, velocity [m/s] and spin [rad/s]."""
+    #     cue.vx *= 1.0 - self.rate
+    #     cue.vy *= 1.0 - self.rate
 
-    # def exposures(self, stamps: Array) -> Array:
-    #     """When the camera really looked, for the stamps it reports, (n,) [s]; parameters are numbers here."""
-    #     return stamps / (1.0 + self.rate)
+    # def exposures(self, stamp: float) -> float:
+    #     """When the camera really looked, for a time stamp that it reports [s]."""
+    #     return stamp / (1.0 + self.rate)
 
-    # def observe(self, track: Track) -> Track:
-    #     """What the camera reports: positions (n, nball, 2) [m]; parameters are numbers here."""
-    #     return dataclasses.replace(track, position=track.position * (1.0 + self.rate))
+    # def observe(self, image: ImageState) -> None:
+    #     """What the camera reports of a ball: move image.x, image.y [m]."""
+    #     image.x *= 1.0 + self.rate
+    #     image.y *= 1.0 + self.rate
 
     # def edit(self, spec: mujoco.MjSpec) -> None:
-    #     """Before compiling: change the MJCF."""
+    #     """Change the MJCF before MuJoCo reads it; not compiled. Such an effect plays in MuJoCo alone."""
     #     spec.option.density = 1.2
 '''
 
@@ -176,25 +174,23 @@ def write(name: str, folder: Path | str, source: str | None = None) -> tuple[Pat
 def source_of(path: Path | str, name: str) -> str:
     """The text of an effect that does what a result's unexplained structure says."""
     path = Path(path)
+    where = one_line(str(path))
     try:
         result: Any = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: cannot be read ({type(error).__name__}); name a result.json") from error
+        raise BadInput(f"{where}: cannot be read ({type(error).__name__}); name a result.json") from error
     except json.JSONDecodeError as error:
-        raise BadInput(f"{path}: not JSON (line {error.lineno}: {error.msg}); name a result.json") from error
+        raise BadInput(f"{where}: not JSON (line {error.lineno}: {error.msg}); name a result.json") from error
+    except (ValueError, RecursionError) as error:  # a number too long, or brackets without end
+        raise BadInput(f"{where}: not JSON that can be read ({type(error).__name__}); name a result.json") from error
     found = result.get("unexplained") if isinstance(result, dict) else None
     if not isinstance(found, dict):
-        raise BadInput(f"{path}: leaves nothing unexplained; begin with the template: sysid new-effect {name}")
-    return translated(found, name, path)
-
-
-def translated(unexplained: dict[str, Any], name: str, path: Path) -> str:
-    """The effect's text for the formula that a discovery found; BadInput where it found none."""
-    try:
-        if not unexplained["terms"]:
-            raise ValueError
-        return source_from(name, unexplained, f"sysid discover, {path.name}")
-    except (KeyError, TypeError, ValueError) as error:
+        raise BadInput(f"{where}: leaves nothing unexplained; begin with the template: sysid new-effect {name}")
+    if not found.get("terms"):
         raise BadInput(
-            f"{path}: what is unexplained comes without a formula; begin with the template: sysid new-effect {name}"
-        ) from error
+            f"{where}: what is unexplained comes without a formula; begin with the template: sysid new-effect {name}"
+        )
+    try:
+        return source_from(name, found, f"sysid discover, {path.name}")
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from error

@@ -12,15 +12,16 @@ from typing import Any
 
 import numpy as np
 
+from models.errors import BadInput
+from models.formula import MAX_TERMS
 from sysid.evidence import Candidate, Score, Scores, candidate
 from sysid.problem import Array
 from sysid.stages import Clips, Evidence, Stage, scores_at
-from sysid.terms import DOORS, Term, effect_of, library, source
+from sysid.terms import DOORS, REMEDY, Term, effect_of, known, library, source
 
 REMAINS = 40.0  # fall of chi-square that a term must promise before structure is told
 SHARE = 2e-3  # and that, per residual
 PAYS = 0.04  # of what the first term explains: the least that a further one must
-TERMS = 5
 DISTINCT = 1e-3  # of a term's own information that must be left beside the active ones
 NAME = "unexplained"
 Report = Callable[[str], None]
@@ -58,7 +59,7 @@ def select(terms: Sequence[Term], scores: Scores) -> Structure | None:
     rows = np.array([scores.blocks[f"term{k}"].start for k in range(len(terms))])
     chosen: list[int] = []
     gains: list[float] = []
-    for _ in range(TERMS):
+    for _ in range(MAX_TERMS):
         size = np.diag(left)[rows]
         fine = size > DISTINCT * np.maximum(own[rows], 1e-300)
         gain = np.where(fine, pull[rows] ** 2 / np.where(fine, size, 1.0), 0.0)
@@ -115,11 +116,17 @@ def describe(found: Structure, stage: Stage | None, evidence: Evidence | None) -
 
 
 def source_from(name: str, told: dict[str, Any], origin: str) -> str:
-    """The effect file for a formula that `describe` told."""
-    terms = [
-        Term(t["name"], t["door"], t["factor"], t["unit"], float(t["width"]), t["where"], tuple(t["depends_on"]),
-             (0.0, 0.0) if "at_" in t["name"] else None)
-        for t in told["terms"]
-    ]  # fmt: skip
-    title = f"Structure found in clips: {told['what']}, {told['where']}."
-    return source(name, terms, [float(t["value"]) for t in told["terms"]], title, origin)
+    """The effect file for a formula that `describe` told, of terms that the library has.
+
+    Raises:
+        BadInput: for anything else.
+    """
+    entries, what, where = (told.get(key) for key in ("terms", "what", "where"))
+    if not isinstance(entries, list) or not 0 < len(entries) <= MAX_TERMS:
+        raise BadInput(f"what is unexplained has no list of 1 to {MAX_TERMS} terms; {REMEDY}")
+    terms, values = zip(*(known(entry) for entry in entries), strict=True)
+    if len({t.name for t in terms}) < len(terms):
+        raise BadInput(f"what is unexplained has a term twice; {REMEDY}")
+    if not isinstance(what, str) or not isinstance(where, str):
+        raise BadInput(f"what is unexplained does not say what and where; {REMEDY}")
+    return source(name, terms, values, f"Structure found in clips: {what}, {where}.", origin)

@@ -1,25 +1,34 @@
 """Terms of which a formula for unnamed structure is made, and the effect file that such a formula becomes.
 
 A term is a factor on one of the doors of an effect: a drag on rolling balls, a change of the sliding friction, a push,
-a sidewards pull, a change of restitution or friction at a cushion or between balls, a shift in the image. Its factor
-is an expression of what a ball does and where it is. The same source text serves to try a term and to write the file.
+a sidewards pull, a change of restitution or friction at a cushion or between balls, a shift in the image. Terms are
+data: codes and constants that models/formula.py plays, beside the same factor as text. Of a result that was written
+earlier nothing is evaluated: its terms are found again here, by name and door.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import sys
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from types import ModuleType
+from typing import Any
 
+from models import formula as kinds
 from models.effect import Effect
+from models.errors import BadInput
+from models.formula import Part, formula
 from models.shot import Table
+from sysid.clips_faults import shown
 
-ASSIGNED = re.compile(r" {8,12}(\w+) = ")
+NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")  # of an effect
 CELLS = (6, 3)  # places on the table that are told apart, along and across
 RAILS = ("+x", "-x", "+y", "-y")
+MAX_BALLS = 100  # of a table, in a result that is read
+REMEDY = "name a result.json as sysid discover of this version writes it"
+WIDTH = 120  # columns of a file
+LARGEST = 100.0  # times a term's width: a coefficient in a result that can be true
 
 
 @dataclass(frozen=True)
@@ -28,12 +37,20 @@ class Term:
 
     name: str  # of its coefficient
     door: str  # "drag", "grip", "push_x", "push_y", "side", "cushion_e", ...
-    factor: str  # Python, of the variables that the door offers
+    factor: str  # in words of mathematics, of the variables that the door offers
     unit: str
     width: float  # half of the coefficient's bounds
     where: str  # plain words
     depends_on: tuple[str, ...]
     place: tuple[float, float] | None = None  # centre of the cell [m]
+    kind: int = kinds.ONE  # the factor's code in models.formula
+    constants: tuple[float, ...] = ()
+
+    def part(self, value: float, source: str) -> Part:
+        """The term as a formula holds it, its coefficient at a value."""
+        width = max(self.width, 2 * abs(value)) if math.isfinite(value) else self.width
+        door = 1 + kinds.DOORS.index(self.door)
+        return Part(self.name, door, self.kind, self.constants, self.unit, value, (-width, width), source)
 
 
 DOORS = {  # door: what it changes, in words
@@ -54,35 +71,47 @@ WIDTHS = {
     "drag": 0.1, "grip": 0.5, "push_x": 0.1, "push_y": 0.1, "side": 0.1, "cushion_e": 0.3, "cushion_mu": 0.2,
     "ball_e": 0.2, "ball_mu": 0.2, "image_x": 0.05, "image_y": 0.05,
 }  # fmt: skip
+SPACE = re.compile(
+    r"abs\(x ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4}) and abs\(y ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4})", re.ASCII
+)
+FACTORS: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and constants
+    "1.0": (kinds.ONE, ()), "cos(heading)": (kinds.COS, (1.0,)), "sin(heading)": (kinds.SIN, (1.0,)),
+    "cos(2 * heading)": (kinds.COS, (2.0,)), "sin(2 * heading)": (kinds.SIN, (2.0,)), "order": (kinds.ORDER, ()),
+    "other": (kinds.OTHER, ()), "time": (kinds.TIME, ()), "speed": (kinds.SPEED, ()),
+    "exp(-speed / 0.2)": (kinds.FADE, (0.2,)), "exp(-speed / 1.0)": (kinds.FADE, (1.0,)), "abs(wz)": (kinds.TWIST, ()),
+    "wz * cos(heading)": (kinds.SPIN_COS, ()), "wz * sin(heading)": (kinds.SPIN_SIN, ()),
+    "x": (kinds.POWER, (1.0, 0.0, 0.0)), "y": (kinds.POWER, (0.0, 1.0, 0.0)), "x**2": (kinds.POWER, (2.0, 0.0, 0.0)),
+    "y**2": (kinds.POWER, (0.0, 2.0, 0.0)), "x * y": (kinds.POWER, (1.0, 1.0, 0.0)),
+    "x * (x**2 + y**2) ** 2": (kinds.POWER, (1.0, 0.0, 2.0)), "y * (x**2 + y**2) ** 2": (kinds.POWER, (0.0, 1.0, 2.0)),
+    "abs(along)": (kinds.ALONG, ()), "slip - 1.0": (kinds.SLIP, (1.0,)),
+} | {f"rail == {k}": (kinds.RAIL, (float(k),)) for k in range(len(RAILS))}  # fmt: skip
 
 
 def library(table: Table, names: int = 2) -> list[Term]:
     """Every term that is tried on a table with so many balls at most."""
     found: list[Term] = []
 
-    def add(name: str, door: str, factor: str, per: str, where: str, *on: str, width: float = 1.0,
-            place: tuple[float, float] | None = None) -> None:  # fmt: skip
+    def add(name: str, door: str, factor: str, per: str, where: str, *on: str, width: float = 1.0) -> None:
         unit = UNITS.get(door, "1") + (f" per {per}" if per else "")
-        found.append(Term(f"{door}_{name}", door, factor, unit, width * WIDTHS[door], where, on, place))
+        kind, constants = FACTORS[factor]
+        found.append(Term(f"{door}_{name}", door, factor, unit, width * WIDTHS[door], where, on, None, kind, constants))
 
     nx, ny = CELLS
     dx, dy = table.length / nx, table.width / ny
     for i in range(nx):
         for j in range(ny):
-            cx, cy = (i + 0.5) * dx - table.length / 2, (j + 0.5) * dy - table.width / 2
-            cell = f"(abs(x - {cx:.4f}) <= {dx / 2:.4f}) & (abs(y - {cy:.4f}) <= {dy / 2:.4f})"
-            where = f"on the cloth around x = {cx:.2f} m, y = {cy:.2f} m"
-            add(f"at_{i}_{j}", "drag", cell, "", where, "place", place=(cx, cy))
+            x, y = (i + 0.5) * dx - table.length / 2, (j + 0.5) * dy - table.width / 2
+            found.append(_cell(f"drag_at_{i}_{j}", x, dx / 2, y, dy / 2))
     for door, word in (("drag", "rolling on the cloth"), ("grip", "sliding on the cloth")):
-        add("cos", door, "np.cos(heading)", "", word, "heading")
-        add("sin", door, "np.sin(heading)", "", word, "heading")
-        add("cos2", door, "np.cos(2 * heading)", "", word, "heading")
-        add("sin2", door, "np.sin(2 * heading)", "", word, "heading")
+        add("cos", door, "cos(heading)", "", word, "heading")
+        add("sin", door, "sin(heading)", "", word, "heading")
+        add("cos2", door, "cos(2 * heading)", "", word, "heading")
+        add("sin2", door, "sin(2 * heading)", "", word, "heading")
         add("order", door, "order", "", word, "order of the clips")
         add("other", door, "other", "", word + ", balls that are not struck", "ball")
         add("time", door, "time", "s", word, "time", width=0.2)
-    add("slow", "drag", "np.exp(-speed / 0.2)", "", "rolling slowly on the cloth", "speed")
-    add("fast", "drag", "np.exp(-speed / 1.0)", "", "rolling on the cloth", "speed")
+    add("slow", "drag", "exp(-speed / 0.2)", "", "rolling slowly on the cloth", "speed")
+    add("fast", "drag", "exp(-speed / 1.0)", "", "rolling on the cloth", "speed")
     add("spin", "drag", "abs(wz)", "rad/s", "rolling on the cloth", "spin", width=0.05)
     for axis in "xy":
         door = f"push_{axis}"
@@ -90,10 +119,10 @@ def library(table: Table, names: int = 2) -> list[Term]:
             per = "m" if len(name) == 1 else "m^2"
             add(name, door, factor, per, "everywhere on the cloth", "place")
         add("order", door, "order", "", "everywhere on the cloth", "order of the clips")
-    add("one", "side", "np.ones_like(x)", "", "rolling on the cloth", "nothing")
+    add("one", "side", "1.0", "", "rolling on the cloth", "nothing")
     add("speed", "side", "speed", "m/s", "rolling on the cloth", "speed")
-    add("spin_cos", "side", "wz * np.cos(heading)", "rad/s", "rolling on the cloth", "spin", "heading", width=0.02)
-    add("spin_sin", "side", "wz * np.sin(heading)", "rad/s", "rolling on the cloth", "spin", "heading", width=0.02)
+    add("spin_cos", "side", "wz * cos(heading)", "rad/s", "rolling on the cloth", "spin", "heading", width=0.02)
+    add("spin_sin", "side", "wz * sin(heading)", "rad/s", "rolling on the cloth", "spin", "heading", width=0.02)
     for door, word in (("cushion_e", "restitution"), ("cushion_mu", "friction")):
         for k, rail in enumerate(RAILS):
             add(f"rail_{k}", door, f"rail == {k}", "", f"the cushion at {rail}: its {word}", "rail")
@@ -105,16 +134,74 @@ def library(table: Table, names: int = 2) -> list[Term]:
     for door in ("ball_e", "ball_mu"):
         add("order", door, "order", "", "collisions of balls", "order of the clips")
         for k in range(2, names):
-            add(f"with_{k}", door, f"(second == {k}) | (first == {k})", "", f"collisions with ball {k}", "ball")
+            found.append(
+                Term(f"{door}_with_{k}", door, f"second == {k} or first == {k}", UNITS.get(door, "1"), WIDTHS[door],
+                     f"collisions with ball {k}", ("ball",), None, kinds.WITH, (float(k),))
+            )  # fmt: skip
     for axis in "xy":
         door = f"image_{axis}"
         other = "y" if axis == "x" else "x"
         for factor, name, per in (
-            ("np.ones_like(x)", "one", ""), (axis, axis, "m"), (other, other, "m"), ("x**2", "xx", "m^2"),
+            ("1.0", "one", ""), (axis, axis, "m"), (other, other, "m"), ("x**2", "xx", "m^2"),
             ("x * y", "xy", "m^2"), ("y**2", "yy", "m^2"), (f"{axis} * (x**2 + y**2) ** 2", "r5", "m^5"),
         ):  # fmt: skip
             add(name, door, factor, per, "in the camera's image", "place")
     return found
+
+
+def _cell(name: str, x: float, half_x: float, y: float, half_y: float) -> Term:
+    """A drag in a cell of the cloth, its sizes rounded as its text has them [m]."""
+    sizes = tuple(round(v, 4) for v in (x, half_x, y, half_y))
+    tests = [
+        f"abs({axis} {'+' if at < 0 else '-'} {abs(at):.4f}) <= {half:.4f}"
+        for axis, at, half in zip("xy", sizes[::2], sizes[1::2], strict=True)
+    ]
+    where = f"on the cloth around x = {x:.2f} m, y = {y:.2f} m"
+    unit, width = UNITS["drag"], WIDTHS["drag"]
+    return Term(name, "drag", " and ".join(tests), unit, width, where, ("place",), (x, y), kinds.BOX, sizes)
+
+
+def known(told: Any) -> tuple[Term, float]:
+    """A term that a result tells, as the library has it, and its coefficient.
+
+    Raises:
+        BadInput: for what is no term of the library; nothing of its text is evaluated.
+    """
+    entry = told if isinstance(told, dict) else {}
+    name, door, factor, value = (entry.get(key) for key in ("name", "door", "factor", "value"))
+    if not (isinstance(name, str) and isinstance(door, str) and isinstance(factor, str)):
+        raise BadInput(f"a term has no name, door or factor; {REMEDY}")
+    number = _number(value)
+    if not math.isfinite(number):
+        raise BadInput(f"value of term {shown(name)} is {shown(value)}; {REMEDY}")
+    terms = {(t.name, t.door): t for t in library(Table(1.0, 1.0), MAX_BALLS)}
+    term = terms.get((name, door))
+    if term is not None and term.kind == kinds.BOX and (sizes := SPACE.fullmatch(factor)):
+        numbers = [float(v) for v in sizes.group(2, 3, 5, 6)]
+        x, y = (-v if sign == "+" else v for sign, v in zip(sizes.group(1, 4), numbers[::2], strict=True))
+        term = _cell(name, x, numbers[1], y, numbers[3])
+    if term is None or term.factor != factor:
+        asked = f"{shown(name)} on {shown(door)} with factor {shown(factor)}"
+        raise BadInput(f"no term {asked} is known; {REMEDY}")
+    if abs(number) > LARGEST * term.width:
+        raise BadInput(f"value of term {shown(name)} is {shown(value)}, far outside its bounds; {REMEDY}")
+    return term, number
+
+
+def _number(value: object) -> float:
+    """A number of a JSON file; nan for anything else, or what is too large for one."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan
+
+
+def effect_of(name: str, terms: Sequence[Term], values: Sequence[float]) -> Effect:
+    """The effect of a formula, at these coefficients; its hooks are compiled already."""
+    parts = tuple(t.part(float(v), "a diagnosis") for t, v in zip(terms, values, strict=True))
+    return formula(name, parts)()
 
 
 HEAD = '''"""{title}
@@ -125,13 +212,7 @@ Source: {source}.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import ClassVar
-
-import numpy as np
-
-from models.effect import Array, Balls, Effect, Impact, column, of, param
-from models.shot import Track
+{imports}
 
 
 @dataclass(frozen=True)
@@ -139,140 +220,128 @@ class {kind}(Effect):
     """{short}"""
 
 '''
-FORCES = '''
-    varies: ClassVar[bool] = True
+# Variables of a factor, as each hook finds them.
+MOTION = {
+    "x": "ball.x", "y": "ball.y", "wz": "ball.wz", "speed": "hypot(ball.vx, ball.vy)",
+    "heading": "atan2(ball.vy, ball.vx)", "order": "ball.order", "time": "ball.time", "other": "ball.number > 0",
+}  # fmt: skip
+CONTACT = {
+    "order": "hit.order", "slip": "hit.slip", "other": "hit.first > 0", "first": "hit.first", "second": "hit.second",
+    "rail": "hit.second", "along": "hit.y if hit.second < 2 else hit.x",
+}  # fmt: skip
+PICTURE = {"x": "image.x", "y": "image.y"}
+APPLIED = {  # door: the line that lets its value act
+    "drag": "push_along(ball, -{value}, 0.0)",
+    "grip": f"ball.slide_factor = max(ball.slide_factor * (1.0 + {{value}}), {kinds.LEAST_GRIP})",
+    "push_x": "ball.ax += {value}",
+    "push_y": "ball.ay += {value}",
+    "side": "push_along(ball, 0.0, {value})",
+    "cushion_e": "hit.restitution += {value}",
+    "cushion_mu": "hit.friction += {value}",
+    "ball_e": "hit.restitution += {value}",
+    "ball_mu": "hit.friction += {value}",
+    "image_x": "image.x += {value}",
+    "image_y": "image.y += {value}",
+}
+ONLY = {  # doors that act in one case, and which
+    ("drag", "side"): "ball.rolling", ("push_x", "push_y"): "ball.weight > 0",
+    ("cushion_e", "cushion_mu"): "hit.cushion", ("ball_e", "ball_mu"): "not hit.cushion",
+}  # fmt: skip
 
-    def horizon(self, balls: Balls) -> Array:
-        """Steps short against what changes from place to place: (nsim, nball) [s]."""
-        speed = np.hypot(balls.velocity[..., 0], balls.velocity[..., 1])
-        return np.where(speed > 0, {travel} / np.maximum(speed, 0.01), np.inf)
 
-    def forces(self, balls: Balls) -> None:
-        """What acts on the balls."""
-        x = balls.position[..., 0]
-        y = balls.position[..., 1]
-        v = balls.velocity[..., :2]
-        wz = balls.spin[..., 2]
-        speed = np.hypot(v[..., 0], v[..., 1])
-        heading = np.arctan2(v[..., 1], v[..., 0])
-        order = column(balls.order)
-        time = column(balls.time)
-        other = np.arange(v.shape[1]) > 0
-        rolling = balls.rolling
-        on = balls.normal > 0
-'''
-IMPACT = '''
-    def impact(self, impact: Impact, rows: Array) -> None:
-        """What changes at contacts."""
-        order = impact.order
-        slip = impact.slip
-        other = impact.first > 0
-        first = impact.first
-        second = impact.second
-'''
-OBSERVE = '''
-    def observe(self, track: Track) -> Track:
-        """What the camera reports."""
-        x = track.position[..., 0]
-        y = track.position[..., 1]
-        moved = track.position.copy()
-'''
+def inert(text: str) -> str:
+    """Text that says the same within quotes in Python, on one line, and cannot end them."""
+    one_line = " ".join(text.split())
+    return "".join(
+        f"\\{c}" if c in '"\\' else c if c.isprintable() else c.encode("unicode_escape").decode() for c in one_line
+    )
 
 
 def source(name: str, terms: Sequence[Term], values: Sequence[float], title: str, origin: str) -> str:
-    """The text of an effect file with these terms, coefficients at these values."""
-    kind = "".join(word.capitalize() for word in name.split("_"))
-    formula = "\n".join(f"{DOORS[t.door]}: {t.name} * ({t.factor})" for t in terms)
-    out = [HEAD.format(title=title, formula=formula, source=origin, kind=kind, short=title)]
+    """The text of an effect file with these terms, coefficients at these values.
+
+    `terms` come from `library` or `known`; title and origin may be any text.
+    """
+    if not NAME.fullmatch(name):
+        raise BadInput(f"{name!r} is no name for an effect; give words in small letters joined by _")
+    title, origin = inert(title), inert(origin)
+    parts = []
     for t, value in zip(terms, values, strict=True):
-        digits = float(f"{value:.6g}")
-        width = max(t.width, 2 * abs(digits)) if math.isfinite(digits) else t.width
-        out.append(
-            f"    {t.name}: float = param(\n"
-            f'        {digits!r}, off=0.0, unit="{t.unit}", bounds=({-width!r}, {width!r}), source="{origin}"\n    )\n'
-        )
-    doors = {t.door for t in terms}
-    if doors & {"drag", "grip", "push_x", "push_y", "side"}:
-        out.append(FORCES.replace("{travel}", str(0.08 if any(t.place for t in terms) else 0.3)))
-        out += [_cloth_line(t) for t in terms]
-        if doors & {"drag", "side"}:
-            out.append(_push_lines(terms))
-    if doors & {"cushion_e", "cushion_mu", "ball_e", "ball_mu"}:
-        out.append(IMPACT)
-        for kind_of, word in (("cushion", "rail, along"), ("ball", "")):
-            here = [t for t in terms if t.door.startswith(kind_of)]
-            if here:
-                out.append(f'        if impact.kind == "{kind_of}":\n')
-                if word:
-                    out.append(
-                        "            rail = second\n"
-                        "            along = np.where(rail < 2, impact.position[:, 1], impact.position[:, 0])\n"
-                    )
-                for t in here:
-                    what = "restitution" if t.door.endswith("_e") else "friction"
-                    out.append(f"            impact.{what} += of(self.{t.name}, rows) * ({t.factor})\n")
-    if doors & {"image_x", "image_y"}:
-        out.append(OBSERVE)
-        for t in terms:
-            if t.door.startswith("image"):
-                out.append(f"        moved[..., {0 if t.door.endswith('x') else 1}] += self.{t.name} * ({t.factor})\n")
-        out.append("        return replace(track, position=moved)\n")
-    return tidy("".join(out))
+        part = t.part(float(f"{value:.6g}"), "")
+        low, high = part.bounds
+        declared = f'{part.default!r}, off=0.0, unit="{inert(t.unit)}", bounds=({low!r}, {high!r}), source="{origin}"'
+        line = f"    {t.name}: float = param({declared})\n"
+        parts.append(line if len(line) <= WIDTH + 1 else f"    {t.name}: float = param(\n        {declared}\n    )\n")
+    parts += _hook(terms, "forces(self, ball: BallState)", "What acts on a ball.", MOTION)
+    parts += _horizon(terms)
+    parts += _hook(terms, "impact(self, hit: ImpactState)", "What changes at a contact.", CONTACT)
+    parts += _hook(terms, "observe(self, image: ImageState)", "What the camera reports.", PICTURE)
+    body = "".join(parts)
+    says = [_wrapped(f"{DOORS[t.door]}: {t.name} * {_held(t.factor)}") for t in terms]
+    head = HEAD.format(
+        title=_wrapped(title), formula="\n".join(says),
+        source=_wrapped(f"Source: {origin}").removeprefix("Source: "), imports=_imports(body),
+        kind="".join(word.capitalize() for word in name.split("_")), short=_wrapped(title, 4).lstrip(),
+    )  # fmt: skip
+    return head + body
 
 
-def tidy(text: str) -> str:
-    """The text without imports and variables that it does not use."""
-    lines = text.splitlines()
-    while True:
-        kept = [k for k, line in enumerate(lines) if not (m := ASSIGNED.match(line)) or _used(lines, k, m[1])]
-        if len(kept) == len(lines):
-            break
-        lines = [lines[k] for k in kept]
-    out = []
-    for k, line in enumerate(lines):
-        start, found, names = line.partition(" import ")
-        if found and line.startswith("from ") and "__future__" not in line:
-            needed = [n for n in names.split(", ") if _used(lines, k, n)]
-            out += [f"{start} import {', '.join(needed)}"] if needed else []
-        elif line != "import numpy as np" or _used(lines, k, "np"):
-            out.append(line)
-    return "\n".join(out) + "\n"
+def _wrapped(text: str, indent: int = 0) -> str:
+    return textwrap.fill(
+        text, WIDTH - 4, break_long_words=False, break_on_hyphens=False, initial_indent=indent * " ",
+        subsequent_indent=indent * " ",
+    )  # fmt: skip
 
 
-def _used(lines: Sequence[str], at: int, name: str) -> bool:
-    word = re.compile(rf"\b{name}\b")
-    body = [line for k, line in enumerate(lines) if k != at and not line.startswith("from ")]
-    return any(word.search(line) for line in body[body.index("@dataclass(frozen=True)") :])
+def _held(factor: str) -> str:
+    """A factor ready to be multiplied."""
+    return factor if re.fullmatch(r"\w+(\([^()]*\)|\.\d+)?", factor) else f"({factor})"
 
 
-def _cloth_line(t: Term) -> str:
-    value = f"column(self.{t.name}) * ({t.factor})"
-    if t.door == "grip":
-        return f"        balls.slide_factor[:] = np.maximum(balls.slide_factor * (1.0 + {value}), 0.05)\n"
-    if t.door in ("push_x", "push_y"):
-        return f"        balls.force[..., {0 if t.door == 'push_x' else 1}] += balls.ball.mass * {value} * on\n"
-    return ""
+def _words(text: str) -> set[str]:
+    return set(re.findall(r"\b[A-Za-z_]\w*", text))
 
 
-def _push_lines(terms: Sequence[Term]) -> str:
-    lines = ["        way = v / np.maximum(speed, 1e-9)[..., None]\n"]
-    drags = [f"column(self.{t.name}) * ({t.factor})" for t in terms if t.door == "drag"]
-    sides = [f"column(self.{t.name}) * ({t.factor})" for t in terms if t.door == "side"]
-    lines.append("        push = np.zeros_like(v)\n")
-    lines += [f"        push -= (rolling * ({d}))[..., None] * way\n" for d in drags]
-    if sides:
-        lines.append("        left = np.stack([-way[..., 1], way[..., 0]], axis=-1)\n")
-        lines += [f"        push += (rolling * ({s}))[..., None] * left\n" for s in sides]
-    lines.append("        balls.push_rolling(push)\n")
-    return "".join(lines)
+def _hook(terms: Sequence[Term], signature: str, says: str, variables: dict[str, str]) -> list[str]:
+    """A hook with the terms of its doors; nothing where there are none."""
+    doors = {"forces": kinds.CLOTH, "impact": kinds.IMPACTS, "observe": kinds.IMAGE}[signature.partition("(")[0]]
+    here = [t for t in terms if 1 + kinds.DOORS.index(t.door) in doors]
+    if not here:
+        return []
+    needed = set().union(*(_words(t.factor) for t in here))
+    lines = [f"\n    def {signature} -> None:\n", f'        """{says}"""\n']
+    lines += [f"        {word} = {text}\n" for word, text in variables.items() if word in needed]
+    for t in here:
+        line = APPLIED[t.door].format(value=f"self.{t.name} * {_held(t.factor)}")
+        case = next((text for these, text in ONLY.items() if t.door in these), "")
+        lines.append(f"        if {case}:\n            {line}\n" if case else f"        {line}\n")
+    return lines
 
 
-def effect_of(name: str, terms: Sequence[Term], values: Sequence[float]) -> Effect:
-    """The effect that the file would hold, at these coefficients."""
-    module = ModuleType(f"cuelab_terms.{name}")
-    text = source(name, terms, values, "terms on trial", "a diagnosis")
-    sys.modules[module.__name__] = module  # dataclasses look their module up
-    exec(compile(text, f"<{name}>", "exec"), module.__dict__)
-    kind = module.__dict__["".join(word.capitalize() for word in name.split("_"))]
-    found: Effect = kind()
-    return found
+def _horizon(terms: Sequence[Term]) -> list[str]:
+    cells = [t.constants for t in terms if t.kind == kinds.BOX]
+    if not cells:
+        return []
+    found = [f"until_edge(ball, {', '.join(map(repr, sizes))})" for sizes in cells]
+    least = found[0] if len(found) == 1 else "min(\n            " + ",\n            ".join(found) + ",\n        )"
+    return [
+        "\n    def horizon(self, ball: BallState) -> float:\n",
+        '        """Until it crosses the edge of a cell, where the force switches [s]."""\n',
+        f"        return {least}\n",
+    ]
+
+
+def _imports(body: str) -> str:
+    """The import lines that a body needs."""
+    needed = _words(body) | {"Effect"}
+    offered = {
+        "math": ("atan2", "cos", "exp", "hypot", "sin"),
+        "dataclasses": ("dataclass",),
+        "models.effect": ("BallState", "Effect", "ImageState", "ImpactState", "param", "push_along"),
+        "models.formula": ("until_edge",),
+    }
+    needed |= {"dataclass"}
+    chosen = {module: [n for n in names if n in needed] for module, names in offered.items()}
+    lines = {module: f"from {module} import {', '.join(names)}" for module, names in chosen.items() if names}
+    own = [lines[m] for m in sorted(lines) if m.startswith("models")]
+    return "\n".join([lines[m] for m in sorted(lines) if not m.startswith("models")]) + "\n\n" + "\n".join(own)

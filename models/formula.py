@@ -1,0 +1,269 @@
+"""A formula for structure outside the catalogue: a few terms as numbers, each a coefficient times a factor on one hook.
+
+A term says by codes what it changes (its door) and by which factor of place, motion, time or impact, with up to four
+constants. Doors: a drag on rolling balls along their way, a pull to the left of it (models.hooks.push_along); a push
+along x or y on a ball that the cloth carries, 5/7 of it where that rolls; a relative change of the sliding friction; a
+change of restitution or friction at cushions or between balls; a shift of the image. The hooks are compiled once and
+read the terms from the effect's row of parameters: another formula compiles nothing. Where forces switch at the edges
+of cells of the cloth, `horizon` says when a ball gets there; all other factors vary smoothly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, make_dataclass
+from functools import cache
+from typing import Any, ClassVar
+
+import numpy as np
+
+from models.compiled import compiled
+from models.effect import Array, BallState, Effect, ImageState, ImpactState, param, push_along
+
+MAX_TERMS = 5
+MAX_CONSTANTS = 4
+BEYOND = 1e-9  # this far beyond an edge a step ends, so that the next begins on the other side [m]
+LEAST_GRIP = 0.05  # factor on the sliding friction that is left at least
+
+DOORS = (
+    "drag", "grip", "push_x", "push_y", "side", "cushion_e", "cushion_mu", "ball_e", "ball_mu", "image_x", "image_y",
+)  # fmt: skip
+DRAG, GRIP, PUSH_X, PUSH_Y, SIDE, CUSHION_E, CUSHION_MU, BALL_E, BALL_MU, IMAGE_X, IMAGE_Y = range(1, 12)
+CLOTH, IMPACTS, IMAGE = range(DRAG, SIDE + 1), range(CUSHION_E, BALL_MU + 1), range(IMAGE_X, IMAGE_Y + 1)
+HOOKS = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
+
+# Factors, of constants a, b, c, d.
+(
+    ONE,
+    BOX,  # 1 where |x - a| <= b and |y - c| <= d [m]
+    COS,  # cos(a heading)
+    SIN,  # sin(a heading)
+    ORDER,  # place of the shot in its session
+    OTHER,  # 1 for balls that are not struck
+    TIME,  # [s]
+    SPEED,  # [m/s]
+    FADE,  # exp(-speed / a)
+    TWIST,  # |omega_z| [rad/s]
+    SPIN_COS,  # omega_z cos(heading) [rad/s]
+    SPIN_SIN,  # omega_z sin(heading) [rad/s]
+    POWER,  # x^a y^b (x^2 + y^2)^c
+    RAIL,  # 1 at rail a
+    ALONG,  # distance from the middle of a rail [m]
+    SLIP,  # slip at the contact, less a [m/s]
+    WITH,  # 1 where ball a takes part
+) = range(17)
+
+NUMBERS = ("coefficient", "door", "factor", "a", "b", "c", "d")  # of a term
+LAYOUT = tuple(f"{number}_{k}" for number in NUMBERS for k in range(MAX_TERMS))
+
+
+@dataclass(frozen=True)
+class Part:
+    """One term of a formula, with what its coefficient's parameter declares."""
+
+    name: str  # of the coefficient
+    door: int
+    factor: int
+    constants: tuple[float, ...]
+    unit: str
+    default: float
+    bounds: tuple[float, float]
+    source: str
+
+
+@compiled
+def factor_value(
+    factor: float, a: float, b: float, c: float, d: float, x: float, y: float, vx: float, vy: float, wz: float,
+    order: float, time: float, first: float, second: float, slip: float,
+) -> float:  # fmt: skip
+    """A factor for a ball, an impact of ball `first` with ball or rail `second`, or an image."""
+    if factor == BOX:
+        return 1.0 if abs(x - a) <= b and abs(y - c) <= d else 0.0
+    if factor == COS:
+        return math.cos(a * math.atan2(vy, vx))
+    if factor == SIN:
+        return math.sin(a * math.atan2(vy, vx))
+    if factor == ORDER:
+        return order
+    if factor == OTHER:
+        return 1.0 if first > 0.0 else 0.0
+    if factor == TIME:
+        return time
+    if factor == SPEED:
+        return math.sqrt(vx * vx + vy * vy)
+    if factor == FADE:
+        return math.exp(-math.sqrt(vx * vx + vy * vy) / a)
+    if factor == TWIST:
+        return abs(wz)
+    if factor == SPIN_COS:
+        return wz * math.cos(math.atan2(vy, vx))
+    if factor == SPIN_SIN:
+        return wz * math.sin(math.atan2(vy, vx))
+    if factor == POWER:
+        return x ** int(a) * y ** int(b) * (x * x + y * y) ** int(c)
+    if factor == RAIL:
+        return 1.0 if second == a else 0.0
+    if factor == ALONG:
+        return abs(y) if second < 2.0 else abs(x)
+    if factor == SLIP:
+        return slip - a
+    if factor == WITH:
+        return 1.0 if first == a or second == a else 0.0
+    return 1.0
+
+
+@compiled
+def _until(gap: float, speed: float, acceleration: float) -> float:
+    """When a way of `gap`, and a bit more, has been gone at a constant acceleration [s]; inf if never."""
+    way = gap + BEYOND if gap >= 0.0 else gap - BEYOND
+    under = speed * speed + 2.0 * acceleration * way
+    if under < 0.0:
+        return math.inf
+    both = speed + math.copysign(math.sqrt(under), speed)
+    first = 2.0 * way / both if both != 0.0 else math.inf
+    second = -both / acceleration if acceleration != 0.0 else math.inf
+    return min(first if first > 0.0 else math.inf, second if second > 0.0 else math.inf)
+
+
+@compiled
+def until_edge(ball: BallState, x: float, half_x: float, y: float, half_y: float) -> float:
+    """When a ball crosses a line of the cell |x' - x| <= half_x, |y' - y| <= half_y, at what pushes it now [s]."""
+    left = math.inf
+    if ball.vx * ball.vx + ball.vy * ball.vy > 0.0:
+        for side in (-1.0, 1.0):
+            left = min(left, _until(x + side * half_x - ball.x, ball.vx, ball.ax))
+            left = min(left, _until(y + side * half_y - ball.y, ball.vy, ball.ay))
+    return left
+
+
+@compiled
+def _terms(own: Any) -> Any:
+    """The terms in a row of parameters; those with door 0 are empty."""
+    return (
+        (own.coefficient_0, own.door_0, own.factor_0, own.a_0, own.b_0, own.c_0, own.d_0),
+        (own.coefficient_1, own.door_1, own.factor_1, own.a_1, own.b_1, own.c_1, own.d_1),
+        (own.coefficient_2, own.door_2, own.factor_2, own.a_2, own.b_2, own.c_2, own.d_2),
+        (own.coefficient_3, own.door_3, own.factor_3, own.a_3, own.b_3, own.c_3, own.d_3),
+        (own.coefficient_4, own.door_4, own.factor_4, own.a_4, own.b_4, own.c_4, own.d_4),
+    )
+
+
+@compiled
+def _of_ball(factor: float, a: float, b: float, c: float, d: float, ball: BallState) -> float:
+    return factor_value(
+        factor, a, b, c, d, ball.x, ball.y, ball.vx, ball.vy, ball.wz, ball.order, ball.time, ball.number, -1.0, 0.0
+    )
+
+
+@compiled
+def _of_impact(factor: float, a: float, b: float, c: float, d: float, hit: ImpactState) -> float:
+    return factor_value(
+        factor, a, b, c, d, hit.x, hit.y, hit.vx, hit.vy, 0.0, hit.order, hit.time, hit.first, hit.second, hit.slip
+    )
+
+
+@dataclass(frozen=True)
+class Formula(Effect):
+    """Base of all formulas: `formula` makes one, whose parameters are the coefficients of its terms."""
+
+    called: ClassVar[str] = "formula"
+    parts: ClassVar[tuple[Part, ...]] = ()
+
+    @classmethod
+    def name(cls) -> str:
+        """What `formula` was told."""
+        return cls.called
+
+    @classmethod
+    def opens(cls, *hooks: str) -> bool:
+        """Whether a term of it is on any of these hooks."""
+        cells = any(part.door in CLOTH and part.factor == BOX for part in cls.parts)
+        return ("horizon" in hooks and cells) or any(p.door in HOOKS.get(hook, ()) for hook in hooks for p in cls.parts)
+
+    @classmethod
+    def layout(cls) -> tuple[str, ...]:
+        """The same for every formula, so that all share the compiled hooks."""
+        return LAYOUT
+
+    def row(self, count: int) -> Array:
+        """Coefficients, then codes and constants of every term: (count, k)."""
+        out = np.zeros((len(NUMBERS), MAX_TERMS, count))
+        for k, part in enumerate(self.parts):
+            numbers = (part.door, part.factor, *part.constants)
+            out[0, k] = getattr(self, part.name)
+            out[1 : 1 + len(numbers), k] = np.array(numbers, float)[:, None]
+        return np.ascontiguousarray(out.reshape(-1, count).T)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle what makes the class, and the coefficients."""
+        return _remade, (self.called, self.parts, tuple(getattr(self, part.name) for part in self.parts))
+
+    def forces(self, ball: BallState) -> None:
+        """What acts on a ball on the cloth."""
+        for coefficient, door, factor, a, b, c, d in _terms(self):
+            if DRAG <= door <= SIDE:
+                value = coefficient * _of_ball(factor, a, b, c, d, ball)
+                if door == GRIP:
+                    ball.slide_factor = max(ball.slide_factor * (1.0 + value), LEAST_GRIP)
+                elif door == PUSH_X and ball.weight > 0.0:
+                    ball.ax += value
+                elif door == PUSH_Y and ball.weight > 0.0:
+                    ball.ay += value
+                elif door == DRAG and ball.rolling > 0.0:
+                    push_along(ball, -value, 0.0)
+                elif door == SIDE and ball.rolling > 0.0:
+                    push_along(ball, 0.0, value)
+
+    def horizon(self, ball: BallState) -> float:
+        """Until it crosses the edge of a cell [s]."""
+        left = math.inf
+        for _, door, factor, a, b, c, d in _terms(self):
+            if DRAG <= door <= SIDE and factor == BOX:
+                left = min(left, until_edge(ball, a, b, c, d))
+        return left
+
+    def impact(self, hit: ImpactState) -> None:
+        """What changes at contacts."""
+        for coefficient, door, factor, a, b, c, d in _terms(self):
+            cushion = CUSHION_E <= door <= CUSHION_MU
+            if (cushion and hit.cushion > 0.0) or (BALL_E <= door <= BALL_MU and hit.cushion <= 0.0):
+                value = coefficient * _of_impact(factor, a, b, c, d, hit)
+                if door in (CUSHION_E, BALL_E):
+                    hit.restitution += value
+                else:
+                    hit.friction += value
+
+    def observe(self, image: ImageState) -> None:
+        """What the camera reports."""
+        x, y = image.x, image.y
+        for coefficient, door, factor, a, b, c, d in _terms(self):
+            if door in (IMAGE_X, IMAGE_Y):
+                value = coefficient * factor_value(
+                    factor, a, b, c, d, x, y, image.vx, image.vy, 0.0, 0.0, image.time, -1.0, -1.0, 0.0
+                )
+                if door == IMAGE_X:
+                    image.x += value
+                else:
+                    image.y += value
+
+
+@cache
+def formula(name: str, parts: tuple[Part, ...]) -> type[Formula]:
+    """The class of effects with these terms; the same one for the same terms.
+
+    Raises:
+        ValueError: for terms that do not fit in a row, or are named alike.
+    """
+    if not 0 < len(parts) <= MAX_TERMS:
+        raise ValueError(f"{name}: {len(parts)} terms; give 1 to {MAX_TERMS}")
+    if len({p.name for p in parts}) < len(parts) or any(len(p.constants) > MAX_CONSTANTS for p in parts):
+        raise ValueError(f"{name}: terms named alike, or with more than {MAX_CONSTANTS} constants")
+    fields = [(p.name, float, param(p.default, off=0.0, unit=p.unit, bounds=p.bounds, source=p.source)) for p in parts]
+    title = "".join(word.capitalize() for word in name.split("_"))
+    own = {"__doc__": "A formula on trial.", "__module__": __name__, "called": name, "parts": parts}
+    return make_dataclass(title, fields, bases=(Formula,), namespace=own, frozen=True)
+
+
+def _remade(name: str, parts: tuple[Part, ...], values: tuple[Any, ...]) -> Formula:
+    return formula(name, parts)(*values)
