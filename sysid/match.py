@@ -1,9 +1,10 @@
 """MuJoCo against the analytic spin models and against published measurements, row by row.
 
 Two models with the same constants: the native MJCF, as well tuned as its terms allow (models/native.py), and MJCF with
-effects. Each plays the same shots as the analytic models (models/analytic); impacts of the effects are measured through
-MuJoCo's contacts, and by the impulse that isolated impacts take. The constants are those of the snooker table of
-Mathavan, Jackson and Parkin (2009, 2010, 2014).
+effects. Each plays the same shots as the analytic models, in closed form (models/analytic) and from event to event
+(models/engine); impacts of the effects are measured through MuJoCo's contacts, and by the impulse that isolated impacts
+take. The constants are those of the snooker table of Mathavan, Jackson and Parkin (2009, 2010, 2014). At last every
+effect of the catalogue, at its usual size: MuJoCo against the event engine, which both call the same hooks.
 """
 
 from __future__ import annotations
@@ -17,18 +18,26 @@ import numpy as np
 
 from models import stroke
 from models.analytic import cloth
-from models.analytic.shot import Constants, play
+from models.engine.play import lacking, play
 from models.launcher import build_scene, strike_all
-from models.model_file import Model, full_model
+from models.model_file import Model, catalogue, full_model
+from models.observe import observed
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulate import simulate
+from models.snooker import SNOOKER_TABLE
 from sysid.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
 
 BALL = Ball(0.0525, 0.1406)
 OPEN = Table(60.0, 60.0, pockets=False)
 TABLE = Table(2.959, 1.473, pockets=False)
+WIDE = dataclasses.replace(SNOOKER_TABLE, pockets=False)
 SLIDE, ROLL, SPIN = 0.212, 0.0127, 22.0
-CONSTANTS = Constants(SLIDE, ROLL, SPIN, 0.89, 0.05, 0.98, 0.14)
+CONSTANTS = {
+    "decoupled_cloth.slide": SLIDE, "decoupled_cloth.roll": ROLL, "decoupled_cloth.spin": SPIN,
+    "ball_impact.restitution": 0.89, "ball_impact.friction": 0.05,
+    "cushion_impact.restitution": 0.98, "cushion_impact.friction": 0.14,
+}  # fmt: skip
+ANALYTIC = full_model(TABLE, BALL).with_values(CONSTANTS)
 SETTLED = {"native": 3e-3, "effects": 6e-4, "impulse": 1e-5}  # after the touch, when the contact is over [s]
 LEAD = 1e-4  # before the touch [s]
 SEED = 3
@@ -64,19 +73,14 @@ class Player:
         return simulate(dataclasses.replace(self.model, table=table), shots, contacts=self.contacts)
 
 
-def with_constants(constants: Constants, table: Table = TABLE) -> Model:
-    """MJCF with effects at given constants."""
-    c = constants
-    return full_model(table, BALL).with_values(
-        {"decoupled_cloth.slide": c.slide, "decoupled_cloth.roll": c.roll, "decoupled_cloth.spin": c.spin,
-         "ball_impact.restitution": c.ball_restitution, "ball_impact.friction": c.ball_friction,
-         "cushion_impact.restitution": c.cushion_restitution, "cushion_impact.friction": c.cushion_friction}
-    )  # fmt: skip
+def in_mujoco(model: Model) -> Model:
+    """The model played in MuJoCo."""
+    return dataclasses.replace(model, engine="mujoco")
 
 
 def players() -> tuple[Player, Player]:
     """Native MJCF, and MJCF with effects whose every impact goes through MuJoCo's contacts."""
-    return Player("native", Model(TABLE, BALL)), Player("effects", with_constants(CONSTANTS), "always")
+    return Player("native", in_mujoco(Model(TABLE, BALL))), Player("effects", in_mujoco(ANALYTIC), "always")
 
 
 def random_states(count: int) -> tuple[Array, Array]:
@@ -158,7 +162,7 @@ def impacts(player: Player, kind: str, count: int = 500) -> list[Row]:
     way = ", impulse" if player.name == "effects" and player.contacts == "clusters" else ""
     for name, states in zip(("golden", f"{count} random"), impact_states(kind, count), strict=True):
         shots = [impact_shot(kind, v, angle, top, side, after) for v, angle, top, side in states]
-        ours, theirs = player(TABLE, shots), play(TABLE, BALL, CONSTANTS, shots)
+        ours, theirs = player(TABLE, shots), play(ANALYTIC, shots)
         v = np.array([np.abs(a.velocity[-1] - b.velocity[-1]).max() for a, b in zip(ours, theirs, strict=True)])
         w = np.array([np.abs(a.spin[-1] - b.spin[-1]).max() for a, b in zip(ours, theirs, strict=True)])
         for what, error in (("velocity", v / states[:, 0]), ("R omega", BALL.radius * w / states[:, 0])):
@@ -190,11 +194,11 @@ def random_shots(count: int = 200, most: int = 4) -> tuple[list[Shot], list[Trac
         names = ("white", "red", "black")[:n]
         times = np.arange(0, 40, 0.05)
         shot = Shot(names, places, velocity, spin, times)
-        track = play(TABLE, BALL, CONSTANTS, [shot])[0]
+        track = play(ANALYTIC, [shot])[0]
         rest = int(np.argmax(~np.any(track.velocity[:, 0], axis=-1)))
         if 1 <= len(track.events) <= most and rest > 0:
             shots.append(dataclasses.replace(shot, times=times[[0, rest]]))
-    return shots, play(TABLE, BALL, CONSTANTS, shots)
+    return shots, play(ANALYTIC, shots)
 
 
 def _ends(tracks: Sequence[Track]) -> list[Array]:
@@ -216,7 +220,7 @@ def whole_shots(player: Player, count: int = 200, moved: float = 1e-6) -> list[R
         dataclasses.replace(s, position=s.position + moved * rng.choice([-1.0, 1.0], s.position.shape)) for s in shots
     ]
     away = 1e3 * _apart(_ends(player(TABLE, shots)), _ends(tracks))
-    chaos = 1e3 * _apart(_ends(play(TABLE, BALL, CONSTANTS, other)), _ends(tracks))
+    chaos = 1e3 * _apart(_ends(play(ANALYTIC, other)), _ends(tracks))
     way = ", impulse" if player.name == "effects" and player.contacts == "clusters" else ""
     name, reach = f"whole shots{way}, {count}, 1 to 4 impacts", 5.0 if player.contacts == "always" else None
     return [
@@ -246,7 +250,7 @@ def rebounds(player: Player | None, pairs: Sequence[tuple[float, float]]) -> Arr
     """Rebound speeds of a rolling ball straight at a cushion: (n,) [m/s]; without a player, by the analytic model."""
     after = SETTLED[player.name if player else "impulse"]
     shots = [impact_shot("cushion", v, 0.0, 1.0, 0.0, after) for v, _ in pairs]
-    tracks = player(TABLE, shots) if player else play(TABLE, BALL, CONSTANTS, shots)
+    tracks = player(TABLE, shots) if player else play(ANALYTIC, shots)
     return np.array([-t.velocity[-1, 0, 0] for t in tracks])
 
 
@@ -254,7 +258,7 @@ def obliques(player: Player | None) -> Array:
     """Speeds of both balls once they roll, and deflection of the cue ball, at the published cuts: (n, 3) [m/s, deg]."""
     after = SETTLED[player.name if player else "impulse"]
     shots = [impact_shot("ball", v, np.radians(cut), 1.0, 0.0, after) for v, cut, *_ in OBLIQUE_2009]
-    tracks = player(TABLE, shots) if player else play(TABLE, BALL, CONSTANTS, shots)
+    tracks = player(TABLE, shots) if player else play(ANALYTIC, shots)
     rolling = np.array([cloth.rolling_velocity(t.velocity[-1], t.spin[-1], BALL.radius) for t in tracks])
     speed = np.linalg.norm(rolling, axis=-1)
     into = np.array([np.radians(cut) for _, cut, *_ in OBLIQUE_2009])
@@ -299,6 +303,49 @@ def cueing(player: Player, few: bool = False) -> list[Row]:
     ]
 
 
+def two_ball_shots(count: int) -> list[Shot]:
+    """Shots of 0.5 to 3.5 m/s with spin, most of them at another ball, over 4 s on a snooker table without pockets."""
+    rng = np.random.default_rng(SEED)
+    shots: list[Shot] = []
+    half = WIDE.reach(BALL) - 0.05
+    while len(shots) < count:
+        places = rng.uniform(-half, half, (2, 2))
+        to = places[1] - places[0]
+        if np.hypot(*to) < 0.1:
+            continue
+        heading = np.arctan2(to[1], to[0]) + rng.normal(0, 0.03) if rng.random() < 0.7 else rng.uniform(-np.pi, np.pi)
+        speed, velocity, spin = rng.uniform(0.5, 3.5), np.zeros((2, 2)), np.zeros((2, 3))
+        velocity[0] = speed * np.array([np.cos(heading), np.sin(heading)])
+        spin[0] = rng.normal(0, 0.5, 3) * speed / BALL.radius
+        times = np.linspace(0, 4, 241)
+        shots.append(Shot(("white", "red"), places, velocity, spin, times, order=float(rng.random())))
+    return shots
+
+
+def effects_of(names: Sequence[str] | None = None) -> list[str]:
+    """The catalogue's effects beyond the base, or those named, that the event engine plays; "" stands for none."""
+    base = full_model(WIDE, BALL)
+    found = [n for n in names or catalogue() if n not in {e.name() for e in base.effects}]
+    return ["", *(n for n in found if not lacking(base.add(catalogue()[n]())))]
+
+
+def effect(name: str, count: int = 40) -> list[Row]:
+    """An effect at its usual size, or with "" the base: how far the camera sees balls in MuJoCo from the engine's."""
+    model, shots = full_model(WIDE, BALL), two_ball_shots(count)
+    if name:
+        model = model.add(catalogue()[name]())
+    early, whole = np.zeros(count), np.zeros(count)
+    for k, (a, b) in enumerate(zip(observed(in_mujoco(model), shots), observed(model, shots), strict=True)):
+        away = np.linalg.norm(a.position - b.position, axis=-1).max(axis=1)
+        second = min((t.events[1].time for t in (a, b) if len(t.events) > 1), default=np.inf)
+        early[k], whole[k] = away[a.times < second].max(), away.max()
+    case = f"effect {name or 'none'}, {count} shots of two balls"
+    return [
+        Row(f"{case}: before the second impact, worst", "effects", 1e3 * float(early.max()), "mm", 0.01),
+        Row(f"{case}: median", "effects", 1e3 * float(np.median(whole)), "mm", 0.05),
+    ]
+
+
 def rows(count: int = 500, shots: int = 200, few: bool = False) -> Iterator[Row]:
     """Every row, as it is measured: `count` states and impacts, `shots` whole shots; `few` strokes of the launcher."""
     native, effects = players()
@@ -311,6 +358,7 @@ def rows(count: int = 500, shots: int = 200, few: bool = False) -> Iterator[Row]
         parts.append(partial(published, p))
     parts += [partial(impacts, alone, kind, count) for kind in ("ball", "cushion")]
     parts += [partial(whole_shots, alone, shots), partial(roughness, alone)]
+    parts += [partial(effect, name, min(shots, 40)) for name in effects_of()]
     for part in parts:
         yield from part()
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from models.analytic.shot import play
+from models.engine.play import play
 from models.model_file import Model, write_model
 from models.shot import Shot
 from sysid.clips import Clip, ClipSet, Observation, write_clip_set
-from sysid.match import BALL, CONSTANTS, TABLE
+from sysid.match import ANALYTIC, BALL, TABLE
 
 SIGMA, SIGMA_THETA = 2e-4, 0.02  # of the camera [m], and of the white's mark [rad]
 FPS = 120.0
@@ -51,7 +51,7 @@ def write_clips(folder: Path | str, count: int = 30) -> None:
     rng = np.random.default_rng(SEED)
     shots = [_shot(KINDS[k % len(KINDS)], rng) for k in range(count)]
     clips = []
-    for k, track in enumerate(play(TABLE, BALL, CONSTANTS, shots)):
+    for k, track in enumerate(play(ANALYTIC, shots)):
         balls = {}
         for i, name in enumerate(track.names):
             theta = track.theta[:, i] + rng.normal(0, SIGMA_THETA, len(track.times))

@@ -13,12 +13,25 @@ from typing import Any
 
 import numpy as np
 
-from models.analytic.shot import play
+from models.engine.play import play
 from models.model_file import Estimate, Model
 from models.native import TUNED, Native
 from models.shot import Array, Shot, Track
 from models.simulate import simulate
-from sysid.match import BALL, CONSTANTS, OPEN, SETTLED, TABLE, impact_shot, impact_states, random_states
+from sysid.match import (
+    ANALYTIC,
+    BALL,
+    CONSTANTS,
+    OPEN,
+    ROLL,
+    SETTLED,
+    SLIDE,
+    SPIN,
+    TABLE,
+    impact_shot,
+    impact_states,
+    random_states,
+)
 from sysid.solve import Prior, fit_each
 
 COUNT = 60  # random states and impacts, half of them impacts of two balls
@@ -60,7 +73,7 @@ def tune(case: str, native: Native, report: Callable[[str], None] | None = None)
     """The native terms of a case, fitted; the others as they are."""
     names, shots = TERMS[case], shots_of(case)
     table = OPEN if case == "cloth" else TABLE
-    truth = play(table, BALL, CONSTANTS, shots)
+    truth = play(dataclasses.replace(ANALYTIC, table=table), shots)
     bounds = np.log(np.maximum([Native.parameters()[name]["bounds"] for name in names], 1e-6))
 
     def evaluate(x: Array, _c: Array, _which: Any) -> Array:
@@ -86,9 +99,9 @@ def tuned(report: Callable[[str], None] | None = None) -> Model:
     """The native model nearest to the analytic ones, from the analytic models' own constants on."""
     c = CONSTANTS
     native = Native(
-        slide=float(c.slide), roll=float(c.roll), spin=float(c.spin), ball_restitution=float(c.ball_restitution),
-        ball_friction=float(c.ball_friction), ball_grip=0.002, cushion_restitution=0.9,
-        cushion_friction=float(c.cushion_friction), cushion_grip=0.002,
+        slide=SLIDE, roll=ROLL, spin=SPIN, ball_restitution=c["ball_impact.restitution"],
+        ball_friction=c["ball_impact.friction"], ball_grip=0.002, cushion_restitution=0.9,
+        cushion_friction=c["cushion_impact.friction"], cushion_grip=0.002,
     )  # fmt: skip
     for case in TERMS:
         native = tune(case, native, report)

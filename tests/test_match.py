@@ -9,12 +9,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.model_file import read_model
+from models import model_file
+from models.model_file import catalogue, read_model
 from models.native import Native
 from sysid import cli, match
 from sysid.clips import read_clip_set
 from sysid.match import Row
 from sysid.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
+
+HEADWIND = """
+from dataclasses import dataclass
+from models.effect import Effect, param
+
+@dataclass(frozen=True)
+class Headwind(Effect):
+    size: float = param(0.02, off=0.0, unit="m/s^2", bounds=(0.0, 1.0), source="made up")
+
+    def forces(self, ball):
+        if ball.rolling:
+            ball.ax -= self.size
+
+@dataclass(frozen=True)
+class Level(Effect):
+    size: float = param(0.02, off=0.0, unit="1", bounds=(0.0, 1.0), source="made up")
+
+    def edit(self, spec):
+        spec.option.gravity[0] = self.size
+"""
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +46,25 @@ def rows() -> list[Row]:
 def test_effects_reach_every_figure(rows: list[Row]) -> None:
     missed = [match.line(row) for row in rows if not row.ok]
     assert not missed
-    assert sum(row.reach is not None for row in rows) == 21
+    assert sum(row.reach is not None for row in rows if not row.case.startswith("effect ")) == 21
+
+
+def test_every_effect_of_the_catalogue_has_its_rows(rows: list[Row]) -> None:
+    base = {"decoupled_cloth", "ball_impact", "cushion_impact"}
+    for name in {"none", *catalogue()} - base:
+        mine = [row for row in rows if row.case.startswith(f"effect {name}, ")]
+        assert [row.reach for row in mine] == [0.01, 0.05], name
+        assert all(np.isfinite(row.error) for row in mine)
+
+
+def test_an_effect_of_one_s_own_has_rows_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model_file, "_added", {})
+    (tmp_path / "headwind.py").write_text(HEADWIND)
+    assert model_file.add_folder(tmp_path) == ("headwind", "level")
+    assert "headwind" in match.effects_of()
+    assert "level" not in match.effects_of(), "it edits the MJCF: only MuJoCo plays it"
+    found = match.effect("headwind", 6)
+    assert all(row.ok and row.case.startswith("effect headwind, 6 shots") for row in found)
 
 
 def test_native_contact_misses_by_far_more(rows: list[Row]) -> None:
