@@ -251,7 +251,7 @@ ONLY = {  # doors that act in one case, and which
 
 def inert(text: str) -> str:
     """Text that says the same within quotes in Python, on one line, and cannot end them."""
-    one_line = " ".join(text.split())
+    one_line = " ".join(text.encode("utf-8", "replace").decode().split())
     return "".join(
         f"\\{c}" if c in '"\\' else c if c.isprintable() else c.encode("unicode_escape").decode() for c in one_line
     )

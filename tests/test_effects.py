@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import random
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from models.contract import BALL, CONTRACTS, TABLE, TIMES, faults, kept, numbers, played, tried
-from models.effect import Array, Balls, Effect, param
+from models.effect import BallState, Effect, ImageState, param
 from models.errors import BadInput
 from models.model_file import Estimate, Model, catalogue, full_model, read_model, write_model
 from models.native import Native
@@ -140,15 +141,46 @@ class Careless(Effect):
 
 @dataclass(frozen=True)
 class Push(Effect):
-    """A push that forgets that a parameter may be an array, and is still there when it is off."""
+    """A push that is still there when it is off."""
 
     size: float = param(0.1, off=0.0, unit="m/s^2", bounds=(0.0, 1.0), source="nowhere")
 
     def is_off(self) -> bool:
         return False
 
-    def forces(self, balls: Balls) -> None:
-        balls.force[..., 0] += self.size + 0.01
+    def forces(self, ball: BallState) -> None:
+        ball.ax += self.size + 0.01
+
+
+@dataclass(frozen=True)
+class Listing(Effect):
+    """A hook that is no arithmetic on numbers."""
+
+    size: float = param(0.1, off=0.0, unit="m/s^2", bounds=(0.0, 1.0), source="nowhere")
+
+    def forces(self, ball: BallState) -> None:
+        ball.ax += {"x": self.size}.copy().nothing
+
+
+@dataclass(frozen=True)
+class Misspelt(Effect):
+    """A field that the state does not have."""
+
+    size: float = param(0.1, off=0.0, unit="m/s^2", bounds=(0.0, 1.0), source="nowhere")
+
+    def forces(self, ball: BallState) -> None:
+        ball.acceleration += self.size  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True)
+class Step(Effect):
+    """A force that jumps, and does not say when."""
+
+    size: float = param(0.5, off=0.0, unit="m/s^2", bounds=(0.0, 1.0), source="nowhere")
+
+    def forces(self, ball: BallState) -> None:
+        if ball.weight > 0 and ball.x > 0.05:
+            ball.ay += self.size
 
 
 @dataclass(frozen=True)
@@ -164,15 +196,17 @@ class Drunk(Effect):
 
     size: float = param(0.1, off=0.0, unit="1", bounds=(0.0, 1.0), source="nowhere")
 
-    def exposures(self, stamps: Array) -> Array:
-        return stamps * (1 + self.size * np.random.default_rng().random())
+    def observe(self, image: ImageState) -> None:
+        image.x += self.size * random.random()
 
 
 @pytest.mark.parametrize(
     ("kind", "contract", "says"),
     [
         (Careless, "declared", ["never on", "default 5.0 lies outside", "no unit", "no source"]),
-        (Push, "off_is_absent", ["is_off()"]), (Push, "one_value_a_shot", ["ValueError", "line "]),
+        (Listing, "compiles", ["Listing.forces does not compile", "line ", "write plain arithmetic on numbers"]),
+        (Misspelt, "compiles", ["Misspelt.forces uses 'acceleration'", "correct the name"]),
+        (Push, "off_is_absent", ["is_off()"]), (Step, "engines_agree", ["differ by", "let horizon say"]),
         (Idle, "usual_acts", ["no shot is changed"]), (Drunk, "repeatable", ["differs when played again"]),
     ],
 )  # fmt: skip
@@ -181,3 +215,8 @@ def test_broken_contracts_are_named(kind: type[Effect], contract: str, says: lis
     for text in says:
         assert text in found
     assert all(line.isprintable() for line in found.splitlines())
+
+
+def test_a_hook_that_does_not_compile_is_the_only_fault_told() -> None:
+    [line] = faults(Listing)
+    assert line.startswith("compiles: Listing.forces does not compile") and line.isprintable()

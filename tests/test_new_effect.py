@@ -64,9 +64,9 @@ def test_its_test_runs_with_plain_pytest(own: Path) -> None:
     """In the checkout's folder, as a user runs it: the effect as it is passes, and a broken one is named."""
     run = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(own)]
     done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and "8 passed" in done.stdout, done.stdout
+    assert done.returncode == 0 and "10 passed" in done.stdout, done.stdout
     file = own / "felt_wear.py"
-    file.write_text(file.read_text().replace("column(self.rate)", "column(self.rate) + 0.01"))
+    file.write_text(file.read_text().replace("-self.rate *", "-0.9 * self.rate *"))
     done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 1 and "test_its_physics" in done.stdout
 
@@ -123,7 +123,9 @@ def test_the_verb(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [("{", "not JSON (line 1"), ('{"unexplained": null}', "leaves nothing unexplained"), ("[]", "nothing unexplained"),
-     ('{"unexplained": {"form": "odd"}}', "comes without a formula")],
+     ('{"unexplained": {"form": "odd"}}', "comes without a formula"), ("[" * 100_000, "not JSON that can be read"),
+     ("1" * 5000, "not JSON that can be read"), ('{"unexplained": {"terms": "drag"}}', "no list of 1 to 5 terms"),
+     ('{"unexplained": {"terms": [{"name": "x"}]}}', "a term has no name, door or factor")],
 )  # fmt: skip
 def test_results_that_cannot_be_written_as_an_effect(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, says: str
@@ -133,6 +135,25 @@ def test_results_that_cannot_be_written_as_an_effect(
     assert says in refused(capsys, *words, tmp_path / "result.json")
     assert "cannot be read" in refused(capsys, *words, tmp_path / "none.json")
     assert not (tmp_path / "own").exists()
+
+
+def test_a_result_becomes_an_effect(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """From a file whose name and words would end a string in Python, or a line."""
+    term = {"name": "cushion_e_rail_2", "door": "cushion_e", "factor": "rail == 2", "unit": "1", "value": -0.12}
+    told = {"terms": [term], "what": 'it "does"\n\\', "where": "the cushion at +y: '''its restitution"}
+    result = tmp_path / 'a "re\nsult\\.json'
+    result.write_text(json.dumps({"unexplained": told}))
+    status, _, err = said(capsys, "new-effect", "dead_rail", "--dir", tmp_path / "own", "--from", result)
+    assert (status, err) == (0, "")
+    text = (tmp_path / "own" / "dead_rail.py").read_text()
+    assert "hit.restitution += self.cushion_e_rail_2 * (rail == 2)" in text and "exec" not in text
+    assert check_file(tmp_path / "own") == []
+    kind = effect_class("dead_rail")
+    assert kind.parameters()["cushion_e_rail_2"]["default"] == -0.12
+    assert kind.parameters()["cushion_e_rail_2"]["source"] == 'sysid discover, a "re sult\\.json'
+    result.write_text(json.dumps({"unexplained": told | {"terms": [term | {"factor": "rail == 3"}]}}))
+    words = ("new-effect", "other_rail", "--dir", tmp_path / "own", "--from", result)
+    assert "no term 'cushion_e_rail_2' on 'cushion_e' with factor 'rail == 3'" in refused(capsys, *words)
 
 
 def test_a_folder_joins_every_verb(capsys: pytest.CaptureFixture[str], own: Path, tmp_path: Path) -> None:
@@ -167,9 +188,9 @@ def test_check_names_the_faults(capsys: pytest.CaptureFixture[str], own: Path, t
     assert said(capsys, "effects", "--check", "--effects", own)[:2] == (0, "felt_wear: no faults\n")
     assert said(capsys, "effects", "--check", "squirt", "lens_distortion")[0] == 0
     file = own / "felt_wear.py"
-    file.write_text(file.read_text().replace("column(self.rate), 0.0)", "self.rate, 0.0)"))
+    file.write_text(file.read_text().replace("-self.rate *", "-self.rat *"))
     status, out, _ = said(capsys, "effects", "--check", "--effects", own, "--json", tmp_path / "c.json")
-    assert status == 1 and "felt_wear: one_value_a_shot: line " in out
+    assert status == 1 and out.startswith("felt_wear: compiles: FeltWear.forces uses 'rat'") and out.count("\n") == 1
     assert json.loads((tmp_path / "c.json").read_text())["effects"][0]["faults"]
     assert "did you mean squirt" in refused(capsys, "effects", "--check", "squrt")
 
