@@ -60,6 +60,24 @@ def damping_table() -> Array:
     return np.stack([_bounces(False, damping), _bounces(True, damping), damping])
 
 
+@compiled
+def damping_of(cushion: bool, restitution: float, table: Array) -> float:
+    """The damping of one contact for its restitution, by the `damping_table`."""
+    row, low, high = 1 if cushion else 0, 0, table.shape[1] - 1
+    if restitution <= table[row, low]:
+        return float(table[2, low])
+    if restitution >= table[row, high]:
+        return float(table[2, high])
+    while high - low > 1:
+        middle = (low + high) // 2
+        if table[row, middle] <= restitution:
+            low = middle
+        else:
+            high = middle
+    part = (restitution - table[row, low]) / (table[row, high] - table[row, low])
+    return float(table[2, low] + part * (table[2, high] - table[2, low]))
+
+
 def dampings(cushion: bool, restitution: Array) -> Array:
     """The damping of contacts for their restitutions (n,): (n,)."""
     table = damping_table()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -49,8 +50,8 @@ def load(args: argparse.Namespace) -> tuple[ClipSet, Model]:
 
         clip_set = before_jaws(clip_set)
     if not args.model:
-        return clip_set, full_model(clip_set.table, clip_set.ball)
-    model = read_model(args.model)
+        return clip_set, dataclasses.replace(full_model(clip_set.table, clip_set.ball), engine=args.engine)
+    model = dataclasses.replace(read_model(args.model), engine=args.engine)
     if (model.table, model.ball) != (clip_set.table, clip_set.ball):
         raise BadInput(f"{args.model}: its table and ball are not those of {args.clips}; fit a model to this clip set")
     return clip_set, model
@@ -272,6 +273,12 @@ def jaws(one: argparse.ArgumentParser) -> None:
     one.add_argument("--jaws", action="store_true", help=text)
 
 
+def engine(one: argparse.ArgumentParser) -> None:
+    """The option of a verb that plays shots."""
+    text = "what plays the shots: the compiled event engine (default), or MuJoCo, in which the result is checked anyway"
+    one.add_argument("--engine", choices=("events", "mujoco"), default="events", help=text)
+
+
 def parser() -> argparse.ArgumentParser:
     """Every verb with its options."""
     top = argparse.ArgumentParser(prog="sysid", description="From tracked shots to a fitted MuJoCo table.")
@@ -287,6 +294,10 @@ def parser() -> argparse.ArgumentParser:
         one.add_argument("--report", metavar="FILE.html", help="the same with pictures")
         one.add_argument("--rrd", metavar="FILE.rrd", help="measured and modelled shots for Rerun")
 
+    def playing(one: argparse.ArgumentParser) -> None:
+        jaws(one)
+        engine(one)
+
     def own(one: argparse.ArgumentParser) -> None:
         text = "folder, or file, with effects of your own (may be given again)"
         one.add_argument("--effects", metavar="DIR", action="append", default=[], help=text)
@@ -297,13 +308,13 @@ def parser() -> argparse.ArgumentParser:
     one = verb("compare", compare, "model against measurement: where it fails")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--model", metavar="M.toml", help="model file (default: decoupled cloth, frictional impacts)")
-    jaws(one)
+    playing(one)
     own(one)
     drawing(one)
     one = verb("fit", fit, "constants of the model with their uncertainty, error on clips held out")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--model", metavar="M.toml", help="model file to start from")
-    jaws(one)
+    playing(one)
     one.add_argument("--out", metavar="M2.toml", required=True, help="where the fitted model goes")
     own(one)
     drawing(one)
@@ -327,14 +338,14 @@ def parser() -> argparse.ArgumentParser:
     one = verb("diagnose", diagnose, "which effect is missing: ranked, or none, or something else")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--model", metavar="M.toml", help="model file to start from (default: the base)")
-    jaws(one)
+    playing(one)
     own(one)
     one.add_argument("--json", metavar="FILE", help="the same figures as JSON")
     one.add_argument("--report", metavar="FILE.html", help="the same with pictures")
     one = verb("discover", discover, "fit, diagnose and add until nothing more is to be explained")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--model", metavar="M.toml", help="model file to start from (default: the base)")
-    jaws(one)
+    playing(one)
     one.add_argument("--out", metavar="DIR", required=True, help="where model, result, report and recording go")
     own(one)
     from sysid import cli_measure

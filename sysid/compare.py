@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ from sysid.problem import (
     Array,
     SegmentProblem,
     ShotProblem,
+    by_events,
     residual,
     segment_problem,
     shot_problem,
@@ -56,6 +58,13 @@ def compare(
     used = set(model.fitted.get("clips", ())) if model.fitted else set()
     held = {c.file for c in clip_set.clips} - used if used else set()
     rows = tuple(_clip_row(problem, clip_set, k, tracks[k], sigma, clip_set.clips[k].file in held) for k in range(n))
+    in_mujoco: tuple[ClipRow, ...] = ()
+    if by_events(model):
+        report("the same constants in MuJoCo")
+        there = in_other_engine(problem).tracks(x, np.zeros((n, 0)), np.arange(n))
+        in_mujoco = tuple(
+            _clip_row(problem, clip_set, k, there[k], sigma, rows[k].held_out) for k in range(n)
+        )
     samples, stretches, met = of_shots(problem, tracks, clip_set), joined([]), no_impacts()
     if parts:
         report("stretches and impacts, one by one")
@@ -65,8 +74,13 @@ def compare(
     return Comparison(
         clip_set, model, sigma, rows, segments, groups(samples, segments, rows, clip_set, sigma, sd_theta), samples,
         tuple(tracks), clip_set.clips, x, stretches, met,
-        find(stretches, samples, met, clip_set.table, n, sigma, sd_theta), whiteness(samples, sigma),
+        find(stretches, samples, met, clip_set.table, n, sigma, sd_theta), whiteness(samples, sigma), in_mujoco,
     )  # fmt: skip
+
+
+def in_other_engine(problem: ShotProblem) -> ShotProblem:
+    """The same problem played in MuJoCo, the model that is delivered."""
+    return dataclasses.replace(problem, model=dataclasses.replace(problem.model, engine="mujoco"))
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,7 @@ class Comparison:
     impacts: Impacts
     local: Findings  # what departs there and then, see sysid/where.py
     white: Whiteness
+    mujoco: tuple[ClipRow, ...] = ()  # the same constants and unknowns played in MuJoCo; empty where MuJoCo played all
 
     def summary(self) -> dict[str, float]:
         """Medians a person asks for first; NaN where there is nothing to take one of."""
@@ -85,6 +86,8 @@ class Comparison:
             "struck_rms_median_m": median([c.struck_rms_m for c in self.clips]),
             "struck_rms_median_held_out_m": median(held),
             "rms_median_m": median([c.rms_m for c in self.clips]),
+            "mujoco_struck_rms_median_m": median([c.struck_rms_m for c in self.mujoco or self.clips]),
+            "mujoco_rms_median_m": median([c.rms_m for c in self.mujoco or self.clips]),
         }
 
     def to_json(self) -> dict[str, Any]:
@@ -94,6 +97,8 @@ class Comparison:
             "noise_m": self.noise_m,
             "summary": self.summary(),
             "clips": [vars(c) for c in self.clips],
+            "engine": "events" if self.mujoco else "mujoco",
+            "mujoco": [vars(c) for c in self.mujoco or self.clips],
             "where": [vars(d) for d in self.local.named],
             "dependence": [vars(d) for d in self.local.dependence],
             "whiteness": self.white.to_json(),

@@ -58,8 +58,10 @@ def model_of(found: Discovery, now: Stage, command: str) -> Model:
     return dataclasses.replace(model, estimates=estimates, fitted=summary)
 
 
-def result_of(found: Discovery, elapsed: float) -> dict[str, Any]:
-    """`billiard-discovery/1`."""
+def result_of(
+    found: Discovery, elapsed: float, compared: Sequence[tuple[str, Comparison]] = ()
+) -> dict[str, Any]:
+    """`billiard-discovery/1`; `compared` are models of the ladder held against all clips."""
     now = found.last
     ladder = [
         {"effects": list(v), "rms_m": s.rms, "held_out_rms_m": s.held_rms, "chi2_reduced": s.chi2,
@@ -79,7 +81,14 @@ def result_of(found: Discovery, elapsed: float) -> dict[str, Any]:
         "spikes_set_aside": found.clips.spikes, "shots_cut": found.clips.cut,
         "pruned": list(found.pruned), "converged": now.fit.converged,
         "doubtful": sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict)), "elapsed_s": elapsed,
+        "engines": {name: engines_of(one) for name, one in compared},
     }  # fmt: skip
+
+
+def engines_of(comparison: Comparison) -> dict[str, float]:
+    """Medians over all clips of the rms distance [m], in the event engine and with the same constants in MuJoCo."""
+    said = comparison.summary()
+    return {"events_rms_m": said["rms_median_m"], "mujoco_rms_m": said["mujoco_rms_median_m"]}
 
 
 def round_told(seen: Round) -> list[dict[str, Any]]:

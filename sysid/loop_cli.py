@@ -80,6 +80,7 @@ def discover(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     """The whole loop into a folder."""
     from sysid.discover import discover as run
     from sysid.findings import discovery_lines, print_ladder, round_rows
+    from sysid.tell import engines_line
 
     out = Path(args.out)
     try:
@@ -116,6 +117,7 @@ def discover(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     elapsed = spent + time.monotonic() - began
     outcome = write_outcome(out, clip_set, found, progress, elapsed, f"sysid discover {args.clips}")
     print_constants(outcome.model)
+    print("\n" + engines_line(outcome))
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     (out / CHECKPOINT).unlink(missing_ok=True)
     return DONE if found.last.fit.converged else FOUND
@@ -150,7 +152,7 @@ def write_outcome(
     progress.close()
     last = compared[-1][1]
     write_model(last.model, out / "model.toml")
-    write_json(str(out / "result.json"), result_of(found, elapsed))
+    write_json(str(out / "result.json"), result_of(found, elapsed, compared))
     first = failures(*compared[0]) if len(compared) > 1 else []
     write_report(
         out / "report.html", f"What {len(clip_set.clips)} clips say", compared, notes=discovery_lines(found),

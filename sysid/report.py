@@ -194,6 +194,7 @@ def _cards(comparison: Comparison) -> str:
         (_mm(comparison.noise_m), "noise, one standard deviation per axis"),
         (_mm(said["struck_rms_median_m"]), "struck ball, rms over a shot, median"),
         (_mm(said["struck_rms_median_held_out_m"]), "the same, held-out clips only"),
+        (_mm(said["mujoco_struck_rms_median_m"]), "struck ball, the same constants in MuJoCo"),
         (number(said["segment_ratio_median"]), "residual / noise of segments, median"),
     )
     return (

@@ -43,6 +43,15 @@ def simplest(rows: Sequence[Dependence]) -> Dependence:
     return min((d for d in rows if d.share >= NEARLY * most), key=lambda d: (d.groups, -d.share))
 
 
+def engines_line(comparison: Comparison) -> str:
+    """The error of the engine that was fitted in beside that of MuJoCo with the same constants."""
+    s = comparison.summary()
+    here, there = (f"{1e3 * s[k]:.3f} mm" for k in ("rms_median_m", "mujoco_rms_median_m"))
+    if not comparison.mujoco:
+        return f"all balls, whole clip, played in MuJoCo: median {there} rms"
+    return f"all balls, whole clip: median {here} rms in the event engine, {there} with the same constants in MuJoCo"
+
+
 def print_comparison(comparison: Comparison) -> None:
     """What `compare` tells on the terminal."""
     s, mm = comparison.summary(), 1e3
@@ -55,6 +64,7 @@ def print_comparison(comparison: Comparison) -> None:
     held = sum(c.held_out for c in comparison.clips)
     if held:
         print(f"the same on {held} clips held out: median {s['struck_rms_median_held_out_m'] * mm:.1f} mm rms")
+    print(engines_line(comparison))
     print("\nWorst clips")
     rows = [("", "struck ball, mm", "all balls, mm", "chi2")]
     for c in sorted(comparison.clips, key=lambda c: -c.rms_m)[:WORST]:

@@ -40,7 +40,7 @@ from models.impacts import (
 )
 from models.increments import ball_step, cushion_step
 from models.shot import GRAVITY, NOSE_COSINE
-from models.spring import CALM, CLOSED, LONGEST, PARTS, STEP, depth_of, spring
+from models.spring import CALM, CLOSED, LONGEST, PARTS, STEP, damping_of, depth_of, spring
 
 CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 
@@ -129,13 +129,15 @@ def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # t
         s[o + 4] = b[ball, WZ]
     own = mass * heavier[i]
     other = own if cushion else mass * heavier[j]
-    out[:] = s
+    for x in range(10):
+        out[x] = s[x]
     for _ in range(PARTS):
         if cushion:
-            cushion_step(out[:5], dp / PARTS, (mu[0], cloth, own, radius), after[:5])
+            cushion_step(out, dp / PARTS, (mu[0], cloth, own, radius), after)
         else:
             ball_step(out, dp / PARTS, (mu[0], mu[1], mu[2]), (cloth, own, other, radius), after)
-        out[:] = after
+        for x in range(10):
+            out[x] = after[x]
     if cushion:
         out[1] += dp * (NOSE_COSINE - level) / own
     for q in range(1 if cushion else 2):
@@ -202,7 +204,7 @@ def through(  # type: ignore[no-untyped-def]
                     hit, cushion, i, -1 - j if cushion else j, b[i], b[i if cushion else j], nx, ny, radius, order, now
                 )
                 ask(hit, hit.ctypes.data, own, impact)
-                damping[c] = np.interp(hit[RESTITUTION], table[1 if cushion else 0], table[2])
+                damping[c] = damping_of(cushion, hit[RESTITUTION], table)
                 mu[c, 0], mu[c, 1], mu[c, 2] = hit[FRICTION], hit[GAIN], hit[DECAY]
                 heavier[i] = hit[MASS_FIRST]
                 if not cushion:

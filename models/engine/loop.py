@@ -108,10 +108,13 @@ def _sample(b, m, kind, times, begin, until, radius, alpha, out, keep):  # type:
             if kind[i] == POTTED:
                 o[:] = np.nan
                 continue
-            keep[:] = b[i]
+            for x in range(COLUMNS):
+                keep[x] = b[i, x]
             advance(b[i], m[i], kind[i], times[begin], radius, alpha)
-            o[:ROW] = b[i, :ROW]
-            b[i] = keep
+            for x in range(ROW):
+                o[x] = b[i, x]
+            for x in range(COLUMNS):
+                b[i, x] = keep[x]
         begin += 1
     return begin
 
@@ -138,12 +141,15 @@ def play_shot(  # type: ignore[no-untyped-def]
     slide, roll, alpha = cloth[0], cloth[1], cloth[2]
     for i in range(n):
         lay_record(records[i], i, launch, order, radius, mass)
-        b[i, :ROW] = start[i]
+        for x in range(ROW):
+            b[i, x] = start[i, x]
         if not b[i, X] == b[i, X]:
             kind[i] = POTTED
             b[i, END] = b[i, MEET] = np.inf
     todo = np.ones(n, np.bool_)
-    next_, logged, now, ended = 0, 0, 0.0, np.nan
+    # Counters begin as numbers that the compiler does not know: for each literal it would compile what they go into anew.
+    zero = 0 * n
+    next_, logged, now, ended = zero, zero, 0.0, np.nan
     for _ in range(most + 1):
         for i in range(n):
             if todo[i] and kind[i] != POTTED:
@@ -159,7 +165,7 @@ def play_shot(  # type: ignore[no-untyped-def]
                 meet_table(b[i], m[i], what, i, kind[i], reach, half, mouths, jaws, falls, stays[i], until)
                 meet_balls(now, i, b, m, kind, pair, again, radius, until)
                 todo[i] = False
-        t, event, i, j = np.inf, SWITCH, -1, -1
+        t, event, i, j = np.inf, SWITCH + zero, zero - 1, zero - 1
         for q in range(n):
             if b[q, MEET] < t:
                 t, event, i = b[q, MEET], what[q, 0], q
@@ -184,7 +190,7 @@ def play_shot(  # type: ignore[no-untyped-def]
             if again[j * (j - 1) // 2 + i]:
                 event = SWITCH
         if event == BALL or event == CUSHION:
-            rail = what[i, 1] if event == CUSHION else -1
+            rail = what[i, 1] if event == CUSHION else zero - 1
             speed = _approach(b, i, j, rail, jaws)
             if clusters and rail < 4 and speed >= LEAN:
                 for q in range(n):
@@ -237,7 +243,8 @@ def play_shot(  # type: ignore[no-untyped-def]
     for i in range(n):
         if kind[i] != POTTED:
             advance(b[i], m[i], kind[i], now, radius, alpha)
-        start[i] = b[i, :ROW]
+        for x in range(ROW):
+            start[i, x] = b[i, x]
         potted[i] = kind[i] == POTTED
     return ended
 
