@@ -71,6 +71,7 @@ touch .venv/.unfinished
 pip() { .venv/bin/python -m pip install -qq --disable-pip-version-check --constraint constraints.txt "$$@"; }
 pip --editable '.[dev]'
 pip --no-deps dm-control # without its labmaze, which has no wheel from Python 3.13 on
+.venv/bin/python -m sysid.prepare
 rm .venv/.unfinished
 touch $(READY)
 endef

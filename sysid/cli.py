@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 DONE, FOUND, BAD = 0, 1, 2
 INTERRUPTED = 130
+# Verbs, of any of the programs, that play shots, and for which the engine is compiled before they begin.
+PLAYS = ("compare", "fit", "diagnose", "discover", "demo", "match", "plan", "study", "play", "learn", "repeat", "view")
 
 
 def check_outputs(*paths: str | None) -> None:
@@ -375,6 +377,10 @@ def run_verb(
     told: tuple[type[Exception], ...] = (BadInput, *faults)
     try:
         args.own = own_effects(getattr(args, "effects", ()))
+        if args.verb in PLAYS:
+            from sysid.prepare import prepare
+
+            prepare(lambda line: print(line, file=sys.stderr, flush=True))
         return int(args.run(args, progress))
     except told as error:
         progress.close()
