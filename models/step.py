@@ -125,7 +125,7 @@ class World:
         return data
 
     def strike(self, data: Any, velocity: ArrayLike, spin: ArrayLike = (0.0, 0.0, 0.0), *, order: float = 0.0) -> None:
-        """Strike the first ball now, with a velocity (2,) [m/s] and spin (3,) [rad/s] on which the effects of strokes act.
+        """Strike the first ball now: velocity (2,) [m/s] and spin (3,) [rad/s], on which the effects of strokes act.
 
         `order` is the shot's place in its session, 0 to 1. All balls begin to count their turns anew.
         """
