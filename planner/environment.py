@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from models.environment import Ending, Reach, ShotEnvironment
 from models.errors import BadInput
 from models.model_file import Model
+from models.shot import Ball, Table
 from planner.execution import Execution, execution_from
 from planner.outcome import Outcomes
 from planner.play import Player
@@ -28,6 +29,9 @@ from planner.risk import Hands, deal
 from planner.scene import MOST, Scene, pocket_places
 from planner.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher
 from planner.value import Wish, worth
+
+if TYPE_CHECKING:
+    from models.gym import GymnasiumShot
 
 Array = NDArray[np.float64]
 Source = Scene | Callable[[np.random.Generator], Scene]
@@ -67,6 +71,21 @@ class ScenePlay:
     def position(self) -> Array:
         """Where balls lie: (rows, 2) [m], the cue ball first, then the object ball; NaN from where there are none."""
         return self._filled(self.player.scene.position[None])[0]
+
+    @property
+    def table(self) -> Table:
+        """What is played on."""
+        return self.player.scene.table
+
+    @property
+    def ball(self) -> Ball:
+        """What is played with."""
+        return self.player.scene.ball
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the scene's balls."""
+        return self.player.scene.names
 
     @property
     def goal(self) -> dict[str, NDArray[Any]]:
@@ -147,3 +166,28 @@ def load(
 
     axis = device.offset * (model.ball.radius + device.cue.tip_radius)
     return ShotEnvironment(dealt, Reach(device.slowest, device.fastest, axis), seed, flat=flat)
+
+
+def gymnasium_env(
+    scene: Source, model: Model, *, render_mode: str | None = None, render_kwargs: dict[str, Any] | None = None,
+    **given: Any,
+) -> GymnasiumShot:  # fmt: skip
+    """The same environment with Gymnasium's interface, by way of shimmy.
+
+    Args:
+        scene: as for `load`.
+        model: as for `load`.
+        render_mode: "rgb_array" for pictures, otherwise None.
+        render_kwargs: `height`, `width` [pixels] and `camera_id` of pictures, as models.environment.ShotPhysics has them.
+        given: what else `load` takes.
+
+    Raises:
+        BadInput: without the packages for it, with the command that installs them; and as `load` does.
+    """
+    try:
+        from models.gym import GymnasiumShot
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] in ("cuelab", "models"):
+            raise
+        raise BadInput(f"Gymnasium's interface needs {error.name}: pip install 'cuelab[gym]'") from error
+    return GymnasiumShot(load(scene, model, **given), render_mode, render_kwargs)

@@ -199,7 +199,7 @@ def test_bad_files_of_plan(run: Any, asked: Path, model: Path, tmp_path: Path) -
     text = line("--model", tmp_path / "pool.toml")
     assert "3.569 x 1.778 m" in text and "2.54 x 1.27 m" in text
     write_model(dataclasses.replace(MODEL, effects=MODEL.effects[1:]), tmp_path / "bare.toml")
-    assert "the model lacks" in line("--model", tmp_path / "bare.toml")
+    assert "it has no effect for cloth; fit one" in line("--model", tmp_path / "bare.toml")
     write_model(dataclasses.replace(MODEL, execution={"sped_sd": 0.1}), tmp_path / "sped.toml")
     assert "sped_sd" in line("--model", tmp_path / "sped.toml")
     edit(asked, "pocket = [\n    1,\n    1,\n]", "pocket = [1, 0]")

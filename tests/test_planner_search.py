@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.engine.play import finish
 from models.effects.squirt import Squirt
 from models.effects.table_tilt import TableTilt
+from models.engine.play import finish
 from models.model_file import full_model
 from models.shot import RAILS, Array, Ball, Table
 from planner import baseline
@@ -178,7 +178,12 @@ def test_the_cue_ball_comes_to_a_place_within_reach(short: float) -> None:
     assert best.made == 1.0 and distance(asked, best.outcomes).max() < 0.020
     q = best.q
     assert np.array_equal(Launcher().playable(q[None], BALL)[0], q) and Launcher().allowed(q[None], BALL).all()
-    assert short == 0.45 or math.copysign(1, q[HEIGHT]) == (1 if short < 0.4 else -1)
+    # It goes on, or comes back, by the spin that it meets the red with: a ball struck in its middle has picked some up.
+    [track] = ready(asked).tracks(q[None], every=0.001)
+    k = np.flatnonzero(track.times < track.events[0].time)[-1]
+    (vx, vy), (wx, wy, _) = track.velocity[k, 0], track.spin[k, 0]
+    assert (best.outcomes.hits[:, 1] == 0).all()
+    assert math.copysign(1, vx * wy - vy * wx) == (-1 if short == 0.8 else 1)
 
 
 def test_a_stroke_for_errors_beats_the_best_without_them() -> None:
@@ -215,7 +220,6 @@ def test_probabilities_told_are_those_of_other_plays(number: int) -> None:
     assert float(best.outcomes.foul.mean()) == pytest.approx(out.foul.mean(), abs=0.03)
 
 
-@pytest.mark.slow
 def test_a_tilted_table_is_aimed_off_for() -> None:
     tilted, launcher, wish = (
         MODEL.add(TableTilt(0.0, 0.001)),
@@ -322,10 +326,9 @@ def test_the_same_seed_gives_the_same_plan_at_any_number_of_threads(plan: dict[s
     assert json.dumps(again) == json.dumps(plan)
 
 
-@pytest.mark.slow
-def test_a_plan_in_mujoco_does_not_depend_on_threads() -> None:
+def test_a_plan_on_a_tilted_table_does_not_depend_on_threads() -> None:
     model, asked = MODEL.add(TableTilt(0.0005, 0.0003)), straight(0.8, 0.5, pocket=(1, 1))
-    tiny = dataclasses.replace(QUICK, slow_starts=1, slow_rounds=2, slow_fresh=32)
+    tiny = dataclasses.replace(QUICK, starts=2, fresh=32)
     one, two = (make_plan(asked, model, Execution(), Wish(), effort=tiny, threads=k) for k in (1, 2))
     assert json.dumps(one) == json.dumps(two) and one["stroke"]
 
