@@ -82,7 +82,7 @@ class Effect:
 
     @classmethod
     def layout(cls) -> tuple[str, ...]:
-        """Names of the numbers that its hooks find in `self`."""
+        """Names of the numbers that its hooks find in `self`: its parameters, and after them what else they need."""
         return tuple(cls.parameters())
 
     def row(self, count: int) -> Array:

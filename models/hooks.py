@@ -8,6 +8,7 @@ so that a formula stands once and any effect, shipped or a user's, runs at the s
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -21,6 +22,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from models.compiled import callback, compiled
+from models.errors import BadInput
 
 Array = NDArray[np.float64]
 Table = NDArray[np.int64]
@@ -128,7 +130,7 @@ BALL_FIELDS, IMPACT_FIELDS, STROKE_FIELDS, IMAGE_FIELDS = (
 )
 
 
-class HookError(Exception):
+class HookError(BadInput):
     """A hook that does not compile; the message names it and says why."""
 
 
@@ -148,7 +150,7 @@ def address(function: Callable[..., Any], hook: str, layout: tuple[str, ...]) ->
         signature = types.void(own, _record(fields_of(STATES[hook])))
     try:
         return int(callback(function, signature).address)
-    except NumbaError as error:
+    except (NumbaError, KeyError, TypeError) as error:
         said = [line.strip() for line in str(error).splitlines() if line.strip()]
         lines = [line for line in said if line.startswith("File ")]
         what = next((x for x in said if "Failed in" not in x), said[0])
@@ -205,7 +207,7 @@ def call_exposures(context, where, own, stamp):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def push_rolling(ball, ax, ay):  # type: ignore[no-untyped-def]
+def push_rolling(ball: BallState, ax: float, ay: float) -> None:
     """Add a force that changes a ball's velocity by (ax, ay) [m/s^2], and the torque that keeps it rolling."""
     ball.ax += ax
     ball.ay += ay
@@ -214,9 +216,9 @@ def push_rolling(ball, ax, ay):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def push_along(ball, along, left):  # type: ignore[no-untyped-def]
+def push_along(ball: BallState, along: float, left: float) -> None:
     """The same along the motion and to the left of it [m/s^2]; nothing for a ball that does not move."""
-    speed = np.sqrt(ball.vx * ball.vx + ball.vy * ball.vy)
+    speed = math.sqrt(ball.vx * ball.vx + ball.vy * ball.vy)
     if speed > 0.0:
         cx, cy = ball.vx / speed, ball.vy / speed
         push_rolling(ball, along * cx - left * cy, along * cy + left * cx)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,17 +15,6 @@ from sysid.judge import Judgement, judge
 
 NOW = SimpleNamespace(gain=0.0, model=None)
 CLIPS: Any = None
-
-
-class Here(nullcontext[None]):
-    """What would be done aside, done when it is asked for."""
-
-    def __init__(self, task: Any) -> None:
-        super().__init__()
-        self.result = task
-
-    def __enter__(self) -> Any:
-        return self
 
 
 def told(name: str) -> Any:
@@ -53,7 +41,6 @@ def looked(monkeypatch: pytest.MonkeyPatch, by_runs: float, own: str, by_own: fl
         (sysid.runs, "candidates_for", lambda model: []),
         (sysid.runs, "scored", lambda *known: SimpleNamespace(rows=(told(own), told("speed_drag")))),
         (sysid.runs, "try_one", try_one),
-        (sysid.judge, "Aside", Here),
         (sysid.judge, "look_at_runs", lambda clips, now, report: runs),
         (sysid.judge, "candidates_for", lambda model: []),
         (sysid.judge, "followed", lambda clips, now: False),

@@ -123,11 +123,11 @@ class Layout:
                 self.places.append((True, LAWS.index(key)))
             else:
                 n = owners.index(owner)
-                self.places.append((False, int(self.begins[n]) + self.effects[n].layout().index(key)))
+                self.places.append((False, int(self.begins[n]) + list(self.effects[n].parameters()).index(key)))
         for n, effect in enumerate(self.effects):
-            for key, meta in effect.parameters().items():
+            for k, meta in enumerate(effect.parameters().values()):
                 if meta["off"] is not None:
-                    self.offs[n].append((int(self.begins[n]) + effect.layout().index(key), meta["off"]))
+                    self.offs[n].append((int(self.begins[n]) + k, meta["off"]))
         self.games: dict[tuple[bool, ...], Game] = {}  # by which effects are on
 
     def game(self, c: Array) -> Game:
