@@ -17,12 +17,17 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from dm_control.rl import control
 from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
+
+from models.shot import Ball, Table
+
+if TYPE_CHECKING:
+    from models.painter import Painter
 
 Array = NDArray[np.float64]
 SENT = ("cue speed [m/s]", "x'0 [m]", "y'0 [m]", "theta [rad]")
@@ -42,6 +47,18 @@ class Episode(Protocol):
     @property
     def position(self) -> Array:
         """Where balls lie before the stroke: (nball, 2) [m]; NaN in rows that stand for no ball."""
+
+    @property
+    def table(self) -> Table:
+        """What is played on, to be drawn."""
+
+    @property
+    def ball(self) -> Ball:
+        """What is played with, to be drawn."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the balls in the first rows of `position`, which choose their colours."""
 
     @property
     def goal(self) -> Mapping[str, NDArray[Any]]:
@@ -94,6 +111,8 @@ class ShotPhysics(control.Physics):
 
     def __init__(self, episode: Episode) -> None:
         """Lay out the balls."""
+        self._painter: Painter | None = None
+        self._painted: tuple[Table, Ball, tuple[str, ...]] | None = None
         self.start(episode)
 
     def start(self, episode: Episode) -> None:
@@ -128,6 +147,31 @@ class ShotPhysics(control.Physics):
     def timestep(self) -> float:
         """One shot."""
         return 1.0
+
+    def render(self, height: int = 240, width: int = 320, camera_id: str | int = "overhead") -> NDArray[np.uint8]:
+        """The table as it is now: (height, width, 3), red, green, blue.
+
+        Args:
+            height: of the picture [pixels].
+            width: of the picture [pixels].
+            camera_id: "overhead", "corner" or "baulk", or 0 to 2.
+
+        Raises:
+            BadInput: where nothing can be drawn, with what to install or to set.
+        """
+        from models.painter import Painter
+
+        wanted = self.episode.table, self.episode.ball, self.episode.names
+        if self._painter is None or self._painted != wanted:
+            self.free()
+            self._painter, self._painted = Painter(*wanted), wanted
+        return self._painter.draw(self.position[: len(wanted[2])], camera=camera_id, size=(width, height))
+
+    def free(self) -> None:
+        """Give back what draws; the next picture makes it anew."""
+        if self._painter is not None:
+            self._painter.close()
+            self._painter = None
 
 
 class ShotTask(control.Task):

@@ -178,7 +178,7 @@ def gymnasium_env(
         scene: as for `load`.
         model: as for `load`.
         render_mode: "rgb_array" for pictures, otherwise None.
-        render_kwargs: `height`, `width` [pixels] and `camera_id` of pictures, as models.environment.ShotPhysics has them.
+        render_kwargs: of pictures: `height`, `width` [pixels], `camera_id`, as for models.environment.ShotPhysics.
         given: what else `load` takes.
 
     Raises:

@@ -1,0 +1,80 @@
+"""Pictures of one table again and again, as a policy or a film asks for them: compiled once, one OpenGL context.
+
+models/render.py draws one picture, and is simpler to call. A ball that is not on the table stands under its floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import BadInput
+from models.gl import require_rendering
+from models.shot import Array, Ball, Table
+from models.world import build_spec
+
+CAMERAS = ("overhead", "corner", "baulk")
+LATE = "MuJoCo was imported before it was told what draws; set MUJOCO_GL=egl (or osmesa), or first call "
+UNDER = 1.0  # the slate [m], where balls stand that are not to be seen
+
+
+class Painter:
+    """A table, its balls, and what draws them."""
+
+    def __init__(self, table: Table, ball: Ball, names: Sequence[str]) -> None:
+        """Compile the furnished table; the names choose the balls' colours."""
+        self.names, self.radius = tuple(names), ball.radius
+        self.model: mujoco.MjModel = build_spec(table, ball, self.names, furnished=True).compile()
+        self.data = mujoco.MjData(self.model)
+        self._renderer: mujoco.Renderer | None = None
+
+    def draw(
+        self, positions: Array, *, camera: str | int = "overhead", size: tuple[int, int] = (320, 240)
+    ) -> NDArray[np.uint8]:
+        """The balls at positions (nball, 2) [m], nan for none: (height, width, 3), red, green, blue.
+
+        Args:
+            positions: table frame.
+            camera: "overhead", "corner" or "baulk", or its number, 0 to 2.
+            size: (width, height) [pixels].
+
+        Raises:
+            BadInput: where nothing can be drawn, for a camera that there is not, and for a size beyond 2560 x 1440.
+        """
+        if camera in range(len(CAMERAS)):
+            camera = CAMERAS[int(camera)]
+        if camera not in CAMERAS:
+            raise BadInput(f"unknown camera {camera!r}; choose from {', '.join(CAMERAS)}, or 0 to {len(CAMERAS) - 1}")
+        (width, height), limit = size, self.model.vis.global_
+        if not (0 < width <= limit.offwidth and 0 < height <= limit.offheight):
+            raise BadInput(f"a picture of {width} x {height} pixels; give up to {limit.offwidth} x {limit.offheight}")
+        xy = np.asarray(positions, float)
+        if xy.shape != (len(self.names), 2):
+            raise ValueError(f"positions has shape {xy.shape}; {len(self.names)} balls need ({len(self.names)}, 2)")
+        seen = np.isfinite(xy).all(axis=1)
+        places = self.data.qpos.reshape(-1, 7)
+        places[:, :2], places[:, 2] = np.where(seen[:, None], xy, 0.0), np.where(seen, self.radius, -UNDER)
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+        renderer = self._context(width, height)
+        renderer.update_scene(self.data, camera)
+        return np.array(renderer.render())
+
+    def close(self) -> None:
+        """Give the OpenGL context back."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _context(self, width: int, height: int) -> mujoco.Renderer:
+        if self._renderer is None or (self._renderer.width, self._renderer.height) != (width, height):
+            self.close()
+            require_rendering()
+            try:
+                self._renderer = mujoco.Renderer(self.model, height, width)
+            except mujoco.FatalError as error:
+                raise BadInput(f"{LATE}models.gl.choose_backend() ({error})") from error
+        return self._renderer
