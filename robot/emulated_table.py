@@ -2,8 +2,9 @@
 
 The firmware tells every hit (`hit`: cue speed, side, height of the axis as the stage puts it); a balance of impulses
 (models/analytic/cue_impulse.py), with true constants that nobody tells, makes velocity and spin of it, or the MuJoCo
-launcher does; the hidden model plays the shot with jaws at the pockets until all balls rest; a camera straight above
-reports positions with normal noise, from the hit (t = 0) on. The stand is turned by hand, each time with an error.
+launcher does; the hidden model plays the shot in MuJoCo, with jaws at the pockets, until all balls rest; a camera
+straight above reports positions with normal noise, from the hit (t = 0) on. The stand is turned by hand, each time with
+an error.
 
 A hit is only noted, since it comes in the midst of an exchange; the shot is played when somebody looks. A stand serves
 one stroke: the cue ball lies elsewhere then. Leaves out the hop after the hit, a marked ball's angle, and the camera's
@@ -39,7 +40,7 @@ YAW_SD = 1e-3  # of a yaw set by hand against the picture [rad]; planner/executi
 LOOKS = 25  # frames that a look at resting balls is the mean of
 STILL = 1e-6  # of a place, below which a ball has not moved [m]
 AFTER = 10  # frames kept after the last motion
-PLAYS = ("edit", "forces", "horizon", "impact", "strike")  # doors through which an effect changes a shot
+PLAYS = ("edit", "forces", "horizon", "impact", "strike")  # hooks through which an effect changes a shot
 BASE = ("decoupled_cloth", "ball_impact", "cushion_impact")  # without which pockets have no jaws
 
 
@@ -83,7 +84,7 @@ class EmulatedTable:
         doing = tuple(e for e in doing if "squirt" not in (e.name(), e.slot))
         if lacking := sorted(set(BASE) - {e.name() for e in doing}):
             raise BadInput(f"the hidden model lacks {', '.join(lacking)}; give one that starts from the base")
-        self.model = dataclasses.replace(model, effects=doing)
+        self.model = dataclasses.replace(model, effects=doing, engine="mujoco")  # what fits and plans is the other one
         self.table, self.ball, self.fps, self.sigma = model.table, model.ball, fps, sigma
         self.constants, self.geometry = constants or Constants(), geometry or Geometry(model.ball)
         self._mujoco, self._yaw_sd = mujoco, yaw_sd

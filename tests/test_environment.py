@@ -79,7 +79,7 @@ class Conforms(test_utils.EnvironmentTestMixin, unittest.TestCase):
 
 
 class ConformsOnDrawnScenes(Conforms):
-    """The same with a number of balls that changes, in the analytic engine."""
+    """The same with a number of balls that changes, in the event engine."""
 
     def make_object_under_test(self) -> ShotEnvironment:
         return load(drawn, model(), balls=5, mujoco=False)
@@ -145,18 +145,19 @@ def test_hand_made_shots_pay_what_anyone_can_tell(mujoco: bool) -> None:
     assert not follow.observation["on_table"][:2].any()
 
 
-def test_the_engine_speaks_for_a_model_that_it_knows() -> None:
+def test_the_engine_pays_what_mujoco_does() -> None:
     actions, known = asks(40, 4), model(unsure=True)
     slow, fast = (load(scene(), known, seed=5, mujoco=mujoco) for mujoco in (True, False))
     assert slow.rewards(actions) == pytest.approx(fast.rewards(actions), abs=1e-6)
 
 
-def test_all_effects_act_in_mujoco() -> None:
+@pytest.mark.parametrize("mujoco", [True, False])
+def test_all_effects_act(mujoco: bool) -> None:
     tilted = model().add(effect_class("table_tilt")(slope_x=0.004))
     action = [0.7, 0.0, 0.0, STRAIGHT]
     ends = []
     for known in (model(), tilted):
-        environment = load(scene(), known, STEADY)
+        environment = load(scene(), known, STEADY, mujoco=mujoco)
         environment.reset()
         ends.append(environment.step(action).observation["position"][0])
     assert float(np.hypot(*(ends[0] - ends[1]))) > 0.01

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from models.analytic.events import in_mouth
 from models.analytic.pocket import CORNER_JAW, OWNERS, outward, pockets_of, rail_of, straight
-from models.analytic.shot import Constants, Result, finish, play
+from models.engine.play import Result, finish, play
 from models.errors import BadInput
+from models.model_file import full_model
 from models.shot import NOSE_COSINE, Ball, Shot, Table
 
 Array = NDArray[np.float64]
@@ -22,6 +23,8 @@ R = BALL.radius
 HALF = np.array([TABLE.length, TABLE.width]) / 2
 REACH = TABLE.reach(BALL)
 POCKETS = pockets_of(TABLE, BALL)
+VALUES = {"ball_impact.restitution": 0.89, "cushion_impact.restitution": 0.98}  # Mathavan 2010, 2014
+MODEL = full_model(TABLE, BALL).with_values(VALUES)
 CORNER, MIDDLE = (1, 1), (0, 1)
 CLEAN = 0.045 - R  # room on either side of the axis at the narrowest place [m]
 WAY = 0.25  # from where balls start to the pocket [m]
@@ -48,7 +51,7 @@ def approach(sides: tuple[int, int], speed: float, angle: float, offset: Array) 
 
 def run(p: Array, v: Array, w: Array | None = None, *, jaws: bool = True, **more: object) -> Result:
     spin = rolling(v) if w is None else w
-    return finish(TABLE, BALL, Constants(), p, v, spin, jaws=jaws, events=40, **more)  # type: ignore[arg-type]
+    return finish(MODEL, p, v, spin, jaws=jaws, events=40, **more)  # type: ignore[arg-type]
 
 
 def half_width(sides: tuple[int, int], speed: float, degrees: float) -> float:
@@ -219,7 +222,7 @@ def test_a_ball_along_the_cushion_falls_into_the_corner_and_passes_the_middle() 
 def test_an_impact_at_a_jaw_is_one_of_its_rail() -> None:
     p, v = approach(CORNER, 1.0, 0.0, np.array([0.042, -0.042]))
     shots = [Shot(("white",), *x, np.linspace(0, 2, 11)) for x in zip(p, v, rolling(v), strict=True)]
-    first = [track.events[0] for track in play(TABLE, BALL, Constants(), shots, jaws=True)]
+    first = [track.events[0] for track in play(MODEL, shots, jaws=True)]
     assert [(e.kind, e.rail) for e in first] == [("cushion", "+y"), ("cushion", "+x")]
 
 
@@ -271,7 +274,7 @@ def test_what_has_no_jaws_is_named(table: Table, ball: Ball, names: str) -> None
 def test_a_table_without_pockets_has_no_jaws() -> None:
     open_ = Table(3.569, 1.778, pockets=False)
     p, v = approach(CORNER, 2.0, 0.0, np.linspace(-0.05, 0.05, 11))
-    with_, without = (finish(open_, BALL, Constants(), p, v, rolling(v), jaws=jaws) for jaws in (True, False))
+    with_, without = (finish(full_model(open_, BALL), p, v, rolling(v), jaws=jaws) for jaws in (True, False))
     assert with_.position.tobytes() == without.position.tobytes()
     assert not with_.potted.any()
     assert pockets_of(open_, BALL).ends.tolist() == [0, 0, 0]

@@ -150,7 +150,7 @@ def play_shot(  # type: ignore[no-untyped-def]
     # Counters begin as numbers that the compiler does not know: for each literal it would compile what they go into anew.
     zero = 0 * n
     next_, logged, now, ended = zero, zero, 0.0, np.nan
-    for _ in range(most + 1):
+    for done in range(most + 1):
         for i in range(n):
             if todo[i] and kind[i] != POTTED:
                 if curved:
@@ -179,6 +179,8 @@ def play_shot(  # type: ignore[no-untyped-def]
                 at += 1
         if t > until or t == np.inf:
             ended = until
+            break
+        if done == most:
             break
         next_ = _sample(b, m, kind, times, next_, t, radius, alpha, out, keep)
         now = t
