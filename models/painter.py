@@ -5,20 +5,37 @@ models/render.py draws one picture, and is simpler to call. A ball that is not o
 
 from __future__ import annotations
 
+import importlib
+import os
 from collections.abc import Sequence
 
 import mujoco
 import numpy as np
+from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.gl import require_rendering
+from models.gl import LIBRARIES, require_rendering
 from models.shot import Array, Ball, Table
 from models.world import build_spec
 
 CAMERAS = ("overhead", "corner", "baulk")
-LATE = "MuJoCo was imported before it was told what draws; set MUJOCO_GL=egl (or osmesa), or first call "
 UNDER = 1.0  # the slate [m], where balls stand that are not to be seen
+
+
+def offscreen(model: mujoco.MjModel, size: tuple[int, int]) -> mujoco.Renderer:
+    """What draws pictures of (width, height) [pixels], whether or not MuJoCo was imported before a library was chosen.
+
+    Raises:
+        BadInput: where nothing can be drawn, with what to install or to set.
+    """
+    require_rendering()
+    if os.environ.get("MUJOCO_GL", "").lower() in LIBRARIES and "glfw" in gl_context.GLContext.__module__:
+        importlib.reload(gl_context)  # it reads MUJOCO_GL
+    try:
+        return mujoco.Renderer(model, size[1], size[0])
+    except mujoco.FatalError as error:
+        raise BadInput(f"no picture can be drawn ({error}); set MUJOCO_GL=egl, or osmesa") from error
 
 
 class Painter:
@@ -72,9 +89,5 @@ class Painter:
     def _context(self, width: int, height: int) -> mujoco.Renderer:
         if self._renderer is None or (self._renderer.width, self._renderer.height) != (width, height):
             self.close()
-            require_rendering()
-            try:
-                self._renderer = mujoco.Renderer(self.model, height, width)
-            except mujoco.FatalError as error:
-                raise BadInput(f"{LATE}models.gl.choose_backend() ({error})") from error
+            self._renderer = offscreen(self.model, (width, height))
         return self._renderer

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from models.errors import BadInput
-from planner import cli_study
+from planner import cli_study, cli_view
 from sysid.cli import DONE, FOUND, check_outputs, run_verb
 from sysid.output import Progress, table, write_json
 
@@ -227,6 +227,8 @@ def parser() -> argparse.ArgumentParser:
         "study", cli_study.run, "statistics over many random scenes, judged by a truth that the planner does not know"
     )
     cli_study.add(one)
+    one = verb("view", cli_view.run, "a fitted table in MuJoCo's viewer, strokes played by a key; or pictures of one")
+    cli_view.add(one)
     return top
 
 

@@ -1,0 +1,171 @@
+"""A table played by models/step.py for people to look at: in MuJoCo's interactive viewer, or as pictures of a stroke.
+
+The viewer shows and the loop here plays, in real time or slower; strokes are repeated by keys. What a computer does not
+keep up with is left out of the clock, not of the physics.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import sys
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from models.errors import BadInput
+from models.model_file import Model
+from models.shot import Array
+from models.step import World
+from planner.stroke import launch
+
+SPACE, RESET = 32, ord("R")  # key codes of GLFW
+FRAME_S = 1 / 60  # between two looks at the clock [s]
+BEHIND_S = 0.1  # that is caught up on between two frames; what is beyond that is lost [s]
+STEP_S = 2e-3  # longest step between pictures [s]
+KEYS = (
+    "space strikes again from where the balls lie, R puts them back; double-click a ball and drag with ctrl to push it"
+)
+Show = Callable[..., AbstractContextManager[Any]]  # mujoco.viewer.launch_passive, or what stands in for it
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Balls at their places, and the stroke to play."""
+
+    names: tuple[str, ...]  # the ball to be struck first
+    position: Array  # (n, 2) [m]
+    stroke: tuple[float, float, float, float]  # speed [m/s], azimuth [rad], side, height [m], as planner/stroke.py
+    elevation: float  # of the cue [rad]
+
+
+class Session:
+    """A world, its MjData, and the stroke that is played there."""
+
+    def __init__(self, model: Model, setup: Setup, timestep: float = STEP_S) -> None:
+        """Compile the table to be looked at, and place the balls."""
+        self.setup = setup
+        self.world = World(
+            model, setup.names, timestep=timestep, jaws=model.table.pockets, furnished=True, marked=True
+        )  # fmt: skip
+        self.velocity, self.spin = launch(np.array([setup.stroke]), setup.elevation, model.ball)
+        self.data = mujoco.MjData(self.world.mj_model)
+        self.reset()
+
+    def reset(self) -> None:
+        """Put the balls back."""
+        self.world.place(dict(zip(self.setup.names, self.setup.position, strict=True)), self.data)
+
+    def strike(self) -> None:
+        """Play the stroke from where the balls lie; from where they began if the ball to be struck is gone."""
+        if self.setup.names[0] not in self.world.in_play(self.data):
+            self.reset()
+        self.world.strike(self.data, self.velocity[0], self.spin[0])
+
+    def press(self, key: int) -> None:
+        """Do what a key asks for."""
+        if key == SPACE:
+            self.strike()
+        elif key == RESET:
+            self.reset()
+
+
+def watch(
+    session: Session, show: Show, *, pace: float = 1.0, clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> None:  # fmt: skip
+    """Play in a viewer until it is closed; the first stroke at once.
+
+    Args:
+        session: what is played.
+        show: opens a viewer: mujoco.viewer.launch_passive.
+        pace: seconds of the table for one of the clock.
+        clock: tells the time [s].
+        sleep: waits [s].
+    """
+    pressed: queue.SimpleQueue[int] = queue.SimpleQueue()  # the viewer calls from a thread of its own
+    step = session.world.mj_model.opt.timestep
+    with show(session.world.mj_model, session.data, key_callback=pressed.put) as viewer:
+        size = float(np.hypot(session.world.model.table.length, session.world.model.table.width))
+        with viewer.lock():
+            viewer.cam.lookat[:] = 0.0
+            viewer.cam.distance, viewer.cam.azimuth, viewer.cam.elevation = 0.85 * size, 45.0, -40.0
+            session.strike()
+        last, due = clock(), 0.0
+        while viewer.is_running():
+            now = clock()
+            due, last = due + min(pace * (now - last), BEHIND_S), now
+            steps = int(due / step)
+            with viewer.lock():
+                while not pressed.empty():
+                    session.press(pressed.get())
+                session.world.step(session.data, steps)
+            due -= steps * step
+            viewer.sync()
+            sleep(FRAME_S)
+
+
+def require_display() -> None:
+    """Raise BadInput, in one line, where no window can be opened."""
+    remedy = "run it on a desktop, or write pictures: --frames 50 --out DIR"
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise BadInput(f"there is no display (DISPLAY is not set); {remedy}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns beside what it returns
+        import glfw
+
+        if not glfw.init():
+            raise BadInput(f"no window can be opened on display {os.environ.get('DISPLAY', '')!r}; {remedy}")
+
+
+def open_viewer(session: Session, pace: float) -> None:
+    """Play in MuJoCo's viewer until its window is closed.
+
+    Raises:
+        BadInput: where no window can be opened.
+    """
+    require_display()
+    import mujoco.viewer
+
+    try:
+        watch(session, mujoco.viewer.launch_passive, pace=pace)
+    except RuntimeError as error:
+        if "mjpython" in str(error):
+            raise BadInput("on macOS the viewer runs under mjpython: mjpython -m planner.cli view ...") from error
+        raise
+
+
+def write_frames(
+    session: Session, folder: Path, count: int, fps: float, camera: str, size: tuple[int, int]
+) -> Sequence[Path]:  # fmt: skip
+    """Pictures of the stroke, 0001.png and so on, the first as the ball is struck.
+
+    Raises:
+        BadInput: where nothing can be drawn, or the folder cannot be made.
+    """
+    from models.painter import offscreen
+    from models.render import write_png
+
+    renderer = offscreen(session.world.mj_model, size)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{folder}: cannot be made ({error.strerror}); choose another folder") from error
+    world, data, written = session.world, session.data, []
+    parts = int(np.ceil(1.0 / (fps * STEP_S) - 1e-9))
+    world.mj_model.opt.timestep = 1.0 / (fps * parts)
+    session.strike()
+    with renderer:
+        for number in range(count):
+            world.step(data, parts if number else 0)
+            renderer.update_scene(data, camera)
+            written.append(folder / f"{number + 1:04d}.png")
+            write_png(np.array(renderer.render()), written[-1])
+    return written
