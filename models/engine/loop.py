@@ -91,6 +91,25 @@ def _hit(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, mass, radiu
 
 
 @compiled
+def _part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
+    """Put bodies that lean on each other back to where they touch: each look at them lets them overlap a little more."""
+    if j >= 0:
+        x, y = b[j, X] - b[i, X], b[j, Y] - b[i, Y]
+        d = math.sqrt(x * x + y * y)
+        more = 0.5 * max(2.0 * radius - d, 0.0) / d
+        b[i, X], b[i, Y] = b[i, X] - more * x, b[i, Y] - more * y
+        b[j, X], b[j, Y] = b[j, X] + more * x, b[j, Y] + more * y
+    elif rail < 4:
+        k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
+        b[i, k] = sign * min(sign * b[i, k], reach[k])
+    else:
+        x, y = jaws[rail - 4, 0] - b[i, X], jaws[rail - 4, 1] - b[i, Y]
+        d = math.sqrt(x * x + y * y)
+        more = max(jaws[rail - 4, 2] - d, 0.0) / d
+        b[i, X], b[i, Y] = b[i, X] - more * x, b[i, Y] - more * y
+
+
+@compiled
 def _approach(b, i, j, rail, jaws):  # type: ignore[no-untyped-def]
     if j < 0:
         x, y = outward(rail, b[i, X], b[i, Y], jaws)
@@ -190,7 +209,7 @@ def play_shot(  # type: ignore[no-untyped-def]
             advance(b[j], m[j], kind[j], t, radius, alpha)
             todo[j] = True
             if again[j * (j - 1) // 2 + i]:
-                event = SWITCH
+                event, leans[j] = SWITCH, now + LEANS
         if event == BALL or event == CUSHION:
             rail = what[i, 1] if event == CUSHION else zero - 1
             speed = _approach(b, i, j, rail, jaws)
@@ -211,6 +230,7 @@ def play_shot(  # type: ignore[no-untyped-def]
             known = leans[i] > now or (j >= 0 and leans[j] > now)
             slow = _hit(b, i, j, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now)
             if slow:
+                _part(b, i, j, rail, jaws, radius, reach)
                 leans[i] = now + LEANS
                 if j >= 0:
                     leans[j] = now + LEANS
@@ -221,6 +241,8 @@ def play_shot(  # type: ignore[no-untyped-def]
                 event = SWITCH
         elif event == SWITCH and t == b[i, END]:
             arrive(b[i], kind[i], radius)
+        elif event == SWITCH:  # pressed to something, and looked at again
+            leans[i] = now + LEANS
         count[event] += 1
         if event == POCKET:
             kind[i] = POTTED
