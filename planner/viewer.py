@@ -92,7 +92,8 @@ def watch(
     """
     pressed: queue.SimpleQueue[int] = queue.SimpleQueue()  # the viewer calls from a thread of its own
     step = session.world.mj_model.opt.timestep
-    with show(session.world.mj_model, session.data, key_callback=pressed.put) as viewer:
+    panels = {"show_left_ui": False, "show_right_ui": False}  # Tab brings them
+    with show(session.world.mj_model, session.data, key_callback=pressed.put, **panels) as viewer:
         size = float(np.hypot(session.world.model.table.length, session.world.model.table.width))
         with viewer.lock():
             viewer.cam.lookat[:] = 0.0
