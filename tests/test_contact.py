@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +29,11 @@ def model(e: float = 0.94, mu: float = 0.05, cushion: float = 0.98) -> Model:
 @pytest.fixture(params=["events", "mujoco"])
 def play(request: pytest.FixtureRequest) -> Play:
     """Either engine."""
-    return lambda world, shots, **more: simulate(dataclasses.replace(world, engine=request.param), shots, **more)
+
+    def on(world: Model, shots: list[Shot], **more: Any) -> list[Track]:
+        return simulate(dataclasses.replace(world, engine=request.param), shots, **more)
+
+    return on
 
 
 def met(
