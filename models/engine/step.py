@@ -17,7 +17,7 @@ from models.analytic.cloth import STILL_SPIN
 from models.analytic.events import in_mouth
 from models.compiled import compiled
 from models.engine.cluster import CROWD, is_crowded, through
-from models.engine.loop import LEAN, LEANS, _approach, _hit
+from models.engine.loop import LEAN, LEANS, _approach, _hit, _part
 from models.engine.motion import (
     CLOCK,
     COLUMNS,
@@ -222,8 +222,10 @@ def play_step(  # type: ignore[no-untyped-def]
         _carry(b, m, kind, orientation, entered, t, radius, alpha, reach, half, mouths)
         now = t
         if event == BALL and again[two * (two - 1) // 2 + one]:
-            event = SWITCH
+            event, leans[two] = SWITCH, now + LEANS
         if event == SWITCH:
+            if b[one, END] > t:  # pressed to something, and looked at again
+                leans[one] = now + LEANS
             for i in range(n):
                 if b[i, END] <= t:
                     arrive(b[i], kind[i], radius)
@@ -265,6 +267,7 @@ def play_step(  # type: ignore[no-untyped-def]
                 leans[one] = now + LEANS
                 if two >= 0:
                     leans[two] = now + LEANS
+                _part(b, one, two, rail, jaws, radius, reach)
     return False
 
 
