@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,20 @@ import pytest
 
 from models.analytic.ball_ball import SpeedFriction, collide_balls
 from models.analytic.impulse import collide
-from models.effect import CLIMB, Effect, Impact
+from models.effect import Effect
+from models.hooks import IMPACT_FIELDS, hooks_of
+from models.impacts import (
+    APPROACH,
+    CLIMB,
+    CUSHION_HIT,
+    FIRST,
+    FRICTION,
+    MASS_FIRST,
+    MASS_SECOND,
+    RESTITUTION,
+    SECOND,
+    ask,
+)
 from models.model_file import Model, effect_class, full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulate import simulate
@@ -38,6 +52,7 @@ CUSHION_CASES: list[tuple[str, dict[str, float], dict[str, float]]] = [
     ("cushion_restitution_speed", {"rate": -0.15}, {"ec_v": -0.15}),  # beyond 1
 ]
 CASES = [*BALL_CASES, *CUSHION_CASES]
+ENGINES = pytest.mark.parametrize("engine", ["events", "mujoco"])
 
 
 def name_of(value: Any) -> str | None:
@@ -45,9 +60,9 @@ def name_of(value: Any) -> str | None:
     return value if isinstance(value, str) else "-".join(map(str, value.values())) if isinstance(value, dict) else None
 
 
-def world(name: str = "", **values: Any) -> Model:
+def world(name: str = "", engine: str = "mujoco", **values: Any) -> Model:
     """The base, and one effect."""
-    base = full_model(TABLE, BALL).with_values(BASE)
+    base = dataclasses.replace(full_model(TABLE, BALL).with_values(BASE), engine=engine)
     return base.add(effect_class(name)(**values)) if name else base
 
 
@@ -90,10 +105,13 @@ def truth(played: Shot, **hidden: float) -> Array:
     return physics.simulate(table, Constants(**hidden), starts, played.times, increments=20_000).xy
 
 
+@ENGINES
 @pytest.mark.parametrize(("name", "values", "hidden"), CASES, ids=name_of)
-def test_an_effect_is_what_the_hidden_one_is(name: str, values: dict[str, float], hidden: dict[str, float]) -> None:
+def test_an_effect_is_what_the_hidden_one_is(
+    name: str, values: dict[str, float], hidden: dict[str, float], engine: str
+) -> None:
     played = at_cushions() if name.startswith("cushion") else at_balls()
-    plain, seen = simulate(world(), played), simulate(world(name, **values), played)
+    plain, seen = simulate(world(engine=engine), played), simulate(world(name, engine, **values), played)
     moved = [np.abs(a.position - b.position).max() for a, b in zip(plain, seen, strict=True)]
     off = [np.abs(truth(s, **hidden) - t.position).max() for s, t in zip(played, seen, strict=True)]
     assert max(moved) > 5e-3, "the effect shows in these shots"
@@ -191,16 +209,21 @@ def numbers(track: Track) -> bytes:
     return b"".join(a.tobytes() for a in (track.position, track.velocity, track.spin, track.theta))
 
 
-@pytest.mark.parametrize("contacts", ["clusters", "always"])
+@pytest.mark.parametrize(("engine", "contacts"), [("events", "clusters"), ("mujoco", "clusters"), ("mujoco", "always")])
 @pytest.mark.parametrize(("name", "values", "hidden"), CASES, ids=name_of)
-def test_one_value_a_simulation(name: str, values: dict[str, float], hidden: dict[str, float], contacts: str) -> None:
+def test_one_value_a_simulation(
+    name: str, values: dict[str, float], hidden: dict[str, float], engine: str, contacts: str
+) -> None:
     played = (at_cushions() if name.startswith("cushion") else at_balls())[:3]
     kind: type[Effect] = effect_class(name)
     off = {k: m["default"] if m["off"] is None else m["off"] for k, m in kind.parameters().items()}
     rows = [values, off, {k: 0.5 * (values[k] + off[k]) for k in values}]
-    together = simulate(world(name, **{k: np.array([r[k] for r in rows]) for k in values}), played, contacts=contacts)
+    each = {k: np.array([r[k] for r in rows]) for k in values}
+    together = simulate(world(name, engine, **each), played, contacts=contacts)
     for k, row in enumerate(rows):
-        alone = simulate(world() if row is off else world(name, **row), [played[k]], contacts=contacts)[0]
+        alone = simulate(
+            world("" if row is off else name, engine, **({} if row is off else row)), [played[k]], contacts=contacts
+        )[0]
         assert numbers(together[k]) == numbers(alone)
 
 
@@ -238,35 +261,42 @@ def test_a_heavy_ball_through_contacts(factor: float) -> None:
         assert np.abs(contact - impulse - own).max() < 0.005 * change
 
 
-def test_a_heavy_ball_in_a_cluster_keeps_momentum() -> None:
+@ENGINES
+def test_a_heavy_ball_in_a_cluster_keeps_momentum(engine: str) -> None:
     d, factor = 2 * R * (1 + 1e-12), 1.2
     place = np.array([[-d * np.cos(np.pi / 6) - 1e-3, 0], [0, d / 2], [0, -d / 2]])
     v = np.array([[1.0, 0], [0, 0], [0, 0]])
     met = Shot(("white", "a", "b"), place, v, np.zeros((3, 3)), np.array([0.0, 2e-3]))
     frictionless = {"decoupled_cloth.slide": 0.05, "ball_impact.friction": 0.0}
-    out = simulate(world("cue_ball_mass", factor=factor).with_values(frictionless), [met])[0].velocity[-1]
+    out = simulate(world("cue_ball_mass", engine, factor=factor).with_values(frictionless), [met])[0].velocity[-1]
     total = factor * out[0] + out[1] + out[2]
     assert total == pytest.approx([factor, 0.0], abs=0.05 * 9.81 * 2e-3 * 3 * factor)
     kinetic = [factor * x[0] @ x[0] + x[1] @ x[1] + x[2] @ x[2] for x in (v, out)]
     assert 0.7 * kinetic[0] < kinetic[1] < kinetic[0]
-    equal = simulate(world().with_values(frictionless), [met])[0].velocity[-1]
+    equal = simulate(world(engine=engine).with_values(frictionless), [met])[0].velocity[-1]
     assert out[0, 0] > equal[0, 0] + 0.02, "a heavy ball goes on further"
 
 
 def test_a_heavy_ball_comes_off_a_cushion_as_any_other() -> None:
     played = at_cushions()[:2]
-    for contacts, close in (("clusters", 0.0), ("always", 1e-9)):
-        one, other = (simulate(m, played, contacts=contacts) for m in (world("cue_ball_mass", factor=1.2), world()))
+    for engine, contacts, close in (
+        ("events", "clusters", 0.0),
+        ("mujoco", "clusters", 0.0),
+        ("mujoco", "always", 1e-9),
+    ):
+        both = world("cue_ball_mass", engine, factor=1.2), world(engine=engine)
+        one, other = (simulate(m, played, contacts=contacts) for m in both)
         for a, b in zip(one, other, strict=True):
             assert np.abs(a.position - b.position).max() <= close
 
 
-def described(kind: str, approach: float) -> Impact:
-    one = np.ones(1)
-    return Impact(
-        kind, BALL, approach * one, one, np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1, np.int64),
-        np.zeros(1, np.int64), 0 * one, 0 * one, 0 * one, 0 * one, np.ones((1, 2)), 0 * one,
-    )  # fmt: skip
+def asked(effects: list[Effect], cushion: bool, approach: float, first: int = 0, second: int = 1) -> Array:
+    """What effects say of an impact, each in its turn: a record of models.hooks.ImpactState."""
+    hit = np.zeros(IMPACT_FIELDS)
+    hit[[CUSHION_HIT, APPROACH, FIRST, SECOND, MASS_FIRST, MASS_SECOND]] = cushion, approach, first, second, 1.0, 1.0
+    hooks = hooks_of(effects, 1)
+    ask(hit, hit.ctypes.data, hooks.own.ctypes.data, hooks.impact)
+    return hit
 
 
 @pytest.mark.parametrize("first", [True, False])
@@ -282,27 +312,19 @@ def test_coefficients_stay_where_they_mean_something(
     name: str, kind: str, field: str, most: float, first: bool
 ) -> None:
     """In whatever order the effects speak; and each only of its own kind of impact."""
-    base = effect_class(f"{kind}_impact")(restitution=0.9, friction=0.14)
-    usual = getattr(base, field)
+    base, where = effect_class(f"{kind}_impact")(restitution=0.9, friction=0.14), {"restitution": RESTITUTION}
+    usual, at = getattr(base, field), where.get(field, FRICTION)
     for speed, rate, expected in ((1.0, 0.2, usual), (1.5, 0.1, usual - 0.05), (9.0, 0.2, 0.0), (9.0, -0.2, most)):
         effect = effect_class(name)(rate=rate)
-        seen = described(kind, speed)
-        for e in (effect, base) if first else (base, effect):
-            e.impact(seen, np.zeros(1, np.int64))
-        seen.hold()
-        assert getattr(seen, field)[0] == pytest.approx(max(expected, 0.0), abs=1e-12)
-        other = described("cushion" if kind == "ball" else "ball", speed)
-        effect.impact(other, np.zeros(1, np.int64))
-        assert getattr(other, field)[0] == 0.0
+        both = [effect, base] if first else [base, effect]
+        assert asked(both, kind == "cushion", speed)[at] == pytest.approx(max(expected, 0.0), abs=1e-12)
+        assert asked([effect], kind != "cushion", speed)[at] == 0.0
 
 
 def test_only_the_struck_ball_is_heavy() -> None:
-    effect = effect_class("cue_ball_mass")(factor=np.array([1.1, 1.2, 1.3, 1.4]))
-    many = np.zeros(3)
-    for kind, expected in (("ball", [1.2, 1 / 1.4, 1.0]), ("cushion", [1.2, 1.0, 1.0])):
-        seen = Impact(
-            kind, BALL, many, many, np.zeros((3, 2)), np.zeros((3, 2)), np.array([0, 1, 1]), np.array([2, 0, 2]),
-            many, many, many, many, np.ones((3, 2)), many,
-        )  # fmt: skip
-        effect.impact(seen, np.array([1, 3, 0]))
-        assert seen.ratio == pytest.approx(expected, abs=1e-12)
+    heavy = [effect_class("cue_ball_mass")(factor=1.2)]
+    for cushion, first, second, masses in (
+        (False, 0, 2, [1.2, 1.0]), (False, 1, 0, [1.0, 1.2]), (False, 1, 2, [1.0, 1.0]),
+        (True, 0, 2, [1.2, 1.0]), (True, 1, 0, [1.0, 1.0]),
+    ):  # fmt: skip
+        assert asked(heavy, cushion, 1.0, first, second)[[MASS_FIRST, MASS_SECOND]].tolist() == masses
