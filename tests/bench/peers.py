@@ -10,17 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from models.analytic.shot import Constants, finish
+from models.engine.play import finish
+from models.model_file import Model, full_model
 from models.shot import Shot, Table
 from models.simulate import simulate
-from sysid.match import BALL, with_constants
+from sysid.match import BALL, in_mujoco
 from tests.truth import physics
 from tests.truth.cloth import Constants as Truth
 
 LONG = 120.0  # after which every ball rests [s]
 SLIDE, ROLL, SPIN = 0.2, 0.01, 22.0
 BALL_E, BALL_MU, CUSHION_E, CUSHION_MU = 0.95, 0.05, 0.85, 0.14
-CONSTANTS = Constants(SLIDE, ROLL, SPIN, BALL_E, BALL_MU, CUSHION_E, CUSHION_MU)
+CONSTANTS = {
+    "decoupled_cloth.slide": SLIDE, "decoupled_cloth.roll": ROLL, "decoupled_cloth.spin": SPIN,
+    "ball_impact.restitution": BALL_E, "ball_impact.friction": BALL_MU,
+    "cushion_impact.restitution": CUSHION_E, "cushion_impact.friction": CUSHION_MU,
+}  # fmt: skip
 TABLE = Table(3.545, 1.746)  # pooltool's snooker table; where it differs, that one is used
 
 
@@ -29,6 +34,10 @@ def _shot(position: list[tuple[float, float]], velocity: np.ndarray, spin: np.nd
     v, w = np.zeros((n, 2)), np.zeros((n, 3))
     v[0], w[0] = velocity, spin
     return Shot(tuple(f"ball {i}" for i in range(n)), np.array(position), v, w, np.array([0.0, LONG]))
+
+
+def _world(table: Table) -> Model:
+    return full_model(table, BALL).with_values(CONSTANTS)
 
 
 def single(rng: np.random.Generator, table: Table) -> Shot:
@@ -104,7 +113,7 @@ def from_fine_steps(table: Table, shots: list[Shot]) -> np.ndarray:
         muc=CUSHION_MU,
     )  # fmt: skip
     found = []
-    for shot, track in zip(shots, simulate(with_constants(CONSTANTS, table), shots), strict=True):
+    for shot, track in zip(shots, simulate(in_mujoco(_world(table)), shots), strict=True):
         starts = {
             name: physics.Start(tuple(p), tuple(v), tuple(w))
             for name, p, v, w in zip(shot.names, shot.position, shot.velocity, shot.spin, strict=True)
@@ -118,7 +127,7 @@ def from_fine_steps(table: Table, shots: list[Shot]) -> np.ndarray:
 
 
 def rows() -> list[tuple[str, ...]]:
-    """Milliseconds a shot: pooltool one at a time, MuJoCo with effects and the analytic simulator in batches."""
+    """Milliseconds a shot: pooltool one at a time, MuJoCo with effects and the event engine in batches."""
     theirs_found = importlib.util.find_spec("pooltool") is not None
     table, pooltable = TABLE, None
     if theirs_found:
@@ -127,7 +136,7 @@ def rows() -> list[tuple[str, ...]]:
         pooltable = pt.Table.from_game_type(pt.GameType.SNOOKER)
         table = Table(pooltable.l, pooltable.w)
     found: list[tuple[str, ...]] = [
-        ("the same shots, ms a shot", "pooltool", "effects", "ratio", "analytic", "ratio", "off mm", "worst")
+        ("the same shots, ms a shot", "pooltool", "effects", "ratio", "engine", "ratio", "off mm", "worst")
     ]
     for name, make, few, count in (
         ("  one ball, side, cushion", single, 40, 1000),
@@ -137,8 +146,8 @@ def rows() -> list[tuple[str, ...]]:
         rng = np.random.default_rng(5)
         shots = [make(rng, table) for _ in range(count)]
         p, v, w = (np.array([getattr(s, k) for s in shots]) for k in ("position", "velocity", "spin"))
-        ours = _batch_ms(lambda s=shots: simulate(with_constants(CONSTANTS, table), s), count)
-        quick = _batch_ms(lambda p=p, v=v, w=w: finish(table, BALL, CONSTANTS, p, v, w), count)
+        ours = _batch_ms(lambda s=shots: simulate(in_mujoco(_world(table)), s), count)
+        quick = _batch_ms(lambda p=p, v=v, w=w: finish(_world(table), p, v, w), count)
         off = from_fine_steps(table, shots[:few]) if count > few else np.array([])
         theirs = np.nan
         if theirs_found:
@@ -160,6 +169,6 @@ def note() -> str:
         version = ".".join(map(str, sys.version_info[:2]))
         return f"pooltool is not installed here (Python {version}; it needs 3.12), so not compared: see README"
     return (
-        "pooltool one at a time on one core, median; effects and analytic in a batch (1000; 20 racks), on all cores;\n"
-        "off: effects, from where an independent program takes the same shots in fine steps"
+        "pooltool one at a time on one core, median; effects and engine in a batch (1000; 20 racks), on all cores;\n"
+        "off: effects in MuJoCo, from where an independent program takes the same shots in fine steps"
     )
