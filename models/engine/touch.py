@@ -37,6 +37,7 @@ from models.engine.motion import (
 )
 
 BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
+DEEP = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
 PUSH = 1e-3  # until what is pressed together at rest is looked at again [s]
 MOST_STEPS = 200  # towards a touch
 ARRIVED = 1e-15  # step that is none [s]
@@ -167,7 +168,9 @@ def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, unt
             continue
         o = 1 - k
         found = CUSHION
-        if not bent and not stays and in_mouth(b[o] + b[VX + o] * t + 0.5 * b[AX + o] * t * t, rail, half, mouths):
+        inside = mouths[0] > 0.0 and reach[k] - sign * b[k] < -DEEP
+        inside = inside or in_mouth(b[o] + b[VX + o] * t + 0.5 * b[AX + o] * t * t, rail, half, mouths)
+        if not bent and not stays and inside:
             found = POCKET
             t = line(half[k] - sign * b[k], sign * b[VX + k], sign * b[AX + k], h)
         if t >= 0.0 and b[CLOCK] + t < b[MEET]:
@@ -225,7 +228,8 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
             continue
         x, y, _, _ = place(b, m, CURVE, t)
         found = CUSHION
-        if not stays and in_mouth(y if k == 0 else x, rail, half, mouths):
+        inside = mouths[0] > 0.0 and gap < -DEEP
+        if not stays and (inside or in_mouth(y if k == 0 else x, rail, half, mouths)):
             if bent:
                 continue
             found = POCKET
