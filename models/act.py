@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from models.analytic.cloth import GRIP, NEAR, RESTING, ROLLING, SLIDING, STILL, STILL_SPIN, add_cloth
 from models.compiled import compiled
 from models.effect import STILL as NO_ROLL
-from models.engine.motion import push
+from models.engine.curve import push
 from models.hooks import (
     AX,
     AY,
@@ -67,7 +67,7 @@ class Balls:
     def act(self, hooks: Hooks, cloth: Array) -> Array:
         """Let effects and cloth act; returns how long until something switches: (n,) [s].
 
-        `cloth` (nsim, 3): friction of sliding and rolling, deceleration of sidespin; (nsim, 0) where MuJoCo has the cloth.
+        `cloth` (nsim, 3): friction of sliding and rolling, deceleration of sidespin; (nsim, 0) where it is MuJoCo's.
         """
         self.acceleration, self.turning = np.zeros_like(self.position), np.zeros_like(self.position)
         self.rolling, span = np.zeros(self.alive.shape, bool), np.full(len(self.rows), np.inf)

@@ -16,12 +16,11 @@ import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numba
 from numba.core import caching, ccallback, compiler
 
-Function = TypeVar("Function", bound=Callable[..., Any])
 HERE = Path(__file__).parent
 FOLDER = "compiled"  # in __pycache__ beside the source
 OPTIONS = {"error_model": "numpy", "nogil": True}
@@ -71,7 +70,7 @@ def cache_folder(beside: Path) -> Path | None:
     return None
 
 
-class _Locator(caching._CacheLocator):  # type: ignore[misc]
+class _Locator(caching._CacheLocator):
     """Compiled code beside its source, valid while no compiled file has changed."""
 
     def __init__(self, function: Callable[..., Any], file: str, folder: Path) -> None:
@@ -82,10 +81,7 @@ class _Locator(caching._CacheLocator):  # type: ignore[misc]
         return str(self._folder)
 
     def get_source_stamp(self) -> str:
-        own = Path(self._py_file)
-        if HERE in own.parents:
-            return stamp()
-        return hashlib.sha256(stamp().encode() + own.read_bytes()).hexdigest()
+        return hashlib.sha256(stamp().encode() + Path(self._py_file).read_bytes()).hexdigest()
 
     def get_disambiguator(self) -> str:
         return str(self._line)
@@ -97,11 +93,11 @@ class _Locator(caching._CacheLocator):  # type: ignore[misc]
         return None if folder is None else cls(py_func, py_file, folder)
 
 
-class _Results(caching.CompileResultCacheImpl):  # type: ignore[misc]
+class _Results(caching.CompileResultCacheImpl):
     _locator_classes = (_Locator,)
 
 
-class _Cache(caching.FunctionCache):  # type: ignore[misc]
+class _Cache(caching.FunctionCache):
     _impl_class = _Results
 
 
@@ -113,26 +109,27 @@ def _kept(function: Callable[..., Any]) -> Any:
         return caching.NullCache()
 
 
-def compiled(function: Function) -> Function:
+def compiled(function: Callable[..., Any]) -> Any:
     """Compile a function on its first call, without the GIL while it runs, and keep it on disk."""
     return _dispatcher(function, OPTIONS)
 
 
-def compiled_sums(function: Function) -> Function:
+def compiled_sums(function: Callable[..., Any]) -> Any:
     """The same where sums may be taken in any order, which is fixed by the compiler: four at a time."""
     return _dispatcher(function, {**OPTIONS, "fastmath": {"reassoc", "contract", "nsz"}})
 
 
-def _dispatcher(function: Function, options: dict[str, Any]) -> Function:
+def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     dispatcher = numba.njit(**options)(function)
     dispatcher._cache = _kept(function)
-    return dispatcher  # type: ignore[no-any-return]
+    return dispatcher
 
 
 def callback(function: Callable[..., Any], signature: Any) -> Any:
     """A function compiled for one signature, whose `address` compiled code can call."""
     args = signature.args, signature.return_type
-    found = ccallback.CFunc(function, args, locals={}, options={"error_model": "numpy"}, pipeline_class=compiler.Compiler)
+    options = {"error_model": "numpy"}
+    found: Any = ccallback.CFunc(function, args, locals={}, options=options, pipeline_class=compiler.Compiler)
     found._cache = _kept(function)
     found.compile()
     return found

@@ -117,11 +117,6 @@ def compiles(kind: type[Effect]) -> list[str]:
                 address(getattr(kind, hook), hook, kind.layout())
             except HookError as error:
                 found.append(str(error))
-            except KeyError as error:
-                told = f"{kind.__name__}.{hook} uses {error}, which is neither a parameter nor a field of its state"
-                found.append(f"{told}; correct the name (fields: models/hooks.py)")
-            except TypeError as error:
-                found.append(f"{kind.__name__}.{hook} does not compile: {error}; declare it as models/effect.py does")
     return found
 
 

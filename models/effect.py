@@ -95,8 +95,8 @@ class Effect:
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Change the MJCF before it is compiled; an effect that does more than that plays in MuJoCo alone."""
 
-    # What follows is compiled (models/hooks.py): arithmetic on numbers, of one ball, impact, stroke or image. `self` has
-    # the parameters and nothing else.
+    # What follows is compiled (models/hooks.py): arithmetic on numbers, of one ball, impact, stroke or image. `self`
+    # has the parameters and nothing else.
 
     def forces(self, ball: BallState) -> None:
         """Add accelerations to `ball.ax` ... `ball.bz`, or change the factors on the cloth's friction.

@@ -122,8 +122,8 @@ def _record(names: Sequence[str]) -> Any:
 
 
 (
-    X, Y, VX, VY, WX, WY, WZ, SLIP_X, SLIP_Y, TIME, LAUNCH, ORDER, ROLLED, NUMBER, RADIUS, MASS, ROLLING, WEIGHT, AX, AY,
-    BX, BY, BZ, SLIDE_FACTOR, SPIN_FACTOR,
+    X, Y, VX, VY, WX, WY, WZ, SLIP_X, SLIP_Y, TIME, LAUNCH, ORDER, ROLLED, NUMBER, RADIUS, MASS, ROLLING, WEIGHT,
+    AX, AY, BX, BY, BZ, SLIDE_FACTOR, SPIN_FACTOR,
 ) = range(25)  # fmt: skip
 BALL_FIELDS, IMPACT_FIELDS, STROKE_FIELDS, IMAGE_FIELDS = (
     len(fields_of(k)) for k in (BallState, ImpactState, StrokeState, ImageState)
@@ -150,7 +150,13 @@ def address(function: Callable[..., Any], hook: str, layout: tuple[str, ...]) ->
         signature = types.void(own, _record(fields_of(STATES[hook])))
     try:
         return int(callback(function, signature).address)
-    except (NumbaError, KeyError, TypeError) as error:
+    except KeyError as error:
+        told = f"{function.__qualname__} uses {error}, which is neither a parameter nor a field of its state"
+        raise HookError(f"{told}; correct the name (fields: models/hooks.py)") from error
+    except TypeError as error:
+        told = f"{function.__qualname__} does not compile: {' '.join(str(error).split())}"
+        raise HookError(f"{told}; declare it as models/effect.py does") from error
+    except NumbaError as error:
         said = [line.strip() for line in str(error).splitlines() if line.strip()]
         lines = [line for line in said if line.startswith("File ")]
         what = next((x for x in said if "Failed in" not in x), said[0])
@@ -168,9 +174,7 @@ def call_hook(context, where, own, state):  # type: ignore[no-untyped-def]
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         pointer = ir.IntType(8).as_pointer()
         function = ir.FunctionType(ir.VoidType(), [pointer, pointer])
-        builder.call(
-            builder.inttoptr(args[0], function.as_pointer()), [builder.inttoptr(a, pointer) for a in args[1:]]
-        )
+        builder.call(builder.inttoptr(args[0], function.as_pointer()), [builder.inttoptr(a, pointer) for a in args[1:]])
         return context.get_dummy_value()
 
     return signature, codegen
@@ -226,7 +230,7 @@ def push_along(ball: BallState, along: float, left: float) -> None:
 
 @dataclass(frozen=True)
 class Hooks:
-    """Effects ready to be called: of each hook a table (k, 2) of its address and where its parameters begin in a row."""
+    """Effects ready to be called: of each hook a table (k, 2), its address and where its parameters begin in a row."""
 
     own: Array  # (nsim, p) parameters of all effects in every simulation
     forces: Table

@@ -15,8 +15,8 @@ from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
 CLIMB = 0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
 (
-    CUSHION_HIT, APPROACH, SLIP, HIT_X, HIT_Y, HIT_VX, HIT_VY, FIRST, SECOND, HIT_ORDER, HIT_TIME, RESTITUTION, FRICTION,
-    GAIN, DECAY, MASS_FIRST, MASS_SECOND,
+    CUSHION_HIT, APPROACH, SLIP, HIT_X, HIT_Y, HIT_VX, HIT_VY, FIRST, SECOND, HIT_ORDER, HIT_TIME, RESTITUTION,
+    FRICTION, GAIN, DECAY, MASS_FIRST, MASS_SECOND,
 ) = range(IMPACT_FIELDS)  # fmt: skip
 RAIL_OF_JAW = np.array(OWNERS)
 
@@ -48,7 +48,7 @@ def describe(h, cushion, i, j, one, two, nx, ny, radius, order, time):  # type: 
 
 @compiled
 def ask(h, at, own, hooks):  # type: ignore[no-untyped-def]
-    """Let the effects say how the impact in record h, at address `at`, goes; coefficients are kept where models hold."""
+    """Let the effects say how the impact in record h, at address `at`, goes, within what the impact models hold for."""
     for k in range(hooks.shape[0]):
         call_hook(hooks[k, 0], own + 8 * hooks[k, 1], at)
     h[RESTITUTION] = min(max(h[RESTITUTION], 0.0), 1.0)

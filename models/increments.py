@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 
-
 from models.analytic.coulomb import friction_at
 from models.compiled import compiled
 from models.shot import NOSE_COSINE, NOSE_SINE, Array

@@ -200,7 +200,8 @@ class Model:
     def select(self, index: Any) -> Model:
         """The model with per-simulation parameters narrowed to some simulations."""
         chosen = tuple(e.select(index) for e in self.effects)
-        return dataclasses.replace(self, native=self.native.select(index), effects=chosen)
+        native = dataclasses.replace(self.native, **vars(self.native.select(index)))
+        return dataclasses.replace(self, native=native, effects=chosen)
 
     def add(self, effect: Effect) -> Model:
         """The model with one more effect; one of the same slot or name gives way."""

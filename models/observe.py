@@ -56,7 +56,9 @@ def observed(model: Model, shots: Sequence[Shot], begun: Sequence[float] | None 
         dataclasses.replace(shot, times=_checked(eyes, t - t0)) for shot, t, t0 in zip(shots, true, since, strict=True)
     ]
     tracks = simulate(model, played)
-    return [_report(hooks, k, track, t, shot) for k, (track, t, shot) in enumerate(zip(tracks, true, shots, strict=True))]
+    return [
+        _report(hooks, k, track, t, shot) for k, (track, t, shot) in enumerate(zip(tracks, true, shots, strict=True))
+    ]
 
 
 @compiled

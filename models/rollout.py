@@ -24,8 +24,21 @@ from models.batch import batch
 from models.contact import Contacts
 from models.curve import MARGIN, Curve, follow, land
 from models.engine.cluster import CROWD
+from models.engine.play import LAWS
 from models.hooks import IMPACT_FIELDS, hooks_of
-from models.impacts import APPROACH, DECAY, FRICTION, GAIN, MASS_FIRST, MASS_SECOND, RESTITUTION, ask_rows, crowded, part, strike_rows
+from models.impacts import (
+    APPROACH,
+    DECAY,
+    FRICTION,
+    GAIN,
+    MASS_FIRST,
+    MASS_SECOND,
+    RESTITUTION,
+    ask_rows,
+    crowded,
+    part,
+    strike_rows,
+)
 from models.model_file import Model
 from models.sampling import record, record_curve, spin_to_world
 from models.shot import Array, Event, Shot, Track
@@ -60,9 +73,12 @@ class Rollout:
         self.varies = len(self.hooks.forces) > 0
         self.resolved = np.array([any(e.resolves == k for e in acting) for k in ("ball", "cushion")])
         self.exact = cloth is not None
-        laws = [getattr(cloth, k) for k in ("slide", "roll", "spin")] if cloth is not None else []
-        self.cloth = np.stack([np.broadcast_to(np.asarray(k, float), (nsim,)) for k in laws], 1) if laws else np.zeros((nsim, 0))
-        self.slide = np.broadcast_to(np.asarray(getattr(cloth or own.native, "slide"), float), (nsim,))
+        laws = LAWS if cloth is not None else ()
+        self.cloth: Array = np.zeros((nsim, len(laws)))
+        for k, law in enumerate(laws):
+            self.cloth[:, k] = getattr(cloth, law)
+        self.slide: Array = np.zeros(nsim)
+        self.slide[:] = getattr(cloth or own.native, "slide", 0.0)
         names = [f"ball {i}" for i in range(len(self.shots[0].names))]
         self.batch = batch(self.model, names, self.effects, self.exact, self.resolved, len(self.shots), self.threads)
         self.world: Contacts | None = None
@@ -90,7 +106,9 @@ class Rollout:
         spin = np.array([s.spin for s in self.shots], float)
         velocity = np.array([s.velocity for s in self.shots], float)
         struck = np.array([s.struck for s in self.shots])
-        strike_rows(self.hooks.own, self.hooks.strike, self.model.ball.radius, self.model.ball.mass, struck, velocity, spin)
+        strike_rows(
+            self.hooks.own, self.hooks.strike, self.model.ball.radius, self.model.ball.mass, struck, velocity, spin
+        )
         self.qpos[:] = 0
         self.qpos[..., :2] = [s.position for s in self.shots]
         self.qpos[..., 2] = self.model.ball.radius
@@ -142,7 +160,9 @@ class Rollout:
         limit = np.full(rows.size, np.inf if self.exact else NATIVE_RUN * NATIVE_STEP)
         limit = np.minimum(limit, balls.act(self.hooks, self.cloth))
         # A moving simulation takes no step beyond the longest; one at rest goes to its end at once.
-        moving = np.any(balls.velocity[..., :2] != 0, axis=(1, 2)) | np.any(balls.acceleration[..., :2] != 0, axis=(1, 2))
+        moving = np.any(balls.velocity[..., :2] != 0, axis=(1, 2)) | np.any(
+            balls.acceleration[..., :2] != 0, axis=(1, 2)
+        )
         limit = np.where(moving, np.minimum(limit, self.longest[rows]), limit)
         limit = np.minimum(limit, np.maximum(self.end[rows] - self.clock[rows], 1e-12))
         switch = limit

@@ -57,8 +57,8 @@ def simulate(
 ) -> list[Track]:
     """Play shots on a model; a parameter that is an array gives each shot its own value.
 
-    The model's `engine` plays them: "events" (where the model has an effect for cloth, balls and cushions, and none that
-    edits the MJCF) or "mujoco".
+    The model's `engine` plays them: "events" (where the model has an effect for cloth, balls and cushions, and none
+    that edits the MJCF) or "mujoco".
 
     Args:
         model: table, ball and effects; parameters are numbers or (len(shots),) arrays.
@@ -82,7 +82,7 @@ def simulate(
         done, tracks_found = 0, []
         for start in range(0, len(shots), CHUNK):
             part = np.arange(start, min(start + CHUNK, len(shots)))
-            few = [shots[k] for k in part]
+            few = [shots[int(k)] for k in part]
             tracks_found += play(model.select(part), few, threads=threads, jaws=jaws, clusters=contacts == "clusters")
             done += part.size
             if progress:
@@ -95,7 +95,7 @@ def simulate(
         rows = np.flatnonzero(sizes == size)
         for start in range(0, rows.size, CHUNK):
             part = rows[start : start + CHUNK]
-            batch = Rollout(model, [shots[r] for r in part], part, threads, contacts, jaws)
+            batch = Rollout(model, [shots[int(r)] for r in part], part, threads, contacts, jaws)
             for k, track in zip(part, batch.run(), strict=True):
                 tracks[k] = track
             done += part.size

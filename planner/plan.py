@@ -25,9 +25,9 @@ from planner.candidates import describe, every_way
 from planner.execution import Execution
 from planner.outcome import FOULS
 from planner.play import Player
-from planner.risk import Hands, Judged, deal, judge
+from planner.risk import Hands, Judged, deal
 from planner.scene import POCKETS, Scene, pocket_name, scene_dict
-from planner.search import LEAST, Effort, Found, playable, search, spin_words
+from planner.search import LEAST, Effort, Found, in_both, playable, search, spin_words
 from planner.stroke import AZIMUTH, Launcher, stroke_terms
 from planner.value import Wish
 
@@ -118,7 +118,8 @@ def _paper(
     if len(rows) == 0:
         return [], "the stroke found lies beyond the launcher's strings"
     hands = deal(player.model, execution, effort.fresh, seed + 1)
-    judged = judge(player, hands, rows, wish, mujoco=True)[0]
+    final, engines, _ = in_both(player, hands, rows, wish, effort.checked)
+    judged = final[0]
     away = 1e3 * math.sqrt(max(cost, 0.0))
     why = (
         f"differential evolution on the nominal model: the cue ball {away:.0f} mm from the wanted place, the path of "
@@ -126,7 +127,7 @@ def _paper(
     )
     if not player.play(rows).potted[0]:
         why += "; that far from its middle the jaws keep the ball out"
-    return [Found(way, judged)], why
+    return [Found(way, judged, engines[0])], why
 
 
 def _told(player: Player, found: Found) -> dict[str, Any]:
@@ -141,7 +142,7 @@ def _told(player: Player, found: Found) -> dict[str, Any]:
     return {
         "stroke": stroke_terms(player.launcher, judged.q), "launcher": player.launcher.terms(model, judged.q),
         "pocket": list(POCKETS[found.way.pocket]), "kind": kind, **judged.figures(player.scene),
-        "tracks": moving(track),
+        "tracks": moving(track), "engines": found.engines,
     }  # fmt: skip
 
 
@@ -230,6 +231,9 @@ def _why(player: Player, found: Sequence[Found], wish: Wish) -> str:
     if len(found) > 1:
         next_ = found[1]
         text += f"; the best of another kind, {describe(next_.way)}, has {next_.judged.value:.3f}"
+    both = found[0].engines
+    text += f". Of {both['plays']} plays in both engines {100 * both['events']:.0f} % succeed in the event engine, "
+    text += f"{100 * both['mujoco']:.0f} % in MuJoCo"
     return f"{text}.{closed}"
 
 

@@ -60,7 +60,7 @@ class Player:
         hooks = hooks_of(self.model.stack()[1:], len(q))
         ball = self.scene.ball
         struck = np.ones(len(q), np.bool_)
-        strike_rows(hooks.own, hooks.strike, ball.radius, ball.mass, struck, v, w)  # type: ignore[no-untyped-call]
+        strike_rows(hooks.own, hooks.strike, ball.radius, ball.mass, struck, v, w)
         turned = np.arctan2(v[:, 0, 1], v[:, 0, 0]) - q[:, AZIMUTH]
         return np.asarray((turned + np.pi) % (2 * np.pi) - np.pi)
 

@@ -44,7 +44,8 @@ class Effort:
     hands: int = 16  # that a drawn stroke is judged over; twice as many each time
     finalists: int = 6  # that are compared more closely
     closely: int = 256  # hands for that
-    fresh: int = 1024  # hands that the offered ones are judged over in MuJoCo, not seen before
+    fresh: int = 1024  # hands that the offered ones are judged over, not seen before
+    checked: int = 64  # of them that are played in MuJoCo as well
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class Found:
 
     way: Way
     judged: Judged
+    engines: dict[str, float]  # pots without a foul over the same plays, in the event engine and in MuJoCo
 
 
 def search(
@@ -87,10 +89,26 @@ def search(
     close = judge(player, hands, q, wish)
     order = np.argsort([-j.value for j in close], kind="stable")[: effort.finalists]
     fresh = deal(player.model, execution, effort.fresh, seed + 1)
-    say(f"judging {len(order)} strokes over {len(fresh)} plays in MuJoCo")
-    final = judge(player, fresh, q[order], wish, mujoco=True)
-    offered = sorted(zip(way[order], final, strict=True), key=lambda pair: -pair[1].value)
-    return _kinds(player, [Found(_really(player, open_ways, int(w), j), j) for w, j in offered if j.made >= LEAST])
+    say(f"judging {len(order)} strokes over {len(fresh)} plays, {effort.checked} of them in MuJoCo too")
+    final, engines, shift = in_both(player, fresh, q[order], wish, effort.checked)
+    best = sorted(range(len(order)), key=lambda k: -(final[k].value + shift[k]))
+    offered = [(int(way[order[k]]), final[k], engines[k]) for k in best if final[k].made >= LEAST]
+    return _kinds(player, [Found(_really(player, open_ways, w, j), j, e) for w, j, e in offered])
+
+
+def in_both(
+    player: Player, hands: Hands, q: Array, wish: Wish, checked: int
+) -> tuple[list[Judged], list[dict[str, float]], Array]:
+    """Strokes judged in the event engine over all hands, and over the first of them in MuJoCo too.
+
+    Returns what they are worth, their pots in both over the same plays, and by how much MuJoCo values each higher (n,):
+    a difference over common plays, which a few of them tell.
+    """
+    final, few = judge(player, hands, q, wish), hands.first(min(checked, len(hands)))
+    here, there = (judge(player, few, q, wish, mujoco=mujoco) for mujoco in (False, True))
+    pairs = list(zip(here, there, strict=True))
+    engines = [{"plays": len(few), "events": a.made, "mujoco": b.made} for a, b in pairs]
+    return final, engines, np.array([b.value - a.value for a, b in pairs])
 
 
 def _really(player: Player, open_ways: list[Way], begun: int, judged: Judged) -> Way:

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 DONE, FOUND, BAD = 0, 1, 2
 INTERRUPTED = 130
-# Verbs, of any of the programs, that play shots, and for which the engine is compiled before they begin.
-PLAYS = ("compare", "fit", "diagnose", "discover", "demo", "match", "plan", "study", "play", "learn", "repeat", "view")
 
 
 def check_outputs(*paths: str | None) -> None:
@@ -45,15 +43,19 @@ def load(args: argparse.Namespace) -> tuple[ClipSet, Model]:
     """The clip set, and the model named or the base: decoupled cloth with frictional impacts."""
     from models.model_file import full_model, read_model
     from sysid.clips import read_clip_set
+    from sysid.prepare import prepare
 
     clip_set = read_clip_set(args.clips)
     if getattr(args, "jaws", False):
         from sysid.jaws import before_jaws
 
         clip_set = before_jaws(clip_set)
+    prepare()
     if not args.model:
-        return clip_set, dataclasses.replace(full_model(clip_set.table, clip_set.ball), engine=args.engine)
-    model = dataclasses.replace(read_model(args.model), engine=args.engine)
+        return clip_set, dataclasses.replace(
+            full_model(clip_set.table, clip_set.ball), engine=getattr(args, "engine", "events")
+        )
+    model = dataclasses.replace(read_model(args.model), engine=getattr(args, "engine", "events"))
     if (model.table, model.ball) != (clip_set.table, clip_set.ball):
         raise BadInput(f"{args.model}: its table and ball are not those of {args.clips}; fit a model to this clip set")
     return clip_set, model
@@ -377,10 +379,6 @@ def run_verb(
     told: tuple[type[Exception], ...] = (BadInput, *faults)
     try:
         args.own = own_effects(getattr(args, "effects", ()))
-        if args.verb in PLAYS:
-            from sysid.prepare import prepare
-
-            prepare(lambda line: print(line, file=sys.stderr, flush=True))
         return int(args.run(args, progress))
     except told as error:
         progress.close()

@@ -15,9 +15,9 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model
+from sysid.normal_equations import from_jacobian
 from sysid.own import ROBUST
 from sysid.problem import Array, Index, ShotProblem, constant_steps
-from sysid.normal_equations import from_jacobian
 from sysid.solve import differences, eliminated, weights
 
 TARGET = 0.5  # change of the residuals that a probe aims at, in standard deviations, median over shots
@@ -227,8 +227,7 @@ def score_all(
     r, jx, jc = differences(problem.evaluate, point.x, point.c, np.arange(n), problem.steps, steps_c)
 
     signatures = [
-        of_strike(point, jx, one) if strikes_only(one.effect) else signature(point, r, one, quick)
-        for one in candidates
+        of_strike(point, jx, one) if strikes_only(one.effect) else signature(point, r, one, quick) for one in candidates
     ]
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
     j = np.concatenate([jc, extra], axis=2)

@@ -58,9 +58,7 @@ def model_of(found: Discovery, now: Stage, command: str) -> Model:
     return dataclasses.replace(model, estimates=estimates, fitted=summary)
 
 
-def result_of(
-    found: Discovery, elapsed: float, compared: Sequence[tuple[str, Comparison]] = ()
-) -> dict[str, Any]:
+def result_of(found: Discovery, elapsed: float, compared: Sequence[tuple[str, Comparison]] = ()) -> dict[str, Any]:
     """`billiard-discovery/1`; `compared` are models of the ladder held against all clips."""
     now = found.last
     ladder = [

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable
 
 import numpy as np
 
@@ -27,11 +26,11 @@ TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 NOISE = 5e-4  # [m]
 
 
-def prepare(report: Callable[[str], None], again: bool = False) -> None:
-    """Compile what is not compiled yet; `report` is told before."""
-    if is_ready() and not again:
+def prepare() -> None:
+    """Compile what is not compiled yet, after a line that says so."""
+    if is_ready():
         return
-    report(COMPILING)
+    print(COMPILING, file=sys.stderr, flush=True)
     for kind in catalogue().values():
         for hook in COMPILED:
             if kind.opens(hook):
@@ -71,4 +70,4 @@ def _fit() -> None:
 
 
 if __name__ == "__main__":
-    prepare(lambda line: print(line, file=sys.stderr, flush=True))
+    prepare()

@@ -64,7 +64,7 @@ def packed(
     trusted: Sequence[Sequence[NDArray[np.bool_]]], rest: Sequence[Array], stays: Sequence[Sequence[bool]],
     azimuth: Array, order: Sequence[float], struck: Sequence[bool], begun: Sequence[float],
 ) -> ShotData:  # fmt: skip
-    """Lay out shots: of each, the samples of every ball in turn, the struck one first; times count from its beginning."""
+    """Lay out shots: of each, the samples of every ball in turn, the struck one first; times count from the start."""
     n, b = len(times), max((len(t) for t in times), default=1)
     s = max((len(t) for shot in times for t in shot), default=0)
     union = [np.unique(np.concatenate(shot)) for shot in times]
@@ -188,11 +188,11 @@ def residual_rows(  # type: ignore[no-untyped-def]
                 faults[row] = BACKWARDS
                 continue
         ended = play_shot(
-            start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row], mass, radius,
-            reach, half, mouths, jaws, falls, table, True, looked[seen - 1], MOST, looked, track[:seen, :n], log, who,
-            counts, potted[:n],
+            start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row], mass,
+            radius, reach, half, mouths, jaws, falls, table, True, looked[seen - 1], MOST, looked, track[:seen, :n],
+            log, who, counts, potted[:n],
         )  # fmt: skip
-        if not ended == ended:
+        if math.isnan(ended):
             faults[row] = GIVEN_UP
         for i in range(n):
             last_seen = 0

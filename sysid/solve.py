@@ -49,9 +49,7 @@ def weights(residuals: Array, c: float) -> Array:
     return np.isfinite(residuals) / (1.0 + (r / c) ** 2)
 
 
-def moved(
-    evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array, steps_c: Array
-) -> Array:
+def moved(evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array, steps_c: Array) -> Array:
     """Residuals (1 + p + q, n, m) at a point and with each own unknown, then each constant moved by its step."""
     (n, p), q = x.shape, len(steps_c)
     rows = np.tile(x, (1 + p + q, 1, 1))

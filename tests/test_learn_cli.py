@@ -34,7 +34,6 @@ from tests.test_learn import COURSE, MAP, MODEL, RESULT, TRUE, refit, shot, stor
 Run = Callable[..., Said]
 QUICK = Effort(
     starts=3, strokes=6, best=2, rounds=1, halved=1, hands=8, finalists=2, closely=16, fresh=64,
-    slow_starts=1, slow_strokes=2, slow_best=1, slow_rounds=1, slow_hands=4, slow_fresh=16,
 )  # fmt: skip
 ENDED = ("ended.txt", "hidden.toml", "hidden_cue.json", "report.html", "story.png", "story.rrd")
 STAND = EmulatedStand(draw_hidden_table(MODEL, np.random.default_rng(3), "table_tilt"), TRUE)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.compiled import compiled
-from models.hooks import AX, AY, BX, BY, BZ, RADIUS, SLIDE_FACTOR, SPIN_FACTOR, WEIGHT, WZ
+from models.hooks import AX, AY, BX, BY, BZ, RADIUS, SLIDE_FACTOR, SPIN_FACTOR, WEIGHT
 from models.shot import GRAVITY
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ NEAR = 1e-6  # part of that slip within which it is reached
 
 @compiled
 def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ignore[no-untyped-def]
-    """Add the cloth's friction to what pushes and turns a ball (models/hooks.py); returns False where it holds the ball.
+    """Add the cloth's friction to what pushes and turns a ball (models/hooks.py); returns whether it lets it move.
 
     `mode`: whether it slides, rolls or rests. Sliding friction acts against the unit vector (ux, uy) of the slip, of
     size `slip`; rolling friction against that of the velocity, (vx, vy); friction of sidespin against the sign of wz.

@@ -1,1 +1,1 @@
-"""The event engine: whole shots with every effect, compiled. Models and shots go in, tracks or ends of shots come out."""
+"""The event engine: whole shots with every effect, compiled: models and shots in, tracks or ends of shots out."""

@@ -1,9 +1,9 @@
 """Several bodies that touch at once: a shot in small steps, through springs that hold restitution and friction.
 
-The same springs as those of MuJoCo's contacts in models/contact.py, stepped in the same way: two balls have that of Hertz
-with the damper of Tsuji, Tanaka, Ishida 1992, a cushion a linear one. What a spring gives back of the work done on it
-does not depend on what else acts, so restitution is energetic. Friction at a contact, and of the cloth under a ball that
-is pressed down, follow from its force by the increments of the impulse models. Jaws have no spring.
+The same springs as those of MuJoCo's contacts in models/contact.py, stepped in the same way: two balls have that of
+Hertz with the damper of Tsuji, Tanaka, Ishida 1992, a cushion a linear one. What a spring gives back of the work done
+on it does not depend on what else acts, so restitution is energetic. Friction at a contact, and of the cloth under a
+ball that is pressed down, follow from its force by the increments of the impulse models. Jaws have no spring.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL, add_cloth
 from models.analytic.events import AWAY, DEAD, in_mouth
 from models.compiled import compiled
-from models.engine.motion import POTTED, ROLLED, STATE, TURN, VX, VY, WX, WY, WZ, X, Y, push
+from models.engine.curve import push
+from models.engine.motion import POTTED, ROLLED, TURN, VX, VY, WX, WY, WZ, X, Y
 from models.engine.touch import BALL, CUSHION
-from models.hooks import AX, AY, BX, BY, BZ
+from models.hooks import AX, AY, BX, BY, BZ, RADIUS, SLIP_X, SLIP_Y, TIME
 from models.hooks import ROLLED as R_ROLLED
 from models.hooks import ROLLING as R_ROLLING
-from models.hooks import RADIUS, SLIP_X, SLIP_Y, TIME
 from models.hooks import VX as R_VX
 from models.hooks import VY as R_VY
 from models.hooks import WX as R_WX
@@ -47,7 +47,7 @@ CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 
 @compiled
 def is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
-    """Whether a third body is within `near` [m] of the bodies of an impact: balls i and j, or ball i and a rail (j < 0)."""
+    """Whether a third body is within `near` [m] of those of an impact: balls i and j, or ball i and a rail (j < 0)."""
     for one in (i, j):
         if one < 0:
             continue
@@ -97,9 +97,7 @@ def _flow(b, i, r, at, own, forces, support, cloth, now, dv):  # type: ignore[no
     r[R_ROLLING] = 1.0 if mode == ROLLING else 0.0
     push(r, at, own, forces, support)
     over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
-    add_cloth(
-        r, mode, u, ux * over, uy * over, b[i, VX] * per, b[i, VY] * per, b[i, WZ], cloth[0], cloth[1], cloth[2]
-    )
+    add_cloth(r, mode, u, ux * over, uy * over, b[i, VX] * per, b[i, VY] * per, b[i, WZ], cloth[0], cloth[1], cloth[2])
     dv[i, 0], dv[i, 1] = r[AX] * STEP, r[AY] * STEP
     dv[i, 2], dv[i, 3], dv[i, 4] = r[BX] * STEP, r[BY] * STEP, r[BZ] * STEP
     if mode == ROLLING:

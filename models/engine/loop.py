@@ -25,10 +25,10 @@ from models.analytic.impulse import collide
 from models.analytic.pocket import outward
 from models.compiled import compiled
 from models.engine.cluster import CROWD, is_crowded, through
+from models.engine.curve import curve, lay_record
 from models.engine.motion import (
     CLOCK,
     COLUMNS,
-    CURVE,
     END,
     MEET,
     POTTED,
@@ -44,8 +44,6 @@ from models.engine.motion import (
     Y,
     advance,
     arrive,
-    curve,
-    lay_record,
     plain_phase,
 )
 from models.engine.touch import BALL, CUSHION, POCKET, PUSH, SWITCH, meet_balls, meet_table
@@ -92,7 +90,7 @@ def _hit(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, mass, radiu
 
 @compiled
 def _part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
-    """Put bodies that lean on each other back to where they touch: each look at them lets them overlap a little more."""
+    """Put bodies that lean on each other back to where they touch: each look lets them overlap a little more."""
     if j >= 0:
         x, y = b[j, X] - b[i, X], b[j, Y] - b[i, Y]
         d = math.sqrt(x * x + y * y)
@@ -145,8 +143,8 @@ def play_shot(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Play one shot from `start` (n, 8), which is left as it ends; returns when, nan where it was given up.
 
-    `own` is the address of the effects' parameters, `forces`, `horizon`, `impact` their hooks (models/hooks.py), `cloth`
-    the friction of sliding and rolling and the deceleration of sidespin; potted balls begin with nan for a place.
+    `own` is the address of the effects' parameters, `forces`, `horizon`, `impact` their hooks (models/hooks.py),
+    `cloth` friction of sliding and rolling, and deceleration of sidespin; a potted ball begins with nan for a place.
     """
     n = start.shape[0]
     curved = forces.shape[0] > 0
@@ -162,11 +160,11 @@ def play_shot(  # type: ignore[no-untyped-def]
         lay_record(records[i], i, launch, order, radius, mass)
         for x in range(ROW):
             b[i, x] = start[i, x]
-        if not b[i, X] == b[i, X]:
+        if math.isnan(b[i, X]):
             kind[i] = POTTED
             b[i, END] = b[i, MEET] = np.inf
     todo = np.ones(n, np.bool_)
-    # Counters begin as numbers that the compiler does not know: for each literal it would compile what they go into anew.
+    # Counters begin as numbers that the compiler does not know: it would compile what they go into for each literal.
     zero = 0 * n
     next_, logged, now, ended = zero, zero, 0.0, np.nan
     for done in range(most + 1):
@@ -210,7 +208,7 @@ def play_shot(  # type: ignore[no-untyped-def]
             todo[j] = True
             if again[j * (j - 1) // 2 + i]:
                 event, leans[j] = SWITCH, now + LEANS
-        if event == BALL or event == CUSHION:
+        if event in (BALL, CUSHION):
             rail = what[i, 1] if event == CUSHION else zero - 1
             speed = _approach(b, i, j, rail, jaws)
             if clusters and rail < 4 and speed >= LEAN:

@@ -1,4 +1,4 @@
-"""Shots on a model, many at a time over threads: the model's effects laid out, its shots laid out, tracks handed back."""
+"""Shots on a model, many at a time over threads: effects and shots laid out, tracks or ends of shots handed back."""
 
 from __future__ import annotations
 
@@ -136,9 +136,7 @@ class Layout:
         own, cloth = np.repeat(self.own, n, axis=0), np.repeat(self.cloth, n, axis=0)
         for k, (is_cloth, column) in enumerate(self.places):
             (cloth if is_cloth else own)[:, column] = c[:, k]
-        on = tuple(
-            not offs or any(bool((own[:, column] != off).any()) for column, off in offs) for offs in self.offs
-        )
+        on = tuple(not offs or any(bool((own[:, column] != off).any()) for column, off in offs) for offs in self.offs)
         if on not in self.games:
             some = [e for e, here in zip(self.effects, on, strict=True) if here]
             begins = [int(b) for b, here in zip(self.begins, on, strict=False) if here]
@@ -236,7 +234,7 @@ def play(
     sizes = np.array([len(s.names) for s in shots], int)
     for size in np.unique(sizes):
         part = np.flatnonzero(sizes == size)
-        some = [shots[k] for k in part]
+        some = [shots[int(k)] for k in part]
         own = model.select(part)
         game = lay_out(own, len(some), jaws)
         start = np.zeros((len(some), size, ROW))

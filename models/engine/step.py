@@ -17,6 +17,7 @@ from models.analytic.cloth import STILL_SPIN
 from models.analytic.events import in_mouth
 from models.compiled import compiled
 from models.engine.cluster import CROWD, is_crowded, through
+from models.engine.curve import curve, lay_record
 from models.engine.loop import LEAN, LEANS, _approach, _hit, _part
 from models.engine.motion import (
     CLOCK,
@@ -39,8 +40,6 @@ from models.engine.motion import (
     Y,
     advance,
     arrive,
-    curve,
-    lay_record,
     plain_phase,
 )
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH, meet_balls, meet_table

@@ -25,8 +25,6 @@ from models.engine.motion import (
     MEET,
     POTTED,
     REST,
-    ROLL,
-    SLIDE,
     VX,
     VY,
     WX,
@@ -148,7 +146,7 @@ def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-d
 def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
     """What of the table a ball meets next, within its motion and the time wanted; no pocket takes one that stays."""
     b[MEET] = np.inf
-    if kind == REST or kind == POTTED:
+    if kind in (REST, POTTED):
         return
     if kind == CURVE:
         _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays, until)
@@ -261,7 +259,7 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
 
 @compiled
 def meet_balls(now, i, b, m, kind, pair, again, radius, until):  # type: ignore[no-untyped-def]
-    """When a ball meets each other one, within the motions of both: fills the times `pair`, and `again` where pressed."""
+    """When a ball meets each other one, within both motions: fills the times `pair`, and `again` where pressed."""
     for j in range(b.shape[0]):
         if j == i:
             continue

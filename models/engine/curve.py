@@ -1,0 +1,398 @@
+"""Where effects push a ball: its motion as polynomials in time, in steps as long as their error allows.
+
+The embedded pair of order 5 and 4 of Dormand and Prince (1980) with its continuous extension (Hairer, Norsett, Wanner,
+Solving Ordinary Differential Equations I, II.6). A step ends where the ball changes: a slide or a roll ends, sidespin
+dies, a push switches. Inside a step friction keeps the direction in which it began to be reversed: a step that would
+pass through zero is cut. The last bit of a slide or of a roll is taken at a constant acceleration; what a ball rolls
+with at the end of a slide, v - 2/7 u, does not depend on how the slip dies.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from models.analytic.cloth import GRIP, NEAR, RESTING, ROLLING, SLIDING, STILL, STILL_SPIN, add_cloth
+from models.compiled import compiled
+from models.engine.motion import (
+    AX,
+    AY,
+    BEGIN,
+    BOUND,
+    CLOCK,
+    CURVE,
+    END,
+    LAST,
+    MODE,
+    ON,
+    REST,
+    ROLLED,
+    SLIDE_ENDS,
+    SPAN,
+    STATE,
+    STOPS,
+    TRY,
+    TURN,
+    VX,
+    VY,
+    WX,
+    WY,
+    WZ,
+    X,
+    Y,
+)
+from models.hooks import (
+    AX as R_AX,
+)
+from models.hooks import (
+    AY as R_AY,
+)
+from models.hooks import (
+    BX as R_BX,
+)
+from models.hooks import (
+    BY as R_BY,
+)
+from models.hooks import (
+    BZ as R_BZ,
+)
+from models.hooks import (
+    LAUNCH as R_LAUNCH,
+)
+from models.hooks import (
+    MASS as R_MASS,
+)
+from models.hooks import (
+    NUMBER as R_NUMBER,
+)
+from models.hooks import (
+    ORDER as R_ORDER,
+)
+from models.hooks import (
+    RADIUS as R_RADIUS,
+)
+from models.hooks import (
+    ROLLED as R_ROLLED,
+)
+from models.hooks import (
+    ROLLING as R_ROLLING,
+)
+from models.hooks import (
+    SLIDE_FACTOR as R_SLIDE_FACTOR,
+)
+from models.hooks import (
+    SLIP_X as R_SLIP_X,
+)
+from models.hooks import (
+    SLIP_Y as R_SLIP_Y,
+)
+from models.hooks import (
+    SPIN_FACTOR as R_SPIN_FACTOR,
+)
+from models.hooks import (
+    TIME as R_TIME,
+)
+from models.hooks import (
+    VX as R_VX,
+)
+from models.hooks import (
+    VY as R_VY,
+)
+from models.hooks import (
+    WEIGHT as R_WEIGHT,
+)
+from models.hooks import (
+    WX as R_WX,
+)
+from models.hooks import (
+    WY as R_WY,
+)
+from models.hooks import (
+    WZ as R_WZ,
+)
+from models.hooks import (
+    X as R_X,
+)
+from models.hooks import (
+    Y as R_Y,
+)
+from models.hooks import (
+    call_hook,
+    call_horizon,
+)
+from models.shot import GRAVITY
+
+TOLERANCE = 1e-6  # of a step, as an error of position at the end of the roll [m]
+BRAKE = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
+SPIN_LASTS = 0.02  # how long an error of sidespin counts [s]
+SHORT_SLIDE = 1e-4  # rest of a slide that is taken at a constant friction [s]
+SHORT_ROLL = 0.03  # rest of a roll that is taken straight [s]
+SPARE_ROLL, SPARE_SLIDE = 0.9, 0.9  # of the way to the end of a roll, or of a slide at an even friction, in a step
+BEFORE = 1e-9  # by which a step's last look comes before its end, where a push may switch [s]
+GROWTH, SHRINK, SAFETY = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
+LONGEST = 2.0  # [s]
+SHORTEST = 1e-7  # step that is taken whatever its error [s]
+
+# Dormand and Prince: weights of stages, the last of them the fifth order's, nodes, the error, the continuous extension.
+STAGES = np.array([
+    [1 / 5, 0, 0, 0, 0, 0],
+    [3 / 40, 9 / 40, 0, 0, 0, 0],
+    [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
+    [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
+    [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
+    [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+])  # fmt: skip
+NODES = np.array([1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+DENSE = np.array([
+    [1, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
+    [0, 0, 0, 0],
+    [0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
+    [0, -1754552775 / 470086768, 14199869525 / 1410260304, -10690763975 / 1880347072],
+    [0, 127303824393 / 49829197408, -318862633887 / 49829197408, 701980252875 / 199316789632],
+    [0, -282668133 / 205662961, 2019193451 / 616988883, -1453857185 / 822651844],
+    [0, 40617522 / 29380423, -110615467 / 29380423, 69997945 / 29380423],
+])  # fmt: skip
+
+
+@compiled
+def push(r, at, own, forces, support):  # type: ignore[no-untyped-def]
+    """Ask the effects what acts on the ball in record r, at address `at`, beside the cloth."""
+    r[R_AX] = r[R_AY] = r[R_BX] = r[R_BY] = r[R_BZ] = 0.0
+    r[R_SLIDE_FACTOR] = r[R_SPIN_FACTOR] = r[R_WEIGHT] = 1.0
+    for k in range(forces.shape[0]):
+        if k == support and r[R_WEIGHT] <= 0.0:
+            r[R_ROLLING] = 0.0
+        call_hook(forces[k, 0], own + 8 * forces[k, 1], at)
+
+
+@compiled
+def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: ignore[no-untyped-def]
+    """Derivatives k[n] of the state y (STATE,) of a ball; False where friction would have to turn round.
+
+    `way`: directions at the beginning of the step, of slip and of velocity, and sidespin.
+    """
+    radius, fine = r[R_RADIUS], True
+    ux = uy = u = vx = vy = speed = 0.0
+    r[R_X], r[R_Y], r[R_VX], r[R_VY], r[R_WZ] = y[X], y[Y], y[VX], y[VY], y[WZ]
+    r[R_TIME], r[R_ROLLED], r[R_ROLLING] = t, y[ROLLED], 0.0
+    if mode == ROLLING:
+        r[R_ROLLING] = 1.0
+        r[R_WX], r[R_WY] = -y[VY] / radius, y[VX] / radius
+        speed = math.sqrt(y[VX] * y[VX] + y[VY] * y[VY])
+        if y[VX] * way[2] + y[VY] * way[3] <= 0.0:
+            fine, vx, vy = False, way[2], way[3]
+        else:
+            vx, vy = y[VX] / speed, y[VY] / speed
+    else:
+        r[R_WX], r[R_WY] = y[WX], y[WY]
+        ux, uy = y[VX] - radius * y[WY], y[VY] + radius * y[WX]
+    r[R_SLIP_X], r[R_SLIP_Y] = ux, uy
+    push(r, at, own, forces, support)
+    if mode == SLIDING:
+        u = math.sqrt(ux * ux + uy * uy)
+        if r[R_WEIGHT] > 0.0 and ux * way[0] + uy * way[1] <= 0.0:
+            fine, ux, uy, u = False, way[0], way[1], 1.0
+        else:
+            over = 1.0 / u if u > 0.0 else 0.0
+            ux, uy = ux * over, uy * over
+    moves = add_cloth(r, mode, u, ux, uy, vx, vy, way[4], cloth[0], cloth[1], cloth[2])
+    k[n, X], k[n, Y] = y[VX], y[VY]
+    if mode == RESTING and not moves:
+        k[n, X] = k[n, Y] = 0.0
+    k[n, VX], k[n, VY] = r[R_AX], r[R_AY]
+    k[n, WX], k[n, WY], k[n, WZ] = r[R_BX], r[R_BY], r[R_BZ]
+    k[n, TURN] = y[WZ]
+    k[n, ROLLED] = speed / radius
+    return fine
+
+
+@compiled
+def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # type: ignore[no-untyped-def]
+    """Lay a curve from a ball's clock on: fills b and its polynomials m; returns CURVE, or REST where nothing changes.
+
+    r (BALL_FIELDS,) at address `at` holds what does not change along the way; y (STATE,), k (7, STATE) are for work.
+    """
+    radius = r[R_RADIUS]
+    now, way = b[CLOCK], (0.0, 0.0, 0.0, 0.0, 0.0)
+    # What the ball does is decided with what the cloth carries of it.
+    r[R_X], r[R_Y], r[R_VX], r[R_VY], r[R_TIME] = b[X], b[Y], b[VX], b[VY], now
+    ux, uy = b[VX] - radius * b[WY], b[VY] + radius * b[WX]
+    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
+    r[R_WX], r[R_WY], r[R_WZ] = b[WX], b[WY], b[WZ]
+    r[R_SLIP_X], r[R_SLIP_Y], r[R_ROLLED], r[R_ROLLING] = ux, uy, b[ROLLED], 0.0
+    mode = SLIDING if u > STILL else (ROLLING if v > STILL else RESTING)
+    r[R_ROLLING] = 1.0 if mode == ROLLING else 0.0
+    push(r, at, own, forces, support)
+    if r[R_WEIGHT] <= 0.0:
+        mode = SLIDING  # in flight
+    elif mode != SLIDING:
+        px, py = r[R_AX] - radius * r[R_BY], r[R_AY] + radius * r[R_BX]  # what would make it slip
+        need = math.sqrt(px * px + py * py)
+        if 2 / 7 * need > cloth[0] * r[R_WEIGHT] * GRAVITY * (1.0 + 1e-9):
+            b[VX] += 2.0 * STILL * px / need
+            b[VY] += 2.0 * STILL * py / need
+            mode = SLIDING
+    if mode == ROLLING:
+        b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
+    elif mode == RESTING:
+        b[VX] = b[VY] = b[WX] = b[WY] = 0.0
+        px, py = r[R_AX] - 2 / 7 * (r[R_AX] - radius * r[R_BY]), r[R_AY] - 2 / 7 * (r[R_AY] + radius * r[R_BX])
+        force = math.sqrt(px * px + py * py)
+        if force > cloth[1] * r[R_WEIGHT] * GRAVITY:
+            b[VX], b[VY] = 2.0 * STILL * px / force, 2.0 * STILL * py / force
+            b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
+            mode = ROLLING
+    ux, uy = b[VX] - radius * b[WY], b[VY] + radius * b[WX]
+    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
+    over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
+    way = (ux * over, uy * over, b[VX] * per, b[VY] * per, b[WZ])
+    for x in range(STATE):
+        y[x] = b[x]
+    _rates(y, now, mode, way, r, at, own, forces, support, cloth, k, 0)
+    b[AX], b[AY], b[MODE], b[LAST] = k[0, VX], k[0, VY], mode, ON
+    # How far the step may go: to the next switch, and to where the ball changes.
+    h = LONGEST
+    for n in range(horizon.shape[0]):
+        left = call_horizon(horizon[n, 0], own + 8 * horizon[n, 1], at)
+        if left == left:
+            h = min(h, max(left, SHORTEST))
+    bz, weight = k[0, WZ], r[R_WEIGHT]
+    if b[WZ] * bz < 0.0:
+        h = min(h, -b[WZ] / bz)
+    straight = False
+    if mode == SLIDING and weight > 0.0:
+        rate = -(way[0] * (k[0, VX] - radius * k[0, WY]) + way[1] * (k[0, VY] + radius * k[0, WX]))
+        full = 3.5 * cloth[0] * weight * GRAVITY * GRIP
+        soft = r[R_SLIDE_FACTOR] != 1.0 and u > full * (1.0 + NEAR)
+        left = (u - full if soft else u) / rate if rate > 0.0 else np.inf
+        if left <= SHORT_SLIDE:
+            if left <= h:
+                h, straight = left, True
+                b[LAST] = ON if soft else SLIDE_ENDS
+        else:
+            h = min(h, (SPARE_ROLL if soft else SPARE_SLIDE) * left)
+    elif mode == ROLLING:
+        rate = -(way[2] * k[0, VX] + way[3] * k[0, VY])
+        left = v / rate if rate > 0.0 else np.inf
+        if left <= SHORT_ROLL:
+            if left <= h:
+                h, straight = left, True
+                b[LAST] = STOPS
+        else:
+            h = min(h, SPARE_ROLL * left)
+    elif mode == RESTING and b[WZ] == 0.0:
+        b[AX] = b[AY] = b[BOUND] = 0.0
+        b[END] = now + h if h < LONGEST else np.inf
+        return REST
+    if not straight:
+        if b[TRY] > 0.0:
+            h = min(h, b[TRY])
+        h = _step(b, m, h, until - now, mode, way, r, at, own, forces, support, cloth, y, k)
+    else:
+        _parabola(b, m, h, mode, radius, k)
+    b[BEGIN], b[SPAN], b[END] = now, h, now + h
+    most_x = most_y = 0.0
+    for n in range(1, 5):
+        most_x, most_y = most_x + n * abs(m[VX, n]), most_y + n * abs(m[VY, n])
+    b[BOUND] = math.sqrt(most_x * most_x + most_y * most_y) / h
+    return CURVE
+
+
+@compiled
+def _parabola(b, m, h, mode, radius, k):  # type: ignore[no-untyped-def]
+    """Polynomials of a step at the accelerations k[0]; a roll that stops does so straight."""
+    m[:] = 0.0
+    ax, ay = k[0, VX], k[0, VY]
+    if b[LAST] == STOPS:
+        ax, ay = -b[VX] / h, -b[VY] / h
+    for x in range(STATE):
+        m[x, 0] = b[x]
+    m[VX, 1], m[VY, 1] = ax * h, ay * h
+    m[X, 1], m[Y, 1] = b[VX] * h, b[VY] * h
+    m[X, 2], m[Y, 2] = 0.5 * ax * h * h, 0.5 * ay * h * h
+    m[WX, 1], m[WY, 1], m[WZ, 1] = k[0, WX] * h, k[0, WY] * h, k[0, WZ] * h
+    m[TURN, 1], m[TURN, 2] = b[WZ] * h, 0.5 * k[0, WZ] * h * h
+    m[ROLLED, 1] = k[0, ROLLED] * h
+    if b[LAST] == STOPS:
+        m[ROLLED, 2] = -0.5 * m[ROLLED, 1]
+
+
+@compiled
+def _step(b, m, h, left, mode, way, r, at, own, forces, support, cloth, y, k):  # type: ignore[no-untyped-def]
+    """A step of at most h whose error is small, from k[0] on: fills the polynomials m, returns its length."""
+    radius, v = r[R_RADIUS], math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
+    lasts = min(left, v / BRAKE)
+    # An error of slip along the slip ends the slide too soon or too late; one across turns it for what is left of it.
+    slip_rate = math.sqrt((k[0, VX] - radius * k[0, WY]) ** 2 + (k[0, VY] + radius * k[0, WX]) ** 2)
+    early = BRAKE * lasts / max(slip_rate, BRAKE)
+    slip = math.sqrt((b[VX] - radius * b[WY]) ** 2 + (b[VY] + radius * b[WX]) ** 2)
+    turns = 2 / 7 * min(left, slip / max(slip_rate, BRAKE))
+    while True:
+        fine = True
+        for stage in range(6):
+            for x in range(STATE):
+                total = 0.0
+                for n in range(stage + 1):
+                    total += STAGES[stage, n] * k[n, x]
+                y[x] = b[x] + h * total
+            t = b[CLOCK] + min(NODES[stage] * h, max(h - BEFORE, 0.0))
+            if not _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, stage + 1):
+                fine = False
+                break
+        if not fine:
+            if h <= SHORTEST:
+                break
+            h = max(0.5 * h, SHORTEST)
+            continue
+        ex = ey = wx = wy = wz = 0.0
+        for n in range(7):
+            e = h * ERROR[n]
+            ex, ey = ex + e * k[n, VX], ey + e * k[n, VY]
+            wx, wy, wz = wx + e * k[n, WX], wy + e * k[n, WY], wz + e * k[n, WZ]
+        sx, sy = ex - radius * wy, ey + radius * wx
+        if mode == ROLLING:
+            sx = sy = 0.0
+        ex, ey = ex - 2 / 7 * sx, ey - 2 / 7 * sy
+        error = math.sqrt(ex * ex + ey * ey) * lasts
+        error += early * abs(sx * way[0] + sy * way[1]) + turns * abs(sx * way[1] - sy * way[0])
+        error += SPIN_LASTS * radius * abs(wz)
+        # Sidespin that would pass through zero ends the step there.
+        crossed = b[WZ] != 0.0 and way[4] * y[WZ] < 0.0 and abs(y[WZ]) > STILL_SPIN
+        grow = GROWTH if error <= 0.0 else min(GROWTH, max(SHRINK, SAFETY * (TOLERANCE / error) ** 0.2))
+        if (error <= TOLERANCE and not crossed) or h <= SHORTEST:
+            b[TRY] = h * grow if grow < GROWTH else 0.0
+            break
+        if crossed and error <= TOLERANCE:
+            h = max(h * b[WZ] / (b[WZ] - y[WZ]), SHORTEST)
+        else:
+            h = max(h * grow, SHORTEST)
+    if not fine:  # nothing is left of the motion
+        _parabola(b, m, h, mode, radius, k)
+        return h
+    for x in range(STATE):
+        m[x, 0], m[x, 5] = b[x], 0.0
+        for n in range(4):
+            total = 0.0
+            for stage in range(7):
+                total += DENSE[stage, n] * k[stage, x]
+            m[x, n + 1] = h * total
+    # Places and angles are the integrals of what carries them, so that both agree on the whole step.
+    _integral(m, X, VX, b[X], h)
+    _integral(m, Y, VY, b[Y], h)
+    _integral(m, TURN, WZ, b[TURN], h)
+    return h
+
+
+@compiled
+def _integral(m, to, of, start, h):  # type: ignore[no-untyped-def]
+    m[to, 0] = start
+    for n in range(5):
+        m[to, n + 1] = h * m[of, n] / (n + 1)
+
+
+@compiled
+def lay_record(r, number, launch, order, radius, mass):  # type: ignore[no-untyped-def]
+    """What of a ball's record does not change along its way."""
+    r[R_NUMBER], r[R_LAUNCH], r[R_ORDER], r[R_RADIUS], r[R_MASS] = number, launch, order, radius, mass
