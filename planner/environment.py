@@ -189,5 +189,5 @@ def gymnasium_env(
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] in ("cuelab", "models"):
             raise
-        raise BadInput(f"Gymnasium's interface needs {error.name}: pip install 'cuelab[gym]'") from error
+        raise BadInput(f"Gymnasium's interface needs {error.name}: pip install -e '.[gym]' in the checkout") from error
     return GymnasiumShot(load(scene, model, **given), render_mode, render_kwargs)

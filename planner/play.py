@@ -1,7 +1,7 @@
 """Strokes played on a fitted model: thousands a moment by the event engine, or in MuJoCo.
 
 Both play all of the model's effects, with jaws at the pockets. The engine (models/engine) is what a search looks with;
-MuJoCo is the second opinion that finalists are judged by. A model that edits the MJCF is played in MuJoCo alone, which
+MuJoCo is the second opinion on the finalists. A model that edits the MJCF is played in MuJoCo alone, which
 takes a search ten times as long. What a camera sees is left out: it changes no shot.
 """
 

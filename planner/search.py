@@ -4,10 +4,11 @@
 2. The cross-entropy method (Rubinstein 1999) from each of the best: strokes are drawn about a mean, judged over common
    hands, and mean and spread follow the best of them. All starts go side by side; again and again the worse half is
    given up and the other judged over twice as many hands (successive halving, Jamieson and Talwalkar 2016).
-3. Those that remain are made playable (string, stage steps), and the best few of them judged in MuJoCo over hands that
-   the search has not seen: the best of many is partly the luckiest, and its old figures would promise too much.
+3. Those that remain are made playable (string, stage steps), and the best few of them judged over hands that the
+   search has not seen: the best of many is partly the luckiest, and its old figures would promise too much. Some of
+   these plays are repeated in MuJoCo, and what differs there decides with.
 
-All plays but the last are the event engine's, with all of the model's effects.
+All other plays are the event engine's, with all of the model's effects.
 """
 
 from __future__ import annotations
