@@ -155,5 +155,5 @@ def test_without_the_extra_one_line_says_how_to_get_it(monkeypatch: pytest.Monke
     monkeypatch.delitem(sys.modules, "models.gym", raising=False)
     monkeypatch.setattr(builtins, "__import__", barred)
     model: Model = example_model()
-    with pytest.raises(BadInput, match=r"needs gymnasium: pip install 'cuelab\[gym\]'"):
+    with pytest.raises(BadInput, match=r"needs gymnasium: pip install -e"):
         gymnasium_env(scene(), model)
