@@ -152,7 +152,7 @@ def play_shot(  # type: ignore[no-untyped-def]
     kind, what = np.zeros(n, np.int64), np.zeros((n, 2), np.int64)
     pair, again = np.zeros(n * (n - 1) // 2), np.zeros(n * (n - 1) // 2, np.bool_)
     state, hit, keep = np.zeros(10), np.zeros(IMPACT_FIELDS), np.zeros(COLUMNS)
-    leans = np.full(n, -np.inf)
+    leans, quiet = np.full(n, -np.inf), np.full(n, -np.inf)
     records = np.zeros((n, BALL_FIELDS))
     y, k = np.zeros(STATE), np.zeros((7, STATE))
     slide, roll, alpha = cloth[0], cloth[1], cloth[2]
@@ -180,6 +180,10 @@ def play_shot(  # type: ignore[no-untyped-def]
         for i in range(n):
             if todo[i]:
                 meet_table(b[i], m[i], what, i, kind[i], reach, half, mouths, jaws, falls, stays[i], until)
+                # What leans on a cushion has no other look at it for a while: looks would follow without end.
+                soon = quiet[i] > now and what[i, 0] == CUSHION and b[i, MEET] < quiet[i]
+                if soon and _approach(b, i, zero - 1, what[i, 1], jaws) < LEAN:
+                    b[i, MEET], what[i, 0] = quiet[i], SWITCH
                 meet_balls(now, i, b, m, kind, pair, again, radius, until)
                 todo[i] = False
         t, event, i, j = np.inf, SWITCH + zero, zero - 1, zero - 1
@@ -232,6 +236,8 @@ def play_shot(  # type: ignore[no-untyped-def]
                 leans[i] = now + LEANS
                 if j >= 0:
                     leans[j] = now + LEANS
+                else:
+                    quiet[i] = now + PUSH
             b[i, TRY] = 0.0
             if j >= 0:
                 b[j, TRY] = 0.0
