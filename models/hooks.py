@@ -166,48 +166,43 @@ def address(function: Callable[..., Any], hook: str, layout: tuple[str, ...]) ->
         ) from error
 
 
+def _call(builder: Any, where: Any, returns: Any, own: Any, other: Any) -> Any:
+    """Emit a call of the function at an address with the address `own` and one thing more, an address or a number."""
+    pointer = ir.IntType(8).as_pointer()
+    other = other if other.type == ir.DoubleType() else builder.inttoptr(other, pointer)
+    function = ir.FunctionType(returns, [pointer, other.type]).as_pointer()
+    return builder.call(builder.inttoptr(where, function), [builder.inttoptr(own, pointer), other])
+
+
 @intrinsic
 def call_hook(context, where, own, state):  # type: ignore[no-untyped-def]
     """Call the hook at an address with the addresses of its parameters and of a state."""
-    signature = types.void(types.int64, types.int64, types.int64)
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        pointer = ir.IntType(8).as_pointer()
-        function = ir.FunctionType(ir.VoidType(), [pointer, pointer])
-        builder.call(builder.inttoptr(args[0], function.as_pointer()), [builder.inttoptr(a, pointer) for a in args[1:]])
+        _call(builder, args[0], ir.VoidType(), *args[1:])
         return context.get_dummy_value()
 
-    return signature, codegen
+    return types.void(types.int64, types.int64, types.int64), codegen
 
 
 @intrinsic
 def call_horizon(context, where, own, state):  # type: ignore[no-untyped-def]
     """The same for a hook that returns a number."""
-    signature = types.float64(types.int64, types.int64, types.int64)
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        pointer = ir.IntType(8).as_pointer()
-        function = ir.FunctionType(ir.DoubleType(), [pointer, pointer])
-        return builder.call(
-            builder.inttoptr(args[0], function.as_pointer()), [builder.inttoptr(a, pointer) for a in args[1:]]
-        )
+        return _call(builder, args[0], ir.DoubleType(), *args[1:])
 
-    return signature, codegen
+    return types.float64(types.int64, types.int64, types.int64), codegen
 
 
 @intrinsic
 def call_exposures(context, where, own, stamp):  # type: ignore[no-untyped-def]
     """The hook that takes a time stamp and returns a time."""
-    signature = types.float64(types.int64, types.int64, types.float64)
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        pointer = ir.IntType(8).as_pointer()
-        function = ir.FunctionType(ir.DoubleType(), [pointer, ir.DoubleType()])
-        return builder.call(
-            builder.inttoptr(args[0], function.as_pointer()), [builder.inttoptr(args[1], pointer), args[2]]
-        )
+        return _call(builder, args[0], ir.DoubleType(), *args[1:])
 
-    return signature, codegen
+    return types.float64(types.int64, types.int64, types.float64), codegen
 
 
 @compiled

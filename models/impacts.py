@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from models.analytic.events import DEAD, in_mouth
 from models.analytic.pocket import OWNERS, outward
 from models.compiled import compiled
-from models.hooks import IMPACT_FIELDS, Table, call_hook
+from models.engine.motion import POTTED
+from models.hooks import IMPACT_FIELDS, STROKE_FIELDS, Table, call_hook
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
 CLIMB = 0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
@@ -91,64 +92,84 @@ def _gather(one, p, v, w):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def strike_rows(  # type: ignore[no-untyped-def]
-    own, hooks, radius, mass, struck, velocity, spin
-):
+def deliver(v, w, own, hooks, radius, mass, cue):  # type: ignore[no-untyped-def]
+    """Change velocity v (2,) and spin w (3,) of the struck ball to what the cue really delivers; returns its speed.
+
+    `own` is the address of the effects' parameters; `cue` (STROKE_FIELDS,) is for work.
+    """
+    cue[0], cue[1], cue[2], cue[3], cue[4], cue[5], cue[6] = v[0], v[1], w[0], w[1], w[2], radius, mass
+    for k in range(hooks.shape[0]):
+        call_hook(hooks[k, 0], own + 8 * hooks[k, 1], cue.ctypes.data)
+    v[0], v[1], w[0], w[1], w[2] = cue[0], cue[1], cue[2], cue[3], cue[4]
+    return math.sqrt(v[0] * v[0] + v[1] * v[1])
+
+
+@compiled
+def strike_rows(own, hooks, radius, mass, struck, velocity, spin):  # type: ignore[no-untyped-def]
     """What the cue really delivers to ball 0 of every simulation that is struck: velocity, spin (n, nball, ...)."""
-    cue = np.zeros(7)
+    cue = np.zeros(STROKE_FIELDS)
     for s in range(struck.size):
         if struck[s]:
-            v, w = velocity[s, 0], spin[s, 0]
-            cue[0], cue[1], cue[2], cue[3], cue[4], cue[5], cue[6] = v[0], v[1], w[0], w[1], w[2], radius, mass
-            for k in range(hooks.shape[0]):
-                call_hook(hooks[k, 0], own[s].ctypes.data + 8 * hooks[k, 1], cue.ctypes.data)
-            v[0], v[1], w[0], w[1], w[2] = cue[0], cue[1], cue[2], cue[3], cue[4]
+            deliver(velocity[s, 0], spin[s, 0], own[s].ctypes.data, hooks, radius, mass, cue)
+
+
+@compiled
+def is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
+    """Whether a third body is within `near` [m] of those of an impact: balls i and j, or ball i and a rail (j < 0).
+
+    b (nball, 2 or more) begins with the balls' places; `kind` (nball,) says which are potted.
+    """
+    for one in (i, j):
+        if one < 0:
+            continue
+        for k in range(b.shape[0]):
+            if k != i and k != j and kind[k] != POTTED:
+                x, y = b[k, 0] - b[one, 0], b[k, 1] - b[one, 1]
+                d = 2.0 * radius + near
+                if x * x + y * y < d * d:
+                    return True
+        for other in range(4):
+            k = other // 2
+            gap = reach[k] - (1.0 - 2.0 * (other % 2)) * b[one, k]
+            if gap < near and not (j < 0 and other == rail) and not in_mouth(b[one, 1 - k], other, half, mouths):
+                return True
+    return False
 
 
 @compiled
 def crowded(
-    cushion: bool, hit: NDArray[np.int64], p: Array, alive: NDArray[np.bool_], near: Array, radius: float,
+    cushion: bool, hit: NDArray[np.int64], p: Array, kind: NDArray[np.int64], near: Array, radius: float,
     reach: Array, half: Array, mouths: Array,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """Impacts (rows of `hit`: kind, ball, other ball or rail) with a third body within `near` (n,) [m] of theirs."""
+    """`is_crowded` of many simulations: rows of `hit` are kind, ball, and other ball or rail; near (n,) [m]."""
     found = np.zeros(hit.shape[0], np.bool_)
     for n in range(hit.shape[0]):
-        one = hit[n, 1]
-        two = one if cushion else hit[n, 2]
-        for i in (one, two):
-            for k in range(alive.shape[1]):
-                if alive[n, k] and k != one and k != two:
-                    x, y = p[n, k, 0] - p[n, i, 0], p[n, k, 1] - p[n, i, 1]
-                    d = 2.0 * radius + near[n]
-                    found[n] = found[n] or x * x + y * y < d * d
-            for rail in range(4):
-                k = rail // 2
-                gap = reach[k] - (1.0 - 2.0 * (rail % 2)) * p[n, i, k]
-                other = not (cushion and rail == hit[n, 2])
-                found[n] = found[n] or (gap < near[n] and other and not in_mouth(p[n, i, 1 - k], rail, half, mouths))
+        j = -1 if cushion else hit[n, 2]
+        found[n] = is_crowded(p[n], kind[n], hit[n, 1], j, hit[n, 2], near[n], radius, reach, half, mouths)
     return found
 
 
 @compiled
-def part(cushion: bool, hit: NDArray[np.int64], p: Array, radius: float, reach: Array, jaws: Array) -> None:
-    """Put bodies that overlap, each row of `hit`, back to where they touch."""
-    for n in range(hit.shape[0]):
-        i, j = hit[n, 1], hit[n, 2]
-        if cushion and j >= 4:
-            nx, ny = outward(j, p[n, i, 0], p[n, i, 1], jaws)
-            x, y = jaws[j - 4, 0] - p[n, i, 0], jaws[j - 4, 1] - p[n, i, 1]
-            more = max(jaws[j - 4, 2] - math.sqrt(x * x + y * y), 0.0)
-            p[n, i, 0] -= more * nx
-            p[n, i, 1] -= more * ny
-            continue
-        if cushion:
-            k, sign = j // 2, 1.0 - 2.0 * (j % 2)
-            p[n, i, k] = sign * min(sign * p[n, i, k], reach[k])
-            continue
-        x, y = p[n, j, 0] - p[n, i, 0], p[n, j, 1] - p[n, i, 1]
+def part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
+    """Put bodies that overlap back to where they touch: balls i and j of b, or ball i and a rail or jaw (j < 0)."""
+    if j >= 0:
+        x, y = b[j, 0] - b[i, 0], b[j, 1] - b[i, 1]
         d = math.sqrt(x * x + y * y)
         more = 0.5 * max(2.0 * radius - d, 0.0) / d
-        p[n, i, 0] -= more * x
-        p[n, i, 1] -= more * y
-        p[n, j, 0] += more * x
-        p[n, j, 1] += more * y
+        b[i, 0], b[i, 1] = b[i, 0] - more * x, b[i, 1] - more * y
+        b[j, 0], b[j, 1] = b[j, 0] + more * x, b[j, 1] + more * y
+    elif rail < 4:
+        k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
+        b[i, k] = sign * min(sign * b[i, k], reach[k])
+    else:
+        x, y = jaws[rail - 4, 0] - b[i, 0], jaws[rail - 4, 1] - b[i, 1]
+        d = math.sqrt(x * x + y * y)
+        more = max(jaws[rail - 4, 2] - d, 0.0) / d
+        b[i, 0], b[i, 1] = b[i, 0] - more * x, b[i, 1] - more * y
+
+
+@compiled
+def part_rows(cushion: bool, hit: NDArray[np.int64], p: Array, radius: float, reach: Array, jaws: Array) -> None:
+    """`part` of many simulations: rows of `hit` are kind, ball, and other ball or rail."""
+    for n in range(hit.shape[0]):
+        part(p[n], hit[n, 1], -1 if cushion else hit[n, 2], hit[n, 2], jaws, radius, reach)

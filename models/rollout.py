@@ -24,6 +24,7 @@ from models.batch import batch
 from models.contact import Contacts
 from models.curve import MARGIN, Curve, follow, land
 from models.engine.cluster import CROWD
+from models.engine.motion import POTTED, REST
 from models.engine.play import LAWS
 from models.hooks import IMPACT_FIELDS, hooks_of
 from models.impacts import (
@@ -36,7 +37,7 @@ from models.impacts import (
     RESTITUTION,
     ask_rows,
     crowded,
-    part,
+    part_rows,
     strike_rows,
 )
 from models.model_file import Model
@@ -307,8 +308,9 @@ class Rollout:
         alone = np.ones(rows.size, bool)
         if self.resolved.all() and self.contacts != "never":
             near = np.maximum(CROWD, approach * CUSHION_TIME)
+            there = np.where(self.alive[rows], REST, POTTED)
             crowd = crowded(
-                kind == "cushion", hit, p, self.alive[rows], near, ball.radius, self.reach, self.half,
+                kind == "cushion", hit, p, there, near, ball.radius, self.reach, self.half,
                 self.pockets.ends,
             )  # fmt: skip
             jaw = (j >= 4) & (kind == "cushion")  # no contact of MuJoCo's stands for a jaw
@@ -333,7 +335,7 @@ class Rollout:
             self.leaning = True
             self.quiet[rows[slow], i[slow], other[slow]] = now[slow] + LEAN_STEP
             touching = p[slow]
-            part(kind == "cushion", hit[slow], touching, ball.radius, self.reach, self.pockets.jaws)
+            part_rows(kind == "cushion", hit[slow], touching, ball.radius, self.reach, self.pockets.jaws)
             self.qpos[rows[slow], :, :3] = touching
         for k in np.flatnonzero(~(slow & leans)):
             self._log(int(rows[k]), kind, int(i[k]), int(j[k]))

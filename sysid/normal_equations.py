@@ -47,31 +47,44 @@ def _losses(residuals, c, out, first, last):  # type: ignore[no-untyped-def]
 
 def from_differences(rows: Array, steps: Array, c: float) -> NormalEquations:
     """From residuals (1 + k, n, m) at a point and with each of k unknowns moved by its step; loss of Cauchy's c."""
-    rows, steps = np.ascontiguousarray(rows), np.ascontiguousarray(steps, float)
-    k, n = rows.shape[0] - 1, rows.shape[1]
+    rows = np.ascontiguousarray(rows)
+    return _summed(rows[0], rows[1:], np.ascontiguousarray(steps, float), c)
+
+
+def from_jacobian(residuals: Array, jacobian: Array, c: float) -> NormalEquations:
+    """From residuals (n, m) and their derivatives (n, m, k)."""
+    rows = np.ascontiguousarray(np.moveaxis(jacobian, 2, 0))
+    return _summed(np.ascontiguousarray(residuals), rows, np.zeros(0), c)
+
+
+def _summed(residuals: Array, rows: Array, steps: Array, c: float) -> NormalEquations:
+    """From residuals (n, m) and rows (k, n, m): residuals moved by steps (k,), or derivatives where there are none."""
+    k, n = rows.shape[:2]
     found = NormalEquations(np.empty(n), np.empty((n, k, k)), np.empty((n, k)))
-    over_threads(
-        lambda first, last: _sum_rows(rows, steps, float(c), found.loss, found.matrix, found.gradient, first, last), n
-    )
+
+    def part(first: int, last: int) -> None:
+        _sum(residuals, rows, steps, float(c), found.loss, found.matrix, found.gradient, first, last)
+
+    over_threads(part, n)
     return found
 
 
 @compiled_sums
-def _sum_rows(rows, steps, c, loss, matrix, gradient, first, last):  # type: ignore[no-untyped-def]
-    count, size = rows.shape[0] - 1, rows.shape[2]
-    j, weighted = np.empty((count, size)), np.empty((count, size))
-    r = np.empty(size)
+def _sum(residuals, rows, steps, c, loss, matrix, gradient, first, last):  # type: ignore[no-untyped-def]
+    count, size = rows.shape[0], rows.shape[2]
+    j, weighted, r = np.empty((count, size)), np.empty((count, size)), np.empty(size)
+    moved = steps.size > 0
     for n in range(first, last):
         total, used = 0.0, 0
         for s in range(size):
-            value = rows[0, n, s]
+            value = residuals[n, s]
             if not math.isnan(value):
                 q = value / c
                 weight = 1.0 / (1.0 + q * q)
                 total += 0.5 * value * value if math.isinf(c) else 0.5 * c * c * math.log1p(q * q)
                 r[used] = value
                 for k in range(count):
-                    d = (rows[k + 1, n, s] - value) / steps[k]
+                    d = (rows[k, n, s] - value) / steps[k] if moved else rows[k, n, s]
                     d = 0.0 if math.isnan(d) else d
                     j[k, used], weighted[k, used] = d, weight * d
                 used += 1
@@ -88,41 +101,3 @@ def _dot(a, b, count):  # type: ignore[no-untyped-def]
     for k in range(count):
         total += a[k] * b[k]
     return total
-
-
-def from_jacobian(r: Array, jacobian: Array, c: float) -> NormalEquations:
-    """From residuals (n, m) and their derivatives (n, m, k)."""
-    n, _, k = jacobian.shape
-    r = np.ascontiguousarray(r)
-    found = NormalEquations(np.empty(n), np.empty((n, k, k)), np.empty((n, k)))
-    rows = np.ascontiguousarray(np.moveaxis(jacobian, 2, 0))
-    over_threads(
-        lambda first, last: _sum_jacobian(r, rows, float(c), found.loss, found.matrix, found.gradient, first, last), n
-    )
-    return found
-
-
-@compiled_sums
-def _sum_jacobian(residuals, rows, c, loss, matrix, gradient, first, last):  # type: ignore[no-untyped-def]
-    count, size = rows.shape[0], rows.shape[2]
-    j, weighted = np.empty((count, size)), np.empty((count, size))
-    r = np.empty(size)
-    for n in range(first, last):
-        total, used = 0.0, 0
-        for s in range(size):
-            value = residuals[n, s]
-            if not math.isnan(value):
-                q = value / c
-                weight = 1.0 / (1.0 + q * q)
-                total += 0.5 * value * value if math.isinf(c) else 0.5 * c * c * math.log1p(q * q)
-                r[used] = value
-                for k in range(count):
-                    d = rows[k, n, s]
-                    d = 0.0 if math.isnan(d) else d
-                    j[k, used], weighted[k, used] = d, weight * d
-                used += 1
-        loss[n] = total
-        for a in range(count):
-            for b in range(a + 1):
-                matrix[n, a, b] = matrix[n, b, a] = _dot(weighted[a], j[b], used)
-            gradient[n, a] = _dot(weighted[a], r, used)

@@ -18,7 +18,8 @@ from models.compiled import compiled
 from models.engine.loop import ROW, play_shot
 from models.engine.play import MOST, Layout, over_threads
 from models.errors import BadInput
-from models.hooks import call_hook
+from models.hooks import STROKE_FIELDS
+from models.impacts import deliver
 from models.observe import camera, expose, see, unsee
 from models.spring import damping_table
 
@@ -144,7 +145,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
     track = np.zeros((stamps.shape[1], most, ROW))
     position, velocity = np.zeros((stamps.shape[1], most, 2)), np.zeros((stamps.shape[1], most, 2))
     log, who, counts, potted = np.zeros(0), np.zeros((0, 3), np.int64), np.zeros(4, np.int64), np.zeros(most, np.bool_)
-    start, place, cue = np.zeros((most, ROW)), np.zeros((most, 2)), np.zeros(7)
+    start, place, cue = np.zeros((most, ROW)), np.zeros((most, 2)), np.zeros(STROKE_FIELDS)
     for row in range(first, last):
         w = which[row]
         n, here = balls[w], own[row].ctypes.data
@@ -163,13 +164,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
             start[i, 0], start[i, 1] = place[i, 0], place[i, 1]
         launch = 0.0
         if struck[w]:
-            cue[0], cue[1], cue[2], cue[3] = start[0, 2], start[0, 3], start[0, 4], start[0, 5]
-            cue[4], cue[5], cue[6] = start[0, 6], radius, mass
-            for k in range(strike.shape[0]):
-                call_hook(strike[k, 0], here + 8 * strike[k, 1], cue.ctypes.data)
-            for k in range(5):
-                start[0, 2 + k] = cue[k]
-            launch = math.sqrt(cue[0] * cue[0] + cue[1] * cue[1])
+            launch = deliver(start[0, 2:4], start[0, 4:7], here, strike, radius, mass, cue)
         seen = 0
         while seen < stamps.shape[1] and stamps[w, seen] <= horizon[w] + 1e-9:
             seen += 1

@@ -46,26 +46,6 @@ CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 
 
 @compiled
-def is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
-    """Whether a third body is within `near` [m] of those of an impact: balls i and j, or ball i and a rail (j < 0)."""
-    for one in (i, j):
-        if one < 0:
-            continue
-        for k in range(b.shape[0]):
-            if k != i and k != j and kind[k] != POTTED:
-                x, y = b[k, X] - b[one, X], b[k, Y] - b[one, Y]
-                d = 2.0 * radius + near
-                if x * x + y * y < d * d:
-                    return True
-        for other in range(4):
-            k = other // 2
-            gap = reach[k] - (1.0 - 2.0 * (other % 2)) * b[one, k]
-            if gap < near and not (j < 0 and other == rail) and not in_mouth(b[one, 1 - k], other, half, mouths):
-                return True
-    return False
-
-
-@compiled
 def _meets(b, c, i, j, kind, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
     """Gap, approach speed and normal of balls i and j, or of ball i and rail -1 - j where j < 0."""
     if j >= 0:

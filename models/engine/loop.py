@@ -24,7 +24,7 @@ from models.analytic.events import DEAD
 from models.analytic.impulse import collide
 from models.analytic.pocket import outward
 from models.compiled import compiled
-from models.engine.cluster import CROWD, is_crowded, through
+from models.engine.cluster import CROWD, through
 from models.engine.curve import curve, lay_record
 from models.engine.motion import (
     CLOCK,
@@ -47,8 +47,21 @@ from models.engine.motion import (
     plain_phase,
 )
 from models.engine.touch import BALL, CUSHION, POCKET, PUSH, SWITCH, meet_balls, meet_table
-from models.hooks import BALL_FIELDS, IMPACT_FIELDS, call_hook
-from models.impacts import APPROACH, DECAY, FRICTION, GAIN, MASS_FIRST, MASS_SECOND, RESTITUTION, ask, describe
+from models.hooks import BALL_FIELDS, IMPACT_FIELDS, STROKE_FIELDS
+from models.impacts import (
+    APPROACH,
+    DECAY,
+    FRICTION,
+    GAIN,
+    MASS_FIRST,
+    MASS_SECOND,
+    RESTITUTION,
+    ask,
+    deliver,
+    describe,
+    is_crowded,
+    part,
+)
 from models.spring import CUSHION_TIME
 
 LEAN = 1e-2  # approach speed that leaning may come to between two looks [m/s]
@@ -57,7 +70,7 @@ ROW = 8  # numbers of a ball at a moment: place, velocity, spin, angle turned
 
 
 @compiled
-def _hit(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, mass, radius, order, now):  # type: ignore[no-untyped-def]
+def collide_alone(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, mass, radius, order, now):  # type: ignore[no-untyped-def]
     """Carry two balls, or one and a cushion (j < 0), through their impact by its impulse; returns whether they lean."""
     if j < 0:
         bx, by = outward(rail, b[i, X], b[i, Y], jaws)
@@ -89,26 +102,8 @@ def _hit(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, mass, radiu
 
 
 @compiled
-def _part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
-    """Put bodies that lean on each other back to where they touch: each look lets them overlap a little more."""
-    if j >= 0:
-        x, y = b[j, X] - b[i, X], b[j, Y] - b[i, Y]
-        d = math.sqrt(x * x + y * y)
-        more = 0.5 * max(2.0 * radius - d, 0.0) / d
-        b[i, X], b[i, Y] = b[i, X] - more * x, b[i, Y] - more * y
-        b[j, X], b[j, Y] = b[j, X] + more * x, b[j, Y] + more * y
-    elif rail < 4:
-        k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-        b[i, k] = sign * min(sign * b[i, k], reach[k])
-    else:
-        x, y = jaws[rail - 4, 0] - b[i, X], jaws[rail - 4, 1] - b[i, Y]
-        d = math.sqrt(x * x + y * y)
-        more = max(jaws[rail - 4, 2] - d, 0.0) / d
-        b[i, X], b[i, Y] = b[i, X] - more * x, b[i, Y] - more * y
-
-
-@compiled
-def _approach(b, i, j, rail, jaws):  # type: ignore[no-untyped-def]
+def approach_speed(b, i, j, rail, jaws):  # type: ignore[no-untyped-def]
+    """How fast two balls, or one and a cushion (j < 0), come together [m/s]."""
     if j < 0:
         x, y = outward(rail, b[i, X], b[i, Y], jaws)
         return b[i, VX] * x + b[i, VY] * y
@@ -182,7 +177,7 @@ def play_shot(  # type: ignore[no-untyped-def]
                 meet_table(b[i], m[i], what, i, kind[i], reach, half, mouths, jaws, falls, stays[i], until)
                 # What leans on a cushion has no other look at it for a while: looks would follow without end.
                 soon = quiet[i] > now and what[i, 0] == CUSHION and b[i, MEET] < quiet[i]
-                if soon and _approach(b, i, zero - 1, what[i, 1], jaws) < LEAN:
+                if soon and approach_speed(b, i, zero - 1, what[i, 1], jaws) < LEAN:
                     b[i, MEET], what[i, 0] = quiet[i], SWITCH
                 meet_balls(now, i, b, m, kind, pair, again, radius, until)
                 todo[i] = False
@@ -214,7 +209,7 @@ def play_shot(  # type: ignore[no-untyped-def]
                 event, leans[j] = SWITCH, now + LEANS
         if event in (BALL, CUSHION):
             rail = what[i, 1] if event == CUSHION else zero - 1
-            speed = _approach(b, i, j, rail, jaws)
+            speed = approach_speed(b, i, j, rail, jaws)
             if clusters and rail < 4 and speed >= LEAN:
                 for q in range(n):
                     advance(b[q], m[q], kind[q], t, radius, alpha)
@@ -230,9 +225,9 @@ def play_shot(  # type: ignore[no-untyped-def]
                         todo[q] = True
                     continue
             known = leans[i] > now or (j >= 0 and leans[j] > now)
-            slow = _hit(b, i, j, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now)
+            slow = collide_alone(b, i, j, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now)
             if slow:
-                _part(b, i, j, rail, jaws, radius, reach)
+                part(b, i, j, rail, jaws, radius, reach)
                 leans[i] = now + LEANS
                 if j >= 0:
                     leans[j] = now + LEANS
@@ -283,17 +278,13 @@ def play_rows(  # type: ignore[no-untyped-def]
     half, mouths, jaws, falls, table, clusters, until, most, times, out, log, who, count, end, potted,
 ):  # fmt: skip
     """Play shots number `first` to `last`: `start` (n, nball, 8) in and out, `times` (n, m), `out` (n, m, nball, 8)."""
-    cue = np.zeros(7)
+    cue = np.zeros(STROKE_FIELDS)
     for s in range(first, last):
         at = own[s].ctypes.data
         launch = 0.0
         if struck[s]:
             b = start[s, 0]
-            cue[0], cue[1], cue[2], cue[3], cue[4], cue[5], cue[6] = b[VX], b[VY], b[WX], b[WY], b[WZ], radius, mass
-            for k in range(strike.shape[0]):
-                call_hook(strike[k, 0], at + 8 * strike[k, 1], cue.ctypes.data)
-            b[VX], b[VY], b[WX], b[WY], b[WZ] = cue[0], cue[1], cue[2], cue[3], cue[4]
-            launch = math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
+            launch = deliver(b[VX:WX], b[WX:ROW], at, strike, radius, mass, cue)
         end[s] = play_shot(
             start[s], stays[s], launch, order[s], at, forces, support, horizon, impact, cloth[s], mass, radius, reach,
             half, mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s], log[s], who[s], count[s],

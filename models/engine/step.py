@@ -16,9 +16,9 @@ import numpy as np
 from models.analytic.cloth import STILL_SPIN
 from models.analytic.events import in_mouth
 from models.compiled import compiled
-from models.engine.cluster import CROWD, is_crowded, through
+from models.engine.cluster import CROWD, through
 from models.engine.curve import curve, lay_record
-from models.engine.loop import LEAN, LEANS, _approach, _hit, _part
+from models.engine.loop import LEAN, LEANS, approach_speed, collide_alone
 from models.engine.motion import (
     CLOCK,
     COLUMNS,
@@ -44,6 +44,7 @@ from models.engine.motion import (
 )
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH, meet_balls, meet_table
 from models.hooks import BALL_FIELDS, IMPACT_FIELDS
+from models.impacts import is_crowded, part
 from models.spring import CUSHION_TIME
 
 PARKED_DEPTH = 1.0  # of potted balls below the slate [m], under the floor of a furnished table
@@ -233,7 +234,7 @@ def play_step(  # type: ignore[no-untyped-def]
             balls[one, IN_PLAY] = JUST_POTTED
         else:
             rail = what[one, 1] if event == CUSHION else -1
-            speed = _approach(b, one, two, rail, jaws)
+            speed = approach_speed(b, one, two, rail, jaws)
             near = max(CROWD, speed * CUSHION_TIME)
             if rail < 4 and speed >= LEAN and is_crowded(b, kind, one, two, rail, near, radius, reach, half, mouths):
                 seen, wanted, before = np.zeros((1, n, 8)), np.full(1, until), b.copy()
@@ -262,11 +263,11 @@ def play_step(  # type: ignore[no-untyped-def]
                     return True
                 continue
             known = now < leans[one] <= now + LEANS or (two >= 0 and now < leans[two] <= now + LEANS)
-            if _hit(b, one, two, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now):
+            if collide_alone(b, one, two, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now):
                 leans[one] = now + LEANS
                 if two >= 0:
                     leans[two] = now + LEANS
-                _part(b, one, two, rail, jaws, radius, reach)
+                part(b, one, two, rail, jaws, radius, reach)
     return False
 
 
