@@ -61,7 +61,7 @@ def compare(
     in_mujoco: tuple[ClipRow, ...] = ()
     if by_events(model):
         report("the same constants in MuJoCo")
-        there = in_other_engine(problem).tracks(x, np.zeros((n, 0)), np.arange(n))
+        there = with_mujoco(problem).tracks(x, np.zeros((n, 0)), np.arange(n))
         in_mujoco = tuple(_clip_row(problem, clip_set, k, there[k], sigma, rows[k].held_out) for k in range(n))
     samples, stretches, met = of_shots(problem, tracks, clip_set), joined([]), no_impacts()
     if parts:
@@ -76,7 +76,7 @@ def compare(
     )  # fmt: skip
 
 
-def in_other_engine(problem: ShotProblem) -> ShotProblem:
+def with_mujoco(problem: ShotProblem) -> ShotProblem:
     """The same problem played in MuJoCo, the model that is delivered."""
     return dataclasses.replace(problem, model=dataclasses.replace(problem.model, engine="mujoco"))
 

@@ -93,14 +93,14 @@ class SegmentProblem:
         )  # fmt: skip
 
     @cached_property
-    def layout(self) -> Layout:
-        """The model, laid out for the event engine."""
-        return Layout(self.model, self.names)
+    def layout(self) -> Layout | None:
+        """The model, laid out for the event engine; None where MuJoCo plays it."""
+        return Layout(self.model, self.names) if by_events(self.model) else None
 
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over sigma: (k, 2 m)."""
         radius = self.model.ball.radius
-        if by_events(self.model):
+        if self.layout is not None:
             n, size = len(self.segments), 2 * max(len(s.time) for s in self.segments)
             sd = np.full(self.data.theta.shape, self.sigma)
             none = np.full(n, np.inf)
@@ -241,14 +241,14 @@ class ShotProblem:
         return observed(model, undone(model, shots))
 
     @cached_property
-    def layout(self) -> Layout:
-        """The model, laid out for the event engine."""
-        return Layout(self.model, self.names)
+    def layout(self) -> Layout | None:
+        """The model, laid out for the event engine; None where MuJoCo plays it."""
+        return Layout(self.model, self.names) if by_events(self.model) else None
 
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over their standard deviation: (k, m)."""
         size = max(sum(3 * len(o.time) for o in clip.balls.values()) for clip in self.clips)
-        if by_events(self.model):
+        if self.layout is not None:
             return residuals(self.layout, self.data, self.sd, self.sd_theta, self.horizon, x, c, which, size)
         out = np.full((len(x), size), np.nan)
         for k, (track, w) in enumerate(zip(self.tracks(x, c, which), which, strict=True)):

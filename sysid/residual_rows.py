@@ -130,8 +130,7 @@ def residuals(
     return out
 
 
-FINE, BACKWARDS, GIVEN_UP = 0, 1, 2
-LOST = 10.0  # residual of a sample that a play which does not come to its end leaves, over its standard deviation
+BACKWARDS = 1  # fault of a row: its camera looked before the shot, or backwards in time
 
 
 @compiled
@@ -182,13 +181,12 @@ def residual_rows(  # type: ignore[no-untyped-def]
             if back:
                 faults[row] = BACKWARDS
                 continue
-        ended = play_shot(
+        # A play that is given up leaves its balls where they were then.
+        play_shot(
             start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row], mass,
             radius, reach, half, mouths, jaws, falls, table, True, looked[seen - 1], MOST, looked, track[:seen, :n],
             log, who, counts, potted[:n],
         )  # fmt: skip
-        if math.isnan(ended):
-            faults[row] = GIVEN_UP
         for i in range(n):
             last_seen = 0
             for k in range(seen):

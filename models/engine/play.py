@@ -95,10 +95,13 @@ def lay_out(model: Model, count: int, jaws: bool = False) -> Game:
     stack = model.stack()[1:]
     cloth = next(e for e in stack if e.slot == "cloth")
     laws = np.stack([np.broadcast_to(np.asarray(getattr(cloth, k), float), (count,)) for k in LAWS])
+    return _game(model, hooks_of([e for e in stack if e is not cloth], count), np.ascontiguousarray(laws.T), jaws)
+
+
+def _game(model: Model, hooks: Hooks, cloth: Array, jaws: bool) -> Game:
     table, ball = model.table, model.ball
     return Game(
-        hooks_of([e for e in stack if e is not cloth], count), np.ascontiguousarray(laws.T),
-        pockets_of(table, ball) if jaws else Pockets(table.mouths(), NONE, NONE), table.reach(ball),
+        hooks, cloth, pockets_of(table, ball) if jaws else Pockets(table.mouths(), NONE, NONE), table.reach(ball),
         np.array([table.length, table.width]) / 2, ball.mass, ball.radius,
     )  # fmt: skip
 
@@ -140,11 +143,7 @@ class Layout:
         if on not in self.games:
             some = [e for e, here in zip(self.effects, on, strict=True) if here]
             begins = [int(b) for b, here in zip(self.begins, on, strict=False) if here]
-            table, ball = self.model.table, self.model.ball
-            self.games[on] = Game(
-                hooks_of(some, 1, begins), self.cloth, Pockets(table.mouths(), NONE, NONE), table.reach(ball),
-                np.array([table.length, table.width]) / 2, ball.mass, ball.radius,
-            )  # fmt: skip
+            self.games[on] = _game(self.model, hooks_of(some, 1, begins), self.cloth, False)
         found = self.games[on]
         return dataclasses.replace(found, hooks=dataclasses.replace(found.hooks, own=own), cloth=cloth)
 

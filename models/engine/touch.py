@@ -20,6 +20,7 @@ from models.engine.motion import (
     AY,
     BOUND,
     CLOCK,
+    COLUMNS,
     CURVE,
     END,
     MEET,
@@ -75,31 +76,6 @@ def _to_line(b, m, kind, k, sign, level, t, end):  # type: ignore[no-untyped-def
 
 
 @compiled
-def _to_point(b, m, kind, px, py, rho, t, end):  # type: ignore[no-untyped-def]
-    """When a ball on a curve comes within rho of a point."""
-    first = True
-    for _ in range(MOST_STEPS):
-        x, y, vx, vy = place(b, m, kind, t)
-        x, y = px - x, py - y
-        d = math.sqrt(x * x + y * y)
-        gap, closing = d - rho, (x * vx + y * vy) / d
-        if gap <= CLOSED and closing > AWAY:
-            return t
-        if gap <= CLOSED and closing >= -AWAY and first:
-            ax, ay = pull(b, m, kind, t)
-            if x * ax + y * ay > 0.0:
-                return -1.0
-        wait = _wait(gap, closing, b[BOUND])
-        first = False
-        t += wait
-        if t > end:
-            return np.inf
-        if wait <= ARRIVED:
-            return t
-    return t
-
-
-@compiled
 def _apart(x, y, u, v):  # type: ignore[no-untyped-def]
     """Least distance of the origin from the chord between (x, y) and (u, v)."""
     dx, dy = u - x, v - y
@@ -140,6 +116,14 @@ def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-d
         if wait <= ARRIVED:
             return t
     return t
+
+
+@compiled
+def _to_point(b, m, px, py, rho, t, end):  # type: ignore[no-untyped-def]
+    """When a ball on a curve comes within rho of a point, which is a body that rests."""
+    point = np.zeros(COLUMNS)
+    point[X], point[Y] = px, py
+    return _to_ball(b, m, CURVE, point, m, REST, rho, t, end)
 
 
 @compiled
@@ -240,7 +224,7 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
             at = falls[k - jaws.shape[0]] if fall else jaws[k]
             if _apart(at[0] - b[X], at[1] - b[Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED + aside:
                 continue
-            t = _to_point(b, m, CURVE, at[0], at[1], at[2], now, end)
+            t = _to_point(b, m, at[0], at[1], at[2], now, end)
             if t == -1.0:
                 if not fall:
                     _look_again(b, what, i)
@@ -252,7 +236,7 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
             px, py = (1.0 - 2.0 * (corner % 2)) * half[0], (1.0 - 2.0 * (corner // 2)) * half[1]
             if _apart(px - b[X], py - b[Y], px - ex, py - ey) > mouths[2] + CLOSED + aside:
                 continue
-            t = _to_point(b, m, CURVE, px, py, mouths[2], now, end)
+            t = _to_point(b, m, px, py, mouths[2], now, end)
             if t >= 0.0 and t < b[MEET]:
                 b[MEET], what[i, 0], what[i, 1] = t, POCKET, -1
 
