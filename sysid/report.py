@@ -96,7 +96,7 @@ h3{font-size:14px;margin:0 0 4px}
 .sub{margin:0 0 18px;overflow-wrap:anywhere}
 .notes{margin:18px 0;padding:10px 16px 10px 34px;background:#fdf6ea;border-left:4px solid #d9730d}
 .notes li{margin:3px 0;overflow-wrap:anywhere}
-.cards{display:grid;grid-template-columns:repeat(6,1fr);gap:10px;margin:18px 0}
+.cards{display:grid;grid-template-columns:repeat(7,1fr);gap:10px;margin:18px 0}
 .card{border:1px solid var(--line);border-radius:6px;padding:9px 11px}
 .card b{display:block;font-size:20px;line-height:1.3;font-variant-numeric:tabular-nums;white-space:nowrap}
 .card span{font-size:12px;line-height:1.3;display:block;color:var(--soft)}
