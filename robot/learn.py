@@ -232,12 +232,9 @@ def _refit(folder: Path, course: Course, learnt: int, report: Report) -> str:
     out = fit_folder(folder, learnt)
     out.mkdir(parents=True, exist_ok=True)
     clip_set, played = films(folder, learnt)
-
-    def say(line: str) -> None:
-        report(f"{len(clip_set.clips)} clips: {line}")
-
+    report(f"{len(clip_set.clips)} clips")
     known, _ = latest(folder, course, learnt - course.every)
-    found = relearn(clip_set, played, course.model, course.cueing_map, known, say)
+    found = relearn(clip_set, played, course.model, course.cueing_map, known)
     result = found.result
     write_model(found.model, out / "model.toml")
     write_map(out / "map.toml", found.cueing_map)

@@ -10,8 +10,9 @@ that is found all the same is the launcher's, and left to its map, which is fitt
 from __future__ import annotations
 
 import dataclasses
+import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,19 +26,19 @@ from robot.campaign import CueShot
 from robot.map_fit import fit_map
 from robot.protocol import string_number
 from sysid.clips import ClipSet, Cue
-from sysid.discover import discover
+from sysid.estimation.initial_states import fit_states, grown_by_stage
+from sysid.estimation.problem import turn
+from sysid.estimation.shot_problem import shot_problem
 from sysid.findings import model_of, result_of
 from sysid.jaws import before_jaws
 from sysid.noise import position_noise
-from sysid.own import ROBUST, Growth
-from sysid.problem import shot_problem, turn
-from sysid.solve import fit_each
+from sysid.selection.discover import discover
 from sysid.spikes import set_aside
 
 FEWEST = 8  # strokes from which the map is fitted anew; the start map holds what they do not tell
 LONGEST = 0.4  # of a film's beginning [s]
 SQUIRT = "squirt"  # name or slot
-Report = Callable[[str], None]
+log = logging.getLogger("sysid.relearn")
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,6 @@ class Learnt:
 
 def relearn(
     clip_set: ClipSet, played: Sequence[Mapping[str, Any]], start: Model, start_map: CueingMap, known: Model,
-    report: Report,
 ) -> Learnt:  # fmt: skip
     """Learn both from all strokes so far.
 
@@ -67,12 +67,11 @@ def relearn(
         start: the model that the discovery begins with.
         start_map: the map that is held for known before.
         known: the best model so far.
-        report: told what is being done.
     """
     short = before_jaws(clip_set)
-    report("what every film begins with")
+    log.info("what every film begins with")
     rough = learn_launcher(short, played, known, start_map)
-    found = discover(with_commands(short, played, rough), start, report)
+    found = discover(with_commands(short, played, rough), start)
     model = model_of(found, found.last, "robot learn")
     model = dataclasses.replace(model, effects=tuple(e for e in model.effects if SQUIRT not in (e.slot, e.name())))
     return Learnt(model, learn_launcher(short, played, model, start_map), result_of(found, math.nan))
@@ -114,11 +113,8 @@ def first_velocities(clip_set: ClipSet, model: Model) -> dict[str, tuple[Array, 
     clip_set, _ = set_aside(clip_set, sigma)
     problem = shot_problem(model, (), clip_set, sigma)
     none = np.zeros(0)
-    growth = Growth.of(problem, clip_set, sigma)
-    begun = problem.until(np.clip(growth.horizon(0), 2 / clip_set.fps, LONGEST))
-    x, _ = fit_each(
-        begun.evaluate, growth.own(problem.start.copy(), none, 0), none, problem.steps, problem.prior, ROBUST, 10
-    )
+    begun = problem.until(np.clip(problem.horizon_at(0), 2 / clip_set.fps, LONGEST))
+    x = fit_states(begun, grown_by_stage(problem, problem.start, none, 0), none, 10)
     every, constants = np.arange(len(x)), np.zeros((len(x), 0))
     steps = np.diag(problem.steps)
     slopes = [(begun.evaluate(x + s, constants, every) - begun.evaluate(x - s, constants, every)) for s in steps]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from models.errors import BadInput
-from sysid.output import Progress, print_constants, write_json
+from sysid.output import Progress, print_constants, progress_of, write_json
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -115,46 +115,45 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
     """Fit a model's constants."""
     from models.model_file import write_model
     from sysid import compare as room
-    from sysid.fit import fit as fit_model
+    from sysid.estimation.clip_fit import fit_clips
+    from sysid.estimation.fit import CHAOS_RATE
     from sysid.tell import print_comparison
 
     check_outputs(args.out, args.json, args.report, args.rrd)
     clip_set, model = load(args)
-    found = fit_model(clip_set, model, progress, command="sysid fit")
+    found = fit_clips(clip_set, model)
     write_model(found.model, args.out)
     progress.close()
     print_constants(found.model)
-    if not found.converged:
+    fitted = found.fitted
+    if not fitted.converged:
         print("\nNOT converged: these constants are where the fit stopped, and no uncertainty is given.")
-    if found.error_rate > 1e-3:
-        print(
-            f"\nThe model's own error grows by {found.error_rate * 1e3:.0f} mm a metre travelled after the first event."
-        )
+    if fitted.discrepancy_rate > CHAOS_RATE:
+        rate = f"{fitted.discrepancy_rate * 1e3:.0f} mm a metre"
+        print(f"\nThe model's own error grows by {rate} travelled after the first event.")
     print(f"\nmodel: {args.out}\n", flush=True)
-    comparison = room.compare(clip_set, found.model, progress)
+    files = [c.file for c in clip_set.clips]
+    comparison = room.compare(clip_set, found.model, progress, found.parts.states_of(fitted, files))
     progress.close()
     print_comparison(comparison)
     share = room.coverage(comparison, found.band_rate)
     if share == share:
         print(f"Held-out residuals inside the predicted 95 % band: {100 * share:.0f} %.")
     if args.json:
-        import numpy as np
-
-        sds = np.sqrt(np.diag(found.covariance))
+        values = found.model.parameters()
         constants = {
-            n: {"value": float(found.model.parameters()[n]), "sd": float(sd) if found.converged else float("nan"),
-                "unit": found.model.meta(n)["unit"]}
-            for n, sd in zip(found.names, sds, strict=True)
-        }  # fmt: skip
+            n: {"value": values[n], "sd": sd if fitted.converged else float("nan"), "unit": found.model.meta(n)["unit"]}
+            for n, sd in fitted.sds.items()
+        }
         result = {
-            "format": "billiard-fit/1", "converged": found.converged, "error_rate": found.error_rate,
+            "format": "billiard-fit/1", "converged": fitted.converged, "error_rate": fitted.discrepancy_rate,
             "band_rate": found.band_rate,
             "segment_ratio": found.segment_ratio, "held_out_coverage": share, "parameters": constants,
             "comparison": comparison.to_json(),
         }  # fmt: skip
         write_json(args.json, result)
     outputs(args, [("fitted", comparison)], room.in_words(comparison))
-    return DONE if found.converged else FOUND
+    return DONE if fitted.converged else FOUND
 
 
 def add(args: argparse.Namespace, progress: Progress) -> int:
@@ -375,7 +374,7 @@ def run_verb(
     program: str, args: argparse.Namespace, interrupted: str, faults: tuple[type[Exception], ...] = ()
 ) -> int:  # fmt: skip
     """Run the verb of a command line, its faults one line each; `faults` are those that a user must act on."""
-    progress = Progress()
+    progress = progress_of()
     told: tuple[type[Exception], ...] = (BadInput, *faults)
     try:
         args.own = own_effects(getattr(args, "effects", ()))

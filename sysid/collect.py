@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from models.shot import Shot, Track
 from models.simulate import simulate
 from sysid.clips import ClipSet
-from sysid.problem import Array, SegmentProblem, ShotProblem, residual, turn
+from sysid.estimation.problem import Array, turn
+from sysid.estimation.segment_problem import SegmentProblem
+from sysid.estimation.shot_problem import ShotProblem, residual
 from sysid.samples import Samples
 
 SLIPS = 0.01  # slip speed above which a ball slides [m/s]
@@ -64,7 +66,7 @@ def of_stretches(problem: SegmentProblem, x: Array, good: NDArray[np.bool_], tra
     radius = problem.model.ball.radius
     which = np.arange(len(x))
     c = np.tile([float(problem.model.parameters()[n]) for n in problem.names], (len(x), 1))
-    missed = problem.evaluate(x, c, which) * problem.sigma
+    missed = problem.evaluate(x, c, which) * problem.noise
     parts: list[Samples] = []
     seen: dict[tuple[int, str], int] = {}
     played = simulate(problem.model, begin(problem, x))

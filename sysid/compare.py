@@ -14,24 +14,18 @@ from models.shot import Track
 from sysid.clips import ClipSet
 from sysid.collect import joined, of_shots, of_stretches
 from sysid.comparison import ClipRow, Comparison, SegmentRow
-from sysid.fit import MISCUT, SEGMENT_ROBUST, cloth_constants, ratios, values_of
+from sysid.estimation.discrepancy import events_and_paths
+from sysid.estimation.initial_states import grown_states, polished
+from sysid.estimation.least_squares import fit_each
+from sysid.estimation.open_cloth import START_CAUCHY_SD, UNSEEN_EVENT_RATIO, cloth_constants, ratios
+from sysid.estimation.problem import STATE_STEPS, Array, by_events, values_of
+from sysid.estimation.segment_problem import SegmentProblem, segment_problem
+from sysid.estimation.shot_problem import ShotProblem, residual, shot_problem
+from sysid.estimation.start_values import theta_noise
 from sysid.groups import groups
 from sysid.impacts import impacts, no_impacts
 from sysid.noise import position_noise
-from sysid.own import events_and_ways, fit_own, polish
-from sysid.problem import (
-    STEPS,
-    Array,
-    SegmentProblem,
-    ShotProblem,
-    by_events,
-    residual,
-    segment_problem,
-    shot_problem,
-    theta_noise,
-)
 from sysid.segments import split_all
-from sysid.solve import fit_each
 from sysid.spikes import set_aside
 from sysid.tell import sentences
 from sysid.where import find
@@ -51,8 +45,8 @@ def compare(
     report(f"{len(segments)} segments between events")
     problem = shot_problem(model, (), clip_set, sigma)
     none = np.zeros(0)
-    x = fit_own(problem, clip_set, none, sigma, report) if start is None else start
-    x = polish(problem, x, none)
+    x = grown_states(problem, none) if start is None else start
+    x = polished(problem, x, none)
     n = len(clip_set.clips)
     tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))
     used = set(model.fitted.get("clips", ())) if model.fitted else set()
@@ -92,7 +86,7 @@ class Stretches:
     @property
     def good(self) -> NDArray[np.bool_]:
         """(n,) Those that hold no event that was not seen."""
-        return np.asarray(self.ratio < MISCUT)
+        return np.asarray(self.ratio < UNSEEN_EVENT_RATIO)
 
     def rows(self, clip_set: ClipSet) -> tuple[SegmentRow, ...]:
         """Every segment's figures."""
@@ -113,7 +107,7 @@ def fit_stretches(clip_set: ClipSet, model: Model, sigma: float) -> Stretches | 
     names = cloth_constants(model)
     problem = segment_problem(model, names, segments, sigma)
     c = values_of(model, names)
-    x, _ = fit_each(problem.evaluate, problem.start, c, STEPS, problem.prior, SEGMENT_ROBUST, 10)
+    x, _ = fit_each(problem.evaluate, problem.start, c, STATE_STEPS, problem.prior, START_CAUCHY_SD, 10)
     return Stretches(problem, x, ratios(problem, x, c))
 
 
@@ -139,7 +133,7 @@ def _clip_row(problem: ShotProblem, clip_set: ClipSet, k: int, track: Track, sig
 def coverage(comparison: Comparison, rate: float) -> float:
     """Share of held-out residuals inside the 95 % band of noise and the model's error rate; NaN without any."""
     clip_set, sigma = comparison.clip_set, comparison.noise_m
-    _, way = events_and_ways(clip_set, sigma)
+    _, way = events_and_paths(clip_set, sigma)
     inside = total = 0
     for k, row in enumerate(comparison.clips):
         if not row.held_out:

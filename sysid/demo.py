@@ -10,11 +10,11 @@ from models.errors import BadInput
 from models.model_file import Model, full_model
 from sysid.clips import ClipSet, read_clip_set
 from sysid.compare import in_words
-from sysid.discover import Discovery, discover
 from sysid.findings import label, print_ladder, round_rows, shot_lines, verdict_lines
-from sysid.judge import Judgement
 from sysid.loop_cli import DONE, FOUND, compare_at, write_outcome
 from sysid.output import Progress, table
+from sysid.selection.discover import Discovery, discover
+from sysid.selection.judge import Judgement
 
 COMMAND = "sysid demo"
 EXAMPLE = Path(__file__).with_name("example")
@@ -51,7 +51,7 @@ def run(out: Path, progress: Progress) -> int:
         print(f"\n3. Added, and all constants fitted again: {label(found.verdict)}\n", flush=True)
         print_ladder(found)
 
-    found = discover(clip_set, full_model(clip_set.table, clip_set.ball), progress, tell)
+    found = discover(clip_set, full_model(clip_set.table, clip_set.ball), tell)
     progress.close()
     rest = found.rounds[-1]
     print("\nWhat is still missing?\n  " + "\n  ".join(verdict_lines(Judgement(rest), None)))
@@ -61,12 +61,12 @@ def run(out: Path, progress: Progress) -> int:
     _revealed(last.model, found)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     print(f"open {out / 'report.html'} in a browser, and the shots with: .venv/bin/rerun {out / 'review.rrd'}")
-    return DONE if found.last.fit.converged else FOUND
+    return DONE if found.last.converged else FOUND
 
 
 def _failing(clip_set: ClipSet, found: Discovery, progress: Progress) -> None:
     """Where the base model, at its best constants, fails."""
-    base, noise = found.last, found.clips.sigma
+    base, noise = found.last, found.parts.noise
     _, compared = compare_at(0, clip_set, found, progress, COMMAND)
     progress.close()
     print("\n1. The base model (level table, cloth, balls, cushions), all its constants fitted, misses by")

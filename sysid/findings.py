@@ -10,52 +10,36 @@ from typing import Any
 
 import numpy as np
 
-from models.model_file import Estimate, Model
+from models.model_file import Model
 from sysid.compare import in_words
 from sysid.comparison import Comparison
-from sysid.diagnose import ALIKE, NAMED, Round
-from sysid.discover import Discovery
-from sysid.evidence import Score
-from sysid.judge import Judgement
-from sysid.next_shot import NextShot
+from sysid.estimation.fitted import FittedModel, as_model
+from sysid.estimation.split import Split
 from sysid.output import table
 from sysid.pieces import whole
 from sysid.plots_where import missing_map_svg
-from sysid.stages import Clips, Stage
+from sysid.selection.discover import Discovery
+from sysid.selection.judge import Judgement
+from sysid.selection.next_shot import NextShot
+from sysid.selection.score import Score
+from sysid.selection.screening import ALIKE, NAMED, Round
 
 SHOWN = 8  # candidates listed in a round
 NONE = f"none: no effect of the catalogue is worth its parameters (delta BIC under {NAMED:.0f})"
 
 
-def model_of(found: Discovery, now: Stage, command: str) -> Model:
+def model_of(found: Discovery, now: FittedModel, command: str) -> Model:
     """A stage's model, with uncertainties, correlations and where they come from.
 
     Beside a formula for what no effect explains the constants are those of the fit that had it: without it they bend
     to make up for what is missing.
     """
-    model = now.model
     if now is found.last and found.explained is not None:
-        now = found.explained
-        model = model.with_values({n: now.value(n)[0] for n in model.parameters() if n in now.names})
-    files = list(dict.fromkeys(whole(c.file) for c in found.clips.training.clips))
-    converged = now.fit.converged
-    estimates = {}
-    sd = np.sqrt(np.diag(now.fit.joint.covariance))
-    rows = [k for k, name in enumerate(now.names) if name in model.parameters()]
-    for k in rows:
-        name = now.names[k]
-        source = f"{command}, {len(files)} clips" + ("" if converged else ", NOT converged")
-        source += "" if np.isfinite(sd[k]) else ": these clips do not tell"
-        estimates[name] = Estimate(float(sd[k]) if converged else float("nan"), source)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        correlation = now.fit.joint.covariance / np.outer(sd, sd)
-    correlation = correlation[np.ix_(rows, rows)]
-    summary = {
-        "command": command, "clips": files, "converged": converged, "noise_m": found.clips.sigma,
-        "error_rate": now.fit.rate, "names": [now.names[k] for k in rows],
-        "correlation": [[float(np.round(v, 3)) for v in row] for row in correlation],
-    }  # fmt: skip
-    return dataclasses.replace(model, estimates=estimates, fitted=summary)
+        now = dataclasses.replace(
+            found.explained, problem=found.explained.problem.with_model(now.model, found.explained.names)
+        )
+    files = list(dict.fromkeys(whole(c.file) for c in found.parts.training.clips))
+    return as_model(now, command, files)
 
 
 def result_of(found: Discovery, elapsed: float, compared: Sequence[tuple[str, Comparison]] = ()) -> dict[str, Any]:
@@ -63,8 +47,8 @@ def result_of(found: Discovery, elapsed: float, compared: Sequence[tuple[str, Co
     now = found.last
     ladder = [
         {"effects": list(v), "rms_m": s.rms, "held_out_rms_m": s.held_rms, "chi2_reduced": s.chi2,
-         "converged": s.fit.converged}
-        for s, v in zip(found.stages, found.verdicts, strict=True)
+         "converged": s.converged}
+        for s, v in zip(found.ladder, found.verdicts, strict=True)
     ]  # fmt: skip
     best = found.explained or now
     parameters = {
@@ -73,11 +57,11 @@ def result_of(found: Discovery, elapsed: float, compared: Sequence[tuple[str, Co
     return {
         "format": "billiard-discovery/1", "verdict": list(found.verdict),
         "unexplained": dict(found.unexplained) if found.unexplained else None,
-        "noise_floor_m": found.clips.sigma, "ladder": ladder, "rounds": [round_told(r) for r in found.rounds],
+        "noise_floor_m": found.parts.noise, "ladder": ladder, "rounds": [round_told(r) for r in found.rounds],
         "look_alikes": [list(p) for p in found.alike], "look_alike_from": ALIKE,
         "next_shot": found.next_shot.told() if found.next_shot else None, "parameters": parameters,
-        "spikes_set_aside": found.clips.spikes, "shots_cut": found.clips.cut,
-        "pruned": list(found.pruned), "converged": now.fit.converged,
+        "spikes_set_aside": found.parts.spikes, "shots_cut": found.parts.cut,
+        "pruned": list(found.pruned), "converged": now.converged,
         "doubtful": sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict)), "elapsed_s": elapsed,
         "engines": {name: engines_of(one) for name, one in compared},
     }  # fmt: skip
@@ -92,9 +76,9 @@ def engines_of(comparison: Comparison) -> dict[str, float]:
 def round_told(seen: Round) -> list[dict[str, Any]]:
     """Candidates of one round, best first: those fitted, then what the others promised."""
     fitted = [
-        {"effect": t.name, "delta_bic": t.evidence.delta_bic, "held_out_gain": _gain(seen.base, t.stage),
-         "fitted": True, "converged": t.converged, "promised": t.score.gain, "rms_m": t.stage.rms,
-         "held_out_rms_m": t.stage.held_rms, "samples_that_count_as_one": t.evidence.tau}
+        {"effect": t.name, "delta_bic": t.evidence.delta_bic, "held_out_gain": _gain(seen.base, t.fitted),
+         "fitted": True, "converged": t.converged, "promised": t.score.gain, "rms_m": t.fitted.rms,
+         "held_out_rms_m": t.fitted.held_rms, "samples_that_count_as_one": t.evidence.tau}
         for t in seen.trials
     ]  # fmt: skip
     rest = [
@@ -105,21 +89,21 @@ def round_told(seen: Round) -> list[dict[str, Any]]:
     return [*fitted, *rest]
 
 
-def _gain(base: Stage, new: Stage) -> float:
+def _gain(base: FittedModel, new: FittedModel) -> float:
     """Part of the held-out error that is gone."""
     return 1.0 - new.held_rms / base.held_rms if base.held_rms > 0 else float("nan")
 
 
 def judgement_told(
-    clips: Clips, judged: Judgement, told: Mapping[str, Any] | None, shot: NextShot | None
+    parts: Split, judged: Judgement, told: Mapping[str, Any] | None, shot: NextShot | None
 ) -> dict[str, Any]:
     """`billiard-diagnosis/1`."""
     seen = judged.round
     return {
         "format": "billiard-diagnosis/1", "verdict": [judged.name] if judged.name else [],
-        "unexplained": dict(told) if told else None, "noise_floor_m": clips.sigma,
+        "unexplained": dict(told) if told else None, "noise_floor_m": parts.noise,
         "base": {"rms_m": seen.base.rms, "held_out_rms_m": seen.base.held_rms, "chi2_reduced": seen.base.chi2,
-                 "converged": seen.base.fit.converged},
+                 "converged": seen.base.converged},
         "runs": seen.runs, "candidates": round_told(seen),
         "margin_delta_bic": seen.margin if np.isfinite(seen.margin) else None,
         "look_alikes": [[a, b] for a, b, _ in seen.alike], "not_told_apart": [list(p) for p in seen.tied],
@@ -132,8 +116,8 @@ def round_rows(seen: Round) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [("candidate", "delta BIC", "rms mm", "held out mm", "")]
     for trial in seen.trials:
         state = "fitted" if trial.converged else "NOT converged: no verdict from it"
-        held = f"{trial.stage.held_rms * 1e3:.3f}"
-        rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", f"{trial.stage.rms * 1e3:.3f}", held, state))
+        held = f"{trial.fitted.held_rms * 1e3:.3f}"
+        rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", f"{trial.fitted.rms * 1e3:.3f}", held, state))
     for row in _unfitted(seen)[: SHOWN - len(seen.trials)]:
         rows.append((row.candidate.name, f"{_promise(seen, row):.0f}", "", "", "promised, not fitted"))
     return rows
@@ -171,7 +155,7 @@ def verdict_lines(judged: Judgement, told: Mapping[str, Any] | None) -> list[str
     lines += alike_lines(seen)
     if seen.doubtful:
         lines.append(f"did not converge, and give no verdict: {', '.join(seen.doubtful)}")
-    if not seen.base.fit.converged:
+    if not seen.base.converged:
         lines.append("the base itself did not converge: take this as a hint, not as a verdict")
     return lines
 
@@ -210,14 +194,14 @@ def shot_lines(shot: NextShot | None) -> list[str]:
 def ladder_rows(found: Discovery) -> list[tuple[str, ...]]:
     """The ladder of models as a table."""
     rows: list[tuple[str, ...]] = [("model", "rms mm", "held out mm", "chi2")]
-    for s, names in zip(found.stages, found.verdicts, strict=True):
+    for s, names in zip(found.ladder, found.verdicts, strict=True):
         rows.append((label(names), *_errors(s)))
     if found.explained is not None:
         rows.append((label(found.verdict) + " + the formula", *_errors(found.explained)))
     return rows
 
 
-def _errors(s: Stage) -> tuple[str, str, str]:
+def _errors(s: FittedModel) -> tuple[str, str, str]:
     return f"{s.rms * 1e3:.3f}", f"{s.held_rms * 1e3:.3f}", f"{s.chi2:.3f}"
 
 
@@ -233,10 +217,10 @@ def discovery_lines(found: Discovery) -> list[str]:
         lines = ["verdict: no effect of the catalogue"]
     if found.unexplained:
         lines += unexplained_lines(found.unexplained)
-    if found.clips.cut:
-        lines.append(cut_line(found.clips))
-    if found.clips.spikes:
-        lines.append(f"{found.clips.spikes} samples that the tracker threw elsewhere were set aside")
+    if found.parts.cut:
+        lines.append(cut_line(found.parts))
+    if found.parts.spikes:
+        lines.append(f"{found.parts.spikes} samples that the tracker threw elsewhere were set aside")
     if found.pruned:
         lines.append(f"named on the way, and no longer needed: {', '.join(found.pruned)}")
     if found.rounds:
@@ -244,7 +228,7 @@ def discovery_lines(found: Discovery) -> list[str]:
     doubtful = sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict))
     if doubtful:
         lines.append(f"did not converge, and gave no verdict: {', '.join(doubtful)}")
-    if not found.last.fit.converged:
+    if not found.last.converged:
         lines.append("the last fit did not converge: its constants carry no uncertainty")
     return lines + shot_lines(found.next_shot)
 
@@ -252,7 +236,7 @@ def discovery_lines(found: Discovery) -> list[str]:
 def print_ladder(found: Discovery) -> None:
     """The ladder, and the noise beside it."""
     print(table(ladder_rows(found)))
-    print(f"noise of the tracker: {found.clips.sigma * 1e3:.3f} mm an axis")
+    print(f"noise of the tracker: {found.parts.noise * 1e3:.3f} mm an axis")
 
 
 def failures(name: str, comparison: Comparison) -> list[str]:
@@ -300,20 +284,10 @@ def sections(rounds: Sequence[Round]) -> list[str]:
     return out
 
 
-def cut_line(clips: Clips) -> str:
+def cut_line(parts: Split) -> str:
     """That long shots were cut, and into what."""
-    count = len(clips.training.clips) + len(clips.held.clips)
+    count = len(parts.training.clips) + (len(parts.held_out.clips) if parts.held_out else 0)
     return (
-        f"{clips.cut} shots cut into {count} pieces of one impact each: the cloth alone misses by more than the noise, "
+        f"{parts.cut} shots cut into {count} pieces of one impact each: the cloth alone misses by more than the noise, "
         "and every further impact multiplies that; errors are those of the pieces"
     )
-
-
-def merged_own(clips: Clips, last: Stage, files: Sequence[str]) -> np.ndarray[Any, np.dtype[np.float64]] | None:
-    """Own unknowns of all clips, in the order of `files`: (n, p); None where only pieces of them were fitted."""
-    if clips.cut:
-        return None
-    known = {c.file: x for c, x in zip(clips.training.clips, last.point.x, strict=True)}
-    known |= {c.file: x for c, x in zip(clips.held.clips, last.held_own, strict=True)}
-    most = max(len(x) for x in known.values())
-    return np.array([np.pad(known[f], (0, most - len(known[f]))) for f in files])  # clips of fewer balls have fewer

@@ -9,7 +9,7 @@ import numpy as np
 from sysid.bins import SPEEDS, Variable, span, variables
 from sysid.clips import ClipSet
 from sysid.comparison import ClipRow, Group, SegmentRow
-from sysid.fit import MISCUT
+from sysid.estimation.open_cloth import UNSEEN_EVENT_RATIO
 from sysid.samples import Samples
 
 LEAST = 12  # samples of a group worth naming
@@ -60,7 +60,7 @@ def groups(
     found += _marks(samples, clip_set.ball.radius, sd_theta)
     by_start: dict[str, list[float]] = {}
     for s in segments:
-        if s.ratio < MISCUT:
+        if s.ratio < UNSEEN_EVENT_RATIO:
             by_start.setdefault(f"segments from {s.before}", []).append(s.ratio)
     for words, ratios in sorted(by_start.items(), key=lambda item: -float(np.median(item[1]))):
         middle = float(np.median(ratios))

@@ -22,7 +22,9 @@ from models.shot import Shot, Track
 from models.simulate import simulate
 from sysid.clips import ClipSet, Observation
 from sysid.collect import SLIPS, begin, motions
-from sysid.problem import Array, SegmentProblem, ShotProblem
+from sysid.estimation.problem import Array
+from sysid.estimation.segment_problem import SegmentProblem
+from sysid.estimation.shot_problem import ShotProblem
 from sysid.segments import Segment
 
 LATER = 2  # sample of the next stretch at which velocities are compared: a hit may be seen a frame early
@@ -76,7 +78,7 @@ def impacts(
     `ratio` (n,) is their rms residual over the noise.
     """
     played = simulate(segments.model, begin(segments, x))
-    sigma, radius = segments.sigma, clip_set.ball.radius
+    sigma, radius = segments.noise, clip_set.ball.radius
     usual = np.median(ratio[good]) if good.any() else 1.0
     cases = []
     for k, s in enumerate(segments.segments):

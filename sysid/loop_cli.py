@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from models.model_file import Model
     from sysid.clips import ClipSet
     from sysid.comparison import Comparison
-    from sysid.discover import Discovery
+    from sysid.selection.discover import Discovery
 
 DONE, FOUND = 0, 1
 CHECKPOINT = "unfinished.pickle"
@@ -26,60 +26,59 @@ CHECKPOINT = "unfinished.pickle"
 
 def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress: Progress) -> int:
     """Which effect is missing."""
-    from sysid.discover import best_next
+    from sysid.estimation.split import begin
     from sysid.findings import (
         cut_line,
         judgement_told,
-        merged_own,
         round_rows,
         sections,
         shot_lines,
         verdict_lines,
     )
-    from sysid.judge import judge
     from sysid.pieces import whole
-    from sysid.remainder import remainder
-    from sysid.stages import begin
-    from sysid.structure import describe
+    from sysid.selection.discover import best_next
+    from sysid.selection.formula import describe
+    from sysid.selection.judge import judge
+    from sysid.selection.remainder import remainder
 
-    clips, base = begin(clip_set, model, progress)
-    judged = judge(clips, base, progress)
+    parts, base = begin(clip_set, model)
+    judged = judge(parts, base)
     told: Mapping[str, Any] | None = None
     if judged.structure is not None and judged.trial is not None:
-        told = describe(judged.structure, judged.trial.stage, judged.trial.evidence)
+        told = describe(judged.structure, judged.trial.fitted, judged.trial.evidence)
     elif judged.name is None:
-        told = remainder(clips, judged.round.base)
-    shot = best_next(clips, base, (judged.round,), (judged.name,) if judged.name else (), progress)
+        told = remainder(judged.round.base)
+    shot = best_next(parts, base, (judged.round,), (judged.name,) if judged.name else ())
     progress.close()
     seen = judged.round
-    held = len({whole(c.file) for c in clips.held.clips})
-    print(f"{len(clip_set.clips)} clips, {held} of them held out, noise {clips.sigma * 1e3:.3f} mm")
+    held = len({whole(c.file) for c in parts.held_out.clips}) if parts.held_out else 0
+    print(f"{len(clip_set.clips)} clips, {held} of them held out, noise {parts.noise * 1e3:.3f} mm")
     if seen.runs:
         print(f"whole shots miss by {base.rms * 1e3:.3f} mm, so {seen.runs} runs between impacts are looked at")
     print(f"base: {seen.base.rms * 1e3:.3f} mm rms, held out {seen.base.held_rms * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
-    lines = [*([cut_line(clips)] if clips.cut else []), *verdict_lines(judged, told)]
+    lines = [*([cut_line(parts)] if parts.cut else []), *verdict_lines(judged, told)]
     print("\n" + "\n".join([*lines, *shot_lines(shot)]))
     if args.json:
-        write_json(args.json, judgement_told(clips, judged, told, shot))
+        write_json(args.json, judgement_told(parts, judged, told, shot))
     if args.report:
         from sysid.compare import compare
         from sysid.report import write_report
 
         whole_shots = base if seen.runs else seen.base
-        own = merged_own(clips, whole_shots, [c.file for c in clip_set.clips])
+        own = parts.states_of(whole_shots, [c.file for c in clip_set.clips])
         comparison = compare(clip_set, whole_shots.model, progress, start=own)
         progress.close()
         notes = [*lines, *shot_lines(shot)]
         write_report(args.report, "What is missing", [("base", comparison)], notes=notes, sections=sections((seen,)))
         print(f"report: {args.report}")
-    return DONE if seen.base.fit.converged else FOUND
+    return DONE if seen.base.converged else FOUND
 
 
 def discover(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress: Progress) -> int:
     """The whole loop into a folder."""
-    from sysid.discover import discover as run
     from sysid.findings import discovery_lines, print_ladder, round_rows
+    from sysid.selection.discover import discover as run
     from sysid.tell import engines_line
 
     out = Path(args.out)
@@ -104,7 +103,7 @@ def discover(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
         print(f"{name}: {last.rms * 1e3:.3f} mm rms, held out {last.held_rms * 1e3:.3f} mm\n", flush=True)
 
     try:
-        found = run(clip_set, model, progress, save, resumed)
+        found = run(clip_set, model, save, resumed)
     except KeyboardInterrupt:
         progress.close()
         if (out / CHECKPOINT).exists():
@@ -120,7 +119,7 @@ def discover(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     print("\n" + engines_line(outcome))
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     (out / CHECKPOINT).unlink(missing_ok=True)
-    return DONE if found.last.fit.converged else FOUND
+    return DONE if found.last.converged else FOUND
 
 
 def compare_at(
@@ -128,10 +127,10 @@ def compare_at(
 ) -> tuple[str, Comparison]:
     """The label of a stage of the ladder, and what comparing its model with all clips says."""
     from sysid.compare import compare
-    from sysid.findings import label, merged_own, model_of
+    from sysid.findings import label, model_of
 
-    seen = found.stages[number]
-    own = merged_own(found.clips, seen, [c.file for c in clip_set.clips])
+    seen = found.ladder[number]
+    own = found.parts.states_of(seen, [c.file for c in clip_set.clips])
     report("comparing " + label(found.verdicts[number]))
     compared = compare(clip_set, model_of(found, seen, command), report, start=own)
     return label(found.verdicts[number]), compared
@@ -146,7 +145,7 @@ def write_outcome(
     from sysid.report import write_report
     from sysid.review import write_rrd
 
-    ends = list(dict.fromkeys((0, len(found.stages) - 1)))
+    ends = list(dict.fromkeys((0, len(found.ladder) - 1)))
 
     compared = [compare_at(end, clip_set, found, progress, command) for end in ends]
     progress.close()
@@ -170,7 +169,7 @@ def _rungs(found: Discovery) -> list[Any]:
     both = 2**0.5
     rungs = [
         Rung(label(names), both * s.rms, both * s.held_rms, s.chi2)
-        for s, names in zip(found.stages, found.verdicts, strict=True)
+        for s, names in zip(found.ladder, found.verdicts, strict=True)
     ]
     if found.explained is not None:
         s = found.explained

@@ -18,6 +18,7 @@ from models.model_file import Estimate, Model
 from models.native import TUNED, Native
 from models.shot import Array, Shot, Track
 from models.simulate import simulate
+from sysid.estimation.least_squares import Prior, fit_each
 from sysid.match import (
     ANALYTIC,
     BALL,
@@ -32,7 +33,6 @@ from sysid.match import (
     impact_states,
     random_states,
 )
-from sysid.solve import Prior, fit_each
 
 COUNT = 60  # random states and impacts, half of them impacts of two balls
 STEP = 0.01  # relative, of finite differences

@@ -12,7 +12,7 @@ from models.errors import BadInput
 from models.files import write_whole
 from models.model_file import catalogue
 from sysid.clips_faults import one_line
-from sysid.structure import source_from
+from sysid.selection.formula import source_from
 
 TEMPLATE = '''"""{title}: say in one line what it is.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import sys
 import time
@@ -15,11 +16,15 @@ if TYPE_CHECKING:
     from models.model_file import Model
 
 
-class Progress:
-    """One line on a terminal that is written over; on a pipe a line now and then."""
+class Progress(logging.Handler):
+    """One line on a terminal that is written over; on a pipe a line now and then.
+
+    Called with a line, or given to a logger as its handler.
+    """
 
     def __init__(self) -> None:
         """Start the clock."""
+        super().__init__(logging.INFO)
         self.began = self.shown = time.monotonic()
         self.terminal = sys.stderr.isatty()
 
@@ -32,10 +37,24 @@ class Progress:
             print(f"{now - self.began:5.0f} s  {line}", file=sys.stderr, flush=True)
             self.shown = now
 
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show a logged line."""
+        self(record.getMessage())
+
     def close(self) -> None:
         """Leave the terminal clean."""
         if self.terminal:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def progress_of(logger: str = "sysid") -> Progress:
+    """Progress that shows what a logger is told, in place of any other."""
+    log, shown = logging.getLogger(logger), Progress()
+    for old in [h for h in log.handlers if isinstance(h, Progress)]:
+        log.removeHandler(old)
+    log.addHandler(shown)
+    log.setLevel(logging.INFO)
+    return shown
 
 
 def write_json(path: str, data: Any) -> None:

@@ -11,7 +11,7 @@ import dataclasses
 import numpy as np
 
 from sysid.clips import ClipSet, Observation
-from sysid.problem import Array, Index
+from sysid.estimation.problem import Array, Index
 
 FAR = 8.0  # standard deviations of an extrapolation
 LEAST = 0.004  # [m]

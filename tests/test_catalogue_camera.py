@@ -16,11 +16,11 @@ from models.observe import camera, observed, undone
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulate import simulate
 from sysid.clips import ClipSet, Observation
-from sysid.fit import cloth_constants, values_of
-from sysid.own import ROBUST, fit_own
-from sysid.problem import STEPS, constant_bounds, constant_steps, segment_problem, shot_problem
+from sysid.estimation.initial_states import ROBUST, fit_own
+from sysid.estimation.least_squares import Joint, fit_each, fit_joint
+from sysid.estimation.open_cloth import cloth_constants, values_of
+from sysid.estimation.problem import STEPS, constant_bounds, constant_steps, segment_problem, shot_problem
 from sysid.segments import split_all
-from sysid.solve import Joint, fit_each, fit_joint
 from tests.test_fit import changed, make, truth_of
 from tests.truth.camera import image
 from tests.truth.cloth import Constants

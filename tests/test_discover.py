@@ -13,10 +13,10 @@ from models.model_file import catalogue, full_model, read_model
 from models.simulate import simulate
 from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
-from sysid.diagnose import candidates_for, try_one
-from sysid.discover import Discovery, discover, needed
+from sysid.estimation.split import Stage, begin, scores_at
 from sysid.findings import result_of
-from sysid.stages import Stage, begin, scores_at
+from sysid.selection.discover import Discovery, discover, needed
+from sysid.selection.screening import candidates_for, try_one
 from tests.truth.__main__ import main as generate
 
 CLIPS = "8"

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sysid.commands import with_scatter
 
 from models.model_file import effect_class, full_model
 from models.shot import Ball, Table
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clock import stamp_scale
-from sysid.commands import with_scatter
-from sysid.evidence import Point, candidate, score_all
-from sysid.next_shot import OFFSET, SPEEDS, propose
-from sysid.problem import ShotProblem, shot_problem
-from sysid.solve import fit_each
+from sysid.estimation.least_squares import fit_each
+from sysid.estimation.problem import ShotProblem, shot_problem
+from sysid.selection.next_shot import OFFSET, SPEEDS, propose
+from sysid.selection.score import Point, candidate, score_all
 from tests.truth.__main__ import jittered
 from tests.truth.__main__ import main as generate
 

@@ -16,10 +16,10 @@ from models.shot import Ball, Shot, Table
 from models.simulate import simulate
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.compare import compare
-from sysid.fit import HOLD_OUT, Fit, _widened, fit, training_clips
+from sysid.estimation.least_squares import Joint
+from sysid.estimation.open_cloth import HOLD_OUT, Fit, _widened, fit, training_clips
+from sysid.estimation.problem import shot_problem
 from sysid.noise import position_noise
-from sysid.problem import shot_problem
-from sysid.solve import Joint
 from tests.bench.accuracy import CONSTANTS
 from tests.truth.__main__ import main as make_truth
 

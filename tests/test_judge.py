@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 import sysid.judge
 import sysid.runs
-from sysid.diagnose import _ranked
-from sysid.judge import Judgement, judge
+
+from sysid.selection.judge import Judgement, judge
+from sysid.selection.screening import _ranked
 
 NOW = SimpleNamespace(gain=0.0, model=None)
 CLIPS: Any = None

@@ -14,15 +14,15 @@ from models.model_file import full_model
 from models.shot import Ball, Shot, Table
 from models.simulate import simulate
 from sysid.clips import ClipSet, read_clip_set
-from sysid.discover import discover
-from sysid.fit import subset
+from sysid.estimation.initial_states import ROBUST
+from sysid.estimation.least_squares import fit_each
+from sysid.estimation.open_cloth import subset
+from sysid.estimation.problem import shot_problem
+from sysid.estimation.split import followed, part_clips, settle
 from sysid.noise import position_noise
-from sysid.own import ROBUST
 from sysid.pieces import cut_up, whole
-from sysid.problem import shot_problem
-from sysid.runs import look_at_runs, runs_of
-from sysid.solve import fit_each
-from sysid.stages import followed, part_clips, settle
+from sysid.selection.discover import discover
+from sysid.selection.runs import look_at_runs, runs_of
 from tests.truth.__main__ import main as generate
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)

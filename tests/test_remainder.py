@@ -11,10 +11,10 @@ from models.errors import BadInput
 from models.model_file import full_model
 from sysid import remainder as room
 from sysid.clips import read_clip_set
+from sysid.estimation.split import Clips, Stage, begin
 from sysid.findings import unexplained_lines
 from sysid.new_effect import source_of
-from sysid.remainder import remainder
-from sysid.stages import Clips, Stage, begin
+from sysid.selection.remainder import remainder
 from tests.truth.__main__ import main as generate
 
 

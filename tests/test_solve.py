@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sysid.solve import Evaluate, Joint, Prior, covariance, differences, fit_each, fit_joint, loss, weights
+from sysid.estimation.least_squares import (
+    Evaluate,
+    Joint,
+    Prior,
+    covariance,
+    differences,
+    fit_each,
+    fit_joint,
+    loss,
+    weights,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

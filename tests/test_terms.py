@@ -23,8 +23,8 @@ from models.model_file import add_folder, effect_class, full_model
 from models.observe import observed
 from models.shot import Ball, Shot, Table, Track
 from models.simulate import simulate
-from sysid.structure import source_from
-from sysid.terms import Term, effect_of, known, library, source
+from sysid.selection.formula import source_from
+from sysid.selection.terms import Term, effect_of, known, library, source
 from tests.clip_samples import refusal
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)

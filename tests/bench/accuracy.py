@@ -13,7 +13,7 @@ from models.model_file import Model, full_model
 from models.shot import GRAVITY, Array, Ball, Shot, Table
 from models.simulate import simulate
 from sysid.clips import read_clip_set
-from sysid.fit import fit
+from sysid.estimation.open_cloth import fit
 
 BALL = Ball(0.0525, 0.1406)
 OPEN = Table(40.0, 40.0, pockets=False)  # no cushion within reach

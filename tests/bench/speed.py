@@ -16,10 +16,10 @@ from models.model_file import Model, full_model
 from models.shot import Ball, Shot, Table
 from models.simulate import simulate
 from sysid.clips import read_clip_set
-from sysid.fit import values_of
+from sysid.estimation.least_squares import differences
+from sysid.estimation.open_cloth import values_of
+from sysid.estimation.problem import constant_steps, shot_problem
 from sysid.noise import position_noise
-from sysid.problem import constant_steps, shot_problem
-from sysid.solve import differences
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 COUNT = 256

@@ -113,8 +113,8 @@ def study_one(entry: Entry, out: Path = OUT) -> dict[str, Any] | None:
     try:
         from models.model_file import full_model
         from sysid.clips import read_clip_set
-        from sysid.discover import discover
         from sysid.findings import result_of
+        from sysid.selection.discover import discover
 
         folder = made(entry, out)
         truth = json.loads(folder.with_name(f"{entry.name}.truth.json").read_text(encoding="utf-8"))

@@ -18,9 +18,10 @@ from models.model_file import Model
 from models.observe import observed
 from models.shot import Shot
 from sysid.clips import Clip, ClipSet, Cue, Observation
-from sysid.evidence import Point
-from sysid.problem import Array, constant_steps, shot_problem, turn
-from sysid.solve import Prior, differences
+from sysid.estimation.fitted import Point
+from sysid.estimation.least_squares import Prior, differences
+from sysid.estimation.problem import Array, constant_steps, turn
+from sysid.estimation.shot_problem import shot_problem
 
 SHOTS = 64  # tried; a power of two
 SECONDS = 4.0
@@ -105,7 +106,7 @@ def propose(one: Point, two: Model, covariance: Array, sigma: float, why: str, s
     )  # fmt: skip
     problem = dataclasses.replace(problem, prior=Prior(mean, sd))
     steps = constant_steps(problem.model, problem.names)
-    r, jx, jc = differences(problem.evaluate, mean, one.c, np.arange(len(plan)), problem.steps, steps)
+    r, jx, jc = differences(problem.evaluate, mean, one.constants, np.arange(len(plan)), problem.steps, steps)
     sound, own = np.nan_to_num(covariance), len(problem.steps)
     apart = np.zeros(len(plan))
     for k in range(len(plan)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,22 +12,23 @@ import numpy as np
 
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.diagnose import MATTERS, NAMED, Round, candidates_for, lent, try_one
-from sysid.evidence import Candidate
-from sysid.judge import judge
-from sysid.next_shot import NextShot, propose
-from sysid.problem import Array
-from sysid.refine import refine
-from sysid.remainder import remainder
-from sysid.stages import LACKING, Clips, Stage, begin, compare_stages, missed, scores_at, stage, taken_out
-from sysid.structure import NAME, Structure, describe
+from sysid.estimation.fitted import FittedModel
+from sysid.estimation.problem import Array
+from sysid.estimation.split import Split, begin, fit_on
+from sysid.selection.evidence import LACKING_LOSS, compare_fits, loss_without, taken_out
+from sysid.selection.formula import NAME, Structure, describe
+from sysid.selection.judge import judge
+from sysid.selection.next_shot import NextShot, propose
+from sysid.selection.remainder import remainder
+from sysid.selection.score import Candidate, score_all
+from sysid.selection.screening import MATTERS, NAMED, Round, candidates_for, try_one, warm_started
 
 KEEPS = 4.0  # standard deviations from off below which the evidence is asked whether an effect is still needed
 MOST = 6  # effects added
 RIVAL = 0.7  # of what an effect explains: the least that one must promise to be tried in its place
 HIDDEN = 0.05  # of the bounds' width: an effect whose sd exceeds it cannot be told from the active ones
 POWER = 3.0  # standard deviations of an effect that the next shot is to bring out
-Report = Callable[[str], None]
+log = logging.getLogger(__name__)
 Save = Callable[["Discovery"], None]
 
 
@@ -34,12 +36,12 @@ Save = Callable[["Discovery"], None]
 class Discovery:
     """What was found."""
 
-    clips: Clips
-    stages: tuple[Stage, ...]  # the ladder: base first
-    verdicts: tuple[tuple[str, ...], ...]  # named effects in each stage
+    parts: Split
+    ladder: tuple[FittedModel, ...]  # base first
+    verdicts: tuple[tuple[str, ...], ...]  # named effects in each of them
     rounds: tuple[Round, ...]
     unexplained: Mapping[str, Any] | None = None  # what no effect of the catalogue explains
-    explained: Stage | None = None  # the last stage with the formula for it
+    explained: FittedModel | None = None  # the last one with the formula for it
     next_shot: NextShot | None = None
     pruned: tuple[str, ...] = ()
 
@@ -49,9 +51,9 @@ class Discovery:
         return self.verdicts[-1]
 
     @property
-    def last(self) -> Stage:
+    def last(self) -> FittedModel:
         """The model that was found."""
-        return self.stages[-1]
+        return self.ladder[-1]
 
     @property
     def alike(self) -> tuple[tuple[str, str], ...]:
@@ -60,7 +62,7 @@ class Discovery:
         return tuple(sorted(found))
 
 
-def weak(found: Stage, names: tuple[str, ...]) -> str | None:
+def weak(found: FittedModel, names: tuple[str, ...]) -> str | None:
     """The added effect nearest to its off value, in standard deviations; None if none lies within a few."""
     nearest: tuple[float, str] | None = None
     for name in names:
@@ -75,90 +77,87 @@ def weak(found: Stage, names: tuple[str, ...]) -> str | None:
     return nearest[1] if nearest else None
 
 
-def without(clips: Clips, found: Stage, name: str, report: Report) -> Stage:
-    """The stage without an effect, fitted again."""
-    again = refine(
-        taken_out(found, name), clips.training, clips.growth, found.fit.rate, report, f"without {name}", clips.known
-    )
-    plain = stage(clips, again, found)
-    return lent(clips, plain, found, f"without {name}", report) or plain
+def without(parts: Split, found: FittedModel, name: str) -> FittedModel:
+    """The fit without an effect, fitted again."""
+    plain = fit_on(parts, taken_out(found, name), found, f"without {name}")
+    return warm_started(parts, plain, found, f"without {name}") or plain
 
 
-def _prune(clips: Clips, now: Stage, verdict: tuple[str, ...], report: Report) -> tuple[Stage, tuple[str, ...]]:
+def _prune(parts: Split, now: FittedModel, verdict: tuple[str, ...]) -> tuple[FittedModel, tuple[str, ...]]:
     """Drop effects near their off value, unless the evidence holds them.
 
     A standard deviation alone does not tell: that of a gain is wide where a rate that goes with it is not determined.
     """
     kept: set[str] = set()
     while (name := weak(now, tuple(v for v in verdict if v not in kept))) is not None:
-        less = without(clips, now, name, report)
-        if compare_stages(clips, less, now).delta_bic > NAMED:
+        less = without(parts, now, name)
+        if compare_fits(less, now).delta_bic > NAMED:
             kept.add(name)
             continue
-        report(f"{name} is no longer needed")
+        log.info("%s is no longer needed", name)
         now, verdict = less, tuple(v for v in verdict if v != name)
     return now, verdict
 
 
-def needed(clips: Clips, found: Discovery, report: Report) -> Discovery:
+def needed(parts: Split, found: Discovery) -> Discovery:
     """Without effects that were named beside a fit in a false optimum, and that the one found since does without."""
 
-    def lacking(now: Stage, verdict: tuple[str, ...]) -> list[float]:
-        return [missed(clips, now, name) for name in verdict]
+    def lacking(now: FittedModel, verdict: tuple[str, ...]) -> list[float]:
+        return [loss_without(now, name) for name in verdict]
 
     now, verdict = found.last, found.verdict
     while len(verdict) > 1:
-        report("whether all of them are needed")
+        log.info("whether all of them are needed")
         times = lacking(now, verdict)
         k = int(np.argmin(times))
-        if times[k] > LACKING:
+        if times[k] > LACKING_LOSS:
             break
-        less = without(clips, now, verdict[k], report)
-        if compare_stages(clips, less, now).delta_bic > NAMED:
+        less = without(parts, now, verdict[k])
+        if compare_fits(less, now).delta_bic > NAMED:
             break
-        report(f"{verdict[k]} is not needed")
+        log.info("%s is not needed", verdict[k])
         now, verdict = less, (*verdict[:k], *verdict[k + 1 :])
     return found if verdict == found.verdict else _ending(found, now, verdict)
 
 
-def _ending(found: Discovery, now: Stage, verdict: tuple[str, ...]) -> Discovery:
-    """The ladder with another end: the stages on the way to it are those that name a part of it."""
-    way = [(s, v) for s, v in zip(found.stages, found.verdicts, strict=True) if set(v) < set(verdict) or not v]
+def _ending(found: Discovery, now: FittedModel, verdict: tuple[str, ...]) -> Discovery:
+    """The ladder with another end: the fits on the way to it are those that name a part of it."""
+    way = [(s, v) for s, v in zip(found.ladder, found.verdicts, strict=True) if set(v) < set(verdict) or not v]
     way = way[: len(verdict)]
     return dataclasses.replace(
-        found, stages=(*(s for s, _ in way), now), verdicts=(*(v for _, v in way), verdict),
+        found, ladder=(*(s for s, _ in way), now), verdicts=(*(v for _, v in way), verdict),
         pruned=tuple(v for v in found.verdict if v not in verdict),
     )  # fmt: skip
 
 
 def _swap(
-    clips: Clips, now: Stage, verdict: tuple[str, ...], rounds: Sequence[Round], report: Report
-) -> tuple[Stage, tuple[str, ...]]:
+    parts: Split, now: FittedModel, verdict: tuple[str, ...], rounds: Sequence[Round]
+) -> tuple[FittedModel, tuple[str, ...]]:
     """Put look-alikes in the place of effects that were named before the others were known, where they do better."""
     pairs = {frozenset((a, b)) for r in rounds for a, b, _ in r.alike} | {frozenset(p) for r in rounds for p in r.tied}
     for name in verdict[:-1]:
         rivals = sorted({other for pair in pairs if name in pair for other in pair} - set(verdict))
-        less = dataclasses.replace(now, fit=dataclasses.replace(now.fit, point=taken_out(now, name)))
+        less = taken_out(now, name)
         known = [c for c in candidates_for(less.model) if c.name in (*rivals, name)]
         if len(known) < 2:
             continue
-        scores = scores_at(clips, less, known).rows
+        scores = score_all(less, known).rows
         least = RIVAL * next(row.gain for row in scores if row.candidate.name == name)
         for score in scores:
             if score.candidate.name == name or score.gain < least:
                 continue
-            report(f"{score.candidate.name} in the place of {name}")
-            trial = try_one(clips, less, score, report)
-            now = lent(clips, now, trial.stage, name, report) or now
-            if trial.converged and compare_stages(clips, now, trial.stage).delta_bic > NAMED:
-                now = trial.stage
+            log.info("%s in the place of %s", score.candidate.name, name)
+            trial = try_one(parts, less, score)
+            now = warm_started(parts, now, trial.fitted, name) or now
+            if trial.converged and compare_fits(now, trial.fitted).delta_bic > NAMED:
+                now = trial.fitted
                 verdict = tuple(trial.name if v == name else v for v in verdict)
                 break
     return now, verdict
 
 
 def discover(
-    clip_set: ClipSet, model: Model, report: Report = lambda line: None, save: Save = lambda found: None,
+    clip_set: ClipSet, model: Model, save: Save = lambda found: None,
     resumed: Discovery | None = None,
 ) -> Discovery:  # fmt: skip
     """Add effects until no candidate is worth it, pruning those that are no longer needed.
@@ -166,67 +165,66 @@ def discover(
     Args:
         clip_set: every fifth clip is held out.
         model: what to start from; all its constants are fitted.
-        report: told what is being done.
         save: given what was found so far, after each effect.
         resumed: what an earlier, interrupted run saved.
     """
     if resumed is None:
-        clips, now = begin(clip_set, model, report)
-        found = Discovery(clips, (now,), ((),), ())
+        parts, now = begin(clip_set, model)
+        found = Discovery(parts, (now,), ((),), ())
         save(found)
     else:
-        found, clips, now = resumed, resumed.clips, resumed.last
+        found, parts, now = resumed, resumed.parts, resumed.last
     structure: Structure | None = None
     smooth = True  # whether runs without impacts may tell something
     for _ in range(MOST):
-        judged = judge(clips, now, report, formula=structure is None, smooth=smooth)
+        judged = judge(parts, now, formula=structure is None, smooth=smooth)
         found = dataclasses.replace(found, rounds=(*found.rounds, *judged.rounds))
         smooth = judged.believed is not None
         if judged.believed is not None and judged.name is not None:
-            report(f"found {judged.name}")
-            now, verdict = _prune(clips, judged.believed, (*found.verdict, judged.name), report)
-            found = dataclasses.replace(found, stages=(*found.stages, now), verdicts=(*found.verdicts, verdict))
+            log.info("found %s", judged.name)
+            now, verdict = _prune(parts, judged.believed, (*found.verdict, judged.name))
+            found = dataclasses.replace(found, ladder=(*found.ladder, now), verdicts=(*found.verdicts, verdict))
             save(found)
             continue
         if judged.round.base is not now:
             now = judged.round.base
             if structure is None:
-                found = dataclasses.replace(found, stages=(*found.stages[:-1], now))
+                found = dataclasses.replace(found, ladder=(*found.ladder[:-1], now))
         if judged.structure is not None and judged.trial is not None:
-            structure, now = judged.structure, judged.trial.stage
+            structure, now = judged.structure, judged.trial.fitted
             found = dataclasses.replace(found, unexplained=describe(structure, now, judged.trial.evidence))
             continue
         best = judged.round.best
         if best is None:
             break
-        report(f"found {best.name}")
-        now, verdict = _prune(clips, best.stage, (*found.verdict, best.name), report)
-        now, verdict = _swap(clips, now, verdict, found.rounds, report)
+        log.info("found %s", best.name)
+        now, verdict = _prune(parts, best.fitted, (*found.verdict, best.name))
+        now, verdict = _swap(parts, now, verdict, found.rounds)
         if verdict in found.verdicts:
             break
-        found = dataclasses.replace(found, stages=(*found.stages, now), verdicts=(*found.verdicts, verdict))
+        found = dataclasses.replace(found, ladder=(*found.ladder, now), verdicts=(*found.verdicts, verdict))
         if structure is None:
             save(found)
     if structure is not None:
-        found = _with_formula(clips, found, now, structure, report)
+        found = _with_formula(parts, found, now, structure)
     else:
-        found = needed(clips, found, report)
+        found = needed(parts, found)
     if found.unexplained is None:
-        found = dataclasses.replace(found, unexplained=remainder(clips, found.last))
-    return dataclasses.replace(found, next_shot=best_next(clips, found.last, found.rounds, found.verdict, report))
+        found = dataclasses.replace(found, unexplained=remainder(found.last))
+    return dataclasses.replace(found, next_shot=best_next(parts, found.last, found.rounds, found.verdict))
 
 
-def _with_formula(clips: Clips, found: Discovery, now: Stage, structure: Structure, report: Report) -> Discovery:
+def _with_formula(parts: Split, found: Discovery, now: FittedModel, structure: Structure) -> Discovery:
     """The verdict beside the formula, without what either makes superfluous; the model file holds named effects only.
 
     Effects that were named beside the formula may explain what it was found for.
     """
-    formed, verdict = _prune(clips, now, found.verdict, report)
-    plain = without(clips, formed, NAME, report)
-    worth = compare_stages(clips, plain, formed)
+    formed, verdict = _prune(parts, now, found.verdict)
+    plain = without(parts, formed, NAME)
+    worth = compare_fits(plain, formed)
     found = _ending(found, plain, verdict)
     if worth.delta_bic <= NAMED or worth.gain <= MATTERS * found.rounds[-1].count:
-        report("the formula is no longer needed")
+        log.info("the formula is no longer needed")
         return dataclasses.replace(found, unexplained=None)
     told = describe(structure, formed, worth)
     told |= {"rms_m": formed.rms, "held_out_rms_m": formed.held_rms, "chi2_reduced": formed.chi2}
@@ -238,21 +236,19 @@ def _width(one: Candidate) -> Array:
     return np.array([np.subtract(*known[k]["bounds"][::-1]) for k in one.keys])
 
 
-def best_next(
-    clips: Clips, now: Stage, rounds: Sequence[Round], verdict: Sequence[str], report: Report
-) -> NextShot | None:
+def best_next(parts: Split, now: FittedModel, rounds: Sequence[Round], verdict: Sequence[str]) -> NextShot | None:
     """The shot that parts the verdict from its nearest rival, or brings out what these clips say least about."""
     if not rounds:
         return None
-    report("the next shot")
+    log.info("the next shot")
     named = [r for r in rounds if r.best is not None and r.best.name in verdict]
     if named:
         best = named[-1].best
         rivals = [t for t in named[-1].trials if best and t.name != best.name]
         if best and rivals:
-            rival = rivals[0].stage
+            rival = rivals[0].fitted
             why = f"parts {best.name} from {rivals[0].name}, the next best"
-            return propose(rival.point, best.stage.model, rival.fit.joint.covariance, clips.sigma, why)
+            return propose(rival, best.fitted.model, rival.covariance, parts.noise, why)
     scores = rounds[-1].scores
     shy = [row for row in scores.rows if np.all(row.sd > 0) and np.all(row.sd < HIDDEN * _width(row.candidate))]
     if not shy:
@@ -271,4 +267,4 @@ def best_next(
     hidden = ", ".join(f"{k} = {v:.3g}" for k, v in zip(one.keys, value, strict=True))
     why = f"these clips say least about {one.name}: they could hide {hidden}"
     other = now.model.add(one.at(value))
-    return propose(now.point, other, now.fit.joint.covariance, clips.sigma, why)
+    return propose(now, other, now.covariance, parts.noise, why)

@@ -1,24 +1,25 @@
 """What speaks for an effect that the model does not hold, before it is fitted.
 
 The signature of a candidate is how the residuals change when it is switched on a little. It is projected off all that
-the fit already moves, each shot's own unknowns and the constants, and what is left of it is held against the
+the fit already moves, each shot's initial states and the constants, and what is left of it is held against the
 residuals: a score test, of all candidates at one operating point, which costs one batch of simulations each.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from models.effect import Effect
-from models.model_file import Model
-from sysid.normal_equations import from_jacobian
-from sysid.own import ROBUST
-from sysid.problem import Array, Index, ShotProblem, constant_steps
-from sysid.solve import differences, eliminated, weights
+from sysid.estimation.fitted import Point
+from sysid.estimation.least_squares import differences, eliminated, weights
+from sysid.estimation.normal_equations import from_jacobian
+from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_steps
+from sysid.estimation.shot_problem import ShotProblem
 
 TARGET = 0.5  # change of the residuals that a probe aims at, in standard deviations, median over shots
 PROBE = 1e-3  # first probe, of the bounds' width
@@ -27,6 +28,7 @@ PASSES = 4
 GONE = 3.0  # times the target that an effect may still be in the smallest probes, if it fades with its parameter
 FADES = (0.3, 0.7)  # times the last probe: one so much smaller, that does so much of what that did, shows no fading
 JUMP = 30.0  # a residual that a probe moves by so many standard deviations met another ball: no derivative
+log = logging.getLogger(__name__)
 FLAT = 1e-9  # of a signature's own size: what is left after projection is nothing
 
 
@@ -52,25 +54,6 @@ class Candidate:
         return np.array([known[k]["off"] for k in self.keys], float)
 
 
-@dataclass(frozen=True)
-class Point:
-    """Where a fit has arrived: a problem, own unknowns (n, p), constants (q,)."""
-
-    problem: ShotProblem
-    x: Array
-    c: Array
-
-    @property
-    def model(self) -> Model:
-        """The model at these constants."""
-        return self.problem.model.with_values({n: float(v) for n, v in zip(self.problem.names, self.c, strict=True)})
-
-    def residuals(self, problem: ShotProblem | None = None) -> Array:
-        """(n, m), of this problem or of the same one with other standard deviations."""
-        n = len(self.x)
-        return (problem or self.problem).evaluate(self.x, np.tile(self.c, (n, 1)), np.arange(n))
-
-
 def candidate(effect: type[Effect] | Effect) -> Candidate:
     """A candidate from an effect's class: every parameter that has an off value switches it on."""
     one = effect if isinstance(effect, Effect) else effect()
@@ -80,7 +63,7 @@ def candidate(effect: type[Effect] | Effect) -> Candidate:
 def with_candidate(problem: ShotProblem, one: Candidate, names: Sequence[str] | None = None) -> ShotProblem:
     """The problem with a candidate in its model, its switching parameters added to the constants."""
     more = tuple(f"{one.name}.{k}" for k in one.keys) if names is None else tuple(names)
-    return dataclasses.replace(problem, model=problem.model.add(one.effect), names=(*problem.names, *more))
+    return problem.with_model(problem.model.add(one.effect), (*problem.names, *more))
 
 
 @dataclass(frozen=True)
@@ -107,16 +90,16 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
     room = np.where(way > 0, bounds[:, 1] - off, off - bounds[:, 0])
     both = np.minimum(bounds[:, 1] - off, off - bounds[:, 0])
     probe = np.minimum(PROBE * width, room)
-    n, rows = len(point.x), np.arange(len(point.x))
+    n, rows = len(point.initial_states), np.arange(len(point.initial_states))
     columns = np.zeros((*base.shape, k))
     todo, before = np.arange(k), np.full((2, k), np.inf)  # probe and size of the pass before
     sudden: list[int] = []
 
     def moved(which: Index, by: Array) -> dict[int, Array]:
         """Change of the residuals with each of these parameters moved from off."""
-        at = [np.concatenate([point.c, off + by * (np.arange(k) == j)]) for j in which]
+        at = [np.concatenate([point.constants, off + by * (np.arange(k) == j)]) for j in which]
         values = np.repeat(at, n, axis=0)
-        r = problem.evaluate(np.tile(point.x, (which.size, 1)), values, np.tile(rows, which.size))
+        r = problem.evaluate(np.tile(point.initial_states, (which.size, 1)), values, np.tile(rows, which.size))
         return {int(j): part - base for j, part in zip(which, r.reshape(which.size, *base.shape), strict=True)}
 
     for _ in range(2 if quick else PASSES):
@@ -155,23 +138,23 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
 
 
 def of_strike(point: Point, jx: Array, one: Candidate) -> Signature:
-    """The signature of an effect that is open at the strike alone, from the derivatives jx (n, m, p) by own unknowns.
+    """The signature of an effect that is open at the strike alone, from the derivatives jx (n, m, p) by initial states.
 
     All that it does is to begin the shot with other unknowns, so nothing but what is known of these tells of it. The
     difference of two simulations would drown that: it says as much of a thin cut as its steps are uneven.
     """
     known, off, problem = one.effect.parameters(), one.off(), point.problem
     probe = np.array([PROBE * np.subtract(*known[k]["bounds"][::-1]) for k in one.keys])
-    shifts = np.zeros((*point.x.shape, len(off)))
+    shifts = np.zeros((*point.initial_states.shape, len(off)))
     for j, by in enumerate(probe):
         step = by * (np.arange(len(off)) == j)
-        there, back = (problem.struck(point.x, one.at(off + s * step)) for s in (1.0, -1.0))
+        there, back = (problem.struck(point.initial_states, one.at(off + s * step)) for s in (1.0, -1.0))
         shifts[..., j] = 0.5 * (there - back)
     return Signature(one, probe, np.einsum("nmp,npk->nmk", jx, shifts))
 
 
 def strikes_only(effect: Effect) -> bool:
-    """Whether an effect's only open door is the strike."""
+    """Whether an effect's only hook is the strike."""
     return effect.opens("strike") and not effect.opens("edit", "forces", "horizon", "impact", "exposures", "observe")
 
 
@@ -194,9 +177,9 @@ class Scores:
     alike: dict[tuple[str, str], float]  # correlation of the projected signatures of two candidates
     chi2: float  # weighted sum of squares
     count: int  # of residuals
-    left: Array  # (K, K) information of all probes, own unknowns and constants projected off
-    pull: Array  # (K,) gradient of half the loss by them
-    before: Array  # (K,) what they would have alone
+    schur_information: Array  # (K, K) of all probes, initial states and constants projected off
+    gradient: Array  # (K,) of half the loss by them
+    marginal_information: Array  # (K,) what they would have alone
     blocks: dict[str, slice]  # which of them belong to a candidate
     probe: Array  # (K,) parameter change of one probe
 
@@ -205,38 +188,32 @@ class Scores:
         return self.alike.get((one, two), self.alike.get((two, one), 0.0))
 
 
-def score_all(
-    point: Point,
-    candidates: Sequence[Candidate],
-    known: Mapping[str, tuple[float, float]],
-    robust: float = ROBUST,
-    quick: bool = False,
-) -> Scores:
-    """Score every candidate jointly with own unknowns and constants.
+def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False) -> Scores:
+    """Score every candidate jointly with initial states and constants.
 
     Args:
-        point: where a fit has arrived; its problem's standard deviations are those to score at.
+        point: where a fit has arrived; candidates are scored at the standard deviations of its discrepancy rate.
         candidates: what may be missing.
-        known: what is known of constants beside the clips: mean and standard deviation.
-        robust: Cauchy's constant.
         quick: see `signature`.
     """
-    problem = point.problem
-    n = len(point.x)
+    log.info("scoring %d candidates beside %s", len(candidates), ", ".join(point.names) or "nothing")
+    problem = point.weighted
+    point = dataclasses.replace(point, problem=problem)
+    x, n = point.initial_states, len(point.initial_states)
     steps_c = constant_steps(problem.model, problem.names)
-    r, jx, jc = differences(problem.evaluate, point.x, point.c, np.arange(n), problem.steps, steps_c)
+    r, jx, jc = differences(problem.evaluate, x, point.constants, np.arange(n), problem.steps, steps_c)
 
     signatures = [
         of_strike(point, jx, one) if strikes_only(one.effect) else signature(point, r, one, quick) for one in candidates
     ]
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
     j = np.concatenate([jc, extra], axis=2)
-    information, score, _, _ = eliminated(r, jx, j, point.x, problem.prior, robust)
+    information, score, _, _ = eliminated(r, jx, j, x, problem.prior, CAUCHY_SD)
     info, grad = information.sum(axis=0), score.sum(axis=0)
-    w = weights(r, robust)
-    own = from_jacobian(r, j, robust).matrix.sum(axis=0).diagonal()
-    q = len(point.c)
-    _add_known(info, grad, point, signatures, known)
+    w = weights(r, CAUCHY_SD)
+    own = from_jacobian(r, j, CAUCHY_SD).matrix.sum(axis=0).diagonal()
+    q = len(point.constants)
+    _add_known(info, grad, point, signatures)
     scale = np.sqrt(np.maximum(np.diag(info), 1e-300))
     cc = info[:q, :q] / np.outer(scale[:q], scale[:q])
     lift = np.linalg.lstsq(cc, info[:q, q:] / scale[:q, None], rcond=1e-10)[0] / scale[:q, None]
@@ -266,14 +243,13 @@ def score_all(
     return Scores(order, alike, chi2, int(np.isfinite(r).sum()), left, pull, own[q:], blocks, probes)
 
 
-def _add_known(
-    info: Array, grad: Array, point: Point, signatures: Sequence[Signature], known: Mapping[str, tuple[float, float]]
-) -> None:
+def _add_known(info: Array, grad: Array, point: Point, signatures: Sequence[Signature]) -> None:
     """Put in what is known of constants (per unit) and of switching parameters (per probe)."""
-    entries = [(name, float(c), 1.0) for name, c in zip(point.problem.names, point.c, strict=True)]
+    entries = [(name, float(c), 1.0) for name, c in zip(point.names, point.constants, strict=True)]
     for s in signatures:
         named = [f"{s.candidate.name}.{k}" for k in s.candidate.keys]
         entries += list(zip(named, s.candidate.off().tolist(), s.probe.tolist(), strict=True))
+    known = point.problem.known
     for k, (name, value, unit) in enumerate(entries):
         if name in known:
             mean, sd = known[name]

@@ -6,7 +6,8 @@ after another, each for what it explains beside those taken, while the evidence 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,17 +15,18 @@ import numpy as np
 
 from models.errors import BadInput
 from models.formula import MAX_TERMS
-from sysid.evidence import Candidate, Score, Scores, candidate
-from sysid.problem import Array
-from sysid.stages import Clips, Evidence, Stage, scores_at
-from sysid.terms import DOORS, REMEDY, Term, effect_of, known, library, source
+from sysid.estimation.fitted import FittedModel, Point
+from sysid.estimation.problem import Array
+from sysid.selection.evidence import Evidence
+from sysid.selection.score import Candidate, Score, Scores, candidate, score_all
+from sysid.selection.terms import DOORS, REMEDY, Term, effect_of, known, library, source
 
 REMAINS = 40.0  # fall of chi-square that a term must promise before structure is told
 SHARE = 2e-3  # and that, per residual
 PAYS = 0.04  # of what the first term explains: the least that a further one must
 DISTINCT = 1e-3  # of a term's own information that must be left beside the active ones
 NAME = "unexplained"
-Report = Callable[[str], None]
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -44,18 +46,18 @@ class Structure:
         return Score(self.candidate(), float(sum(self.gains)), self.values, np.full(len(self.terms), np.inf))
 
 
-def scores_of_terms(clips: Clips, base: Stage, report: Report = lambda line: None) -> tuple[list[Term], Scores]:
+def scores_of_terms(base: Point) -> tuple[list[Term], Scores]:
     """Every term beside what is active."""
-    most = max((len(c.balls) for c in clips.training.clips), default=1)
+    most = max((len(c.balls) for c in base.problem.clips), default=1)
     terms = library(base.model.table, most)
-    report(f"looking for structure outside the catalogue: {len(terms)} terms")
+    log.info("looking for structure outside the catalogue: %d terms", len(terms))
     candidates = [candidate(effect_of(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
-    return terms, scores_at(clips, base, candidates, quick=True)
+    return terms, score_all(base, candidates, quick=True)
 
 
 def select(terms: Sequence[Term], scores: Scores) -> Structure | None:
     """Terms that explain what is left, one after another; None where nothing is."""
-    left, pull, own = scores.left.copy(), scores.pull.copy(), scores.before
+    left, pull, own = scores.schur_information.copy(), scores.gradient.copy(), scores.marginal_information
     rows = np.array([scores.blocks[f"term{k}"].start for k in range(len(terms))])
     chosen: list[int] = []
     gains: list[float] = []
@@ -77,17 +79,17 @@ def select(terms: Sequence[Term], scores: Scores) -> Structure | None:
     if not chosen:
         return None
     at = rows[chosen]
-    block = scores.left[np.ix_(at, at)]
-    values = -np.linalg.lstsq(block, scores.pull[at], rcond=1e-10)[0] * scores.probe[at]
+    block = scores.schur_information[np.ix_(at, at)]
+    values = -np.linalg.lstsq(block, scores.gradient[at], rcond=1e-10)[0] * scores.probe[at]
     width = np.array([terms[k].width for k in chosen])
     return Structure(tuple(terms[k] for k in chosen), tuple(gains), np.clip(values, -0.95 * width, 0.95 * width))
 
 
-def describe(found: Structure, stage: Stage | None, evidence: Evidence | None) -> dict[str, Any]:
+def describe(found: Structure, fitted: FittedModel | None, evidence: Evidence | None) -> dict[str, Any]:
     """What is told of it: where, on what it depends, how large, the formula, as result.json has it."""
     names = [f"{NAME}.{t.name}" for t in found.terms]
-    if stage is not None:
-        values, sds = zip(*(stage.value(n) for n in names), strict=True)
+    if fitted is not None:
+        values, sds = zip(*(fitted.value(n) for n in names), strict=True)
     else:
         values, sds = tuple(found.values), tuple([float("nan")] * len(names))
     first = found.terms[0]

@@ -8,6 +8,7 @@ next is told, and which candidates these data cannot tell apart.
 from __future__ import annotations
 
 import dataclasses
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -15,25 +16,12 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model, catalogue
-from sysid.evidence import Candidate, Point, Score, Scores, candidate, with_candidate
-from sysid.own import ROBUST
-from sysid.problem import Array
-from sysid.refine import refine, shot_losses
-from sysid.solve import fit_each
-from sysid.stages import (
-    LACKING,
-    Clips,
-    Evidence,
-    Stage,
-    compare_stages,
-    left_over,
-    missed,
-    problem_at,
-    scores_at,
-    settle,
-    stage,
-    weighed_like,
-)
+from sysid.estimation.fitted import FittedModel, Point, weighted
+from sysid.estimation.initial_states import fit_states, shot_losses
+from sysid.estimation.problem import Array
+from sysid.estimation.split import Split, fit_anew, fit_on
+from sysid.selection.evidence import LACKING_LOSS, Evidence, compare_fits, left_over, loss_without
+from sysid.selection.score import Candidate, Score, Scores, candidate, score_all, with_candidate
 
 PROMISES = 15.0  # fall of chi-square from which a candidate is worth a fit
 RIVALS = 0.2  # of the best candidate's promise: fitted as well
@@ -44,11 +32,12 @@ NAMED = 10.0  # delta BIC from which an effect is named
 MATTERS = 1e-3  # and the fall of chi-square per residual
 ALIKE = 0.9  # correlation of signatures from which two candidates are look-alikes
 CONTEST = 100.0  # delta BIC below which chance in single shots may decide between two fits
-PATIENT, EXACT = 40, 1e-7  # steps and tolerance of single shots there
+PATIENT_STEPS, EXACT_TOLERANCE = 40, 1e-7  # of single shots there
+TRIED_STEPS, WARM_STEPS = 3, 5  # of the initial states, to choose a start, and from the optimum of another fit
 TIED = 10.0  # delta BIC below which two candidates are not told apart
 MOVES = 2.0  # loss by which another optimum is better
 NEAR = 0.3  # of the noise's square: left over by a fit that differs from another by single shots
-Report = Callable[[str], None]
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -56,7 +45,7 @@ class Trial:
     """One candidate, fitted."""
 
     score: Score
-    stage: Stage
+    fitted: FittedModel
     evidence: Evidence  # over the base
 
     @property
@@ -67,14 +56,14 @@ class Trial:
     @property
     def converged(self) -> bool:
         """Whether its fit came to an optimum; no verdict is drawn from one that has not."""
-        return self.stage.fit.converged
+        return self.fitted.converged
 
 
 @dataclass(frozen=True)
 class Round:
     """One look for a missing effect."""
 
-    base: Stage
+    base: FittedModel
     scores: Scores
     trials: tuple[Trial, ...]  # best first, and among equals the simplest
     alike: tuple[tuple[str, str, float], ...]  # look-alikes among those that matter, with their correlation
@@ -119,10 +108,9 @@ def candidates_for(model: Model, extra: Sequence[type[Effect]] = ()) -> list[Can
 
 
 def look(
-    clips: Clips,
-    base: Stage,
+    parts: Split,
+    base: FittedModel,
     candidates: Sequence[Candidate],
-    report: Report = lambda line: None,
     beside: Callable[[], float] = lambda: 0.0,
     share: float = 0.0,
     begun: Begun | None = None,
@@ -132,35 +120,36 @@ def look(
     `beside` says what others must promise if the first is not all; `share`, of what goes beyond noise, what any must;
     `begun`, what of this very look is known already.
     """
-    begun = begun or Begun(scored(clips, base, candidates, report))
+    begun = begun or Begun(score_all(base, candidates))
     scores, known = begun.scores, {t.name: t for t in begun.fitted}
     chosen = shortlist(scores, share)
 
     def fitted(score: Score) -> Trial:
-        return known.get(score.candidate.name) or try_one(clips, base, score, report)
+        return known.get(score.candidate.name) or try_one(parts, base, score)
 
-    trials = _trials(clips, base, scores, chosen, fitted, beside, report)
+    trials = _trials(parts, base, scores, chosen, fitted, beside)
     if trials:
-        trials = _settle(clips, base, trials, report)
+        trials = _settle(parts, base, trials)
         best = max(trials, key=lambda t: t.evidence.delta_bic)
-        if left_over(clips, best.stage) >= REST or missed(clips, best.stage, best.name) <= LACKING:
-            base = lent(clips, base, best.stage, "base", report) or base
-        by = min((t.stage for t in trials), key=lambda s: s.fit.rate)  # what is to be compared is weighed alike
+        if left_over(best.fitted) >= REST or loss_without(best.fitted, best.name) <= LACKING_LOSS:
+            base = warm_started(parts, base, best.fitted, "base") or base
+        by = min(
+            (t.fitted for t in trials), key=lambda s: s.discrepancy_rate
+        )  # what is to be compared is weighed alike
         first = max(trials, key=lambda t: t.evidence.gain)
-        tau = compare_stages(clips, base, first.stage, by).tau
-        trials = [dataclasses.replace(t, evidence=compare_stages(clips, base, t.stage, by, tau)) for t in trials]
-        trials = _contested(clips, base, trials, by, tau, report)
+        tau = compare_fits(base, first.fitted, by).tau
+        trials = [dataclasses.replace(t, evidence=compare_fits(base, t.fitted, by, tau)) for t in trials]
+        trials = _contested(parts, base, trials, by, tau)
     return Round(base, scores, tuple(_ranked(trials)), *_look_alikes(scores, trials), scores.count)
 
 
 def _trials(
-    clips: Clips,
-    base: Stage,
+    parts: Split,
+    base: FittedModel,
     scores: Scores,
     chosen: Sequence[Score],
     fitted: Callable[[Score], Trial],
     beside: Callable[[], float],
-    report: Report,
 ) -> list[Trial]:
     """The candidates worth it, fitted.
 
@@ -170,23 +159,17 @@ def _trials(
     trials: list[Trial] = []
     least = 0.0
     for score in chosen:
-        settled = bool(trials) and left_over(clips, trials[0].stage) < REST and trials[0].converged
+        settled = bool(trials) and left_over(trials[0].fitted) < REST and trials[0].converged
         if len(trials) == 1 and not settled:
             least = beside()
         same = bool(trials) and scores.likeness(score.candidate.name, chosen[0].candidate.name) > ALIKE
         bar = max(least, CLOSE * chosen[0].gain if settled or same else 0.0)
         if score.gain > bar or (score.sudden and not settled):
             trial = fitted(score)
-            if not trials and left_over(clips, trial.stage) > REST:
-                trial = _anew(clips, base, trial, report)
+            if not trials and left_over(trial.fitted) > REST:
+                trial = _anew(parts, base, trial)
             trials.append(trial)
     return trials
-
-
-def scored(clips: Clips, base: Stage, candidates: Sequence[Candidate], report: Report) -> Scores:
-    """What every candidate promises beside the active parameters."""
-    report(f"scoring {len(candidates)} candidates beside {', '.join(base.names) or 'nothing'}")
-    return scores_at(clips, base, candidates)
 
 
 def shortlist(scores: Scores, share: float = 0.0) -> list[Score]:
@@ -200,25 +183,21 @@ def shortlist(scores: Scores, share: float = 0.0) -> list[Score]:
     return chosen + [row for row in rough if all(row is not one for one in chosen)]
 
 
-def try_one(clips: Clips, base: Stage, score: Score, report: Report) -> Trial:
+def try_one(parts: Split, base: FittedModel, score: Score) -> Trial:
     """A candidate fitted from the base's optimum."""
     one = score.candidate
     keys = tuple(one.effect.parameters())
-    problem = with_candidate(base.point.problem, one, [f"{one.name}.{k}" for k in keys])
-    start = _start(clips, base, score, report)
-    x, added = start
+    problem = with_candidate(base.problem, one, [f"{one.name}.{k}" for k in keys])
+    x, added = _start(base, score)
     known = dict(zip(one.keys, added, strict=True))
     values = np.array([known.get(k, float(getattr(one.effect, k))) for k in keys])
-    found = refine(
-        Point(problem, x, np.concatenate([base.point.c, values])), clips.training, clips.growth, base.fit.rate,
-        report, f"with {one.name}", clips.known,
-    )  # fmt: skip
-    result = stage(clips, found, base)
-    return Trial(score, result, compare_stages(clips, base, result))
+    start = Point(problem, x, np.concatenate([base.constants, values]), base.discrepancy_rate)
+    found = fit_on(parts, start, base, f"with {one.name}")
+    return Trial(score, found, compare_fits(base, found))
 
 
-def _start(clips: Clips, base: Stage, score: Score, report: Report) -> tuple[Array, Array]:
-    """Own unknowns and switching parameters to start from: the promised step, or where the loss falls most."""
+def _start(base: FittedModel, score: Score) -> tuple[Array, Array]:
+    """Initial states and switching parameters to start from: the promised step, or where the loss falls most."""
     one, off = score.candidate, score.candidate.off()
     known = one.effect.parameters()
     bounds = np.array([known[k]["bounds"] for k in one.keys], float)
@@ -228,90 +207,83 @@ def _start(clips: Clips, base: Stage, score: Score, report: Report) -> tuple[Arr
     one_sided = np.any(np.isclose(off, bounds[:, 0])) or np.any(np.isclose(off, bounds[:, 1]))
     if one_sided:  # such an effect may grow with the square of its parameter
         tries = [step, usual, 0.3 * usual]
-    problem = problem_at(
-        clips, dataclasses.replace(base.point, problem=with_candidate(base.point.problem, one)), base.fit.rate
-    )
+    problem = weighted(with_candidate(base.problem, one), base.discrepancy_rate)
     found = []
     inner = bounds + np.outer(bounds[:, 1] - bounds[:, 0], [1e-4, -1e-4])
     for move in tries:
         values = np.clip(off + move, inner[:, 0], inner[:, 1])
-        c = np.concatenate([base.point.c, values])
-        x, cost = fit_each(problem.evaluate, base.point.x, c, problem.steps, problem.prior, ROBUST, 3)
-        found.append((float(cost.sum()), x, values))
+        c = np.concatenate([base.constants, values])
+        x = fit_states(problem, base.initial_states, c, TRIED_STEPS)
+        found.append((float(shot_losses(problem, x, c)[0].sum()), x, values))
     _, x, values = min(found, key=lambda one: one[0])
     return x, values
 
 
-def lent(clips: Clips, one: Stage, other: Stage, what: str, report: Report) -> Stage | None:
+def warm_started(parts: Split, one: FittedModel, other: FittedModel, what: str) -> FittedModel | None:
     """A fit from the optimum of another, shot by shot, where that is a better one than its own."""
-    seen = problem_at(clips, one.point, one.fit.rate)
-    x, _ = fit_each(seen.evaluate, other.point.x, one.point.c, seen.steps, seen.prior, ROBUST, 5)
-    old, new = (shot_losses(seen, at, one.point.c)[0] for at in (one.point.x, x))
+    seen = one.weighted
+    x = fit_states(seen, other.initial_states, one.constants, WARM_STEPS)
+    old, new = (shot_losses(seen, at, one.constants)[0] for at in (one.initial_states, x))
     better = new < old
     if float(np.sum((old - new)[better])) < max(MOVES, 1e-3 * float(old.sum())):
         return None
-    report(f"{what} again, from another optimum")
-    mixed = Point(one.point.problem, np.where(better[:, None], x, one.point.x), one.point.c)
-    found = refine(mixed, clips.training, clips.growth, one.fit.rate, report, what, clips.known)
-    return stage(clips, found, one)
+    log.info("%s again, from another optimum", what)
+    mixed = Point(one.problem, np.where(better[:, None], x, one.initial_states), one.constants, one.discrepancy_rate)
+    return fit_on(parts, mixed, one, what)
 
 
-def _anew(clips: Clips, base: Stage, trial: Trial, report: Report) -> Trial:
+def _anew(parts: Split, base: FittedModel, trial: Trial) -> Trial:
     """A trial that leaves more than noise, grown from the strikes with its effect, if that ends better.
 
     Where the base was in a false optimum, a fit that starts from there may stay in it.
     """
-    found = settle(clips, trial.stage.model, report, f"with {trial.name}, anew")
-    if compare_stages(clips, trial.stage, found).gain < 2 * MOVES:
+    found = fit_anew(parts, trial.fitted.model, f"with {trial.name}, anew")
+    if compare_fits(trial.fitted, found).gain < 2 * MOVES:
         return trial
-    return dataclasses.replace(trial, stage=found, evidence=compare_stages(clips, base, found))
+    return dataclasses.replace(trial, fitted=found, evidence=compare_fits(base, found))
 
 
-def _settle(clips: Clips, base: Stage, trials: list[Trial], report: Report) -> list[Trial]:
+def _settle(parts: Split, base: FittedModel, trials: list[Trial]) -> list[Trial]:
     """Close fits that may differ by where single shots ended: each tries the optimum of the other."""
     first = max(range(len(trials)), key=lambda k: trials[k].evidence.delta_bic)
     for k in range(len(trials)):
-        near = all(left_over(clips, trials[i].stage) < NEAR for i in (k, first))
+        near = all(left_over(trials[i].fitted) < NEAR for i in (k, first))
         if k == first or not near:
             continue
         for i, other in ((k, first), (first, k)):
             one = trials[i]
-            found = lent(clips, one.stage, trials[other].stage, one.name, report)
+            found = warm_started(parts, one.fitted, trials[other].fitted, one.name)
             if found is not None:
-                new = dataclasses.replace(one, stage=found, evidence=compare_stages(clips, base, found))
+                new = dataclasses.replace(one, fitted=found, evidence=compare_fits(base, found))
                 if new.evidence.gain > one.evidence.gain:
                     trials[i] = new
     return trials
 
 
-def _contested(clips: Clips, base: Stage, trials: list[Trial], by: Stage, tau: float, report: Report) -> list[Trial]:
+def _contested(parts: Split, base: FittedModel, trials: list[Trial], by: FittedModel, tau: float) -> list[Trial]:
     """The trials, those near the best fitted to the last digit, from the best optima of shots among them."""
     top = max(t.evidence.delta_bic for t in trials)
     close = [k for k, t in enumerate(trials) if t.converged and top - t.evidence.delta_bic < CONTEST]
     if len(close) < 2:
         return trials
 
-    report("what is nearly as good, to the last digit")
-    stages = [trials[k].stage for k in close]
+    log.info("what is nearly as good, to the last digit")
+    stages = [trials[k].fitted for k in close]
 
-    def again(number: int) -> Stage:
+    def again(number: int) -> FittedModel:
         one = stages[number]
-        point = weighed_like(one.point, by)
-        seen = problem_at(clips, point, by.fit.rate)
-        starts = [one.point.x, *(other.point.x for other in stages if other is not one)]
-        tried = [
-            fit_each(seen.evaluate, x, one.point.c, seen.steps, seen.prior, ROBUST, PATIENT, tolerance=EXACT)[0]
-            for x in starts
-        ]
-        losses = [shot_losses(seen, x, one.point.c)[0] for x in tried]
-        best = np.stack(tried)[np.argmin(losses, axis=0), np.arange(len(one.point.x))]
-        mixed = Point(point.problem, best, point.c)
-        found = refine(mixed, clips.training, clips.growth, by.fit.rate, lambda line: None, "", clips.known, fine=True)
-        return stage(clips, found, one)
+        problem = dataclasses.replace(one.problem, prior=by.problem.prior)
+        seen = weighted(problem, by.discrepancy_rate)
+        starts = [one.initial_states, *(other.initial_states for other in stages if other is not one)]
+        tried = [fit_states(seen, x, one.constants, PATIENT_STEPS, EXACT_TOLERANCE) for x in starts]
+        losses = [shot_losses(seen, x, one.constants)[0] for x in tried]
+        best = np.stack(tried)[np.argmin(losses, axis=0), np.arange(len(one.initial_states))]
+        mixed = Point(problem, best, one.constants, by.discrepancy_rate)
+        return fit_on(parts, mixed, one, one.names[-1], fine=True)
 
     found = list(trials)
     for k, new in zip(close, [again(n) for n in range(len(close))], strict=True):
-        found[k] = dataclasses.replace(trials[k], stage=new, evidence=compare_stages(clips, base, new, by, tau))
+        found[k] = dataclasses.replace(trials[k], fitted=new, evidence=compare_fits(base, new, by, tau))
     return found
 
 
@@ -321,7 +293,7 @@ def _ranked(trials: Sequence[Trial]) -> list[Trial]:
 
     def rank(trial: Trial) -> tuple[bool, int, float]:
         tied = trial.converged and top - trial.evidence.delta_bic < TIED
-        return not tied, trial.stage.point.c.size if tied else 0, -trial.evidence.delta_bic
+        return not tied, trial.fitted.constants.size if tied else 0, -trial.evidence.delta_bic
 
     return sorted(trials, key=rank)
 

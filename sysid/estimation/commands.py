@@ -13,8 +13,9 @@ import dataclasses
 
 import numpy as np
 
-from sysid.problem import Array, ShotProblem
-from sysid.solve import Prior
+from sysid.estimation.least_squares import Prior
+from sysid.estimation.problem import Array
+from sysid.estimation.shot_problem import ShotProblem
 
 LEAST = 5  # commanded clips from which a scatter is estimated
 CLIPPED = 2.0  # times the median's standard deviation, beyond which a stroke was another one, or its fit astray

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from sysid.evidence import Point
-from sysid.problem import Array
-from sysid.stages import CLIPPED, Clips, Stage, correlation_time, left_over
+from sysid.estimation.fitted import Point
+from sysid.estimation.problem import Array
+from sysid.selection.evidence import CLIPPED_SD, correlation_time, left_over
 
 LEFT = 0.1  # of the noise's square, beyond it, from which something is left
 TOGETHER = 1.5  # samples that count as one, from which residuals hang together: else the noise is larger, or has tails
@@ -28,24 +28,21 @@ LEAST = 20  # samples of a clip
 AT_ONCE = 200  # frequencies
 
 
-def remainder(clips: Clips, now: Stage) -> Mapping[str, Any] | None:
+def remainder(now: Point) -> Mapping[str, Any] | None:
     """What a fit leaves beyond noise, as `unexplained` of result.json has it; None where it is nothing to speak of."""
-    left = left_over(clips, now)
-    together = correlation_time(clips, now.point, now.fit.rate)
+    left = left_over(now)
+    together = correlation_time(now, now.discrepancy_rate)
     if left < LEFT or together < TOGETHER:
         return None
-    return swing(now.point, clips.sigma) or {
-        "where": "not located", "depends_on": [], "size": clips.sigma * float(np.sqrt(left)), "unit": "m",
+    return swing(now) or {
+        "where": "not located", "depends_on": [], "size": now.problem.noise * float(np.sqrt(left)), "unit": "m",
         "what": f"error beyond the noise, rms, {together:.0f} samples of which hang together", "form": None,
         "delta_bic": None, "terms": [],
     }  # fmt: skip
 
 
-def swing(point: Point, sigma: float) -> Mapping[str, Any] | None:
-    """The swing that explains most, as `unexplained` of result.json has it; None where there is none.
-
-    `sigma` is the noise that the point's residuals are in units of [m].
-    """
+def swing(point: Point) -> Mapping[str, Any] | None:
+    """The swing that explains most, as `unexplained` of result.json has it; None where there is none."""
     clips = [c for c in _by_clip(point) if len(c[0]) >= LEAST]
     if not clips:
         return None
@@ -69,7 +66,7 @@ def swing(point: Point, sigma: float) -> Mapping[str, Any] | None:
     left = sum(float(np.sum(r**2 - 1)) for _, r in clips)
     if not chance < CHANCE or gain[axis, k] < MOST * left:
         return None
-    amplitude, f = sigma * float(np.sqrt(size[axis, k] / len(clips))), float(frequency[k])
+    amplitude, f = point.problem.noise * float(np.sqrt(size[axis, k] / len(clips))), float(frequency[k])
     name = "xy"[axis]
     return {
         "where": f"the image: it swings along {name}, {f:.2f} times a second", "depends_on": ["time"],
@@ -85,5 +82,5 @@ def _by_clip(point: Point) -> list[tuple[Array, Array]]:
     found: list[list[tuple[Array, Array]]] = [[] for _ in clips]
     for k, name, xy in point.problem.by_ball(point.residuals()):
         good = np.isfinite(xy).all(axis=1)
-        found[k].append((clips[k].balls[name].time[good], np.clip(xy[good], -CLIPPED, CLIPPED)))
+        found[k].append((clips[k].balls[name].time[good], np.clip(xy[good], -CLIPPED_SD, CLIPPED_SD)))
     return [(np.concatenate([t for t, _ in one]), np.concatenate([r for _, r in one])) for one in found]

@@ -1,0 +1,26 @@
+"""Constants of a model and initial states of shots from clips, with their uncertainty.
+
+In: a clip set (sysid/clips.py) and a model. Out: a `FittedModel`: constants, initial states, covariance, discrepancy
+rate, whether it converged, and what is left on clips held out. Every fit goes this way:
+
+    least_squares     many small problems with shared constants: Levenberg-Marquardt, robust loss, Schur complement
+    problem           unknowns and steps that all problems have in common
+    shot_problem      whole shots: residuals from initial states and constants (residual_rows, compiled)
+    segment_problem   segments between events, on open cloth; open_cloth fits them
+    initial_states    the initial state of every shot at given constants
+    discrepancy       the model's own error, which grows along a shot
+    fit               `fit(start)` and `fit_from_nothing(problem)`: constants and initial states together
+    split             a clip set's training and held-out shots; fits that are tried on both
+    clip_fit          a model fitted to a clip set: `sysid fit`
+"""
+
+from sysid.estimation.clip_fit import ClipFit, fit_clips
+from sysid.estimation.fit import fit, fit_from_nothing, fit_held_out
+from sysid.estimation.fitted import FittedModel, HeldOut, Point, as_model
+from sysid.estimation.shot_problem import ShotProblem, shot_problem
+from sysid.estimation.split import Split, begin, fit_anew, fit_on
+
+__all__ = [
+    "ClipFit", "FittedModel", "HeldOut", "Point", "ShotProblem", "Split", "as_model", "begin", "fit", "fit_anew",
+    "fit_clips", "fit_from_nothing", "fit_held_out", "fit_on", "shot_problem",
+]  # fmt: skip

@@ -1,0 +1,254 @@
+"""A fit: constants and initial states of shots together, from nothing or from where another fit has arrived.
+
+From nothing, the horizon of the shots grows from event to event with the constants fitted along, so that each impact is
+met with constants that are already nearly right. Shots that do not follow the rest are grown again from their strike
+with the new constants, since a model that lacked something may have left them in a false optimum. The error of the
+model per path length, which says how much a late sample counts, is estimated anew with the constants until both have
+settled.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sysid.estimation.commands import with_scatter
+from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point, weighted
+from sysid.estimation.initial_states import (
+    REGROWN_STEPS,
+    fit_states,
+    from_other_spins,
+    grown_by_stage,
+    losses_per_residual,
+    regrown,
+    shot_losses,
+)
+from sysid.estimation.least_squares import Prior, Solution, fit_joint
+from sysid.estimation.problem import CAUCHY_SD, Array, constant_bounds, constant_steps, values_of
+from sysid.estimation.shot_problem import ShotProblem
+
+CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
+NO_RATE = 1e-5  # and which counts as none
+MAX_ROUNDS = 6
+RATE_FALLS = 0.6  # times itself: as much the rate must fall in a round to be worth another
+RATE_SETTLED = 0.1  # of itself: a change that counts as none
+FINE_STEPS, COARSE_STEPS, GROWING_STEPS, FEW_STEPS = 15, 10, 6, 4  # of the constants
+FINE_TOLERANCE, COARSE_TOLERANCE = 1e-5, 1e-4  # of the loss
+LONGER_SHOTS = 3  # more than so many must reach further for the constants to be fitted while shots grow
+ASTRAY_LOSS = 1.5  # loss per residual over the shots' median from which a shot is grown again
+ODD_LOSS = 1.15  # the same where shots are followed to the noise
+NOISE_LOSS = 0.5  # loss per residual of noise
+COARSE_STATE_STEPS = 6  # of a shot that is grown again while the fit is coarse
+MAX_DOUBTS = 3  # times that shots which stand out are tried anew, while it helps
+DOUBT_GAIN = 2.0  # of the loss, for which shots are moved
+STUCK_LOSS = 1e-6  # of itself, by which the loss of a round differs from that before
+CHAOS_RATE = 1e-3  # discrepancy rate beyond which derivatives of whole shots claim too much
+CHAOS_EVENTS = 2  # events up to which the derivatives of a shot that is not followed are believed
+WANTED_SD = 0.25  # of a standard deviation: a step still wanted that is too small to matter
+HELD_STEPS, HELD_STEPS_UNFOLLOWED = 40, 8
+log = logging.getLogger(__name__)
+
+
+def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False) -> FittedModel:
+    """Every constant of the problem and every initial state, the shots grown from their beginnings.
+
+    Args:
+        problem: whole shots, or pieces of them; its model's values are where the constants begin.
+        what: is fitted, for the log.
+        pieces: shots begin on their way, so that nothing is known of their spins, and other ones are tried.
+    """
+    x, c = _grown(problem, what)
+    problem = with_scatter(problem, x)
+    start = Point(problem, x, c, problem.discrepancy_rate(x, c))
+    if not pieces:
+        return fit(start, what, UNFOLLOWED_RATE)
+    for _ in range(2):
+        log.info("%s, other spins", what)
+        seen = problem.with_discrepancy(start.discrepancy_rate)
+        x = from_other_spins(seen, np.arange(len(x)), start.initial_states, start.constants)
+        start = Point(problem, x, start.constants, problem.discrepancy_rate(x, start.constants))
+        start = found = fit(start, what, UNFOLLOWED_RATE)
+    return found
+
+
+def _grown(problem: ShotProblem, what: str) -> tuple[Array, Array]:
+    """Initial states and constants, grown from event to event."""
+    c, x = values_of(problem.model, problem.names), problem.start.copy()
+    for stage in range(problem.stages):
+        x = grown_by_stage(problem, x, c, stage)
+        longer = problem.horizon_at(stage) > problem.horizon_at(stage - 1)
+        if stage and np.sum(longer) > LONGER_SHOTS:
+            seen = problem.growing(stage)
+            found = _solve(seen, x, c, GROWING_STEPS, 2, FINE_TOLERANCE, f"{what}, up to event {stage + 1}")
+            x, c = found.initial_states, found.constants
+        log.info("%s, up to event %d of %d", what, stage + 1, problem.stages)
+    return x, c
+
+
+def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE, fine: bool = False) -> FittedModel:
+    """Constants and initial states from a start that is nearly right.
+
+    A model that does not follow the shots to the noise is fitted coarsely: what it lacks moves its constants by more.
+
+    Args:
+        start: a problem, and where another fit has arrived or a candidate is expected.
+        what: is fitted, for the log.
+        doubt_below: discrepancy rate up to which single shots that stand out are doubted, since the others are
+            followed well enough.
+        fine: to the last digit.
+    """
+    problem, x, c, rate = start.problem, start.initial_states, start.constants, start.discrepancy_rate
+    regrown_once, doubts, cost = False, MAX_DOUBTS, np.inf
+    coarse = rate > CLOSE_RATE and not fine
+    for round_ in range(MAX_ROUNDS):
+        steps, tolerance = (COARSE_STEPS, COARSE_TOLERANCE) if coarse else (FINE_STEPS, FINE_TOLERANCE)
+        found = _solve(weighted(problem, rate), x, c, steps, 1, tolerance, what)
+        x, c = found.initial_states, found.constants
+        new = problem.discrepancy_rate(x, c)
+        better = 0
+        if not regrown_once:
+            astray = _astray(problem.with_discrepancy(min(new, rate)), x, c)
+            if astray.size:
+                regrown_once = True
+                seen = problem.with_discrepancy(min(new, rate))
+                x, better = regrown(seen, astray, x, c, COARSE_STATE_STEPS if coarse else REGROWN_STEPS)
+                new = problem.discrepancy_rate(x, c) if better else new
+        if new <= doubt_below and doubts:
+            doubts -= 1
+            others = _doubted(problem.with_discrepancy(new), x, c)
+            if others is None:
+                doubts = 0
+            else:
+                log.info("%s, without shots that bend the constants", what)
+                x, c = others
+                better, new = better + 1, problem.discrepancy_rate(x, c)
+        settled = abs(new - rate) < RATE_SETTLED * rate + NO_RATE
+        slow = round_ > 0 and new > max(RATE_FALLS * rate, CLOSE_RATE)
+        stuck = abs(cost - found.cost) < STUCK_LOSS * found.cost  # the same fit again would end where it began
+        rate, coarse, cost = new, new > CLOSE_RATE and not fine, found.cost
+        if (settled and not better and (found.converged or stuck)) or slow:
+            break
+    return _fitted(Point(problem, x, c, rate), found)
+
+
+def widened(found: FittedModel) -> FittedModel:
+    """A fit of shots that are not followed to the noise, with an uncertainty to believe.
+
+    Beyond some impacts a shot is chaotic and its derivatives claim far too much. So the uncertainty is that of the
+    first events by themselves, widened by how far the constants that they ask for lie from those of the fit, and by the
+    steps that both still wanted. Such a loss is too rough to step down to its last digit: the fit has converged if
+    those steps are small against that uncertainty.
+    """
+    if found.discrepancy_rate <= CHAOS_RATE or found.problem.stages <= CHAOS_EVENTS:
+        return found
+    problem, what = found.weighted, f"up to event {CHAOS_EVENTS + 1}"
+    seen = problem.until(np.minimum(problem.horizon, problem.horizon_at(CHAOS_EVENTS)))
+    whole = _solve(problem, found.initial_states, found.constants, 0, 1, FINE_TOLERANCE, what)
+    first = _solve(seen, found.initial_states, found.constants, FINE_STEPS, 3, FINE_TOLERANCE, what)
+    covariance, converged = widened_covariance(first, whole)
+    return dataclasses.replace(found, covariance=covariance, converged=converged)
+
+
+def widened_covariance(first: Solution, whole: Solution) -> tuple[Array, bool]:
+    """Covariance of the constants from first events and whole shots, and whether both have arrived; see `widened`."""
+    sd = np.sqrt(np.diag(first.covariance))
+    wanted = [np.linalg.pinv(j.information.sum(axis=0)) @ j.gradient.sum(axis=0) for j in (first, whole)]
+    wide = np.sqrt(sd**2 + (first.constants - whole.constants) ** 2 + wanted[0] ** 2 + wanted[1] ** 2)
+    told = np.isfinite(wide)  # a constant of which the first events say nothing has no uncertainty to compare with
+    arrived = all(bool(np.all(np.abs(w[told]) < WANTED_SD * wide[told])) for w in wanted)
+    return np.asarray(first.covariance * np.outer(wide / sd, wide / sd)), arrived
+
+
+def _fitted(at: Point, found: Solution) -> FittedModel:
+    r = at.residuals()
+    freedom = max(int(np.isfinite(r).sum()) - at.initial_states.size - at.constants.size, 1)
+    rms = at.problem.noise * float(np.sqrt(np.nanmean(r**2)))
+    return FittedModel(
+        at.problem, at.initial_states, at.constants, at.discrepancy_rate, found.covariance, found.converged, rms,
+        float(np.nansum(r**2)) / freedom,
+    )  # fmt: skip
+
+
+def _solve(
+    seen: ShotProblem, x: Array, c: Array, steps: int, state_steps: int, tolerance: float, what: str
+) -> Solution:
+    return fit_joint(
+        seen.evaluate, x, c, seen.steps, constant_steps(seen.model, seen.names), seen.prior,
+        constant_bounds(seen.model, seen.names), CAUCHY_SD, steps, state_steps, tolerance,
+        _prior_of(seen.names, seen.known), what,
+    )  # fmt: skip
+
+
+def _prior_of(names: Sequence[str], known: Mapping[str, tuple[float, float]]) -> Prior | None:
+    """What is known of constants, as a prior over them; None for nothing."""
+    if not any(n in known for n in names):
+        return None
+    pairs = np.array([known.get(n, (0.0, np.inf)) for n in names])
+    return Prior(pairs[:, 0], pairs[:, 1])
+
+
+def _astray(seen: ShotProblem, x: Array, c: Array) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Shots that the others leave far behind."""
+    losses = losses_per_residual(seen, x, c)
+    return np.flatnonzero(losses > ASTRAY_LOSS * max(float(np.median(losses)), NOISE_LOSS))
+
+
+def _doubted(seen: ShotProblem, x: Array, c: Array) -> tuple[Array, Array] | None:
+    """Initial states and constants with the shots that stand out tried anew at the constants of the others.
+
+    A shot in a false optimum bends the constants until it nearly fits; at those that the others have by themselves, it
+    finds its place. None where no shot stands out, or where nothing is gained.
+    """
+    old, count = shot_losses(seen, x, c)
+    losses = old / np.maximum(count, 1)
+    odd = np.flatnonzero(losses > ODD_LOSS * float(np.median(losses)))
+    rest = np.setdiff1d(np.arange(len(x)), odd)
+    if odd.size == 0 or rest.size < max(3, 2 * len(x) // 3):
+        return None
+    alone = _solve(seen.only(rest), x[rest], c, COARSE_STEPS, 1, COARSE_TOLERANCE, "the other shots")
+    new, at = x.copy(), alone.constants
+    new[rest] = alone.initial_states
+    new, _ = regrown(seen, odd, new, at)
+    new = from_other_spins(seen, odd, new, at)
+    return (new, at) if shot_losses(seen, new, at)[0].sum() < old.sum() - DOUBT_GAIN else None
+
+
+def loss_soon(problem: ShotProblem, x: Array, c: Array) -> float:
+    """The loss a few steps from a point."""
+    return _solve(problem, x, c, FEW_STEPS, 1, FINE_TOLERANCE, "a few steps").cost
+
+
+def fit_held_out(found: Point, problem: ShotProblem, before: HeldOut | None, pieces: bool = False) -> HeldOut:
+    """The initial states of clips that gave no constants, at those of a fit, and the error that is left.
+
+    Args:
+        found: the fit.
+        problem: the clips; its model and constants are replaced.
+        before: initial states that are nearly right; None to grow the shots from their beginnings.
+        pieces: see `fit_from_nothing`.
+    """
+    problem, c = problem.with_model(found.problem.model, found.names), found.constants
+    follows = found.discrepancy_rate < UNFOLLOWED_RATE
+    # What does not follow its own clips need not be at its best on others.
+    steps = HELD_STEPS if follows else HELD_STEPS_UNFOLLOWED
+    if before is None:
+        x = problem.start.copy()
+        for stage in range(problem.stages):
+            x = grown_by_stage(problem, x, c, stage)
+    else:
+        x = before.initial_states
+    seen = problem.with_discrepancy(found.discrepancy_rate)
+    x = fit_states(seen, x, c, steps)
+    astray = np.flatnonzero(losses_per_residual(problem, x, c) > ODD_LOSS * NOISE_LOSS)
+    if pieces and before is None:
+        x = from_other_spins(seen, astray, x, c)
+    elif astray.size and follows:
+        x, _ = regrown(seen, astray, x, c)
+        if found.discrepancy_rate < CLOSE_RATE:
+            x = from_other_spins(seen, astray, x, c)
+    x = fit_states(problem, x, c, steps)
+    r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
+    return HeldOut(x, problem.noise * float(np.sqrt(np.nanmean(r**2))))

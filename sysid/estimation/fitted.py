@@ -1,0 +1,117 @@
+"""What a fit arrives at: a model, the initial states of its shots, and how well both are known."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from models.model_file import Estimate, Model
+from sysid.estimation.problem import Array
+from sysid.estimation.shot_problem import ShotProblem
+
+UNFOLLOWED_RATE = 2e-3  # discrepancy rate beyond which late samples of a shot are chaos
+UNFOLLOWED_EVENTS = 4  # events up to which shots tell something of such a model
+
+
+@dataclass(frozen=True)
+class Point:
+    """A problem with values for its unknowns, and the error of the model there."""
+
+    problem: ShotProblem  # with the noise of the camera alone
+    initial_states: Array  # (n, p)
+    constants: Array  # (q,)
+    discrepancy_rate: float  # error of the model per path length
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The constants."""
+        return self.problem.names
+
+    @property
+    def model(self) -> Model:
+        """The model at these constants."""
+        return self.problem.model.with_values({n: float(v) for n, v in zip(self.names, self.constants, strict=True)})
+
+    @property
+    def weighted(self) -> ShotProblem:
+        """The problem with the model's own error, up to where the shots tell something of such a model."""
+        return weighted(self.problem, self.discrepancy_rate)
+
+    def residuals(self, problem: ShotProblem | None = None) -> Array:
+        """(n, m), of this problem or of the same one with other standard deviations."""
+        n = len(self.initial_states)
+        at = problem or self.problem
+        return at.evaluate(self.initial_states, np.tile(self.constants, (n, 1)), np.arange(n))
+
+
+def weighted(problem: ShotProblem, rate: float) -> ShotProblem:
+    """A problem with the model error of a discrepancy rate, up to where its shots tell something of such a model."""
+    last = UNFOLLOWED_EVENTS if rate > UNFOLLOWED_RATE else problem.stages - 1
+    return problem.with_discrepancy(rate).until(problem.horizon_at(last))
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A model on clips that it was not fitted to: only their initial states are."""
+
+    initial_states: Array  # (n, p)
+    rms: float  # per axis [m]
+
+
+@dataclass(frozen=True)
+class FittedModel(Point):
+    """A model at its best on clips."""
+
+    covariance: Array  # (q, q) of the constants; NaN where the clips do not tell
+    converged: bool
+    rms: float  # of the clips, per axis [m]
+    chi2: float  # reduced
+    held_out: HeldOut | None = None
+
+    @property
+    def held_rms(self) -> float:
+        """Rms of the held-out clips, per axis [m]; NaN without any."""
+        return self.held_out.rms if self.held_out else float("nan")
+
+    @property
+    def sds(self) -> dict[str, float]:
+        """Standard deviations of the constants; NaN where the clips do not tell."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    def value(self, name: str) -> tuple[float, float]:
+        """A constant and its standard deviation."""
+        return float(self.constants[self.names.index(name)]), self.sds[name]
+
+
+def as_model(found: FittedModel, command: str, files: Sequence[str], more: Mapping[str, Any] | None = None) -> Model:
+    """The model of a fit, for a file: constants with their uncertainty, correlation and where they come from.
+
+    A constant of which the clips say nothing keeps the value that it came with.
+
+    Args:
+        found: the fit; of what it fitted, only what its model's effects have is written.
+        command: that made the fit.
+        files: of the clips that gave the constants.
+        more: entries of the file's [fitted] beside the usual ones.
+    """
+    model = found.problem.model
+    rows = [k for k, name in enumerate(found.names) if name in model.parameters()]
+    names, sds = [found.names[k] for k in rows], np.sqrt(np.diag(found.covariance))[rows]
+    source = f"{command}, {len(files)} clips" + ("" if found.converged else ", NOT converged")
+    estimates = dict(model.estimates)
+    for name, sd in zip(names, sds.tolist(), strict=True):
+        told = source if np.isfinite(sd) else f"{source}: these clips do not tell"
+        estimates[name] = Estimate(sd if found.converged else float("nan"), told)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = found.covariance[np.ix_(rows, rows)] / np.outer(sds, sds)
+    summary = {
+        "command": command, "clips": list(files), "converged": found.converged, "noise_m": found.problem.noise,
+        "error_rate": found.discrepancy_rate, **(more or {}), "names": names,
+        "correlation": [[float(np.round(v, 3)) for v in row] for row in correlation],
+    }  # fmt: skip
+    values = {n: found.value(n)[0] for n, sd in zip(names, sds, strict=True) if np.isfinite(sd)}
+    return dataclasses.replace(model.with_values(values), estimates=estimates, fitted=summary)

@@ -1,0 +1,116 @@
+"""Constants of the open cloth from segments between events: where every fit begins."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.errors import BadInput
+from models.model_file import Model
+from sysid.clips import ClipSet
+from sysid.estimation.least_squares import Solution, fit_each, fit_joint
+from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, Array, constant_bounds, constant_steps, values_of
+from sysid.estimation.segment_problem import SegmentProblem, segment_problem
+from sysid.estimation.shot_problem import ShotProblem
+from sysid.segments import split_all
+
+UNSEEN_EVENT_RATIO = 25.0  # a segment that misses by so many times the noise holds an event that was not seen
+FOLLOWED_RATIO = 1.5  # median rms over noise up to which the cloth is taken to follow the data
+START_CAUCHY_SD = 10.0  # Cauchy's constant while start values are found
+SCANNED_SEGMENTS = 100  # the longest ones, for start values
+SCAN_FACTORS = (1.0, 0.25, 0.5, 2.0)  # of a constant's start value
+SCAN_STEPS, STATE_ITERATIONS, FIRST_ITERATIONS, LAST_ITERATIONS = 4, 8, 5, 20
+MIN_SEGMENTS = 3
+TOO_FEW = "only {} smooth segments between events; film longer free runs, or check the table's size"
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class OpenCloth:
+    """What segments say of the open cloth."""
+
+    names: tuple[str, ...]
+    solution: Solution
+    ratio: float  # median rms of the segments over noise
+
+    @property
+    def follows(self) -> bool:
+        """Whether the model follows the balls on open cloth."""
+        return self.ratio <= FOLLOWED_RATIO
+
+    @property
+    def known(self) -> dict[str, float]:
+        """Constants of which the segments say something."""
+        told = np.isfinite(np.diag(self.solution.covariance))
+        return {n: float(v) for n, v, t in zip(self.names, self.solution.constants, told, strict=True) if t}
+
+
+def cloth_constants(model: Model) -> tuple[str, ...]:
+    """Constants that act on open cloth: of effects with forces, and the native cloth terms."""
+    found = []
+    for name in model.parameters():
+        owner, key = name.split(".")
+        effect = next(e for e in model.stack() if e.name() == owner)
+        native = effect is model.native and key in ("slide", "roll", "spin")
+        if native or effect.slot == "cloth" or effect.opens("forces"):
+            found.append(name)
+    return tuple(found)
+
+
+def fit_open_cloth(model: Model, clip_set: ClipSet, noise: float) -> OpenCloth:
+    """Constants of the open cloth from segments.
+
+    Raises:
+        BadInput: where there are too few segments.
+    """
+    segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, noise, clip_set.fps)
+    if len(segments) < MIN_SEGMENTS:
+        raise BadInput(TOO_FEW.format(len(segments)))
+    names = cloth_constants(model)
+    problem = segment_problem(model, names, segments, noise)
+    c = _scan(problem, model, names)
+    steps, bounds = constant_steps(model, names), constant_bounds(model, names)
+    x = problem.start
+    for iterations in (FIRST_ITERATIONS, LAST_ITERATIONS):
+        x, _ = fit_each(problem.evaluate, x, c, STATE_STEPS, problem.prior, START_CAUCHY_SD, STATE_ITERATIONS)
+        ratio = ratios(problem, x, c)
+        good = np.flatnonzero(ratio < UNSEEN_EVENT_RATIO)
+        if good.size < MIN_SEGMENTS:
+            raise BadInput(TOO_FEW.format(good.size))
+        part = problem.only(good)
+        robust = CAUCHY_SD * max(1.0, float(np.sqrt(np.mean(ratio[good] ** 2))))
+        found = fit_joint(
+            part.evaluate, x[good], c, STATE_STEPS, steps, part.prior, bounds, robust, iterations,
+            what=f"{good.size} segments",
+        )  # fmt: skip
+        c = found.constants
+    x[good] = found.initial_states
+    return OpenCloth(names, found, float(np.median(ratios(problem, x, c))))
+
+
+def _scan(problem: SegmentProblem, model: Model, names: Sequence[str]) -> Array:
+    """Start values of the cloth's constants: the best of a coarse scan, one after another, over some long segments."""
+    length = np.array([s.time[-1] - s.time[0] for s in problem.segments])
+    part = problem.only(np.argsort(-length, kind="stable")[:SCANNED_SEGMENTS])
+    c, best_cost = values_of(model, names), np.inf
+    for k, name in enumerate(names):
+        low, high = model.meta(name)["bounds"]
+        start = c[k]
+        for factor in SCAN_FACTORS:
+            trial = c.copy()
+            trial[k] = np.clip(start * factor, low, high)
+            _, cost = fit_each(part.evaluate, part.start, trial, STATE_STEPS, part.prior, START_CAUCHY_SD, SCAN_STEPS)
+            if cost.sum() < best_cost * (1 - 1e-3):
+                best_cost, c = float(cost.sum()), trial
+        log.info("starting from %s = %.4g", name, c[k])
+    return c
+
+
+def ratios(problem: SegmentProblem | ShotProblem, x: Array, c: Array) -> Array:
+    """Rms residual per axis over noise of every segment or shot: (n,); infinite where no sample is trusted."""
+    r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
+    count = np.isfinite(r).sum(axis=1)
+    return np.where(count > 0, np.sqrt(np.nansum(r**2, axis=1) / np.maximum(count, 1)), np.inf)

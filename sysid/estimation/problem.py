@@ -1,0 +1,83 @@
+"""What every least-squares problem of the workbench has in common: the unknowns of a moving ball, and the constants.
+
+The initial state of a shot, or of a segment, is the moving ball's position (2) [m], velocity (2) [m/s] and surface
+speed of its spin, R omega (3) [m/s], all in a frame turned into the direction of motion: along, across, up. A rolling
+ball has R omega across equal to its speed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.engine.play import lacking
+from models.model_file import Model
+from models.shot import Shot, Table
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+INITIAL_STATE = ("x", "y", "v_along", "v_across", "Rw_along", "Rw_across", "Rw_up")
+STATE_STEPS = np.array([1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4])  # finite differences, [m] and [m/s]
+CONSTANT_STEP, VARIED_CONSTANT_STEP = 1e-5, 1e-3  # the same of constants, of their bounds' width
+OPEN_TABLE_M = 1e3  # length and width of a table so large that nothing reaches its cushions
+CAUCHY_SD = 4.0  # Cauchy's constant, in standard deviations
+
+
+def by_events(model: Model) -> bool:
+    """Whether the event engine plays a model; MuJoCo otherwise."""
+    return model.engine == "events" and not lacking(model)
+
+
+def is_varied(model: Model) -> bool:
+    """Whether effects push balls along their way: then the steps of a play are chosen by their error."""
+    return any(e.opens("forces") for e in model.stack())
+
+
+def constant_steps(model: Model, names: Sequence[str]) -> Array:
+    """Finite-difference steps of constants, from their bounds' width: (q,).
+
+    Larger where forces vary: there the steps of a play are chosen along the way, and a choice that changes is a tiny
+    jump.
+    """
+    part = VARIED_CONSTANT_STEP if is_varied(model) else CONSTANT_STEP
+    return np.array([part * np.subtract(*model.meta(n)["bounds"][::-1]) for n in names])
+
+
+def constant_bounds(model: Model, names: Sequence[str]) -> Array:
+    """(q, 2) bounds of constants."""
+    return np.array([model.meta(n)["bounds"] for n in names])
+
+
+def values_of(model: Model, names: Sequence[str]) -> Array:
+    """Constants of a model as a vector: (q,)."""
+    known = model.parameters()
+    return np.array([float(known[n]) for n in names])
+
+
+def turn(azimuth: float) -> Array:
+    """Rotation that takes (along, across) to table axes: (2, 2)."""
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    return np.array([[c, -s], [s, c]])
+
+
+def open_table(table: Table) -> Table:
+    """A table so large that nothing reaches its cushions."""
+    return dataclasses.replace(table, length=OPEN_TABLE_M, width=OPEN_TABLE_M, pockets=False)
+
+
+def shot_of(
+    names: tuple[str, ...], x: Array, azimuth: float, radius: float, rest: Array, times: Array, order: float,
+    struck: bool, staying: tuple[str, ...] = (),
+) -> Shot:  # fmt: skip
+    """The shot that an initial state x stands for; the other balls lie at `rest` (n - 1, 2)."""
+    n = len(names)
+    q = turn(azimuth)
+    position, velocity, spin = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 3))
+    position[0], velocity[0] = x[:2], q @ x[2:4]
+    spin[0, :2], spin[0, 2] = q @ x[4:6] / radius, x[6] / radius
+    position[1:] = rest
+    return Shot(names, position, velocity, spin, times, order=order, struck=struck, staying=staying)

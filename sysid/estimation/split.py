@@ -1,0 +1,120 @@
+"""A clip set, split: every fifth clip held out, the rest for training, and fits that are tried on both."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.model_file import Model
+from sysid.clips import ClipSet
+from sysid.clock import stamp_scale
+from sysid.estimation.fit import CLOSE_RATE, fit, fit_from_nothing, fit_held_out
+from sysid.estimation.fitted import UNFOLLOWED_EVENTS, UNFOLLOWED_RATE, FittedModel, Point
+from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
+from sysid.estimation.problem import Array
+from sysid.estimation.shot_problem import ShotProblem, shot_problem
+from sysid.noise import position_noise
+from sysid.pieces import cut_up
+from sysid.spikes import set_aside
+
+HELD_OUT_EVERY = 5  # clips, of which the last is held out
+CLOCK = "clock_scale.factor"
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Split:
+    """The shots of a clip set, for training and held out."""
+
+    training: ShotProblem
+    held_out: ShotProblem | None
+    spikes: int  # samples set aside
+    cut: int = 0  # shots that were cut into pieces of one impact each; 0 where whole shots are fitted
+
+    @property
+    def noise(self) -> float:
+        """Noise of the camera, one standard deviation per axis [m]."""
+        return self.training.noise
+
+    def follows(self, found: FittedModel) -> bool:
+        """Whether whole shots are followed closely enough to say what acts on them between impacts."""
+        return not self.cut and found.discrepancy_rate <= UNFOLLOWED_RATE
+
+    def states_of(self, found: FittedModel, files: Sequence[str]) -> Array | None:
+        """Initial states of all clips, in the order of `files`: (n, p); None where only pieces of them were fitted."""
+        if self.cut:
+            return None
+        known = {c.file: x for c, x in zip(self.training.clips, found.initial_states, strict=True)}
+        if self.held_out and found.held_out:
+            known |= {c.file: x for c, x in zip(self.held_out.clips, found.held_out.initial_states, strict=True)}
+        most = max(len(x) for x in known.values())
+        return np.array([np.pad(known[f], (0, most - len(known[f]))) for f in files])  # clips of fewer balls have fewer
+
+
+def training_clips(clip_set: ClipSet) -> list[int]:
+    """Clips that may give constants: all but every fifth."""
+    n, every = len(clip_set.clips), HELD_OUT_EVERY
+    return [k for k in range(n) if n < every or k % every != every - 1]
+
+
+def subset(clip_set: ClipSet, rows: Sequence[int]) -> ClipSet:
+    """Some clips of a set."""
+    return dataclasses.replace(clip_set, clips=tuple(clip_set.clips[k] for k in rows))
+
+
+def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, OpenCloth, Model]:
+    """The clips split, what their segments say of the open cloth, and the model with those constants.
+
+    Where the model does not follow the open cloth, long shots are cut into pieces, unless `cut` forbids it.
+    """
+    noise = position_noise(clip_set)
+    clip_set, spikes = set_aside(clip_set, noise)
+    scale, sd = stamp_scale(clip_set)
+    known = {CLOCK: (scale, sd)} if np.isfinite(sd) else {}
+    rows = training_clips(clip_set)
+    training, held = subset(clip_set, rows), subset(clip_set, [k for k in range(len(clip_set.clips)) if k not in rows])
+    cloth = fit_open_cloth(model, training, noise)
+    model = model.with_values(cloth.known)
+
+    def problem_of(part: ClipSet) -> ShotProblem:
+        return shot_problem(model, tuple(model.parameters()), part, noise, known)
+
+    problem = problem_of(training)
+    shots = 0
+    if cut and not cloth.follows and np.median([len(e) for e in problem.events]) > UNFOLLOWED_EVENTS:
+        shots = len(clip_set.clips)
+        training, held = cut_up(training, noise), cut_up(held, noise)
+        log.info("%d shots cut into %d pieces of one impact each", shots, len(training.clips) + len(held.clips))
+        problem = problem_of(training)
+    return Split(problem, problem_of(held) if held.clips else None, spikes, shots), cloth, model
+
+
+def begin(clip_set: ClipSet, model: Model) -> tuple[Split, FittedModel]:
+    """The clips split, and the model with every constant of its stack fitted to them."""
+    parts, _, model = split(clip_set, model)
+    return parts, fit_anew(parts, model, "base")
+
+
+def fit_anew(parts: Split, model: Model, what: str) -> FittedModel:
+    """A model fitted from nothing: shots grown from their beginnings, from the constants that it has."""
+    problem = parts.training.with_model(model, tuple(model.parameters()))
+    return tried(parts, fit_from_nothing(problem, what, pieces=bool(parts.cut)), None)
+
+
+def fit_on(
+    parts: Split, start: Point, before: FittedModel, what: str, doubt_below: float = CLOSE_RATE, fine: bool = False
+) -> FittedModel:
+    """A fit from a start, see `fit`, tried on the held-out clips; `before` knows nearly right states of these."""
+    return tried(parts, fit(start, what, doubt_below, fine), before)
+
+
+def tried(parts: Split, found: FittedModel, before: FittedModel | None) -> FittedModel:
+    """A fit with what it leaves on the held-out clips."""
+    if parts.held_out is None:
+        return found
+    held = fit_held_out(found, parts.held_out, before.held_out if before else None, pieces=bool(parts.cut))
+    return dataclasses.replace(found, held_out=held)

@@ -1,0 +1,82 @@
+"""Where the search for a shot's initial state begins, and what is known of it: from its command and first samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.clips import Clip, ClipSet
+from sysid.estimation.problem import Array, turn
+from sysid.segments import free_from
+
+LINE_SAMPLES = 6  # a straight line through so many gives position and velocity
+COMMAND_SD = {"speed": 0.05, "azimuth": 0.02, "offset": 0.002}  # how far a shot may be from its command
+MISCUE_SPIN = 1.25  # R omega over v at the miscue limit: 5/2 of half a radius
+MIN_MARKS = 8  # angles of a mark from which on they alone tell the sidespin
+LEAST_SD = 0.02  # of a velocity or R omega that a command gives [m/s]
+
+
+def straight(time: Array, xy: Array, roll: float) -> tuple[Array, float]:
+    """Initial state (7,) of a straight line through samples, spinning at `roll` of natural roll, and its azimuth."""
+    line = _line(time, xy)
+    speed = float(np.hypot(*line[1]))
+    azimuth = float(np.arctan2(line[1, 1], line[1, 0]))
+    return np.array([*line[0], speed, 0, 0, roll * speed, 0]), azimuth
+
+
+def running_sd(speed: float) -> Array:
+    """What is known of a ball on its way, which comes from an impact or a strike: little of its spin (7,)."""
+    return np.array([np.inf] * 4 + [2 * speed + 0.05] * 3)
+
+
+def shot_start(clip: Clip, clip_set: ClipSet, noise: float) -> tuple[Array, Array, Array, float]:
+    """Start, mean and standard deviation of a shot's initial state, (7,) each, and its azimuth."""
+    seen, radius = clip.balls[clip.struck], clip_set.ball.radius
+    if clip.running:
+        x, azimuth = straight(seen.time[:LINE_SAMPLES], seen.xy[:LINE_SAMPLES], 1.0)
+        return x, x.copy(), running_sd(x[2]), azimuth
+    low = free_from(seen, noise)
+    part = slice(low, low + LINE_SAMPLES)
+    x, azimuth = straight(seen.time[part], seen.xy[part], 0.5)
+    marked = np.flatnonzero(np.isfinite(seen.theta))
+    sd = np.full(7, np.inf)
+    if marked.size > 3:
+        few = marked[: max(4, marked.size // 10)]
+        x[6] = radius * np.polyfit(seen.time[few], seen.theta[few], 1)[0]
+    if clip.cue is not None:
+        cue = clip.cue
+        azimuth = cue.azimuth
+        line = _line(seen.time[part], seen.xy[part])
+        v = turn(azimuth).T @ line[1]
+        lever = 2.5 * cue.speed / radius
+        x = np.array([*line[0], *v, lever * cue.side * np.sin(cue.elevation), lever * cue.height, lever * cue.side])
+        across = COMMAND_SD["azimuth"] * cue.speed + LEAST_SD
+        spread = COMMAND_SD["offset"] * lever + LEAST_SD
+        mean = np.array([*line[0], cue.speed, 0.0, *x[4:]])
+        along = COMMAND_SD["speed"] * cue.speed + LEAST_SD
+        sd[2:] = [along, across, 0.05 * cue.speed + LEAST_SD, spread, spread]
+        return x, mean, sd, azimuth
+    speed = x[2]
+    wide = 0.6 * MISCUE_SPIN * speed + LEAST_SD
+    sd[4:] = [0.1 * speed + LEAST_SD, wide, np.inf if marked.size > MIN_MARKS else wide]
+    return x, x.copy(), sd, azimuth
+
+
+def theta_noise(clips: Sequence[Clip]) -> float:
+    """Noise of the marks' angles from their third differences [rad]; 1 where no ball is marked."""
+    found = []
+    for clip in clips:
+        for seen in clip.balls.values():
+            theta = seen.theta[np.isfinite(seen.theta)]
+            if len(theta) > 8:
+                found.append(np.diff(theta, 3))
+    if not found:
+        return 1.0
+    return max(float(np.median(np.abs(np.concatenate(found))) / 0.6745 / np.sqrt(20)), 1e-4)
+
+
+def _line(time: Array, xy: Array) -> Array:
+    """Position at time 0 and velocity of a straight line through samples: (2, 2) [m], [m/s]."""
+    line, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(time), time]), xy, rcond=None)
+    return np.asarray(line)
