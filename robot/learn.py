@@ -2,7 +2,7 @@
 
 A series begins with a model and a cueing map that may be wrong. Scenes are drawn from its seed; whoever stands at the
 table lays the balls, the camera says where they really lie, and the plan is made for that. Every so many shots
-sysid/discover.py looks at all films from the start model on, names the effects that they ask for and fits all
+sysid/selection/discover.py looks at all films from the start model on, names the effects that they ask for and fits all
 constants; strokes as filmed, beside what was told, fit the cueing map. It ends after `shots`, or by itself where
 nothing improves: the effects stay the same, and the cue ball's miss is down to what the plans foresee, or has not
 fallen in two refits.

@@ -183,7 +183,7 @@ def _fingerprint(clip_set: ClipSet, model: Model) -> str:
 
     digest = hashlib.sha256()
     root = Path(__file__).resolve().parent.parent
-    for path in sorted([*root.glob("models/**/*.py"), *root.glob("sysid/*.py")]):
+    for path in sorted([*root.glob("models/**/*.py"), *root.glob("sysid/**/*.py")]):
         digest.update(path.read_bytes())
     digest.update(repr((clip_set.table, clip_set.ball, clip_set.fps, clip_set.sigma, sorted(catalogue()))).encode())
     digest.update(repr([(e.name(), sorted(vars(e).items())) for e in model.effects]).encode())

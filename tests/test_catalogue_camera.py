@@ -16,10 +16,12 @@ from models.observe import camera, observed, undone
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulate import simulate
 from sysid.clips import ClipSet, Observation
-from sysid.estimation.initial_states import ROBUST, fit_own
-from sysid.estimation.least_squares import Joint, fit_each, fit_joint
-from sysid.estimation.open_cloth import cloth_constants, values_of
-from sysid.estimation.problem import STEPS, constant_bounds, constant_steps, segment_problem, shot_problem
+from sysid.estimation.initial_states import grown_states
+from sysid.estimation.least_squares import fit_each, fit_joint
+from sysid.estimation.open_cloth import cloth_constants
+from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, constant_bounds, constant_steps, values_of
+from sysid.estimation.segment_problem import segment_problem
+from sysid.estimation.shot_problem import shot_problem
 from sysid.segments import split_all
 from tests.test_fit import changed, make, truth_of
 from tests.truth.camera import image
@@ -236,10 +238,10 @@ def recovered(clip_set: ClipSet, model: Model, names: tuple[str, ...]) -> tuple[
     segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, SIGMA, clip_set.fps)
     problem = segment_problem(model, names, segments, SIGMA)
     c = values_of(model, names)
-    x, _ = fit_each(problem.evaluate, problem.start, c, STEPS, problem.prior, 10.0, 8)
-    joint: Joint = fit_joint(
-        problem.evaluate, x, c, STEPS, constant_steps(model, names), problem.prior, constant_bounds(model, names),
-        ROBUST, 20,
+    x, _ = fit_each(problem.evaluate, problem.start, c, STATE_STEPS, problem.prior, 10.0, 8)
+    joint = fit_joint(
+        problem.evaluate, x, c, STATE_STEPS, constant_steps(model, names), problem.prior, constant_bounds(model, names),
+        CAUCHY_SD, 20,
     )  # fmt: skip
     assert joint.converged
     return joint.constants, np.sqrt(np.diag(joint.covariance))
@@ -282,7 +284,7 @@ def test_whole_shots_meet_resting_balls_through_the_camera(clean: tuple[ClipSet,
     for clips, table in ((few, model), (changed(few, bent), filmed)):
         problem = shot_problem(table, (), clips, SIGMA)
         n = len(clips.clips)
-        x = fit_own(problem, clips, np.zeros(0), SIGMA)
+        x = grown_states(problem, np.zeros(0))
         r = problem.evaluate(x, np.zeros((n, 0)), np.arange(n))
         left.append(np.sqrt(np.nanmedian(r**2, axis=1)))
         tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))

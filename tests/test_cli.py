@@ -183,7 +183,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(
         raise AssertionError("the work began")
 
     monkeypatch.setattr("sysid.compare.compare", worked)
-    monkeypatch.setattr("sysid.fit.fit", worked)
+    monkeypatch.setattr("sysid.estimation.clip_fit.fit_clips", worked)
     verb, *options = [str(tmp_path / "ok.toml") if w == "OK" else w for w in words]
     what = ["side_curve", "--model", str(model)] if verb == "add" else [str(clips)]
     line = one_line(run(verb, *what, *options, tmp_path / "none" / "file"))
@@ -243,7 +243,7 @@ def test_compare_and_fit_write_what_they_print(run: Any, filmed: Path, tmp_path:
 @pytest.mark.parametrize(
     ("verb", "where"),
     [
-        ("fit", "sysid.fit.error_rate"), ("compare", "sysid.compare.polish"),
+        ("fit", "sysid.estimation.clip_fit.widened"), ("compare", "sysid.compare.polished"),
         ("fit", "models.model_file.tomli_w.dumps"), ("compare", "sysid.output.json.dumps"),
     ],
 )  # fmt: skip

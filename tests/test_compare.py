@@ -43,7 +43,7 @@ def fair(clip_set: ClipSet, right: Model) -> Comparison:
 
 
 def wrong(clip_set: ClipSet, right: Model, fair: Comparison, name: str, factor: float) -> Comparison:
-    """One constant off; the own unknowns start from those of the right model, which saves the time to find them."""
+    """One constant off; the initial states start from those of the right model, which saves the time to find them."""
     return compare(clip_set, right.with_values({name: factor * right.parameters()[name]}), start=fair.own)
 
 

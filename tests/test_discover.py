@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,10 @@ from models.model_file import catalogue, full_model, read_model
 from models.simulate import simulate
 from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
-from sysid.estimation.split import Stage, begin, scores_at
+from sysid.estimation import FittedModel, begin
 from sysid.findings import result_of
 from sysid.selection.discover import Discovery, discover, needed
+from sysid.selection.score import score_all
 from sysid.selection.screening import candidates_for, try_one
 from tests.truth.__main__ import main as generate
 
@@ -57,7 +59,7 @@ def test_a_hidden_effect_is_named_and_measured(
     _, found = found_in(folder)
     assert found.verdict == (name,)
     assert found.unexplained is None
-    assert found.last.fit.converged
+    assert found.last.converged
     truth = truth_of(folder)
     for key, constant in keys.items():
         value, sd = found.last.value(f"{name}.{key}")
@@ -74,7 +76,7 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, words: tuple[s
     clip_set, found = found_in(clips(tmp_path / "set", 32, "--kind", "roll,stun,cushion,cut", *words))
     assert found.verdict == ()
     assert found.unexplained is None
-    assert found.clips.sigma == pytest.approx(0.0005, rel=0.1)
+    assert found.parts.noise == pytest.approx(0.0005, rel=0.1)
     told = result_of(found, 1.0)
     assert told["verdict"] == []
     assert told["ladder"][0]["rms_m"] < 1.1 * 0.0005
@@ -92,22 +94,21 @@ def test_an_effect_that_another_makes_superfluous_goes(tmp_path: Path) -> None:
     clip_set = read_clip_set(
         clips(tmp_path / "set", 36, "--kind", "roll,cushion", "--effect", "air_drag=0.02", "--clips", "5")
     )
-    fitted, base = begin(clip_set, full_model(clip_set.table, clip_set.ball), lambda line: None)
+    parts, base = begin(clip_set, full_model(clip_set.table, clip_set.ball))
 
-    def added(to: Stage, name: str) -> Stage:
-        [score] = [s for s in scores_at(fitted, to, candidates_for(to.model)).rows if s.candidate.name == name]
-        return try_one(fitted, to, score, lambda line: None).stage
+    def added(to: FittedModel, name: str) -> FittedModel:
+        [score] = [s for s in score_all(to, candidates_for(to.model)).rows if s.candidate.name == name]
+        return try_one(parts, to, score).fitted
 
     first = added(base, "side_curve")
     both = added(first, "air_drag")
     verdicts = ((), ("side_curve",), ("side_curve", "air_drag"))
-    lines: list[str] = []
-    found = needed(fitted, Discovery(fitted, (base, first, both), verdicts, ()), lines.append)
+    found = needed(parts, Discovery(parts, (base, first, both), verdicts, ()))
     assert found.verdicts == ((), ("air_drag",))
-    assert found.stages[0] is base and "air_drag.rate" in found.last.names
-    assert found.pruned == ("side_curve",) and "side_curve is not needed" in lines
+    assert found.ladder[0] is base and "air_drag.rate" in found.last.names
+    assert found.pruned == ("side_curve",)
     assert found.last.chi2 < 1.05 < base.chi2
-    assert needed(fitted, found, lines.append) is found
+    assert needed(parts, found) is found
 
 
 @pytest.mark.slow
@@ -116,8 +117,8 @@ def test_two_effects_with_outliers_and_missing_frames(tmp_path: Path) -> None:
     folder = clips(tmp_path / "set", 33, *words, "--missing", "0.05", "--kind", "roll,cushion,follow,cushion_side")
     _, found = found_in(folder)
     assert set(found.verdict) == {"speed_drag", "cushion_restitution_speed"}
-    assert len(found.stages) == 3
-    rms = [s.rms for s in found.stages]
+    assert len(found.ladder) == 3
+    rms = [s.rms for s in found.ladder]
     assert rms[0] > rms[2]
 
 
@@ -221,8 +222,9 @@ def test_diagnose_ranks_and_names_the_margin(tmp_path: Path, capsys: pytest.Capt
 
 def test_the_simulator_is_the_one_that_is_fitted() -> None:
     """Discovery must not carry a simulator of its own."""
-    from sysid import evidence, problem, refine
+    from sysid.estimation import fit, shot_problem
+    from sysid.selection import score
 
     assert simulate.__module__ == "models.simulate"
-    for room in (evidence, refine, problem):
+    for room in (score, sys.modules[fit.__module__], sys.modules[shot_problem.__module__]):
         assert "mujoco" not in vars(room)

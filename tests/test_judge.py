@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-import sysid.judge
-import sysid.runs
 
+from sysid.selection import judge as judging
+from sysid.selection import runs
 from sysid.selection.judge import Judgement, judge
 from sysid.selection.screening import _ranked
 
 NOW = SimpleNamespace(gain=0.0, model=None)
-CLIPS: Any = None
+PARTS: Any = SimpleNamespace(follows=lambda found: False)
 
 
 def told(name: str) -> Any:
@@ -26,29 +26,28 @@ def looked(monkeypatch: pytest.MonkeyPatch, by_runs: float, own: str, by_own: fl
     with_runs, with_own = (SimpleNamespace(gain=gain, model=None) for gain in (by_runs, by_own))
     fitted: list[str] = []
 
-    def try_one(clips: Any, base: Any, score: Any, report: Any) -> Any:
+    def try_one(parts: Any, base: Any, score: Any) -> Any:
         fitted.append(score.candidate.name)
-        return SimpleNamespace(name=score.candidate.name, stage=with_own, converged=True)
+        return SimpleNamespace(name=score.candidate.name, fitted=with_own, converged=True)
 
-    def look(clips: Any, base: Any, candidates: Any, report: Any, beside: Any, share: float, begun: Any) -> Any:
+    def look(parts: Any, base: Any, candidates: Any, beside: Any, share: float, begun: Any) -> Any:
         known = begun.fitted[0] if begun else None
-        return SimpleNamespace(base=base, best=known or try_one(clips, base, told(own), report), scores=begun)
+        return SimpleNamespace(base=base, best=known or try_one(parts, base, told(own)), scores=begun)
 
-    runs = SimpleNamespace(best=SimpleNamespace(name="speed_drag", stage=with_runs), base=NOW)
+    asked = SimpleNamespace(best=SimpleNamespace(name="speed_drag", fitted=with_runs), base=NOW)
     for module, key, stands in (
-        (sysid.runs, "settle", lambda clips, model, report, what: with_runs),
-        (sysid.runs, "compare_stages", lambda clips, a, b: SimpleNamespace(delta_bic=b.gain - a.gain)),
-        (sysid.runs, "candidates_for", lambda model: []),
-        (sysid.runs, "scored", lambda *known: SimpleNamespace(rows=(told(own), told("speed_drag")))),
-        (sysid.runs, "try_one", try_one),
-        (sysid.judge, "look_at_runs", lambda clips, now, report: runs),
-        (sysid.judge, "candidates_for", lambda model: []),
-        (sysid.judge, "followed", lambda clips, now: False),
-        (sysid.judge, "look", look),
-        (sysid.judge, "left_over", lambda clips, stage: 0.0),
+        (runs, "fit_anew", lambda parts, model, what: with_runs),
+        (runs, "compare_fits", lambda a, b: SimpleNamespace(delta_bic=b.gain - a.gain)),
+        (runs, "candidates_for", lambda model: []),
+        (runs, "score_all", lambda *known: SimpleNamespace(rows=(told(own), told("speed_drag")))),
+        (runs, "try_one", try_one),
+        (judging, "look_at_runs", lambda parts, now: asked),
+        (judging, "candidates_for", lambda model: []),
+        (judging, "look", look),
+        (judging, "left_over", lambda found: 0.0),
     ):
         monkeypatch.setattr(module, key, stands)
-    return judge(CLIPS, NOW, lambda line: None), fitted  # type: ignore[arg-type]
+    return judge(PARTS, NOW), fitted  # type: ignore[arg-type]
 
 
 def test_runs_are_believed_where_whole_shots_promise_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,8 +72,8 @@ def test_runs_that_whole_shots_gain_nothing_by_are_not_believed(monkeypatch: pyt
 
 
 def trial(name: str, delta_bic: float, constants: int, converged: bool = True) -> Any:
-    stage = SimpleNamespace(point=SimpleNamespace(c=np.zeros(constants)))
-    return SimpleNamespace(name=name, evidence=SimpleNamespace(delta_bic=delta_bic), stage=stage, converged=converged)
+    fitted = SimpleNamespace(constants=np.zeros(constants))
+    return SimpleNamespace(name=name, evidence=SimpleNamespace(delta_bic=delta_bic), fitted=fitted, converged=converged)
 
 
 def test_of_fits_that_are_not_told_apart_the_simplest_is_the_verdict() -> None:

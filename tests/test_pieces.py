@@ -14,11 +14,9 @@ from models.model_file import full_model
 from models.shot import Ball, Shot, Table
 from models.simulate import simulate
 from sysid.clips import ClipSet, read_clip_set
-from sysid.estimation.initial_states import ROBUST
-from sysid.estimation.least_squares import fit_each
-from sysid.estimation.open_cloth import subset
-from sysid.estimation.problem import shot_problem
-from sysid.estimation.split import followed, part_clips, settle
+from sysid.estimation.initial_states import fit_states
+from sysid.estimation.shot_problem import shot_problem
+from sysid.estimation.split import fit_anew, split, subset
 from sysid.noise import position_noise
 from sysid.pieces import cut_up, whole
 from sysid.selection.discover import discover
@@ -36,7 +34,7 @@ def made(folder: Path, *words: str) -> tuple[ClipSet, dict[str, float]]:
 
 
 def misses(part: ClipSet, truth: dict[str, float]) -> np.ndarray:
-    """Rms residual over noise of every clip, at the true constants, own unknowns fitted."""
+    """Rms residual over noise of every clip, at the true constants, initial states fitted."""
     model = full_model(part.table, part.ball).with_values({
         "ball_impact.restitution": truth["ebb"], "ball_impact.friction": truth["mubb"],
         "cushion_impact.restitution": truth["ec"], "cushion_impact.friction": truth["muc"],
@@ -44,7 +42,7 @@ def misses(part: ClipSet, truth: dict[str, float]) -> np.ndarray:
         "decoupled_cloth.spin": truth["spin"],
     })  # fmt: skip
     problem = shot_problem(model, (), part, position_noise(part))
-    x, _ = fit_each(problem.evaluate, problem.start, np.zeros(0), problem.steps, problem.prior, ROBUST, 30)
+    x = fit_states(problem, problem.start, np.zeros(0), 30)
     r = problem.evaluate(x, np.zeros((len(x), 0)), np.arange(len(x)))
     return np.asarray(np.sqrt(np.nanmean(r**2, axis=1)))
 
@@ -122,33 +120,33 @@ def test_a_strong_effect_on_the_cloth_is_found_where_whole_shots_are_not_followe
     assert found.verdict == ("speed_drag",)
     assert found.last.value("speed_drag.rate")[0] == pytest.approx(truth["drag1"], rel=0.02)
     assert found.last.rms < 1.05 * 0.0005
-    assert found.stages[0].rms > 10 * found.last.rms
+    assert found.ladder[0].rms > 10 * found.last.rms
 
 
 @pytest.mark.slow
 def test_long_shots_that_are_not_followed_are_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ("--seed", "6", "--clips", "6", "--seconds", "5", "--kind", "long", "--kind", "cushion")
     clip_set, truth = made(tmp_path / "set", *words, "--effect", "speed_drag=0.06")
-    monkeypatch.setattr("sysid.stages.EARLY", 0)  # events beyond which a shot is long
-    clips, model = part_clips(clip_set, full_model(clip_set.table, clip_set.ball), lambda line: None)
-    assert clips.cut == 6
-    assert all(len(e) <= 1 for e in clips.growth.events)
-    base = settle(clips, model, lambda line: None, "base")
-    assert not followed(clips, base)
-    seen = look_at_runs(clips, base, lambda line: None)
+    monkeypatch.setattr("sysid.estimation.split.UNFOLLOWED_EVENTS", 0)  # events beyond which a shot is long
+    parts, _, model = split(clip_set, full_model(clip_set.table, clip_set.ball))
+    assert parts.cut == 6
+    assert all(len(e) <= 1 for e in parts.training.events)
+    base = fit_anew(parts, model, "base")
+    assert not parts.follows(base)
+    seen = look_at_runs(parts, base)
     assert seen is not None and seen.best is not None
     assert seen.best.name == "speed_drag"
-    assert seen.best.stage.value("speed_drag.rate")[0] == pytest.approx(truth["drag1"], rel=0.05)
-    assert seen.best.stage.model.table == clip_set.table
+    assert seen.best.fitted.value("speed_drag.rate")[0] == pytest.approx(truth["drag1"], rel=0.05)
+    assert seen.best.fitted.model.table == clip_set.table
 
 
 def test_a_run_with_an_impact_that_nobody_saw_is_left_out(shots: tuple[ClipSet, dict[str, float]]) -> None:
     clip_set, _ = shots
-    clips, model = part_clips(subset(clip_set, range(6)), full_model(TABLE, BALL), lambda line: None)
-    runs = runs_of(clips, model)
-    one = next(k for k, c in enumerate(clips.training.clips) if c.note == "roll")
-    seen = clips.training.clips[one].balls["cue"]
+    parts, _, model = split(subset(clip_set, range(6)), full_model(TABLE, BALL))
+    runs = runs_of(parts, model)
+    one = next(k for k, c in enumerate(parts.training.clips) if c.note == "roll")
+    seen = parts.training.clips[one].balls["cue"]
     half = len(seen.time) // 2
     seen.xy[half:] += 0.3 * (seen.xy[half:] - seen.xy[half]) @ np.array([[0.0, 1.0], [-1.0, 0.0]])  # it turns by itself
-    fewer = runs_of(clips, model)
+    fewer = runs_of(parts, model)
     assert len(fewer.training.clips) < len(runs.training.clips)

@@ -26,7 +26,8 @@ from planner.scene import POCKETS, Goal, Scene
 from planner.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher, launch, stroke_terms, with_speeds
 from planner.value import Wish, distance, ease, worth
 from sysid.clips import Clip, ClipSet, Cue, Observation
-from sysid.estimation.problem import shot_problem, turn
+from sysid.estimation.problem import turn
+from sysid.estimation.shot_problem import shot_problem
 from tests.clip_samples import refusal
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)

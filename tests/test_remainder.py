@@ -9,26 +9,26 @@ import pytest
 
 from models.errors import BadInput
 from models.model_file import full_model
-from sysid import remainder as room
 from sysid.clips import read_clip_set
-from sysid.estimation.split import Clips, Stage, begin
+from sysid.estimation import FittedModel, begin
 from sysid.findings import unexplained_lines
 from sysid.new_effect import source_of
+from sysid.selection import remainder as room
 from sysid.selection.remainder import remainder
 from tests.truth.__main__ import main as generate
 
 
-def fitted(folder: Path, *words: str) -> tuple[Clips, Stage]:
+def fitted(folder: Path, *words: str) -> FittedModel:
     kinds = ("--kind", "roll,stun,cushion,draw", "--clips", "8", "--seconds", "2.5", "--seed", "41")
     assert generate([str(folder), *kinds, *words]) == 0
     clip_set = read_clip_set(folder)
-    return begin(clip_set, full_model(clip_set.table, clip_set.ball), lambda line: None)
+    return begin(clip_set, full_model(clip_set.table, clip_set.ball))[1]
 
 
 @pytest.mark.slow
 def test_a_camera_that_swings_is_told_with_its_frequency(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    clips, base = fitted(tmp_path / "set", "--hidden", "camera_shake=0.001,3.1")
-    told = remainder(clips, base)
+    base = fitted(tmp_path / "set", "--hidden", "camera_shake=0.001,3.1")
+    told = remainder(base)
     assert told is not None
     assert told["where"].startswith("the image: it swings along x")
     assert told["frequency_hz"] == pytest.approx(3.1, rel=0.02)
@@ -39,8 +39,8 @@ def test_a_camera_that_swings_is_told_with_its_frequency(tmp_path: Path, monkeyp
     result.write_text(json.dumps({"unexplained": told}))
     with pytest.raises(BadInput, match="without a formula"):
         source_of(result, "swing")
-    monkeypatch.setattr(room, "swing", lambda point, sigma: None)
-    told = remainder(clips, base)
+    monkeypatch.setattr(room, "swing", lambda point: None)
+    told = remainder(base)
     assert told is not None
     assert told["where"] == "not located"
     assert 0.0003 < told["size"] < 0.0009
@@ -49,5 +49,5 @@ def test_a_camera_that_swings_is_told_with_its_frequency(tmp_path: Path, monkeyp
 
 @pytest.mark.slow
 def test_noise_leaves_nothing(tmp_path: Path) -> None:
-    clips, base = fitted(tmp_path / "set", "--outliers", "0.01")
-    assert remainder(clips, base) is None
+    base = fitted(tmp_path / "set", "--outliers", "0.01")
+    assert remainder(base) is None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 
 from sysid.estimation.least_squares import (
     Evaluate,
-    Joint,
     Prior,
+    Solution,
     covariance,
     differences,
     fit_each,
@@ -33,7 +32,9 @@ def free(p: int) -> Prior:
     return Prior(np.zeros(p), np.full(p, np.inf))
 
 
-def joint(evaluate: Evaluate, x: Array, c: Array, robust: float = np.inf, iterations: int = 30, **more: Array) -> Joint:
+def joint(
+    evaluate: Evaluate, x: Array, c: Array, robust: float = np.inf, iterations: int = 30, **more: Array
+) -> Solution:
     """`fit_joint` with small steps, and no prior and no bounds unless given."""
     p, q = x.shape[1], c.size
     bounds = more.get("bounds", np.tile(WIDE, (q, 1)))
@@ -42,7 +43,7 @@ def joint(evaluate: Evaluate, x: Array, c: Array, robust: float = np.inf, iterat
 
 
 def linear(rng: np.random.Generator, noise: float = 1.0) -> tuple[Evaluate, Array, Array, Array]:
-    """Residuals A x + B c - y with unit noise; the design (A, B) and the own unknowns that y was made with."""
+    """Residuals A x + B c - y with unit noise; the design (A, B) and the initial states that y was made with."""
     a, b = rng.normal(size=(PROBLEMS, SAMPLES, 2)), rng.normal(size=(PROBLEMS, SAMPLES, 2))
     own = rng.normal(size=(PROBLEMS, 2))
     y = np.einsum("nmp,np->nm", a, own) + b @ TRUE + noise * rng.normal(size=(PROBLEMS, SAMPLES))
@@ -54,7 +55,7 @@ def linear(rng: np.random.Generator, noise: float = 1.0) -> tuple[Evaluate, Arra
 
 
 def schur(a: Array, b: Array) -> Array:
-    """Covariance of the constants of a linear model with unit noise, own unknowns eliminated."""
+    """Covariance of the constants of a linear model with unit noise, initial states eliminated."""
     information = np.zeros((b.shape[2], b.shape[2]))
     for one, other in zip(a, b, strict=True):
         beside = np.eye(len(one)) - one @ np.linalg.pinv(one)
@@ -82,7 +83,7 @@ def test_linear_problems_are_solved_exactly() -> None:
     found = joint(evaluate, np.zeros((PROBLEMS, 2)), np.zeros(2))
     assert found.converged
     np.testing.assert_allclose(found.constants, TRUE, atol=1e-6)
-    np.testing.assert_allclose(found.own, own, atol=1e-5)
+    np.testing.assert_allclose(found.initial_states, own, atol=1e-5)
     # Without noise no problem pulls, so that the sandwich is nothing and the inverse information is left.
     np.testing.assert_allclose(found.covariance, schur(a, b), rtol=1e-3)
 
@@ -119,7 +120,7 @@ def test_a_nonlinear_problem_finds_the_truth_and_its_covariance() -> None:
     found = joint(evaluate, np.ones((4, 1)), np.array([0.3, 0.0]))
     assert found.converged
     np.testing.assert_allclose(found.constants, rates, atol=1e-5)
-    np.testing.assert_allclose(found.own, own, atol=1e-4)
+    np.testing.assert_allclose(found.initial_states, own, atol=1e-4)
     fall = np.exp(-rates[0] * t)
     a = np.tile((fall / 0.01)[None, :, None], (4, 1, 1))
     b = np.stack([-own * t * fall, np.ones((4, len(t)))], axis=-1) / 0.01
@@ -270,17 +271,13 @@ def test_a_short_step_in_a_bent_valley_is_not_convergence(start: tuple[float, fl
     assert not found.converged or abs(found.constants[0] - 1) < 0.2
 
 
-def test_steps_are_reported() -> None:
+def test_steps_are_logged(caplog: pytest.LogCaptureFixture) -> None:
     evaluate, *_ = linear(np.random.default_rng(9))
-    seen: list[tuple[int, float]] = []
-
-    def note(k: int, cost: float, c: Array) -> None:
-        seen.append((k, cost))
-
-    report: Callable[[int, float, Array], None] = note
-    fit_joint(
-        evaluate, np.zeros((PROBLEMS, 2)), np.zeros(2), np.full(2, 1e-5), np.full(2, 1e-5), free(2),
-        np.tile(WIDE, (2, 1)), np.inf, report=report,
-    )  # fmt: skip
-    assert [k for k, _ in seen] == list(range(len(seen))) and len(seen) >= 1
-    assert all(later <= earlier for (_, earlier), (_, later) in itertools.pairwise(seen))
+    with caplog.at_level("INFO", logger="sysid"):
+        fit_joint(
+            evaluate, np.zeros((PROBLEMS, 2)), np.zeros(2), np.full(2, 1e-5), np.full(2, 1e-5), free(2),
+            np.tile(WIDE, (2, 1)), np.inf, what="lines",
+        )  # fmt: skip
+    steps = [record.args for record in caplog.records]
+    assert [k for _, k, _ in steps] == list(range(len(steps))) and len(steps) >= 1  # type: ignore[misc]
+    assert all(later <= earlier for (*_, earlier), (*_, later) in itertools.pairwise(steps))  # type: ignore[misc]

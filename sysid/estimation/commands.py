@@ -23,7 +23,7 @@ REPEATS = {"speed": 0.003, "azimuth": 0.001}  # fraction, [rad]: no launcher doe
 
 
 def with_scatter(problem: ShotProblem, x: Array) -> ShotProblem:
-    """The problem, its commands known as well as own unknowns x (n, p) show."""
+    """The problem, its commands known as well as initial states x (n, p) show."""
     rows = np.array([k for k, clip in enumerate(problem.clips) if clip.cue is not None], int)
     if rows.size < LEAST:
         return problem

@@ -94,7 +94,7 @@ def fit_each(
     which: NDArray[np.int64] | None = None,
     tolerance: float = 1e-4,
 ) -> tuple[Array, Array]:
-    """Own unknowns of every problem at given constants; returns them and the cost: (n, p), (n,)."""
+    """Initial states of every problem at given constants; returns them and the cost: (n, p), (n,)."""
     n, p = x.shape
     which = np.arange(n) if which is None else which
     x, damping, cost = x.copy(), np.full(n, STATE_DAMPING), np.full(n, np.inf)

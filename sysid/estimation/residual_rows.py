@@ -1,6 +1,6 @@
 """Residuals of many shots, compiled: each is played by the event engine, seen by the camera and held against its clip.
 
-One call plays a row of own unknowns and constants for each residual vector that a fit asks for; nothing is kept of a
+One call plays a row of initial states and constants for each residual vector that a fit asks for; nothing is kept of a
 play but its residuals, so that memory does not grow with the length of the clips.
 """
 
@@ -25,7 +25,7 @@ from models.spring import damping_table
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-OWN = 7  # own unknowns of the moving ball
+OWN = 7  # entries of a moving ball's initial state
 PLACE, ANGLE = 2, 1  # residuals of a sample: of its place, and of its mark's angle
 
 
@@ -38,7 +38,7 @@ class ShotData:
 
     stamps: Array  # (n, m) [s], every time at which any ball was seen, inf beyond
     begun: Array  # (n,) [s], the stamp at which each shot begins
-    azimuth: Array  # (n,) [rad], into which the own unknowns are turned
+    azimuth: Array  # (n,) [rad], into which initial states are turned
     order: Array  # (n,) place of the shot in its session
     struck: NDArray[np.bool_]  # (n,)
     balls: Index  # (n,) how many there are
@@ -100,7 +100,7 @@ def residuals(
         sd: (n, b, s) of each sample's place [m].
         sd_theta: (n,) of a mark's angle [rad].
         horizon: (n,) until when a shot is looked at [s].
-        x: (k, p) own unknowns: place, velocity and surface speed of the first ball, displacement of each other one.
+        x: (k, p) initial states: place, velocity and surface speed of the first ball, displacement of each other one.
         c: (k, q) constants.
         which: (k,) numbers of the shots.
         size: of a row of residuals.

@@ -1,8 +1,8 @@
 """What is left where neither an effect nor a formula explains it: a camera that swings, or that something is there.
 
 The balls of a clip swing together in the picture, with a phase that no clip knows of another. So each clip has an
-amplitude and a phase of its own, and the frequency is the one at which they explain most together. What own unknowns
-can imitate, less than a swing a clip, shows too weak.
+amplitude and a phase of its own, and the frequency is the one at which they explain most together. What initial
+states can imitate, less than a swing a clip, shows too weak.
 """
 
 from __future__ import annotations

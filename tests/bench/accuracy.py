@@ -13,7 +13,7 @@ from models.model_file import Model, full_model
 from models.shot import GRAVITY, Array, Ball, Shot, Table
 from models.simulate import simulate
 from sysid.clips import read_clip_set
-from sysid.estimation.open_cloth import fit
+from sysid.estimation import fit_clips
 
 BALL = Ball(0.0525, 0.1406)
 OPEN = Table(40.0, 40.0, pockets=False)  # no cushion within reach
@@ -72,10 +72,10 @@ def hidden_rows(folder: Path) -> list[tuple[str, ...]]:
     clip_set = read_clip_set(folder)
     truth = json.loads(folder.with_name(f"{folder.name}.truth.json").read_text(encoding="utf-8"))["parameters"]
     began = time.perf_counter()
-    found = fit(clip_set, full_model(clip_set.table, clip_set.ball))
+    found = fit_clips(clip_set, full_model(clip_set.table, clip_set.ball))
     took = time.perf_counter() - began
     rows = [(f"{folder.name}, {len(clip_set.clips)} clips, {took:.0f} s", "fitted", "true", "off by sd")]
-    if not found.converged:
+    if not found.fitted.converged:
         return [*rows, ("  did not converge", "-", "-", "-")]
     values = found.model.parameters()
     for name, short in CONSTANTS.items():

@@ -18,7 +18,8 @@ from models.simulate import simulate
 from sysid.clips import read_clip_set
 from sysid.estimation.least_squares import differences
 from sysid.estimation.open_cloth import values_of
-from sysid.estimation.problem import constant_steps, shot_problem
+from sysid.estimation.problem import constant_steps
+from sysid.estimation.shot_problem import shot_problem
 from sysid.noise import position_noise
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -65,7 +66,7 @@ def shot_rows() -> list[tuple[str, ...]]:
 
 
 def jacobian_rows() -> list[tuple[str, ...]]:
-    """All residuals of the example with their derivatives by own unknowns and constants, in one batch."""
+    """All residuals of the example with their derivatives by initial states and constants, in one batch."""
     clip_set = read_clip_set(EXAMPLE)
     model = full_model(clip_set.table, clip_set.ball)
     names = tuple(model.parameters())

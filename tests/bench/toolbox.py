@@ -32,7 +32,7 @@ from models.native import Native, solref
 from models.shot import GRAVITY, Array
 from sysid.cli import main as run_cli
 from sysid.clips import Clip, ClipSet, read_clip_set
-from sysid.estimation.open_cloth import subset, training_clips
+from sysid.estimation.split import subset, training_clips
 from sysid.noise import position_noise
 from sysid.output import table
 
