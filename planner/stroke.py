@@ -2,8 +2,8 @@
 
 A stroke is q = (speed, azimuth, side, height): horizontal ball speed [m/s], aim [rad], contact point [m]; several are
 (n, 4). The ball starts with velocity v along the aim and spin omega = 5 v / (2 R^2) (side sin(el) along the aim, height
-to the left of it, side upwards), as the clips' cue commands are read (sysid/estimation/start_values.py); what a fitted squirt makes of
-it is the model's affair.
+to the left of it, side upwards), as the clips' cue commands are read (sysid/estimation/start_values.py); what a
+fitted squirt makes of it is the model's affair.
 
 In launcher terms: the axis of the cue lies (R + r_t) / R farther out than the contact; its speed is
 V_C = v (1 + M / M_C + 5/2 rho^2) / ((1 + e) cos(el)); the string NNN asks for V_C = 2.75 - 0.012312 (NNN - 1) m/s, the

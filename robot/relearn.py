@@ -2,9 +2,9 @@
 
 The launcher: what every film begins with, up to its first impact, beside the string, the stage and the yaw that were
 told, makes a campaign of its own, to which the cueing map is fitted; what so few strokes do not tell stays with the
-start map. The table: sysid/selection/discover.py on the films, each up to where a pocket's jaws enter, with the commands that
-this map makes of what was told: a launcher that is not yet known must not look like an effect of the table. A squirt
-that is found all the same is the launcher's, and left to its map, which is fitted again in the end.
+start map. The table: sysid/selection/discover.py on the films, each up to where a pocket's jaws enter, with the
+commands that this map makes of what was told: a launcher that is not yet known must not look like an effect of the
+table. A squirt that is found all the same is the launcher's, and left to its map, which is fitted again in the end.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Structure that no effect of the catalogue explains: where it is, on what it depends, how large, and a sparse formula.
 
-Every term of the library (sysid/selection/terms.py) is scored like a candidate, beside all that is active. Terms are taken one
-after another, each for what it explains beside those taken, while the evidence pays for it; the formula is then fitted.
+Every term of the library (sysid/selection/terms.py) is scored like a candidate, beside all that is active. Terms are
+taken one after another, each for what it explains beside those taken, while the evidence pays for it; the formula is
+then fitted.
 """
 
 from __future__ import annotations
