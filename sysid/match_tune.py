@@ -1,8 +1,8 @@
 """The native MJCF, tuned as well as its terms allow: least squares against the analytic models, term by term.
 
-The fit of the workbench (sysid/estimation/least_squares.py) with the terms as unknowns. Cloth: positions and sidespin over 3 s; impacts:
-velocity and R omega after them, over the speed before. `sysid match --tune M.toml` runs it; models/native.py holds what
-it found.
+The fit of the workbench (sysid/estimation/least_squares.py) with the terms as unknowns. Cloth: positions and sidespin
+over 3 s; impacts: velocity and R omega after them, over the speed before. `sysid match --tune M.toml` runs it;
+models/native.py holds what it found.
 """
 
 from __future__ import annotations
