@@ -20,8 +20,8 @@ from models.errors import BadInput
 from models.shot import Array, Ball, Table
 from planner.scene import FORMAT, Scene, overlap, pocket_name, pocket_of, scene_from, settled
 from sysid.clips import Clip, read_clip_set
-from sysid.clips_check import OVERLAP, POCKET_REACH, START_FRAMES
-from sysid.clips_faults import closest, listed, one_line
+from sysid.clips.faults import closest, listed, one_line
+from sysid.clips.plausibility import OVERLAP, POCKET_REACH, START_FRAMES
 
 if TYPE_CHECKING:
     from sysid.vision.camera import Camera

@@ -21,9 +21,9 @@ import tomli_w
 from models.errors import BadInput
 from models.files import read_toml, write_whole
 from models.shot import MIDDLE_ACCEPTANCE, Array, Ball, Table
-from sysid.clips_faults import SETTINGS, Faults, closest, listed, name_fault, one_line, shown
-from sysid.clips_header import BALLS_ACROSS, HEAVIEST, LIGHTEST
-from sysid.clips_toml import NUMBERS, Place, read_numbers
+from sysid.clips.faults import SETTINGS, Faults, closest, listed, name_fault, one_line, shown
+from sysid.clips.header import BALLS_ACROSS, HEAVIEST, LIGHTEST
+from sysid.clips.keys import NUMBERS, Place, read_numbers
 
 FORMAT = "billiard-scene/1"
 SECTIONS = ("table", "ball", "balls", "goal")

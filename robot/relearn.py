@@ -26,14 +26,14 @@ from robot.campaign import CueShot
 from robot.map_fit import fit_map
 from robot.protocol import string_number
 from sysid.clips import ClipSet, Cue
+from sysid.clips.jaws import before_jaws
+from sysid.clips.noise import position_noise
+from sysid.clips.outliers import set_aside
 from sysid.estimation.initial_states import fit_states, grown_by_stage
 from sysid.estimation.problem import turn
 from sysid.estimation.shot_problem import shot_problem
 from sysid.findings import model_of, result_of
-from sysid.jaws import before_jaws
-from sysid.noise import position_noise
 from sysid.selection.discover import discover
-from sysid.spikes import set_aside
 
 FEWEST = 8  # strokes from which the map is fitted anew; the start map holds what they do not tell
 LONGEST = 0.4  # of a film's beginning [s]

@@ -17,7 +17,7 @@ import numpy as np
 from models.shot import Table
 from models.view import CLOTH
 from robot.story import Shot, Story
-from sysid.clips_faults import one_line
+from sysid.clips.faults import one_line
 from sysid.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH
 from sysid.plots import draw_table, number
 

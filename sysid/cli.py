@@ -47,7 +47,7 @@ def load(args: argparse.Namespace) -> tuple[ClipSet, Model]:
 
     clip_set = read_clip_set(args.clips)
     if getattr(args, "jaws", False):
-        from sysid.jaws import before_jaws
+        from sysid.clips.jaws import before_jaws
 
         clip_set = before_jaws(clip_set)
     prepare()
@@ -233,7 +233,7 @@ def match(args: argparse.Namespace, progress: Progress) -> int:
     check_outputs(args.json, args.tune)
     if args.tune is not None:
         from models.model_file import write_model
-        from sysid.match_tune import tuned
+        from sysid.validation.native_fit import tuned
 
         model = tuned(progress)
         progress.close()
@@ -242,12 +242,12 @@ def match(args: argparse.Namespace, progress: Progress) -> int:
         print(f"\nmodel: {args.tune}")
         return DONE
     if args.clips is not None:
-        from sysid.match_clips import write_clips
+        from sysid.validation.clips import write_clips
 
         write_clips(args.clips)
         print(f"{args.clips}: clips of the analytic models, and native.toml to start a fit of MuJoCo's contacts from")
         return DONE
-    from sysid import match as room
+    from sysid.validation import match as room
 
     found = []
     for row in room.rows():

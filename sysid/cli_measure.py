@@ -20,7 +20,7 @@ from sysid.output import Progress, table, write_json
 if TYPE_CHECKING:
     from models.model_file import Model
     from sysid.clips import ClipSet
-    from sysid.measured import Measured, Measurements
+    from sysid.direct.measured import Measured, Measurements
 
 DONE, FOUND = 0, 1
 APART = 3.0  # standard deviations between measurement and fit from which that is said
@@ -52,8 +52,8 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     from models.files import write_whole
     from models.model_file import write_model
     from sysid.cli import check_outputs, load
-    from sysid.clock import stamp_scale
-    from sysid.measure import measure
+    from sysid.clips.clock import stamp_scale
+    from sysid.direct.measure import measure
 
     check_outputs(args.json, args.report, args.out)
     clip_set, model = load(args)

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from models.model_file import Model
 from models.shot import Track
 from sysid.clips import ClipSet
+from sysid.clips.noise import position_noise
+from sysid.clips.outliers import set_aside
+from sysid.clips.segments import split_all
 from sysid.collect import joined, of_shots, of_stretches
 from sysid.comparison import ClipRow, Comparison, SegmentRow
 from sysid.estimation.discrepancy import events_and_paths
@@ -24,9 +27,6 @@ from sysid.estimation.shot_problem import ShotProblem, residual, shot_problem
 from sysid.estimation.start_values import theta_noise
 from sysid.groups import groups
 from sysid.impacts import impacts, no_impacts
-from sysid.noise import position_noise
-from sysid.segments import split_all
-from sysid.spikes import set_aside
 from sysid.tell import sentences
 from sysid.where import find
 from sysid.whiteness import whiteness

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from models.model_file import Model
+from sysid.clips.pieces import whole
 from sysid.compare import in_words
 from sysid.comparison import Comparison
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.split import Split
 from sysid.output import table
-from sysid.pieces import whole
 from sysid.plots_where import missing_map_svg
 from sysid.selection.discover import Discovery
 from sysid.selection.judge import Judgement

@@ -26,6 +26,7 @@ CHECKPOINT = "unfinished.pickle"
 
 def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress: Progress) -> int:
     """Which effect is missing."""
+    from sysid.clips.pieces import whole
     from sysid.estimation.split import begin
     from sysid.findings import (
         cut_line,
@@ -35,7 +36,6 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
         shot_lines,
         verdict_lines,
     )
-    from sysid.pieces import whole
     from sysid.selection.discover import best_next
     from sysid.selection.formula import describe
     from sysid.selection.judge import judge

@@ -11,7 +11,7 @@ from typing import Any
 from models.errors import BadInput
 from models.files import write_whole
 from models.model_file import catalogue
-from sysid.clips_faults import one_line
+from sysid.clips.faults import one_line
 from sysid.selection.formula import source_from
 
 TEMPLATE = '''"""{title}: say in one line what it is.

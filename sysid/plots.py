@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from models.shot import POCKET_MOUTH, Table
 from models.view import CLOTH, CUSHION, POCKET, RAIL, ball_colour
-from sysid.clips_faults import one_line
+from sysid.clips.faults import one_line
 from sysid.comparison import Comparison
 from sysid.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH, svg
 from sysid.samples import Samples

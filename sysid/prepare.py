@@ -17,10 +17,10 @@ from models.model_file import catalogue, effect_class, full_model
 from models.observe import observed
 from models.shot import Ball, Shot, Table
 from sysid.clips import Clip, ClipSet, Observation
+from sysid.clips.segments import Segment
 from sysid.estimation.least_squares import fit_each
 from sysid.estimation.segment_problem import segment_problem
 from sysid.estimation.shot_problem import shot_problem
-from sysid.segments import Segment
 
 COMPILING = "compiling the engine, once on this machine: about a minute"
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)

@@ -16,13 +16,13 @@ from models.observe import camera, observed, undone
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulate import simulate
 from sysid.clips import ClipSet, Observation
+from sysid.clips.segments import split_all
 from sysid.estimation.initial_states import grown_states
 from sysid.estimation.least_squares import fit_each, fit_joint
 from sysid.estimation.open_cloth import cloth_constants
 from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, constant_bounds, constant_steps, values_of
 from sysid.estimation.segment_problem import segment_problem
 from sysid.estimation.shot_problem import shot_problem
-from sysid.segments import split_all
 from tests.test_fit import changed, make, truth_of
 from tests.truth.camera import image
 from tests.truth.cloth import Constants

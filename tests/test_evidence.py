@@ -11,7 +11,7 @@ import pytest
 from models.model_file import effect_class, full_model
 from models.shot import Ball, Table
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
-from sysid.clock import stamp_scale
+from sysid.clips.clock import stamp_scale
 from sysid.estimation.commands import with_scatter
 from sysid.estimation.fitted import Point
 from sysid.estimation.least_squares import fit_each

@@ -37,7 +37,7 @@ from robot.story import Refit, Story, fit_folder, read_story
 from robot.story import Shot as Played
 from sysid.cli import load
 from sysid.clips import Clip, ClipSet, Cue, Observation, write_clip_set
-from sysid.jaws import LEAST, WIDER, before_jaws
+from sysid.clips.jaws import LEAST, WIDER, before_jaws
 from tests.test_jaws import into_pockets
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)

@@ -12,10 +12,11 @@ import pytest
 from models import model_file
 from models.model_file import catalogue, read_model
 from models.native import Native
-from sysid import cli, match
+from sysid import cli
 from sysid.clips import read_clip_set
-from sysid.match import Row
-from sysid.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
+from sysid.validation import match
+from sysid.validation.match import Row
+from sysid.validation.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
 
 HEADWIND = """
 from dataclasses import dataclass

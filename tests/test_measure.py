@@ -15,8 +15,8 @@ from models.model_file import Estimate, full_model, read_model, write_model
 from models.shot import GRAVITY, Ball, Table
 from sysid import cli_measure
 from sysid.clips import read_clip_set
-from sysid.measure import RATIO, ROLL, SLIDE, measure
-from sysid.measured import Measured, Measurements, Single, combine, fit_run, path, regress, slowing
+from sysid.direct.measure import RATIO, ROLL, SLIDE, measure
+from sysid.direct.measured import Measured, Measurements, Single, combine, fit_run, path, regress, slowing
 from sysid.output import Progress
 from tests.clip_samples import make, refusal
 from tests.truth import physics

@@ -14,11 +14,11 @@ from models.model_file import full_model
 from models.shot import Ball, Shot, Table
 from models.simulate import simulate
 from sysid.clips import ClipSet, read_clip_set
+from sysid.clips.noise import position_noise
+from sysid.clips.pieces import cut_up, whole
 from sysid.estimation.initial_states import fit_states
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.split import fit_anew, split, subset
-from sysid.noise import position_noise
-from sysid.pieces import cut_up, whole
 from sysid.selection.discover import discover
 from sysid.selection.runs import look_at_runs, runs_of
 from tests.truth.__main__ import main as generate

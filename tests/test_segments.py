@@ -10,7 +10,7 @@ import pytest
 
 from models.shot import Ball, Table
 from sysid.clips import Clip, Observation, read_clip_set
-from sysid.segments import CLAMPED, Segment, cuts_of, event_times, onset, split, split_all
+from sysid.clips.segments import CLAMPED, Segment, cuts_of, event_times, onset, split, split_all
 from tests.truth.__main__ import jittered
 from tests.truth.cloth import Constants
 from tests.truth.physics import Motion, Start, simulate

@@ -6,7 +6,7 @@ import numpy as np
 
 from models.shot import Ball, Table
 from sysid.clips import Clip, ClipSet, Observation
-from sysid.spikes import set_aside, spikes
+from sysid.clips.outliers import set_aside, spikes
 
 SIGMA = 0.0005
 

@@ -10,7 +10,7 @@ import pytest
 from models.shot import Table
 from sysid import cli
 from sysid.clips import read_clip_set
-from sysid.measure import measure
+from sysid.direct.measure import measure
 from sysid.vision.follow import Path
 from sysid.vision.moves import Scene
 from sysid.vision.spins import change, spins

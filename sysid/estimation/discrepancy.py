@@ -10,8 +10,8 @@ import numpy as np
 from scipy.stats import norm
 
 from sysid.clips import Clip, ClipSet
+from sysid.clips.segments import event_times
 from sysid.estimation.problem import Array
-from sysid.segments import event_times
 
 BEFORE_FIRST_EVENT = 0.1  # of a path that counts there
 MOVED_M = 0.02  # a ball that went no further was not set moving

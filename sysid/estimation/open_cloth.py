@@ -11,11 +11,11 @@ import numpy as np
 from models.errors import BadInput
 from models.model_file import Model
 from sysid.clips import ClipSet
+from sysid.clips.segments import split_all
 from sysid.estimation.least_squares import Solution, fit_each, fit_joint
 from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, Array, constant_bounds, constant_steps, values_of
 from sysid.estimation.segment_problem import SegmentProblem, segment_problem
 from sysid.estimation.shot_problem import ShotProblem
-from sysid.segments import split_all
 
 UNSEEN_EVENT_RATIO = 25.0  # a segment that misses by so many times the noise holds an event that was not seen
 FOLLOWED_RATIO = 1.5  # median rms over noise up to which the cloth is taken to follow the data

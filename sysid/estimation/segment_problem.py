@@ -12,11 +12,11 @@ import numpy as np
 from models.engine.play import Layout
 from models.model_file import Model
 from models.observe import observed
+from sysid.clips.segments import Segment
 from sysid.estimation.least_squares import Prior
 from sysid.estimation.problem import Array, Index, by_events, open_table, shot_of
 from sysid.estimation.residual_rows import ShotData, packed, residuals
 from sysid.estimation.start_values import running_sd, straight
-from sysid.segments import Segment
 
 START_SAMPLES = 6  # a straight line through so many is where a segment begins
 

@@ -25,13 +25,13 @@ from models.model_file import Model
 from models.observe import observed, undone
 from models.shot import Shot, Track
 from sysid.clips import Clip, ClipSet, Observation
-from sysid.clips_check import POCKET_REACH
+from sysid.clips.plausibility import POCKET_REACH
+from sysid.clips.segments import CLAMPED, free_from, moving_from
 from sysid.estimation.discrepancy import discrepancy_rate, events_and_paths
 from sysid.estimation.least_squares import Prior
 from sysid.estimation.problem import STATE_STEPS, Array, Index, by_events, shot_of, turn
 from sysid.estimation.residual_rows import ShotData, packed, residuals
 from sysid.estimation.start_values import shot_start, theta_noise
-from sysid.segments import CLAMPED, free_from, moving_from
 
 REST_STEP = 1e-6  # finite difference of a resting ball's place [m]
 REST_SD = 2.0  # of the noise: how far it may lie from where it was seen, beside what its samples say

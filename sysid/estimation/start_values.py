@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.clips import Clip, ClipSet
+from sysid.clips.segments import free_from
 from sysid.estimation.problem import Array, turn
-from sysid.segments import free_from
 
 LINE_SAMPLES = 6  # a straight line through so many gives position and velocity
 COMMAND_SD = {"speed": 0.05, "azimuth": 0.02, "offset": 0.002}  # how far a shot may be from its command

@@ -17,13 +17,13 @@ import numpy as np
 from models.effect import Effect
 from models.model_file import Model
 from models.shot import Table
+from sysid.clips.pieces import cut_up
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.least_squares import fit_each
 from sysid.estimation.open_cloth import MIN_SEGMENTS, START_CAUCHY_SD, UNSEEN_EVENT_RATIO, ratios
 from sysid.estimation.problem import open_table
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.split import Split, fit_anew
-from sysid.pieces import cut_up
 from sysid.selection.evidence import compare_fits
 from sysid.selection.score import score_all
 from sysid.selection.screening import NAMED, Begun, Round, Trial, candidates_for, look, try_one

@@ -20,7 +20,7 @@ from models.effect import Effect
 from models.errors import BadInput
 from models.formula import Part, formula
 from models.shot import Table
-from sysid.clips_faults import shown
+from sysid.clips.faults import shown
 
 NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")  # of an effect
 CELLS = (6, 3)  # places on the table that are told apart, along and across

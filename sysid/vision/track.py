@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.shot import Table
 from sysid.clips import Clip, ClipSet, Observation
-from sysid.clips_check import OVERLAP, POCKET_REACH
-from sysid.spikes import spikes
+from sysid.clips.outliers import spikes
+from sysid.clips.plausibility import OVERLAP, POCKET_REACH
 from sysid.vision.camera import Array, Camera, ball_of
 from sysid.vision.follow import Follower, Path
 from sysid.vision.moves import Scene

@@ -14,7 +14,7 @@ from models.engine.play import finish
 from models.model_file import Model, full_model
 from models.shot import Shot, Table
 from models.simulate import simulate
-from sysid.match import BALL, in_mujoco
+from sysid.validation.match import BALL, in_mujoco
 from tests.truth import physics
 from tests.truth.cloth import Constants as Truth
 

@@ -32,8 +32,8 @@ from models.native import Native, solref
 from models.shot import GRAVITY, Array
 from sysid.cli import main as run_cli
 from sysid.clips import Clip, ClipSet, read_clip_set
+from sysid.clips.noise import position_noise
 from sysid.estimation.split import subset, training_clips
-from sysid.noise import position_noise
 from sysid.output import table
 
 STEP, FINE = 5e-4, 2e-4  # of MuJoCo's simulation [s]; with cushions twice that of the MJCF, ten in an impact

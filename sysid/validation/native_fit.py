@@ -19,7 +19,7 @@ from models.native import TUNED, Native
 from models.shot import Array, Shot, Track
 from models.simulate import simulate
 from sysid.estimation.least_squares import Prior, fit_each
-from sysid.match import (
+from sysid.validation.match import (
     ANALYTIC,
     BALL,
     CONSTANTS,

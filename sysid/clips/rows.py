@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.clips_faults import Faults, closest, listed, name_fault, shown
+from sysid.clips.faults import Faults, closest, listed, name_fault, shown
 
 Array = NDArray[np.float64]
 

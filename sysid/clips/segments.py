@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from models.shot import Ball as BallSize
 from models.shot import Table
-from sysid.clips import Clip, Observation
+from sysid.clips.clip_set import Clip, Observation
 
 Array = NDArray[np.float64]
 NEAR = 0.03  # a turn this close to a cushion, beyond a frame's travel, is its doing [m]

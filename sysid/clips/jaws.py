@@ -13,8 +13,8 @@ import numpy as np
 from models.analytic.pocket import pockets_of
 from models.errors import BadInput
 from models.shot import Array
-from sysid.clips import Clip, ClipSet, Observation
-from sysid.clips_check import POCKET_REACH
+from sysid.clips.clip_set import Clip, ClipSet, Observation
+from sysid.clips.plausibility import POCKET_REACH
 
 WIDER = 3e-3  # noise, and how well the jaws' place is known [m]
 LEAST = 12  # samples of the struck ball that make a clip

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sysid.clips import ClipSet
+from sysid.clips.clip_set import ClipSet
 
 CRYSTAL = 2e-4  # by which a frame rate may differ from its nominal value [1]
 NEAR = 0.2  # of a frame: an interval farther than this from a whole number of frames says nothing

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 
-from sysid.segments import Segment
+from sysid.clips.segments import Segment
 
 Array = NDArray[np.float64]
 Prior = tuple[Array, Array]  # mean and sd of the parameters of a run: inf where nothing is known, 0 where it is held

@@ -25,7 +25,7 @@ from models.observe import observed
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulate import simulate
 from models.snooker import SNOOKER_TABLE
-from sysid.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
+from sysid.validation.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
 
 BALL = Ball(0.0525, 0.1406)
 OPEN = Table(60.0, 60.0, pockets=False)

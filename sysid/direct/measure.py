@@ -29,7 +29,10 @@ from numpy.typing import NDArray
 from models.analytic.impulse import collide_rows
 from models.shot import GRAVITY, Ball
 from sysid.clips import ClipSet, Observation
-from sysid.measured import (
+from sysid.clips.noise import position_noise
+from sysid.clips.outliers import set_aside
+from sysid.clips.segments import Segment, cuts_of, split_all
+from sysid.direct.measured import (
     SPEEDS,
     UNKNOWN,
     Array,
@@ -47,9 +50,6 @@ from sysid.measured import (
     slowing,
     stretches,
 )
-from sysid.noise import position_noise
-from sysid.segments import Segment, cuts_of, split_all
-from sysid.spikes import set_aside
 
 LEAST = 8  # samples of a segment that tells a friction
 BEFORE, SLIDING, AFTER = 0.5, 0.3, 0.6  # of a segment that tell the velocity at an impact: rolling, else, after [s]

@@ -12,18 +12,26 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import tomli_w
 
 from models.errors import BadInput
-from sysid.clips_faults import SETTINGS, name_fault, one_line, path_fault, shown
-from sysid.clips_header import FORMAT
-from sysid.clips_rows import COLUMNS
+from sysid.clips.clip_set import Clip, ClipSet
+from sysid.clips.faults import SETTINGS, name_fault, one_line, path_fault, shown
+from sysid.clips.header import FORMAT
+from sysid.clips.read import check_clip_set
+from sysid.clips.rows import COLUMNS
 
-if TYPE_CHECKING:
-    from sysid.clips import Clip, ClipSet
+
+def write_clip_set(clip_set: ClipSet, folder: Path | str) -> None:
+    """Write a clip set so that `folder` holds all of it or what it held before.
+
+    Times and positions keep 6 decimals. A clip set that is there is replaced; any other file is BadInput, and so is
+    a clip set that `read_clip_set` would refuse.
+    """
+    replace_folder(Path(folder), texts_of(clip_set), check_clip_set)
 
 
 def texts_of(clip_set: ClipSet) -> dict[str, str]:

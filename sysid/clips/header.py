@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from models.shot import Ball, Table
-from sysid.clips_faults import SETTINGS, Faults, find_file, name_fault, path_fault, read_text, shown
-from sysid.clips_toml import NUMBERS, Place, read_numbers, slips, unknown_keys
+from sysid.clips.faults import SETTINGS, Faults, find_file, name_fault, path_fault, read_text, shown
+from sysid.clips.keys import NUMBERS, Place, read_numbers, slips, unknown_keys
 
 FORMAT = "billiard-clips/1"
 SECTIONS = ("table", "ball", "camera")

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.clips_faults import SETTINGS, Faults, closest, shown
+from sysid.clips.faults import SETTINGS, Faults, closest, shown
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from models.engine.play import play
 from models.model_file import Model, write_model
 from models.shot import Shot
 from sysid.clips import Clip, ClipSet, Observation, write_clip_set
-from sysid.match import ANALYTIC, BALL, TABLE
+from sysid.validation.match import ANALYTIC, BALL, TABLE
 
 SIGMA, SIGMA_THETA = 2e-4, 0.02  # of the camera [m], and of the white's mark [rad]
 FPS = 120.0

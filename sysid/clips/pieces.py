@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sysid.clips import Clip, ClipSet, Observation
-from sysid.segments import Cut, cuts_of, free_from, moving_from, onset
+from sysid.clips.clip_set import Clip, ClipSet, Observation
+from sysid.clips.segments import Cut, cuts_of, free_from, moving_from, onset
 
 FEWEST = 5  # samples of a piece's first run
 AFTER = 3  # and of the run after its impact

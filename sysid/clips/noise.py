@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.errors import BadInput
-from sysid.clips import ClipSet
+from sysid.clips.clip_set import ClipSet
 
 SMOOTH = np.sqrt(20.0)  # of third differences: 1 + 9 + 9 + 1
 

@@ -13,9 +13,9 @@ from itertools import combinations
 import numpy as np
 
 from models.shot import Ball, Table
-from sysid.clips_faults import SETTINGS, Faults, closest, listed, shown
-from sysid.clips_header import Entry
-from sysid.clips_rows import Rows
+from sysid.clips.faults import SETTINGS, Faults, closest, listed, shown
+from sysid.clips.header import Entry
+from sysid.clips.rows import Rows
 
 FEWEST = 3  # samples of the struck ball
 LONGEST = 600.0  # of a clip [s]; no shot lasts so long, but one in milliseconds does

@@ -9,10 +9,12 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sysid.clips import ClipSet, Observation
-from sysid.estimation.problem import Array, Index
+from sysid.clips.clip_set import ClipSet, Observation
 
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 FAR = 8.0  # standard deviations of an extrapolation
 LEAST = 0.004  # [m]
 NOISE = np.sqrt(6.0)  # of a linear extrapolation by one sample: 1 + 4 + 1

@@ -1,0 +1,63 @@
+"""Tracked shots as values: what was seen of each ball, what was commanded, and the set that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.shot import Ball, Table
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cue:
+    """What was commanded; real shots differ from it a little."""
+
+    speed: float  # of the ball [m/s]
+    azimuth: float  # of the aim [rad]
+    side: float = 0.0  # contact point, positive to the right as the player sees it [m]
+    height: float = 0.0  # contact point above the centre [m]
+    elevation: float = 0.0  # of the cue [rad]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """Where one ball was seen."""
+
+    time: Array  # (n,) [s], increasing
+    xy: Array  # (n, 2) [m], table frame
+    theta: Array  # (n,) [rad], turned angle of the mark about the vertical, unwrapped; NaN where unseen
+    extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # n cells of each column that is not known here
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One tracked shot."""
+
+    file: str  # as named in clips.toml, relative to the folder
+    struck: str
+    balls: Mapping[str, Observation]
+    cue: Cue | None = None
+    note: str = ""
+    extra: Mapping[str, Any] = field(default_factory=dict)  # keys of its [[clip]] that are not known here
+    order: float = 0.0  # place in the session, 0 for the first clip of the set, 1 for the last
+    running: bool = False  # a piece of a shot, which begins with a ball on its way
+
+
+@dataclass(frozen=True)
+class ClipSet:
+    """A folder of tracked shots on one table with one camera."""
+
+    table: Table
+    ball: Ball
+    fps: float  # nominal frame rate [1/s]
+    clips: tuple[Clip, ...]
+    sigma: float | None = None  # position noise, one standard deviation per axis [m]; None when unknown
+    folder: Path = field(default=Path("."))
+    extra: Mapping[str, Any] = field(default_factory=dict)  # keys of clips.toml that are not known here

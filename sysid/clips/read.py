@@ -1,0 +1,72 @@
+"""Reading a clip set: the folder of tracked shots that every command reads, in the format `billiard-clips/1`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from models.errors import BadInput
+from sysid.clips.clip_set import Clip, ClipSet, Cue, Observation
+from sysid.clips.faults import Faults, one_line, read_text
+from sysid.clips.header import Entry, read_header
+from sysid.clips.plausibility import check_rows, check_struck
+from sysid.clips.rows import Rows, parse_rows
+
+SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
+
+
+def read_clip_set(folder: Path | str) -> ClipSet:
+    """Read a clip set; BadInput names its first fault and how many more there are."""
+    faults = Faults()
+    clip_set = _read(Path(folder), faults)
+    if faults or clip_set is None:
+        first, others = faults.lines()[0], len(faults) - 1
+        raise BadInput(first + (one_line(f" ({others} more: sysid check {folder})") if others else ""))
+    return clip_set
+
+
+def check_clip_set(folder: Path | str) -> list[str]:
+    """Every fault of a clip set, one line each; of a file with very many the first ones and their number."""
+    faults = Faults()
+    _read(Path(folder), faults)
+    return faults.lines(SHOWN_PER_FILE)
+
+
+def _read(folder: Path, faults: Faults) -> ClipSet | None:
+    """The clip set, None if there are faults that leave none."""
+    try:
+        root = Path(os.path.realpath(folder, strict=True))
+    except (OSError, ValueError):
+        faults.add(str(folder), "no such folder: name the folder that holds clips.toml and its clips")
+        return None
+    if not root.is_dir():
+        faults.add(str(folder), "is not a folder: name the folder that holds clips.toml and its clips")
+        return None
+    header = read_header(root, faults)
+    if header is None:
+        return None
+    clips = []
+    last = max(len(header.entries) - 1, 1)
+    for number, entry in enumerate(header.entries):
+        text = read_text(entry.path, entry.file, faults)
+        rows = None if text is None else parse_rows(text, entry.file, faults)
+        if rows is not None:
+            check_rows(rows, entry.file, header.table, header.ball, header.camera, faults)
+            check_struck(rows, entry, faults)
+            clips.append(_clip(entry, rows, number / last))
+    if faults or header.table is None or header.ball is None:
+        return None
+    camera = header.camera
+    return ClipSet(header.table, header.ball, camera["fps"], tuple(clips), camera.get("sigma"), folder, header.extra)
+
+
+def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
+    balls = {}
+    for k, name in enumerate(rows.names):
+        own = np.flatnonzero(rows.ball == k)
+        extra = {key: tuple(cells[i] for i in own.tolist()) for key, cells in rows.extra.items()}
+        balls[name] = Observation(rows.time[own], rows.xy[own], rows.theta[own], extra)
+    cue = None if entry.cue is None else Cue(**entry.cue)
+    return Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order)
