@@ -116,7 +116,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
     from models.model_file import write_model
     from sysid import compare as room
     from sysid.estimation.clip_fit import fit_clips
-    from sysid.estimation.fit import CHAOS_RATE
+    from sysid.estimation.fitting import CHAOS_RATE
     from sysid.tell import print_comparison
 
     check_outputs(args.out, args.json, args.report, args.rrd)

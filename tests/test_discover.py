@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -222,9 +221,9 @@ def test_diagnose_ranks_and_names_the_margin(tmp_path: Path, capsys: pytest.Capt
 
 def test_the_simulator_is_the_one_that_is_fitted() -> None:
     """Discovery must not carry a simulator of its own."""
-    from sysid.estimation import fit, shot_problem
+    from sysid.estimation import fitting, shot_problem
     from sysid.selection import score
 
     assert simulate.__module__ == "models.simulate"
-    for room in (score, sys.modules[fit.__module__], sys.modules[shot_problem.__module__]):
+    for room in (score, fitting, shot_problem):
         assert "mujoco" not in vars(room)

@@ -9,18 +9,18 @@ rate, whether it converged, and what is left on clips held out. Every fit goes t
     segment_problem   segments between events, on open cloth; open_cloth fits them
     initial_states    the initial state of every shot at given constants
     discrepancy       the model's own error, which grows along a shot
-    fit               `fit(start)` and `fit_from_nothing(problem)`: constants and initial states together
+    fitting           `fit(start)` and `fit_from_nothing(problem)`: constants and initial states together
     split             a clip set's training and held-out shots; fits that are tried on both
     clip_fit          a model fitted to a clip set: `sysid fit`
 """
 
 from sysid.estimation.clip_fit import ClipFit, fit_clips
-from sysid.estimation.fit import fit, fit_from_nothing, fit_held_out
 from sysid.estimation.fitted import FittedModel, HeldOut, Point, as_model
-from sysid.estimation.shot_problem import ShotProblem, shot_problem
+from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out
+from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, begin, fit_anew, fit_on
 
 __all__ = [
     "ClipFit", "FittedModel", "HeldOut", "Point", "ShotProblem", "Split", "as_model", "begin", "fit", "fit_anew",
-    "fit_clips", "fit_from_nothing", "fit_held_out", "fit_on", "shot_problem",
+    "fit_clips", "fit_from_nothing", "fit_held_out", "fit_on",
 ]  # fmt: skip

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.estimation.fit import fit_from_nothing, widened
 from sysid.estimation.fitted import FittedModel, as_model
+from sysid.estimation.fitting import fit_from_nothing, widened
 from sysid.estimation.split import Split, split, tried
 
 BAND_SHARE = 0.95  # of the residuals that the band holds

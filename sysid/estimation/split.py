@@ -15,8 +15,8 @@ from sysid.clips.clock import stamp_scale
 from sysid.clips.noise import position_noise
 from sysid.clips.outliers import set_aside
 from sysid.clips.pieces import cut_up
-from sysid.estimation.fit import CLOSE_RATE, fit, fit_from_nothing, fit_held_out
 from sysid.estimation.fitted import UNFOLLOWED_EVENTS, UNFOLLOWED_RATE, FittedModel, Point
+from sysid.estimation.fitting import CLOSE_RATE, fit, fit_from_nothing, fit_held_out
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem, shot_problem

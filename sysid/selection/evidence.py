@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.estimation.fit import loss_soon
 from sysid.estimation.fitted import FittedModel, Point, weighted
+from sysid.estimation.fitting import loss_soon
 from sysid.estimation.initial_states import fit_states, shot_losses
 
 LACKING_LOSS = 1.5  # times the loss that a few steps without an effect may leave, if it is to be doubted
