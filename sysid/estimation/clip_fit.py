@@ -1,17 +1,23 @@
 """A model fitted to a clip set, whole shots from nothing: `sysid fit`.
 
-Segments between events first: they give what acts on open cloth, where the constants of whole shots begin. Every fifth
-clip is held out. Where whole shots are not followed to the noise, uncertainties are those of their first events.
+Segments between events first: they give what acts on open cloth. Then whole shots, with every fifth clip held out.
+Where the model does not follow the open cloth, its constants stay as the segments gave them (a long shot would bend
+them to make up for what is missing elsewhere), and uncertainties are those of the first events.
 """
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.fitting import fit_from_nothing, widened
+from sysid.estimation.open_cloth import OpenCloth
 from sysid.estimation.split import Split, split, tried
 
 BAND_SHARE = 0.95  # of the residuals that the band holds
@@ -35,9 +41,25 @@ def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> Cl
         BadInput: where there are too few segments between events.
     """
     parts, cloth, model = split(clip_set, model, cut=False)
-    problem = parts.training.with_model(model, tuple(model.parameters()))
-    found = tried(parts, widened(fit_from_nothing(problem, "whole shots")), None)
-    band = problem.discrepancy_rate(found.initial_states, found.constants, BAND_SHARE)
+    held = () if cloth.follows else tuple(cloth.known)
+    names = [n for n in model.parameters() if n not in held]
+    found = widened(fit_from_nothing(parts.training.with_model(model, names), "whole shots"))
+    found = tried(parts, _with_cloth(found, cloth, held), None)
+    band = found.problem.discrepancy_rate(found.initial_states, found.constants, BAND_SHARE)
     files = [c.file for c in parts.training.clips]
     made = as_model(found, command, files, {"segment_ratio": cloth.ratio, "band_rate": band})
     return ClipFit(parts, found, made, cloth.ratio, band)
+
+
+def _with_cloth(found: FittedModel, cloth: OpenCloth, held: Sequence[str]) -> FittedModel:
+    """A fit with the constants that were held as segments gave them, which are taken as independent of the others."""
+    if not held:
+        return found
+    rows, q = [cloth.names.index(n) for n in held], len(found.names)
+    covariance = np.zeros((q + len(rows), q + len(rows)))
+    covariance[:q, :q], covariance[q:, q:] = found.covariance, cloth.solution.covariance[np.ix_(rows, rows)]
+    return dataclasses.replace(
+        found, problem=found.problem.with_model(found.problem.model, (*found.names, *held)),
+        constants=np.concatenate([found.constants, cloth.solution.constants[rows]]), covariance=covariance,
+        converged=found.converged and cloth.solution.converged,
+    )  # fmt: skip
