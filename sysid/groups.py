@@ -35,10 +35,11 @@ def groups(
     found: list[Group] = []
 
     def group(by: str, labels: Sequence[str]) -> None:
-        values = np.asarray(labels, dtype=str)
+        known = {label: k for k, label in enumerate(sorted(set(labels) - {""}))}
+        number = np.array([known.get(label, -1) for label in labels], dtype=np.int64)
         own = []
-        for label in sorted(set(values.tolist()) - {""}):
-            pick = values == label
+        for label, k in known.items():
+            pick = number == k
             if pick.sum() >= LEAST:
                 mean = float(square[pick].mean())
                 own.append(Group(by, label, float(np.sqrt(mean)), float(np.sqrt(mean / 2) / sigma), int(pick.sum())))

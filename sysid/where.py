@@ -62,11 +62,13 @@ def pulls(samples: Samples, table: Table, clips: int, sigma: float) -> Candidate
     if runs is None:
         return None
     cos, sin = runs.mean(np.cos(samples.heading)), runs.mean(np.sin(samples.heading))
-    motion = np.array(samples.motion)
-    columns, heads = [], []
+    motion, what = np.array(samples.motion), variables(samples, table, clips)
+    # All signatures are much: they are written where they stay, in rows of which the last ones may not be needed.
+    most = len(PHASES) * (4 * sum(len(variable.words) for variable in what) + 3)
+    columns, heads = np.empty((most, 2 * len(runs.time))), []
     for phase in PHASES:
         inside = motion == phase
-        for variable in variables(samples, table, clips):
+        for variable in what:
             if ONLY.get(variable.name, phase) != phase:
                 continue
             for k, words in enumerate(variable.words):
@@ -85,7 +87,7 @@ def pulls(samples: Samples, table: Table, clips: int, sigma: float) -> Candidate
                     ("y", none, plain),
                 ):
                     name = (TABLE if quantity in "xy" else "phase") if whole else variable.name
-                    columns.append(np.concatenate([one, other]))
+                    columns[len(heads)] = np.concatenate([one, other])
                     heads.append(Head(name, who, f"acceleration {quantity}", "m/s^2", count, _pulled(who, quantity)))
         for name, per, values, sides in (
             ("speed", "m/s", samples.speed, ("along", "across")), ("sidespin", "rad/s", samples.spin, ("across",)),
@@ -97,13 +99,13 @@ def pulls(samples: Samples, table: Table, clips: int, sigma: float) -> Candidate
             c, s = runs.bent(np.column_stack([ramp * cos, ramp * sin])).T
             for quantity in sides:
                 one, other = (c, s) if quantity == "along" else (-s, c)
-                columns.append(np.concatenate([one, other]))
+                columns[len(heads)] = np.concatenate([one, other])
                 say = _pulled(PHASES[phase], quantity, per)
                 unit = f"m/s^2 per {per}"
                 heads.append(Head(name, PHASES[phase], f"acceleration {quantity} per {name}", unit, count, say))
     free = int(2 * len(runs.time) - 4 * len(runs.first))
     residual = runs.residual.T.ravel()
-    return Candidates("motion", joined(columns, len(residual)), residual, np.tile(runs.clip, 2), free, tuple(heads))
+    return Candidates("motion", columns[: len(heads)].T, residual, np.tile(runs.clip, 2), free, tuple(heads))
 
 
 def turns(samples: Samples, clips: int, sd_theta: float) -> Candidates | None:
