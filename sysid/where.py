@@ -65,7 +65,7 @@ def pulls(samples: Samples, table: Table, clips: int, sigma: float) -> Candidate
     motion, what = np.array(samples.motion), variables(samples, table, clips)
     # All signatures are much: they are written where they stay, in rows of which the last ones may not be needed.
     most = len(PHASES) * (4 * sum(len(variable.words) for variable in what) + 3)
-    columns, heads = np.empty((most, 2 * len(runs.time))), []
+    columns, heads = np.empty((most, 2 * len(runs.time))), list[Head]()
     for phase in PHASES:
         inside = motion == phase
         for variable in what:
