@@ -40,7 +40,7 @@ def find(stretches: Samples, shots: Samples, impacts: Impacts, table: Table, cli
     parts = [p for p in (
         pulls(stretches, table, clips, sigma), turns(shots, clips, sd_theta), jumps(impacts, table, clips)
     ) if p is not None]  # fmt: skip
-    counts = [int(np.isfinite(p.slopes().value).sum()) for p in parts]
+    counts = [int(np.isfinite(p.own.value).sum()) for p in parts]
     named = [d for p, n in zip(parts, counts, strict=True) for d in pursue(p, min(n * len(parts), sum(counts)))]
     groups = [d for p in parts for d in p.departures()]
     dependence = [d for p in parts for d in p.dependence()]
