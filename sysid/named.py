@@ -8,7 +8,7 @@ effectively count: what two clips show is no proof, however clear.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -88,11 +88,19 @@ class Slopes:
 
 
 @dataclass(frozen=True)
+class Signature:
+    """What a candidate would leave in the residuals, where it leaves anything: most groups touch few rows."""
+
+    row: NDArray[np.int32]  # (i,)
+    value: Array  # (i,) in units of noise
+
+
+@dataclass(frozen=True)
 class Candidates:
     """Signatures of groups in one set of residuals."""
 
     of: str
-    signature: Array  # (m, k) in units of noise
+    signatures: tuple[Signature, ...]  # k
     residual: Array  # (m,) in units of noise
     clip: Index  # (m,)
     free: int  # degrees of freedom of the residuals
@@ -106,13 +114,13 @@ class Candidates:
     @cached_property
     def _weight(self) -> Array:
         """The signatures' power in each clip: (c, k)."""
-        return self._sums(lambda signature: signature**2)
+        return self._sums(lambda s: s.value**2)
 
-    def _sums(self, of: Callable[[Array], Array]) -> Array:
-        """What is said of the rows of a signature (m,), summed over each clip: (c, k)."""
-        columns, count = self.signature.T, self._cluster.max(initial=-1) + 1
-        sums = [np.bincount(self._cluster, of(signature), count) for signature in columns]
-        return np.reshape(sums, (len(columns), count)).T
+    def _sums(self, of: Callable[[Signature], Array]) -> Array:
+        """What is said of the rows of every signature, summed over each clip: (c, k)."""
+        count = self._cluster.max(initial=-1) + 1
+        sums = [np.bincount(self._cluster[s.row], of(s), count) for s in self.signatures]
+        return np.reshape(sums, (len(sums), count)).T
 
     @cached_property
     def own(self) -> Slopes:
@@ -123,7 +131,7 @@ class Candidates:
         """Every candidate by itself, in these residuals (m,)."""
         weight = self._weight
         with np.errstate(divide="ignore", invalid="ignore"):
-            cross = self._sums(lambda signature: signature * residual)
+            cross = self._sums(lambda s: s.value * residual[s.row])
             power = weight.sum(axis=0)
             tells = weight > 1e-9 * power
             each = np.where(tells, cross / weight, 0.0)
@@ -154,10 +162,13 @@ class Candidates:
         rows = []
         for name in dict.fromkeys(h.variable for h in self.heads):
             axes_of = ("x", "y") if name == PLACE else ("along", "across")
-            s = self.signature.T[[
+            of = [
                 k for k, h in enumerate(self.heads)
                 if h.variable == name and (self.of != "motion" or name == TABLE or h.quantity.split()[1] in axes_of)
-            ]]  # fmt: skip
+            ]  # fmt: skip
+            s = np.zeros((len(of), len(self.residual)))
+            for whole, k in zip(s, of, strict=True):
+                whole[self.signatures[k].row] = self.signatures[k].value
             products, along = s @ s.T, s @ self.residual
             power = np.sqrt(np.diag(products))
             tells = power > 0
@@ -185,7 +196,8 @@ def pursue(candidates: Candidates, tests: int) -> list[Departure]:
             break
         k = int(np.argmax(np.where(sure, found.gain, -1.0)))
         named.append(_departure(candidates.of, candidates.heads[k], found, k))
-        residual = residual - float(found.value[k]) * candidates.signature[:, k]
+        residual = residual.copy()
+        residual[candidates.signatures[k].row] -= float(found.value[k]) * candidates.signatures[k].value
         found = candidates.slopes(residual)
     return named
 
@@ -198,6 +210,7 @@ def _departure(of: str, head: Head, found: Slopes, k: int) -> Departure:
     )  # fmt: skip
 
 
-def joined(columns: Sequence[Array], rows: int) -> Array:
-    """Signatures side by side: (m, k)."""
-    return np.column_stack(columns) if columns else np.empty((rows, 0))
+def signature(rows: Array) -> Signature:
+    """Of the residuals that a candidate would leave, one in each row (m,)."""
+    row = np.flatnonzero(rows)
+    return Signature(row.astype(np.int32), rows[row])
