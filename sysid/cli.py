@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -51,11 +52,10 @@ def load(args: argparse.Namespace) -> tuple[ClipSet, Model]:
 
         clip_set = before_jaws(clip_set)
     prepare()
+    player = getattr(args, "engine", "events")
     if not args.model:
-        return clip_set, dataclasses.replace(
-            full_model(clip_set.table, clip_set.ball), engine=getattr(args, "engine", "events")
-        )
-    model = dataclasses.replace(read_model(args.model), engine=getattr(args, "engine", "events"))
+        return clip_set, dataclasses.replace(full_model(clip_set.table, clip_set.ball), engine=player)
+    model = dataclasses.replace(read_model(args.model), engine=player)
     if (model.table, model.ball) != (clip_set.table, clip_set.ball):
         raise BadInput(f"{args.model}: its table and ball are not those of {args.clips}; fit a model to this clip set")
     return clip_set, model
@@ -166,10 +166,8 @@ def add(args: argparse.Namespace, progress: Progress) -> int:
     model = before.add(effect)
     write_model(model, args.out)
     gone = [e.name() for e in before.effects if e.name() not in {k.name() for k in model.effects}]
-    print(
-        f"{args.out}: {', '.join(e.name() for e in model.effects)}"
-        + (f" (instead of {', '.join(gone)})" if gone else "")
-    )
+    instead = f" (instead of {', '.join(gone)})" if gone else ""
+    print(f"{args.out}: {', '.join(e.name() for e in model.effects)}{instead}")
     return DONE
 
 
@@ -391,6 +389,8 @@ def run_verb(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a verb: 0 done, 1 a finding to act on, 2 bad input."""
+    # Matrices are small here: threads of linear algebra wait for each other longer than they work. Numpy comes later.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     kept = "; files already named above are complete, no other was written"
     return run_verb("sysid", parser().parse_args(argv), kept)
 

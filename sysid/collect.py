@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -114,4 +115,4 @@ def joined(parts: Sequence[Samples]) -> Samples:
 
 
 def _words(values: NDArray[np.str_]) -> tuple[str, ...]:
-    return tuple(values.tolist())
+    return tuple(map(sys.intern, values.tolist()))  # a word once, however many samples it is of

@@ -55,8 +55,10 @@ def compare(
     in_mujoco: tuple[ClipRow, ...] = ()
     if by_events(model):
         report("the same constants in MuJoCo")
-        there = with_mujoco(problem).tracks(x, np.zeros((n, 0)), np.arange(n))
-        in_mujoco = tuple(_clip_row(problem, clip_set, k, there[k], sigma, rows[k].held_out) for k in range(n))
+        in_mujoco = tuple(
+            _clip_row(problem, clip_set, k, track, sigma, rows[k].held_out)
+            for k, track in enumerate(with_mujoco(problem).tracks(x, np.zeros((n, 0)), np.arange(n)))
+        )
     samples, stretches, met = of_shots(problem, tracks, clip_set), joined([]), no_impacts()
     if parts:
         report("stretches and impacts, one by one")

@@ -17,6 +17,7 @@ STYLE = {
     "axes.titlesize": 9,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # where it is anyway, without a look at every tick for one in its way
     "axes.edgecolor": NOISE,
     "axes.labelcolor": INK,
     "axes.spines.top": False,
@@ -55,5 +56,19 @@ def _drawn(height: float, draw: Callable[[Any], None], more: dict[str, Any], out
         matplotlib.rcParams.update({**STYLE, **more})
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
         draw(figure)
+        _lay_out(figure, rest["format"], rest.get("dpi", 72))
         figure.savefig(out, facecolor="white", **rest)
     return out.getvalue()
+
+
+def _lay_out(figure: Any, kind: str, dpi: int) -> None:
+    """Place what a figure holds as saving it would, which draws it whole a first time for that and throws it away."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    usual = figure.dpi
+    (FigureCanvasSVG if kind == "svg" else FigureCanvasAgg)(figure)
+    figure.dpi = dpi
+    figure.get_layout_engine().execute(figure)
+    figure.set_layout_engine(None)
+    figure.dpi = usual

@@ -35,25 +35,27 @@ def groups(
     found: list[Group] = []
 
     def group(by: str, labels: Sequence[str]) -> None:
-        values = np.asarray(labels, dtype=str)
+        known = {label: k for k, label in enumerate(sorted(set(labels) - {""}))}
+        number = np.array([known.get(label, -1) for label in labels], dtype=np.int64)
         own = []
-        for label in sorted(set(values.tolist()) - {""}):
-            pick = values == label
+        for label, k in known.items():
+            pick = number == k
             if pick.sum() >= LEAST:
                 mean = float(square[pick].mean())
                 own.append(Group(by, label, float(np.sqrt(mean)), float(np.sqrt(mean / 2) / sigma), int(pick.sum())))
         found.extend(sorted(own, key=lambda d: -d.ratio))
 
     group("phase", [PHASES[m] for m in samples.motion])
-    met = [f"{last} again" if more else last for last, more in zip(samples.last, samples.events > 1, strict=True)]
-    group("event", [AFTER[m] for m in met])
-    band = np.digitize(samples.speed, SPEEDS) - 1
-    group("speed", [f"at {span(SPEEDS, int(b))} m/s" for b in band])
-    spin = np.digitize(np.abs(samples.spin), SIDESPINS) - 1
-    group("sidespin", [f"at {span(SIDESPINS, int(b))} rad/s" for b in spin])
-    group("ball", [f"the {'struck' if s else 'object'} ball" for s in samples.struck])
-    if len(set(samples.ball)) > 2:
-        group("ball", [f"ball {name}" for name in samples.ball])
+    again = samples.events > 1
+    group("event", [AFTER[f"{last} again" if more else last] for last, more in zip(samples.last, again, strict=True)])
+    speeds = [f"at {span(SPEEDS, k)} m/s" for k in range(len(SPEEDS) - 1)]
+    group("speed", [speeds[k] for k in np.digitize(samples.speed, SPEEDS) - 1])
+    spins = [f"at {span(SIDESPINS, k)} rad/s" for k in range(len(SIDESPINS) - 1)]
+    group("sidespin", [spins[k] for k in np.digitize(np.abs(samples.spin), SIDESPINS) - 1])
+    group("ball", ["the struck ball" if s else "the object ball" for s in samples.struck])
+    names = {name: f"ball {name}" for name in samples.ball}
+    if len(names) > 2:
+        group("ball", [names[name] for name in samples.ball])
     for v in variables(samples, clip_set.table, len(clip_set.clips)):
         if v.name in SHOWN:
             group(SHOWN[v.name], _words(v))

@@ -8,13 +8,13 @@ effectively count: what two clips show is no proof, however clear.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f, norm, t
+from scipy.special import fdtrc, ndtri, stdtr
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -88,29 +88,50 @@ class Slopes:
 
 
 @dataclass(frozen=True)
+class Signature:
+    """What a candidate would leave in the residuals, where it leaves anything: most groups touch few rows."""
+
+    row: NDArray[np.int32]  # (i,)
+    value: Array  # (i,) in units of noise
+
+
+@dataclass(frozen=True)
 class Candidates:
     """Signatures of groups in one set of residuals."""
 
     of: str
-    signature: Array  # (m, k) in units of noise
+    signatures: tuple[Signature, ...]  # k
     residual: Array  # (m,) in units of noise
     clip: Index  # (m,)
     free: int  # degrees of freedom of the residuals
     heads: tuple[Head, ...]  # k
 
     @cached_property
-    def _clips(self) -> tuple[Array, Array]:
-        """Which rows are of which clip (c, m); the signatures' power in each clip (c, k)."""
-        known, cluster = np.unique(self.clip, return_inverse=True)
-        member = (cluster == np.arange(len(known))[:, None]).astype(float)
-        return member, member @ self.signature**2
+    def _cluster(self) -> Index:
+        """Number of each row's clip, without gaps: (m,)."""
+        return np.unique(self.clip, return_inverse=True)[1]
 
-    def slopes(self, residual: Array | None = None) -> Slopes:
-        """Every candidate by itself, in these residuals (m,) or its own."""
-        r = self.residual if residual is None else residual
-        member, weight = self._clips
+    @cached_property
+    def _weight(self) -> Array:
+        """The signatures' power in each clip: (c, k)."""
+        return self._sums(lambda s: s.value**2)
+
+    def _sums(self, of: Callable[[Signature], Array]) -> Array:
+        """What is said of the rows of every signature, summed over each clip: (c, k)."""
+        count = self._cluster.max(initial=-1) + 1
+        sums = [np.bincount(self._cluster[s.row], of(s), count) for s in self.signatures]
+        return np.reshape(sums, (len(sums), count)).T
+
+    @cached_property
+    def own(self) -> Slopes:
+        """Every candidate by itself."""
+        return self.slopes(self.residual)
+
+    def slopes(self, residual: Array) -> Slopes:
+        """Every candidate by itself, in these residuals (m,)."""
+        weight = self._weight
         with np.errstate(divide="ignore", invalid="ignore"):
-            cross = (member * r) @ self.signature
+            cross = self._sums(lambda s: s.value * residual[s.row])
             power = weight.sum(axis=0)
             tells = weight > 1e-9 * power
             each = np.where(tells, cross / weight, 0.0)
@@ -124,14 +145,14 @@ class Candidates:
             scatter = (trust * (each - value) ** 2).sum(axis=0) / free
             sd = np.sqrt(np.maximum(scatter, 1.0) / whole)
             z = np.abs(value) / sd
-            sure = np.minimum(np.where(differ > 0, norm.isf(t.sf(z, free)), z), SUREST)
+            sure = np.minimum(np.where(differ > 0, -ndtri(stdtr(free, -z)), z), SUREST)
             gain = 2 * value * cross.sum(axis=0) - value**2 * power
         good = (free >= FREE) & (power > 0)
         return Slopes(*(np.where(good, v, np.nan) for v in (value, sd, sure, gain)))
 
     def departures(self) -> list[Departure]:
         """Every group by itself."""
-        found = self.slopes()
+        found = self.own
         return [_departure(self.of, h, found, k) for k, h in enumerate(self.heads) if np.isfinite(found.value[k])]
 
     def dependence(self) -> list[Dependence]:
@@ -141,37 +162,43 @@ class Candidates:
         rows = []
         for name in dict.fromkeys(h.variable for h in self.heads):
             axes_of = ("x", "y") if name == PLACE else ("along", "across")
-            s = self.signature[:, [
+            of = [
                 k for k, h in enumerate(self.heads)
                 if h.variable == name and (self.of != "motion" or name == TABLE or h.quantity.split()[1] in axes_of)
-            ]]  # fmt: skip
-            power = np.sqrt((s**2).sum(axis=0))
-            s = s[:, power > 0] / power[power > 0]
-            if s.shape[1] == 0:
+            ]  # fmt: skip
+            s = np.zeros((len(of), len(self.residual)))
+            for whole, k in zip(s, of, strict=True):
+                whole[self.signatures[k].row] = self.signatures[k].value
+            products, along = s @ s.T, s @ self.residual
+            power = np.sqrt(np.diag(products))
+            tells = power > 0
+            if not tells.any():
                 continue
-            size, axes = np.linalg.eigh(s.T @ s)
+            power = power[tells]
+            size, axes = np.linalg.eigh(products[np.ix_(tells, tells)] / np.outer(power, power))
             use = size > 1e-8 * size[-1]
             k, left = int(use.sum()), max(self.free - int(use.sum()), 1)
-            gain = float(np.sum((axes[:, use].T @ (s.T @ self.residual)) ** 2 / size[use]))
-            chance = f.sf(gain / k / max((total - gain) / left, 1e-300), k, left)
+            gain = float(np.sum((axes[:, use].T @ (along[tells] / power)) ** 2 / size[use]))
+            chance = fdtrc(k, left, gain / k / max((total - gain) / left, 1e-300))
             share = (gain - k) / beyond if beyond > 5 * np.sqrt(2 * self.free) else np.nan
-            rows.append(Dependence(self.of, name, k, float(np.clip(share, 0, 1)), float(min(norm.isf(chance), SUREST))))
+            rows.append(Dependence(self.of, name, k, float(np.clip(share, 0, 1)), float(min(-ndtri(chance), SUREST))))
         return rows
 
 
 def pursue(candidates: Candidates, tests: int) -> list[Departure]:
     """Name candidates one after another, each the one that explains most of what those before it leave."""
-    least = norm.isf(CHANCE / 2 / max(tests, 1))
+    least = -ndtri(CHANCE / 2 / max(tests, 1))
     named: list[Departure] = []
-    residual = candidates.residual
+    residual, found = candidates.residual, candidates.own
     for _ in range(MOST):
-        found = candidates.slopes(residual)
         sure = (np.nan_to_num(found.sure) > least) & (np.nan_to_num(found.gain) > 0)
         if not sure.any():
             break
         k = int(np.argmax(np.where(sure, found.gain, -1.0)))
         named.append(_departure(candidates.of, candidates.heads[k], found, k))
-        residual = residual - float(found.value[k]) * candidates.signature[:, k]
+        residual = residual.copy()
+        residual[candidates.signatures[k].row] -= float(found.value[k]) * candidates.signatures[k].value
+        found = candidates.slopes(residual)
     return named
 
 
@@ -183,6 +210,7 @@ def _departure(of: str, head: Head, found: Slopes, k: int) -> Departure:
     )  # fmt: skip
 
 
-def joined(columns: Sequence[Array], rows: int) -> Array:
-    """Signatures side by side: (m, k)."""
-    return np.column_stack(columns) if columns else np.empty((rows, 0))
+def signature(rows: Array) -> Signature:
+    """Of the residuals that a candidate would leave, one in each row (m,)."""
+    row = np.flatnonzero(rows)
+    return Signature(row.astype(np.int32), rows[row])

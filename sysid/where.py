@@ -21,7 +21,7 @@ from models.shot import RAILS, Table
 from sysid.bins import ANGLES, APPROACHES, SIDESPINS, Variable, chosen, cut, order, place, variables
 from sysid.impacts import Impacts
 from sysid.local import Array, Index, runs_of
-from sysid.named import TABLE, Candidates, Findings, Head, joined, pursue
+from sysid.named import TABLE, Candidates, Findings, Head, pursue, signature
 from sysid.samples import Samples
 
 PHASES = {"slide": "sliding balls", "roll": "rolling balls"}
@@ -40,7 +40,7 @@ def find(stretches: Samples, shots: Samples, impacts: Impacts, table: Table, cli
     parts = [p for p in (
         pulls(stretches, table, clips, sigma), turns(shots, clips, sd_theta), jumps(impacts, table, clips)
     ) if p is not None]  # fmt: skip
-    counts = [int(np.isfinite(p.slopes().value).sum()) for p in parts]
+    counts = [int(np.isfinite(p.own.value).sum()) for p in parts]
     named = [d for p, n in zip(parts, counts, strict=True) for d in pursue(p, min(n * len(parts), sum(counts)))]
     groups = [d for p in parts for d in p.departures()]
     dependence = [d for p in parts for d in p.dependence()]
@@ -62,11 +62,11 @@ def pulls(samples: Samples, table: Table, clips: int, sigma: float) -> Candidate
     if runs is None:
         return None
     cos, sin = runs.mean(np.cos(samples.heading)), runs.mean(np.sin(samples.heading))
-    motion = np.array(samples.motion)
-    columns, heads = [], []
+    motion, what = np.array(samples.motion), variables(samples, table, clips)
+    found, heads = [], []
     for phase in PHASES:
         inside = motion == phase
-        for variable in variables(samples, table, clips):
+        for variable in what:
             if ONLY.get(variable.name, phase) != phase:
                 continue
             for k, words in enumerate(variable.words):
@@ -85,7 +85,7 @@ def pulls(samples: Samples, table: Table, clips: int, sigma: float) -> Candidate
                     ("y", none, plain),
                 ):
                     name = (TABLE if quantity in "xy" else "phase") if whole else variable.name
-                    columns.append(np.concatenate([one, other]))
+                    found.append(signature(np.concatenate([one, other])))
                     heads.append(Head(name, who, f"acceleration {quantity}", "m/s^2", count, _pulled(who, quantity)))
         for name, per, values, sides in (
             ("speed", "m/s", samples.speed, ("along", "across")), ("sidespin", "rad/s", samples.spin, ("across",)),
@@ -97,13 +97,13 @@ def pulls(samples: Samples, table: Table, clips: int, sigma: float) -> Candidate
             c, s = runs.bent(np.column_stack([ramp * cos, ramp * sin])).T
             for quantity in sides:
                 one, other = (c, s) if quantity == "along" else (-s, c)
-                columns.append(np.concatenate([one, other]))
+                found.append(signature(np.concatenate([one, other])))
                 say = _pulled(PHASES[phase], quantity, per)
                 unit = f"m/s^2 per {per}"
                 heads.append(Head(name, PHASES[phase], f"acceleration {quantity} per {name}", unit, count, say))
     free = int(2 * len(runs.time) - 4 * len(runs.first))
     residual = runs.residual.T.ravel()
-    return Candidates("motion", joined(columns, len(residual)), residual, np.tile(runs.clip, 2), free, tuple(heads))
+    return Candidates("motion", tuple(found), residual, np.tile(runs.clip, 2), free, tuple(heads))
 
 
 def turns(samples: Samples, clips: int, sd_theta: float) -> Candidates | None:
@@ -128,15 +128,15 @@ def turns(samples: Samples, clips: int, sd_theta: float) -> Candidates | None:
         groups += [(v.name, f"{words} {w}", (v.group == k).astype(float)) for k, w in enumerate(v.words)]
     for v in order(few.clip, clips):
         groups += [(v.name, f"turning balls {w}", (v.group == k).astype(float)) for k, w in enumerate(v.words)]
-    columns, heads = [], []
+    found, heads = [], []
     for name, who, inside in groups:
         share = runs.mean(inside * sign)
         if (share != 0).sum() >= LEAST_BLOCKS:
-            columns.append(runs.bent(share[:, None])[:, 0])
+            found.append(signature(runs.bent(share[:, None])[:, 0]))
             heads.append(Head(name, who, "acceleration of sidespin", "rad/s^2", int(inside.sum()), _turned(who)))
     free = len(runs.time) - 2 * len(runs.first)
     residual = runs.residual[:, 0]
-    return Candidates("turning", joined(columns, len(residual)), residual, runs.clip, free, tuple(heads))
+    return Candidates("turning", tuple(found), residual, runs.clip, free, tuple(heads))
 
 
 def jumps(impacts: Impacts, table: Table, clips: int) -> Candidates | None:
@@ -176,7 +176,7 @@ def jumps(impacts: Impacts, table: Table, clips: int) -> Candidates | None:
         fast = impacts.approach > 1.0
         words = (f"rebounds from rail {r} below 1 m/s", f"rebounds from rail {r} above 1 m/s")
         known.append(chosen("rail and speed", words, np.where(on, fast.astype(int), -1)))
-    columns, heads = [], []
+    found, heads = [], []
     none = np.zeros(n)
     for v in known:
         for k, who in enumerate(v.words):
@@ -185,7 +185,7 @@ def jumps(impacts: Impacts, table: Table, clips: int) -> Candidates | None:
                 continue
             for i, quantity in enumerate(("normal", "tangent")):
                 part = inside / sd[:, i]
-                columns.append(np.concatenate([part, none] if i == 0 else [none, part]))
+                found.append(signature(np.concatenate([part, none] if i == 0 else [none, part])))
                 heads.append(Head(
                     v.name, who, f"velocity along the {quantity} after", "of the approach", int(inside.sum()),
                     _left(who, quantity),
@@ -196,15 +196,13 @@ def jumps(impacts: Impacts, table: Table, clips: int) -> Candidates | None:
         for i, quantity in enumerate(("normal", "tangent")):
             weight = np.where(inside, sd[:, i] ** -2, 0.0)
             ramp = np.where(inside, impacts.approach - weight @ impacts.approach / weight.sum(), 0.0) / sd[:, i]
-            columns.append(np.concatenate([ramp, none] if i == 0 else [none, ramp]))
+            found.append(signature(np.concatenate([ramp, none] if i == 0 else [none, ramp])))
             heads.append(Head(
                 "speed of approach", who, f"velocity along the {quantity} after per m/s", "of the approach per m/s",
                 int(inside.sum()), _left(who, quantity, " for each m/s of approach"),
             ))  # fmt: skip
     residual = (value / sd).T.ravel()
-    return Candidates(
-        "impacts", joined(columns, 2 * n), residual, np.tile(impacts.clip, 2).astype(np.int64), 2 * n, tuple(heads)
-    )
+    return Candidates("impacts", tuple(found), residual, np.tile(impacts.clip, 2).astype(np.int64), 2 * n, tuple(heads))
 
 
 def _pulled(who: str, quantity: str, per: str = "") -> Say:

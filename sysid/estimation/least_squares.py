@@ -102,11 +102,16 @@ def fit_each(
     means, sds = np.broadcast_to(prior.mean, (n, p)), np.broadcast_to(prior.sd, (n, p))
     for _step in range(iterations):
         here = Prior(means[active], sds[active])
-        rows = moved(evaluate, x[active], c, which[active], steps, np.zeros(0))
-        normal = from_differences(rows, steps, robust)
+        # Residuals of so many problems are held at a time, each with its unknowns moved; every problem is its own.
+        few = 256
+        parts = [
+            from_differences(moved(evaluate, x[some], c, which[some], steps, np.zeros(0)), steps, robust)
+            for some in np.split(active, range(few, active.size, few))
+        ]
         rp = here.residuals(x[active])
-        cost[active] = normal.loss + 0.5 * np.sum(rp * rp, axis=1)
-        a, g = normal.matrix, normal.gradient + rp / here.sd
+        cost[active] = np.concatenate([part.loss for part in parts]) + 0.5 * np.sum(rp * rp, axis=1)
+        a = np.concatenate([part.matrix for part in parts])
+        g = np.concatenate([part.gradient for part in parts]) + rp / here.sd
         diagonal = np.einsum("npp->np", a) + 1 / here.sd**2
         trial, trial_cost = x[active].copy(), np.full(active.size, np.inf)
         todo = np.arange(active.size)
