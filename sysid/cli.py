@@ -372,6 +372,8 @@ def run_verb(
     program: str, args: argparse.Namespace, interrupted: str, faults: tuple[type[Exception], ...] = ()
 ) -> int:  # fmt: skip
     """Run the verb of a command line, its faults one line each; `faults` are those that a user must act on."""
+    # Matrices are small here: threads of linear algebra wait for each other longer than they work. NumPy comes later.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     progress = progress_of()
     told: tuple[type[Exception], ...] = (BadInput, *faults)
     try:
@@ -389,8 +391,6 @@ def run_verb(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a verb: 0 done, 1 a finding to act on, 2 bad input."""
-    # Matrices are small here: threads of linear algebra wait for each other longer than they work. Numpy comes later.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     kept = "; files already named above are complete, no other was written"
     return run_verb("sysid", parser().parse_args(argv), kept)
 

@@ -7,7 +7,7 @@ moving. What is travelled before the first event counts a tenth: impacts magnify
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from sysid.clips import Clip, ClipSet
 from sysid.clips.segments import event_times
@@ -58,7 +58,7 @@ def discrepancy_rate(miss: Array, path: Array, noise: float, share: float = 0.5)
     if not use.any():
         return 0.0
     off, far = np.abs(miss[use]), path[use]
-    expected = norm.ppf(0.5 + share / 2)
+    expected = float(ndtri(0.5 + share / 2))
     low, high = 0.0, MAX_RATE
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)

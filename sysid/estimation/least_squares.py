@@ -22,6 +22,7 @@ MAX_ATTEMPTS = 8  # at a step of the constants, ten times shorter each
 FIRST_DAMPING = 1e-4
 STATE_DAMPING = 1e-3  # the first one of an initial state
 MAX_STATE_ATTEMPTS = 6
+BATCH_PROBLEMS = 256  # whose residuals are held at a time, each with its unknowns moved
 MORE_STATE_STEPS = 6  # times as many, where no step of the constants helps
 FLAT_GAIN = 0.5  # or in any case: less than a standard deviation along a direction that the data hardly know
 ROUGH_LOSS = 10.0  # times the tolerance: what a step may still predict where the loss is rough
@@ -102,11 +103,9 @@ def fit_each(
     means, sds = np.broadcast_to(prior.mean, (n, p)), np.broadcast_to(prior.sd, (n, p))
     for _step in range(iterations):
         here = Prior(means[active], sds[active])
-        # Residuals of so many problems are held at a time, each with its unknowns moved; every problem is its own.
-        few = 256
         parts = [
             from_differences(moved(evaluate, x[some], c, which[some], steps, np.zeros(0)), steps, robust)
-            for some in np.split(active, range(few, active.size, few))
+            for some in np.split(active, range(BATCH_PROBLEMS, active.size, BATCH_PROBLEMS))
         ]
         rp = here.residuals(x[active])
         cost[active] = np.concatenate([part.loss for part in parts]) + 0.5 * np.sum(rp * rp, axis=1)

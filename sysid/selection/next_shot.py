@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
 
 from models.model_file import Model
 from models.observe import observed
@@ -62,6 +61,8 @@ def propose(one: Point, two: Model, covariance: Array, sigma: float, why: str, s
         why: what the shot is for, in words.
         seed: of the shots tried.
     """
+    from scipy.stats import qmc  # slow to load, and needed once
+
     model = one.model
     table, radius = model.table, model.ball.radius
     unit = qmc.Sobol(8, seed=seed).random(SHOTS)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array
@@ -62,7 +62,7 @@ def swing(point: Point) -> Mapping[str, Any] | None:
             size[axis] += 2 * found / len(time)
             gain[axis] += found
     axis, k = (int(v) for v in np.unravel_index(int(np.argmax(power)), power.shape))
-    chance = float(chi2.sf(power[axis, k], 2 * len(clips))) * power.size
+    chance = float(chdtrc(2 * len(clips), power[axis, k])) * power.size
     left = sum(float(np.sum(r**2 - 1)) for _, r in clips)
     if not chance < CHANCE or gain[axis, k] < MOST * left:
         return None
