@@ -14,7 +14,7 @@ import numpy as np
 
 from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL, add_cloth
 from models.analytic.events import AWAY, DEAD, in_mouth
-from models.compiled import compiled
+from models.compiled import compiled, compiled_in_place
 from models.engine.curve import push
 from models.engine.motion import POTTED, ROLLED, TURN, VX, VY, WX, WY, WZ, X, Y
 from models.engine.touch import BALL, CUSHION
@@ -45,7 +45,7 @@ from models.spring import CALM, CLOSED, LONGEST, PARTS, STEP, damping_of, depth_
 CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 
 
-@compiled
+@compiled_in_place
 def _meets(b, c, i, j, kind, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
     """Gap, approach speed and normal of balls i and j, or of ball i and rail -1 - j where j < 0."""
     if j >= 0:
@@ -64,7 +64,7 @@ def _meets(b, c, i, j, kind, radius, reach, half, mouths):  # type: ignore[no-un
     return gap, sign * b[i, VX + k], sign * (1.0 - k), sign * float(k)
 
 
-@compiled
+@compiled_in_place
 def _flow(b, i, r, at, own, forces, support, cloth, now, dv):  # type: ignore[no-untyped-def]
     """Add what cloth and effects do to ball i in a step to its changes dv (n, 5) of velocity and spin."""
     radius = r[RADIUS]
@@ -93,7 +93,7 @@ def _flow(b, i, r, at, own, forces, support, cloth, now, dv):  # type: ignore[no
         dv[i, 4] = -b[i, WZ]
 
 
-@compiled
+@compiled_in_place
 def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # type: ignore[no-untyped-def]
     """Add what a normal impulse dp and the friction with it do to the bodies of a contact to their changes dv."""
     radius = work[3, 0]

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from models.analytic.cloth import GRIP, NEAR, RESTING, ROLLING, SLIDING, STILL, STILL_SPIN, add_cloth
-from models.compiled import compiled
+from models.compiled import compiled_in_place
 from models.engine.motion import (
     AX,
     AY,
@@ -156,7 +156,7 @@ DENSE = np.array([
 ])  # fmt: skip
 
 
-@compiled
+@compiled_in_place
 def push(r, at, own, forces, support):  # type: ignore[no-untyped-def]
     """Ask the effects what acts on the ball in record r, at address `at`, beside the cloth."""
     r[R_AX] = r[R_AY] = r[R_BX] = r[R_BY] = r[R_BZ] = 0.0
@@ -167,7 +167,7 @@ def push(r, at, own, forces, support):  # type: ignore[no-untyped-def]
         call_hook(forces[k, 0], own + 8 * forces[k, 1], at)
 
 
-@compiled
+@compiled_in_place
 def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: ignore[no-untyped-def]
     """Derivatives k[n] of the state y (STATE,) of a ball; False where friction would have to turn round.
 
@@ -208,7 +208,7 @@ def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: 
     return fine
 
 
-@compiled
+@compiled_in_place
 def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # type: ignore[no-untyped-def]
     """Lay a curve from a ball's clock on: fills b and its polynomials m; returns CURVE, or REST where nothing changes.
 
@@ -300,7 +300,7 @@ def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # ty
     return CURVE
 
 
-@compiled
+@compiled_in_place
 def _parabola(b, m, h, mode, radius, k):  # type: ignore[no-untyped-def]
     """Polynomials of a step at the accelerations k[0]; a roll that stops does so straight."""
     m[:] = 0.0
@@ -319,7 +319,7 @@ def _parabola(b, m, h, mode, radius, k):  # type: ignore[no-untyped-def]
         m[ROLLED, 2] = -0.5 * m[ROLLED, 1]
 
 
-@compiled
+@compiled_in_place
 def _step(b, m, h, left, mode, way, r, at, own, forces, support, cloth, y, k):  # type: ignore[no-untyped-def]
     """A step of at most h whose error is small, from k[0] on: fills the polynomials m, returns its length."""
     radius, v = r[R_RADIUS], math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
@@ -385,14 +385,14 @@ def _step(b, m, h, left, mode, way, r, at, own, forces, support, cloth, y, k):  
     return h
 
 
-@compiled
+@compiled_in_place
 def _integral(m, to, of, start, h):  # type: ignore[no-untyped-def]
     m[to, 0] = start
     for n in range(5):
         m[to, n + 1] = h * m[of, n] / (n + 1)
 
 
-@compiled
+@compiled_in_place
 def lay_record(r, number, launch, order, radius, mass):  # type: ignore[no-untyped-def]
     """What of a ball's record does not change along its way."""
     r[R_NUMBER], r[R_LAUNCH], r[R_ORDER], r[R_RADIUS], r[R_MASS] = number, launch, order, radius, mass
