@@ -126,9 +126,14 @@ from models.shot import GRAVITY
 TOLERANCE = 1e-6  # of a step, as an error of position at the end of the roll [m]
 BRAKE = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
 SPIN_LASTS = 0.02  # how long an error of sidespin counts [s]
-SHORT_SLIDE = 1e-4  # rest of a slide that is taken at a constant friction [s]
+SHORT_SLIDE = 1e-3  # rest of a slide that is taken at a constant friction [s]
+SHORT_SOFT = 1e-4  # the same where friction is not the full one [s]
 SHORT_ROLL = 0.03  # rest of a roll that is taken straight [s]
-SPARE_ROLL, SPARE_SLIDE = 0.9, 0.9  # of the way to the end of a roll, or of a slide at an even friction, in a step
+SPARE = 0.995  # of the way to the end of a roll or a slide, at most, in a step
+SPARE_SOFT = 0.9  # the same where the friction of a slide is not the full one
+TURNS = 4e-4  # error of a step of half of what is left of a motion, over how much a push across it turns it
+WIDEST = 9.0  # a step over what it leaves of a motion, beyond which errors no longer grow with it
+AHEAD = 1e3  # what is left of a motion, at most [s]
 BEFORE = 1e-9  # by which a step's last look comes before its end, where a push may switch [s]
 GROWTH, SHRINK, SAFETY = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
 LONGEST = 2.0  # [s]
@@ -252,52 +257,57 @@ def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # ty
         y[x] = b[x]
     _rates(y, now, mode, way, r, at, own, forces, support, cloth, k, 0)
     b[AX], b[AY], b[MODE], b[LAST] = k[0, VX], k[0, VY], mode, ON
-    # How far the step may go: to the next switch, and to where the ball changes.
-    h = LONGEST
-    for n in range(horizon.shape[0]):
-        left = call_horizon(horizon[n, 0], own + 8 * horizon[n, 1], at)
-        if left == left:
-            h = min(h, max(left, SHORTEST))
-    bz, weight = k[0, WZ], r[R_WEIGHT]
-    if b[WZ] * bz < 0.0:
-        h = min(h, -b[WZ] / bz)
-    straight = False
-    if mode == SLIDING and weight > 0.0:
-        rate = -(way[0] * (k[0, VX] - radius * k[0, WY]) + way[1] * (k[0, VY] + radius * k[0, WX]))
-        full = 3.5 * cloth[0] * weight * GRAVITY * GRIP
-        soft = r[R_SLIDE_FACTOR] != 1.0 and u > full * (1.0 + NEAR)
-        left = (u - full if soft else u) / rate if rate > 0.0 else np.inf
-        if left <= SHORT_SLIDE:
-            if left <= h:
-                h, straight = left, True
-                b[LAST] = ON if soft else SLIDE_ENDS
-        else:
-            h = min(h, (SPARE_ROLL if soft else SPARE_SLIDE) * left)
-    elif mode == ROLLING:
-        rate = -(way[2] * k[0, VX] + way[3] * k[0, VY])
-        left = v / rate if rate > 0.0 else np.inf
-        if left <= SHORT_ROLL:
-            if left <= h:
-                h, straight = left, True
-                b[LAST] = STOPS
-        else:
-            h = min(h, SPARE_ROLL * left)
-    elif mode == RESTING and b[WZ] == 0.0:
+    h, left, straight = _room(b, mode, way, u, v, r, at, own, horizon, cloth, k)
+    if mode == RESTING and b[WZ] == 0.0:
         b[AX] = b[AY] = b[BOUND] = 0.0
         b[END] = now + h if h < LONGEST else np.inf
         return REST
-    if not straight:
-        if b[TRY] > 0.0:
-            h = min(h, b[TRY])
-        h = _step(b, m, h, until - now, mode, way, r, at, own, forces, support, cloth, y, k)
-    else:
+    if straight:
         _parabola(b, m, h, mode, radius, k)
+    else:
+        h = _step(b, m, h, left, until - now, mode, way, r, at, own, forces, support, cloth, y, k)
     b[BEGIN], b[SPAN], b[END] = now, h, now + h
     most_x = most_y = 0.0
     for n in range(1, 5):
         most_x, most_y = most_x + n * abs(m[VX, n]), most_y + n * abs(m[VY, n])
     b[BOUND] = math.sqrt(most_x * most_x + most_y * most_y) / h
     return CURVE
+
+
+@compiled_in_place
+def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no-untyped-def]
+    """How far a step may go: to the next switch, and to where the ball changes; what is left of its slide or roll [s].
+
+    The third says whether it comes to that end, at its first acceleration; b[LAST] says what happens there.
+    """
+    radius, h, left = r[R_RADIUS], LONGEST, AHEAD
+    for n in range(horizon.shape[0]):
+        free = call_horizon(horizon[n, 0], own + 8 * horizon[n, 1], at)
+        if free == free:
+            h = min(h, max(free, SHORTEST))
+    if b[WZ] * k[0, WZ] < 0.0:
+        h = min(h, -b[WZ] / k[0, WZ])
+    short, spare, last = SHORT_ROLL, SPARE, STOPS
+    if mode == SLIDING and r[R_WEIGHT] > 0.0:
+        rate = -(way[0] * (k[0, VX] - radius * k[0, WY]) + way[1] * (k[0, VY] + radius * k[0, WX]))
+        full = 3.5 * cloth[0] * r[R_WEIGHT] * GRAVITY * GRIP
+        short, last = SHORT_SLIDE, SLIDE_ENDS
+        if r[R_SLIDE_FACTOR] != 1.0:
+            short = SHORT_SOFT
+            if u > full * (1.0 + NEAR):
+                u, spare, last = u - full, SPARE_SOFT, ON
+        if rate > 0.0:
+            left = min(u / rate, AHEAD)
+    elif mode == ROLLING:
+        rate = -(way[2] * k[0, VX] + way[3] * k[0, VY])
+        if rate > 0.0:
+            left = min(v / rate, AHEAD)
+    if left > short:
+        return min(h, spare * left), left, False
+    if left <= h:
+        b[LAST] = last
+        return left, left, True
+    return h, left, False
 
 
 @compiled_in_place
@@ -320,15 +330,30 @@ def _parabola(b, m, h, mode, radius, k):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _step(b, m, h, left, mode, way, r, at, own, forces, support, cloth, y, k):  # type: ignore[no-untyped-def]
-    """A step of at most h whose error is small, from k[0] on: fills the polynomials m, returns its length."""
+def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y, k):  # type: ignore[no-untyped-def]
+    """A step of at most h whose error is small, from k[0] on: fills the polynomials m, returns its length.
+
+    A push across the way turns a motion the faster the less of it is left: at a step h of what is `left` the error
+    grows as the fourth power of h / (left - h), at first. That is what is asked of a step, and remembered in b[TRY].
+    """
     radius, v = r[R_RADIUS], math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
-    lasts = min(left, v / BRAKE)
+    lasts = min(until, v / BRAKE)
     # An error of slip along the slip ends the slide too soon or too late; one across turns it for what is left of it.
     slip_rate = math.sqrt((k[0, VX] - radius * k[0, WY]) ** 2 + (k[0, VY] + radius * k[0, WX]) ** 2)
     early = BRAKE * lasts / max(slip_rate, BRAKE)
     slip = math.sqrt((b[VX] - radius * b[WY]) ** 2 + (b[VY] + radius * b[WX]) ** 2)
-    turns = 2 / 7 * min(left, slip / max(slip_rate, BRAKE))
+    turns = 2 / 7 * min(until, slip / max(slip_rate, BRAKE))
+    share = b[TRY]
+    if share == 0.0 and left < AHEAD:
+        if mode == ROLLING:
+            across, far = abs(way[2] * k[0, VY] - way[3] * k[0, VX]), lasts
+        else:
+            across = abs(way[0] * (k[0, VY] + radius * k[0, WX]) - way[1] * (k[0, VX] - radius * k[0, WY]))
+            far = turns
+        turned = TURNS * across * left * far
+        share = SAFETY * math.sqrt(math.sqrt(TOLERANCE / turned)) if turned > 0.0 else 0.0
+    if share > 0.0:
+        h = min(h, left * share / (1.0 + share))
     while True:
         fine = True
         for stage in range(6):
@@ -360,14 +385,16 @@ def _step(b, m, h, left, mode, way, r, at, own, forces, support, cloth, y, k):  
         error += SPIN_LASTS * radius * abs(wz)
         # Sidespin that would pass through zero ends the step there.
         crossed = b[WZ] != 0.0 and way[4] * y[WZ] < 0.0 and abs(y[WZ]) > STILL_SPIN
-        grow = GROWTH if error <= 0.0 else min(GROWTH, max(SHRINK, SAFETY * (TOLERANCE / error) ** 0.2))
+        share = h / (left - h) if h < left else WIDEST
         if (error <= TOLERANCE and not crossed) or h <= SHORTEST:
-            b[TRY] = h * grow if grow < GROWTH else 0.0
+            grow = SAFETY * (TOLERANCE / error) ** 0.2 if error > 0.0 else GROWTH
+            b[TRY] = share * grow if grow < GROWTH else 0.0
             break
         if crossed and error <= TOLERANCE:
             h = max(h * b[WZ] / (b[WZ] - y[WZ]), SHORTEST)
         else:
-            h = max(h * grow, SHORTEST)
+            share = min(share, WIDEST) * max(SHRINK, SAFETY * (TOLERANCE / error) ** (1 / 3))
+            h = max(left * share / (1.0 + share), SHORTEST)
     if not fine:  # nothing is left of the motion
         _parabola(b, m, h, mode, radius, k)
         return h
