@@ -312,16 +312,25 @@ def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no
 
 @compiled_in_place
 def _parabola(b, m, h, mode, radius, k):  # type: ignore[no-untyped-def]
-    """Polynomials of a step at the accelerations k[0]; a roll that stops does so straight."""
+    """Polynomials of a step at the accelerations k[0].
+
+    A roll that stops after h does so straight, but for the h^2 / 4 times the push across it by which it drifts: to
+    first order in the push a, v(t) = a (h - t) log(h / (h - t)) across.
+    """
     m[:] = 0.0
-    ax, ay = k[0, VX], k[0, VY]
+    ax, ay, px, py = k[0, VX], k[0, VY], 0.0, 0.0
     if b[LAST] == STOPS:
-        ax, ay = -b[VX] / h, -b[VY] / h
+        px, py = ax + b[VX] / h, ay + b[VY] / h
+        ax, ay = ax - px, ay - py
     for x in range(STATE):
         m[x, 0] = b[x]
     m[VX, 1], m[VY, 1] = ax * h, ay * h
     m[X, 1], m[Y, 1] = b[VX] * h, b[VY] * h
     m[X, 2], m[Y, 2] = 0.5 * ax * h * h, 0.5 * ay * h * h
+    if b[LAST] == STOPS:
+        m[VX, 1], m[VX, 2], m[VY, 1], m[VY, 2] = (ax + 1.5 * px) * h, -1.5 * px * h, (ay + 1.5 * py) * h, -1.5 * py * h
+        m[X, 2], m[X, 3] = (0.5 * ax + 0.75 * px) * h * h, -0.5 * px * h * h
+        m[Y, 2], m[Y, 3] = (0.5 * ay + 0.75 * py) * h * h, -0.5 * py * h * h
     m[WX, 1], m[WY, 1], m[WZ, 1] = k[0, WX] * h, k[0, WY] * h, k[0, WZ] * h
     m[TURN, 1], m[TURN, 2] = b[WZ] * h, 0.5 * k[0, WZ] * h * h
     m[ROLLED, 1] = k[0, ROLLED] * h
