@@ -1,10 +1,9 @@
 """Where effects push a ball: its motion as polynomials in time, in steps as long as their error allows.
 
-The embedded pair of order 5 and 4 of Dormand and Prince (1980) with its continuous extension (Hairer, Norsett, Wanner,
-Solving Ordinary Differential Equations I, II.6). A step ends where the ball changes: a slide or a roll ends, sidespin
-dies, a push switches. Inside a step friction keeps the direction in which it began to be reversed: a step that would
-pass through zero is cut. The last bit of a slide or of a roll is taken at a constant acceleration; what a ball rolls
-with at the end of a slide, v - 2/7 u, does not depend on how the slip dies.
+The steps are those of Dormand and Prince (models/engine/dense.py). A step ends where the ball changes: a slide or a
+roll ends, sidespin dies, a push switches. Inside a step friction keeps the direction in which it began to be reversed:
+a step that would pass through zero is cut. The last bit of a slide or of a roll is taken at a constant acceleration;
+what a ball rolls with at the end of a slide, v - 2/7 u, does not depend on how the slip dies.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import numpy as np
 
 from models.analytic.cloth import GRIP, NEAR, RESTING, ROLLING, SLIDING, STILL, STILL_SPIN, add_cloth
 from models.compiled import compiled_in_place
+from models.engine.dense import ERROR, NODES, STAGES, smooth, straight_on
 from models.engine.motion import (
     AX,
     AY,
@@ -125,7 +125,7 @@ from models.shot import GRAVITY
 
 TOLERANCE = 1e-6  # of a step, as an error of position at the end of the roll [m]
 BRAKE = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
-SPIN_LASTS = 0.02  # how long an error of sidespin counts [s]
+SPIN_LASTS = 0.1  # how long an error of sidespin counts [s]
 SHORT_SLIDE = 1e-3  # rest of a slide that is taken at a constant friction [s]
 SHORT_SOFT = 1e-4  # the same where friction is not the full one [s]
 SHORT_ROLL = 0.03  # rest of a roll that is taken straight [s]
@@ -138,27 +138,6 @@ BEFORE = 1e-9  # by which a step's last look comes before its end, where a push 
 GROWTH, SHRINK, SAFETY = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
 LONGEST = 2.0  # [s]
 SHORTEST = 1e-7  # step that is taken whatever its error [s]
-
-# Dormand and Prince: weights of stages, the last of them the fifth order's, nodes, the error, the continuous extension.
-STAGES = np.array([
-    [1 / 5, 0, 0, 0, 0, 0],
-    [3 / 40, 9 / 40, 0, 0, 0, 0],
-    [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
-    [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
-    [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
-    [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-])  # fmt: skip
-NODES = np.array([1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
-ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
-DENSE = np.array([
-    [1, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
-    [0, 0, 0, 0],
-    [0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
-    [0, -1754552775 / 470086768, 14199869525 / 1410260304, -10690763975 / 1880347072],
-    [0, 127303824393 / 49829197408, -318862633887 / 49829197408, 701980252875 / 199316789632],
-    [0, -282668133 / 205662961, 2019193451 / 616988883, -1453857185 / 822651844],
-    [0, 40617522 / 29380423, -110615467 / 29380423, 69997945 / 29380423],
-])  # fmt: skip
 
 
 @compiled_in_place
@@ -263,7 +242,7 @@ def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # ty
         b[END] = now + h if h < LONGEST else np.inf
         return REST
     if straight:
-        _parabola(b, m, h, mode, radius, k)
+        straight_on(b, m, h, k)
     else:
         h = _step(b, m, h, left, until - now, mode, way, r, at, own, forces, support, cloth, y, k)
     b[BEGIN], b[SPAN], b[END] = now, h, now + h
@@ -308,34 +287,6 @@ def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no
         b[LAST] = last
         return left, left, True
     return h, left, False
-
-
-@compiled_in_place
-def _parabola(b, m, h, mode, radius, k):  # type: ignore[no-untyped-def]
-    """Polynomials of a step at the accelerations k[0].
-
-    A roll that stops after h does so straight, but for the h^2 / 4 times the push across it by which it drifts: to
-    first order in the push a, v(t) = a (h - t) log(h / (h - t)) across.
-    """
-    m[:] = 0.0
-    ax, ay, px, py = k[0, VX], k[0, VY], 0.0, 0.0
-    if b[LAST] == STOPS:
-        px, py = ax + b[VX] / h, ay + b[VY] / h
-        ax, ay = ax - px, ay - py
-    for x in range(STATE):
-        m[x, 0] = b[x]
-    m[VX, 1], m[VY, 1] = ax * h, ay * h
-    m[X, 1], m[Y, 1] = b[VX] * h, b[VY] * h
-    m[X, 2], m[Y, 2] = 0.5 * ax * h * h, 0.5 * ay * h * h
-    if b[LAST] == STOPS:
-        m[VX, 1], m[VX, 2], m[VY, 1], m[VY, 2] = (ax + 1.5 * px) * h, -1.5 * px * h, (ay + 1.5 * py) * h, -1.5 * py * h
-        m[X, 2], m[X, 3] = (0.5 * ax + 0.75 * px) * h * h, -0.5 * px * h * h
-        m[Y, 2], m[Y, 3] = (0.5 * ay + 0.75 * py) * h * h, -0.5 * py * h * h
-    m[WX, 1], m[WY, 1], m[WZ, 1] = k[0, WX] * h, k[0, WY] * h, k[0, WZ] * h
-    m[TURN, 1], m[TURN, 2] = b[WZ] * h, 0.5 * k[0, WZ] * h * h
-    m[ROLLED, 1] = k[0, ROLLED] * h
-    if b[LAST] == STOPS:
-        m[ROLLED, 2] = -0.5 * m[ROLLED, 1]
 
 
 @compiled_in_place
@@ -405,27 +356,10 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
             share = min(share, WIDEST) * max(SHRINK, SAFETY * (TOLERANCE / error) ** (1 / 3))
             h = max(left * share / (1.0 + share), SHORTEST)
     if not fine:  # nothing is left of the motion
-        _parabola(b, m, h, mode, radius, k)
+        straight_on(b, m, h, k)
         return h
-    for x in range(STATE):
-        m[x, 0], m[x, 5] = b[x], 0.0
-        for n in range(4):
-            total = 0.0
-            for stage in range(7):
-                total += DENSE[stage, n] * k[stage, x]
-            m[x, n + 1] = h * total
-    # Places and angles are the integrals of what carries them, so that both agree on the whole step.
-    _integral(m, X, VX, b[X], h)
-    _integral(m, Y, VY, b[Y], h)
-    _integral(m, TURN, WZ, b[TURN], h)
+    smooth(b, m, h, k)
     return h
-
-
-@compiled_in_place
-def _integral(m, to, of, start, h):  # type: ignore[no-untyped-def]
-    m[to, 0] = start
-    for n in range(5):
-        m[to, n + 1] = h * m[of, n] / (n + 1)
 
 
 @compiled_in_place
