@@ -193,9 +193,10 @@ def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: 
 
 
 @compiled_in_place
-def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # type: ignore[no-untyped-def]
+def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):  # type: ignore[no-untyped-def]
     """Lay a curve from a ball's clock on: fills b and its polynomials m; returns CURVE, or REST where nothing changes.
 
+    Errors count up to the time `until`; no step is longer than `most` [s], unless it is the last of a slide or a roll.
     r (BALL_FIELDS,) at address `at` holds what does not change along the way; y (STATE,), k (7, STATE) are for work.
     """
     radius = r[R_RADIUS]
@@ -244,7 +245,7 @@ def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # ty
     if straight:
         straight_on(b, m, h, k)
     else:
-        h = _step(b, m, h, left, until - now, mode, way, r, at, own, forces, support, cloth, y, k)
+        h = _step(b, m, min(h, most), left, until - now, mode, way, r, at, own, forces, support, cloth, y, k)
     b[BEGIN], b[SPAN], b[END] = now, h, now + h
     most_x = most_y = 0.0
     for n in range(1, 5):

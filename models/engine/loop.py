@@ -25,7 +25,7 @@ from models.analytic.impulse import collide
 from models.analytic.pocket import outward
 from models.compiled import compiled, compiled_in_place
 from models.engine.cluster import CROWD, through
-from models.engine.curve import curve, lay_record
+from models.engine.curve import LONGEST, curve, lay_record
 from models.engine.motion import (
     CLOCK,
     COLUMNS,
@@ -172,8 +172,8 @@ def play_shot(  # type: ignore[no-untyped-def]
             if todo[i] and kind[i] != POTTED:
                 if curved:
                     kind[i] = curve(
-                        b[i], m[i], until, records[i], records[i].ctypes.data, own, forces, support, horizon, cloth, y,
-                        k,
+                        b[i], m[i], until, LONGEST, records[i], records[i].ctypes.data, own, forces, support, horizon,
+                        cloth, y, k,
                     )  # fmt: skip
                 else:
                     kind[i] = plain_phase(b[i], radius, slide, roll)

@@ -19,7 +19,7 @@ from models.shot import GRAVITY
 REST, SLIDE, ROLL, POTTED, CURVE = 0, 1, 2, 3, 4
 # Columns of a ball: its state at CLOCK, its acceleration then, when its motion ends and what it meets of the table by
 # then, and for a curve: when that began, how long it spans, what the ball does on it, how its end is reached, the
-# largest acceleration on it, and the longest step that its error allows after it, 0 for any.
+# largest acceleration on it, and what share of its motion the next step may take by its error (models/engine/curve.py).
 (
     X, Y, VX, VY, WX, WY, WZ, TURN, ROLLED, CLOCK, AX, AY, END, MEET, BEGIN, SPAN, MODE, LAST, BOUND, TRY,
 ) = range(20)  # fmt: skip
