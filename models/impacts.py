@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from models.analytic.events import DEAD, in_mouth
 from models.analytic.pocket import OWNERS, outward
-from models.compiled import compiled
+from models.compiled import compiled, compiled_in_place
 from models.engine.motion import POTTED
 from models.hooks import IMPACT_FIELDS, STROKE_FIELDS, Table, call_hook
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
@@ -22,7 +22,7 @@ CLIMB = 0.43  # friction of a cushion above which a ball would climb its nose (t
 RAIL_OF_JAW = np.array(OWNERS)
 
 
-@compiled
+@compiled_in_place
 def describe(h, cushion, i, j, one, two, nx, ny, radius, order, time):  # type: ignore[no-untyped-def]
     """Fill the record h of an impact (ImpactState) of ball i with ball j, or with rail or jaw j.
 
@@ -47,7 +47,7 @@ def describe(h, cushion, i, j, one, two, nx, ny, radius, order, time):  # type: 
     h[MASS_FIRST] = h[MASS_SECOND] = 1.0
 
 
-@compiled
+@compiled_in_place
 def ask(h, at, own, hooks):  # type: ignore[no-untyped-def]
     """Let the effects say how the impact in record h, at address `at`, goes, within what the impact models hold for."""
     for k in range(hooks.shape[0]):
@@ -85,13 +85,13 @@ def ask_rows(
         ask(out[n], out[n].ctypes.data, own[rows[n]].ctypes.data, hooks)
 
 
-@compiled
+@compiled_in_place
 def _gather(one, p, v, w):  # type: ignore[no-untyped-def]
     one[0], one[1], one[2], one[3] = p[0], p[1], v[0], v[1]
     one[4], one[5], one[6] = w[0], w[1], w[2]
 
 
-@compiled
+@compiled_in_place
 def deliver(v, w, own, hooks, radius, mass, cue):  # type: ignore[no-untyped-def]
     """Change velocity v (2,) and spin w (3,) of the struck ball to what the cue really delivers; returns its speed.
 
@@ -113,7 +113,7 @@ def strike_rows(own, hooks, radius, mass, struck, velocity, spin):  # type: igno
             deliver(velocity[s, 0], spin[s, 0], own[s].ctypes.data, hooks, radius, mass, cue)
 
 
-@compiled
+@compiled_in_place
 def is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
     """Whether a third body is within `near` [m] of those of an impact: balls i and j, or ball i and a rail (j < 0).
 
@@ -149,7 +149,7 @@ def crowded(
     return found
 
 
-@compiled
+@compiled_in_place
 def part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
     """Put bodies that overlap back to where they touch: balls i and j of b, or ball i and a rail or jaw (j < 0)."""
     if j >= 0:
@@ -168,7 +168,7 @@ def part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
         b[i, 0], b[i, 1] = b[i, 0] - more * x, b[i, 1] - more * y
 
 
-@compiled
+@compiled_in_place
 def part_rows(cushion: bool, hit: NDArray[np.int64], p: Array, radius: float, reach: Array, jaws: Array) -> None:
     """`part` of many simulations: rows of `hit` are kind, ball, and other ball or rail."""
     for n in range(hit.shape[0]):

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from models.analytic.coulomb import friction_at
-from models.compiled import compiled
+from models.compiled import compiled, compiled_in_place
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
 SWEEPS = 12  # at most, over the friction of both contacts, which depend on each other
@@ -37,7 +37,7 @@ def _friction(
     return -limit * x / size, -limit * y / size
 
 
-@compiled
+@compiled_in_place
 def cushion_step(s: Array, dp: float, law: tuple[float, float, float, float], out: Array) -> None:
     """One step of normal impulse dp at the nose."""
     mu, mu_cloth, m, r = law
@@ -65,7 +65,7 @@ def cushion_step(s: Array, dp: float, law: tuple[float, float, float, float], ou
     out[4] = wz - k * fx * NOSE_COSINE
 
 
-@compiled
+@compiled_in_place
 def ball_step(
     s: Array, dp: float, mu: tuple[float, float, float], law: tuple[float, float, float, float], out: Array
 ) -> None:

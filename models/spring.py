@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from models.compiled import compiled
+from models.compiled import compiled, compiled_in_place
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
 STEP = 4e-6  # [s]
@@ -60,7 +60,7 @@ def damping_table() -> Array:
     return np.stack([_bounces(False, damping), _bounces(True, damping), damping])
 
 
-@compiled
+@compiled_in_place
 def damping_of(cushion: bool, restitution: float, table: Array) -> float:
     """The damping of one contact for its restitution, by the `damping_table`."""
     row, low, high = 1 if cushion else 0, 0, table.shape[1] - 1

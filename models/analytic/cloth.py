@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.compiled import compiled
+from models.compiled import compiled, compiled_in_place
 from models.hooks import AX, AY, BX, BY, BZ, RADIUS, SLIDE_FACTOR, SPIN_FACTOR, WEIGHT
 from models.shot import GRAVITY
 
@@ -25,7 +25,7 @@ GRIP = 5e-5  # a slip that full friction ends in this time meets no less than th
 NEAR = 1e-6  # part of that slip within which it is reached
 
 
-@compiled
+@compiled_in_place
 def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ignore[no-untyped-def]
     """Add the cloth's friction to what pushes and turns a ball (models/hooks.py); returns whether it lets it move.
 
@@ -77,7 +77,7 @@ def turned(wz: float, alpha: float, t: float) -> tuple[float, float]:
     return (wz - 0.5 * math.copysign(alpha, wz) * t) * t, wz - math.copysign(alpha * t, wz)
 
 
-@compiled
+@compiled_in_place
 def flow(b: Array, t: float, radius: float, slide: float, roll: float, alpha: float) -> None:
     """Carry one ball (x, y, vx, vy, wx, wy, wz, theta) through a time on open cloth, in place."""
     b7, b[6] = turned(b[6], alpha, t)

@@ -25,7 +25,7 @@ import numpy as np
 from models.compiled import compiled
 
 STEPS = 4  # of a whole impact, where no slip turns
-TURNING = 3e-8  # tolerance of the turning of a slip in a step, over approach speed; fits differentiate what comes out
+TURNING = 3e-7  # tolerance of the turning of a slip in a step, over approach speed; fits differentiate what comes out
 CLOSER = 0.8  # of the way to the end of a slip, at most, in a step
 FADING = 0.25  # of the slip over which friction falls by e, at most, in a step
 STABLE = 2.0  # turns of that kind in a step, at most

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from models.compiled import compiled
+from models.compiled import compiled, compiled_in_place
 
 CLOSED = 1e-13  # gap that is none [m], and squared distance [m^2]
 DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
@@ -151,7 +151,7 @@ def line(gap, v, a, h):  # type: ignore[no-untyped-def]
     return t if t <= h else np.inf
 
 
-@compiled
+@compiled_in_place
 def in_mouth(along, rail, half, mouths):  # type: ignore[no-untyped-def]
     """Whether a ball at a rail (+x, -x, +y, -y), at `along` from its middle [m], is in a pocket's mouth."""
     k = rail // 2

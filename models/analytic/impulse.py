@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from models.analytic.coulomb import STEPS, integrate
 from models.analytic.pocket import outward
-from models.compiled import compiled
+from models.compiled import compiled, compiled_in_place
 from models.shot import NOSE_COSINE, NOSE_SINE
 
 Array = NDArray[np.float64]
 
 
-@compiled
+@compiled_in_place
 def collide(
     cushion: bool, state: Array, e: float, law: tuple[float, float, float, float], steps: int = STEPS,
     gain: float = 0.0, decay: float = 0.0, ratio: float = 1.0,

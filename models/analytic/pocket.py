@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.events import CLOSED, in_mouth, line
-from models.compiled import compiled
+from models.compiled import compiled_in_place
 from models.errors import BadInput
 from models.shot import NOSE_COSINE, POCKET_MOUTH, RAILS, Ball, Table
 
@@ -92,7 +92,7 @@ def pockets_of(table: Table, ball: Ball) -> Pockets:
     return Pockets(np.array([corner, middle, 0.0]), np.array(jaws), np.array(falls))
 
 
-@compiled
+@compiled_in_place
 def outward(number, x, y, jaws):  # type: ignore[no-untyped-def]
     """Unit vector from a centre at (x, y) into rail `number` (+x, -x, +y, -y), or into jaw `number` - 4."""
     if number < 4:
@@ -103,7 +103,7 @@ def outward(number, x, y, jaws):  # type: ignore[no-untyped-def]
     return nx / d, ny / d
 
 
-@compiled
+@compiled_in_place
 def straight(rail, reach, p, v, a, half, ends, h):  # type: ignore[no-untyped-def]
     """The same as `line` for a rail that ends before the jaws: p, v, a (2,) or (3,) of a centre, time limit h."""
     k, o, sign = rail // 2, 1 - rail // 2, 1.0 - 2.0 * (rail % 2)

@@ -14,7 +14,7 @@ from models.effect import BallState, Effect, param, push_along
 from models.shot import GRAVITY
 
 STRUCK = 0  # number of the struck ball
-TURN = 1.0  # of a rolling ball, along which the sine is followed [rad]
+TURN = 2.0  # of a rolling ball, along which the sine is followed [rad]
 SLOW = 0.02  # below this speed steps do not shorten as much as the angle asks for [m/s]
 
 

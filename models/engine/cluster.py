@@ -14,7 +14,7 @@ import numpy as np
 
 from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL, add_cloth
 from models.analytic.events import AWAY, DEAD, in_mouth
-from models.compiled import compiled
+from models.compiled import compiled, compiled_in_place
 from models.engine.curve import push
 from models.engine.motion import POTTED, ROLLED, TURN, VX, VY, WX, WY, WZ, X, Y
 from models.engine.touch import BALL, CUSHION
@@ -42,10 +42,11 @@ from models.increments import ball_step, cushion_step
 from models.shot import GRAVITY, NOSE_COSINE
 from models.spring import CALM, CLOSED, LONGEST, PARTS, STEP, damping_of, depth_of, spring
 
+NEAR = 1e-3  # gap up to which a contact is looked at in every step [m]
 CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 
 
-@compiled
+@compiled_in_place
 def _meets(b, c, i, j, kind, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
     """Gap, approach speed and normal of balls i and j, or of ball i and rail -1 - j where j < 0."""
     if j >= 0:
@@ -64,7 +65,7 @@ def _meets(b, c, i, j, kind, radius, reach, half, mouths):  # type: ignore[no-un
     return gap, sign * b[i, VX + k], sign * (1.0 - k), sign * float(k)
 
 
-@compiled
+@compiled_in_place
 def _flow(b, i, r, at, own, forces, support, cloth, now, dv):  # type: ignore[no-untyped-def]
     """Add what cloth and effects do to ball i in a step to its changes dv (n, 5) of velocity and spin."""
     radius = r[RADIUS]
@@ -93,7 +94,7 @@ def _flow(b, i, r, at, own, forces, support, cloth, now, dv):  # type: ignore[no
         dv[i, 4] = -b[i, WZ]
 
 
-@compiled
+@compiled_in_place
 def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # type: ignore[no-untyped-def]
     """Add what a normal impulse dp and the friction with it do to the bodies of a contact to their changes dv."""
     radius = work[3, 0]
@@ -128,6 +129,56 @@ def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # t
         dv[ball, 4] += out[o + 4] - s[o + 4]
 
 
+@compiled_in_place
+def _near(b, kind, first, second, radius, reach, near):  # type: ignore[no-untyped-def]
+    """Lay down in `near` which contacts are within NEAR of closing, in order; returns how many."""
+    n, found = b.shape[0], 0
+    apart, pairs = 2.0 * radius + NEAR, n * (n - 1) // 2
+    for c in range(first.size):
+        i, j = first[c], second[c]
+        if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
+            continue
+        if c < pairs:
+            x, y = b[j, X] - b[i, X], b[j, Y] - b[i, Y]
+            away = x * x + y * y > apart * apart
+        else:
+            rail = -1 - j
+            k = rail // 2
+            away = reach[k] - (1.0 - 2.0 * (rail % 2)) * b[i, k] > NEAR
+        if not away:
+            near[found] = c
+            found += 1
+    return found
+
+
+@compiled_in_place
+def _is_idle(b):  # type: ignore[no-untyped-def]
+    """Whether nothing of a ball moves."""
+    return b[VX] == 0.0 and b[VY] == 0.0 and b[WX] == 0.0 and b[WY] == 0.0 and b[WZ] == 0.0
+
+
+@compiled_in_place
+def _go(b, dv, kind, lasts):  # type: ignore[no-untyped-def]
+    """Carry the balls through a step by their changes dv; returns the room that they are sure to leave each other [m].
+
+    `lasts` is the room so far: what two balls come together by in a step is at most twice the way of the fastest.
+    """
+    most = 0.0
+    for i in range(b.shape[0]):
+        if kind[i] == POTTED:
+            continue
+        b[i, TURN] += STEP * (b[i, WZ] + 0.5 * dv[i, 4])
+        b[i, VX] += dv[i, 0]
+        b[i, VY] += dv[i, 1]
+        b[i, WX] += dv[i, 2]
+        b[i, WY] += dv[i, 3]
+        b[i, WZ] += dv[i, 4]
+        b[i, X] += STEP * b[i, VX]
+        b[i, Y] += STEP * b[i, VY]
+        most = max(most, b[i, VX] * b[i, VX] + b[i, VY] * b[i, VY])
+    return lasts - 2.0 * STEP * math.sqrt(most)
+
+
 @compiled
 def through(  # type: ignore[no-untyped-def]
     b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half, mouths, jaws, order,
@@ -138,12 +189,24 @@ def through(  # type: ignore[no-untyped-def]
     `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work, `table` as models/spring.py has it.
     """
     n = b.shape[0]
-    pairs = n * (n - 1) // 2
-    contacts = pairs + 4 * n
-    damping, mu, peak = np.zeros(contacts), np.zeros((contacts, 3)), np.zeros(contacts)
-    given, known = np.zeros(contacts), np.zeros(contacts, np.bool_)
-    heavier, dv, work = np.ones(n), np.zeros((n, 5)), np.zeros((4, 10))
-    first, second = np.empty(contacts, np.int64), np.empty(contacts, np.int64)
+    contacts = n * (n - 1) // 2 + 4 * n
+    bodies = np.empty(contacts, np.int64), np.empty(contacts, np.int64), np.empty(contacts, np.int64)
+    springs = np.zeros(contacts), np.zeros((contacts, 3)), np.zeros(contacts), np.zeros(contacts)
+    work = bodies, springs, np.zeros(contacts, np.bool_), np.ones(n), np.zeros((n, 5)), np.zeros((4, 10))
+    return _through(
+        work, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half, mouths,
+        order, hit, table, times, begin, out, log, who, logged, count,
+    )  # fmt: skip
+
+
+@compiled_in_place
+def _through(  # type: ignore[no-untyped-def]
+    arrays, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half, mouths,
+    order, hit, table, times, begin, out, log, who, logged, count,
+):  # fmt: skip
+    n = b.shape[0]
+    (first, second, near), (damping, mu, peak, given), known, heavier, dv, work = arrays
+    contacts = first.size
     at = 0
     for i in range(1, n):
         for j in range(i):
@@ -161,16 +224,16 @@ def through(  # type: ignore[no-untyped-def]
         gap, _, _, _ = _meets(b, c, i, j, kind, radius, reach, half, mouths)
         if gap < 0.0:
             given[c] = depth_of(j < 0, gap, radius)[0]
-    end, calm = now + LONGEST, 0.0
+    end, calm, room = now + LONGEST, 0.0, NEAR
+    looked = _near(b, kind, first, second, radius, reach, near)
     while True:
         for i in range(n):
-            dv[i] = 0.0
-            if kind[i] != POTTED:
+            for x in range(5):
+                dv[i, x] = 0.0
+            if kind[i] != POTTED and (forces.shape[0] > 0 or not _is_idle(b[i])):
                 _flow(b, i, records[i], records[i].ctypes.data, own, forces, support, cloth, now, dv)
-        for c in range(contacts):
+        for c in near[:looked]:
             i, j = first[c], second[c]
-            if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
-                continue
             gap, approach, nx, ny = _meets(b, c, i, j, kind, radius, reach, half, mouths)
             if gap > CLOSED:
                 peak[c] = given[c] = 0.0
@@ -220,23 +283,13 @@ def through(  # type: ignore[no-untyped-def]
                     o[4 + x] = b[i, WX + x] + f * dv[i, 2 + x]
                 o[7] = b[i, TURN] + part * (b[i, WZ] + 0.5 * f * dv[i, 4])
             begin += 1
-        for i in range(n):
-            if kind[i] == POTTED:
-                continue
-            b[i, TURN] += STEP * (b[i, WZ] + 0.5 * dv[i, 4])
-            b[i, VX] += dv[i, 0]
-            b[i, VY] += dv[i, 1]
-            b[i, WX] += dv[i, 2]
-            b[i, WY] += dv[i, 3]
-            b[i, WZ] += dv[i, 4]
-            b[i, X] += STEP * b[i, VX]
-            b[i, Y] += STEP * b[i, VY]
+        room = _go(b, dv, kind, room)
+        if room <= 2.0 * CLOSED:
+            looked, room = _near(b, kind, first, second, radius, reach, near), NEAR
         now += STEP
         free, rests = True, True
-        for c in range(contacts):
+        for c in near[:looked]:
             i, j = first[c], second[c]
-            if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
-                continue
             gap, approach, _, _ = _meets(b, c, i, j, kind, radius, reach, half, mouths)
             if gap > CLOSED:
                 continue

@@ -1,10 +1,9 @@
 """Where effects push a ball: its motion as polynomials in time, in steps as long as their error allows.
 
-The embedded pair of order 5 and 4 of Dormand and Prince (1980) with its continuous extension (Hairer, Norsett, Wanner,
-Solving Ordinary Differential Equations I, II.6). A step ends where the ball changes: a slide or a roll ends, sidespin
-dies, a push switches. Inside a step friction keeps the direction in which it began to be reversed: a step that would
-pass through zero is cut. The last bit of a slide or of a roll is taken at a constant acceleration; what a ball rolls
-with at the end of a slide, v - 2/7 u, does not depend on how the slip dies.
+The steps are those of Dormand and Prince (models/engine/dense.py). A step ends where the ball changes: a slide or a
+roll ends, sidespin dies, a push switches. Inside a step friction keeps the direction in which it began to be reversed:
+a step that would pass through zero is cut. The last bit of a slide or of a roll is taken at a constant acceleration;
+what a ball rolls with at the end of a slide, v - 2/7 u, does not depend on how the slip dies.
 """
 
 from __future__ import annotations
@@ -14,7 +13,8 @@ import math
 import numpy as np
 
 from models.analytic.cloth import GRIP, NEAR, RESTING, ROLLING, SLIDING, STILL, STILL_SPIN, add_cloth
-from models.compiled import compiled
+from models.compiled import compiled_in_place
+from models.engine.dense import ERROR, NODES, STAGES, smooth, straight_on
 from models.engine.motion import (
     AX,
     AY,
@@ -125,38 +125,22 @@ from models.shot import GRAVITY
 
 TOLERANCE = 1e-6  # of a step, as an error of position at the end of the roll [m]
 BRAKE = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
-SPIN_LASTS = 0.02  # how long an error of sidespin counts [s]
-SHORT_SLIDE = 1e-4  # rest of a slide that is taken at a constant friction [s]
+SPIN_LASTS = 0.1  # how long an error of sidespin counts [s]
+SHORT_SLIDE = 1e-3  # rest of a slide that is taken at a constant friction [s]
+SHORT_SOFT = 1e-4  # the same where friction is not the full one [s]
 SHORT_ROLL = 0.03  # rest of a roll that is taken straight [s]
-SPARE_ROLL, SPARE_SLIDE = 0.9, 0.9  # of the way to the end of a roll, or of a slide at an even friction, in a step
+SPARE = 0.995  # of the way to the end of a roll or a slide, at most, in a step
+SPARE_SOFT = 0.9  # the same where the friction of a slide is not the full one
+TURNS = 4e-4  # error of a step of half of what is left of a motion, over how much a push across it turns it
+WIDEST = 9.0  # a step over what it leaves of a motion, beyond which errors no longer grow with it
+AHEAD = 1e3  # what is left of a motion, at most [s]
 BEFORE = 1e-9  # by which a step's last look comes before its end, where a push may switch [s]
 GROWTH, SHRINK, SAFETY = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
 LONGEST = 2.0  # [s]
 SHORTEST = 1e-7  # step that is taken whatever its error [s]
 
-# Dormand and Prince: weights of stages, the last of them the fifth order's, nodes, the error, the continuous extension.
-STAGES = np.array([
-    [1 / 5, 0, 0, 0, 0, 0],
-    [3 / 40, 9 / 40, 0, 0, 0, 0],
-    [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
-    [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
-    [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
-    [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-])  # fmt: skip
-NODES = np.array([1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
-ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
-DENSE = np.array([
-    [1, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
-    [0, 0, 0, 0],
-    [0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
-    [0, -1754552775 / 470086768, 14199869525 / 1410260304, -10690763975 / 1880347072],
-    [0, 127303824393 / 49829197408, -318862633887 / 49829197408, 701980252875 / 199316789632],
-    [0, -282668133 / 205662961, 2019193451 / 616988883, -1453857185 / 822651844],
-    [0, 40617522 / 29380423, -110615467 / 29380423, 69997945 / 29380423],
-])  # fmt: skip
 
-
-@compiled
+@compiled_in_place
 def push(r, at, own, forces, support):  # type: ignore[no-untyped-def]
     """Ask the effects what acts on the ball in record r, at address `at`, beside the cloth."""
     r[R_AX] = r[R_AY] = r[R_BX] = r[R_BY] = r[R_BZ] = 0.0
@@ -167,7 +151,7 @@ def push(r, at, own, forces, support):  # type: ignore[no-untyped-def]
         call_hook(forces[k, 0], own + 8 * forces[k, 1], at)
 
 
-@compiled
+@compiled_in_place
 def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: ignore[no-untyped-def]
     """Derivatives k[n] of the state y (STATE,) of a ball; False where friction would have to turn round.
 
@@ -208,10 +192,11 @@ def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: 
     return fine
 
 
-@compiled
-def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # type: ignore[no-untyped-def]
+@compiled_in_place
+def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):  # type: ignore[no-untyped-def]
     """Lay a curve from a ball's clock on: fills b and its polynomials m; returns CURVE, or REST where nothing changes.
 
+    Errors count up to the time `until`; no step is longer than `most` [s], unless it is the last of a slide or a roll.
     r (BALL_FIELDS,) at address `at` holds what does not change along the way; y (STATE,), k (7, STATE) are for work.
     """
     radius = r[R_RADIUS]
@@ -252,46 +237,15 @@ def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # ty
         y[x] = b[x]
     _rates(y, now, mode, way, r, at, own, forces, support, cloth, k, 0)
     b[AX], b[AY], b[MODE], b[LAST] = k[0, VX], k[0, VY], mode, ON
-    # How far the step may go: to the next switch, and to where the ball changes.
-    h = LONGEST
-    for n in range(horizon.shape[0]):
-        left = call_horizon(horizon[n, 0], own + 8 * horizon[n, 1], at)
-        if left == left:
-            h = min(h, max(left, SHORTEST))
-    bz, weight = k[0, WZ], r[R_WEIGHT]
-    if b[WZ] * bz < 0.0:
-        h = min(h, -b[WZ] / bz)
-    straight = False
-    if mode == SLIDING and weight > 0.0:
-        rate = -(way[0] * (k[0, VX] - radius * k[0, WY]) + way[1] * (k[0, VY] + radius * k[0, WX]))
-        full = 3.5 * cloth[0] * weight * GRAVITY * GRIP
-        soft = r[R_SLIDE_FACTOR] != 1.0 and u > full * (1.0 + NEAR)
-        left = (u - full if soft else u) / rate if rate > 0.0 else np.inf
-        if left <= SHORT_SLIDE:
-            if left <= h:
-                h, straight = left, True
-                b[LAST] = ON if soft else SLIDE_ENDS
-        else:
-            h = min(h, (SPARE_ROLL if soft else SPARE_SLIDE) * left)
-    elif mode == ROLLING:
-        rate = -(way[2] * k[0, VX] + way[3] * k[0, VY])
-        left = v / rate if rate > 0.0 else np.inf
-        if left <= SHORT_ROLL:
-            if left <= h:
-                h, straight = left, True
-                b[LAST] = STOPS
-        else:
-            h = min(h, SPARE_ROLL * left)
-    elif mode == RESTING and b[WZ] == 0.0:
+    h, left, straight = _room(b, mode, way, u, v, r, at, own, horizon, cloth, k)
+    if mode == RESTING and b[WZ] == 0.0:
         b[AX] = b[AY] = b[BOUND] = 0.0
         b[END] = now + h if h < LONGEST else np.inf
         return REST
-    if not straight:
-        if b[TRY] > 0.0:
-            h = min(h, b[TRY])
-        h = _step(b, m, h, until - now, mode, way, r, at, own, forces, support, cloth, y, k)
+    if straight:
+        straight_on(b, m, h, k)
     else:
-        _parabola(b, m, h, mode, radius, k)
+        h = _step(b, m, min(h, most), left, until - now, mode, way, r, at, own, forces, support, cloth, y, k)
     b[BEGIN], b[SPAN], b[END] = now, h, now + h
     most_x = most_y = 0.0
     for n in range(1, 5):
@@ -300,35 +254,67 @@ def curve(b, m, until, r, at, own, forces, support, horizon, cloth, y, k):  # ty
     return CURVE
 
 
-@compiled
-def _parabola(b, m, h, mode, radius, k):  # type: ignore[no-untyped-def]
-    """Polynomials of a step at the accelerations k[0]; a roll that stops does so straight."""
-    m[:] = 0.0
-    ax, ay = k[0, VX], k[0, VY]
-    if b[LAST] == STOPS:
-        ax, ay = -b[VX] / h, -b[VY] / h
-    for x in range(STATE):
-        m[x, 0] = b[x]
-    m[VX, 1], m[VY, 1] = ax * h, ay * h
-    m[X, 1], m[Y, 1] = b[VX] * h, b[VY] * h
-    m[X, 2], m[Y, 2] = 0.5 * ax * h * h, 0.5 * ay * h * h
-    m[WX, 1], m[WY, 1], m[WZ, 1] = k[0, WX] * h, k[0, WY] * h, k[0, WZ] * h
-    m[TURN, 1], m[TURN, 2] = b[WZ] * h, 0.5 * k[0, WZ] * h * h
-    m[ROLLED, 1] = k[0, ROLLED] * h
-    if b[LAST] == STOPS:
-        m[ROLLED, 2] = -0.5 * m[ROLLED, 1]
+@compiled_in_place
+def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no-untyped-def]
+    """How far a step may go: to the next switch, and to where the ball changes; what is left of its slide or roll [s].
+
+    The third says whether it comes to that end, at its first acceleration; b[LAST] says what happens there.
+    """
+    radius, h, left = r[R_RADIUS], LONGEST, AHEAD
+    for n in range(horizon.shape[0]):
+        free = call_horizon(horizon[n, 0], own + 8 * horizon[n, 1], at)
+        if free == free:
+            h = min(h, max(free, SHORTEST))
+    if b[WZ] * k[0, WZ] < 0.0:
+        h = min(h, -b[WZ] / k[0, WZ])
+    short, spare, last = SHORT_ROLL, SPARE, STOPS
+    if mode == SLIDING and r[R_WEIGHT] > 0.0:
+        rate = -(way[0] * (k[0, VX] - radius * k[0, WY]) + way[1] * (k[0, VY] + radius * k[0, WX]))
+        full = 3.5 * cloth[0] * r[R_WEIGHT] * GRAVITY * GRIP
+        short, last = SHORT_SLIDE, SLIDE_ENDS
+        if r[R_SLIDE_FACTOR] != 1.0:
+            short = SHORT_SOFT
+            if u > full * (1.0 + NEAR):
+                u, spare, last = u - full, SPARE_SOFT, ON
+        if rate > 0.0:
+            left = min(u / rate, AHEAD)
+    elif mode == ROLLING:
+        rate = -(way[2] * k[0, VX] + way[3] * k[0, VY])
+        if rate > 0.0:
+            left = min(v / rate, AHEAD)
+    if left > short:
+        return min(h, spare * left), left, False
+    if left <= h:
+        b[LAST] = last
+        return left, left, True
+    return h, left, False
 
 
-@compiled
-def _step(b, m, h, left, mode, way, r, at, own, forces, support, cloth, y, k):  # type: ignore[no-untyped-def]
-    """A step of at most h whose error is small, from k[0] on: fills the polynomials m, returns its length."""
+@compiled_in_place
+def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y, k):  # type: ignore[no-untyped-def]
+    """A step of at most h whose error is small, from k[0] on: fills the polynomials m, returns its length.
+
+    A push across the way turns a motion the faster the less of it is left: at a step h of what is `left` the error
+    grows as the fourth power of h / (left - h), at first. That is what is asked of a step, and remembered in b[TRY].
+    """
     radius, v = r[R_RADIUS], math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
-    lasts = min(left, v / BRAKE)
+    lasts = min(until, v / BRAKE)
     # An error of slip along the slip ends the slide too soon or too late; one across turns it for what is left of it.
     slip_rate = math.sqrt((k[0, VX] - radius * k[0, WY]) ** 2 + (k[0, VY] + radius * k[0, WX]) ** 2)
     early = BRAKE * lasts / max(slip_rate, BRAKE)
     slip = math.sqrt((b[VX] - radius * b[WY]) ** 2 + (b[VY] + radius * b[WX]) ** 2)
-    turns = 2 / 7 * min(left, slip / max(slip_rate, BRAKE))
+    turns = 2 / 7 * min(until, slip / max(slip_rate, BRAKE))
+    share = b[TRY]
+    if share == 0.0 and left < AHEAD:
+        if mode == ROLLING:
+            across, far = abs(way[2] * k[0, VY] - way[3] * k[0, VX]), lasts
+        else:
+            across = abs(way[0] * (k[0, VY] + radius * k[0, WX]) - way[1] * (k[0, VX] - radius * k[0, WY]))
+            far = turns
+        turned = TURNS * across * left * far
+        share = SAFETY * math.sqrt(math.sqrt(TOLERANCE / turned)) if turned > 0.0 else 0.0
+    if share > 0.0:
+        h = min(h, left * share / (1.0 + share))
     while True:
         fine = True
         for stage in range(6):
@@ -360,39 +346,24 @@ def _step(b, m, h, left, mode, way, r, at, own, forces, support, cloth, y, k):  
         error += SPIN_LASTS * radius * abs(wz)
         # Sidespin that would pass through zero ends the step there.
         crossed = b[WZ] != 0.0 and way[4] * y[WZ] < 0.0 and abs(y[WZ]) > STILL_SPIN
-        grow = GROWTH if error <= 0.0 else min(GROWTH, max(SHRINK, SAFETY * (TOLERANCE / error) ** 0.2))
+        share = h / (left - h) if h < left else WIDEST
         if (error <= TOLERANCE and not crossed) or h <= SHORTEST:
-            b[TRY] = h * grow if grow < GROWTH else 0.0
+            grow = SAFETY * (TOLERANCE / error) ** 0.2 if error > 0.0 else GROWTH
+            b[TRY] = share * grow if grow < GROWTH else 0.0
             break
         if crossed and error <= TOLERANCE:
             h = max(h * b[WZ] / (b[WZ] - y[WZ]), SHORTEST)
         else:
-            h = max(h * grow, SHORTEST)
+            share = min(share, WIDEST) * max(SHRINK, SAFETY * (TOLERANCE / error) ** (1 / 3))
+            h = max(left * share / (1.0 + share), SHORTEST)
     if not fine:  # nothing is left of the motion
-        _parabola(b, m, h, mode, radius, k)
+        straight_on(b, m, h, k)
         return h
-    for x in range(STATE):
-        m[x, 0], m[x, 5] = b[x], 0.0
-        for n in range(4):
-            total = 0.0
-            for stage in range(7):
-                total += DENSE[stage, n] * k[stage, x]
-            m[x, n + 1] = h * total
-    # Places and angles are the integrals of what carries them, so that both agree on the whole step.
-    _integral(m, X, VX, b[X], h)
-    _integral(m, Y, VY, b[Y], h)
-    _integral(m, TURN, WZ, b[TURN], h)
+    smooth(b, m, h, k)
     return h
 
 
-@compiled
-def _integral(m, to, of, start, h):  # type: ignore[no-untyped-def]
-    m[to, 0] = start
-    for n in range(5):
-        m[to, n + 1] = h * m[of, n] / (n + 1)
-
-
-@compiled
+@compiled_in_place
 def lay_record(r, number, launch, order, radius, mass):  # type: ignore[no-untyped-def]
     """What of a ball's record does not change along its way."""
     r[R_NUMBER], r[R_LAUNCH], r[R_ORDER], r[R_RADIUS], r[R_MASS] = number, launch, order, radius, mass

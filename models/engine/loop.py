@@ -23,15 +23,16 @@ from models.analytic.coulomb import STEPS
 from models.analytic.events import DEAD
 from models.analytic.impulse import collide
 from models.analytic.pocket import outward
-from models.compiled import compiled
+from models.compiled import compiled, compiled_in_place
 from models.engine.cluster import CROWD, through
-from models.engine.curve import curve, lay_record
+from models.engine.curve import LONGEST, curve, lay_record
 from models.engine.motion import (
     CLOCK,
     COLUMNS,
     END,
     MEET,
     POTTED,
+    REST,
     STATE,
     TERMS,
     TRY,
@@ -69,7 +70,7 @@ LEANS = 2.5 * PUSH  # for how long a ball that leans is known to [s]
 ROW = 8  # numbers of a ball at a moment: place, velocity, spin, angle turned
 
 
-@compiled
+@compiled_in_place
 def collide_alone(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, mass, radius, order, now):  # type: ignore[no-untyped-def]
     """Carry two balls, or one and a cushion (j < 0), through their impact by its impulse; returns whether they lean."""
     if j < 0:
@@ -101,7 +102,7 @@ def collide_alone(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, ma
     return slow
 
 
-@compiled
+@compiled_in_place
 def approach_speed(b, i, j, rail, jaws):  # type: ignore[no-untyped-def]
     """How fast two balls, or one and a cushion (j < 0), come together [m/s]."""
     if j < 0:
@@ -111,7 +112,7 @@ def approach_speed(b, i, j, rail, jaws):  # type: ignore[no-untyped-def]
     return ((b[i, VX] - b[j, VX]) * x + (b[i, VY] - b[j, VY]) * y) / math.sqrt(x * x + y * y)
 
 
-@compiled
+@compiled_in_place
 def _sample(b, m, kind, times, begin, until, radius, alpha, out, keep):  # type: ignore[no-untyped-def]
     """Write the balls at all times from number `begin` up to a moment; returns the next number."""
     while begin < times.size and times[begin] <= until:
@@ -132,9 +133,19 @@ def _sample(b, m, kind, times, begin, until, radius, alpha, out, keep):  # type:
 
 
 @compiled
+def _work(n, curved):  # type: ignore[no-untyped-def]
+    """Arrays that shots of n balls are played in: of every ball, of every pair, and of one at a time."""
+    pairs = n * (n - 1) // 2
+    balls = np.zeros((n, COLUMNS)), np.zeros((n, STATE if curved else 1, TERMS)), np.zeros((n, BALL_FIELDS))
+    known = np.zeros(n, np.int64), np.zeros((n, 2), np.int64), np.zeros(n), np.zeros(n), np.zeros(n, np.bool_)
+    one = np.zeros(10), np.zeros(IMPACT_FIELDS), np.zeros(COLUMNS), np.zeros(STATE), np.zeros((7, STATE))
+    return balls, known, (np.zeros(pairs), np.zeros(pairs, np.bool_)), one
+
+
+@compiled_in_place
 def play_shot(  # type: ignore[no-untyped-def]
-    start, stays, launch, order, own, forces, support, horizon, impact, cloth, mass, radius, reach, half, mouths, jaws,
-    falls, table, clusters, until, most, times, out, log, who, count, potted,
+    work, start, stays, launch, order, own, forces, support, horizon, impact, cloth, mass, radius, reach, half, mouths,
+    jaws, falls, table, clusters, until, most, times, out, log, who, count, potted,
 ):  # fmt: skip
     """Play one shot from `start` (n, 8), which is left as it ends; returns when, nan where it was given up.
 
@@ -143,22 +154,16 @@ def play_shot(  # type: ignore[no-untyped-def]
     """
     n = start.shape[0]
     curved = forces.shape[0] > 0
-    b, m = np.zeros((n, COLUMNS)), np.zeros((n, STATE if curved else 1, TERMS))
-    kind, what = np.zeros(n, np.int64), np.zeros((n, 2), np.int64)
-    pair, again = np.zeros(n * (n - 1) // 2), np.zeros(n * (n - 1) // 2, np.bool_)
-    state, hit, keep = np.zeros(10), np.zeros(IMPACT_FIELDS), np.zeros(COLUMNS)
-    leans, quiet = np.full(n, -np.inf), np.full(n, -np.inf)
-    records = np.zeros((n, BALL_FIELDS))
-    y, k = np.zeros(STATE), np.zeros((7, STATE))
+    (b, m, records), (kind, what, leans, quiet, todo), (pair, again), (state, hit, keep, y, k) = work
     slide, roll, alpha = cloth[0], cloth[1], cloth[2]
     for i in range(n):
         lay_record(records[i], i, launch, order, radius, mass)
-        for x in range(ROW):
-            b[i, x] = start[i, x]
+        for x in range(COLUMNS):
+            b[i, x] = start[i, x] if x < ROW else 0.0
+        kind[i], todo[i], leans[i], quiet[i] = REST, True, -np.inf, -np.inf
         if math.isnan(b[i, X]):
             kind[i] = POTTED
             b[i, END] = b[i, MEET] = np.inf
-    todo = np.ones(n, np.bool_)
     # Counters begin as numbers that the compiler does not know: it would compile what they go into for each literal.
     zero = 0 * n
     next_, logged, now, ended = zero, zero, 0.0, np.nan
@@ -167,8 +172,8 @@ def play_shot(  # type: ignore[no-untyped-def]
             if todo[i] and kind[i] != POTTED:
                 if curved:
                     kind[i] = curve(
-                        b[i], m[i], until, records[i], records[i].ctypes.data, own, forces, support, horizon, cloth, y,
-                        k,
+                        b[i], m[i], until, LONGEST, records[i], records[i].ctypes.data, own, forces, support, horizon,
+                        cloth, y, k,
                     )  # fmt: skip
                 else:
                     kind[i] = plain_phase(b[i], radius, slide, roll)
@@ -278,7 +283,7 @@ def play_rows(  # type: ignore[no-untyped-def]
     half, mouths, jaws, falls, table, clusters, until, most, times, out, log, who, count, end, potted,
 ):  # fmt: skip
     """Play shots number `first` to `last`: `start` (n, nball, 8) in and out, `times` (n, m), `out` (n, m, nball, 8)."""
-    cue = np.zeros(STROKE_FIELDS)
+    cue, work = np.zeros(STROKE_FIELDS), _work(start.shape[1], forces.shape[0] > 0)
     for s in range(first, last):
         at = own[s].ctypes.data
         launch = 0.0
@@ -286,7 +291,7 @@ def play_rows(  # type: ignore[no-untyped-def]
             b = start[s, 0]
             launch = deliver(b[VX:WX], b[WX:ROW], at, strike, radius, mass, cue)
         end[s] = play_shot(
-            start[s], stays[s], launch, order[s], at, forces, support, horizon, impact, cloth[s], mass, radius, reach,
-            half, mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s], log[s], who[s], count[s],
-            potted[s],
+            work, start[s], stays[s], launch, order[s], at, forces, support, horizon, impact, cloth[s], mass, radius,
+            reach, half, mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s], log[s], who[s],
+            count[s], potted[s],
         )  # fmt: skip

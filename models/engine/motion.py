@@ -12,14 +12,14 @@ import math
 import numpy as np
 
 from models.analytic.cloth import ROLLING, STILL, STILL_SPIN, turned
-from models.compiled import compiled
+from models.compiled import compiled_in_place
 from models.shot import GRAVITY
 
 # What a ball does: closed forms, or along a curve.
 REST, SLIDE, ROLL, POTTED, CURVE = 0, 1, 2, 3, 4
 # Columns of a ball: its state at CLOCK, its acceleration then, when its motion ends and what it meets of the table by
 # then, and for a curve: when that began, how long it spans, what the ball does on it, how its end is reached, the
-# largest acceleration on it, and the longest step that its error allows after it, 0 for any.
+# largest acceleration on it, and what share of its motion the next step may take by its error (models/engine/curve.py).
 (
     X, Y, VX, VY, WX, WY, WZ, TURN, ROLLED, CLOCK, AX, AY, END, MEET, BEGIN, SPAN, MODE, LAST, BOUND, TRY,
 ) = range(20)  # fmt: skip
@@ -27,7 +27,7 @@ COLUMNS, STATE, TERMS = 20, 9, 6
 ON, SLIDE_ENDS, STOPS = 0.0, 1.0, 2.0  # how a curve's end is reached
 
 
-@compiled
+@compiled_in_place
 def advance(b, m, kind, t, radius, alpha):  # type: ignore[no-untyped-def]
     """Carry a ball b (COLUMNS,) along its motion to time t; m (STATE, TERMS) are its curve's polynomials."""
     if kind == CURVE:
@@ -55,7 +55,7 @@ def advance(b, m, kind, t, radius, alpha):  # type: ignore[no-untyped-def]
         b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
 
 
-@compiled
+@compiled_in_place
 def _follow(b, m, s, radius):  # type: ignore[no-untyped-def]
     """The state at part s of a curve."""
     for k in range(STATE):
@@ -67,7 +67,7 @@ def _follow(b, m, s, radius):  # type: ignore[no-untyped-def]
         b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
 
 
-@compiled
+@compiled_in_place
 def place(b, m, kind, t):  # type: ignore[no-untyped-def]
     """Position and velocity of a ball at a time within its motion: (x, y, vx, vy)."""
     if kind == CURVE:
@@ -85,7 +85,7 @@ def place(b, m, kind, t):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@compiled
+@compiled_in_place
 def pull(b, m, kind, t):  # type: ignore[no-untyped-def]
     """Acceleration of a ball at a time within its motion: (ax, ay)."""
     if kind == CURVE:
@@ -96,7 +96,7 @@ def pull(b, m, kind, t):  # type: ignore[no-untyped-def]
     return b[AX], b[AY]
 
 
-@compiled
+@compiled_in_place
 def plain_phase(b, radius, slide, roll):  # type: ignore[no-untyped-def]
     """What a ball does from its clock on where nothing but the cloth acts: its acceleration and when that ends."""
     ux, uy = b[VX] - radius * b[WY], b[VY] + radius * b[WX]
@@ -119,7 +119,7 @@ def plain_phase(b, radius, slide, roll):  # type: ignore[no-untyped-def]
     return REST
 
 
-@compiled
+@compiled_in_place
 def arrive(b, kind, radius):  # type: ignore[no-untyped-def]
     """Set a ball that has come to the end of its motion to what it does there exactly: it rolls, or rests."""
     if kind == SLIDE:

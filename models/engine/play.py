@@ -27,7 +27,7 @@ KINDS = ("ball", "cushion", "pocket")
 LAWS = ("slide", "roll", "spin")  # constants of the cloth
 MOST = 100_000  # events of a shot, after which it is given up
 LOGGED = 64  # room for events of a shot to begin with
-CHUNK = 16  # shots that a thread takes at a time, at least
+CHUNK = 8  # shots that a thread takes at a time, at least
 PARTS = 8  # chunks for each thread, at most
 
 

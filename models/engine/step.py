@@ -195,11 +195,12 @@ def play_step(  # type: ignore[no-untyped-def]
             b[i, END] = b[i, MEET] = np.inf
             if kind[i] == POTTED:
                 continue
-            b[i, TRY] = until - now
+            b[i, TRY] = 0.0
             if curved:
                 kind[i] = curve(
-                    b[i], m[i], np.inf, records[i], records[i].ctypes.data, own, forces, support, horizon, cloth, y, k
-                )
+                    b[i], m[i], np.inf, until - now, records[i], records[i].ctypes.data, own, forces, support, horizon,
+                    cloth, y, k,
+                )  # fmt: skip
             else:
                 kind[i] = plain_phase(b[i], radius, cloth[0], cloth[1])
             ends = wide if entered[i] > 0.0 else mouths

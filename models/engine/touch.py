@@ -14,7 +14,7 @@ import numpy as np
 
 from models.analytic.events import AWAY, CLOSED, in_mouth, line, meeting
 from models.analytic.pocket import straight
-from models.compiled import compiled
+from models.compiled import compiled, compiled_in_place
 from models.engine.motion import (
     AX,
     AY,
@@ -51,7 +51,7 @@ def _wait(gap, closing, bound):  # type: ignore[no-untyped-def]
     return 2.0 * gap / low if low > 0.0 else np.inf
 
 
-@compiled
+@compiled_in_place
 def _to_line(b, m, kind, k, sign, level, t, end):  # type: ignore[no-untyped-def]
     """When a ball on a curve comes to the line sign * coordinate k = level; inf for not before the end."""
     first = True
@@ -85,7 +85,7 @@ def _apart(x, y, u, v):  # type: ignore[no-untyped-def]
     return math.sqrt(x * x + y * y)
 
 
-@compiled
+@compiled_in_place
 def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-def]
     """When two balls, one of them on a curve at least, come within rho of each other."""
     first, bound = True, b[BOUND] + c[BOUND]
@@ -126,7 +126,7 @@ def _to_point(b, m, px, py, rho, t, end):  # type: ignore[no-untyped-def]
     return _to_ball(b, m, CURVE, point, m, REST, rho, t, end)
 
 
-@compiled
+@compiled_in_place
 def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
     """What of the table a ball meets next, within its motion and the time wanted; no pocket takes one that stays."""
     b[MEET] = np.inf
@@ -176,13 +176,13 @@ def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, unt
                 b[MEET], what[i, 0], what[i, 1] = b[CLOCK] + t, POCKET, -1
 
 
-@compiled
+@compiled_in_place
 def _look_again(b, what, i):  # type: ignore[no-untyped-def]
     if b[CLOCK] + PUSH < b[MEET]:
         b[MEET], what[i, 0] = b[CLOCK] + PUSH, SWITCH
 
 
-@compiled
+@compiled_in_place
 def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
     now, end = b[CLOCK], min(b[END], until)
     if end <= now:
@@ -241,7 +241,7 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
                 b[MEET], what[i, 0], what[i, 1] = t, POCKET, -1
 
 
-@compiled
+@compiled_in_place
 def meet_balls(now, i, b, m, kind, pair, again, radius, until):  # type: ignore[no-untyped-def]
     """When a ball meets each other one, within both motions: fills the times `pair`, and `again` where pressed."""
     for j in range(b.shape[0]):

@@ -1,0 +1,81 @@
+"""Polynomials in time of a step along a curve, from the rates of change k that a ball has in it.
+
+The embedded pair of order 5 and 4 of Dormand and Prince (1980) with its continuous extension (Hairer, Norsett, Wanner,
+Solving Ordinary Differential Equations I, II.6), or its first rates alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.compiled import compiled_in_place
+from models.engine.motion import LAST, ROLLED, STATE, STOPS, TURN, VX, VY, WX, WY, WZ, X, Y
+
+# Weights of stages, the last of them the fifth order's, nodes, the error, the continuous extension.
+STAGES = np.array([
+    [1 / 5, 0, 0, 0, 0, 0],
+    [3 / 40, 9 / 40, 0, 0, 0, 0],
+    [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
+    [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
+    [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
+    [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+])  # fmt: skip
+NODES = np.array([1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+DENSE = np.array([
+    [1, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
+    [0, 0, 0, 0],
+    [0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
+    [0, -1754552775 / 470086768, 14199869525 / 1410260304, -10690763975 / 1880347072],
+    [0, 127303824393 / 49829197408, -318862633887 / 49829197408, 701980252875 / 199316789632],
+    [0, -282668133 / 205662961, 2019193451 / 616988883, -1453857185 / 822651844],
+    [0, 40617522 / 29380423, -110615467 / 29380423, 69997945 / 29380423],
+])  # fmt: skip
+
+
+@compiled_in_place
+def straight_on(b, m, h, k):  # type: ignore[no-untyped-def]
+    """Polynomials of a step at the accelerations k[0].
+
+    A roll that stops after h does so straight, but for the h^2 / 4 times the push across it by which it drifts: to
+    first order in the push a, v(t) = a (h - t) log(h / (h - t)) across.
+    """
+    m[:] = 0.0
+    ax, ay, px, py = k[0, VX], k[0, VY], 0.0, 0.0
+    if b[LAST] == STOPS:
+        px, py = ax + b[VX] / h, ay + b[VY] / h
+        ax, ay = ax - px, ay - py
+    for x in range(STATE):
+        m[x, 0] = b[x]
+    m[VX, 1], m[VX, 2] = (ax + 1.5 * px) * h, -1.5 * px * h
+    m[VY, 1], m[VY, 2] = (ay + 1.5 * py) * h, -1.5 * py * h
+    _integral(m, X, VX, b[X], h)
+    _integral(m, Y, VY, b[Y], h)
+    m[WX, 1], m[WY, 1], m[WZ, 1] = k[0, WX] * h, k[0, WY] * h, k[0, WZ] * h
+    m[TURN, 1], m[TURN, 2] = b[WZ] * h, 0.5 * k[0, WZ] * h * h
+    m[ROLLED, 1] = k[0, ROLLED] * h
+    if b[LAST] == STOPS:
+        m[ROLLED, 2] = -0.5 * m[ROLLED, 1]
+
+
+@compiled_in_place
+def smooth(b, m, h, k):  # type: ignore[no-untyped-def]
+    """Polynomials m (STATE, TERMS) of a step h of a ball b, of order 4, from all stages k (7, STATE)."""
+    for x in range(STATE):
+        m[x, 0], m[x, 5] = b[x], 0.0
+        for n in range(4):
+            total = 0.0
+            for stage in range(7):
+                total += DENSE[stage, n] * k[stage, x]
+            m[x, n + 1] = h * total
+    # Places and angles are the integrals of what carries them, so that both agree on the whole step.
+    _integral(m, X, VX, b[X], h)
+    _integral(m, Y, VY, b[Y], h)
+    _integral(m, TURN, WZ, b[TURN], h)
+
+
+@compiled_in_place
+def _integral(m, to, of, start, h):  # type: ignore[no-untyped-def]
+    m[to, 0] = start
+    for n in range(5):
+        m[to, n + 1] = h * m[of, n] / (n + 1)
