@@ -133,7 +133,7 @@ def _sample(b, m, kind, times, begin, until, radius, alpha, out, keep):  # type:
 
 
 @compiled
-def _work(n, curved):  # type: ignore[no-untyped-def]
+def workspace(n, curved):  # type: ignore[no-untyped-def]
     """Arrays that shots of n balls are played in: of every ball, of every pair, and of one at a time."""
     pairs = n * (n - 1) // 2
     balls = np.zeros((n, COLUMNS)), np.zeros((n, STATE if curved else 1, TERMS)), np.zeros((n, BALL_FIELDS))
@@ -283,7 +283,7 @@ def play_rows(  # type: ignore[no-untyped-def]
     half, mouths, jaws, falls, table, clusters, until, most, times, out, log, who, count, end, potted,
 ):  # fmt: skip
     """Play shots number `first` to `last`: `start` (n, nball, 8) in and out, `times` (n, m), `out` (n, m, nball, 8)."""
-    cue, work = np.zeros(STROKE_FIELDS), _work(start.shape[1], forces.shape[0] > 0)
+    cue, work = np.zeros(STROKE_FIELDS), workspace(start.shape[1], forces.shape[0] > 0)
     for s in range(first, last):
         at = own[s].ctypes.data
         launch = 0.0

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import compiled
-from models.engine.loop import ROW, play_shot
+from models.engine.loop import ROW, play_shot, workspace
 from models.engine.play import MOST, Layout, over_threads
 from models.errors import BadInput
 from models.hooks import STROKE_FIELDS
@@ -145,6 +145,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
     position, velocity = np.zeros((stamps.shape[1], most, 2)), np.zeros((stamps.shape[1], most, 2))
     log, who, counts, potted = np.zeros(0), np.zeros((0, 3), np.int64), np.zeros(4, np.int64), np.zeros(most, np.bool_)
     start, place, cue = np.zeros((most, ROW)), np.zeros((most, 2)), np.zeros(STROKE_FIELDS)
+    size, work = most, workspace(most, forces.shape[0] > 0)
     for row in range(first, last):
         w = which[row]
         n, here = balls[w], own[row].ctypes.data
@@ -181,11 +182,13 @@ def residual_rows(  # type: ignore[no-untyped-def]
             if back:
                 faults[row] = BACKWARDS
                 continue
+        if n != size:
+            size, work = n, workspace(n, forces.shape[0] > 0)
         # A play that is given up leaves its balls where they were then.
         play_shot(
-            start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row], mass,
-            radius, reach, half, mouths, jaws, falls, table, True, looked[seen - 1], MOST, looked, track[:seen, :n],
-            log, who, counts, potted[:n],
+            work, start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row],
+            mass, radius, reach, half, mouths, jaws, falls, table, True, looked[seen - 1], MOST, looked,
+            track[:seen, :n], log, who, counts, potted[:n],
         )  # fmt: skip
         for i in range(n):
             last_seen = 0
