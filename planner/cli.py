@@ -5,14 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from models.console import DONE, FOUND, Progress, Run, check_outputs, run_verb, table, write_json
 from models.errors import BadInput
 from planner import cli_study, cli_view
-from sysid.cli import DONE, FOUND, check_outputs, run_verb
-from sysid.output import Progress, table, write_json
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -181,7 +180,7 @@ def parser() -> argparse.ArgumentParser:
     )
     verbs = top.add_subparsers(dest="verb", required=True)
 
-    def verb(name: str, run: Callable[[argparse.Namespace, Progress], int], text: str) -> argparse.ArgumentParser:
+    def verb(name: str, run: Run, text: str) -> argparse.ArgumentParser:
         one = verbs.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
         one.set_defaults(run=run)
         one.add_argument("--effects", metavar="DIR", action="append", default=[], help="folder of effects of your own")

@@ -24,9 +24,9 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from models.console import Progress, write_json
 from models.errors import BadInput
 from models.files import write_whole
-from sysid.output import Progress, write_json
 
 if TYPE_CHECKING:
     from planner.study import Study
@@ -61,7 +61,7 @@ def add(one: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, progress: Progress) -> int:
     """Work out the scenes that are not there yet, then tell of all."""
-    from sysid.cli import check_outputs
+    from models.console import check_outputs
 
     if args.scene:
         return _write_scene(args.out, *args.scene)

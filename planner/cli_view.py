@@ -11,8 +11,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from models.console import Progress
 from models.errors import BadInput
-from sysid.output import Progress
 
 if TYPE_CHECKING:
     from models.model_file import Model

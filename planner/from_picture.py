@@ -109,8 +109,8 @@ def balls_in_picture(
     progress: Callable[[str], None] = lambda line: None,
 ) -> Found:  # fmt: skip
     """The balls of a photo, or of the last frame of a video or of a row of pictures; arguments as above."""
+    from sysid.cli.track import USUAL
     from sysid.vision.camera import ball_of, read_camera
-    from sysid.vision.cli_track import USUAL
     from sysid.vision.detect import Detector
     from sysid.vision.frames import open_footage
     from sysid.vision.palette import default_palette, read_palette

@@ -37,9 +37,9 @@ from models.view_plan import (
     strike_words,
     wanted,
 )
-from sysid.drawing import INK, MODEL, NOISE, WIDTH, png, svg
-from sysid.plots import draw_table, number
-from sysid.report import CSS
+from sysid.report.drawing import INK, MODEL, NOISE, WIDTH, png, svg
+from sysid.report.html import CSS
+from sysid.report.plots import draw_table, number
 
 LIMIT = 0.5  # offset over radius beyond which no stroke is played (Robotic Billiards 2015)
 MARGIN = 0.11  # of the table around its playing surface, as drawn [m]

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.console import table
 from models.files import write_whole
 from models.shot import Ball, Table
 from models.view import ball_colour
 from planner.outcome import FOULS
-from sysid.drawing import HELD_OUT, INK, MODEL, NOISE, png
-from sysid.output import table
-from sysid.plots import draw_table
+from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, png
+from sysid.report.plots import draw_table
 
 Array = NDArray[np.float64]
 Told = Mapping[str, Any]

@@ -20,11 +20,11 @@ from pathlib import Path
 
 import numpy as np
 
+from models.console import table
 from models.errors import BadInput
 from robot.launcher import Done, Launcher
 from robot.protocol import string_number
 from robot.settings import Settings, SpeedTable, read_settings, write_settings
-from sysid.output import table
 
 STRINGS = (1, 25, 50, 75, 100, 125, 150, 175, 200)
 REPEATS = 5

@@ -193,8 +193,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from models.gl import choose_backend
 
     choose_backend()
+    from models.console import Progress
     from robot.striker import EmulatedStriker, Sloppiness, draw_hidden
-    from sysid.output import Progress
 
     parser = argparse.ArgumentParser(prog="python -m robot.campaign", description=main.__doc__, allow_abbrev=False)
     parser.add_argument("out", type=Path, metavar="OUT.csv", help="begun or gone on with")

@@ -12,12 +12,11 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from models.console import DONE, FOUND, Progress, Run, run_verb
 from models.errors import BadInput
 from robot import cli_learn, cli_measure, cli_play
-from robot.cli_common import Run, launcher_at, line_of, seed_of, seeded, settings_of, wired
+from robot.cli_common import launcher_at, line_of, seed_of, seeded, settings_of, wired
 from robot.protocol import LauncherError
-from sysid.cli import DONE, FOUND, run_verb
-from sysid.output import Progress
 
 if TYPE_CHECKING:
     from robot.launcher import Did

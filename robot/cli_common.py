@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from models.errors import BadInput
-from sysid.output import Progress
 
 if TYPE_CHECKING:
     from robot.launcher import Launcher
     from robot.link import Link
     from robot.live_camera import LiveCamera
     from robot.settings import Settings
-
-Run = Callable[[argparse.Namespace, Progress], int]
-Verb = Callable[[str, Run, str], argparse.ArgumentParser]  # makes a verb of its name, what runs it, and what it is
 
 
 def wired(one: argparse.ArgumentParser, required: bool) -> None:

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from models.console import DONE, INTERRUPTED, Progress, Verb, check_outputs, table, write_json
 from models.errors import BadInput
 from robot.cli_common import (
-    Verb,
     camera_of,
     confirmed,
     emulated_only,
@@ -33,8 +33,6 @@ from robot.cli_common import (
     with_camera,
     with_effects,
 )
-from sysid.cli import DONE, INTERRUPTED, check_outputs
-from sysid.output import Progress, table, write_json
 
 if TYPE_CHECKING:
     from models.shot import Ball, Table

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from models.console import DONE, Progress, Verb, check_outputs, table, write_json
 from models.errors import BadInput
-from robot.cli_common import Verb, confirmed, launcher_at, seed_of, seeded, settings_of, wired
-from sysid.cli import DONE, check_outputs
-from sysid.output import Progress, table, write_json
+from robot.cli_common import confirmed, launcher_at, seed_of, seeded, settings_of, wired
 
 
 def add(verb: Verb) -> None:

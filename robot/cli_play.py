@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from models.console import DONE, FOUND, Progress, Verb
 from models.errors import BadInput
 from robot.cli_common import (
-    Verb,
     camera_of,
     confirmed,
     emulated_only,
@@ -25,8 +25,6 @@ from robot.cli_common import (
     with_camera,
     with_effects,
 )
-from sysid.cli import DONE, FOUND
-from sysid.output import Progress
 
 if TYPE_CHECKING:
     from models.shot import Array, Ball, Table

@@ -24,6 +24,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from models.console import write_json
 from models.errors import BadInput
 from models.files import write_whole
 from models.model_file import Model, read_model, write_model
@@ -41,7 +42,6 @@ from robot.play import Camera, play_plan, played_file
 from robot.relearn import relearn
 from robot.story import FIT_FORMAT, FORMAT, Story, count_played, fit_folder, middle_of, plan_file, read_json, read_story
 from sysid.clips import ClipSet, read_clip_set
-from sysid.output import write_json
 
 OTHERS = 5  # scenes that are drawn for a shot before none is found that can be played
 NEAR = 1.3  # times what the plans foresee: a miss that no model makes much smaller

@@ -32,9 +32,9 @@ from models.errors import BadInput
 from models.files import write_whole
 from models.shot import Array, Ball, Table
 from planner.from_picture import CUES, Found, balls_in_picture
+from sysid.cli.track import USUAL
 from sysid.clips import Observation
 from sysid.vision.camera import Camera, ball_of, read_camera, write_camera
-from sysid.vision.cli_track import USUAL
 from sysid.vision.details import details
 from sysid.vision.detect import Detector
 from sysid.vision.frames import Clock, Footage, Picture, Video, quiet

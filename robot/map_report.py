@@ -22,16 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.cue_impulse import NAMES
+from models.console import table
 from models.errors import BadInput
 from models.files import write_whole
 from planner.cueing_map import CueingMap, write_map
 from robot.campaign import CueShot, read_campaign
 from robot.map_fit import fit_map
 from robot.networks import Contest, Score, Told, average, compare_maps
-from sysid.drawing import HELD_OUT, INK, MODEL, NOISE, png, svg
-from sysid.output import table
-from sysid.plots import number
-from sysid.report import CSS
+from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, png, svg
+from sysid.report.html import CSS
+from sysid.report.plots import number
 
 Array = NDArray[np.float64]
 UNITS = {"tip_restitution": "1", "cue_mass": "kg", "end_mass": "kg", "slate_friction": "1", "contact_time": "s",

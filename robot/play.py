@@ -23,6 +23,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from models.console import write_json
 from models.errors import BadInput
 from models.shot import Array, Ball, Table
 from planner.plan import read_plan
@@ -31,7 +32,6 @@ from robot.launcher import Done, Launcher, StrokeUnknown
 from robot.protocol import LauncherError, string_number
 from robot.settings import Settings
 from sysid.clips import Clip, ClipSet, Cue, Observation, read_clip_set, write_clip_set
-from sysid.output import write_json
 
 FORMAT = "billiard-played/1"
 TOLERANCE = 5e-3  # of a ball's place against the plan's [m]

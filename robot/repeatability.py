@@ -23,13 +23,13 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from models.console import table
 from models.errors import BadInput
 from models.model_file import full_model
 from models.shot import Array, Table
 from models.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from robot.emulated_table import SIGMA, EmulatedTable, emulated_launcher
 from robot.settings import Settings
-from sysid.output import table
 
 WITHIN = 0.050  # of the mean place: the paper's repeatability [m]
 BALL_SD = 1e-4  # of the place a ball is put back to, each axis [m]; as robot/striker.py has it

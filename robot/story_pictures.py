@@ -18,8 +18,8 @@ from models.shot import Table
 from models.view import CLOTH
 from robot.story import Shot, Story
 from sysid.clips.faults import one_line
-from sysid.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH
-from sysid.plots import draw_table, number
+from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH
+from sysid.report.plots import draw_table, number
 
 Draw = Callable[[Any], None]
 Block = tuple[int, int]  # first and last shot, counted from 1

@@ -22,9 +22,9 @@ from models.view_story import Scene as Film
 from planner.scene import pocket_name
 from robot.story import Refit, Shot, Story
 from robot.story_pictures import Block, Draw, above, blocks, changes, constants, ends, misses, pot_count, pots
-from sysid.drawing import png, svg
-from sysid.plots import number
-from sysid.report import CSS
+from sysid.report.drawing import png, svg
+from sysid.report.html import CSS
+from sysid.report.plots import number
 
 NONE = "–"
 OWN_CSS = ".lead{font-size:16px;max-width:920px;margin:6px 0}.lead:first-of-type{margin-top:12px}"

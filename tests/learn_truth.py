@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from models.analytic.cue_impulse import NAMES, Constants, Geometry
+from models.console import Progress
 from models.model_file import full_model
 from models.shot import GRAVITY, Track
 from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
@@ -26,7 +27,6 @@ from robot.emulated_stand import EmulatedStand, draw_hidden_cue
 from robot.emulated_table import EmulatedTable
 from robot.learn import Course, learn
 from robot.story_report import sentences, write_report
-from sysid.output import Progress
 from tests.truth.cloth import Constants as Truth
 from tests.truth.physics import Start, Table, simulate
 from tests.truth.sizes import NATURAL

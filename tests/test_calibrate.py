@@ -11,10 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
+from models.console import Progress
 from models.errors import BadInput
 from models.shot import NOSE_HEIGHT, RAILS, Table
-from sysid.output import Progress
-from sysid.vision import cli_calibrate, film
+from sysid.cli import calibrate as cli_calibrate
+from sysid.vision import film
 from sysid.vision.board import lens_of
 from sysid.vision.calibrate import Calibration, calibrate
 from sysid.vision.camera import Array, Camera, read_camera
@@ -266,7 +267,7 @@ def test_a_board_seen_from_one_side_or_not_at_all_is_refused(board: list[Picture
 
 def run(*arguments: str) -> int:
     parser = argparse.ArgumentParser()
-    cli_calibrate.add(parser)
+    cli_calibrate.register(lambda name, run, text: parser)
     return cli_calibrate.run(parser.parse_args(list(arguments)), Progress())
 
 

@@ -182,7 +182,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(
     def worked(*_: Any, **__: Any) -> None:
         raise AssertionError("the work began")
 
-    monkeypatch.setattr("sysid.compare.compare", worked)
+    monkeypatch.setattr("sysid.residuals.compare.compare", worked)
     monkeypatch.setattr("sysid.estimation.clip_fit.fit_clips", worked)
     verb, *options = [str(tmp_path / "ok.toml") if w == "OK" else w for w in words]
     what = ["side_curve", "--model", str(model)] if verb == "add" else [str(clips)]
@@ -243,8 +243,8 @@ def test_compare_and_fit_write_what_they_print(run: Any, filmed: Path, tmp_path:
 @pytest.mark.parametrize(
     ("verb", "where"),
     [
-        ("fit", "sysid.estimation.clip_fit.widened"), ("compare", "sysid.compare.polished"),
-        ("fit", "models.model_file.tomli_w.dumps"), ("compare", "sysid.output.json.dumps"),
+        ("fit", "sysid.estimation.clip_fit.widened"), ("compare", "sysid.residuals.compare.polished"),
+        ("fit", "models.model_file.tomli_w.dumps"), ("compare", "models.console.json.dumps"),
     ],
 )  # fmt: skip
 def test_an_interruption_leaves_no_half_written_file(

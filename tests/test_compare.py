@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.console import write_json
 from models.model_file import Model, full_model
 from sysid.clips import ClipSet, read_clip_set
-from sysid.compare import compare, in_words
-from sysid.comparison import Comparison, Group
-from sysid.output import write_json
-from sysid.tell import print_comparison
+from sysid.report.text import in_words, print_comparison
+from sysid.residuals.compare import compare
+from sysid.residuals.comparison import Comparison, Group
 from tests.test_fit import truth_of
 from tests.truth.__main__ import main as make_truth
 

@@ -14,7 +14,7 @@ from models.simulate import simulate
 from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation import FittedModel, begin
-from sysid.findings import result_of
+from sysid.report.findings import result_of
 from sysid.selection.discover import Discovery, discover, needed
 from sysid.selection.score import score_all
 from sysid.selection.screening import candidates_for, try_one
@@ -148,7 +148,7 @@ def test_structure_outside_the_catalogue_becomes_an_effect(
     assert "dead_rail" in capsys.readouterr().out
     base, better = (told["ladder"][0]["rms_m"], read_model(fitted))
     clip_set = read_clip_set(folder)
-    from sysid.compare import compare
+    from sysid.residuals.compare import compare
 
     after = compare(clip_set, better)
     assert np.median([c.rms_m for c in after.clips]) / 2**0.5 < 0.5 * base

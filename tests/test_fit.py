@@ -16,12 +16,12 @@ from models.shot import Ball, Shot, Table
 from models.simulate import simulate
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
-from sysid.compare import compare
 from sysid.estimation import ClipFit, fit_clips
 from sysid.estimation.fitting import widened_covariance
 from sysid.estimation.least_squares import Solution
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.split import HELD_OUT_EVERY, training_clips
+from sysid.residuals.compare import compare
 from tests.bench.accuracy import CONSTANTS
 from tests.truth.__main__ import main as make_truth
 

@@ -35,7 +35,7 @@ from robot.relearn import FEWEST, Learnt, learn_launcher, with_commands
 from robot.settings import Settings
 from robot.story import Refit, Story, fit_folder, read_story
 from robot.story import Shot as Played
-from sysid.cli import load
+from sysid.cli.common import load
 from sysid.clips import Clip, ClipSet, Cue, Observation, write_clip_set
 from sysid.clips.jaws import LEAST, WIDER, before_jaws
 from tests.test_jaws import into_pockets

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.console import Progress
 from models.model_file import Estimate, full_model, read_model, write_model
 from models.shot import GRAVITY, Ball, Table
-from sysid import cli_measure
+from sysid.cli import measure as cli_measure
 from sysid.clips import read_clip_set
 from sysid.direct.measure import RATIO, ROLL, SLIDE, measure
 from sysid.direct.measured import Measured, Measurements, Single, combine, fit_run, path, regress, slowing
-from sysid.output import Progress
 from tests.clip_samples import make, refusal
 from tests.truth import physics
 from tests.truth.__main__ import main as generate
@@ -241,7 +241,7 @@ def test_noise_unknown_frames_missing_no_commands(tmp_path: Path) -> None:
 def command(*words: str) -> int:
     """The verb as the command line runs it."""
     one = argparse.ArgumentParser()
-    cli_measure.add(one)
+    cli_measure.register(lambda name, run, text: one)
     args = one.parse_args(words)
     return cli_measure.run(args, Progress())
 

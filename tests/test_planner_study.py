@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.console import Progress
 from models.model_file import Estimate, effect_class, full_model, read_model
 from models.shot import Ball, Table
 from planner import cli_study
@@ -37,7 +38,6 @@ from planner.study import (
     usual_model,
 )
 from planner.study_report import draw_study, figures, markdown, text_table, write_report
-from sysid.output import Progress
 from tests.clip_samples import refusal
 
 QUICK = Effort(

@@ -11,8 +11,8 @@ from models.errors import BadInput
 from models.model_file import full_model
 from sysid.clips import read_clip_set
 from sysid.estimation import FittedModel, begin
-from sysid.findings import unexplained_lines
 from sysid.new_effect import source_of
+from sysid.report.findings import unexplained_lines
 from sysid.selection import remainder as room
 from sysid.selection.remainder import remainder
 from tests.truth.__main__ import main as generate

@@ -18,13 +18,13 @@ from models.errors import BadInput
 from models.model_file import Estimate, Model, full_model
 from models.shot import Ball, Table, Track
 from sysid.clips import Clip, ClipSet, Observation
-from sysid.comparison import ClipRow, Comparison, Group, SegmentRow
-from sysid.impacts import no_impacts
-from sysid.plots import dependence_svg, ladder_svg, map_svg, spread_svg, tracks_svg
-from sysid.report import Rung, write_report
-from sysid.samples import Samples
-from sysid.where import find
-from sysid.whiteness import whiteness
+from sysid.report.html import Rung, write_report
+from sysid.report.plots import dependence_svg, ladder_svg, map_svg, spread_svg, tracks_svg
+from sysid.residuals.comparison import ClipRow, Comparison, Group, SegmentRow
+from sysid.residuals.impacts import no_impacts
+from sysid.residuals.localise import find
+from sysid.residuals.samples import Samples
+from sysid.residuals.whiteness import whiteness
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 NOISE = 0.0005

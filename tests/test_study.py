@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
+from models.console import write_json
 from models.model_file import catalogue
-from sysid.output import write_json
 from tests.study import __main__ as command
 from tests.study import run
 from tests.study.judge import BASE, EFFECT_TRUTH, RIGHT, Row

@@ -13,14 +13,14 @@ import cv2
 import numpy as np
 import pytest
 
+from models.console import Progress
 from models.errors import BadInput
 from models.model_file import full_model
 from models.shot import Array, Shot, Table
 from models.simulate import simulate
 from models.view_video import Sightings, write_track
+from sysid.cli import track as cli_track
 from sysid.clips import check_clip_set, read_clip_set, write_clip_set
-from sysid.output import Progress
-from sysid.vision import cli_track
 from sysid.vision.camera import Camera, overhead, write_camera
 from sysid.vision.detect import Detector, Seen
 from sysid.vision.film import Look, film
@@ -334,7 +334,7 @@ def test_a_recording_of_the_footage(tmp_path: File, shown: tuple[Drawn, Tracked]
 
 def options(*given: str) -> argparse.Namespace:
     one = argparse.ArgumentParser()
-    cli_track.add(one)
+    cli_track.register(lambda name, run, text: one)
     return one.parse_args(given)
 
 

@@ -24,7 +24,7 @@ from planner.example_environment import example_scene
 from planner.plan import FORMAT
 from planner.scene import scene_dict
 from planner.viewer import RESET, SPACE, Session, Setup, watch
-from sysid.demo import EXAMPLE as CLIPS
+from sysid.cli.demo import EXAMPLE as CLIPS
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
 SETUP = Setup(("white", "red"), np.array([[-1.0, 0.0], [0.2, 0.05]]), (1.5, 0.0, 0.0, 0.0), 0.0)

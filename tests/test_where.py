@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from models.shot import RAILS, Table
-from sysid.impacts import Impacts, no_impacts
-from sysid.named import Findings
-from sysid.samples import Array, Samples
-from sysid.where import find
-from sysid.whiteness import whiteness
+from sysid.residuals.impacts import Impacts, no_impacts
+from sysid.residuals.localise import find
+from sysid.residuals.samples import Array, Samples
+from sysid.residuals.significance import Findings
+from sysid.residuals.whiteness import whiteness
 
 TABLE = Table(3.569, 1.778)
 NOISE, TURN = 5e-4, 0.02  # [m], [rad]

@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-from sysid.output import table
+from models.console import table
 from tests.bench import peers
 from tests.bench.accuracy import cloth_rows, hidden_rows
 from tests.bench.speed import jacobian_rows, peak_memory_mb, shot_rows

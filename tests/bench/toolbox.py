@@ -26,6 +26,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from models.console import table
 from models.export import export
 from models.model_file import Model
 from models.native import Native, solref
@@ -34,7 +35,6 @@ from sysid.cli import main as run_cli
 from sysid.clips import Clip, ClipSet, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation.split import subset, training_clips
-from sysid.output import table
 
 STEP, FINE = 5e-4, 2e-4  # of MuJoCo's simulation [s]; with cushions twice that of the MJCF, ten in an impact
 FIRST = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07)  # windows for the parabola; the longest in which it holds counts [s]

@@ -16,8 +16,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from models.console import Progress
 from models.shot import Table
-from sysid.output import Progress
 from sysid.vision.camera import Camera, overhead, write_camera
 from sysid.vision.film import Look, Picture, Spot, film
 from tests.footage.scenes import LEAD, Scene, scenes

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
+from models.console import table
 from models.shot import NOSE_COSINE, Array
 from sysid.clips import Clip, read_clip_set
-from sysid.output import table
 from sysid.vision.camera import Camera, read_camera
 from tests.footage.scenes import Scene, scenes
 

@@ -20,7 +20,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from sysid.output import write_json
+from models.console import write_json
 from tests.study.plan import Entry, plan
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -113,7 +113,7 @@ def study_one(entry: Entry, out: Path = OUT) -> dict[str, Any] | None:
     try:
         from models.model_file import full_model
         from sysid.clips import read_clip_set
-        from sysid.findings import result_of
+        from sysid.report.findings import result_of
         from sysid.selection.discover import discover
 
         folder = made(entry, out)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from sysid.comparison import Comparison
-from sysid.named import Dependence
-from sysid.output import table
+from models.console import table
+from sysid.residuals.comparison import Comparison
+from sysid.residuals.significance import Dependence
 
 OF = {"motion": "Between events", "turning": "Of the marks' turning", "impacts": "At impacts"}
 WORST = 5  # clips listed
@@ -15,7 +15,7 @@ NEARLY = 0.9
 LARGE = 1.1  # ratio above which whole shots are not followed to the noise
 
 
-def sentences(comparison: Comparison) -> list[str]:
+def in_words(comparison: Comparison) -> list[str]:
     """What departs, the most evident first, what it depends on, and whether the rest is noise; or that nothing does."""
     found, white = comparison.local, comparison.white
     lines = [d.where[0].upper() + d.where[1:] + "." for d in found.named]
@@ -72,4 +72,4 @@ def print_comparison(comparison: Comparison) -> None:
         rows.append((where, f"{c.struck_rms_m * mm:.2f}", f"{c.rms_m * mm:.2f}", f"{c.chi2_reduced:.2f}"))
     print(table(rows))
     print("\nWhere the model misses")
-    print("\n".join(f"  {line}" for line in sentences(comparison)))
+    print("\n".join(f"  {line}" for line in in_words(comparison)))

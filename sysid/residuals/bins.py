@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.shot import RAILS, Table
-from sysid.samples import Array, Samples
+from sysid.residuals.samples import Array, Samples
 
 Index = NDArray[np.int64]
 

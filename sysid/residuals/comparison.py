@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from models.model_file import Model
 from models.shot import Track
 from sysid.clips import Clip, ClipSet
-from sysid.impacts import Impacts
-from sysid.named import Findings
-from sysid.samples import Samples
-from sysid.whiteness import Whiteness
+from sysid.residuals.impacts import Impacts
+from sysid.residuals.samples import Samples
+from sysid.residuals.significance import Findings
+from sysid.residuals.whiteness import Whiteness
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ class Comparison:
     own: Array  # (n, p) the clips' own unknowns, see sysid/problem.py
     stretches: Samples  # the same with motion that begins anew at each event
     impacts: Impacts
-    local: Findings  # what departs there and then, see sysid/where.py
+    local: Findings  # what departs there and then, see sysid/residuals/localise.py
     white: Whiteness
     mujoco: tuple[ClipRow, ...] = ()  # the same constants and unknowns played in MuJoCo; empty where MuJoCo played all
 

@@ -22,10 +22,10 @@ from models.shot import Shot, Track
 from models.simulate import simulate
 from sysid.clips import ClipSet, Observation
 from sysid.clips.segments import Segment
-from sysid.collect import SLIPS, begin, motions
 from sysid.estimation.problem import Array
 from sysid.estimation.segment_problem import SegmentProblem
 from sysid.estimation.shot_problem import ShotProblem
+from sysid.residuals.collect import SLIPS, begin, motions
 
 LATER = 2  # sample of the next stretch at which velocities are compared: a hit may be seen a frame early
 SHORT = 8  # samples of a stretch that tell a velocity

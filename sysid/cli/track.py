@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.console import DONE, FOUND, Progress, Verb, check_outputs, table, write_json
 from models.errors import BadInput
-from sysid.output import Progress, table, write_json
 
 if TYPE_CHECKING:
     from sysid.vision.camera import Camera
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from sysid.vision.frames import Footage
     from sysid.vision.track import Tracked
 
-DONE, FOUND = 0, 1
 USUAL = 0.1406 / 0.0525**3  # mass of a snooker ball over the cube of its diameter [kg/m^3]
 HEAD = ("clip", "time [s]", "struck", "balls", "samples", "lost", "speed [m/s]", "noise [mm]", "remark")
 
 
-def add(one: argparse.ArgumentParser) -> None:
-    """The options."""
+def register(verb: Verb) -> None:
+    """The verb with its options."""
+    one = verb("track", run, "from a video to a clip set")
     one.add_argument("video", metavar="VIDEO", help="video, folder of pictures, or pattern of their names (%%04d or *)")
     one.add_argument("--camera", metavar="CAM.toml", required=True, help="camera file, made with: sysid calibrate")
     one.add_argument("--out", metavar="CLIPS", required=True, help="folder for the clip set")
@@ -78,8 +78,6 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     """Refuse before the work what could not be used, or written, after it."""
-    from sysid.cli import check_outputs
-
     check_outputs(args.rrd, args.json)
     out = Path(args.out)
     if out.exists() and not args.force and (not out.is_dir() or any(out.iterdir())):

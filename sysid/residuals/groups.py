@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.bins import SPEEDS, Variable, span, variables
 from sysid.clips import ClipSet
-from sysid.comparison import ClipRow, Group, SegmentRow
 from sysid.estimation.open_cloth import UNSEEN_EVENT_RATIO
-from sysid.samples import Samples
+from sysid.residuals.bins import SPEEDS, Variable, span, variables
+from sysid.residuals.comparison import ClipRow, Group, SegmentRow
+from sysid.residuals.samples import Samples
 
 LEAST = 12  # samples of a group worth naming
 SIDESPINS = (0.0, 5.0, 20.0, 50.0, np.inf)  # [rad/s]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from models.errors import BadInput
 from models.view import Review, write_review
-from sysid.comparison import Comparison
+from sysid.residuals.comparison import Comparison
 
 
 def write_rrd(path: str | Path, comparison: Comparison) -> None:

@@ -14,15 +14,14 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from models.console import DONE, FOUND, Progress, Verb, check_outputs, table, write_json
 from models.shot import GRAVITY
-from sysid.output import Progress, table, write_json
 
 if TYPE_CHECKING:
     from models.model_file import Model
     from sysid.clips import ClipSet
     from sysid.direct.measured import Measured, Measurements
 
-DONE, FOUND = 0, 1
 APART = 3.0  # standard deviations between measurement and fit from which that is said
 INK, BAND, DOTS = "#1f2933", "#d9730d", "#2563a8"
 
@@ -36,8 +35,9 @@ AT_SPEED: Mapping[str, tuple[str, Callable[[float, float, float], float]]] = {
 }
 
 
-def add(one: argparse.ArgumentParser) -> None:
-    """The options of the verb."""
+def register(verb: Verb) -> None:
+    """The verb with its options."""
+    one = verb("measure", run, "friction and restitution by direct methods, without a simulation")
     one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
     one.add_argument("--model", metavar="M.toml", help="a fitted model to hold against what is measured")
     one.add_argument("--out", metavar="M.toml", help="the base model with what is measured, for: sysid fit --model")
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     """Measure, print, write: 0 done, 1 if nothing could be measured."""
     from models.files import write_whole
     from models.model_file import write_model
-    from sysid.cli import check_outputs, load
+    from sysid.cli.common import load
     from sysid.clips.clock import stamp_scale
     from sysid.direct.measure import measure
 

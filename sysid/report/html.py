@@ -1,6 +1,6 @@
 """The report of a comparison: one HTML file with its pictures inside, for a browser without network or scripts.
 
-Tables, captions and style are here, the pictures in sysid/plots.py. The same input gives the same bytes.
+Tables, captions and style are here, the pictures in sysid/report/plots.py. The same input gives the same bytes.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 
 from models.files import write_whole
 from models.model_file import Estimate, Model
-from sysid.comparison import Comparison, Group
-from sysid.plots import Rung, dependence_svg, ladder_svg, map_svg, number, spread_svg, tracks_svg
-from sysid.plots_where import missing_map_svg, missing_svg, white_svg
+from sysid.report.plots import Rung, dependence_svg, ladder_svg, map_svg, number, spread_svg, tracks_svg
+from sysid.report.plots_where import missing_map_svg, missing_svg, white_svg
+from sysid.residuals.comparison import Comparison, Group
 
 __all__ = ["Rung", "write_report"]
 

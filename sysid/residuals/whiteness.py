@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.samples import Array, Samples
+from sysid.residuals.samples import Array, Samples
 
 LAGS = 40
 WHITE = 0.1  # autocorrelation that is too small to matter

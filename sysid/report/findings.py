@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from models.console import table
 from models.model_file import Model
 from sysid.clips.pieces import whole
-from sysid.compare import in_words
-from sysid.comparison import Comparison
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.split import Split
-from sysid.output import table
-from sysid.plots_where import missing_map_svg
+from sysid.report.plots_where import missing_map_svg
+from sysid.report.text import in_words
+from sysid.residuals.comparison import Comparison
 from sysid.selection.discover import Discovery
 from sysid.selection.judge import Judgement
 from sysid.selection.next_shot import NextShot

@@ -1,19 +1,26 @@
-"""What commands print and write: progress, tables, JSON files that are whole or absent."""
+"""What all commands have in common: verbs, exit codes, progress, tables, JSON files that are whole or absent."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import logging
 import math
+import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from models.errors import BadInput
 from models.files import write_whole
 
 if TYPE_CHECKING:
     from models.model_file import Model
+
+
+DONE, FOUND, BAD, INTERRUPTED = 0, 1, 2, 130  # exit codes: done, a finding to act on, bad input, interrupted
 
 
 class Progress(logging.Handler):
@@ -55,6 +62,49 @@ def progress_of(logger: str = "sysid") -> Progress:
     log.addHandler(shown)
     log.setLevel(logging.INFO)
     return shown
+
+
+Run = Callable[[argparse.Namespace, Progress], int]
+Verb = Callable[[str, Run, str], argparse.ArgumentParser]  # makes a verb of its name, what runs it, and what it is
+
+
+def run_verb(
+    program: str, args: argparse.Namespace, interrupted: str, faults: tuple[type[Exception], ...] = ()
+) -> int:  # fmt: skip
+    """Run the verb of a command line, its faults one line each; `faults` are those that a user must act on."""
+    # Matrices are small here: threads of linear algebra wait for each other longer than they work. NumPy comes later.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    progress = progress_of()
+    told: tuple[type[Exception], ...] = (BadInput, *faults)
+    try:
+        args.own = own_effects(getattr(args, "effects", ()))
+        return int(args.run(args, progress))
+    except told as error:
+        progress.close()
+        print(f"{program} {args.verb}: {error}", file=sys.stderr)
+        return BAD if isinstance(error, BadInput) else FOUND
+    except KeyboardInterrupt:
+        progress.close()
+        print(f"{program} {args.verb}: interrupted{interrupted}", file=sys.stderr)
+        return INTERRUPTED
+
+
+def own_effects(folders: Sequence[str]) -> list[str]:
+    """Let a user's folders of effects join the catalogue; returns their names."""
+    if not folders:
+        return []
+    from models.model_file import add_folder
+
+    return [name for folder in folders for name in add_folder(folder)]
+
+
+def check_outputs(*paths: str | None) -> None:
+    """Refuse before the work what could not be written after it."""
+    for path in paths:
+        if path and not Path(path).resolve().parent.is_dir():
+            raise BadInput(f"{path}: its folder does not exist; make it or choose another place")
+        if path and Path(path).is_dir():
+            raise BadInput(f"{path}: is a folder; name a file")
 
 
 def write_json(path: str, data: Any) -> None:

@@ -1,12 +1,12 @@
 """Where a model fails: departures of balls between events and at impacts, by evidence, in plain words.
 
 Between events every group of samples (a phase, and what the ball was doing there) has four mean accelerations that the
-model lacks: along the way, across it, along x, along y (sysid/local.py). At impacts every group has two mean velocities
-that it lacks: along normal and tangent (sysid/impacts.py). Of hundreds of groups some depart by chance, and where one
-thing is missing many groups show it. So a group is named only if chance would give one like it among all of them once
-or twice in a hundred comparisons (Bonferroni), and groups are named one after another: first the one that explains the
-most of what is left, which is then taken out of the rest (matching pursuit, Mallat and Zhang 1993), until no group is
-sure.
+model lacks: along the way, across it, along x, along y (sysid/residuals/accelerations.py). At impacts every group has
+two mean velocities that it lacks: along normal and tangent (sysid/residuals/impacts.py). Of hundreds of groups some
+depart by chance, and where one thing is missing many groups show it. So a group is named only if chance would give one
+like it among all of them once or twice in a hundred comparisons (Bonferroni), and groups are named one after another:
+first the one that explains the most of what is left, which is then taken out of the rest (matching pursuit, Mallat and
+Zhang 1993), until no group is sure.
 A variable's share is how much chi-square beyond the noise its groups explain together; its z that of the F test.
 """
 
@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from models.shot import RAILS, Table
-from sysid.bins import ANGLES, APPROACHES, SIDESPINS, Variable, chosen, cut, order, place, variables
-from sysid.impacts import Impacts
-from sysid.local import Array, Index, runs_of
-from sysid.named import TABLE, Candidates, Findings, Head, pursue, signature
-from sysid.samples import Samples
+from sysid.residuals.accelerations import Array, Index, runs_of
+from sysid.residuals.bins import ANGLES, APPROACHES, SIDESPINS, Variable, chosen, cut, order, place, variables
+from sysid.residuals.impacts import Impacts
+from sysid.residuals.samples import Samples
+from sysid.residuals.significance import TABLE, Candidates, Findings, Head, pursue, signature
 
 PHASES = {"slide": "sliding balls", "roll": "rolling balls"}
 ONLY = {"slip": "slide"}  # variables of one phase

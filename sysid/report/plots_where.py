@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from sysid.bins import CELLS, Variable, variables
-from sysid.comparison import Comparison
-from sysid.drawing import HELD_OUT, INK, MODEL, NOISE, WIDTH, svg
-from sysid.named import Departure
-from sysid.plots import draw_table
+from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, WIDTH, svg
+from sysid.report.plots import draw_table
+from sysid.residuals.bins import CELLS, Variable, variables
+from sysid.residuals.comparison import Comparison
+from sysid.residuals.significance import Departure
 
 SHOWN = ("speed", "heading", "sidespin", "time", "time since event", "clip order")
 PHASES = (("rolling balls", MODEL), ("sliding balls", HELD_OUT))

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from models.shot import POCKET_MOUTH, Table
 from models.view import CLOTH, CUSHION, POCKET, RAIL, ball_colour
 from sysid.clips.faults import one_line
-from sysid.comparison import Comparison
-from sysid.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH, svg
-from sysid.samples import Samples
+from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH, svg
+from sysid.residuals.comparison import Comparison
+from sysid.residuals.samples import Samples
 
 Array = NDArray[np.float64]
 

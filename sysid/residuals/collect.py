@@ -15,7 +15,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.problem import Array, turn
 from sysid.estimation.segment_problem import SegmentProblem
 from sysid.estimation.shot_problem import ShotProblem, residual
-from sysid.samples import Samples
+from sysid.residuals.samples import Samples
 
 SLIPS = 0.01  # slip speed above which a ball slides [m/s]
 STILL = 0.003  # speed below which it rests [m/s]

@@ -10,25 +10,51 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from models.console import DONE, FOUND, Progress, Verb, check_outputs, print_constants, table, write_json
 from models.errors import BadInput
 from models.files import write_whole
-from sysid.output import Progress, print_constants, table, write_json
+from sysid.cli.common import load, with_clips, with_effects, with_engine
 
 if TYPE_CHECKING:
     from models.model_file import Model
     from sysid.clips import ClipSet
-    from sysid.comparison import Comparison
+    from sysid.residuals.comparison import Comparison
     from sysid.selection.discover import Discovery
 
-DONE, FOUND = 0, 1
 CHECKPOINT = "unfinished.pickle"
 
 
-def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress: Progress) -> int:
+def register(verb: Verb) -> None:
+    """These verbs with their options."""
+    one = verb("diagnose", diagnose, "which effect is missing: ranked, or none, or something else")
+    with_clips(one)
+    one.add_argument("--model", metavar="M.toml", help="model file to start from (default: the base)")
+    with_engine(one)
+    with_effects(one)
+    one.add_argument("--json", metavar="FILE", help="the same figures as JSON")
+    one.add_argument("--report", metavar="FILE.html", help="the same with pictures")
+    one = verb("discover", discover, "fit, diagnose and add until nothing more is to be explained")
+    with_clips(one)
+    one.add_argument("--model", metavar="M.toml", help="model file to start from (default: the base)")
+    with_engine(one)
+    one.add_argument("--out", metavar="DIR", required=True, help="where model, result, report and recording go")
+    with_effects(one)
+    one = verb("demo", demo, "the shipped example, start to end")
+    one.add_argument("--out", metavar="DIR", default="out/demo", help="where results go (default: out/demo)")
+
+
+def demo(args: argparse.Namespace, progress: Progress) -> int:
+    """The shipped example, start to end."""
+    from sysid.cli.demo import run
+
+    return run(Path(args.out), progress)
+
+
+def diagnose(args: argparse.Namespace, progress: Progress) -> int:
     """Which effect is missing."""
     from sysid.clips.pieces import whole
     from sysid.estimation.split import begin
-    from sysid.findings import (
+    from sysid.report.findings import (
         cut_line,
         judgement_told,
         round_rows,
@@ -41,6 +67,8 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     from sysid.selection.judge import judge
     from sysid.selection.remainder import remainder
 
+    check_outputs(args.json, args.report)
+    clip_set, model = load(args)
     parts, base = begin(clip_set, model)
     judged = judge(parts, base)
     told: Mapping[str, Any] | None = None
@@ -62,8 +90,8 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     if args.json:
         write_json(args.json, judgement_told(parts, judged, told, shot))
     if args.report:
-        from sysid.compare import compare
-        from sysid.report import write_report
+        from sysid.report.html import write_report
+        from sysid.residuals.compare import compare
 
         whole_shots = base if seen.runs else seen.base
         own = parts.states_of(whole_shots, [c.file for c in clip_set.clips])
@@ -75,12 +103,13 @@ def diagnose(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress
     return DONE if seen.base.converged else FOUND
 
 
-def discover(args: argparse.Namespace, clip_set: ClipSet, model: Model, progress: Progress) -> int:
+def discover(args: argparse.Namespace, progress: Progress) -> int:
     """The whole loop into a folder."""
-    from sysid.findings import discovery_lines, print_ladder, round_rows
+    from sysid.report.findings import discovery_lines, print_ladder, round_rows
+    from sysid.report.text import engines_line
     from sysid.selection.discover import discover as run
-    from sysid.tell import engines_line
 
+    clip_set, model = load(args)
     out = Path(args.out)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -126,8 +155,8 @@ def compare_at(
     number: int, clip_set: ClipSet, found: Discovery, report: Callable[[str], None], command: str
 ) -> tuple[str, Comparison]:
     """The label of a stage of the ladder, and what comparing its model with all clips says."""
-    from sysid.compare import compare
-    from sysid.findings import label, model_of
+    from sysid.report.findings import label, model_of
+    from sysid.residuals.compare import compare
 
     seen = found.ladder[number]
     own = found.parts.states_of(seen, [c.file for c in clip_set.clips])
@@ -141,9 +170,9 @@ def write_outcome(
 ) -> Comparison:
     """model.toml, result.json, report.html and review.rrd; the comparison of the model that was found."""
     from models.model_file import write_model
-    from sysid.findings import discovery_lines, failures, result_of, sections
-    from sysid.report import write_report
-    from sysid.review import write_rrd
+    from sysid.report.findings import discovery_lines, failures, result_of, sections
+    from sysid.report.html import write_report
+    from sysid.report.recording import write_rrd
 
     ends = list(dict.fromkeys((0, len(found.ladder) - 1)))
 
@@ -163,8 +192,8 @@ def write_outcome(
 
 def _rungs(found: Discovery) -> list[Any]:
     """The ladder for the report: rms distance, which is sqrt(2) times the rms per axis."""
-    from sysid.findings import label
-    from sysid.report import Rung
+    from sysid.report.findings import label
+    from sysid.report.html import Rung
 
     both = 2**0.5
     rungs = [
@@ -182,7 +211,7 @@ def _fingerprint(clip_set: ClipSet, model: Model) -> str:
     from models.model_file import catalogue
 
     digest = hashlib.sha256()
-    root = Path(__file__).resolve().parent.parent
+    root = Path(__file__).resolve().parents[2]
     for path in sorted([*root.glob("models/**/*.py"), *root.glob("sysid/**/*.py")]):
         digest.update(path.read_bytes())
     digest.update(repr((clip_set.table, clip_set.ball, clip_set.fps, clip_set.sigma, sorted(catalogue()))).encode())

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from models.console import DONE, FOUND, Progress, Verb, check_outputs, table, write_json
 from models.errors import BadInput
-from sysid.output import Progress, table, write_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     Picture = NDArray[np.uint8]
 
-DONE, FOUND = 0, 1
 PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm"}
 FRAMES = 15  # of which the median is taken
 BOARD_FRAMES = 40  # that are searched for a board
@@ -28,8 +27,9 @@ GRID = 0.25  # of the lines drawn on the report [m]
 LEGIBLE = 1000  # least width of the report [pixels]
 
 
-def add(one: argparse.ArgumentParser) -> None:
-    """Give the verb its arguments."""
+def register(verb: Verb) -> None:
+    """The verb with its options."""
+    one = verb("calibrate", run, "lens and place of the camera, from the table itself or from a board")
     one.add_argument("input", metavar="VIDEO", help="video, picture, or folder of pictures of the table")
     one.add_argument("--length", type=float, required=True, metavar="L", help="of the table, nose to nose [m]")
     one.add_argument("--width", type=float, required=True, metavar="W", help="of the table, nose to nose [m]")
@@ -57,7 +57,6 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     import numpy as np
 
     from models.shot import Table
-    from sysid.cli import check_outputs
     from sysid.vision.calibrate import calibrate
     from sysid.vision.camera import write_camera
 

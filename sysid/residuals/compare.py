@@ -15,8 +15,6 @@ from sysid.clips import ClipSet
 from sysid.clips.noise import position_noise
 from sysid.clips.outliers import set_aside
 from sysid.clips.segments import split_all
-from sysid.collect import joined, of_shots, of_stretches
-from sysid.comparison import ClipRow, Comparison, SegmentRow
 from sysid.estimation.discrepancy import events_and_paths
 from sysid.estimation.initial_states import grown_states, polished
 from sysid.estimation.least_squares import fit_each
@@ -25,11 +23,12 @@ from sysid.estimation.problem import STATE_STEPS, Array, by_events, values_of
 from sysid.estimation.segment_problem import SegmentProblem, segment_problem
 from sysid.estimation.shot_problem import ShotProblem, residual, shot_problem
 from sysid.estimation.start_values import theta_noise
-from sysid.groups import groups
-from sysid.impacts import impacts, no_impacts
-from sysid.tell import sentences
-from sysid.where import find
-from sysid.whiteness import whiteness
+from sysid.residuals.collect import joined, of_shots, of_stretches
+from sysid.residuals.comparison import ClipRow, Comparison, SegmentRow
+from sysid.residuals.groups import groups
+from sysid.residuals.impacts import impacts, no_impacts
+from sysid.residuals.localise import find
+from sysid.residuals.whiteness import whiteness
 
 Report = Callable[[str], None]
 
@@ -149,8 +148,3 @@ def coverage(comparison: Comparison, rate: float) -> float:
             inside += int(np.sum(np.abs(miss[moving]) < band[moving]))
             total += 2 * int(moving.sum())
     return inside / total if total else float("nan")
-
-
-def in_words(comparison: Comparison) -> list[str]:
-    """What departs, the most evident first, what it depends on, and whether the rest is noise; or that nothing does."""
-    return sentences(comparison)

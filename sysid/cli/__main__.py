@@ -1,0 +1,7 @@
+"""`python -m sysid.cli`."""
+
+import sys
+
+from sysid.cli.verbs import main
+
+sys.exit(main())
