@@ -10,7 +10,9 @@ speed is V (1 + M / M_cue) / (1 + e).
 
 from __future__ import annotations
 
+import argparse
 import itertools
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -234,3 +236,32 @@ def picture(path: Path, width: int = 1280) -> None:
     with mujoco.Renderer(model, size[1], size[0]) as renderer:
         renderer.update_scene(data, "launcher")
         write_png(np.array(renderer.render()), path)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print what the launcher makes of the paper's grid of strokes, and what a 4 m/s ball asks of its drive."""
+    parser = argparse.ArgumentParser(prog="python -m models.stroke", description=main.__doc__, allow_abbrev=False)
+    parser.add_argument("--grid", action="store_true", help="all 455 strokes; without it a coarse grid of 36")
+    parser.add_argument("--float", action="store_true", help="without the slate under the ball")
+    parser.add_argument("--out", type=Path, metavar="CSV", help="write every stroke")
+    parser.add_argument("--picture", type=Path, metavar="OUT.png", help="only draw the launcher at the table")
+    parser.add_argument("--width", type=int, default=1280, help="of the picture [pixels]; the height is 9/16 of it")
+    given = parser.parse_args(arguments)
+    try:
+        if given.picture:
+            picture(given.picture, given.width)
+            return 0
+        if given.out and not given.out.resolve().parent.is_dir():
+            raise BadInput(f"{given.out}: its folder does not exist; make it or choose another place")
+        shots, strokes = compare(GRID if given.grid else SMALL_GRID, slate=not given.float)
+        print_drive()
+        if given.out:
+            write_csv(given.out, shots, strokes)
+    except BadInput as error:
+        print(f"models.stroke: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

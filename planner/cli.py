@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 from models.console import DONE, FOUND, Progress, Run, check_outputs, run_verb, table, write_json
 from models.errors import BadInput
 from planner import cli_study, cli_view
+from planner.cli_common import load_execution, load_model
 
 if TYPE_CHECKING:
-    from models.model_file import Model
-    from planner.execution import Execution
-    from planner.scene import Scene
+    pass
 
 
 def scene(args: argparse.Namespace, progress: Progress) -> int:
@@ -123,32 +122,6 @@ def plan(args: argparse.Namespace, progress: Progress) -> int:
         write_plan(args.rrd, made, title=title)
         print(f"recording: {args.rrd} (open it with: rerun {args.rrd})")
     return DONE if made["stroke"] else FOUND
-
-
-def load_model(path: str | None, asked: Scene) -> Model:
-    """The model named, or the base with the constants of its catalogue; BadInput where it is of another table."""
-    from models.model_file import full_model, read_model
-
-    if not path:
-        print("no --model: the base with its usual constants, taken for exact; fit yours with: sysid discover CLIPS")
-        return full_model(asked.table, asked.ball)
-    return read_model(path)
-
-
-def load_execution(path: str | None, model: Model) -> Execution:
-    """The launcher's repeatability: as given, as the model file has it, or the usual one."""
-    from planner.execution import Execution, execution_from, read_execution
-
-    if path:
-        return read_execution(path)
-    if model.execution:
-        return execution_from(model.execution, "model file")
-    usual = Execution()
-    print(
-        f"no --execution, and none in the model: {100 * usual.speed_sd:g} % of the speed, "
-        f"{1e3 * usual.azimuth_sd:g} mrad of azimuth, {1e3 * usual.side_sd:g} mm of the tip (standard deviations)"
-    )
-    return usual
 
 
 def tell(made: dict[str, Any]) -> None:

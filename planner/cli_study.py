@@ -101,7 +101,7 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
 
 def _study(args: argparse.Namespace) -> Study:
     from models.model_file import read_model
-    from planner.cli import load_execution
+    from planner.cli_common import load_execution
     from planner.study import Study, usual_model
 
     model = read_model(args.model) if args.model else usual_model()

@@ -11,13 +11,11 @@ CSV of one row a shot, written line by line, so that a campaign that was broken 
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
 import itertools
 import math
 import os
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -186,34 +184,3 @@ def _shot(where: str, row: Sequence[str]) -> CueShot:
         **{name: values[name] for name in COLUMNS if name not in ("string", "miscue", "order")},
         string=int(values["string"]), miscue=bool(values["miscue"]), order=int(values["order"]),
     )  # fmt: skip
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Play the paper's campaign with the emulated launcher, on and on into one file."""
-    from models.gl import choose_backend
-
-    choose_backend()
-    from models.console import Progress
-    from robot.striker import EmulatedStriker, Sloppiness, draw_hidden
-
-    parser = argparse.ArgumentParser(prog="python -m robot.campaign", description=main.__doc__, allow_abbrev=False)
-    parser.add_argument("out", type=Path, metavar="OUT.csv", help="begun or gone on with")
-    parser.add_argument("--seed", type=int, default=1, help="of the order, the hidden constants and the errors")
-    parser.add_argument("--most", type=int, help="stop after so many more shots")
-    given = parser.parse_args(arguments)
-    progress = Progress()
-    try:
-        hidden = draw_hidden(np.random.default_rng(given.seed))
-        striker = EmulatedStriker(hidden, Sloppiness(), given.seed, count_played(given.out))
-        shots = run_campaign(striker, given.out, given.seed, progress, most=given.most)
-    except BadInput as error:
-        print(f"robot.campaign: {error}", file=sys.stderr)
-        return 2
-    finally:
-        progress.close()
-    print(f"{len(shots)} shots, {sum(s.miscue for s in shots)} miscues: {given.out}")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

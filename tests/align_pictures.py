@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.shot import Table
 from sysid.vision.camera import Array, Camera, overhead
-from sysid.vision.film import Look, _picture, table_picture
-from sysid.vision.motion import Motion
+from tests.footage.film import Look, _picture, table_picture
+from tests.footage.motion import Motion
 
 Picture = NDArray[np.uint8]
 Light = NDArray[np.float32]

@@ -15,12 +15,12 @@ from models.console import Progress
 from models.errors import BadInput
 from models.shot import NOSE_HEIGHT, RAILS, Table
 from sysid.cli import calibrate as cli_calibrate
-from sysid.vision import film
 from sysid.vision.board import lens_of
 from sysid.vision.calibrate import Calibration, calibrate
 from sysid.vision.camera import Array, Camera, read_camera
-from sysid.vision.film import Look, Picture, developed, table_picture
-from sysid.vision.motion import Motion
+from tests.footage import film
+from tests.footage.film import Look, Picture, developed, table_picture
+from tests.footage.motion import Motion
 
 cv2.setNumThreads(1)
 

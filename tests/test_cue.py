@@ -15,8 +15,8 @@ from models.errors import BadInput
 from models.shot import Table
 from sysid.vision.camera import Array, Camera, overhead
 from sysid.vision.cue import CueSeen, watch_cue
-from sysid.vision.film import Look, film
-from sysid.vision.motion import Cue, Motion
+from tests.footage.film import Look, film
+from tests.footage.motion import Cue, Motion
 
 Picture = NDArray[np.uint8]
 DIAMETER = 0.0525

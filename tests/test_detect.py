@@ -16,10 +16,10 @@ from models.errors import BadInput
 from models.shot import NOSE_COSINE, Table
 from sysid.vision.camera import Camera, overhead
 from sysid.vision.detect import Detector, Seen
-from sysid.vision.film import Look, Spot, film
 from sysid.vision.frames import Footage, Picture, open_footage
-from sysid.vision.motion import Cue, Motion
 from sysid.vision.palette import default_palette, name_colours, read_palette
+from tests.footage.film import Look, Spot, film
+from tests.footage.motion import Cue, Motion
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from models.simulate import simulate
 from robot.live_camera import Device, LiveCamera, Recording, frame_numbers
 from robot.play import Camera as Watcher
 from sysid.vision.camera import overhead, write_camera
-from sysid.vision.film import Look, film
-from sysid.vision.motion import Motion, motion_of
+from tests.footage.film import Look, film
+from tests.footage.motion import Motion, motion_of
 
 Picture = NDArray[np.uint8]
 TABLE, BALL = Table(1.1, 0.6, pockets=False), Ball(0.0525, 0.1406)

@@ -36,10 +36,10 @@ from planner.scene import (
 )
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set, write_clip_set
 from sysid.vision.camera import overhead, write_camera
-from sysid.vision.film import Look, film
 from sysid.vision.frames import Picture
-from sysid.vision.motion import Motion
 from tests.clip_samples import refusal
+from tests.footage.film import Look, film
+from tests.footage.motion import Motion
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "sysid" / "example"
 TEXT = """format = "billiard-scene/1"

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from models.errors import BadInput
 from models.shot import Table, Track
 from sysid.vision.camera import Array, Camera, overhead
-from sysid.vision.film import Look, Spot, film
-from sysid.vision.motion import Motion, motion_of
 from sysid.vision.spin import turning, watch
 from sysid.vision.spots import Spots, find_spots
 from sysid.vision.turned import Turning, rate
+from tests.footage.film import Look, Spot, film
+from tests.footage.motion import Motion, motion_of
 
 FPS = 120.0
 DIAMETER = 0.0525

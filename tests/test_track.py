@@ -23,12 +23,12 @@ from sysid.cli import track as cli_track
 from sysid.clips import check_clip_set, read_clip_set, write_clip_set
 from sysid.vision.camera import Camera, overhead, write_camera
 from sysid.vision.detect import Detector, Seen
-from sysid.vision.film import Look, film
 from sysid.vision.follow import Follower
 from sysid.vision.frames import Footage, Frame, Picture
-from sysid.vision.motion import motion_of
 from sysid.vision.preview import write_previews
 from sysid.vision.track import Extra, Tracked, clip_set, note, rough, track, tracked
+from tests.footage.film import Look, film
+from tests.footage.motion import motion_of
 from tests.test_follow import BALL, CAMERA, FPS, HOME, NAMES, NOISE, TABLE, Recording, random_tracks, sightings
 
 PLACE = CAMERA.radius / float(CAMERA.radius_px(np.zeros((1, 2)))[0])  # size of a pixel on the table [m]

@@ -9,9 +9,9 @@ from pathlib import Path
 from models.console import DONE, FOUND, Progress, table
 from models.errors import BadInput
 from models.model_file import Model, full_model
-from sysid.cli.discovery import compare_at, write_outcome
 from sysid.clips import ClipSet, read_clip_set
 from sysid.report.findings import label, print_ladder, round_rows, shot_lines, verdict_lines
+from sysid.report.outcome import compare_at, write_outcome
 from sysid.report.text import in_words
 from sysid.selection.discover import Discovery, discover
 from sysid.selection.judge import Judgement

@@ -6,7 +6,7 @@ import argparse
 import hashlib
 import pickle
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,6 @@ from sysid.cli.common import load, with_clips, with_effects, with_engine
 if TYPE_CHECKING:
     from models.model_file import Model
     from sysid.clips import ClipSet
-    from sysid.residuals.comparison import Comparison
     from sysid.selection.discover import Discovery
 
 CHECKPOINT = "unfinished.pickle"
@@ -106,6 +105,7 @@ def diagnose(args: argparse.Namespace, progress: Progress) -> int:
 def discover(args: argparse.Namespace, progress: Progress) -> int:
     """The whole loop into a folder."""
     from sysid.report.findings import discovery_lines, print_ladder, round_rows
+    from sysid.report.outcome import write_outcome
     from sysid.report.text import engines_line
     from sysid.selection.discover import discover as run
 
@@ -149,61 +149,6 @@ def discover(args: argparse.Namespace, progress: Progress) -> int:
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     (out / CHECKPOINT).unlink(missing_ok=True)
     return DONE if found.last.converged else FOUND
-
-
-def compare_at(
-    number: int, clip_set: ClipSet, found: Discovery, report: Callable[[str], None], command: str
-) -> tuple[str, Comparison]:
-    """The label of a stage of the ladder, and what comparing its model with all clips says."""
-    from sysid.report.findings import label, model_of
-    from sysid.residuals.compare import compare
-
-    seen = found.ladder[number]
-    own = found.parts.states_of(seen, [c.file for c in clip_set.clips])
-    report("comparing " + label(found.verdicts[number]))
-    compared = compare(clip_set, model_of(found, seen, command), report, start=own)
-    return label(found.verdicts[number]), compared
-
-
-def write_outcome(
-    out: Path, clip_set: ClipSet, found: Discovery, progress: Progress, elapsed: float, command: str
-) -> Comparison:
-    """model.toml, result.json, report.html and review.rrd; the comparison of the model that was found."""
-    from models.model_file import write_model
-    from sysid.report.findings import discovery_lines, failures, result_of, sections
-    from sysid.report.html import write_report
-    from sysid.report.recording import write_rrd
-
-    ends = list(dict.fromkeys((0, len(found.ladder) - 1)))
-
-    compared = [compare_at(end, clip_set, found, progress, command) for end in ends]
-    progress.close()
-    last = compared[-1][1]
-    write_model(last.model, out / "model.toml")
-    write_json(str(out / "result.json"), result_of(found, elapsed, compared))
-    first = failures(*compared[0]) if len(compared) > 1 else []
-    write_report(
-        out / "report.html", f"What {len(clip_set.clips)} clips say", compared, notes=discovery_lines(found),
-        sections=[*first, *sections(found.rounds)], ladder=_rungs(found),
-    )  # fmt: skip
-    write_rrd(out / "review.rrd", last)
-    return last
-
-
-def _rungs(found: Discovery) -> list[Any]:
-    """The ladder for the report: rms distance, which is sqrt(2) times the rms per axis."""
-    from sysid.report.findings import label
-    from sysid.report.html import Rung
-
-    both = 2**0.5
-    rungs = [
-        Rung(label(names), both * s.rms, both * s.held_rms, s.chi2)
-        for s, names in zip(found.ladder, found.verdicts, strict=True)
-    ]
-    if found.explained is not None:
-        s = found.explained
-        rungs.append(Rung(label(found.verdict) + " + the formula", both * s.rms, both * s.held_rms, s.chi2))
-    return rungs
 
 
 def _fingerprint(clip_set: ClipSet, model: Model) -> str:

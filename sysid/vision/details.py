@@ -11,16 +11,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.vision.camera import Array, Camera
 from sysid.vision.cue import CueSeen, watch_cue
-from sysid.vision.film import Picture
 from sysid.vision.frames import Footage
 from sysid.vision.spin import turning
 from sysid.vision.spots import Spots, find_spots
 from sysid.vision.track import Tracked, without
 from sysid.vision.turned import Turning
 
+Picture = NDArray[np.uint8]
 BEFORE = 0.35  # of a cue's coming that is looked at [s]
 AFTER = 0.01  # and past the strike [s]
 TURNED, FEWEST = 1.0, 20  # turn of a ball that spins in place [rad], and the frames that tell it, at least

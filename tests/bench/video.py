@@ -14,11 +14,11 @@ from models.shot import Ball, Shot, Table
 from models.simulate import simulate
 from sysid.vision.camera import overhead
 from sysid.vision.detect import Detector
-from sysid.vision.film import Look, film
 from sysid.vision.frames import Clock, Footage, Pictures
-from sysid.vision.motion import motion_of
 from sysid.vision.palette import default_palette
 from sysid.vision.track import track
+from tests.footage.film import Look, film
+from tests.footage.motion import motion_of
 
 SIZE, SPAN, TABLE, BALL = (1280, 960), 1.6, Table(1.4, 0.9), Ball(0.0525, 0.1406)
 FPS, SECONDS = 120.0, 1.5

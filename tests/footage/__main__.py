@@ -19,7 +19,7 @@ import numpy as np
 from models.console import Progress
 from models.shot import Table
 from sysid.vision.camera import Camera, overhead, write_camera
-from sysid.vision.film import Look, Picture, Spot, film
+from tests.footage.film import Look, Picture, Spot, film
 from tests.footage.scenes import LEAD, Scene, scenes
 
 # Around a ball so that some are always in sight, and no two directions look alike.

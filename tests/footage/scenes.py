@@ -12,7 +12,7 @@ import numpy as np
 
 from models.shot import Array, Table, Track
 from sysid.clips import read_clip_set
-from sysid.vision.motion import Cue, Motion, motion_of
+from tests.footage.motion import Cue, Motion, motion_of
 from tests.truth.cloth import Constants
 from tests.truth.physics import Start, simulate
 from tests.truth.physics import Table as TrueTable

@@ -22,8 +22,8 @@ import mujoco  # noqa: E402
 from models.shot import Ball  # noqa: E402
 from models.world import build_spec  # noqa: E402
 from sysid.vision.camera import Array, Camera  # noqa: E402
-from sysid.vision.film import CUE_WOOD, LEATHER, Look, brightness, when_read  # noqa: E402
-from sysid.vision.motion import Cue, Motion  # noqa: E402
+from tests.footage.film import CUE_WOOD, LEATHER, Look, brightness, when_read  # noqa: E402
+from tests.footage.motion import Cue, Motion  # noqa: E402
 
 SIDES = 24  # of the cue's round
 FINER = 1.3  # pinhole pixels a pixel of the lens

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from models.shot import NOSE_HEIGHT, POCKET_MOUTH
 from sysid.vision.camera import Array, Camera
-from sysid.vision.motion import Cue, Motion
+from tests.footage.motion import Cue, Motion
 
 Picture = NDArray[np.uint8]
 Light = NDArray[np.float32]
@@ -77,7 +77,7 @@ def film(
     """
     rng = np.random.default_rng(seed)
     if opengl:
-        from sysid.vision.film_gl import Drawn
+        from tests.footage.film_gl import Drawn
 
         with Drawn(camera, motion, look) as drawn:
             for time in times:
