@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.analytic.ball_ball import SpeedFriction, collide_balls, frictional, no_spin, throw_angle
 from models.analytic.cloth import rest_time, rolling_velocity, slide_time, slip, state_at
 from models.analytic.cueing import (
     Cue,
@@ -23,6 +22,7 @@ from models.analytic.cueing import (
     swerve,
 )
 from models.shot import Ball
+from tests.reference.ball_ball import SpeedFriction, collide_balls, frictional, no_spin, throw_angle
 from tests.reference.cushion import TwoPiece, collide_cushion, han_restitution, rolling_rebound
 
 Array = NDArray[np.float64]

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.analytic.ball_ball import SpeedFriction, collide_balls
 from models.analytic.impulse import collide
 from models.effect import Effect
 from models.hooks import IMPACT_FIELDS, hooks_of
@@ -27,6 +26,7 @@ from models.impacts import (
 from models.model_file import Model, effect_class, full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulate import simulate
+from tests.reference.ball_ball import SpeedFriction, collide_balls
 from tests.truth import physics
 from tests.truth.cloth import Constants
 from tests.truth.impact import BALLS, impact
