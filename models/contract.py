@@ -22,11 +22,11 @@ import numpy as np
 from models.effect import Effect
 from models.engine.play import lacking
 from models.hooks import COMPILED, HookError, address
+from models.mjcf.native import Native
 from models.model_file import Model, add_folder, effect_class, full_model, read_model, write_model
-from models.native import Native
-from models.observe import observed
 from models.shot import Array, Ball, Shot, Table, Track
-from models.simulate import simulate
+from models.simulation.observe import observed
+from models.simulation.simulate import simulate
 
 TABLE, BALL = Table(2.84, 1.42, pockets=False), Ball(0.0615, 0.21)
 TIMES = np.linspace(0, 2.5, 51)

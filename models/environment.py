@@ -6,7 +6,7 @@ What lies where, what is wanted, and what may go wrong in a play come from the r
 no goals. Every reset draws one anew; its errors are not shown, so that a policy must do well whatever they are.
 
 The physics is a dm_control.rl.control.Physics and not a dm_control.mujoco.Physics: that one steps a single MjModel by a
-fixed time, while models/simulate.py lets the effects act between steps, lands on what happens next, and plays shots
+fixed time, while simulation/simulate.py lets the effects act between steps, lands on what happens next, and plays shots
 side by side. So a step is a whole shot, until all balls rest, and time is counted in shots. Leaves out that a
 launcher's strings and stage come in steps.
 """
@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from models.shot import Ball, Table
 
 if TYPE_CHECKING:
-    from models.painter import Painter
+    from models.mjcf.painter import Painter
 
 Array = NDArray[np.float64]
 SENT = ("cue speed [m/s]", "x'0 [m]", "y'0 [m]", "theta [rad]")
@@ -159,7 +159,7 @@ class ShotPhysics(control.Physics):
         Raises:
             BadInput: where nothing can be drawn, with what to install or to set.
         """
-        from models.painter import Painter
+        from models.mjcf.painter import Painter
 
         wanted = self.episode.table, self.episode.ball, self.episode.names
         if self._painter is None or self._painted != wanted:

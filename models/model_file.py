@@ -24,7 +24,7 @@ import models.effects
 from models.effect import Effect
 from models.errors import BadInput
 from models.files import write_whole
-from models.native import Native
+from models.mjcf.native import Native
 from models.shot import Ball, Table
 
 FORMAT = "billiard-model/1"

@@ -117,7 +117,7 @@ def plan(args: argparse.Namespace, progress: Progress) -> int:
         write_picture(args.picture, made)
         print(f"picture: {args.picture}")
     if args.rrd:
-        from models.view_plan import write_plan
+        from models.recording.plan import write_plan
 
         write_plan(args.rrd, made, title=title)
         print(f"recording: {args.rrd} (open it with: rerun {args.rrd})")
@@ -126,7 +126,7 @@ def plan(args: argparse.Namespace, progress: Progress) -> int:
 
 def tell(made: dict[str, Any]) -> None:
     """A plan in words and figures."""
-    from models.view_plan import percent, sentence
+    from models.recording.plan import percent, sentence
 
     if not made["stroke"]:
         print(f"no shot: {made['why']}")

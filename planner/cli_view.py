@@ -115,7 +115,7 @@ def _setup(args: argparse.Namespace) -> tuple[Model, Setup]:
 
 def _racked(table: Table, ball: Ball) -> dict[str, Array]:
     """All balls on their spots, the white first, then the red at the top of the pack."""
-    from models.snooker import racked
+    from models.mjcf.snooker import racked
 
     spots = racked(table, ball)
     return {"white": spots["white"], "red 1": spots["red 1"]} | spots
@@ -123,7 +123,7 @@ def _racked(table: Table, ball: Ball) -> dict[str, Array]:
 
 def _source(args: argparse.Namespace) -> tuple[Table, Ball, dict[str, Array], dict[str, float]]:
     """Table, ball, places by name, the ball to be struck first, and what is known of the stroke."""
-    from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
+    from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
     from planner.scene import read_scene, scene_from
 
     if args.source is None:

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from models.environment import ShotEnvironment
 from models.errors import BadInput
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Estimate, Model, full_model, read_model
-from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.environment import load
 from planner.scene import Goal, Scene, read_scene
 

@@ -19,7 +19,7 @@ from models.hooks import hooks_of
 from models.impacts import strike_rows
 from models.model_file import Model
 from models.shot import GRAVITY, Shot, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from planner.outcome import Outcomes, joined, of_result, of_tracks
 from planner.scene import Scene
 from planner.stroke import AZIMUTH, SPEED, Launcher, launch

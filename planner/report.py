@@ -1,7 +1,7 @@
 """A plan on paper: one HTML file with its pictures inside, for a browser without network or scripts.
 
 The stroke to set, where the balls should run and where they may run instead, where the cue ball comes to rest, and
-what else could be played. Outlines hold 50 % and 90 % of the draws themselves (models/view_plan.py), so they need no
+what else could be played. Outlines hold 50 % and 90 % of the draws themselves (models/recording/plan.py), so they need no
 normal distribution; they are left out where there are few draws. The same plan gives the same bytes.
 """
 
@@ -17,9 +17,7 @@ from typing import Any
 import numpy as np
 
 from models.files import write_whole
-from models.shot import Array, Ball, Table
-from models.view import CLOTH, ball_colour
-from models.view_plan import (
+from models.recording.plan import (
     AVOID,
     FATES,
     SHARES,
@@ -37,6 +35,8 @@ from models.view_plan import (
     strike_words,
     wanted,
 )
+from models.recording.shots import CLOTH, ball_colour
+from models.shot import Array, Ball, Table
 from sysid.report.drawing import INK, MODEL, NOISE, WIDTH, png, svg
 from sysid.report.html import CSS
 from sysid.report.plots import draw_table, number

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Estimate, Model, effect_class, full_model
-from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner import baseline
 from planner.candidates import CURVE, THROW, Way, every_way
 from planner.execution import Execution

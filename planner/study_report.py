@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from models.console import table
 from models.files import write_whole
+from models.recording.shots import ball_colour
 from models.shot import Ball, Table
-from models.view import ball_colour
 from planner.outcome import FOULS
 from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, png
 from sysid.report.plots import draw_table

@@ -1,4 +1,4 @@
-"""A table played by models/step.py for people to look at: in MuJoCo's interactive viewer, or as pictures of a stroke.
+"""A table played by simulation/step.py for people to look at: in MuJoCo's interactive viewer, or as pictures of a stroke.
 
 The viewer shows and the loop here plays, in real time or slower; strokes are repeated by keys. What a computer does not
 keep up with is left out of the clock, not of the physics.
@@ -23,7 +23,7 @@ import numpy as np
 from models.errors import BadInput
 from models.model_file import Model
 from models.shot import Array
-from models.step import World
+from models.simulation.step import World
 from planner.stroke import launch
 
 SPACE, RESET = 32, ord("R")  # key codes of GLFW
@@ -151,8 +151,8 @@ def write_frames(
     Raises:
         BadInput: where nothing can be drawn, or the folder cannot be made.
     """
-    from models.painter import offscreen
-    from models.render import write_png
+    from models.mjcf.painter import offscreen
+    from models.mjcf.render import write_png
 
     renderer = offscreen(session.world.mj_model, size)
     try:

@@ -78,7 +78,7 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     check_outputs(args.json)
     if args.repeats < 0:
         raise BadInput(f"--repeats {args.repeats}: give 0 or more")
-    from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
+    from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
     from robot.learn import begin, learn
 
     folder = Path(args.out)

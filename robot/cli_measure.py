@@ -42,7 +42,7 @@ def add(verb: Verb) -> None:
 
 def campaign(args: argparse.Namespace, progress: Progress) -> int:
     """Play the paper's campaign with the emulated launcher, on and on into one file."""
-    from models.gl import choose_backend
+    from models.mjcf.gl import choose_backend
 
     choose_backend()
     from robot.campaign import count_played, run_campaign
@@ -94,7 +94,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
 
 def repeat(args: argparse.Namespace, progress: Progress) -> int:
     """Strike every string again and again, on a snooker table and on a cloth without end."""
-    from models.snooker import SNOOKER_TABLE
+    from models.mjcf.snooker import SNOOKER_TABLE
     from robot.repeatability import OPEN, measure, result, spread_strings, text
 
     seed, settings = seed_of(args), settings_of(args)

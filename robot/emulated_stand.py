@@ -48,7 +48,7 @@ def draw_hidden_table(start: Model, rng: np.random.Generator, effect: str | None
 
 
 def draw_hidden_cue(rng: np.random.Generator) -> Constants:
-    """A launcher's constants, within what is known of them (models/launcher.md, Alciatore)."""
+    """A launcher's constants, within what is known of them (models/mjcf/launcher.md, Alciatore)."""
     return Constants(
         tip_restitution=float(rng.uniform(0.68, 0.80)), cue_mass=float(rng.uniform(0.45, 0.58)),
         end_mass=float(rng.uniform(0.0050, 0.0105)), slate_friction=float(rng.uniform(0.18, 0.25)),

@@ -25,7 +25,7 @@ from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
 from models.model_file import Model
 from models.shot import GRAVITY, Array, Shot, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from robot.emulator import Line, VirtualClock, WirePort
 from robot.faults import Faults
 from robot.firmware import Firmware
@@ -173,8 +173,8 @@ class EmulatedTable:
 def _struck_in_mujoco(
     constants: Constants, model: Model, cue_speed: float, side: float, height: float
 ) -> tuple[Array, Array]:
-    """The same from the launcher of models/launcher.xml, aimed along x."""
-    from models.launcher import strike
+    """The same from the launcher of models/mjcf/launcher.xml, aimed along x."""
+    from models.mjcf.launcher import strike
     from robot.striker import BALL, Hidden, hidden_scene
 
     if model.ball != BALL:

@@ -22,16 +22,16 @@ import numpy as np
 from robot import protocol
 from robot.protocol import BUSY, FIRST, LAST, UNASKED, Arrival, Frame, Status
 
-RUN_UP, LEAST_ACCELERATION = 0.160, 5.0  # [m], [m/s^2]; as models/launcher.md, C
+RUN_UP, LEAST_ACCELERATION = 0.160, 5.0  # [m], [m/s^2]; as models/mjcf/launcher.md, C
 BALL_AT = 0.190  # from the retracted tip to the ball [m]; inside the level stroke, C
-LEVEL_END = 0.230  # where braking begins [m]; run-up and 70 mm as models/launcher.md, C
-BRAKING = 45.0  # [m/s^2]; as models/launcher.md, C
+LEVEL_END = 0.230  # where braking begins [m]; run-up and 70 mm as models/mjcf/launcher.md, C
+BRAKING = 45.0  # [m/s^2]; as models/mjcf/launcher.md, C
 RIPPLE, TOOTH = 0.01, 0.002 * math.pi  # part of the speed; pitch of a module 2 rack [m]; C
 SCATTER = 0.0125  # of the speed from stroke to stroke, part of it; from +-50 mm by robot/repeatability.py, B
 REST = 0.0005  # sd of where a retract leaves the rack [m]; C
 ENCODER = 0.001  # sd of the measured speed, part of it: 5.9 micrometre a count over 5 mm; C
 RETRACT_SPEED = 0.25  # [m/s]; C
-FORCE = 313.0  # peak on the tip a cue speed [N s/m]: 860 N at 2.75 m/s in models/launcher.md; B
+FORCE = 313.0  # peak on the tip a cue speed [N s/m]: 860 N at 2.75 m/s in models/mjcf/launcher.md; B
 SENSOR_TOP, SENSOR_SD = 440.0, 0.03  # FlexiForce A201-100: 100 lb, 3 %, from memory of its sheet; C
 STAGE_STEP = 10  # [micrometre]: 200 steps a turn, 2 mm of lead, C
 STAGE_RANGE = 25_000  # each way [micrometre]: 2 in of travel (AEROTECH ATS302, from memory), C

@@ -110,7 +110,7 @@ def write_picture(path: Path | str, shots: Sequence[CueShot], contest: Contest, 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fit the cueing map to a campaign, set it beside the networks, and write what is asked for."""
-    from models.gl import choose_backend
+    from models.mjcf.gl import choose_backend
 
     choose_backend()
     from robot.striker import draw_hidden, exact_strokes

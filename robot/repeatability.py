@@ -25,9 +25,9 @@ import numpy as np
 
 from models.console import table
 from models.errors import BadInput
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from models.model_file import full_model
 from models.shot import Array, Table
-from models.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from robot.emulated_table import SIGMA, EmulatedTable, emulated_launcher
 from robot.settings import Settings
 

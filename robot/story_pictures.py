@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from models.recording.shots import CLOTH
 from models.shot import Table
-from models.view import CLOTH
 from robot.story import Shot, Story
 from sysid.clips.faults import one_line
 from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH

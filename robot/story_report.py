@@ -1,7 +1,7 @@
 """A series of shots on paper and as a recording: what was learnt, how far the cue ball missed, shot by shot.
 
 One HTML file with its pictures inside (robot/story_pictures.py), for a browser without network or scripts; the main
-picture alone as PNG; and one Rerun recording (models/view_story.py). A block is what is played between two refits.
+picture alone as PNG; and one Rerun recording (models/recording/story.py). A block is what is played between two refits.
 The floor is the launcher's own scatter, median distance of repeats of a stroke from their middle; where no stroke was
 repeated, what the plans foresaw stands in its place, which holds the model's uncertainty too. Left out: the
 discoveries' own reports, which lie beside each refit.
@@ -16,9 +16,9 @@ from html import escape
 from pathlib import Path
 
 from models.files import write_whole
+from models.recording.story import Recording, Way, write_story
+from models.recording.story import Scene as Film
 from models.shot import Array
-from models.view_story import Recording, Way, write_story
-from models.view_story import Scene as Film
 from planner.scene import pocket_name
 from robot.story import Refit, Shot, Story
 from robot.story_pictures import Block, Draw, above, blocks, changes, constants, ends, misses, pot_count, pots

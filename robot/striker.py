@@ -3,7 +3,7 @@
 The constants that nobody tells (cue, end mass, leather, cloth, zeros of stage and aim) are drawn from a seed within
 what is known of them. Each stroke is played anew: the cue is some 1 % fast or slow, the ball is put back and the stage
 comes back within 0.1 to 0.3 mm (normal plus play), the machine shakes by half a milliradian. The leather's damping
-makes its restitution (models/native.py), the bed rubs with plain Coulomb friction: in MuJoCo's one cone for sliding,
+makes its restitution (mjcf/native.py), the bed rubs with plain Coulomb friction: in MuJoCo's one cone for sliding,
 rolling and turning, a spinning ball would be rubbed too little. Off the tip the ball runs in closed form
 (models/analytic/cloth.py), and a camera sees it with 0.5 mm of noise per axis.
 
@@ -25,8 +25,8 @@ from scipy.optimize import least_squares
 from models.analytic.cloth import slip, state_at
 from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
-from models.launcher import PREFIX, Scene, build_scene, strike
-from models.native import solref
+from models.mjcf.launcher import PREFIX, Scene, build_scene, strike
+from models.mjcf.native import solref
 from models.shot import GRAVITY, Array, Ball, Table
 from planner.stroke import Launcher
 from robot.campaign import CueShot
@@ -34,7 +34,7 @@ from robot.campaign import CueShot
 RATE = 180.0  # of the camera [1/s] (Robotic Billiards 2015)
 SEEN = 0.35  # after the hit, over which the track is read [s]
 BEFORE = 8  # frames of the resting ball
-ROLL = 0.0148  # rolling friction [1], as models/native.py
+ROLL = 0.0148  # rolling friction [1], as models/mjcf/native.py
 SLIP_SD = 0.05  # of the slip that is expected, over the ball's speed
 TABLE, BALL, SPOT = Table(3.569, 1.778), Ball(0.0525, 0.1406), np.array([-1.23, 0.0])
 
@@ -65,7 +65,7 @@ class Sloppiness:
 
 
 def draw_hidden(rng: np.random.Generator) -> Hidden:
-    """Constants within what is known of them (models/launcher.md, Alciatore)."""
+    """Constants within what is known of them (models/mjcf/launcher.md, Alciatore)."""
     return Hidden(
         tip_restitution=float(rng.uniform(0.68, 0.80)),
         cue_mass=float(rng.uniform(0.45, 0.58)),

@@ -85,7 +85,7 @@ import pytest
 from models.contract import CONTRACTS, kept
 from models.model_file import add_folder, effect_class, full_model
 from models.shot import Array, Ball, Shot, Table
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 
 add_folder(Path(__file__).with_name("{name}.py"))
 KIND = effect_class("{name}")

@@ -14,8 +14,8 @@ from models.compiled import is_ready, set_ready
 from models.engine.play import finish
 from models.hooks import COMPILED, address
 from models.model_file import catalogue, effect_class, full_model
-from models.observe import observed
 from models.shot import Ball, Shot, Table
+from models.simulation.observe import observed
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.segments import Segment
 from sysid.estimation.least_squares import fit_each

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from models.gl import NEEDS, can_render, choose_backend
+from models.mjcf.gl import NEEDS, can_render, choose_backend
 
 choose_backend()
 

@@ -18,9 +18,9 @@ import numpy as np
 
 from models.analytic.cue_impulse import NAMES, Constants, Geometry
 from models.console import Progress
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model
 from models.shot import GRAVITY, Track
-from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.cueing_map import CueingMap
 from planner.execution import Execution
 from robot.emulated_stand import EmulatedStand, draw_hidden_cue

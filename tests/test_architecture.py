@@ -104,7 +104,7 @@ def test_lazy_and_relative_imports_are_found(tmp_path: Path, monkeypatch: pytest
         "import sysid.fit as f\nfrom . import drag\nfrom ..world import build\n"
         "def g():\n    from robot import link\n    import_module('planner.aim')\n"
     )
-    expected = {"sysid.fit", "models.effects.drag", "models.world.build", "robot.link", "planner.aim"}
+    expected = {"sysid.fit", "models.effects.drag", "models.mjcf.world.build", "robot.link", "planner.aim"}
     assert imports(path) == expected
 
 
@@ -194,7 +194,7 @@ def test_an_import_sets_no_variable_and_compiles_nothing() -> None:
 import os, sys
 import mujoco  # it chooses a renderer
 before = dict(os.environ)
-import models.simulate, models.observe, models.engine.play, sysid.estimation, planner.search, robot.play
+import models.simulation.simulate, models.simulation.observe, models.engine.play, sysid.estimation, planner.search, robot.play
 from numba.core.dispatcher import Dispatcher
 from models.hooks import address
 made = [f for m in list(sys.modules.values()) for f in vars(m).values() if isinstance(f, Dispatcher)

@@ -9,7 +9,7 @@ import pytest
 
 from models.model_file import effect_class, full_model
 from models.shot import Ball, Shot, Table
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from tests.truth import physics
 from tests.truth.cloth import Constants
 

@@ -12,9 +12,9 @@ from models.analytic.cueing import strike as analytic_strike
 from models.effect import Effect
 from models.errors import BadInput
 from models.model_file import Model, effect_class, full_model
-from models.observe import camera, observed, undone
 from models.shot import Array, Ball, Shot, Table, Track
-from models.simulate import simulate
+from models.simulation.observe import camera, observed, undone
+from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, Observation
 from sysid.clips.segments import split_all
 from sysid.estimation.initial_states import grown_states

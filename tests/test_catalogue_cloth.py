@@ -9,7 +9,7 @@ import pytest
 
 from models.model_file import Model, effect_class, full_model
 from models.shot import Array, Shot, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from tests.test_catalogue import BALL, BASE, ENGINES, TABLE, shots
 from tests.truth import physics
 from tests.truth.cloth import Constants

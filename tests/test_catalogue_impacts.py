@@ -25,7 +25,7 @@ from models.impacts import (
 )
 from models.model_file import Model, effect_class, full_model
 from models.shot import Array, Ball, Shot, Table, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from tests.reference.ball_ball import SpeedFriction, collide_balls
 from tests.truth import physics
 from tests.truth.cloth import Constants

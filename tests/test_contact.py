@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.contact import dampings
 from models.model_file import Model, full_model
 from models.shot import Array, Ball, Shot, Table, Track
-from models.simulate import simulate
+from models.simulation.contact import dampings
+from models.simulation.simulate import simulate
 from sysid.validation.match import impact_shot, impact_states
 
 Play = Callable[..., list[Track]]

@@ -13,7 +13,7 @@ import pytest
 from models.analytic import cueing
 from models.analytic.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt, launch
 from models.errors import BadInput
-from models.launcher import SPEEDS, strike
+from models.mjcf.launcher import SPEEDS, strike
 from models.shot import Ball
 from planner.cueing_map import FORMAT, CueingMap, read_map, write_map
 from planner.execution import Execution, read_execution

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from models.model_file import catalogue, full_model, read_model
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation import FittedModel, begin
@@ -224,6 +224,6 @@ def test_the_simulator_is_the_one_that_is_fitted() -> None:
     from sysid.estimation import fitting, shot_problem
     from sysid.selection import score
 
-    assert simulate.__module__ == "models.simulate"
+    assert simulate.__module__ == "models.simulation.simulate"
     for room in (score, fitting, shot_problem):
         assert "mujoco" not in vars(room)

@@ -9,7 +9,7 @@ import pytest
 
 from models.model_file import Model, effect_class, full_model
 from models.shot import Ball, Shot, Table
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 
 BALL = Ball(0.0615, 0.21)
 

@@ -13,9 +13,9 @@ import pytest
 from models.contract import BALL, CONTRACTS, TABLE, TIMES, faults, kept, numbers, played, tried
 from models.effect import BallState, Effect, ImageState, param
 from models.errors import BadInput
+from models.mjcf.native import Native
 from models.model_file import Estimate, Model, catalogue, full_model, read_model, write_model
-from models.native import Native
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 
 EFFECTS = sorted(catalogue())
 FAULTS = [  # text to replace in a good file, its replacement, what the message must name

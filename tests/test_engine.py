@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from models.analytic.cloth import state_at
 from models.analytic.events import first_fall, meeting
 from models.engine.play import Result, finish, lacking, play
+from models.mjcf.snooker import racked
 from models.model_file import Model, catalogue, full_model
 from models.shot import Ball, Shot, Table, Track
-from models.simulate import simulate
-from models.snooker import racked
+from models.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
 BALL = Ball(0.0525, 0.1406)

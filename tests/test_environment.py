@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from models.environment import Reach, ShotEnvironment, ShotPhysics, ShotTask
 from models.errors import BadInput
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Estimate, Model, effect_class, full_model
 from models.shot import Table
-from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner import example_environment
 from planner.environment import as_actions, as_strokes, load
 from planner.execution import Execution

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from models.environment import ShotEnvironment
 from models.errors import BadInput
+from models.mjcf.world import colour
 from models.model_file import Model
-from models.world import colour
 from planner.environment import gymnasium_env, load
 from planner.example_environment import example_model, example_scene
 from planner.scene import Goal, Scene

@@ -11,11 +11,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from models.export import export, in_a_row
+from models.mjcf.export import export, in_a_row
+from models.mjcf.native import Native
+from models.mjcf.world import build_model
 from models.model_file import Model, write_model
-from models.native import Native
 from models.shot import Ball, Table
-from models.world import build_model
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = ("white", "yellow", "red 1")
@@ -27,7 +27,7 @@ WORLDS = [
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "models.export", *arguments]
+    command = [sys.executable, "-m", "models.mjcf.export", *arguments]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
 
@@ -88,7 +88,7 @@ def test_the_command_names_what_is_wrong(tmp_path: Path) -> None:
     assert run(out, *sizes, "--balls", "white,yellow,red").returncode == 0
     assert mujoco.MjModel.from_xml_path(out).geom("bed").size[:2] == pytest.approx([1.42, 0.71])
     wrong = run(out, "--mass", "-1")
-    assert (wrong.returncode, wrong.stderr) == (2, "models.export: --mass is -1.0; give a positive number\n")
+    assert (wrong.returncode, wrong.stderr) == (2, "models.mjcf.export: --mass is -1.0; give a positive number\n")
 
 
 @pytest.mark.parametrize(

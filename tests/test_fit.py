@@ -13,7 +13,7 @@ import pytest
 from models.errors import BadInput
 from models.model_file import Model, full_model, read_model, write_model
 from models.shot import Ball, Shot, Table
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation import ClipFit, fit_clips

@@ -12,7 +12,7 @@ import pytest
 
 from models.model_file import full_model
 from models.shot import Array, Ball, Shot, Table, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from sysid.vision.camera import Camera, overhead
 from sysid.vision.detect import Seen
 from sysid.vision.follow import Follower, Path, State, ahead

@@ -13,7 +13,7 @@ from models.hooks import IMPACT_FIELDS
 from models.impacts import APPROACH, SECOND, ask_rows, part_rows
 from models.model_file import Model, effect_class, full_model
 from models.shot import Ball, Shot, Table, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 
 BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778)
 R = BALL.radius

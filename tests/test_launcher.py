@@ -13,10 +13,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import launcher, stroke
 from models.analytic import cueing
 from models.errors import BadInput
-from models.launcher import DEVICE, GEAR, PINION, TILT, TRAVEL, Scene, build_scene, strike, strike_all
+from models.mjcf import launcher, stroke
+from models.mjcf.launcher import DEVICE, GEAR, PINION, TILT, TRAVEL, Scene, build_scene, strike, strike_all
 from models.shot import Ball, Table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -233,7 +233,7 @@ def test_a_scene_that_cannot_be_says_why() -> None:
 
 def test_the_command_compares_and_sizes_the_drive(tmp_path: Path) -> None:
     out = tmp_path / "strokes.csv"
-    command = [sys.executable, "-m", "models.stroke", "--out", str(out)]
+    command = [sys.executable, "-m", "models.mjcf.stroke", "--out", str(out)]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (0, "")
     assert "it can: within peak torque and top speed" in run.stdout
@@ -243,7 +243,7 @@ def test_the_command_compares_and_sizes_the_drive(tmp_path: Path) -> None:
 @pytest.mark.gl
 def test_the_command_draws_the_launcher(tmp_path: Path) -> None:
     out = tmp_path / "launcher.png"
-    command = [sys.executable, "-m", "models.stroke", "--picture", str(out), "--width", "320"]
+    command = [sys.executable, "-m", "models.mjcf.stroke", "--picture", str(out), "--width", "320"]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (0, "")
     assert out.read_bytes().startswith(b"\x89PNG")

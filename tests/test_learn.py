@@ -17,10 +17,10 @@ import robot.learn
 from models.analytic.cue_impulse import NAMES, Constants, Geometry
 from models.analytic.pocket import pockets_of
 from models.errors import BadInput
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model, read_model
 from models.shot import Array, Ball, Shot, Table, Track
-from models.simulate import simulate
-from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.simulation.simulate import simulate
 from planner.cueing_map import CueingMap
 from planner.execution import Execution
 from planner.mapped import with_map

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.model_file import full_model
 from models.shot import Ball, Shot, Table, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from robot.live_camera import Device, LiveCamera, Recording, frame_numbers
 from robot.play import Camera as Watcher
 from sysid.vision.camera import overhead, write_camera

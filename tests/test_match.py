@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from models import model_file
+from models.mjcf.native import Native
 from models.model_file import catalogue, read_model
-from models.native import Native
 from sysid import cli
 from sysid.clips import read_clip_set
 from sysid.validation import match

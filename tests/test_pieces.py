@@ -12,7 +12,7 @@ from models.effects.cue_hop import CueHop
 from models.effects.squirt import Squirt
 from models.model_file import full_model
 from models.shot import Ball, Shot, Table
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.clips.pieces import cut_up, whole

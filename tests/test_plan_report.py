@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
+from models.recording.plan import dropped, fate, outline, sentence, write_plan
 from models.shot import Array, Ball, Table
-from models.view_plan import dropped, fate, outline, sentence, write_plan
 from planner.report import write_picture, write_report
 from tests.test_report import STRANGE, Page
 from tests.test_view import column, read, seconds

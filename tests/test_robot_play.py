@@ -15,7 +15,7 @@ from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
 from models.model_file import Model, full_model
 from models.shot import Array, Ball, Shot, Table
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from planner.scene import Goal, Scene, scene_dict
 from planner.stroke import Launcher, stroke_terms
 from robot.emulated_table import EmulatedTable, emulated_launcher

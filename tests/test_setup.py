@@ -11,7 +11,7 @@ import mujoco.batch
 import numpy as np
 import pytest
 
-from models.gl import OFF, choose_backend
+from models.mjcf.gl import OFF, choose_backend
 
 FALLING = """
 <mujoco>

@@ -12,7 +12,7 @@ import pytest
 
 from models.model_file import Model, full_model
 from models.shot import GRAVITY, Array, Ball, Shot, Table, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 
 Play = Callable[..., list[Track]]
 SNOOKER = Ball(0.0525, 0.1406)

@@ -14,11 +14,11 @@ from dm_control.mujoco import wrapper
 from numpy.typing import NDArray
 
 from models.errors import BadInput
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from models.model_file import Model, catalogue, effect_class, full_model
 from models.shot import Event, Shot
-from models.simulate import simulate
-from models.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
-from models.step import World
+from models.simulation.simulate import simulate
+from models.simulation.step import World
 
 Array = NDArray[np.float64]
 BASE = full_model(SNOOKER_TABLE, SNOOKER_BALL)

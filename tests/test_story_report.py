@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from models.view_story import CURVES, Recording, Scene, write_story
+from models.recording.story import CURVES, Recording, Scene, write_story
 from robot.story import Refit, Story
 from robot.story_pictures import blocks, changes, ends
 from robot.story_report import recording_of, sentences, write_picture, write_recording, write_report

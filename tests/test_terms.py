@@ -20,9 +20,9 @@ from models.errors import BadInput
 from models.formula import DOORS, MAX_TERMS, factor_value
 from models.hooks import address, hooks_of
 from models.model_file import add_folder, effect_class, full_model
-from models.observe import observed
 from models.shot import Ball, Shot, Table, Track
-from models.simulate import simulate
+from models.simulation.observe import observed
+from models.simulation.simulate import simulate
 from sysid.selection.formula import source_from
 from sysid.selection.terms import Term, effect_of, known, library, source
 from tests.clip_samples import refusal

@@ -16,9 +16,9 @@ import pytest
 from models.console import Progress
 from models.errors import BadInput
 from models.model_file import full_model
+from models.recording.video import Sightings, write_track
 from models.shot import Array, Shot, Table
-from models.simulate import simulate
-from models.view_video import Sightings, write_track
+from models.simulation.simulate import simulate
 from sysid.cli import track as cli_track
 from sysid.clips import check_clip_set, read_clip_set, write_clip_set
 from sysid.vision.camera import Camera, overhead, write_camera

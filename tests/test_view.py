@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models import view
+from models.recording import shots as view
+from models.recording.shots import Review, ball_colour, write_review
 from models.shot import Array, Ball, Event, Table, Track
-from models.view import Review, ball_colour, write_review
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 OFFSET = np.array([0.003, -0.004])  # modelled - measured: 5 mm

@@ -15,9 +15,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model, write_model
 from models.shot import Table
-from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.cli import main, parser
 from planner.cli_view import _setup
 from planner.example_environment import example_scene

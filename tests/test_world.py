@@ -12,11 +12,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import gl
 from models.errors import BadInput
-from models.native import Native, solref
+from models.mjcf import gl
+from models.mjcf.native import Native, solref
+from models.mjcf.world import build_model, build_spec, pockets, rails
 from models.shot import NOSE_COSINE, NOSE_HEIGHT, Ball, Table
-from models.world import build_model, build_spec, pockets, rails
 
 ROOT = Path(__file__).resolve().parents[1]
 FULL, TEN_BY_FIVE, CAROM = Table(3.569, 1.778), Table(2.959, 1.473), Table(2.84, 1.42, pockets=False)
@@ -164,8 +164,8 @@ def test_a_ball_rolled_into_a_pocket_falls(target: tuple[float, float]) -> None:
 
 @pytest.mark.gl
 def test_the_picture_shows_the_balls() -> None:
-    from models.render import render
-    from models.snooker import racked
+    from models.mjcf.render import render
+    from models.mjcf.snooker import racked
 
     places = racked(FULL, SNOOKER)
     assert len(places) == 22
@@ -192,7 +192,7 @@ def test_the_picture_shows_the_balls() -> None:
 
 @pytest.mark.gl
 def test_a_picture_that_cannot_be_drawn_says_why() -> None:
-    from models.render import render
+    from models.mjcf.render import render
 
     with pytest.raises(ValueError, match="choose from corner, overhead, baulk"):
         render(FULL, SNOOKER, ("white",), np.zeros((1, 2)), camera="ceiling")
@@ -204,7 +204,7 @@ def test_without_opengl_one_line_names_the_packages(monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("MUJOCO_GL", "disable")
     with pytest.raises(BadInput, match="libegl1 libgl1"):
         gl.require_rendering()
-    command = [sys.executable, "-m", "models.render", str(tmp_path / "out.png")]
+    command = [sys.executable, "-m", "models.mjcf.render", str(tmp_path / "out.png")]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 2
     assert run.stderr.count("\n") == 1
@@ -215,7 +215,7 @@ def test_without_opengl_one_line_names_the_packages(monkeypatch: pytest.MonkeyPa
 @pytest.mark.gl
 def test_the_command_draws_the_picture_of_the_readme(tmp_path: Path) -> None:
     out = tmp_path / "table.png"
-    command = [sys.executable, "-m", "models.render", str(out), "--width", "320"]
+    command = [sys.executable, "-m", "models.mjcf.render", str(out), "--width", "320"]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (0, "")
     assert out.read_bytes().startswith(b"\x89PNG")

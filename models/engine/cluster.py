@@ -1,6 +1,6 @@
 """Several bodies that touch at once: a shot in small steps, through springs that hold restitution and friction.
 
-The same springs as those of MuJoCo's contacts in models/contact.py, stepped in the same way: two balls have that of
+The same springs as those of MuJoCo's contacts in simulation/contact.py, stepped in the same way: two balls have that of
 Hertz with the damper of Tsuji, Tanaka, Ishida 1992, a cushion a linear one. What a spring gives back of the work done
 on it does not depend on what else acts, so restitution is energetic. Friction at a contact, and of the cloth under a
 ball that is pressed down, follow from its force by the increments of the impulse models. Jaws have no spring.

@@ -17,7 +17,7 @@ from sysid.selection.discover import Discovery, discover
 from sysid.selection.judge import Judgement
 
 COMMAND = "sysid demo"
-EXAMPLE = Path(__file__).with_name("example")
+EXAMPLE = Path(__file__).parents[1] / "example"
 TRUTH = EXAMPLE.with_name("example.truth.json")
 HIDDEN = {
     "decoupled_cloth.slide": "mus", "decoupled_cloth.roll": "mur", "decoupled_cloth.spin": "spin",

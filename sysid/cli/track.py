@@ -203,7 +203,7 @@ def _write(
 
 def _record(args: argparse.Namespace, result: Tracked, footage: Footage, camera: Camera) -> None:
     """The recording for Rerun."""
-    from models.view_video import Sightings, write_track
+    from models.recording.video import Sightings, write_track
     from sysid.vision.track import note, rough
 
     scene = result.scene

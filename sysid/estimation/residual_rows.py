@@ -20,7 +20,7 @@ from models.engine.play import MOST, Layout, over_threads
 from models.errors import BadInput
 from models.hooks import STROKE_FIELDS
 from models.impacts import deliver
-from models.observe import camera, expose, see, unsee
+from models.simulation.observe import camera, expose, see, unsee
 from models.spring import damping_table
 
 Array = NDArray[np.float64]

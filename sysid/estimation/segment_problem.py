@@ -11,7 +11,7 @@ import numpy as np
 
 from models.engine.play import Layout
 from models.model_file import Model
-from models.observe import observed
+from models.simulation.observe import observed
 from sysid.clips.segments import Segment
 from sysid.estimation.least_squares import Prior
 from sysid.estimation.problem import Array, Index, by_events, open_table, shot_of

@@ -22,8 +22,8 @@ from models.engine.play import Layout
 from models.hooks import hooks_of
 from models.impacts import strike_rows
 from models.model_file import Model
-from models.observe import observed, undone
 from models.shot import Shot, Track
+from models.simulation.observe import observed, undone
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 from sysid.clips.segments import CLAMPED, free_from, moving_from

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.recording.shots import CLOTH, CUSHION, POCKET, RAIL, ball_colour
 from models.shot import POCKET_MOUTH, Table
-from models.view import CLOTH, CUSHION, POCKET, RAIL, ball_colour
 from sysid.clips.faults import one_line
 from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH, svg
 from sysid.residuals.comparison import Comparison

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from models.errors import BadInput
-from models.view import Review, write_review
+from models.recording.shots import Review, write_review
 from sysid.residuals.comparison import Comparison
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.shot import Shot, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from sysid.clips import ClipSet
 from sysid.estimation.problem import Array, turn
 from sysid.estimation.segment_problem import SegmentProblem

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.shot import Shot, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, Observation
 from sysid.clips.segments import Segment
 from sysid.estimation.problem import Array

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from models.model_file import Model
-from models.observe import observed
 from models.shot import Shot
+from models.simulation.observe import observed
 from sysid.clips import Clip, ClipSet, Cue, Observation
 from sysid.estimation.fitted import Point
 from sysid.estimation.least_squares import Prior, differences

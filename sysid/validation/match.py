@@ -1,6 +1,6 @@
 """MuJoCo against the analytic spin models and against published measurements, row by row.
 
-Two models with the same constants: the native MJCF, as well tuned as its terms allow (models/native.py), and MJCF with
+Two models with the same constants: the native MJCF, as well tuned as its terms allow (mjcf/native.py), and MJCF with
 effects. Each plays the same shots as the analytic models, in closed form (models/analytic) and from event to event
 (models/engine); impacts of the effects are measured through MuJoCo's contacts, and by the impulse that isolated impacts
 take. The constants are those of the snooker table of Mathavan, Jackson and Parkin (2009, 2010, 2014). At last every
@@ -16,15 +16,15 @@ from functools import partial
 
 import numpy as np
 
-from models import stroke
 from models.analytic import cloth
 from models.engine.play import lacking, play
-from models.launcher import build_scene, strike_all
+from models.mjcf import stroke
+from models.mjcf.launcher import build_scene, strike_all
+from models.mjcf.snooker import SNOOKER_TABLE
 from models.model_file import Model, catalogue, full_model
-from models.observe import observed
 from models.shot import Array, Ball, Shot, Table, Track
-from models.simulate import simulate
-from models.snooker import SNOOKER_TABLE
+from models.simulation.observe import observed
+from models.simulation.simulate import simulate
 from sysid.validation.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
 
 BALL = Ball(0.0525, 0.1406)

@@ -2,7 +2,7 @@
 
 The fit of the workbench (sysid/estimation/least_squares.py) with the terms as unknowns. Cloth: positions and sidespin
 over 3 s; impacts: velocity and R omega after them, over the speed before. `sysid match --tune M.toml` runs it;
-models/native.py holds what it found.
+models/mjcf/native.py holds what it found.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from models.engine.play import play
+from models.mjcf.native import TUNED, Native
 from models.model_file import Estimate, Model
-from models.native import TUNED, Native
 from models.shot import Array, Shot, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from sysid.estimation.least_squares import Prior, fit_each
 from sysid.validation.match import (
     ANALYTIC,

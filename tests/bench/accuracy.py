@@ -11,7 +11,7 @@ import numpy as np
 
 from models.model_file import Model, full_model
 from models.shot import GRAVITY, Array, Ball, Shot, Table
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from sysid.clips import read_clip_set
 from sysid.estimation import fit_clips
 

@@ -13,7 +13,7 @@ import numpy as np
 from models.engine.play import finish
 from models.model_file import Model, full_model
 from models.shot import Shot, Table
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from sysid.validation.match import BALL, in_mujoco
 from tests.truth import physics
 from tests.truth.cloth import Constants as Truth

@@ -14,7 +14,7 @@ import numpy as np
 import sysid
 from models.model_file import Model, full_model
 from models.shot import Ball, Shot, Table
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from sysid.clips import read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation.least_squares import differences

@@ -11,7 +11,7 @@ import numpy as np
 
 from models.model_file import full_model
 from models.shot import Ball, Shot, Table
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 from sysid.vision.camera import overhead
 from sysid.vision.detect import Detector
 from sysid.vision.frames import Clock, Footage, Pictures

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from models.gl import choose_backend, require_rendering
+from models.mjcf.gl import choose_backend, require_rendering
 
 choose_backend()  # before MuJoCo is imported
 
 import mujoco  # noqa: E402
 
+from models.mjcf.world import build_spec  # noqa: E402
 from models.shot import Ball  # noqa: E402
-from models.world import build_spec  # noqa: E402
 from sysid.vision.camera import Array, Camera  # noqa: E402
 from tests.footage.film import CUE_WOOD, LEATHER, Look, brightness, when_read  # noqa: E402
 from tests.footage.motion import Cue, Motion  # noqa: E402

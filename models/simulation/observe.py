@@ -17,7 +17,7 @@ from models.errors import BadInput
 from models.hooks import IMAGE_FIELDS, Hooks, call_exposures, call_hook, hooks_of
 from models.model_file import Model
 from models.shot import Array, Shot, Track
-from models.simulate import simulate
+from models.simulation.simulate import simulate
 
 UNDONE = 1e-13  # change of a place that is looked for, below which it is found [m]
 FAR = 1.0  # beyond it the search runs away [m]

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.act import Balls
 from models.compiled import compiled
 from models.effect import STILL
 from models.hooks import Hooks
 from models.shot import Array
+from models.simulation.act import Balls
 
 TINY = 1e-5  # step along which nothing varies: parts of the last bit of speed would count as rest [s]
 TOLERANCE = 2e-6  # of a step, by its last term: some ten times its error of position or more [m]

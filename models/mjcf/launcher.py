@@ -2,7 +2,7 @@
 
 `launcher.xml` is the device of Robotic Billiards (2015), section V: a regular cue on a rack, driven by a 200 W servo
 through a 3:1 gearbox and a pinion, tilted by 6.5 degrees, on a two-axis stage; its azimuth is set by hand. Here it is
-attached to the world of `models/world.py`, aimed at the centre of a ball, and let strike: the servo spins up, holds its
+attached to the world of `mjcf/world.py`, aimed at the centre of a ball, and let strike: the servo spins up, holds its
 speed, the tip hits, and the ball's state is read as the tip leaves it.
 
 Offsets are those of the cue axis from the ball's centre in the plane normal to the axis: side to the right, height up,
@@ -27,7 +27,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from models.gl import choose_backend
+from models.mjcf.gl import choose_backend
 
 if __name__ == "__main__":
     choose_backend(render="--picture" in " ".join(sys.argv))  # before MuJoCo is imported
@@ -36,9 +36,9 @@ import mujoco
 import numpy as np
 
 from models.errors import BadInput
-from models.native import Native
+from models.mjcf.native import Native
+from models.mjcf.world import build_spec
 from models.shot import Array, Ball, Table
-from models.world import build_spec
 
 DEVICE = Path(__file__).with_name("launcher.xml")
 PREFIX = "launcher/"
@@ -118,7 +118,7 @@ def build_scene(
     """A launcher at a table, aimed at the first ball.
 
     Args:
-        table: the table, with native contacts (`models/native.py`).
+        table: the table, with native contacts (`models/mjcf/native.py`).
         ball: all balls.
         names: of the balls; the launcher strikes the first.
         position: of the first ball (2,) [m], table frame.

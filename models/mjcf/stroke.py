@@ -19,12 +19,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from models import launcher
 from models.analytic import cueing
 from models.errors import BadInput
 from models.files import write_whole
-from models.launcher import GEAR, PINION, PREFIX, RUN_UP, TILT, Scene, Stroke, build_scene, strike, strike_all
-from models.native import Native
+from models.mjcf import launcher
+from models.mjcf.launcher import GEAR, PINION, PREFIX, RUN_UP, TILT, Scene, Stroke, build_scene, strike, strike_all
+from models.mjcf.native import Native
 from models.shot import GRAVITY, Array, Ball, Table
 
 TABLE, BALL, SPOT = Table(3.569, 1.778), Ball(0.0525, 0.1406), np.array([-1.23, 0.0])
@@ -208,8 +208,8 @@ def write_csv(path: Path, shots: Sequence[tuple[float, float, float]], strokes: 
 
 def picture(path: Path, width: int = 1280) -> None:
     """Draw the launcher at the table, just before the hit."""
-    from models.gl import require_rendering
-    from models.render import write_png  # it chooses the library that draws
+    from models.mjcf.gl import require_rendering
+    from models.mjcf.render import write_png  # it chooses the library that draws
 
     if not 160 <= width <= 4096:
         raise BadInput(f"width is {width}; give 160 to 4096 pixels")
@@ -240,7 +240,7 @@ def picture(path: Path, width: int = 1280) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print what the launcher makes of the paper's grid of strokes, and what a 4 m/s ball asks of its drive."""
-    parser = argparse.ArgumentParser(prog="python -m models.stroke", description=main.__doc__, allow_abbrev=False)
+    parser = argparse.ArgumentParser(prog="python -m models.mjcf.stroke", description=main.__doc__, allow_abbrev=False)
     parser.add_argument("--grid", action="store_true", help="all 455 strokes; without it a coarse grid of 36")
     parser.add_argument("--float", action="store_true", help="without the slate under the ball")
     parser.add_argument("--out", type=Path, metavar="CSV", help="write every stroke")
@@ -258,7 +258,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if given.out:
             write_csv(given.out, shots, strokes)
     except BadInput as error:
-        print(f"models.stroke: {error}", file=sys.stderr)
+        print(f"models.mjcf.stroke: {error}", file=sys.stderr)
         return 2
     return 0
 

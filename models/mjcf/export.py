@@ -1,8 +1,8 @@
 """A table, its balls and, where wanted, the launcher as one plain MJCF file for any MuJoCo viewer.
 
-Its contacts are MuJoCo's own, with the native terms of a model file or the shipped ones (models/native.py);
+Its contacts are MuJoCo's own, with the native terms of a model file or the shipped ones (models/mjcf/native.py);
 models/README.md says what they cannot do. The shipped file, short enough to be read, is from
-`python -m models.export models/table.xml --bare --balls white,red,black`.
+`python -m models.mjcf.export models/mjcf/table.xml --bare --balls white,red,black`.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy as np
 
 from models.errors import BadInput
 from models.files import write_whole
-from models.launcher import build_scene
+from models.mjcf.launcher import build_scene
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
+from models.mjcf.world import build_spec
 from models.model_file import Model, read_model
 from models.shot import Array, Ball, Table
-from models.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
-from models.world import build_spec
 
 SIZES = ("length", "width", "diameter", "mass")
 
@@ -76,7 +76,7 @@ def in_a_row(names: Sequence[str], ball: Ball) -> dict[str, Array]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write a table with its balls as plain MJCF."""
-    parser = argparse.ArgumentParser(prog="python -m models.export", description=main.__doc__)
+    parser = argparse.ArgumentParser(prog="python -m models.mjcf.export", description=main.__doc__)
     parser.add_argument("out", type=Path, metavar="OUT.xml")
     parser.add_argument("--model", metavar="M.toml", help="table, ball and native terms of a model file")
     parser.add_argument("--length", type=float, help="cushion to cushion [m]")
@@ -110,7 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             places = {"white": spots.pop("white"), **spots}
         export(model, places, given.out, launcher=given.launcher, bare=given.bare)
     except BadInput as error:
-        print(f"models.export: {error}", file=sys.stderr)
+        print(f"models.mjcf.export: {error}", file=sys.stderr)
         return 2
     return 0
 

@@ -54,10 +54,10 @@ from models.engine.step import (
 )
 from models.errors import BadInput
 from models.impacts import strike_rows
+from models.mjcf.world import build_spec
 from models.model_file import Model
 from models.shot import Array
 from models.spring import damping_table
-from models.world import build_spec
 
 TIMESTEP = 2e-3  # unless said otherwise [s]
 BAND, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # of marked balls: colour, half its width over the radius
@@ -76,7 +76,7 @@ class World:
             model: table, ball and effects; its parameters are numbers.
             names: of the balls, which choose their colours; the one to be struck comes first.
             timestep: `mj_model.opt.timestep` [s], which may be changed at any time.
-            jaws: whether pockets have jaws and an edge, as in models/simulate.py.
+            jaws: whether pockets have jaws and an edge, as in models/simulation/simulate.py.
             furnished: with what is only seen.
             marked: with a band about each ball, which shows it rolling.
 
@@ -84,7 +84,7 @@ class World:
             BadInput: for a model that the event engine does not play, with the reason.
         """
         if why := lacking(model):
-            remedy = "add decoupled_cloth, ball_impact, cushion_impact, or play it with models.simulate"
+            remedy = "add decoupled_cloth, ball_impact, cushion_impact, or play it with models.simulation.simulate"
             raise BadInput(f"this model cannot be stepped: {why}; {remedy}")
         self.model, self.names = model, tuple(names)
         spec = build_spec(model.table, model.ball, self.names, model.stack(), furnished=furnished)

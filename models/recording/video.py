@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.recording.shots import CLOTH, FLOOR, POCKET, ball_colour
 from models.shot import Array, Table
-from models.view import CLOTH, FLOOR, POCKET, ball_colour
 
 APPLICATION = "cuelab_track"
 WIDEST = 960  # of single pictures [pixels]

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
+from models.recording.file import whole_recording
+from models.recording.shots import CLEAR, FLOOR, Colour, Out, ball_colour, draw_table, lift
 from models.shot import NOSE_COSINE, POCKET_MOUTH, Array, Ball, Table
-from models.view import CLEAR, FLOOR, Colour, Out, ball_colour, draw_table, lift
-from models.view_file import whole_recording
 
 APPLICATION, FORMAT = "cuelab_plan", "billiard-plan/1"
 FATES: Mapping[str, Colour] = {"potted": (86, 190, 255), "missed": (255, 159, 28), "foul": (255, 122, 217)}

@@ -1,6 +1,6 @@
 """Off-screen pictures of a table with its balls, drawn by MuJoCo from the MJCF.
 
-`python -m models.render OUT.png` draws a full-size snooker table with all balls on their spots.
+`python -m models.mjcf.render OUT.png` draws a full-size snooker table with all balls on their spots.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.files import write_whole
-from models.gl import choose_backend, require_rendering
+from models.mjcf.gl import choose_backend, require_rendering
 
 choose_backend()  # before MuJoCo is imported
 
 import cv2  # noqa: E402
 import mujoco  # noqa: E402
 
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked  # noqa: E402
+from models.mjcf.world import build_spec  # noqa: E402
 from models.shot import Array, Ball, Table  # noqa: E402
-from models.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked  # noqa: E402
-from models.world import build_spec  # noqa: E402
 
 CAMERAS = ("corner", "overhead", "baulk")
 
@@ -75,7 +75,7 @@ def write_png(picture: NDArray[np.uint8], path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw the table at the start of a frame."""
-    parser = argparse.ArgumentParser(prog="python -m models.render", description=main.__doc__)
+    parser = argparse.ArgumentParser(prog="python -m models.mjcf.render", description=main.__doc__)
     parser.add_argument("out", type=Path, metavar="OUT.png")
     parser.add_argument("--camera", choices=CAMERAS, default="corner")
     parser.add_argument("--width", type=int, default=1280, help="pixels; the height is 9/16 of it")
@@ -88,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )  # fmt: skip
         write_png(picture, given.out)
     except BadInput as error:
-        print(f"models.render: {error}", file=sys.stderr)
+        print(f"models.mjcf.render: {error}", file=sys.stderr)
         return 2
     return 0
 

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from models.mjcf.snooker import FULL_LENGTH, SEMICIRCLE, spots
 from models.shot import NOSE_HEIGHT, Array, Table
-from models.snooker import FULL_LENGTH, SEMICIRCLE, spots
 
 RUBBER, FRAME = 0.05, 0.13  # where the rubber ends and the frame ends, from the nose line [m]
 BACK = RUBBER + 0.004  # where the rubber ends under the frame [m]

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.recording.file import whole_recording
+from models.recording.shots import FLOOR, GAP, MODEL, UNSEEN, WHITE, Colour, Out, ball_colour, draw_table
 from models.shot import Array, Ball, Table
-from models.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.view import FLOOR, GAP, MODEL, UNSEEN, WHITE, Colour, Out, ball_colour, draw_table
-from models.view_file import whole_recording
 
 APPLICATION = "cuelab_story"
 Way = tuple[Array, Array]  # time (n,) [s] in its shot, increasing; places (n, 2) [m]; NaN where unseen

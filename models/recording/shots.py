@@ -1,5 +1,5 @@
 """Shots to look at in the Rerun viewer: measured balls against modelled ones. Rerun is imported here and in
-models/view_video.py alone.
+models/recording/video.py alone.
 
 Clips follow one another on the timeline `shot_time` [s], each with its t = 0 at a whole second; `clip` counts them.
 Error e(t) = modelled(t) - measured(t), the model interpolated linearly to the measured times, where both exist.

@@ -3,7 +3,7 @@
 Where the cloth is an effect, forces are constant between its switches (slide to roll, stop, end of sidespin), so a
 step lands on the next switch or touch, and is exact: MuJoCo's semi-implicit position is ahead by a h^2 / 2, which is
 taken back. Impacts that effects resolve are landed on; where two bodies meet alone, their impulse carries them through
-(models/analytic/impulse.py), where more do, small steps through MuJoCo's contacts (models/contact.py). Contacts of the
+(models/analytic/impulse.py), where more do, small steps through MuJoCo's contacts (simulation/contact.py). Contacts of the
 plain MJCF take small steps around a touch.
 """
 
@@ -16,13 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.act import Balls
 from models.analytic.events import DEAD
 from models.analytic.impulse import collide_rows
 from models.analytic.pocket import NONE, Pockets, pockets_of, rail_of
-from models.batch import batch
-from models.contact import Contacts
-from models.curve import MARGIN, Curve, follow, land
 from models.engine.cluster import CROWD
 from models.engine.motion import POTTED, REST
 from models.engine.play import LAWS
@@ -41,10 +37,14 @@ from models.impacts import (
     strike_rows,
 )
 from models.model_file import Model
-from models.sampling import record, record_curve, spin_to_world
 from models.shot import Array, Event, Shot, Track
+from models.simulation.act import Balls
+from models.simulation.batch import batch
+from models.simulation.contact import Contacts
+from models.simulation.curve import MARGIN, Curve, follow, land
+from models.simulation.sampling import record, record_curve, spin_to_world
+from models.simulation.touch import BALL, CUSHION, LEAN, LEAN_STEP, POCKET, native_step, next_touch
 from models.spring import CALM, CUSHION_TIME, LONGEST, STEP
-from models.touch import BALL, CUSHION, LEAN, LEAN_STEP, POCKET, native_step, next_touch
 
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
 NATIVE_RUN = 4  # of them between two looks at what comes next

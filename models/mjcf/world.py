@@ -3,7 +3,7 @@
 The bed is a box that ends at the nose lines, so that a ball leaving through a pocket falls. A cushion is a capsule
 whose surface a ball meets at 7R/5, its centre R cos(theta) from the nose line, sin(theta) = 2/5. Everything touches
 through explicit pairs of the classes ball_bed, ball_ball and ball_cushion. What is only seen is added on demand
-(models/furniture.py).
+(models/mjcf/furniture.py).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from models.effect import Effect
-from models.furniture import furnish
+from models.mjcf.furniture import furnish
 from models.shot import NOSE_COSINE, NOSE_SINE, POCKET_MOUTH, Array, Ball, Table
 from models.spring import NOSE_RADIUS
 

@@ -1,6 +1,6 @@
 """Pictures of one table again and again, as a policy or a film asks for them: compiled once, one OpenGL context.
 
-models/render.py draws one picture, and is simpler to call. A ball that is not on the table stands under its floor.
+models/mjcf/render.py draws one picture, and is simpler to call. A ball that is not on the table stands under its floor.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.gl import LIBRARIES, require_rendering
+from models.mjcf.gl import LIBRARIES, require_rendering
+from models.mjcf.world import build_spec
 from models.shot import Array, Ball, Table
-from models.world import build_spec
 
 CAMERAS = ("overhead", "corner", "baulk")
 UNDER = 1.0  # the slate [m], where balls stand that are not to be seen

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.effect import Effect
+from models.mjcf.world import build_spec
 from models.shot import Ball, Table
-from models.world import build_spec
 
 if TYPE_CHECKING:
     from models.model_file import Model

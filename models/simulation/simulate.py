@@ -1,4 +1,4 @@
-"""Many shots -> many tracks: by the event engine (models/engine), or in MuJoCo (models/rollout.py)."""
+"""Many shots -> many tracks: by the event engine (models/engine), or in MuJoCo (models/simulation/rollout.py)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from models.engine.play import lacking, play
 from models.model_file import Model
-from models.rollout import Rollout
 from models.shot import Shot, Track
+from models.simulation.rollout import Rollout
 
 CHUNK = 1024  # simulations at a time
 CONTACTS = ("clusters", "always", "never")

@@ -1,0 +1,1 @@
+"""What goes to Rerun: shots and their plays, plans, series and videos. Only these modules import it."""
