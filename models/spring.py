@@ -1,8 +1,8 @@
 """The springs that stand for contacts of several bodies at once: stiffness, damping for a restitution, depth.
 
 Two balls: the spring of Hertz, K d^1.5, with the damper a sqrt(K) d^0.25 (Tsuji, Tanaka, Ishida 1992), whose
-restitution knows no speed; a cushion: linear, and softer. Stepped semi-implicitly, by MuJoCo (simulation/contact.py) and by
-the event engine (models/engine/cluster.py) alike.
+restitution knows no speed; a cushion: linear, and softer. Stepped semi-implicitly, by MuJoCo (simulation/contact.py)
+and by the event engine (engine/cluster.py) alike.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A plan on paper: one HTML file with its pictures inside, for a browser without network or scripts.
 
 The stroke to set, where the balls should run and where they may run instead, where the cue ball comes to rest, and
-what else could be played. Outlines hold 50 % and 90 % of the draws themselves (models/recording/plan.py), so they need no
-normal distribution; they are left out where there are few draws. The same plan gives the same bytes.
+what else could be played. Outlines hold 50 % and 90 % of the draws themselves (models/recording/plan.py), so they need
+no normal distribution; they are left out where there are few draws. The same plan gives the same bytes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A table played by simulation/step.py for people to look at: in MuJoCo's interactive viewer, or as pictures of a stroke.
+"""A table played for people to look at: in MuJoCo's interactive viewer, or as pictures of a stroke.
 
 The viewer shows and the loop here plays, in real time or slower; strokes are repeated by keys. What a computer does not
 keep up with is left out of the clock, not of the physics.

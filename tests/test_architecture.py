@@ -194,7 +194,8 @@ def test_an_import_sets_no_variable_and_compiles_nothing() -> None:
 import os, sys
 import mujoco  # it chooses a renderer
 before = dict(os.environ)
-import models.simulation.simulate, models.simulation.observe, models.engine.play, sysid.estimation, planner.search, robot.play
+import models.simulation.simulate, models.simulation.observe, models.engine.play, sysid.estimation
+import planner.search, robot.play
 from numba.core.dispatcher import Dispatcher
 from models.hooks import address
 made = [f for m in list(sys.modules.values()) for f in vars(m).values() if isinstance(f, Dispatcher)

@@ -2,9 +2,9 @@
 
 The motions, impulses and clusters are those of models/engine/loop.py. As the step is short, and anyone may have changed
 the state since the last one, all motions are laid anew at its beginning and after each event in it, all balls at one
-time. What a step must remember of the one before is in the row: see simulation/step.py, which says what it is for. A step
-that ends within a cluster keeps the state that the cluster began with, since contacts that are pressed together say
-nothing of the work that is in them; the next one plays it again from there.
+time. What a step must remember of the one before is in the row: see simulation/step.py, which says what it is for. A
+step that ends within a cluster keeps the state that the cluster began with, since contacts that are pressed together
+say nothing of the work that is in them; the next one plays it again from there.
 """
 
 from __future__ import annotations

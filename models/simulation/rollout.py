@@ -3,7 +3,7 @@
 Where the cloth is an effect, forces are constant between its switches (slide to roll, stop, end of sidespin), so a
 step lands on the next switch or touch, and is exact: MuJoCo's semi-implicit position is ahead by a h^2 / 2, which is
 taken back. Impacts that effects resolve are landed on; where two bodies meet alone, their impulse carries them through
-(models/analytic/impulse.py), where more do, small steps through MuJoCo's contacts (simulation/contact.py). Contacts of the
+(models/analytic/impulse.py), where more do, small steps through MuJoCo's contacts (contact.py). Contacts of the
 plain MJCF take small steps around a touch.
 """
 

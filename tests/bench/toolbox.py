@@ -1,8 +1,8 @@
 """The same clips for `mujoco.sysid` and for `sysid discover`: what each finds, how sure it is of it, and what it says.
 
 `python -m tests.bench.toolbox CLIPS` takes clips of one ball each, as `python -m tests.truth` makes them. MuJoCo's
-toolbox gets the MJCF that `python -m models.mjcf.export` writes, its residual at the tracked samples over the noise of the
-tracker, and parameters scaled to about 1. Its starts are what its user can measure, a parabola through the first
+toolbox gets the MJCF that `python -m models.mjcf.export` writes, its residual at the tracked samples over the noise of
+the tracker, and parameters scaled to about 1. Its starts are what its user can measure, a parabola through the first
 frames and the spin of the commanded stroke, or parameters of their own by its rollout hook. "gravity by hand" is a
 user who suspects a tilt already. Of several settings of its optimisers the one with the least loss counts.
 """
