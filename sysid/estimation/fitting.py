@@ -88,7 +88,7 @@ def _grown(problem: ShotProblem, what: str) -> tuple[Array, Array]:
     return x, c
 
 
-def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE, fine: bool = False) -> FittedModel:
+def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE) -> FittedModel:
     """Constants and initial states from a start that is nearly right.
 
     A model that does not follow the shots to the noise is fitted coarsely: what it lacks moves its constants by more.
@@ -98,11 +98,10 @@ def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE, fine: boo
         what: is fitted, for the log.
         doubt_below: discrepancy rate up to which single shots that stand out are doubted, since the others are
             followed well enough.
-        fine: to the last digit.
     """
     problem, x, c, rate = start.problem, start.initial_states, start.constants, start.discrepancy_rate
     regrown_once, doubts, cost = False, MAX_DOUBTS, np.inf
-    coarse = rate > CLOSE_RATE and not fine
+    coarse = rate > CLOSE_RATE
     for round_ in range(MAX_ROUNDS):
         steps, tolerance = (COARSE_STEPS, COARSE_TOLERANCE) if coarse else (FINE_STEPS, FINE_TOLERANCE)
         found = _solve(weighted(problem, rate), x, c, steps, 1, tolerance, what)
@@ -128,7 +127,7 @@ def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE, fine: boo
         settled = abs(new - rate) < RATE_SETTLED * rate + NO_RATE
         slow = round_ > 0 and new > max(RATE_FALLS * rate, CLOSE_RATE)
         stuck = abs(cost - found.cost) < STUCK_LOSS * found.cost  # the same fit again would end where it began
-        rate, coarse, cost = new, new > CLOSE_RATE and not fine, found.cost
+        rate, coarse, cost = new, new > CLOSE_RATE, found.cost
         if (settled and not better and (found.converged or stuck)) or slow:
             break
     return _fitted(Point(problem, x, c, rate), found)

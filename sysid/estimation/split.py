@@ -16,7 +16,7 @@ from sysid.clips.noise import position_noise
 from sysid.clips.outliers import set_aside
 from sysid.clips.pieces import cut_up
 from sysid.estimation.fitted import UNFOLLOWED_EVENTS, UNFOLLOWED_RATE, FittedModel, Point
-from sysid.estimation.fitting import CLOSE_RATE, fit, fit_from_nothing, fit_held_out
+from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
@@ -105,11 +105,9 @@ def fit_anew(parts: Split, model: Model, what: str) -> FittedModel:
     return tried(parts, fit_from_nothing(problem, what, pieces=bool(parts.cut)), None)
 
 
-def fit_on(
-    parts: Split, start: Point, before: FittedModel, what: str, doubt_below: float = CLOSE_RATE, fine: bool = False
-) -> FittedModel:
+def fit_on(parts: Split, start: Point, before: FittedModel, what: str) -> FittedModel:
     """A fit from a start, see `fit`, tried on the held-out clips; `before` knows nearly right states of these."""
-    return tried(parts, fit(start, what, doubt_below, fine), before)
+    return tried(parts, fit(start, what), before)
 
 
 def tried(parts: Split, found: FittedModel, before: FittedModel | None) -> FittedModel:

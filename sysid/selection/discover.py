@@ -20,12 +20,10 @@ from sysid.selection.formula import NAME, Structure, describe
 from sysid.selection.judge import judge
 from sysid.selection.next_shot import NextShot, propose
 from sysid.selection.remainder import remainder
-from sysid.selection.score import Candidate, score_all
-from sysid.selection.screening import MATTERS, NAMED, Round, candidates_for, try_one, warm_started
+from sysid.selection.score import Candidate
+from sysid.selection.screening import MATTERS, NAMED, Round, warm_started
 
-KEEPS = 4.0  # standard deviations from off below which the evidence is asked whether an effect is still needed
 MOST = 6  # effects added
-RIVAL = 0.7  # of what an effect explains: the least that one must promise to be tried in its place
 HIDDEN = 0.05  # of the bounds' width: an effect whose sd exceeds it cannot be told from the active ones
 POWER = 3.0  # standard deviations of an effect that the next shot is to bring out
 log = logging.getLogger(__name__)
@@ -62,41 +60,10 @@ class Discovery:
         return tuple(sorted(found))
 
 
-def weak(found: FittedModel, names: tuple[str, ...]) -> str | None:
-    """The added effect nearest to its off value, in standard deviations; None if none lies within a few."""
-    nearest: tuple[float, str] | None = None
-    for name in names:
-        effect = next(e for e in found.model.effects if e.name() == name)
-        off = {k: m["off"] for k, m in effect.parameters().items() if m["off"] is not None}
-        away = 0.0
-        for key, zero in off.items():
-            value, sd = found.value(f"{name}.{key}")
-            away = max(away, abs(value - zero) / sd if sd > 0 else 0.0)
-        if away < KEEPS and (nearest is None or away < nearest[0]):
-            nearest = (away, name)
-    return nearest[1] if nearest else None
-
-
 def without(parts: Split, found: FittedModel, name: str) -> FittedModel:
     """The fit without an effect, fitted again."""
     plain = fit_on(parts, taken_out(found, name), found, f"without {name}")
     return warm_started(parts, plain, found, f"without {name}") or plain
-
-
-def _prune(parts: Split, now: FittedModel, verdict: tuple[str, ...]) -> tuple[FittedModel, tuple[str, ...]]:
-    """Drop effects near their off value, unless the evidence holds them.
-
-    A standard deviation alone does not tell: that of a gain is wide where a rate that goes with it is not determined.
-    """
-    kept: set[str] = set()
-    while (name := weak(now, tuple(v for v in verdict if v not in kept))) is not None:
-        less = without(parts, now, name)
-        if compare_fits(less, now).delta_bic > NAMED:
-            kept.add(name)
-            continue
-        log.info("%s is no longer needed", name)
-        now, verdict = less, tuple(v for v in verdict if v != name)
-    return now, verdict
 
 
 def needed(parts: Split, found: Discovery) -> Discovery:
@@ -130,37 +97,11 @@ def _ending(found: Discovery, now: FittedModel, verdict: tuple[str, ...]) -> Dis
     )  # fmt: skip
 
 
-def _swap(
-    parts: Split, now: FittedModel, verdict: tuple[str, ...], rounds: Sequence[Round]
-) -> tuple[FittedModel, tuple[str, ...]]:
-    """Put look-alikes in the place of effects that were named before the others were known, where they do better."""
-    pairs = {frozenset((a, b)) for r in rounds for a, b, _ in r.alike} | {frozenset(p) for r in rounds for p in r.tied}
-    for name in verdict[:-1]:
-        rivals = sorted({other for pair in pairs if name in pair for other in pair} - set(verdict))
-        less = taken_out(now, name)
-        known = [c for c in candidates_for(less.model) if c.name in (*rivals, name)]
-        if len(known) < 2:
-            continue
-        scores = score_all(less, known).rows
-        least = RIVAL * next(row.gain for row in scores if row.candidate.name == name)
-        for score in scores:
-            if score.candidate.name == name or score.gain < least:
-                continue
-            log.info("%s in the place of %s", score.candidate.name, name)
-            trial = try_one(parts, less, score)
-            now = warm_started(parts, now, trial.fitted, name) or now
-            if trial.converged and compare_fits(now, trial.fitted).delta_bic > NAMED:
-                now = trial.fitted
-                verdict = tuple(trial.name if v == name else v for v in verdict)
-                break
-    return now, verdict
-
-
 def discover(
     clip_set: ClipSet, model: Model, save: Save = lambda found: None,
     resumed: Discovery | None = None,
 ) -> Discovery:  # fmt: skip
-    """Add effects until no candidate is worth it, pruning those that are no longer needed.
+    """Add effects until no candidate is worth it; then drop those that are no longer needed.
 
     Args:
         clip_set: every fifth clip is held out.
@@ -182,7 +123,7 @@ def discover(
         smooth = judged.believed is not None
         if judged.believed is not None and judged.name is not None:
             log.info("found %s", judged.name)
-            now, verdict = _prune(parts, judged.believed, (*found.verdict, judged.name))
+            now, verdict = judged.believed, (*found.verdict, judged.name)
             found = dataclasses.replace(found, ladder=(*found.ladder, now), verdicts=(*found.verdicts, verdict))
             save(found)
             continue
@@ -198,10 +139,7 @@ def discover(
         if best is None:
             break
         log.info("found %s", best.name)
-        now, verdict = _prune(parts, best.fitted, (*found.verdict, best.name))
-        now, verdict = _swap(parts, now, verdict, found.rounds)
-        if verdict in found.verdicts:
-            break
+        now, verdict = best.fitted, (*found.verdict, best.name)
         found = dataclasses.replace(found, ladder=(*found.ladder, now), verdicts=(*found.verdicts, verdict))
         if structure is None:
             save(found)
@@ -215,20 +153,19 @@ def discover(
 
 
 def _with_formula(parts: Split, found: Discovery, now: FittedModel, structure: Structure) -> Discovery:
-    """The verdict beside the formula, without what either makes superfluous; the model file holds named effects only.
+    """The verdict beside the formula; the model file holds named effects only.
 
     Effects that were named beside the formula may explain what it was found for.
     """
-    formed, verdict = _prune(parts, now, found.verdict)
-    plain = without(parts, formed, NAME)
-    worth = compare_fits(plain, formed)
-    found = _ending(found, plain, verdict)
+    plain = without(parts, now, NAME)
+    worth = compare_fits(plain, now)
+    found = _ending(found, plain, found.verdict)
     if worth.delta_bic <= NAMED or worth.gain <= MATTERS * found.rounds[-1].count:
         log.info("the formula is no longer needed")
         return dataclasses.replace(found, unexplained=None)
-    told = describe(structure, formed, worth)
-    told |= {"rms_m": formed.rms, "held_out_rms_m": formed.held_rms, "chi2_reduced": formed.chi2}
-    return dataclasses.replace(found, unexplained=told, explained=formed)
+    told = describe(structure, now, worth)
+    told |= {"rms_m": now.rms, "held_out_rms_m": now.held_rms, "chi2_reduced": now.chi2}
+    return dataclasses.replace(found, unexplained=told, explained=now)
 
 
 def _width(one: Candidate) -> Array:

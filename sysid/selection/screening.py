@@ -19,7 +19,7 @@ from models.model_file import Model, catalogue
 from sysid.estimation.fitted import FittedModel, Point, weighted
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
-from sysid.estimation.split import Split, fit_anew, fit_on
+from sysid.estimation.split import Split, fit_on
 from sysid.selection.evidence import LACKING_LOSS, Evidence, compare_fits, left_over, loss_without
 from sysid.selection.score import Candidate, Score, Scores, candidate, score_all, with_candidate
 
@@ -31,8 +31,6 @@ MOST = 3  # candidates fitted in a round
 NAMED = 10.0  # delta BIC from which an effect is named
 MATTERS = 1e-3  # and the fall of chi-square per residual
 ALIKE = 0.9  # correlation of signatures from which two candidates are look-alikes
-CONTEST = 100.0  # delta BIC below which chance in single shots may decide between two fits
-PATIENT_STEPS, EXACT_TOLERANCE = 40, 1e-7  # of single shots there
 TRIED_STEPS, WARM_STEPS = 3, 5  # of the initial states, to choose a start, and from the optimum of another fit
 TIED = 10.0  # delta BIC below which two candidates are not told apart
 MOVES = 2.0  # loss by which another optimum is better
@@ -127,7 +125,7 @@ def look(
     def fitted(score: Score) -> Trial:
         return known.get(score.candidate.name) or try_one(parts, base, score)
 
-    trials = _trials(parts, base, scores, chosen, fitted, beside)
+    trials = _trials(scores, chosen, fitted, beside)
     if trials:
         trials = _settle(parts, base, trials)
         best = max(trials, key=lambda t: t.evidence.delta_bic)
@@ -139,17 +137,11 @@ def look(
         first = max(trials, key=lambda t: t.evidence.gain)
         tau = compare_fits(base, first.fitted, by).tau
         trials = [dataclasses.replace(t, evidence=compare_fits(base, t.fitted, by, tau)) for t in trials]
-        trials = _contested(parts, base, trials, by, tau)
     return Round(base, scores, tuple(_ranked(trials)), *_look_alikes(scores, trials), scores.count)
 
 
 def _trials(
-    parts: Split,
-    base: FittedModel,
-    scores: Scores,
-    chosen: Sequence[Score],
-    fitted: Callable[[Score], Trial],
-    beside: Callable[[], float],
+    scores: Scores, chosen: Sequence[Score], fitted: Callable[[Score], Trial], beside: Callable[[], float]
 ) -> list[Trial]:
     """The candidates worth it, fitted.
 
@@ -165,10 +157,7 @@ def _trials(
         same = bool(trials) and scores.likeness(score.candidate.name, chosen[0].candidate.name) > ALIKE
         bar = max(least, CLOSE * chosen[0].gain if settled or same else 0.0)
         if score.gain > bar or (score.sudden and not settled):
-            trial = fitted(score)
-            if not trials and left_over(trial.fitted) > REST:
-                trial = _anew(parts, base, trial)
-            trials.append(trial)
+            trials.append(fitted(score))
     return trials
 
 
@@ -232,17 +221,6 @@ def warm_started(parts: Split, one: FittedModel, other: FittedModel, what: str) 
     return fit_on(parts, mixed, one, what)
 
 
-def _anew(parts: Split, base: FittedModel, trial: Trial) -> Trial:
-    """A trial that leaves more than noise, grown from the strikes with its effect, if that ends better.
-
-    Where the base was in a false optimum, a fit that starts from there may stay in it.
-    """
-    found = fit_anew(parts, trial.fitted.model, f"with {trial.name}, anew")
-    if compare_fits(trial.fitted, found).gain < 2 * MOVES:
-        return trial
-    return dataclasses.replace(trial, fitted=found, evidence=compare_fits(base, found))
-
-
 def _settle(parts: Split, base: FittedModel, trials: list[Trial]) -> list[Trial]:
     """Close fits that may differ by where single shots ended: each tries the optimum of the other."""
     first = max(range(len(trials)), key=lambda k: trials[k].evidence.delta_bic)
@@ -258,33 +236,6 @@ def _settle(parts: Split, base: FittedModel, trials: list[Trial]) -> list[Trial]
                 if new.evidence.gain > one.evidence.gain:
                     trials[i] = new
     return trials
-
-
-def _contested(parts: Split, base: FittedModel, trials: list[Trial], by: FittedModel, tau: float) -> list[Trial]:
-    """The trials, those near the best fitted to the last digit, from the best optima of shots among them."""
-    top = max(t.evidence.delta_bic for t in trials)
-    close = [k for k, t in enumerate(trials) if t.converged and top - t.evidence.delta_bic < CONTEST]
-    if len(close) < 2:
-        return trials
-
-    log.info("what is nearly as good, to the last digit")
-    stages = [trials[k].fitted for k in close]
-
-    def again(number: int) -> FittedModel:
-        one = stages[number]
-        problem = dataclasses.replace(one.problem, prior=by.problem.prior)
-        seen = weighted(problem, by.discrepancy_rate)
-        starts = [one.initial_states, *(other.initial_states for other in stages if other is not one)]
-        tried = [fit_states(seen, x, one.constants, PATIENT_STEPS, EXACT_TOLERANCE) for x in starts]
-        losses = [shot_losses(seen, x, one.constants)[0] for x in tried]
-        best = np.stack(tried)[np.argmin(losses, axis=0), np.arange(len(one.initial_states))]
-        mixed = Point(problem, best, one.constants, by.discrepancy_rate)
-        return fit_on(parts, mixed, one, one.names[-1], fine=True)
-
-    found = list(trials)
-    for k, new in zip(close, [again(n) for n in range(len(close))], strict=True):
-        found[k] = dataclasses.replace(trials[k], fitted=new, evidence=compare_fits(base, new, by, tau))
-    return found
 
 
 def _ranked(trials: Sequence[Trial]) -> list[Trial]:
