@@ -127,7 +127,7 @@ def test_a_strong_effect_on_the_cloth_is_found_where_whole_shots_are_not_followe
 def test_long_shots_that_are_not_followed_are_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ("--seed", "6", "--clips", "6", "--seconds", "5", "--kind", "long", "--kind", "cushion")
     clip_set, truth = made(tmp_path / "set", *words, "--effect", "speed_drag=0.06")
-    monkeypatch.setattr("sysid.estimation.split.UNFOLLOWED_EVENTS", 0)  # events beyond which a shot is long
+    monkeypatch.setattr("sysid.estimation.split.MAX_EVENTS", 0)  # events beyond which a shot is long
     parts, _, model = split(clip_set, full_model(clip_set.table, clip_set.ball))
     assert parts.cut == 6
     assert all(len(e) <= 1 for e in parts.training.events)

@@ -14,7 +14,6 @@ from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem
 
 UNFOLLOWED_RATE = 2e-3  # discrepancy rate beyond which late samples of a shot are chaos
-UNFOLLOWED_EVENTS = 4  # events up to which shots tell something of such a model
 
 
 @dataclass(frozen=True)
@@ -38,20 +37,14 @@ class Point:
 
     @property
     def weighted(self) -> ShotProblem:
-        """The problem with the model's own error, up to where the shots tell something of such a model."""
-        return weighted(self.problem, self.discrepancy_rate)
+        """The problem with the model's own error."""
+        return self.problem.with_discrepancy(self.discrepancy_rate)
 
     def residuals(self, problem: ShotProblem | None = None) -> Array:
         """(n, m), of this problem or of the same one with other standard deviations."""
         n = len(self.initial_states)
         at = problem or self.problem
         return at.evaluate(self.initial_states, np.tile(self.constants, (n, 1)), np.arange(n))
-
-
-def weighted(problem: ShotProblem, rate: float) -> ShotProblem:
-    """A problem with the model error of a discrepancy rate, up to where its shots tell something of such a model."""
-    last = UNFOLLOWED_EVENTS if rate > UNFOLLOWED_RATE else problem.stages - 1
-    return problem.with_discrepancy(rate).until(problem.horizon_at(last))
 
 
 @dataclass(frozen=True)

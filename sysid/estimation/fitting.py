@@ -1,10 +1,9 @@
 """A fit: constants and initial states of shots together, from nothing or from where another fit has arrived.
 
 From nothing, the horizon of the shots grows from event to event with the constants fitted along, so that each impact is
-met with constants that are already nearly right. Shots that do not follow the rest are grown again from their strike
-with the new constants, since a model that lacked something may have left them in a false optimum. The error of the
-model per path length, which says how much a late sample counts, is estimated anew with the constants until both have
-settled.
+met with constants that are already nearly right. The error of the model per path length, which says how much a late
+sample counts, is estimated anew with the constants until both have settled. Where shots are followed, those that stand
+out are grown again from their strike, since a model that lacked something may have left them in a false optimum.
 """
 
 from __future__ import annotations
@@ -16,9 +15,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sysid.estimation.commands import with_scatter
-from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point, weighted
+from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
 from sysid.estimation.initial_states import (
-    REGROWN_STEPS,
     fit_states,
     from_other_spins,
     grown_by_stage,
@@ -38,10 +36,8 @@ RATE_SETTLED = 0.1  # of itself: a change that counts as none
 FINE_STEPS, COARSE_STEPS, GROWING_STEPS, FEW_STEPS = 15, 10, 6, 4  # of the constants
 FINE_TOLERANCE, COARSE_TOLERANCE = 1e-5, 1e-4  # of the loss
 LONGER_SHOTS = 3  # more than so many must reach further for the constants to be fitted while shots grow
-ASTRAY_LOSS = 1.5  # loss per residual over the shots' median from which a shot is grown again
-ODD_LOSS = 1.15  # the same where shots are followed to the noise
+ODD_LOSS = 1.15  # loss per residual over the shots' median from which a shot is grown again
 NOISE_LOSS = 0.5  # loss per residual of noise
-COARSE_STATE_STEPS = 6  # of a shot that is grown again while the fit is coarse
 MAX_DOUBTS = 3  # times that shots which stand out are tried anew, while it helps
 DOUBT_GAIN = 2.0  # of the loss, for which shots are moved
 STUCK_LOSS = 1e-6  # of itself, by which the loss of a round differs from that before
@@ -100,21 +96,14 @@ def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE) -> Fitted
             followed well enough.
     """
     problem, x, c, rate = start.problem, start.initial_states, start.constants, start.discrepancy_rate
-    regrown_once, doubts, cost = False, MAX_DOUBTS, np.inf
+    doubts, cost = MAX_DOUBTS, np.inf
     coarse = rate > CLOSE_RATE
     for round_ in range(MAX_ROUNDS):
         steps, tolerance = (COARSE_STEPS, COARSE_TOLERANCE) if coarse else (FINE_STEPS, FINE_TOLERANCE)
-        found = _solve(weighted(problem, rate), x, c, steps, 1, tolerance, what)
+        found = _solve(problem.with_discrepancy(rate), x, c, steps, 1, tolerance, what)
         x, c = found.initial_states, found.constants
         new = problem.discrepancy_rate(x, c)
-        better = 0
-        if not regrown_once:
-            astray = _astray(problem.with_discrepancy(min(new, rate)), x, c)
-            if astray.size:
-                regrown_once = True
-                seen = problem.with_discrepancy(min(new, rate))
-                x, better = regrown(seen, astray, x, c, COARSE_STATE_STEPS if coarse else REGROWN_STEPS)
-                new = problem.discrepancy_rate(x, c) if better else new
+        better = False
         if new <= doubt_below and doubts:
             doubts -= 1
             others = _doubted(problem.with_discrepancy(new), x, c)
@@ -123,7 +112,7 @@ def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE) -> Fitted
             else:
                 log.info("%s, without shots that bend the constants", what)
                 x, c = others
-                better, new = better + 1, problem.discrepancy_rate(x, c)
+                better, new = True, problem.discrepancy_rate(x, c)
         settled = abs(new - rate) < RATE_SETTLED * rate + NO_RATE
         slow = round_ > 0 and new > max(RATE_FALLS * rate, CLOSE_RATE)
         stuck = abs(cost - found.cost) < STUCK_LOSS * found.cost  # the same fit again would end where it began
@@ -144,7 +133,7 @@ def widened(found: FittedModel) -> FittedModel:
     if found.discrepancy_rate <= CHAOS_RATE or found.problem.stages <= CHAOS_EVENTS:
         return found
     problem, what = found.weighted, f"up to event {CHAOS_EVENTS + 1}"
-    seen = problem.until(np.minimum(problem.horizon, problem.horizon_at(CHAOS_EVENTS)))
+    seen = problem.until(problem.horizon_at(CHAOS_EVENTS))
     whole = _solve(problem, found.initial_states, found.constants, 0, 1, FINE_TOLERANCE, what)
     first = _solve(seen, found.initial_states, found.constants, FINE_STEPS, 3, FINE_TOLERANCE, what)
     covariance, converged = widened_covariance(first, whole)
@@ -187,12 +176,6 @@ def _prior_of(names: Sequence[str], known: Mapping[str, tuple[float, float]]) ->
         return None
     pairs = np.array([known.get(n, (0.0, np.inf)) for n in names])
     return Prior(pairs[:, 0], pairs[:, 1])
-
-
-def _astray(seen: ShotProblem, x: Array, c: Array) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Shots that the others leave far behind."""
-    losses = losses_per_residual(seen, x, c)
-    return np.flatnonzero(losses > ASTRAY_LOSS * max(float(np.median(losses)), NOISE_LOSS))
 
 
 def _doubted(seen: ShotProblem, x: Array, c: Array) -> tuple[Array, Array] | None:

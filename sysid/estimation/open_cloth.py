@@ -33,6 +33,7 @@ class OpenCloth:
     """What segments say of the open cloth."""
 
     names: tuple[str, ...]
+    bounds: Array  # (q, 2)
     solution: Solution
     ratio: float  # median rms of the segments over noise
 
@@ -43,9 +44,10 @@ class OpenCloth:
 
     @property
     def known(self) -> dict[str, float]:
-        """Constants of which the segments say something."""
-        told = np.isfinite(np.diag(self.solution.covariance))
-        return {n: float(v) for n, v, t in zip(self.names, self.solution.constants, told, strict=True) if t}
+        """Constants of which the segments say something: not those that ran into a bound."""
+        told, values = np.isfinite(np.diag(self.solution.covariance)), self.solution.constants
+        told &= (values > self.bounds[:, 0]) & (values < self.bounds[:, 1])
+        return {n: float(v) for n, v, t in zip(self.names, values, told, strict=True) if t}
 
 
 def cloth_constants(model: Model) -> tuple[str, ...]:
@@ -88,7 +90,7 @@ def fit_open_cloth(model: Model, clip_set: ClipSet, noise: float) -> OpenCloth:
         )  # fmt: skip
         c = found.constants
     x[good] = found.initial_states
-    return OpenCloth(names, found, float(np.median(ratios(problem, x, c))))
+    return OpenCloth(names, bounds, found, float(np.median(ratios(problem, x, c))))
 
 
 def _scan(problem: SegmentProblem, model: Model, names: Sequence[str]) -> Array:

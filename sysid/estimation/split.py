@@ -15,13 +15,14 @@ from sysid.clips.clock import stamp_scale
 from sysid.clips.noise import position_noise
 from sysid.clips.outliers import set_aside
 from sysid.clips.pieces import cut_up
-from sysid.estimation.fitted import UNFOLLOWED_EVENTS, UNFOLLOWED_RATE, FittedModel, Point
+from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 
 HELD_OUT_EVERY = 5  # clips, of which the last is held out
+MAX_EVENTS = 4  # of a whole shot, in the middle of the set, where the model does not follow the open cloth
 CLOCK = "clock_scale.factor"
 log = logging.getLogger(__name__)
 
@@ -85,7 +86,7 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
 
     problem = problem_of(training)
     shots = 0
-    if cut and not cloth.follows and np.median([len(e) for e in problem.events]) > UNFOLLOWED_EVENTS:
+    if cut and not cloth.follows and np.median([len(e) for e in problem.events]) > MAX_EVENTS:
         shots = len(clip_set.clips)
         training, held = cut_up(training, noise), cut_up(held, noise)
         log.info("%d shots cut into %d pieces of one impact each", shots, len(training.clips) + len(held.clips))

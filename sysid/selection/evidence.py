@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.estimation.fitted import FittedModel, Point, weighted
+from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.fitting import loss_soon
 from sysid.estimation.initial_states import fit_states, shot_losses
 
@@ -40,7 +40,7 @@ def compare_fits(one: Point, two: Point, by: Point | None = None, tau: float | N
     rate = by.discrepancy_rate
 
     def cost(at: Point) -> tuple[float, int]:
-        seen = weighted(dataclasses.replace(at.problem, prior=by.problem.prior), rate)
+        seen = dataclasses.replace(at.problem, prior=by.problem.prior).with_discrepancy(rate)
         x = fit_states(seen, at.initial_states, at.constants, COMPARED_STEPS)
         total, count = shot_losses(seen, x, at.constants)
         return 2 * float(total.sum()) + _chi2_of_known(at), int(count.sum())
@@ -48,7 +48,7 @@ def compare_fits(one: Point, two: Point, by: Point | None = None, tau: float | N
     (a, count), (b, _) = cost(one), cost(two)
     if tau is None:
         better = two if b < a else one
-        r = better.residuals(weighted(better.problem, rate))
+        r = better.residuals(better.problem.with_discrepancy(rate))
         spread = max(1.0, (float(np.nanmedian(np.abs(r))) / 0.6745) ** 2)
         tau = correlation_time(better, rate) * spread
     more = two.constants.size - one.constants.size
@@ -66,7 +66,7 @@ def _chi2_of_known(at: Point) -> float:
 
 def correlation_time(at: Point, rate: float) -> float:
     """Samples that count as one, since residuals hang together: integrated autocorrelation, 1 for white noise."""
-    r = at.residuals(weighted(at.problem, rate))
+    r = at.residuals(at.problem.with_discrepancy(rate))
     found, weight = np.zeros(MAX_LAG), np.zeros(MAX_LAG)
     for _, _, xy in at.problem.by_ball(r):
         n = len(xy)

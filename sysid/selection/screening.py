@@ -16,7 +16,7 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model, catalogue
-from sysid.estimation.fitted import FittedModel, Point, weighted
+from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
@@ -196,7 +196,7 @@ def _start(base: FittedModel, score: Score) -> tuple[Array, Array]:
     one_sided = np.any(np.isclose(off, bounds[:, 0])) or np.any(np.isclose(off, bounds[:, 1]))
     if one_sided:  # such an effect may grow with the square of its parameter
         tries = [step, usual, 0.3 * usual]
-    problem = weighted(with_candidate(base.problem, one), base.discrepancy_rate)
+    problem = with_candidate(base.problem, one).with_discrepancy(base.discrepancy_rate)
     found = []
     inner = bounds + np.outer(bounds[:, 1] - bounds[:, 0], [1e-4, -1e-4])
     for move in tries:
