@@ -2,8 +2,9 @@
 
 From nothing, the horizon of the shots grows from event to event with the constants fitted along, so that each impact is
 met with constants that are already nearly right. The error of the model per path length, which says how much a late
-sample counts, is estimated anew with the constants until both have settled. Where shots are followed, those that stand
-out are grown again from their strike, since a model that lacked something may have left them in a false optimum.
+sample counts, is estimated anew with the constants until both have settled. Shots that do not follow the rest are grown
+again from their strike with the new constants, since a model that lacked something may have left them in a false
+optimum.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 from sysid.estimation.commands import with_scatter
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
 from sysid.estimation.initial_states import (
+    REGROWN_STEPS,
     fit_states,
     from_other_spins,
     grown_by_stage,
@@ -25,7 +27,7 @@ from sysid.estimation.initial_states import (
     shot_losses,
 )
 from sysid.estimation.least_squares import Prior, Solution, fit_joint
-from sysid.estimation.problem import CAUCHY_SD, Array, constant_bounds, constant_steps, values_of
+from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_bounds, constant_steps, values_of
 from sysid.estimation.shot_problem import ShotProblem
 
 CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
@@ -36,8 +38,10 @@ RATE_SETTLED = 0.1  # of itself: a change that counts as none
 FINE_STEPS, COARSE_STEPS, GROWING_STEPS, FEW_STEPS = 15, 10, 6, 4  # of the constants
 FINE_TOLERANCE, COARSE_TOLERANCE = 1e-5, 1e-4  # of the loss
 LONGER_SHOTS = 3  # more than so many must reach further for the constants to be fitted while shots grow
-ODD_LOSS = 1.15  # loss per residual over the shots' median from which a shot is grown again
+ASTRAY_LOSS = 1.5  # loss per residual over the shots' median from which a shot is grown again
+ODD_LOSS = 1.15  # the same where shots are followed to the noise
 NOISE_LOSS = 0.5  # loss per residual of noise
+COARSE_STATE_STEPS = 6  # of a shot that is grown again while the fit is coarse
 MAX_DOUBTS = 3  # times that shots which stand out are tried anew, while it helps
 DOUBT_GAIN = 2.0  # of the loss, for which shots are moved
 STUCK_LOSS = 1e-6  # of itself, by which the loss of a round differs from that before
@@ -96,7 +100,7 @@ def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE) -> Fitted
             followed well enough.
     """
     problem, x, c, rate = start.problem, start.initial_states, start.constants, start.discrepancy_rate
-    doubts, cost = MAX_DOUBTS, np.inf
+    regrow, doubts, cost = True, MAX_DOUBTS, np.inf
     coarse = rate > CLOSE_RATE
     for round_ in range(MAX_ROUNDS):
         steps, tolerance = (COARSE_STEPS, COARSE_TOLERANCE) if coarse else (FINE_STEPS, FINE_TOLERANCE)
@@ -104,6 +108,13 @@ def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE) -> Fitted
         x, c = found.initial_states, found.constants
         new = problem.discrepancy_rate(x, c)
         better = False
+        seen = problem.with_discrepancy(min(new, rate))
+        astray = _astray(seen, x, c) if regrow else np.zeros(0, np.int64)
+        if astray.size:
+            regrow = False
+            x, count = regrown(seen, astray, x, c, COARSE_STATE_STEPS if coarse else REGROWN_STEPS)
+            if count:
+                better, new = True, problem.discrepancy_rate(x, c)
         if new <= doubt_below and doubts:
             doubts -= 1
             others = _doubted(problem.with_discrepancy(new), x, c)
@@ -196,6 +207,12 @@ def _doubted(seen: ShotProblem, x: Array, c: Array) -> tuple[Array, Array] | Non
     new, _ = regrown(seen, odd, new, at)
     new = from_other_spins(seen, odd, new, at)
     return (new, at) if shot_losses(seen, new, at)[0].sum() < old.sum() - DOUBT_GAIN else None
+
+
+def _astray(seen: ShotProblem, x: Array, c: Array) -> Index:
+    """Shots that the others leave far behind."""
+    losses = losses_per_residual(seen, x, c)
+    return np.flatnonzero(losses > ASTRAY_LOSS * max(float(np.median(losses)), NOISE_LOSS))
 
 
 def loss_soon(problem: ShotProblem, x: Array, c: Array) -> float:
