@@ -53,7 +53,7 @@ def test_the_exported_world_is_plain_mjcf(table: Table, ball: Ball, tmp_path: Pa
 def test_the_shipped_file_is_what_the_command_writes(tmp_path: Path) -> None:
     out = tmp_path / "table.xml"
     assert run(str(out), "--bare", "--balls", "white,red,black").returncode == 0
-    assert out.read_bytes() == (ROOT / "models" / "table.xml").read_bytes()
+    assert out.read_bytes() == (ROOT / "models" / "mjcf" / "table.xml").read_bytes()
 
 
 def test_a_frame_of_snooker_holds_the_tuned_terms_and_runs(tmp_path: Path) -> None:

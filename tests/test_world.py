@@ -219,4 +219,4 @@ def test_the_command_draws_the_picture_of_the_readme(tmp_path: Path) -> None:
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (0, "")
     assert out.read_bytes().startswith(b"\x89PNG")
-    assert (ROOT / "models" / "table.png").stat().st_size < 300_000
+    assert (ROOT / "models" / "mjcf" / "table.png").stat().st_size < 300_000
