@@ -35,7 +35,7 @@ FORMAT = "billiard-study-plans/1"
 DONE, INTERRUPTED = 0, 130
 MOST = 100_000  # scenes
 # What shows and asks, but changes no figure: another version of it may go on with a study.
-ASIDE = ("cli*.py", "*report.py", "from_picture.py", "*environment.py", "view*.py")
+ASIDE = ("cli*.py", "*report.py", "from_picture.py", "*environment.py", "view*.py", "recording/*.py")
 
 
 def add(one: argparse.ArgumentParser) -> None:
