@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.console import INTERRUPTED
 from models.model_file import catalogue, full_model, read_model
 from models.simulation.simulate import simulate
 from sysid import cli
@@ -116,9 +117,8 @@ def test_two_effects_with_outliers_and_missing_frames(tmp_path: Path) -> None:
     folder = clips(tmp_path / "set", 33, *words, "--missing", "0.05", "--kind", "roll,cushion,follow,cushion_side")
     _, found = found_in(folder)
     assert set(found.verdict) == {"speed_drag", "cushion_restitution_speed"}
-    assert len(found.ladder) == 3
     rms = [s.rms for s in found.ladder]
-    assert rms[0] > rms[2]
+    assert rms[0] > 3 * rms[-1] and rms[-1] < 1.05 * 0.0005
 
 
 @pytest.mark.slow
@@ -159,21 +159,21 @@ def test_an_interrupted_discovery_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Stopped after the base was fitted, it ends with the same result as one that was not."""
-    import sysid.discover
+    import sysid.selection.discover as room
 
     folder = clips(tmp_path / "set", 35, "--effect", "lens_distortion=0.006", "--kind", "roll,stun,cushion")
     whole, parted = tmp_path / "whole", tmp_path / "parted"
     assert cli.main(["discover", str(folder), "--out", str(whole)]) == 0
-    judge = sysid.discover.judge
+    judge = room.judge
 
     def stop(*_words: Any, **_more: Any) -> Any:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sysid.discover, "judge", stop)
-    assert cli.main(["discover", str(folder), "--out", str(parted)]) == cli.INTERRUPTED
+    monkeypatch.setattr(room, "judge", stop)
+    assert cli.main(["discover", str(folder), "--out", str(parted)]) == INTERRUPTED
     assert sorted(p.name for p in parted.iterdir()) == ["unfinished.pickle"]
-    monkeypatch.setattr(sysid.discover, "judge", judge)
-    monkeypatch.setattr(sysid.discover, "begin", stop)  # the base is not fitted again
+    monkeypatch.setattr(room, "judge", judge)
+    monkeypatch.setattr(room, "begin", stop)  # the base is not fitted again
     capsys.readouterr()
     assert cli.main(["discover", str(folder), "--out", str(parted)]) == 0
     assert "going on from" in capsys.readouterr().out
