@@ -1,6 +1,6 @@
 """Which effect is missing: named, or a formula for something else, or nothing.
 
-In: a fit (sysid/estimation). Out: a `Discovery`: the ladder of models, the verdict, what is left, the next shot to play.
+In: a fit (sysid/estimation). Out: a `Discovery`: the ladder of models, the verdict, what is left, the next shot.
 
     score          every candidate beside all that is active, before any is fitted
     screening      the most promising ones fitted, ranked by evidence
