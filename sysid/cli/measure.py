@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from models.console import DONE, FOUND, Progress, Verb, check_outputs, table, write_json
 from models.shot import GRAVITY
+from sysid.cli.common import load, with_clips, with_effects
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -38,20 +39,18 @@ AT_SPEED: Mapping[str, tuple[str, Callable[[float, float, float], float]]] = {
 def register(verb: Verb) -> None:
     """The verb with its options."""
     one = verb("measure", run, "friction and restitution by direct methods, without a simulation")
-    one.add_argument("clips", metavar="CLIPS", help="folder with clips.toml")
+    with_clips(one)
     one.add_argument("--model", metavar="M.toml", help="a fitted model to hold against what is measured")
     one.add_argument("--out", metavar="M.toml", help="the base model with what is measured, for: sysid fit --model")
     one.add_argument("--json", metavar="FILE", help="the same figures as JSON, with every single value")
     one.add_argument("--report", metavar="FILE.png", help="every single value as a picture")
-    text = "folder, or file, with effects of your own (may be given again)"
-    one.add_argument("--effects", metavar="DIR", action="append", default=[], help=text)
+    with_effects(one)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> int:
     """Measure, print, write: 0 done, 1 if nothing could be measured."""
     from models.files import write_whole
     from models.model_file import write_model
-    from sysid.cli.common import load
     from sysid.clips.clock import stamp_scale
     from sysid.direct.measure import measure
 

@@ -22,6 +22,7 @@ from sysid.estimation.initial_states import (
     fit_states,
     from_other_spins,
     grown_by_stage,
+    grown_states,
     losses_per_residual,
     regrown,
     shot_losses,
@@ -233,12 +234,7 @@ def fit_held_out(found: Point, problem: ShotProblem, before: HeldOut | None, pie
     follows = found.discrepancy_rate < UNFOLLOWED_RATE
     # What does not follow its own clips need not be at its best on others.
     steps = HELD_STEPS if follows else HELD_STEPS_UNFOLLOWED
-    if before is None:
-        x = problem.start.copy()
-        for stage in range(problem.stages):
-            x = grown_by_stage(problem, x, c, stage)
-    else:
-        x = before.initial_states
+    x = grown_states(problem, c) if before is None else before.initial_states
     seen = problem.with_discrepancy(found.discrepancy_rate)
     x = fit_states(seen, x, c, steps)
     astray = np.flatnonzero(losses_per_residual(problem, x, c) > ODD_LOSS * NOISE_LOSS)

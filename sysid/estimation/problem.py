@@ -20,7 +20,6 @@ from models.shot import Shot, Table
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-INITIAL_STATE = ("x", "y", "v_along", "v_across", "Rw_along", "Rw_across", "Rw_up")
 STATE_STEPS = np.array([1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4])  # finite differences, [m] and [m/s]
 CONSTANT_STEP, VARIED_CONSTANT_STEP = 1e-5, 1e-3  # the same of constants, of their bounds' width
 OPEN_TABLE_M = 1e3  # length and width of a table so large that nothing reaches its cushions

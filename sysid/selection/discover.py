@@ -68,14 +68,10 @@ def without(parts: Split, found: FittedModel, name: str) -> FittedModel:
 
 def needed(parts: Split, found: Discovery) -> Discovery:
     """Without effects that were named beside a fit in a false optimum, and that the one found since does without."""
-
-    def lacking(now: FittedModel, verdict: tuple[str, ...]) -> list[float]:
-        return [loss_without(now, name) for name in verdict]
-
     now, verdict = found.last, found.verdict
     while len(verdict) > 1:
         log.info("whether all of them are needed")
-        times = lacking(now, verdict)
+        times = [loss_without(now, name) for name in verdict]
         k = int(np.argmin(times))
         if times[k] > LACKING_LOSS:
             break
@@ -98,9 +94,8 @@ def _ending(found: Discovery, now: FittedModel, verdict: tuple[str, ...]) -> Dis
 
 
 def discover(
-    clip_set: ClipSet, model: Model, save: Save = lambda found: None,
-    resumed: Discovery | None = None,
-) -> Discovery:  # fmt: skip
+    clip_set: ClipSet, model: Model, save: Save = lambda found: None, resumed: Discovery | None = None
+) -> Discovery:
     """Add effects until no candidate is worth it; then drop those that are no longer needed.
 
     Args:

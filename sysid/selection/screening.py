@@ -131,9 +131,7 @@ def look(
         best = max(trials, key=lambda t: t.evidence.delta_bic)
         if left_over(best.fitted) >= REST or loss_without(best.fitted, best.name) <= LACKING_LOSS:
             base = warm_started(parts, base, best.fitted, "base") or base
-        by = min(
-            (t.fitted for t in trials), key=lambda s: s.discrepancy_rate
-        )  # what is to be compared is weighed alike
+        by = min((t.fitted for t in trials), key=lambda s: s.discrepancy_rate)  # what is compared is weighted alike
         first = max(trials, key=lambda t: t.evidence.gain)
         tau = compare_fits(base, first.fitted, by).tau
         trials = [dataclasses.replace(t, evidence=compare_fits(base, t.fitted, by, tau)) for t in trials]
