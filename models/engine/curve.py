@@ -123,7 +123,7 @@ from models.hooks import (
 )
 from models.shot import GRAVITY
 
-TOLERANCE = 1e-6  # of a step, as an error of position at the end of the roll [m]
+TOLERANCE = 3e-7  # of a step, as an error of position at the end of the roll [m]
 BRAKE = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
 SPIN_LASTS = 0.1  # how long an error of sidespin counts [s]
 SHORT_SLIDE = 1e-3  # rest of a slide that is taken at a constant friction [s]
