@@ -1,12 +1,12 @@
 """Scenes on a fitted model as a dm_control task: `load` makes the environment of models/environment.py.
 
-Every reset deals one hand (planner/risk.py): errors of the launcher, and constants of the model drawn from its
-uncertainty. Shots are played with pocket jaws and all of the model's effects, in MuJoCo, or by the event engine, which
-is faster. The reward is planner/value.py's worth, from -foul to 1.
+Every reset deals one hand (planner/evaluation/risk.py): errors of the launcher, and constants of the model drawn from
+its uncertainty. Shots are played with pocket jaws and all of the model's effects, in MuJoCo, or by the event engine,
+which is faster. The reward is planner/evaluation/value.py's worth, from -foul to 1.
 
 The action's offsets are those of the cue's axis, (R + r_t) / R farther out than the contact, and its azimuth is the
-cue's: where the model knows no squirt the ball leaves at that of models/analytic/cueing.py, as planner/stroke.py says.
-Leaves out the next shot: an episode is one.
+cue's: where the model knows no squirt the ball leaves at that of models/analytic/cueing.py, as
+planner/launcher/stroke.py says. Leaves out the next shot: an episode is one.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from models.environment import Ending, Reach, ShotEnvironment
 from models.errors import BadInput
 from models.model_file import Model
 from models.shot import Ball, Table
-from planner.execution import Execution, execution_from
-from planner.outcome import Outcomes
-from planner.play import Player
-from planner.risk import Hands, deal
+from planner.evaluation.outcome import Outcomes
+from planner.evaluation.play import Player
+from planner.evaluation.risk import Hands, deal
+from planner.evaluation.value import Wish, worth
+from planner.launcher.execution import Execution, execution_from
+from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher
 from planner.scene import MOST, Scene, pocket_places
-from planner.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher
-from planner.value import Wish, worth
 
 if TYPE_CHECKING:
     from models.gym import GymnasiumShot
@@ -38,7 +38,7 @@ Source = Scene | Callable[[np.random.Generator], Scene]
 
 
 def as_strokes(launcher: Launcher, model: Model, actions: Array) -> Array:
-    """The strokes of planner/stroke.py (n, 4) that a launcher plays for actions (n, 4) (V_C0, x'0, y'0, theta)."""
+    """The strokes (n, 4) of planner/launcher/stroke.py that play actions (n, 4) (V_C0, x'0, y'0, theta)."""
     ball, q = model.ball, np.zeros((len(actions), 4))
     q[:, [SIDE, HEIGHT]] = actions[:, 1:3] * ball.radius / (ball.radius + launcher.cue.tip_radius)
     q[:, SPEED] = actions[:, 0] * launcher.gain(q, ball)

@@ -3,8 +3,8 @@
 The environment of planner/environment.py on one scene, and the cross-entropy method (Rubinstein 1999): actions are
 drawn about a mean, the best of them say where and how wide to draw next. After a wide first round every action is
 judged over several hands of the launcher's errors and the model's uncertainty, the one found over hands not yet seen.
-It begins with a plain stroke at the middle of the object ball, and knows of no pocket, angle or spin: planner/search.py
-does, and finds better shots sooner.
+It begins with a plain stroke at the middle of the object ball, and knows of no pocket, angle or spin:
+planner/search/search.py does, and finds better shots sooner.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Scenes from what a camera saw: the balls of a photo, of a video's last frame, or of a clip's end.
 
-Balls are found as tracking finds them (sysid/vision/detect.py) and where several frames show them at rest their places
-are averaged; the last frame decides which there are. Balls of one colour are numbered from left to right in the
+Balls are found as tracking finds them (sysid/vision/balls/detect.py) and where several frames show them at rest their
+places are averaged; the last frame decides which there are. Balls of one colour are numbered from left to right in the
 picture. What a camera sees a little inside another ball or a cushion is moved apart. Leaves out balls in the middle of
 a pack, which have no outline against the cloth: what lies there and was not made out is told.
 """
@@ -24,8 +24,8 @@ from sysid.clips.faults import closest, listed, one_line
 from sysid.clips.plausibility import OVERLAP, POCKET_REACH, START_FRAMES
 
 if TYPE_CHECKING:
-    from sysid.vision.camera import Camera
-    from sysid.vision.detect import Detector, Seen
+    from sysid.vision.balls.detect import Detector, Seen
+    from sysid.vision.camera.projection import Camera
     from sysid.vision.frames import Picture
 
 CUES = ("white", "cue")  # what the cue ball is usually called
@@ -110,10 +110,10 @@ def balls_in_picture(
 ) -> Found:  # fmt: skip
     """The balls of a photo, or of the last frame of a video or of a row of pictures; arguments as above."""
     from sysid.cli.track import USUAL
-    from sysid.vision.camera import ball_of, read_camera
-    from sysid.vision.detect import Detector
+    from sysid.vision.balls.detect import Detector
+    from sysid.vision.balls.palette import default_palette, read_palette
+    from sysid.vision.camera.projection import ball_of, read_camera
     from sysid.vision.frames import open_footage
-    from sysid.vision.palette import default_palette, read_palette
 
     camera = read_camera(camera_path)
     palette = read_palette(palette_path) if palette_path else default_palette()

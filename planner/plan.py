@@ -20,16 +20,16 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.model_file import Model
 from models.shot import Track
-from planner import baseline
-from planner.candidates import describe, every_way
-from planner.execution import Execution
-from planner.outcome import FOULS
-from planner.play import Player
-from planner.risk import Hands, Judged, deal
+from planner.evaluation.outcome import FOULS
+from planner.evaluation.play import Player
+from planner.evaluation.risk import Hands, Judged, deal
+from planner.evaluation.value import Wish
+from planner.launcher.execution import Execution
+from planner.launcher.stroke import AZIMUTH, Launcher, stroke_terms
 from planner.scene import POCKETS, Scene, pocket_name, scene_dict
-from planner.search import LEAST, Effort, Found, in_both, playable, search, spin_words
-from planner.stroke import AZIMUTH, Launcher, stroke_terms
-from planner.value import Wish
+from planner.search import baseline
+from planner.search.candidates import describe, every_way
+from planner.search.search import LEAST, Effort, Found, in_both, playable, search, spin_words
 
 Array = NDArray[np.float64]
 FORMAT = "billiard-plan/1"

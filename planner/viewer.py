@@ -24,7 +24,7 @@ from models.errors import BadInput
 from models.model_file import Model
 from models.shot import Array
 from models.simulation.step import World
-from planner.stroke import launch
+from planner.launcher.stroke import launch
 
 SPACE, RESET = 32, ord("R")  # key codes of GLFW
 FRAME_S = 1 / 60  # between two looks at the clock [s]
@@ -42,7 +42,9 @@ class Setup:
 
     names: tuple[str, ...]  # the ball to be struck first
     position: Array  # (n, 2) [m]
-    stroke: tuple[float, float, float, float]  # speed [m/s], azimuth [rad], side, height [m], as planner/stroke.py
+    stroke: tuple[
+        float, float, float, float
+    ]  # speed [m/s], azimuth [rad], side, height [m], as planner/launcher/stroke.py
     elevation: float  # of the cue [rad]
 
 

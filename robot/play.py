@@ -28,9 +28,9 @@ from models.errors import BadInput
 from models.shot import Array, Ball, Table
 from planner.plan import read_plan
 from planner.scene import POCKETS, Pocket, Scene, pocket_name, pocket_places, scene_from
-from robot.launcher import Done, Launcher, StrokeUnknown
-from robot.protocol import LauncherError, string_number
-from robot.settings import Settings
+from robot.device.launcher import Done, Launcher, StrokeUnknown
+from robot.device.protocol import LauncherError, string_number
+from robot.device.settings import Settings
 from sysid.clips import Clip, ClipSet, Cue, Observation, read_clip_set, write_clip_set
 
 FORMAT = "billiard-played/1"
@@ -42,7 +42,7 @@ CUE = ("speed", "azimuth", "side", "height", "elevation")
 
 
 class Camera(Protocol):
-    """Whoever sees the table; the emulated one is robot/emulated_table.py."""
+    """Whoever sees the table; the emulated one is robot/emulator/table.py."""
 
     @property
     def table(self) -> Table: ...

@@ -17,7 +17,7 @@ dome rolls outwards on it by R / (R + r_t) of that: (a, b) grow by a part 5/2 V 
 
 Without end mass, slate and T this is V = (1 + e) V_C / (1 + M / M_C + 5/2 rho^2). Leaves out a slipping tip, bending
 of the shaft beyond its end mass (its stiffness counts as some 2 % of it), and the hop after the hit. Constants of the
-emulated launcher come back within a few per cent (tests/test_cueing_map.py).
+emulated launcher come back within a few per cent (tests/planner/test_cueing_map.py).
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from sysid.vision.board import Lens
-    from sysid.vision.calibrate import Calibration
+    from sysid.vision.camera.board import Lens
+    from sysid.vision.camera.calibrate import Calibration
 
     Picture = NDArray[np.uint8]
 
@@ -57,8 +57,8 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     import numpy as np
 
     from models.shot import Table
-    from sysid.vision.calibrate import calibrate
-    from sysid.vision.camera import write_camera
+    from sysid.vision.camera.calibrate import calibrate
+    from sysid.vision.camera.projection import write_camera
 
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
     check_outputs(args.out, args.report, args.json)
@@ -131,7 +131,7 @@ def _checked(args: argparse.Namespace) -> tuple[list[str], NDArray[np.float64] |
 
 def _lens(args: argparse.Namespace, pattern: tuple[int, int], progress: Progress) -> Lens:
     """The lens from the board, wherever it was filmed."""
-    from sysid.vision.board import lens_of
+    from sysid.vision.camera.board import lens_of
 
     return lens_of(frames(args.lens or args.input, BOARD_FRAMES), pattern, args.square, progress)
 
@@ -224,7 +224,7 @@ def write_report(path: str, picture: Picture, found: Calibration) -> None:
     import numpy as np
 
     from models.files import write_whole
-    from sysid.vision.table_edges import nose_points
+    from sysid.vision.camera.table_edges import nose_points
 
     camera, canvas = found.camera, picture.copy()
     half = np.array([camera.table.length, camera.table.width]) / 2

@@ -14,10 +14,10 @@ from models.console import DONE, FOUND, Progress, Verb, check_outputs, table, wr
 from models.errors import BadInput
 
 if TYPE_CHECKING:
-    from sysid.vision.camera import Camera
+    from sysid.vision.camera.projection import Camera
     from sysid.vision.details import Details
     from sysid.vision.frames import Footage
-    from sysid.vision.track import Tracked
+    from sysid.vision.tracks.track import Tracked
 
 USUAL = 0.1406 / 0.0525**3  # mass of a snooker ball over the cube of its diameter [kg/m^3]
 HEAD = ("clip", "time [s]", "struck", "balls", "samples", "lost", "speed [m/s]", "noise [mm]", "remark")
@@ -44,12 +44,12 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     _check(args)
     import cv2
 
-    from sysid.vision.camera import read_camera
+    from sysid.vision.balls.detect import Detector
+    from sysid.vision.balls.palette import default_palette, read_palette
+    from sysid.vision.camera.projection import read_camera
     from sysid.vision.details import details
-    from sysid.vision.detect import Detector
     from sysid.vision.frames import open_footage
-    from sysid.vision.palette import default_palette, read_palette
-    from sysid.vision.track import track
+    from sysid.vision.tracks.track import track
 
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
     camera = read_camera(args.camera)
@@ -92,7 +92,7 @@ def _check(args: argparse.Namespace) -> None:
 
 def rows(result: Tracked) -> list[dict[str, Any]]:
     """What there is to say of each clip."""
-    from sysid.vision.track import lost_frames
+    from sysid.vision.tracks.track import lost_frames
 
     found = []
     for number, (shot, seen) in enumerate(zip(result.shots, result.found, strict=True), 1):
@@ -182,7 +182,7 @@ def _write(
 ) -> None:  # fmt: skip
     """The clip set, and pictures and recording where asked."""
     from sysid.clips import write_clip_set
-    from sysid.vision.track import Extra, clip_set
+    from sysid.vision.tracks.track import Extra, clip_set
 
     if result.shots:
         extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
@@ -204,7 +204,7 @@ def _write(
 def _record(args: argparse.Namespace, result: Tracked, footage: Footage, camera: Camera) -> None:
     """The recording for Rerun."""
     from models.recording.video import Sightings, write_track
-    from sysid.vision.track import note, rough
+    from sysid.vision.tracks.track import note, rough
 
     scene = result.scene
     balls = {p.name: Sightings(p.frame, p.time, p.pixels, p.radius, p.xy, rough(p.time, p.xy)) for p in scene.paths}

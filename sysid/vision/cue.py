@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from sysid.vision.camera import Array, Camera
+from sysid.vision.camera.projection import Array, Camera
 
 Picture = NDArray[np.uint8]
 Grey = NDArray[np.float32]

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.vision.camera import Array, Camera
+from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.cue import CueSeen, watch_cue
 from sysid.vision.frames import Footage
-from sysid.vision.spin import turning
-from sysid.vision.spots import Spots, find_spots
-from sysid.vision.track import Tracked, without
-from sysid.vision.turned import Turning
+from sysid.vision.rotation.spin import turning
+from sysid.vision.rotation.spots import Spots, find_spots
+from sysid.vision.rotation.turned import Turning
+from sysid.vision.tracks.track import Tracked, without
 
 Picture = NDArray[np.uint8]
 BEFORE = 0.35  # of a cue's coming that is looked at [s]

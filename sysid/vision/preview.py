@@ -12,7 +12,7 @@ from models.errors import BadInput
 from models.files import write_whole
 from models.recording.shots import ball_colour
 from sysid.vision.frames import Footage, Picture
-from sysid.vision.track import Found, Tracked, lost_frames, note, pictures
+from sysid.vision.tracks.track import Found, Tracked, lost_frames, note, pictures
 
 SHIFT = 4  # bits of sub-pixel positions in OpenCV's drawing
 DARK = 0.75  # of the picture under the tracks

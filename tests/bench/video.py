@@ -12,11 +12,11 @@ import numpy as np
 from models.model_file import full_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
-from sysid.vision.camera import overhead
-from sysid.vision.detect import Detector
+from sysid.vision.balls.detect import Detector
+from sysid.vision.balls.palette import default_palette
+from sysid.vision.camera.projection import overhead
 from sysid.vision.frames import Clock, Footage, Pictures
-from sysid.vision.palette import default_palette
-from sysid.vision.track import track
+from sysid.vision.tracks.track import track
 from tests.footage.film import Look, film
 from tests.footage.motion import motion_of
 

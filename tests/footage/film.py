@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.shot import NOSE_HEIGHT, POCKET_MOUTH
-from sysid.vision.camera import Array, Camera
+from sysid.vision.camera.projection import Array, Camera
 from tests.footage.motion import Cue, Motion
 
 Picture = NDArray[np.uint8]

@@ -21,7 +21,7 @@ import mujoco  # noqa: E402
 
 from models.mjcf.world import build_spec  # noqa: E402
 from models.shot import Ball  # noqa: E402
-from sysid.vision.camera import Array, Camera  # noqa: E402
+from sysid.vision.camera.projection import Array, Camera  # noqa: E402
 from tests.footage.film import CUE_WOOD, LEATHER, Look, brightness, when_read  # noqa: E402
 from tests.footage.motion import Cue, Motion  # noqa: E402
 

@@ -18,7 +18,7 @@ import numpy as np
 from models.console import table
 from models.shot import NOSE_COSINE, Array
 from sysid.clips import Clip, read_clip_set
-from sysid.vision.camera import Camera, read_camera
+from sysid.vision.camera.projection import Camera, read_camera
 from tests.footage.scenes import Scene, scenes
 
 SAME = 0.1  # between the strike of a clip and that of the shot it shows [s]

@@ -1,0 +1,1 @@
+"""How plans fare over many random scenes with a hidden truth."""

@@ -1,0 +1,70 @@
+"""Where a live camera's pictures come from: a device, an address or a file, by OpenCV."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from models.errors import BadInput
+from sysid.vision.frames import Picture, quiet
+
+
+class Source(Protocol):
+    """Where pictures come from."""
+
+    fps: float  # [1/s]; 0 or NaN where it is not known
+
+    def read(self) -> tuple[float, Picture] | None:
+        """When the next picture was taken [s], and the picture; None where there are no more."""
+
+    def newest(self) -> tuple[float, Picture] | None:
+        """The same of the present picture, past those that have waited."""
+
+    def close(self) -> None:
+        """Let it go."""
+
+
+class Device:
+    """What OpenCV films with: a number of a camera, an address, or a file that stands in for one."""
+
+    def __init__(self, name: int | str, size: tuple[int, int] | None = None) -> None:
+        """Open it, and ask a camera for pictures of a size (width, height)."""
+        number = int(name) if str(name).isdecimal() else None
+        self._live = number is not None or not Path(str(name)).is_file()
+        with quiet():
+            self._capture = cv2.VideoCapture(str(name) if number is None else number)
+            opened = self._capture.isOpened()
+        if not opened:
+            raise BadInput(
+                f"camera {name}: cannot be opened; see that it is plugged in, that its number, address or file is "
+                "right, and that no other program holds it"
+            )
+        if self._live and size is not None:
+            self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
+            self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
+            self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        self.fps = float(self._capture.get(cv2.CAP_PROP_FPS))
+
+    def read(self) -> tuple[float, Picture] | None:
+        """The next picture; a live one is stamped as it comes."""
+        if not self._capture.grab():
+            return None
+        stamp = time.monotonic() if self._live else float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
+        done, picture = self._capture.retrieve()
+        return (stamp, np.asarray(picture, np.uint8)) if done else None
+
+    def newest(self) -> tuple[float, Picture] | None:
+        """Pictures that have waited come at once, and are passed over."""
+        for _ in range(10 if self._live and self.fps > 0 else 0):
+            began = time.monotonic()
+            if not self._capture.grab() or time.monotonic() - began > 0.3 / self.fps:
+                break
+        return self.read()
+
+    def close(self) -> None:
+        """Let the camera go."""
+        self._capture.release()

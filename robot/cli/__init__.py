@@ -1,0 +1,5 @@
+"""The `robot` command, a file for each group of verbs."""
+
+from robot.cli.verbs import main
+
+__all__ = ["main"]

@@ -1,0 +1,186 @@
+"""The cueing campaign: the launcher strikes a grid of strokes, a camera measures ball speed and squirt.
+
+Robotic Billiards (2015), section V.C: cue speeds of some 0.5 to 2.5 m/s, heights y'0 of -12 to 12 mm and sides x'0 of
+0 to 12 mm in steps of 2 mm, each five times: 2275 shots. Only the right side is played; what holds there holds on the
+left in the mirror. Unlike the paper's, the order is shuffled: a drift of the machine then adds to the scatter and does
+not pose as an effect of the offset.
+
+Whoever strikes is passed in (`Striker`): the launcher's driver with a camera, or `robot/cueing/striker.py`. The file is
+a CSV of one row a shot, written line by line, so that a campaign that was broken off goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import itertools
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import BadInput
+from planner.launcher.stroke import Launcher
+
+Array = NDArray[np.float64]
+SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # of the cue [m/s]
+SIDES_MM = tuple(float(v) for v in range(0, 13, 2))
+HEIGHTS_MM = tuple(float(v) for v in range(-12, 13, 2))
+REPEATS = 5
+FASTEST = 2.75  # '001p': the paper's campaign went beyond the 2.2 m/s of its planned shots [m/s]
+
+
+@dataclass(frozen=True)
+class CueShot:
+    """One stroke as told and what was measured of it."""
+
+    string: int  # 1 to 200
+    cue_speed: float  # that the string asks for [m/s]
+    x0_mm: float  # of the cue's axis from the ball's centre, to the right
+    y0_mm: float  # the same, up
+    ball_speed: float  # horizontal, as the ball leaves the tip [m/s]
+    ball_speed_sd: float  # of the measurement alone, by which repeats scatter [m/s]
+    ball_speed_unsure: float  # what repeats share of its error: one standard deviation, 0 for none [m/s]
+    squirt_rad: float  # direction of the ball against the aim, > 0 to the left
+    squirt_sd: float  # of the measurement alone, by which repeats scatter [rad]
+    squirt_unsure: float  # what repeats share of its error [rad]
+    miscue: bool
+    order: int = 0  # in which it was played
+
+
+COLUMNS = tuple(f.name for f in dataclasses.fields(CueShot))
+
+
+class Striker(Protocol):
+    """Whatever strikes a ball that lies ready, and measures it."""
+
+    def __call__(self, string: int, x0_mm: float, y0_mm: float) -> CueShot:
+        """Strike once; `order` of the shot it returns is not looked at."""
+        ...
+
+
+def make_grid(
+    speeds: Sequence[float] = SPEEDS,
+    sides_mm: Sequence[float] = SIDES_MM,
+    heights_mm: Sequence[float] = HEIGHTS_MM,
+    repeats: int = REPEATS,
+) -> list[tuple[int, float, float]]:
+    """Strokes (string, x0_mm, y0_mm) to be played, in order of place and speed."""
+    launcher = Launcher(fastest=FASTEST)
+    strings = [launcher.string(v) for v in speeds]
+    return [g for g in itertools.product(strings, sides_mm, heights_mm) for _ in range(repeats)]
+
+
+def run_campaign(
+    striker: Striker,
+    out: Path | str,
+    seed: int,
+    progress: Callable[[str], None] | None = None,
+    *,
+    grid: Sequence[tuple[int, float, float]] | None = None,
+    most: int | None = None,
+) -> list[CueShot]:
+    """Play a grid in shuffled order into a CSV file, and go on with one that was begun.
+
+    Args:
+        striker: who strikes and measures.
+        out: the CSV file.
+        seed: of the order.
+        progress: told now and then what is being done.
+        grid: the strokes; the paper's 2275 without.
+        most: stop after so many more shots.
+
+    Raises:
+        BadInput: the file is another campaign's, or cannot be written.
+    """
+    path = Path(out)
+    todo = list(make_grid() if grid is None else grid)
+    todo = [todo[k] for k in np.random.default_rng(seed).permutation(len(todo))]
+    done = _begun(path, todo)
+    try:
+        with path.open("a", encoding="utf-8", newline="") as file:
+            if not done and path.stat().st_size == 0:
+                file.write(",".join(COLUMNS) + "\n")
+            for k in range(len(done), len(todo) if most is None else min(len(todo), len(done) + most)):
+                shot = dataclasses.replace(striker(*todo[k]), order=k)
+                file.write(_row(shot) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+                done.append(shot)
+                if progress:
+                    progress(f"shot {k + 1} of {len(todo)}: {shot.ball_speed:.3f} m/s for {shot.cue_speed:.3f} m/s")
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    return done
+
+
+def count_played(out: Path | str) -> int:
+    """Whole rows that a campaign's file holds; 0 where there is none."""
+    path = Path(out)
+    return max(path.read_bytes().count(b"\n") - 1, 0) if path.is_file() else 0
+
+
+def _begun(path: Path, todo: Sequence[tuple[int, float, float]]) -> list[CueShot]:
+    """Shots of a file that was begun; a last line that was broken off is cut away."""
+    if not path.exists():
+        return []
+    try:
+        text = path.read_bytes()
+        whole = text[: text.rfind(b"\n") + 1]
+        if len(whole) < len(text):
+            with path.open("r+b") as file:
+                file.truncate(len(whole))
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; choose another place") from error
+    done = read_campaign(path) if whole else []
+    for k, shot in enumerate(done):
+        told = (shot.string, shot.x0_mm, shot.y0_mm)
+        if k >= len(todo) or told != tuple(todo[k]) or shot.order != k:
+            raise BadInput(f"{path}: row {k + 1} is stroke {told}, not of this grid and seed; choose another file")
+    return done
+
+
+def _row(shot: CueShot) -> str:
+    values = dataclasses.asdict(shot).values()
+    return ",".join(str(int(v)) if isinstance(v, int) else f"{v:.9g}" for v in values)
+
+
+def read_campaign(path: Path | str) -> list[CueShot]:
+    """Shots of a campaign's CSV file; BadInput names the row and column that is wrong."""
+    try:
+        rows = list(csv.reader(Path(path).read_text(encoding="utf-8").splitlines()))
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; name the CSV file of a campaign") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise BadInput(f"{path}: is no CSV text ({error}); name the CSV file of a campaign") from None
+    if not rows or tuple(rows[0]) != COLUMNS:
+        head = ",".join(rows[0])[:80] if rows else ""
+        raise BadInput(f"{path}: begins with {head!r}; the first line of a campaign is {','.join(COLUMNS)}")
+    return [_shot(f"{path} row {k}", row) for k, row in enumerate(rows[1:], 1)]
+
+
+def _shot(where: str, row: Sequence[str]) -> CueShot:
+    if len(row) != len(COLUMNS):
+        raise BadInput(f"{where}: has {len(row)} columns; there are {len(COLUMNS)}, delete that row")
+    values: dict[str, float] = {}
+    for name, text in zip(COLUMNS, row, strict=True):
+        try:
+            values[name] = float(text)
+        except ValueError:
+            raise BadInput(f"{where}: {name} is {text!r}; give a number") from None
+        whole = name in ("string", "miscue", "order")
+        if not math.isfinite(values[name]) or (whole and values[name] != int(values[name])):
+            raise BadInput(f"{where}: {name} is {text!r}; give a {'whole' if whole else 'finite'} number")
+        if name in ("cue_speed", "ball_speed", "ball_speed_sd", "squirt_sd") and values[name] <= 0:
+            raise BadInput(f"{where}: {name} is {text!r}; give a number above 0")
+        if name.endswith("_unsure") and values[name] < 0:
+            raise BadInput(f"{where}: {name} is {text!r}; give 0 or more")
+    return CueShot(
+        **{name: values[name] for name in COLUMNS if name not in ("string", "miscue", "order")},
+        string=int(values["string"]), miscue=bool(values["miscue"]), order=int(values["order"]),
+    )  # fmt: skip

@@ -1,0 +1,213 @@
+"""The cueing map's constants from a campaign, and how well the launcher repeats itself from the same shots.
+
+Constants: least squares of ball speed and squirt together, each shot whitened by the covariance that the launcher's
+own errors and the camera give it (an error of place moves both; what repeats share of the camera's error counts once),
+with a loss that bends (soft L1), then plainly once more without what lies beyond five standard deviations. Wide normal
+priors hold what few shots do not tell. The covariance of the constants is (J'J)^-1, times the reduced chi squared where
+that is above 1.
+
+Repeats: shots of one stroke scatter about their mean with covariance camera + G diag(variances) G', G the derivatives
+of the map by speed, side, height and aim; the variances maximise the Wishart likelihood of all strokes' scatter, their
+uncertainty is that of its Fisher information. Leaves out errors that hang together from shot to shot.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares, minimize
+
+from models.analytic.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt
+from models.errors import BadInput
+from models.shot import Ball
+from planner.launcher.cueing_map import CueingMap
+from planner.launcher.execution import MOST, Execution
+from robot.cueing.campaign import CueShot
+
+Array = NDArray[np.float64]
+BALL = Ball(0.0525, 0.1406)  # Robotic Billiards 2015
+PRIOR_SD = {
+    "tip_restitution": 0.2, "cue_mass": 0.3, "end_mass": 0.006, "slate_friction": 0.1, "contact_time": 4e-4,
+    "side_zero": 2e-3, "height_zero": 2e-3, "aim_zero": 0.03,
+}  # fmt: skip # of what is known before; wide against what a campaign tells
+FEWEST = 16  # shots for eight constants
+FAR = 5.0  # standard deviations, both figures together, beyond which a shot is left out
+TELLING = 40  # repeats (shots less strokes) from which the launcher's scatter is estimated
+STEP = 1e-4  # for derivatives by place [m]
+
+
+def columns(shots: Sequence[CueShot]) -> tuple[Array, Array, Array, Array, Array]:
+    """Cue speed [m/s], side, height [m], measured (n, 2) and the variance of each by the camera's noise (n, 2)."""
+    rows = np.array([(s.cue_speed, 1e-3 * s.x0_mm, 1e-3 * s.y0_mm) for s in shots]).reshape(-1, 3)
+    measured = np.array([(s.ball_speed, s.squirt_rad) for s in shots]).reshape(-1, 2)
+    camera = np.array([(s.ball_speed_sd, s.squirt_sd) for s in shots]).reshape(-1, 2) ** 2
+    return rows[:, 0], rows[:, 1], rows[:, 2], measured, camera
+
+
+def _shared(shots: Sequence[CueShot]) -> Array:
+    """Variance for what repeats share of a measurement's error (n, 2): together they tell no more than one shot."""
+    count = Counter((s.string, s.x0_mm, s.y0_mm) for s in shots)
+    one = np.array([(s.ball_speed_unsure, s.squirt_unsure) for s in shots]).reshape(-1, 2) ** 2
+    return np.asarray(one * np.array([[count[s.string, s.x0_mm, s.y0_mm]] for s in shots], float))
+
+
+def fit_map(
+    shots: Sequence[CueShot],
+    geometry: Geometry | None = None,
+    *,
+    start: Constants | None = None,
+    execution: Execution | None = None,
+    fewest: int = FEWEST,
+) -> CueingMap:
+    """Fit the constants to a campaign.
+
+    Args:
+        shots: of the campaign; miscues are left out.
+        geometry: of tip, cue and ball; the paper's without.
+        start: what is held for known before, the centre of the priors.
+        execution: the launcher's scatter; from the repeats where there are enough, else the planner's, without.
+        fewest: shots; with fewer than constants the priors hold the rest.
+
+    Raises:
+        BadInput: too few shots, or all at one place.
+    """
+    geometry, start = geometry or Geometry(BALL), start or Constants()
+    good = [s for s in shots if not s.miscue]
+    places = {(s.x0_mm, s.y0_mm) for s in good}
+    if len(good) < fewest or len({x for x, _ in places}) < 3 or len({y for _, y in places}) < 3:
+        raise BadInput(
+            f"{len(good)} shots at {len(places)} places cannot tell a cueing map; "
+            f"strike {fewest} or more, at 3 or more sides and heights"
+        )
+    constants, noise = start, execution or Execution()
+    for again in (False, True):
+        if again and execution is None:
+            if count_repeats(good) < TELLING:
+                break
+            noise, _ = scatter(good, constants, geometry)
+        constants, covariance, chi2, left_out = _solve(good, geometry, start, constants, noise)
+        if execution is not None:
+            break
+    return CueingMap(constants, geometry, covariance, noise, len(good) - left_out, left_out, chi2)
+
+
+def _solve(
+    shots: Sequence[CueShot], geometry: Geometry, centre: Constants, begin: Constants, noise: Execution
+) -> tuple[Constants, Array, float, int]:
+    """Constants, their covariance, the reduced chi squared, and how many shots lie too far off to count."""
+    speed, side, height, measured, camera = columns(shots)
+    before = np.array([getattr(centre, name) for name in NAMES])
+    width = np.array([PRIOR_SD[name] for name in NAMES])
+    fields = {f.name: f.metadata["bounds"] for f in dataclasses.fields(Constants)}
+    low, high = (np.array([fields[name][k] for name in NAMES]) for k in (0, 1))
+    root = np.linalg.cholesky(_covariances(speed, side, height, camera + _shared(shots), begin, geometry, noise))
+    keep = np.ones(len(shots), bool)
+
+    def miss(p: Array) -> Array:
+        told = np.stack(ball_speed_and_squirt(to_constants(p), geometry, speed, side, height), axis=-1)
+        return np.asarray(np.linalg.solve(root, (measured - told)[..., None])[..., 0])
+
+    def left(p: Array) -> Array:
+        return np.concatenate([miss(p)[keep].ravel(), (p - before) / width])
+
+    p = np.clip([getattr(begin, name) for name in NAMES], low, high)
+    for loss in ("soft_l1", "linear"):
+        found = least_squares(left, p, bounds=(low, high), x_scale=width, loss=loss, f_scale=2.0, max_nfev=80)
+        if not found.success:
+            raise BadInput(f"the cueing map does not fit {len(shots)} shots; look for wrong units or signs in them")
+        p = found.x
+        if loss == "soft_l1":
+            keep = np.linalg.norm(miss(p), axis=-1) < FAR
+    free = max(2 * int(np.sum(keep)) - len(p), 1)
+    chi2 = float(np.sum(miss(p)[keep] ** 2)) / free
+    return to_constants(p), np.linalg.inv(found.jac.T @ found.jac) * max(chi2, 1.0), chi2, int(np.sum(~keep))
+
+
+def to_constants(p: Array) -> Constants:
+    """Constants from their values in the order of NAMES."""
+    return Constants(**{name: float(v) for name, v in zip(NAMES, p, strict=True)})
+
+
+def _derivatives(speed: Array, side: Array, height: Array, constants: Constants, geometry: Geometry) -> Array:
+    """Of ball speed and squirt by fraction of speed, aim, and the contact's side and height: (n, 2, 4)."""
+    out = np.zeros((len(speed), 2, 4))
+    for k, (x, y) in enumerate(((STEP, 0.0), (0.0, STEP)), 2):
+        ahead = ball_speed_and_squirt(constants, geometry, speed, side + x, height + y)
+        behind = ball_speed_and_squirt(constants, geometry, speed, side - x, height - y)
+        out[:, :, k] = np.stack([a - b for a, b in zip(ahead, behind, strict=True)], axis=-1) / (2 * STEP)
+    out[:, :, 2:] /= geometry.lever  # Execution speaks of the contact, the stage of the axis
+    out[:, 0, 0] = ball_speed_and_squirt(constants, geometry, speed, side, height)[0]
+    out[:, 1, 1] = 1.0
+    return out
+
+
+def _covariances(
+    speed: Array,
+    side: Array,
+    height: Array,
+    variances: Array,
+    constants: Constants,
+    geometry: Geometry,
+    noise: Execution,
+) -> Array:
+    """Of ball speed and squirt as measured: (n, 2, 2)."""
+    g = _derivatives(speed, side, height, constants, geometry)
+    sizes = np.array([noise.speed_sd, noise.azimuth_sd, noise.side_sd, noise.height_sd])
+    return np.asarray((g * sizes**2) @ np.swapaxes(g, 1, 2) + variances[:, :, None] * np.eye(2))
+
+
+def _strokes(shots: Sequence[CueShot]) -> list[list[CueShot]]:
+    """Shots by what was told, those that were repeated."""
+    groups: defaultdict[tuple[int, float, float], list[CueShot]] = defaultdict(list)
+    for s in shots:
+        groups[s.string, s.x0_mm, s.y0_mm].append(s)
+    return [group for group in groups.values() if len(group) > 1]
+
+
+def count_repeats(shots: Sequence[CueShot]) -> int:
+    """How many shots repeat another."""
+    return sum(len(group) - 1 for group in _strokes(shots))
+
+
+def scatter(shots: Sequence[CueShot], constants: Constants, geometry: Geometry) -> tuple[Execution, Execution]:
+    """The launcher's errors from repeated strokes, and the standard deviations of these.
+
+    Raises:
+        BadInput: hardly any stroke was repeated.
+    """
+    groups = _strokes(shots)
+    if count_repeats(shots) < TELLING:
+        raise BadInput(
+            f"{count_repeats(shots)} repeats cannot tell the launcher's scatter; repeat strokes, {TELLING} times"
+        )
+    first = [group[0] for group in groups]
+    speed, side, height, _, _ = columns(first)
+    g = _derivatives(speed, side, height, constants, geometry)
+    camera = np.array([np.mean(columns(group)[4], axis=0) for group in groups])[:, :, None] * np.eye(2)
+    spread = np.array([np.cov(columns(group)[3], rowvar=False) for group in groups])
+    free = np.array([len(group) - 1.0 for group in groups])
+    unit = np.array([0.01, 0.001, 3e-4, 3e-4])
+
+    def total(p: Array) -> Array:
+        return np.asarray((g * (p * unit) ** 2) @ np.swapaxes(g, 1, 2) + camera)
+
+    def unlikely(p: Array) -> float:
+        s = total(p)
+        return float(
+            0.5 * np.sum(free * (np.linalg.slogdet(s)[1] + np.trace(np.linalg.solve(s, spread), axis1=1, axis2=2)))
+        )
+
+    most = np.array([MOST[k] for k in ("speed_sd", "azimuth_sd", "side_sd", "height_sd")]) / unit
+    found = minimize(unlikely, np.ones(4), bounds=[(1e-3, m) for m in most], method="L-BFGS-B")
+    size = found.x * unit
+    slopes = np.einsum("nik,njk->nkij", g, g)  # of the covariance by each variance
+    each = np.linalg.solve(total(found.x)[:, None], slopes)
+    fisher = 0.5 * np.einsum("n,nkij,nlji->kl", free, each, each)
+    scale = np.sqrt(np.diag(fisher))  # variances of m^2 beside such of 1 would be lost in the inverse
+    variance_sd = np.sqrt(np.diag(np.linalg.inv(fisher / np.outer(scale, scale)))) / scale
+    sds = np.sqrt(size**2 + variance_sd) - size  # sd / (2 size) where it is small, and no infinity at 0
+    return Execution(*map(float, size)), Execution(*map(float, sds))

@@ -1,0 +1,166 @@
+"""The strings' true cue speeds: strokes at several strings, measured by the launcher itself, made into its settings.
+
+The launcher tells each stroke's cue speed just before the ball's place (`Done.cue_speed`), so that no ball is needed:
+take it away, or leave it and catch it. Strings are played in rounds, slowest first: a drift of the drive then adds to
+the scatter and does not pose as a law. Each stroke is followed by a retract; anything that goes wrong stops the
+launcher and ends the calibration, and nothing is written.
+
+The table is the mean speed of each string, straight lines between (robot/device/settings.py); speeds must fall from
+string to string. Only strings that the settings hold already are played: begin with a file without [calibration] for
+all 200. Leaves out what the ball takes of the speed (models/analytic/cue_impulse.py) and one law for each place of the
+stage.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from models.console import table
+from models.errors import BadInput
+from robot.device.launcher import Done, Launcher
+from robot.device.protocol import string_number
+from robot.device.settings import Settings, SpeedTable, read_settings, write_settings
+
+STRINGS = (1, 25, 50, 75, 100, 125, 150, 175, 200)
+REPEATS = 5
+
+
+@dataclass(frozen=True)
+class StringSpeed:
+    """Strokes of one string."""
+
+    string: int
+    mean: float  # of the cue's speed [m/s]
+    sd: float  # of one stroke [m/s]; nan for a single one
+    strokes: int
+
+    @property
+    def mean_sd(self) -> float:
+        """Of the mean, from the scatter [m/s]; nan for a single stroke."""
+        return self.sd / math.sqrt(self.strokes)
+
+
+def measure_strings(
+    launcher: Launcher,
+    strings: Sequence[int | str] = STRINGS,
+    repeats: int = REPEATS,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[StringSpeed, ...]:
+    """Home the launcher and strike each string `repeats` times; it is left retracted, tip at the ball's centre.
+
+    Raises:
+        BadInput: a dry launcher, strings that it may not play or that are fewer than two; nothing has moved.
+        LauncherError: something went wrong; the launcher was stopped.
+    """
+    if launcher.dry_run:
+        raise BadInput("the launcher is run dry and measures no speed; connect it")
+    asked = sorted((string_number(n) for n in strings), reverse=True)
+    if len(set(asked)) != len(asked) or len(asked) < 2:
+        raise BadInput(f"strings are {list(strings)}; give two or more, each once")
+    if repeats < 1:
+        raise BadInput(f"repeats is {repeats}; give 1 or more")
+    for n in asked:
+        launcher.settings.check_speed(n)
+    shots: list[Done] = []
+    try:
+        launcher.home()
+        launcher.move_tip(0.0, 0.0)
+        for _ in range(repeats):
+            for n in asked:
+                shots.append(launcher.strike(n))
+                launcher.retract()
+                if progress:
+                    progress(f"stroke {len(shots)} of {repeats * len(asked)}: {n:03d}p {shots[-1].cue_speed:.3f} m/s")
+    except BaseException:  # an interrupt too: whatever came in between, nothing may go on moving
+        launcher.stop()
+        raise
+    return summarise(shots)
+
+
+def summarise(shots: Iterable[Done]) -> tuple[StringSpeed, ...]:
+    """Mean speed and scatter of each string, strings rising; BadInput where a stroke has no speed."""
+    found: dict[int, list[float]] = {}
+    for shot in shots:
+        if not (math.isfinite(shot.cue_speed) and shot.cue_speed > 0):
+            raise BadInput(f"stroke {shot.number} ({shot.string}) has a cue speed of {shot.cue_speed}; leave it out")
+        found.setdefault(string_number(shot.string), []).append(shot.cue_speed)
+    return tuple(
+        StringSpeed(n, float(np.mean(v)), float(np.std(v, ddof=1)) if len(v) > 1 else math.nan, len(v))
+        for n, v in sorted(found.items())
+    )
+
+
+def speed_table(measured: Sequence[StringSpeed], source: str = "") -> SpeedTable:
+    """The calibration of measured strings; BadInput where a faster string was not measured faster."""
+    ordered = sorted(measured, key=lambda row: row.string)
+    for fast, slow in pairwise(ordered):
+        if not fast.mean > slow.mean:
+            raise BadInput(
+                f"{fast.string:03d}p was measured at {fast.mean:.4g} m/s and {slow.string:03d}p at {slow.mean:.4g}; "
+                "speeds must fall from string to string: take strings farther apart, or more repeats"
+            )
+    strokes = sum(row.strokes for row in ordered)
+    told = source or f"{strokes} strokes at {len(ordered)} strings, measured by the launcher"
+    speeds = tuple(round(row.mean, 6) for row in ordered)  # the launcher tells whole micrometres a second
+    return SpeedTable(tuple(row.string for row in ordered), speeds, told)
+
+
+def calibration_from(shots: Iterable[Done], source: str = "") -> SpeedTable:
+    """A calibration table (strings, speeds [m/s]) of strokes that were made; BadInput where speeds do not fall."""
+    return speed_table(summarise(shots), source)
+
+
+def write_calibration(
+    settings_file: Path | str | None, measured: Sequence[StringSpeed], out: Path | str, source: str = ""
+) -> Settings:
+    """Write a launcher's file with a new [calibration] and all its other values, whole or not at all.
+
+    Args:
+        settings_file: whose other values are kept, though not its comments; None for the paper's launcher.
+        measured: of at least two strings.
+        out: file to write; may be the same.
+        source: what the file says of where the table comes from.
+
+    Raises:
+        BadInput: no such file, speeds that do not fall, or a place that cannot be written.
+    """
+    old = read_settings(settings_file) if settings_file is not None else Settings()
+    new = replace(old, calibration=speed_table(measured, source))
+    write_settings(new, out)
+    return new
+
+
+def rows(measured: Sequence[StringSpeed], before: SpeedTable) -> list[tuple[str, ...]]:
+    """A table of them beside the calibration before, its head first."""
+    head = ("string", "strokes", "cue m/s", "sd of one", "sd of mean", "before", "change %")
+    lines = []
+    for row in measured:
+        old = before.cue_speed(row.string)
+        sds = (f"{v:.4f}" if math.isfinite(v) else "-" for v in (row.sd, row.mean_sd))
+        change = f"{100 * (row.mean / old - 1):+.1f}"
+        lines.append((f"{row.string:03d}p", str(row.strokes), f"{row.mean:.4f}", *sds, f"{old:.4f}", change))
+    return [head, *lines]
+
+
+def text(measured: Sequence[StringSpeed], settings: Settings) -> str:
+    """What a person reads; `settings` are those that it was measured with."""
+    low, high = settings.limits.cue_speed
+    beyond = [f"{r.string:03d}p" for r in measured if not low - 1e-9 <= r.mean <= high + 1e-9]
+    lines = [table(rows(measured, settings.calibration))]
+    if beyond:
+        lines.append(
+            f"outside the limits of {low} to {high} m/s and refused from now on: {', '.join(beyond)}; "
+            "widen [limits] cue_speed in the launcher's file to play them"
+        )
+    return "\n".join(lines)
+
+
+def result(measured: Sequence[StringSpeed]) -> dict[str, object]:
+    """The same for a JSON file."""
+    return {"format": "cuelab-strings/1", "strings": [asdict(r) | {"mean_sd": r.mean_sd} for r in measured]}

@@ -1,0 +1,379 @@
+"""The driver of the launcher: verbs that come back with what was really done.
+
+A stroke goes in four steps: ask for the status, arm the string with the next stroke's number, send 'NNNp', ask until
+the launcher is extended. After an 'NNNp' that had no effect the launcher is still armed, says so, and gets it again:
+the number lets it act once at most. When the line dies after 'NNNp' the result cannot be known and StrokeUnknown says
+so; nothing is sent again then. Retract before the next stroke.
+
+The stage has play: it always comes up to its target from below, by way of a point `takeup_mm` below it where needed.
+The yaw is set by hand: `Settings.check_yaw` tells whether the stand reaches it. Leaves out what the ball does.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from models.errors import BadInput
+from robot.device.link import Link, Stopped
+from robot.device.protocol import (
+    BUSY,
+    VERSION,
+    LauncherError,
+    LauncherStopped,
+    LinkLost,
+    Status,
+    parse_status,
+    string_number,
+)
+from robot.device.settings import Settings
+
+ARMINGS = 3  # of one stroke, where the arming lapsed before the line came through
+STOP_ARRIVES = 1.0  # [s]; it is repeated until then
+SETTLE_STATES = ("IDLE", "EXTENDED")  # in which motions end well
+REMEDIES = {
+    "NO UNHOMED": "home it first",
+    "NO EXTENDED": "retract first",
+    "NO STOPPED": "reset and home it first",
+    "NO FAULT": "reset and home it first",
+    "NO STOPS": "it was stopped again meanwhile; look first",
+}
+
+
+class Refused(LauncherError):
+    """The launcher said no, and did nothing."""
+
+
+class LauncherFault(LauncherError):
+    """The launcher reports a fault of its own; reset it and home it."""
+
+
+class NotStruck(LauncherError):
+    """The stroke was not made, for certain: the launcher says so, and is disarmed."""
+
+
+class StrokeUnknown(LauncherError):
+    """Whether, or how, the ball was struck is not known. Look at the table; do not repeat the stroke unseen."""
+
+
+@dataclass(frozen=True)
+class Did:
+    """What a motion, or a question, came to."""
+
+    what: str
+    status: Status
+    x0_mm: float  # where the cue's axis is, by the stage's steps, from the ball's centre
+    y0_mm: float
+    seconds: float
+    retries: int  # lines sent again
+    noted: tuple[str, ...]  # what was out of the ordinary
+    dry: bool = False
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a stroke came to."""
+
+    string: str
+    number: int  # of the stroke, as the launcher counts
+    asked_speed: float  # of the cue, by the calibration [m/s]
+    cue_speed: float  # measured by the launcher [m/s]; nan in a dry run
+    peak_force: float  # measured [N]; nan in a dry run
+    x0_mm: float  # where the cue's axis was, by the stage's steps, from the ball's centre
+    y0_mm: float
+    began: float  # of the link's clock [s]
+    seconds: float
+    retries: int  # lines sent again
+    noted: tuple[str, ...]  # what was out of the ordinary
+    dry: bool = False
+
+
+@dataclass
+class _Job:
+    """A verb under way."""
+
+    began: float
+    incidents: int
+    retries: int = 0
+
+
+class Launcher:
+    """A launcher at the end of a link; `with` opens the link, and stops the launcher after an exception."""
+
+    def __init__(
+        self, settings: Settings, link: Link | None, *, dry_run: bool = False, say: Callable[[str], None] = print
+    ) -> None:
+        """With `dry_run` every verb says what it would send, and sends nothing; then the link may be None."""
+        if link is None and not dry_run:
+            raise BadInput("link is None; give an open line to the launcher, or dry_run=True")
+        self.settings, self.dry_run = settings, dry_run
+        self._link, self._say = link, say
+        self._known: Status | None = None
+        self._taken_up = False  # the stage came from below
+        self._dry = Status(state="IDLE")
+
+    def __enter__(self) -> Launcher:
+        """Open the link and connect."""
+        if not self.dry_run:
+            self._line.__enter__()
+            try:
+                self.connect()
+            except BaseException as error:
+                self._line.__exit__(type(error), error, error.__traceback__)
+                raise
+        return self
+
+    def __exit__(self, *why: object) -> None:
+        """Close the link; after an exception, stop first."""
+        if not self.dry_run:
+            self._line.__exit__(*why)  # type: ignore[arg-type]
+
+    @property
+    def _line(self) -> Link:
+        if self._link is None:
+            raise BadInput("this launcher has no link; it can only be run dry")
+        return self._link
+
+    def connect(self) -> Did:
+        """Open the link where it is closed, greet, and ask how the launcher is."""
+        job = self._job()
+        if not self.dry_run:
+            self._line.open()
+            got = self._line.greet()
+            job.retries += got.retries
+            if got.body != f"OK {VERSION}":
+                raise LauncherError(f"the other end says {got.body!r}; this driver speaks {VERSION}")
+        return self._did(job, "connected", self._ask(job, through_stop=True))
+
+    def status(self) -> Did:
+        """How the launcher is; also while it is stopped."""
+        job = self._job()
+        return self._did(job, "asked", self._ask(job, through_stop=True))
+
+    def force(self) -> tuple[float, float]:
+        """Force on the tip now, and its peak in the last stroke [N]."""
+        if self.dry_run:
+            self._command(self._job(), "FORCE")
+            return float("nan"), float("nan")
+        words = self._line.exchange("FORCE", through_stop=True).body.split(" ")
+        if len(words) != 3 or words[0] != "OK" or not (words[1] + words[2]).lstrip("-").isdigit():
+            raise LauncherError(f"the launcher says {' '.join(words)!r} for its force; its firmware is another one")
+        return 1e-3 * int(words[1]), 1e-3 * int(words[2])
+
+    def home(self) -> Did:
+        """Bring rack and stage to their switches; their places are known from then on."""
+        job = self._job()
+        self._taken_up = False
+        self._command(job, "HOME")
+        status = self._settle(job, "homing")
+        if status.state != "IDLE" or status.x_um or status.y_um:
+            raise LauncherError(f"homing ended {status.state} at {status.x_um}, {status.y_um} um; home it again")
+        self._taken_up = True
+        return self._did(job, "homed", status)
+
+    def move_tip(self, x0_mm: float, y0_mm: float) -> Did:
+        """Put the cue's axis at (x'0, y'0) of the ball's centre, side to the right and height up [mm].
+
+        Raises:
+            BadInput: the tip would slip off, or the stage does not reach there; nothing was sent.
+            LauncherError: it was not reached.
+        """
+        target = self.settings.stage_um(x0_mm, y0_mm)
+        job = self._job()
+        here = self._ask(job)
+        below = round(1e3 * self.settings.stage.takeup_mm)
+        via = [t - below * (t < h or not self._taken_up) for t, h in zip(target, (here.x_um, here.y_um), strict=True)]
+        self._taken_up = False
+        status = here
+        for x, y in ([(via[0], via[1])] if tuple(via) != target else []) + [target]:
+            self._command(job, f"MOVE {x} {y}")
+            if self.dry_run:
+                self._dry = dataclasses.replace(self._dry, x_um=x, y_um=y)
+            status = self._settle(job, "the move")
+            if status.state != "IDLE":
+                raise LauncherError(f"the move ended {status.state}; home the launcher again")
+            if max(abs(status.x_um - x), abs(status.y_um - y)) > self.settings.stage.step_um:
+                raise LauncherError(
+                    f"the stage is at {status.x_um}, {status.y_um} um instead of {x}, {y}; home it again"
+                )
+        self._taken_up = True
+        return self._did(job, "moved", status)
+
+    def strike(self, string: str | int) -> Done:
+        """Make one stroke with a speed string, '001p' to '200p'.
+
+        Raises:
+            BadInput: no such string, or its speed is out of the limits; nothing was sent.
+            NotStruck, LauncherStopped, Refused: no stroke was made, for certain.
+            StrokeUnknown: it may have been made.
+        """
+        n = string_number(string)
+        self.settings.check_speed(n)
+        job = self._job()
+        number = self._ask(job).begun + 1
+        for _ in range(1 if self.dry_run else ARMINGS):
+            self._command(job, f"ARM {n} {number}")
+            if self.dry_run:
+                self._say(f"would send {n:03d}p")
+                self._dry = dataclasses.replace(self._dry, begun=number, done=number, string=n, state="EXTENDED")
+                return self._done(job, n, number, self._dry)
+            status = self._release(job, n, number)
+            if status is not None:
+                return self._done(job, n, number, status)
+        raise NotStruck(f"stroke {number} ({n:03d}p) was not made: its arming lapsed {ARMINGS} times; check the line")
+
+    def retract(self) -> Did:
+        """Bring the cue back after a stroke."""
+        job = self._job()
+        self._command(job, "RETRACT")
+        if self.dry_run:
+            self._dry = dataclasses.replace(self._dry, state="IDLE")
+        status = self._settle(job, "the retract")
+        if status.state != "IDLE":
+            raise LauncherError(f"the retract ended {status.state}; home the launcher again")
+        return self._did(job, "retracted", status)
+
+    def stop(self) -> Stopped:
+        """Stop everything now; from any thread."""
+        if self.dry_run:
+            self._say("would send !")
+            return Stopped(True, 0, 0.0)
+        return self._line.stop()
+
+    def reset(self) -> Did:
+        """Leave the stopped state, or a fault; the launcher must be homed then. Refused if stopped again meanwhile."""
+        job = self._job()
+        seen = self._ask(job, through_stop=True)
+        self._command(job, f"RESET {seen.stops}", through_stop=True)
+        if not self.dry_run:
+            self._line.release()
+        self._taken_up = False
+        return self._did(job, "reset", self._ask(job))
+
+    def _release(self, job: _Job, n: int, number: int) -> Status | None:
+        """Send 'NNNp' until it has taken effect; the status then, or None when the arming lapsed before."""
+        name = f"stroke {number} ({n:03d}p)"
+        try:
+            for _ in range(self.settings.timing.retries + 1):
+                self._line.send_stroke(n)
+                status = self._wait(job, ("STRIKING",), name)
+                if status.begun >= number:
+                    return self._made(name, n, number, status)
+                if status.state == "STOPPED":
+                    raise LauncherStopped(f"stopped before {name} began; reset and home")
+                if status.state == "IDLE":
+                    return None
+                if status.state != "ARMED" or status.armed != n:
+                    raise NotStruck(f"{name} was not made: the launcher is {status.state}; home it")
+                self._line.note("resent", f"{n:03d}p had no effect and is sent again")
+                job.retries += 1
+            self._command(job, "DISARM")
+        except (NotStruck, StrokeUnknown):
+            raise
+        except LauncherStopped:
+            return self._after_stop(job, name, n, number)
+        except LauncherError as error:
+            raise StrokeUnknown(f"{name} may have been made: {error}; look at the table") from error
+        raise NotStruck(f"{name} was not made: no line had an effect; check the cable")
+
+    def _made(self, name: str, n: int, number: int, status: Status) -> Status:
+        """A status that tells of the stroke, complete and of this string."""
+        if status.done == number and status.begun == number and status.string == n:
+            return status
+        why = "; ".join(status.troubles()) or f"the launcher is {status.state} and tells of stroke {status.done}"
+        raise StrokeUnknown(f"{name} was begun, but not ended: {why}; look at the table")
+
+    def _after_stop(self, job: _Job, name: str, n: int, number: int) -> Status:
+        """What a stop left of the stroke."""
+        until = self._line.clock.now() + STOP_ARRIVES
+        try:
+            while (status := self._ask(job, through_stop=True)).begun < number and status.state != "STOPPED":
+                if self._line.clock.now() > until:
+                    raise StrokeUnknown(f"{name}: the stop does not arrive, it may yet be made; cut the power")
+                self._line.clock.sleep(self.settings.timing.poll_s)
+            while status.state == "STRIKING" and self._line.clock.now() < until:
+                self._line.clock.sleep(self.settings.timing.poll_s)
+                status = self._ask(job, through_stop=True)
+        except LinkLost as error:
+            raise StrokeUnknown(f"{name} was stopped, and nobody answers; look at the table") from error
+        if status.begun < number:
+            raise LauncherStopped(f"stopped before {name} began; reset and home")
+        return self._made(name, n, number, status)
+
+    def _settle(self, job: _Job, what: str) -> Status:
+        """Wait until a motion has ended; LauncherStopped and LauncherFault where it ended badly."""
+        status = self._wait(job, BUSY, what)
+        if status.state == "STOPPED":
+            raise LauncherStopped(f"stopped during {what}; reset and home")
+        if status.state == "FAULT":
+            raise LauncherFault(f"{what} failed: {'; '.join(status.troubles()) or 'no reason told'}; reset and home")
+        if status.state not in SETTLE_STATES:
+            raise LauncherError(f"{what} was cut short: the launcher is {status.state}; home it")
+        return status
+
+    def _wait(self, job: _Job, states: tuple[str, ...], what: str) -> Status:
+        """Ask until the launcher has left these states."""
+        timing = self.settings.timing
+        until = 0.0 if self.dry_run else self._line.clock.now() + timing.motion_s
+        while (status := self._ask(job)).state in states:
+            if self._line.clock.now() > until:
+                self.stop()
+                raise LauncherStopped(f"{what} took more than {timing.motion_s} s and was stopped; look, reset, home")
+            self._line.clock.sleep(timing.poll_s)
+        return status
+
+    def _ask(self, job: _Job, through_stop: bool = False) -> Status:
+        """The status; what it tells of restarts and of noise at the launcher is noted."""
+        if self.dry_run:
+            return self._dry
+        got = self._line.exchange("STATUS", through_stop=through_stop)
+        job.retries += got.retries
+        status, before = parse_status(got.body), self._known
+        if status is None:
+            raise LauncherError(f"the launcher says {got.body!r} for its status; its firmware is another one")
+        self._known = status
+        if before is not None and status.boots != before.boots:
+            self._taken_up = False
+            self._line.note("restart", f"the launcher has restarted {status.boots - before.boots} times")
+        elif before is not None:
+            for name in ("dropped", "refused", "stops"):
+                more = getattr(status, name) - getattr(before, name)
+                if more:
+                    self._line.note(name, f"the launcher has counted {more} more {name}")
+        return status
+
+    def _command(self, job: _Job, body: str, through_stop: bool = False) -> None:
+        """Have it done; Refused, LauncherStopped or LauncherFault where the launcher says no."""
+        if self.dry_run:
+            self._say(f"would send {body}")
+            return
+        got = self._line.exchange(body, through_stop=through_stop)
+        job.retries += got.retries
+        if got.body == "OK":
+            return
+        kind = {"NO STOPPED": LauncherStopped, "NO FAULT": LauncherFault}.get(got.body, Refused)
+        raise kind(f"the launcher refused {body!r} ({got.body}); {REMEDIES.get(got.body, 'ask for its status')}")
+
+    def _job(self) -> _Job:
+        return _Job(0.0, 0) if self.dry_run else _Job(self._line.clock.now(), len(self._line.incidents))
+
+    def _noted(self, job: _Job) -> tuple[float, tuple[str, ...]]:
+        if self.dry_run:
+            return 0.0, ()
+        told = tuple(f"{i.kind}: {i.detail}" for i in self._line.incidents[job.incidents :])
+        return self._line.clock.now() - job.began, told
+
+    def _did(self, job: _Job, what: str, status: Status) -> Did:
+        x, y = self.settings.tip_mm(status.x_um, status.y_um)
+        seconds, noted = self._noted(job)
+        return Did(what, status, x, y, seconds, job.retries, noted, self.dry_run)
+
+    def _done(self, job: _Job, n: int, number: int, status: Status) -> Done:
+        x, y = self.settings.tip_mm(status.x_um, status.y_um)
+        seconds, noted = self._noted(job)
+        speed, force = (float("nan"),) * 2 if self.dry_run else (status.cue_speed, status.peak_force)
+        asked, string = self.settings.check_speed(n), f"{n:03d}p"
+        return Done(
+            string, number, asked, speed, force, x, y, job.began, seconds, job.retries, noted, self.dry_run
+        )  # fmt: skip

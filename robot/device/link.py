@@ -1,0 +1,384 @@
+"""The line to the launcher: one request at a time, sent again when unanswered, and a stop that waits for nobody.
+
+A request goes out, its reply is awaited; after `reply_s` of silence, or a harmed reply, the very same line is sent
+again, which the launcher answers without doing anything twice (`protocol.py`). A cable that was pulled is looked for
+again for `reconnect_s`. All that is out of the ordinary is noted (`incidents`); every exchange is a line of JSON in the
+log.
+
+The stop has a path of its own: `halt` takes no lock that is held while waiting, empties what is still queued for
+sending, writes the byte and wakes the thread that reads. From then on every other thread gets LauncherStopped until a
+reset. Where no cable is in, the byte goes first when it is back. An interrupt, SIGTERM, an exception and the end of the
+program stop the launcher too.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any
+
+from models.errors import BadInput
+from robot.device.port import PORT_ERRORS, SLICE, Port
+from robot.device.protocol import (
+    STOP,
+    UNASKED,
+    Frame,
+    LauncherStopped,
+    LinkLost,
+    Reader,
+    frame,
+    next_sequence,
+    stroke_line,
+)
+from robot.device.settings import Clock, RealClock, Timing
+
+QUIET = 0.02  # of silence before a line is sent again [s], so that the remains of the last reply are gone
+LONGEST_REPLY = 96  # bytes
+STOP_TRIES, STOP_WAIT = 10, 0.06  # bytes sent until one is answered; for each [s]
+
+
+@dataclass(frozen=True)
+class Incident:
+    """Something out of the ordinary on the line."""
+
+    time: float  # of the link's clock [s]
+    kind: str  # silence, lost, junk, stale, slow, cable, stop, log, or what launcher.py adds
+    detail: str
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What came back."""
+
+    body: str
+    retries: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """What a stop came to."""
+
+    confirmed: bool  # the launcher has answered that it stopped
+    bytes_sent: int
+    seconds: float  # until that answer, or until it was given up
+
+
+class Link:
+    """A line to one launcher; `with Link(...)` opens it, and stops the launcher if the block ends by an exception."""
+
+    def __init__(
+        self,
+        open_port: Callable[[], Port],
+        timing: Timing,
+        *,
+        baud: int,
+        clock: Clock | None = None,
+        log: Path | str | None = None,
+    ) -> None:
+        """A line that is not open yet; `log` gets every exchange as a line of JSON, added to what it holds."""
+        self._open_port, self.timing, self.clock = open_port, timing, clock or RealClock()
+        self._byte_s = 10.0 / baud  # start, eight bits, stop
+        self._turn = threading.RLock()  # held for an exchange
+        self._swap = threading.RLock()  # held while the port changes; never while waiting for anything
+        self._halted = threading.Event()
+        self._port: Port | None = None
+        self._reader = Reader("=", commands=False)
+        self._sequence = UNASKED
+        self._notices = 0  # answers to stop bytes
+        self._owed = 0  # replies that may still come late, to lines that were sent again
+        self._handlers: dict[signal.Signals, Any] = {}
+        self.incidents: list[Incident] = []
+        self.exchanges = 0
+        self._log_path, self._log = log, -1
+
+    def __enter__(self) -> Link:
+        """Open, and let interrupts and SIGTERM stop the launcher."""
+        self.open()
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                self._handlers[number] = signal.signal(number, self._on_signal)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """Stop after anything but bad input, which never reached the launcher; close."""
+        try:
+            if kind is not None and not issubclass(kind, BadInput):
+                self.stop()
+        finally:
+            for number, handler in self._handlers.items():
+                signal.signal(number, handler)
+            self._handlers.clear()
+            self.close()
+
+    def _on_signal(self, number: int, at: FrameType | None) -> None:
+        self.halt()
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
+        raise SystemExit(128 + number)
+
+    def open(self) -> None:
+        """Open the port and greet; BadInput when it cannot be opened, LinkLost when nobody answers."""
+        with self._turn:
+            if self._port is None:
+                try:
+                    self._take(self._open_port())
+                except (*PORT_ERRORS, ValueError) as error:
+                    raise BadInput(
+                        f"the port cannot be opened ({error}); plug the cable in, or correct [port]"
+                    ) from None
+                self._open_log()
+                atexit.register(self._at_exit)
+
+    def _open_log(self) -> None:
+        if self._log_path is None or self._log >= 0:
+            return
+        try:
+            self._log = os.open(self._log_path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        except OSError as error:
+            self._drop()
+            raise BadInput(f"{self._log_path}: cannot be written ({error.strerror}); choose another place") from None
+
+    def greet(self) -> Reply:
+        """The launcher's version; it forgets the last request of whoever spoke to it before."""
+        with self._turn:
+            self._sequence = UNASKED
+            return self._exchange(UNASKED, "VERSION", through_stop=True)
+
+    def close(self) -> None:
+        """Let go of the port; the launcher goes on with what it does."""
+        with self._turn, self._swap:
+            self._drop()
+            atexit.unregister(self._at_exit)
+            if self._log >= 0:
+                os.close(self._log)
+                self._log = -1
+
+    def _at_exit(self) -> None:
+        self.halt()  # the program has died without closing
+
+    def exchange(self, body: str, *, through_stop: bool = False) -> Reply:
+        """Ask, and wait for the answer.
+
+        Args:
+            body: of the request.
+            through_stop: go on while the launcher is stopped; for questions, not for motions.
+
+        Raises:
+            LauncherStopped: a stop was sent, by whatever thread.
+            LinkLost: no answer to any attempt.
+        """
+        with self._turn:
+            self._sequence = next_sequence(self._sequence)
+            return self._exchange(self._sequence, body, through_stop)
+
+    def send_stroke(self, string: int) -> bool:
+        """Write an 'NNNp', once; False when the port broke, so that it may have gone out or not."""
+        with self._turn:
+            self._check(through_stop=False)
+            began, line, fault = self.clock.now(), stroke_line(string), ""
+            try:
+                self._clear(0.0)
+                self._send(line)
+            except PORT_ERRORS as error:
+                fault = str(error)
+                self._broken(error)
+            self._write_log("stroke", began, sent=line.decode(), error=fault)
+            return not fault
+
+    def halt(self) -> bool:
+        """Send the stop byte now; safe in any thread and in a signal handler. False when it could not be written."""
+        self._halted.set()
+        with self._swap:
+            try:
+                if self._port is None:
+                    return False  # it goes first when the port is open again
+                self._port.cancel_read()
+                self._port.reset_output_buffer()
+                self._port.write(STOP)
+            except PORT_ERRORS:
+                return False
+        return True
+
+    def stop(self) -> Stopped:
+        """Stop the launcher, and repeat it until it is confirmed or has been tried ten times."""
+        began, seen, sent = self.clock.now(), self._notices, 0
+        self.note("stop", "stop sent")
+        while sent < STOP_TRIES and self._notices == seen:
+            self.halt()
+            sent += 1
+            until = self.clock.now() + STOP_WAIT + LONGEST_REPLY * self._byte_s
+            if self._turn.acquire(timeout=STOP_WAIT):  # the thread that reads lets go as soon as it wakes
+                try:
+                    if self._port is None:
+                        self._take(self._open_port())  # which sends the byte
+                    while self._notices == seen and self.clock.now() < until:
+                        self._listen()
+                except PORT_ERRORS as error:
+                    self._broken(error)
+                    self.clock.sleep(STOP_WAIT)
+                finally:
+                    self._turn.release()
+        report = Stopped(self._notices > seen, sent, self.clock.now() - began)
+        self._write_log("stop", began, confirmed=report.confirmed, bytes=sent)
+        return report
+
+    @property
+    def halted(self) -> bool:
+        """A stop was sent, and no reset has been confirmed since."""
+        return self._halted.is_set()
+
+    def release(self) -> None:
+        """Motions may be asked for again; for the reset, once the launcher has confirmed it."""
+        self._halted.clear()
+
+    def note(self, kind: str, detail: str) -> None:
+        """Remember something out of the ordinary."""
+        self.incidents.append(Incident(self.clock.now(), kind, detail))
+
+    def _check(self, through_stop: bool) -> None:
+        if self._halted.is_set() and not through_stop:
+            raise LauncherStopped("the launcher is stopped; look, then reset it and home it")
+
+    def _exchange(self, sequence: int, body: str, through_stop: bool) -> Reply:
+        line = frame(":", sequence, body)
+        began = self.clock.now()
+        patience = self.timing.reply_s + (len(line) + LONGEST_REPLY) * self._byte_s
+        self.exchanges += 1
+        silent = 0
+        for attempt in range(self.timing.retries + 1):
+            self._check(through_stop)
+            try:
+                if self._port is None:
+                    self._reopen()
+                self._clear(QUIET if attempt else 0.0)
+                self._check(through_stop)
+                sent_at = self.clock.now()
+                self._send(line)
+                got = self._await(sequence, sent_at + patience, through_stop)
+            except PORT_ERRORS as error:
+                self._broken(error)
+                continue
+            now = self.clock.now()
+            if got is not None:
+                usual = (len(line) + len(got) + 12) * self._byte_s + 0.4 * self.timing.reply_s
+                if now - sent_at > usual:
+                    self.note("slow", f"{body.split(' ')[0]} answered after {now - sent_at:.3f} s")
+                if self._owed:  # replies keep their order: what has not come before this one never will
+                    self.note("lost", f"{self._owed} earlier lines or their replies were lost")
+                self._owed = silent
+                self._write_log("exchange", began, sequence=sequence, sent=body, reply=got, retries=attempt)
+                return Reply(got, attempt, now - began)
+            silent += 1
+            self.note("silence", f"{body.split(' ')[0]} unanswered, attempt {attempt + 1}")
+        self._write_log("exchange", began, sequence=sequence, sent=body, reply=None, retries=self.timing.retries)
+        raise LinkLost(f"no answer to {body!r} in {self.timing.retries + 1} attempts; check the cable and the power")
+
+    def _await(self, sequence: int, until: float, through_stop: bool) -> str | None:
+        """Body of the reply with this number; None when the time is over."""
+        while self.clock.now() < until:
+            for got in self._listen():
+                if got.sequence == sequence:
+                    return got.body
+                self._came_late(got)
+            self._check(through_stop)
+        return None
+
+    def _came_late(self, reply: Frame) -> None:
+        self._owed = max(self._owed - 1, 0)
+        self.note("stale", f"a second reply to {reply.sequence:04X} came late")
+
+    def _listen(self) -> list[Frame]:
+        """Frames that come within SLICE; nothing on a port that is out."""
+        if (port := self._port) is None:
+            self.clock.sleep(SLICE)
+            return []
+        data = port.read(1)
+        waiting = port.in_waiting
+        return self._sort(data + port.read(waiting) if waiting else data)
+
+    def _sort(self, data: bytes) -> list[Frame]:
+        """Frames in these bytes; answers to a stop are counted, noise is noted."""
+        before = self._reader.dropped
+        found = [a for a in self._reader.feed(data) if isinstance(a, Frame)]
+        if self._reader.dropped > before:
+            self.note("junk", f"{self._reader.dropped - before} bytes thrown away")
+        notices = [f for f in found if f.sequence == UNASKED and f.body.startswith("STOPPED")]
+        self._notices += len(notices)
+        return [f for f in found if f not in notices]
+
+    def _clear(self, quiet: float) -> None:
+        """Throw away what came late, until it has been quiet for so long [s]; it is noted."""
+        port, until = self._port, self.clock.now() + 0.2
+        while port is not None and self.clock.now() < until:
+            waiting = port.in_waiting
+            data = port.read(waiting) if waiting else b""
+            for late in self._sort(data):
+                self._came_late(late)
+            if not data:
+                if quiet <= 0:
+                    break
+                self.clock.sleep(quiet)
+                quiet = 0.0 if not port.in_waiting else quiet
+        if self._reader.waiting:
+            self._reader.forget()
+            self.note("junk", "half a reply thrown away")
+
+    def _send(self, data: bytes) -> None:
+        if self._port is None:
+            raise OSError("the port is closed")
+        self._port.write(data)
+
+    def _broken(self, error: Exception) -> None:
+        self.note("cable", " ".join(str(error).split()) or type(error).__name__)
+        with self._swap:
+            self._drop()
+
+    def _drop(self) -> None:
+        port, self._port = self._port, None
+        if port is not None:
+            try:
+                port.close()
+            except PORT_ERRORS as error:
+                self.note("cable", f"closing: {error}")
+
+    def _take(self, port: Port) -> None:
+        """Use this port; a stop that found none goes first."""
+        with self._swap:
+            self._port = port
+            self._reader.forget()
+            if self._halted.is_set():
+                port.write(STOP)
+
+    def _reopen(self) -> None:
+        began = self.clock.now()
+        while True:
+            try:
+                self._take(self._open_port())
+            except PORT_ERRORS as error:
+                with self._swap:
+                    self._drop()
+                if self.clock.now() - began >= self.timing.reconnect_s:
+                    raise LinkLost(f"the cable is out ({error}); put it in and connect again") from error
+                self.clock.sleep(min(0.1, self.timing.reconnect_s))
+            else:
+                return self.note("cable", f"open again after {self.clock.now() - began:.1f} s")
+
+    def _write_log(self, event: str, began: float, **facts: Any) -> None:
+        """One line, written at once and without a buffer: it must hold what came before a crash."""
+        if self._log < 0:
+            return
+        now = self.clock.now()
+        record = {"utc": time.time(), "event": event, "began": began, "seconds": now - began} | facts
+        try:
+            os.write(self._log, (json.dumps(record) + "\n").encode())
+        except OSError as error:  # a full disk must not keep a stroke's result from its caller
+            self.note("log", f"not written: {error.strerror}")

@@ -1,0 +1,1 @@
+"""The launcher and its table without hardware: firmware, faults on request, and a table with hidden constants."""

@@ -1,0 +1,399 @@
+"""The launcher's microcontroller, emulated: the protocol's other end, with a servo, a rack and a stage that take time.
+
+It does what the device of Robotic Billiards (2015), section V, would do under `protocol.py`. Nothing runs by itself:
+each byte and each look at it first brings it up to the clock that was passed in, so that a virtual clock gives the same
+strokes as a real one, at once. What it truly did is kept in `deeds`, which no line can harm: tests judge by them.
+
+Stroke: raised-cosine run-up, then constant speed v(NNN) with a ripple along the rack,
+v (1 + A sin(2 pi (s + s_rest) / lambda + phi)), then braking; the tip meets the ball at BALL_AT. Stage: a play of b
+between motor and tip, x_tip = clip(x_tip, x_motor, x_motor + b), zero where it came from below. Grades of the sizes:
+A two sources, B one, C estimate. Leaves out the ball's push on the rack, lost steps short of a stall, and vibration.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot.device import protocol
+from robot.device.protocol import BUSY, FIRST, LAST, UNASKED, Arrival, Frame, Status
+
+RUN_UP, LEAST_ACCELERATION = 0.160, 5.0  # [m], [m/s^2]; as models/mjcf/launcher.md, C
+BALL_AT = 0.190  # from the retracted tip to the ball [m]; inside the level stroke, C
+LEVEL_END = 0.230  # where braking begins [m]; run-up and 70 mm as models/mjcf/launcher.md, C
+BRAKING = 45.0  # [m/s^2]; as models/mjcf/launcher.md, C
+RIPPLE, TOOTH = 0.01, 0.002 * math.pi  # part of the speed; pitch of a module 2 rack [m]; C
+SCATTER = 0.0125  # of the speed from stroke to stroke, part of it; from +-50 mm by robot/emulator/repeatability.py, B
+REST = 0.0005  # sd of where a retract leaves the rack [m]; C
+ENCODER = 0.001  # sd of the measured speed, part of it: 5.9 micrometre a count over 5 mm; C
+RETRACT_SPEED = 0.25  # [m/s]; C
+FORCE = 313.0  # peak on the tip a cue speed [N s/m]: 860 N at 2.75 m/s in models/mjcf/launcher.md; B
+SENSOR_TOP, SENSOR_SD = 440.0, 0.03  # FlexiForce A201-100: 100 lb, 3 %, from memory of its sheet; C
+STAGE_STEP = 10  # [micrometre]: 200 steps a turn, 2 mm of lead, C
+STAGE_RANGE = 25_000  # each way [micrometre]: 2 in of travel (AEROTECH ATS302, from memory), C
+STAGE_SPEED, STAGE_ACCELERATION = 0.010, 0.050  # [m/s], [m/s^2]; C
+BACKLASH = (150.0, 250.0)  # of x and y [micrometre]; screws of that class 0.1 to 0.3 mm, C
+TILT = math.radians(6.5)  # of the cue (Robotic Billiards 2015), A
+ARMED_FOR = 5.0  # [s] until an unused arming lapses
+TAKES = {"VERSION": 0, "STATUS": 0, "FORCE": 0, "HOME": 0, "RETRACT": 0, "DISARM": 0, "RESET": 1, "MOVE": 2, "ARM": 2}
+GAP = 0.5  # [s] of silence that ends a line under way
+BOOT = 0.3  # [s] of deafness after a restart; C
+
+
+def paper_law(string: int) -> float:
+    """Cue speed of a string [m/s]: the line through '001p' 2.75 and '200p' 0.30 (Robotic Billiards 2015)."""
+    return 2.75 - (2.75 - 0.30) / (LAST - FIRST) * (string - FIRST)
+
+
+@dataclass(frozen=True)
+class Deed:
+    """Something the launcher truly did."""
+
+    time: float  # of its clock [s]
+    what: str  # homed, moved, struck, retracted, stopped, reset, booted, stuck, refused
+    string: int = 0
+    number: int = 0  # of the stroke
+    speed: float = 0.0  # of the cue at the ball [m/s]
+    x: float = 0.0  # of the tip [m]; for struck, side from the ball's centre
+    y: float = 0.0
+
+
+@dataclass
+class Memory:
+    """What outlasts a loss of power: 20 bytes of the PIC18F458's EEPROM."""
+
+    boots: int = 0
+    stops: int = 0
+    begun: int = 0
+    done: int = 0
+    string: int = 0
+    speed: float = 0.0
+    force: float = 0.0
+    stopped: bool = False
+
+
+@dataclass(frozen=True)
+class Run:
+    """A stroke under way."""
+
+    start: float  # [s]
+    speed: float  # commanded [m/s]
+    string: int
+
+    @property
+    def ramp(self) -> float:
+        """Time of the run-up [s]."""
+        return min(2 * RUN_UP / self.speed, self.speed / LEAST_ACCELERATION)
+
+    def at(self, distance: float) -> float:
+        """Clock time [s] at which the tip has come so far [m], past the run-up."""
+        return self.start + self.ramp + (distance - 0.5 * self.speed * self.ramp) / self.speed
+
+    def state(self, now: float) -> tuple[float, float]:
+        """Distance [m] and speed [m/s] before braking."""
+        t, ramp, v = now - self.start, self.ramp, self.speed
+        if t >= ramp:
+            return v * (t - 0.5 * ramp), v
+        turn = math.pi * t / ramp
+        return 0.5 * v * (t - ramp / math.pi * math.sin(turn)), v * (0.5 - 0.5 * math.cos(turn))
+
+
+class Firmware:
+    """An emulated launcher."""
+
+    def __init__(
+        self,
+        now: Callable[[], float],
+        rng: np.random.Generator,
+        *,
+        on_strike: Callable[[float, float, float], None] | None = None,
+        law: Callable[[int], float] = paper_law,
+        ripple: float = RIPPLE,
+        backlash: tuple[float, float] = BACKLASH,
+    ) -> None:
+        """Switch it on.
+
+        Args:
+            now: its clock [s].
+            rng: of what does not repeat.
+            on_strike: called with cue speed [m/s], side and height [m] of the axis when the tip meets the ball.
+            law: the true cue speed of a string [m/s], which a calibration is to find.
+            ripple: of the speed along the rack, part of it.
+            backlash: of the stage in x and y [micrometre].
+        """
+        self._now, self._rng, self._on_strike, self._law = now, rng, on_strike, law
+        self._ripple, self._backlash = ripple, backlash
+        self._phase = rng.uniform(0, 2 * math.pi)
+        self.memory = Memory()
+        self.deeds: list[Deed] = []
+        self._events: list[tuple[float, Callable[[], None], bool]] = []  # time, what, whether it outlasts a stop
+        self._time = now()  # of the event that is being worked out
+        self._motor, self._tip = [0.0, 0.0], [0.0, 0.0]  # [micrometre]
+        self._stuck = False
+        self._last: tuple[Frame, str] | None = None  # the last request and its reply
+        self._armed = self._refused = self._faults = 0
+        self._heard = self._deaf_until = self._time
+        self.state = "UNHOMED"
+        self._rack, self._rest = 0.0, 0.0  # [m]
+        self._boot()
+
+    def receive(self, data: bytes) -> bytes:
+        """Bytes from the cable; returns what it answers."""
+        self.update()
+        if self._time < self._deaf_until:
+            return b""
+        if self._reader.waiting and self._time - self._heard > GAP:
+            self._reader.forget()
+        self._heard = self._time
+        return b"".join(self._answer(arrival) for arrival in self._reader.feed(data))
+
+    def update(self) -> None:
+        """Bring it up to the clock."""
+        now = self._now()
+        while self._events and self._events[0][0] <= now:
+            self._time, event, _ = self._events.pop(0)
+            event()
+        self._time = now
+
+    def status(self) -> Status:
+        """What it would tell now."""
+        self.update()
+        m = self.memory
+        x, y = (round(v) for v in (self._under_way() if self.state == "MOVING" else self._motor))
+        return Status(
+            self.state, m.boots, m.stops, m.begun, m.done, self._armed, x, y, m.string, round(m.speed * 1e6),
+            round(m.force * 1e3), self._reader.dropped, self._refused, self._faults,
+        )  # fmt: skip
+
+    def tip(self) -> tuple[float, float]:
+        """Where the cue's axis truly is: side, height [m] from where home puts it, across the cue."""
+        return self._tip[0] * 1e-6, self._tip[1] * 1e-6 * math.cos(TILT)
+
+    def restart(self, after: float = 0.0) -> None:
+        """Lose power for a moment, `after` seconds from now."""
+        self._at(self._now() + after, self._lose_power, lasting=True)
+
+    def stick(self) -> None:
+        """The next motion of the stage does not come to its end; a reset frees it."""
+        self._stuck = True
+
+    def _answer(self, arrival: Arrival) -> bytes:
+        if isinstance(arrival, protocol.StopByte):
+            self._stop()
+            return protocol.frame("=", UNASKED, f"STOPPED {self.memory.stops}")
+        if isinstance(arrival, protocol.StrokeLine):
+            self._stroke(arrival.string)
+            return b""
+        return protocol.frame("=", arrival.sequence, self._reply(arrival))
+
+    def _reply(self, request: Frame) -> str:
+        """A repeated number gets the stored reply; what it asks for is not done again."""
+        if request.sequence == UNASKED:
+            self._last = None
+            return f"OK {protocol.VERSION}" if request.body == "VERSION" else "NO SEQUENCE"
+        if self._last is not None and self._last[0].sequence == request.sequence:
+            return self._last[1] if self._last[0] == request else "NO SEQUENCE"
+        reply = self._obey(request.body)
+        self._last = (request, reply)
+        return reply
+
+    def _obey(self, body: str) -> str:
+        verb, *words = body.split(" ")
+        if verb not in TAKES:
+            return "NO COMMAND"
+        try:
+            values = [int(word) for word in words]
+        except ValueError:
+            return "NO SYNTAX"
+        if len(values) != TAKES[verb]:
+            return "NO SYNTAX"
+        if verb == "VERSION":
+            return f"OK {protocol.VERSION}"
+        if verb == "STATUS":
+            return protocol.status_body(self.status())
+        if verb == "FORCE":
+            return f"OK 0 {round(self.memory.force * 1e3)}"  # nothing touches the tip now; peak of the last stroke
+        if verb == "RESET":
+            return self._reset(values[0])
+        if verb == "DISARM":
+            if self.state == "ARMED":
+                self.state, self._armed = "IDLE", 0
+            return "OK"
+        if self.state in (*BUSY, "ARMED", "STOPPED", "FAULT"):
+            return f"NO {self.state}"
+        if verb == "HOME":
+            return self._home()
+        if verb == "RETRACT":
+            return self._retract()
+        return self._move(*values) if verb == "MOVE" else self._arm(*values)
+
+    def _reset(self, stops: int) -> str:
+        if stops != self.memory.stops:
+            return "NO STOPS"  # a stop came in between: whoever asks has not seen it
+        if self.state in ("STOPPED", "FAULT"):
+            self.memory.stopped, self._stuck, self._faults = False, False, 0
+            self.state = "UNHOMED"
+            self._note("reset")
+        return "OK"
+
+    def _home(self) -> str:
+        self.state = "MOVING"
+        back = self._time + self._rack / RETRACT_SPEED
+        self._travel((0.0, 0.0), back, "homed", extra=0.5)
+        return "OK"
+
+    def _move(self, x: int, y: int) -> str:
+        if self.state != "IDLE":
+            return f"NO {self.state}"
+        if max(abs(x), abs(y)) > STAGE_RANGE:
+            return "NO RANGE"
+        self.state = "MOVING"
+        self._travel((round(x / STAGE_STEP) * STAGE_STEP, round(y / STAGE_STEP) * STAGE_STEP), self._time, "moved")
+        return "OK"
+
+    def _arm(self, string: int, number: int) -> str:
+        if self.state != "IDLE":
+            return f"NO {self.state}"
+        if not FIRST <= string <= LAST:
+            return "NO RANGE"
+        if number != self.memory.begun + 1:
+            return "NO NUMBER"
+        self.state, self._armed = "ARMED", string
+        self._at(self._time + ARMED_FOR, self._lapse(number))
+        return "OK"
+
+    def _lapse(self, number: int) -> Callable[[], None]:
+        def lapse() -> None:
+            if self.state == "ARMED" and self.memory.begun + 1 == number:
+                self.state, self._armed = "IDLE", 0
+
+        return lapse
+
+    def _stroke(self, string: int) -> None:
+        if self.state != "ARMED" or self._armed != string:
+            self._refused += 1
+            self._note("refused", string=string)
+            return
+        self._cancel()
+        self._armed, self.state = 0, "STRIKING"
+        self.memory.begun += 1  # before the first pulse: a number is used up even if power fails now
+        scattered = self._law(string) * (1 + SCATTER * self._rng.standard_normal())
+        self._run = Run(self._time, scattered, string)
+        self._at(self._run.at(BALL_AT), lambda: self._hit(scattered))
+        end = self._run.at(LEVEL_END) + scattered / BRAKING
+        self._at(end, self._finish)
+
+    def _hit(self, speed: float) -> None:
+        """The tip meets the ball, at this speed but for the ripple [m/s]."""
+        run, along = self._run, (BALL_AT + self._rest) / TOOTH
+        true = speed * (1 + self._ripple * math.sin(2 * math.pi * along + self._phase))
+        side, height = self.tip()
+        self._measured = true * (1 + ENCODER * self._rng.standard_normal())
+        self._peak = min(FORCE * true * (1 + SENSOR_SD * self._rng.standard_normal()), SENSOR_TOP)
+        self._note("struck", string=run.string, number=self.memory.begun, speed=true, x=side, y=height)
+        if self._on_strike is not None:
+            self._on_strike(true, side, height)
+
+    def _finish(self) -> None:
+        run, m = self._run, self.memory
+        self.state = "EXTENDED"
+        self._rack = LEVEL_END + 0.5 * run.speed**2 / BRAKING
+        m.done, m.string, m.speed, m.force = m.begun, run.string, self._measured, self._peak
+
+    def _retract(self) -> str:
+        if self.state == "EXTENDED":
+            self.state = "RETRACTING"
+            self._at(self._time + self._rack / RETRACT_SPEED, self._retracted)
+        return "NO UNHOMED" if self.state == "UNHOMED" else "OK"
+
+    def _retracted(self) -> None:
+        self.state, self._rack, self._rest = "IDLE", 0.0, REST * self._rng.standard_normal()
+        self._note("retracted")
+
+    def _travel(self, target: tuple[float, float], start: float, what: str, extra: float = 0.0) -> None:
+        """The stage goes there [micrometre], both axes at once."""
+        way = 1e-6 * max(abs(t - m) for t, m in zip(target, self._motor, strict=True))
+        full = STAGE_SPEED**2 / STAGE_ACCELERATION
+        needs = way / STAGE_SPEED + STAGE_SPEED / STAGE_ACCELERATION
+        needs = needs if way > full else 2 * math.sqrt(way / STAGE_ACCELERATION)
+        self._journey = (start, list(self._motor), target, needs)
+        self._at(start + needs + extra, lambda: self._arrived(what))
+
+    def _arrived(self, what: str) -> None:
+        if self._stuck:
+            self._stall()
+            return
+        self._put(self._journey[2])
+        if what == "homed":
+            self._tip, self._rack, self._rest = [0.0, 0.0], 0.0, 0.0  # it ends upwards, off the switches
+            self._faults = 0
+        self.state = "IDLE"
+        self._note(what, x=self._tip[0] * 1e-6, y=self._tip[1] * 1e-6)
+
+    def _stall(self) -> None:
+        """The drive tells a stall, somewhere on the way (assumed: a stepper without that would tell at home only)."""
+        part = self._rng.uniform(0, 1)
+        self._put([m + part * (t - m) for m, t in zip(self._motor, self._journey[2], strict=True)])
+        self.state, self._faults = "FAULT", self._faults | 1
+        self._note("stuck")
+
+    def _under_way(self) -> list[float]:
+        """Where the motors of the stage are on their way [micrometre]; at constant speed, near enough."""
+        start, origin, target, needs = self._journey
+        part = min(max((self._time - start) / needs, 0.0), 1.0) if needs > 0 else 1.0
+        return [m + part * (t - m) for m, t in zip(origin, target, strict=True)]
+
+    def _put(self, motor: tuple[float, float] | list[float]) -> None:
+        self._motor = list(motor)
+        self._tip = [min(max(t, m), m + b) for t, m, b in zip(self._tip, motor, self._backlash, strict=True)]
+
+    def _stop(self) -> None:
+        self._cease()
+        self.memory.stops += 1
+        self.memory.stopped, self.state, self._armed = True, "STOPPED", 0
+        self._note("stopped")
+
+    def _cease(self) -> None:
+        """No more pulses: the stage stands, the rack brakes and may still touch the ball."""
+        self._cancel()
+        now = self._time
+        if self.state == "STRIKING":
+            gone, speed = self._run.state(now)
+            left = speed**2 - 2 * BRAKING * (BALL_AT - gone)
+            self._rack = gone + 0.5 * speed**2 / BRAKING
+            if gone < BALL_AT and left > 0:
+                slower = math.sqrt(left)
+                self._at(now + (speed - slower) / BRAKING, lambda: self._hit(slower), lasting=True)
+        elif self.state == "MOVING":
+            self._put(self._under_way())
+
+    def _lose_power(self) -> None:
+        interrupted = self.state == "STRIKING"
+        self._cease()
+        self._boot()
+        self._faults |= 4 * interrupted
+
+    def _boot(self) -> None:
+        self.memory.boots += 1
+        self._reader = protocol.Reader(":", commands=True)
+        self._last = None
+        self._armed = self._refused = self._faults = 0
+        self._heard = self._time
+        self._deaf_until = self._heard + BOOT if self.memory.boots > 1 else self._heard
+        self.state = "STOPPED" if self.memory.stopped else "UNHOMED"
+        self._note("booted")
+
+    def _at(self, time: float, event: Callable[[], None], *, lasting: bool = False) -> None:
+        self._events.append((time, event, lasting))
+        self._events.sort(key=lambda e: e[0])
+
+    def _cancel(self) -> None:
+        """Forget what was to come, but not what no command can prevent."""
+        self._events = [e for e in self._events if e[2]]
+
+    def _note(self, what: str, **facts: float) -> None:
+        self.deeds.append(dataclasses.replace(Deed(self._time, what), **facts))  # type: ignore[arg-type]

@@ -1,0 +1,1 @@
+"""How balls turn, from the marks that pictures show of them."""

@@ -1,0 +1,143 @@
+"""Effects of cloth and ball against an independent program that has them hidden, and how steps follow them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from models.model_file import Model, effect_class, full_model
+from models.shot import Array, Shot, Track
+from models.simulation.simulate import simulate
+from tests.models.effects.test_catalogue import BALL, BASE, ENGINES, TABLE, shots
+from tests.truth import physics
+from tests.truth.cloth import Constants
+
+CASES = [
+    ("cloth_nap", {"push": 0.03}, {"nap": 0.03 / (0.0127 * 9.81)}),
+    ("cloth_nap", {"push": -0.015}, {"nap": 0.015 / (0.0127 * 9.81), "nap_phi": np.pi}),
+    ("spin_slide_coupling", {"lever": 0.006}, {"contensou": 0.006}),
+    ("slide_friction_speed", {"rate": 0.12}, {"mus_v": 0.12}),
+    ("slide_friction_speed", {"rate": -0.12}, {"mus_v": -0.12}),
+    ("spin_decay_speed", {"rate": 0.8}, {"spin_v": 0.8}),
+    ("off_centre_ball", {"offset": 0.003}, {"off_centre": 0.003}),
+    ("cue_hop", {"time_per_speed": 0.02}, {"hop": 0.02}),
+]
+VARYING = [
+    ("table_tilt", {"slope_x": 0.0007, "slope_y": -0.0016}), ("cloth_nap", {"push": 0.03}),
+    ("speed_drag", {"rate": 0.035}), ("air_drag", {"rate": 0.02}), ("side_curve", {"rate": 0.002}),
+    ("spin_slide_coupling", {"lever": 0.005}), ("slide_friction_speed", {"rate": 0.1}),
+    ("spin_decay_speed", {"rate": 0.3}), ("off_centre_ball", {"offset": 0.002}),
+]  # fmt: skip
+
+
+def base(engine: str) -> Model:
+    return dataclasses.replace(full_model(TABLE, BALL).with_values(BASE), engine=engine)
+
+
+def model(name: str, values: dict[str, float], engine: str) -> Model:
+    """The base with one more effect."""
+    return base(engine).add(effect_class(name)(**values))
+
+
+def truth(shot: Shot, hidden: dict[str, float]) -> Array:
+    """Where the independent program sees the balls: (n, nball, 2) [m]."""
+    starts = {
+        n: physics.Start(tuple(p), tuple(v), tuple(w))
+        for n, p, v, w in zip(shot.names, shot.position, shot.velocity, shot.spin, strict=True)
+    }
+    table = physics.Table(TABLE.length, TABLE.width, False)
+    return physics.simulate(table, Constants(**hidden), starts, shot.times, increments=20_000).xy
+
+
+def apart(a: list[Track], b: list[Track]) -> Array:
+    """The largest distance along an axis in every shot [m]."""
+    return np.array([np.abs(x.position - y.position).max() for x, y in zip(a, b, strict=True)])
+
+
+@ENGINES
+@pytest.mark.parametrize(("name", "values", "hidden"), CASES, ids=[f"{c[0]}-{k}" for k, c in enumerate(CASES)])
+def test_an_effect_is_what_the_hidden_one_is(
+    name: str, values: dict[str, float], hidden: dict[str, float], engine: str
+) -> None:
+    played = shots(6)
+    seen = simulate(model(name, values, engine), played)
+    plain = simulate(base(engine), played)
+    error = max(np.abs(truth(shot, hidden) - track.position).max() for shot, track in zip(played, seen, strict=True))
+    moved = apart(plain, seen).max()
+    assert moved > 2e-3, "the effect shows in these shots"
+    assert error < 0.02 * moved + 5e-5
+
+
+@pytest.mark.parametrize(("name", "values"), VARYING, ids=[c[0] for c in VARYING])
+def test_steps_follow_what_varies(name: str, values: dict[str, float]) -> None:
+    """Long steps end where fine ones do, off cushions and after eight seconds."""
+    rng, played = np.random.default_rng(11), []
+    for heading in rng.uniform(-np.pi, np.pi, 12):
+        v = np.array([[np.cos(heading), np.sin(heading)]]) * rng.uniform(0.5, 3.0)
+        played.append(Shot(("white",), np.zeros((1, 2)), v, rng.normal(0, 25, (1, 3)), np.linspace(0, 8, 97)))
+    fine = simulate(model(name, values, "mujoco"), [dataclasses.replace(shot, max_step=0.004) for shot in played])
+    for engine in ("events", "mujoco"):
+        error = apart(simulate(model(name, values, engine), played), fine).max()
+        assert error < (6e-5 if name == "spin_slide_coupling" else 2e-5), engine
+
+
+@ENGINES
+def test_touches_are_landed_on(engine: str) -> None:
+    """Under a force that varies a ball meets a cushion where it is."""
+    played = [
+        Shot(("white",), np.zeros((1, 2)), np.array([[1.0, 1.3]]), np.zeros((1, 3)), np.linspace(0, 6, 4001)),
+    ]  # fmt: skip
+    tilted = model("table_tilt", {"slope_x": 0.004, "slope_y": -0.003}, engine)
+    track = simulate(tilted, played)[0]
+    reach = TABLE.reach(BALL)
+    assert len(track.events) > 1
+    times = np.array([e.time for e in track.events])
+    seen = np.sort(np.concatenate([played[0].times, times]))
+    again = simulate(tilted, [dataclasses.replace(played[0], times=seen)])[0]
+    for event in track.events:
+        axis = "xy".index(event.rail[1])
+        at = again.position[np.searchsorted(seen, event.time), 0, axis]
+        assert abs(abs(at) - reach[axis]) < 1e-9
+    assert (np.abs(track.position[:, 0]) < reach + 1e-9).all()
+
+
+@ENGINES
+def test_a_hopping_ball_meets_no_cloth(engine: str) -> None:
+    times = np.linspace(0, 0.06, 7)
+    shot = Shot(("white",), np.zeros((1, 2)), np.array([[2.0, 0.0]]), np.array([[0.0, 0.0, 40.0]]), times)
+    track = simulate(model("cue_hop", {"time_per_speed": 0.02}, engine), [shot])[0]
+    flies = times <= 0.04
+    assert (track.velocity[flies, 0, 0] == 2.0).all()
+    assert np.abs(track.spin[flies, 0, 2] - 40.0).max() < 1e-12
+    assert track.velocity[-1, 0, 0] == pytest.approx(2.0 - 0.02 * 0.212 * 9.81, abs=1e-9)
+    assert track.spin[-1, 0, 2] == pytest.approx(40.0 - 0.02 * 22.0, abs=1e-9)
+
+
+@ENGINES
+def test_a_ball_at_rest_stays_there_under_the_nap(engine: str) -> None:
+    shot = Shot(("white",), np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 3)), np.linspace(0, 5, 3))
+    assert not simulate(model("cloth_nap", {"push": 0.1}, engine), [shot])[0].position.any()
+
+
+@ENGINES
+def test_slip_and_sidespin_share_their_friction(engine: str) -> None:
+    """At the start each has the share that the lever says."""
+    u, wz, h = 1.0, 100.0, 1e-4
+    shot = Shot(("white",), np.zeros((1, 2)), np.array([[u, 0.0]]), np.array([[0.0, 0.0, wz]]), np.array([0.0, h]))
+    track = simulate(model("spin_slide_coupling", {"lever": 0.01}, engine), [shot])[0]
+    assert (u - track.velocity[1, 0, 0]) / h == pytest.approx(0.212 * 9.81 / np.sqrt(2), rel=1e-3)
+    assert (wz - track.spin[1, 0, 2]) / h == pytest.approx(22.0 / np.sqrt(2), rel=1e-3)
+
+
+@ENGINES
+@pytest.mark.parametrize("name", ["side_curve", "air_drag", "slide_friction_speed", "off_centre_ball"])
+@pytest.mark.parametrize("gap", [0.0, -1e-4, -0.02])
+def test_balls_that_touch_from_the_start_part_as_without_the_effect(name: str, gap: float, engine: str) -> None:
+    places = np.array([[0.0, 0.0], [BALL.diameter + gap, 0.0]])
+    shot = Shot(("a", "b"), places, np.array([[0.9, 0.3], [0.0, 0.0]]), np.zeros((2, 3)), np.linspace(0, 0.3, 10))
+    usual = base(engine)
+    plain, varied = (simulate(m, [shot])[0] for m in (usual, usual.add(effect_class(name)())))
+    assert len(varied.events) == len(plain.events) == 1
+    assert np.abs(varied.position - plain.position).max() < 0.01

@@ -1,0 +1,207 @@
+"""The `robot` command: exit statuses, one-line errors, a launcher at a port, an interrupt that stops it first."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import robot.cli.play
+from models.model_file import write_model
+from planner.scene import scene_from, write_scene
+from robot.cli.verbs import main, parser
+from robot.cueing.campaign import COLUMNS
+from robot.device import calibrate
+from robot.device.settings import read_settings, write_settings
+from robot.emulator import repeatability
+from robot.emulator.firmware import Firmware
+from robot.emulator.launcher import Emulator, Pace
+from robot.play import played_file, read_order
+from sysid.clips import read_clip_set
+from tests.robot.test_robot_play import MODEL, OURS, straight_plan, struck
+from tests.support.clip_samples import contents
+from tests.sysid.cli.test_cli import Said, said_by
+
+Run = Callable[..., Said]
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Path:
+    return straight_plan(tmp_path / "plan.json")
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def call(*words: str | Path) -> Said:
+        return said_by(main, words, capsys)
+
+    return call
+
+
+def test_play_on_the_emulator_from_the_command_line(run: Run, plan: Path, tmp_path: Path) -> None:
+    hidden = tmp_path / "hidden.toml"
+    write_model(MODEL, hidden)
+    said = run("play", plan, "--clips", tmp_path / "set", "--model", hidden, "--seed", 5)
+    assert said.status == 0, said
+    assert "no --port: on the emulated launcher" in said.out and "object ball: " in said.out
+    assert played_file(plan).exists() and len(read_clip_set(tmp_path / "set").clips) == 1
+
+
+def test_a_dry_run_moves_and_writes_nothing(run: Run, plan: Path, tmp_path: Path) -> None:
+    before = contents(tmp_path)
+    string = json.loads(plan.read_text())["launcher"]["string"]
+    for more in ((), ("--port", "/dev/none")):
+        said = run("play", plan, "--dry-run", *more)
+        assert said.status == 0, said
+        assert f"would send {string}" in said.out and "nothing has moved" in said.out
+    assert contents(tmp_path) == before
+
+
+def test_bad_input_is_one_line_and_status_2(run: Run, plan: Path, tmp_path: Path) -> None:
+    moved, settings = tmp_path / "moved.toml", tmp_path / "l.toml"
+    data = json.loads(plan.read_text())["scene"]
+    data["balls"]["blue"][0] += 0.02
+    write_scene(scene_from(data, "test"), moved)
+    write_settings(dataclasses.replace(OURS, limits=dataclasses.replace(OURS.limits, cue_speed=(0.3, 0.5))), settings)
+    for words, part in (
+        (("play", tmp_path / "none.json"), "none.json"),
+        (("play", plan, "--scene", moved), "ball blue lies 20."),
+        (("play", plan, "--settings", settings), "the limits are 0.3 to 0.5"),
+        (("play", plan, "--port", "/dev/none"), "cannot be opened"),
+        (("play", plan, "--port", "/dev/none", "--clips", "x"), "--clips: nobody films; give --camera and --video"),
+        (("play", plan, "--seed", "-1"), "--seed -1"),
+        (("play", plan, "--fault-rate", "2"), "rate of faults is 2"),
+        (("status", "--port", "/dev/none"), "cannot be opened"),
+        (("stop", "--port", "/dev/none"), "cannot be opened"),
+        (("emulate", "--pace", "0"), "pace is 0"),
+        (("emulate", "--fault-rate", "-1"), "--fault-rate -1"),
+        (("map", tmp_path / "none.csv", "--out", tmp_path / "m.toml"), "none.csv"),
+        (("campaign", tmp_path / "no" / "c.csv"), "its folder does not exist"),
+        (("repeat", "--json", tmp_path / "no" / "r.json"), "its folder does not exist"),
+        (("calibrate", "--out", tmp_path / "new.toml", "--port", "/dev/none", "--yes"), "cannot be opened"),
+        (("learn", "--out", tmp_path / "set", "--every", "3"), "a refit every 3"),
+    ):
+        before = contents(tmp_path)
+        said = run(*words)
+        assert said.status == 2, (words, said)
+        [line] = said.err.splitlines()
+        assert line.startswith(f"robot {words[0]}: ") and part in line, line
+        assert contents(tmp_path) == before
+    for words in ((), ("plai",), ("status",), ("map", "x.csv"), ("calibrate",), ("learn",)):
+        assert run(*words).status == 2
+
+
+def test_interrupts_end_with_their_own_status(run: Run, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*args: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(robot.cli.play, "_emulated_table", broken)
+    said = run("play", plan)
+    assert said.status == 130 and "robot play: interrupted" in said.err
+
+
+def test_a_campaign_is_gone_on_with_and_too_few_shots_make_no_map(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "c.csv"
+    assert run("campaign", out, "--most", 2).status == 0
+    said = run("campaign", out, "--most", 1)
+    assert said.status == 0 and "3 shots" in said.out
+    assert out.read_text().splitlines()[0] == ",".join(COLUMNS)
+    said = run("map", out, "--out", tmp_path / "map.toml")
+    assert said.status == 2 and "robot map: 3 shots" in said.err and not (tmp_path / "map.toml").exists()
+
+
+@contextlib.contextmanager
+def at_a_port() -> Iterator[tuple[str, Firmware]]:
+    """A launcher at the end of a pseudo-terminal."""
+    device = Firmware(Pace(20.0).now, np.random.default_rng(0))
+    with Emulator(device, baud=19200) as emulator:
+        yield emulator.path, device
+
+
+def test_single_verbs_at_a_port(run: Run) -> None:
+    with at_a_port() as (port, device):
+        assert "UNHOMED" in run("status", "--port", port).out
+        assert "IDLE" in run("home", "--port", port).out
+        assert "stopped, confirmed" in run("stop", "--port", port).out
+        assert device.state == "STOPPED"
+        said = run("status", "--port", port)
+        assert said.status == 1 and "STOPPED" in said.out
+        said = run("home", "--port", port)
+        assert said.status == 1 and "robot home: " in said.err and "reset" in said.err
+        assert run("reset", "--port", port).status == 0
+        assert run("home", "--port", port).status == 0
+
+
+def test_a_port_gets_the_stroke_once_after_a_yes(run: Run, plan: Path, tmp_path: Path, monkeypatch: Any) -> None:
+    seen = tmp_path / "seen.toml"
+    write_scene(read_order(plan, OURS).scene, seen)
+    with at_a_port() as (port, device):
+        monkeypatch.setattr("builtins.input", lambda prompt: "no")
+        said = run("play", plan, "--port", port, "--scene", seen)
+        assert said.status == 2 and "nothing was struck" in said.err and not struck(device)
+        assert device.state == "IDLE"
+        monkeypatch.setattr("builtins.input", lambda prompt: "yes")
+        said = run("play", plan, "--port", port, "--scene", seen)
+        assert said.status == 0 and "about to strike" in said.out and len(struck(device)) == 1
+        said = run("play", plan, "--port", port, "--yes")
+        assert said.status == 0 and "nobody has looked" in said.out and len(struck(device)) == 2
+    told = json.loads(played_file(plan).read_text())
+    assert told["struck"] == "yes" and told["potted"] is None and told["clip"] is None
+
+
+def test_a_port_is_calibrated_after_a_yes(run: Run, tmp_path: Path, monkeypatch: Any) -> None:
+    out = tmp_path / "new.toml"
+    with at_a_port() as (port, device):
+        words = ("calibrate", "--port", port, "--out", out, "--strings", 40, 160, "--repeats", 1)
+        monkeypatch.setattr("builtins.input", lambda prompt: "no")
+        said = run(*words)
+        assert said.status == 2 and "nothing was struck" in said.err and not struck(device) and not out.exists()
+        monkeypatch.setattr("builtins.input", lambda prompt: "yes")
+        said = run(*words)
+        assert said.status == 0 and "about to strike: 2 times without a pause" in said.out
+        assert "no --port" not in said.out and len(struck(device)) == 2 and device.state == "IDLE"
+    made = read_settings(out)
+    assert made.calibration.strings == (40, 160) and made.port.device == OURS.port.device
+
+
+def test_options_default_to_what_is_measured_without_them() -> None:
+    assert parser().parse_args(["repeat"]).repeats == repeatability.REPEATS
+    assert parser().parse_args(["calibrate", "--out", "x"]).repeats == calibrate.REPEATS
+
+
+def test_an_interrupt_stops_the_launcher_first(run: Run, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(prompt: str) -> str:
+        signal.raise_signal(signal.SIGINT)
+        return "yes"
+
+    with at_a_port() as (port, device):
+        monkeypatch.setattr("builtins.input", interrupted)
+        said = run("play", plan, "--port", port)
+        assert said.status == 130 and "the launcher was stopped" in said.err
+        assert device.state == "STOPPED" and not struck(device)
+
+
+def test_emulate_prints_its_port_and_ends_on_an_interrupt() -> None:
+    words = [sys.executable, "-m", "robot.cli", "emulate", "--pace", "20"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as served:
+        assert served.stdout is not None and served.stderr is not None
+        try:
+            port = served.stdout.readline().strip()
+            assert main(["home", "--port", port]) == 0
+        finally:
+            served.send_signal(signal.SIGINT)
+            try:
+                _, err = served.communicate(timeout=10)
+            finally:
+                served.kill()  # or leaving would wait for ever
+        assert served.returncode == 0 and err == ""
+        assert not Path(port).exists()

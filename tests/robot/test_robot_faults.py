@@ -1,0 +1,398 @@
+"""Nothing is lost, doubled or done wrong on a bad line, and every fault is told; how long a stop takes.
+
+`python -m tests.robot.test_robot_faults [--exchanges 10000] [--rate 0.05] [--stops 100]` measures at length.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+from models.errors import BadInput
+from robot.device.launcher import Did, Done, Launcher, LauncherFault, NotStruck, Refused, StrokeUnknown
+from robot.device.link import Link
+from robot.device.port import serial_opener
+from robot.device.protocol import BUSY, STATES, LauncherError, LauncherStopped, frame, stroke_line
+from robot.device.settings import PortSettings, Settings
+from robot.emulator.faults import DEVICE, DOWN, KINDS, UP, Fault, Faults
+from robot.emulator.firmware import Deed, Firmware
+from robot.emulator.launcher import Emulator, Line, Pace, VirtualClock, WirePort
+
+BAUD = 19200
+KNOWN = (NotStruck, Refused, LauncherStopped, LauncherFault)  # errors after which nothing more can come
+
+
+@dataclass
+class Tally:
+    """What became of the commands of a run."""
+
+    exchanges: int = 0
+    strokes: int = 0
+    commands: int = 0
+    given_up: int = 0  # reported as not done
+    unknown: int = 0  # strokes reported as not known
+    lost: list[str] = field(default_factory=list)  # reported as done, but not done
+    doubled: list[str] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)  # done otherwise than reported
+    denied: list[str] = field(default_factory=list)  # done, but reported as not done
+    silent: list[Fault] = field(default_factory=list)  # faults that nobody told of
+    faults: Counter[str] = field(default_factory=Counter)
+
+    def failures(self) -> list[object]:
+        return [*self.lost, *self.doubled, *self.wrong, *self.denied, *self.silent]
+
+
+class Bench:
+    """A launcher on a virtual line, and what it truly did."""
+
+    def __init__(self, rate: float, seed: int, kinds: tuple[str, ...] = KINDS) -> None:
+        rng = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
+        self.clock, self.rng = VirtualClock(), rng[2]
+        self.device = Firmware(self.clock.now, rng[0])
+        self.faults = Faults(rate, rng[1], kinds)
+        self.line = self.clock.line = Line(self.device, baud=BAUD, faults=self.faults)
+        timing = replace(Settings().timing, poll_s=0.1)  # more strokes an exchange
+        self.settings = replace(Settings(), timing=timing)
+        self.link = Link(lambda: WirePort(self.line, self.clock), self.settings.timing, baud=BAUD, clock=self.clock)
+        self.launcher = Launcher(self.settings, self.link)
+        self.tally = Tally()
+        self.told: list[float] = []  # times of errors that were raised
+
+    def recover(self) -> None:
+        """What an operator does after an error: look, reset, home, until it stands ready."""
+        for _ in range(30):
+            try:
+                self.launcher.connect()
+                self.launcher.reset()
+                self.launcher.home()
+            except (LauncherError, BadInput):  # the latter while the cable is out
+                self.told.append(self.clock.now())
+                self.clock.sleep(1.0)
+            else:
+                return
+        raise RuntimeError("the launcher does not come back")
+
+    def deeds(self, since: int, *what: str) -> list[Deed]:
+        self.device.update()
+        return [d for d in self.device.deeds[since:] if d.what in what]
+
+    def command(self, verb: str, *values: object) -> None:
+        """One command, judged by what the launcher truly did."""
+        self.device.update()
+        since, name, tally = len(self.device.deeds), f"{verb} {values} at {self.clock.now():.2f} s", self.tally
+        tally.commands += 1
+        result: Done | Did | None = None
+        error: LauncherError | None = None
+        try:
+            result = getattr(self.launcher, verb)(*values)
+        except LauncherError as raised:
+            error = raised
+            self.told.append(self.clock.now())
+            self.clock.sleep(10.0)  # whatever may still come, comes
+        struck = self.deeds(since, "struck")
+        if len(struck) > (verb == "strike"):
+            tally.doubled.append(name)
+        if isinstance(result, Done):
+            self._judge(result, struck, name)
+        elif verb == "move_tip" and result is not None and isinstance(result, Did):
+            x, y = self.device.tip()
+            if max(abs(1e3 * x - float(str(values[0]))), abs(1e3 * y - float(str(values[1])))) > 0.011:
+                tally.wrong.append(name)
+        elif verb == "retract" and result is not None and not self.deeds(since, "retracted"):
+            tally.lost.append(name)
+        if isinstance(error, StrokeUnknown):
+            tally.unknown += 1
+            if any(d.string != int(str(values[0])) for d in struck):
+                tally.wrong.append(name)
+        elif error is not None:
+            tally.given_up += 1
+            if struck:
+                tally.denied.append(name)
+        if error is not None:
+            self.recover()
+
+    def _judge(self, done: Done, struck: list[Deed], name: str) -> None:
+        self.tally.strokes += 1
+        if not struck:
+            self.tally.lost.append(name)
+            return
+        deed = struck[0]
+        same = (f"{deed.string:03d}p", deed.number) == (done.string, done.number) and name.startswith("strike")
+        near = abs(done.cue_speed / deed.speed - 1) < 0.006 and abs(done.x0_mm - 1e3 * deed.x) < 0.011
+        if not (same and near and abs(done.y0_mm - 1e3 * deed.y) < 0.011):
+            self.tally.wrong.append(name)
+
+    def cycle(self) -> None:
+        """A shot: place the tip, strike, retract; what fails is not repeated."""
+        r, angle = 13 * np.sqrt(self.rng.random()), 2 * np.pi * self.rng.random()
+        self.command("move_tip", round(float(r * np.cos(angle)), 2), round(float(r * np.sin(angle)), 2))
+        strokes = self.tally.strokes
+        if self.device.status().state == "IDLE":
+            self.command("strike", int(self.rng.integers(1, 201)))
+        if self.tally.strokes > strokes:
+            self.command("retract")
+
+    def account(self) -> Tally:
+        """The tally, with the faults of which nobody told within the next 3 s that the line was in use."""
+        times = np.sort([*(i.time for i in self.link.incidents), *self.told])
+        for fault in self.faults.done:
+            self.tally.faults[fault.kind] += 1
+            later = times[np.searchsorted(times, fault.time - 1e-9) :]
+            if fault.kind != "stuck" and not (len(later) and later[0] - fault.time < 3):
+                self.tally.silent.append(fault)
+        stalls = self.deeds(0, "stuck")
+        noticed = [any(0 <= t - d.time < 3 for t in self.told) for d in stalls]
+        if not all(noticed):
+            self.tally.silent.append(Fault(0.0, "stuck", b""))
+        self.tally.exchanges = self.link.exchanges
+        return self.tally
+
+
+def campaign(exchanges: int, rate: float, seed: int) -> Tally:
+    """Shot after shot on a bad line."""
+    bench = Bench(rate, seed)
+    bench.recover()
+    while bench.link.exchanges < exchanges:
+        bench.cycle()
+    return bench.account()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_on_a_clean_line_nothing_is_noted(seed: int) -> None:
+    bench = Bench(0.0, seed)
+    bench.recover()
+    for _ in range(10):
+        bench.cycle()
+    assert bench.tally.strokes == 10
+    assert [bench.tally.failures(), bench.tally.given_up, bench.link.incidents] == [[], 0, []]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_two_thousand_exchanges_on_a_bad_line(seed: int) -> None:
+    tally = campaign(2000, 0.05, seed)
+    assert tally.failures() == []
+    assert tally.strokes > 50
+    assert {*tally.faults, "stuck"} == set(KINDS)  # few lines move the stage
+
+
+def test_one_in_four_lines_spoiled() -> None:
+    tally = campaign(2000, 0.25, 5)
+    assert tally.failures() == []
+    assert tally.given_up > 10
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_fault_alone_does_no_harm_and_is_told(kind: str) -> None:
+    """The same fault on every line of a shot in turn."""
+    for place in range(14):
+        bench = Bench(0.0, place)
+        bench.recover()
+        sent = 0
+        put = bench.line.put
+
+        def counted(now: float, data: bytes, bench: Bench = bench, put: object = put, place: int = place) -> None:
+            nonlocal sent
+            if sent == place:
+                bench.faults.force(kind)
+            sent += 1
+            put(now, data)  # type: ignore[operator]
+
+        bench.line.put = counted  # type: ignore[method-assign]
+        bench.cycle()
+        bench.launcher.status()
+        bench.clock.sleep(2.0)  # a restart may come that late
+        bench.recover()
+        assert [f.kind for f in bench.faults.done] in ([kind], []), place
+        assert bench.account().failures() == [], (kind, place)
+        if bench.faults.done and kind != "stuck":
+            assert bench.link.incidents or bench.told, (kind, place)
+    assert sent > 10
+
+
+def test_a_restart_in_mid_stroke_is_not_known_and_not_repeated() -> None:
+    bench = Bench(0.0, 1)
+    bench.recover()
+    send = bench.link.send_stroke
+
+    def cut(string: int) -> bool:
+        bench.device.restart(0.2)
+        return send(string)
+
+    bench.link.send_stroke = cut  # type: ignore[method-assign]
+    with pytest.raises(StrokeUnknown, match="restarted in mid-stroke"):
+        bench.launcher.strike("200p")
+    assert len(bench.deeds(0, "struck")) == 0
+    assert bench.device.memory.begun == 1
+
+
+def test_a_cable_that_stays_out_after_the_stroke_leaves_it_unknown() -> None:
+    bench = Bench(0.0, 1)
+    bench.recover()
+    send = bench.link.send_stroke
+
+    def cut(string: int) -> bool:
+        sent = send(string)
+        bench.clock.sleep(0.01)
+        bench.line.pull(bench.clock.now(), 60.0)
+        return sent
+
+    bench.link.send_stroke = cut  # type: ignore[method-assign]
+    with pytest.raises(StrokeUnknown, match="may have been made"):
+        bench.launcher.strike("100p")
+    bench.clock.sleep(60)
+    assert [d.string for d in bench.deeds(0, "struck")] == [100]
+    bench.recover()
+    with pytest.raises(StrokeUnknown):
+        bench.launcher.strike("100p")
+    assert len(bench.deeds(0, "struck")) == 2, "each stroke asked for was made once"
+
+
+def test_a_cable_back_in_time_tells_what_was_done() -> None:
+    bench = Bench(0.0, 1)
+    bench.recover()
+    send = bench.link.send_stroke
+
+    def cut(string: int) -> bool:
+        sent = send(string)
+        bench.clock.sleep(0.01)
+        bench.line.pull(bench.clock.now(), 2.0)
+        return sent
+
+    bench.link.send_stroke = cut  # type: ignore[method-assign]
+    done = bench.launcher.strike("100p")
+    assert (done.string, done.number) == ("100p", 1)
+    assert any(note.startswith("cable") for note in done.noted)
+
+
+def test_a_stop_while_the_cable_is_out_goes_first_when_it_is_back() -> None:
+    bench = Bench(0.0, 1)
+    bench.recover()
+    bench.line.pull(bench.clock.now(), 3.0)
+    assert not bench.launcher.stop().confirmed
+    bench.clock.sleep(3.0)
+    with pytest.raises(LauncherStopped):
+        bench.launcher.retract()
+    assert bench.launcher.status().status.state == "STOPPED"
+
+
+def test_lost_stop_bytes_are_sent_again() -> None:
+    bench = Bench(0.0, 1)
+    bench.recover()
+    bench.faults.force("silent-up", "silent-up", "silent-up")
+    stopped = bench.launcher.stop()
+    assert stopped.confirmed
+    assert stopped.bytes_sent == 4
+    assert bench.device.status().state == "STOPPED"
+
+
+def test_faults_are_drawn_at_their_rate_from_their_seed() -> None:
+    drawn = []
+    for _ in range(2):
+        faults = Faults(0.2, np.random.default_rng(4))
+        for k in range(2000):
+            faults.request(float(k), frame(":", 1, "MOVE 1 1"))
+        drawn.append([(f.time, f.kind) for f in faults.done])
+    assert drawn[0] == drawn[1]
+    assert 330 < len(drawn[0]) < 470
+    assert {kind for _, kind in drawn[0]} == set(KINDS)
+    line = Faults(1.0, np.random.default_rng(0))
+    for k in range(200):
+        line.request(float(k), stroke_line(47))
+    assert {f.kind for f in line.done} == {*UP, *DEVICE} - {"stuck"}
+    assert not set(DOWN) & {f.kind for f in line.done}
+
+
+def stop_times(state: str, count: int) -> list[float]:
+    """Seconds from the call of `stop` until the launcher commands no motion, in real time over a pseudo-terminal."""
+    pace = Pace(200.0)
+    device = Firmware(pace.now, np.random.default_rng(0))
+    times = []
+    with Emulator(device, baud=BAUD) as emulator:
+        settings = replace(Settings(), port=PortSettings(emulator.path, BAUD))
+        link = Link(serial_opener(settings.port), settings.timing, baud=BAUD)
+        with Launcher(settings, link) as launcher:
+            for _ in range(count):
+                _bring(launcher, emulator, pace, state)
+                with emulator.lock:
+                    assert device.status().state == state
+                    began = pace.now()
+                real = time.monotonic()
+                stopped = launcher.stop()
+                taken = time.monotonic() - real
+                with emulator.lock:
+                    assert device.status().state not in BUSY
+                    last = next(d for d in reversed(device.deeds) if d.what == "stopped")
+                times.append(last.time - began)
+                assert stopped.confirmed
+                assert taken < 0.5
+                pace.set(200.0)
+                launcher.reset()
+    return times
+
+
+def _bring(launcher: Launcher, emulator: Emulator, pace: Pace, state: str) -> None:
+    """Into a state at speed, then in real time."""
+    link, device = launcher._line, emulator.firmware
+    pace.set(200.0)
+    if state != "UNHOMED":
+        launcher.home()
+    if state == "FAULT":
+        with emulator.lock:
+            device.stick()
+        with pytest.raises(LauncherFault):
+            launcher.move_tip(5, 5)
+    if state in ("EXTENDED", "RETRACTING"):
+        pace.set(10.0)
+        launcher.strike("047p")
+    pace.set(1.0)
+    if state == "MOVING":
+        assert link.exchange("MOVE 9000 9000").body == "OK"
+    if state == "RETRACTING":
+        assert link.exchange("RETRACT").body == "OK"
+    if state in ("ARMED", "STRIKING"):
+        number = launcher.status().status.begun + 1
+        assert link.exchange(f"ARM 200 {number}").body == "OK"
+    if state == "STRIKING":
+        link.send_stroke(200)
+        time.sleep(0.02)
+    if state == "STOPPED":
+        launcher.stop()
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_a_stop_takes_less_than_50_ms(state: str) -> None:
+    assert max(stop_times(state, 5)) < 0.05
+
+
+def main() -> int:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(prog="python -m tests.robot.test_robot_faults", description=__doc__)
+    parser.add_argument("--exchanges", type=int, default=10_000)
+    parser.add_argument("--rate", type=float, default=0.05, help="faults a line")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--stops", type=int, default=0, help="in each state, in real time")
+    given = parser.parse_args()
+    began = time.monotonic()
+    tally = campaign(given.exchanges, given.rate, given.seed)
+    print(f"{tally.exchanges} exchanges, {tally.commands} commands, {tally.strokes} strokes told as done, "
+          f"{time.monotonic() - began:.1f} s")  # fmt: skip
+    print(f"faults {sum(tally.faults.values())}: {dict(sorted(tally.faults.items()))}")
+    print(f"given up and said so {tally.given_up}, strokes told as unknown {tally.unknown}")
+    print(f"lost {len(tally.lost)}, doubled {len(tally.doubled)}, wrong {len(tally.wrong)}, denied {len(tally.denied)}")
+    print(f"faults not told {len(tally.silent)}")
+    for failure in tally.failures():
+        print("  ", failure)
+    for state in STATES if given.stops else ():
+        times = 1e3 * np.array(stop_times(state, given.stops))
+        print(f"stop while {state:10}  median {np.median(times):5.2f} ms, worst {times.max():5.2f} ms of {given.stops}")
+    return bool(tally.failures())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,285 @@
+"""Formulas for structure outside the catalogue, and the effect files that they become."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import math
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import models.model_file
+from models.contract import check_file
+from models.errors import BadInput
+from models.formula import DOORS, MAX_TERMS, factor_value
+from models.hooks import address, hooks_of
+from models.model_file import add_folder, effect_class, full_model
+from models.shot import Ball, Shot, Table, Track
+from models.simulation.observe import observed
+from models.simulation.simulate import simulate
+from sysid.selection.formula import source_from
+from sysid.selection.terms import Term, effect_of, known, library, source
+from tests.support.clip_samples import refusal
+
+TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
+TERMS = library(TABLE, 3)
+
+
+def terms_of(*names: str) -> list[Term]:
+    return [next(t for t in TERMS if t.name == n) for n in names]
+
+
+def shots(order: float = 0.4) -> list[Shot]:
+    """A ball that slides, meets two others and a rail; and one that spins by itself."""
+    names, place = ("cue", "red", "blue"), np.array([[0.3, 0.0], [0.9, 0.05], [1.2, -0.3]])
+    found = []
+    for velocity, spin in (((1.5, 0.2), (5.0, -20.0, 15.0)), ((-0.7, 1.1), (0.0, 0.0, -30.0))):
+        v, w = np.zeros((3, 2)), np.zeros((3, 3))
+        v[0], w[0] = velocity, spin
+        found.append(Shot(names, place, v, w, np.linspace(0, 2, 41), order=order))
+    return found
+
+
+def told(term: Term, value: float = 0.01) -> dict[str, Any]:
+    """A term as a result.json tells it."""
+    return {
+        "name": term.name, "door": term.door, "factor": term.factor, "unit": term.unit, "width": term.width,
+        "value": value, "sd": None, "where": term.where, "depends_on": list(term.depends_on), "gain": 50.0,
+    }  # fmt: skip
+
+
+def track(*names: str, values: tuple[float, ...] = (), order: float = 0.0) -> Track:
+    """A ball that rolls along x and comes back from the rail, under some terms."""
+    model = full_model(TABLE, BALL)
+    if names:
+        model = model.add(effect_of("odd_cloth", terms_of(*names), values))
+    v, w = np.array([[1.5, 0.2]]), np.array([[-0.2, 1.5, 0.0]]) / BALL.radius
+    shot = Shot(("cue",), np.array([[0.3, 0.0]]), v, w, np.linspace(0, 3, 31), order=order)
+    return simulate(model, [shot])[0]
+
+
+def test_names_are_distinct_and_words_complete() -> None:
+    assert len({t.name for t in TERMS}) == len(TERMS)
+    assert all(t.where and t.depends_on and t.unit and t.width > 0 and t.name.isidentifier() for t in TERMS)
+
+
+@pytest.mark.parametrize("term", TERMS[::6], ids=lambda t: t.name)
+def test_the_file_of_every_term_keeps_the_contract(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, term: Term) -> None:
+    monkeypatch.setattr(models.model_file, "_added", {})
+    path = tmp_path / "odd_cloth.py"
+    path.write_text(source("odd_cloth", (term,), (term.width / 4,), "Odd.", "a test of terms"))
+    shows_elsewhere = ("does nothing", "changes nothing", "nothing changes")  # in a cell or at a rail not met there
+    assert [f for f in check_file(path) if not any(words in f for words in shows_elsewhere)] == []
+
+
+def test_terms_do_what_they_say() -> None:
+    plain = track()
+    rail = next(e.time for e in plain.events if e.kind == "cushion")
+    before = plain.times < rail
+    after = ~before
+    dead = track("cushion_e_rail_0", values=(-0.2,))
+    assert np.array_equal(dead.position[before], plain.position[before])
+    assert np.abs(dead.velocity[after][0, 0, 0]) < np.abs(plain.velocity[after][0, 0, 0]) - 0.1
+    assert np.array_equal(track("cushion_e_rail_1", values=(-0.2,)).position, plain.position)
+    slower = track("drag_cos2", values=(0.05,))
+    lost = plain.velocity[5, 0, 0] - slower.velocity[5, 0, 0]
+    heading = np.arctan2(0.2, 1.5)
+    assert lost == pytest.approx(0.05 * np.cos(2 * heading) * np.cos(heading) * plain.times[5], rel=2e-3)
+    left = track("side_one", values=(0.02,))
+    assert left.position[5, 0, 1] > plain.position[5, 0, 1]
+    late = track("drag_order", values=(0.05,), order=1.0)
+    first = track("drag_order", values=(0.05,), order=0.0)
+    np.testing.assert_allclose(first.position[before], plain.position[before], atol=2e-5)
+    assert late.velocity[5, 0, 0] < plain.velocity[5, 0, 0] - 0.02
+    crown = track("push_x_x", values=(0.1,))
+    assert crown.velocity[5, 0, 0] > plain.velocity[5, 0, 0]
+
+
+def test_a_cell_acts_in_its_place_alone() -> None:
+    plain, far = track(), track("drag_at_0_0", values=(0.05,))
+    assert np.abs(far.position - plain.position).max() < 1e-4
+    near = track("drag_at_3_1", values=(0.05,))
+    assert np.abs(near.position - plain.position).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    "names", [("cushion_e_rail_2",), ("drag_at_1_1", "push_y_order"), ("image_x_xy", "ball_mu_order")]
+)
+def test_the_file_is_clean(tmp_path: Path, names: tuple[str, ...]) -> None:
+    """What is written passes a linter, and holds nothing that it does not use."""
+    chosen = terms_of(*names)
+    path = tmp_path / "odd_cloth.py"
+    path.write_text(source("odd_cloth", chosen, [0.01] * len(chosen), "Odd.", "a test"))
+    words = [sys.executable, "-m", "ruff", "check", "--isolated", "--select", "F,E9", str(path)]
+    said = subprocess.run(words, capture_output=True, text=True)
+    assert said.returncode == 0, said.stdout
+
+
+@pytest.mark.parametrize("term", TERMS, ids=lambda t: t.name)
+def test_the_text_of_a_factor_says_what_its_code_does(term: Term) -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        x, y = rng.uniform(-1.8, 1.8), rng.uniform(-0.9, 0.9)
+        vx, vy, wz, order, time, slip = rng.normal(size=6)
+        first, second = float(rng.integers(4)), float(rng.integers(4))
+        numbers = (*term.constants, *[0.0] * (4 - len(term.constants)))
+        found = factor_value(float(term.kind), *numbers, x, y, vx, vy, wz, order, time, first, second, slip)
+        variables = {
+            "x": x, "y": y, "wz": wz, "order": order, "time": time, "first": first, "second": second, "rail": second,
+            "other": first > 0, "slip": slip, "along": y if second < 2 else x, "speed": math.hypot(vx, vy),
+            "heading": math.atan2(vy, vx), "abs": abs, "cos": math.cos, "sin": math.sin, "exp": math.exp,
+        }  # fmt: skip
+        said = eval(term.factor, {"__builtins__": {}}, variables)  # our own text
+        assert found == pytest.approx(float(said), rel=1e-12, abs=1e-12)
+
+
+WRITTEN = [
+    ("drag_at_3_1", "push_x_xy", "side_spin_cos", "cushion_e_rail_0", "grip_cos"),
+    ("drag_sin2", "drag_slow", "ball_e_with_2", "ball_mu_order", "image_x_r5"),
+    ("drag_at_3_1", "drag_at_4_1", "cushion_mu_slip", "cushion_e_place", "image_y_one"),
+]
+
+
+@pytest.mark.parametrize("names", WRITTEN)
+def test_the_file_does_what_the_formula_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(models.model_file, "_added", {})
+    chosen = terms_of(*names)
+    values = [0.3 * t.width for t in chosen]
+    path = tmp_path / "odd_cloth.py"
+    path.write_text(source("odd_cloth", chosen, values, "Odd.", "a test"))
+    add_folder(path)
+    written, formula = effect_class("odd_cloth")(), effect_of("odd_cloth", chosen, values)
+    for key, meta in formula.parameters().items():
+        theirs = written.parameters()[key]
+        assert (meta["unit"], meta["off"]) == (theirs["unit"], theirs["off"])
+        assert meta["bounds"] == pytest.approx(theirs["bounds"]) and meta["default"] == pytest.approx(theirs["default"])
+    model, plain = full_model(TABLE, BALL), observed(full_model(TABLE, BALL), shots())
+    for one, two, none in zip(
+        observed(model.add(written), shots()), observed(model.add(formula), shots()), plain, strict=True
+    ):
+        np.testing.assert_allclose(one.position, two.position, atol=1e-8)
+        assert np.abs(one.position - none.position).max() > 1e-4
+
+
+def test_the_engine_and_mujoco_play_the_same_formula() -> None:
+    """Forces that jump at the edges of cells too, along a whole roll of one ball."""
+    chosen = terms_of("drag_at_3_1", "drag_at_4_1", "push_y_x", "side_speed", "grip_cos")
+    model = full_model(TABLE, BALL).add(effect_of("odd", chosen, [0.3 * t.width for t in chosen]))
+    v, w = np.array([[1.5, 0.2]]), np.array([[-0.2, 1.5, 0.0]]) / BALL.radius
+    shot = Shot(("cue",), np.array([[-0.3, 0.0]]), v, w, np.linspace(0, 3, 31))
+    one, two = (simulate(dataclasses.replace(model, engine=e), [shot])[0] for e in ("events", "mujoco"))
+    np.testing.assert_allclose(one.position, two.position, atol=2e-5)
+
+
+def test_formulas_share_their_compiled_hooks() -> None:
+    hooks_of([effect_of("first", terms_of("drag_at_3_1", "cushion_e_slip", "image_x_x"), [0.01] * 3)], 2)
+    before = address.cache_info().currsize
+    for k, term in enumerate(TERMS):
+        hooks_of([effect_of(f"term{k}", (term,), (term.width / 10,))], 2)
+    hooks_of([effect_of("unexplained", TERMS[:MAX_TERMS], [0.01] * MAX_TERMS)], 2)
+    assert address.cache_info().currsize == before
+
+
+def test_a_formula_is_an_effect_like_any_other() -> None:
+    chosen = terms_of("drag_at_3_1", "cushion_e_order")
+    effect = effect_of("unexplained", chosen, (0.02, 0.05))
+    assert effect.name() == "unexplained" and list(effect.parameters()) == ["drag_at_3_1", "cushion_e_order"]
+    assert effect.parameters()["drag_at_3_1"]["bounds"] == (-0.1, 0.1)
+    assert pickle.loads(pickle.dumps(effect)) == effect and effect == effect_of("unexplained", chosen, (0.02, 0.05))
+    assert effect.opens("forces") and effect.opens("horizon") and not effect.opens("observe", "strike", "edit")
+    assert not effect_of("smooth", terms_of("drag_cos"), (0.01,)).opens("horizon", "impact")
+    model = full_model(TABLE, BALL).add(effect)
+    both = model.with_values({"unexplained.drag_at_3_1": np.array([0.0, 0.05])})
+    together = simulate(both, shots())
+    for k, shot in enumerate(shots()):
+        alone = simulate(model.with_values({"unexplained.drag_at_3_1": 0.05 * k}), [shot])
+        assert np.array_equal(together[k].position, alone[0].position)
+    off = model.with_values({"unexplained.drag_at_3_1": 0.0, "unexplained.cushion_e_order": np.zeros(2)})
+    for one, two in zip(simulate(off, shots()), simulate(full_model(TABLE, BALL), shots()), strict=True):
+        assert one.position.tobytes() == two.position.tobytes() and one.velocity.tobytes() == two.velocity.tobytes()
+    with pytest.raises(ValueError, match="6 terms"):
+        effect_of("more", TERMS[: MAX_TERMS + 1], [0.01] * (MAX_TERMS + 1))
+    assert {t.door for t in TERMS} == set(DOORS)
+
+
+@pytest.mark.parametrize("term", [*TERMS[::7], *terms_of("ball_mu_with_2")], ids=lambda t: t.name)
+def test_a_term_of_a_result_is_found_again(term: Term) -> None:
+    found, value = known(told(term, 0.02))
+    assert (found.name, found.door, found.factor, found.unit, found.kind, found.constants, value) == (
+        term.name, term.door, term.factor, term.unit, term.kind, term.constants, 0.02
+    )  # fmt: skip
+
+
+EVIL = "__import__('os').system('touch evil')"
+HOSTILE = [
+    ("door", f"drag'{EVIL}"), ("door", "side"), ("door", None), ("factor", EVIL), ("factor", f"cos(heading) + {EVIL}"),
+    ("factor", f"cos(heading)\n{EVIL}"), ("factor", "np.cos(heading)"), ("factor", "x" * 100_000), ("name", EVIL),
+    ("name", "drag_cos: float = 1\n    x"), ("name", "drag_cos2"), ("name", 3), ("name", ["drag_cos"]),
+    ("value", EVIL), ("value", math.nan), ("value", math.inf), ("value", True), ("value", 10**400), ("value", 1e300),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("key", "text"), HOSTILE, ids=range(len(HOSTILE)))
+def test_a_hostile_term_is_refused(key: str, text: Any) -> None:
+    entry = told(terms_of("drag_cos")[0]) | {key: text}
+    line = refusal(lambda: source_from("odd_cloth", {"terms": [entry], "what": "it", "where": "here"}, "a test"))
+    assert "name a result.json" in line and line.isprintable() and len(line) < 600
+
+
+@pytest.mark.parametrize(
+    "factor",
+    [
+        f"abs(x - {EVIL}) <= 0.3000 and abs(y - 0.1000) <= 0.3000", "abs(x - 1e99) <= 0.3000 and abs(y - 0.1) <= 0.3",
+        "abs(x - 0.1000) <= 0.3000 and abs(y - 0.1000) <= 0.3000\n",
+        "abs(x - ٣.٣٣٣٣) <= 0.3000 and abs(y - 0.1000) <= 0.3000",
+    ],
+)  # fmt: skip
+def test_a_cell_is_read_as_numbers_alone(factor: str) -> None:
+    entry = told(terms_of("drag_at_1_1")[0]) | {"factor": factor}
+    with pytest.raises(BadInput, match="no term 'drag_at_1_1' on 'drag'"):
+        known(entry)
+
+
+@pytest.mark.parametrize(
+    "formula", [{"terms": "drag"}, {"terms": [1]}, {"terms": [told(TERMS[0])] * 2}, {"terms": [told(t) for t in TERMS]}]
+)
+def test_a_formula_that_is_none_is_refused(formula: dict[str, Any]) -> None:
+    refusal(lambda: source_from("odd_cloth", {"what": "it", "where": "here"} | formula, "a test"))
+    refusal(lambda: source_from("odd_cloth", {"terms": [told(TERMS[0])], "what": 1, "where": "here"}, "a test"))
+    refusal(lambda: source_from("Odd: x", {"terms": [told(TERMS[0])], "what": "it", "where": "here"}, "a test"))
+
+
+SPITEFUL = [
+    f'"""\n{EVIL}\n"""',
+    f'" + {EVIL} + "',
+    "ends in \\",
+    'ends in "',
+    f"{{{EVIL}}} %s \\N{{DEGREE}} \x00\u2028\ud800",
+]
+
+
+@pytest.mark.parametrize("text", SPITEFUL, ids=range(len(SPITEFUL)))
+def test_words_of_a_result_stay_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    """Quotes, backslashes and line breaks in what a result or a file's name says neither break nor run."""
+    monkeypatch.setattr(models.model_file, "_added", {})
+    monkeypatch.chdir(tmp_path)
+    entry = told(terms_of("drag_at_1_1")[0]) | {"unit": text, "where": text, "depends_on": [text], "width": text}
+    written = source_from("odd_cloth", {"terms": [entry], "what": text, "where": text, "form": text}, text)
+    tree = ast.parse(written.encode())
+    assert " ".join(text.split())[:20] in (ast.get_docstring(tree, clean=False) or "").replace("\n", " ")
+    assert [type(node).__name__ for node in tree.body] == ["Expr", *["ImportFrom"] * 4, "ClassDef"]
+    called = {n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
+    assert called <= {"param", "push_along", "until_edge", "abs", "dataclass"}
+    path = tmp_path / "odd_cloth.py"
+    path.write_bytes(written.encode())
+    add_folder(path)
+    assert effect_class("odd_cloth").parameters()["drag_at_1_1"]["unit"] == "m/s^2"
+    assert not (tmp_path / "evil").exists()

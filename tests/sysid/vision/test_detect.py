@@ -1,0 +1,297 @@
+"""Balls in single pictures, against drawn footage whose truth is known: where, which, and when there are none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from models.errors import BadInput
+from models.shot import NOSE_COSINE, Table
+from sysid.vision.balls.detect import Detector, Seen
+from sysid.vision.balls.palette import default_palette, name_colours, read_palette
+from sysid.vision.camera.projection import Camera, overhead
+from sysid.vision.frames import Footage, Picture, open_footage
+from tests.footage.film import Look, Spot, film
+from tests.footage.motion import Cue, Motion
+
+Array = NDArray[np.float64]
+
+THREE = ("white", "red", "yellow")
+ALL = (*THREE, "green", "brown", "blue", "pink", "black")
+MARKS = {"white": [Spot((0, 0, 1), 0.35), Spot((1, 0, 0), 0.35), Spot((0, 1, 0.2), 0.3)]}
+LOOK = Look(spots=MARKS)
+
+
+@cache
+def camera_of(radius: int) -> Camera:
+    """A camera that sees balls with this radius [pixels]."""
+    size, table = ((480, 360), Table(1.0, 0.65, False)) if radius == 10 else ((560, 420), Table(0.62, 0.42, False))
+    return overhead(table, 0.0525, size, 1.6, 0.0525 * size[0] / (2 * radius), (0.04, -0.06))
+
+
+def scattered(camera: Camera, count: int, rng: np.random.Generator, gap: float = 3.5, edge: float = 2.4) -> Array:
+    """Places (count, 2) [m] at random, so many ball radii from another and from the noses at least."""
+    half = np.array([camera.table.length, camera.table.width]) / 2 - edge * camera.radius
+    places: list[Array] = []
+    while len(places) < count:
+        place = rng.uniform(-half, half)
+        if all(np.hypot(*(place - other)) > gap * camera.radius for other in places):
+            places.append(place)
+    return np.array(places)
+
+
+def shown(
+    camera: Camera, names: Sequence[str], places: Array, look: Look = LOOK, cue: Cue | None = None, seed: int = 0
+) -> list[Picture]:
+    """Pictures of balls at places (k, n, 2) [m], turned at random."""
+    k, n = places.shape[:2]
+    turned = Rotation.random(max(k * n, 1), random_state=seed).as_quat()[: k * n].reshape(k, n, 4)
+    times = np.arange(max(k, 2), dtype=float)
+    motion = Motion(
+        tuple(names),
+        times,
+        places[np.minimum(times.astype(int), k - 1)],
+        turned[np.minimum(times.astype(int), k - 1)],
+        cue,
+    )
+    return list(film(camera, motion, times[:k], look, seed))
+
+
+def footage_of(folder: Path, pictures: Sequence[Picture]) -> Footage:
+    folder.mkdir(exist_ok=True)
+    for k, picture in enumerate(pictures):
+        cv2.imwrite(str(folder / f"{k:04d}.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return open_footage(folder, fps=100.0)
+
+
+def learnt(folder: Path, camera: Camera, pictures: Sequence[Picture]) -> Detector:
+    return Detector.learn(camera, footage_of(folder, pictures), default_palette())
+
+
+def errors(
+    detector: Detector,
+    camera: Camera,
+    pictures: Sequence[Picture],
+    names: Sequence[str],
+    places: Array,
+    off: float = 1.0,
+) -> tuple[Array, list[Seen]]:
+    """Errors (k, n, 2) [pixels] of balls expected `off` from where they are, and what was seen."""
+    rng = np.random.default_rng(1)
+    out, seen = np.full((*places.shape[:2], 2), np.nan), []
+    for i, (picture, row) in enumerate(zip(pictures, places, strict=True)):
+        truth = camera.outline(row)
+        guesses = truth + rng.uniform(-off, off, truth.shape)
+        found = {s.name: s for s in detector.find(picture, list(zip(names, guesses, strict=True)))}
+        for j, name in enumerate(names):
+            if name in found:
+                out[i, j] = found[name].xy - truth[j]
+                seen.append(found[name])
+    return out, seen
+
+
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def crowded(camera: Camera, count: int, rng: np.random.Generator) -> Array:
+    """Two balls within two radii of touching, and one at a cushion: (count, 3, 2) [m]."""
+    reach = np.array([camera.table.length, camera.table.width]) / 2 - camera.radius * NOSE_COSINE
+    rows = []
+    while len(rows) < count:
+        one = scattered(camera, 1, rng, edge=4.5)[0]
+        way, apart = rng.uniform(0, 2 * np.pi), camera.radius * rng.choice([2.0, 2.1, 2.6, 3.5])
+        two = one + apart * np.array([np.cos(way), np.sin(way)])
+        three = rng.uniform(-reach, reach)
+        axis = int(rng.integers(2))
+        three[axis] = rng.choice([-1, 1]) * (reach[axis] - camera.radius * rng.choice([0.0, 0.3, 0.8]))
+        if min(np.hypot(*(three - one)), np.hypot(*(three - two))) > 2.5 * camera.radius:
+            rows.append(np.array([one, two, three])[rng.permutation(3)])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("radius", [10, 20])
+def test_centres_are_known_to_a_fraction_of_a_pixel(tmp_path: Path, radius: int) -> None:
+    camera, rng = camera_of(radius), np.random.default_rng(2)
+    free = np.array([scattered(camera, 3, rng) for _ in range(8)])
+    near = crowded(camera, 10, rng)
+    places = np.concatenate([free, near])
+    pictures = shown(camera, THREE, places)
+    detector = learnt(tmp_path / "f", camera, pictures)
+    off, seen = errors(detector, camera, pictures, THREE, places)
+    assert np.isfinite(off).all(), "a ball was lost"
+    assert rms(off[:8]) < 0.08
+    assert rms(off[8:]) < 0.15
+    assert 0.5 < rms(off) / rms(np.array([s.sd for s in seen])) < 2, "the estimated errors are about the true ones"
+    assert detector.noise == pytest.approx(5.0, rel=0.15)
+    for picture, row in zip(pictures[::3], places[::3], strict=True):  # the same without any expectation
+        found = {s.name: s for s in detector.find(picture)}
+        assert sorted(found) == sorted(THREE)
+        assert max(np.hypot(*(found[n].xy - xy)) for n, xy in zip(THREE, camera.outline(row), strict=True)) < 0.6
+
+
+def test_a_ball_is_found_far_from_where_it_is_expected(tmp_path: Path) -> None:
+    camera, rng = camera_of(10), np.random.default_rng(3)
+    places = np.array([scattered(camera, 3, rng, gap=6) for _ in range(8)])
+    pictures = shown(camera, THREE, places)
+    off, _ = errors(learnt(tmp_path / "f", camera, pictures), camera, pictures, THREE, places, off=12.0)
+    assert np.isfinite(off).all()
+    assert rms(off) < 0.08
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tint", [(1.0, 0.8, 0.55), (0.7, 0.85, 1.0)])
+def test_all_colours_are_named_in_uneven_light_of_any_colour(tmp_path: Path, tint: tuple[float, float, float]) -> None:
+    camera, rng = camera_of(20), np.random.default_rng(4)
+    places = np.array([scattered(camera, 8, rng, gap=2.6) for _ in range(7)])
+    pictures = shown(camera, ALL, places, Look(uneven=0.6))
+    pictures = [np.clip(p * np.array(tint[::-1]), 0, 255).astype(np.uint8) for p in pictures]
+    detector = learnt(tmp_path / "f", camera, pictures)
+    assert sorted(name for name, _ in detector.looks) == sorted(ALL)
+    for picture, row in zip(pictures, places, strict=True):
+        for s in detector.find(picture):
+            far = np.hypot(*(camera.outline(row) - s.xy).T)
+            assert (s.name, bool(far.min() < 2)) == (ALL[int(far.argmin())], True)
+
+
+@pytest.mark.slow
+def test_nothing_is_found_where_there_is_no_ball(tmp_path: Path) -> None:
+    camera, rng = camera_of(10), np.random.default_rng(5)
+    places = np.array([scattered(camera, 3, rng) for _ in range(8)])
+    detector = learnt(tmp_path / "f", camera, shown(camera, THREE, places))
+    bare = np.zeros((3, 0, 2))
+    cue = Cue(0.0, (0.05, 0.02, 0.026), 0.4, 1.0)
+    pictures = [*shown(camera, (), bare, seed=1), *shown(camera, (), bare, cue=cue, seed=2)]
+    for picture in shown(camera, (), bare, seed=3):
+        for _ in range(5):  # guide lines, and the ring of a ghost ball
+            one, two = rng.integers(0, 480, 2), rng.integers(0, 360, 2)
+            cv2.line(picture, (int(one[0]), int(two[0])), (int(one[1]), int(two[1])), (240, 255, 250), 2, cv2.LINE_AA)
+        cv2.circle(picture, (240, 180), 10, (255, 255, 255), 2, cv2.LINE_AA)
+        pictures.append(picture)
+    assert [detector.find(p) for p in pictures] == [[]] * len(pictures)
+    middle = np.array([240.0, 180.0])
+    assert all(detector.find(p, [("white", middle), ("red", middle + 30)]) == [] for p in pictures)
+
+
+@pytest.mark.slow
+def test_a_ball_that_is_looked_for_in_a_black_pocket_is_not_there(tmp_path: Path) -> None:
+    camera = camera_of(10)
+    pictures = shown(camera, ("white",), np.array([[(0.2 - 0.06 * k, 0.1)] for k in range(5)]))
+    pocket = camera.outline(np.array([[-0.3, -0.1]]))[0]
+    for picture in pictures:
+        cv2.circle(picture, (int(pocket[0]), int(pocket[1])), 24, (0, 0, 0), -1)
+    detector = learnt(tmp_path / "f", camera, pictures)
+    (found,) = detector.find(pictures[0], [("white", camera.outline(np.array([[0.2, 0.1]]))[0]), ("red", pocket)])
+    assert found.name == "white"
+    assert [s.name for s in detector.find(pictures[2], [("white", pocket)]) if np.hypot(*(s.xy - pocket)) < 24] == []
+
+
+def test_balls_at_rest_all_along_do_not_hide_in_the_backdrop(tmp_path: Path) -> None:
+    camera = camera_of(10)
+    half = camera.table.width / 2 - 0.95 * camera.radius
+    places = np.array([[(0.2, 0.1), (-0.25, half), (-0.3 + 0.08 * k, -0.15)] for k in range(7)])
+    pictures = shown(camera, THREE, places)
+    detector = learnt(tmp_path / "f", camera, pictures)
+    off, _ = errors(detector, camera, pictures, THREE, places)
+    assert np.isfinite(off).all()
+    assert rms(off) < 0.1
+    assert any("at rest" in line for line in detector.told)
+    empty = shown(camera, (), np.zeros((1, 0, 2)))[0]
+    assert detector.find(empty) == [], "what is painted below them looks like the table"
+    single = learnt(tmp_path / "one", camera, pictures[:1])
+    assert sorted(s.name for s in single.find(pictures[0])) == sorted(THREE)
+
+
+@pytest.mark.slow
+def test_a_ball_with_the_cue_at_it_and_one_that_moves_are_found(tmp_path: Path) -> None:
+    camera, rng = camera_of(20), np.random.default_rng(6)
+    still = np.array([scattered(camera, 3, rng, gap=5) for _ in range(8)])
+    detector = learnt(tmp_path / "f", camera, shown(camera, THREE, still))
+    place = np.array([(0.02, 0.03), (-0.2, -0.1), (0.2, -0.1)])
+    tip = place[0] - 1.05 * camera.radius * np.array([np.cos(0.4), np.sin(0.4)])
+    picture = shown(camera, THREE, place[None], cue=Cue(0.0, (tip[0], tip[1], 0.026), 0.4, 1.0))
+    off, _ = errors(detector, camera, picture, THREE, place[None])
+    assert rms(off) < 0.15
+    # Fast balls in a long exposure: half a radius of smear, then most of one.
+    for smear, most in ((0.5, 0.3), (0.9, 0.7)):
+        way = smear * camera.radius * np.array([[0.8, 0.6], [1.0, 0.0], [-0.3, 0.95]])
+        moments = np.array([-0.5, 0.5])
+        motion = Motion(THREE, moments, place + moments[:, None, None] * way, np.tile([0.0, 0, 0, 1], (2, 3, 1)))
+        pictures = list(film(camera, motion, np.zeros(1), Look(exposure=1.0, parts=11, spots=MARKS)))
+        off, seen = errors(detector, camera, pictures, THREE, place[None])
+        assert np.isfinite(off).all()
+        assert np.abs(off).max() < most
+        assert min(s.sd for s in seen) > 0.03
+
+
+def test_changing_light_is_allowed_for(tmp_path: Path) -> None:
+    camera, rng = camera_of(10), np.random.default_rng(7)
+    places = np.array([scattered(camera, 3, rng) for _ in range(8)])
+    pictures = shown(camera, THREE, places)
+    pictures = [np.clip(p * (1 + 0.15 * np.sin(1.7 * k)), 0, 255).astype(np.uint8) for k, p in enumerate(pictures)]
+    detector = learnt(tmp_path / "f", camera, pictures)
+    off, _ = errors(detector, camera, pictures, THREE, places)
+    assert rms(off) < 0.08
+    assert any("light changes" in line for line in detector.told)
+
+
+@pytest.mark.slow
+def test_learning_is_deterministic_and_minds_the_size(tmp_path: Path) -> None:
+    camera, rng = camera_of(10), np.random.default_rng(8)
+    pictures = shown(camera, THREE, np.array([scattered(camera, 3, rng) for _ in range(4)]))
+    one, two = (learnt(tmp_path / "f", camera, pictures) for _ in range(2))
+    assert one.told == two.told
+    assert [s.xy.tolist() for s in one.find(pictures[0])] == [s.xy.tolist() for s in two.find(pictures[0])]
+    with pytest.raises(BadInput, match=r"480 x 360 .* 560 x 420"):
+        learnt(tmp_path / "f", camera_of(20), pictures)
+    bare = learnt(tmp_path / "bare", camera, shown(camera, (), np.zeros((3, 0, 2))))
+    assert bare.find(pictures[0]) == []
+    assert "no ball was found" in bare.told[0]
+
+
+def test_a_palette_of_ones_own(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(
+        '[[ball]]\nname = "cue"\nrgb = [240, 235, 215]\n\n[[ball]]\nname = "dot"\nrgb = [0.9, 0.75, 0.1]\ncount = 2\n'
+    )
+    palette = read_palette(path)
+    assert (palette.names, palette.counts) == (("cue", "dot"), (1, 2))
+    seen = 0.8 * np.array([[0.9, 0.75, 0.1], [0.94, 0.92, 0.84], [0.88, 0.7, 0.12], [0.05, 0.1, 0.9]])
+    naming = name_colours(seen, palette)
+    assert naming.names == ("dot", "cue", "dot", None)
+    assert "no name" in naming.doubts[0]
+
+
+def test_doubtful_names_are_told() -> None:
+    palette = default_palette()
+    assert name_colours(palette.colours * 0.8, palette).names == palette.names
+    # Nearly as far from pink as from red, in a light that the white ball settles.
+    roots = np.sqrt(palette.colours[[palette.names.index(name) for name in ("pink", "red")]])
+    naming = name_colours(np.array([palette.colours[0], roots.mean(axis=0) ** 2]), palette)
+    assert any("may be" in line for line in naming.doubts)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("", "names no ball"), ("[[ball]]\nrgb = [1, 1, 1]\n", "no name"),
+        ('[[ball]]\nname = "a"\nrgb = [1, 2]\n', "three"),
+        ('[[ball]]\nname = "a"\nrgb = [1, 1, 1]\ncount = 0\n', "count"), ("[[ball\n", "TOML"),
+        ('[[ball]]\nname = "a"\nrgb = [1, 1, 1]\nsize = 3\n', "size"),
+        ('[[ball]]\nname = "a"\nrgb = [1, 1, 1]\n' * 2, "twice"),
+    ],
+)  # fmt: skip
+def test_a_bad_palette_is_named_in_one_line(tmp_path: Path, text: str, word: str) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=word) as caught:
+        read_palette(path)
+    assert "\n" not in str(caught.value)
+    assert "p.toml" in str(caught.value)
