@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Cue:
+class CueCommand:
     """What was commanded; real shots differ from it a little."""
 
     speed: float  # of the ball [m/s]
@@ -43,7 +43,7 @@ class Clip:
     file: str  # as named in clips.toml, relative to the folder
     struck: str
     balls: Mapping[str, Observation]
-    cue: Cue | None = None
+    cue: CueCommand | None = None
     note: str = ""
     extra: Mapping[str, Any] = field(default_factory=dict)  # keys of its [[clip]] that are not known here
     order: float = 0.0  # place in the session, 0 for the first clip of the set, 1 for the last

@@ -16,8 +16,8 @@ from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 
-WIDER = 3e-3  # noise, and how well the jaws' place is known [m]
-LEAST = 12  # samples of the struck ball that make a clip
+JAW_MARGIN_M = 3e-3  # noise, and how well the jaws' place is known [m]
+MIN_CLIP_SAMPLES = 12  # samples of the struck ball that make a clip
 
 
 def before_jaws(clip_set: ClipSet) -> ClipSet:
@@ -29,7 +29,9 @@ def before_jaws(clip_set: ClipSet) -> ClipSet:
     if len(jaws) == 0:
         return clip_set
     clips = [_before(clip, clip_set, jaws) for clip in clip_set.clips]
-    return dataclasses.replace(clip_set, clips=tuple(c for c in clips if len(c.balls[c.struck].time) >= LEAST))
+    return dataclasses.replace(
+        clip_set, clips=tuple(c for c in clips if len(c.balls[c.struck].time) >= MIN_CLIP_SAMPLES)
+    )
 
 
 def _before(clip: Clip, clip_set: ClipSet, jaws: Array) -> Clip:
@@ -53,8 +55,8 @@ def _before(clip: Clip, clip_set: ClipSet, jaws: Array) -> Clip:
 def _touched(seen: Observation, jaws: Array) -> float | None:
     """When a ball that moves first meets a jaw [s]."""
     gap = np.hypot(*(seen.xy[:, None] - jaws[None, :, :2]).transpose(2, 0, 1)) - jaws[:, 2]
-    met = np.flatnonzero((gap < WIDER).any(axis=1))
-    if met.size == 0 or np.ptp(seen.xy, axis=0).max() < WIDER:
+    met = np.flatnonzero((gap < JAW_MARGIN_M).any(axis=1))
+    if met.size == 0 or np.ptp(seen.xy, axis=0).max() < JAW_MARGIN_M:
         return None
     return float(seen.time[met[0]])
 

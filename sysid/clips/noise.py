@@ -7,7 +7,7 @@ import numpy as np
 from models.errors import BadInput
 from sysid.clips.clip_set import ClipSet
 
-SMOOTH = np.sqrt(20.0)  # of third differences: 1 + 9 + 9 + 1
+THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # of third differences: 1 + 9 + 9 + 1
 
 
 def position_noise(clip_set: ClipSet) -> float:
@@ -31,4 +31,4 @@ def position_noise(clip_set: ClipSet) -> float:
     values = np.concatenate(found) if found else np.zeros(0)
     if values.size < 30:
         raise BadInput("clips.toml: sigma is missing and the tracks are too short to estimate it; add [camera] sigma")
-    return max(float(np.median(np.abs(values)) / 0.6745 / SMOOTH), 1e-6)
+    return max(float(np.median(np.abs(values)) / 0.6745 / THIRD_DIFFERENCE_GAIN), 1e-6)

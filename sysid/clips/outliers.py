@@ -15,13 +15,13 @@ from sysid.clips.clip_set import ClipSet, Observation
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-FAR = 8.0  # standard deviations of an extrapolation
-LEAST = 0.004  # [m]
-NOISE = np.sqrt(6.0)  # of a linear extrapolation by one sample: 1 + 4 + 1
-GAP = 4.0  # of the median interval: neighbours farther away do not tell
+MAX_EXTRAPOLATION_SD = 8.0  # standard deviations of an extrapolation
+MIN_OUTLIER_M = 0.004  # [m]
+EXTRAPOLATION_GAIN = np.sqrt(6.0)  # of a linear extrapolation by one sample: 1 + 4 + 1
+MAX_NEIGHBOUR_INTERVALS = 4.0  # of the median interval: neighbours farther away do not tell
 
 
-def spikes(seen: Observation, sigma: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def find_outliers(seen: Observation, sigma: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """Which samples of a ball are spikes: (n,)."""
     n = len(seen.time)
     found = np.zeros(n, bool)
@@ -35,18 +35,18 @@ def spikes(seen: Observation, sigma: float) -> np.ndarray[tuple[int], np.dtype[n
         return np.asarray(xy[a] + slope * (t[k] - t[a])[:, None])
 
     away = np.min([np.hypot(*(xy[k] - line(*pair)).T) for pair in ((k - 2, k - 1), (k + 1, k + 2), (k - 1, k + 1))], 0)
-    near = (t[k + 2] - t[k - 2]) < GAP * 4 * np.median(np.diff(t))
-    found[k] = near & (away > max(FAR * NOISE * sigma, LEAST))
+    near = (t[k + 2] - t[k - 2]) < MAX_NEIGHBOUR_INTERVALS * 4 * np.median(np.diff(t))
+    found[k] = near & (away > max(MAX_EXTRAPOLATION_SD * EXTRAPOLATION_GAIN * sigma, MIN_OUTLIER_M))
     return found
 
 
-def set_aside(clip_set: ClipSet, sigma: float) -> tuple[ClipSet, int]:
+def remove_outliers(clip_set: ClipSet, sigma: float) -> tuple[ClipSet, int]:
     """The clip set without spikes, and how many there were."""
     count, clips = 0, []
     for clip in clip_set.clips:
         balls = {}
         for name, seen in clip.balls.items():
-            bad = spikes(seen, sigma)
+            bad = find_outliers(seen, sigma)
             count += int(bad.sum())
             keep = np.flatnonzero(~bad)
             extra = (

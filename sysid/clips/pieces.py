@@ -18,18 +18,18 @@ import numpy as np
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.segments import Cut, cuts_of, free_from, moving_from, onset
 
-FEWEST = 5  # samples of a piece's first run
-AFTER = 3  # and of the run after its impact
-TOGETHER = 2.5  # frames by which a ball may seem to be set moving before or after it was hit
+MIN_SAMPLES_BEFORE_IMPACT = 5  # samples of a piece's first run
+MIN_SAMPLES_AFTER_IMPACT = 3  # and of the run after its impact
+MAX_CONTACT_OFFSET_FRAMES = 2.5  # frames by which a ball may seem to be set moving before or after it was hit
 
 
-def cut_up(clip_set: ClipSet, sigma: float, impacts: bool = True) -> ClipSet:
+def cut_clips(clip_set: ClipSet, sigma: float, impacts: bool = True) -> ClipSet:
     """The pieces of all clips, or the runs, as clips of their own named `FILE#k`; `sigma` is the noise [m]."""
     found = [piece for clip in clip_set.clips for piece in _pieces(clip, clip_set, sigma, impacts)]
     return dataclasses.replace(clip_set, clips=tuple(found))
 
 
-def whole(file: str) -> str:
+def parent_clip(file: str) -> str:
     """The clip that a piece is of."""
     return re.sub(r"(#\d+)+$", "", file)
 
@@ -55,10 +55,10 @@ def _pieces(clip: Clip, clip_set: ClipSet, sigma: float, impacts: bool) -> list[
         while k < len(cuts):
             cut, first, run = cuts[k], slice(low, cuts[k].sample), k
             k, low = k + 1, cut.sample + 1
-            if first.stop - first.start < FEWEST:
+            if first.stop - first.start < MIN_SAMPLES_BEFORE_IMPACT:
                 continue
             balls = {name: _part(seen, first)}
-            if impacts and k < len(cuts) and cuts[k].sample - low >= AFTER:
+            if impacts and k < len(cuts) and cuts[k].sample - low >= MIN_SAMPLES_AFTER_IMPACT:
                 more = _other(cut, float(seen.time[cut.sample]), clip, tracks, events, clip_set.fps, sigma)
                 if more is not None:
                     balls = {name: _part(seen, slice(first.start, cuts[k].sample), cut.sample), **more}
@@ -102,12 +102,16 @@ def _other(
         return None
     seen, moved = clip.balls[cut.with_], tracks[cut.with_]
     lying = moving_from(seen, sigma)
-    if len(moved.time) < AFTER or abs(float(moved.time[0]) - when) > TOGETHER / fps or lying == 0:
+    if (
+        len(moved.time) < MIN_SAMPLES_AFTER_IMPACT
+        or abs(float(moved.time[0]) - when) > MAX_CONTACT_OFFSET_FRAMES / fps
+        or lying == 0
+    ):
         return None
     end = next((c.sample for c in events[cut.with_] if c.sample > 1), len(moved.time))
     rest = seen.xy[:lying].mean(axis=0)
     part = _part(moved, slice(1, end))
-    if len(part.time) < AFTER:
+    if len(part.time) < MIN_SAMPLES_AFTER_IMPACT:
         return None
     lay = Observation(np.array([0.0]), rest[None], np.full(1, np.nan))
     return {

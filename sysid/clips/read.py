@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from models.errors import BadInput
-from sysid.clips.clip_set import Clip, ClipSet, Cue, Observation
+from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.faults import Faults, one_line, read_text
 from sysid.clips.header import Entry, read_header
 from sysid.clips.plausibility import check_rows, check_struck
@@ -68,5 +68,5 @@ def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
         own = np.flatnonzero(rows.ball == k)
         extra = {key: tuple(cells[i] for i in own.tolist()) for key, cells in rows.extra.items()}
         balls[name] = Observation(rows.time[own], rows.xy[own], rows.theta[own], extra)
-    cue = None if entry.cue is None else Cue(**entry.cue)
+    cue = None if entry.cue is None else CueCommand(**entry.cue)
     return Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order)

@@ -18,10 +18,10 @@ from models.shot import Table
 from sysid.clips.clip_set import Clip, Observation
 
 Array = NDArray[np.float64]
-NEAR = 0.03  # a turn this close to a cushion, beyond a frame's travel, is its doing [m]
-SLOPE = 5  # samples of a slope beside a slow hit
-TOUCHING = 0.006  # a slow hit's nearest sample is this close to the cushion [m]
-CLAMPED = 0.002  # samples this close to a cushion are not trusted [m]
+MAX_TURN_GAP_M = 0.03  # a turn this close to a cushion, beyond a frame's travel, is its doing [m]
+SLOPE_SAMPLES = 5  # samples of a slope beside a slow hit
+MAX_SLOW_HIT_GAP_M = 0.006  # a slow hit's nearest sample is this close to the cushion [m]
+CLAMP_MARGIN_M = 0.002  # samples this close to a cushion are not trusted [m]
 
 
 @dataclass(frozen=True)
@@ -78,18 +78,18 @@ def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: fl
             gap = reach[axis] - sign * xy[:, axis]
             inward = sign * step[:, axis]
             size = np.abs(step[:, axis])
-            room = NEAR + 0.5 * np.maximum(size[:-1], size[1:])
+            room = MAX_TURN_GAP_M + 0.5 * np.maximum(size[:-1], size[1:])
             turns = (inward[:-1] > 0) & (inward[1:] <= 0) & (inward[:-1] - inward[1:] > 5 * sigma)
             found = (1 + np.flatnonzero(turns & (gap[1:-1] < room))).tolist()
-            for k in (SLOPE + np.flatnonzero(gap[SLOPE:-SLOPE] < TOUCHING)).tolist():
-                window = gap[k - SLOPE : k + SLOPE + 1]
+            for k in (SLOPE_SAMPLES + np.flatnonzero(gap[SLOPE_SAMPLES:-SLOPE_SAMPLES] < MAX_SLOW_HIT_GAP_M)).tolist():
+                window = gap[k - SLOPE_SAMPLES : k + SLOPE_SAMPLES + 1]
                 if gap[k] == window.min() and all(abs(k - f) > 2 for f in found):
                     before, after = (
                         float(np.polyfit(time[part], gap[part], 1)[0])
-                        for part in (slice(k - SLOPE, k), slice(k + 1, k + SLOPE + 1))
+                        for part in (slice(k - SLOPE_SAMPLES, k), slice(k + 1, k + SLOPE_SAMPLES + 1))
                     )
-                    span = (time[k + SLOPE] - time[k - SLOPE]) / (2 * SLOPE)
-                    noise = sigma / span * np.sqrt(12 / (SLOPE * (SLOPE**2 - 1)))
+                    span = (time[k + SLOPE_SAMPLES] - time[k - SLOPE_SAMPLES]) / (2 * SLOPE_SAMPLES)
+                    noise = sigma / span * np.sqrt(12 / (SLOPE_SAMPLES * (SLOPE_SAMPLES**2 - 1)))
                     if before < 0 < after and after - before > 8 * noise:
                         found.append(k)
             cuts += [Cut(k, "cushion", mark + letter) for k in found]
@@ -163,7 +163,7 @@ def free_from(seen: Observation, sigma: float) -> int:
 def _trusted(xy: Array, table: Table, ball: BallSize) -> NDArray[np.bool_]:
     """Samples not so close to a cushion that a tracker may have clamped them."""
     edge = np.array([table.length / 2, table.width / 2]) - ball.radius
-    return np.all(np.abs(xy) < edge - CLAMPED, axis=1)
+    return np.all(np.abs(xy) < edge - CLAMP_MARGIN_M, axis=1)
 
 
 def split_all(
