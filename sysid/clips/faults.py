@@ -1,4 +1,7 @@
-"""What is wrong with a clip set: one line per fault, naming the file, the row, the value and the remedy."""
+"""Faults of a clip set: one line per fault, naming the file, the row, the value and the remedy.
+
+In: texts and values. Out: `Faults`, and the parts of their messages.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 CLIPS_TOML = "clips.toml"
-MAX_LINE_CHARS = 400  # a line is for reading: a damaged file must not flood the screen
-MAX_VALUE_CHARS = 60
+MAX_LINE_CHARS = 400  # of a message: a damaged file must not flood the screen
+MAX_VALUE_CHARS = 60  # of a value in a message
 
 
 class Faults:
@@ -23,7 +26,7 @@ class Faults:
         return sum(len(found) for found in self._found.values())
 
     def add(self, file: str, text: str, row: int | None = None) -> None:
-        """Note one fault; `row` is the line number in the file, from 1."""
+        """Add one fault; `row` is the line number in the file, from 1."""
         where = "" if row is None else f", {'line' if file == CLIPS_TOML else 'row'} {row}"
         # Faults of a whole file come last: they often follow from those of its rows.
         self._found.setdefault(file, []).append((float("inf") if row is None else row, f"{file}{where}: {text}"))

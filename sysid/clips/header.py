@@ -1,4 +1,7 @@
-"""`clips.toml` of a clip set: the table, the ball, the camera, and which clips there are."""
+"""`clips.toml` of a clip set: the table, the ball, the camera, and which clips there are.
+
+In: the folder. Out: a `Header`, and its faults in `Faults`.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ CLIP_SET_FORMAT = "billiard-clips/1"
 SECTION_NAMES = ("table", "ball", "camera")
 TOP_LEVEL_KEYS = ("format", "clip", *SECTION_NAMES)
 CLIP_TEXTS = {"file": '"clips/0001.csv"', "struck": '"cue"', "note": '"long draw"'}  # with examples
-MIN_BALL_DENSITY_KG_M3, MAX_BALL_DENSITY_KG_M3 = 50.0, 12000.0  # density of a ball [kg/m^3]: hollow plastic to lead
+MIN_BALL_DENSITY_KG_M3, MAX_BALL_DENSITY_KG_M3 = 50.0, 12000.0  # hollow plastic to lead
 MIN_BALLS_ACROSS_TABLE = 5  # a table narrower than so many balls has its ball or its table in the wrong unit
 
 
@@ -37,7 +40,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Header:
-    """What clips.toml says; None where it says nothing usable."""
+    """The contents of clips.toml; None where an entry is missing or wrong."""
 
     table: Table | None
     ball: Ball | None
@@ -61,8 +64,10 @@ def read_header(root: Path, faults: Faults) -> Header | None:
         unknown_keys(document, TOP_LEVEL_KEYS, Place(text), faults)
         return None
     if version != CLIP_SET_FORMAT:
-        said = "format is missing" if version is None else f"format = {shown(version)} is unknown"
-        faults.add(CLIPS_TOML, f'{said}: this program reads format = "{CLIP_SET_FORMAT}"', Place(text).line("format"))
+        problem = "format is missing" if version is None else f"format = {shown(version)} is unknown"
+        faults.add(
+            CLIPS_TOML, f'{problem}: this program reads format = "{CLIP_SET_FORMAT}"', Place(text).line("format")
+        )
         return None  # another version may mean anything
     extra = unknown_keys(document, TOP_LEVEL_KEYS, Place(text), faults)
     table = _table(_section(document, "table", text, extra, faults), document, text, faults)
@@ -113,7 +118,9 @@ def _table(values: Mapping[str, float], document: Mapping[str, Any], text: str, 
             CLIPS_TOML, f"pockets = {shown(pockets)} is not true or false: write one of them", place.line("pockets")
         )
     if values["width"] > values["length"]:
-        problem = f"width = {values['width']:g} exceeds length = {values['length']:g}: exchange them, x is the long way"
+        problem = (
+            f"width = {values['width']:g} exceeds length = {values['length']:g}: exchange them, x is along the table"
+        )
         faults.add(CLIPS_TOML, problem, place.line("width"))
     return Table(values["length"], values["width"], pockets is not False)
 

@@ -1,7 +1,9 @@
-"""Clips up to where a pocket's jaws enter: what is fitted knows pockets that swallow, not jaws that throw back.
+"""Clips up to the first touch of a pocket's jaws: the models that are fitted have pockets without jaws.
 
-A ball that touches a jaw and drops is followed up to the touch. Where one comes out again, everything that it may meet
-is another motion, and the whole clip ends there. Jaws are those of models/analytic/pocket.py, and a little wider.
+In: a `ClipSet`. Out: the same, every clip cut where needed.
+
+A ball that touches a jaw and drops is followed up to the touch. Where it rebounds, it may meet other balls, so the
+whole clip ends there. The jaws are those of models/analytic/pocket.py, with a margin.
 """
 
 from __future__ import annotations
@@ -16,12 +18,12 @@ from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 
-JAW_MARGIN_M = 3e-3  # noise, and how well the jaws' place is known [m]
-MIN_CLIP_SAMPLES = 12  # samples of the struck ball that make a clip
+JAW_MARGIN_M = 3e-3  # for noise, and for the uncertainty of the jaws' place
+MIN_CLIP_SAMPLES = 12  # of the struck ball: shorter clips are left out
 
 
 def before_jaws(clip_set: ClipSet) -> ClipSet:
-    """The clips, none beyond a jaw; a clip of which next to nothing is left is left out."""
+    """Cut every clip at the first touch of a jaw; leave out clips of which too few samples remain."""
     try:
         jaws = pockets_of(clip_set.table, clip_set.ball).jaws
     except BadInput:  # other pockets than snooker's: nothing is known of their jaws

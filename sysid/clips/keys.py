@@ -1,4 +1,7 @@
-"""Keys and numbers of `clips.toml`: their units and bounds, slips of the pen, and the lines they stand on."""
+"""Keys and numbers of `clips.toml`: their units and bounds, misspelt keys, and line numbers for messages.
+
+In: decoded TOML and its text. Out: numbers, unknown keys, and faults in `Faults`.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""What the rows of a clip must satisfy: times go forwards, balls lie on the table and not in each other.
+"""Plausibility of the rows of a clip: times increase, balls are on the table and do not overlap.
 
-A ball's centre stays a radius short of the cushion noses, so the nose line leaves room for what a camera does to an
-image (scale, tilt, lens); beyond it lies a ball only where a pocket swallows it.
+In: the `Rows` of a clip with its table, ball and camera. Out: faults, collected in `Faults`.
+
+A ball's centre stays a radius from the cushion noses, so the limit at the nose line tolerates errors of the camera
+(scale, tilt, lens). Beyond it a ball may only be where a pocket is.
 """
 
 from __future__ import annotations
@@ -18,19 +20,19 @@ from sysid.clips.header import Entry
 from sysid.clips.rows import Rows
 
 MIN_STRUCK_SAMPLES = 3  # samples of the struck ball
-MAX_CLIP_S = 600.0  # of a clip [s]; no shot lasts so long, but one in milliseconds does
-MAX_BEYOND_NOSE_M = 0.005  # of a centre over the nose line [m]: cushions yield, trackers err
-POCKET_REACH = 2.0  # from the corner of the noses to a ball that drops, in ball diameters
-MAX_OVERLAP_M = 0.003  # of touching balls at the start [m]
+MAX_CLIP_S = 600.0  # no shot lasts so long, but one with times in milliseconds would
+MAX_BEYOND_NOSE_M = 0.005  # of a centre: cushions yield, trackers err
+POCKET_REACH = 2.0  # distance from the corner of the noses to a ball that drops, in ball diameters
+MAX_OVERLAP_M = 0.003  # of touching balls at the start
 RECORD_AGAIN = "record the shot again or remove the clip"
-DEFAULT_FPS = 50.0  # where the frame rate is itself a fault [1/s]
+DEFAULT_FPS = 50.0  # where the frame rate of the set is missing or wrong
 START_FRAMES = 3.5  # a ball first seen in so many frames was there at the start
 
 
 def check_rows(
     rows: Rows, file: str, table: Table | None, ball: Ball | None, camera: Mapping[str, float], faults: Faults
 ) -> None:
-    """Note every fault of times and places; what needs a table or a ball is left out where there is none."""
+    """Collect the faults of times and places; places are not checked where table or ball is missing."""
     fps, noise = camera.get("fps", DEFAULT_FPS), 6 * camera.get("sigma", 0.0)
     _check_times(rows, file, faults)
     if table is not None and ball is not None and _check_places(rows, file, table, ball, noise, faults):

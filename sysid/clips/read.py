@@ -1,4 +1,7 @@
-"""Reading a clip set: the folder of tracked shots that every command reads, in the format `billiard-clips/1`."""
+"""Reading a clip set: the folder of tracked shots that every command reads.
+
+In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`, or the list of its faults.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The rows of one clip: CSV with the columns `t,ball,x,y,theta` in any order, and others that are kept."""
+"""The rows of one clip: CSV with the columns `t,ball,x,y,theta` in any order, and others that are preserved.
+
+In: the text of a CSV file. Out: `Rows`, and its faults in `Faults`.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.shot import Array
 from sysid.clips.faults import Faults, closest, listed, name_fault, shown
-
-Array = NDArray[np.float64]
 
 COLUMN_NAMES = ("t", "ball", "x", "y", "theta")
 NUMBER_REMEDIES = {
@@ -94,15 +96,15 @@ def _whole_rows(
 ) -> tuple[list[list[str]], list[int]]:
     """The rows that have a cell for every column; the others are faults."""
     whole: list[list[str]] = []
-    kept: list[int] = []
+    whole_lines: list[int] = []
     for row, line in zip(body, lines, strict=True):
         if len(row) == width:
             whole.append(row)
-            kept.append(line)
+            whole_lines.append(line)
         else:
             count = f"{len(row)} cells where the header has {width} columns"
             faults.add(file, f"{shown(','.join(row))} has {count}: complete or remove the row", line)
-    return whole, kept
+    return whole, whole_lines
 
 
 def _plain_numbers(cells: Sequence[str]) -> Array | None:

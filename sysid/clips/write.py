@@ -1,6 +1,8 @@
-"""Clip sets as text, and how a folder comes to hold all of it or nothing.
+"""Writing a clip set: a folder holds all of it, or what it held before.
 
-The files are written and read back in a scratch folder beside the wanted one, which then takes its place by renaming.
+In: a `ClipSet`. Out: a folder in the format `billiard-clips/1`.
+
+The files are written and checked in a scratch folder beside the wanted one, which then takes its place by renaming.
 """
 
 from __future__ import annotations

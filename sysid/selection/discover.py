@@ -17,7 +17,6 @@ import numpy as np
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
-from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, begin, fit_on
 from sysid.selection.evidence import MAX_LOSS_RATIO, compare_fits, loss_ratio_without, remove_effect
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe
@@ -190,26 +189,23 @@ def propose_next(
             why = f"parts {best.name} from {rivals[0].name}, the next best"
             return propose_shot(rival, best.fitted.model, rival.covariance, parts.noise, why)
     # An effect that the active ones can imitate wholly is hidden at any size: no shot would show it.
-    rows = [row for row in rounds[-1].scores.rows if np.all((row.sd > 0) & (row.sd < MAX_SD_OF_RANGE * _range(row)))]
+    rows = [row for row in rounds[-1].scores.rows if _is_separate(row)]
     if not rows:
         return None
     row = max(rows, key=_hidden_share)
     one = row.candidate
-    bounds = np.array([one.effect.parameters()[k]["bounds"] for k in one.keys])
-    value = np.clip(one.off() + NEXT_SHOT_EFFECT_SD * row.sd, bounds[:, 0], bounds[:, 1])
+    value = np.clip(one.off() + NEXT_SHOT_EFFECT_SD * row.sd, *one.bounds().T)
     hidden = ", ".join(f"{k} = {v:.3g}" for k, v in zip(one.keys, value, strict=True))
     why = f"these clips say least about {one.name}: they could hide {hidden}"
     return propose_shot(now, now.model.add(one.at(value)), now.covariance, parts.noise, why)
 
 
-def _range(row: Score) -> Array:
-    """Width of the bounds of a candidate's parameters: (k,)."""
-    known = row.candidate.effect.parameters()
-    return np.array([np.subtract(*known[k]["bounds"][::-1]) for k in row.candidate.keys])
+def _is_separate(row: Score) -> bool:
+    """Whether the active effects do not imitate a candidate."""
+    low, high = row.candidate.bounds().T
+    return bool(np.all((row.sd > 0) & (row.sd < MAX_SD_OF_RANGE * (high - low))))
 
 
 def _hidden_share(row: Score) -> float:
     """Standard deviation of a candidate's parameters over their usual size, the largest of them."""
-    one = row.candidate
-    usual = np.array([getattr(one.effect, key) for key in one.keys]) - one.off()
-    return float(np.max(row.sd / np.maximum(np.abs(usual), 1e-12)))
+    return float(np.max(row.sd / np.maximum(np.abs(row.candidate.usual()), 1e-12)))

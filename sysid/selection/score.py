@@ -57,6 +57,15 @@ class Candidate:
         known = self.effect.parameters()
         return np.array([known[k]["off"] for k in self.keys], float)
 
+    def bounds(self) -> Array:
+        """Lower and upper bounds of the switching parameters: (k, 2)."""
+        known = self.effect.parameters()
+        return np.array([known[k]["bounds"] for k in self.keys], float)
+
+    def usual(self) -> Array:
+        """Usual values of the switching parameters, as distances from their off values: (k,)."""
+        return np.array([getattr(self.effect, k) for k in self.keys], float) - self.off()
+
 
 def candidate(effect: type[Effect] | Effect) -> Candidate:
     """A candidate from an effect's class: every parameter that has an off value switches it on."""
@@ -90,9 +99,7 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
         quick: take one-sided differences and fewer passes for the probes.
     """
     problem = with_candidate(point.problem, one)
-    known, off = one.effect.parameters(), one.off()
-    k = len(one.keys)
-    bounds = np.array([known[key]["bounds"] for key in one.keys], float)
+    off, bounds, k = one.off(), one.bounds(), len(one.keys)
     width = bounds[:, 1] - bounds[:, 0]
     sign = np.where(bounds[:, 1] - off >= 0.25 * width, 1.0, -1.0)  # towards the inside of the bounds
     room = np.where(sign > 0, bounds[:, 1] - off, off - bounds[:, 0])
@@ -116,9 +123,7 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
             columns[..., number] = np.nan_to_num(part) * sign[number]
         again = []
         for j in todo.tolist():
-            size = float(np.median(np.sqrt(np.nanmean(np.minimum(change[j] ** 2, MAX_CHANGE_SD**2), axis=1))))
-            top = float(np.sqrt(np.nanmean(np.minimum(change[j] ** 2, MAX_CHANGE_SD**2))))
-            size = max(size, 0.5 * top)  # keeps an effect that shows in few shots within its linear range
+            size = _size(change[j])
             low, high = PROBE_LIMITS_OF_RANGE[0] * width[j], min(PROBE_LIMITS_OF_RANGE[1] * width[j], room[j])
             wanted = float(np.clip(probe[j] * np.clip(PROBE_CHANGE_SD / max(size, 1e-9), 1e-3, 1e3), low, high))
             not_fading = probe[j] < NOT_FADING_RATIOS[0] * before[0, j] and size > NOT_FADING_RATIOS[1] * before[1, j]
@@ -133,7 +138,7 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
             break
         todo = np.array(again)
     if sudden:
-        usual = np.array([getattr(one.effect, key) for key in one.keys], float) - off
+        usual = one.usual()
         probe[sudden] = np.abs(usual[sudden])
         for number, part in changes(np.array(sudden), usual).items():
             columns[..., number] = np.nan_to_num(part) * np.sign(usual[number])
@@ -146,14 +151,21 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
     return Signature(one, probe, columns, bool(sudden))
 
 
+def _size(change: Array) -> float:
+    """Size of a change of residuals (n, m): the median over shots of its rms."""
+    square = np.minimum(change**2, MAX_CHANGE_SD**2)
+    median = float(np.median(np.sqrt(np.nanmean(square, axis=1))))
+    return max(median, 0.5 * float(np.sqrt(np.nanmean(square))))  # an effect in few shots stays in its linear range
+
+
 def strike_signature(point: Point, jx: Array, one: Candidate) -> Signature:
     """The signature of an effect that acts at the strike alone, by the chain rule.
 
     Such an effect only shifts the initial states, so its signature is jx (n, m, p), the derivatives by these, times the
     shift. The difference of two simulations would drown it in the integrator's step error, at thin cuts above all.
     """
-    known, off, problem = one.effect.parameters(), one.off(), point.problem
-    probe = np.array([FIRST_PROBE_OF_RANGE * np.subtract(*known[k]["bounds"][::-1]) for k in one.keys])
+    off, bounds, problem = one.off(), one.bounds(), point.problem
+    probe = FIRST_PROBE_OF_RANGE * (bounds[:, 1] - bounds[:, 0])
     shifts = np.zeros((*point.initial_states.shape, len(off)))
     for j, by in enumerate(probe):
         step = by * (np.arange(len(off)) == j)

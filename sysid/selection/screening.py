@@ -203,10 +203,7 @@ def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedCandid
 def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:
     """Initial states (n, p) and switching parameters (k,) to start from: of a few trial values those of least loss."""
     one, off = score.candidate, score.candidate.off()
-    known = one.effect.parameters()
-    bounds = np.array([known[k]["bounds"] for k in one.keys], float)
-    step = score.values - off
-    usual = np.array([getattr(one.effect, k) for k in one.keys], float) - off
+    bounds, usual, step = one.bounds(), one.usual(), score.values - off
     trials = [step, 0.3 * step]
     one_sided = np.any(np.isclose(off, bounds[:, 0])) or np.any(np.isclose(off, bounds[:, 1]))
     if one_sided:  # such an effect may grow with the square of its parameter

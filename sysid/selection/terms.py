@@ -66,14 +66,9 @@ QUANTITY_TEXTS = {
     "image_y": "shift of the image along y [m]",
 }
 QUANTITY_UNITS = {
-    "drag": "m/s^2",
-    "push_x": "m/s^2",
-    "push_y": "m/s^2",
-    "side": "m/s^2",
-    "image_x": "m",
-    "image_y": "m",
-}
-COEFFICIENT_WIDTHS = {
+    "drag": "m/s^2", "push_x": "m/s^2", "push_y": "m/s^2", "side": "m/s^2", "image_x": "m", "image_y": "m",
+}  # fmt: skip
+COEFFICIENT_WIDTHS = {  # half of the bounds that a term without variables has
     "drag": 0.1, "grip": 0.5, "push_x": 0.1, "push_y": 0.1, "side": 0.1, "cushion_e": 0.3, "cushion_mu": 0.2,
     "ball_e": 0.2, "ball_mu": 0.2, "image_x": 0.05, "image_y": 0.05,
 }  # fmt: skip

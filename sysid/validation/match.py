@@ -56,7 +56,7 @@ class MatchResult:
     error: float
     unit: str
     tolerance: float | None = None
-    analytic: float | None = None  # the analytic model's own figure, where it has one
+    analytic: float | None = None  # the error of the analytic model, where it has one
 
     @property
     def ok(self) -> bool:
@@ -88,7 +88,7 @@ class TestedModel:
 
 
 def in_mujoco(model: Model) -> Model:
-    """The model played in MuJoCo."""
+    """The model, simulated by MuJoCo."""
     return dataclasses.replace(model, engine="mujoco")
 
 
@@ -100,7 +100,7 @@ def tested_models() -> tuple[TestedModel, TestedModel]:
 
 
 def motion(tested: TestedModel, count: int = 500) -> list[MatchResult]:
-    """Open cloth, 3 s, random speeds and spins: position all the direction, and sidespin while there is some."""
+    """Open cloth, 3 s, random speeds and spins: errors of position and of sidespin along the path."""
     velocity, spin = random_states(count)
     times = np.linspace(0, 3, 61)
     still = np.zeros((1, 2))
@@ -124,7 +124,7 @@ def motion(tested: TestedModel, count: int = 500) -> list[MatchResult]:
 
 
 def impacts(tested: TestedModel, kind: str, count: int = 500) -> list[MatchResult]:
-    """Velocity and R omega after an impact over the speed before it, against the impulse models."""
+    """Errors of velocity and R omega after an impact, over the speed before it, against the impulse models."""
     after = SETTLING_TIME_S["impulse" if tested.by_impulse else tested.name]
     found = []
     label = {"ball": "ball-ball", "cushion": "cushion"}[kind]
@@ -151,9 +151,9 @@ def _apart(one: Sequence[Array], other: Sequence[Array]) -> Array:
 
 
 def whole_shots(tested: TestedModel, count: int = 200, moved: float = 1e-6) -> list[MatchResult]:
-    """All balls' positions at the moment at which the analytic struck ball stops.
+    """Error of the positions of all balls at the time at which the struck ball of the analytic model stops.
 
-    Chaos, as the analytic figure: the same of the analytic model with every ball's place moved by a micrometre.
+    The analytic figure is the sensitivity: the same of the analytic model with every ball displaced by a micrometre.
     """
     shots, tracks = random_shots(count)
     rng = np.random.default_rng(RANDOM_SEED)
@@ -161,14 +161,21 @@ def whole_shots(tested: TestedModel, count: int = 200, moved: float = 1e-6) -> l
         dataclasses.replace(s, position=s.position + moved * rng.choice([-1.0, 1.0], s.position.shape)) for s in shots
     ]
     away = 1e3 * _apart(_ends(tested(MATHAVAN_TABLE, shots)), _ends(tracks))
-    chaos = 1e3 * _apart(_ends(play(ANALYTIC_MODEL, other)), _ends(tracks))
+    sensitivity = 1e3 * _apart(_ends(play(ANALYTIC_MODEL, other)), _ends(tracks))
     name, tolerance = f"whole shots{tested.note}, {count}, 1 to 4 impacts", 5.0 if tested.contacts == "always" else None
     return [
-        MatchResult(f"{name}: median", tested.name, float(np.median(away)), "mm", tolerance, float(np.median(chaos))),
         MatchResult(
-            f"{name}: 9 in 10", tested.name, float(np.quantile(away, 0.9)), "mm", None, float(np.quantile(chaos, 0.9))
+            f"{name}: median", tested.name, float(np.median(away)), "mm", tolerance, float(np.median(sensitivity))
         ),
-        MatchResult(f"{name}: worst", tested.name, float(away.max()), "mm", None, float(chaos.max())),
+        MatchResult(
+            f"{name}: 9 in 10",
+            tested.name,
+            float(np.quantile(away, 0.9)),
+            "mm",
+            None,
+            float(np.quantile(sensitivity, 0.9)),
+        ),
+        MatchResult(f"{name}: worst", tested.name, float(away.max()), "mm", None, float(sensitivity.max())),
     ]
 
 
@@ -192,7 +199,7 @@ def roughness(tested: TestedModel, count: int = 200) -> list[MatchResult]:
 
 
 def rebounds(tested: TestedModel | None, pairs: Sequence[tuple[float, float]]) -> Array:
-    """Rebound speeds of a rolling ball straight at a cushion: (n,) [m/s]; without a tested, by the analytic model."""
+    """Rebound speeds of a ball that rolls straight at a cushion: (n,) [m/s]; None stands for the analytic model."""
     after = SETTLING_TIME_S[tested.name if tested else "impulse"]
     shots = [impact_shot("cushion", v, 0.0, 1.0, 0.0, after) for v, _ in pairs]
     tracks = tested(MATHAVAN_TABLE, shots) if tested else play(ANALYTIC_MODEL, shots)
@@ -212,7 +219,7 @@ def obliques(tested: TestedModel | None) -> Array:
 
 
 def published(tested: TestedModel) -> list[MatchResult]:
-    """Against measurements: rms misses of rebound speeds, of speeds after oblique collisions and of deflections."""
+    """Against measurements: rms errors of rebound speeds, of speeds after oblique collisions and of deflections."""
     found = []
     for title, pairs in (("2010, 19", CUSHION_2010), ("2009, 8", CUSHION_2009)):
         for part, top in (("all", 9.0), ("below 2.5 m/s", 2.5)):
@@ -249,14 +256,14 @@ def cueing(tested: TestedModel, few: bool = False) -> list[MatchResult]:
 
 
 def effects_of(names: Sequence[str] | None = None) -> list[str]:
-    """The catalogue's effects beyond the base, or those named, that the event engine plays; "" stands for none."""
+    """Effects of the catalogue, or those named, that the event engine plays, without the base's; "" for none."""
     base = full_model(FULL_TABLE, SNOOKER_BALL)
     found = [n for n in names or catalogue() if n not in {e.name() for e in base.effects}]
     return ["", *(n for n in found if not lacking(base.add(catalogue()[n]())))]
 
 
 def effect(name: str, count: int = 40) -> list[MatchResult]:
-    """An effect at its usual size, or with "" the base: how far the camera sees balls in MuJoCo from the engine's."""
+    """An effect at its usual size, "" for none: distance of the tracks in MuJoCo from those of the engine."""
     model, shots = full_model(FULL_TABLE, SNOOKER_BALL), two_ball_shots(count)
     if name:
         model = model.add(catalogue()[name]())
@@ -273,7 +280,7 @@ def effect(name: str, count: int = 40) -> list[MatchResult]:
 
 
 def rows(count: int = 500, shots: int = 200, few: bool = False) -> Iterator[MatchResult]:
-    """Every row, as it is measured: `count` states and impacts, `shots` whole shots; `few` strokes of the launcher."""
+    """All results, one by one: `count` states and impacts, `shots` whole shots; `few` strokes of the launcher."""
     native, effects = tested_models()
     alone = dataclasses.replace(effects, contacts="clusters")
     parts: list[Callable[[], list[MatchResult]]] = []
@@ -290,7 +297,7 @@ def rows(count: int = 500, shots: int = 200, few: bool = False) -> Iterator[Matc
 
 
 def line(row: MatchResult) -> str:
-    """A row as text."""
+    """A result as a line of text."""
     tolerance = "" if row.tolerance is None else f"  tolerance {row.tolerance:g} {row.unit}"
     analytic = "" if row.analytic is None else f"  (analytic {row.analytic:.3g})"
     exceeded = "" if row.ok else ": EXCEEDED"
@@ -298,7 +305,7 @@ def line(row: MatchResult) -> str:
 
 
 def to_json(row: MatchResult) -> dict[str, object]:
-    """A row as its file has it."""
+    """A result as the JSON file has it."""
     return {
         "case": row.case, "model": row.model, "error": row.error, "unit": row.unit, "reach": row.tolerance,
         "analytic": row.analytic, "ok": row.ok,

@@ -49,7 +49,7 @@ TERMS_BY_CASE = {
 
 
 def shots_of(case: str) -> list[Shot]:
-    """The shots a term is tuned on."""
+    """The shots that the terms of a case are fitted to."""
     if case == "cloth":
         still, times = np.zeros((1, 2)), np.linspace(0, 3, 13)
         velocity, spin = random_states(RANDOM_STATES)
@@ -58,8 +58,8 @@ def shots_of(case: str) -> list[Shot]:
     return [impact_shot(case, v, angle, top, side, SETTLING_TIME_S["native"]) for v, angle, top, side in states]
 
 
-def misses(case: str, shots: list[Shot], ours: list[Track], theirs: list[Track]) -> Array:
-    """How far tracks are apart, over what counts one: (m,)."""
+def residuals(case: str, shots: list[Shot], ours: list[Track], theirs: list[Track]) -> Array:
+    """Differences of two sets of tracks, over their scales: (m,)."""
     found = []
     for shot, a, b in zip(shots, ours, theirs, strict=True):
         if case == "cloth":
@@ -73,7 +73,7 @@ def misses(case: str, shots: list[Shot], ours: list[Track], theirs: list[Track])
 
 
 def tune(case: str, native: Native, report: Callable[[str], None] | None = None) -> Native:
-    """The native terms of a case, fitted; the others as they are."""
+    """Fit the native terms of a case; the others keep their values."""
     names, shots = TERMS_BY_CASE[case], shots_of(case)
     table = OPEN_TABLE if case == "cloth" else MATHAVAN_TABLE
     truth = play(dataclasses.replace(ANALYTIC_MODEL, table=table), shots)
@@ -86,7 +86,7 @@ def tune(case: str, native: Native, report: Callable[[str], None] | None = None)
         model = Model(table, SNOOKER_BALL, native).with_values(each)
         tracks = simulate(model, shots * len(x))
         parts = [tracks[k * len(shots) : (k + 1) * len(shots)] for k in range(len(x))]
-        found = np.stack([misses(case, shots, part, truth) for part in parts])
+        found = np.stack([residuals(case, shots, part, truth) for part in parts])
         if report:
             report(f"{case}: " + ", ".join(f"{n} {v:.4g}" for n, v in zip(names, values[0], strict=True)))
         return found
@@ -99,7 +99,7 @@ def tune(case: str, native: Native, report: Callable[[str], None] | None = None)
 
 
 def tuned(report: Callable[[str], None] | None = None) -> Model:
-    """The native model nearest to the analytic ones, from the analytic models' own constants on."""
+    """The native model closest to the analytic ones, fitted from the constants of the analytic models."""
     c = MATHAVAN_CONSTANTS
     native = Native(
         slide=c["decoupled_cloth.slide"], roll=c["decoupled_cloth.roll"], spin=c["decoupled_cloth.spin"],
