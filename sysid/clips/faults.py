@@ -38,7 +38,7 @@ class Faults:
             ordered = sorted(found, key=lambda fault: fault[0])
             lines += [one_line(text) for _, text in ordered[:per_file]]
             if per_file is not None and len(ordered) > per_file:
-                lines.append(one_line(f"{file}: {len(ordered) - per_file} more faults: mend those above first"))
+                lines.append(one_line(f"{file}: {len(ordered) - per_file} more faults: correct those above first"))
         return lines
 
 

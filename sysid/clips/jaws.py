@@ -50,8 +50,8 @@ def _before(clip: Clip, clip_set: ClipSet, jaws: Array) -> Clip:
             end = min(end, touched)
     if end == np.inf and not ends:
         return clip
-    kept = {name: _until(seen, min(end, ends.get(name, np.inf))) for name, seen in clip.balls.items()}
-    return dataclasses.replace(clip, balls=kept)
+    balls = {name: _until(seen, min(end, ends.get(name, np.inf))) for name, seen in clip.balls.items()}
+    return dataclasses.replace(clip, balls=balls)
 
 
 def _touched(seen: Observation, jaws: Array) -> float | None:

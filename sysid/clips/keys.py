@@ -49,7 +49,7 @@ class Place:
     index: int = 0
 
     def line(self, key: str = "") -> int | None:
-        """Line number of a key, else of the table; None when neither is written in the usual way."""
+        """Line number of a key, else of the table; None when neither is found."""
         here, seen, table = not self.name, -1, None
         for number, line in enumerate(self.text.split("\n"), 1):
             if found := TABLE_HEADING.match(line):
@@ -70,7 +70,7 @@ def _assigns(line: str, key: str) -> bool:
 def unknown_keys(
     data: Mapping[str, Any], known: Iterable[str], place: Place, faults: Faults, within: str = ""
 ) -> dict[str, Any]:
-    """Keys that the format does not name: kept, unless they look like slips of keys that it does name.
+    """Keys that the format does not name: preserved, unless they are probably misspelt.
 
     `within` is the key whose inline table `data` is.
     """
@@ -112,7 +112,7 @@ def read_numbers(
 
 
 def _number(value: object, bound: Bound) -> float:
-    """The value as a number within its bounds; the ValueError says what is wrong with it."""
+    """The value as a number within its bounds; the message of the ValueError is the fault and its remedy."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"is not a number: write it in {bound.unit}, without quotes")
     try:

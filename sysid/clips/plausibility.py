@@ -46,9 +46,9 @@ def _check_times(rows: Rows, file: str, faults: Faults) -> None:
         problem = f"t = {time[i + 1]:.9g} lies before t = {time[i]:.9g} of row {line[i]}: sort the rows by t"
         faults.add(file, problem, line[i + 1])
     for k, name in enumerate(rows.names):
-        own = np.flatnonzero(rows.ball == k)
-        for i in np.flatnonzero(time[own[1:]] == time[own[:-1]]).tolist():
-            one, other = int(own[i]), int(own[i + 1])
+        of_ball = np.flatnonzero(rows.ball == k)
+        for i in np.flatnonzero(time[of_ball[1:]] == time[of_ball[:-1]]).tolist():
+            one, other = int(of_ball[i]), int(of_ball[i + 1])
             problem = f"t = {time[one]:.9g} of ball {shown(name)} is that of row {line[one]} as well"
             faults.add(file, f"{problem}: keep one row of a ball at one time", line[other])
     if not back.any() and len(time) and float(time[-1]) - float(time[0]) > MAX_CLIP_S:
@@ -83,7 +83,7 @@ def check_struck(rows: Rows, entry: Entry, faults: Faults) -> None:
 
 
 def _check_places(rows: Rows, file: str, table: Table, ball: Ball, noise: float, faults: Faults) -> bool:
-    """Whether all balls lie on the table or in its pockets."""
+    """Whether all balls are on the table or in its pockets."""
     half = np.array([table.length, table.width]) / 2
     limit = half + MAX_BEYOND_NOSE_M + noise
     outside = np.flatnonzero((np.abs(rows.xy) > limit).any(axis=1))
@@ -103,13 +103,13 @@ def _check_places(rows: Rows, file: str, table: Table, ball: Ball, noise: float,
 def _check_overlap(rows: Rows, file: str, ball: Ball, fps: float, noise: float, faults: Faults) -> None:
     starts: list[tuple[int, float, float, float, float]] = []  # row, time, x, y, speed
     for k in range(len(rows.names)):
-        own = np.flatnonzero(rows.ball == k)[:2]
-        time, xy = rows.time[own].tolist(), rows.xy[own].tolist()
+        of_ball = np.flatnonzero(rows.ball == k)[:2]
+        time, xy = rows.time[of_ball].tolist(), rows.xy[of_ball].tolist()
         late = time[0] - float(rows.time[0]) > START_FRAMES / fps
         if late or not all(map(math.isfinite, (*time, *xy[0], *xy[-1]))):
             continue
-        speed = math.dist(xy[0], xy[1]) / (time[1] - time[0]) if len(own) > 1 and time[1] > time[0] else 0.0
-        starts.append((int(own[0]), time[0], xy[0][0], xy[0][1], speed))
+        speed = math.dist(xy[0], xy[1]) / (time[1] - time[0]) if len(of_ball) > 1 and time[1] > time[0] else 0.0
+        starts.append((int(of_ball[0]), time[0], xy[0][0], xy[0][1], speed))
     for a, b in combinations(starts, 2):
         # A ball whose first frame is missing may have rolled into a place that the other has left since.
         rolled = 2 * abs(a[1] - b[1]) * max(a[4], b[4])

@@ -68,8 +68,8 @@ def _read(folder: Path, faults: Faults) -> ClipSet | None:
 def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
     balls = {}
     for k, name in enumerate(rows.names):
-        own = np.flatnonzero(rows.ball == k)
-        extra = {key: tuple(cells[i] for i in own.tolist()) for key, cells in rows.extra.items()}
-        balls[name] = Observation(rows.time[own], rows.xy[own], rows.theta[own], extra)
+        of_ball = np.flatnonzero(rows.ball == k)
+        extra = {key: tuple(cells[i] for i in of_ball.tolist()) for key, cells in rows.extra.items()}
+        balls[name] = Observation(rows.time[of_ball], rows.xy[of_ball], rows.theta[of_ball], extra)
     cue = None if entry.cue is None else CueCommand(**entry.cue)
     return Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order)

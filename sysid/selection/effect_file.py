@@ -159,5 +159,5 @@ def _imports(body: str) -> str:
     needed |= {"dataclass"}
     chosen = {module: [n for n in names if n in needed] for module, names in offered.items()}
     lines = {module: f"from {module} import {', '.join(names)}" for module, names in chosen.items() if names}
-    own = [lines[m] for m in sorted(lines) if m.startswith("models")]
-    return "\n".join([lines[m] for m in sorted(lines) if not m.startswith("models")]) + "\n\n" + "\n".join(own)
+    ours = [lines[m] for m in sorted(lines) if m.startswith("models")]
+    return "\n".join([lines[m] for m in sorted(lines) if not m.startswith("models")]) + "\n\n" + "\n".join(ours)

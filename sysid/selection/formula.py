@@ -138,5 +138,5 @@ def source_from(name: str, described: dict[str, Any], origin: str) -> str:
     if len({t.name for t in terms}) < len(terms):
         raise BadInput(f"what is unexplained has a term twice; {RESULT_REMEDY}")
     if not isinstance(what, str) or not isinstance(where, str):
-        raise BadInput(f"what is unexplained does not say what and where; {RESULT_REMEDY}")
+        raise BadInput(f"what is unexplained has no text for what and where; {RESULT_REMEDY}")
     return effect_source(name, terms, values, f"SparseFormula found in clips: {what}, {where}.", origin)

@@ -182,8 +182,8 @@ def term_from_json(entry: Any) -> tuple[Term, float]:
         x, y = (-v if sign == "+" else v for sign, v in zip(sizes.group(1, 4), numbers[::2], strict=True))
         term = _cell(name, x, numbers[1], y, numbers[3])
     if term is None or term.factor != factor:
-        asked = f"{shown(name)} on {shown(quantity)} with factor {shown(factor)}"
-        raise BadInput(f"no term {asked} is known; {RESULT_REMEDY}")
+        term_text = f"{shown(name)} on {shown(quantity)} with factor {shown(factor)}"
+        raise BadInput(f"no term {term_text} is known; {RESULT_REMEDY}")
     if abs(number) > MAX_COEFFICIENT_WIDTHS * term.width:
         raise BadInput(f"value of term {shown(name)} is {shown(value)}, far outside its bounds; {RESULT_REMEDY}")
     return term, number

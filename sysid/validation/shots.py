@@ -78,7 +78,7 @@ def impact_states(kind: str, count: int = 500) -> tuple[Array, Array]:
     rng = np.random.default_rng(RANDOM_SEED)
     golden = np.array(GOLDEN_BALL if kind == "ball" else GOLDEN_CUSHION, float)
     angle = np.radians(golden[:, 0] if kind == "ball" else 90 - golden[:, 0])
-    # The cushion's table has it along x, ahead of the ball; here it lies across, so angles turn the other direction.
+    # The golden table has the cushion along x, ahead of the ball; here it is across, so angles change their sign.
     fixed = np.column_stack([np.ones(len(golden)), angle if kind == "ball" else -angle, golden[:, 1:]])
     some = np.column_stack(
         [rng.uniform(0.5, 3, count), np.radians(rng.uniform(-70, 70, count)), rng.uniform(-1.5, 1.5, count),
