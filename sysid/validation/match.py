@@ -65,7 +65,7 @@ class MatchResult:
 
 
 @dataclass(frozen=True)
-class TestedModel:
+class ModelUnderTest:
     """A model of the table, and whether its impacts go through MuJoCo's contacts."""
 
     name: str
@@ -92,14 +92,14 @@ def in_mujoco(model: Model) -> Model:
     return dataclasses.replace(model, engine="mujoco")
 
 
-def tested_models() -> tuple[TestedModel, TestedModel]:
+def models_under_test() -> tuple[ModelUnderTest, ModelUnderTest]:
     """Native MJCF, and MJCF with effects whose every impact goes through MuJoCo's contacts."""
-    return TestedModel("native", in_mujoco(Model(MATHAVAN_TABLE, SNOOKER_BALL))), TestedModel(
+    return ModelUnderTest("native", in_mujoco(Model(MATHAVAN_TABLE, SNOOKER_BALL))), ModelUnderTest(
         "effects", in_mujoco(ANALYTIC_MODEL), "always"
     )
 
 
-def motion(tested: TestedModel, count: int = 500) -> list[MatchResult]:
+def motion(tested: ModelUnderTest, count: int = 500) -> list[MatchResult]:
     """Open cloth, 3 s, random speeds and spins: errors of position and of sidespin along the path."""
     velocity, spin = random_states(count)
     times = np.linspace(0, 3, 61)
@@ -123,7 +123,7 @@ def motion(tested: TestedModel, count: int = 500) -> list[MatchResult]:
     ]  # fmt: skip
 
 
-def impacts(tested: TestedModel, kind: str, count: int = 500) -> list[MatchResult]:
+def impacts(tested: ModelUnderTest, kind: str, count: int = 500) -> list[MatchResult]:
     """Errors of velocity and R omega after an impact, over the speed before it, against the impulse models."""
     after = SETTLING_TIME_S["impulse" if tested.by_impulse else tested.name]
     found = []
@@ -150,7 +150,7 @@ def _apart(one: Sequence[Array], other: Sequence[Array]) -> Array:
     return np.array([np.linalg.norm(a - b, axis=-1).max() for a, b in zip(one, other, strict=True)])
 
 
-def whole_shots(tested: TestedModel, count: int = 200, moved: float = 1e-6) -> list[MatchResult]:
+def whole_shots(tested: ModelUnderTest, count: int = 200, moved: float = 1e-6) -> list[MatchResult]:
     """Error of the positions of all balls at the time at which the struck ball of the analytic model stops.
 
     The analytic figure is the sensitivity: the same of the analytic model with every ball displaced by a micrometre.
@@ -179,7 +179,7 @@ def whole_shots(tested: TestedModel, count: int = 200, moved: float = 1e-6) -> l
     ]
 
 
-def roughness(tested: TestedModel, count: int = 200) -> list[MatchResult]:
+def roughness(tested: ModelUnderTest, count: int = 200) -> list[MatchResult]:
     """Largest second difference of end points over a sweep of sliding friction 0.2 % wide: a ball, then cushions."""
     direction = np.array([np.cos(0.42), np.sin(0.42)])
     velocity, spin = np.array([1.8 * direction, [0, 0]]), np.array([[5.0, 20.0, 25.0], [0, 0, 0]])
@@ -198,7 +198,7 @@ def roughness(tested: TestedModel, count: int = 200) -> list[MatchResult]:
     ]
 
 
-def rebounds(tested: TestedModel | None, pairs: Sequence[tuple[float, float]]) -> Array:
+def rebounds(tested: ModelUnderTest | None, pairs: Sequence[tuple[float, float]]) -> Array:
     """Rebound speeds of a ball that rolls straight at a cushion: (n,) [m/s]; None stands for the analytic model."""
     after = SETTLING_TIME_S[tested.name if tested else "impulse"]
     shots = [impact_shot("cushion", v, 0.0, 1.0, 0.0, after) for v, _ in pairs]
@@ -206,7 +206,7 @@ def rebounds(tested: TestedModel | None, pairs: Sequence[tuple[float, float]]) -
     return np.array([-t.velocity[-1, 0, 0] for t in tracks])
 
 
-def obliques(tested: TestedModel | None) -> Array:
+def obliques(tested: ModelUnderTest | None) -> Array:
     """Speeds of both balls once they roll, and deflection of the cue ball, at the published cuts: (n, 3) [m/s, deg]."""
     after = SETTLING_TIME_S[tested.name if tested else "impulse"]
     shots = [impact_shot("ball", v, np.radians(cut), 1.0, 0.0, after) for v, cut, *_ in OBLIQUE_2009]
@@ -218,7 +218,7 @@ def obliques(tested: TestedModel | None) -> Array:
     return np.column_stack([speed, deflection])
 
 
-def published(tested: TestedModel) -> list[MatchResult]:
+def published(tested: ModelUnderTest) -> list[MatchResult]:
     """Against measurements: rms errors of rebound speeds, of speeds after oblique collisions and of deflections."""
     found = []
     for title, pairs in (("2010, 19", CUSHION_2010), ("2009, 8", CUSHION_2009)):
@@ -239,7 +239,7 @@ def published(tested: TestedModel) -> list[MatchResult]:
     ]
 
 
-def cueing(tested: TestedModel, few: bool = False) -> list[MatchResult]:
+def cueing(tested: ModelUnderTest, few: bool = False) -> list[MatchResult]:
     """The launcher's strokes in MuJoCo against the cueing model: rms over the grid of speeds and offsets.
 
     Native: the ball on the slate of the MJCF; effects: on one that only carries it, as the effects' cloth does.
@@ -281,7 +281,7 @@ def effect(name: str, count: int = 40) -> list[MatchResult]:
 
 def rows(count: int = 500, shots: int = 200, few: bool = False) -> Iterator[MatchResult]:
     """All results, one by one: `count` states and impacts, `shots` whole shots; `few` strokes of the launcher."""
-    native, effects = tested_models()
+    native, effects = models_under_test()
     alone = dataclasses.replace(effects, contacts="clusters")
     parts: list[Callable[[], list[MatchResult]]] = []
     for p in (native, effects):
