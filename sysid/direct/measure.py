@@ -30,7 +30,7 @@ from models.analytic.impulse import collide_rows
 from models.shot import GRAVITY, Ball
 from sysid.clips import ClipSet, Observation
 from sysid.clips.noise import position_noise
-from sysid.clips.outliers import set_aside
+from sysid.clips.outliers import remove_outliers
 from sysid.clips.segments import Segment, cuts_of, split_all
 from sysid.direct.measured import (
     SPEEDS,
@@ -380,7 +380,7 @@ def _touch(
 def measure(clip_set: ClipSet, progress: Callable[[str], None] = lambda line: None) -> Measurements:
     """Every constant that the clips tell by itself."""
     sigma = position_noise(clip_set)
-    clip_set, spikes = set_aside(clip_set, sigma)
+    clip_set, spikes = remove_outliers(clip_set, sigma)
     frame, names = 1 / clip_set.fps, [c.file for c in clip_set.clips]
     progress("where balls slide and where they roll")
     segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, sigma, clip_set.fps, LEAST + 1)

@@ -26,7 +26,7 @@ from models.shot import Shot, Track
 from models.simulation.observe import observed, undone
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
-from sysid.clips.segments import CLAMPED, free_from, moving_from
+from sysid.clips.segments import CLAMP_MARGIN_M, free_from, moving_from
 from sysid.estimation.discrepancy import discrepancy_rate, events_and_paths
 from sysid.estimation.least_squares import Prior
 from sysid.estimation.problem import STATE_STEPS, Array, Index, by_events, shot_of, turn
@@ -226,7 +226,7 @@ def shot_problem(
     p = own + 2 * (max((len(c.balls) for c in clips), default=1) - 1)
     start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), REST_SD * noise), np.zeros(n)
     rest, trusted, staying = [], [], []
-    edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMPED
+    edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMP_MARGIN_M
     for k, clip in enumerate(clips):
         start[k, :own], mean[k, :own], sd[k, :own], azimuth[k] = shot_start(clip, clip_set, noise)
         others = [o for b, o in clip.balls.items() if b != clip.struck]

@@ -13,7 +13,7 @@ from models.model_file import Model
 from models.shot import Track
 from sysid.clips import ClipSet
 from sysid.clips.noise import position_noise
-from sysid.clips.outliers import set_aside
+from sysid.clips.outliers import remove_outliers
 from sysid.clips.segments import split_all
 from sysid.estimation.discrepancy import events_and_paths
 from sysid.estimation.initial_states import grown_states, polished
@@ -38,7 +38,7 @@ def compare(
 ) -> Comparison:
     """Compare whole clips and segments with a model; `start` (n, p) are own unknowns that are nearly right already."""
     sigma = position_noise(clip_set)
-    clip_set, _ = set_aside(clip_set, sigma)
+    clip_set, _ = remove_outliers(clip_set, sigma)
     parts = fit_stretches(clip_set, model, sigma)
     segments = parts.rows(clip_set) if parts else ()
     report(f"{len(segments)} segments between events")
