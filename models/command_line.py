@@ -131,12 +131,9 @@ def given(
     **more: Any,
 ) -> Any:  # fmt: skip
     """A field of a dataclass that an option fills: a shared one, or one made of flag, metavar, help, type, default."""
-    shown = {
-        "metavar": metavar or None,
-        "help": text,
-        "default": default,
-        "show_default": kind is not bool and default is not None,
-    }
+    shown = {"metavar": metavar or None, "help": text, "show_default": kind is not bool}
+    if default is not None:  # for a required option, None would be a value
+        shown["default"] = default
     return dataclasses.field(default=default, metadata={"option": (option, kind, shown | more)})
 
 

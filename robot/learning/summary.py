@@ -74,7 +74,7 @@ def _truth(last: Refit | None, course: Course, stand: EmulatedStand | None) -> d
 def text_of(result: dict[str, Any]) -> str:
     """The figures as text."""
     rows: list[tuple[str, ...]] = [
-        ("shots", "learnt from", "miss mm", "predicted mm", "scatter mm", "potted", "predicted", "from wanted mm")
+        ("shots", "learnt from", "miss mm", "predicted mm", "scatter mm", "potted", "predicted pots", "from wanted mm")
     ]
     for b in result["blocks"]:
         sizes = (b[f"{k}_median_m"] for k in ("miss", "foreseen", "scatter", "from_wanted"))

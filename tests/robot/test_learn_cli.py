@@ -137,7 +137,7 @@ def test_the_truth_stands_beside_what_was_found() -> None:
 def test_a_series_without_a_refit_is_told_as_well() -> None:
     short = Story({}, story((0.1,)).shots[:2], (), "all 2 shots are played")
     text = text_of(figures(short, COURSE, STAND))
-    assert "1 to 2" in text and "no refit: that takes 4 shots" in text and "found: none" in text
+    assert "1 to 2" in text and "no refit: the first is made after 4 shots" in text and "found: none" in text
     assert "ended: none" in text_of(figures(Story({}, (), (), "none"), COURSE, STAND))
 
 

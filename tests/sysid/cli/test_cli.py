@@ -91,7 +91,7 @@ def one_line(said: Said) -> str:
         (("fit", "x"), ("--out",)), (("fit", "x", "--modle", "m"), ("--modle", "--model")),
         (("fit", "x", "--out"), ("--out", "argument")), (("check", "x", "y"), ("y",)),
         (("compare", "x", "--engine", "bullet"), ("--engine", "bullet", "mujoco")),
-        (("compare", "x", "--mod", "m"), ("--mod", "--model")), (("track", "v", "--mass", "heavy"), ("--mass", "heavy")),
+        (("compare", "x", "--mod", "m"), ("--mod", "--model")), (("track", "v", "--mass", "big"), ("--mass", "big")),
         (("match", "--json", "a", "--clips", "b"), ("--json", "--clips")),
     ],
 )  # fmt: skip
