@@ -24,6 +24,7 @@ from models.errors import BadInput
 Verb = TypeVar("Verb", bound=Callable[..., Any])
 FILE_PATH = click.Path(path_type=Path)
 HELP_COLUMNS = 110  # width of help texts at most
+HELP_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": HELP_COLUMNS}
 
 
 class OutputFile(click.ParamType[Path, str]):
@@ -167,6 +168,11 @@ def at_most_one(**given: object) -> None:
         raise BadInput(f"{' and '.join(named)} exclude each other; give one of them")
 
 
+def lone_command(name: str) -> Callable[[Callable[..., Any]], click.Command]:
+    """The decorator of a command that a module runs by itself, with `python -m`."""
+    return click.command(name, context_settings=HELP_SETTINGS)
+
+
 class Program(click.Group):
     """A command whose help lists the verbs by section, in the order of work."""
 
@@ -174,9 +180,8 @@ class Program(click.Group):
         """Collect the verbs."""
         verbs = {str(verb.name): verb for section in sections.values() for verb in section}
         epilog = f'Tab completion, in bash: eval "$(_{name.upper()}_COMPLETE=bash_source {name})"; zsh and fish alike.'
-        settings = {"help_option_names": ["-h", "--help"], "max_content_width": HELP_COLUMNS}
         super().__init__(
-            name, help=text, epilog=epilog, commands=verbs, context_settings=settings, no_args_is_help=False,
+            name, help=text, epilog=epilog, commands=verbs, context_settings=HELP_SETTINGS, no_args_is_help=False,
             subcommand_metavar="VERB [OPTIONS]", options_metavar="",
         )  # fmt: skip
         self.sections = sections
@@ -190,13 +195,13 @@ class Program(click.Group):
 
 
 def run(
-    program: Program,
+    program: click.Command,
     words: Sequence[str] | None = None,
     *,
     interrupted: str = "",
     failures: tuple[type[Exception], ...] = (),
 ) -> int:
-    """Run the verb that a command line names; returns the exit status.
+    """Run a command, or the verb of a program that the command line names; returns the exit status.
 
     Args:
         words: the command line without the program's name; by default those of the process.
@@ -209,18 +214,19 @@ def run(
     if f"_{name.upper()}_COMPLETE" in os.environ:
         program.main(prog_name=name)  # writes what the shell asks for, and exits
     words = list(sys.argv[1:] if words is None else words)
-    path = f"{name} {words[0]}" if words and words[0] in program.commands else name
+    verbs = list(program.commands) if isinstance(program, click.Group) else []
+    path = f"{name} {words[0]}" if words and words[0] in verbs else name
     progress = show_progress()
     reported: tuple[type[Exception], ...] = (BadInput, *failures)
     status, fault = Status.DONE, ""
     try:
-        with program.make_context(name, words, obj=progress) as context:
+        with program.make_context(name if verbs else f"python -m {name}", words, obj=progress) as context:
             status = program.invoke(context)
         sys.stdout.flush()
     except click.exceptions.Exit as end:
         status = Status(end.exit_code)
     except click.ClickException as error:
-        status, fault = Status.BAD_INPUT, _usage_fault(error, path, program)
+        status, fault = Status.BAD_INPUT, _usage_fault(error, path, verbs)
     except reported as error:
         status, fault = Status.BAD_INPUT if isinstance(error, BadInput) else Status.FINDING, str(error)
     except KeyboardInterrupt:
@@ -235,10 +241,10 @@ def run(
     return int(status)
 
 
-def _usage_fault(error: click.ClickException, path: str, program: Program) -> str:
+def _usage_fault(error: click.ClickException, path: str, verbs: Sequence[str]) -> str:
     """A wrong word or option in one line, with what it is near to."""
-    if not isinstance(error, click.NoSuchCommand | click.NoSuchOption) and "Missing command" in error.format_message():
-        return f"no verb is given; choose one of {', '.join(program.commands)}"
+    if verbs and "Missing command" in error.format_message():
+        return f"no verb is given; choose one of {', '.join(verbs)}"
     text = " ".join(error.format_message().split()).rstrip(".")
     return f"{text[:1].lower()}{text[1:]}" + ("" if text.endswith("?") else f"; see {path} --help")
 
