@@ -67,7 +67,7 @@ class Hardware:
 
 @dataclass(frozen=True)
 class Utility:
-    """What outcomes are worth, in pots."""
+    """Weights of the outcomes, in pots."""
 
     rest_weight: float = given(
         "--rest-weight", "W", "Part of a pot's value that depends on where the cue ball stops.", Number(0, 1), 0.2
@@ -85,6 +85,17 @@ class Utility:
 
 
 @dataclass(frozen=True)
+class Search:
+    """How a stroke is sought."""
+
+    method: str = given(
+        "--method", "", "risk: over errors of launcher and model; ga: the published genetic search, on the nominal "
+        "model.", click.Choice(["risk", "ga"]), "risk",
+    )  # fmt: skip
+    seed: int = given(seed_option(), default=0)
+
+
+@dataclass(frozen=True)
 class PlanOutputs:
     """Files that a plan is written into."""
 
@@ -98,17 +109,13 @@ class PlanOutputs:
 @click.argument("scene", metavar="SCENE.toml", type=FILE_PATH)
 @model_option
 @gathered("hardware", Hardware)
-@click.option(
-    "--method", type=click.Choice(["risk", "ga"]), default="risk", show_default=True,
-    help="risk: over errors of launcher and model; ga: the published genetic search, on the nominal model.",
-)  # fmt: skip
-@seed_option()
+@gathered("search", Search)
 @gathered("utility", Utility)
 @gathered("outputs", PlanOutputs)
 @effects_option()
 @click.pass_obj
 def plan(
-    progress: Progress, scene: Path, model_file: Path | None, hardware: Hardware, method: str, seed: int,
+    progress: Progress, scene: Path, model_file: Path | None, hardware: Hardware, search: Search,
     utility: Utility, outputs: PlanOutputs,
 ) -> int:  # fmt: skip
     """Plan the stroke for a scene, in physical units and the launcher's.
@@ -127,7 +134,14 @@ def plan(
     execution = execution or load_execution(hardware.execution_file, model)
     started = time.monotonic()
     made = make_plan(
-        asked, model, execution, utility.weights(), method=method, seed=seed, launcher=launcher, report=progress
+        asked,
+        model,
+        execution,
+        utility.weights(),
+        method=search.method,
+        seed=search.seed,
+        launcher=launcher,
+        report=progress,
     )
     progress.close()
     made["model"]["file"] = model_file.name if model_file else None

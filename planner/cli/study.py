@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 MAX_SCENES = 100_000
 MAX_JOBS = 1024
-CORES = os.cpu_count() or 1
+CPU_COUNT = os.cpu_count() or 1
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Settings:
         "both",
     )
     jobs: int = given(
-        "--jobs", "N", "Scenes at a time; by default one per core.", Number(1, MAX_JOBS, whole=True), CORES
+        "--jobs", "N", "Scenes at a time; by default one per core.", Number(1, MAX_JOBS, whole=True), CPU_COUNT
     )
 
     def study(self) -> Study:

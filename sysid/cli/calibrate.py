@@ -71,27 +71,62 @@ class Board:
         return int(counts[0]), int(counts[1])
 
 
+@dataclass(frozen=True)
+class View:
+    """What is known of the picture: field of view, where the nose lines cross, which cushions are seen."""
+
+    fov: float | None = given(
+        "--fov", "DEG", "Field of view across the picture's longer side, if known.", Number(3, 150, unit="degrees")
+    )
+    corners: str | None = given(
+        "--corners", '"u,v u,v u,v u,v"', "Where the nose lines cross [pixels] if not found; with three sides "
+        "in view, four points along them.",
+    )  # fmt: skip
+    sees: str = given("--sees", "SIDES", "Cushions in view.", str, "+x,-x,+y,-y")
+
+    def sides(self) -> list[str]:
+        """The cushions in view."""
+        from models.shot import RAILS
+
+        sides = [side.strip() for side in self.sees.split(",")]
+        if len(sides) < 3 or len(set(sides)) < len(sides) or not set(sides) <= set(RAILS):
+            raise BadInput(f"--sees {self.sees}: name three or four of {', '.join(RAILS)}, joined by commas")
+        return sides
+
+    def crossings(self) -> NDArray[np.float64] | None:
+        """Where the nose lines cross, (4, 2) [pixels]."""
+        import numpy as np
+
+        if self.corners is None:
+            return None
+        try:
+            points = np.array([[float(v) for v in pair.split(",")] for pair in self.corners.split()])
+        except ValueError:
+            points = np.zeros(0)
+        if points.shape != (4, 2) or not np.isfinite(points).all():
+            raise BadInput(f'--corners "{self.corners}": give four points as "u,v u,v u,v u,v", in pixels')
+        return points
+
+
+@dataclass(frozen=True)
+class Files:
+    """Where the camera goes, and the picture and figures where asked."""
+
+    out: Path = given(out_option("CAM.toml", "Where the camera file goes."))
+    report_file: Path | None = given(
+        output_option("report", "CAM.png", "Draw lines, edge points and a grid into the picture.")
+    )
+    json_file: Path | None = given(json_option)
+
+
 @click.command()
 @click.argument("source", metavar="VIDEO", type=FILE_PATH)
 @gathered("size", TableSize)
-@out_option("CAM.toml", "Where the camera file goes.")
-@click.option(
-    "--fov", metavar="DEG", type=Number(3, 150, unit="degrees"),
-    help="Field of view across the picture's longer side, if known [degrees].",
-)  # fmt: skip
+@gathered("view", View)
 @gathered("board", Board)
-@click.option(
-    "--corners", metavar='"u,v u,v u,v u,v"',
-    help="Where the nose lines cross [pixels], if they are not found; with three sides in view, points along them.",
-)  # fmt: skip
-@click.option("--sees", metavar="SIDES", default="+x,-x,+y,-y", show_default=True, help="Cushions in view.")
-@output_option("report", "CAM.png", "Draw lines, edge points and a grid into the picture.")
-@json_option
+@gathered("files", Files)
 @click.pass_obj
-def calibrate(
-    progress: Progress, source: Path, size: TableSize, out: Path, fov: float | None, board: Board,
-    corners: str | None, sees: str, report_file: Path | None, json_file: Path | None,
-) -> int:  # fmt: skip
+def calibrate(progress: Progress, source: Path, size: TableSize, view: View, board: Board, files: Files) -> int:
     """Calibrate a camera from the table itself, or from a chessboard.
 
     VIDEO is a video, a picture, or a folder of pictures of the table. Writes the camera file: lens, position and
@@ -107,12 +142,12 @@ def calibrate(
     from sysid.vision.camera.projection import write_camera
 
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
-    cushions, sides, crossings = size.table(), _sides(sees), _crossings(corners)
+    cushions, sides, crossings = size.table(), view.sides(), view.crossings()
     lens, notes, pattern = None, [], board.pattern()
     if pattern is not None and board.square is not None:
         from sysid.vision.camera.board import lens_of
 
-        if fov is not None:
+        if view.fov is not None:
             raise BadInput("--fov and --board both give the focal length: give one of them")
         lens = lens_of(frames(board.lens or source, BOARD_FRAMES), pattern, board.square, progress)
         views = f"{lens.views} views" if lens.views > 1 else "one view"
@@ -121,48 +156,23 @@ def calibrate(
     stack = np.stack(list(frames(source, MEDIAN_FRAMES)))
     picture = np.median(stack, axis=0) if len(stack) > 1 else stack[0]
     found = calibrate_picture(
-        picture, cushions, size.diameter, fov=fov, lens=lens, corners=crossings, sees=sides, source=str(source),
+        picture, cushions, size.diameter, fov=view.fov, lens=lens, corners=crossings, sees=sides, source=str(source),
         progress=progress,
     )  # fmt: skip
     progress.close()
-    write_camera(out, found.camera)
+    write_camera(files.out, found.camera)
     print(table(rows(found), right=2))
     for line in (*notes, *found.notes):
         print(line)
     for line in found.doubts:
         print(f"NOT to be trusted: {line}")
-    if report_file:
-        draw(report_file, np.rint(picture).astype(np.uint8), found)
-        print(f"report: {report_file}")
-    if json_file:
-        write_json(json_file, to_json(found))
-    print(f"camera: {out}")
+    if files.report_file:
+        draw(files.report_file, np.rint(picture).astype(np.uint8), found)
+        print(f"report: {files.report_file}")
+    if files.json_file:
+        write_json(files.json_file, to_json(found))
+    print(f"camera: {files.out}")
     return Status.FINDING if found.doubts else Status.DONE
-
-
-def _sides(text: str) -> list[str]:
-    """The cushions in view."""
-    from models.shot import RAILS
-
-    sides = [side.strip() for side in text.split(",")]
-    if len(sides) < 3 or len(set(sides)) < len(sides) or not set(sides) <= set(RAILS):
-        raise BadInput(f"--sees {text}: name three or four of {', '.join(RAILS)}, joined by commas")
-    return sides
-
-
-def _crossings(text: str | None) -> NDArray[np.float64] | None:
-    """Where the nose lines cross, (4, 2) [pixels]."""
-    import numpy as np
-
-    if text is None:
-        return None
-    try:
-        corners = np.array([[float(v) for v in pair.split(",")] for pair in text.split()])
-    except ValueError:
-        corners = np.zeros(0)
-    if corners.shape != (4, 2) or not np.isfinite(corners).all():
-        raise BadInput(f'--corners "{text}": give four points as "u,v u,v u,v u,v", in pixels')
-    return corners
 
 
 def frames(path: Path, count: int) -> Iterator[Picture]:
