@@ -1,30 +1,37 @@
-"""What all commands have in common: verbs, exit codes, progress, tables, JSON files that are whole or absent."""
+"""What all commands print and write: exit statuses, progress, tables, JSON files that are whole or absent."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
 import math
-import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from models.errors import BadInput
 from models.files import write_whole
 
 if TYPE_CHECKING:
     from models.model_file import Model
 
+PIPED_INTERVAL_S = 5.0  # between progress lines that no terminal shows
 
-DONE, FOUND, BAD, INTERRUPTED = 0, 1, 2, 130  # exit codes: done, a finding to act on, bad input, interrupted
+
+class Status(IntEnum):
+    """Exit statuses; those of signals are 128 and the signal's number, as shells have them."""
+
+    DONE = 0
+    FINDING = 1  # that the user must act on
+    BAD_INPUT = 2
+    INTERRUPTED = 130
+    BROKEN_PIPE = 141
 
 
 class Progress(logging.Handler):
-    """One line on a terminal that is written over; on a pipe a line now and then.
+    """What is being done: on a terminal one line that is overwritten, elsewhere a line now and then, both on stderr.
 
     Called with a line, or given to a logger as its handler.
     """
@@ -32,16 +39,16 @@ class Progress(logging.Handler):
     def __init__(self) -> None:
         """Start the clock."""
         super().__init__(logging.INFO)
-        self.began = self.shown = time.monotonic()
+        self.started = self.shown = time.monotonic()
         self.terminal = sys.stderr.isatty()
 
     def __call__(self, line: str) -> None:
         """Show what is being done."""
         now = time.monotonic()
         if self.terminal:
-            print(f"\r\x1b[K{now - self.began:5.0f} s  {line}", end="", file=sys.stderr, flush=True)
-        elif now - self.shown > 5:
-            print(f"{now - self.began:5.0f} s  {line}", file=sys.stderr, flush=True)
+            print(f"\r\x1b[K{now - self.started:5.0f} s  {line}", end="", file=sys.stderr, flush=True)
+        elif now - self.shown > PIPED_INTERVAL_S:
+            print(f"{now - self.started:5.0f} s  {line}", file=sys.stderr, flush=True)
             self.shown = now
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -54,8 +61,8 @@ class Progress(logging.Handler):
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
-def progress_of(logger: str = "sysid") -> Progress:
-    """Progress that shows what a logger is told, in place of any other."""
+def show_progress(logger: str = "sysid") -> Progress:
+    """Progress that shows what a logger gets, in place of any earlier one."""
     log, shown = logging.getLogger(logger), Progress()
     for old in [h for h in log.handlers if isinstance(h, Progress)]:
         log.removeHandler(old)
@@ -64,66 +71,24 @@ def progress_of(logger: str = "sysid") -> Progress:
     return shown
 
 
-Run = Callable[[argparse.Namespace, Progress], int]
-Verb = Callable[[str, Run, str], argparse.ArgumentParser]  # makes a verb of its name, what runs it, and what it is
+def plain(value: Any) -> Any:
+    """A value as JSON has it: NaN and infinity become null, arrays' numbers Python's own."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return value.item() if hasattr(value, "item") else value
 
 
-def run_verb(
-    program: str, args: argparse.Namespace, interrupted: str, faults: tuple[type[Exception], ...] = ()
-) -> int:  # fmt: skip
-    """Run the verb of a command line, its faults one line each; `faults` are those that a user must act on."""
-    # Matrices are small here: threads of linear algebra wait for each other longer than they work. NumPy comes later.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    progress = progress_of()
-    told: tuple[type[Exception], ...] = (BadInput, *faults)
-    try:
-        args.own = own_effects(getattr(args, "effects", ()))
-        return int(args.run(args, progress))
-    except told as error:
-        progress.close()
-        print(f"{program} {args.verb}: {error}", file=sys.stderr)
-        return BAD if isinstance(error, BadInput) else FOUND
-    except KeyboardInterrupt:
-        progress.close()
-        print(f"{program} {args.verb}: interrupted{interrupted}", file=sys.stderr)
-        return INTERRUPTED
-
-
-def own_effects(folders: Sequence[str]) -> list[str]:
-    """Let a user's folders of effects join the catalogue; returns their names."""
-    if not folders:
-        return []
-    from models.model_file import add_folder
-
-    return [name for folder in folders for name in add_folder(folder)]
-
-
-def check_outputs(*paths: str | None) -> None:
-    """Refuse before the work what could not be written after it."""
-    for path in paths:
-        if path and not Path(path).resolve().parent.is_dir():
-            raise BadInput(f"{path}: its folder does not exist; make it or choose another place")
-        if path and Path(path).is_dir():
-            raise BadInput(f"{path}: is a folder; name a file")
-
-
-def write_json(path: str, data: Any) -> None:
+def write_json(path: Path | str, data: Any) -> None:
     """Write a JSON file whole or not at all; NaN becomes null."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, float):
-            return value if math.isfinite(value) else None
-        if isinstance(value, dict):
-            return {str(k): plain(v) for k, v in value.items()}
-        if isinstance(value, list | tuple):
-            return [plain(v) for v in value]
-        return value.item() if hasattr(value, "item") else value
-
     write_whole(path, (json.dumps(plain(data), indent=1) + "\n").encode())
 
 
 def table(rows: Sequence[Sequence[str]], right: int = 1) -> str:
-    """Text columns; the first ones left, the others right."""
+    """Text in columns: the first `right` of them aligned left, the others right."""
     widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     lines = []
     for row in rows:
@@ -133,7 +98,7 @@ def table(rows: Sequence[Sequence[str]], right: int = 1) -> str:
 
 
 def print_constants(model: Model) -> None:
-    """Constants with their uncertainty, unit and where they come from."""
+    """Print constants with their uncertainty, unit and source."""
     rows = [("constant", "value", "sd", "unit", "from")]
     for name, value in model.parameters().items():
         known = model.estimates.get(name)

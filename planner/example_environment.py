@@ -9,15 +9,17 @@ planner/search/search.py does, and finds better shots sooner.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import time
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.command_line import input_option, lone_command, run, seed_option
+from models.console import Status
 from models.environment import ShotEnvironment
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
@@ -74,33 +76,31 @@ def improve(environment: ShotEnvironment, mean: Array, spread: Array, rng: np.ra
     return environment.task.reach.held(mean[None])[0]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the example; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="planner.example_environment", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--scene", help="scene file; needs --model (default: one built in)")
-    parser.add_argument("--model", help="model file, fitted to the scene's table")
-    parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args(arguments)
-    try:
-        if bool(given.scene) != bool(given.model):
-            raise BadInput("--scene and --model go together; give both, or neither for the built-in ones")
-        if given.seed < 0:
-            raise BadInput(f"--seed is {given.seed}; give 0 or more")
-        scene = read_scene(given.scene) if given.scene else example_scene()
-        environment = load(scene, read_model(given.model) if given.model else example_model(), seed=given.seed)
-    except BadInput as error:
-        print(f"planner.example_environment: {error}", file=sys.stderr)
-        return 2
+@lone_command("planner.example_environment")
+@input_option("scene", "SCENE.toml", "Scene file; needs --model. By default one built in.")
+@input_option("model", "M.toml", "Model file, fitted to the scene's table.")
+@seed_option()
+def command(scene_file: Path | None, model_file: Path | None, seed: int) -> int:
+    """Find a shot from rewards alone."""
+    if bool(scene_file) != bool(model_file):
+        raise BadInput("--scene and --model go together; give both, or neither for the built-in ones")
+    scene = read_scene(scene_file) if scene_file else example_scene()
+    environment = load(scene, read_model(model_file) if model_file else example_model(), seed=seed)
     began = time.perf_counter()
     mean, spread = plain(environment, scene.ball.diameter)
-    found = improve(environment, mean, spread, np.random.default_rng(given.seed))
+    found = improve(environment, mean, spread, np.random.default_rng(seed))
     before, after = environment.expected([mean, found], FRESH)
     speed, side, height, theta = found
     print(
         f"mean reward over {FRESH} plays: {before:.3f} before, {after:.3f} after ({time.perf_counter() - began:.0f} s)"
     )
     print(f"cue speed {speed:.2f} m/s, x'0 {1e3 * side:+.1f} mm, y'0 {1e3 * height:+.1f} mm, theta {theta:+.4f} rad")
-    return 0
+    return Status.DONE
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the example; returns the exit status."""
+    return run(command, words)
 
 
 if __name__ == "__main__":

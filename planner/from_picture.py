@@ -109,7 +109,7 @@ def balls_in_picture(
     progress: Callable[[str], None] = lambda line: None,
 ) -> Found:  # fmt: skip
     """The balls of a photo, or of the last frame of a video or of a row of pictures; arguments as above."""
-    from sysid.cli.track import USUAL
+    from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
     from sysid.vision.balls.detect import Detector
     from sysid.vision.balls.palette import default_palette, read_palette
     from sysid.vision.camera.projection import ball_of, read_camera
@@ -141,7 +141,7 @@ def balls_in_picture(
             pixels[name] += [xy for off, xy in sorted(far, key=lambda pair: pair[0])[:1] if off < NEAR]
     places = {name: camera.centres(np.array(recent[::-1])) for name, recent in pixels.items()}
     if mass is None:
-        mass = USUAL * camera.diameter**3
+        mass = MASS_PER_CUBED_DIAMETER * camera.diameter**3
         told.append(f"mass {mass:.4f} kg, that of a snooker ball of this size")
     return _laid(camera.table, ball_of(camera, mass), places, 0.0, told, str(path))
 

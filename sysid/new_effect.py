@@ -1,4 +1,4 @@
-"""A user's own effect: a file to fill in that runs as it is, with its test beside it."""
+"""A user's own effect: a file to fill in, which runs as it is, with its test beside it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from models.model_file import catalogue
 from sysid.clips.faults import one_line
 from sysid.selection.formula import source_from
 
-TEMPLATE = '''"""{title}: say in one line what it is.
+EFFECT_TEMPLATE = '''"""{title}: say in one line what it is.
 
 Acceleration -rate v of a rolling ball: state the formula here, with its source, and what it leaves out.
 Replace this example, which is a rolling resistance that grows with the speed, by your own.
@@ -73,7 +73,7 @@ class {cls}(Effect):
     #     spec.option.density = 1.2
 '''
 
-TEST_HEAD = '''"""{name}: what every effect owes the workbench, and its physics; pytest runs it from the checkout."""
+TEST_HEAD = '''"""{name}: the contract of every effect, and its physics; pytest runs it from the checkout."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def test_its_physics() -> None:
 '''
 )
 
-TEST_SOURCE = (
+TEST_OF_FORMULA = (
     TEST_HEAD
     + '''
 def test_its_physics() -> None:
@@ -165,9 +165,9 @@ def write(name: str, folder: Path | str, source: str | None = None) -> tuple[Pat
     if folder.exists() and not folder.is_dir():
         raise BadInput(f"{folder}: is no folder; name one")
     title = name.replace("_", " ").capitalize()
-    text = TEMPLATE.format(title=title, cls=class_name(name)) if source is None else source
+    text = EFFECT_TEMPLATE.format(title=title, cls=class_name(name)) if source is None else source
     write_whole(effect, text.encode(), parents=True)
-    write_whole(test, (TEST_TEMPLATE if source is None else TEST_SOURCE).format(name=name).encode())
+    write_whole(test, (TEST_TEMPLATE if source is None else TEST_OF_FORMULA).format(name=name).encode())
     return effect, test
 
 

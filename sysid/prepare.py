@@ -13,8 +13,9 @@ import numpy as np
 from models.compiled import is_ready, set_ready
 from models.engine.play import finish
 from models.hooks import COMPILED, address
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import catalogue, effect_class, full_model
-from models.shot import Ball, Shot, Table
+from models.shot import Shot
 from models.simulation.observe import observed
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.segments import Segment
@@ -22,16 +23,15 @@ from sysid.estimation.least_squares import fit_each
 from sysid.estimation.segment_problem import segment_problem
 from sysid.estimation.shot_problem import shot_problem
 
-COMPILING = "compiling the engine, once on this machine: about a minute"
-TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
-NOISE = 5e-4  # [m]
+COMPILING_NOTE = "compiling the engine, once on this machine: about a minute"
+NOISE_SD_M = 5e-4  # of the clip that is fitted
 
 
 def prepare() -> None:
     """Compile what is not compiled yet, after a line that says so."""
     if is_ready():
         return
-    print(COMPILING, file=sys.stderr, flush=True)
+    print(COMPILING_NOTE, file=sys.stderr, flush=True)
     for kind in catalogue().values():
         for hook in COMPILED:
             if kind.opens(hook):
@@ -43,7 +43,7 @@ def prepare() -> None:
 
 def _play() -> None:
     """Shots in both engines, of the base and where effects push and see."""
-    base = full_model(TABLE, BALL)
+    base = full_model(SNOOKER_TABLE, SNOOKER_BALL)
     rich = base.add(effect_class("table_tilt")()).add(effect_class("lens_distortion")())
     place, velocity = np.array([[-0.2, 0.0], [0.2, 0.01], [0.2526, 0.0]]), np.zeros((3, 2))
     velocity[0, 0] = 1.0
@@ -61,12 +61,12 @@ def _fit() -> None:
     cue = Observation(time, path, np.full(12, np.nan))
     red = Observation(time, np.tile([0.9, 0.2], (12, 1)), np.full(12, np.nan))
     clip = Clip("none", "cue", {"cue": cue, "red": red})
-    model = full_model(TABLE, BALL)
-    clips = ClipSet(TABLE, BALL, 24.0, (clip,), NOISE)
-    shots = shot_problem(model, tuple(model.parameters()), clips, NOISE)
+    model = full_model(SNOOKER_TABLE, SNOOKER_BALL)
+    clips = ClipSet(SNOOKER_TABLE, SNOOKER_BALL, 24.0, (clip,), NOISE_SD_M)
+    shots = shot_problem(model, tuple(model.parameters()), clips, NOISE_SD_M)
     fit_each(shots.evaluate, shots.start, np.array(list(model.parameters().values())), shots.steps, shots.prior, 4.0, 1)
     part = Segment(0, "cue", time, path, "strike", "end")
-    segments = segment_problem(model, (), [part], NOISE)
+    segments = segment_problem(model, (), [part], NOISE_SD_M)
     segments.evaluate(segments.start, np.zeros((1, 0)), np.zeros(1, np.int64))
 
 

@@ -7,13 +7,16 @@ models/README.md says what they cannot do. The shipped file, short enough to be 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import click
 import numpy as np
 
+from models.command_line import FILE_PATH, gathered, given, input_option, lone_command, run
+from models.console import Status
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf.launcher import build_scene
@@ -21,8 +24,6 @@ from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from models.mjcf.world import build_spec
 from models.model_file import Model, read_model
 from models.shot import Array, Ball, Table
-
-SIZES = ("length", "width", "diameter", "mass")
 
 
 def export(
@@ -74,46 +75,54 @@ def in_a_row(names: Sequence[str], ball: Ball) -> dict[str, Array]:
     return {name: np.array([(k - (len(names) - 1) / 2) * gap, 0.0]) for k, name in enumerate(names)}
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Write a table with its balls as plain MJCF."""
-    parser = argparse.ArgumentParser(prog="python -m models.mjcf.export", description=main.__doc__)
-    parser.add_argument("out", type=Path, metavar="OUT.xml")
-    parser.add_argument("--model", metavar="M.toml", help="table, ball and native terms of a model file")
-    parser.add_argument("--length", type=float, help="cushion to cushion [m]")
-    parser.add_argument("--width", type=float, help="[m]")
-    parser.add_argument("--diameter", type=float, help="of the balls [m]")
-    parser.add_argument("--mass", type=float, help="of a ball [kg]")
-    parser.add_argument("--no-pockets", action="store_true")
-    parser.add_argument("--balls", help="names, which choose the colours (default: all 22 on their spots)")
-    parser.add_argument("--launcher", action="store_true", help="with the cue launcher behind the first ball")
-    parser.add_argument("--bare", action="store_true", help="without what is only seen")
-    given = parser.parse_args(arguments)
-    try:
-        for name in SIZES:
-            value = getattr(given, name)
+@dataclass(frozen=True)
+class Sizes:
+    """Sizes of table and ball, SI; None for those of snooker."""
+
+    length: float | None = given("--length", "L", "Length, cushion to cushion [m].", float)
+    width: float | None = given("--width", "W", "Width, cushion to cushion [m].", float)
+    diameter: float | None = given("--diameter", "D", "Diameter of the balls [m].", float)
+    mass: float | None = given("--mass", "M", "Mass of a ball [kg].", float)
+    no_pockets: bool = given("--no-pockets", "", "The table has no pockets.", bool, False)
+
+    def model(self, model_file: Path | None) -> Model:
+        """The model of a file, or a bare one of these sizes."""
+        for name in ("length", "width", "diameter", "mass"):
+            value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
                 raise BadInput(f"--{name} is {value}; give a positive number")
-            if value is not None and given.model:
+            if value is not None and model_file:
                 raise BadInput(f"--{name} beside --model, which has its own; leave one of them out")
-        table = Table(
-            given.length or SNOOKER_TABLE.length, given.width or SNOOKER_TABLE.width, not given.no_pockets
-        )  # fmt: skip
-        ball = Ball(given.diameter or SNOOKER_BALL.diameter, given.mass or SNOOKER_BALL.mass)
-        model = read_model(given.model) if given.model else Model(table, ball)
-        if given.balls is not None:
-            names = given.balls.split(",")
-            if len(set(names)) < len(names):
-                raise BadInput(f"--balls {given.balls} names a ball twice; give each a name of its own")
-            places = in_a_row(names, model.ball)
-        else:
-            spots = racked(model.table, model.ball)
-            places = {"white": spots.pop("white"), **spots}
-        export(model, places, given.out, launcher=given.launcher, bare=given.bare)
-    except BadInput as error:
-        print(f"models.mjcf.export: {error}", file=sys.stderr)
-        return 2
-    return 0
+        if model_file:
+            return read_model(model_file)
+        table, ball = SNOOKER_TABLE, SNOOKER_BALL
+        return Model(
+            Table(self.length or table.length, self.width or table.width, not self.no_pockets),
+            Ball(self.diameter or ball.diameter, self.mass or ball.mass),
+        )
+
+
+@lone_command("models.mjcf.export")
+@click.argument("out", metavar="OUT.xml", type=FILE_PATH)
+@input_option("model", "M.toml", "Take table, ball and native terms of a model file.")
+@gathered("sizes", Sizes)
+@click.option("--balls", metavar="A,B,...", help="Names, which give the colours; by default all 22 on their spots.")
+@click.option("--launcher", is_flag=True, help="Add the cue launcher behind the first ball.")
+@click.option("--bare", is_flag=True, help="Leave out what is only seen.")
+def main(out: Path, model_file: Path | None, sizes: Sizes, balls: str | None, launcher: bool, bare: bool) -> int:
+    """Write a table with its balls as plain MJCF."""
+    model = sizes.model(model_file)
+    if balls is not None:
+        names = balls.split(",")
+        if len(set(names)) < len(names):
+            raise BadInput(f"--balls {balls} names a ball twice; give each a name of its own")
+        places = in_a_row(names, model.ball)
+    else:
+        spots = racked(model.table, model.ball)
+        places = {"white": spots.pop("white"), **spots}
+    export(model, places, out, launcher=launcher, bare=bare)
+    return Status.DONE
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(main))

@@ -5,14 +5,16 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
+from models.command_line import FILE_PATH, lone_command, run
+from models.console import Status
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf.gl import choose_backend, require_rendering
@@ -73,25 +75,17 @@ def write_png(picture: NDArray[np.uint8], path: Path) -> None:
     write_whole(path, data.tobytes(), parents=True)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw the table at the start of a frame."""
-    parser = argparse.ArgumentParser(prog="python -m models.mjcf.render", description=main.__doc__)
-    parser.add_argument("out", type=Path, metavar="OUT.png")
-    parser.add_argument("--camera", choices=CAMERAS, default="corner")
-    parser.add_argument("--width", type=int, default=1280, help="pixels; the height is 9/16 of it")
-    given = parser.parse_args(arguments)
+@lone_command("models.mjcf.render")
+@click.argument("out", metavar="OUT.png", type=FILE_PATH)
+@click.option("--camera", type=click.Choice(CAMERAS), default="corner", show_default=True, help="Viewpoint.")
+@click.option("--width", type=int, default=1280, show_default=True, help="Width [pixels]; the height is 9/16 of it.")
+def main(out: Path, camera: str, width: int) -> int:
+    """Draw a full-size table with all balls of snooker on their spots."""
     places = racked(SNOOKER_TABLE, SNOOKER_BALL)
-    try:
-        picture = render(
-            SNOOKER_TABLE, SNOOKER_BALL, tuple(places), np.array(list(places.values())),
-            camera=given.camera, size=(given.width, given.width * 9 // 16),
-        )  # fmt: skip
-        write_png(picture, given.out)
-    except BadInput as error:
-        print(f"models.mjcf.render: {error}", file=sys.stderr)
-        return 2
-    return 0
+    xy = np.array(list(places.values()))
+    write_png(render(SNOOKER_TABLE, SNOOKER_BALL, tuple(places), xy, camera=camera, size=(width, width * 9 // 16)), out)
+    return Status.DONE
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(main))

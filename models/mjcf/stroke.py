@@ -10,16 +10,18 @@ speed is V (1 + M / M_cue) / (1 + e).
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import click
 import mujoco
 import numpy as np
 
 from models.analytic import cueing
+from models.command_line import FILE_PATH, OUTPUT_FILE, lone_command, run
+from models.console import Status
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf import launcher
@@ -238,30 +240,23 @@ def picture(path: Path, width: int = 1280) -> None:
         write_png(np.array(renderer.render()), path)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print what the launcher makes of the paper's grid of strokes, and what a 4 m/s ball asks of its drive."""
-    parser = argparse.ArgumentParser(prog="python -m models.mjcf.stroke", description=main.__doc__, allow_abbrev=False)
-    parser.add_argument("--grid", action="store_true", help="all 455 strokes; without it a coarse grid of 36")
-    parser.add_argument("--float", action="store_true", help="without the slate under the ball")
-    parser.add_argument("--out", type=Path, metavar="CSV", help="write every stroke")
-    parser.add_argument("--picture", type=Path, metavar="OUT.png", help="only draw the launcher at the table")
-    parser.add_argument("--width", type=int, default=1280, help="of the picture [pixels]; the height is 9/16 of it")
-    given = parser.parse_args(arguments)
-    try:
-        if given.picture:
-            picture(given.picture, given.width)
-            return 0
-        if given.out and not given.out.resolve().parent.is_dir():
-            raise BadInput(f"{given.out}: its folder does not exist; make it or choose another place")
-        shots, strokes = compare(GRID if given.grid else SMALL_GRID, slate=not given.float)
-        print_drive()
-        if given.out:
-            write_csv(given.out, shots, strokes)
-    except BadInput as error:
-        print(f"models.mjcf.stroke: {error}", file=sys.stderr)
-        return 2
-    return 0
+@lone_command("models.mjcf.stroke")
+@click.option("--grid", is_flag=True, help="All 455 strokes; without it a coarse grid of 36.")
+@click.option("--float", "afloat", is_flag=True, help="Leave out the slate under the ball.")
+@click.option("--out", metavar="CSV", type=OUTPUT_FILE, help="Write every stroke.")
+@click.option("--picture", "picture_file", type=FILE_PATH, metavar="OUT.png", help="Only draw the launcher.")
+@click.option("--width", type=int, default=1280, show_default=True, help="Width of the picture [pixels].")
+def main(grid: bool, afloat: bool, out: Path | None, picture_file: Path | None, width: int) -> int:
+    """Compare the launcher's strokes with the cueing model, and print what a 4 m/s ball asks of its drive."""
+    if picture_file:
+        picture(picture_file, width)
+        return Status.DONE
+    shots, strokes = compare(GRID if grid else SMALL_GRID, slate=not afloat)
+    print_drive()
+    if out:
+        write_csv(out, shots, strokes)
+    return Status.DONE
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(main))

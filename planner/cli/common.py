@@ -1,8 +1,11 @@
-"""What the verbs of the `planner` command share: the model and the launcher's repeatability, as named or as usual."""
+"""What the verbs of the `planner` command share: the model and the launcher's repeatability."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from models.command_line import input_option
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -10,18 +13,24 @@ if TYPE_CHECKING:
     from planner.scene import Scene
 
 
-def load_model(path: str | None, asked: Scene) -> Model:
-    """The model named, or the base with the constants of its catalogue; BadInput where it is of another table."""
+model_option = input_option("model", "M.toml", "Fitted model; by default the base with its usual constants.")
+execution_option = input_option("execution", "E.toml", "Repeatability of the launcher; by default the model file's.")
+
+
+def load_model(path: Path | None, asked: Scene) -> Model:
+    """The model of a file, or the base with the usual constants for the scene's table."""
     from models.model_file import full_model, read_model
 
     if not path:
-        print("no --model: the base with its usual constants, taken for exact; fit yours with: sysid discover CLIPS")
+        print(
+            "no --model: the base with its usual constants, without uncertainty; fit yours with: sysid discover CLIPS"
+        )
         return full_model(asked.table, asked.ball)
     return read_model(path)
 
 
-def load_execution(path: str | None, model: Model) -> Execution:
-    """The launcher's repeatability: as given, as the model file has it, or the usual one."""
+def load_execution(path: Path | None, model: Model) -> Execution:
+    """The launcher's repeatability: of a file, else of the model file, else the usual one."""
     from planner.launcher.execution import Execution, execution_from, read_execution
 
     if path:

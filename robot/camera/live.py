@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.files import write_whole
+from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
 from models.shot import Array, Ball, Table
 from planner.from_picture import CUES, Found, balls_in_picture
 from robot.camera.source import Device, Source
-from sysid.cli.track import USUAL
 from sysid.clips import Observation
 from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.palette import default_palette, read_palette
@@ -80,7 +80,7 @@ class LiveCamera:
         if not 0 < rate < math.inf:
             raise BadInput(f"the camera's rate is {rate:g}/s; give the number of pictures that it takes in a second")
         self.table: Table = camera.table
-        self.ball: Ball = ball_of(camera, mass if mass is not None else USUAL * camera.diameter**3)
+        self.ball: Ball = ball_of(camera, mass if mass is not None else MASS_PER_CUBED_DIAMETER * camera.diameter**3)
         pixel = camera.radius / float(camera.radius_px(np.zeros((1, 2)))[0])  # [m]
         self.fps, self.sigma = rate, sigma if sigma is not None else round(PLACE * pixel, 5)
         self.told: tuple[str, ...] = ()  # of the last look or film

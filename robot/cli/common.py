@@ -1,13 +1,16 @@
-"""What the verbs of the `robot` command share: the launcher's file, its line, and options that mean the same in all."""
+"""What the verbs of the `robot` command share: the launcher at its port, the camera, the question before a stroke."""
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
+from models.command_line import FILE_PATH, given, input_option
 from models.errors import BadInput
+from sysid.cli.common import camera_option, mass_option, palette_option
 
 if TYPE_CHECKING:
     from robot.camera.live import LiveCamera
@@ -15,91 +18,91 @@ if TYPE_CHECKING:
     from robot.device.link import Link
     from robot.device.settings import Settings
 
-
-def wired(one: argparse.ArgumentParser, required: bool) -> None:
-    """Options of a verb that speaks to a launcher."""
-    one.add_argument("--port", metavar="P", required=required, help="where the launcher is, such as /dev/ttyUSB0")
-    one.add_argument("--settings", metavar="L.toml", help="launcher's file (default: the paper's launcher)")
-    one.add_argument("--log", metavar="LOG.jsonl", help="every exchange, a line each, added to what it holds")
+settings_option = input_option("settings", "L.toml", "Launcher's file; by default the published launcher's values.")
+yes_option = click.option("--yes", is_flag=True, help="Strike without asking; check first that the table is clear.")
+VIDEO_HELP = "Camera by its number or address, or a film in its place."
 
 
-def seeded(one: argparse.ArgumentParser, default: int) -> None:
-    """The seed's option."""
-    one.add_argument("--seed", metavar="N", type=int, default=default, help=f"of all drawn (default: {default})")
+@dataclass(frozen=True)
+class Wire:
+    """The line to a launcher."""
+
+    port: str | None = given("--port", "P", "Port of the launcher, such as /dev/ttyUSB0; without it an emulated one.")
+    settings_file: Path | None = given(settings_option)
+    log: Path | None = given("--log", "LOG.jsonl", "Append every exchange with the launcher, a line each.", FILE_PATH)
+
+    def settings(self) -> Settings:
+        """The launcher's file, or the defaults; --port replaces the port that it names."""
+        from robot.device.settings import Settings, read_settings
+
+        settings = read_settings(self.settings_file) if self.settings_file else Settings()
+        return replace(settings, port=replace(settings.port, device=self.port)) if self.port else settings
+
+    def link(self, settings: Settings) -> Link:
+        """The line, not yet opened."""
+        from robot.device.link import Link
+        from robot.device.port import serial_opener
+
+        return Link(serial_opener(settings.port), settings.timing, baud=settings.port.baud, log=self.log)
+
+    def launcher(self, settings: Settings) -> Launcher:
+        """The launcher at the port, not yet connected."""
+        from robot.device.launcher import Launcher
+
+        return Launcher(settings, self.link(settings))
 
 
-def with_effects(one: argparse.ArgumentParser) -> None:
-    """The option of a verb that reads models."""
-    one.add_argument("--effects", metavar="DIR", action="append", default=[], help="folder of effects of your own")
+@dataclass(frozen=True)
+class RequiredWire(Wire):
+    """The line of a verb that needs a launcher."""
+
+    port: str = given("--port", "P", "Port of the launcher, such as /dev/ttyUSB0.", required=True)
 
 
-def with_camera(one: argparse.ArgumentParser, required: bool) -> None:
-    """Options of a verb that looks with a real camera."""
-    text = "camera file, made with: sysid calibrate"
-    one.add_argument("--camera", metavar="CAM.toml", required=required, help=text)
-    text = "camera's number, address, or a film that stands in for it"
-    one.add_argument("--video", metavar="SOURCE", required=required, help=text)
-    one.add_argument("--fps", metavar="F", type=float, help="pictures a second (default: what the camera says)")
-    one.add_argument("--palette", metavar="P.toml", help="names and colours of the balls (default: those of snooker)")
-    one.add_argument("--mass", metavar="M", type=float, help="of a ball [kg] (default: of a snooker ball of its size)")
+@dataclass(frozen=True)
+class Filming:
+    """A real camera over the table, or none."""
+
+    camera_file: Path | None = given(camera_option())
+    video: str | None = given("--video", "SOURCE", VIDEO_HELP)
+    fps: float | None = given("--fps", "F", "Pictures per second; by default what the camera reports.", float)
+    palette_file: Path | None = given(palette_option)
+    mass: float | None = given(mass_option)
+
+    def is_given(self) -> bool:
+        """Whether a camera was named; BadInput for half of one."""
+        if bool(self.camera_file) != bool(self.video):
+            raise BadInput("--camera CAM.toml and --video SOURCE go together; give both, or neither")
+        return bool(self.camera_file)
+
+    def refuse(self) -> None:
+        """BadInput for a camera without a launcher at a port."""
+        for name, value in (("camera", self.camera_file), ("video", self.video)):
+            if value:
+                raise BadInput(f"--{name} belongs to a launcher at a --port; the emulated one has a camera of its own")
+
+    def open(self, folder: Path) -> LiveCamera:
+        """The camera; its recordings go into a folder."""
+        from robot.camera.live import LiveCamera
+
+        if self.camera_file is None or self.video is None:
+            raise BadInput("give --camera CAM.toml and --video SOURCE")
+        return LiveCamera.open(
+            self.video, self.camera_file, folder, fps=self.fps, palette_path=self.palette_file, mass=self.mass
+        )
 
 
-def filmed(args: argparse.Namespace) -> bool:
-    """Whether a camera was named; BadInput for half of one."""
-    if bool(args.camera) != bool(args.video):
-        raise BadInput("--camera CAM.toml and --video SOURCE go together; give both, or neither")
-    return bool(args.camera)
+@dataclass(frozen=True)
+class RequiredFilming(Filming):
+    """The camera of a verb that needs one."""
+
+    camera_file: Path = given(camera_option(required=True))
+    video: str = given("--video", "SOURCE", VIDEO_HELP, required=True)
 
 
-def emulated_only(args: argparse.Namespace) -> None:
-    """BadInput for a camera without a launcher at a port."""
-    for name in ("camera", "video"):
-        if getattr(args, name):
-            raise BadInput(f"--{name} belongs to a launcher at a --port; the emulated one has a camera of its own")
-
-
-def camera_of(args: argparse.Namespace, films: Path | str) -> LiveCamera:
-    """The camera named, its recordings into a folder."""
-    from robot.camera.live import LiveCamera
-
-    rest = {"fps": args.fps, "palette_path": args.palette, "mass": args.mass}
-    return LiveCamera.open(args.video, args.camera, films, **rest)
-
-
-def seed_of(args: argparse.Namespace) -> int:
-    """The seed; BadInput for one below 0."""
-    if args.seed < 0:
-        raise BadInput(f"--seed {args.seed}: give a number of 0 or more")
-    return int(args.seed)
-
-
-def settings_of(args: argparse.Namespace) -> Settings:
-    """The launcher's file, or the defaults; --port goes before what it says."""
-    from robot.device.settings import Settings, read_settings
-
-    ours = read_settings(args.settings) if args.settings else Settings()
-    device = getattr(args, "port", None)
-    return replace(ours, port=replace(ours.port, device=device)) if device else ours
-
-
-def line_of(args: argparse.Namespace, settings: Settings) -> Link:
-    """The line to the launcher at the port, not yet opened."""
-    from robot.device.link import Link
-    from robot.device.port import serial_opener
-
-    return Link(serial_opener(settings.port), settings.timing, baud=settings.port.baud, log=args.log)
-
-
-def launcher_at(args: argparse.Namespace, settings: Settings) -> Launcher:
-    """The launcher at the port, not yet connected."""
-    from robot.device.launcher import Launcher
-
-    return Launcher(settings, line_of(args, settings))
-
-
-def confirmed(what: str, remedy: str) -> bool:
-    """A yes from the terminal before a stroke; anything else, and nobody there, is a no."""
-    print(f"about to strike: {what}")
+def confirmed(action: str, remedy: str) -> bool:
+    """Ask at the terminal before a stroke; anything but yes, or nobody there, is a no."""
+    print(f"about to strike: {action}")
     try:
         return input(f"{remedy}, keep clear, then type yes: ").strip().lower() == "yes"
     except EOFError:

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-import argparse
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
+import click
 
-from models.console import DONE, FOUND, Progress, Verb
-from models.errors import BadInput
-from robot.cli.common import (
-    camera_of,
-    confirmed,
-    emulated_only,
-    filmed,
-    launcher_at,
-    seed_of,
-    seeded,
-    settings_of,
-    wired,
-    with_camera,
-    with_effects,
+from models.command_line import (
+    ABOVE_ZERO,
+    FILE_PATH,
+    NON_NEGATIVE,
+    effects_option,
+    gathered,
+    given,
+    input_option,
 )
+from models.console import Status
+from models.errors import BadInput
+from robot.cli.common import Filming, RequiredFilming, Wire, confirmed, yes_option
 
 if TYPE_CHECKING:
     from models.shot import Array, Ball, Table
@@ -33,37 +30,76 @@ if TYPE_CHECKING:
     from robot.device.launcher import Launcher
     from robot.device.settings import Settings
     from robot.emulator.table import EmulatedTable
-    from robot.play import Order, Played
+    from robot.play import Played
     from sysid.clips import Observation
 
-FIRMWARE = 1  # beside the seed: its draws are not the table's
+FIRMWARE_STREAM = 1  # beside the seed: its random numbers are not the table's
 
 
-def add(verb: Verb) -> None:
-    """The verbs with their options."""
-    one = verb("play", play, "a plan played once; without --port on the emulated launcher and table")
-    one.add_argument("plan", metavar="PLAN.json", help="plan file; PLAN.played.json is written beside it")
-    wired(one, required=False)
-    one.add_argument("--scene", metavar="SCENE.toml", help="where the balls are now (made with: planner scene PICTURE)")
-    one.add_argument("--tolerance", metavar="MM", type=float, default=5.0, help="of each ball's place (default: 5)")
-    with_camera(one, required=False)
-    one.add_argument("--films", metavar="DIR", default="films", help="folder of the recordings (default: films)")
-    one.add_argument("--clips", metavar="DIR", help="clip set that the film is added to")
-    one.add_argument("--model", metavar="HIDDEN.toml", help="what the emulated table really is (default: the base)")
-    with_effects(one)
-    one.add_argument("--fault-rate", metavar="R", type=float, default=0.0, help="share of lines with a fault, emulated")
-    seeded(one, 0)
-    one.add_argument("--dry-run", action="store_true", help="check, and say what would be sent")
-    one.add_argument("--yes", action="store_true", help="strike without asking; look at the table first")
-    one = verb("align", align_stand, "how far to turn the stand, live from the camera, to a tenth of a degree")
-    with_camera(one, required=True)
-    one.add_argument("--plan", metavar="PLAN.json", help="plan whose direction is wanted")
-    one.add_argument("--azimuth", metavar="DEG", type=float, help="direction that is wanted, table frame")
+@dataclass(frozen=True)
+class Request:
+    """A plan to play, and under which conditions."""
+
+    plan: Path = given(click.argument("plan", metavar="PLAN.json", type=FILE_PATH))
+    scene_file: Path | None = given(
+        input_option("scene", "SCENE.toml", "Where the balls are now, made with: planner scene PICTURE.")
+    )
+    tolerance: float = given("--tolerance", "MM", "Tolerance of each ball's position [mm].", ABOVE_ZERO, 5.0)
+    films: Path = given("--films", "DIR", "Folder of the recordings.", FILE_PATH, "films")
+    clips: Path | None = given("--clips", "DIR", "Clip set to which the film is added.", FILE_PATH)
+    dry_run: bool = given("--dry-run", "", "Only check, and print what would be sent.", bool, False)
+    yes: bool = given(yes_option, default=False)
+
+    @property
+    def tolerance_m(self) -> float:
+        """Tolerance of each ball's position [m]."""
+        return 1e-3 * self.tolerance
+
+
+@dataclass(frozen=True)
+class Emulation:
+    """What the emulated table and launcher are."""
+
+    model_file: Path | None = given(
+        input_option("model", "HIDDEN.toml", "Model of the emulated table; by default the base.")
+    )
+    fault_rate: float = given("--fault-rate", "R", "Share of lines with a fault, emulated, 0 to 1.", float, 0.0)
+    seed: int = given("--seed", "N", "Seed of the random numbers.", NON_NEGATIVE, 0)
+
+    def refuse(self) -> None:
+        """BadInput where a real launcher plays."""
+        for name, value in (("model", self.model_file), ("fault-rate", self.fault_rate)):
+            if value:
+                raise BadInput(f"--{name} belongs to the emulated launcher; leave it out, or leave --port out")
+
+    def table(self, scene: Scene, azimuth: float) -> EmulatedTable:
+        """The balls of a scene on the emulated table, the launcher along `azimuth` [rad]."""
+        from models.model_file import full_model, read_model
+        from robot.emulator.table import EmulatedTable
+
+        model = read_model(self.model_file) if self.model_file else full_model(scene.table, scene.ball)
+        if not self.model_file:
+            print("no --model: the table is the base with its usual constants")
+        if (model.table, model.ball) != (scene.table, scene.ball):
+            raise BadInput(f"{self.model_file}: its table or ball is not the scene's; name a model of the scene's")
+        places = {n: (float(x), float(y)) for n, (x, y) in zip(scene.names, scene.position, strict=True)}
+        return EmulatedTable(model, places, azimuth, self.seed)
+
+    def launcher(self, settings: Settings, emulated: EmulatedTable, log: Path | None) -> Launcher:
+        """The emulated launcher at that table."""
+        import numpy as np
+
+        from robot.emulator.faults import Faults
+        from robot.emulator.table import emulated_launcher
+
+        rng, chance = np.random.default_rng((self.seed, FIRMWARE_STREAM)).spawn(2)
+        faults = Faults(self.fault_rate, chance) if self.fault_rate else None
+        return emulated_launcher(settings, emulated.hit, rng, faults=faults, log=log)[0]
 
 
 @dataclass(frozen=True)
 class SeenScene:
-    """Balls as a scene file has them, made from a picture a moment ago; it films nothing."""
+    """Instead of a camera, the balls of a scene file made a moment ago; it films nothing."""
 
     scene: Scene
     fps: float = 1.0
@@ -91,122 +127,126 @@ class SeenScene:
         return {}
 
 
-def play(args: argparse.Namespace, progress: Progress) -> int:
-    """Play a plan once, on the launcher at a port or on the emulated one."""
+@click.command()
+@gathered("request", Request)
+@gathered("wire", Wire)
+@gathered("filming", Filming)
+@gathered("emulation", Emulation)
+@effects_option()
+def play(request: Request, wire: Wire, filming: Filming, emulation: Emulation) -> int:
+    """Play a plan once, on the launcher or on the emulated one.
+
+    Reads PLAN.json, and writes PLAN.played.json beside it. With --port it asks before it strikes; without, nothing real
+    moves. Status 1 if something needs attention.
+
+    Example: robot play plan.json --port /dev/ttyUSB0 --camera cam.toml --video 0 --clips CLIPS
+    """
     from planner.scene import read_scene
     from robot.play import play_plan, read_order
 
-    settings = settings_of(args)
-    order = read_order(args.plan, settings)
-    scene = read_scene(args.scene) if args.scene else None
-    if args.tolerance <= 0:
-        raise BadInput(f"--tolerance {args.tolerance:g}: give millimetres above 0")
-    most = 1e-3 * args.tolerance
-    if args.port:
-        return _at_the_table(args, settings, order, scene, most)
-    emulated_only(args)
+    settings = wire.settings()
+    order = read_order(request.plan, settings)
+    scene = read_scene(request.scene_file) if request.scene_file else None
+    azimuth = math.radians(order.yaw_deg)
+    if wire.port:
+        emulation.refuse()
+        if filming.is_given():
+            played = _play_filmed(request, wire, settings, filming, azimuth, order.scene.position[0])
+        else:
+            played = _play_unfilmed(request, wire, settings, scene)
+        return _print_played(played, request, None)
+    filming.refuse()
     print("no --port: on the emulated launcher and table")
-    emulated = _emulated_table(args, scene or order.scene, np.radians(order.yaw_deg))
-    if args.dry_run:
-        return _tell(play_plan(args.plan, _dry(settings), emulated, clips=args.clips, tolerance=most), args, None)
-    with _emulated_launcher(args, settings, emulated) as launcher:
-        played = play_plan(args.plan, launcher, emulated, clips=args.clips, tolerance=most)
-    return _tell(played, args, emulated)
+    emulated = emulation.table(scene or order.scene, azimuth)
+    tolerance = request.tolerance_m
+    if request.dry_run:
+        played = play_plan(request.plan, _dry(settings), emulated, clips=request.clips, tolerance=tolerance)
+        return _print_played(played, request, None)
+    with emulation.launcher(settings, emulated, wire.log) as launcher:
+        played = play_plan(request.plan, launcher, emulated, clips=request.clips, tolerance=tolerance)
+    return _print_played(played, request, emulated)
 
 
-def _at_the_table(
-    args: argparse.Namespace, settings: Settings, order: Order, scene: Scene | None, most: float
-) -> int:  # fmt: skip
-    """The stroke on the launcher itself, filmed where there is a camera."""
+def _play_filmed(
+    request: Request, wire: Wire, settings: Settings, filming: Filming, azimuth: float, ball: Array
+) -> Played:  # fmt: skip
+    """The stroke on the launcher at its port, filmed."""
     from robot.play import play_plan
 
-    for name in ("model", "fault_rate"):
-        if getattr(args, name):
-            raise BadInput(
-                f"--{name.replace('_', '-')} belongs to the emulated launcher; leave it out, or leave --port out"
+    if request.scene_file:
+        raise BadInput(f"--scene {request.scene_file}: the camera sees where the balls are; leave it out")
+    with filming.open(request.films) as camera:
+        if request.dry_run:
+            return play_plan(request.plan, _dry(settings), camera, tolerance=request.tolerance_m)
+        if not _aligned(camera, azimuth, ball):
+            raise BadInput(f"--video {filming.video}: no more pictures came, and the stand is not aligned; try again")
+        with wire.launcher(settings) as launcher:
+            confirm = None if request.yes else _confirmed
+            return play_plan(
+                request.plan, launcher, camera, confirm, clips=request.clips, tolerance=request.tolerance_m
             )
-    confirm = None if args.yes else _confirmed
-    if filmed(args):
-        if scene is not None:
-            raise BadInput(f"--scene {args.scene}: the camera sees where the balls are; leave it out")
-        with camera_of(args, args.films) as camera:
-            if args.dry_run:
-                return _tell(play_plan(args.plan, _dry(settings), camera, tolerance=most), args, None)
-            if not _aligned(camera, np.radians(order.yaw_deg), order.scene.position[0]):
-                raise BadInput(f"--video {args.video}: no more pictures came, and the stand is not aligned; try again")
-            with launcher_at(args, settings) as launcher:
-                played = play_plan(args.plan, launcher, camera, confirm, clips=args.clips, tolerance=most)
-        return _tell(played, args, None)
-    if args.clips:
+
+
+def _play_unfilmed(request: Request, wire: Wire, settings: Settings, scene: Scene | None) -> Played:
+    """The stroke on the launcher at its port, without a camera."""
+    from robot.play import play_plan
+
+    if request.clips:
         raise BadInput("--clips: nobody films; give --camera and --video, or track a film of the stroke: sysid track")
     seen = SeenScene(scene) if scene else None
     if seen is None:
         print("no --scene: nobody has looked where the balls are; make one with: planner scene PICTURE")
-    if args.dry_run:
-        return _tell(play_plan(args.plan, _dry(settings), seen, tolerance=most), args, None)
-    with launcher_at(args, settings) as launcher:
-        played = play_plan(args.plan, launcher, seen, confirm, tolerance=most)
-    return _tell(played, args, None)
+    if request.dry_run:
+        return play_plan(request.plan, _dry(settings), seen, tolerance=request.tolerance_m)
+    with wire.launcher(settings) as launcher:
+        confirm = None if request.yes else _confirmed
+        return play_plan(request.plan, launcher, seen, confirm, tolerance=request.tolerance_m)
 
 
 def _aligned(camera: LiveCamera, azimuth: float, ball: Array | None) -> bool:
-    """Tell how the stand must be turned, live; whether it is aligned in the end."""
-    from robot.camera.align import align, turn_for
+    """Say live how the stand must be turned; whether it is aligned in the end."""
+    from robot.camera.align import align as align_live
+    from robot.camera.align import turn_for
 
-    line = align(camera.pictures(), camera.seen_with, azimuth, ball)
+    line = align_live(camera.pictures(), camera.seen_with, azimuth, ball)
     for note in line.noted:
         print(f"noted: {note}")
     turn = turn_for(line, azimuth)
-    print(f"cue: {np.degrees(line.azimuth):.2f} +- {np.degrees(line.azimuth_sd):.2f} degrees, {turn}")
+    print(f"cue: {math.degrees(line.azimuth):.2f} +- {math.degrees(line.azimuth_sd):.2f} degrees, {turn}")
     return not turn.side
 
 
-def align_stand(args: argparse.Namespace, progress: Progress) -> int:
-    """Say how far to turn the stand until the cue points where a plan wants it."""
+@click.command()
+@gathered("filming", RequiredFilming)
+@input_option("plan", "PLAN.json", "Plan whose direction is wanted.")
+@click.option("--azimuth", metavar="DEG", type=float, help="Wanted direction, table frame [degrees].")
+def align(filming: RequiredFilming, plan_file: Path | None, azimuth: float | None) -> int:
+    """Align the stand: how far to turn it, live from the camera.
+
+    Reads the camera, and the direction from --plan or --azimuth. Prints the turn to a tenth of a degree. Status 1 if
+    the cue does not point there in the end.
+
+    Example: robot align --camera cam.toml --video 0 --plan plan.json
+    """
     from planner.plan import read_plan
     from planner.scene import scene_from
 
-    if (args.plan is None) == (args.azimuth is None):
+    if (plan_file is None) == (azimuth is None):
         raise BadInput("give the direction: --plan PLAN.json, or --azimuth DEGREES")
-    ball = None
-    if args.plan:
-        plan = read_plan(args.plan)
+    ball, wanted = None, azimuth
+    if plan_file:
+        plan = read_plan(plan_file)
         if plan.get("stroke") is None:
-            raise BadInput(f"{args.plan}: holds no stroke ({plan.get('why', 'no reason told')}); plan another shot")
+            raise BadInput(f"{plan_file}: holds no stroke ({plan.get('why', 'no reason given')}); plan another shot")
         launcher = plan.get("launcher")
         wanted = launcher.get("theta_deg") if isinstance(launcher, dict) else None
-        if not isinstance(wanted, int | float):
-            raise BadInput(f"{args.plan}: theta_deg of its launcher is {wanted!r}; make the plan again")
-        ball = scene_from(plan.get("scene"), f"{args.plan} scene").position[0]
-    else:
-        wanted = args.azimuth
+        ball = scene_from(plan.get("scene"), f"{plan_file} scene").position[0]
+    if not isinstance(wanted, int | float):
+        raise BadInput(f"{plan_file}: theta_deg of its launcher is {wanted!r}; make the plan again")
     if not abs(wanted) <= 360:
-        raise BadInput(f"{args.plan or '--azimuth'}: the direction is {wanted:g}; give degrees, -360 to 360")
-    with camera_of(args, "films") as camera:
-        return DONE if _aligned(camera, np.radians(wanted), ball) else FOUND
-
-
-def _emulated_table(args: argparse.Namespace, scene: Scene, azimuth: float) -> EmulatedTable:
-    """The balls of a scene on a table that only the emulator knows."""
-    from models.model_file import full_model, read_model
-    from robot.emulator.table import EmulatedTable
-
-    model = read_model(args.model) if args.model else full_model(scene.table, scene.ball)
-    if not args.model:
-        print("no --model: the table is the base with its usual constants")
-    if (model.table, model.ball) != (scene.table, scene.ball):
-        raise BadInput(f"{args.model}: is of another table or ball than the scene; name a model of the scene's")
-    places = {n: (float(x), float(y)) for n, (x, y) in zip(scene.names, scene.position, strict=True)}
-    return EmulatedTable(model, places, azimuth, seed_of(args))
-
-
-def _emulated_launcher(args: argparse.Namespace, settings: Settings, emulated: EmulatedTable) -> Launcher:
-    from robot.emulator.faults import Faults
-    from robot.emulator.table import emulated_launcher
-
-    rng, chance = np.random.default_rng((seed_of(args), FIRMWARE)).spawn(2)
-    faults = Faults(args.fault_rate, chance) if args.fault_rate else None
-    return emulated_launcher(settings, emulated.hit, rng, faults=faults, log=args.log)[0]
+        raise BadInput(f"{plan_file or '--azimuth'}: the direction is {wanted:g}; give degrees, -360 to 360")
+    with filming.open(Path("films")) as camera:
+        return Status.DONE if _aligned(camera, math.radians(wanted), ball) else Status.FINDING
 
 
 def _dry(settings: Settings) -> Launcher:
@@ -215,17 +255,17 @@ def _dry(settings: Settings) -> Launcher:
     return Launcher(settings, None, dry_run=True)
 
 
-def _confirmed(what: str) -> bool:
-    return confirmed(what, "turn the stand")
+def _confirmed(action: str) -> bool:
+    return confirmed(action, "turn the stand")
 
 
-def _tell(played: Played, args: argparse.Namespace, emulated: EmulatedTable | None) -> int:
-    """What became of the plan, in words and figures."""
+def _print_played(played: Played, request: Request, emulated: EmulatedTable | None) -> int:
+    """Print the outcome of a plan; returns the exit status."""
     from robot.play import played_file
 
     if played.struck == "dry":
         print("dry run: nothing has moved, nothing was written")
-        return DONE
+        return Status.DONE
     done = played.done
     if done is not None:
         print(
@@ -242,11 +282,11 @@ def _tell(played: Played, args: argparse.Namespace, emulated: EmulatedTable | No
     for line in played.noted:
         print(f"noted: {line}")
     if played.clip:
-        print(f"clip: {Path(args.clips) / played.clip}")
-    elif args.clips:
+        print(f"clip: {request.clips}/{played.clip}")
+    elif request.clips:
         print("clip: none, no shot was seen")
-    print(f"played: {played_file(args.plan)}")
+    print(f"played: {played_file(request.plan)}")
     if emulated is not None and emulated.strokes != 1:
         print(f"the emulated cue ball was struck {emulated.strokes} times")
     troubled = any("the cue is not back" in line or "the film is lost" in line for line in played.noted)
-    return FOUND if troubled or (args.clips and not played.clip) else DONE
+    return Status.FINDING if troubled or (request.clips and not played.clip) else Status.DONE

@@ -7,7 +7,6 @@ the map's constants. The same values give the same bytes.
 
 from __future__ import annotations
 
-import argparse
 import base64
 import math
 import sys
@@ -18,11 +17,13 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.cue_impulse import NAMES
-from models.console import table
+from models.command_line import FILE_PATH, Number, lone_command, output_option, run
+from models.console import Status, table
 from models.errors import BadInput
 from models.files import write_whole
 from planner.launcher.cueing_map import CueingMap, write_map
@@ -108,41 +109,37 @@ def write_picture(path: Path | str, shots: Sequence[CueShot], contest: Contest, 
     write_whole(path, png(sum(heights), below_each_other, dpi=110))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Fit the cueing map to a campaign, set it beside the networks, and write what is asked for."""
+@lone_command("robot.cueing.report")
+@click.argument("campaign", type=FILE_PATH, metavar="CAMPAIGN.csv")
+@output_option("map", "MAP.toml", "Write the map from all shots.")
+@output_option("report", "OUT.html", "Write the comparison with pictures.")
+@output_option("picture", "OUT.png", "Draw the pictures alone.")
+@click.option("--splits", metavar="N", type=Number(1, whole=True), default=1, show_default=True, help="Comparisons.")
+@click.option("--emulated", type=int, metavar="SEED", help="Of an emulated campaign: report exact errors too.")
+def main(
+    campaign: Path, map_file: Path | None, report_file: Path | None, picture_file: Path | None, splits: int,
+    emulated: int | None,
+) -> int:  # fmt: skip
+    """Fit the cueing map to a campaign, and compare it with the published networks on strokes held out."""
     from models.mjcf.gl import choose_backend
 
     choose_backend()
     from robot.cueing.striker import draw_hidden, exact_strokes
 
-    parser = argparse.ArgumentParser(prog="python -m robot.cueing.report", description=main.__doc__, allow_abbrev=False)
-    parser.add_argument("campaign", type=Path, metavar="CAMPAIGN.csv")
-    parser.add_argument("--map", type=Path, metavar="MAP.toml", help="write the map from all shots")
-    parser.add_argument("--report", type=Path, metavar="OUT.html")
-    parser.add_argument("--picture", type=Path, metavar="OUT.png")
-    parser.add_argument("--splits", type=int, default=1, help="comparisons, each with other strokes held out")
-    parser.add_argument("--emulated", type=int, metavar="SEED", help="of an emulated campaign: tells exact errors too")
-    given = parser.parse_args(arguments)
-    try:
-        if given.splits < 1:
-            raise BadInput(f"--splits {given.splits}: give 1 or more")
-        shots = read_campaign(given.campaign)
-        exact: Callable[[Sequence[Told]], dict[Told, tuple[float, float]]] | None = None
-        if given.emulated is not None:
-            exact = partial(exact_strokes, draw_hidden(np.random.default_rng(given.emulated)))
-        contests = [compare_maps(shots, np.random.default_rng(k), exact=exact) for k in range(given.splits)]
-        scores = average(contests)
-        print(table([SCORE_HEADS, *([s.name, *_cells(s)] for s in scores)]))
-        if given.map:
-            write_map(given.map, fit_map(shots))
-        if given.report:
-            write_report(given.report, f"Cueing map: {given.campaign.name}", shots, contests[0], scores=scores)
-        if given.picture:
-            write_picture(given.picture, shots, contests[0])
-    except BadInput as error:
-        print(f"robot.cueing.report: {error}", file=sys.stderr)
-        return 2
-    return 0
+    shots = read_campaign(campaign)
+    exact: Callable[[Sequence[Told]], dict[Told, tuple[float, float]]] | None = None
+    if emulated is not None:
+        exact = partial(exact_strokes, draw_hidden(np.random.default_rng(emulated)))
+    contests = [compare_maps(shots, np.random.default_rng(k), exact=exact) for k in range(splits)]
+    scores = average(contests)
+    print(table([SCORE_HEADS, *([s.name, *_cells(s)] for s in scores)]))
+    if map_file:
+        write_map(map_file, fit_map(shots))
+    if report_file:
+        write_report(report_file, f"Cueing map: {campaign.name}", shots, contests[0], scores=scores)
+    if picture_file:
+        write_picture(picture_file, shots, contests[0])
+    return Status.DONE
 
 
 def _cells(s: Score) -> list[str]:
@@ -274,4 +271,4 @@ def _text(text: object) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(main))

@@ -8,19 +8,15 @@ may run faster than real time there (`pace`), the line never does. Leaves out fl
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import select
-import signal
-import sys
 import tempfile
 import termios
 import threading
 import time
 import tty
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
@@ -336,28 +332,3 @@ def _told(deed: Deed) -> str:
     if deed.what == "struck":
         return f"{deed.string:03d}p  cue {deed.speed:.3f} m/s at {tip}"
     return tip if deed.what == "moved" else ""
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run an emulated launcher on a pseudo-terminal; its path is printed first."""
-    parser = argparse.ArgumentParser(
-        prog="python -m robot.emulator.launcher", description=main.__doc__, allow_abbrev=False
-    )
-    parser.add_argument("--path", help="of the port; a new one without")
-    parser.add_argument("--baud", type=int, default=19200)
-    parser.add_argument("--pace", type=float, default=1.0, help="of the mechanics, in real seconds a second")
-    parser.add_argument("--fault-rate", type=float, default=0.0, help="faults a line, 0 to 1")
-    parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the port goes away too
-    try:
-        say = partial(print, flush=True)
-        serve(given.path, baud=given.baud, pace=given.pace, fault_rate=given.fault_rate, seed=given.seed, say=say)
-    except BadInput as error:
-        print(f"robot.emulator.launcher: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

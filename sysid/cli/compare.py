@@ -1,108 +1,128 @@
-"""`sysid check`, `sysid compare` and `sysid fit`: a clip set, a model held against it, its constants fitted."""
+"""`sysid check`, `sysid compare` and `sysid fit`: a clip set, a model compared with it, its constants fitted."""
 
 from __future__ import annotations
 
-import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from models.console import BAD, DONE, FOUND, Progress, Verb, check_outputs, print_constants, write_json
-from sysid.cli.common import load, outputs, with_clips, with_drawings, with_effects, with_engine
+import click
 
+from models.command_line import effects_option, gathered, json_option, out_option
+from models.console import Progress, Status, print_constants, write_json
+from sysid.cli.common import Outputs, Start, clips_argument
 
-def register(verb: Verb) -> None:
-    """These verbs with their options."""
-    one = verb("check", check, "read a clip set; name every fault")
-    with_clips(one)
-    one.add_argument("--json", metavar="FILE", help="the faults as JSON")
-    one = verb("compare", compare, "model against measurement: where it fails")
-    with_clips(one)
-    one.add_argument("--model", metavar="M.toml", help="model file (default: decoupled cloth, frictional impacts)")
-    with_engine(one)
-    with_effects(one)
-    with_drawings(one)
-    one = verb("fit", fit, "constants of the model with their uncertainty, error on clips held out")
-    with_clips(one)
-    one.add_argument("--model", metavar="M.toml", help="model file to start from")
-    with_engine(one)
-    one.add_argument("--out", metavar="M2.toml", required=True, help="where the fitted model goes")
-    with_effects(one)
-    with_drawings(one)
+if TYPE_CHECKING:
+    from sysid.estimation.clip_fit import ClipFit
+    from sysid.residuals.comparison import Comparison
 
 
-def check(args: argparse.Namespace, progress: Progress) -> int:
-    """Name every fault of a clip set."""
+@click.command()
+@clips_argument
+@json_option
+def check(clips: Path, json_file: Path | None) -> int:
+    """Read a clip set and name every fault in it.
+
+    Reads CLIPS/clips.toml and the clips that it lists. Status 2 if there are faults.
+
+    Example: sysid check CLIPS
+    """
     from sysid.clips import check_clip_set, read_clip_set
 
-    check_outputs(args.json)
-    faults = check_clip_set(args.clips)
+    faults = check_clip_set(clips)
     for fault in faults:
         print(fault)
-    if args.json:
-        write_json(args.json, {"clips": args.clips, "faults": faults})
+    if json_file:
+        write_json(json_file, {"clips": str(clips), "faults": faults})
     if faults:
         print(f"{len(faults)} fault{'s' if len(faults) > 1 else ''}")
-        return BAD
-    clip_set = read_clip_set(args.clips)
+        return Status.BAD_INPUT
+    clip_set = read_clip_set(clips)
     samples = sum(len(o.time) for c in clip_set.clips for o in c.balls.values())
-    print(f"{args.clips}: {len(clip_set.clips)} clips, {samples} samples, no faults")
-    return DONE
+    print(f"{clips}: {len(clip_set.clips)} clips, {samples} samples, no faults")
+    return Status.DONE
 
 
-def compare(args: argparse.Namespace, progress: Progress) -> int:
-    """Model against measurement."""
+@click.command()
+@gathered("start", Start)
+@effects_option()
+@gathered("outputs", Outputs)
+@click.pass_obj
+def compare(progress: Progress, start: Start, outputs: Outputs) -> int:
+    """Compare a model with the measurement: where it fails.
+
+    Reads the clip set CLIPS and a model file. Fits each clip's initial state, holds the model's constants, and prints
+    the residuals by clip, kind of motion and place.
+
+    Example: sysid compare CLIPS --model fitted.toml --report compare.html
+    """
     from sysid.report.text import in_words, print_comparison
-    from sysid.residuals import compare as room
+    from sysid.residuals.compare import compare as compare_clips
 
-    check_outputs(args.json, args.report, args.rrd)
-    clip_set, model = load(args)
-    comparison = room.compare(clip_set, model, progress)
+    clip_set, model = start.load()
+    comparison = compare_clips(clip_set, model, progress)
     progress.close()
     print_comparison(comparison)
-    if args.json:
-        write_json(args.json, comparison.to_json())
-    outputs(args, [("this model", comparison)], in_words(comparison))
-    return DONE
+    if outputs.json_file:
+        write_json(outputs.json_file, comparison.to_json())
+    outputs.write([("this model", comparison)], in_words(comparison))
+    return Status.DONE
 
 
-def fit(args: argparse.Namespace, progress: Progress) -> int:
-    """Fit a model's constants."""
+@click.command()
+@gathered("start", Start)
+@out_option("M2.toml", "Where the fitted model goes.")
+@effects_option()
+@gathered("outputs", Outputs)
+@click.pass_obj
+def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
+    """Fit a model's constants, each with its standard deviation.
+
+    Reads the clip set CLIPS and the model to start from. Writes the fitted model, and prints its constants and its
+    error on clips held out. Status 1 if the fit did not converge.
+
+    Example: sysid fit CLIPS --out fitted.toml --report fit.html
+    """
     from models.model_file import write_model
     from sysid.estimation.clip_fit import fit_clips
     from sysid.estimation.fitting import CHAOS_RATE
     from sysid.report.text import in_words, print_comparison
-    from sysid.residuals import compare as room
+    from sysid.residuals.compare import compare as compare_clips
+    from sysid.residuals.compare import coverage
 
-    check_outputs(args.out, args.json, args.report, args.rrd)
-    clip_set, model = load(args)
+    clip_set, model = start.load()
     found = fit_clips(clip_set, model)
-    write_model(found.model, args.out)
+    write_model(found.model, out)
     progress.close()
     print_constants(found.model)
     fitted = found.fitted
     if not fitted.converged:
-        print("\nNOT converged: these constants are where the fit stopped, and no uncertainty is given.")
+        print("\nNOT converged: the constants are those at which the fit stopped; they have no standard deviations.")
     if fitted.discrepancy_rate > CHAOS_RATE:
-        rate = f"{fitted.discrepancy_rate * 1e3:.0f} mm a metre"
-        print(f"\nThe model's own error grows by {rate} travelled after the first event.")
-    print(f"\nmodel: {args.out}\n", flush=True)
+        rate = f"{fitted.discrepancy_rate * 1e3:.0f} mm per metre"
+        print(f"\nAfter the first impact the model's own error grows by {rate} of path.")
+    print(f"\nmodel: {out}\n", flush=True)
     files = [c.file for c in clip_set.clips]
-    comparison = room.compare(clip_set, found.model, progress, found.parts.states_of(fitted, files))
+    comparison = compare_clips(clip_set, found.model, progress, found.parts.states_of(fitted, files))
     progress.close()
     print_comparison(comparison)
-    share = room.coverage(comparison, found.band_rate)
+    share = coverage(comparison, found.band_rate)
     if share == share:
         print(f"Held-out residuals inside the predicted 95 % band: {100 * share:.0f} %.")
-    if args.json:
-        values = found.model.parameters()
-        constants = {
-            n: {"value": values[n], "sd": sd if fitted.converged else float("nan"), "unit": found.model.meta(n)["unit"]}
-            for n, sd in fitted.sds.items()
-        }
-        result = {
-            "format": "billiard-fit/1", "converged": fitted.converged, "error_rate": fitted.discrepancy_rate,
-            "band_rate": found.band_rate,
-            "segment_ratio": found.segment_ratio, "held_out_coverage": share, "parameters": constants,
-            "comparison": comparison.to_json(),
-        }  # fmt: skip
-        write_json(args.json, result)
-    outputs(args, [("fitted", comparison)], in_words(comparison))
-    return DONE if fitted.converged else FOUND
+    if outputs.json_file:
+        write_json(outputs.json_file, _fit_json(found, comparison, share))
+    outputs.write([("fitted", comparison)], in_words(comparison))
+    return Status.DONE if fitted.converged else Status.FINDING
+
+
+def _fit_json(found: ClipFit, comparison: Comparison, share: float) -> dict[str, Any]:
+    """Format billiard-fit/1."""
+    fitted, values = found.fitted, found.model.parameters()
+    constants = {
+        n: {"value": values[n], "sd": sd if fitted.converged else float("nan"), "unit": found.model.meta(n)["unit"]}
+        for n, sd in fitted.sds.items()
+    }
+    return {
+        "format": "billiard-fit/1", "converged": fitted.converged, "error_rate": fitted.discrepancy_rate,
+        "band_rate": found.band_rate, "segment_ratio": found.segment_ratio, "held_out_coverage": share,
+        "parameters": constants, "comparison": comparison.to_json(),
+    }  # fmt: skip

@@ -6,8 +6,7 @@ import json
 import time
 from pathlib import Path
 
-from models.console import DONE, FOUND, Progress, table
-from models.errors import BadInput
+from models.console import Progress, Status, table
 from models.model_file import Model, full_model
 from sysid.clips import ClipSet, read_clip_set
 from sysid.report.findings import label, print_ladder, round_rows, shot_lines, verdict_lines
@@ -16,91 +15,89 @@ from sysid.report.text import in_words
 from sysid.selection.discover import DiscoveryResult, discover
 from sysid.selection.judge import Diagnosis
 
-COMMAND = "sysid demo"
-EXAMPLE = Path(__file__).parents[1] / "example"
-TRUTH = EXAMPLE.with_name("example.truth.json")
-HIDDEN = {
+COMMAND_NAME = "sysid demo"
+EXAMPLE_FOLDER = Path(__file__).parents[1] / "example"
+TRUTH_FILE = EXAMPLE_FOLDER.with_name("example.truth.json")
+TRUE_NAMES = {  # of constants, in the truth file
     "decoupled_cloth.slide": "mus", "decoupled_cloth.roll": "mur", "decoupled_cloth.spin": "spin",
     "ball_impact.restitution": "ebb", "ball_impact.friction": "mubb",
     "cushion_impact.restitution": "ec", "cushion_impact.friction": "muc",
     "table_tilt.slope_x": "tilt_x", "table_tilt.slope_y": "tilt_y",
 }  # fmt: skip
-ALIKE = "(Look-alikes: part of the one passes for part of the other; the evidence says which of them explains it all.)"
+CONFOUNDED_NOTE = (
+    "(Confounded effects explain part of the same residuals; the evidence says which of them explains all.)"
+)
 
 
 def run(out: Path, progress: Progress) -> int:
-    """Tell the story of the example, and write model, result, report and recording into `out`."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"{out}: cannot be made ({error.strerror}); choose another folder") from error
+    """Fit, diagnose and extend the example's model; write model, result, report and recording into the folder `out`."""
     began = time.monotonic()
-    clip_set = read_clip_set(EXAMPLE)
+    clip_set = read_clip_set(EXAMPLE_FOLDER)
     print(
         f"{len(clip_set.clips)} shots on a snooker table, filmed at {clip_set.fps:g} frames a second. Something about"
-        "\nthis table is not in the model: what? Every fifth shot is held out: it gives no constants, it judges them.",
+        "\nthis table is not in the model: what? Every fifth shot is held out of the fits, to validate them.",
         flush=True,
     )
 
-    def tell(found: DiscoveryResult) -> None:
+    def show(found: DiscoveryResult) -> None:
         progress.close()
         if not found.rounds:
-            _failing(clip_set, found, progress)
+            _base_errors(clip_set, found, progress)
             return
-        _diagnosed(found)
+        _print_diagnosis(found)
         print(f"\n3. Added, and all constants fitted again: {label(found.verdict)}\n", flush=True)
         print_ladder(found)
 
-    found = discover(clip_set, full_model(clip_set.table, clip_set.ball), tell)
+    found = discover(clip_set, full_model(clip_set.table, clip_set.ball), show)
     progress.close()
     rest = found.rounds[-1]
     print("\nWhat is still missing?\n  " + "\n  ".join(verdict_lines(Diagnosis(rest), None)))
-    last = write_outcome(out, clip_set, found, progress, time.monotonic() - began, COMMAND)
-    _indented(in_words(last))
-    _indented(shot_lines(found.next_shot))
-    _revealed(last.model, found)
+    last = write_outcome(out, clip_set, found, progress, time.monotonic() - began, COMMAND_NAME)
+    _print_indented(in_words(last))
+    _print_indented(shot_lines(found.next_shot))
+    _compare_with_truth(last.model, found)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     print(f"open {out / 'report.html'} in a browser, and the shots with: .venv/bin/rerun {out / 'review.rrd'}")
-    return DONE if found.last.converged else FOUND
+    return Status.DONE if found.last.converged else Status.FINDING
 
 
-def _failing(clip_set: ClipSet, found: DiscoveryResult, progress: Progress) -> None:
-    """Where the base model, at its best constants, fails."""
+def _base_errors(clip_set: ClipSet, found: DiscoveryResult, progress: Progress) -> None:
+    """Print where the base model, all its constants fitted, fails."""
     base, noise = found.last, found.parts.noise
-    _, compared = compare_at(0, clip_set, found, progress, COMMAND)
+    _, compared = compare_at(0, clip_set, found, progress, COMMAND_NAME)
     progress.close()
-    print("\n1. The base model (level table, cloth, balls, cushions), all its constants fitted, misses by")
+    print("\n1. The base model (level table, cloth, balls, cushions), all its constants fitted, leaves")
     print(
-        f"   {base.rms * 1e3:.2f} mm rms an axis, {base.held_rms * 1e3:.2f} mm on held-out shots; the camera's noise is"
+        f"   {base.rms * 1e3:.2f} mm rms per axis, {base.held_rms * 1e3:.2f} mm on held-out shots; camera noise is"
         f" {noise * 1e3:.2f} mm. Where it fails:\n"
     )
-    _indented(in_words(compared))
+    _print_indented(in_words(compared))
 
 
-def _diagnosed(found: DiscoveryResult) -> None:
-    """What could be missing, ranked, and the verdict."""
+def _print_diagnosis(found: DiscoveryResult) -> None:
+    """Print the ranked candidates and the verdict."""
     seen = found.rounds[-1]
     print("\n2. What could be missing? The evidence for each effect of the catalogue (delta BIC; 10 is enough):\n")
     print(table(round_rows(seen)) + "\n")
-    _indented(verdict_lines(Diagnosis(seen), None))
+    _print_indented(verdict_lines(Diagnosis(seen), None))
     if seen.confounded:
-        _indented([ALIKE])
+        _print_indented([CONFOUNDED_NOTE])
 
 
-def _revealed(model: Model, found: DiscoveryResult) -> None:
-    """What was hidden, read only now, beside what was found."""
-    truth = json.loads(TRUTH.read_text(encoding="utf-8"))
-    print(f"\n4. Only now {TRUTH.name} is opened. Hidden: {', '.join(truth['effects'])}. ", end="")
+def _compare_with_truth(model: Model, found: DiscoveryResult) -> None:
+    """Print the hidden constants, read only now, beside those found."""
+    truth = json.loads(TRUTH_FILE.read_text(encoding="utf-8"))
+    print(f"\n4. Only now {TRUTH_FILE.name} is read. Hidden: {', '.join(truth['effects'])}. ", end="")
     print(f"Found: {', '.join(found.verdict) or 'nothing'}.\n")
     rows: list[tuple[str, ...]] = [("constant", "found", "sd", "hidden", "off by")]
     for name in found.last.names:
         value, sd = model.parameters()[name], model.estimates[name].sd
-        if name in HIDDEN:
-            hidden = truth["parameters"][HIDDEN[name]]
+        if name in TRUE_NAMES:
+            hidden = truth["parameters"][TRUE_NAMES[name]]
             rows.append((name, f"{value:.5f}", f"{sd:.5f}", f"{hidden:.5f}", f"{(value - hidden) / sd:+.1f} sd"))
     print(table(rows))
 
 
-def _indented(lines: list[str]) -> None:
+def _print_indented(lines: list[str]) -> None:
     for line in lines:
         print(f"  {line}")

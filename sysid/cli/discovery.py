@@ -1,8 +1,7 @@
-"""The verbs that look for what is missing: `sysid diagnose` and `sysid discover`."""
+"""`sysid diagnose`, `sysid discover` and `sysid demo`: what a model leaves out."""
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import pickle
 import time
@@ -10,47 +9,52 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from models.console import DONE, FOUND, Progress, Verb, check_outputs, print_constants, table, write_json
+import click
+
+from models.command_line import FILE_PATH, effects_option, gathered, json_option
+from models.console import Progress, Status, print_constants, table, write_json
 from models.errors import BadInput
 from models.files import write_whole
-from sysid.cli.common import load, with_clips, with_effects, with_engine
+from sysid.cli.common import Start, report_option
 
 if TYPE_CHECKING:
     from models.model_file import Model
     from sysid.clips import ClipSet
     from sysid.selection.discover import DiscoveryResult
 
-CHECKPOINT = "unfinished.pickle"
+CHECKPOINT_FILE = "unfinished.pickle"
 
 
-def register(verb: Verb) -> None:
-    """These verbs with their options."""
-    one = verb("diagnose", diagnose, "which effect is missing: ranked, or none, or something else")
-    with_clips(one)
-    one.add_argument("--model", metavar="M.toml", help="model file to start from (default: the base)")
-    with_engine(one)
-    with_effects(one)
-    one.add_argument("--json", metavar="FILE", help="the same figures as JSON")
-    one.add_argument("--report", metavar="FILE.html", help="the same with pictures")
-    one = verb("discover", discover, "fit, diagnose and add until nothing more is to be explained")
-    with_clips(one)
-    one.add_argument("--model", metavar="M.toml", help="model file to start from (default: the base)")
-    with_engine(one)
-    one.add_argument("--out", metavar="DIR", required=True, help="where model, result, report and recording go")
-    with_effects(one)
-    one = verb("demo", demo, "the shipped example, start to end")
-    one.add_argument("--out", metavar="DIR", default="out/demo", help="where results go (default: out/demo)")
+@click.command()
+@click.option("--out", metavar="DIR", type=FILE_PATH, default="out/demo", show_default=True, help="Folder of results.")
+@click.pass_obj
+def demo(progress: Progress, out: Path) -> int:
+    """Run the shipped example: find the effect that it hides.
 
+    Fits, diagnoses and extends the model of twelve shots, and compares what it found with the truth. Writes model,
+    result, report and recording into DIR.
 
-def demo(args: argparse.Namespace, progress: Progress) -> int:
-    """The shipped example, start to end."""
+    Example: sysid demo
+    """
     from sysid.cli.demo import run
 
-    return run(Path(args.out), progress)
+    return run(result_folder(out), progress)
 
 
-def diagnose(args: argparse.Namespace, progress: Progress) -> int:
-    """Which effect is missing."""
+@click.command()
+@gathered("start", Start)
+@effects_option()
+@json_option
+@report_option
+@click.pass_obj
+def diagnose(progress: Progress, start: Start, json_file: Path | None, report_file: Path | None) -> int:
+    """Diagnose which effect a model lacks, if any.
+
+    Reads the clip set CLIPS and the model to start from. Prints the evidence for each effect of the catalogue, the
+    verdict, and the shot that would tell most. Status 1 if the fit did not converge.
+
+    Example: sysid diagnose CLIPS --model fitted.toml
+    """
     from sysid.clips.pieces import parent_clip
     from sysid.estimation.split import begin
     from sysid.report.findings import (
@@ -66,64 +70,68 @@ def diagnose(args: argparse.Namespace, progress: Progress) -> int:
     from sysid.selection.judge import diagnose_fit
     from sysid.selection.remainder import remainder
 
-    check_outputs(args.json, args.report)
-    clip_set, model = load(args)
+    clip_set, model = start.load()
     parts, base = begin(clip_set, model)
     judged = diagnose_fit(parts, base)
-    told: Mapping[str, Any] | None = None
+    unexplained: Mapping[str, Any] | None = None
     if judged.formula is not None and judged.fitted_formula is not None:
-        told = describe(judged.formula, judged.fitted_formula.fitted, judged.fitted_formula.evidence)
+        unexplained = describe(judged.formula, judged.fitted_formula.fitted, judged.fitted_formula.evidence)
     elif judged.name is None:
-        told = remainder(judged.screening.base)
+        unexplained = remainder(judged.screening.base)
     shot = propose_next(parts, base, (judged.screening,), (judged.name,) if judged.name else ())
     progress.close()
     seen = judged.screening
-    held = len({parent_clip(c.file) for c in parts.held_out.clips}) if parts.held_out else 0
-    print(f"{len(clip_set.clips)} clips, {held} of them held out, noise {parts.noise * 1e3:.3f} mm")
+    held_out = len({parent_clip(c.file) for c in parts.held_out.clips}) if parts.held_out else 0
+    print(f"{len(clip_set.clips)} clips, {held_out} of them held out, noise {parts.noise * 1e3:.3f} mm")
     if seen.segments:
-        print(f"whole shots miss by {base.rms * 1e3:.3f} mm, so {seen.segments} runs between impacts are looked at")
+        print(f"whole shots: {base.rms * 1e3:.3f} mm rms; therefore {seen.segments} segments between impacts are fitted")
     print(f"base: {seen.base.rms * 1e3:.3f} mm rms, held out {seen.base.held_rms * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
-    lines = [*([cut_line(parts)] if parts.cut else []), *verdict_lines(judged, told)]
-    print("\n" + "\n".join([*lines, *shot_lines(shot)]))
-    if args.json:
-        write_json(args.json, judgement_told(parts, judged, told, shot))
-    if args.report:
+    notes = [*([cut_line(parts)] if parts.cut else []), *verdict_lines(judged, unexplained), *shot_lines(shot)]
+    print("\n" + "\n".join(notes))
+    if json_file:
+        write_json(json_file, judgement_told(parts, judged, unexplained, shot))
+    if report_file:
         from sysid.report.html import write_report
         from sysid.residuals.compare import compare
 
-        whole_shots = base if seen.segments else seen.base
-        own = parts.states_of(whole_shots, [c.file for c in clip_set.clips])
-        comparison = compare(clip_set, whole_shots.model, progress, start=own)
+        fitted = base if seen.segments else seen.base
+        initial_states = parts.states_of(fitted, [c.file for c in clip_set.clips])
+        comparison = compare(clip_set, fitted.model, progress, start=initial_states)
         progress.close()
-        notes = [*lines, *shot_lines(shot)]
-        write_report(args.report, "What is missing", [("base", comparison)], notes=notes, sections=sections((seen,)))
-        print(f"report: {args.report}")
-    return DONE if seen.base.converged else FOUND
+        write_report(report_file, "What is missing", [("base", comparison)], notes=notes, sections=sections((seen,)))
+        print(f"report: {report_file}")
+    return Status.DONE if seen.base.converged else Status.FINDING
 
 
-def discover(args: argparse.Namespace, progress: Progress) -> int:
-    """The whole loop into a folder."""
+@click.command()
+@gathered("start", Start)
+@click.option("--out", metavar="DIR", type=FILE_PATH, required=True, help="Folder of results.")
+@effects_option()
+@click.pass_obj
+def discover(progress: Progress, start: Start, out: Path) -> int:
+    """Discover all that a model lacks: fit, diagnose and add effects.
+
+    Reads the clip set CLIPS and the model to start from, and repeats until nothing significant remains. Writes
+    model.toml, result.json, report.html and review.rrd into DIR. After an interrupt the same command continues there.
+
+    Example: sysid discover CLIPS --out out/mine
+    """
     from sysid.report.findings import discovery_lines, print_ladder, round_rows
     from sysid.report.outcome import write_outcome
     from sysid.report.text import engines_line
-    from sysid.selection.discover import discover as run
+    from sysid.selection.discover import discover as discover_effects
 
-    clip_set, model = load(args)
-    out = Path(args.out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"{out}: cannot be made ({error.strerror}); choose another folder") from error
+    clip_set, model = start.load()
+    checkpoint = result_folder(out) / CHECKPOINT_FILE
     began = time.monotonic()
-    mark = _fingerprint(clip_set, model)
-    resumed, spent = _resume(out, mark)
+    fingerprint = _fingerprint(clip_set, model)
+    resumed, spent = _resume(checkpoint, fingerprint)
     if resumed is not None:
-        print(f"going on from {out / CHECKPOINT}: {', '.join(resumed.verdict) or 'the base is fitted'}", flush=True)
+        print(f"continuing from {checkpoint}: {', '.join(resumed.verdict) or 'the base is fitted'}", flush=True)
 
     def save(found: DiscoveryResult) -> None:
-        state = pickle.dumps((mark, spent + time.monotonic() - began, found))
-        write_whole(out / CHECKPOINT, state)
+        write_whole(checkpoint, pickle.dumps((fingerprint, spent + time.monotonic() - began, found)))
         progress.close()
         if found.rounds:
             print(table(round_rows(found.rounds[-1])) + "\n")
@@ -132,27 +140,36 @@ def discover(args: argparse.Namespace, progress: Progress) -> int:
         print(f"{name}: {last.rms * 1e3:.3f} mm rms, held out {last.held_rms * 1e3:.3f} mm\n", flush=True)
 
     try:
-        found = run(clip_set, model, save, resumed)
+        found = discover_effects(clip_set, model, save, resumed)
     except KeyboardInterrupt:
         progress.close()
-        if (out / CHECKPOINT).exists():
-            print(f"interrupted; {out / CHECKPOINT} is kept: the same command goes on from there", flush=True)
+        if checkpoint.exists():
+            print(f"interrupted; {checkpoint} is kept: the same command continues from there", flush=True)
         raise
     progress.close()
     print(table(round_rows(found.rounds[-1])) + "\n")
     print_ladder(found)
     print("\n" + "\n".join(discovery_lines(found)) + "\n")
     elapsed = spent + time.monotonic() - began
-    outcome = write_outcome(out, clip_set, found, progress, elapsed, f"sysid discover {args.clips}")
+    outcome = write_outcome(out, clip_set, found, progress, elapsed, f"sysid discover {start.clips}")
     print_constants(outcome.model)
     print("\n" + engines_line(outcome))
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
-    (out / CHECKPOINT).unlink(missing_ok=True)
-    return DONE if found.last.converged else FOUND
+    checkpoint.unlink(missing_ok=True)
+    return Status.DONE if found.last.converged else Status.FINDING
+
+
+def result_folder(path: Path) -> Path:
+    """Make a folder for results."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be made ({error.strerror}); choose another folder") from error
+    return path
 
 
 def _fingerprint(clip_set: ClipSet, model: Model) -> str:
-    """Of what a saved state depends on: the clips, the model to start from, the catalogue and this program."""
+    """A digest of all that a checkpoint depends on: clips, the model to start from, the catalogue, the sources."""
     from models.model_file import catalogue
 
     digest = hashlib.sha256()
@@ -168,13 +185,12 @@ def _fingerprint(clip_set: ClipSet, model: Model) -> str:
     return digest.hexdigest()
 
 
-def _resume(out: Path, mark: str) -> tuple[DiscoveryResult | None, float]:
-    """What an interrupted run of the same command left, and how long it took; nothing if it was another."""
-    path = out / CHECKPOINT
-    if not path.exists():
+def _resume(checkpoint: Path, fingerprint: str) -> tuple[DiscoveryResult | None, float]:
+    """The state and the time spent of an interrupted run of the same command; nothing if it was another."""
+    if not checkpoint.exists():
         return None, 0.0
     try:
-        known, spent, found = pickle.loads(path.read_bytes())
+        known, spent, found = pickle.loads(checkpoint.read_bytes())
     except Exception:  # noqa: BLE001 (whatever a damaged or foreign file raises, the work starts afresh)
         return None, 0.0
-    return (found, float(spent)) if known == mark else (None, 0.0)
+    return (found, float(spent)) if known == fingerprint else (None, 0.0)

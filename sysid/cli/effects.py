@@ -1,85 +1,102 @@
-"""`sysid effects`, `new-effect` and `add`: the catalogue, an effect of one's own, one on a model's stack."""
+"""`sysid effects`, `add` and `new-effect`: the catalogue, an effect added to a model, an effect of your own."""
 
 from __future__ import annotations
 
-import argparse
+from pathlib import Path
 from typing import Any
 
-from models.console import DONE, FOUND, Progress, Verb, check_outputs, write_json
-from sysid.cli.common import with_effects
+import click
+
+from models.command_line import FILE_PATH, effects_option, input_option, json_option, out_option
+from models.console import Progress, Status, write_json
 
 
-def register(verb: Verb) -> None:
-    """These verbs with their options."""
-    one = verb("add", add, "put an effect on a model's stack")
-    one.add_argument("effect", metavar="EFFECT")
-    one.add_argument("--model", metavar="M.toml", required=True)
-    one.add_argument("--out", metavar="M2.toml", required=True)
-    with_effects(one)
-    one = verb("effects", effects, "the catalogue of effects; with --check, whether they keep their contract")
-    one.add_argument("names", metavar="NAME", nargs="*", help="only these")
-    one.add_argument("--check", action="store_true", help="name every fault of these, of the folders', or of all")
-    one.add_argument("--json", metavar="FILE", help="the same as JSON")
-    with_effects(one)
-    one = verb("new-effect", new_effect, "an effect's file to fill in, with its test")
-    one.add_argument("name", metavar="NAME", help="in small letters joined by _")
-    one.add_argument("--dir", metavar="DIR", default="effects", help="where they go (default: effects)")
-    one.add_argument(
-        "--from", dest="result", metavar="result.json", help="begin with what a discovery left unexplained"
-    )
-    with_effects(one)
+@click.command()
+@click.argument("effect", metavar="EFFECT")
+@input_option("model", "M.toml", "Model file to add to.", required=True)
+@out_option("M2.toml", "Where the new model goes.")
+@effects_option()
+def add(effect: str, model_file: Path, out: Path) -> int:
+    """Add an effect of the catalogue to a model.
 
+    Reads a model file, and writes another with the effect, which replaces one of the same slot.
 
-def add(args: argparse.Namespace, progress: Progress) -> int:
-    """Put an effect on a model's stack."""
+    Example: sysid add table_tilt --model fitted.toml --out tilted.toml
+    """
     from models.model_file import effect_class, read_model, write_model
 
-    check_outputs(args.out)
-    effect = effect_class(args.effect)()
-    before = read_model(args.model)
-    model = before.add(effect)
-    write_model(model, args.out)
-    gone = [e.name() for e in before.effects if e.name() not in {k.name() for k in model.effects}]
-    instead = f" (instead of {', '.join(gone)})" if gone else ""
-    print(f"{args.out}: {', '.join(e.name() for e in model.effects)}{instead}")
-    return DONE
+    added = effect_class(effect)()
+    before = read_model(model_file)
+    model = before.add(added)
+    write_model(model, out)
+    names = [e.name() for e in model.effects]
+    replaced = ", ".join(e.name() for e in before.effects if e.name() not in names)
+    print(f"{out}: {', '.join(names)}" + (f" (instead of {replaced})" if replaced else ""))
+    return Status.DONE
 
 
-def effects(args: argparse.Namespace, progress: Progress) -> int:
-    """List the catalogue, or check effects against what every effect owes the workbench."""
+@click.command()
+@click.argument("names", metavar="[NAME]...", nargs=-1)
+@click.option("--check", is_flag=True, help="Name every fault of these effects, of those in --effects, or of all.")
+@json_option
+@effects_option(exposed=True)
+@click.pass_obj
+def effects(
+    progress: Progress, names: tuple[str, ...], check: bool, json_file: Path | None, effect_folders: tuple[str, ...]
+) -> int:
+    """List the effects of the catalogue, or check their contract.
+
+    Prints formula, hooks and parameters of the effects named, or of all. Status 1 if --check finds a fault.
+
+    Example: sysid effects table_tilt cloth_nap
+    """
     from models.contract import described, faults
-    from models.model_file import catalogue, effect_class
+    from models.model_file import add_folder, catalogue, effect_class
 
-    check_outputs(args.json)
-    names = args.names or (list(args.own) if args.check and args.own else list(catalogue()))
+    own = [name for folder in effect_folders for name in add_folder(folder)]
     entries: list[dict[str, Any]] = []
-    for name in dict.fromkeys(names):
+    for name in dict.fromkeys(names or (own if check and own else catalogue())):
         entry = described(effect_class(name))
         entries.append(entry)
-        if args.check:
+        if check:
             progress(f"checking {name}")
             entry["faults"] = faults(effect_class(name))
             progress.close()
             print("\n".join([f"{name}: {fault}" for fault in entry["faults"]] or [f"{name}: no faults"]), flush=True)
-            continue
-        print(f"{name}  ({', '.join(entry['doors'])}{'; slot ' + entry['slot'] if entry['slot'] else ''})")
-        print("\n".join(f"  {text}" for text in (entry["says"], entry["formula"]) if text))
-        for key, meta in entry["parameters"].items():
-            low, high = meta["bounds"]
-            off = "only shapes it" if meta["off"] is None else f"off at {meta['off']:g}"
-            print(f"    {key} = {meta['default']:g} [{meta['unit']}], {low:g} to {high:g}, {off}: {meta['source']}")
-    if args.json:
-        write_json(args.json, {"effects": entries})
-    return FOUND if any(entry.get("faults") for entry in entries) else DONE
+        else:
+            _print_effect(name, entry)
+    if json_file:
+        write_json(json_file, {"effects": entries})
+    return Status.FINDING if any(entry.get("faults") for entry in entries) else Status.DONE
 
 
-def new_effect(args: argparse.Namespace, progress: Progress) -> int:
-    """Write an effect's file to fill in, and its test."""
-    from sysid import new_effect as room
+def _print_effect(name: str, entry: dict[str, Any]) -> None:
+    """An effect's hooks, formula and parameters."""
+    print(f"{name}  ({', '.join(entry['doors'])}{'; slot ' + entry['slot'] if entry['slot'] else ''})")
+    print("\n".join(f"  {text}" for text in (entry["says"], entry["formula"]) if text))
+    for key, meta in entry["parameters"].items():
+        low, high = meta["bounds"]
+        off = "no value switches it off" if meta["off"] is None else f"off at {meta['off']:g}"
+        print(f"    {key} = {meta['default']:g} [{meta['unit']}], {low:g} to {high:g}, {off}: {meta['source']}")
 
-    room.checked_name(args.name)
-    effect, test = room.write(args.name, args.dir, room.source_of(args.result, args.name) if args.result else None)
-    print(f"{effect}: the effect, which runs as it is; fill in what it says")
+
+@click.command()
+@click.argument("name", metavar="NAME")
+@click.option("--dir", "folder", metavar="DIR", type=FILE_PATH, default="effects", show_default=True, help="Folder.")
+@input_option("from", "result.json", "Begin with the structure that a discovery left unexplained.")
+@effects_option()
+def new_effect(name: str, folder: Path, from_file: Path | None) -> int:
+    """Write the file of a new effect, to be filled in, and its test.
+
+    NAME is in small letters joined by _. Writes DIR/NAME.py, which runs as it is, and DIR/test_NAME.py.
+
+    Example: sysid new-effect worn_patch --from out/result.json
+    """
+    from sysid.new_effect import checked_name, source_of, write
+
+    checked_name(name)
+    effect, test = write(name, folder, source_of(from_file, name) if from_file else None)
+    print(f"{effect}: the effect, which runs as it is; replace its formula")
     print(f"{test}: its test; run it with: python -m pytest {test}")
-    print(f"check it with: sysid effects --check --effects {args.dir}")
-    return DONE
+    print(f"check it with: sysid effects --check --effects {folder}")
+    return Status.DONE

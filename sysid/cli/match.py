@@ -2,51 +2,56 @@
 
 from __future__ import annotations
 
-import argparse
+from pathlib import Path
 
-from models.console import DONE, FOUND, Progress, Verb, check_outputs, print_constants, write_json
+import click
 
-
-def register(verb: Verb) -> None:
-    """The verb with its options."""
-    one = verb("match", match, "MuJoCo against the analytic models and published measurements, row by row")
-    way = one.add_mutually_exclusive_group()
-    way.add_argument("--json", metavar="FILE", help="the rows as JSON")
-    way.add_argument("--tune", metavar="M.toml", help="instead, fit the native MJCF's terms to the analytic models")
-    way.add_argument("--clips", metavar="DIR", help="instead, write shots of the analytic models as clips to fit to")
+from models.command_line import FILE_PATH, OUTPUT_FILE, at_most_one, json_option
+from models.console import Progress, Status, print_constants, write_json
 
 
-def match(args: argparse.Namespace, progress: Progress) -> int:
-    """MuJoCo against the analytic models and published measurements."""
-    check_outputs(args.json, args.tune)
-    if args.tune is not None:
+@click.command()
+@json_option
+@click.option("--tune", metavar="M.toml", type=OUTPUT_FILE, help="Instead, fit the native MJCF to the analytic models.")
+@click.option("--clips", metavar="DIR", type=FILE_PATH, help="Instead, write shots of the analytic models as clips.")
+@click.pass_obj
+def match(progress: Progress, json_file: Path | None, tune: Path | None, clips: Path | None) -> int:
+    """Compare MuJoCo with the analytic models and published tables.
+
+    Prints a row for each case, with its error and tolerance. With --tune it writes a model file, with --clips a clip
+    set; only one of the three options may be given. Status 1 if an error exceeds its tolerance.
+
+    Example: sysid match --json rows.json
+    """
+    at_most_one(json=json_file, tune=tune, clips=clips)
+    if tune:
         from models.model_file import write_model
         from sysid.validation.native_fit import tuned
 
         model = tuned(progress)
         progress.close()
         print_constants(model)
-        write_model(model, args.tune)
-        print(f"\nmodel: {args.tune}")
-        return DONE
-    if args.clips is not None:
+        write_model(model, tune)
+        print(f"\nmodel: {tune}")
+        return Status.DONE
+    if clips:
         from sysid.validation.clips import write_clips
 
-        write_clips(args.clips)
-        print(f"{args.clips}: clips of the analytic models, and native.toml to start a fit of MuJoCo's contacts from")
-        return DONE
-    from sysid.validation import match as room
+        write_clips(clips)
+        print(f"{clips}: clips of the analytic models, and native.toml to start a fit of MuJoCo's contacts from")
+        return Status.DONE
+    from sysid.validation.match import line, rows, to_json
 
     found = []
-    for row in room.rows():
+    for row in rows():
         progress.close()
         found.append(row)
-        print(room.line(row), flush=True)
+        print(line(row), flush=True)
         progress("the next rows")
     progress.close()
     missed = [row for row in found if not row.ok]
     limited = sum(row.tolerance is not None for row in found)
     print(f"\n{len(found)} rows, {limited} with a tolerance, {len(missed)} exceed it")
-    if args.json:
-        write_json(args.json, {"rows": [room.to_json(row) for row in found]})
-    return FOUND if missed else DONE
+    if json_file:
+        write_json(json_file, {"rows": [to_json(row) for row in found]})
+    return Status.FINDING if missed else Status.DONE

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
+import click
 
-from models.console import DONE, FOUND, Progress, Verb, check_outputs, table, write_json
+from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, json_option
+from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
+from sysid.cli.common import camera_option, mass_option, palette_option, print_recording, rrd_option
 
 if TYPE_CHECKING:
     from sysid.vision.camera.projection import Camera
@@ -19,79 +21,100 @@ if TYPE_CHECKING:
     from sysid.vision.frames import Footage
     from sysid.vision.tracks.track import Tracked
 
-USUAL = 0.1406 / 0.0525**3  # mass of a snooker ball over the cube of its diameter [kg/m^3]
-HEAD = ("clip", "time [s]", "struck", "balls", "samples", "lost", "speed [m/s]", "noise [mm]", "remark")
+TABLE_HEAD = ("clip", "time [s]", "struck", "balls", "samples", "lost", "speed [m/s]", "noise [mm]", "remark")
 
 
-def register(verb: Verb) -> None:
-    """The verb with its options."""
-    one = verb("track", run, "from a video to a clip set")
-    one.add_argument("video", metavar="VIDEO", help="video, folder of pictures, or pattern of their names (%%04d or *)")
-    one.add_argument("--camera", metavar="CAM.toml", required=True, help="camera file, made with: sysid calibrate")
-    one.add_argument("--out", metavar="CLIPS", required=True, help="folder for the clip set")
-    text = "rate at which the frames were taken, where the video does not know it [1/s]"
-    one.add_argument("--fps", metavar="F", type=float, help=text)
-    one.add_argument("--palette", metavar="P.toml", help="names and colours of the balls (default: those of snooker)")
-    one.add_argument("--mass", metavar="M", type=float, help="of a ball [kg] (default: of a snooker ball of its size)")
-    one.add_argument("--rrd", metavar="R.rrd", help="video, detections, tracks and residuals for Rerun")
-    one.add_argument("--preview", metavar="DIR", help="folder for a picture of each clip")
-    one.add_argument("--json", metavar="FILE", help="the same figures as JSON")
-    one.add_argument("--force", action="store_true", help="replace a clip set that is there")
+@dataclass(frozen=True)
+class Filmed:
+    """A video with what is known of it."""
+
+    video: str = given(click.argument("video", metavar="VIDEO"))
+    camera_file: Path = given(camera_option(required=True))
+    fps: float | None = given("--fps", "F", "Frames taken in a second, where the video does not say so.", ABOVE_ZERO)
+    palette_file: Path | None = given(palette_option)
+    mass: float | None = given(mass_option)
 
 
-def run(args: argparse.Namespace, progress: Progress) -> int:
-    """Detect, follow, split, write."""
-    _check(args)
+@dataclass(frozen=True)
+class TrackOutputs:
+    """What tracking writes."""
+
+    out: Path = given("--out", "CLIPS", "Folder for the clip set.", FILE_PATH, required=True)
+    force: bool = given("--force", "", "Replace a clip set that is there.", bool)
+    json_file: Path | None = given(json_option)
+    rrd_file: Path | None = given(rrd_option)
+    preview: Path | None = given("--preview", "DIR", "Folder for a picture of each clip.", FILE_PATH)
+
+    def check(self) -> None:
+        """Refuse before the work what could not be written after it."""
+        out = self.out
+        if out.exists() and not self.force and (not out.is_dir() or any(out.iterdir())):
+            raise BadInput(f"{out}: is there already; choose another folder, or replace a clip set with --force")
+        if out.is_dir() and any(out.iterdir()) and not (out / "clips.toml").is_file():
+            raise BadInput(f"{out}: holds something else than a clip set; choose another folder")
+        if self.preview and self.preview.exists() and not self.preview.is_dir():
+            raise BadInput(f"{self.preview}: is a file; name a folder for the pictures of clips")
+
+
+@click.command()
+@gathered("filmed", Filmed)
+@gathered("outputs", TrackOutputs)
+@click.pass_obj
+def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
+    """Track the balls of a video, and write its shots as a clip set.
+
+    VIDEO is a video, a folder of pictures, or a pattern of their names (%04d or *). Reads it and the camera file, and
+    writes a clip for each shot. Status 1 if the tracks are not to be trusted.
+
+    Example: sysid track match.mp4 --camera cam.toml --out CLIPS
+    """
+    outputs.check()
     import cv2
 
+    from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
     from sysid.vision.balls.detect import Detector
     from sysid.vision.balls.palette import default_palette, read_palette
     from sysid.vision.camera.projection import read_camera
     from sysid.vision.details import details
     from sysid.vision.frames import open_footage
-    from sysid.vision.tracks.track import track
+    from sysid.vision.tracks.track import track as track_balls
 
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
-    camera = read_camera(args.camera)
-    palette = read_palette(args.palette) if args.palette else default_palette()
-    footage = open_footage(args.video, args.fps)
+    camera = read_camera(filmed.camera_file)
+    palette = read_palette(filmed.palette_file) if filmed.palette_file else default_palette()
+    footage = open_footage(filmed.video, filmed.fps)
     if footage.size != tuple(camera.size):
         sizes = " and ".join(f"{w} x {h}" for w, h in (footage.size, camera.size))
-        raise BadInput(f"{args.video}: {sizes} pixels in video and {args.camera}; calibrate with this video's frames")
+        raise BadInput(
+            f"{filmed.video}: {sizes} pixels in video and {filmed.camera_file}; calibrate with this video's frames"
+        )
     detector = Detector.learn(camera, footage, palette, progress)
-    result = track(footage, camera, detector, dict(zip(palette.names, palette.counts, strict=True)), progress)
+    result = track_balls(footage, camera, detector, dict(zip(palette.names, palette.counts, strict=True)), progress)
     result, seen = details(result, footage, camera, progress)
     progress.close()
-    mass = args.mass if args.mass is not None else USUAL * camera.diameter**3
-    told = [*footage.assumed, *detector.told, *result.told]
-    if args.mass is None:
-        told.append(f"mass {mass:.4f} kg, that of a snooker ball of this size: give yours with --mass")
-    _print(result, told)
+    mass = filmed.mass if filmed.mass is not None else MASS_PER_CUBED_DIAMETER * camera.diameter**3
+    remarks = [*footage.assumed, *detector.told, *result.told]
+    if filmed.mass is None:
+        remarks.append(f"mass {mass:.4f} kg, that of a snooker ball of this size: give yours with --mass")
+    _print(result, remarks)
     _print_details(seen)
-    _write(args, result, seen, footage, camera, mass, progress)
-    if args.json:
-        write_json(args.json, to_json(args.video, result, told, seen))
+    if result.shots:
+        from sysid.clips import write_clip_set
+        from sysid.vision.tracks.track import Extra, clip_set
+
+        extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
+        write_clip_set(clip_set(result, camera, mass, footage.fps, extras), outputs.out)
+        print(f"\nclips: {outputs.out}")
+    _draw(outputs, filmed.video, result, footage, camera, progress)
+    if outputs.json_file:
+        write_json(outputs.json_file, to_json(filmed.video, result, remarks, seen))
     for doubt in result.doubts:
         print(f"not to be trusted: {doubt}")
-    return FOUND if result.doubts else DONE
-
-
-def _check(args: argparse.Namespace) -> None:
-    """Refuse before the work what could not be used, or written, after it."""
-    check_outputs(args.rrd, args.json)
-    out = Path(args.out)
-    if out.exists() and not args.force and (not out.is_dir() or any(out.iterdir())):
-        raise BadInput(f"{args.out}: is there already; choose another folder, or replace a clip set with --force")
-    if out.is_dir() and any(out.iterdir()) and not (out / "clips.toml").is_file():
-        raise BadInput(f"{args.out}: holds something else than a clip set; choose another folder")
-    if args.preview and Path(args.preview).exists() and not Path(args.preview).is_dir():
-        raise BadInput(f"{args.preview}: is a file; name a folder for the pictures of clips")
-    if args.mass is not None and not 0 < args.mass < float("inf"):
-        raise BadInput(f"--mass {args.mass:g}: must be a ball's mass in kg, above 0")
+    return Status.FINDING if result.doubts else Status.DONE
 
 
 def rows(result: Tracked) -> list[dict[str, Any]]:
-    """What there is to say of each clip."""
+    """What the table and the JSON file say of each clip."""
     from sysid.vision.tracks.track import lost_frames
 
     found = []
@@ -105,13 +128,13 @@ def rows(result: Tracked) -> list[dict[str, Any]]:
     return found
 
 
-def to_json(video: str, result: Tracked, told: Sequence[str], seen: Sequence[Details]) -> dict[str, Any]:
+def to_json(video: str, result: Tracked, remarks: Sequence[str], seen: Sequence[Details]) -> dict[str, Any]:
     """All figures."""
     clips = [{**row, **_detail(one)} for row, one in zip(rows(result), seen, strict=True)]
     return {
         "format": "billiard-track/1", "video": video, "frames": len(result.scene.frames), "rate": result.rate,
         "noise": {"moving": result.noise.moving, "resting": result.noise.resting, "sigma": result.noise.sigma},
-        "clips": clips, "left_out": list(result.left_out), "told": list(told), "doubts": list(result.doubts),
+        "clips": clips, "left_out": list(result.left_out), "told": list(remarks), "doubts": list(result.doubts),
     }  # fmt: skip
 
 
@@ -132,38 +155,41 @@ def _detail(one: Details) -> dict[str, Any]:
     return {"cue": cue, "marks": marks}
 
 
-def _count(values: NDArray[np.float64]) -> int:
+def _count(values: Iterable[float]) -> int:
     """How many are known."""
-    return int(np.isfinite(values).sum())
+    return sum(math.isfinite(value) for value in values)
 
 
 def _print_details(seen: Sequence[Details]) -> None:
-    """What was seen of cues and marks, a line each."""
+    """Print what was seen of cues and marked balls, a line each."""
     for number, one in enumerate(seen, 1):
         if one.tip:
             print(f"clip {number}: {one.tip}")
         for text in one.cue.told if one.cue else ():
             print(f"clip {number}: cue: {text}")
         for name, turned in one.turned.items():
-            count, kept = _count(turned.theta), _count(turned.steady)
+            count, used = _count(turned.theta), _count(turned.steady)
             first = turned.sidespin
             rate = f", at first {first.spin:+.2f} +- {first.spin_sd:.2f} rad/s" if first is not None else ""
             print(f"clip {number}: {name}: turned angle in {count} of {len(turned.theta)} pictures{rate}")
-            if kept < count:
-                why = f"rolling may lead it astray, by {np.nanmax(turned.drift):.2f} rad at the end"
-                print(f"clip {number}: {name}: {kept or 'none'} of these angles go into the clip: {why}")
+            if used < count:
+                drift = max(d for d in turned.drift if d == d)
+                print(
+                    f"clip {number}: {name}: {used or 'none'} of these angles are written into the clip: rolling may "
+                    f"falsify the others, by {drift:.2f} rad at the end"
+                )
             for text in turned.told:
                 print(f"clip {number}: {name}: {text}")
 
 
-def _print(result: Tracked, told: Sequence[str]) -> None:
-    """The table of clips and what else there is to say."""
-    for text in told:
+def _print(result: Tracked, remarks: Sequence[str]) -> None:
+    """Print the remarks, the noise and a table of the clips."""
+    for text in remarks:
         print(text)
     noise = result.noise
     print(f"{len(result.scene.frames)} frames, {result.rate:.0f} frames/s, {len(result.scene.paths)} balls")
     print(f"noise {1e3 * noise.moving:.3f} mm moving, {1e3 * noise.resting:.3f} mm resting\n")
-    lines = [HEAD]
+    lines = [TABLE_HEAD]
     for row in rows(result):
         lines.append((
             str(row["clip"]), f"{row['time']:.2f}", row["struck"], " ".join(row["balls"]),
@@ -176,32 +202,24 @@ def _print(result: Tracked, told: Sequence[str]) -> None:
         print(text)
 
 
-def _write(
-    args: argparse.Namespace, result: Tracked, seen: Sequence[Details], footage: Footage, camera: Camera, mass: float,
-    progress: Progress,
+def _draw(
+    outputs: TrackOutputs, video: str, result: Tracked, footage: Footage, camera: Camera, progress: Progress
 ) -> None:  # fmt: skip
-    """The clip set, and pictures and recording where asked."""
-    from sysid.clips import write_clip_set
-    from sysid.vision.tracks.track import Extra, clip_set
-
-    if result.shots:
-        extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
-        write_clip_set(clip_set(result, camera, mass, footage.fps, extras), args.out)
-        print(f"\nclips: {args.out}")
-    if args.preview:
+    """Pictures and recording where asked."""
+    if outputs.preview:
         from sysid.vision.preview import write_previews
 
-        written = write_previews(args.preview, footage, result, progress)
+        written = write_previews(outputs.preview, footage, result, progress)
         progress.close()
-        print(f"pictures: {len(written)} in {args.preview}")
-    if args.rrd:
+        print(f"pictures: {len(written)} in {outputs.preview}")
+    if outputs.rrd_file:
         progress("writing the recording")
-        _record(args, result, footage, camera)
+        _record(outputs.rrd_file, video, result, footage, camera)
         progress.close()
-        print(f"recording: {args.rrd} (open it with: rerun {args.rrd})")
+        print_recording(outputs.rrd_file)
 
 
-def _record(args: argparse.Namespace, result: Tracked, footage: Footage, camera: Camera) -> None:
+def _record(path: Path, video: str, result: Tracked, footage: Footage, camera: Camera) -> None:
     """The recording for Rerun."""
     from models.recording.video import Sightings, write_track
     from sysid.vision.tracks.track import note, rough
@@ -211,8 +229,8 @@ def _record(args: argparse.Namespace, result: Tracked, footage: Footage, camera:
     shots = [(scene.when(s.first), scene.when(s.last), note(k, s)) for k, s in enumerate(result.shots, 1)]
     try:
         write_track(
-            args.rrd, args.video, (scene.frames, scene.times), lambda: (frame.picture for frame in footage), balls,
+            path, video, (scene.frames, scene.times), lambda: (frame.picture for frame in footage), balls,
             shots, camera.table, camera.diameter,
         )  # fmt: skip
     except OSError as error:
-        raise BadInput(f"{args.rrd}: the recording cannot be written ({error.strerror or error})") from error
+        raise BadInput(f"{path}: the recording cannot be written ({error.strerror or error})") from error

@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 
-from models.console import Run, run_verb
+from models.command_line import Program, run
 from sysid.cli import calibrate, compare, discovery, effects, match, measure, track
 
-
-def parser() -> argparse.ArgumentParser:
-    """Every verb with its options."""
-    top = argparse.ArgumentParser(prog="sysid", description="From tracked shots to a fitted MuJoCo table.")
-    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
-
-    def verb(name: str, run: Run, text: str) -> argparse.ArgumentParser:
-        one = verbs.add_parser(name, help=text, description=text)
-        one.set_defaults(run=run)
-        return one
-
-    for group in (compare, effects, discovery, calibrate, track, measure, match):
-        group.register(verb)
-    return top
+PROGRAM = Program(
+    "sysid",
+    "Identify a snooker table: from filmed or tracked shots to a fitted MuJoCo model, and to what it leaves out.",
+    {
+        "Clips from a camera": (calibrate.calibrate, track.track, compare.check),
+        "Model from clips": (measure.measure, compare.compare, compare.fit),
+        "What the model leaves out": (discovery.diagnose, discovery.discover, discovery.demo),
+        "Effects of the model": (effects.effects, effects.add, effects.new_effect),
+        "The engines themselves": (match.match,),
+    },
+)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Run a verb: 0 done, 1 a finding to act on, 2 bad input."""
-    kept = "; files already named above are complete, no other was written"
-    return run_verb("sysid", parser().parse_args(argv), kept)
+    return run(PROGRAM, words, interrupted="; files named above are complete, no other was written")
 
 
 if __name__ == "__main__":

@@ -322,4 +322,4 @@ def test_the_example_finds_a_shot(capsys: pytest.CaptureFixture[str]) -> None:
     assert example_environment.main(["--scene", "one.toml"]) == 2
     assert "--scene and --model go together" in capsys.readouterr().err
     assert example_environment.main(["--seed", "-1"]) == 2
-    assert "--seed is -1; give 0 or more" in capsys.readouterr().err
+    assert "--seed -1: give a whole number of 0 or more" in capsys.readouterr().err

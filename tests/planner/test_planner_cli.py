@@ -75,7 +75,7 @@ def refused(run: Any, folder: Path, verb: str, *words: str | Path) -> str:
 def test_no_verb_and_unknown_verbs_are_usage(run: Any) -> None:
     for words in ((), ("pln",), ("plan",), ("plan", "s.toml", "--method", "best", "--out", "p")):
         said = run(*words)
-        assert said.status == 2 and "usage: planner" in said.err
+        assert said.status == 2 and said.err.startswith("planner") and len(said.err.splitlines()) == 1
     said = run("--help")
     assert said.status == 0 and all(verb in said.out for verb in ("scene", "plan", "study"))
 
@@ -264,4 +264,4 @@ def test_bad_sources_of_scene(run: Any, tmp_path: Path) -> None:
     words = ("scene", EXAMPLE, "--clip", "10", "--object", "red", "--out", tmp_path / "nowhere" / "s.toml")
     assert "nowhere" in refused(run, tmp_path, *words)
     said = run("scene", EXAMPLE, *rest, "--rest", "0", "0", "--rest-for", "blue")
-    assert said.status == 2 and "not allowed with" in said.err
+    assert said.status == 2 and "--rest and --rest-for" in said.err

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import copy
 import dataclasses
 import json
@@ -14,15 +13,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.console import Progress
+from models.console import Progress, Status
 from models.model_file import Estimate, effect_class, full_model, read_model
 from models.shot import Ball, Table
-from planner.cli import study as cli_study
+from planner.cli.study import Settings
+from planner.cli.study import study as cli_study
 from planner.evaluation.play import Player
 from planner.launcher.stroke import Launcher
 from planner.scene import POCKETS, overlap, read_scene, scene_dict, scene_from
 from planner.search.candidates import every_way
 from planner.search.search import Effort
+from planner.study import folder as study_folder
 from planner.study.report import draw_study, figures, markdown, text_table, write_report
 from planner.study.runs import (
     APART,
@@ -131,22 +132,22 @@ def test_effects_of_a_truth_change_no_more_than_the_cue_delivers() -> None:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two scenes by way of processes, then a third in this one."""
     out = tmp_path_factory.mktemp("plans") / "study"
-    cli_study.begin(out, STUDY)
-    cli_study.carry_out(out, STUDY, 2, 2, (), Progress())
-    cli_study.begin(out, STUDY)
-    cli_study.carry_out(out, STUDY, 3, 1, (), Progress())
+    study_folder.begin(out, STUDY)
+    study_folder.carry_out(out, STUDY, 2, 2, (), Progress())
+    study_folder.begin(out, STUDY)
+    study_folder.carry_out(out, STUDY, 3, 1, (), Progress())
     return out
 
 
 def test_jobs_and_order_change_no_figure(folder: Path) -> None:
-    kept = cli_study.read_scenes(folder, 3)
+    kept = study_folder.read_scenes(folder, 3)
     assert [s["number"] for s in kept] == [1, 2, 3] and not any("error" in s for s in kept)
     for number in (2, 1):
         assert untimed(json.loads(json.dumps(study_scene(STUDY, number)))) == untimed(kept[number - 1])
 
 
 def test_what_is_told_of_a_scene_holds_together(folder: Path) -> None:
-    for told in cli_study.read_scenes(folder, 3):
+    for told in study_folder.read_scenes(folder, 3):
         one, top = told["methods"]["risk"], told["ceiling"]
         seen = one["seen"]
         assert 0 <= seen["made"] <= seen["potted"] <= 1 and seen["made"] <= 1 - seen["foul"] + 1e-12
@@ -164,13 +165,13 @@ def test_a_study_goes_on_from_what_is_there(folder: Path, monkeypatch: pytest.Mo
         return {"number": number, "error": "not worked out", "seconds": {}}
 
     monkeypatch.setattr("planner.study.runs.study_scene", fake)
-    before = [cli_study.scene_path(folder, k).read_bytes() for k in (1, 2, 3)]
-    cli_study.scene_path(folder, 5).write_text("{half a")
-    cli_study.carry_out(folder, STUDY, 5, 1, (), Progress())
+    before = [study_folder.scene_path(folder, k).read_bytes() for k in (1, 2, 3)]
+    study_folder.scene_path(folder, 5).write_text("{half a")
+    study_folder.carry_out(folder, STUDY, 5, 1, (), Progress())
     assert worked == [4, 5]
-    assert [cli_study.scene_path(folder, k).read_bytes() for k in (1, 2, 3)] == before
+    assert [study_folder.scene_path(folder, k).read_bytes() for k in (1, 2, 3)] == before
     for k in (4, 5):
-        cli_study.scene_path(folder, k).unlink()
+        study_folder.scene_path(folder, k).unlink()
     assert not list(folder.rglob(".*"))
 
 
@@ -181,8 +182,8 @@ def test_ctrl_c_keeps_what_is_done(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("planner.study.runs.study_scene", stopped)
-    monkeypatch.setattr(cli_study, "_study", lambda args: STUDY)
-    assert cli_study.run(arguments(folder, "--scenes", "4", "--jobs", "1"), Progress()) == cli_study.INTERRUPTED
+    monkeypatch.setattr(Settings, "study", lambda self: STUDY)
+    assert run(folder, "--scenes", "4", "--jobs", "1") == Status.INTERRUPTED
     assert f"3 of 4 scenes are kept in {folder}" in capsys.readouterr().err
 
 
@@ -198,13 +199,13 @@ def test_ctrl_c_keeps_what_is_done(
     ],
 )
 def test_other_settings_are_refused(folder: Path, change: dict[str, Any], told: str) -> None:
-    text = refused(cli_study.begin, folder, dataclasses.replace(STUDY, **change))
+    text = refused(study_folder.begin, folder, dataclasses.replace(STUDY, **change))
     assert told in text and "--out" in text
 
 
 def test_other_sources_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cli_study, "fingerprint", lambda: "another")
-    assert "begun with sources" in refused(cli_study.begin, folder, STUDY)
+    monkeypatch.setattr(study_folder, "fingerprint", lambda: "another")
+    assert "begun with sources" in refused(study_folder.begin, folder, STUDY)
 
 
 def made_up(number: int, promised: float, seen: float, paper: float, top: float) -> dict[str, Any]:
@@ -261,9 +262,9 @@ def test_a_scene_without_a_stroke_counts_as_not_potted() -> None:
 
 
 def test_the_report_is_the_same_for_the_same_scenes(folder: Path, tmp_path: Path) -> None:
-    scenes = cli_study.read_scenes(folder, 3)
+    scenes = study_folder.read_scenes(folder, 3)
     for name in ("one", "two"):
-        write_report(tmp_path / f"{name}.md", scenes, cli_study.described(STUDY), folder)
+        write_report(tmp_path / f"{name}.md", scenes, study_folder.describe(STUDY), folder)
         scenes = copy.deepcopy(scenes)
     one, two = ((tmp_path / f"{n}.md").read_text(encoding="utf-8") for n in ("one", "two"))
     assert one == two.replace("two.png", "one.png")
@@ -276,24 +277,23 @@ def test_the_report_is_the_same_for_the_same_scenes(folder: Path, tmp_path: Path
 def test_no_scene_yet_is_told() -> None:
     told = figures([])
     assert text_table(told).startswith("0 scenes") and "No scene yet" in markdown(
-        told, cli_study.described(STUDY), "x", "y"
+        told, study_folder.describe(STUDY), "x", "y"
     )
     assert draw_study([], told).startswith(b"\x89PNG")
 
 
-def arguments(out: Path, *more: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    cli_study.add(parser)
-    return parser.parse_args(["--out", str(out), *more])
+def run(out: Path, *more: str) -> int:
+    """The verb as the command line runs it."""
+    return int(cli_study.main(["--out", str(out), *more], standalone_mode=False, obj=Progress()))
 
 
 def test_the_verb_tells_and_writes(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cli_study, "_study", lambda args: STUDY)
+    monkeypatch.setattr(Settings, "study", lambda self: STUDY)
     wanted = [tmp_path / name for name in ("r.md", "f.json")]
-    args = arguments(folder, "--scenes", "3", "--report", str(wanted[0]), "--json", str(wanted[1]))
-    assert cli_study.run(args, Progress()) == 0
+    words = (folder, "--scenes", "3", "--report", str(wanted[0]), "--json", str(wanted[1]))
+    assert run(*words) == 0
     said = capsys.readouterr().out
     assert "3 scenes" in said and "potted without a foul" in said and str(wanted[0]) in said
     assert json.loads(wanted[1].read_text(encoding="utf-8"))["scenes"] == 3
@@ -302,13 +302,13 @@ def test_the_verb_tells_and_writes(
 
 def test_a_scene_can_be_looked_at(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
-    assert cli_study.run(arguments(folder, "--scene", "2", str(path)), Progress()) == 0
+    assert run(folder, "--scene", "2", str(path)) == 0
     assert scene_dict(read_scene(path)) == scene_dict(draw_scene(STUDY, 2)[0])
     kept = read_model(folder / "model.toml")
     assert kept.parameters() == MODEL.parameters()
     assert {n: kept.estimates[n].sd for n in PRIORS} == PRIORS
     for number in ("9", "two"):
-        text = refused(cli_study.run, arguments(folder, "--scene", number, str(path)), Progress())
+        text = refused(run, folder, "--scene", number, str(path))
         assert f"--scene {number}" in text
 
 
@@ -322,12 +322,12 @@ def test_bad_input_is_refused_in_a_line(tmp_path: Path) -> None:
         (("--balls", "9"), "9 balls"), (("--seed", "-1"), "seed -1"), (("--report", "no/such/r.md"), "no/such/r.md"),
         (("--report", str(tmp_path / "r.png")), "r.png"), (("--model", str(tmp_path / "no.toml")), "no.toml"),
     ):  # fmt: skip
-        assert told in refused(cli_study.run, arguments(tmp_path / "new", *more), Progress())
+        assert told in refused(run, tmp_path / "new", *more)
         assert not (tmp_path / "new").exists()
-    assert "something else" in refused(cli_study.begin, full, STUDY)
-    assert "is a file" in refused(cli_study.begin, tmp_path / "file", STUDY)
+    assert "something else" in refused(study_folder.begin, full, STUDY)
+    assert "is a file" in refused(study_folder.begin, tmp_path / "file", STUDY)
     (full / "study.json").write_text("[]")
-    assert "not of this program" in refused(cli_study.begin, full, STUDY)
+    assert "not of this program" in refused(study_folder.begin, full, STUDY)
     bare = full_model(Table(2.0, 1.0, pockets=False), Ball(0.0525, 0.1406))
     assert "no pockets" in refused(Study, bare)
     assert "'best'" in refused(Study, MODEL, method="best")

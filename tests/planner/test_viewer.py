@@ -18,13 +18,13 @@ import pytest
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model, write_model
 from models.shot import Table
-from planner.cli.verbs import main, parser
-from planner.cli.view import _setup
+from planner.cli.verbs import main
+from planner.cli.view import GivenStroke, Shown, setup, view
 from planner.example_environment import example_scene
 from planner.plan import FORMAT
 from planner.scene import scene_dict
 from planner.viewer import RESET, SPACE, Session, Setup, watch
-from sysid.cli.demo import EXAMPLE as CLIPS
+from sysid.cli.demo import EXAMPLE_FOLDER as CLIPS
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
 SETUP = Setup(("white", "red"), np.array([[-1.0, 0.0], [0.2, 0.05]]), (1.5, 0.0, 0.0, 0.0), 0.0)
@@ -103,7 +103,12 @@ def test_a_potted_cue_ball_is_struck_from_where_it_began() -> None:
 
 
 def setup_of(*given: str) -> Setup:
-    return _setup(parser().parse_args(["view", *given]))[1]
+    values = view.make_context("view", list(given)).params
+
+    def chosen(kind: Any) -> Any:
+        return kind(**{field.name: values[field.name] for field in dataclasses.fields(kind)})
+
+    return setup(chosen(Shown), chosen(GivenStroke))[1]
 
 
 def test_balls_and_strokes_come_from_scenes_plans_and_clips(tmp_path: Path) -> None:

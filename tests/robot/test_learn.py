@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -35,7 +34,7 @@ from robot.learning.history import Refit, Story, fit_folder, read_story
 from robot.learning.history import Shot as Played
 from robot.learning.loop import Course, begin, why_ended
 from robot.learning.refit import FEWEST, Learnt, learn_launcher, with_commands
-from sysid.cli.common import load
+from sysid.cli.common import Start
 from sysid.clips import Clip, ClipSet, CueCommand, Observation, write_clip_set
 from sysid.clips.jaws import JAW_MARGIN_M, MIN_CLIP_SAMPLES, before_jaws
 from tests.models.engine.test_jaws import into_pockets
@@ -176,10 +175,7 @@ def test_a_clip_ends_where_a_ball_rattles() -> None:
 def test_the_command_looks_up_to_the_jaws(tmp_path: Path) -> None:
     whole = film(by_fate("rattled")[0], "clips/0001.csv")
     write_clip_set(clip_set(whole), tmp_path / "set")
-    args = argparse.Namespace(clips=str(tmp_path / "set"), model=None, jaws=False)
-    both = []
-    for args.jaws in (False, True):
-        both.append(load(args)[0].clips[0].balls["b"].time)
+    both = [Start(tmp_path / "set", jaws=jaws).load()[0].clips[0].balls["b"].time for jaws in (False, True)]
     assert len(both[0]) == len(whole.balls["b"].time) > len(both[1])
 
 

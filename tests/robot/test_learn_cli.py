@@ -21,12 +21,13 @@ from models.shot import Ball, Table
 from planner.launcher.cueing_map import CueingMap, write_map
 from planner.launcher.execution import Execution
 from planner.search.search import Effort
-from robot.cli.learn import figures, text_of
-from robot.cli.verbs import main, parser
+from robot.cli.learn import learn
+from robot.cli.verbs import main
 from robot.learning.emulated_rig import EmulatedStand, draw_hidden_cue, draw_hidden_table
 from robot.learning.history import Story, read_story
 from robot.learning.loop import Course
 from robot.learning.refit import Learnt
+from robot.learning.summary import figures, text_of
 from tests.robot.test_learn import COURSE, MAP, MODEL, RESULT, TRUE, refit, shot, story
 from tests.support.clip_samples import contents
 from tests.sysid.cli.test_cli import Said
@@ -43,10 +44,7 @@ STAND = EmulatedStand(draw_hidden_table(MODEL, np.random.default_rng(3), "table_
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
     def call(*words: str | Path | int) -> Said:
         capsys.readouterr()
-        try:
-            status = main(["learn", *map(str, words)])
-        except SystemExit as stop:  # argparse
-            status = int(stop.code or 0)
+        status = main(["learn", *map(str, words)])
         out, err = capsys.readouterr()
         return Said(status, out, err)
 
@@ -92,10 +90,11 @@ def kept(folder: Path) -> dict[str, bytes]:
 
 
 def test_options_say_what_a_course_and_a_stand_are_without_them() -> None:
-    given = parser().parse_args(["learn", "--out", "x"])
-    assert (given.shots, given.every, given.seed, given.balls) == (60, 10, 0, 2)
-    assert Course(MODEL, MAP) == Course(MODEL, MAP, given.shots, given.every, given.seed, given.balls, not given.all)
-    assert given.repeats == EmulatedStand(MODEL, Constants()).repeats
+    given = learn.make_context("learn", ["--out", "x"]).params
+    numbers = [given[name] for name in ("shots", "every", "seed", "balls")]
+    assert numbers == [60, 10, 0, 2]
+    assert Course(MODEL, MAP) == Course(MODEL, MAP, *numbers, not given["all_shots"])
+    assert given["repeats"] == EmulatedStand(MODEL, Constants()).repeats
 
 
 def test_figures_are_those_of_the_shots() -> None:
@@ -138,7 +137,7 @@ def test_the_truth_stands_beside_what_was_found() -> None:
 def test_a_series_without_a_refit_is_told_as_well() -> None:
     short = Story({}, story((0.1,)).shots[:2], (), "all 2 shots are played")
     text = text_of(figures(short, COURSE, STAND))
-    assert "1 to 2" in text and "no refit: that takes 4 shots" in text and "found: none" in text
+    assert "1 to 2" in text and "no refit: the first is made after 4 shots" in text and "found: none" in text
     assert "ended: none" in text_of(figures(Story({}, (), (), "none"), COURSE, STAND))
 
 
@@ -149,7 +148,7 @@ def test_a_folder_goes_on_with_its_own_series_alone(
     with monkeypatch.context() as patch:
         interrupt_at(patch, "make_plan", 1)
         said = run("--out", folder, *words)
-    assert said.status == 130 and "the same command goes on from there" in said.err
+    assert said.status == 130 and "the same command continues from there" in said.err
     assert not any((folder / name).exists() for name in ENDED)
     assert run("--out", folder, *words).status == 0
     assert all((folder / name).stat().st_size for name in ENDED)
@@ -181,7 +180,7 @@ def test_a_series_broken_off_anywhere_comes_to_the_same(
             said = run("--out", broken, *words)
         assert said.status == 130
         last = said.err.splitlines()[-1]
-        assert last == f"robot learn: interrupted; {broken} is kept: the same command goes on from there"
+        assert last == f"robot learn: interrupted; {broken} is kept: the same command continues from there"
         so_far = read_story(broken)
         assert (len(so_far.shots), len(so_far.refits)) == (played, refits)
         assert not any((broken / name).exists() for name in ENDED)
@@ -237,7 +236,7 @@ def test_bad_input_is_one_line_status_2_and_leaves_nothing(run: Run, tmp_path: P
         (("--effect", "table_tild"), "did you mean table_tilt"),
         (("--effect", "lens_distortion"), "changes no shot"),
         (("--hidden", tmp_path / "none.toml"), "none.toml"),
-        (("--hidden", other), "another table or ball"),
+        (("--hidden", other), "its table or ball"),
         (("--hidden", bare), "lacks"),
         (("--model", bare), "lacks"),
         (("--model", tmp_path / "none.toml"), "none.toml"),

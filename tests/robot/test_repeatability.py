@@ -150,7 +150,7 @@ def test_the_command_prints_and_writes_both_cloths(tmp_path: Path, capsys: pytes
     out = tmp_path / "r.json"
     assert main(["repeat", "--strings", "60", "160", "--repeats", "3", "--json", str(out)]) == 0
     told = capsys.readouterr().out
-    assert "snooker table" in told and "cloth without end" in told and told.count("on average +-") == 2
+    assert "snooker table" in told and "unlimited cloth" in told and told.count("on average +-") == 2
     kept = json.loads(out.read_text())
     again = measure(OURS, (60, 160), 3)
     assert kept["table"]["mean_scatter_m"] == pytest.approx(mean_scatter(again))

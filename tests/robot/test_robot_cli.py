@@ -18,7 +18,8 @@ import pytest
 import robot.cli.play
 from models.model_file import write_model
 from planner.scene import scene_from, write_scene
-from robot.cli.verbs import main, parser
+from robot.cli import measure
+from robot.cli.verbs import main
 from robot.cueing.campaign import COLUMNS
 from robot.device import calibrate
 from robot.device.settings import read_settings, write_settings
@@ -104,7 +105,7 @@ def test_interrupts_end_with_their_own_status(run: Run, plan: Path, monkeypatch:
     def broken(*args: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(robot.cli.play, "_emulated_table", broken)
+    monkeypatch.setattr(robot.cli.play.Emulation, "table", broken)
     said = run("play", plan)
     assert said.status == 130 and "robot play: interrupted" in said.err
 
@@ -174,8 +175,15 @@ def test_a_port_is_calibrated_after_a_yes(run: Run, tmp_path: Path, monkeypatch:
 
 
 def test_options_default_to_what_is_measured_without_them() -> None:
-    assert parser().parse_args(["repeat"]).repeats == repeatability.REPEATS
-    assert parser().parse_args(["calibrate", "--out", "x"]).repeats == calibrate.REPEATS
+    assert measure.repeat.make_context("repeat", []).params["repeats"] == repeatability.REPEATS
+    assert measure.calibrate.make_context("calibrate", ["--out", "x"]).params["repeats"] == calibrate.REPEATS
+
+
+def test_strings_take_several_numbers() -> None:
+    for words, strings in (
+        (["--strings", "40", "160", "--repeats", "2"], (40, 160)), (["--strings=40", "--strings", "60"], (40, 60)),
+    ):  # fmt: skip
+        assert measure.repeat.make_context("repeat", words).params["strings"] == strings
 
 
 def test_an_interrupt_stops_the_launcher_first(run: Run, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -41,10 +41,7 @@ def said_by(
 ) -> Said:  # fmt: skip
     """What a command says to words of a command line."""
     capsys.readouterr()
-    try:
-        status = command([str(w) for w in words])
-    except SystemExit as stop:  # argparse
-        status = int(stop.code or 0)
+    status = command([str(w) for w in words])
     out, err = capsys.readouterr()
     return Said(status, out, err)
 
@@ -87,10 +84,25 @@ def one_line(said: Said) -> str:
     return line
 
 
-def test_no_verb_and_unknown_verbs_are_usage(run: Any) -> None:
-    for words in ((), ("chek",), ("compare",), ("fit", "x")):
-        said = run(*words)
-        assert said.status == 2 and "usage: sysid" in said.err
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        ((), ("verb", "check", "discover")), (("chek",), ("chek", "check")), (("compare",), ("CLIPS",)),
+        (("fit", "x"), ("--out",)), (("fit", "x", "--modle", "m"), ("--modle", "--model")),
+        (("fit", "x", "--out"), ("--out", "argument")), (("check", "x", "y"), ("y",)),
+        (("compare", "x", "--engine", "bullet"), ("--engine", "bullet", "mujoco")),
+        (("compare", "x", "--mod", "m"), ("--mod", "--model")), (("track", "v", "--mass", "big"), ("--mass", "big")),
+        (("match", "--json", "a", "--clips", "b"), ("--json", "--clips")),
+    ],
+)  # fmt: skip
+def test_a_wrong_command_line_is_one_line_with_the_offender_and_what_is_near_to_it(
+    run: Any, words: tuple[str, ...], parts: tuple[str, ...]
+) -> None:
+    said = run(*words)
+    assert said.status == 2 and said.out == ""
+    [line] = said.err.splitlines()
+    assert line.startswith(" ".join(("sysid", *[w for w in words[:1] if w != "chek"])) + ": ")
+    assert all(part in line for part in parts), line
 
 
 def test_help_names_every_verb(run: Any) -> None:
@@ -98,7 +110,8 @@ def test_help_names_every_verb(run: Any) -> None:
     assert said.status == 0
     for verb in ("check", "compare", "fit", "add", "effects", "new-effect", "demo"):
         assert verb in said.out
-        assert run(verb, "--help").status == 0
+        text = run(verb, "-h")
+        assert text.status == 0 and f"Example: sysid {verb}" in text.out
 
 
 def test_check_of_a_sound_set(run: Any, clips: Path) -> None:
@@ -277,6 +290,18 @@ def test_the_command_from_a_shell(clips: Path, tmp_path: Path) -> None:
     assert (good.returncode, good.stderr) == (0, "") and "no faults" in good.stdout
     bad = subprocess.run([*base, "compare", tmp_path / "none"], cwd=ROOT, capture_output=True, text=True, check=False)
     assert bad.returncode == 2 and bad.stdout == "" and len(bad.stderr.splitlines()) == 1
+
+
+def test_a_reader_that_leaves_ends_the_command_quietly() -> None:
+    words = f"{sys.executable} -m sysid.cli effects | head -n 1"
+    done = subprocess.run(["sh", "-c", words], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, len(done.stdout.splitlines()), done.stderr) == (0, 1, "")
+
+
+def test_help_starts_without_numerical_libraries() -> None:
+    code = "import sys, planner.cli, robot.cli, sysid.cli; print({'numpy', 'mujoco', 'cv2'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "set()", done.stderr
 
 
 @pytest.fixture(scope="module")

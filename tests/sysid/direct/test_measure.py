@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 from pathlib import Path
@@ -14,7 +13,7 @@ import pytest
 from models.console import Progress
 from models.model_file import Estimate, full_model, read_model, write_model
 from models.shot import GRAVITY, Ball, Table
-from sysid.cli import measure as cli_measure
+from sysid.cli.measure import measure as cli_measure
 from sysid.clips import read_clip_set
 from sysid.direct.measure import RATIO, ROLL, SLIDE, measure
 from sysid.direct.measured import Measured, Measurements, Single, combine, fit_run, path, regress, slowing
@@ -240,10 +239,7 @@ def test_noise_unknown_frames_missing_no_commands(tmp_path: Path) -> None:
 
 def command(*words: str) -> int:
     """The verb as the command line runs it."""
-    one = argparse.ArgumentParser()
-    cli_measure.register(lambda name, run, text: one)
-    args = one.parse_args(words)
-    return cli_measure.run(args, Progress())
+    return int(cli_measure.main(words, standalone_mode=False, obj=Progress()))
 
 
 def test_the_command_prints_and_writes(cloth: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.console import INTERRUPTED
+from models.console import Status
 from models.model_file import catalogue, full_model, read_model
 from models.simulation.simulate import simulate
 from sysid import cli
@@ -170,7 +170,7 @@ def test_an_interrupted_discovery_goes_on(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(room, "diagnose_fit", stop)
-    assert cli.main(["discover", str(folder), "--out", str(parted)]) == INTERRUPTED
+    assert cli.main(["discover", str(folder), "--out", str(parted)]) == Status.INTERRUPTED
     assert sorted(p.name for p in parted.iterdir()) == ["unfinished.pickle"]
     monkeypatch.setattr(room, "diagnose_fit", diagnose_fit)
     monkeypatch.setattr(room, "begin", stop)  # the base is not fitted again

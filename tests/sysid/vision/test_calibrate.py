@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 from pathlib import Path
@@ -14,7 +13,8 @@ import pytest
 from models.console import Progress
 from models.errors import BadInput
 from models.shot import NOSE_HEIGHT, RAILS, Table
-from sysid.cli import calibrate as cli_calibrate
+from sysid.cli.calibrate import calibrate as cli_calibrate
+from sysid.cli.calibrate import frames
 from sysid.vision.camera.board import lens_of
 from sysid.vision.camera.calibrate import Calibration, calibrate
 from sysid.vision.camera.projection import Array, Camera, read_camera
@@ -266,9 +266,7 @@ def test_a_board_seen_from_one_side_or_not_at_all_is_refused(board: list[Picture
 
 
 def run(*arguments: str) -> int:
-    parser = argparse.ArgumentParser()
-    cli_calibrate.register(lambda name, run, text: parser)
-    return cli_calibrate.run(parser.parse_args(list(arguments)), Progress())
+    return int(cli_calibrate.main(arguments, standalone_mode=False, obj=Progress()))
 
 
 def test_the_command_writes_camera_report_and_figures(
@@ -344,7 +342,7 @@ def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.png").write_text("no picture")
     for name in ("folder", "text.mp4", "text.png"):
         with pytest.raises(BadInput, match=name):
-            list(cli_calibrate.frames(str(tmp_path / name), 3))
+            list(frames(tmp_path / name, 3))
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 from collections.abc import Iterator, Sequence
@@ -19,7 +18,7 @@ from models.model_file import full_model
 from models.recording.video import Sightings, write_track
 from models.shot import Array, Shot, Table
 from models.simulation.simulate import simulate
-from sysid.cli import track as cli_track
+from sysid.cli.track import track as cli_track
 from sysid.clips import read_clip_set
 from sysid.vision.balls.detect import Detector, Seen
 from sysid.vision.camera.projection import overhead, write_camera
@@ -127,10 +126,8 @@ def test_a_recording_of_the_footage(tmp_path: File, shown: tuple[Drawn, Tracked]
     assert [file.name for file in tmp_path.iterdir() if file.name.startswith(".")] == []
 
 
-def options(*given: str) -> argparse.Namespace:
-    one = argparse.ArgumentParser()
-    cli_track.register(lambda name, run, text: one)
-    return one.parse_args(given)
+def run(*words: str) -> int:
+    return int(cli_track.main(words, standalone_mode=False, obj=Progress()))
 
 
 def test_what_cannot_be_used_is_refused_before_the_work(tmp_path: File) -> None:
@@ -146,7 +143,7 @@ def test_what_cannot_be_used_is_refused_before_the_work(tmp_path: File) -> None:
         ((*begin, str(tmp_path / "new")), "c.toml"),
     ):
         with pytest.raises(BadInput, match=words):
-            cli_track.run(options(*given), Progress())
+            run(*given)
 
 
 @pytest.mark.slow
@@ -166,7 +163,7 @@ def test_from_video_to_clips(tmp_path: File, capsys: pytest.CaptureFixture[str])
         cv2.imwrite(str(folder / f"{k:04d}.png"), picture)
     given = [str(folder), "--camera", str(tmp_path / "camera.toml"), "--out", str(tmp_path / "set"), "--fps", "60"]
     more = ["--rrd", str(tmp_path / "t.rrd"), "--preview", str(tmp_path / "p"), "--json", str(tmp_path / "t.json")]
-    code = cli_track.run(options(*given, *more), Progress())
+    code = run(*given, *more)
     said = capsys.readouterr().out
     assert code == 0, said
     assert "mass 0.1406 kg" in said
@@ -186,4 +183,4 @@ def test_from_video_to_clips(tmp_path: File, capsys: pytest.CaptureFixture[str])
     assert (tmp_path / "t.rrd").stat().st_size > 1e5
     assert (tmp_path / "p" / "0001.png").is_file()
     with pytest.raises(BadInput, match="is there already"):
-        cli_track.run(options(*given), Progress())
+        run(*given)

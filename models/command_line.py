@@ -1,0 +1,259 @@
+"""What the commands share: verbs in sections, types and decorators of options, every fault in one line on stderr.
+
+A verb is a typed function with its options as decorators; what it returns is the exit status. A `Program` lists its
+verbs by section, and `run` runs one of them. Options that several verbs share are one decorator each.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import os
+import select
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from models.console import Status, show_progress
+from models.errors import BadInput
+
+Verb = TypeVar("Verb", bound=Callable[..., Any])
+FILE_PATH = click.Path(path_type=Path)
+HELP_COLUMNS = 110  # width of help texts at most
+HELP_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": HELP_COLUMNS}
+
+
+class OutputFile(click.ParamType[Path, str]):
+    """A file to write: refused before the work if it could not be written after it."""
+
+    name = "file"
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Check that its folder exists."""
+        path = Path(value)
+        if not path.resolve().parent.is_dir():
+            raise BadInput(f"{path}: its folder does not exist; make it or choose another place")
+        if path.is_dir():
+            raise BadInput(f"{path}: is a folder; name a file")
+        return path
+
+
+OUTPUT_FILE = OutputFile()
+
+
+@dataclasses.dataclass(frozen=True)
+class Number(click.ParamType[float, str]):
+    """A number within bounds; `above` excludes the lower one, `whole` asks for an integer."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    whole: bool = False
+    above: bool = False
+    unit: str = ""
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """As help shows it."""
+        return "integer" if self.whole else "number"
+
+    def convert(self, value: str | float, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Check the bounds; BadInput names the option, its value and the bounds."""
+        option = param.opts[0] if param else "value"
+        try:
+            number = int(value) if self.whole else float(value)
+        except ValueError:
+            number = math.nan
+        inside = self.low < number if self.above else self.low <= number
+        if not inside or not number <= self.high or (math.isinf(number) and math.isinf(self.high)):
+            raise BadInput(f"{option} {value}: give a{' whole' * self.whole} number{self._bounds()}")
+        return number
+
+    def _bounds(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        if math.isinf(self.low):
+            return unit
+        if math.isinf(self.high):
+            return f" above {self.low:g}{unit}" if self.above else f" of {self.low:g}{unit} or more"
+        return f" from {self.low:g} to {self.high:g}{unit}"
+
+
+NON_NEGATIVE = Number(0, whole=True)
+ABOVE_ZERO = Number(0, above=True)
+ANY_NUMBER = Number()
+
+json_option = click.option("--json", "json_file", metavar="FILE", type=OUTPUT_FILE, help="Write the figures as JSON.")
+
+
+def out_option(metavar: str, text: str, **more: Any) -> Callable[[Verb], Verb]:
+    """The file that a verb is there to write."""
+    return click.option("--out", metavar=metavar, type=OUTPUT_FILE, help=text, **{"required": True} | more)
+
+
+def output_option(name: str, metavar: str, text: str) -> Callable[[Verb], Verb]:
+    """A file that a verb also writes where asked: `--report` gives the parameter `report_file`."""
+    return click.option(f"--{name}", f"{name}_file", metavar=metavar, type=OUTPUT_FILE, help=text)
+
+
+def input_option(name: str, metavar: str, text: str, **more: Any) -> Callable[[Verb], Verb]:
+    """A file that a verb reads: `--model` gives the parameter `model_file`."""
+    return click.option(f"--{name}", f"{name}_file", metavar=metavar, type=FILE_PATH, help=text, **more)
+
+
+def seed_option(default: int = 0) -> Callable[[Verb], Verb]:
+    """The seed of all random numbers."""
+    text = "Seed of the random numbers."
+    return click.option("--seed", metavar="N", type=NON_NEGATIVE, default=default, show_default=True, help=text)
+
+
+def effects_option(*, exposed: bool = False) -> Callable[[Verb], Verb]:
+    """The user's own effects join the catalogue before the verb runs; it gets the folders where `exposed`."""
+    text = "Folder, or file, with effects of your own; may be given more than once."
+    return click.option(
+        "--effects", "effect_folders", metavar="DIR", multiple=True, callback=_add_effects, expose_value=exposed,
+        help=text,
+    )  # fmt: skip
+
+
+def _add_effects(ctx: click.Context, param: click.Parameter, folders: tuple[str, ...]) -> tuple[str, ...]:
+    if folders and not ctx.resilient_parsing:
+        from models.model_file import add_folder
+
+        for folder in folders:
+            add_folder(folder)
+    return folders
+
+
+def given(
+    option: str | Callable[[Any], Any], metavar: str = "", text: str = "", kind: Any = str, default: Any = None,
+    **more: Any,
+) -> Any:  # fmt: skip
+    """A field of a dataclass that an option fills: a shared one, or one made of flag, metavar, help, type, default."""
+    shown = {"metavar": metavar or None, "help": text, "show_default": kind is not bool}
+    if default is not None:  # for a required option, None would be a value
+        shown["default"] = default
+    return dataclasses.field(default=default, metadata={"option": (option, kind, shown | more)})
+
+
+def gathered(name: str, kind: type) -> Callable[[Verb], Verb]:
+    """Options that travel together: a verb gets them as one value of a dataclass of `given` fields, by this name."""
+    options: dict[str, Callable[[Any], Any]] = {}
+    for field in dataclasses.fields(kind):
+        option, type_, shown = field.metadata["option"]
+        if isinstance(option, str):
+            typed = {"is_flag": True} if type_ is bool else {"type": type_}
+            option = click.option(option, field.name, **typed, **shown)
+        options[field.name] = option
+
+    def decorate(verb: Verb) -> Verb:
+        @functools.wraps(verb)
+        def call(*words: Any, **named: Any) -> Any:
+            return verb(*words, **{name: kind(**{field: named.pop(field) for field in options})}, **named)
+
+        decorated: Any = call
+        for option in reversed(options.values()):
+            decorated = option(decorated)
+        return decorated
+
+    return decorate
+
+
+def at_most_one(**given: object) -> None:
+    """Refuse options that exclude each other; each is named as its parameter is."""
+    named = [f"--{name.replace('_', '-')}" for name, value in given.items() if value]
+    if len(named) > 1:
+        raise BadInput(f"{' and '.join(named)} exclude each other; give one of them")
+
+
+def lone_command(name: str) -> Callable[[Callable[..., Any]], click.Command]:
+    """The decorator of a command that a module runs by itself, with `python -m`."""
+    return click.command(name, context_settings=HELP_SETTINGS)
+
+
+class Program(click.Group):
+    """A command whose help lists the verbs by section, in the order of work."""
+
+    def __init__(self, name: str, text: str, sections: Mapping[str, Sequence[click.Command]]) -> None:
+        """Collect the verbs."""
+        verbs = {str(verb.name): verb for section in sections.values() for verb in section}
+        epilog = f'Tab completion, in bash: eval "$(_{name.upper()}_COMPLETE=bash_source {name})"; zsh and fish alike.'
+        super().__init__(
+            name, help=text, epilog=epilog, commands=verbs, context_settings=HELP_SETTINGS, no_args_is_help=False,
+            subcommand_metavar="VERB [OPTIONS]", options_metavar="",
+        )  # fmt: skip
+        self.sections = sections
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """A line for each verb."""
+        width = max(map(len, self.commands))
+        for title, verbs in self.sections.items():
+            with formatter.section(title):
+                formatter.write_dl([(str(v.name).ljust(width), v.get_short_help_str(HELP_COLUMNS)) for v in verbs])
+
+
+def run(
+    program: click.Command,
+    words: Sequence[str] | None = None,
+    *,
+    interrupted: str = "",
+    failures: tuple[type[Exception], ...] = (),
+) -> int:
+    """Run a command, or the verb of a program that the command line names; returns the exit status.
+
+    Args:
+        words: the command line without the program's name; by default those of the process.
+        interrupted: what the message after an interrupt says of files or devices.
+        failures: exceptions that are findings for the user to act on; status 1.
+    """
+    # Matrices are small here: threads of linear algebra wait for each other longer than they work. NumPy comes later.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    name = str(program.name)
+    if f"_{name.upper()}_COMPLETE" in os.environ:
+        program.main(prog_name=name)  # writes what the shell asks for, and exits
+    words = list(sys.argv[1:] if words is None else words)
+    verbs = list(program.commands) if isinstance(program, click.Group) else []
+    path = f"{name} {words[0]}" if words and words[0] in verbs else name
+    progress = show_progress()
+    reported: tuple[type[Exception], ...] = (BadInput, *failures)
+    status, fault = Status.DONE, ""
+    try:
+        with program.make_context(name if verbs else f"python -m {name}", words, obj=progress) as context:
+            status = program.invoke(context)
+        sys.stdout.flush()
+    except click.exceptions.Exit as end:
+        status = Status(end.exit_code)
+    except click.ClickException as error:
+        status, fault = Status.BAD_INPUT, _usage_fault(error, path, verbs)
+    except reported as error:
+        status, fault = Status.BAD_INPUT if isinstance(error, BadInput) else Status.FINDING, str(error)
+    except KeyboardInterrupt:
+        status, fault = Status.INTERRUPTED, f"interrupted{interrupted}"
+    except BrokenPipeError:
+        if not _reader_left():
+            raise
+        status = Status.BROKEN_PIPE
+    if fault:
+        progress.close()
+        print(f"{path}: {fault}", file=sys.stderr)
+    return int(status)
+
+
+def _usage_fault(error: click.ClickException, path: str, verbs: Sequence[str]) -> str:
+    """A wrong word or option in one line, with what it is near to."""
+    if verbs and "Missing command" in error.format_message():
+        return f"no verb is given; choose one of {', '.join(verbs)}"
+    text = " ".join(error.format_message().split()).rstrip(".")
+    return f"{text[:1].lower()}{text[1:]}" + ("" if text.endswith("?") else f"; see {path} --help")
+
+
+def _reader_left() -> bool:
+    """Whether nobody reads standard output any more, as after `| head`; the rest of it then goes nowhere."""
+    output = select.poll()
+    output.register(sys.stdout.fileno(), 0)
+    if not any(event & select.POLLERR for _, event in output.poll(0)):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains when it ends
+    return True

@@ -1,0 +1,193 @@
+"""`planner plan`: the stroke for a scene."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from models.command_line import (
+    FILE_PATH,
+    Number,
+    effects_option,
+    gathered,
+    given,
+    input_option,
+    out_option,
+    output_option,
+    seed_option,
+)
+from models.console import Progress, Status, table, write_json
+from models.errors import BadInput
+from planner.cli.common import execution_option, load_execution, load_model, model_option
+from sysid.cli.common import print_recording, rrd_option
+
+if TYPE_CHECKING:
+    from models.shot import Ball
+    from planner.evaluation.value import Wish
+    from planner.launcher.execution import Execution
+    from planner.launcher.stroke import Launcher
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """The launcher as it is known: repeatability, cueing map, bounds on the cue's speed [m/s]."""
+
+    execution_file: Path | None = given(execution_option)
+    map_file: Path | None = given(
+        input_option("map", "MAP.toml", "Cueing map of the launcher, made with: robot map; by default a regular cue's.")
+    )
+    cue_speed: tuple[float, float] | None = given(
+        "--cue-speed", "LOW HIGH", "Bounds on the cue's speed [m/s].", float, nargs=2
+    )
+
+    def launcher(self, ball: Ball) -> tuple[Launcher, Execution | None]:
+        """The launcher, and its repeatability by its map where that is to be used."""
+        from planner.launcher.stroke import Launcher, with_speeds
+
+        launcher = Launcher()
+        if self.cue_speed:
+            slow, fast = self.cue_speed
+            if not launcher.last <= slow < fast <= launcher.first:
+                raise BadInput(
+                    f"--cue-speed {slow:g} {fast:g}: give two within {launcher.last:g} to {launcher.first:g} m/s"
+                )
+            launcher = with_speeds(launcher, slow, fast)
+        if not self.map_file:
+            return launcher, None
+        from planner.launcher.cueing_map import read_map
+        from planner.launcher.mapped import unsure, with_map
+
+        cueing_map = read_map(self.map_file)
+        return with_map(launcher, cueing_map, ball), None if self.execution_file else unsure(cueing_map)
+
+
+@dataclass(frozen=True)
+class Utility:
+    """Weights of the outcomes, in pots."""
+
+    rest_weight: float = given(
+        "--rest-weight", "W", "Part of a pot's value that depends on where the cue ball stops.", Number(0, 1), 0.2
+    )
+    far: float = given(
+        "--far", "D", "Distance from the wanted place at which that part is down to 1/e [m].", Number(1e-3, 10), 0.35
+    )
+    foul_cost: float = given("--foul-cost", "C", "Pots that a foul costs.", Number(0, 100), 0.5)
+
+    def weights(self) -> Wish:
+        """As plans are judged by them."""
+        from planner.evaluation.value import Wish
+
+        return Wish(self.rest_weight, self.far, self.foul_cost)
+
+
+@dataclass(frozen=True)
+class Search:
+    """How a stroke is sought."""
+
+    method: str = given(
+        "--method", "", "risk: over errors of launcher and model; ga: the published genetic search, on the nominal "
+        "model.", click.Choice(["risk", "ga"]), "risk",
+    )  # fmt: skip
+    seed: int = given(seed_option(), default=0)
+
+
+@dataclass(frozen=True)
+class PlanOutputs:
+    """Files that a plan is written into."""
+
+    out: Path = given(out_option("PLAN.json", "Where the plan goes."))
+    report_file: Path | None = given(output_option("report", "FILE.html", "Write the plan with pictures."))
+    picture_file: Path | None = given(output_option("picture", "FILE.png", "Draw the table from above."))
+    rrd_file: Path | None = given(rrd_option)
+
+
+@click.command()
+@click.argument("scene", metavar="SCENE.toml", type=FILE_PATH)
+@model_option
+@gathered("hardware", Hardware)
+@gathered("search", Search)
+@gathered("utility", Utility)
+@gathered("outputs", PlanOutputs)
+@effects_option()
+@click.pass_obj
+def plan(
+    progress: Progress, scene: Path, model_file: Path | None, hardware: Hardware, search: Search,
+    utility: Utility, outputs: PlanOutputs,
+) -> int:  # fmt: skip
+    """Plan the stroke for a scene, in physical units and the launcher's.
+
+    Reads a scene file and a fitted model. Writes the plan, and prints the stroke with its probabilities and the
+    alternatives. Status 1 if no shot is reasonable.
+
+    Example: planner plan scene.toml --model fitted.toml --out plan.json
+    """
+    from planner.plan import make_plan
+    from planner.scene import read_scene
+
+    asked = read_scene(scene)
+    model = load_model(model_file, asked)
+    launcher, execution = hardware.launcher(asked.ball)
+    execution = execution or load_execution(hardware.execution_file, model)
+    started = time.monotonic()
+    made = make_plan(
+        asked,
+        model,
+        execution,
+        utility.weights(),
+        method=search.method,
+        seed=search.seed,
+        launcher=launcher,
+        report=progress,
+    )
+    progress.close()
+    made["model"]["file"] = model_file.name if model_file else None
+    write_json(outputs.out, made)
+    print_plan(made)
+    print(f"plan: {outputs.out} ({time.monotonic() - started:.1f} s)")
+    _draw(outputs, made, f"A shot for {scene.name}")
+    return Status.DONE if made["stroke"] else Status.FINDING
+
+
+def _draw(outputs: PlanOutputs, made: dict[str, Any], title: str) -> None:
+    """Report, picture and recording where asked."""
+    if outputs.report_file:
+        from planner.report import write_report
+
+        write_report(outputs.report_file, made, title)
+        print(f"report: {outputs.report_file}")
+    if outputs.picture_file:
+        from planner.report import write_picture
+
+        write_picture(outputs.picture_file, made)
+        print(f"picture: {outputs.picture_file}")
+    if outputs.rrd_file:
+        from models.recording.plan import write_plan
+
+        write_plan(outputs.rrd_file, made, title=title)
+        print_recording(outputs.rrd_file)
+
+
+def print_plan(made: dict[str, Any]) -> None:
+    """Print a plan in words and figures."""
+    from models.recording.plan import percent, sentence
+
+    if not made["stroke"]:
+        print(f"no shot: {made['why']}")
+        return
+    print(sentence(made))
+    print(made["why"])
+    low, high = made["launcher"]["theta_tolerance_deg"]
+    print(f"yaw: {made['launcher']['theta_deg']:.2f} degrees, {low:+.2f} to {high:+.2f} costs a tenth of the pots")
+    rows = [("stroke", "string", "x'0 [mm]", "y'0 [mm]", "yaw [deg]", "potted", "fouls", "rest, median [mm]")]
+    for one in (made, *made["alternatives"]):
+        terms, median = one["launcher"], one["rest"]["distance_median"]
+        numbers = [f"{terms[name]:.{digits}f}" for name, digits in (("x0_mm", 1), ("y0_mm", 1), ("theta_deg", 2))]
+        chances = [percent(one[f"{name}_probability"]) for name in ("pot", "foul")]
+        rows.append(
+            (one["kind"], terms["string"], *numbers, *chances, "-" if median is None else f"{1e3 * median:.0f}")
+        )
+    print(table(rows))

@@ -1,0 +1,108 @@
+"""`planner scene`: a scene file from a picture, a video or a clip set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from models.command_line import FILE_PATH, at_most_one, effects_option, gathered, given, out_option
+from models.console import Progress, Status, table
+from models.errors import BadInput
+from sysid.cli.common import camera_option, mass_option, palette_option
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The shot that is wanted: balls by name, places [m]."""
+
+    cue: str | None = given("--cue", "BALL", "Ball to strike; by default white, or cue.")
+    object_ball: str = given("--object", "BALL", "Ball to pot.", required=True)
+    pocket: str = given("--pocket", "P", "any, a corner (--pocket=+x-y) or a middle one (--pocket=-y).", default="any")
+    rest: tuple[float, float] | None = given("--rest", "X Y", "Wanted place of the cue ball [m].", float, nargs=2)
+    rest_region: tuple[float, float, float] | None = given(
+        "--rest-region", "X Y R", "Circle of wanted places [m].", float, nargs=3
+    )
+    rest_for: str | None = given("--rest-for", "BALL", "Any place from which this ball can be potted.")
+    avoid: tuple[str, ...] = given("--avoid", "BALL", "Ball not to touch; may be given more than once.", multiple=True)
+
+    def goal(self) -> dict[str, Any]:
+        """The goal as a scene file has it."""
+        at_most_one(rest=self.rest, rest_region=self.rest_region, rest_for=self.rest_for)
+        rest = {"rest": self.rest and list(self.rest), "rest_region": self.rest_region and list(self.rest_region)}
+        rest_for, pocket, avoid = self.rest_for, _pocket(self.pocket), list(self.avoid) or None
+        return {
+            "cue": self.cue,
+            "object": self.object_ball,
+            "pocket": pocket,
+            **rest,
+            "rest_for": rest_for,
+            "avoid": avoid,
+        }
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the balls are seen, with what is known of a picture, or which clip of a set."""
+
+    source: Path = given(click.argument("source", metavar="SOURCE", type=FILE_PATH))
+    camera_file: Path | None = given(camera_option())
+    clip: str | None = given("--clip", "CLIP", "Of a clip set: a file or its number; by default the last.")
+    palette_file: Path | None = given(palette_option)
+    mass: float | None = given(mass_option)
+
+
+@click.command()
+@gathered("source", Source)
+@gathered("wanted", Wanted)
+@out_option("SCENE.toml", "Where the scene file goes.")
+@effects_option()
+@click.pass_obj
+def scene(progress: Progress, source: Source, wanted: Wanted, out: Path) -> int:
+    """Write a scene: where the balls are, and which shot is wanted.
+
+    SOURCE is a picture, a folder of pictures, a video (its last frame), or a clip set (the end of a clip). A picture or
+    video needs --camera. Writes a scene file.
+
+    Example: planner scene table.png --camera cam.toml --object red --pocket=+x+y --out scene.toml
+    """
+    from planner.from_picture import scene_from_clips, scene_from_picture
+    from planner.scene import write_scene
+
+    goal, path, camera = wanted.goal(), source.source, source.camera_file
+    if (path / "clips.toml").is_file():
+        if camera:
+            raise BadInput(f"--camera {camera}: {path} is a clip set, whose positions are known; leave it out")
+        made, found = scene_from_clips(path, goal, source.clip)
+    else:
+        if not camera:
+            raise BadInput(f"{path}: a picture needs --camera CAM.toml (made with: sysid calibrate)")
+        import cv2
+
+        cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
+        made, found = scene_from_picture(
+            path, camera, goal, palette_path=source.palette_file, mass=source.mass, progress=progress
+        )
+    progress.close()
+    rows = [("ball", "x [m]", "y [m]")]
+    rows += [(n, f"{x:.4f}", f"{y:.4f}") for n, (x, y) in zip(made.names, made.position, strict=True)]
+    print(table(rows))
+    for line in found.told:
+        print(line)
+    write_scene(made, out)
+    print(f"scene: {out}")
+    return Status.DONE
+
+
+def _pocket(text: str) -> list[int] | str:
+    """A pocket as the scene file has it, from "any" or "+x-y", "-y"."""
+    if text == "any":
+        return text
+    sides = {"+x": (1, 0), "-x": (-1, 0), "+y": (0, 1), "-y": (0, -1)}
+    parts = [text[k : k + 2] for k in range(0, len(text), 2)]
+    axes = [part[1:] for part in parts]
+    if not all(part in sides for part in parts) or "y" not in axes or len(set(axes)) < len(axes):
+        raise BadInput(f"--pocket {text}: give any, a corner such as --pocket=+x-y, or a middle one, --pocket=-y")
+    return [sum(sides[part][k] for part in parts) for k in range(2)]

@@ -1,0 +1,168 @@
+"""A study's folder: what its scenes share, and each scene in a file of its own as soon as it is simulated.
+
+study.json and model.toml hold what the scenes share, scenes/0001.json and so on a scene each, whole or absent. A run
+continues from what is there. Settings, models or sources other than those that the folder was begun with are refused:
+figures over a mixture would mean nothing. Only times differ between runs and numbers of processes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import pickle
+import signal
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from models.console import Progress, plain
+from models.errors import BadInput
+from models.files import write_whole
+
+if TYPE_CHECKING:
+    from planner.study.runs import Study
+
+STUDY_FORMAT = "billiard-study-plans/1"
+# Sources that show and ask, but change no figure: another version of them may continue a study.
+UNCHECKED_SOURCES = (
+    "cli/*.py", "command_line.py", "console.py", "*report.py", "from_picture.py", "*environment.py", "view*.py",
+    "recording/*.py",
+)  # fmt: skip
+
+
+def describe(study: Study) -> dict[str, Any]:
+    """What the scenes of a folder share, as plain values."""
+    return {
+        "format": STUDY_FORMAT, "seed": study.seed, "balls": study.balls, "method": study.method, "plays": study.plays,
+        "execution": asdict(study.execution), "wish": asdict(study.wish), "effort": asdict(study.effort),
+        "model": hashlib.sha256(repr(study.model).encode()).hexdigest()[:16], "sources": fingerprint(),
+    }  # fmt: skip
+
+
+def fingerprint() -> str:
+    """A digest of the sources that figures depend on."""
+    root, seen = Path(__file__).resolve().parents[2], hashlib.sha256()
+    for folder in ("models", "planner"):
+        for path in sorted((root / folder).rglob("*")):
+            if path.suffix in (".py", ".xml") and not any(path.match(pattern) for pattern in UNCHECKED_SOURCES):
+                seen.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return seen.hexdigest()[:16]
+
+
+def begin(out: Path | str, study: Study) -> None:
+    """Make a study's folder, or check that it is this study's; BadInput names the first difference."""
+    from models.model_file import write_model
+
+    out, now = Path(out), describe(study)
+    if out.exists() and not out.is_dir():
+        raise BadInput(f"{out}: is a file; name a folder for the study")
+    head = out / "study.json"
+    if not head.exists():
+        if out.is_dir() and any(out.iterdir()):
+            raise BadInput(f"{out}: holds something else than a study; choose another folder")
+        write_whole(head, (json.dumps(now, indent=1) + "\n").encode(), parents=True)
+        write_model(study.model, out / "model.toml")  # to plan and view single scenes with
+        return
+    then = read_object(head)
+    if then is None or then.get("format") != STUDY_FORMAT:
+        raise BadInput(f"{head}: is not of this program; choose another folder")
+    for key, value in now.items():
+        if then.get(key) != value:
+            was, new = _differing(then.get(key), value)
+            remedy = "choose another --out" if key == "sources" else f"choose another --out, or {key} as then"
+            raise BadInput(f"{out}: was begun with {key} {was}, now {new}; figures would mix: {remedy}")
+
+
+def _differing(was: Any, new: Any) -> tuple[str, str]:
+    """Two settings that differ, as text; of two tables only the keys that differ."""
+    if isinstance(was, dict) and isinstance(new, dict):
+        keys = [k for k in {**was, **new} if was.get(k) != new.get(k)]
+        was, new = ({k: side.get(k) for k in keys} for side in (was, new))
+        return tuple(", ".join(f"{k} = {v}" for k, v in side.items()) for side in (was, new))  # type: ignore[return-value]
+    return str(was), str(new)
+
+
+def read_object(path: Path) -> dict[str, Any] | None:
+    """The object that a JSON file holds; None where there is none."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return data if isinstance(data, dict) else None
+
+
+def scene_path(out: Path | str, number: int) -> Path:
+    """The file of a scene's results."""
+    return Path(out) / "scenes" / f"{number:04d}.json"
+
+
+def read_scenes(out: Path | str, count: int) -> list[dict[str, Any]]:
+    """Results of the first `count` scenes, as far as there are any, by number."""
+    found = (read_object(scene_path(out, number)) for number in range(1, count + 1))
+    return [data for data in found if data is not None]
+
+
+def carry_out(out: Path | str, study: Study, count: int, jobs: int, folders: Sequence[str], progress: Progress) -> None:
+    """Simulate the scenes up to `count` that are missing, and write each as it comes."""
+    todo = [number for number in range(1, count + 1) if read_object(scene_path(out, number)) is None]
+    started, total = time.monotonic(), len(todo)
+    present = count - total
+    if todo:
+        progress(f"{present} of {count} scenes")
+    for done, result in enumerate(_simulated(study, todo, min(jobs, total), folders), 1):
+        text = json.dumps(plain(result), separators=(",", ":"))
+        write_whole(scene_path(out, result["number"]), (text + "\n").encode(), parents=True)
+        left = (time.monotonic() - started) / done * (total - done)
+        progress(f"{present + done} of {count} scenes, {left / 60:.0f} min left")
+
+
+def _simulated(study: Study, todo: Sequence[int], jobs: int, folders: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Results of scenes as they come, from several processes where there are several jobs."""
+    from planner.study.runs import study_scene
+
+    if jobs <= 1:
+        for number in todo:
+            yield study_scene(study, number)
+        return
+    before = set(multiprocessing.active_children())
+    packed, paths = pickle.dumps(study), tuple(str(Path(f).resolve()) for f in folders)
+    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_ignore_interrupts)
+    try:
+        # A few ahead: what waits is not pickled before it is needed.
+        rest, running = iter(todo), set[Future[dict[str, Any]]]()
+        while True:
+            for number in islice(rest, jobs + 1 - len(running)):
+                running.add(pool.submit(_simulate, packed, paths, number))
+            if not running:
+                break
+            finished, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in finished:
+                yield future.result()
+        pool.shutdown()
+    except BrokenProcessPool:
+        raise BadInput(f"--jobs {jobs}: a process was killed; give fewer if memory is short") from None
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()
+
+
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C to the process that writes the results, which ends this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _simulate(packed: bytes, folders: Sequence[str], number: int) -> dict[str, Any]:
+    """One scene in a process of its own; a user's effects must join the catalogue before the model is unpickled."""
+    from models.model_file import add_folder
+    from planner.study.runs import study_scene
+
+    for folder in folders:
+        add_folder(folder)
+    return study_scene(pickle.loads(packed), number)

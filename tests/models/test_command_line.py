@@ -1,0 +1,107 @@
+"""What all commands share: numbers within bounds, options as one value, faults and exit statuses."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import click
+import pytest
+
+from models.command_line import (
+    ABOVE_ZERO,
+    NON_NEGATIVE,
+    OUTPUT_FILE,
+    Number,
+    Program,
+    at_most_one,
+    gathered,
+    given,
+    run,
+)
+from models.errors import BadInput
+
+
+@dataclasses.dataclass(frozen=True)
+class Pair:
+    low: float = given("--low", "L", "Low.", float, 1.0)
+    high: float = given("--high", "H", "High.", float, required=True)
+    flag: bool = given("--flag", "", "Flag.", bool, False)
+
+
+@click.command()
+@gathered("pair", Pair)
+@click.option("--fault", type=click.Choice(["input", "device", "stop", "pipe"]))
+def play(pair: Pair, fault: str | None) -> int:
+    """Play once.
+
+    More of it.
+    """
+    faults: dict[str | None, type[BaseException]] = {
+        "input": BadInput, "device": OSError, "stop": KeyboardInterrupt, "pipe": BrokenPipeError
+    }  # fmt: skip
+    if fault in faults:
+        raise faults[fault]("it broke")
+    print(pair)
+    return int(pair.low)
+
+
+PROGRAM = Program("game", "A game.", {"Section": (play,)})
+
+
+def test_options_reach_the_verb_as_one_value(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(PROGRAM, ["play", "--high", "-2", "--flag"]) == 1
+    assert capsys.readouterr().out == f"{Pair(1.0, -2.0, True)}\n"
+    assert run(PROGRAM, ["play"]) == 2
+    assert "--high" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "line"),
+    [
+        (["play", "--high", "1", "--fault", "input"], 2, "game play: it broke"),
+        (["play", "--high", "1", "--fault", "device"], 1, "game play: it broke"),
+        (["play", "--high", "1", "--fault", "stop"], 130, "game play: interrupted; all is kept"),
+        (["plya"], 2, "game: no such command 'plya'. Did you mean 'play'?"),
+        ([], 2, "game: no verb is given; choose one of play"),
+    ],
+)
+def test_faults_are_one_line(words: list[str], status: int, line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(PROGRAM, words, interrupted="; all is kept", failures=(OSError,)) == status
+    assert capsys.readouterr().err == line + "\n"
+
+
+def test_help_lists_sections_and_ends_well(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(PROGRAM, ["-h"]) == 0
+    text = capsys.readouterr().out
+    assert "Section:" in text and "play  Play once." in text and "_GAME_COMPLETE=bash_source" in text
+
+
+@pytest.mark.parametrize(
+    ("kind", "good", "bad", "bounds"),
+    [
+        (NON_NEGATIVE, ["0", "7"], ["-1", "1.5", "x"], "a whole number of 0 or more"),
+        (ABOVE_ZERO, ["1e-9", "3"], ["0", "inf", "nan"], "a number above 0"),
+        (Number(1, 2, unit="metres"), ["1", "2"], ["0.9", "2.1"], "a number from 1 to 2 metres"),
+        (Number(), ["-inf", "3"], ["nan", "x"], "a number"),
+    ],
+)
+def test_numbers_within_bounds(kind: Number, good: list[str], bad: list[str], bounds: str) -> None:
+    for text in good[1:]:
+        assert kind.convert(text, None, None) == float(text)
+    for text in bad:
+        with pytest.raises(BadInput, match=f"{text}: give {bounds}"):
+            kind.convert(text, None, None)
+
+
+def test_an_output_needs_a_folder_and_is_none(tmp_path: Path) -> None:
+    assert OUTPUT_FILE.convert(str(tmp_path / "new"), None, None) == tmp_path / "new"
+    for path, part in ((tmp_path / "no" / "new", "folder does not exist"), (tmp_path, "is a folder")):
+        with pytest.raises(BadInput, match=part):
+            OUTPUT_FILE.convert(str(path), None, None)
+
+
+def test_options_that_exclude_each_other() -> None:
+    at_most_one(rest=None, rest_for="red")
+    with pytest.raises(BadInput, match="--rest and --rest-for exclude each other"):
+        at_most_one(rest=(0.0, 1.0), rest_for="red")
