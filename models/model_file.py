@@ -34,8 +34,8 @@ SECTIONS = ("format", "table", "ball", "native", "effect", "fit", "execution")
 @cache
 def _shipped() -> dict[str, type[Effect]]:
     found: dict[str, type[Effect]] = {}
-    for module in pkgutil.iter_modules(models.effects.__path__):
-        for kind in _defined(importlib.import_module(f"models.effects.{module.name}")):
+    for module in pkgutil.walk_packages(models.effects.__path__, "models.effects."):
+        for kind in _defined(importlib.import_module(module.name)):
             found[kind.name()] = kind
     return found
 

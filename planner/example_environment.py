@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from models.environment import ShotEnvironment
+from models.environment.task import ShotEnvironment
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Estimate, Model, full_model, read_model

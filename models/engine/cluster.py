@@ -14,8 +14,20 @@ import numpy as np
 
 from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL, add_cloth
 from models.analytic.events import AWAY, DEAD, in_mouth
+from models.analytic.increments import ball_step, cushion_step
+from models.analytic.spring import CALM, CLOSED, LONGEST, PARTS, STEP, damping_of, depth_of, spring
 from models.compiled import compiled, compiled_in_place
 from models.engine.curve import push
+from models.engine.impacts import (
+    DECAY,
+    FRICTION,
+    GAIN,
+    MASS_FIRST,
+    MASS_SECOND,
+    RESTITUTION,
+    ask,
+    describe,
+)
 from models.engine.motion import POTTED, ROLLED, TURN, VX, VY, WX, WY, WZ, X, Y
 from models.engine.touch import BALL, CUSHION
 from models.hooks import AX, AY, BX, BY, BZ, RADIUS, SLIP_X, SLIP_Y, TIME
@@ -28,19 +40,7 @@ from models.hooks import WY as R_WY
 from models.hooks import WZ as R_WZ
 from models.hooks import X as R_X
 from models.hooks import Y as R_Y
-from models.impacts import (
-    DECAY,
-    FRICTION,
-    GAIN,
-    MASS_FIRST,
-    MASS_SECOND,
-    RESTITUTION,
-    ask,
-    describe,
-)
-from models.increments import ball_step, cushion_step
 from models.shot import GRAVITY, NOSE_COSINE
-from models.spring import CALM, CLOSED, LONGEST, PARTS, STEP, damping_of, depth_of, spring
 
 NEAR = 1e-3  # gap up to which a contact is looked at in every step [m]
 CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
@@ -186,7 +186,7 @@ def through(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Carry a shot through a cluster: returns when it has parted, the next sample's number and how much is logged.
 
-    `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work, `table` as models/spring.py has it.
+    `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work, `table` as in models/analytic/spring.py.
     """
     n = b.shape[0]
     contacts = n * (n - 1) // 2 + 4 * n

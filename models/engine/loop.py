@@ -23,9 +23,24 @@ from models.analytic.coulomb import STEPS
 from models.analytic.events import DEAD
 from models.analytic.impulse import collide
 from models.analytic.pocket import outward
+from models.analytic.spring import CUSHION_TIME
 from models.compiled import compiled, compiled_in_place
 from models.engine.cluster import CROWD, through
 from models.engine.curve import LONGEST, curve, lay_record
+from models.engine.impacts import (
+    APPROACH,
+    DECAY,
+    FRICTION,
+    GAIN,
+    MASS_FIRST,
+    MASS_SECOND,
+    RESTITUTION,
+    ask,
+    deliver,
+    describe,
+    is_crowded,
+    part,
+)
 from models.engine.motion import (
     CLOCK,
     COLUMNS,
@@ -49,21 +64,6 @@ from models.engine.motion import (
 )
 from models.engine.touch import BALL, CUSHION, POCKET, PUSH, SWITCH, meet_balls, meet_table
 from models.hooks import BALL_FIELDS, IMPACT_FIELDS, STROKE_FIELDS
-from models.impacts import (
-    APPROACH,
-    DECAY,
-    FRICTION,
-    GAIN,
-    MASS_FIRST,
-    MASS_SECOND,
-    RESTITUTION,
-    ask,
-    deliver,
-    describe,
-    is_crowded,
-    part,
-)
-from models.spring import CUSHION_TIME
 
 LEAN = 1e-2  # approach speed that leaning may come to between two looks [m/s]
 LEANS = 2.5 * PUSH  # for how long a ball that leans is known to [s]

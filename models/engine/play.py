@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.analytic.pocket import NONE, Pockets, pockets_of, rail_of
+from models.analytic.spring import damping_table
 from models.engine.loop import ROW, play_rows
 from models.engine.touch import BALL, POCKET
 from models.hooks import Array, Hooks, hooks_of
 from models.shot import Event, Shot, Track
-from models.spring import damping_table
 
 if TYPE_CHECKING:
     from models.model_file import Model

@@ -15,9 +15,11 @@ import numpy as np
 
 from models.analytic.cloth import STILL_SPIN
 from models.analytic.events import in_mouth
+from models.analytic.spring import CUSHION_TIME
 from models.compiled import compiled
 from models.engine.cluster import CROWD, through
 from models.engine.curve import curve, lay_record
+from models.engine.impacts import is_crowded, part
 from models.engine.loop import LEAN, LEANS, approach_speed, collide_alone
 from models.engine.motion import (
     CLOCK,
@@ -44,8 +46,6 @@ from models.engine.motion import (
 )
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH, meet_balls, meet_table
 from models.hooks import BALL_FIELDS, IMPACT_FIELDS
-from models.impacts import is_crowded, part
-from models.spring import CUSHION_TIME
 
 PARKED_DEPTH = 1.0  # of potted balls below the slate [m], under the floor of a furnished table
 MOST = 10_000  # events within a step, beyond which it is given up

@@ -15,10 +15,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from models.analytic.spring import NOSE_RADIUS
 from models.effect import Effect
 from models.mjcf.furniture import furnish
 from models.shot import NOSE_COSINE, NOSE_SINE, POCKET_MOUTH, Array, Ball, Table
-from models.spring import NOSE_RADIUS
 
 BASE = Path(__file__).with_name("base.xml")
 BED_DEPTH = 0.05  # [m]

@@ -23,14 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.events import AWAY, DEAD
+from models.analytic.increments import ball_step, cushion_step
+from models.analytic.spring import CLOSED, PARTS, STEP, dampings, depth_of, spring
 from models.compiled import compiled
 from models.effect import Effect
-from models.impacts import DECAY, FIRST, FRICTION, GAIN, MASS_FIRST, RESTITUTION
-from models.increments import ball_step, cushion_step
+from models.engine.impacts import DECAY, FIRST, FRICTION, GAIN, MASS_FIRST, RESTITUTION
 from models.mjcf.world import build_spec, rails
 from models.shot import NOSE_COSINE, RAILS, Array
 from models.simulation.act import Balls
-from models.spring import CLOSED, PARTS, STEP, dampings, depth_of, spring
 
 if TYPE_CHECKING:
     from models.model_file import Model

@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 from models.analytic.events import DEAD
 from models.analytic.impulse import collide_rows
 from models.analytic.pocket import NONE, Pockets, pockets_of, rail_of
+from models.analytic.spring import CALM, CUSHION_TIME, LONGEST, STEP
 from models.engine.cluster import CROWD
-from models.engine.motion import POTTED, REST
-from models.engine.play import LAWS
-from models.hooks import IMPACT_FIELDS, hooks_of
-from models.impacts import (
+from models.engine.impacts import (
     APPROACH,
     DECAY,
     FRICTION,
@@ -36,6 +34,9 @@ from models.impacts import (
     part_rows,
     strike_rows,
 )
+from models.engine.motion import POTTED, REST
+from models.engine.play import LAWS
+from models.hooks import IMPACT_FIELDS, hooks_of
 from models.model_file import Model
 from models.shot import Array, Event, Shot, Track
 from models.simulation.act import Balls
@@ -44,7 +45,6 @@ from models.simulation.contact import Contacts
 from models.simulation.curve import MARGIN, Curve, follow, land
 from models.simulation.sampling import record, record_curve, spin_to_world
 from models.simulation.touch import BALL, CUSHION, LEAN, LEAN_STEP, POCKET, native_step, next_touch
-from models.spring import CALM, CUSHION_TIME, LONGEST, STEP
 
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
 NATIVE_RUN = 4  # of them between two looks at what comes next

@@ -36,6 +36,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.analytic.spring import damping_table
+from models.engine.impacts import strike_rows
 from models.engine.motion import ROLLED
 from models.engine.play import lacking, lay_out
 from models.engine.step import (
@@ -53,11 +55,9 @@ from models.engine.step import (
     take_over,
 )
 from models.errors import BadInput
-from models.impacts import strike_rows
 from models.mjcf.world import build_spec
 from models.model_file import Model
 from models.shot import Array
-from models.spring import damping_table
 
 TIMESTEP = 2e-3  # unless said otherwise [s]
 BAND, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # of marked balls: colour, half its width over the radius

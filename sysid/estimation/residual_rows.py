@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.analytic.spring import damping_table
 from models.compiled import compiled
+from models.engine.impacts import deliver
 from models.engine.loop import ROW, play_shot, workspace
 from models.engine.play import MOST, Layout, over_threads
 from models.errors import BadInput
 from models.hooks import STROKE_FIELDS
-from models.impacts import deliver
 from models.simulation.observe import camera, expose, see, unsee
-from models.spring import damping_table
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from models.environment import Reach, ShotEnvironment, ShotPhysics, ShotTask
+from models.environment.task import Reach, ShotEnvironment, ShotPhysics, ShotTask
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Estimate, Model, effect_class, full_model

@@ -15,7 +15,7 @@ from scipy.special import ndtr
 
 import planner.evaluation.play
 from models.analytic import cueing
-from models.effects.squirt import Squirt
+from models.effects.cue.squirt import Squirt
 from models.model_file import Estimate, Model, full_model
 from models.shot import Array, Ball, Table
 from planner.evaluation.outcome import FOULS, Outcomes, joined

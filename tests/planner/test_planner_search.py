@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.effects.squirt import Squirt
-from models.effects.table_tilt import TableTilt
+from models.effects.cloth.table_tilt import TableTilt
+from models.effects.cue.squirt import Squirt
 from models.engine.play import finish
 from models.model_file import full_model
 from models.shot import RAILS, Array, Ball, Table

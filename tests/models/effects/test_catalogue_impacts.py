@@ -10,8 +10,7 @@ import pytest
 
 from models.analytic.impulse import collide
 from models.effect import Effect
-from models.hooks import IMPACT_FIELDS, hooks_of
-from models.impacts import (
+from models.engine.impacts import (
     APPROACH,
     CLIMB,
     CUSHION_HIT,
@@ -23,6 +22,7 @@ from models.impacts import (
     SECOND,
     ask,
 )
+from models.hooks import IMPACT_FIELDS, hooks_of
 from models.model_file import Model, effect_class, full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.simulate import simulate

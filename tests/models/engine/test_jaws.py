@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from models.analytic.pocket import OWNERS, pockets_of
+from models.engine.impacts import APPROACH, SECOND, ask_rows, part_rows
 from models.engine.play import finish, play
 from models.hooks import IMPACT_FIELDS
-from models.impacts import APPROACH, SECOND, ask_rows, part_rows
 from models.model_file import Model, effect_class, full_model
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate

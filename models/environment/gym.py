@@ -1,4 +1,4 @@
-"""The dm_control task of models/environment.py with Gymnasium's interface, by way of shimmy.
+"""The dm_control task of models/environment/task.py with Gymnasium's interface, by way of shimmy.
 
 Needs the extra `gym` of this distribution. shimmy counts on numpy's legacy random numbers; here a seed goes to the
 generator that the task draws from. An episode is one shot, so every step terminates it.
@@ -13,7 +13,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from models.environment import ShotEnvironment
+from models.environment.task import ShotEnvironment
 from models.errors import BadInput
 
 with contextlib.redirect_stdout(io.StringIO()):  # it names environments of others that lack a library
