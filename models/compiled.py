@@ -26,15 +26,16 @@ FOLDER = "compiled"  # in __pycache__ beside the source
 OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": True}
 
 
-IMPORT = re.compile(rb"^from models\.([\w.]+) import", re.MULTILINE)
+IMPORT = re.compile(rb"^from models(\.[\w.]+)? import (\w+)?", re.MULTILINE)
 
 
 def sources() -> list[Path]:
     """Files of this package that hold compiled functions, and those that they import constants from."""
     texts = {path: path.read_bytes() for path in sorted(HERE.rglob("*.py"))}
     found = {path for path, text in texts.items() if b"\n@compiled" in text}
-    names = {name for path in found for name in IMPORT.findall(texts[path])}
-    used = {HERE.joinpath(*name.decode().split(".")).with_suffix(".py") for name in names}
+    pairs = {pair for path in found for pair in IMPORT.findall(texts[path])}
+    names = {name for package, first in pairs for name in (package, package + b"." + first)}  # a module, or from one
+    used = {HERE.joinpath(*name.decode().split(".")).with_suffix(".py") for name in names - {b""}}
     return sorted(found | (used & texts.keys()))
 
 

@@ -121,13 +121,7 @@ def _record(names: Sequence[str]) -> Any:
     return from_dtype(np.dtype([(name, np.float64) for name in names] or [("none", np.float64)]))
 
 
-(
-    X, Y, VX, VY, WX, WY, WZ, SLIP_X, SLIP_Y, TIME, LAUNCH, ORDER, ROLLED, NUMBER, RADIUS, MASS, ROLLING, WEIGHT,
-    AX, AY, BX, BY, BZ, SLIDE_FACTOR, SPIN_FACTOR,
-) = range(25)  # fmt: skip
-BALL_FIELDS, IMPACT_FIELDS, STROKE_FIELDS, IMAGE_FIELDS = (
-    len(fields_of(k)) for k in (BallState, ImpactState, StrokeState, ImageState)
-)
+STROKE_FIELDS, IMAGE_FIELDS = len(fields_of(StrokeState)), len(fields_of(ImageState))
 
 
 class HookError(BadInput):

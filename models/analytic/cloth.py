@@ -13,8 +13,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from models import record as rec
 from models.compiled import compiled, compiled_in_place
-from models.hooks import AX, AY, BX, BY, BZ, RADIUS, SLIDE_FACTOR, SPIN_FACTOR, WEIGHT
 from models.shot import GRAVITY
 
 Array = NDArray[np.float64]
@@ -33,19 +33,19 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
     size `slip`; rolling friction against that of the velocity, (vx, vy); friction of sidespin against the sign of wz.
     A rolling or resting ball is held at no slip by a reaction to the pushes, up to the friction of a sliding one.
     """
-    n, radius, held = r[WEIGHT] * GRAVITY, r[RADIUS], False
+    n, radius, held = r[rec.WEIGHT] * GRAVITY, r[rec.RADIUS], False
     per = 1.0 / radius
     gx = gy = dx = dy = 0.0
     if mode == SLIDING:
         friction = slide * n
         # A slip that dies away would never end by itself: the last of it meets the full friction.
         if slip > 3.5 * friction * GRIP * (1.0 + NEAR):
-            friction *= r[SLIDE_FACTOR]
+            friction *= r[rec.SLIDE_FACTOR]
         gx, gy = -friction * ux, -friction * uy
     else:
         # Without friction the slip would change at push + torque x R / I; 2/7 of that holds it at zero.
-        gx = -2 / 7 * (r[AX] - radius * r[BY])
-        gy = -2 / 7 * (r[AY] + radius * r[BX])
+        gx = -2 / 7 * (r[rec.AX] - radius * r[rec.BY])
+        gy = -2 / 7 * (r[rec.AY] + radius * r[rec.BX])
         most, need = slide * n, gx * gx + gy * gy
         if need > most * most:
             need = most / math.sqrt(need)
@@ -54,17 +54,17 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
             dx, dy = roll * n * vx, roll * n * vy
         else:
             # A ball at rest stays there until the push exceeds what rolling resistance can hold.
-            px, py = r[AX] + gx, r[AY] + gy
+            px, py = r[rec.AX] + gx, r[rec.AY] + gy
             held = px * px + py * py <= (roll * n) ** 2
     if held:
-        r[AX] = r[AY] = r[BX] = r[BY] = 0.0
+        r[rec.AX] = r[rec.AY] = r[rec.BX] = r[rec.BY] = 0.0
     else:
-        r[AX] += gx - dx
-        r[AY] += gy - dy
-        r[BX] += (2.5 * gy + dy) * per
-        r[BY] -= (2.5 * gx + dx) * per
+        r[rec.AX] += gx - dx
+        r[rec.AY] += gy - dy
+        r[rec.BX] += (2.5 * gy + dy) * per
+        r[rec.BY] -= (2.5 * gx + dx) * per
     if abs(wz) > STILL_SPIN and n > 0.0:
-        r[BZ] -= math.copysign(spin * r[SPIN_FACTOR], wz)
+        r[rec.BZ] -= math.copysign(spin * r[rec.SPIN_FACTOR], wz)
     return not held
 
 

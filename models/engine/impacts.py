@@ -7,18 +7,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from models import record as rec
 from models.analytic.events import DEAD, in_mouth
 from models.analytic.pocket import OWNERS, outward
 from models.compiled import compiled, compiled_in_place
 from models.engine.motion import POTTED
-from models.hooks import IMPACT_FIELDS, STROKE_FIELDS, Table, call_hook
+from models.hooks import STROKE_FIELDS, Table, call_hook
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
 CLIMB = 0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
-(
-    CUSHION_HIT, APPROACH, SLIP, HIT_X, HIT_Y, HIT_VX, HIT_VY, FIRST, SECOND, HIT_ORDER, HIT_TIME, RESTITUTION,
-    FRICTION, GAIN, DECAY, MASS_FIRST, MASS_SECOND,
-) = range(IMPACT_FIELDS)  # fmt: skip
 RAIL_OF_JAW = np.array(OWNERS)
 
 
@@ -38,13 +35,13 @@ def describe(h, cushion, i, j, one, two, nx, ny, radius, order, time):  # type: 
     # Slip along the horizontal tangent (-ny, nx), and up the face.
     along = -ux * ny + uy * nx + radius * (wz * c - s * (wx * nx + wy * ny))
     up = -approach * s + radius * (wx * ny - wy * nx)
-    h[CUSHION_HIT] = 1.0 if cushion else 0.0
-    h[APPROACH], h[SLIP] = approach, math.sqrt(along * along + up * up)
-    h[HIT_X], h[HIT_Y], h[HIT_VX], h[HIT_VY] = one[0], one[1], one[2], one[3]
-    h[FIRST], h[SECOND] = i, (RAIL_OF_JAW[j - 4] if cushion and j >= 4 else j)
-    h[HIT_ORDER], h[HIT_TIME] = order, time
-    h[RESTITUTION] = h[FRICTION] = h[GAIN] = h[DECAY] = 0.0
-    h[MASS_FIRST] = h[MASS_SECOND] = 1.0
+    h[rec.CUSHION_HIT] = 1.0 if cushion else 0.0
+    h[rec.APPROACH], h[rec.SLIP] = approach, math.sqrt(along * along + up * up)
+    h[rec.HIT_X], h[rec.HIT_Y], h[rec.HIT_VX], h[rec.HIT_VY] = one[0], one[1], one[2], one[3]
+    h[rec.FIRST], h[rec.SECOND] = i, (RAIL_OF_JAW[j - 4] if cushion and j >= 4 else j)
+    h[rec.HIT_ORDER], h[rec.HIT_TIME] = order, time
+    h[rec.RESTITUTION] = h[rec.FRICTION] = h[rec.GAIN] = h[rec.DECAY] = 0.0
+    h[rec.MASS_FIRST] = h[rec.MASS_SECOND] = 1.0
 
 
 @compiled_in_place
@@ -52,12 +49,12 @@ def ask(h, at, own, hooks):  # type: ignore[no-untyped-def]
     """Let the effects say how the impact in record h, at address `at`, goes, within what the impact models hold for."""
     for k in range(hooks.shape[0]):
         call_hook(hooks[k, 0], own + 8 * hooks[k, 1], at)
-    h[RESTITUTION] = min(max(h[RESTITUTION], 0.0), 1.0)
-    h[FRICTION] = max(h[FRICTION], 0.0)
-    if h[CUSHION_HIT] > 0.0:
-        h[FRICTION] = min(h[FRICTION], CLIMB)
-    if h[APPROACH] < DEAD:
-        h[RESTITUTION] = 0.0
+    h[rec.RESTITUTION] = min(max(h[rec.RESTITUTION], 0.0), 1.0)
+    h[rec.FRICTION] = max(h[rec.FRICTION], 0.0)
+    if h[rec.CUSHION_HIT] > 0.0:
+        h[rec.FRICTION] = min(h[rec.FRICTION], CLIMB)
+    if h[rec.APPROACH] < DEAD:
+        h[rec.RESTITUTION] = 0.0
 
 
 @compiled

@@ -15,25 +15,8 @@ import numpy as np
 from models.analytic.events import AWAY, CLOSED, in_mouth, line, meeting
 from models.analytic.pocket import straight
 from models.compiled import compiled, compiled_in_place
-from models.engine.motion import (
-    AX,
-    AY,
-    BOUND,
-    CLOCK,
-    COLUMNS,
-    CURVE,
-    END,
-    MEET,
-    POTTED,
-    REST,
-    VX,
-    VY,
-    WX,
-    X,
-    Y,
-    place,
-    pull,
-)
+from models.engine import columns as col
+from models.engine.motion import CURVE, POTTED, REST, place, pull
 
 BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
 DEEP = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
@@ -66,7 +49,7 @@ def _to_line(b, m, kind, k, sign, level, t, end):  # type: ignore[no-untyped-def
             if sign * (ax if k == 0 else ay) > 0.0:
                 return -1.0
         first = False
-        wait = _wait(gap, closing, b[BOUND])
+        wait = _wait(gap, closing, b[col.BOUND])
         t += wait
         if t > end:
             return np.inf
@@ -88,7 +71,7 @@ def _apart(x, y, u, v):  # type: ignore[no-untyped-def]
 @compiled_in_place
 def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-def]
     """When two balls, one of them on a curve at least, come within rho of each other."""
-    first, bound = True, b[BOUND] + c[BOUND]
+    first, bound = True, b[col.BOUND] + c[col.BOUND]
     for _ in range(MOST_STEPS):
         x, y, vx, vy = place(b, m, kind, t)
         qx, qy, qvx, qvy = place(c, n, other, t)
@@ -121,28 +104,28 @@ def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-d
 @compiled
 def _to_point(b, m, px, py, rho, t, end):  # type: ignore[no-untyped-def]
     """When a ball on a curve comes within rho of a point, which is a body that rests."""
-    point = np.zeros(COLUMNS)
-    point[X], point[Y] = px, py
+    point = np.zeros(col.COUNT)
+    point[col.X], point[col.Y] = px, py
     return _to_ball(b, m, CURVE, point, m, REST, rho, t, end)
 
 
 @compiled_in_place
 def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
     """What of the table a ball meets next, within its motion and the time wanted; no pocket takes one that stays."""
-    b[MEET] = np.inf
+    b[col.MEET] = np.inf
     if kind in (REST, POTTED):
         return
     if kind == CURVE:
         _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays, until)
         return
-    h = min(b[END], until) - b[CLOCK]
+    h = min(b[col.END], until) - b[col.CLOCK]
     bent = falls.shape[0] > 0 and not stays
     for rail in range(4):
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
         if bent:
-            t = straight(rail, reach, b[X:VX], b[VX:WX], b[AX:END], half, mouths, h)
+            t = straight(rail, reach, b[col.X : col.VX], b[col.VX : col.WX], b[col.AX : col.END], half, mouths, h)
         else:
-            t = line(reach[k] - sign * b[k], sign * b[VX + k], sign * b[AX + k], h)
+            t = line(reach[k] - sign * b[k], sign * b[col.VX + k], sign * b[col.AX + k], h)
         if t == np.inf:
             continue
         if t < 0.0:
@@ -151,46 +134,55 @@ def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, unt
         o = 1 - k
         found = CUSHION
         inside = mouths[0] > 0.0 and reach[k] - sign * b[k] < -DEEP
-        inside = inside or in_mouth(b[o] + b[VX + o] * t + 0.5 * b[AX + o] * t * t, rail, half, mouths)
+        inside = inside or in_mouth(b[o] + b[col.VX + o] * t + 0.5 * b[col.AX + o] * t * t, rail, half, mouths)
         if not bent and not stays and inside:
             found = POCKET
-            t = line(half[k] - sign * b[k], sign * b[VX + k], sign * b[AX + k], h)
-        if t >= 0.0 and b[CLOCK] + t < b[MEET]:
-            b[MEET], what[i, 0], what[i, 1] = b[CLOCK] + t, found, rail
+            t = line(half[k] - sign * b[k], sign * b[col.VX + k], sign * b[col.AX + k], h)
+        if t >= 0.0 and b[col.CLOCK] + t < b[col.MEET]:
+            b[col.MEET], what[i, 0], what[i, 1] = b[col.CLOCK] + t, found, rail
     if bent:
         for k in range(jaws.shape[0] + falls.shape[0]):
             fall = k >= jaws.shape[0]
             at = falls[k - jaws.shape[0]] if fall else jaws[k]
-            t = meeting(b[X] - at[0], b[Y] - at[1], b[VX], b[VY], b[AX], b[AY], at[2], h)
+            t = meeting(b[col.X] - at[0], b[col.Y] - at[1], b[col.VX], b[col.VY], b[col.AX], b[col.AY], at[2], h)
             if t == -1.0:
                 if not fall:
                     _look_again(b, what, i)
-            elif b[CLOCK] + t < b[MEET]:
-                b[MEET] = b[CLOCK] + t
+            elif b[col.CLOCK] + t < b[col.MEET]:
+                b[col.MEET] = b[col.CLOCK] + t
                 what[i, 0], what[i, 1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
     elif mouths[0] > 0.0 and not stays:
         for corner in range(4):
             sx, sy = 1.0 - 2.0 * (corner % 2), 1.0 - 2.0 * (corner // 2)
-            t = meeting(b[X] - sx * half[0], b[Y] - sy * half[1], b[VX], b[VY], b[AX], b[AY], mouths[2], h)
-            if t >= 0.0 and b[CLOCK] + t < b[MEET]:
-                b[MEET], what[i, 0], what[i, 1] = b[CLOCK] + t, POCKET, -1
+            t = meeting(
+                b[col.X] - sx * half[0],
+                b[col.Y] - sy * half[1],
+                b[col.VX],
+                b[col.VY],
+                b[col.AX],
+                b[col.AY],
+                mouths[2],
+                h,
+            )
+            if t >= 0.0 and b[col.CLOCK] + t < b[col.MEET]:
+                b[col.MEET], what[i, 0], what[i, 1] = b[col.CLOCK] + t, POCKET, -1
 
 
 @compiled_in_place
 def _look_again(b, what, i):  # type: ignore[no-untyped-def]
-    if b[CLOCK] + PUSH < b[MEET]:
-        b[MEET], what[i, 0] = b[CLOCK] + PUSH, SWITCH
+    if b[col.CLOCK] + PUSH < b[col.MEET]:
+        b[col.MEET], what[i, 0] = b[col.CLOCK] + PUSH, SWITCH
 
 
 @compiled_in_place
 def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
-    now, end = b[CLOCK], min(b[END], until)
+    now, end = b[col.CLOCK], min(b[col.END], until)
     if end <= now:
         return
     bent = falls.shape[0] > 0 and not stays
     # A curve keeps within A h^2 / 8 of its chord: most of the table is put aside by that.
     ex, ey, _, _ = place(b, m, CURVE, end)
-    aside = 0.125 * b[BOUND] * (end - now) ** 2
+    aside = 0.125 * b[col.BOUND] * (end - now) ** 2
     for rail in range(4):
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
         o, gap = 1 - k, reach[k] - sign * b[k]
@@ -199,8 +191,8 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
         if bent and gap < -CLOSED and in_mouth(b[o], rail, half, mouths):
             # Between the jaws, beyond the line: once it has come out, it is looked at again.
             t = _to_line(b, m, CURVE, k, -sign, -reach[k], now, end)
-            if t != np.inf and t != -1.0 and t < b[MEET]:
-                b[MEET], what[i, 0] = t, SWITCH
+            if t != np.inf and t != -1.0 and t < b[col.MEET]:
+                b[col.MEET], what[i, 0] = t, SWITCH
             continue
         t = _to_line(b, m, CURVE, k, sign, reach[k], now, end)
         if t == np.inf:
@@ -216,29 +208,29 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
                 continue
             found = POCKET
             t = _to_line(b, m, CURVE, k, sign, half[k], now, end)
-        if t >= 0.0 and t < b[MEET]:
-            b[MEET], what[i, 0], what[i, 1] = t, found, rail
+        if t >= 0.0 and t < b[col.MEET]:
+            b[col.MEET], what[i, 0], what[i, 1] = t, found, rail
     if bent:
         for k in range(jaws.shape[0] + falls.shape[0]):
             fall = k >= jaws.shape[0]
             at = falls[k - jaws.shape[0]] if fall else jaws[k]
-            if _apart(at[0] - b[X], at[1] - b[Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED + aside:
+            if _apart(at[0] - b[col.X], at[1] - b[col.Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED + aside:
                 continue
             t = _to_point(b, m, at[0], at[1], at[2], now, end)
             if t == -1.0:
                 if not fall:
                     _look_again(b, what, i)
-            elif t < b[MEET]:
-                b[MEET] = t
+            elif t < b[col.MEET]:
+                b[col.MEET] = t
                 what[i, 0], what[i, 1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
     elif mouths[0] > 0.0 and not stays:
         for corner in range(4):
             px, py = (1.0 - 2.0 * (corner % 2)) * half[0], (1.0 - 2.0 * (corner // 2)) * half[1]
-            if _apart(px - b[X], py - b[Y], px - ex, py - ey) > mouths[2] + CLOSED + aside:
+            if _apart(px - b[col.X], py - b[col.Y], px - ex, py - ey) > mouths[2] + CLOSED + aside:
                 continue
             t = _to_point(b, m, px, py, mouths[2], now, end)
-            if t >= 0.0 and t < b[MEET]:
-                b[MEET], what[i, 0], what[i, 1] = t, POCKET, -1
+            if t >= 0.0 and t < b[col.MEET]:
+                b[col.MEET], what[i, 0], what[i, 1] = t, POCKET, -1
 
 
 @compiled_in_place
@@ -251,7 +243,7 @@ def meet_balls(now, i, b, m, kind, pair, again, radius, until):  # type: ignore[
         pair[at], again[at] = np.inf, False
         if kind[i] == POTTED or kind[j] == POTTED or (kind[i] == REST and kind[j] == REST):
             continue
-        end = min(b[i, END], b[j, END], until)
+        end = min(b[i, col.END], b[j, col.END], until)
         if kind[i] == CURVE or kind[j] == CURVE:
             t = _to_ball(b[i], m[i], kind[i], b[j], m[j], kind[j], 2.0 * radius, now, end) if end > now else np.inf
             if t == -1.0:
@@ -259,11 +251,11 @@ def meet_balls(now, i, b, m, kind, pair, again, radius, until):  # type: ignore[
             else:
                 pair[at] = t
             continue
-        d = now - b[j, CLOCK]
-        x = b[i, X] - b[j, X] - (b[j, VX] + 0.5 * b[j, AX] * d) * d
-        y = b[i, Y] - b[j, Y] - (b[j, VY] + 0.5 * b[j, AY] * d) * d
-        vx, vy = b[i, VX] - b[j, VX] - b[j, AX] * d, b[i, VY] - b[j, VY] - b[j, AY] * d
-        t = meeting(x, y, vx, vy, b[i, AX] - b[j, AX], b[i, AY] - b[j, AY], 2.0 * radius, end - now)
+        d = now - b[j, col.CLOCK]
+        x = b[i, col.X] - b[j, col.X] - (b[j, col.VX] + 0.5 * b[j, col.AX] * d) * d
+        y = b[i, col.Y] - b[j, col.Y] - (b[j, col.VY] + 0.5 * b[j, col.AY] * d) * d
+        vx, vy = b[i, col.VX] - b[j, col.VX] - b[j, col.AX] * d, b[i, col.VY] - b[j, col.VY] - b[j, col.AY] * d
+        t = meeting(x, y, vx, vy, b[i, col.AX] - b[j, col.AX], b[i, col.AY] - b[j, col.AY], 2.0 * radius, end - now)
         if t == -1.0:
             pair[at], again[at] = now + PUSH, True
         else:

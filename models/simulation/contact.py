@@ -22,12 +22,12 @@ import mujoco.batch
 import numpy as np
 from numpy.typing import NDArray
 
+from models import record as rec
 from models.analytic.events import AWAY, DEAD
 from models.analytic.increments import ball_step, cushion_step
 from models.analytic.spring import CLOSED, PARTS, STEP, dampings, depth_of, spring
 from models.compiled import compiled
 from models.effect import Effect
-from models.engine.impacts import DECAY, FIRST, FRICTION, GAIN, MASS_FIRST, RESTITUTION
 from models.mjcf.world import build_spec, rails
 from models.shot import NOSE_COSINE, RAILS, Array
 from models.simulation.act import Balls
@@ -276,10 +276,10 @@ class Contacts:
     ) -> NDArray[np.bool_]:
         """Give contacts of `which` (k, 2) what impacts (k, IMPACT_FIELDS) say of them; returns which are new."""
         at = rows[which[:, 0]], which[:, 1]
-        self.friction[at] = impacts[:, [FRICTION, GAIN, DECAY]]
-        self.damping[at] = dampings(cushion, impacts[:, RESTITUTION])
+        self.friction[at] = impacts[:, [rec.FRICTION, rec.GAIN, rec.DECAY]]
+        self.damping[at] = dampings(cushion, impacts[:, rec.RESTITUTION])
         for n in range(1 if cushion else 2):
-            heavier, ball = impacts[:, MASS_FIRST + n], impacts[:, FIRST + n].astype(np.int64)
+            heavier, ball = impacts[:, rec.MASS_FIRST + n], impacts[:, rec.FIRST + n].astype(np.int64)
             self.heavier[at[0], ball] = heavier
             self.inert[at[0], ball] = self.plain_mass * heavier[:, None]
             self.give[at[0], ball + 1] = self.plain_give / heavier[:, None]

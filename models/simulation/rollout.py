@@ -16,27 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models import record as rec
 from models.analytic.events import DEAD
 from models.analytic.impulse import collide_rows
 from models.analytic.pocket import NONE, Pockets, pockets_of, rail_of
 from models.analytic.spring import CALM, CUSHION_TIME, LONGEST, STEP
 from models.engine.cluster import CROWD
-from models.engine.impacts import (
-    APPROACH,
-    DECAY,
-    FRICTION,
-    GAIN,
-    MASS_FIRST,
-    MASS_SECOND,
-    RESTITUTION,
-    ask_rows,
-    crowded,
-    part_rows,
-    strike_rows,
-)
+from models.engine.impacts import ask_rows, crowded, part_rows, strike_rows
 from models.engine.motion import POTTED, REST
 from models.engine.play import LAWS
-from models.hooks import IMPACT_FIELDS, hooks_of
+from models.hooks import hooks_of
 from models.model_file import Model
 from models.shot import Array, Event, Shot, Track
 from models.simulation.act import Balls
@@ -286,7 +275,7 @@ class Rollout:
         j: NDArray[np.int64],
     ) -> Array:  # fmt: skip
         """Impacts, one row each, as the effects say: (n, IMPACT_FIELDS)."""
-        out = np.zeros((rows.size, IMPACT_FIELDS))
+        out = np.zeros((rows.size, rec.IMPACT_FIELDS))
         ask_rows(
             kind == "cushion", p, v, w, i, j, self.pockets.jaws, self.model.ball.radius, self.order[rows],
             self.clock[rows], self.hooks.own, rows, self.hooks.impact, out,
@@ -300,7 +289,7 @@ class Rollout:
         w = spin_to_world(quat, self.qvel[rows, :, 3:], False)
         ball, i, j = self.model.ball, hit[:, 1], hit[:, 2]
         impact = self._coefficients(kind, rows, p, v, w, i, j)
-        approach, e, mu = impact[:, APPROACH], impact[:, RESTITUTION], impact[:, FRICTION]
+        approach, e, mu = impact[:, rec.APPROACH], impact[:, rec.RESTITUTION], impact[:, rec.FRICTION]
         # A rolling ball that has met something rolls on against it: one event, looked at every LEAN_STEP.
         other, now = j + (kind == "cushion") * self.alive.shape[1], self.clock[rows]
         leans = now < self.quiet[rows, i, other] + LEAN_STEP
@@ -326,8 +315,8 @@ class Rollout:
         p, v, w, quat, mu, now = (a[alone] for a in (p, v, w, quat, mu, now))
         slow, leans = slow[alone], leans[alone]
         collide_rows(
-            kind == "cushion", hit, p, v, w, e, mu, self.slide[rows], ball.mass, ball.radius, impact[alone, GAIN],
-            impact[alone, DECAY], impact[alone, MASS_FIRST] / impact[alone, MASS_SECOND], self.pockets.jaws,
+            kind == "cushion", hit, p, v, w, e, mu, self.slide[rows], ball.mass, ball.radius, impact[alone, rec.GAIN],
+            impact[alone, rec.DECAY], impact[alone, rec.MASS_FIRST] / impact[alone, rec.MASS_SECOND], self.pockets.jaws,
         )  # fmt: skip
         self.qvel[rows, :, :3] = v
         self.qvel[rows, :, 3:] = spin_to_world(quat, w, True)

@@ -37,8 +37,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.analytic.spring import damping_table
+from models.engine import columns as col
 from models.engine.impacts import strike_rows
-from models.engine.motion import ROLLED
 from models.engine.play import lacking, lay_out
 from models.engine.step import (
     HEAD,
@@ -144,7 +144,7 @@ class World:
         kept[STRUCK_AT], kept[LAUNCH], kept[ORDER] = data.time, float(np.hypot(*v[0, 0])), order
         kept[WRITTEN] = 0.0
         balls = kept[HEAD : HEAD + KEPT * len(self.names)].reshape(-1, KEPT)
-        balls[:, [ROLLED, LEANING]] = 0.0
+        balls[:, [col.ROLLED, LEANING]] = 0.0
         mujoco.mj_step1(self.mj_model, data)
 
     def step(self, data: Any, steps: int = 1) -> None:
