@@ -25,10 +25,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 STILL = 1e-6  # speed or slip below which there is none [m/s]
+STRUCK_BALL = 0  # number of the ball that the cue strikes
 
 __all__ = [
-    "STILL", "Array", "BallState", "Effect", "ImageState", "ImpactState", "StrokeState", "param", "push_along",
-    "push_rolling",
+    "STILL", "STRUCK_BALL", "Array", "BallState", "Effect", "ImageState", "ImpactState", "StrokeState", "param",
+    "push_along", "push_rolling",
 ]  # fmt: skip
 
 

@@ -106,10 +106,10 @@ class ImageState:
     time: float = 0.0  # [s]
 
 
-STATES: dict[str, type] = {
+HOOK_STATES: dict[str, type] = {
     "forces": BallState, "horizon": BallState, "impact": ImpactState, "strike": StrokeState, "observe": ImageState,
 }  # fmt: skip
-COMPILED = (*STATES, "exposures")
+COMPILED_HOOKS = (*HOOK_STATES, "exposures")
 
 
 def fields_of(kind: type) -> tuple[str, ...]:
@@ -141,7 +141,7 @@ def address(function: Callable[..., Any], hook: str, layout: tuple[str, ...]) ->
     elif hook == "horizon":
         signature = types.float64(own, _record(fields_of(BallState)))
     else:
-        signature = types.void(own, _record(fields_of(STATES[hook])))
+        signature = types.void(own, _record(fields_of(HOOK_STATES[hook])))
     try:
         return int(callback(function, signature).address)
     except KeyError as error:
@@ -237,14 +237,14 @@ def hooks_of(effects: Sequence[Any], count: int, begins: Sequence[int] | None = 
     `begins`: where in a row the parameters of each effect stand, if the row is made elsewhere.
     """
     columns: list[Array] = []
-    tables: dict[str, list[tuple[int, int]]] = {name: [] for name in COMPILED}
+    tables: dict[str, list[tuple[int, int]]] = {name: [] for name in COMPILED_HOOKS}
     support = end = 0
     for number in sorted(range(len(effects)), key=lambda k: not effects[k].first):
         effect = effects[number]
         kind, layout = type(effect), effect.layout()
         values = effect.row(count)
         at = end if begins is None else begins[number]
-        for name in COMPILED:
+        for name in COMPILED_HOOKS:
             if kind.opens(name):
                 tables[name].append((address(getattr(kind, name), name, layout), at))
                 support += name == "forces" and kind.first

@@ -1,6 +1,6 @@
 """Columns of the records that hooks see, by number, for the compiled code that fills and reads them.
 
-A ball's record has the fields of `BallState` in their order, that of an impact those of `ImpactState` (models/hooks.py).
+A ball's record has the fields of `BallState` in their order, an impact's those of `ImpactState` (models/hooks.py).
 Compiled code reads them through the module, as constants: `r[rec.VX]`, `hit[rec.FRICTION]`.
 """
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 GRAVITY = 9.81  # [m/s^2]
-RAILS = ("+x", "-x", "+y", "-y")  # the cushions, by the side of the table they stand on
+RAIL_NAMES = ("+x", "-x", "+y", "-y")  # the cushions, by the side of the table they stand on
 POCKET_MOUTH = 0.090  # of all six pockets [m] (Robotic Billiards 2015)
 MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in [m] (Robotic Billiards 2015)
 NOSE_HEIGHT = 1.4  # cushion nose over ball radius: 7R/5 (Mathavan, Jackson, Parkin 2010)

@@ -12,7 +12,7 @@ import numpy as np
 
 from models.compiled import is_ready, set_ready
 from models.engine.play import finish
-from models.hooks import COMPILED, address
+from models.hooks import COMPILED_HOOKS, address
 from models.model_file import catalogue, effect_class, full_model
 from models.shot import Ball, Shot, Table
 from models.simulation.observe import observed
@@ -33,7 +33,7 @@ def prepare() -> None:
         return
     print(COMPILING, file=sys.stderr, flush=True)
     for kind in catalogue().values():
-        for hook in COMPILED:
+        for hook in COMPILED_HOOKS:
             if kind.opens(hook):
                 address(getattr(kind, hook), hook, kind.layout())
     _play()

@@ -18,11 +18,11 @@ from models.compiled import compiled, compiled_in_place
 from models.shot import GRAVITY
 
 Array = NDArray[np.float64]
-STILL = 1e-8  # slip or speed that is none [m/s]
+STILL_SPEED = 1e-8  # slip or speed that is none [m/s]
 STILL_SPIN = 1e-6  # sidespin that is none [rad/s]
 SLIDING, ROLLING, RESTING = 1, 2, 0
-GRIP = 5e-5  # a slip that full friction ends in this time meets no less than that [s]
-NEAR = 1e-6  # part of that slip within which it is reached
+LAST_SLIP_S = 5e-5  # a slip that full friction ends in this time meets no less than that [s]
+LAST_SLIP_MARGIN = 1e-6  # part of that slip within which it is reached
 
 
 @compiled_in_place
@@ -39,7 +39,7 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
     if mode == SLIDING:
         friction = slide * n
         # A slip that dies away would never end by itself: the last of it meets the full friction.
-        if slip > 3.5 * friction * GRIP * (1.0 + NEAR):
+        if slip > 3.5 * friction * LAST_SLIP_S * (1.0 + LAST_SLIP_MARGIN):
             friction *= r[rec.SLIDE_FACTOR]
         gx, gy = -friction * ux, -friction * uy
     else:
@@ -84,7 +84,7 @@ def flow(b: Array, t: float, radius: float, slide: float, roll: float, alpha: fl
     b[7] += b7
     ux, uy = b[2] - radius * b[5], b[3] + radius * b[4]
     u = math.sqrt(ux * ux + uy * uy)
-    if u > STILL:
+    if u > STILL_SPEED:
         rate = 3.5 * slide * GRAVITY
         s = min(t, u / rate) if rate > 0.0 else t
         ax, ay = -slide * GRAVITY * ux / u, -slide * GRAVITY * uy / u

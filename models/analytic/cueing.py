@@ -22,7 +22,7 @@ from models.shot import GRAVITY, Ball
 
 Array = NDArray[np.float64]
 SEED_LIMIT = 0.5  # offset over radius beyond which no shot is played (Robotic Billiards 2015)
-SLATE = 0.55  # restitution of ball on slate [1], 0.5 to 0.7 (Alciatore)
+SLATE_RESTITUTION = 0.55  # restitution of ball on slate [1], 0.5 to 0.7 (Alciatore)
 
 
 @dataclass(frozen=True)
@@ -89,14 +89,14 @@ def hop(hop_speed: float) -> tuple[float, float]:
     return hop_speed**2 / (2.0 * GRAVITY), 2.0 * hop_speed / GRAVITY
 
 
-def slate_loss(speed: float, elevation: float, friction: float, slate: float = SLATE) -> float:
+def slate_loss(speed: float, elevation: float, friction: float, slate: float = SLATE_RESTITUTION) -> float:
     """Most speed that the slate's friction takes as the ball is driven onto it [m/s]."""
     return friction * (1.0 + slate) * speed * math.sin(elevation)
 
 
 def strike(
     cue: Cue, ball: Ball, cue_speed: float, azimuth: float, side: float = 0.0, height: float = 0.0,
-    elevation: float | None = None, *, slate: float = SLATE, slate_friction: float = 0.0,
+    elevation: float | None = None, *, slate: float = SLATE_RESTITUTION, slate_friction: float = 0.0,
 ) -> Stroke:  # fmt: skip
     """Play a stroke.
 

@@ -13,10 +13,19 @@ import math
 import numpy as np
 
 from models import record as rec
-from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL, add_cloth
-from models.analytic.events import AWAY, DEAD, in_mouth
+from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL_SPEED, add_cloth
+from models.analytic.events import DEAD_SPEED, MIN_IMPACT_SPEED, in_mouth
 from models.analytic.increments import ball_step, cushion_step
-from models.analytic.spring import CALM, CLOSED, LONGEST, PARTS, STEP, damping_of, depth_of, spring
+from models.analytic.spring import (
+    CALM_TIME_S,
+    CONTACT_GAP_M,
+    MAX_CLUSTER_S,
+    SLIP_PARTS,
+    SPRING_STEP_S,
+    damping_of,
+    depth_of,
+    spring,
+)
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
 from models.engine.curve import push
@@ -25,8 +34,8 @@ from models.engine.motion import POTTED
 from models.engine.touch import BALL, CUSHION
 from models.shot import GRAVITY, NOSE_COSINE
 
-NEAR = 1e-3  # gap up to which a contact is looked at in every step [m]
-CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
+CONTACT_RANGE_M = 1e-3  # gap up to which a contact is looked at in every step [m]
+CROWD_GAP_M = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 
 
 @compiled_in_place
@@ -34,7 +43,7 @@ def _meets(b, c, i, j, kind, radius, reach, half, mouths):  # type: ignore[no-un
     """Gap, approach speed and normal of balls i and j, or of ball i and rail -1 - j where j < 0."""
     if j >= 0:
         x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
-        d2, touch = x * x + y * y, 2.0 * radius + CLOSED
+        d2, touch = x * x + y * y, 2.0 * radius + CONTACT_GAP_M
         if d2 > touch * touch:
             return np.inf, 0.0, 1.0, 0.0
         d = math.sqrt(d2)
@@ -43,7 +52,7 @@ def _meets(b, c, i, j, kind, radius, reach, half, mouths):  # type: ignore[no-un
     rail = -1 - j
     k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
     gap = reach[k] - sign * b[i, k]
-    if gap > CLOSED or in_mouth(b[i, 1 - k], rail, half, mouths):
+    if gap > CONTACT_GAP_M or in_mouth(b[i, 1 - k], rail, half, mouths):
         return np.inf, 0.0, 1.0, 0.0
     return gap, sign * b[i, col.VX + k], sign * (1.0 - k), sign * float(k)
 
@@ -57,7 +66,7 @@ def _flow(b, i, r, at, own, forces, support, cloth, now, dv):  # type: ignore[no
     r[rec.X], r[rec.Y], r[rec.VX], r[rec.VY] = b[i, col.X], b[i, col.Y], b[i, col.VX], b[i, col.VY]
     r[rec.WX], r[rec.WY], r[rec.WZ], r[rec.SLIP_X], r[rec.SLIP_Y] = b[i, col.WX], b[i, col.WY], b[i, col.WZ], ux, uy
     r[rec.TIME], r[rec.ROLLED] = now, b[i, col.ROLLED]
-    mode = SLIDING if u > STILL else (ROLLING if v > STILL else RESTING)
+    mode = SLIDING if u > STILL_SPEED else (ROLLING if v > STILL_SPEED else RESTING)
     r[rec.ROLLING] = 1.0 if mode == ROLLING else 0.0
     push(r, at, own, forces, support)
     over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
@@ -74,14 +83,14 @@ def _flow(b, i, r, at, own, forces, support, cloth, now, dv):  # type: ignore[no
         cloth[1],
         cloth[2],
     )
-    dv[i, 0], dv[i, 1] = r[rec.AX] * STEP, r[rec.AY] * STEP
-    dv[i, 2], dv[i, 3], dv[i, 4] = r[rec.BX] * STEP, r[rec.BY] * STEP, r[rec.BZ] * STEP
+    dv[i, 0], dv[i, 1] = r[rec.AX] * SPRING_STEP_S, r[rec.AY] * SPRING_STEP_S
+    dv[i, 2], dv[i, 3], dv[i, 4] = r[rec.BX] * SPRING_STEP_S, r[rec.BY] * SPRING_STEP_S, r[rec.BZ] * SPRING_STEP_S
     if mode == ROLLING:
-        b[i, col.ROLLED] += v / radius * STEP
+        b[i, col.ROLLED] += v / radius * SPRING_STEP_S
     # No friction turns a slip, a roll or a sidespin round within a step.
     if mode == SLIDING:
         ux, uy = ux + dv[i, 0] - radius * dv[i, 3], uy + dv[i, 1] + radius * dv[i, 2]
-        if u <= 3.5 * cloth[0] * GRAVITY * STEP:
+        if u <= 3.5 * cloth[0] * GRAVITY * SPRING_STEP_S:
             dv[i, 0], dv[i, 1] = dv[i, 0] - 2 / 7 * ux, dv[i, 1] - 2 / 7 * uy
             dv[i, 3] += 2.5 / radius * 2 / 7 * ux
             dv[i, 2] -= 2.5 / radius * 2 / 7 * uy
@@ -105,11 +114,11 @@ def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # t
     other = own if cushion else mass * heavier[j]
     for x in range(10):
         out[x] = s[x]
-    for _ in range(PARTS):
+    for _ in range(SLIP_PARTS):
         if cushion:
-            cushion_step(out, dp / PARTS, (mu[0], cloth, own, radius), after)
+            cushion_step(out, dp / SLIP_PARTS, (mu[0], cloth, own, radius), after)
         else:
-            ball_step(out, dp / PARTS, (mu[0], mu[1], mu[2]), (cloth, own, other, radius), after)
+            ball_step(out, dp / SLIP_PARTS, (mu[0], mu[1], mu[2]), (cloth, own, other, radius), after)
         for x in range(10):
             out[x] = after[x]
     if cushion:
@@ -128,7 +137,7 @@ def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # t
 def _near(b, kind, first, second, radius, reach, near):  # type: ignore[no-untyped-def]
     """Lay down in `near` which contacts are within NEAR of closing, in order; returns how many."""
     n, found = b.shape[0], 0
-    apart, pairs = 2.0 * radius + NEAR, n * (n - 1) // 2
+    apart, pairs = 2.0 * radius + CONTACT_RANGE_M, n * (n - 1) // 2
     for c in range(first.size):
         i, j = first[c], second[c]
         if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
@@ -139,7 +148,7 @@ def _near(b, kind, first, second, radius, reach, near):  # type: ignore[no-untyp
         else:
             rail = -1 - j
             k = rail // 2
-            away = reach[k] - (1.0 - 2.0 * (rail % 2)) * b[i, k] > NEAR
+            away = reach[k] - (1.0 - 2.0 * (rail % 2)) * b[i, k] > CONTACT_RANGE_M
         if not away:
             near[found] = c
             found += 1
@@ -162,16 +171,16 @@ def _go(b, dv, kind, lasts):  # type: ignore[no-untyped-def]
     for i in range(b.shape[0]):
         if kind[i] == POTTED:
             continue
-        b[i, col.TURN] += STEP * (b[i, col.WZ] + 0.5 * dv[i, 4])
+        b[i, col.TURN] += SPRING_STEP_S * (b[i, col.WZ] + 0.5 * dv[i, 4])
         b[i, col.VX] += dv[i, 0]
         b[i, col.VY] += dv[i, 1]
         b[i, col.WX] += dv[i, 2]
         b[i, col.WY] += dv[i, 3]
         b[i, col.WZ] += dv[i, 4]
-        b[i, col.X] += STEP * b[i, col.VX]
-        b[i, col.Y] += STEP * b[i, col.VY]
+        b[i, col.X] += SPRING_STEP_S * b[i, col.VX]
+        b[i, col.Y] += SPRING_STEP_S * b[i, col.VY]
         most = max(most, b[i, col.VX] * b[i, col.VX] + b[i, col.VY] * b[i, col.VY])
-    return lasts - 2.0 * STEP * math.sqrt(most)
+    return lasts - 2.0 * SPRING_STEP_S * math.sqrt(most)
 
 
 @compiled
@@ -219,7 +228,7 @@ def _through(  # type: ignore[no-untyped-def]
         gap, _, _, _ = _meets(b, c, i, j, kind, radius, reach, half, mouths)
         if gap < 0.0:
             given[c] = depth_of(j < 0, gap, radius)[0]
-    end, calm, room = now + LONGEST, 0.0, NEAR
+    end, calm, room = now + MAX_CLUSTER_S, 0.0, CONTACT_RANGE_M
     looked = _near(b, kind, first, second, radius, reach, near)
     while True:
         for i in range(n):
@@ -230,11 +239,11 @@ def _through(  # type: ignore[no-untyped-def]
         for c in near[:looked]:
             i, j = first[c], second[c]
             gap, approach, nx, ny = _meets(b, c, i, j, kind, radius, reach, half, mouths)
-            if gap > CLOSED:
+            if gap > CONTACT_GAP_M:
                 peak[c] = given[c] = 0.0
                 continue
             cushion = j < 0
-            if approach > max(peak[c], AWAY):
+            if approach > max(peak[c], MIN_IMPACT_SPEED):
                 peak[c] = approach
                 describe(
                     hit, cushion, i, -1 - j if cushion else j, b[i], b[i if cushion else j], nx, ny, radius, order, now
@@ -261,17 +270,17 @@ def _through(  # type: ignore[no-untyped-def]
                 continue
             one = mass * heavier[i]
             moved = one if cushion else one / (1.0 + heavier[i] / heavier[j])
-            dp = STEP * moved * max(k * pressed + damp * approach * level, 0.0)
+            dp = SPRING_STEP_S * moved * max(k * pressed + damp * approach * level, 0.0)
             if dp > 0.0:
                 _press(b, i, j, nx, ny, dp, mu[c], cloth[0], heavier, mass, level, dv, work)
-        while begin < times.size and times[begin] <= min(now + STEP, until):
+        while begin < times.size and times[begin] <= min(now + SPRING_STEP_S, until):
             part = times[begin] - now
             for i in range(n):
                 o = out[begin, i]
                 if kind[i] == POTTED:
                     o[:] = np.nan
                     continue
-                f = part / STEP
+                f = part / SPRING_STEP_S
                 o[2], o[3] = b[i, col.VX] + f * dv[i, 0], b[i, col.VY] + f * dv[i, 1]
                 o[0], o[1] = (
                     b[i, col.X] + part * (b[i, col.VX] + dv[i, 0]),
@@ -282,23 +291,23 @@ def _through(  # type: ignore[no-untyped-def]
                 o[7] = b[i, col.TURN] + part * (b[i, col.WZ] + 0.5 * f * dv[i, 4])
             begin += 1
         room = _go(b, dv, kind, room)
-        if room <= 2.0 * CLOSED:
-            looked, room = _near(b, kind, first, second, radius, reach, near), NEAR
-        now += STEP
+        if room <= 2.0 * CONTACT_GAP_M:
+            looked, room = _near(b, kind, first, second, radius, reach, near), CONTACT_RANGE_M
+        now += SPRING_STEP_S
         free, rests = True, True
         for c in near[:looked]:
             i, j = first[c], second[c]
             gap, approach, _, _ = _meets(b, c, i, j, kind, radius, reach, half, mouths)
-            if gap > CLOSED:
+            if gap > CONTACT_GAP_M:
                 continue
-            rests = rests and abs(approach) < DEAD
-            if approach > AWAY:
+            rests = rests and abs(approach) < DEAD_SPEED
+            if approach > MIN_IMPACT_SPEED:
                 free = False
                 continue
             depth, level = depth_of(j < 0, gap, radius)
             pressed = depth - min(given[c], depth)
             k, damp = spring(j < 0, pressed, damping[c])
             free = free and k * pressed + damp * approach * level <= 0.0
-        calm = calm + STEP if rests else 0.0
-        if free or calm >= CALM or now >= end or now >= until:
+        calm = calm + SPRING_STEP_S if rests else 0.0
+        if free or calm >= CALM_TIME_S or now >= end or now >= until:
             return now, begin, logged

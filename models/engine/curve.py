@@ -13,32 +13,41 @@ import math
 import numpy as np
 
 from models import record as rec
-from models.analytic.cloth import GRIP, NEAR, RESTING, ROLLING, SLIDING, STILL, STILL_SPIN, add_cloth
+from models.analytic.cloth import (
+    LAST_SLIP_MARGIN,
+    LAST_SLIP_S,
+    RESTING,
+    ROLLING,
+    SLIDING,
+    STILL_SPEED,
+    STILL_SPIN,
+    add_cloth,
+)
 from models.compiled import compiled_in_place
 from models.engine import columns as col
-from models.engine.dense import ERROR, NODES, STAGES, smooth, straight_on
-from models.engine.motion import CURVE, ON, REST, SLIDE_ENDS, STOPS
+from models.engine.dense import ERROR_WEIGHTS, STAGE_NODES, STAGE_WEIGHTS, smooth, straight_on
+from models.engine.motion import CURVE, GOES_ON, REST, SLIDE_ENDS, STOPS
 from models.hooks import (
     call_hook,
     call_horizon,
 )
 from models.shot import GRAVITY
 
-TOLERANCE = 3e-7  # of a step, as an error of position at the end of the roll [m]
-BRAKE = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
-SPIN_LASTS = 0.1  # how long an error of sidespin counts [s]
-SHORT_SLIDE = 1e-3  # rest of a slide that is taken at a constant friction [s]
-SHORT_SOFT = 1e-4  # the same where friction is not the full one [s]
-SHORT_ROLL = 0.03  # rest of a roll that is taken straight [s]
-SPARE = 0.995  # of the way to the end of a roll or a slide, at most, in a step
-SPARE_SOFT = 0.9  # the same where the friction of a slide is not the full one
-TURNS = 4e-4  # error of a step of half of what is left of a motion, over how much a push across it turns it
-WIDEST = 9.0  # a step over what it leaves of a motion, beyond which errors no longer grow with it
-AHEAD = 1e3  # what is left of a motion, at most [s]
-BEFORE = 1e-9  # by which a step's last look comes before its end, where a push may switch [s]
-GROWTH, SHRINK, SAFETY = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
-LONGEST = 2.0  # [s]
-SHORTEST = 1e-7  # step that is taken whatever its error [s]
+STEP_TOLERANCE_M = 3e-7  # of a step, as an error of position at the end of the roll [m]
+MIN_DECELERATION = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
+SPIN_ERROR_S = 0.1  # how long an error of sidespin counts [s]
+SHORT_SLIDE_S = 1e-3  # rest of a slide that is taken at a constant friction [s]
+SHORT_SOFT_SLIDE_S = 1e-4  # the same where friction is not the full one [s]
+SHORT_ROLL_S = 0.03  # rest of a roll that is taken straight [s]
+END_SHARE = 0.995  # of the way to the end of a roll or a slide, at most, in a step
+END_SHARE_SOFT = 0.9  # the same where the friction of a slide is not the full one
+TURN_ERROR = 4e-4  # error of a step of half of what is left of a motion, over how much a push across it turns it
+MAX_STEP_RATIO = 9.0  # a step over what it leaves of a motion, beyond which errors no longer grow with it
+MAX_REMAINING_S = 1e3  # what is left of a motion, at most [s]
+LAST_STAGE_LEAD_S = 1e-9  # by which a step's last look comes before its end, where a push may switch [s]
+MAX_GROWTH, MIN_GROWTH, SAFETY_FACTOR = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
+MAX_STEP_S = 2.0  # [s]
+MIN_STEP_S = 1e-7  # step that is taken whatever its error [s]
 
 
 @compiled_in_place
@@ -108,7 +117,7 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
     u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
     r[rec.WX], r[rec.WY], r[rec.WZ] = b[col.WX], b[col.WY], b[col.WZ]
     r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.ROLLED], r[rec.ROLLING] = ux, uy, b[col.ROLLED], 0.0
-    mode = SLIDING if u > STILL else (ROLLING if v > STILL else RESTING)
+    mode = SLIDING if u > STILL_SPEED else (ROLLING if v > STILL_SPEED else RESTING)
     r[rec.ROLLING] = 1.0 if mode == ROLLING else 0.0
     push(r, at, own, forces, support)
     if r[rec.WEIGHT] <= 0.0:
@@ -117,8 +126,8 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
         px, py = r[rec.AX] - radius * r[rec.BY], r[rec.AY] + radius * r[rec.BX]  # what would make it slip
         need = math.sqrt(px * px + py * py)
         if 2 / 7 * need > cloth[0] * r[rec.WEIGHT] * GRAVITY * (1.0 + 1e-9):
-            b[col.VX] += 2.0 * STILL * px / need
-            b[col.VY] += 2.0 * STILL * py / need
+            b[col.VX] += 2.0 * STILL_SPEED * px / need
+            b[col.VY] += 2.0 * STILL_SPEED * py / need
             mode = SLIDING
     if mode == ROLLING:
         b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
@@ -130,7 +139,7 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
         )
         force = math.sqrt(px * px + py * py)
         if force > cloth[1] * r[rec.WEIGHT] * GRAVITY:
-            b[col.VX], b[col.VY] = 2.0 * STILL * px / force, 2.0 * STILL * py / force
+            b[col.VX], b[col.VY] = 2.0 * STILL_SPEED * px / force, 2.0 * STILL_SPEED * py / force
             b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
             mode = ROLLING
     ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
@@ -140,11 +149,11 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
     for x in range(col.STATE_SIZE):
         y[x] = b[x]
     _rates(y, now, mode, way, r, at, own, forces, support, cloth, k, 0)
-    b[col.AX], b[col.AY], b[col.MODE], b[col.LAST] = k[0, col.VX], k[0, col.VY], mode, ON
+    b[col.AX], b[col.AY], b[col.MODE], b[col.LAST] = k[0, col.VX], k[0, col.VY], mode, GOES_ON
     h, left, straight = _room(b, mode, way, u, v, r, at, own, horizon, cloth, k)
     if mode == RESTING and b[col.WZ] == 0.0:
         b[col.AX] = b[col.AY] = b[col.BOUND] = 0.0
-        b[col.END] = now + h if h < LONGEST else np.inf
+        b[col.END] = now + h if h < MAX_STEP_S else np.inf
         return REST
     if straight:
         straight_on(b, m, h, k)
@@ -164,28 +173,28 @@ def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no
 
     The third says whether it comes to that end, at its first acceleration; b[LAST] says what happens there.
     """
-    radius, h, left = r[rec.RADIUS], LONGEST, AHEAD
+    radius, h, left = r[rec.RADIUS], MAX_STEP_S, MAX_REMAINING_S
     for n in range(horizon.shape[0]):
         free = call_horizon(horizon[n, 0], own + 8 * horizon[n, 1], at)
         if free == free:
-            h = min(h, max(free, SHORTEST))
+            h = min(h, max(free, MIN_STEP_S))
     if b[col.WZ] * k[0, col.WZ] < 0.0:
         h = min(h, -b[col.WZ] / k[0, col.WZ])
-    short, spare, last = SHORT_ROLL, SPARE, STOPS
+    short, spare, last = SHORT_ROLL_S, END_SHARE, STOPS
     if mode == SLIDING and r[rec.WEIGHT] > 0.0:
         rate = -(way[0] * (k[0, col.VX] - radius * k[0, col.WY]) + way[1] * (k[0, col.VY] + radius * k[0, col.WX]))
-        full = 3.5 * cloth[0] * r[rec.WEIGHT] * GRAVITY * GRIP
-        short, last = SHORT_SLIDE, SLIDE_ENDS
+        full = 3.5 * cloth[0] * r[rec.WEIGHT] * GRAVITY * LAST_SLIP_S
+        short, last = SHORT_SLIDE_S, SLIDE_ENDS
         if r[rec.SLIDE_FACTOR] != 1.0:
-            short = SHORT_SOFT
-            if u > full * (1.0 + NEAR):
-                u, spare, last = u - full, SPARE_SOFT, ON
+            short = SHORT_SOFT_SLIDE_S
+            if u > full * (1.0 + LAST_SLIP_MARGIN):
+                u, spare, last = u - full, END_SHARE_SOFT, GOES_ON
         if rate > 0.0:
-            left = min(u / rate, AHEAD)
+            left = min(u / rate, MAX_REMAINING_S)
     elif mode == ROLLING:
         rate = -(way[2] * k[0, col.VX] + way[3] * k[0, col.VY])
         if rate > 0.0:
-            left = min(v / rate, AHEAD)
+            left = min(v / rate, MAX_REMAINING_S)
     if left > short:
         return min(h, spare * left), left, False
     if left <= h:
@@ -202,14 +211,14 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
     grows as the fourth power of h / (left - h), at first. That is what is asked of a step, and remembered in b[TRY].
     """
     radius, v = r[rec.RADIUS], math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
-    lasts = min(until, v / BRAKE)
+    lasts = min(until, v / MIN_DECELERATION)
     # An error of slip along the slip ends the slide too soon or too late; one across turns it for what is left of it.
     slip_rate = math.sqrt((k[0, col.VX] - radius * k[0, col.WY]) ** 2 + (k[0, col.VY] + radius * k[0, col.WX]) ** 2)
-    early = BRAKE * lasts / max(slip_rate, BRAKE)
+    early = MIN_DECELERATION * lasts / max(slip_rate, MIN_DECELERATION)
     slip = math.sqrt((b[col.VX] - radius * b[col.WY]) ** 2 + (b[col.VY] + radius * b[col.WX]) ** 2)
-    turns = 2 / 7 * min(until, slip / max(slip_rate, BRAKE))
+    turns = 2 / 7 * min(until, slip / max(slip_rate, MIN_DECELERATION))
     share = b[col.TRY]
-    if share == 0.0 and left < AHEAD:
+    if share == 0.0 and left < MAX_REMAINING_S:
         if mode == ROLLING:
             across, far = abs(way[2] * k[0, col.VY] - way[3] * k[0, col.VX]), lasts
         else:
@@ -217,8 +226,8 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
                 way[0] * (k[0, col.VY] + radius * k[0, col.WX]) - way[1] * (k[0, col.VX] - radius * k[0, col.WY])
             )
             far = turns
-        turned = TURNS * across * left * far
-        share = SAFETY * math.sqrt(math.sqrt(TOLERANCE / turned)) if turned > 0.0 else 0.0
+        turned = TURN_ERROR * across * left * far
+        share = SAFETY_FACTOR * math.sqrt(math.sqrt(STEP_TOLERANCE_M / turned)) if turned > 0.0 else 0.0
     if share > 0.0:
         h = min(h, left * share / (1.0 + share))
     while True:
@@ -227,20 +236,20 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
             for x in range(col.STATE_SIZE):
                 total = 0.0
                 for n in range(stage + 1):
-                    total += STAGES[stage, n] * k[n, x]
+                    total += STAGE_WEIGHTS[stage, n] * k[n, x]
                 y[x] = b[x] + h * total
-            t = b[col.CLOCK] + min(NODES[stage] * h, max(h - BEFORE, 0.0))
+            t = b[col.CLOCK] + min(STAGE_NODES[stage] * h, max(h - LAST_STAGE_LEAD_S, 0.0))
             if not _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, stage + 1):
                 fine = False
                 break
         if not fine:
-            if h <= SHORTEST:
+            if h <= MIN_STEP_S:
                 break
-            h = max(0.5 * h, SHORTEST)
+            h = max(0.5 * h, MIN_STEP_S)
             continue
         ex = ey = wx = wy = wz = 0.0
         for n in range(7):
-            e = h * ERROR[n]
+            e = h * ERROR_WEIGHTS[n]
             ex, ey = ex + e * k[n, col.VX], ey + e * k[n, col.VY]
             wx, wy, wz = wx + e * k[n, col.WX], wy + e * k[n, col.WY], wz + e * k[n, col.WZ]
         sx, sy = ex - radius * wy, ey + radius * wx
@@ -249,19 +258,19 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
         ex, ey = ex - 2 / 7 * sx, ey - 2 / 7 * sy
         error = math.sqrt(ex * ex + ey * ey) * lasts
         error += early * abs(sx * way[0] + sy * way[1]) + turns * abs(sx * way[1] - sy * way[0])
-        error += SPIN_LASTS * radius * abs(wz)
+        error += SPIN_ERROR_S * radius * abs(wz)
         # Sidespin that would pass through zero ends the step there.
         crossed = b[col.WZ] != 0.0 and way[4] * y[col.WZ] < 0.0 and abs(y[col.WZ]) > STILL_SPIN
-        share = h / (left - h) if h < left else WIDEST
-        if (error <= TOLERANCE and not crossed) or h <= SHORTEST:
-            grow = SAFETY * (TOLERANCE / error) ** 0.2 if error > 0.0 else GROWTH
-            b[col.TRY] = share * grow if grow < GROWTH else 0.0
+        share = h / (left - h) if h < left else MAX_STEP_RATIO
+        if (error <= STEP_TOLERANCE_M and not crossed) or h <= MIN_STEP_S:
+            grow = SAFETY_FACTOR * (STEP_TOLERANCE_M / error) ** 0.2 if error > 0.0 else MAX_GROWTH
+            b[col.TRY] = share * grow if grow < MAX_GROWTH else 0.0
             break
-        if crossed and error <= TOLERANCE:
-            h = max(h * b[col.WZ] / (b[col.WZ] - y[col.WZ]), SHORTEST)
+        if crossed and error <= STEP_TOLERANCE_M:
+            h = max(h * b[col.WZ] / (b[col.WZ] - y[col.WZ]), MIN_STEP_S)
         else:
-            share = min(share, WIDEST) * max(SHRINK, SAFETY * (TOLERANCE / error) ** (1 / 3))
-            h = max(left * share / (1.0 + share), SHORTEST)
+            share = min(share, MAX_STEP_RATIO) * max(MIN_GROWTH, SAFETY_FACTOR * (STEP_TOLERANCE_M / error) ** (1 / 3))
+            h = max(left * share / (1.0 + share), MIN_STEP_S)
     if not fine:  # nothing is left of the motion
         straight_on(b, m, h, k)
         return h

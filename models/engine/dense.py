@@ -13,7 +13,7 @@ from models.engine import columns as col
 from models.engine.motion import STOPS
 
 # Weights of stages, the last of them the fifth order's, nodes, the error, the continuous extension.
-STAGES = np.array([
+STAGE_WEIGHTS = np.array([
     [1 / 5, 0, 0, 0, 0, 0],
     [3 / 40, 9 / 40, 0, 0, 0, 0],
     [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
@@ -21,9 +21,9 @@ STAGES = np.array([
     [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
     [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
 ])  # fmt: skip
-NODES = np.array([1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
-ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
-DENSE = np.array([
+STAGE_NODES = np.array([1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+ERROR_WEIGHTS = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+DENSE_WEIGHTS = np.array([
     [1, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
     [0, 0, 0, 0],
     [0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
@@ -67,7 +67,7 @@ def smooth(b, m, h, k):  # type: ignore[no-untyped-def]
         for n in range(4):
             total = 0.0
             for stage in range(7):
-                total += DENSE[stage, n] * k[stage, x]
+                total += DENSE_WEIGHTS[stage, n] * k[stage, x]
             m[x, n + 1] = h * total
     # Places and angles are the integrals of what carries them, so that both agree on the whole step.
     _integral(m, col.X, col.VX, b[col.X], h)

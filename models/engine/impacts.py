@@ -8,15 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models import record as rec
-from models.analytic.events import DEAD, in_mouth
-from models.analytic.pocket import OWNERS, outward
+from models.analytic.events import DEAD_SPEED, in_mouth
+from models.analytic.pocket import JAW_RAILS, outward
 from models.compiled import compiled, compiled_in_place
 from models.engine.motion import POTTED
 from models.hooks import STROKE_FIELDS, Table, call_hook
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
-CLIMB = 0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
-RAIL_OF_JAW = np.array(OWNERS)
+CLIMB_FRICTION = (
+    0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
+)
+RAIL_OF_JAW = np.array(JAW_RAILS)
 
 
 @compiled_in_place
@@ -52,8 +54,8 @@ def ask(h, at, own, hooks):  # type: ignore[no-untyped-def]
     h[rec.RESTITUTION] = min(max(h[rec.RESTITUTION], 0.0), 1.0)
     h[rec.FRICTION] = max(h[rec.FRICTION], 0.0)
     if h[rec.CUSHION_HIT] > 0.0:
-        h[rec.FRICTION] = min(h[rec.FRICTION], CLIMB)
-    if h[rec.APPROACH] < DEAD:
+        h[rec.FRICTION] = min(h[rec.FRICTION], CLIMB_FRICTION)
+    if h[rec.APPROACH] < DEAD_SPEED:
         h[rec.RESTITUTION] = 0.0
 
 

@@ -20,23 +20,22 @@ import math
 import numpy as np
 
 from models import record as rec
-from models.analytic.coulomb import STEPS
-from models.analytic.events import DEAD
+from models.analytic.coulomb import MIN_STEPS
+from models.analytic.events import DEAD_SPEED, LEAN_SPEED
 from models.analytic.impulse import collide
 from models.analytic.pocket import outward
 from models.analytic.spring import CUSHION_TIME
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
-from models.engine.cluster import CROWD, through
-from models.engine.curve import LONGEST, curve, lay_record
+from models.engine.cluster import CROWD_GAP_M, through
+from models.engine.curve import MAX_STEP_S, curve, lay_record
 from models.engine.impacts import ask, deliver, describe, is_crowded, part
 from models.engine.motion import POTTED, REST, advance, arrive, plain_phase
-from models.engine.touch import BALL, CUSHION, POCKET, PUSH, SWITCH, meet_balls, meet_table
+from models.engine.touch import BALL, CUSHION, POCKET, PRESSED_RECHECK_S, SWITCH, meet_balls, meet_table
 from models.hooks import STROKE_FIELDS
 
-LEAN = 1e-2  # approach speed that leaning may come to between two looks [m/s]
-LEANS = 2.5 * PUSH  # for how long a ball that leans is known to [s]
-ROW = 8  # numbers of a ball at a moment: place, velocity, spin, angle turned
+LEAN_MEMORY_S = 2.5 * PRESSED_RECHECK_S  # for how long a ball that leans is known to [s]
+ROW_SIZE = 8  # numbers of a ball at a moment: place, velocity, spin, angle turned
 
 
 @compiled_in_place
@@ -53,15 +52,15 @@ def collide_alone(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, ma
         bx, by = -ay, ax
         describe(hit, False, i, j, b[i], b[j], ax, ay, radius, order, now)
     ask(hit, hit.ctypes.data, own, impact)
-    slow = hit[rec.APPROACH] < (LEAN if leans else DEAD)
+    slow = hit[rec.APPROACH] < (LEAN_SPEED if leans else DEAD_SPEED)
     for n in range(1 if j < 0 else 2):
         q, o = b[i] if n == 0 else b[j], 5 * n
         state[o], state[o + 1] = q[col.VX] * ax + q[col.VY] * ay, q[col.VX] * bx + q[col.VY] * by
         state[o + 2], state[o + 3] = q[col.WX] * ax + q[col.WY] * ay, q[col.WX] * bx + q[col.WY] * by
         state[o + 4] = q[col.WZ]
     collide(
-        j < 0, state, 0.0 if slow else hit[rec.RESTITUTION], (hit[rec.FRICTION], cloth[0], mass, radius), STEPS, hit[rec.GAIN],
-        hit[rec.DECAY], hit[rec.MASS_FIRST] / hit[rec.MASS_SECOND],
+        j < 0, state, 0.0 if slow else hit[rec.RESTITUTION], (hit[rec.FRICTION], cloth[0], mass, radius), MIN_STEPS,
+        hit[rec.GAIN], hit[rec.DECAY], hit[rec.MASS_FIRST] / hit[rec.MASS_SECOND],
     )  # fmt: skip
     for n in range(1 if j < 0 else 2):
         q, o = b[i] if n == 0 else b[j], 5 * n
@@ -93,7 +92,7 @@ def _sample(b, m, kind, times, begin, until, radius, alpha, out, keep):  # type:
             for x in range(col.COUNT):
                 keep[x] = b[i, x]
             advance(b[i], m[i], kind[i], times[begin], radius, alpha)
-            for x in range(ROW):
+            for x in range(ROW_SIZE):
                 o[x] = b[i, x]
             for x in range(col.COUNT):
                 b[i, x] = keep[x]
@@ -138,7 +137,7 @@ def play_shot(  # type: ignore[no-untyped-def]
     for i in range(n):
         lay_record(records[i], i, launch, order, radius, mass)
         for x in range(col.COUNT):
-            b[i, x] = start[i, x] if x < ROW else 0.0
+            b[i, x] = start[i, x] if x < ROW_SIZE else 0.0
         kind[i], todo[i], leans[i], quiet[i] = REST, True, -np.inf, -np.inf
         if math.isnan(b[i, col.X]):
             kind[i] = POTTED
@@ -151,8 +150,8 @@ def play_shot(  # type: ignore[no-untyped-def]
             if todo[i] and kind[i] != POTTED:
                 if curved:
                     kind[i] = curve(
-                        b[i], m[i], until, LONGEST, records[i], records[i].ctypes.data, own, forces, support, horizon,
-                        cloth, y, k,
+                        b[i], m[i], until, MAX_STEP_S, records[i], records[i].ctypes.data, own, forces, support,
+                        horizon, cloth, y, k,
                     )  # fmt: skip
                 else:
                     kind[i] = plain_phase(b[i], radius, slide, roll)
@@ -161,7 +160,7 @@ def play_shot(  # type: ignore[no-untyped-def]
                 meet_table(b[i], m[i], what, i, kind[i], reach, half, mouths, jaws, falls, stays[i], until)
                 # What leans on a cushion has no other look at it for a while: looks would follow without end.
                 soon = quiet[i] > now and what[i, 0] == CUSHION and b[i, col.MEET] < quiet[i]
-                if soon and approach_speed(b, i, zero - 1, what[i, 1], jaws) < LEAN:
+                if soon and approach_speed(b, i, zero - 1, what[i, 1], jaws) < LEAN_SPEED:
                     b[i, col.MEET], what[i, 0] = quiet[i], SWITCH
                 meet_balls(now, i, b, m, kind, pair, again, radius, until)
                 todo[i] = False
@@ -190,14 +189,14 @@ def play_shot(  # type: ignore[no-untyped-def]
             advance(b[j], m[j], kind[j], t, radius, alpha)
             todo[j] = True
             if again[j * (j - 1) // 2 + i]:
-                event, leans[j] = SWITCH, now + LEANS
+                event, leans[j] = SWITCH, now + LEAN_MEMORY_S
         if event in (BALL, CUSHION):
             rail = what[i, 1] if event == CUSHION else zero - 1
             speed = approach_speed(b, i, j, rail, jaws)
-            if clusters and rail < 4 and speed >= LEAN:
+            if clusters and rail < 4 and speed >= LEAN_SPEED:
                 for q in range(n):
                     advance(b[q], m[q], kind[q], t, radius, alpha)
-                near = max(CROWD, speed * CUSHION_TIME)
+                near = max(CROWD_GAP_M, speed * CUSHION_TIME)
                 if is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):
                     count[SWITCH] += 1
                     now, next_, logged = through(
@@ -212,11 +211,11 @@ def play_shot(  # type: ignore[no-untyped-def]
             slow = collide_alone(b, i, j, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now)
             if slow:
                 part(b, i, j, rail, jaws, radius, reach)
-                leans[i] = now + LEANS
+                leans[i] = now + LEAN_MEMORY_S
                 if j >= 0:
-                    leans[j] = now + LEANS
+                    leans[j] = now + LEAN_MEMORY_S
                 else:
-                    quiet[i] = now + PUSH
+                    quiet[i] = now + PRESSED_RECHECK_S
             b[i, col.TRY] = 0.0
             if j >= 0:
                 b[j, col.TRY] = 0.0
@@ -225,7 +224,7 @@ def play_shot(  # type: ignore[no-untyped-def]
         elif event == SWITCH and t == b[i, col.END]:
             arrive(b[i], kind[i], radius)
         elif event == SWITCH:  # pressed to something, and looked at again
-            leans[i] = now + LEANS
+            leans[i] = now + LEAN_MEMORY_S
         count[event] += 1
         if event == POCKET:
             kind[i] = POTTED
@@ -250,7 +249,7 @@ def play_shot(  # type: ignore[no-untyped-def]
     for i in range(n):
         if kind[i] != POTTED:
             advance(b[i], m[i], kind[i], now, radius, alpha)
-        for x in range(ROW):
+        for x in range(ROW_SIZE):
             start[i, x] = b[i, x]
         potted[i] = kind[i] == POTTED
     return ended
@@ -268,7 +267,7 @@ def play_rows(  # type: ignore[no-untyped-def]
         launch = 0.0
         if struck[s]:
             b = start[s, 0]
-            launch = deliver(b[col.VX : col.WX], b[col.WX : ROW], at, strike, radius, mass, cue)
+            launch = deliver(b[col.VX : col.WX], b[col.WX : ROW_SIZE], at, strike, radius, mass, cue)
         end[s] = play_shot(
             work, start[s], stays[s], launch, order[s], at, forces, support, horizon, impact, cloth[s], mass, radius,
             reach, half, mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s], log[s], who[s],

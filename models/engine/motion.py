@@ -11,14 +11,14 @@ import math
 
 import numpy as np
 
-from models.analytic.cloth import ROLLING, STILL, STILL_SPIN, turned
+from models.analytic.cloth import ROLLING, STILL_SPEED, STILL_SPIN, turned
 from models.compiled import compiled_in_place
 from models.engine import columns as col
 from models.shot import GRAVITY
 
 # What a ball does: closed forms, or along a curve.
 REST, SLIDE, ROLL, POTTED, CURVE = 0, 1, 2, 3, 4
-ON, SLIDE_ENDS, STOPS = 0.0, 1.0, 2.0  # how a curve's end is reached
+GOES_ON, SLIDE_ENDS, STOPS = 0.0, 1.0, 2.0  # how a curve's end is reached
 
 
 @compiled_in_place
@@ -73,10 +73,8 @@ def place(b, m, kind, t):  # type: ignore[no-untyped-def]
             vx, vy = vx * s + m[col.VX, n], vy * s + m[col.VY, n]
         return x, y, vx, vy
     d = t - b[col.CLOCK]
-    return (
-        b[col.X] + (b[col.VX] + 0.5 * b[col.AX] * d) * d, b[col.Y] + (b[col.VY] + 0.5 * b[col.AY] * d) * d, b[col.VX] + b[col.AX] * d,
-        b[col.VY] + b[col.AY] * d,
-    )  # fmt: skip
+    vx, vy = b[col.VX] + b[col.AX] * d, b[col.VY] + b[col.AY] * d
+    return b[col.X] + (b[col.VX] + 0.5 * b[col.AX] * d) * d, b[col.Y] + (b[col.VY] + 0.5 * b[col.AY] * d) * d, vx, vy
 
 
 @compiled_in_place
@@ -96,13 +94,13 @@ def plain_phase(b, radius, slide, roll):  # type: ignore[no-untyped-def]
     ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
     u = math.sqrt(ux * ux + uy * uy)
     b[col.BOUND] = 0.0
-    if u > STILL:
+    if u > STILL_SPEED:
         a = slide * GRAVITY
         b[col.AX], b[col.AY], b[col.BOUND] = -a * ux / u, -a * uy / u, a
         b[col.END] = b[col.CLOCK] + u / (3.5 * a) if a > 0.0 else np.inf
         return SLIDE
     v = math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
-    if v > STILL:
+    if v > STILL_SPEED:
         a = roll * GRAVITY
         b[col.AX], b[col.AY], b[col.BOUND] = -a * b[col.VX] / v, -a * b[col.VY] / v, a
         b[col.END] = b[col.CLOCK] + v / a if a > 0.0 else np.inf

@@ -15,20 +15,20 @@ import numpy as np
 
 from models import record as rec
 from models.analytic.cloth import STILL_SPIN
-from models.analytic.events import in_mouth
+from models.analytic.events import LEAN_SPEED, in_mouth
 from models.analytic.spring import CUSHION_TIME
 from models.compiled import compiled
 from models.engine import columns as col
-from models.engine.cluster import CROWD, through
+from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import curve, lay_record
 from models.engine.impacts import is_crowded, part
-from models.engine.loop import LEAN, LEANS, approach_speed, collide_alone
+from models.engine.loop import LEAN_MEMORY_S, approach_speed, collide_alone
 from models.engine.motion import POTTED, REST, advance, arrive, plain_phase
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH, meet_balls, meet_table
 
 PARKED_DEPTH = 1.0  # of potted balls below the slate [m], under the floor of a furnished table
-MOST = 10_000  # events within a step, beyond which it is given up
-SOON = 1e-12  # rest of a step that is none [s]
+MAX_STEP_EVENTS = 10_000  # events within a step, beyond which it is given up
+NO_TIME_S = 1e-12  # rest of a step that is none [s]
 # The row begins with when the kept state is of, when the strike was [s], the launch speed [m/s], the shot's order, when
 # MuJoCo's state was written [s], and whether it was.
 STATE_TIME, STRUCK_AT, LAUNCH, ORDER, WRITTEN_AT, WRITTEN, HEAD = 0, 1, 2, 3, 4, 5, 6
@@ -172,7 +172,7 @@ def play_step(  # type: ignore[no-untyped-def]
         lay_record(records[i], i, kept[LAUNCH], order, radius, mass)
         b[i, : col.ROLLED + 1], b[i, col.CLOCK] = balls[i, : col.ROLLED + 1], now
         kind[i] = REST if balls[i, IN_PLAY] > 0.0 else POTTED
-    for _ in range(MOST):
+    for _ in range(MAX_STEP_EVENTS):
         t, event, one, two = until, SWITCH, -1, -1
         for i in range(n):
             b[i, col.END] = b[i, col.MEET] = np.inf
@@ -197,7 +197,7 @@ def play_step(  # type: ignore[no-untyped-def]
             for j in range(i):
                 if pair[i * (i - 1) // 2 + j] < t:
                     t, event, one, two = pair[i * (i - 1) // 2 + j], BALL, j, i
-        if one < 0 or t >= until - SOON:
+        if one < 0 or t >= until - NO_TIME_S:
             _carry(b, m, kind, orientation, entered, until, radius, alpha, reach, half, mouths)
             _keep(balls, b, kind, orientation, leans)
             kept[STATE_TIME] = end
@@ -206,10 +206,10 @@ def play_step(  # type: ignore[no-untyped-def]
         _carry(b, m, kind, orientation, entered, t, radius, alpha, reach, half, mouths)
         now = t
         if event == BALL and again[two * (two - 1) // 2 + one]:
-            event, leans[two] = SWITCH, now + LEANS
+            event, leans[two] = SWITCH, now + LEAN_MEMORY_S
         if event == SWITCH:
             if b[one, col.END] > t:  # pressed to something, and looked at again
-                leans[one] = now + LEANS
+                leans[one] = now + LEAN_MEMORY_S
             for i in range(n):
                 if b[i, col.END] <= t:
                     arrive(b[i], kind[i], radius)
@@ -219,8 +219,12 @@ def play_step(  # type: ignore[no-untyped-def]
         else:
             rail = what[one, 1] if event == CUSHION else -1
             speed = approach_speed(b, one, two, rail, jaws)
-            near = max(CROWD, speed * CUSHION_TIME)
-            if rail < 4 and speed >= LEAN and is_crowded(b, kind, one, two, rail, near, radius, reach, half, mouths):
+            near = max(CROWD_GAP_M, speed * CUSHION_TIME)
+            if (
+                rail < 4
+                and speed >= LEAN_SPEED
+                and is_crowded(b, kind, one, two, rail, near, radius, reach, half, mouths)
+            ):
                 seen, wanted, before = np.zeros((1, n, 8)), np.full(1, until), b.copy()
                 now, got, _ = through(
                     b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half,
@@ -249,11 +253,11 @@ def play_step(  # type: ignore[no-untyped-def]
                     _write(shown, kept, end, places, speeds, qpos, qvel, radius)
                     return True
                 continue
-            known = now < leans[one] <= now + LEANS or (two >= 0 and now < leans[two] <= now + LEANS)
+            known = now < leans[one] <= now + LEAN_MEMORY_S or (two >= 0 and now < leans[two] <= now + LEAN_MEMORY_S)
             if collide_alone(b, one, two, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now):
-                leans[one] = now + LEANS
+                leans[one] = now + LEAN_MEMORY_S
                 if two >= 0:
-                    leans[two] = now + LEANS
+                    leans[two] = now + LEAN_MEMORY_S
                 part(b, one, two, rail, jaws, radius, reach)
     return False
 

@@ -12,23 +12,23 @@ import math
 
 import numpy as np
 
-from models.analytic.events import AWAY, CLOSED, in_mouth, line, meeting
+from models.analytic.events import CLOSED_GAP_M, MIN_IMPACT_SPEED, in_mouth, line, meeting
 from models.analytic.pocket import straight
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
 from models.engine.motion import CURVE, POTTED, REST, place, pull
 
 BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
-DEEP = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
-PUSH = 1e-3  # until what is pressed together at rest is looked at again [s]
+MOUTH_DEPTH_M = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
+PRESSED_RECHECK_S = 1e-3  # until what is pressed together at rest is looked at again [s]
 MOST_STEPS = 200  # towards a touch
-ARRIVED = 1e-15  # step that is none [s]
+NO_STEP_S = 1e-15  # step that is none [s]
 
 
 @compiled
 def _wait(gap, closing, bound):  # type: ignore[no-untyped-def]
     """The time for which a gap is open for certain."""
-    if gap <= CLOSED:  # it has just been closed, and opens
+    if gap <= CLOSED_GAP_M:  # it has just been closed, and opens
         return max(-2.0 * closing / bound, 1e-9) if bound > 0.0 else np.inf
     low = closing + math.sqrt(closing * closing + 2.0 * bound * gap)
     return 2.0 * gap / low if low > 0.0 else np.inf
@@ -42,9 +42,9 @@ def _to_line(b, m, kind, k, sign, level, t, end):  # type: ignore[no-untyped-def
         x, y, vx, vy = place(b, m, kind, t)
         gap = level - sign * (x if k == 0 else y)
         closing = sign * (vx if k == 0 else vy)
-        if gap <= CLOSED and closing > AWAY:
+        if gap <= CLOSED_GAP_M and closing > MIN_IMPACT_SPEED:
             return t
-        if gap <= CLOSED and closing >= -AWAY and first:
+        if gap <= CLOSED_GAP_M and closing >= -MIN_IMPACT_SPEED and first:
             ax, ay = pull(b, m, kind, t)
             if sign * (ax if k == 0 else ay) > 0.0:
                 return -1.0
@@ -53,7 +53,7 @@ def _to_line(b, m, kind, k, sign, level, t, end):  # type: ignore[no-untyped-def
         t += wait
         if t > end:
             return np.inf
-        if wait <= ARRIVED:
+        if wait <= NO_STEP_S:
             return t
     return t
 
@@ -78,14 +78,14 @@ def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-d
         x, y, vx, vy = qx - x, qy - y, vx - qvx, vy - qvy
         d = math.sqrt(x * x + y * y)
         gap, closing = d - rho, (x * vx + y * vy) / d
-        if gap <= CLOSED and closing > AWAY:
+        if gap <= CLOSED_GAP_M and closing > MIN_IMPACT_SPEED:
             return t
-        if gap <= CLOSED and closing >= -AWAY and first:
+        if gap <= CLOSED_GAP_M and closing >= -MIN_IMPACT_SPEED and first:
             ax, ay = pull(b, m, kind, t)
             bx, by = pull(c, n, other, t)
             if x * (ax - bx) + y * (ay - by) > 0.0:
                 return -1.0
-        if first and gap > CLOSED:
+        if first and gap > CLOSED_GAP_M:
             h = end - t
             ux, uy, _, _ = place(b, m, kind, end)
             qx, qy, _, _ = place(c, n, other, end)
@@ -96,7 +96,7 @@ def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-d
         t += wait
         if t > end:
             return np.inf
-        if wait <= ARRIVED:
+        if wait <= NO_STEP_S:
             return t
     return t
 
@@ -133,7 +133,7 @@ def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, unt
             continue
         o = 1 - k
         found = CUSHION
-        inside = mouths[0] > 0.0 and reach[k] - sign * b[k] < -DEEP
+        inside = mouths[0] > 0.0 and reach[k] - sign * b[k] < -MOUTH_DEPTH_M
         inside = inside or in_mouth(b[o] + b[col.VX + o] * t + 0.5 * b[col.AX + o] * t * t, rail, half, mouths)
         if not bent and not stays and inside:
             found = POCKET
@@ -170,8 +170,8 @@ def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, unt
 
 @compiled_in_place
 def _look_again(b, what, i):  # type: ignore[no-untyped-def]
-    if b[col.CLOCK] + PUSH < b[col.MEET]:
-        b[col.MEET], what[i, 0] = b[col.CLOCK] + PUSH, SWITCH
+    if b[col.CLOCK] + PRESSED_RECHECK_S < b[col.MEET]:
+        b[col.MEET], what[i, 0] = b[col.CLOCK] + PRESSED_RECHECK_S, SWITCH
 
 
 @compiled_in_place
@@ -186,9 +186,9 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
     for rail in range(4):
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
         o, gap = 1 - k, reach[k] - sign * b[k]
-        if gap > CLOSED and min(gap, reach[k] - sign * (ex if k == 0 else ey)) > aside:
+        if gap > CLOSED_GAP_M and min(gap, reach[k] - sign * (ex if k == 0 else ey)) > aside:
             continue
-        if bent and gap < -CLOSED and in_mouth(b[o], rail, half, mouths):
+        if bent and gap < -CLOSED_GAP_M and in_mouth(b[o], rail, half, mouths):
             # Between the jaws, beyond the line: once it has come out, it is looked at again.
             t = _to_line(b, m, CURVE, k, -sign, -reach[k], now, end)
             if t != np.inf and t != -1.0 and t < b[col.MEET]:
@@ -202,7 +202,7 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
             continue
         x, y, _, _ = place(b, m, CURVE, t)
         found = CUSHION
-        inside = mouths[0] > 0.0 and gap < -DEEP
+        inside = mouths[0] > 0.0 and gap < -MOUTH_DEPTH_M
         if not stays and (inside or in_mouth(y if k == 0 else x, rail, half, mouths)):
             if bent:
                 continue
@@ -214,7 +214,7 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
         for k in range(jaws.shape[0] + falls.shape[0]):
             fall = k >= jaws.shape[0]
             at = falls[k - jaws.shape[0]] if fall else jaws[k]
-            if _apart(at[0] - b[col.X], at[1] - b[col.Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED + aside:
+            if _apart(at[0] - b[col.X], at[1] - b[col.Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED_GAP_M + aside:
                 continue
             t = _to_point(b, m, at[0], at[1], at[2], now, end)
             if t == -1.0:
@@ -226,7 +226,7 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
     elif mouths[0] > 0.0 and not stays:
         for corner in range(4):
             px, py = (1.0 - 2.0 * (corner % 2)) * half[0], (1.0 - 2.0 * (corner // 2)) * half[1]
-            if _apart(px - b[col.X], py - b[col.Y], px - ex, py - ey) > mouths[2] + CLOSED + aside:
+            if _apart(px - b[col.X], py - b[col.Y], px - ex, py - ey) > mouths[2] + CLOSED_GAP_M + aside:
                 continue
             t = _to_point(b, m, px, py, mouths[2], now, end)
             if t >= 0.0 and t < b[col.MEET]:
@@ -247,7 +247,7 @@ def meet_balls(now, i, b, m, kind, pair, again, radius, until):  # type: ignore[
         if kind[i] == CURVE or kind[j] == CURVE:
             t = _to_ball(b[i], m[i], kind[i], b[j], m[j], kind[j], 2.0 * radius, now, end) if end > now else np.inf
             if t == -1.0:
-                pair[at], again[at] = now + PUSH, True
+                pair[at], again[at] = now + PRESSED_RECHECK_S, True
             else:
                 pair[at] = t
             continue
@@ -257,6 +257,6 @@ def meet_balls(now, i, b, m, kind, pair, again, radius, until):  # type: ignore[
         vx, vy = b[i, col.VX] - b[j, col.VX] - b[j, col.AX] * d, b[i, col.VY] - b[j, col.VY] - b[j, col.AY] * d
         t = meeting(x, y, vx, vy, b[i, col.AX] - b[j, col.AX], b[i, col.AY] - b[j, col.AY], 2.0 * radius, end - now)
         if t == -1.0:
-            pair[at], again[at] = now + PUSH, True
+            pair[at], again[at] = now + PRESSED_RECHECK_S, True
         else:
             pair[at] = now + t

@@ -20,7 +20,7 @@ with contextlib.redirect_stdout(io.StringIO()):  # it names environments of othe
     from shimmy.dm_control_compatibility import DmControlCompatibilityV0
     from shimmy.utils.dm_env import dm_env_step2gym_step
 
-MODES = (None, "rgb_array")
+RENDER_MODES = (None, "rgb_array")
 
 
 class GymnasiumShot(DmControlCompatibilityV0):
@@ -36,7 +36,7 @@ class GymnasiumShot(DmControlCompatibilityV0):
         Raises:
             BadInput: for a mode other than None and "rgb_array".
         """
-        if render_mode not in MODES:
+        if render_mode not in RENDER_MODES:
             raise BadInput(f"render_mode is {render_mode!r}; choose from None, 'rgb_array'")
         super().__init__(environment, render_mode, render_kwargs)
         self.metadata = dict(type(self).metadata)

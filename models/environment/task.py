@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from models.mjcf.painter import Painter
 
 Array = NDArray[np.float64]
-SENT = ("cue speed [m/s]", "x'0 [m]", "y'0 [m]", "theta [rad]")
+ACTION_FIELDS = ("cue speed [m/s]", "x'0 [m]", "y'0 [m]", "theta [rad]")
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Reach:
         """Bounds of an action: (4,). They hold a square of offsets, of which the circle within is played."""
         high = np.array([self.fastest, self.offset, self.offset, math.pi])
         low = np.array([self.slowest, *-high[1:]])
-        return specs.BoundedArray((4,), np.float64, low, high, name=", ".join(SENT))
+        return specs.BoundedArray((4,), np.float64, low, high, name=", ".join(ACTION_FIELDS))
 
     def held(self, actions: ArrayLike) -> Array:
         """What is sent for actions (n, 4): speeds within bounds, offsets drawn back to the circle, azimuths within pi.
@@ -95,10 +95,10 @@ class Reach:
             ValueError: for another shape, or numbers that are not finite.
         """
         out = np.array(actions, np.float64)
-        if out.ndim != 2 or out.shape[1] != len(SENT):
-            raise ValueError(f"actions have shape {out.shape}; give (n, 4): {', '.join(SENT)}")
+        if out.ndim != 2 or out.shape[1] != len(ACTION_FIELDS):
+            raise ValueError(f"actions have shape {out.shape}; give (n, 4): {', '.join(ACTION_FIELDS)}")
         if not np.isfinite(out).all():
-            raise ValueError(f"an action holds {out[~np.isfinite(out)][0]}; give finite {', '.join(SENT)}")
+            raise ValueError(f"an action holds {out[~np.isfinite(out)][0]}; give finite {', '.join(ACTION_FIELDS)}")
         out[:, 0] = np.clip(out[:, 0], self.slowest, self.fastest)
         out[:, 1:3] *= np.minimum(1.0, self.offset / np.maximum(np.hypot(out[:, 1], out[:, 2]), 1e-12))[:, None]
         turned = np.abs(out[:, 3]) > math.pi
@@ -123,7 +123,7 @@ class ShotPhysics(control.Physics):
     def reset(self) -> None:
         """Put the balls back to where the episode started."""
         self.position = self.episode.position
-        self.sent, self.reward, self.shots = np.zeros(len(SENT)), 0.0, 0
+        self.sent, self.reward, self.shots = np.zeros(len(ACTION_FIELDS)), 0.0, 0
 
     def after_reset(self) -> None:
         """Nothing follows from the places of balls that rest."""

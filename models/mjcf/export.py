@@ -22,7 +22,7 @@ from models.mjcf.world import build_spec
 from models.model_file import Model, read_model
 from models.shot import Array, Ball, Table
 
-SIZES = ("length", "width", "diameter", "mass")
+SIZE_OPTIONS = ("length", "width", "diameter", "mass")
 
 
 def export(
@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--bare", action="store_true", help="without what is only seen")
     given = parser.parse_args(arguments)
     try:
-        for name in SIZES:
+        for name in SIZE_OPTIONS:
             value = getattr(given, name)
             if value is not None and not 0 < value < np.inf:
                 raise BadInput(f"--{name} is {value}; give a positive number")

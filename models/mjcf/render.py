@@ -23,10 +23,8 @@ import cv2  # noqa: E402
 import mujoco  # noqa: E402
 
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked  # noqa: E402
-from models.mjcf.world import build_spec  # noqa: E402
+from models.mjcf.world import CAMERA_NAMES, build_spec  # noqa: E402
 from models.shot import Array, Ball, Table  # noqa: E402
-
-CAMERAS = ("corner", "overhead", "baulk")
 
 
 def render(
@@ -49,8 +47,8 @@ def render(
     xy = np.asarray(positions, float)
     if xy.shape != (len(names), 2):
         raise ValueError(f"positions has shape {xy.shape}; {len(names)} balls need ({len(names)}, 2)")
-    if camera not in CAMERAS:
-        raise ValueError(f"unknown camera {camera!r}; choose from {', '.join(CAMERAS)}")
+    if camera not in CAMERA_NAMES:
+        raise ValueError(f"unknown camera {camera!r}; choose from {', '.join(CAMERA_NAMES)}")
     require_rendering()
     seen = np.isfinite(xy).all(axis=1)
     spec = build_spec(table, ball, [n for n, there in zip(names, seen, strict=True) if there], furnished=True)
@@ -77,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Draw the table at the start of a frame."""
     parser = argparse.ArgumentParser(prog="python -m models.mjcf.render", description=main.__doc__)
     parser.add_argument("out", type=Path, metavar="OUT.png")
-    parser.add_argument("--camera", choices=CAMERAS, default="corner")
+    parser.add_argument("--camera", choices=CAMERA_NAMES, default="corner")
     parser.add_argument("--width", type=int, default=1280, help="pixels; the height is 9/16 of it")
     given = parser.parse_args(arguments)
     places = racked(SNOOKER_TABLE, SNOOKER_BALL)

@@ -9,14 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models import record as rec
-from models.analytic.cloth import GRIP, NEAR, RESTING, ROLLING, SLIDING, STILL, STILL_SPIN, add_cloth
+from models.analytic.cloth import (
+    LAST_SLIP_MARGIN,
+    LAST_SLIP_S,
+    RESTING,
+    ROLLING,
+    SLIDING,
+    STILL_SPEED,
+    STILL_SPIN,
+    add_cloth,
+)
 from models.compiled import compiled
 from models.effect import STILL as NO_ROLL
 from models.engine.curve import push
 from models.hooks import Hooks, call_horizon
 from models.shot import GRAVITY, Array, Ball
 
-CREEP = 1e-3  # shortest step towards a stop under a push from the side [s]
+MIN_STOP_STEP_S = 1e-3  # shortest step towards a stop under a push from the side [s]
 
 
 @dataclass
@@ -82,7 +91,7 @@ def act_rows(  # type: ignore[no-untyped-def]
             rolling[s, i] = r[rec.ROLLING] > 0.0
             if cloth.shape[1] > 0:
                 slide, roll, spin = cloth[rows[s], 0], cloth[rows[s], 1], cloth[rows[s], 2]
-                mode = SLIDING if u > STILL else (ROLLING if speed > STILL else RESTING)
+                mode = SLIDING if u > STILL_SPEED else (ROLLING if speed > STILL_SPEED else RESTING)
                 over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / speed if speed > 0.0 else 0.0
                 add_cloth(
                     r, mode, u, ux * over, uy * over, r[rec.VX] * per, r[rec.VY] * per, r[rec.WZ], slide, roll, spin
@@ -100,22 +109,22 @@ def act_rows(  # type: ignore[no-untyped-def]
 def _until_switch(r, slip, speed, slide):  # type: ignore[no-untyped-def]
     """How long until a slide, a roll or a sidespin ends, at what acts now [s]."""
     span, ax, ay = np.inf, r[rec.AX], r[rec.AY]
-    sliding = slip > STILL
+    sliding = slip > STILL_SPEED
     if sliding:
         x, y = r[rec.SLIP_X], r[rec.SLIP_Y]
         ax, ay = ax - r[rec.RADIUS] * r[rec.BY], ay + r[rec.RADIUS] * r[rec.BX]
     else:
         x, y = r[rec.VX], r[rec.VY]
     closing, size = -(x * ax + y * ay), x * x + y * y
-    if size > STILL * STILL and closing > 0.0:
+    if size > STILL_SPEED * STILL_SPEED and closing > 0.0:
         span = size / closing
         if sliding and r[rec.SLIDE_FACTOR] != 1.0:
-            over = slip - 3.5 * slide * r[rec.WEIGHT] * GRAVITY * GRIP
-            if over > NEAR * slip:
+            over = slip - 3.5 * slide * r[rec.WEIGHT] * GRAVITY * LAST_SLIP_S
+            if over > LAST_SLIP_MARGIN * slip:
                 span = over * slip / closing
         # A rolling ball pushed across its way never comes to an exact stop: steps do not shrink without end.
         if not sliding and abs(x * ay - y * ax) > 1e-6 * closing:
-            span = max(span, CREEP)
+            span = max(span, MIN_STOP_STEP_S)
     if abs(r[rec.WZ]) > STILL_SPIN and r[rec.WZ] * r[rec.BZ] < 0.0:
         span = min(span, -r[rec.WZ] / r[rec.BZ])
     return span

@@ -23,20 +23,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models import record as rec
-from models.analytic.events import AWAY, DEAD
+from models.analytic.events import DEAD_SPEED, MIN_IMPACT_SPEED
 from models.analytic.increments import ball_step, cushion_step
-from models.analytic.spring import CLOSED, PARTS, STEP, dampings, depth_of, spring
+from models.analytic.spring import CONTACT_GAP_M, SLIP_PARTS, SPRING_STEP_S, dampings, depth_of, spring
 from models.compiled import compiled
 from models.effect import Effect
 from models.mjcf.world import build_spec, rails
-from models.shot import NOSE_COSINE, RAILS, Array
+from models.shot import NOSE_COSINE, RAIL_NAMES, Array
 from models.simulation.act import Balls
 
 if TYPE_CHECKING:
     from models.model_file import Model
 
-FAR = 100.0  # from the table, for potted balls [m]
-IMPEDANCE = 1e-4  # the lowest that MuJoCo takes
+POTTED_DISTANCE_M = 100.0  # from the table, for potted balls [m]
+MIN_IMPEDANCE = 1e-4  # the lowest that MuJoCo takes
 
 
 @compiled
@@ -101,9 +101,9 @@ def closing(
     for n in range(p.shape[0]):
         for c in range(kind.size):
             gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
-            if gap > CLOSED:
+            if gap > CONTACT_GAP_M:
                 peak[n, c] = 0.0
-            elif approach > max(peak[n, c], AWAY):
+            elif approach > max(peak[n, c], MIN_IMPACT_SPEED):
                 peak[n, c] = approach
                 out[count, 0], out[count, 1] = n, c
                 count += 1
@@ -132,7 +132,7 @@ def press(
             i, j = first[c], second[c]
             solref[n, c, 0] = solref[n, c, 1] = 0.0
             gap, approach, x, y = _meet(kind, first, second, span, c, p[n], v[n], alive[n], r, reach)
-            if gap > CLOSED:
+            if gap > CONTACT_GAP_M:
                 given[n, c] = 0.0
                 continue
             depth, level = depth_of(cushion, gap, r)
@@ -146,18 +146,18 @@ def press(
             own = m * heavier[n, i]
             other = own if cushion else m * heavier[n, j]
             moved = own if cushion else own / (1.0 + own / other)
-            dp = STEP * moved * max(k * pressed + b * approach, 0.0)
+            dp = SPRING_STEP_S * moved * max(k * pressed + b * approach, 0.0)
             if dp == 0.0:
                 continue
             s, out, after = (one, one_out, one_after) if cushion else (two, two_out, two_after)
             ax, ay, bx, by = _local(p[n], v[n], w[n], cushion, i, j, x, y, s)
             rub = (mu[n, c, 0], mu[n, c, 1], mu[n, c, 2])
             out[:] = s
-            for _ in range(PARTS):
+            for _ in range(SLIP_PARTS):
                 if cushion:
-                    cushion_step(out, dp / PARTS, (rub[0], cloth[n], own, r), after)
+                    cushion_step(out, dp / SLIP_PARTS, (rub[0], cloth[n], own, r), after)
                 else:
-                    ball_step(out, dp / PARTS, rub, (cloth[n], own, other, r), after)
+                    ball_step(out, dp / SLIP_PARTS, rub, (cloth[n], own, other, r), after)
                 out[:] = after
             # What the normal force itself does is MuJoCo's.
             if cushion:
@@ -167,13 +167,16 @@ def press(
                 out[5] -= dp / other
             for q in range(1 if cushion else 2):
                 ball, o = (i if q == 0 else j), 5 * q
-                va, vb = (out[o] - s[o]) * m / STEP, (out[o + 1] - s[o + 1]) * m / STEP
-                wa, wb = (out[o + 2] - s[o + 2]) * inertia / STEP, (out[o + 3] - s[o + 3]) * inertia / STEP
+                va, vb = (out[o] - s[o]) * m / SPRING_STEP_S, (out[o + 1] - s[o + 1]) * m / SPRING_STEP_S
+                wa, wb = (
+                    (out[o + 2] - s[o + 2]) * inertia / SPRING_STEP_S,
+                    (out[o + 3] - s[o + 3]) * inertia / SPRING_STEP_S,
+                )
                 force[n, ball, 0] += va * ax + vb * bx
                 force[n, ball, 1] += va * ay + vb * by
                 torque[n, ball, 0] += wa * ax + wb * bx
                 torque[n, ball, 1] += wa * ay + wb * by
-                torque[n, ball, 2] += (out[o + 4] - s[o + 4]) * inertia / STEP
+                torque[n, ball, 2] += (out[o + 4] - s[o + 4]) * inertia / SPRING_STEP_S
 
 
 @compiled
@@ -187,10 +190,10 @@ def apart(
         for c in range(kind.size):
             cushion = kind[c] == 1
             gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
-            if gap > CLOSED:
+            if gap > CONTACT_GAP_M:
                 continue
-            calm[n] = calm[n] and abs(approach) < DEAD
-            if approach > AWAY:
+            calm[n] = calm[n] and abs(approach) < DEAD_SPEED
+            if approach > MIN_IMPACT_SPEED:
                 free[n] = False
                 continue
             depth, level = depth_of(cushion, gap, radius)
@@ -234,7 +237,7 @@ class Contacts:
             if min(bodies) < 0:
                 piece = pieces[two - start]
                 k = "xy".index(piece.side[1])
-                self.kind[c], self.first[c], self.second[c] = 1, bodies[0], RAILS.index(piece.side)
+                self.kind[c], self.first[c], self.second[c] = 1, bodies[0], RAIL_NAMES.index(piece.side)
                 far = half[1 - k]
                 both = sorted(min(max(x, -far), far) for x in (piece.start[1 - k], piece.end[1 - k]))
                 # Beside a pocket the jaws let in what the straight rail would turn back.
@@ -251,7 +254,7 @@ class Contacts:
 
     def enter(self, rows: NDArray[np.int64], p: Array, v: Array, alive: NDArray[np.bool_]) -> None:
         """Take over simulations at the moment of a touch; p, v (n, nball, 3). Potted balls are put out of the way."""
-        away = FAR * (1.0 + np.arange(p.shape[1]))[:, None]
+        away = POTTED_DISTANCE_M * (1.0 + np.arange(p.shape[1]))[:, None]
         self.qpos[rows] = np.where(alive[..., None], p[..., :2], away)
         self.qvel[rows] = np.where(alive[..., None], v[..., :2], 0.0)
         self.given[rows] = overlaps(
@@ -316,7 +319,7 @@ class Contacts:
     @staticmethod
     def _spec(model: Model, effects: Sequence[Effect], balls: int) -> mujoco.MjSpec:
         spec = build_spec(model.table, model.ball, [f"ball {i}" for i in range(balls)], effects)
-        spec.option.timestep = STEP
+        spec.option.timestep = SPRING_STEP_S
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_GRAVITY
         for body in spec.bodies[1:]:
             spec.delete(body.joints[0])
@@ -326,5 +329,5 @@ class Contacts:
             if pair.classname.name == "ball_bed":
                 spec.delete(pair)
                 continue
-            pair.condim, pair.solimp = 1, [IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]
+            pair.condim, pair.solimp = 1, [MIN_IMPEDANCE, MIN_IMPEDANCE, 0.001, 0.5, 2.0]
         return spec

@@ -17,27 +17,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models import record as rec
-from models.analytic.events import DEAD
+from models.analytic.events import DEAD_SPEED, LEAN_SPEED
 from models.analytic.impulse import collide_rows
-from models.analytic.pocket import NONE, Pockets, pockets_of, rail_of
-from models.analytic.spring import CALM, CUSHION_TIME, LONGEST, STEP
-from models.engine.cluster import CROWD
+from models.analytic.pocket import NO_ARCS, Pockets, pockets_of, rail_of
+from models.analytic.spring import CALM_TIME_S, CUSHION_TIME, MAX_CLUSTER_S, SPRING_STEP_S
+from models.engine.cluster import CROWD_GAP_M
 from models.engine.impacts import ask_rows, crowded, part_rows, strike_rows
 from models.engine.motion import POTTED, REST
-from models.engine.play import LAWS
+from models.engine.play import CLOTH_CONSTANTS
 from models.hooks import hooks_of
 from models.model_file import Model
 from models.shot import Array, Event, Shot, Track
 from models.simulation.act import Balls
 from models.simulation.batch import batch
 from models.simulation.contact import Contacts
-from models.simulation.curve import MARGIN, Curve, follow, land
+from models.simulation.curve import TRIAL_MARGIN, Curve, follow, land
 from models.simulation.sampling import record, record_curve, spin_to_world
-from models.simulation.touch import BALL, CUSHION, LEAN, LEAN_STEP, POCKET, native_step, next_touch
+from models.simulation.touch import BALL, CUSHION, LEAN_STEP, POCKET, native_step, next_touch
 
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
 NATIVE_RUN = 4  # of them between two looks at what comes next
-TURN = 1e-3  # speed from which a rolling ball may stop within a step [m/s]
+STOP_SPEED = 1e-3  # speed from which a rolling ball may stop within a step [m/s]
 MAX_STEPS = 200_000
 
 
@@ -63,7 +63,7 @@ class Rollout:
         self.varies = len(self.hooks.forces) > 0
         self.resolved = np.array([any(e.resolves == k for e in acting) for k in ("ball", "cushion")])
         self.exact = cloth is not None
-        laws = LAWS if cloth is not None else ()
+        laws = CLOTH_CONSTANTS if cloth is not None else ()
         self.cloth: Array = np.zeros((nsim, len(laws)))
         for k, law in enumerate(laws):
             self.cloth[:, k] = getattr(cloth, law)
@@ -79,7 +79,7 @@ class Rollout:
         self.timestep = self.batch.expand("opt.timestep")
         self.alive = np.ones((nsim, nball), bool)
         table, ball = self.model.table, self.model.ball
-        self.pockets = pockets_of(table, ball) if self.jaws else Pockets(table.mouths(), NONE, NONE)
+        self.pockets = pockets_of(table, ball) if self.jaws else Pockets(table.mouths(), NO_ARCS, NO_ARCS)
         # Until when; each ball with each other, each rail and jaw [s].
         self.quiet = np.full((nsim, nball, nball + 4 + len(self.pockets.jaws)), -np.inf)
         self.leaning = False
@@ -181,7 +181,7 @@ class Rollout:
         curve = None
         if self.varies:
             now = (hit[:, 0] > 0) & ~rough & (step <= 0)  # they touch already, and no curve has no length
-            near = np.where(now, limit, np.minimum(MARGIN * step, limit))
+            near = np.where(now, limit, np.minimum(TRIAL_MARGIN * step, limit))
             trial = np.where((hit[:, 0] > 0) & ~rough, near, step)
             curve, free = follow(self.hooks, self.cloth, balls, trial, self.end[rows] - self.clock[rows])
             if self.resolved.all():
@@ -234,7 +234,7 @@ class Rollout:
                 first = balls.velocity + step[:, None, None] * curve.push[0]
                 back |= np.sum(balls.velocity[..., :2] * first[..., :2], axis=-1) < 0
             if back.any():
-                slow = back & balls.rolling & (np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) < TURN)
+                slow = back & balls.rolling & (np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) < STOP_SPEED)
                 v1[slow] = 0.0
                 w1[..., :2][slow] = 0.0
                 self.qvel[rows, :, :3] = v1
@@ -293,10 +293,10 @@ class Rollout:
         # A rolling ball that has met something rolls on against it: one event, looked at every LEAN_STEP.
         other, now = j + (kind == "cushion") * self.alive.shape[1], self.clock[rows]
         leans = now < self.quiet[rows, i, other] + LEAN_STEP
-        slow = approach < np.where(leans, LEAN, DEAD)
+        slow = approach < np.where(leans, LEAN_SPEED, DEAD_SPEED)
         alone = np.ones(rows.size, bool)
         if self.resolved.all() and self.contacts != "never":
-            near = np.maximum(CROWD, approach * CUSHION_TIME)
+            near = np.maximum(CROWD_GAP_M, approach * CUSHION_TIME)
             there = np.where(self.alive[rows], REST, POTTED)
             crowd = crowded(
                 kind == "cushion", hit, p, there, near, ball.radius, self.reach, self.half,
@@ -304,7 +304,7 @@ class Rollout:
             )  # fmt: skip
             jaw = (j >= 4) & (kind == "cushion")  # no contact of MuJoCo's stands for a jaw
             crowd &= ~jaw
-            slow |= crowd & (approach < LEAN)  # what leans pushes on through the others
+            slow |= crowd & (approach < LEAN_SPEED)  # what leans pushes on through the others
             alone = slow | jaw | ~(crowd | (self.contacts == "always"))
         if not alone.all():
             self._through_contacts(rows[~alone])
@@ -348,7 +348,7 @@ class Rollout:
             self.world = Contacts(self.model, effects, nball, nsim, self.threads, self.pockets.ends)
         world = self.world
         world.enter(rows, self.qpos[rows, :, :3], self.qvel[rows, :, :3], self.alive[rows])
-        end, calm = self.clock[rows] + LONGEST, np.zeros(rows.size)
+        end, calm = self.clock[rows] + MAX_CLUSTER_S, np.zeros(rows.size)
         while rows.size:
             balls, alive, cloth = self._balls(rows), self.alive[rows], self.slide[rows]
             balls.act(self.hooks, self.cloth)
@@ -362,12 +362,12 @@ class Rollout:
                     for n in np.flatnonzero(begun):
                         self._log(int(rows[k[n]]), kind, int(i[n]), int(j[n]))
             p, v, free, rests = world.step(rows, balls, alive, cloth)
-            calm = np.where(rests, calm + STEP, 0.0)
-            w = balls.spin + balls.turning * STEP
-            self._record(rows, balls, np.full(rows.size, STEP), p, v, w)
+            calm = np.where(rests, calm + SPRING_STEP_S, 0.0)
+            w = balls.spin + balls.turning * SPRING_STEP_S
+            self._record(rows, balls, np.full(rows.size, SPRING_STEP_S), p, v, w)
             self.qpos[rows, :, :2], self.qvel[rows, :, :2] = p[..., :2], v[..., :2]
             self.qvel[rows, :, 3:] = spin_to_world(self.qpos[rows, :, 3:], w, True)
-            on = ~free & (calm < CALM) & (self.clock[rows] < end) & (self.next[rows] < self.count[rows])
+            on = ~free & (calm < CALM_TIME_S) & (self.clock[rows] < end) & (self.next[rows] < self.count[rows])
             rows, end, calm = rows[on], end[on], calm[on]
 
     def _pot(self, s: int, i: int) -> None:

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.events import in_mouth, line, meeting
+from models.analytic.events import LEAN_SPEED, in_mouth, line, meeting
 from models.analytic.pocket import straight
 from models.compiled import compiled
 
@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 BALL, CUSHION, POCKET = 1, 2, 3
 PUSH_STEP = 4e-4  # step while something is pressed against something without moving [s]: 2.4 m/s^2 stay below DEAD
 LEAN_STEP = 2e-3  # between two looks at what leans [s]
-LEAN = 1e-2  # approach speed that leaning may come to meanwhile [m/s]
 
 
 @compiled
@@ -75,7 +74,7 @@ def next_touch(
                     if t < 0.0:
                         push = min(push, PUSH_STEP) if what[1] else push
                         continue
-                    if quiet[s, i, nball + rail] > t and sign * (v[k] + a[k] * t) < LEAN:
+                    if quiet[s, i, nball + rail] > t and sign * (v[k] + a[k] * t) < LEAN_SPEED:
                         t = quiet[s, i, nball + rail]
                     o = 1 - k
                     if pockets and in_mouth(p[o] + v[o] * t + 0.5 * a[o] * t * t, rail, half, mouths):
@@ -100,7 +99,7 @@ def next_touch(
                     if quiet[s, i, nball + 4 + k] > t:
                         x, y = x + v[0] * t, y + v[1] * t
                         closing = -(x * (v[0] + a[0] * t) + y * (v[1] + a[1] * t)) / jaws[k, 2]
-                        t = quiet[s, i, nball + 4 + k] if closing < LEAN else t
+                        t = quiet[s, i, nball + 4 + k] if closing < LEAN_SPEED else t
                     if t < h or (t == h and hit[s, 0] == 0):
                         h, hit[s, 0], hit[s, 1], hit[s, 2] = t, CUSHION, i, 4 + k
             elif moving and pockets:
@@ -124,7 +123,7 @@ def next_touch(
                     closing = (
                         -(x * (v[0] - w[0] + t * (a[0] - b[0])) + y * (v[1] - w[1] + t * (a[1] - b[1]))) / diameter
                     )
-                    t = quiet[s, j, i] if closing < LEAN else t
+                    t = quiet[s, j, i] if closing < LEAN_SPEED else t
                 if t < h:
                     h, hit[s, 0], hit[s, 1], hit[s, 2] = t, BALL, j, i
         if push < h:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shot import RAILS
+from models.shot import RAIL_NAMES
 from planner.evaluation.outcome import wanted
 from planner.evaluation.play import Player
 from planner.evaluation.value import Wish, clear, worth
@@ -229,6 +229,6 @@ def describe(way: Way) -> str:
     pocket = POCKETS[way.pocket]
     style, sides = pocket_name(pocket).split(" ", 1)
     kind = "straight" if way.cut < STRAIGHT else f"cut of {math.degrees(way.cut):.0f} degrees"
-    bank = f" off the {RAILS[way.bank]} cushion" if way.bank >= 0 else ""
-    kick = f", cue ball by way of the {RAILS[way.kick]} cushion" if way.kick >= 0 else ""
+    bank = f" off the {RAIL_NAMES[way.bank]} cushion" if way.bank >= 0 else ""
+    kick = f", cue ball by way of the {RAIL_NAMES[way.kick]} cushion" if way.kick >= 0 else ""
     return f"{kind} into the {style} pocket {sides}{bank}{kick}"

@@ -149,7 +149,7 @@ def _at_the_table(args: argparse.Namespace, camera: LiveCamera, say: Callable[[s
 
 def _course(args: argparse.Namespace, on: Table, ball: Ball) -> Course:
     """What the command line asks for, without a model on the base for a table and its balls."""
-    from models.analytic.cue_impulse import NAMES, Constants, Geometry
+    from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry
     from models.model_file import full_model, read_model
     from planner.launcher.cueing_map import CueingMap, read_map
     from planner.launcher.execution import Execution
@@ -164,7 +164,7 @@ def _course(args: argparse.Namespace, on: Table, ball: Ball) -> Course:
     if args.map:
         cueing_map = read_map(args.map)
     else:
-        unknown = np.full((len(NAMES), len(NAMES)), math.nan)
+        unknown = np.full((len(CONSTANT_NAMES), len(CONSTANT_NAMES)), math.nan)
         cueing_map = CueingMap(Constants(), Geometry(model.ball), unknown, Execution())
     with_map(Launcher(), cueing_map, model.ball)  # of these balls, or refused before anything is played
     course = Course(

@@ -62,7 +62,7 @@ def campaign(args: argparse.Namespace, progress: Progress) -> int:
 
 def fit(args: argparse.Namespace, progress: Progress) -> int:
     """Fit the cueing map to a campaign; with a report or a picture, set it beside the paper's networks."""
-    from models.analytic.cue_impulse import NAMES
+    from models.analytic.cue_impulse import CONSTANT_NAMES
     from planner.launcher.cueing_map import write_map
     from robot.cueing.campaign import read_campaign
     from robot.cueing.map_fit import fit_map
@@ -73,7 +73,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
     write_map(args.out, made)
     sds = np.sqrt(np.diag(made.covariance))
     rows = [("constant", "value", "sd")]
-    rows += [(n, f"{getattr(made.constants, n):.6g}", f"{sd:.2g}") for n, sd in zip(NAMES, sds, strict=True)]
+    rows += [(n, f"{getattr(made.constants, n):.6g}", f"{sd:.2g}") for n, sd in zip(CONSTANT_NAMES, sds, strict=True)]
     print(table(rows))
     print(f"map: {args.out} ({made.shots} shots, {made.left_out} left out, chi2 {made.chi2_reduced:.2f})")
     if args.report or args.picture:

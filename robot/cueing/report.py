@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.cue_impulse import NAMES
+from models.analytic.cue_impulse import CONSTANT_NAMES
 from models.console import table
 from models.errors import BadInput
 from models.files import write_whole
@@ -253,7 +253,7 @@ def _scores(scores: Sequence[Score]) -> str:
 
 def _constants(whole: CueingMap, tenth: CueingMap) -> str:
     rows = []
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(CONSTANT_NAMES):
         cells = []
         for m in (whole, tenth):
             cells += [number(getattr(m.constants, name)), number(math.sqrt(m.covariance[k, k]))]

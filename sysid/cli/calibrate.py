@@ -95,7 +95,7 @@ def _checked(args: argparse.Namespace) -> tuple[list[str], NDArray[np.float64] |
     """The sides seen, the corners given, and the board's pattern; BadInput where an argument makes no sense."""
     import numpy as np
 
-    from models.shot import RAILS
+    from models.shot import RAIL_NAMES
 
     for name, low, high in (("length", 0.3, 6.0), ("width", 0.2, 3.0), ("diameter", 0.015, 0.12), ("fov", 3.0, 150.0)):
         value = getattr(args, name)
@@ -105,8 +105,8 @@ def _checked(args: argparse.Namespace) -> tuple[list[str], NDArray[np.float64] |
     if args.length < args.width:
         raise BadInput(f"--length {args.length:g} is less than --width {args.width:g}: exchange them")
     sees = [side.strip() for side in args.sees.split(",")]
-    if len(sees) < 3 or len(set(sees)) < len(sees) or not set(sees) <= set(RAILS):
-        raise BadInput(f"--sees {args.sees}: name three or four of {', '.join(RAILS)}, joined by commas")
+    if len(sees) < 3 or len(set(sees)) < len(sees) or not set(sees) <= set(RAIL_NAMES):
+        raise BadInput(f"--sees {args.sees}: name three or four of {', '.join(RAIL_NAMES)}, joined by commas")
     corners = None
     if args.corners is not None:
         try:

@@ -49,7 +49,7 @@ class Term:
     def part(self, value: float, source: str) -> Part:
         """The term as a formula holds it, its coefficient at a value."""
         width = max(self.width, 2 * abs(value)) if math.isfinite(value) else self.width
-        door = 1 + kinds.DOORS.index(self.door)
+        door = 1 + kinds.TERM_HOOKS.index(self.door)
         return Part(self.name, door, self.kind, self.constants, self.unit, value, (-width, width), source)
 
 
@@ -305,7 +305,7 @@ def _words(text: str) -> set[str]:
 def _hook(terms: Sequence[Term], signature: str, says: str, variables: dict[str, str]) -> list[str]:
     """A hook with the terms of its doors; nothing where there are none."""
     doors = {"forces": kinds.CLOTH, "impact": kinds.IMPACTS, "observe": kinds.IMAGE}[signature.partition("(")[0]]
-    here = [t for t in terms if 1 + kinds.DOORS.index(t.door) in doors]
+    here = [t for t in terms if 1 + kinds.TERM_HOOKS.index(t.door) in doors]
     if not here:
         return []
     needed = set().union(*(_words(t.factor) for t in here))

@@ -302,8 +302,8 @@ def test_a_constant_of_an_effect_that_changes_is_played_at_once(checkout: Path) 
     before = float(told_by(STRUCK, checkout))
     file = checkout / "models" / "effects" / "cue" / "squirt.py"
     text = file.read_text()
-    assert "MISCUE = 0.5 " in text
-    file.write_text(text.replace("MISCUE = 0.5 ", "MISCUE = 0.1 "))
+    assert "MISCUE_OFFSET = 0.5 " in text
+    file.write_text(text.replace("MISCUE_OFFSET = 0.5 ", "MISCUE_OFFSET = 0.1 "))
     assert float(told_by(STRUCK, checkout)) < 0.5 * before
 
 

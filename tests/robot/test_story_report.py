@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from models.recording.story import CURVES, Recording, Scene, write_story
+from models.recording.story import STORY_CURVES, Recording, Scene, write_story
 from robot.learning.history import Refit, Story
 from robot.learning.pictures import blocks, changes, ends
 from robot.learning.report import recording_of, sentences, write_picture, write_recording, write_report
@@ -311,7 +311,7 @@ def test_views_of_the_recording(tmp_path: Path) -> None:
 def test_a_recording_is_plain_values() -> None:
     made = recording_of(sample_story())
     assert [scene.number for scene in made.scenes] == list(range(1, 13))
-    assert set(made.scenes[0].curves) == set(CURVES)
+    assert set(made.scenes[0].curves) == set(STORY_CURVES)
     assert recording_of(EMPTY) == Recording((), (), "\n\n".join(sentences(EMPTY)))
 
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from models.effect import STILL, BallState, Effect, param
 
-REFERENCE = 1.0  # slip at which the base's friction holds [m/s]
-LEAST = 0.05  # of the friction that is left at any slip
+REFERENCE_SLIP = 1.0  # slip at which the base's friction holds [m/s]
+MIN_FRICTION_SHARE = 0.05  # of the friction that is left at any slip
 
 
 @dataclass(frozen=True)
@@ -28,4 +28,4 @@ class SlideFrictionSpeed(Effect):
         """The friction's factor where a ball slides."""
         slip = math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y)
         if slip > STILL:
-            ball.slide_factor *= max(1.0 - self.rate * (slip - REFERENCE), LEAST)
+            ball.slide_factor *= max(1.0 - self.rate * (slip - REFERENCE_SLIP), MIN_FRICTION_SHARE)

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 from models.effect import STILL, Effect, StrokeState, param
 
-MISCUE = 0.5  # largest offset over radius (Robotic Billiards 2015)
-LEVEL = 0.03  # offset over radius below which spin about the aim says nothing of the cue's elevation
+MISCUE_OFFSET = 0.5  # largest offset over radius (Robotic Billiards 2015)
+LEVEL_OFFSET = 0.03  # offset over radius below which spin about the aim says nothing of the cue's elevation
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Squirt(Effect):
             return
         lever = 0.4 * cue.radius * cue.radius / speed
         up, aim = lever * cue.wz, lever * (cue.wx * cue.vx + cue.wy * cue.vy) / speed
-        level = LEVEL * cue.radius
+        level = LEVEL_OFFSET * cue.radius
         offset = up * math.sqrt(1.0 + aim * aim / (up * up + level * level))
-        limit = MISCUE * cue.radius
+        limit = MISCUE_OFFSET * cue.radius
         angle = self.per_offset * min(max(offset, -limit), limit)
         c, s = math.cos(angle), math.sin(angle)
         cue.vx, cue.vy = c * cue.vx - s * cue.vy, s * cue.vx + c * cue.vy

@@ -11,7 +11,7 @@ import pytest
 from models import record as rec
 from models.analytic.impulse import collide
 from models.effect import Effect
-from models.engine.impacts import CLIMB, ask
+from models.engine.impacts import CLIMB_FRICTION, ask
 from models.hooks import hooks_of
 from models.model_file import Model, effect_class, full_model
 from models.shot import Array, Ball, Shot, Table, Track
@@ -302,7 +302,7 @@ def asked(effects: list[Effect], cushion: bool, approach: float, first: int = 0,
     [
         ("ball_restitution_speed", "ball", "restitution", 1.0),
         ("cushion_restitution_speed", "cushion", "restitution", 1.0),
-        ("cushion_friction_speed", "cushion", "friction", CLIMB),
+        ("cushion_friction_speed", "cushion", "friction", CLIMB_FRICTION),
     ],
 )
 def test_coefficients_stay_where_they_mean_something(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from models import record as rec
-from models.analytic.pocket import OWNERS, pockets_of
+from models.analytic.pocket import JAW_RAILS, pockets_of
 from models.engine.impacts import ask_rows, part_rows
 from models.engine.play import finish, play
 from models.model_file import Model, effect_class, full_model
@@ -112,7 +112,7 @@ def test_effects_are_told_the_rail_of_a_jaw_and_its_own_normal() -> None:
     no_hooks = np.zeros((0, 2), np.int64)
     ask_rows(True, p, v, 0 * v, one, np.full(1, 6), POCKETS.jaws, R, none, none, np.zeros((1, 1)), one, no_hooks, hit)
     assert hit[0, rec.APPROACH] == pytest.approx(0.3)
-    assert hit[0, rec.SECOND] == OWNERS[2]
+    assert hit[0, rec.SECOND] == JAW_RAILS[2]
 
 
 def test_what_lies_in_a_jaw_is_put_back_to_where_it_touches() -> None:

@@ -16,7 +16,17 @@ import pytest
 from models.analytic import cueing
 from models.errors import BadInput
 from models.mjcf import launcher, stroke
-from models.mjcf.launcher import DEVICE, GEAR, PINION, TILT, TRAVEL, Scene, build_scene, strike, strike_all
+from models.mjcf.launcher import (
+    CUE_TILT,
+    DEVICE_FILE,
+    GEAR_RATIO,
+    PINION_RADIUS_M,
+    STAGE_TRAVEL_M,
+    Scene,
+    build_scene,
+    strike,
+    strike_all,
+)
 from models.shot import Ball, Table
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -26,7 +36,7 @@ TABLE, BALL, SPOT = Table(3.569, 1.778), Ball(0.0525, 0.1406), np.array([-1.23, 
 @pytest.fixture(scope="module")
 def device() -> Any:
     """The device alone."""
-    return mujoco.MjModel.from_xml_path(str(DEVICE))
+    return mujoco.MjModel.from_xml_path(str(DEVICE_FILE))
 
 
 @pytest.fixture(scope="module")
@@ -44,14 +54,14 @@ def afloat() -> Scene:
 def test_the_device_loads_alone_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        spec = mujoco.MjSpec.from_file(str(DEVICE))
+        spec = mujoco.MjSpec.from_file(str(DEVICE_FILE))
         model = spec.compile()
     assert capfd.readouterr() == ("", "")
     assert [model.actuator(k).name for k in range(model.nu)] == ["stage x", "stage y", "servo"]
     assert all(geom.name for geom in spec.geoms)
     assert np.all(model.geom_contype == 0)
     assert np.all(model.geom_conaffinity == 0)
-    text = DEVICE.read_text(encoding="utf-8")
+    text = DEVICE_FILE.read_text(encoding="utf-8")
     assert max(map(len, text.splitlines())) <= 120
     assert "\t" not in text
 
@@ -61,14 +71,14 @@ def test_what_code_states_is_what_the_file_holds(device: Any) -> None:
     assert sum(cue) == pytest.approx(launcher.CUE_MASS)
     assert cue[1] + cue[2] == pytest.approx(launcher.END_MASS)
     assert device.geom("tip").size[0] == launcher.TIP_RADIUS
-    assert device.eq_data[device.equality("gearbox").id, 1] * GEAR == pytest.approx(1.0)
-    assert device.eq_data[device.equality("mesh").id, 1] == pytest.approx(PINION)
-    assert device.joint("stage x").range[1] == TRAVEL
-    assert device.actuator("servo").forcerange[1] == stroke.RATED["peak torque"]
+    assert device.eq_data[device.equality("gearbox").id, 1] * GEAR_RATIO == pytest.approx(1.0)
+    assert device.eq_data[device.equality("mesh").id, 1] == pytest.approx(PINION_RADIUS_M)
+    assert device.joint("stage x").range[1] == STAGE_TRAVEL_M
+    assert device.actuator("servo").forcerange[1] == stroke.MOTOR_RATING["peak torque"]
     data = mujoco.MjData(device)
     mujoco.mj_forward(device, data)
     axis = data.body("chassis").xmat.reshape(3, 3)[:, 0]
-    assert axis == pytest.approx([np.cos(TILT), 0, -np.sin(TILT)], abs=1e-8)
+    assert axis == pytest.approx([np.cos(CUE_TILT), 0, -np.sin(CUE_TILT)], abs=1e-8)
     assert np.cross(data.site("tip").xpos, axis) == pytest.approx(0, abs=1e-8), "the cue points at the origin"
 
 
@@ -93,7 +103,7 @@ def test_the_stage_moves_the_tip_by_what_it_is_told(device: Any, side: float, he
         data.ctrl[:2] = np.array([side, height]) * min(k / 40, 1.0)
         mujoco.mj_step(device, data, 50)
     rack = data.joint("rack").qpos[0]
-    moved = data.site("tip").xpos - start - rack * np.array([np.cos(TILT), 0, -np.sin(TILT)])
+    moved = data.site("tip").xpos - start - rack * np.array([np.cos(CUE_TILT), 0, -np.sin(CUE_TILT)])
     assert moved[1:] == pytest.approx([-side, height], abs=6e-5), "right is -y"
 
 
@@ -105,13 +115,13 @@ def test_gears_hold_while_the_servo_pulls(device: Any) -> None:
     motor, pinion, rack = (data.joint(name) for name in ("motor", "pinion", "rack"))
     assert rack.qpos[0] > 0.05
     assert motor.qpos[0] / pinion.qpos[0] == pytest.approx(3.0, rel=2e-3)
-    assert rack.qpos[0] == pytest.approx(PINION * pinion.qpos[0], abs=1e-4)
-    assert rack.qvel[0] == pytest.approx(PINION * motor.qvel[0] / 3, rel=5e-3)
+    assert rack.qpos[0] == pytest.approx(PINION_RADIUS_M * pinion.qpos[0], abs=1e-4)
+    assert rack.qvel[0] == pytest.approx(PINION_RADIUS_M * motor.qvel[0] / 3, rel=5e-3)
 
 
 @pytest.mark.parametrize("cue_speed", [0.5, 2.0])
 def test_a_centre_ball_leaves_as_the_formula_says(scene: Scene, afloat: Scene, cue_speed: float) -> None:
-    ideal = cueing.ball_speed(cue_speed, 0, 0, BALL, stroke.CUE)
+    ideal = cueing.ball_speed(cue_speed, 0, 0, BALL, stroke.ANALYTIC_CUE)
     free = strike(afloat, cue_speed)
     assert free.cue_speed == pytest.approx(cue_speed, rel=5e-3), "constant speed through the stroke"
     assert np.linalg.norm(free.velocity) == pytest.approx(ideal * free.cue_speed / cue_speed, rel=0.01)
@@ -179,8 +189,8 @@ def test_beyond_the_cone_of_friction_it_miscues(scene: Scene) -> None:
 def test_the_fastest_string_is_within_the_torque(scene: Scene) -> None:
     whole = strike(scene, 2.75, follow_through=True)
     assert whole.cue_speed == pytest.approx(2.75, rel=5e-3)
-    assert whole.torque < stroke.RATED["peak torque"] - 0.05
-    assert whole.motor_speed * stroke.RPM < stroke.RATED["speed"]
+    assert whole.torque < stroke.MOTOR_RATING["peak torque"] - 0.05
+    assert whole.motor_speed * stroke.RPM_PER_RAD_S < stroke.MOTOR_RATING["speed"]
     assert whole.travel < 0.355, "it stops before its end"
     ideal = stroke.closed_form(scene, 2.75)
     upto = strike(scene, 2.75)

@@ -222,10 +222,10 @@ def test_names_with_any_character(tmp_path: Path) -> None:
 
 
 def test_colours_follow_names() -> None:
-    assert ball_colour("red_07") == ball_colour("Red") == view.BALLS["red"]
+    assert ball_colour("red_07") == ball_colour("Red") == view.SCREEN_COLOURS["red"]
     assert ball_colour("white") == ball_colour("cue")
     assert ball_colour("orange") == ball_colour("orange")
-    assert ball_colour("orange") in view.PALETTE
+    assert ball_colour("orange") in view.OTHER_COLOURS
 
 
 def test_many_clips_and_a_full_table_are_quick(tmp_path: Path) -> None:
