@@ -1,7 +1,7 @@
 """What every effect owes the workbench, shipped or a user's: each contract returns the faults it finds, one line each.
 
 A shot of each kind is played with and without the effect, and what the camera reports of it is compared to the last
-bit where the same is promised; the event engine and the MuJoCo world must agree to a twentieth of a millimetre.
+bit where the effect must change nothing; the event engine and the MuJoCo world must agree to 0.05 mm.
 """
 
 from __future__ import annotations

@@ -172,7 +172,7 @@ class Formula(Effect):
 
     @classmethod
     def name(cls) -> str:
-        """What `formula` was told."""
+        """The name given to `formula`."""
         return cls.called
 
     @classmethod

@@ -145,11 +145,11 @@ def address(function: Callable[..., Any], hook: str, layout: tuple[str, ...]) ->
     try:
         return int(callback(function, signature).address)
     except KeyError as error:
-        told = f"{function.__qualname__} uses {error}, which is neither a parameter nor a field of its state"
-        raise HookError(f"{told}; correct the name (fields: models/hooks.py)") from error
+        fault = f"{function.__qualname__} uses {error}, which is neither a parameter nor a field of its state"
+        raise HookError(f"{fault}; correct the name (fields: models/hooks.py)") from error
     except TypeError as error:
-        told = f"{function.__qualname__} does not compile: {' '.join(str(error).split())}"
-        raise HookError(f"{told}; declare it as models/effect.py does") from error
+        fault = f"{function.__qualname__} does not compile: {' '.join(str(error).split())}"
+        raise HookError(f"{fault}; declare it as models/effect.py does") from error
     except NumbaError as error:
         said = [line.strip() for line in str(error).splitlines() if line.strip()]
         lines = [line for line in said if line.startswith("File ")]

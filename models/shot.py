@@ -31,7 +31,7 @@ class Table:
     width: float  # along y [m]
     pockets: bool = True
 
-    def reach(self, ball: Ball) -> Array:
+    def centre_limits(self, ball: Ball) -> Array:
         """Largest |x|, |y| of a ball's centre, touching the noses: (2,) [m]."""
         return np.array([self.length / 2, self.width / 2]) - ball.radius * NOSE_COSINE
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.environment.task import Ending, Reach, ShotEnvironment
+from models.environment.task import ActionBounds, Ending, ShotEnvironment
 from models.errors import BadInput
 from models.model_file import Model
 from models.shot import Ball, Table
@@ -165,7 +165,7 @@ def load(
         return ScenePlay(player, _dealt(player.model, errors, 1, rng), wanted, mujoco, rows)
 
     axis = device.offset * (model.ball.radius + device.cue.tip_radius)
-    return ShotEnvironment(dealt, Reach(device.slowest, device.fastest, axis), seed, flat=flat)
+    return ShotEnvironment(dealt, ActionBounds(device.slowest, device.fastest, axis), seed, flat=flat)
 
 
 def gymnasium_env(

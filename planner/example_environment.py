@@ -71,7 +71,7 @@ def improve(environment: ShotEnvironment, mean: Array, spread: Array, rng: np.ra
         found = environment.expected(actions, PLAYS if k else 1)
         best = actions[np.argsort(-found, kind="stable")[:BEST]]
         mean, spread = best.mean(axis=0), np.maximum(best.std(axis=0), LEAST)
-    return environment.task.reach.held(mean[None])[0]
+    return environment.task.bounds.clipped(mean[None])[0]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

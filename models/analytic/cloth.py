@@ -22,7 +22,7 @@ STILL_SPEED = 1e-8  # slip or speed that is none [m/s]
 STILL_SPIN = 1e-6  # sidespin that is none [rad/s]
 SLIDING, ROLLING, RESTING = 1, 2, 0
 LAST_SLIP_S = 5e-5  # a slip that full friction ends in this time meets no less than that [s]
-LAST_SLIP_MARGIN = 1e-6  # part of that slip within which it is reached
+LAST_SLIP_MARGIN = 1e-6  # part of that slip within which it counts as attained
 
 
 @compiled_in_place

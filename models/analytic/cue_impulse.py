@@ -84,11 +84,11 @@ def launch(
         constants: of the launcher; its zeros count for offsets and aim.
         geometry: of tip and ball.
         cue_speed: along its axis as it hits (n,) [m/s].
-        side: of the cue's axis as the stage is told, to the right (n,) [m].
+        side: of the cue's axis as commanded to the stage, to the right (n,) [m].
         height: the same, up (n,) [m].
 
     Returns:
-        Velocity (n, 3) [m/s] and spin (n, 3) [rad/s]: x along the aim that was told, y to its left, z up.
+        Velocity (n, 3) [m/s] and spin (n, 3) [rad/s]: x along the commanded aim, y to its left, z up.
     """
     ball, el = geometry.ball, geometry.elevation
     mass, radius = ball.mass, ball.radius

@@ -2,7 +2,7 @@
 
 Two balls: the squared distance is a quartic in time. Where the relative path is straight and does not turn back, its
 touch is a quadratic along the line; otherwise the first fall through (2R)^2 is found between the roots of the
-derivatives, so that none is missed, after a bound on the closest approach has put most pairs aside. A cushion is a
+derivatives, so that none is missed, after a bound on the closest approach has excluded most pairs. A cushion is a
 line at R cos(theta) before the nose line (Mathavan, Jackson, Parkin 2010); a pocket takes a ball whose centre passes
 the nose line in its mouth, or comes within a corner's capture circle (Robotic Billiards 2015). A time of -1 says that
 things are pressed together at rest. Jaws are circles to a centre, as balls are (models/analytic/pocket.py).

@@ -47,7 +47,7 @@ class Pockets:
     """Where balls of one size meet a table's pockets; arrays of no rows without them."""
 
     ends: Array  # (3,) [m], of the straight cushions, from a corner and from a middle; the last is not used
-    jaws: Array  # (12, 3) [m], x, y of an arc's centre, and how far from it a ball's centre meets it; see OWNERS
+    jaws: Array  # (12, 3) [m], x, y of an arc's centre, and how far from it a ball's centre meets it; see JAW_RAILS
     falls: Array  # (6, 3) [m], x, y and radius of the slate's edge; pockets by row: -y first, -x first
 
 
@@ -106,10 +106,10 @@ def outward(number, x, y, jaws):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def straight(rail, reach, p, v, a, half, ends, h):  # type: ignore[no-untyped-def]
+def straight(rail, limits, p, v, a, half, ends, h):  # type: ignore[no-untyped-def]
     """The same as `line` for a rail that ends before the jaws: p, v, a (2,) or (3,) of a centre, time limit h."""
     k, o, sign = rail // 2, 1 - rail // 2, 1.0 - 2.0 * (rail % 2)
-    gap, speed, faster = reach[k] - sign * p[k], sign * v[k], sign * a[k]
+    gap, speed, faster = limits[k] - sign * p[k], sign * v[k], sign * a[k]
     if gap < -CLOSED_GAP_M and in_mouth(p[o], rail, half, ends):
         # Between the jaws, beyond the line: it may come out, and back to the line elsewhere.
         disc = speed * speed + 2.0 * faster * gap

@@ -17,7 +17,7 @@ from models.shot import NOSE_COSINE, NOSE_SINE, Array
 SPRING_STEP_S = 4e-6  # [s]
 BALL_TIME = 1e-4  # two balls' contact at 1 m/s [s]; real ones' 0.2 to 0.3 ms, in which the line of centres turns
 CUSHION_TIME = 4e-4  # [s]; real ones' some 8 ms
-HERTZ_STIFFNESS = (3.2180 / BALL_TIME) ** 2.5  # acceleration of the gap is HERTZ d^1.5 [m^-0.5 s^-2]
+HERTZ_STIFFNESS = (3.2180 / BALL_TIME) ** 2.5  # acceleration of the gap is HERTZ_STIFFNESS d^1.5 [m^-0.5 s^-2]
 MAX_CLUSTER_S = 2e-2  # of a cluster, after which the rest of it is left to the next [s]
 CONTACT_GAP_M = 1e-9  # gap below which bodies touch [m]
 CALM_TIME_S = 2 * CUSHION_TIME  # without a speed between what touches, after which nothing more will come of it [s]
@@ -89,7 +89,7 @@ def depth_of(cushion: bool, gap: float, r: float) -> tuple[float, float]:
     """Depth along the normal, and the normal's horizontal part; a cushion's from the middle of its capsule."""
     if not cushion:
         return -gap, 1.0
-    reach = r + NOSE_RADIUS
-    across = reach * NOSE_COSINE + gap
-    apart = np.sqrt(across * across + (reach * NOSE_SINE) ** 2)
-    return reach - apart, across / apart
+    contact_radius = r + NOSE_RADIUS
+    across = contact_radius * NOSE_COSINE + gap
+    apart = np.sqrt(across * across + (contact_radius * NOSE_SINE) ** 2)
+    return contact_radius - apart, across / apart

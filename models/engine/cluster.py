@@ -39,7 +39,7 @@ CROWD_GAP_M = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 
 
 @compiled_in_place
-def _meets(b, c, i, j, kind, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
+def _meets(b, c, i, j, kind, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
     """Gap, approach speed and normal of balls i and j, or of ball i and rail -1 - j where j < 0."""
     if j >= 0:
         x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
@@ -51,7 +51,7 @@ def _meets(b, c, i, j, kind, radius, reach, half, mouths):  # type: ignore[no-un
         return d - 2.0 * radius, (b[i, col.VX] - b[j, col.VX]) * x + (b[i, col.VY] - b[j, col.VY]) * y, x, y
     rail = -1 - j
     k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-    gap = reach[k] - sign * b[i, k]
+    gap = limits[k] - sign * b[i, k]
     if gap > CONTACT_GAP_M or in_mouth(b[i, 1 - k], rail, half, mouths):
         return np.inf, 0.0, 1.0, 0.0
     return gap, sign * b[i, col.VX + k], sign * (1.0 - k), sign * float(k)
@@ -134,8 +134,8 @@ def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # t
 
 
 @compiled_in_place
-def _near(b, kind, first, second, radius, reach, near):  # type: ignore[no-untyped-def]
-    """Lay down in `near` which contacts are within NEAR of closing, in order; returns how many."""
+def _near(b, kind, first, second, radius, limits, near):  # type: ignore[no-untyped-def]
+    """Fill `near` with the contacts within CONTACT_RANGE_M of closing, in order; returns how many there are."""
     n, found = b.shape[0], 0
     apart, pairs = 2.0 * radius + CONTACT_RANGE_M, n * (n - 1) // 2
     for c in range(first.size):
@@ -148,7 +148,7 @@ def _near(b, kind, first, second, radius, reach, near):  # type: ignore[no-untyp
         else:
             rail = -1 - j
             k = rail // 2
-            away = reach[k] - (1.0 - 2.0 * (rail % 2)) * b[i, k] > CONTACT_RANGE_M
+            away = limits[k] - (1.0 - 2.0 * (rail % 2)) * b[i, k] > CONTACT_RANGE_M
         if not away:
             near[found] = c
             found += 1
@@ -185,7 +185,7 @@ def _go(b, dv, kind, lasts):  # type: ignore[no-untyped-def]
 
 @compiled
 def through(  # type: ignore[no-untyped-def]
-    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half, mouths, jaws, order,
+    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths, jaws, order,
     hit, table, times, begin, out, log, who, logged, count,
 ):  # fmt: skip
     """Carry a shot through a cluster: returns when it has parted, the next sample's number and how much is logged.
@@ -198,14 +198,14 @@ def through(  # type: ignore[no-untyped-def]
     springs = np.zeros(contacts), np.zeros((contacts, 3)), np.zeros(contacts), np.zeros(contacts)
     work = bodies, springs, np.zeros(contacts, np.bool_), np.ones(n), np.zeros((n, 5)), np.zeros((4, 10))
     return _through(
-        work, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half, mouths,
+        work, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths,
         order, hit, table, times, begin, out, log, who, logged, count,
     )  # fmt: skip
 
 
 @compiled_in_place
 def _through(  # type: ignore[no-untyped-def]
-    arrays, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half, mouths,
+    arrays, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths,
     order, hit, table, times, begin, out, log, who, logged, count,
 ):  # fmt: skip
     n = b.shape[0]
@@ -225,11 +225,11 @@ def _through(  # type: ignore[no-untyped-def]
         i, j = first[c], second[c]
         if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
             continue
-        gap, _, _, _ = _meets(b, c, i, j, kind, radius, reach, half, mouths)
+        gap, _, _, _ = _meets(b, c, i, j, kind, radius, limits, half, mouths)
         if gap < 0.0:
             given[c] = depth_of(j < 0, gap, radius)[0]
     end, calm, room = now + MAX_CLUSTER_S, 0.0, CONTACT_RANGE_M
-    looked = _near(b, kind, first, second, radius, reach, near)
+    looked = _near(b, kind, first, second, radius, limits, near)
     while True:
         for i in range(n):
             for x in range(5):
@@ -238,7 +238,7 @@ def _through(  # type: ignore[no-untyped-def]
                 _flow(b, i, records[i], records[i].ctypes.data, own, forces, support, cloth, now, dv)
         for c in near[:looked]:
             i, j = first[c], second[c]
-            gap, approach, nx, ny = _meets(b, c, i, j, kind, radius, reach, half, mouths)
+            gap, approach, nx, ny = _meets(b, c, i, j, kind, radius, limits, half, mouths)
             if gap > CONTACT_GAP_M:
                 peak[c] = given[c] = 0.0
                 continue
@@ -292,12 +292,12 @@ def _through(  # type: ignore[no-untyped-def]
             begin += 1
         room = _go(b, dv, kind, room)
         if room <= 2.0 * CONTACT_GAP_M:
-            looked, room = _near(b, kind, first, second, radius, reach, near), CONTACT_RANGE_M
+            looked, room = _near(b, kind, first, second, radius, limits, near), CONTACT_RANGE_M
         now += SPRING_STEP_S
         free, rests = True, True
         for c in near[:looked]:
             i, j = first[c], second[c]
-            gap, approach, _, _ = _meets(b, c, i, j, kind, radius, reach, half, mouths)
+            gap, approach, _, _ = _meets(b, c, i, j, kind, radius, limits, half, mouths)
             if gap > CONTACT_GAP_M:
                 continue
             rests = rests and abs(approach) < DEAD_SPEED

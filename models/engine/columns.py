@@ -8,9 +8,9 @@ motion the next step may take by its error.
 
 from __future__ import annotations
 
-COUNT = 20
+COLUMN_COUNT = 20
 (
     X, Y, VX, VY, WX, WY, WZ, TURN, ROLLED, CLOCK, AX, AY, END, MEET, BEGIN, SPAN, MODE, LAST, BOUND, TRY,
-) = range(COUNT)  # fmt: skip
+) = range(COLUMN_COUNT)  # fmt: skip
 STATE_SIZE = 9  # columns of the state, X to ROLLED
 TERM_COUNT = 6  # of the polynomial in time that each of them follows on a curve

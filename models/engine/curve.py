@@ -63,7 +63,7 @@ def push(r, at, own, forces, support):  # type: ignore[no-untyped-def]
 
 @compiled_in_place
 def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: ignore[no-untyped-def]
-    """Derivatives k[n] of the state y (STATE,) of a ball; False where friction would have to turn round.
+    """Derivatives k[n] of the state y (STATE_SIZE,) of a ball; False where friction would have to turn round.
 
     `way`: directions at the beginning of the step, of slip and of velocity, and sidespin.
     """
@@ -107,7 +107,7 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
     """Lay a curve from a ball's clock on: fills b and its polynomials m; returns CURVE, or REST where nothing changes.
 
     Errors count up to the time `until`; no step is longer than `most` [s], unless it is the last of a slide or a roll.
-    r (BALL_FIELDS,) at address `at` holds what does not change along the way; y (STATE,), k (7, STATE) are for work.
+    r (BALL_FIELDS,) at address `at` holds what stays constant; y (STATE_SIZE,), k (7, STATE_SIZE) are workspace.
     """
     radius = r[rec.RADIUS]
     now, way = b[col.CLOCK], (0.0, 0.0, 0.0, 0.0, 0.0)

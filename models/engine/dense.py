@@ -61,7 +61,7 @@ def straight_on(b, m, h, k):  # type: ignore[no-untyped-def]
 
 @compiled_in_place
 def smooth(b, m, h, k):  # type: ignore[no-untyped-def]
-    """Polynomials m (STATE, TERMS) of a step h of a ball b, of order 4, from all stages k (7, STATE)."""
+    """Polynomials m (STATE_SIZE, TERM_COUNT) of a step h of a ball b, of order 4, from k (7, STATE_SIZE)."""
     for x in range(col.STATE_SIZE):
         m[x, 0], m[x, 5] = b[x], 0.0
         for n in range(4):

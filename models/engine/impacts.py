@@ -113,7 +113,7 @@ def strike_rows(own, hooks, radius, mass, struck, velocity, spin):  # type: igno
 
 
 @compiled_in_place
-def is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
+def is_crowded(b, kind, i, j, rail, near, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
     """Whether a third body is within `near` [m] of those of an impact: balls i and j, or ball i and a rail (j < 0).
 
     b (nball, 2 or more) begins with the balls' places; `kind` (nball,) says which are potted.
@@ -129,7 +129,7 @@ def is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):  # type:
                     return True
         for other in range(4):
             k = other // 2
-            gap = reach[k] - (1.0 - 2.0 * (other % 2)) * b[one, k]
+            gap = limits[k] - (1.0 - 2.0 * (other % 2)) * b[one, k]
             if gap < near and not (j < 0 and other == rail) and not in_mouth(b[one, 1 - k], other, half, mouths):
                 return True
     return False
@@ -138,18 +138,18 @@ def is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):  # type:
 @compiled
 def crowded(
     cushion: bool, hit: NDArray[np.int64], p: Array, kind: NDArray[np.int64], near: Array, radius: float,
-    reach: Array, half: Array, mouths: Array,
+    limits: Array, half: Array, mouths: Array,
 ) -> NDArray[np.bool_]:  # fmt: skip
     """`is_crowded` of many simulations: rows of `hit` are kind, ball, and other ball or rail; near (n,) [m]."""
     found = np.zeros(hit.shape[0], np.bool_)
     for n in range(hit.shape[0]):
         j = -1 if cushion else hit[n, 2]
-        found[n] = is_crowded(p[n], kind[n], hit[n, 1], j, hit[n, 2], near[n], radius, reach, half, mouths)
+        found[n] = is_crowded(p[n], kind[n], hit[n, 1], j, hit[n, 2], near[n], radius, limits, half, mouths)
     return found
 
 
 @compiled_in_place
-def part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
+def part(b, i, j, rail, jaws, radius, limits):  # type: ignore[no-untyped-def]
     """Put bodies that overlap back to where they touch: balls i and j of b, or ball i and a rail or jaw (j < 0)."""
     if j >= 0:
         x, y = b[j, 0] - b[i, 0], b[j, 1] - b[i, 1]
@@ -159,7 +159,7 @@ def part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
         b[j, 0], b[j, 1] = b[j, 0] + more * x, b[j, 1] + more * y
     elif rail < 4:
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-        b[i, k] = sign * min(sign * b[i, k], reach[k])
+        b[i, k] = sign * min(sign * b[i, k], limits[k])
     else:
         x, y = jaws[rail - 4, 0] - b[i, 0], jaws[rail - 4, 1] - b[i, 1]
         d = math.sqrt(x * x + y * y)
@@ -168,7 +168,7 @@ def part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def part_rows(cushion: bool, hit: NDArray[np.int64], p: Array, radius: float, reach: Array, jaws: Array) -> None:
+def part_rows(cushion: bool, hit: NDArray[np.int64], p: Array, radius: float, limits: Array, jaws: Array) -> None:
     """`part` of many simulations: rows of `hit` are kind, ball, and other ball or rail."""
     for n in range(hit.shape[0]):
-        part(p[n], hit[n, 1], -1 if cushion else hit[n, 2], hit[n, 2], jaws, radius, reach)
+        part(p[n], hit[n, 1], -1 if cushion else hit[n, 2], hit[n, 2], jaws, radius, limits)

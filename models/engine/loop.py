@@ -7,10 +7,10 @@ event has changed is worked out anew. Two bodies that meet alone are carried thr
 Where pockets have jaws (models/analytic/pocket.py) a straight rail ends before them, jaw k is logged as rail 4 + k,
 and a ball falls where the slate ends; otherwise it falls where its centre passes the nose line within a mouth.
 
-Impacts without end (a ball held between others, or pressed to a cushion by its own friction): an impact below DEAD
-gives nothing back, nor does one below LEAN of a ball that has just had such a one, which is not logged either; a touch
-below AWAY is none, and what is pressed together at rest is looked at again after PUSH seconds. What still goes on after
-`most` events is given up, and reported.
+Impacts without end (a ball held between others, or pressed to a cushion by its own friction): an impact below
+DEAD_SPEED gives nothing back, nor does one below LEAN_SPEED of a ball that has just had such an impact, which is not
+logged either; a touch below MIN_IMPACT_SPEED is none, and bodies pressed together at rest are checked again after
+PRESSED_RECHECK_S. A shot with more than `most` events is given up, and reported.
 """
 
 from __future__ import annotations
@@ -89,12 +89,12 @@ def _sample(b, m, kind, times, begin, until, radius, alpha, out, keep):  # type:
             if kind[i] == POTTED:
                 o[:] = np.nan
                 continue
-            for x in range(col.COUNT):
+            for x in range(col.COLUMN_COUNT):
                 keep[x] = b[i, x]
             advance(b[i], m[i], kind[i], times[begin], radius, alpha)
             for x in range(ROW_SIZE):
                 o[x] = b[i, x]
-            for x in range(col.COUNT):
+            for x in range(col.COLUMN_COUNT):
                 b[i, x] = keep[x]
         begin += 1
     return begin
@@ -105,7 +105,7 @@ def workspace(n, curved):  # type: ignore[no-untyped-def]
     """Arrays that shots of n balls are played in: of every ball, of every pair, and of one at a time."""
     pairs = n * (n - 1) // 2
     balls = (
-        np.zeros((n, col.COUNT)),
+        np.zeros((n, col.COLUMN_COUNT)),
         np.zeros((n, col.STATE_SIZE if curved else 1, col.TERM_COUNT)),
         np.zeros((n, rec.BALL_FIELDS)),
     )
@@ -113,7 +113,7 @@ def workspace(n, curved):  # type: ignore[no-untyped-def]
     one = (
         np.zeros(10),
         np.zeros(rec.IMPACT_FIELDS),
-        np.zeros(col.COUNT),
+        np.zeros(col.COLUMN_COUNT),
         np.zeros(col.STATE_SIZE),
         np.zeros((7, col.STATE_SIZE)),
     )
@@ -122,7 +122,7 @@ def workspace(n, curved):  # type: ignore[no-untyped-def]
 
 @compiled_in_place
 def play_shot(  # type: ignore[no-untyped-def]
-    work, start, stays, launch, order, own, forces, support, horizon, impact, cloth, mass, radius, reach, half, mouths,
+    work, start, stays, launch, order, own, forces, support, horizon, impact, cloth, mass, radius, limits, half, mouths,
     jaws, falls, table, clusters, until, most, times, out, log, who, count, potted,
 ):  # fmt: skip
     """Play one shot from `start` (n, 8), which is left as it ends; returns when, nan where it was given up.
@@ -136,7 +136,7 @@ def play_shot(  # type: ignore[no-untyped-def]
     slide, roll, alpha = cloth[0], cloth[1], cloth[2]
     for i in range(n):
         lay_record(records[i], i, launch, order, radius, mass)
-        for x in range(col.COUNT):
+        for x in range(col.COLUMN_COUNT):
             b[i, x] = start[i, x] if x < ROW_SIZE else 0.0
         kind[i], todo[i], leans[i], quiet[i] = REST, True, -np.inf, -np.inf
         if math.isnan(b[i, col.X]):
@@ -157,7 +157,7 @@ def play_shot(  # type: ignore[no-untyped-def]
                     kind[i] = plain_phase(b[i], radius, slide, roll)
         for i in range(n):
             if todo[i]:
-                meet_table(b[i], m[i], what, i, kind[i], reach, half, mouths, jaws, falls, stays[i], until)
+                meet_table(b[i], m[i], what, i, kind[i], limits, half, mouths, jaws, falls, stays[i], until)
                 # What leans on a cushion has no other look at it for a while: looks would follow without end.
                 soon = quiet[i] > now and what[i, 0] == CUSHION and b[i, col.MEET] < quiet[i]
                 if soon and approach_speed(b, i, zero - 1, what[i, 1], jaws) < LEAN_SPEED:
@@ -197,10 +197,10 @@ def play_shot(  # type: ignore[no-untyped-def]
                 for q in range(n):
                     advance(b[q], m[q], kind[q], t, radius, alpha)
                 near = max(CROWD_GAP_M, speed * CUSHION_TIME)
-                if is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):
+                if is_crowded(b, kind, i, j, rail, near, radius, limits, half, mouths):
                     count[SWITCH] += 1
                     now, next_, logged = through(
-                        b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half,
+                        b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half,
                         mouths, jaws, order, hit, table, times, next_, out, log, who, logged, count,
                     )  # fmt: skip
                     for q in range(n):
@@ -210,7 +210,7 @@ def play_shot(  # type: ignore[no-untyped-def]
             known = leans[i] > now or (j >= 0 and leans[j] > now)
             slow = collide_alone(b, i, j, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now)
             if slow:
-                part(b, i, j, rail, jaws, radius, reach)
+                part(b, i, j, rail, jaws, radius, limits)
                 leans[i] = now + LEAN_MEMORY_S
                 if j >= 0:
                     leans[j] = now + LEAN_MEMORY_S
@@ -257,8 +257,8 @@ def play_shot(  # type: ignore[no-untyped-def]
 
 @compiled
 def play_rows(  # type: ignore[no-untyped-def]
-    first, last, start, stays, struck, order, own, forces, support, horizon, impact, strike, cloth, mass, radius, reach,
-    half, mouths, jaws, falls, table, clusters, until, most, times, out, log, who, count, end, potted,
+    first, last, start, stays, struck, order, own, forces, support, horizon, impact, strike, cloth, mass, radius,
+    limits, half, mouths, jaws, falls, table, clusters, until, most, times, out, log, who, count, end, potted,
 ):  # fmt: skip
     """Play shots number `first` to `last`: `start` (n, nball, 8) in and out, `times` (n, m), `out` (n, m, nball, 8)."""
     cue, work = np.zeros(STROKE_FIELDS), workspace(start.shape[1], forces.shape[0] > 0)
@@ -270,6 +270,6 @@ def play_rows(  # type: ignore[no-untyped-def]
             launch = deliver(b[col.VX : col.WX], b[col.WX : ROW_SIZE], at, strike, radius, mass, cue)
         end[s] = play_shot(
             work, start[s], stays[s], launch, order[s], at, forces, support, horizon, impact, cloth[s], mass, radius,
-            reach, half, mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s], log[s], who[s],
+            limits, half, mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s], log[s], who[s],
             count[s], potted[s],
         )  # fmt: skip

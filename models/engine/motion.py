@@ -23,7 +23,7 @@ GOES_ON, SLIDE_ENDS, STOPS = 0.0, 1.0, 2.0  # how a curve's end is reached
 
 @compiled_in_place
 def advance(b, m, kind, t, radius, alpha):  # type: ignore[no-untyped-def]
-    """Carry a ball b (COLUMNS,) along its motion to time t; m (STATE, TERMS) are its curve's polynomials."""
+    """Carry a ball b (col.COLUMN_COUNT,) along its motion to time t; m (STATE_SIZE, TERM_COUNT): its curve in time."""
     if kind == CURVE:
         if t != b[col.CLOCK]:
             _follow(b, m, (t - b[col.BEGIN]) / b[col.SPAN], radius)

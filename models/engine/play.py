@@ -67,7 +67,7 @@ class Game:
     hooks: Hooks
     cloth: Array  # (n, 3): friction of sliding and rolling, deceleration of sidespin [rad/s^2]
     pockets: Pockets
-    reach: Array
+    limits: Array
     half: Array
     mass: float
     radius: float
@@ -100,10 +100,9 @@ def lay_out(model: Model, count: int, jaws: bool = False) -> Game:
 
 def _game(model: Model, hooks: Hooks, cloth: Array, jaws: bool) -> Game:
     table, ball = model.table, model.ball
-    return Game(
-        hooks, cloth, pockets_of(table, ball) if jaws else Pockets(table.mouths(), NO_ARCS, NO_ARCS), table.reach(ball),
-        np.array([table.length, table.width]) / 2, ball.mass, ball.radius,
-    )  # fmt: skip
+    pockets = pockets_of(table, ball) if jaws else Pockets(table.mouths(), NO_ARCS, NO_ARCS)
+    half = np.array([table.length, table.width]) / 2
+    return Game(hooks, cloth, pockets, table.centre_limits(ball), half, ball.mass, ball.radius)
 
 
 class Layout:
@@ -176,7 +175,7 @@ def run(
     def part(first: int, last: int) -> None:
         play_rows(
             first, last, start, stays, struck, order, hooks.own, hooks.forces, hooks.support, hooks.horizon,
-            hooks.impact, hooks.strike, game.cloth, game.mass, game.radius, game.reach, game.half, pockets.ends,
+            hooks.impact, hooks.strike, game.cloth, game.mass, game.radius, game.limits, game.half, pockets.ends,
             pockets.jaws, pockets.falls, table, clusters, until, most, times, out, log, who, count, end, potted,
         )  # fmt: skip
 

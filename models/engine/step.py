@@ -123,7 +123,7 @@ def _write(balls, kept, end, places, speeds, qpos, qvel, radius):  # type: ignor
 
 
 @compiled
-def _carry(b, m, kind, orientation, entered, t, radius, alpha, reach, half, mouths):  # type: ignore[no-untyped-def]
+def _carry(b, m, kind, orientation, entered, t, radius, alpha, limits, half, mouths):  # type: ignore[no-untyped-def]
     """Carry all balls along their motions to a time, turn them by their mean spin, see which enter a mouth."""
     for i in range(b.shape[0]):
         if kind[i] == POTTED:
@@ -135,7 +135,7 @@ def _carry(b, m, kind, orientation, entered, t, radius, alpha, reach, half, mout
         inside = True
         for rail in range(4):
             k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-            before, after = sign * (x if k == 0 else y) - reach[k], sign * b[i, k] - reach[k]
+            before, after = sign * (x if k == 0 else y) - limits[k], sign * b[i, k] - limits[k]
             inside = inside and after <= 0.0
             if before <= 0.0 < after:
                 along, part = (y if k == 0 else x), before / (before - after)
@@ -147,7 +147,7 @@ def _carry(b, m, kind, orientation, entered, t, radius, alpha, reach, half, mout
 
 @compiled
 def play_step(  # type: ignore[no-untyped-def]
-    kept, end, places, speeds, qpos, qvel, own, forces, support, horizon, impact, cloth, mass, radius, reach, half,
+    kept, end, places, speeds, qpos, qvel, own, forces, support, horizon, impact, cloth, mass, radius, limits, half,
     mouths, jaws, falls, table,
 ):  # fmt: skip
     """Play the kept state up to a time, hand it back and keep it; False where that does not come to its end."""
@@ -155,7 +155,7 @@ def play_step(  # type: ignore[no-untyped-def]
     balls = kept[HEAD : HEAD + n * KEPT].reshape((n, KEPT))
     curved, alpha = forces.shape[0] > 0, cloth[2]
     b, m, kind = (
-        np.zeros((n, col.COUNT)),
+        np.zeros((n, col.COLUMN_COUNT)),
         np.zeros((n, col.STATE_SIZE if curved else 1, col.TERM_COUNT)),
         np.zeros(n, np.int64),
     )
@@ -187,7 +187,7 @@ def play_step(  # type: ignore[no-untyped-def]
             else:
                 kind[i] = plain_phase(b[i], radius, cloth[0], cloth[1])
             ends = wide if entered[i] > 0.0 else mouths
-            meet_table(b[i], m[i], what, i, kind[i], reach, half, ends, jaws, falls, False, until)
+            meet_table(b[i], m[i], what, i, kind[i], limits, half, ends, jaws, falls, False, until)
             if b[i, col.MEET] < t:
                 t, event, one = b[i, col.MEET], what[i, 0], i
             if b[i, col.END] < t:
@@ -198,12 +198,12 @@ def play_step(  # type: ignore[no-untyped-def]
                 if pair[i * (i - 1) // 2 + j] < t:
                     t, event, one, two = pair[i * (i - 1) // 2 + j], BALL, j, i
         if one < 0 or t >= until - NO_TIME_S:
-            _carry(b, m, kind, orientation, entered, until, radius, alpha, reach, half, mouths)
+            _carry(b, m, kind, orientation, entered, until, radius, alpha, limits, half, mouths)
             _keep(balls, b, kind, orientation, leans)
             kept[STATE_TIME] = end
             _write(balls, kept, end, places, speeds, qpos, qvel, radius)
             return True
-        _carry(b, m, kind, orientation, entered, t, radius, alpha, reach, half, mouths)
+        _carry(b, m, kind, orientation, entered, t, radius, alpha, limits, half, mouths)
         now = t
         if event == BALL and again[two * (two - 1) // 2 + one]:
             event, leans[two] = SWITCH, now + LEAN_MEMORY_S
@@ -223,11 +223,11 @@ def play_step(  # type: ignore[no-untyped-def]
             if (
                 rail < 4
                 and speed >= LEAN_SPEED
-                and is_crowded(b, kind, one, two, rail, near, radius, reach, half, mouths)
+                and is_crowded(b, kind, one, two, rail, near, radius, limits, half, mouths)
             ):
                 seen, wanted, before = np.zeros((1, n, 8)), np.full(1, until), b.copy()
                 now, got, _ = through(
-                    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half,
+                    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half,
                     mouths, jaws, order, hit, table, wanted, 0, seen, np.zeros(0), np.zeros((0, 3), np.int64), 0,
                     np.zeros(4, np.int64),
                 )  # fmt: skip
@@ -258,7 +258,7 @@ def play_step(  # type: ignore[no-untyped-def]
                 leans[one] = now + LEAN_MEMORY_S
                 if two >= 0:
                     leans[two] = now + LEAN_MEMORY_S
-                part(b, one, two, rail, jaws, radius, reach)
+                part(b, one, two, rail, jaws, radius, limits)
     return False
 
 

@@ -104,28 +104,28 @@ def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-d
 @compiled
 def _to_point(b, m, px, py, rho, t, end):  # type: ignore[no-untyped-def]
     """When a ball on a curve comes within rho of a point, which is a body that rests."""
-    point = np.zeros(col.COUNT)
+    point = np.zeros(col.COLUMN_COUNT)
     point[col.X], point[col.Y] = px, py
     return _to_ball(b, m, CURVE, point, m, REST, rho, t, end)
 
 
 @compiled_in_place
-def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
+def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
     """What of the table a ball meets next, within its motion and the time wanted; no pocket takes one that stays."""
     b[col.MEET] = np.inf
     if kind in (REST, POTTED):
         return
     if kind == CURVE:
-        _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays, until)
+        _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays, until)
         return
     h = min(b[col.END], until) - b[col.CLOCK]
     bent = falls.shape[0] > 0 and not stays
     for rail in range(4):
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
         if bent:
-            t = straight(rail, reach, b[col.X : col.VX], b[col.VX : col.WX], b[col.AX : col.END], half, mouths, h)
+            t = straight(rail, limits, b[col.X : col.VX], b[col.VX : col.WX], b[col.AX : col.END], half, mouths, h)
         else:
-            t = line(reach[k] - sign * b[k], sign * b[col.VX + k], sign * b[col.AX + k], h)
+            t = line(limits[k] - sign * b[k], sign * b[col.VX + k], sign * b[col.AX + k], h)
         if t == np.inf:
             continue
         if t < 0.0:
@@ -133,7 +133,7 @@ def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, unt
             continue
         o = 1 - k
         found = CUSHION
-        inside = mouths[0] > 0.0 and reach[k] - sign * b[k] < -MOUTH_DEPTH_M
+        inside = mouths[0] > 0.0 and limits[k] - sign * b[k] < -MOUTH_DEPTH_M
         inside = inside or in_mouth(b[o] + b[col.VX + o] * t + 0.5 * b[col.AX + o] * t * t, rail, half, mouths)
         if not bent and not stays and inside:
             found = POCKET
@@ -175,26 +175,26 @@ def _look_again(b, what, i):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
+def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
     now, end = b[col.CLOCK], min(b[col.END], until)
     if end <= now:
         return
     bent = falls.shape[0] > 0 and not stays
-    # A curve keeps within A h^2 / 8 of its chord: most of the table is put aside by that.
+    # A curve keeps within A h^2 / 8 of its chord: which excludes most of the table.
     ex, ey, _, _ = place(b, m, CURVE, end)
-    aside = 0.125 * b[col.BOUND] * (end - now) ** 2
+    sagitta = 0.125 * b[col.BOUND] * (end - now) ** 2
     for rail in range(4):
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-        o, gap = 1 - k, reach[k] - sign * b[k]
-        if gap > CLOSED_GAP_M and min(gap, reach[k] - sign * (ex if k == 0 else ey)) > aside:
+        o, gap = 1 - k, limits[k] - sign * b[k]
+        if gap > CLOSED_GAP_M and min(gap, limits[k] - sign * (ex if k == 0 else ey)) > sagitta:
             continue
         if bent and gap < -CLOSED_GAP_M and in_mouth(b[o], rail, half, mouths):
             # Between the jaws, beyond the line: once it has come out, it is looked at again.
-            t = _to_line(b, m, CURVE, k, -sign, -reach[k], now, end)
+            t = _to_line(b, m, CURVE, k, -sign, -limits[k], now, end)
             if t != np.inf and t != -1.0 and t < b[col.MEET]:
                 b[col.MEET], what[i, 0] = t, SWITCH
             continue
-        t = _to_line(b, m, CURVE, k, sign, reach[k], now, end)
+        t = _to_line(b, m, CURVE, k, sign, limits[k], now, end)
         if t == np.inf:
             continue
         if t < 0.0:
@@ -214,7 +214,7 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
         for k in range(jaws.shape[0] + falls.shape[0]):
             fall = k >= jaws.shape[0]
             at = falls[k - jaws.shape[0]] if fall else jaws[k]
-            if _apart(at[0] - b[col.X], at[1] - b[col.Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED_GAP_M + aside:
+            if _apart(at[0] - b[col.X], at[1] - b[col.Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED_GAP_M + sagitta:
                 continue
             t = _to_point(b, m, at[0], at[1], at[2], now, end)
             if t == -1.0:
@@ -226,7 +226,7 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
     elif mouths[0] > 0.0 and not stays:
         for corner in range(4):
             px, py = (1.0 - 2.0 * (corner % 2)) * half[0], (1.0 - 2.0 * (corner // 2)) * half[1]
-            if _apart(px - b[col.X], py - b[col.Y], px - ex, py - ey) > mouths[2] + CLOSED_GAP_M + aside:
+            if _apart(px - b[col.X], py - b[col.Y], px - ex, py - ey) > mouths[2] + CLOSED_GAP_M + sagitta:
                 continue
             t = _to_point(b, m, px, py, mouths[2], now, end)
             if t >= 0.0 and t < b[col.MEET]:

@@ -51,7 +51,7 @@ class GymnasiumShot(DmControlCompatibilityV0):
         self._env.task.rng = value
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Deal an episode, with a seed the same as ever."""
+        """Draw an episode; the same seed draws the same one."""
         gymnasium.Env.reset(self, seed=seed)
         if seed is not None:
             self.np_random = self._np_random

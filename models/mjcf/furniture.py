@@ -150,8 +150,8 @@ def _frame(spec: mujoco.MjSpec, table: Table, pockets: Array, top: float) -> Non
         )  # no slivers: they catch light
         inner = np.maximum(RUBBER_END_M, np.abs(places) - half)
         for at, off, radius in cuts:
-            reach = np.sqrt(np.maximum(radius**2 - (places - at) ** 2, 0.0))
-            inner = np.where(reach > 0, np.maximum(inner, off + reach), inner)
+            half_opening = np.sqrt(np.maximum(radius**2 - (places - at) ** 2, 0.0))
+            inner = np.where(half_opening > 0, np.maximum(inner, off + half_opening), inner)
         near, bevel = np.minimum(inner, FRAME_END_M - BEVEL_M), FRAME_END_M - BEVEL_M
         rows = []
         for place, d in zip(places, near, strict=True):

@@ -62,7 +62,7 @@ MISCUE_SHARE = 0.2  # part of the impulse that the tip passes on while it slips,
 
 
 @dataclass(frozen=True)
-class Scene:
+class LauncherScene:
     """A table with a launcher that is aimed at a ball."""
 
     model: mujoco.MjModel
@@ -74,7 +74,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Stroke:
+class SimulatedStroke:
     """What came of a stroke: the ball as the tip leaves it, and what it took."""
 
     cue_speed: float  # along its axis, just before it hits [m/s]
@@ -114,7 +114,7 @@ def build_scene(
     slate: bool = True,
     native: Native | None = None,
     furnished: bool = False,
-) -> Scene:
+) -> LauncherScene:
     """A launcher at a table, aimed at the first ball.
 
     Args:
@@ -138,8 +138,10 @@ def build_scene(
         raise BadInput(f"others has shape {rest.shape}; {len(names)} balls need ({max(len(names) - 1, 0)}, 2)")
     places = np.vstack([np.asarray(position, float).reshape(1, 2), rest])
     for name, xy in zip(names, places, strict=True):
-        if not np.all(np.abs(xy) <= table.reach(ball)):
-            raise BadInput(f"ball {name!r} is at {xy.tolist()}; keep it within +-{table.reach(ball).tolist()} m")
+        if not np.all(np.abs(xy) <= table.centre_limits(ball)):
+            raise BadInput(
+                f"ball {name!r} is at {xy.tolist()}; keep it within +-{table.centre_limits(ball).tolist()} m"
+            )
     if not np.isfinite(azimuth):
         raise BadInput(f"azimuth is {azimuth}; give radians")
     if not 0.002 <= end_mass <= 0.1:
@@ -166,13 +168,13 @@ def build_scene(
     if not slate:
         spec.body(names[0]).gravcomp = 1
         spec.delete(bed)
-    return Scene(spec.compile(), ball, names[0], float(azimuth), tip_friction, spec)
+    return LauncherScene(spec.compile(), ball, names[0], float(azimuth), tip_friction, spec)
 
 
 class _Machine:
     """One stroke under way."""
 
-    def __init__(self, scene: Scene, side: float, height: float) -> None:
+    def __init__(self, scene: LauncherScene, side: float, height: float) -> None:
         self.model = copy.copy(scene.model)  # the step changes
         self.data = mujoco.MjData(self.model)
         self.ball = self.model.geom(f"ball {scene.name}").id
@@ -230,8 +232,8 @@ class _Machine:
 
 
 def strike(
-    scene: Scene, cue_speed: float, side: float = 0.0, height: float = 0.0, *, follow_through: bool = False
-) -> Stroke:
+    scene: LauncherScene, cue_speed: float, side: float = 0.0, height: float = 0.0, *, follow_through: bool = False
+) -> SimulatedStroke:
     """Simulate a stroke from rest until the tip has left the ball.
 
     Args:
@@ -245,7 +247,7 @@ def strike(
         BadInput: the speed or an offset is out of range, or the cue misses the ball.
     """
     if not CUE_SPEED_RANGE[0] <= cue_speed <= CUE_SPEED_RANGE[1]:
-        raise BadInput(f"cue_speed is {cue_speed} m/s; the drive reaches {CUE_SPEED_RANGE[0]} to {CUE_SPEED_RANGE[1]}")
+        raise BadInput(f"cue_speed is {cue_speed} m/s; the drive allows {CUE_SPEED_RANGE[0]} to {CUE_SPEED_RANGE[1]}")
     for name, value, most in (("side", side, STAGE_TRAVEL_M), ("height", height, STAGE_TRAVEL_M * np.cos(CUE_TILT))):
         if not abs(value) <= most:
             raise BadInput(f"{name} is {value} m; the stage travels +-{most:.4f} m")
@@ -289,7 +291,7 @@ def strike(
     spin = np.zeros(3)
     mujoco.mju_rotVecQuat(spin, state[3:6], state[6:10])  # a free joint turns about its own axes
     away = np.arctan2(state[1], state[0]) - scene.azimuth
-    return Stroke(
+    return SimulatedStroke(
         cue_speed=hit_with,
         cue_left=cue_left,
         velocity=state[:3].copy(),
@@ -307,7 +309,9 @@ def strike(
     )
 
 
-def strike_all(scene: Scene, shots: Iterable[tuple[float, float, float]], *, threads: int = 2) -> list[Stroke]:
+def strike_all(
+    scene: LauncherScene, shots: Iterable[tuple[float, float, float]], *, threads: int = 2
+) -> list[SimulatedStroke]:
     """Many strokes, each (cue_speed, side, height) as in `strike`; the same whatever the number of threads."""
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(lambda shot: strike(scene, *shot), shots))

@@ -29,8 +29,8 @@ from models.mjcf.launcher import (
     NAME_PREFIX,
     PINION_RADIUS_M,
     RUN_UP,
-    Scene,
-    Stroke,
+    LauncherScene,
+    SimulatedStroke,
     build_scene,
     strike,
     strike_all,
@@ -40,7 +40,7 @@ from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.shot import GRAVITY, Array
 
 CUE_BALL_SPOT = np.array([-1.23, 0.0])  # where the struck ball lies [m]
-ANALYTIC_CUE = cueing.Cue(
+ANALYTIC_CUE = cueing.CueStick(
     launcher.CUE_MASS,
     launcher.END_MASS,
     launcher.TIP_RADIUS,
@@ -64,7 +64,10 @@ RPM_PER_RAD_S = 30 / np.pi
 
 
 def grid(
-    scene: Scene, speeds: Sequence[float] = GRID_SPEEDS, sides: Array = GRID_SIDES, heights: Array = GRID_HEIGHTS
+    scene: LauncherScene,
+    speeds: Sequence[float] = GRID_SPEEDS,
+    sides: Array = GRID_SIDES,
+    heights: Array = GRID_HEIGHTS,
 ) -> dict[str, Array]:
     """Strokes over a grid: "speed" (relative to the cue's), "squirt" [rad], "spin" (..., 3) [rad/s], "miscue".
 
@@ -82,9 +85,13 @@ def grid(
 
 
 def errors(
-    scene: Scene, shots: Sequence[tuple[float, float, float]], strokes: Sequence[Stroke], *, rubbed: bool = False
+    scene: LauncherScene,
+    shots: Sequence[tuple[float, float, float]],
+    strokes: Sequence[SimulatedStroke],
+    *,
+    rubbed: bool = False,
 ) -> Array:
-    """How far strokes are from the analytic model at the cue speed that was reached: (n, 3).
+    """How far strokes are from the analytic model at the cue speed that was attained: (n, 3).
 
     Columns: horizontal ball speed [%]; spin, the length of the difference times R over the ball's speed [%] (100 is as
     much as natural roll); squirt [degrees]. The analytic ball leaves along the cue and keeps the horizontal part; with
@@ -110,7 +117,7 @@ def errors(
 
 def compare(
     shots: Sequence[tuple[float, float, float]], *, slate: bool
-) -> tuple[Sequence[tuple[float, float, float]], list[Stroke]]:
+) -> tuple[Sequence[tuple[float, float, float]], list[SimulatedStroke]]:
     """Run strokes and print their errors by speed and by offset."""
     scene = build_scene(SNOOKER_TABLE, SNOOKER_BALL, ("white",), CUE_BALL_SPOT, 0.0, slate=slate)
     strokes = strike_all(scene, shots)
@@ -141,7 +148,7 @@ def compare(
     return shots, strokes
 
 
-def effective_mass(scene: Scene, cue_speed: float = 2.0) -> float:
+def effective_mass(scene: LauncherScene, cue_speed: float = 2.0) -> float:
     """Mass with which the cue hits: momentum of the ball over what the cue loses in speed, centre ball [kg]."""
     stroke = strike(scene, cue_speed)
     along = stroke.velocity[0] * np.cos(scene.azimuth) + stroke.velocity[1] * np.sin(scene.azimuth)
@@ -154,7 +161,7 @@ def needed_cue_speed(ball_speed: float) -> float:
     return (1 + SNOOKER_BALL.mass / launcher.CUE_MASS) * ball_speed / (1 + launcher.TIP_RESTITUTION)
 
 
-def closed_form(scene: Scene, cue_speed: float) -> dict[str, float]:
+def closed_form(scene: LauncherScene, cue_speed: float) -> dict[str, float]:
     """The drive's peaks by the formulas above: run-up and pull after the hit; SI, turns in rpm."""
     model = scene.model
     rack = model.body(f"{NAME_PREFIX}rack").mass[0]
@@ -217,7 +224,7 @@ def print_drive(ball_speed: float = 4.0) -> None:
     print("within its continuous rating too" if able and often else "above its continuous rating, for the run-up only")
 
 
-def write_csv(path: Path, shots: Sequence[tuple[float, float, float]], strokes: Sequence[Stroke]) -> None:
+def write_csv(path: Path, shots: Sequence[tuple[float, float, float]], strokes: Sequence[SimulatedStroke]) -> None:
     """Write every stroke, SI."""
     head = "speed_asked,side,height,cue_speed,vx,vy,vz,wx,wy,wz,squirt,contact_time,tip_force,slip,miscue\n"
     rows = []

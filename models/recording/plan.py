@@ -69,7 +69,7 @@ def dropped(table: Table, ball: Ball, xy: Array) -> bool:
 
 
 def fate(draw: Mapping[str, Any]) -> str:
-    """A key of FATES; a foul outweighs the pot."""
+    """A key of OUTCOME_COLOURS; a foul outweighs the pot."""
     return "foul" if draw.get("foul") else "potted" if draw.get("potted") else "missed"
 
 
@@ -87,9 +87,9 @@ def outline(cloud: Array, share: float) -> Array:
     mean = cloud.mean(axis=0)
     variance, axes = np.linalg.eigh(np.cov(cloud.T))
     size = np.sqrt(np.maximum(variance, MIN_OUTLINE_SD_M**2))
-    reach = np.quantile(np.hypot(*((cloud - mean) @ axes / size).T), share)
+    scale = np.quantile(np.hypot(*((cloud - mean) @ axes / size).T), share)
     turn = np.linspace(0.0, 2 * math.pi, 73)
-    return np.asarray(mean + reach * (np.column_stack([np.cos(turn), np.sin(turn)]) * size) @ axes.T)
+    return np.asarray(mean + scale * (np.column_stack([np.cos(turn), np.sin(turn)]) * size) @ axes.T)
 
 
 def percent(chance: Mapping[str, Any] | None) -> str:
@@ -139,7 +139,7 @@ def rest_words(rest: Mapping[str, Any] | None) -> str:
 
 
 def sentence(plan: Mapping[str, Any]) -> str:
-    """The shot in one sentence, as one operator tells it to another."""
+    """The shot in one sentence, as one operator would say it to another."""
     goal, stroke, launcher = plan["scene"].get("goal") or {}, plan.get("stroke"), plan.get("launcher") or {}
     if not stroke:
         return f"No shot on the {goal.get('object', 'object ball')} is reasonable here."

@@ -43,7 +43,7 @@ STORY_CURVES: Mapping[str, tuple[str, Colour]] = {
 }
 STORY_GUIDE = """
 * **Solid balls and thick lines**: as filmed, in the balls' own colours. **Thin cyan lines**: as planned.
-* **Orange cross**: where the cue ball was told to stop; the **arrow** leads from there to where it did.
+* **Orange cross**: where the cue ball was commanded to stop; the **arrow** leads from there to where it did.
 * **White circle**: where it was wanted. **Thin rings**: where the balls lay.
 * **Timelines**: `shot` steps from shot to shot and shows how each ended; on `shot_time` the balls roll.
 * **Curves**, in mm over the shots: they end at the launcher's own scatter, if all else was learnt.
@@ -51,33 +51,33 @@ STORY_GUIDE = """
 
 
 @dataclass(frozen=True)
-class Scene:
+class SeriesShot:
     """One shot: what was planned, and what came of it."""
 
     number: int  # from 1
     start: Mapping[str, Array]  # ball -> (2,) [m], table frame
     planned: Mapping[str, Way] = field(default_factory=dict)  # by ball, of those that move
     played: Mapping[str, Way] = field(default_factory=dict)  # by ball, as filmed; empty where there is no film
-    told: Array | None = None  # (2,) where the cue ball was to stop [m]
+    target: Array | None = None  # (2,) where the cue ball was commanded to stop [m]
     stopped: Array | None = None  # (2,) where it did [m]
     wanted: Array | None = None  # (2,) where it was wanted [m]
-    curves: Mapping[str, float] = field(default_factory=dict)  # a key of CURVES -> [m]; NaN for none
+    curves: Mapping[str, float] = field(default_factory=dict)  # a key of STORY_CURVES -> [m]; NaN for none
     words: str = ""  # what came of it, in a line
     page: str = ""  # the same at length, Markdown
 
 
 @dataclass(frozen=True)
-class Recording:
+class SeriesRecording:
     """A series."""
 
-    scenes: Sequence[Scene]
+    scenes: Sequence[SeriesShot]
     lessons: Sequence[tuple[int, str]] = ()  # shots that a refit was made after, and what it found, in a line
     words: str = ""  # what the series came to, Markdown
     table: Table = SNOOKER_TABLE
     ball: Ball = SNOOKER_BALL
 
 
-def write_story(path: Path | str, recording: Recording, *, title: str) -> None:
+def write_story(path: Path | str, recording: SeriesRecording, *, title: str) -> None:
     """Write one Rerun recording of a series; the file appears whole or not at all.
 
     Raises BadInput where it cannot be written.
@@ -98,7 +98,7 @@ def write_story(path: Path | str, recording: Recording, *, title: str) -> None:
 class _Laid:
     """A shot on the timeline: t = 0 at `start`, everything until `last` [s]."""
 
-    scene: Scene
+    scene: SeriesShot
     start: float
     last: float
 
@@ -130,19 +130,19 @@ class _Film(Out):
         return [one.scene.number for one in laid], [one.start for one in laid], count or [1] * len(laid)
 
 
-def _digest(recording: Recording, title: str) -> str:
+def _digest(recording: SeriesRecording, title: str) -> str:
     """Of all that is shown."""
     digest = hashlib.sha256(repr((title, recording.table, recording.ball, recording.words, recording.lessons)).encode())
     for scene in recording.scenes:
         digest.update(repr((scene.number, scene.words, scene.page, sorted(scene.curves.items()))).encode())
-        places = [scene.told, scene.stopped, scene.wanted, *scene.start.values()]
+        places = [scene.target, scene.stopped, scene.wanted, *scene.start.values()]
         ways = [part for who in (scene.planned, scene.played) for way in who.values() for part in way]
         for values in (np.empty(0) if part is None else np.asarray(part, float) for part in [*places, *ways]):
             digest.update(values.tobytes())
     return digest.hexdigest()[:32]
 
 
-def _lay_out(scenes: Sequence[Scene]) -> list[_Laid]:
+def _lay_out(scenes: Sequence[SeriesShot]) -> list[_Laid]:
     """The shots one after another, each from a whole second."""
     laid: list[_Laid] = []
     for scene in scenes:
@@ -213,17 +213,17 @@ def _appearance(one: _Laid, name: str) -> tuple[Array, Array, Any]:
 
 
 def _draw_marks(out: _Film, ball: Ball) -> None:
-    """Where the cue ball was told to stop, where it stopped, where it was wanted."""
+    """Where the cue ball was commanded to stop, where it stopped, where it was wanted."""
     rr, r = out.rr, ball.radius
     scenes = [one.scene for one in out.laid]
-    told = [s.told if s.told is not None and np.isfinite(s.told).all() else None for s in scenes]
+    targets = [s.target if s.target is not None and np.isfinite(s.target).all() else None for s in scenes]
     bars = [
-        [xy + r * np.array(bar) for bar in ([[-1, -1], [1, 1]], [[-1, 1], [1, -1]])] for xy in told if xy is not None
+        [xy + r * np.array(bar) for bar in ([[-1, -1], [1, 1]], [[-1, 1], [1, -1]])] for xy in targets if xy is not None
     ]
     style: dict[str, Any] = {"radii": -1.6, "colors": TARGET_COLOUR, "draw_order": 40.0}
-    rows = out.per_shot([0 if xy is None else 2 for xy in told])
+    rows = out.per_shot([0 if xy is None else 2 for xy in targets])
     out.send("top/told", rr.LineStrips2D, style, {"strips": [bar for pair in bars for bar in pair]}, rows)
-    pairs = [None if a is None or s.stopped is None else (a, s.stopped) for a, s in zip(told, scenes, strict=True)]
+    pairs = [None if a is None or s.stopped is None else (a, s.stopped) for a, s in zip(targets, scenes, strict=True)]
     known = np.array([pair for pair in pairs if pair is not None]).reshape(-1, 2, 2)
     data = {"origins": known[:, 0], "vectors": known[:, 1] - known[:, 0]}
     style = {"radii": -1.4, "colors": TARGET_COLOUR, "draw_order": 45.0}
@@ -250,7 +250,7 @@ def _plot(out: _Film) -> None:
         out.send(f"plot/{key}", rr.Scalars, {}, {"scalars": values}, out.per_shot())
 
 
-def _describe(out: _Film, recording: Recording, title: str) -> None:
+def _describe(out: _Film, recording: SeriesRecording, title: str) -> None:
     """Words: the series, how to read it, each shot, what refits found."""
     rr, style = out.rr, {"media_type": "text/markdown"}
     out.fixed("text/series", rr.TextDocument(f"# {title}\n{recording.words}", **style))

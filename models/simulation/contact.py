@@ -42,7 +42,7 @@ MIN_IMPEDANCE = 1e-4  # the lowest that MuJoCo takes
 @compiled
 def _meet(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array, c: int,
-    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, limits: Array,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """Gap, approach speed and normal (first body into second) of contact c in one simulation."""
     i, j = first[c], second[c]
@@ -56,19 +56,19 @@ def _meet(
     k, sign = j // 2, 1.0 - 2.0 * (j % 2)
     if not alive[i] or not span[c, 0] <= p[i, 1 - k] <= span[c, 1]:
         return np.inf, 0.0, 1.0, 0.0
-    return reach[k] - sign * p[i, k], sign * v[i, k], sign * (k == 0), sign * (k == 1)
+    return limits[k] - sign * p[i, k], sign * v[i, k], sign * (k == 0), sign * (k == 1)
 
 
 @compiled
 def overlaps(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
-    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, limits: Array,
 ) -> Array:  # fmt: skip
     """Depth of every contact (n, ncontact) [m], 0 where it is open."""
     out = np.zeros((p.shape[0], kind.size))
     for n in range(p.shape[0]):
         for c in range(kind.size):
-            gap, _, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
+            gap, _, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, limits)
             if gap < 0.0:
                 out[n, c] = depth_of(kind[c] == 1, gap, radius)[0]
     return out
@@ -93,14 +93,14 @@ def _local(
 @compiled
 def closing(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
-    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array, peak: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, limits: Array, peak: Array,
     out: NDArray[np.int64],
 ) -> int:  # fmt: skip
     """Contacts that close, or close faster than ever since: fills rows of out: (row, contact)."""
     count = 0
     for n in range(p.shape[0]):
         for c in range(kind.size):
-            gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
+            gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, limits)
             if gap > CONTACT_GAP_M:
                 peak[n, c] = 0.0
             elif approach > max(peak[n, c], MIN_IMPACT_SPEED):
@@ -113,7 +113,7 @@ def closing(
 @compiled
 def press(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
-    p: Array, v: Array, w: Array, alive: NDArray[np.bool_], reach: Array, given: Array, damping: Array, mu: Array,
+    p: Array, v: Array, w: Array, alive: NDArray[np.bool_], limits: Array, given: Array, damping: Array, mu: Array,
     cloth: Array, heavier: Array, m: float, r: float, force: Array, torque: Array, solref: Array,
 ) -> None:  # fmt: skip
     """Set the springs of closed contacts, solref (n, ncontact, 2), and add the friction that goes with them.
@@ -131,7 +131,7 @@ def press(
             cushion = kind[c] == 1
             i, j = first[c], second[c]
             solref[n, c, 0] = solref[n, c, 1] = 0.0
-            gap, approach, x, y = _meet(kind, first, second, span, c, p[n], v[n], alive[n], r, reach)
+            gap, approach, x, y = _meet(kind, first, second, span, c, p[n], v[n], alive[n], r, limits)
             if gap > CONTACT_GAP_M:
                 given[n, c] = 0.0
                 continue
@@ -182,14 +182,14 @@ def press(
 @compiled
 def apart(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
-    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array, given: Array, damping: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, limits: Array, given: Array, damping: Array,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
     """Simulations in which nothing presses or closes, and those in which nothing does so at a speed: (n,) each."""
     free, calm = np.ones(p.shape[0], np.bool_), np.ones(p.shape[0], np.bool_)
     for n in range(p.shape[0]):
         for c in range(kind.size):
             cushion = kind[c] == 1
-            gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
+            gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, limits)
             if gap > CONTACT_GAP_M:
                 continue
             calm[n] = calm[n] and abs(approach) < DEAD_SPEED
@@ -213,7 +213,7 @@ class Contacts:
         spec = self._spec(model, effects, balls)
         compiled = spec.compile()
         self.radius, self.mass = model.ball.radius, model.ball.mass
-        self.reach = model.table.reach(model.ball)
+        self.limits = model.table.centre_limits(model.ball)
         self.batch = mujoco.batch.Batch(compiled, nsim, nthread=threads)
         self.qpos = self.batch.bind("qpos").reshape(nsim, balls, 2)
         self.qvel = self.batch.bind("qvel").reshape(nsim, balls, 2)
@@ -258,7 +258,7 @@ class Contacts:
         self.qpos[rows] = np.where(alive[..., None], p[..., :2], away)
         self.qvel[rows] = np.where(alive[..., None], v[..., :2], 0.0)
         self.given[rows] = overlaps(
-            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.reach
+            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.limits
         )  # fmt: skip
         self.peak[rows] = 0.0
         self.first_time[rows] = True
@@ -269,7 +269,7 @@ class Contacts:
         found = np.zeros((rows.size * self.kind.size, 2), np.int64)
         count = closing(
             self.kind, self.first, self.second, self.span, balls.position, balls.velocity, alive, self.radius,
-            self.reach, peak, found,
+            self.limits, peak, found,
         )  # fmt: skip
         self.peak[rows] = peak
         return found[:count]
@@ -301,7 +301,7 @@ class Contacts:
         force, torque = self.mass * balls.acceleration, balls.ball.inertia * balls.turning
         press(
             self.kind, self.first, self.second, self.span, balls.position, balls.velocity, balls.spin, alive,
-            self.reach, given, damping, self.friction[rows], cloth, self.heavier[rows], self.mass, self.radius,
+            self.limits, given, damping, self.friction[rows], cloth, self.heavier[rows], self.mass, self.radius,
             force, torque, solref,
         )  # fmt: skip
         self.solref[rows], self.given[rows] = solref, given
@@ -312,7 +312,7 @@ class Contacts:
         p[..., :2] = np.where(alive[..., None], self.qpos[rows], p[..., :2])
         v[..., :2] = np.where(alive[..., None], self.qvel[rows], v[..., :2])
         free, calm = apart(
-            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.reach, given, damping
+            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.limits, given, damping
         )  # fmt: skip
         return p, v, free, calm
 

@@ -131,7 +131,7 @@ def _checked(eyes: Sequence[Effect], times: Array) -> Array:
 
 
 def _report(hooks: Hooks, number: int, track: Track, true: Array, shot: Shot) -> Track:
-    """A track as the camera tells it; `true` are its times on the camera's own axis, those of the shot are stamps."""
+    """A track as the camera reports it; `true` are its times on the camera's own axis, those of the shot are stamps."""
     position = np.array(track.position)
     see(position, np.ascontiguousarray(track.velocity), true, hooks.own[number].ctypes.data, hooks.observe)
     when = np.interp([e.time for e in track.events], np.append(0.0, track.times), np.append(0.0, shot.times))

@@ -87,7 +87,7 @@ class Rollout:
         self.rolled = np.zeros((nsim, nball))
         self.room = np.full(nsim, np.inf)  # that the last step would have had, where forces vary [s]
         self.events: list[list[Event]] = [[] for _ in self.shots]
-        self.reach = table.reach(ball)
+        self.limits = table.centre_limits(ball)
         self.half = np.array([table.length / 2, table.width / 2])
         self.falls = np.array([[name not in s.staying for name in s.names] for s in self.shots])
         self._start()
@@ -163,7 +163,7 @@ class Rollout:
 
         def touch(some: Any, acceleration: Array, limit: Array) -> tuple[Array, NDArray[np.int64]]:
             return next_touch(
-                balls.position[some], balls.velocity[some], acceleration, alive[some], balls.ball.radius, self.reach,
+                balls.position[some], balls.velocity[some], acceleration, alive[some], balls.ball.radius, self.limits,
                 self.half, self.pockets.ends, self.pockets.jaws, self.pockets.falls, falls[some], self.resolved,
                 quiet[some], limit,
             )  # fmt: skip
@@ -172,7 +172,7 @@ class Rollout:
         rough = np.zeros(rows.size, bool)
         if not self.resolved.all():
             safe = native_step(
-                balls.position, balls.velocity, acceleration, alive, balls.ball.radius, self.reach, ~self.resolved,
+                balls.position, balls.velocity, acceleration, alive, balls.ball.radius, self.limits, ~self.resolved,
                 self.fine[rows], np.full(rows.size, np.inf),
             )  # fmt: skip
             hit[safe < step] = 0
@@ -299,7 +299,7 @@ class Rollout:
             near = np.maximum(CROWD_GAP_M, approach * CUSHION_TIME)
             there = np.where(self.alive[rows], REST, POTTED)
             crowd = crowded(
-                kind == "cushion", hit, p, there, near, ball.radius, self.reach, self.half,
+                kind == "cushion", hit, p, there, near, ball.radius, self.limits, self.half,
                 self.pockets.ends,
             )  # fmt: skip
             jaw = (j >= 4) & (kind == "cushion")  # no contact of MuJoCo's stands for a jaw
@@ -324,7 +324,7 @@ class Rollout:
             self.leaning = True
             self.quiet[rows[slow], i[slow], other[slow]] = now[slow] + LEAN_STEP
             touching = p[slow]
-            part_rows(kind == "cushion", hit[slow], touching, ball.radius, self.reach, self.pockets.jaws)
+            part_rows(kind == "cushion", hit[slow], touching, ball.radius, self.limits, self.pockets.jaws)
             self.qpos[rows[slow], :, :3] = touching
         for k in np.flatnonzero(~(slow & leans)):
             self._log(int(rows[k]), kind, int(i[k]), int(j[k]))

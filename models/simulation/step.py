@@ -101,8 +101,8 @@ class World:
         hooks, pockets = game.hooks, game.pockets
         self._own = hooks.own[0]
         self._rest = (
-            hooks.forces, hooks.support, hooks.horizon, hooks.impact, game.cloth[0], game.mass, game.radius, game.reach,
-            game.half, pockets.ends, pockets.jaws, pockets.falls, damping_table(),
+            hooks.forces, hooks.support, hooks.horizon, hooks.impact, game.cloth[0], game.mass, game.radius,
+            game.limits, game.half, pockets.ends, pockets.jaws, pockets.falls, damping_table(),
         )  # fmt: skip
 
     def place(self, places: Mapping[str, ArrayLike], data: mujoco.MjData | None = None) -> mujoco.MjData:

@@ -19,7 +19,9 @@ from models.compiled import compiled
 Array = NDArray[np.float64]
 
 BALL, CUSHION, POCKET = 1, 2, 3
-PUSH_STEP = 4e-4  # step while something is pressed against something without moving [s]: 2.4 m/s^2 stay below DEAD
+PUSH_STEP = (
+    4e-4  # step while something is pressed against something without moving [s]: 2.4 m/s^2 stay below DEAD_SPEED
+)
 LEAN_STEP = 2e-3  # between two looks at what leans [s]
 
 
@@ -30,7 +32,7 @@ def next_touch(
     acceleration: Array,
     alive: NDArray[np.bool_],
     radius: float,
-    reach: Array,
+    limits: Array,
     half: Array,
     mouths: Array,
     jaws: Array,
@@ -42,7 +44,7 @@ def next_touch(
 ) -> tuple[Array, NDArray[np.int64]]:
     """The step to the next touch of every simulation, at most `limit`, and what it is: (nsim,), (nsim, 3).
 
-    Positions (nsim, nball, 3); `reach` and `half` (2,): where centres meet the cushions, and the nose lines;
+    Positions (nsim, nball, 3); `limits` and `half` (2,): where centres meet the cushions, and the nose lines;
     `mouths` (corner, middle, capture) [m], zeros on a table without pockets; where pockets have jaws the ends of
     the straight cushions, `jaws` the arcs and `edges` the falls of models/analytic/pocket.py, otherwise of no rows;
     `falls` (nsim, nball): which balls a pocket takes; `what`: balls?, cushions?
@@ -66,9 +68,9 @@ def next_touch(
                     k = rail // 2
                     sign = 1.0 - 2.0 * (rail % 2)
                     if bent:
-                        t = straight(rail, reach, p, v, a, half, mouths, h)
+                        t = straight(rail, limits, p, v, a, half, mouths, h)
                     else:
-                        t = line(reach[k] - sign * p[k], sign * v[k], sign * a[k], h)
+                        t = line(limits[k] - sign * p[k], sign * v[k], sign * a[k], h)
                     if t == np.inf:
                         continue
                     if t < 0.0:
@@ -139,7 +141,7 @@ def native_step(
     acceleration: Array,
     alive: NDArray[np.bool_],
     radius: float,
-    reach: Array,
+    limits: Array,
     what: NDArray[np.bool_],
     fine: Array,
     coarse: Array,
@@ -155,7 +157,7 @@ def native_step(
             if what[1]:
                 for k in range(2):
                     for sign in (-1.0, 1.0):
-                        gap = reach[k] - sign * p[k]
+                        gap = limits[k] - sign * p[k]
                         step[s] = min(step[s], _safe(gap, sign * v[k], sign * a[k], fine[s]))
             if what[0]:
                 for j in range(i):

@@ -69,14 +69,14 @@ def _mirrored(scene: Scene, place: Array, rail: int) -> Array:
         return place
     k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
     out = place.copy()
-    out[k] = 2 * sign * scene.table.reach(scene.ball)[k] - place[k]
+    out[k] = 2 * sign * scene.table.centre_limits(scene.ball)[k] - place[k]
     return out
 
 
 def _bounce(scene: Scene, start: Array, image: Array, rail: int) -> Array | None:
     """Where the line to a mirrored place meets the rail, within its straight part; None where it does not."""
     k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-    level = sign * scene.table.reach(scene.ball)[k]
+    level = sign * scene.table.centre_limits(scene.ball)[k]
     way = image - start
     if abs(way[k]) < 1e-9:
         return None
@@ -141,7 +141,7 @@ def every_way(scene: Scene) -> Iterator[Way]:
 
 
 def _beyond(scene: Scene, ghost: Array) -> bool:
-    return bool((np.abs(ghost) > scene.table.reach(scene.ball) + 1e-3).any())
+    return bool((np.abs(ghost) > scene.table.centre_limits(scene.ball) + 1e-3).any())
 
 
 def _at_rail(pocket: Pocket, rail: int) -> bool:

@@ -25,7 +25,7 @@ from scipy.optimize import least_squares
 from models.analytic.cloth import slip, state_at
 from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
-from models.mjcf.launcher import NAME_PREFIX, Scene, build_scene, strike
+from models.mjcf.launcher import NAME_PREFIX, LauncherScene, build_scene, strike
 from models.mjcf.native import solref
 from models.shot import GRAVITY, Array, Ball, Table
 from planner.launcher.stroke import Launcher
@@ -78,7 +78,7 @@ def draw_hidden(rng: np.random.Generator) -> Hidden:
     )
 
 
-def hidden_scene(hidden: Hidden) -> Scene:
+def hidden_scene(hidden: Hidden) -> LauncherScene:
     """The launcher at the table with these constants in it."""
     scene = build_scene(TABLE, BALL, ("white",), SPOT, 0.0, end_mass=hidden.end_mass, tip_friction=hidden.tip_friction)
     spec = scene.spec

@@ -70,7 +70,7 @@ def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: fl
 
     A fast hit shows from one frame to the next; a slow one, close to the cushion, in the slopes before and after.
     """
-    reach = table.reach(ball)
+    reach = table.centre_limits(ball)
     cuts = []
     step = np.diff(xy, axis=0)
     for axis, letter in enumerate("xy"):

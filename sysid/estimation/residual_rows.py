@@ -119,7 +119,7 @@ def residuals(
             first, last, x, which, samples.stamps, samples.begun, samples.azimuth, samples.order, samples.struck,
             samples.balls, samples.rest, samples.stays, samples.count, samples.at, samples.xy, samples.theta,
             samples.trusted, sd, sd_theta, horizon, hooks.own, hooks.forces, hooks.support, hooks.horizon, hooks.impact,
-            hooks.strike, hooks.observe, hooks.exposures, game.cloth, game.mass, game.radius, game.reach, game.half,
+            hooks.strike, hooks.observe, hooks.exposures, game.cloth, game.mass, game.radius, game.limits, game.half,
             pockets.ends, pockets.jaws, pockets.falls, table, out, faults,
         )  # fmt: skip
 

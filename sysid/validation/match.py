@@ -130,7 +130,7 @@ def impact_shot(kind: str, speed: float, angle: float, top: float, side: float, 
     start = -LEAD * speed * way
     times = np.array([0.0, LEAD + after])
     if kind == "cushion":
-        start = start + np.array([float(TABLE.reach(BALL)[0]), 0.0])
+        start = start + np.array([float(TABLE.centre_limits(BALL)[0]), 0.0])
         return Shot(("white",), start[None], speed * way[None], spin[None], times)
     places = np.array([start - [BALL.diameter, 0.0], [0.0, 0.0]])
     return Shot(
@@ -176,7 +176,7 @@ def random_shots(count: int = 200, most: int = 4) -> tuple[list[Shot], list[Trac
     """Shots of one to three balls with one to `most` impacts, sampled at the rest of the struck ball; their tracks."""
     rng = np.random.default_rng(SEED)
     shots: list[Shot] = []
-    half = TABLE.reach(BALL) - 0.1
+    half = TABLE.centre_limits(BALL) - 0.1
     while len(shots) < count:
         n = int(rng.integers(1, 4))
         places = rng.uniform(-half, half, (n, 2))
@@ -309,7 +309,7 @@ def two_ball_shots(count: int) -> list[Shot]:
     """Shots of 0.5 to 3.5 m/s with spin, most of them at another ball, over 4 s on a snooker table without pockets."""
     rng = np.random.default_rng(SEED)
     shots: list[Shot] = []
-    half = WIDE.reach(BALL) - 0.05
+    half = WIDE.centre_limits(BALL) - 0.05
     while len(shots) < count:
         places = rng.uniform(-half, half, (2, 2))
         to = places[1] - places[0]

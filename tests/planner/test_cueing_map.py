@@ -114,7 +114,7 @@ def test_no_stroke_makes_energy() -> None:
 def test_bare_of_end_mass_slate_and_turning_it_is_the_text_books_formula() -> None:
     level = dataclasses.replace(GEOMETRY, elevation=0.0)
     bare = Constants(1.0, 0.5, 1e-6, 0.0, 0.0)  # e = 1 stays 1 whatever moves
-    cue = cueing.Cue(mass=0.5, end_mass=1e-6, tip_restitution=1.0, elevation=0.0)
+    cue = cueing.CueStick(mass=0.5, end_mass=1e-6, tip_restitution=1.0, elevation=0.0)
     speed, side, height = offsets(4)
     found, turn = ball_speed_and_squirt(bare, level, speed, side, height)
     wanted = [cueing.ball_speed(v, x, y, BALL, cue) for v, x, y in zip(speed, side, height, strict=True)]

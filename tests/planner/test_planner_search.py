@@ -35,7 +35,7 @@ QUICK = Effort(
     starts=6, strokes=12, best=4, rounds=3, halved=1, hands=16, finalists=3, closely=64, fresh=256,
 )  # fmt: skip
 EXACT = Execution(0.0, 0.0, 0.0, 0.0)
-REACH = TABLE.reach(BALL)
+REACH = TABLE.centre_limits(BALL)
 CUT = scene([0.6, -0.1], [1.2, 0.3], [-0.4, 0.4], pocket=(1, 1), rest=[0.4, 0.3])
 # The shot of Robotic Billiards (2015), section VIII, in the table frame.
 PAPER = Table(2.96, 1.524)

@@ -1,8 +1,8 @@
 """Sliding friction that depends on the slip: mu_s (1 - k (u - 1 m/s)), u the speed of the lowest point.
 
 Source: Witters and Duymelinck (1986) found 0.14 to 0.21, rising with slip, on a pool table; Mathavan, Jackson, Parkin
-(2009) could not confirm it. A linear law is the least that tells a fast shot from a slow one. Never less than 0.05 of
-mu_s. Leaves out what happens at impacts, where the cloth has its plain friction.
+(2009) could not confirm it. A linear law is the least that separates a fast shot from a slow one. Never less
+than 0.05 of mu_s. Leaves out what happens at impacts, where the cloth has its plain friction.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Direction = aim + per_offset b, b the side offset commanded, positive to the rig
 sends the ball to the left. b = 2 R^2 omega_S / (5 v), where an elevated cue has tilted omega_S = (omega_z, omega_aim).
 The spin's horizontal part turns along. Source: Alciatore TP A.31, Cross 2008: tan = 5/2 (b / R) / (1 + M/m_e + 5/2),
 with no dependence on speed. In a fit the initial state of a shot is then what was commanded, and only clips with a cue
-tell of it. Leaves out the spin that squirt costs, the curvature at large offsets, and strikes beyond the miscue limit,
+identify it. Leaves out the spin that squirt costs, the curvature at large offsets, and strikes beyond the miscue limit,
 which count as at the limit.
 """
 

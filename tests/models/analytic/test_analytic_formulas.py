@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from models.analytic.cloth import rest_time, rolling_velocity, slide_time, slip, state_at
 from models.analytic.cueing import (
-    Cue,
+    CueStick,
     ball_speed,
     contact_offset,
     hop,
@@ -273,7 +273,7 @@ def test_han_loses_what_goes_upwards() -> None:
     assert han_restitution([0.5, 1.0, 1.5, 2.0, 2.5]) == pytest.approx([0.51, 0.60, 0.68, 0.73, 0.76], abs=0.01)
 
 
-CUE = Cue()
+CUE = CueStick()
 
 
 def test_tip_geometry() -> None:
@@ -327,7 +327,7 @@ def test_natural_roll_at_two_fifths() -> None:
 def test_swerve(a: float, angle: float) -> None:
     assert math.degrees(swerve(a, 0.0, CUE.elevation)) == pytest.approx(angle, abs=6e-3)
     # The formula is what a struck ball does, but for squirt: an end that weighs nothing has none.
-    light = Cue(end_mass=1e-12)
+    light = CueStick(end_mass=1e-12)
     hit = strike(light, BALL, 1.0, 0.3, side=a * (R + light.tip_radius))
     course = rolling_velocity(hit.velocity, hit.spin, R)
     assert 0.3 - math.atan2(course[1], course[0]) == pytest.approx(swerve(a, 0.0, light.elevation), abs=1e-9)

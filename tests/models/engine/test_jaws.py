@@ -118,7 +118,7 @@ def test_effects_are_told_the_rail_of_a_jaw_and_its_own_normal() -> None:
 def test_what_lies_in_a_jaw_is_put_back_to_where_it_touches() -> None:
     p = np.zeros((1, 1, 3))
     p[0, 0, :2] = POCKETS.jaws[5, :2] + (POCKETS.jaws[5, 2] - 1e-4) * np.array([0.6, -0.8])
-    part_rows(True, np.array([[2, 0, 9]]), p, R, TABLE.reach(BALL), POCKETS.jaws)
+    part_rows(True, np.array([[2, 0, 9]]), p, R, TABLE.centre_limits(BALL), POCKETS.jaws)
     assert p[0, 0, :2] == pytest.approx(POCKETS.jaws[5, :2] + POCKETS.jaws[5, 2] * np.array([0.6, -0.8]), abs=1e-15)
 
 

@@ -22,7 +22,7 @@ from models.mjcf.launcher import (
     GEAR_RATIO,
     PINION_RADIUS_M,
     STAGE_TRAVEL_M,
-    Scene,
+    LauncherScene,
     build_scene,
     strike,
     strike_all,
@@ -40,13 +40,13 @@ def device() -> Any:
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
+def scene() -> LauncherScene:
     """The device at the table."""
     return build_scene(TABLE, BALL, ("white",), SPOT, 0.0)
 
 
 @pytest.fixture(scope="module")
-def afloat() -> Scene:
+def afloat() -> LauncherScene:
     """The same without a slate under the ball."""
     return build_scene(TABLE, BALL, ("white",), SPOT, 0.0, slate=False)
 
@@ -120,7 +120,9 @@ def test_gears_hold_while_the_servo_pulls(device: Any) -> None:
 
 
 @pytest.mark.parametrize("cue_speed", [0.5, 2.0])
-def test_a_centre_ball_leaves_as_the_formula_says(scene: Scene, afloat: Scene, cue_speed: float) -> None:
+def test_a_centre_ball_leaves_as_the_formula_says(
+    scene: LauncherScene, afloat: LauncherScene, cue_speed: float
+) -> None:
     ideal = cueing.ball_speed(cue_speed, 0, 0, BALL, stroke.ANALYTIC_CUE)
     free = strike(afloat, cue_speed)
     assert free.cue_speed == pytest.approx(cue_speed, rel=5e-3), "constant speed through the stroke"
@@ -136,7 +138,7 @@ def test_a_centre_ball_leaves_as_the_formula_says(scene: Scene, afloat: Scene, c
     assert held.slip < 5e-5
 
 
-def test_right_side_turns_left_and_squirts_left(scene: Scene) -> None:
+def test_right_side_turns_left_and_squirts_left(scene: LauncherScene) -> None:
     right, left = strike(scene, 2.0, 0.010), strike(scene, 2.0, -0.010)
     assert right.spin[2] > 40
     assert right.squirt > np.radians(1.0)
@@ -148,7 +150,7 @@ def test_right_side_turns_left_and_squirts_left(scene: Scene) -> None:
         assert getattr(right, name) == pytest.approx(getattr(mirror, name), rel=1e-3, abs=2e-3), name
 
 
-def test_the_aim_turns_everything_with_it(scene: Scene) -> None:
+def test_the_aim_turns_everything_with_it(scene: LauncherScene) -> None:
     angle = 2.2
     turned = strike(build_scene(TABLE, BALL, ("white",), np.array([0.3, -0.2]), angle), 1.5, 0.006, 0.006)
     here = strike(scene, 1.5, 0.006, 0.006)
@@ -159,7 +161,7 @@ def test_the_aim_turns_everything_with_it(scene: Scene) -> None:
     assert turned.squirt == pytest.approx(here.squirt, abs=1e-3)
 
 
-def test_strokes_follow_the_cueing_model(afloat: Scene) -> None:
+def test_strokes_follow_the_cueing_model(afloat: LauncherScene) -> None:
     shots = [(1.0, 0.006, 0.0), (2.5, 0.012, 0.0), (1.5, 0.0, 0.012), (1.5, 0.0, -0.012), (2.0, 0.012, -0.012)]
     wrong = stroke.errors(afloat, shots, strike_all(afloat, shots))
     assert np.abs(wrong[:, 0]).max() < 1.0, "ball speed [%]"
@@ -176,7 +178,7 @@ def test_more_end_mass_squirts_more() -> None:
     assert np.all(np.diff(squirts) > np.radians(0.4))
 
 
-def test_beyond_the_cone_of_friction_it_miscues(scene: Scene) -> None:
+def test_beyond_the_cone_of_friction_it_miscues(scene: LauncherScene) -> None:
     limit = cueing.miscue_limit(launcher.TIP_FRICTION) * (BALL.radius + launcher.TIP_RADIUS)
     inside, outside = strike(scene, 1.5, 0.9 * limit), strike(scene, 1.5, 1.12 * limit)
     assert not inside.miscue
@@ -186,7 +188,7 @@ def test_beyond_the_cone_of_friction_it_miscues(scene: Scene) -> None:
     assert strike(slick, 1.5, 0.012).miscue, "without chalk"
 
 
-def test_the_fastest_string_is_within_the_torque(scene: Scene) -> None:
+def test_the_fastest_string_is_within_the_torque(scene: LauncherScene) -> None:
     whole = strike(scene, 2.75, follow_through=True)
     assert whole.cue_speed == pytest.approx(2.75, rel=5e-3)
     assert whole.torque < stroke.MOTOR_RATING["peak torque"] - 0.05
@@ -200,7 +202,7 @@ def test_the_fastest_string_is_within_the_torque(scene: Scene) -> None:
     assert whole.rack_force < ideal["pull"]
 
 
-def test_a_stroke_is_the_same_every_time(scene: Scene) -> None:
+def test_a_stroke_is_the_same_every_time(scene: LauncherScene) -> None:
     shots = [(1.0, 0.004, -0.006), (2.0, 0.0, 0.01)]
     one, many = strike_all(scene, shots, threads=1), strike_all(scene, shots, threads=2)
     for a, b in zip(one, many, strict=True):
@@ -213,14 +215,16 @@ def test_a_stroke_is_the_same_every_time(scene: Scene) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((4.0,), r"cue_speed is 4\.0 m/s; the drive reaches 0\.2 to 3\.2"),
+        ((4.0,), r"cue_speed is 4\.0 m/s; the drive allows 0\.2 to 3\.2"),
         ((float("nan"),), "cue_speed is nan"),
         ((1.0, 0.03), r"side is 0\.03 m; the stage travels \+-0\.0250 m"),
         ((1.0, 0.0, -0.0249), r"height is -0\.0249 m; the stage travels \+-0\.0248 m"),
         ((1.0, 0.025, 0.0248), None),
     ],
 )
-def test_a_stroke_that_cannot_be_says_why(scene: Scene, arguments: tuple[float, ...], message: str | None) -> None:
+def test_a_stroke_that_cannot_be_says_why(
+    scene: LauncherScene, arguments: tuple[float, ...], message: str | None
+) -> None:
     if message is None:  # in reach, so it is played, however badly
         assert strike(scene, *arguments).miscue
         return
