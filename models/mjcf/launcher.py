@@ -24,7 +24,7 @@ import copy
 import sys
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from models.mjcf.gl import choose_backend
@@ -101,6 +101,20 @@ def attach_launcher(spec: mujoco.MjSpec, aim: Array, azimuth: float) -> None:
     spec.attach(device, frame=frame, prefix=NAME_PREFIX)
 
 
+def _checked_places(table: Table, ball: Ball, names: Sequence[str], position: Array, others: Array | None) -> Array:
+    """Places of all balls, the struck one first: (n, 2) [m]; BadInput where one does not lie on the table."""
+    rest = np.zeros((0, 2)) if others is None else np.asarray(others, float)
+    if not names or rest.shape != (len(names) - 1, 2):
+        raise BadInput(f"others has shape {rest.shape}; {len(names)} balls need ({max(len(names) - 1, 0)}, 2)")
+    places = np.vstack([np.asarray(position, float).reshape(1, 2), rest])
+    for name, xy in zip(names, places, strict=True):
+        if not np.all(np.abs(xy) <= table.centre_limits(ball)):
+            raise BadInput(
+                f"ball {name!r} is at {xy.tolist()}; keep it within +-{table.centre_limits(ball).tolist()} m"
+            )
+    return places
+
+
 def build_scene(
     table: Table,
     ball: Ball,
@@ -133,15 +147,7 @@ def build_scene(
     Raises:
         BadInput: the ball or another is not on the table, or a number is out of range.
     """
-    rest = np.zeros((0, 2)) if others is None else np.asarray(others, float)
-    if not names or rest.shape != (len(names) - 1, 2):
-        raise BadInput(f"others has shape {rest.shape}; {len(names)} balls need ({max(len(names) - 1, 0)}, 2)")
-    places = np.vstack([np.asarray(position, float).reshape(1, 2), rest])
-    for name, xy in zip(names, places, strict=True):
-        if not np.all(np.abs(xy) <= table.centre_limits(ball)):
-            raise BadInput(
-                f"ball {name!r} is at {xy.tolist()}; keep it within +-{table.centre_limits(ball).tolist()} m"
-            )
+    places = _checked_places(table, ball, names, position, others)
     if not np.isfinite(azimuth):
         raise BadInput(f"azimuth is {azimuth}; give radians")
     if not 0.002 <= end_mass <= 0.1:
@@ -169,6 +175,20 @@ def build_scene(
         spec.body(names[0]).gravcomp = 1
         spec.delete(bed)
     return LauncherScene(spec.compile(), ball, names[0], float(azimuth), tip_friction, spec)
+
+
+@dataclass
+class _Hit:
+    """The contact of tip and ball, summed up over its fine steps."""
+
+    cue_speed: float  # along its axis, just before the tip touches [m/s]
+    cue_left: float  # the same, as the tip leaves [m/s]
+    steps: int = 0  # with contact
+    peak: float = 0.0  # of the normal force [N]
+    slip: float = 0.0  # of the tip over the ball [m]
+    pushed: float = 0.0  # sum of the normal force over the steps [N]
+    slipping: float = 0.0  # part of that sum during which the tip slipped [N]
+    state: Array = field(default_factory=lambda: np.zeros(0))  # of the ball as the tip leaves: qvel (6,), quaternion
 
 
 class _Machine:
@@ -230,6 +250,44 @@ class _Machine:
                 return float(force[0]), float(np.hypot(force[1], force[2])), float(np.hypot(slip[0], slip[1]))
         return None
 
+    def run_up(self, cue_speed: float) -> None:
+        """Accelerate from rest until the tip is about to touch."""
+        ramp = min(2 * RUN_UP / cue_speed, cue_speed / MIN_ACCELERATION)  # [s]
+        while self.gap() > 3 * CONTROL_STEPS * COARSE_STEP_S * cue_speed:
+            part = min(self.data.time / ramp, 1.0)
+            self.step(cue_speed * (0.5 - 0.5 * np.cos(np.pi * part)), COARSE_STEP_S, CONTROL_STEPS)
+
+    def hit(self, cue_speed: float, scene: LauncherScene) -> _Hit:
+        """Go on in fine steps until the tip has left the ball, or has not touched it in 20 ms."""
+        data, hit = self.data, _Hit(self.cue_speed(), self.cue_speed())
+        alone, deadline = 0, data.time + 0.02
+        while alone < RELEASE_STEPS and data.time < deadline:
+            self.step(cue_speed, FINE_STEP_S)
+            touch = self.touch()
+            if touch is not None:
+                normal, friction, sliding = touch
+                hit.peak, hit.slip, hit.pushed = (
+                    max(hit.peak, normal), hit.slip + sliding * FINE_STEP_S, hit.pushed + normal
+                )  # fmt: skip
+                hit.slipping += normal if friction > 0.98 * scene.tip_friction * normal else 0.0
+                hit.steps, alone = hit.steps + 1, 0
+            elif hit.steps:
+                if alone == 0:
+                    joint = data.joint(scene.name)
+                    hit.state, hit.cue_left = np.concatenate([joint.qvel, joint.qpos[3:]]), self.cue_speed()
+                alone += 1
+            else:
+                hit.cue_speed = self.cue_speed()
+        return hit
+
+    def follow_through(self, cue_speed: float) -> float:
+        """Brake until the rack stands; returns how far it has travelled [m]."""
+        left = cue_speed
+        while left > 0 or self.cue_speed() > 0.02:
+            self.step(left, COARSE_STEP_S, CONTROL_STEPS)
+            left = max(left - BRAKING_DECELERATION * CONTROL_STEPS * COARSE_STEP_S, 0.0)
+        return float(self.data.joint(f"{NAME_PREFIX}rack").qpos[0])
+
 
 def strike(
     scene: LauncherScene, cue_speed: float, side: float = 0.0, height: float = 0.0, *, follow_through: bool = False
@@ -254,53 +312,24 @@ def strike(
     if np.hypot(side, height) >= scene.ball.radius + TIP_RADIUS:
         raise BadInput(f"side {side} m, height {height} m miss the ball; stay within {scene.ball.radius} m")
     machine = _Machine(scene, side, height)
-    data = machine.data
-    ramp = min(2 * RUN_UP / cue_speed, cue_speed / MIN_ACCELERATION)  # [s]
-    while machine.gap() > 3 * CONTROL_STEPS * COARSE_STEP_S * cue_speed:
-        part = min(data.time / ramp, 1.0)
-        machine.step(cue_speed * (0.5 - 0.5 * np.cos(np.pi * part)), COARSE_STEP_S, CONTROL_STEPS)
-    hit_with = cue_left = machine.cue_speed()
-    peak = slip = pushed = slipping = 0.0
-    touched = alone = 0
-    state = np.zeros(0)
-    deadline = data.time + 0.02
-    while alone < RELEASE_STEPS and data.time < deadline:
-        machine.step(cue_speed, FINE_STEP_S)
-        touch = machine.touch()
-        if touch is not None:
-            normal, friction, sliding = touch
-            peak, slip, pushed = max(peak, normal), slip + sliding * FINE_STEP_S, pushed + normal
-            slipping += normal if friction > 0.98 * scene.tip_friction * normal else 0.0
-            touched, alone = touched + 1, 0
-        elif touched:
-            if alone == 0:
-                joint = data.joint(scene.name)
-                state, cue_left = np.concatenate([joint.qvel, joint.qpos[3:]]), machine.cue_speed()
-            alone += 1
-        else:
-            hit_with = machine.cue_speed()
-    if not touched:
+    machine.run_up(cue_speed)
+    hit = machine.hit(cue_speed, scene)
+    if not hit.steps:
         raise BadInput(f"side {side} m, height {height} m miss the ball; stay within {scene.ball.radius} m")
-    travel = np.nan
-    if follow_through:
-        left = cue_speed
-        while left > 0 or machine.cue_speed() > 0.02:
-            machine.step(left, COARSE_STEP_S, CONTROL_STEPS)
-            left = max(left - BRAKING_DECELERATION * CONTROL_STEPS * COARSE_STEP_S, 0.0)
-        travel = float(data.joint(f"{NAME_PREFIX}rack").qpos[0])
+    travel = machine.follow_through(cue_speed) if follow_through else np.nan
     spin = np.zeros(3)
-    mujoco.mju_rotVecQuat(spin, state[3:6], state[6:10])  # a free joint turns about its own axes
-    away = np.arctan2(state[1], state[0]) - scene.azimuth
+    mujoco.mju_rotVecQuat(spin, hit.state[3:6], hit.state[6:10])  # a free joint turns about its own axes
+    away = np.arctan2(hit.state[1], hit.state[0]) - scene.azimuth
     return SimulatedStroke(
-        cue_speed=hit_with,
-        cue_left=cue_left,
-        velocity=state[:3].copy(),
+        cue_speed=hit.cue_speed,
+        cue_left=hit.cue_left,
+        velocity=hit.state[:3].copy(),
         spin=spin,
         squirt=float(np.arctan2(np.sin(away), np.cos(away))),
-        contact_time=touched * FINE_STEP_S,
-        tip_force=peak,
-        slip=slip,
-        miscue=slipping > MISCUE_SHARE * pushed,
+        contact_time=hit.steps * FINE_STEP_S,
+        tip_force=hit.peak,
+        slip=hit.slip,
+        miscue=hit.slipping > MISCUE_SHARE * hit.pushed,
         torque=float(machine.torque),
         power=float(machine.power),
         motor_speed=float(machine.speed),
