@@ -122,20 +122,9 @@ def slip(velocity: ArrayLike, spin: ArrayLike, radius: float) -> Array:
     return v[..., :2] + radius * np.stack([-w[..., 1], w[..., 0]], axis=-1)
 
 
-def slide_time(velocity: ArrayLike, spin: ArrayLike, radius: float, slide: float) -> Array:
-    """Time until the ball rolls: (...) [s]."""
-    return 2.0 * np.linalg.norm(slip(velocity, spin, radius), axis=-1) / (7.0 * slide * GRAVITY)
-
-
 def rolling_velocity(velocity: ArrayLike, spin: ArrayLike, radius: float) -> Array:
     """Velocity at which the ball begins to roll, whatever the friction: (..., 2) [m/s]."""
     return np.asarray(velocity, float)[..., :2] - 2.0 / 7.0 * slip(velocity, spin, radius)
-
-
-def rest_time(velocity: ArrayLike, spin: ArrayLike, radius: float, slide: float, roll: float) -> Array:
-    """Time until the ball's centre rests: (...) [s]; sidespin may outlast it by |omega_z| / alpha less this."""
-    speed = np.linalg.norm(rolling_velocity(velocity, spin, radius), axis=-1)
-    return slide_time(velocity, spin, radius, slide) + speed / (roll * GRAVITY)
 
 
 def state_at(
