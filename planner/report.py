@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from models.files import write_whole
+from models.recording.palette import CLOTH_COLOUR, ball_colour
 from models.recording.plan import (
     AVOID_COLOUR,
     OUTCOME_COLOURS,
@@ -35,7 +36,6 @@ from models.recording.plan import (
     strike_words,
     wanted,
 )
-from models.recording.shots import CLOTH_COLOUR, ball_colour
 from models.shot import Array, Ball, Table
 from sysid.report.drawing import INK, MODEL, NOISE, WIDTH, png, svg
 from sysid.report.html import CSS

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.recording.file import whole_recording
-from models.recording.shots import FLOOR_COLOUR, PATH_HEIGHT_M, Colour, Out, ball_colour, draw_table, lift
+from models.recording.palette import FLOOR_COLOUR, Colour, ball_colour
+from models.recording.shots import PATH_HEIGHT_M, Out, draw_table, lift
 from models.shot import NOSE_COSINE, POCKET_MOUTH, Array, Ball, Table
 
 PLAN_APPLICATION, PLAN_FORMAT = "cuelab_plan", "billiard-plan/1"

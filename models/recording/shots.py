@@ -1,5 +1,4 @@
-"""Shots to look at in the Rerun viewer: measured balls against modelled ones. Rerun is imported here and in
-models/recording/video.py alone.
+"""Shots to look at in the Rerun viewer: measured balls against modelled ones.
 
 Clips follow one another on the timeline `shot_time` [s], each with its t = 0 at a whole second; `clip` counts them.
 Error e(t) = modelled(t) - measured(t), the model interpolated linearly to the measured times, where both exist.
@@ -12,8 +11,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import re
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,34 +19,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.recording.file import whole_recording
+from models.recording.palette import (
+    CLOTH_COLOUR,
+    CUSHION_COLOUR,
+    FLOOR_COLOUR,
+    MODEL_COLOUR,
+    POCKET_COLOUR,
+    RAIL_COLOUR,
+    WHITE_COLOUR,
+    Colour,
+    ball_colour,
+)
 from models.shot import NOSE_HEIGHT, Array, Ball, Event, Table, Track
 
-Colour = tuple[int, int, int]  # red, green, blue in 0..255
 Series = Mapping[str, tuple[Array, Array]]  # ball -> time (n,) [s] in its clip, increasing; values (n, k)
 
 REVIEW_APPLICATION = "cuelab_review"
-MODEL_COLOUR: Colour = (0, 229, 255)
-CLOTH_COLOUR, CUSHION_COLOUR, RAIL_COLOUR, POCKET_COLOUR, FLOOR_COLOUR = (
-    (18, 92, 58),
-    (11, 62, 40),
-    (70, 42, 24),
-    (8, 8, 8),
-    (28, 30, 34),
-)
-WHITE_COLOUR = (250, 248, 235)
 EVENT_MARKS = {
     "cushion": ("cushion", (255, 160, 0)),
     "ball": ("ball hits ball", (255, 70, 220)),
     "pocket": ("pot", WHITE_COLOUR),
 }
-_REST = ((0, 185, 85), (150, 85, 35), (45, 100, 255), (255, 140, 175), (22, 22, 22))
-SCREEN_COLOURS: Mapping[str, Colour] = {
-    "cue": WHITE_COLOUR,
-    "white": WHITE_COLOUR,
-    "red": (215, 25, 35),
-    "yellow": (255, 215, 0),
-} | dict(zip(("green", "brown", "blue", "pink", "black"), _REST, strict=True))
-OTHER_COLOURS = ((255, 127, 14), (148, 103, 189), (188, 189, 34), (120, 60, 120), (140, 160, 255), (160, 200, 160))
 CLIP_GAP_S = 0.5  # least pause between two clips [s]
 UNSEEN_S = 0.05  # a ball without data for so long at its clip's end is hidden [s]
 PATH_HEIGHT_M = 0.003  # height of paths over the cloth in the 3-D view [m]
@@ -140,46 +131,25 @@ class Out:
         return [c.index for c in self.clips], [c.first for c in self.clips], count or [1] * len(self.clips)
 
 
-def ball_colour(name: str) -> Colour:
-    """The snooker colour that a ball's name starts with (`red_07` is red), else one of PALETTE, always the same."""
-    other = OTHER_COLOURS[hashlib.sha256(name.encode()).digest()[0] % len(OTHER_COLOURS)]
-    return SCREEN_COLOURS.get(re.split(r"[^a-z]", name.lower(), maxsplit=1)[0], other)
-
-
 def write_review(path: Path | str, table: Table, ball: Ball, reviews: Sequence[Review], *, title: str) -> None:
     """Write one Rerun recording of all clips; the file appears whole or not at all.
 
-    Raises ValueError for arrays that do not fit each other, OSError when the file cannot be written.
+    Raises ValueError for arrays that do not fit each other, BadInput where the file cannot be written.
     """
     import rerun as rr
-    from rerun.chunk import RrdReader
 
-    target, clips = Path(path), _lay_out(reviews)
+    clips = _lay_out(reviews)
     digest = hashlib.sha256(repr((title, table, ball, [review.name for review in reviews])).encode())
     for time, values in (pair for clip in clips for series in clip.series.values() for pair in series.values()):
         digest.update(time.tobytes() + values.tobytes())
-    stream = rr.RecordingStream(REVIEW_APPLICATION, recording_id=digest.hexdigest()[:32], send_properties=False)
-    stream.set_log_time_enabled(False)
-    stream.set_log_tick_enabled(False)
-    out = Out(rr, stream, clips)
-    with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
-        part = Path(folder) / target.name
-        try:
-            stream.save(part, default_blueprint=_blueprint(table, ball, clips))
-            stream.send_recording_name(title)
-            draw_table(out, table, ball)
-            _draw_balls(out, ball)
-            _draw_events(out, ball)
-            _plot(out)
-            _describe(out, title)
-            stream.flush()
-            stream.disconnect()
-            RrdReader(part).store()  # refuses a file that was cut short
-        except RuntimeError as error:  # what Rerun raises for a full disk
-            raise OSError(f"{target}: cannot write the recording: {error}") from error
-        finally:
-            stream.disconnect()
-        part.replace(target)
+    blueprint = _blueprint(table, ball, clips)
+    with whole_recording(path, REVIEW_APPLICATION, digest.hexdigest()[:32], title, blueprint) as stream:
+        out = Out(rr, stream, clips)
+        draw_table(out, table, ball)
+        _draw_balls(out, ball)
+        _draw_events(out, ball)
+        _plot(out)
+        _describe(out, title)
 
 
 def _finite(time: Array, values: Array) -> tuple[Array, Array]:

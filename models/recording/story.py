@@ -19,17 +19,8 @@ import numpy as np
 
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.recording.file import whole_recording
-from models.recording.shots import (
-    CLIP_GAP_S,
-    FLOOR_COLOUR,
-    MODEL_COLOUR,
-    UNSEEN_S,
-    WHITE_COLOUR,
-    Colour,
-    Out,
-    ball_colour,
-    draw_table,
-)
+from models.recording.palette import FLOOR_COLOUR, MODEL_COLOUR, WHITE_COLOUR, Colour, ball_colour
+from models.recording.shots import CLIP_GAP_S, UNSEEN_S, Out, draw_table
 from models.shot import Array, Ball, Table
 
 STORY_APPLICATION = "cuelab_story"

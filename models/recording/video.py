@@ -8,7 +8,6 @@ the same frames; marks are in the video's own pixels.
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.recording.shots import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour
+from models.recording.file import whole_recording
+from models.recording.palette import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour
 from models.shot import Array, Table
 
 TRACK_APPLICATION = "cuelab_track"
@@ -69,31 +69,18 @@ def write_track(
     """
     import rerun as rr
 
-    target = Path(path)
     digest = hashlib.sha256(repr((table, diameter, shots, *balls)).encode())
     for one in balls.values():
         digest.update(one.time.tobytes() + one.xy.tobytes())
-    stream = rr.RecordingStream(TRACK_APPLICATION, recording_id=digest.hexdigest()[:32], send_properties=False)
-    stream.set_log_time_enabled(False)
-    stream.set_log_tick_enabled(False)
-    with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
-        part = Path(folder) / target.name
-        try:
-            stream.save(part, default_blueprint=_blueprint(table, diameter))
-            stream.send_recording_name(f"{Path(video).name}: {len(shots)} shots")
-            _video(rr, stream, Path(video), frames, pictures)
-            _table(rr, stream, table)
-            period = float(np.median(np.diff(frames[1]))) if len(frames[1]) > 1 else 1.0
-            for name, one in balls.items():
-                _ball(rr, stream, name, one, period, diameter)
-                _path(rr, stream, name, one, shots)
-            _words(rr, stream, shots)
-            stream.flush()
-        except RuntimeError as error:  # what Rerun raises for a full disk
-            raise OSError(f"{target}: cannot write the recording: {error}") from error
-        finally:
-            stream.disconnect()
-        part.replace(target)
+    title, blueprint = f"{Path(video).name}: {len(shots)} shots", _blueprint(table, diameter)
+    with whole_recording(path, TRACK_APPLICATION, digest.hexdigest()[:32], title, blueprint) as stream:
+        _video(rr, stream, Path(video), frames, pictures)
+        _table(rr, stream, table)
+        period = float(np.median(np.diff(frames[1]))) if len(frames[1]) > 1 else 1.0
+        for name, one in balls.items():
+            _ball(rr, stream, name, one, period, diameter)
+            _path(rr, stream, name, one, shots)
+        _words(rr, stream, shots)
 
 
 def _columns(rr: Any, time: Array, frame: NDArray[np.int64] | None) -> list[Any]:

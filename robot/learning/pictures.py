@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from models.recording.shots import CLOTH_COLOUR
+from models.recording.palette import CLOTH_COLOUR
 from models.shot import Table
 from robot.learning.history import Shot, Story
 from sysid.clips.faults import one_line

@@ -209,10 +209,7 @@ def _record(args: argparse.Namespace, result: Tracked, footage: Footage, camera:
     scene = result.scene
     balls = {p.name: Sightings(p.frame, p.time, p.pixels, p.radius, p.xy, rough(p.time, p.xy)) for p in scene.paths}
     shots = [(scene.when(s.first), scene.when(s.last), note(k, s)) for k, s in enumerate(result.shots, 1)]
-    try:
-        write_track(
-            args.rrd, args.video, (scene.frames, scene.times), lambda: (frame.picture for frame in footage), balls,
-            shots, camera.table, camera.diameter,
-        )  # fmt: skip
-    except OSError as error:
-        raise BadInput(f"{args.rrd}: the recording cannot be written ({error.strerror or error})") from error
+    write_track(
+        args.rrd, args.video, (scene.frames, scene.times), lambda: (frame.picture for frame in footage), balls,
+        shots, camera.table, camera.diameter,
+    )  # fmt: skip

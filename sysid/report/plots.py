@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.recording.shots import CLOTH_COLOUR, CUSHION_COLOUR, POCKET_COLOUR, RAIL_COLOUR, ball_colour
+from models.recording.palette import CLOTH_COLOUR, CUSHION_COLOUR, POCKET_COLOUR, RAIL_COLOUR, ball_colour
 from models.shot import POCKET_MOUTH, Table
 from sysid.clips.faults import one_line
 from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH, svg

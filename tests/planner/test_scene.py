@@ -79,12 +79,8 @@ def scenes(draw: st.DrawFn) -> Scene:
     """Scenes of 2 to 22 balls, some of them touching a cushion or each other."""
     table = Table(draw(st.floats(1.0, 4.0)), draw(st.floats(0.6, 1.0)))
     ball = Ball(draw(st.floats(0.04, 0.06)), draw(st.floats(0.1, 0.2)))
-    rng, reach, count = (
-        np.random.default_rng(draw(st.integers(0, 10**6))),
-        table.centre_limits(ball),
-        draw(st.integers(2, 22)),
-    )
-    places: list[Array] = []
+    rng, count = np.random.default_rng(draw(st.integers(0, 10**6))), draw(st.integers(2, 22))
+    reach, places = table.centre_limits(ball), list[Array]()
     while len(places) < count:
         place = np.clip(rng.uniform(-1.1, 1.1, 2) * reach, -reach, reach)
         if places and rng.random() < 0.3:
