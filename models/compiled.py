@@ -21,20 +21,21 @@ from typing import Any
 import numba
 from numba.core import caching, ccallback, compiler
 
-HERE = Path(__file__).parent
-FOLDER = "compiled"  # in __pycache__ beside the source
-OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": True}
+MODELS_FOLDER = Path(__file__).parent
+CACHE_NAME = "compiled"  # in __pycache__ beside the source
+NUMBA_OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": True}
 
 
-IMPORT = re.compile(rb"^from models\.([\w.]+) import", re.MULTILINE)
+IMPORT_LINE = re.compile(rb"^from models(\.[\w.]+)? import (\w+)?", re.MULTILINE)
 
 
 def sources() -> list[Path]:
     """Files of this package that hold compiled functions, and those that they import constants from."""
-    texts = {path: path.read_bytes() for path in sorted(HERE.rglob("*.py"))}
+    texts = {path: path.read_bytes() for path in sorted(MODELS_FOLDER.rglob("*.py"))}
     found = {path for path, text in texts.items() if b"\n@compiled" in text}
-    names = {name for path in found for name in IMPORT.findall(texts[path])}
-    used = {HERE.joinpath(*name.decode().split(".")).with_suffix(".py") for name in names}
+    pairs = {pair for path in found for pair in IMPORT_LINE.findall(texts[path])}
+    names = {name for package, first in pairs for name in (package, package + b"." + first)}  # a module, or from one
+    used = {MODELS_FOLDER.joinpath(*name.decode().split(".")).with_suffix(".py") for name in names - {b""}}
     return sorted(found | (used & texts.keys()))
 
 
@@ -43,7 +44,7 @@ def stamp() -> str:
     """A digest of what compiled code is made of."""
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sources():
-        digest.update(str(path.relative_to(HERE)).encode() + b"\0" + path.read_bytes())
+        digest.update(str(path.relative_to(MODELS_FOLDER)).encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
 
@@ -64,7 +65,7 @@ def cache_folder(beside: Path) -> Path | None:
     else:
         home = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
     name = hashlib.sha256(str(beside.resolve()).encode()).hexdigest()[:12]
-    for folder in (beside / "__pycache__" / FOLDER, home / "cuelab" / name):
+    for folder in (beside / "__pycache__" / CACHE_NAME, home / "cuelab" / name):
         if _writable(folder):
             return folder
     return None
@@ -111,7 +112,7 @@ def _kept(function: Callable[..., Any]) -> Any:
 
 def compiled(function: Callable[..., Any]) -> Any:
     """Compile a function on its first call, without the GIL while it runs, and keep it on disk."""
-    return _dispatcher(function, OPTIONS)
+    return _dispatcher(function, NUMBA_OPTIONS)
 
 
 def compiled_in_place(function: Callable[..., Any]) -> Any:
@@ -120,12 +121,12 @@ def compiled_in_place(function: Callable[..., Any]) -> Any:
     Counting is atomic, at some 20 ns for every array that is passed on and every row that is taken of one: more than
     most functions of the engine take otherwise. numba refuses to compile one that makes an array after all.
     """
-    return _dispatcher(function, {**OPTIONS, "_nrt": False})
+    return _dispatcher(function, {**NUMBA_OPTIONS, "_nrt": False})
 
 
 def compiled_sums(function: Callable[..., Any]) -> Any:
     """The same where sums may be taken in any order, which is fixed by the compiler: four at a time."""
-    return _dispatcher(function, {**OPTIONS, "fastmath": {"reassoc", "contract", "nsz"}})
+    return _dispatcher(function, {**NUMBA_OPTIONS, "fastmath": {"reassoc", "contract", "nsz"}})
 
 
 def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
@@ -146,13 +147,13 @@ def callback(function: Callable[..., Any], signature: Any) -> Any:
 
 def is_ready() -> bool:
     """Whether compiled code of these sources is on disk already."""
-    folder = cache_folder(HERE / "engine")
+    folder = cache_folder(MODELS_FOLDER / "engine")
     return folder is not None and (folder / f"ready-{stamp()[:16]}-{sys.version_info[1]}").exists()
 
 
 def set_ready() -> None:
     """Note that everything has been compiled once."""
-    folder = cache_folder(HERE / "engine")
+    folder = cache_folder(MODELS_FOLDER / "engine")
     if folder is not None:
         (folder / f"ready-{stamp()[:16]}-{sys.version_info[1]}").touch()
 

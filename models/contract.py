@@ -1,7 +1,7 @@
 """What every effect owes the workbench, shipped or a user's: each contract returns the faults it finds, one line each.
 
 A shot of each kind is played with and without the effect, and what the camera reports of it is compared to the last
-bit where the same is promised; the event engine and the MuJoCo world must agree to a twentieth of a millimetre.
+bit where the effect must change nothing; the event engine and the MuJoCo world must agree to 0.05 mm.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 
 from models.effect import Effect
 from models.engine.play import lacking
-from models.hooks import COMPILED, HookError, address
+from models.hooks import COMPILED_HOOKS, HookError, address
 from models.mjcf.native import Native
 from models.model_file import Model, add_folder, effect_class, full_model, read_model, write_model
 from models.shot import Array, Ball, Shot, Table, Track
@@ -29,16 +29,16 @@ from models.simulation.observe import observed
 from models.simulation.simulate import simulate
 
 TABLE, BALL = Table(2.84, 1.42, pockets=False), Ball(0.0615, 0.21)
-TIMES = np.linspace(0, 2.5, 51)
-STROKES = (  # velocity [m/s] and spin [rad/s] of the struck ball
+SAMPLE_TIMES_S = np.linspace(0, 2.5, 51)
+TEST_STROKES = (  # velocity [m/s] and spin [rad/s] of the struck ball
     ((2.4, 0.02), (0.0, 20.0, 15.0)),  # a break
     ((-1.0, 1.9), (30.0, -20.0, -60.0)),  # swerve, off two cushions
     ((-1.5, -0.6), (20.0, -50.0, 0.0)),  # rolls to the other two
     ((3.0, 1.4), (0.0, -40.0, 40.0)),  # draw with side, far
     ((0.02, 0.0), (0.0, 0.0, 60.0)),  # spins where it is
 )
-FEW = 2  # of them where one comparison is enough
-AGREED = 5e-5  # between the event engine and MuJoCo, before the second impact [m]
+FEW_STROKES = 2  # of them where one comparison is enough
+ENGINE_TOLERANCE_M = 5e-5  # between the event engine and MuJoCo, before the second impact [m]
 Contract = Callable[[type[Effect]], list[str]]
 
 
@@ -46,14 +46,14 @@ class Broken(Exception):
     """An effect's own code raised an error."""
 
 
-def played(count: int = len(STROKES)) -> list[Shot]:
+def played(count: int = len(TEST_STROKES)) -> list[Shot]:
     """Shots of the struck ball past or into two others."""
     names, place = ("white", "yellow", "red"), np.array([[-0.8, 0.1], [0.3, 0.12], [0.9, -0.3]])
     found = []
-    for velocity, spin in STROKES[:count]:
+    for velocity, spin in TEST_STROKES[:count]:
         v, w = np.zeros((3, 2)), np.zeros((3, 3))
         v[0], w[0] = velocity, spin
-        found.append(Shot(names, place, v, w, TIMES))
+        found.append(Shot(names, place, v, w, SAMPLE_TIMES_S))
     return found
 
 
@@ -111,7 +111,7 @@ def declared(kind: type[Effect]) -> list[str]:
 def compiles(kind: type[Effect]) -> list[str]:
     """Every hook compiles, for its parameters and nothing else."""
     found = []
-    for hook in COMPILED:
+    for hook in COMPILED_HOOKS:
         if kind.opens(hook):
             try:
                 address(getattr(kind, hook), hook, kind.layout())
@@ -125,7 +125,7 @@ def off_is_absent(kind: type[Effect]) -> list[str]:
     without, off = base_without(kind), switched_off(kind)
     if not off.is_off():
         return ["is_off() is not true at the off values"]
-    if numbers(observed(without.add(off), played(FEW))) != numbers(observed(without, played(FEW))):
+    if numbers(observed(without.add(off), played(FEW_STROKES))) != numbers(observed(without, played(FEW_STROKES))):
         return ["shots differ from those without it where every parameter is off"]
     return []
 
@@ -145,7 +145,7 @@ def usual_acts(kind: type[Effect]) -> list[str]:
 
 def one_value_a_shot(kind: type[Effect]) -> list[str]:
     """One value a shot, (nsim,) arrays, is the same as one shot after another, to the last bit."""
-    without, shots, faults = base_without(kind), played(FEW), []
+    without, shots, faults = base_without(kind), played(FEW_STROKES), []
     for key in kind.parameters():
         values = tried(kind, key)
         together = observed(without.add(kind(**{key: values})), shots)
@@ -192,13 +192,13 @@ def engines_agree(kind: type[Effect]) -> list[str]:
     model, faults = base_without(kind).add(kind()), []
     if lacking(model):
         return []
-    shots = played(FEW)
+    shots = played(FEW_STROKES)
     by_engine = [simulate(dataclasses.replace(model, engine=engine), shots) for engine in ("events", "mujoco")]
     for k, (one, other) in enumerate(zip(*by_engine, strict=True)):
         end = min(track.events[1].time if len(track.events) > 1 else math.inf for track in (one, other))
         before = one.times < end
         apart = float(np.abs(one.position - other.position)[before].max())
-        if not apart <= AGREED:
+        if not apart <= ENGINE_TOLERANCE_M:
             faults.append(
                 f"shot {k}: event engine and MuJoCo differ by {1e3 * apart:.3g} mm before the second impact; "
                 "let horizon say when a force jumps, and let hooks read nothing but self and the state they are given"
@@ -213,7 +213,7 @@ CONTRACTS: dict[str, Contract] = {
         engines_agree,
     )
 }  # fmt: skip
-FIRST = ("declared", "compiles")  # without these the others say nothing new
+BASIC_CONTRACTS = ("declared", "compiles")  # without these the others say nothing new
 
 
 def kept(kind: type[Effect], contract: str) -> list[str]:
@@ -238,11 +238,11 @@ def _guarded(contract: Contract, kind: type[Effect]) -> list[str]:
 
 def faults(kind: type[Effect]) -> list[str]:
     """Every fault of an effect; where its declaration is faulty or a hook does not compile, those alone."""
-    for name in FIRST:
+    for name in BASIC_CONTRACTS:
         found = [f"{name}: {text}" for text in kept(kind, name)]
         if found or kind is Native:
             return found
-    return [f"{name}: {text}" for name in CONTRACTS if name not in FIRST for text in kept(kind, name)]
+    return [f"{name}: {text}" for name in CONTRACTS if name not in BASIC_CONTRACTS for text in kept(kind, name)]
 
 
 def check_file(path: Path | str) -> list[str]:
@@ -250,7 +250,7 @@ def check_file(path: Path | str) -> list[str]:
     return [f"{name}: {text}" for name in add_folder(path) for text in faults(effect_class(name))]
 
 
-HOOKS = ("edit", "forces", "impact", "strike", "exposures", "observe")
+LISTED_HOOKS = ("edit", "forces", "impact", "strike", "exposures", "observe")
 
 
 def described(kind: type[Effect]) -> dict[str, Any]:
@@ -259,7 +259,7 @@ def described(kind: type[Effect]) -> dict[str, Any]:
     says, _, rest = (module.__doc__ or kind.__doc__ or "").strip().partition("\n\n")
     formula = re.split(r"(?<=[^.]\.)\s", " ".join(rest.split()), maxsplit=1)[0]
     return {
-        "name": kind.name(), "doors": [hook for hook in HOOKS if kind.opens(hook)],
+        "name": kind.name(), "doors": [hook for hook in LISTED_HOOKS if kind.opens(hook)],
         "slot": kind.slot, "says": " ".join(says.split()),
         "formula": "" if formula.startswith("Source") else formula, "file": module.__file__,
         "parameters": {key: dict(meta) | {"bounds": list(meta["bounds"])} for key, meta in kind.parameters().items()},

@@ -1,7 +1,7 @@
 """The effect: one physical idea, its parameters with unit, bounds and source, and the hooks it uses.
 
-An effect is a frozen dataclass in a file of its own in `models/effects/` (or in a user's folder). A parameter is one
-number or an (nsim,) array, so that one batch runs many variants. Its hooks are compiled scalar functions
+An effect is a frozen dataclass in a file of its own below `models/effects/` (or in a user's folder). A parameter is
+one number or an (nsim,) array, so that one batch runs many variants. Its hooks are compiled scalar functions
 (models/hooks.py). Where all its parameters are at their off values an effect is left out of the world, so that off is
 absence to the last bit.
 """
@@ -25,10 +25,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 STILL = 1e-6  # speed or slip below which there is none [m/s]
+STRUCK_BALL = 0  # number of the ball that the cue strikes
 
 __all__ = [
-    "STILL", "Array", "BallState", "Effect", "ImageState", "ImpactState", "StrokeState", "param", "push_along",
-    "push_rolling",
+    "STILL", "STRUCK_BALL", "Array", "BallState", "Effect", "ImageState", "ImpactState", "StrokeState", "param",
+    "push_along", "push_rolling",
 ]  # fmt: skip
 
 

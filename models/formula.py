@@ -23,15 +23,15 @@ from models.effect import Array, BallState, Effect, ImageState, ImpactState, par
 
 MAX_TERMS = 5
 MAX_CONSTANTS = 4
-BEYOND = 1e-9  # this far beyond an edge a step ends, so that the next begins on the other side [m]
+EDGE_OVERSHOOT_M = 1e-9  # this far beyond an edge a step ends, so that the next begins on the other side [m]
 LEAST_GRIP = 0.05  # factor on the sliding friction that is left at least
 
-DOORS = (
+TERM_HOOKS = (
     "drag", "grip", "push_x", "push_y", "side", "cushion_e", "cushion_mu", "ball_e", "ball_mu", "image_x", "image_y",
 )  # fmt: skip
 DRAG, GRIP, PUSH_X, PUSH_Y, SIDE, CUSHION_E, CUSHION_MU, BALL_E, BALL_MU, IMAGE_X, IMAGE_Y = range(1, 12)
 CLOTH, IMPACTS, IMAGE = range(DRAG, SIDE + 1), range(CUSHION_E, BALL_MU + 1), range(IMAGE_X, IMAGE_Y + 1)
-HOOKS = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
+HOOK_RANGES = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
 
 # Factors, of constants a, b, c, d.
 (
@@ -54,8 +54,8 @@ HOOKS = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
     WITH,  # 1 where ball a takes part
 ) = range(17)
 
-NUMBERS = ("coefficient", "door", "factor", "a", "b", "c", "d")  # of a term
-LAYOUT = tuple(f"{number}_{k}" for number in NUMBERS for k in range(MAX_TERMS))
+TERM_FIELDS = ("coefficient", "door", "factor", "a", "b", "c", "d")  # of a term
+TERM_LAYOUT = tuple(f"{number}_{k}" for number in TERM_FIELDS for k in range(MAX_TERMS))
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def factor_value(
 @compiled
 def _until(gap: float, speed: float, acceleration: float) -> float:
     """When a way of `gap`, and a bit more, has been gone at a constant acceleration [s]; inf if never."""
-    way = gap + BEYOND if gap >= 0.0 else gap - BEYOND
+    way = gap + EDGE_OVERSHOOT_M if gap >= 0.0 else gap - EDGE_OVERSHOOT_M
     under = speed * speed + 2.0 * acceleration * way
     if under < 0.0:
         return math.inf
@@ -172,23 +172,25 @@ class Formula(Effect):
 
     @classmethod
     def name(cls) -> str:
-        """What `formula` was told."""
+        """The name given to `formula`."""
         return cls.called
 
     @classmethod
     def opens(cls, *hooks: str) -> bool:
         """Whether a term of it is on any of these hooks."""
         cells = any(part.door in CLOTH and part.factor == BOX for part in cls.parts)
-        return ("horizon" in hooks and cells) or any(p.door in HOOKS.get(hook, ()) for hook in hooks for p in cls.parts)
+        return ("horizon" in hooks and cells) or any(
+            p.door in HOOK_RANGES.get(hook, ()) for hook in hooks for p in cls.parts
+        )
 
     @classmethod
     def layout(cls) -> tuple[str, ...]:
         """The same for every formula, so that all share the compiled hooks."""
-        return LAYOUT
+        return TERM_LAYOUT
 
     def row(self, count: int) -> Array:
         """Coefficients, then codes and constants of every term: (count, k)."""
-        out = np.zeros((len(NUMBERS), MAX_TERMS, count))
+        out = np.zeros((len(TERM_FIELDS), MAX_TERMS, count))
         for k, part in enumerate(self.parts):
             numbers = (part.door, part.factor, *part.constants)
             out[0, k] = getattr(self, part.name)

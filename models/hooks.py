@@ -106,10 +106,10 @@ class ImageState:
     time: float = 0.0  # [s]
 
 
-STATES: dict[str, type] = {
+HOOK_STATES: dict[str, type] = {
     "forces": BallState, "horizon": BallState, "impact": ImpactState, "strike": StrokeState, "observe": ImageState,
 }  # fmt: skip
-COMPILED = (*STATES, "exposures")
+COMPILED_HOOKS = (*HOOK_STATES, "exposures")
 
 
 def fields_of(kind: type) -> tuple[str, ...]:
@@ -121,13 +121,7 @@ def _record(names: Sequence[str]) -> Any:
     return from_dtype(np.dtype([(name, np.float64) for name in names] or [("none", np.float64)]))
 
 
-(
-    X, Y, VX, VY, WX, WY, WZ, SLIP_X, SLIP_Y, TIME, LAUNCH, ORDER, ROLLED, NUMBER, RADIUS, MASS, ROLLING, WEIGHT,
-    AX, AY, BX, BY, BZ, SLIDE_FACTOR, SPIN_FACTOR,
-) = range(25)  # fmt: skip
-BALL_FIELDS, IMPACT_FIELDS, STROKE_FIELDS, IMAGE_FIELDS = (
-    len(fields_of(k)) for k in (BallState, ImpactState, StrokeState, ImageState)
-)
+STROKE_FIELDS, IMAGE_FIELDS = len(fields_of(StrokeState)), len(fields_of(ImageState))
 
 
 class HookError(BadInput):
@@ -147,15 +141,15 @@ def address(function: Callable[..., Any], hook: str, layout: tuple[str, ...]) ->
     elif hook == "horizon":
         signature = types.float64(own, _record(fields_of(BallState)))
     else:
-        signature = types.void(own, _record(fields_of(STATES[hook])))
+        signature = types.void(own, _record(fields_of(HOOK_STATES[hook])))
     try:
         return int(callback(function, signature).address)
     except KeyError as error:
-        told = f"{function.__qualname__} uses {error}, which is neither a parameter nor a field of its state"
-        raise HookError(f"{told}; correct the name (fields: models/hooks.py)") from error
+        fault = f"{function.__qualname__} uses {error}, which is neither a parameter nor a field of its state"
+        raise HookError(f"{fault}; correct the name (fields: models/hooks.py)") from error
     except TypeError as error:
-        told = f"{function.__qualname__} does not compile: {' '.join(str(error).split())}"
-        raise HookError(f"{told}; declare it as models/effect.py does") from error
+        fault = f"{function.__qualname__} does not compile: {' '.join(str(error).split())}"
+        raise HookError(f"{fault}; declare it as models/effect.py does") from error
     except NumbaError as error:
         said = [line.strip() for line in str(error).splitlines() if line.strip()]
         lines = [line for line in said if line.startswith("File ")]
@@ -243,14 +237,14 @@ def hooks_of(effects: Sequence[Any], count: int, begins: Sequence[int] | None = 
     `begins`: where in a row the parameters of each effect stand, if the row is made elsewhere.
     """
     columns: list[Array] = []
-    tables: dict[str, list[tuple[int, int]]] = {name: [] for name in COMPILED}
+    tables: dict[str, list[tuple[int, int]]] = {name: [] for name in COMPILED_HOOKS}
     support = end = 0
     for number in sorted(range(len(effects)), key=lambda k: not effects[k].first):
         effect = effects[number]
         kind, layout = type(effect), effect.layout()
         values = effect.row(count)
         at = end if begins is None else begins[number]
-        for name in COMPILED:
+        for name in COMPILED_HOOKS:
             if kind.opens(name):
                 tables[name].append((address(getattr(kind, name), name, layout), at))
                 support += name == "forces" and kind.first

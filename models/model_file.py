@@ -27,15 +27,15 @@ from models.files import write_whole
 from models.mjcf.native import Native
 from models.shot import Ball, Table
 
-FORMAT = "billiard-model/1"
-SECTIONS = ("format", "table", "ball", "native", "effect", "fit", "execution")
+MODEL_FORMAT = "billiard-model/1"
+MODEL_SECTIONS = ("format", "table", "ball", "native", "effect", "fit", "execution")
 
 
 @cache
 def _shipped() -> dict[str, type[Effect]]:
     found: dict[str, type[Effect]] = {}
-    for module in pkgutil.iter_modules(models.effects.__path__):
-        for kind in _defined(importlib.import_module(f"models.effects.{module.name}")):
+    for module in pkgutil.walk_packages(models.effects.__path__, "models.effects."):
+        for kind in _defined(importlib.import_module(module.name)):
             found[kind.name()] = kind
     return found
 
@@ -271,12 +271,14 @@ def read_model(path: Path | str) -> Model:
         raise BadInput(f"{path}: cannot be read ({type(error).__name__}); name a model file") from error
     except tomllib.TOMLDecodeError as error:
         raise BadInput(f"{path}: not TOML ({error}); correct that line") from error
-    if data.get("format") != FORMAT:
-        raise BadInput(f"{path}: format is {data.get('format')!r}; this version reads {FORMAT}")
+    if data.get("format") != MODEL_FORMAT:
+        raise BadInput(f"{path}: format is {data.get('format')!r}; this version reads {MODEL_FORMAT}")
     for key in data:
-        if key not in SECTIONS:
-            near = get_close_matches(key, SECTIONS, 1)
-            raise BadInput(f"{path}: unknown section {key!r}; did you mean {near[0] if near else ', '.join(SECTIONS)}?")
+        if key not in MODEL_SECTIONS:
+            near = get_close_matches(key, MODEL_SECTIONS, 1)
+            raise BadInput(
+                f"{path}: unknown section {key!r}; did you mean {near[0] if near else ', '.join(MODEL_SECTIONS)}?"
+            )
     length, width = (_size(data, path, "table", key) for key in ("length", "width"))
     diameter, mass = (_size(data, path, "ball", key) for key in ("diameter", "mass"))
     pockets = data["table"].get("pockets")
@@ -315,7 +317,7 @@ def write_model(model: Model, path: Path | str) -> None:
         return out
 
     data: dict[str, Any] = {
-        "format": FORMAT,
+        "format": MODEL_FORMAT,
         "table": dataclasses.asdict(model.table),
         "ball": dataclasses.asdict(model.ball),
         "native": entry(model.native),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 GRAVITY = 9.81  # [m/s^2]
-RAILS = ("+x", "-x", "+y", "-y")  # the cushions, by the side of the table they stand on
+RAIL_NAMES = ("+x", "-x", "+y", "-y")  # the cushions, by the side of the table they stand on
 POCKET_MOUTH = 0.090  # of all six pockets [m] (Robotic Billiards 2015)
 MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in [m] (Robotic Billiards 2015)
 NOSE_HEIGHT = 1.4  # cushion nose over ball radius: 7R/5 (Mathavan, Jackson, Parkin 2010)
@@ -31,7 +31,7 @@ class Table:
     width: float  # along y [m]
     pockets: bool = True
 
-    def reach(self, ball: Ball) -> Array:
+    def centre_limits(self, ball: Ball) -> Array:
         """Largest |x|, |y| of a ball's centre, touching the noses: (2,) [m]."""
         return np.array([self.length / 2, self.width / 2]) - ball.radius * NOSE_COSINE
 

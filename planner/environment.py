@@ -1,4 +1,4 @@
-"""Scenes on a fitted model as a dm_control task: `load` makes the environment of models/environment.py.
+"""Scenes on a fitted model as a dm_control task: `load` makes the environment of models/environment/task.py.
 
 Every reset deals one hand (planner/evaluation/risk.py): errors of the launcher, and constants of the model drawn from
 its uncertainty. Shots are played with pocket jaws and all of the model's effects, in MuJoCo, or by the event engine,
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.environment import Ending, Reach, ShotEnvironment
+from models.environment.task import ActionBounds, Ending, ShotEnvironment
 from models.errors import BadInput
 from models.model_file import Model
 from models.shot import Ball, Table
@@ -31,7 +31,7 @@ from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher
 from planner.scene import MOST, Scene, pocket_places
 
 if TYPE_CHECKING:
-    from models.gym import GymnasiumShot
+    from models.environment.gym import GymnasiumShot
 
 Array = NDArray[np.float64]
 Source = Scene | Callable[[np.random.Generator], Scene]
@@ -59,7 +59,7 @@ def as_actions(launcher: Launcher, model: Model, q: Array) -> Array:
 
 @dataclass(frozen=True)
 class ScenePlay:
-    """A scene, and one hand of errors to play it with; see models.environment.Episode."""
+    """A scene, and one hand of errors to play it with; see models.environment.task.Episode."""
 
     player: Player
     hands: Hands  # one
@@ -165,7 +165,7 @@ def load(
         return ScenePlay(player, _dealt(player.model, errors, 1, rng), wanted, mujoco, rows)
 
     axis = device.offset * (model.ball.radius + device.cue.tip_radius)
-    return ShotEnvironment(dealt, Reach(device.slowest, device.fastest, axis), seed, flat=flat)
+    return ShotEnvironment(dealt, ActionBounds(device.slowest, device.fastest, axis), seed, flat=flat)
 
 
 def gymnasium_env(
@@ -178,14 +178,14 @@ def gymnasium_env(
         scene: as for `load`.
         model: as for `load`.
         render_mode: "rgb_array" for pictures, otherwise None.
-        render_kwargs: of pictures: `height`, `width` [pixels], `camera_id`, as for models.environment.ShotPhysics.
+        render_kwargs: of pictures: `height`, `width` [pixels], `camera_id`, as for models.environment.task.ShotPhysics.
         given: what else `load` takes.
 
     Raises:
         BadInput: without the packages for it, with the command that installs them; and as `load` does.
     """
     try:
-        from models.gym import GymnasiumShot
+        from models.environment.gym import GymnasiumShot
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] in ("cuelab", "models"):
             raise

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from models.command_line import input_option, lone_command, run, seed_option
 from models.console import Status
-from models.environment import ShotEnvironment
+from models.environment.task import ShotEnvironment
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Estimate, Model, full_model, read_model
@@ -73,7 +73,7 @@ def improve(environment: ShotEnvironment, mean: Array, spread: Array, rng: np.ra
         found = environment.expected(actions, PLAYS if k else 1)
         best = actions[np.argsort(-found, kind="stable")[:BEST]]
         mean, spread = best.mean(axis=0), np.maximum(best.std(axis=0), LEAST)
-    return environment.task.reach.held(mean[None])[0]
+    return environment.task.bounds.clipped(mean[None])[0]
 
 
 @lone_command("planner.example_environment")

@@ -254,7 +254,7 @@ def _laid(
             told.append(f"{name} still moves at the end, by {1e3 * moved:.1f} mm: taken where it was last seen")
         if (pocket := pocket_of(at, table, ball)) is not None:
             told.append(f"{name} lies in the pocket {pocket_name(pocket)}: left out")
-        elif (np.abs(at) > table.reach(ball) + BEYOND * ball.radius).any():
+        elif (np.abs(at) > table.centre_limits(ball) + BEYOND * ball.radius).any():
             told.append(f"{name} lies off the table, at {at[0]:.3f}, {at[1]:.3f} m: left out")
         else:
             kept[name] = at.round(6)

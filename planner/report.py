@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 from models.files import write_whole
+from models.recording.palette import CLOTH_COLOUR, ball_colour
 from models.recording.plan import (
-    AVOID,
-    FATES,
-    SHARES,
-    WANTED,
+    AVOID_COLOUR,
+    OUTCOME_COLOURS,
+    OUTLINE_SHARES,
+    TARGET_COLOUR,
     dropped,
     fate,
     given,
@@ -35,7 +36,6 @@ from models.recording.plan import (
     strike_words,
     wanted,
 )
-from models.recording.shots import CLOTH, ball_colour
 from models.shot import Array, Ball, Table
 from sysid.report.drawing import INK, MODEL, NOISE, WIDTH, png, svg
 from sysid.report.html import CSS
@@ -122,7 +122,7 @@ def _picture(plan: Mapping[str, Any]) -> tuple[float, Callable[[Any], None]]:
 
 def _draw_draws(ax: Any, plan: Mapping[str, Any]) -> None:
     fan = plan.get("fan") or []
-    for word, colour in FATES.items():
+    for word, colour in OUTCOME_COLOURS.items():
         drawn = [draw for draw in fan if fate(draw) == word]
         label = f"{word} in {len(drawn)} of {len(fan)} draws"
         for k, path in enumerate(path_of(track) for draw in drawn for track in draw["tracks"]):
@@ -136,9 +136,9 @@ def _draw_cloud(ax: Any, plan: Mapping[str, Any], size: float) -> None:
     cloud, potted = resting(plan)
     for word, chosen in (("potted", potted), ("missed", ~potted)):
         if chosen.any():
-            style = {"ms": size, "mec": "none", "alpha": 0.75, "color": _rgb(FATES[word]), "zorder": 5}
+            style = {"ms": size, "mec": "none", "alpha": 0.75, "color": _rgb(OUTCOME_COLOURS[word]), "zorder": 5}
             ax.plot(*cloud[chosen].T, "o" if word == "potted" else "^", **style, label=f"cue ball at rest, {word}")
-    for share, line in zip(SHARES, ("-", "--"), strict=True):
+    for share, line in zip(OUTLINE_SHARES, ("-", "--"), strict=True):
         ring = outline(cloud, share)
         if len(ring):
             ax.plot(*ring.T, line, color="white", lw=1.1, zorder=8, label=f"{100 * share:.0f} % of these places")
@@ -147,16 +147,21 @@ def _draw_cloud(ax: Any, plan: Mapping[str, Any], size: float) -> None:
 def _draw_goal(ax: Any, plan: Mapping[str, Any], ball: Ball, balls: Mapping[str, Array]) -> None:
     """Where the cue ball is wanted, what it shall not touch, the pocket."""
     goal, (place, radius) = plan["scene"].get("goal") or {}, wanted(plan)
-    mark = {"color": _rgb(WANTED), "zorder": 9, "ls": "none"}
+    mark = {"color": _rgb(TARGET_COLOUR), "zorder": 9, "ls": "none"}
     if place is not None:
         ax.plot(*place, "x", ms=9, mew=2.2, **mark, label="the place that is wanted")
     if place is not None and radius > 0:
-        ax.add_patch(_circle(place, radius, fc="none", ec=_rgb(WANTED), lw=1.4, ls=":", zorder=8))
+        ax.add_patch(_circle(place, radius, fc="none", ec=_rgb(TARGET_COLOUR), lw=1.4, ls=":", zorder=8))
     if goal.get("rest_for") in balls:
         mark["label"] = f"wanted: a shot on {goal['rest_for']}"
         ax.plot(*balls[goal["rest_for"]], "s", ms=15, mfc="none", mew=1.6, **mark)
     for k, name in enumerate(name for name in goal.get("avoid") or [] if name in balls):
-        style = {"ls": "none", "color": _rgb(AVOID), "mew": 1.8, "label": "keep clear of this" if k == 0 else None}
+        style = {
+            "ls": "none",
+            "color": _rgb(AVOID_COLOUR),
+            "mew": 1.8,
+            "label": "keep clear of this" if k == 0 else None,
+        }
         ax.plot(*balls[name], "D", ms=14, mfc="none", **style, zorder=9)
 
 
@@ -220,7 +225,7 @@ def _rest_svg(plan: Mapping[str, Any], table: Table, ball: Ball) -> str:
     place, radius = wanted(plan)
     mean = np.array((plan.get("rest") or {}).get("mean") or cloud.mean(axis=0), float)
     centre = mean if place is None else place
-    ends = np.array([*outline(cloud, SHARES[-1]), mean, centre - radius, centre + radius])
+    ends = np.array([*outline(cloud, OUTLINE_SHARES[-1]), mean, centre - radius, centre + radius])
     middle, half = (ends.max(axis=0) + ends.min(axis=0)) / 2, max(0.12, 0.56 * np.ptp(ends, axis=0).max())
     outside = int((np.abs(cloud - middle) > half).any(axis=1).sum())
     far = 1e3 * np.hypot(*(cloud - centre).T)
@@ -244,7 +249,7 @@ def _rest_svg(plan: Mapping[str, Any], table: Table, ball: Ball) -> str:
             if use.any():
                 values = np.concatenate([[0.0], np.sort(far[use])])
                 right.step(values, np.linspace(0, 100, len(values)), where="post", color=colour, lw=1.6, label=label)
-        for share, line in zip(SHARES, ("-", "--"), strict=True):
+        for share, line in zip(OUTLINE_SHARES, ("-", "--"), strict=True):
             value = float(np.quantile(far, share))
             text = f"{100 * share:.0f} % within {number(value)} mm"
             right.plot([0, value, value], [100 * share, 100 * share, 0], line, color=NOISE, lw=1.0, label=text)
@@ -262,7 +267,7 @@ def _explain(fig: Any, ax: Any, columns: int) -> int:
     """A legend on cloth, where white shows, its marks of one size whatever theirs is above: how many rows it takes."""
     handles, labels = ax.get_legend_handles_labels()
     if handles:
-        style = {"facecolor": _rgb(CLOTH), "edgecolor": "none", "labelcolor": "white", "framealpha": 1.0}
+        style = {"facecolor": _rgb(CLOTH_COLOUR), "edgecolor": "none", "labelcolor": "white", "framealpha": 1.0}
         legend = fig.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=True, **style)
         for mark in legend.legend_handles:
             mark.set(alpha=1.0, markersize=6.5, linewidth=max(1.2, mark.get_linewidth()))

@@ -79,7 +79,7 @@ def pocket_name(pocket: Pocket) -> str:
 def pocket_of(xy: Array, table: Table, ball: Ball) -> Pocket | None:
     """The pocket that a ball at (2,) [m] has dropped into; None for one on the table, if on the brink."""
     for pocket, place in pocket_places(table).items():
-        past = abs(xy[1]) > table.reach(ball)[1] + SLIGHT and abs(xy[0]) < MIDDLE_ACCEPTANCE
+        past = abs(xy[1]) > table.centre_limits(ball)[1] + SLIGHT and abs(xy[0]) < MIDDLE_ACCEPTANCE
         if np.hypot(*(xy - place)) < table.mouths()[2] and (pocket[0] or past):
             return pocket
     return None
@@ -87,7 +87,7 @@ def pocket_of(xy: Array, table: Table, ball: Ball) -> Pocket | None:
 
 def settled(position: Array, table: Table, ball: Ball) -> Array:
     """Places (n, 2) [m] moved as little as makes no ball overlap another or a cushion; others stay as they are."""
-    reach, out = table.reach(ball), np.array(position, float)
+    reach, out = table.centre_limits(ball), np.array(position, float)
     one, other = np.triu_indices(len(out), 1)
     for _ in range(ROUNDS):
         out = np.clip(out, -reach, reach)
@@ -237,7 +237,7 @@ def _places(data: Mapping[str, Any], table: Table, ball: Ball, where: str) -> di
 def _on_table(value: Any, what: str, table: Table, ball: Ball, where: str) -> Array:
     """A place (2,) [m] where a ball can lie."""
     xy = _numbers(value, 2, f"{what} = {shown(value)}", f"[x, y] {WHERE}", where)
-    reach = table.reach(ball)
+    reach = table.centre_limits(ball)
     if (np.abs(xy) > FARTHEST).any() and (np.abs(xy) <= 1e3 * reach).all():
         right = [float(f"{v / 1e3:.6g}") for v in xy]
         _refuse(where, f"{what} = {shown(value)} looks like mm: write {right} (m)")

@@ -12,7 +12,7 @@ import numpy as np
 
 from models.compiled import is_ready, set_ready
 from models.engine.play import finish
-from models.hooks import COMPILED, address
+from models.hooks import COMPILED_HOOKS, address
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import catalogue, effect_class, full_model
 from models.shot import Shot
@@ -33,7 +33,7 @@ def prepare() -> None:
         return
     print(COMPILING_NOTE, file=sys.stderr, flush=True)
     for kind in catalogue().values():
-        for hook in COMPILED:
+        for hook in COMPILED_HOOKS:
             if kind.opens(hook):
                 address(getattr(kind, hook), hook, kind.layout())
     _play()

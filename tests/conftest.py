@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from models.mjcf.gl import NEEDS, can_render, choose_backend
+from models.mjcf.gl import RENDERING_NEEDS, can_render, choose_backend
 
 choose_backend()
 
@@ -17,14 +17,14 @@ ROOT = Path(__file__).resolve().parents[1]
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip what draws where nothing can be drawn."""
     if item.get_closest_marker("gl") and not can_render():
-        pytest.skip(NEEDS)
+        pytest.skip(RENDERING_NEEDS)
 
 
 @pytest.fixture
 def gl() -> str:
     """The back end that draws; the test is skipped where there is none."""
     if not can_render():
-        pytest.skip(NEEDS)
+        pytest.skip(RENDERING_NEEDS)
     return choose_backend()
 
 

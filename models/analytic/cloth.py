@@ -13,16 +13,16 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from models import record as rec
 from models.compiled import compiled, compiled_in_place
-from models.hooks import AX, AY, BX, BY, BZ, RADIUS, SLIDE_FACTOR, SPIN_FACTOR, WEIGHT
 from models.shot import GRAVITY
 
 Array = NDArray[np.float64]
-STILL = 1e-8  # slip or speed that is none [m/s]
+STILL_SPEED = 1e-8  # slip or speed that is none [m/s]
 STILL_SPIN = 1e-6  # sidespin that is none [rad/s]
 SLIDING, ROLLING, RESTING = 1, 2, 0
-GRIP = 5e-5  # a slip that full friction ends in this time meets no less than that [s]
-NEAR = 1e-6  # part of that slip within which it is reached
+LAST_SLIP_S = 5e-5  # a slip that full friction ends in this time meets no less than that [s]
+LAST_SLIP_MARGIN = 1e-6  # part of that slip within which it counts as attained
 
 
 @compiled_in_place
@@ -33,19 +33,19 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
     size `slip`; rolling friction against that of the velocity, (vx, vy); friction of sidespin against the sign of wz.
     A rolling or resting ball is held at no slip by a reaction to the pushes, up to the friction of a sliding one.
     """
-    n, radius, held = r[WEIGHT] * GRAVITY, r[RADIUS], False
+    n, radius, held = r[rec.WEIGHT] * GRAVITY, r[rec.RADIUS], False
     per = 1.0 / radius
     gx = gy = dx = dy = 0.0
     if mode == SLIDING:
         friction = slide * n
         # A slip that dies away would never end by itself: the last of it meets the full friction.
-        if slip > 3.5 * friction * GRIP * (1.0 + NEAR):
-            friction *= r[SLIDE_FACTOR]
+        if slip > 3.5 * friction * LAST_SLIP_S * (1.0 + LAST_SLIP_MARGIN):
+            friction *= r[rec.SLIDE_FACTOR]
         gx, gy = -friction * ux, -friction * uy
     else:
         # Without friction the slip would change at push + torque x R / I; 2/7 of that holds it at zero.
-        gx = -2 / 7 * (r[AX] - radius * r[BY])
-        gy = -2 / 7 * (r[AY] + radius * r[BX])
+        gx = -2 / 7 * (r[rec.AX] - radius * r[rec.BY])
+        gy = -2 / 7 * (r[rec.AY] + radius * r[rec.BX])
         most, need = slide * n, gx * gx + gy * gy
         if need > most * most:
             need = most / math.sqrt(need)
@@ -54,17 +54,17 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
             dx, dy = roll * n * vx, roll * n * vy
         else:
             # A ball at rest stays there until the push exceeds what rolling resistance can hold.
-            px, py = r[AX] + gx, r[AY] + gy
+            px, py = r[rec.AX] + gx, r[rec.AY] + gy
             held = px * px + py * py <= (roll * n) ** 2
     if held:
-        r[AX] = r[AY] = r[BX] = r[BY] = 0.0
+        r[rec.AX] = r[rec.AY] = r[rec.BX] = r[rec.BY] = 0.0
     else:
-        r[AX] += gx - dx
-        r[AY] += gy - dy
-        r[BX] += (2.5 * gy + dy) * per
-        r[BY] -= (2.5 * gx + dx) * per
+        r[rec.AX] += gx - dx
+        r[rec.AY] += gy - dy
+        r[rec.BX] += (2.5 * gy + dy) * per
+        r[rec.BY] -= (2.5 * gx + dx) * per
     if abs(wz) > STILL_SPIN and n > 0.0:
-        r[BZ] -= math.copysign(spin * r[SPIN_FACTOR], wz)
+        r[rec.BZ] -= math.copysign(spin * r[rec.SPIN_FACTOR], wz)
     return not held
 
 
@@ -84,7 +84,7 @@ def flow(b: Array, t: float, radius: float, slide: float, roll: float, alpha: fl
     b[7] += b7
     ux, uy = b[2] - radius * b[5], b[3] + radius * b[4]
     u = math.sqrt(ux * ux + uy * uy)
-    if u > STILL:
+    if u > STILL_SPEED:
         rate = 3.5 * slide * GRAVITY
         s = min(t, u / rate) if rate > 0.0 else t
         ax, ay = -slide * GRAVITY * ux / u, -slide * GRAVITY * uy / u
@@ -122,20 +122,9 @@ def slip(velocity: ArrayLike, spin: ArrayLike, radius: float) -> Array:
     return v[..., :2] + radius * np.stack([-w[..., 1], w[..., 0]], axis=-1)
 
 
-def slide_time(velocity: ArrayLike, spin: ArrayLike, radius: float, slide: float) -> Array:
-    """Time until the ball rolls: (...) [s]."""
-    return 2.0 * np.linalg.norm(slip(velocity, spin, radius), axis=-1) / (7.0 * slide * GRAVITY)
-
-
 def rolling_velocity(velocity: ArrayLike, spin: ArrayLike, radius: float) -> Array:
     """Velocity at which the ball begins to roll, whatever the friction: (..., 2) [m/s]."""
     return np.asarray(velocity, float)[..., :2] - 2.0 / 7.0 * slip(velocity, spin, radius)
-
-
-def rest_time(velocity: ArrayLike, spin: ArrayLike, radius: float, slide: float, roll: float) -> Array:
-    """Time until the ball's centre rests: (...) [s]; sidespin may outlast it by |omega_z| / alpha less this."""
-    speed = np.linalg.norm(rolling_velocity(velocity, spin, radius), axis=-1)
-    return slide_time(velocity, spin, radius, slide) + speed / (roll * GRAVITY)
 
 
 def state_at(

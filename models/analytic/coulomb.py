@@ -24,16 +24,18 @@ import numpy as np
 
 from models.compiled import compiled
 
-STEPS = 4  # of a whole impact, where no slip turns
-TURNING = 3e-7  # tolerance of the turning of a slip in a step, over approach speed; fits differentiate what comes out
-CLOSER = 0.8  # of the way to the end of a slip, at most, in a step
-FADING = 0.25  # of the slip over which friction falls by e, at most, in a step
-STABLE = 2.0  # turns of that kind in a step, at most
-SNAP = 1e-6  # slip times friction over approach speed that ends at once where friction can hold it
-STILL = 2e-8  # slip times friction over approach speed that is none
-BED = 3.5  # slip of a ball's lowest point per impulse there
-MANY = 4000  # steps, against endless loops
-ALIGNED = 1e-10  # sine between a slip and its rate that is rounding
+MIN_STEPS = 4  # of a whole impact, where no slip turns
+TURNING_TOLERANCE = (
+    3e-7  # tolerance of the turning of a slip in a step, over approach speed; fits differentiate what comes out
+)
+MAX_SLIP_SHARE = 0.8  # of the way to the end of a slip, at most, in a step
+MAX_FRICTION_FADE = 0.25  # of the slip over which friction falls by e, at most, in a step
+MAX_TURNS_PER_STEP = 2.0  # turns of that kind in a step, at most
+SNAP_SLIP = 1e-6  # slip times friction over approach speed that ends at once where friction can hold it
+STILL_SLIP = 2e-8  # slip times friction over approach speed that is none
+CLOTH_MOBILITY = 3.5  # slip of a ball's lowest point per impulse there
+MAX_STEPS = 4000  # steps, against endless loops
+ALIGNED_SINE = 1e-10  # sine between a slip and its rate that is rounding
 SLIP, STICK = 0, 1
 
 
@@ -49,8 +51,8 @@ def _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def
     """Friction (F1, F2, G1, G2) per normal impulse for slips and whether they stick."""
     ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
     if ms == STICK and mc == STICK:
-        det = a2 * BED - b2 * b2
-        f2, g2 = (b2 * dc - BED * ds) / det, (b2 * ds - a2 * dc) / det
+        det = a2 * CLOTH_MOBILITY - b2 * b2
+        f2, g2 = (b2 * dc - CLOTH_MOBILITY * ds) / det, (b2 * ds - a2 * dc) / det
         return 0.0, f2, 0.0, g2
     size = math.sqrt(c1 * c1 + c2 * c2)
     over = 1.0 / size if size > 0.0 else 0.0
@@ -63,7 +65,7 @@ def _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def
     over = -friction_at(mu, size) / size if size > 0.0 else 0.0
     f1, f2 = s1 * over, s2 * over
     if mc == STICK:
-        return f1, f2, -b1 * f1 / BED, -(dc + b2 * f2) / BED
+        return f1, f2, -b1 * f1 / CLOTH_MOBILITY, -(dc + b2 * f2) / CLOTH_MOBILITY
     press = cloth * max(0.0, p0 + p1 * f2)
     return f1, f2, -press * x, -press * y
 
@@ -103,8 +105,8 @@ def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ign
                 if y and mc == SLIP:
                     size = math.sqrt(u * u + v * v)
                     press = cloth * max(0.0, p0 + p1 * f2)
-                    grip = BED * press / size if size > 0.0 else 0.0
-                    n1, n2 = b1 * f1 + BED * g1 + grip * u, dc + b2 * f2 + BED * g2 + grip * v
+                    grip = CLOTH_MOBILITY * press / size if size > 0.0 else 0.0
+                    n1, n2 = b1 * f1 + CLOTH_MOBILITY * g1 + grip * u, dc + b2 * f2 + CLOTH_MOBILITY * g2 + grip * v
                     size = math.sqrt(n1 * n1 + n2 * n2)
                     if size > 0.0:
                         n1, n2 = n1 / size, n2 / size
@@ -128,7 +130,7 @@ def _runge_kutta(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, mu, cloth, k):  # ty
     for stage in range(3):
         d = h if stage == 2 else 0.5 * h
         x1, x2 = s1 + d * (a1 * f1 + b1 * g1), s2 + d * (ds + a2 * f2 + b2 * g2)
-        y1, y2 = c1 + d * (b1 * f1 + BED * g1), c2 + d * (dc + b2 * f2 + BED * g2)
+        y1, y2 = c1 + d * (b1 * f1 + CLOTH_MOBILITY * g1), c2 + d * (dc + b2 * f2 + CLOTH_MOBILITY * g2)
         f1, f2, g1, g2 = _rates(x1, x2, y1, y2, ms, mc, mu, cloth, k)
         if stage < 2:
             m1, m2, n1, n2 = m1 + 2.0 * f1, m2 + 2.0 * f2, n1 + 2.0 * g1, n2 + 2.0 * g2
@@ -149,13 +151,13 @@ def _reach(x, y, dx, dy, weight, grip, fine):  # type: ignore[no-untyped-def]
         return np.inf
     size = math.sqrt(x * x + y * y)
     past = weight * abs(x * dy - y * dx) / rate  # how near to zero it will come, were it to go straight on
-    if past <= ALIGNED * weight * size:
-        return CLOSER * size / rate if x * dx + y * dy < 0.0 else np.inf
+    if past <= ALIGNED_SINE * weight * size:
+        return MAX_SLIP_SHARE * size / rate if x * dx + y * dy < 0.0 else np.inf
     h = size / rate * math.sqrt(math.sqrt(fine / past))
     # Friction turns a slip towards its course at the rate grip / size, beyond which a step would swing about it.
-    stable = STABLE * size / (weight * grip)
+    stable = MAX_TURNS_PER_STEP * size / (weight * grip)
     if x * dx + y * dy < 0.0:
-        return min(h, CLOSER * size / rate, stable)
+        return min(h, MAX_SLIP_SHARE * size / rate, stable)
     return min(h, stable * max(1.0, 0.01 * fine / past))
 
 
@@ -163,9 +165,9 @@ def _reach(x, y, dx, dy, weight, grip, fine):  # type: ignore[no-untyped-def]
 def _fade(size, rate, rub, hold, grip, mu):  # type: ignore[no-untyped-def]
     """How far a slip may go in a step before its friction changes too much."""
     steep = mu[2] * max(rate, grip * abs(rub - mu[0]))
-    h = FADING / steep if steep > 0.0 else np.inf
+    h = MAX_FRICTION_FADE / steep if steep > 0.0 else np.inf
     # Friction that grows as the slip ends may end it sooner than the present rate says.
-    return min(h, CLOSER * size / (rate + grip * (hold - rub))) if hold > rub else h
+    return min(h, MAX_SLIP_SHARE * size / (rate + grip * (hold - rub))) if hold > rub else h
 
 
 @compiled
@@ -174,19 +176,19 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
     ds, dc, a1, a2, b1, b2, p0, p1, du, uf, ug = k
     start, hold = u, friction_at(mu, 0.0)
     longest = (1.0 + e) * u / (-du * steps)
-    fine = TURNING * start * (STEPS / steps) ** 4
+    fine = TURNING_TOLERANCE * start * (MIN_STEPS / steps) ** 4
     total = i1 = i2 = j1 = j2 = work = 0.0
     most = -1.0
     ms = mc = SLIP
-    none = STILL * start
-    for _ in range(MANY * (1 + steps)):
+    none = STILL_SLIP * start
+    for _ in range(MAX_STEPS * (1 + steps)):
         f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
         press = cloth * max(0.0, p0 + p1 * f2)
         r1, r2 = a1 * f1 + b1 * g1, ds + a2 * f2 + b2 * g2
-        q1, q2 = b1 * f1 + BED * g1, dc + b2 * f2 + BED * g2
+        q1, q2 = b1 * f1 + CLOTH_MOBILITY * g1, dc + b2 * f2 + CLOTH_MOBILITY * g2
         size_s, size_c = math.sqrt(s1 * s1 + s2 * s2), math.sqrt(c1 * c1 + c2 * c2)
         rub = friction_at(mu, size_s)
-        if ms == SLIP and rub * size_s < SNAP * start:
+        if ms == SLIP and rub * size_s < SNAP_SLIP * start:
             f1, f2, g1, g2 = _rates(s1, s2, c1, c2, STICK, mc, mu, cloth, k)
             press = cloth * max(0.0, p0 + p1 * f2)
             if f1 * f1 + f2 * f2 < hold * hold and (mc == SLIP or g1 * g1 + g2 * g2 < press * press):
@@ -220,14 +222,14 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
             f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
             press = cloth * max(0.0, p0 + p1 * f2)
             r1, r2 = a1 * f1 + b1 * g1, ds + a2 * f2 + b2 * g2
-            q1, q2 = b1 * f1 + BED * g1, dc + b2 * f2 + BED * g2
+            q1, q2 = b1 * f1 + CLOTH_MOBILITY * g1, dc + b2 * f2 + CLOTH_MOBILITY * g2
         h = longest
         if ms == SLIP:
             h = min(h, _reach(s1, s2, r1, r2, rub, a1, fine))
             if mu[1] != 0.0:
                 h = min(h, _fade(size_s, math.sqrt(r1 * r1 + r2 * r2), rub, hold, a1, mu))
         if mc == SLIP:
-            h = min(h, _reach(c1, c2, q1, q2, press, BED, fine))
+            h = min(h, _reach(c1, c2, q1, q2, press, CLOTH_MOBILITY, fine))
         h = max(h, 1e-9 * longest)
         first = (f1, f2, g1, g2)
         # The last step ends where the work does, by Newton on the root of the work still owed, which is nearly linear.
@@ -263,14 +265,14 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
                 # The rest at the friction of the end.
                 i1, i2, j1, j2 = i1 + h * f1, i2 + h * f2, j1 + h * g1, j2 + h * g2
                 s1, s2 = s1 + h * (a1 * f1 + b1 * g1), s2 + h * (ds + a2 * f2 + b2 * g2)
-                c1, c2 = c1 + h * (b1 * f1 + BED * g1), c2 + h * (dc + b2 * f2 + BED * g2)
+                c1, c2 = c1 + h * (b1 * f1 + CLOTH_MOBILITY * g1), c2 + h * (dc + b2 * f2 + CLOTH_MOBILITY * g2)
                 f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
                 return total + h + shift, i1 + shift * f1, i2 + shift * f2, j1 + shift * g1, j2 + shift * g2
             h = max(h + shift, 1e-3 * h)
         total, work, u = total + h, work + gain, after
         i1, i2, j1, j2 = i1 + h * f1, i2 + h * f2, j1 + h * g1, j2 + h * g2
         s1, s2 = s1 + h * (a1 * f1 + b1 * g1), s2 + h * (ds + a2 * f2 + b2 * g2)
-        c1, c2 = c1 + h * (b1 * f1 + BED * g1), c2 + h * (dc + b2 * f2 + BED * g2)
+        c1, c2 = c1 + h * (b1 * f1 + CLOTH_MOBILITY * g1), c2 + h * (dc + b2 * f2 + CLOTH_MOBILITY * g2)
     return total, i1, i2, j1, j2
 
 
@@ -296,7 +298,7 @@ def _held(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, first, mu, cloth, k):  # ty
         if x < h:
             f1, f2, g1, g2, _, _ = _runge_kutta(s1, s2, c1, c2, ms, mc, x, *first, mu, cloth, k)
         x1, x2 = s1 + x * (a1 * f1 + b1 * g1), s2 + x * (ds + a2 * f2 + b2 * g2)
-        y1, y2 = c1 + x * (b1 * f1 + BED * g1), c2 + x * (dc + b2 * f2 + BED * g2)
+        y1, y2 = c1 + x * (b1 * f1 + CLOTH_MOBILITY * g1), c2 + x * (dc + b2 * f2 + CLOTH_MOBILITY * g2)
         f1, f2, g1, g2 = _rates(x1, x2, y1, y2, ms, mc, mu, cloth, k)
         press = cloth * max(0.0, p0 + p1 * f2)
         # A little beyond, so that the end is seen as such.

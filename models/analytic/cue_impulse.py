@@ -32,8 +32,8 @@ from models.effect import param
 from models.shot import Ball
 
 Array = NDArray[np.float64]
-ROUNDS = 14  # in which the slate's friction settles, see _with_slate
-GRIP = 0.4  # slip that full friction takes away, over the ball's speed: 7/2 sin(6.5 degrees)
+SLATE_ROUNDS = 14  # in which the slate's friction settles, see _with_slate
+FULL_FRICTION_SLIP = 0.4  # slip that full friction takes away, over the ball's speed: 7/2 sin(6.5 degrees)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Constants:
     aim_zero: float = param(0.0, off=0.0, unit="rad", bounds=(-0.1, 0.1), source="true less told, to the left")
 
 
-NAMES = tuple(f.name for f in dataclasses.fields(Constants))
+CONSTANT_NAMES = tuple(f.name for f in dataclasses.fields(Constants))
 
 
 @dataclass(frozen=True)
@@ -84,11 +84,11 @@ def launch(
         constants: of the launcher; its zeros count for offsets and aim.
         geometry: of tip and ball.
         cue_speed: along its axis as it hits (n,) [m/s].
-        side: of the cue's axis as the stage is told, to the right (n,) [m].
+        side: of the cue's axis as commanded to the stage, to the right (n,) [m].
         height: the same, up (n,) [m].
 
     Returns:
-        Velocity (n, 3) [m/s] and spin (n, 3) [rad/s]: x along the aim that was told, y to its left, z up.
+        Velocity (n, 3) [m/s] and spin (n, 3) [rad/s]: x along the commanded aim, y to its left, z up.
     """
     ball, el = geometry.ball, geometry.elevation
     mass, radius = ball.mass, ball.radius
@@ -132,7 +132,7 @@ def _with_slate(
     push = np.zeros((len(free), 3))
     pace = np.maximum(np.linalg.norm(free, axis=-1), 1e-12) / mass
     tip, slate = free, np.zeros_like(free)
-    for _ in range(ROUNDS):
+    for _ in range(SLATE_ROUNDS):
         q = (up + push) * held[:, None]
         # At the contact: q / M + (down x q) x n * 5/2 / M; the rank-one term of N = -P_z by Sherman and Morrison.
         felt = (q + 2.5 * (q * (normal @ down)[:, None] - down * np.sum(q * normal, axis=-1, keepdims=True))) / mass
@@ -142,7 +142,7 @@ def _with_slate(
         if friction <= 0.0:
             break
         slip = (tip + slate) / mass + 2.5 / mass * np.cross(np.cross(normal, tip) + np.cross(down, slate), down)
-        push[:, :2] -= slip[:, :2] / (GRIP * pace[:, None])
+        push[:, :2] -= slip[:, :2] / (FULL_FRICTION_SLIP * pace[:, None])
         push *= np.minimum(1.0, friction / np.maximum(np.linalg.norm(push, axis=-1, keepdims=True), 1e-12))
     return tip, slate
 

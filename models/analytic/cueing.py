@@ -22,11 +22,11 @@ from models.shot import GRAVITY, Ball
 
 Array = NDArray[np.float64]
 SEED_LIMIT = 0.5  # offset over radius beyond which no shot is played (Robotic Billiards 2015)
-SLATE = 0.55  # restitution of ball on slate [1], 0.5 to 0.7 (Alciatore)
+SLATE_RESTITUTION = 0.55  # restitution of ball on slate [1], 0.5 to 0.7 (Alciatore)
 
 
 @dataclass(frozen=True)
-class Cue:
+class CueStick:
     """A cue held at one elevation."""
 
     mass: float = 0.50  # [kg], bounds 0.3 to 0.8; 17 to 18 oz, a servo-driven cue acts as more
@@ -46,7 +46,7 @@ class Stroke:
     hop_speed: float  # [m/s], upwards, off the slate
 
 
-def contact_offset(offset: float, ball: Ball, cue: Cue) -> float:
+def contact_offset(offset: float, ball: Ball, cue: CueStick) -> float:
     """Where the dome touches, for an offset of the cue's axis [m]; either direction."""
     return offset * ball.radius / (ball.radius + cue.tip_radius)
 
@@ -61,7 +61,7 @@ def spin_estimate(contact: float, speed: float, ball: Ball) -> float:
     return 2.5 * contact * speed / ball.radius**2
 
 
-def ball_speed(cue_speed: float, side: float, height: float, ball: Ball, cue: Cue) -> float:
+def ball_speed(cue_speed: float, side: float, height: float, ball: Ball, cue: CueStick) -> float:
     """Ball speed for a cue speed [m/s] and offsets of the cue's axis [m]."""
     rho2 = (contact_offset(side, ball, cue) ** 2 + contact_offset(height, ball, cue) ** 2) / ball.radius**2
     return (1.0 + cue.tip_restitution) * cue_speed / (1.0 + ball.mass / cue.mass + 2.5 * rho2)
@@ -89,14 +89,14 @@ def hop(hop_speed: float) -> tuple[float, float]:
     return hop_speed**2 / (2.0 * GRAVITY), 2.0 * hop_speed / GRAVITY
 
 
-def slate_loss(speed: float, elevation: float, friction: float, slate: float = SLATE) -> float:
+def slate_loss(speed: float, elevation: float, friction: float, slate: float = SLATE_RESTITUTION) -> float:
     """Most speed that the slate's friction takes as the ball is driven onto it [m/s]."""
     return friction * (1.0 + slate) * speed * math.sin(elevation)
 
 
 def strike(
-    cue: Cue, ball: Ball, cue_speed: float, azimuth: float, side: float = 0.0, height: float = 0.0,
-    elevation: float | None = None, *, slate: float = SLATE, slate_friction: float = 0.0,
+    cue: CueStick, ball: Ball, cue_speed: float, azimuth: float, side: float = 0.0, height: float = 0.0,
+    elevation: float | None = None, *, slate: float = SLATE_RESTITUTION, slate_friction: float = 0.0,
 ) -> Stroke:  # fmt: skip
     """Play a stroke.
 

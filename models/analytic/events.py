@@ -2,7 +2,7 @@
 
 Two balls: the squared distance is a quartic in time. Where the relative path is straight and does not turn back, its
 touch is a quadratic along the line; otherwise the first fall through (2R)^2 is found between the roots of the
-derivatives, so that none is missed, after a bound on the closest approach has put most pairs aside. A cushion is a
+derivatives, so that none is missed, after a bound on the closest approach has excluded most pairs. A cushion is a
 line at R cos(theta) before the nose line (Mathavan, Jackson, Parkin 2010); a pocket takes a ball whose centre passes
 the nose line in its mouth, or comes within a corner's capture circle (Robotic Billiards 2015). A time of -1 says that
 things are pressed together at rest. Jaws are circles to a centre, as balls are (models/analytic/pocket.py).
@@ -16,10 +16,11 @@ import numpy as np
 
 from models.compiled import compiled, compiled_in_place
 
-CLOSED = 1e-13  # gap that is none [m], and squared distance [m^2]
-DEAD = 1e-3  # approach speed below which an impact gives nothing back [m/s]
-AWAY = 1e-9  # approach speed below which a touch is no impact [m/s]
-STRAIGHT = 4e-16  # sine between velocity and acceleration that is rounding
+CLOSED_GAP_M = 1e-13  # gap that is none [m], and squared distance [m^2]
+DEAD_SPEED = 1e-3  # approach speed below which an impact gives nothing back [m/s]
+LEAN_SPEED = 1e-2  # approach speed that bodies which lean on each other may come to between two looks [m/s]
+MIN_IMPACT_SPEED = 1e-9  # approach speed below which a touch is no impact [m/s]
+STRAIGHT_SINE = 4e-16  # sine between velocity and acceleration that is rounding
 
 
 @compiled
@@ -89,9 +90,9 @@ def meeting(x, y, vx, vy, ax, ay, distance, h):  # type: ignore[no-untyped-def]
     c0 = x * x + y * y - distance * distance
     c1 = 2.0 * (x * vx + y * vy)
     v2, a2 = vx * vx + vy * vy, ax * ax + ay * ay
-    if c0 > CLOSED:
+    if c0 > CLOSED_GAP_M:
         v, a = math.sqrt(v2), math.sqrt(a2)
-        if abs(vx * ay - vy * ax) <= STRAIGHT * v * a and (
+        if abs(vx * ay - vy * ax) <= STRAIGHT_SINE * v * a and (
             a == 0.0 or v + a * h * math.copysign(1.0, vx * ax + vy * ay) >= -1e-9 * v
         ):
             if c1 >= 0.0:
@@ -122,11 +123,11 @@ def meeting(x, y, vx, vy, ax, ay, distance, h):  # type: ignore[no-untyped-def]
             if px * px + py * py > room * room:
                 return np.inf
     c2, c3, c4 = v2 + x * ax + y * ay, vx * ax + vy * ay, 0.25 * a2
-    if c0 > CLOSED:
+    if c0 > CLOSED_GAP_M:
         return first_fall(c0, c1, c2, c3, c4, h)
-    if c1 < -AWAY:
+    if c1 < -MIN_IMPACT_SPEED:
         return 0.0
-    if c1 <= AWAY:
+    if c1 <= MIN_IMPACT_SPEED:
         if c2 < 0.0:
             return -1.0
         c1 = 0.0
@@ -136,10 +137,10 @@ def meeting(x, y, vx, vy, ax, ay, distance, h):  # type: ignore[no-untyped-def]
 @compiled
 def line(gap, v, a, h):  # type: ignore[no-untyped-def]
     """The same for a straight line at a gap, approached at speed v and acceleration a."""
-    if gap <= CLOSED:
-        if v > AWAY:
+    if gap <= CLOSED_GAP_M:
+        if v > MIN_IMPACT_SPEED:
             return 0.0
-        if v >= -AWAY:
+        if v >= -MIN_IMPACT_SPEED:
             return -1.0 if a > 0.0 else np.inf
         t = -2.0 * v / a if a > 0.0 else np.inf
         return t if t <= h else np.inf

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.coulomb import STEPS, integrate
+from models.analytic.coulomb import MIN_STEPS, integrate
 from models.analytic.pocket import outward
 from models.compiled import compiled, compiled_in_place
 from models.shot import NOSE_COSINE, NOSE_SINE
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 @compiled_in_place
 def collide(
-    cushion: bool, state: Array, e: float, law: tuple[float, float, float, float], steps: int = STEPS,
+    cushion: bool, state: Array, e: float, law: tuple[float, float, float, float], steps: int = MIN_STEPS,
     gain: float = 0.0, decay: float = 0.0, ratio: float = 1.0,
 ) -> None:  # fmt: skip
     """Carry a state (5 for a cushion, 10 for two balls) through an impact, in place.
@@ -120,7 +120,7 @@ def collide_rows(
         more = 0.0 if gain is None else gain[k]
         fade = 0.0 if decay is None else decay[k]
         heavier = 1.0 if ratio is None else ratio[k]
-        collide(cushion, state, e[k], (mu[k], cloth[k], m, r), STEPS, more, fade, heavier)
+        collide(cushion, state, e[k], (mu[k], cloth[k], m, r), MIN_STEPS, more, fade, heavier)
         for n in range(1 if cushion else 2):
             b = i if n == 0 else j
             o = 5 * n

@@ -27,17 +27,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.events import CLOSED, in_mouth, line
+from models.analytic.events import CLOSED_GAP_M, in_mouth, line
 from models.compiled import compiled_in_place
 from models.errors import BadInput
-from models.shot import NOSE_COSINE, POCKET_MOUTH, RAILS, Ball, Table
+from models.shot import NOSE_COSINE, POCKET_MOUTH, RAIL_NAMES, Ball, Table
 
 Array = NDArray[np.float64]
 CORNER_JAW, MIDDLE_JAW = 0.122, 0.085  # radius of the nose line's bend [m], bounds 0.02 to 0.15; see above
 CORNER_FALL = (0.0, 0.045)  # the slate's edge: its centre beyond the corner along the axis, its radius [m]
 MIDDLE_FALL = (0.045, 0.045)  # the same from the middle of a long nose line
-BACK = 1e-10  # by which arcs stand back, so that what rolls along a cushion does not graze them by rounding [m]
-OWNERS = (0, 0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3)  # the rail that each jaw ends
+ARC_SETBACK_M = (
+    1e-10  # by which arcs stand back, so that what rolls along a cushion does not graze them by rounding [m]
+)
+JAW_RAILS = (0, 0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3)  # the rail that each jaw ends
 
 
 @dataclass(frozen=True)
@@ -45,16 +47,16 @@ class Pockets:
     """Where balls of one size meet a table's pockets; arrays of no rows without them."""
 
     ends: Array  # (3,) [m], of the straight cushions, from a corner and from a middle; the last is not used
-    jaws: Array  # (12, 3) [m], x, y of an arc's centre, and how far from it a ball's centre meets it; see OWNERS
+    jaws: Array  # (12, 3) [m], x, y of an arc's centre, and how far from it a ball's centre meets it; see JAW_RAILS
     falls: Array  # (6, 3) [m], x, y and radius of the slate's edge; pockets by row: -y first, -x first
 
 
-NONE = np.zeros((0, 3))
+NO_ARCS = np.zeros((0, 3))
 
 
 def rail_of(number: int) -> str:
     """The rail of a logged impact: of a cushion by its number, of a jaw by 4 + its number."""
-    return RAILS[number if number < 4 else OWNERS[number - 4]]
+    return RAIL_NAMES[number if number < 4 else JAW_RAILS[number - 4]]
 
 
 def pockets_of(table: Table, ball: Ball) -> Pockets:
@@ -64,7 +66,7 @@ def pockets_of(table: Table, ball: Ball) -> Pockets:
         BadInput: for a ball that the mouths do not let in or the edges do not take, and a table with no room for them.
     """
     if not table.pockets:
-        return Pockets(np.zeros(3), NONE, NONE)
+        return Pockets(np.zeros(3), NO_ARCS, NO_ARCS)
     room, near = POCKET_MOUTH / 2 - ball.radius, ball.radius * NOSE_COSINE
     lx, ly = table.length / 2, table.width / 2
     corner = math.sqrt(2) * (room + near) + (math.sqrt(2) - 1) * CORNER_JAW
@@ -76,7 +78,7 @@ def pockets_of(table: Table, ball: Ball) -> Pockets:
             raise BadInput(f"a ball of {2e3 * ball.radius:.1f} mm is none for these pockets; play it without jaws")
     if corner + middle >= lx or corner >= ly:
         raise BadInput(f"a table of {table.length} x {table.width} m has no room for its jaws; play it without them")
-    sides, rho = (1.0, -1.0), (CORNER_JAW + near - BACK, MIDDLE_JAW + near - BACK)
+    sides, rho = (1.0, -1.0), (CORNER_JAW + near - ARC_SETBACK_M, MIDDLE_JAW + near - ARC_SETBACK_M)
     jaws = [(sx * (lx + CORNER_JAW), sy * (ly - corner), rho[0]) for sx in sides for sy in sides]
     for sy in sides:
         jaws += [(sx * (lx - corner), sy * (ly + CORNER_JAW), rho[0]) for sx in sides]
@@ -104,11 +106,11 @@ def outward(number, x, y, jaws):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def straight(rail, reach, p, v, a, half, ends, h):  # type: ignore[no-untyped-def]
+def straight(rail, limits, p, v, a, half, ends, h):  # type: ignore[no-untyped-def]
     """The same as `line` for a rail that ends before the jaws: p, v, a (2,) or (3,) of a centre, time limit h."""
     k, o, sign = rail // 2, 1 - rail // 2, 1.0 - 2.0 * (rail % 2)
-    gap, speed, faster = reach[k] - sign * p[k], sign * v[k], sign * a[k]
-    if gap < -CLOSED and in_mouth(p[o], rail, half, ends):
+    gap, speed, faster = limits[k] - sign * p[k], sign * v[k], sign * a[k]
+    if gap < -CLOSED_GAP_M and in_mouth(p[o], rail, half, ends):
         # Between the jaws, beyond the line: it may come out, and back to the line elsewhere.
         disc = speed * speed + 2.0 * faster * gap
         if speed >= 0.0 or faster <= 0.0 or disc <= 0.0:

@@ -12,86 +12,90 @@ import math
 
 import numpy as np
 
-from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL, add_cloth
-from models.analytic.events import AWAY, DEAD, in_mouth
-from models.compiled import compiled, compiled_in_place
-from models.engine.curve import push
-from models.engine.motion import POTTED, ROLLED, TURN, VX, VY, WX, WY, WZ, X, Y
-from models.engine.touch import BALL, CUSHION
-from models.hooks import AX, AY, BX, BY, BZ, RADIUS, SLIP_X, SLIP_Y, TIME
-from models.hooks import ROLLED as R_ROLLED
-from models.hooks import ROLLING as R_ROLLING
-from models.hooks import VX as R_VX
-from models.hooks import VY as R_VY
-from models.hooks import WX as R_WX
-from models.hooks import WY as R_WY
-from models.hooks import WZ as R_WZ
-from models.hooks import X as R_X
-from models.hooks import Y as R_Y
-from models.impacts import (
-    DECAY,
-    FRICTION,
-    GAIN,
-    MASS_FIRST,
-    MASS_SECOND,
-    RESTITUTION,
-    ask,
-    describe,
+from models import record as rec
+from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL_SPEED, add_cloth
+from models.analytic.events import DEAD_SPEED, MIN_IMPACT_SPEED, in_mouth
+from models.analytic.increments import ball_step, cushion_step
+from models.analytic.spring import (
+    CALM_TIME_S,
+    CONTACT_GAP_M,
+    MAX_CLUSTER_S,
+    SLIP_PARTS,
+    SPRING_STEP_S,
+    damping_of,
+    depth_of,
+    spring,
 )
-from models.increments import ball_step, cushion_step
+from models.compiled import compiled, compiled_in_place
+from models.engine import columns as col
+from models.engine.curve import push
+from models.engine.impacts import ask, describe
+from models.engine.motion import POTTED
+from models.engine.touch import BALL, CUSHION
 from models.shot import GRAVITY, NOSE_COSINE
-from models.spring import CALM, CLOSED, LONGEST, PARTS, STEP, damping_of, depth_of, spring
 
-NEAR = 1e-3  # gap up to which a contact is looked at in every step [m]
-CROWD = 1e-6  # gap of a third body that makes a cluster at any speed [m]
+CONTACT_RANGE_M = 1e-3  # gap up to which a contact is looked at in every step [m]
+CROWD_GAP_M = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 
 
 @compiled_in_place
-def _meets(b, c, i, j, kind, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
+def _meets(b, c, i, j, kind, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
     """Gap, approach speed and normal of balls i and j, or of ball i and rail -1 - j where j < 0."""
     if j >= 0:
-        x, y = b[j, X] - b[i, X], b[j, Y] - b[i, Y]
-        d2, touch = x * x + y * y, 2.0 * radius + CLOSED
+        x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
+        d2, touch = x * x + y * y, 2.0 * radius + CONTACT_GAP_M
         if d2 > touch * touch:
             return np.inf, 0.0, 1.0, 0.0
         d = math.sqrt(d2)
         x, y = x / d, y / d
-        return d - 2.0 * radius, (b[i, VX] - b[j, VX]) * x + (b[i, VY] - b[j, VY]) * y, x, y
+        return d - 2.0 * radius, (b[i, col.VX] - b[j, col.VX]) * x + (b[i, col.VY] - b[j, col.VY]) * y, x, y
     rail = -1 - j
     k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-    gap = reach[k] - sign * b[i, k]
-    if gap > CLOSED or in_mouth(b[i, 1 - k], rail, half, mouths):
+    gap = limits[k] - sign * b[i, k]
+    if gap > CONTACT_GAP_M or in_mouth(b[i, 1 - k], rail, half, mouths):
         return np.inf, 0.0, 1.0, 0.0
-    return gap, sign * b[i, VX + k], sign * (1.0 - k), sign * float(k)
+    return gap, sign * b[i, col.VX + k], sign * (1.0 - k), sign * float(k)
 
 
 @compiled_in_place
 def _flow(b, i, r, at, own, forces, support, cloth, now, dv):  # type: ignore[no-untyped-def]
     """Add what cloth and effects do to ball i in a step to its changes dv (n, 5) of velocity and spin."""
-    radius = r[RADIUS]
-    ux, uy = b[i, VX] - radius * b[i, WY], b[i, VY] + radius * b[i, WX]
-    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[i, VX] ** 2 + b[i, VY] ** 2)
-    r[R_X], r[R_Y], r[R_VX], r[R_VY] = b[i, X], b[i, Y], b[i, VX], b[i, VY]
-    r[R_WX], r[R_WY], r[R_WZ], r[SLIP_X], r[SLIP_Y] = b[i, WX], b[i, WY], b[i, WZ], ux, uy
-    r[TIME], r[R_ROLLED] = now, b[i, ROLLED]
-    mode = SLIDING if u > STILL else (ROLLING if v > STILL else RESTING)
-    r[R_ROLLING] = 1.0 if mode == ROLLING else 0.0
+    radius = r[rec.RADIUS]
+    ux, uy = b[i, col.VX] - radius * b[i, col.WY], b[i, col.VY] + radius * b[i, col.WX]
+    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[i, col.VX] ** 2 + b[i, col.VY] ** 2)
+    r[rec.X], r[rec.Y], r[rec.VX], r[rec.VY] = b[i, col.X], b[i, col.Y], b[i, col.VX], b[i, col.VY]
+    r[rec.WX], r[rec.WY], r[rec.WZ], r[rec.SLIP_X], r[rec.SLIP_Y] = b[i, col.WX], b[i, col.WY], b[i, col.WZ], ux, uy
+    r[rec.TIME], r[rec.ROLLED] = now, b[i, col.ROLLED]
+    mode = SLIDING if u > STILL_SPEED else (ROLLING if v > STILL_SPEED else RESTING)
+    r[rec.ROLLING] = 1.0 if mode == ROLLING else 0.0
     push(r, at, own, forces, support)
     over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
-    add_cloth(r, mode, u, ux * over, uy * over, b[i, VX] * per, b[i, VY] * per, b[i, WZ], cloth[0], cloth[1], cloth[2])
-    dv[i, 0], dv[i, 1] = r[AX] * STEP, r[AY] * STEP
-    dv[i, 2], dv[i, 3], dv[i, 4] = r[BX] * STEP, r[BY] * STEP, r[BZ] * STEP
+    add_cloth(
+        r,
+        mode,
+        u,
+        ux * over,
+        uy * over,
+        b[i, col.VX] * per,
+        b[i, col.VY] * per,
+        b[i, col.WZ],
+        cloth[0],
+        cloth[1],
+        cloth[2],
+    )
+    dv[i, 0], dv[i, 1] = r[rec.AX] * SPRING_STEP_S, r[rec.AY] * SPRING_STEP_S
+    dv[i, 2], dv[i, 3], dv[i, 4] = r[rec.BX] * SPRING_STEP_S, r[rec.BY] * SPRING_STEP_S, r[rec.BZ] * SPRING_STEP_S
     if mode == ROLLING:
-        b[i, ROLLED] += v / radius * STEP
+        b[i, col.ROLLED] += v / radius * SPRING_STEP_S
     # No friction turns a slip, a roll or a sidespin round within a step.
     if mode == SLIDING:
         ux, uy = ux + dv[i, 0] - radius * dv[i, 3], uy + dv[i, 1] + radius * dv[i, 2]
-        if u <= 3.5 * cloth[0] * GRAVITY * STEP:
+        if u <= 3.5 * cloth[0] * GRAVITY * SPRING_STEP_S:
             dv[i, 0], dv[i, 1] = dv[i, 0] - 2 / 7 * ux, dv[i, 1] - 2 / 7 * uy
             dv[i, 3] += 2.5 / radius * 2 / 7 * ux
             dv[i, 2] -= 2.5 / radius * 2 / 7 * uy
-    if b[i, WZ] * (b[i, WZ] + dv[i, 4]) < 0.0:
-        dv[i, 4] = -b[i, WZ]
+    if b[i, col.WZ] * (b[i, col.WZ] + dv[i, 4]) < 0.0:
+        dv[i, 4] = -b[i, col.WZ]
 
 
 @compiled_in_place
@@ -103,18 +107,18 @@ def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # t
     s, out, after = work[0], work[1], work[2]
     for q in range(1 if cushion else 2):
         ball, o = (i if q == 0 else j), 5 * q
-        s[o], s[o + 1] = b[ball, VX] * ax + b[ball, VY] * ay, b[ball, VX] * bx + b[ball, VY] * by
-        s[o + 2], s[o + 3] = b[ball, WX] * ax + b[ball, WY] * ay, b[ball, WX] * bx + b[ball, WY] * by
-        s[o + 4] = b[ball, WZ]
+        s[o], s[o + 1] = b[ball, col.VX] * ax + b[ball, col.VY] * ay, b[ball, col.VX] * bx + b[ball, col.VY] * by
+        s[o + 2], s[o + 3] = b[ball, col.WX] * ax + b[ball, col.WY] * ay, b[ball, col.WX] * bx + b[ball, col.WY] * by
+        s[o + 4] = b[ball, col.WZ]
     own = mass * heavier[i]
     other = own if cushion else mass * heavier[j]
     for x in range(10):
         out[x] = s[x]
-    for _ in range(PARTS):
+    for _ in range(SLIP_PARTS):
         if cushion:
-            cushion_step(out, dp / PARTS, (mu[0], cloth, own, radius), after)
+            cushion_step(out, dp / SLIP_PARTS, (mu[0], cloth, own, radius), after)
         else:
-            ball_step(out, dp / PARTS, (mu[0], mu[1], mu[2]), (cloth, own, other, radius), after)
+            ball_step(out, dp / SLIP_PARTS, (mu[0], mu[1], mu[2]), (cloth, own, other, radius), after)
         for x in range(10):
             out[x] = after[x]
     if cushion:
@@ -130,21 +134,21 @@ def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # t
 
 
 @compiled_in_place
-def _near(b, kind, first, second, radius, reach, near):  # type: ignore[no-untyped-def]
-    """Lay down in `near` which contacts are within NEAR of closing, in order; returns how many."""
+def _near(b, kind, first, second, radius, limits, near):  # type: ignore[no-untyped-def]
+    """Fill `near` with the contacts within CONTACT_RANGE_M of closing, in order; returns how many there are."""
     n, found = b.shape[0], 0
-    apart, pairs = 2.0 * radius + NEAR, n * (n - 1) // 2
+    apart, pairs = 2.0 * radius + CONTACT_RANGE_M, n * (n - 1) // 2
     for c in range(first.size):
         i, j = first[c], second[c]
         if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
             continue
         if c < pairs:
-            x, y = b[j, X] - b[i, X], b[j, Y] - b[i, Y]
+            x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
             away = x * x + y * y > apart * apart
         else:
             rail = -1 - j
             k = rail // 2
-            away = reach[k] - (1.0 - 2.0 * (rail % 2)) * b[i, k] > NEAR
+            away = limits[k] - (1.0 - 2.0 * (rail % 2)) * b[i, k] > CONTACT_RANGE_M
         if not away:
             near[found] = c
             found += 1
@@ -154,7 +158,7 @@ def _near(b, kind, first, second, radius, reach, near):  # type: ignore[no-untyp
 @compiled_in_place
 def _is_idle(b):  # type: ignore[no-untyped-def]
     """Whether nothing of a ball moves."""
-    return b[VX] == 0.0 and b[VY] == 0.0 and b[WX] == 0.0 and b[WY] == 0.0 and b[WZ] == 0.0
+    return b[col.VX] == 0.0 and b[col.VY] == 0.0 and b[col.WX] == 0.0 and b[col.WY] == 0.0 and b[col.WZ] == 0.0
 
 
 @compiled_in_place
@@ -167,26 +171,26 @@ def _go(b, dv, kind, lasts):  # type: ignore[no-untyped-def]
     for i in range(b.shape[0]):
         if kind[i] == POTTED:
             continue
-        b[i, TURN] += STEP * (b[i, WZ] + 0.5 * dv[i, 4])
-        b[i, VX] += dv[i, 0]
-        b[i, VY] += dv[i, 1]
-        b[i, WX] += dv[i, 2]
-        b[i, WY] += dv[i, 3]
-        b[i, WZ] += dv[i, 4]
-        b[i, X] += STEP * b[i, VX]
-        b[i, Y] += STEP * b[i, VY]
-        most = max(most, b[i, VX] * b[i, VX] + b[i, VY] * b[i, VY])
-    return lasts - 2.0 * STEP * math.sqrt(most)
+        b[i, col.TURN] += SPRING_STEP_S * (b[i, col.WZ] + 0.5 * dv[i, 4])
+        b[i, col.VX] += dv[i, 0]
+        b[i, col.VY] += dv[i, 1]
+        b[i, col.WX] += dv[i, 2]
+        b[i, col.WY] += dv[i, 3]
+        b[i, col.WZ] += dv[i, 4]
+        b[i, col.X] += SPRING_STEP_S * b[i, col.VX]
+        b[i, col.Y] += SPRING_STEP_S * b[i, col.VY]
+        most = max(most, b[i, col.VX] * b[i, col.VX] + b[i, col.VY] * b[i, col.VY])
+    return lasts - 2.0 * SPRING_STEP_S * math.sqrt(most)
 
 
 @compiled
 def through(  # type: ignore[no-untyped-def]
-    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half, mouths, jaws, order,
+    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths, jaws, order,
     hit, table, times, begin, out, log, who, logged, count,
 ):  # fmt: skip
     """Carry a shot through a cluster: returns when it has parted, the next sample's number and how much is logged.
 
-    `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work, `table` as models/spring.py has it.
+    `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work, `table` as in models/analytic/spring.py.
     """
     n = b.shape[0]
     contacts = n * (n - 1) // 2 + 4 * n
@@ -194,14 +198,14 @@ def through(  # type: ignore[no-untyped-def]
     springs = np.zeros(contacts), np.zeros((contacts, 3)), np.zeros(contacts), np.zeros(contacts)
     work = bodies, springs, np.zeros(contacts, np.bool_), np.ones(n), np.zeros((n, 5)), np.zeros((4, 10))
     return _through(
-        work, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half, mouths,
+        work, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths,
         order, hit, table, times, begin, out, log, who, logged, count,
     )  # fmt: skip
 
 
 @compiled_in_place
 def _through(  # type: ignore[no-untyped-def]
-    arrays, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half, mouths,
+    arrays, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths,
     order, hit, table, times, begin, out, log, who, logged, count,
 ):  # fmt: skip
     n = b.shape[0]
@@ -221,11 +225,11 @@ def _through(  # type: ignore[no-untyped-def]
         i, j = first[c], second[c]
         if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
             continue
-        gap, _, _, _ = _meets(b, c, i, j, kind, radius, reach, half, mouths)
+        gap, _, _, _ = _meets(b, c, i, j, kind, radius, limits, half, mouths)
         if gap < 0.0:
             given[c] = depth_of(j < 0, gap, radius)[0]
-    end, calm, room = now + LONGEST, 0.0, NEAR
-    looked = _near(b, kind, first, second, radius, reach, near)
+    end, calm, room = now + MAX_CLUSTER_S, 0.0, CONTACT_RANGE_M
+    looked = _near(b, kind, first, second, radius, limits, near)
     while True:
         for i in range(n):
             for x in range(5):
@@ -234,22 +238,22 @@ def _through(  # type: ignore[no-untyped-def]
                 _flow(b, i, records[i], records[i].ctypes.data, own, forces, support, cloth, now, dv)
         for c in near[:looked]:
             i, j = first[c], second[c]
-            gap, approach, nx, ny = _meets(b, c, i, j, kind, radius, reach, half, mouths)
-            if gap > CLOSED:
+            gap, approach, nx, ny = _meets(b, c, i, j, kind, radius, limits, half, mouths)
+            if gap > CONTACT_GAP_M:
                 peak[c] = given[c] = 0.0
                 continue
             cushion = j < 0
-            if approach > max(peak[c], AWAY):
+            if approach > max(peak[c], MIN_IMPACT_SPEED):
                 peak[c] = approach
                 describe(
                     hit, cushion, i, -1 - j if cushion else j, b[i], b[i if cushion else j], nx, ny, radius, order, now
                 )
                 ask(hit, hit.ctypes.data, own, impact)
-                damping[c] = damping_of(cushion, hit[RESTITUTION], table)
-                mu[c, 0], mu[c, 1], mu[c, 2] = hit[FRICTION], hit[GAIN], hit[DECAY]
-                heavier[i] = hit[MASS_FIRST]
+                damping[c] = damping_of(cushion, hit[rec.RESTITUTION], table)
+                mu[c, 0], mu[c, 1], mu[c, 2] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY]
+                heavier[i] = hit[rec.MASS_FIRST]
                 if not cushion:
-                    heavier[j] = hit[MASS_SECOND]
+                    heavier[j] = hit[rec.MASS_SECOND]
                 if not known[c]:
                     known[c] = True
                     count[CUSHION if cushion else BALL] += 1
@@ -266,41 +270,44 @@ def _through(  # type: ignore[no-untyped-def]
                 continue
             one = mass * heavier[i]
             moved = one if cushion else one / (1.0 + heavier[i] / heavier[j])
-            dp = STEP * moved * max(k * pressed + damp * approach * level, 0.0)
+            dp = SPRING_STEP_S * moved * max(k * pressed + damp * approach * level, 0.0)
             if dp > 0.0:
                 _press(b, i, j, nx, ny, dp, mu[c], cloth[0], heavier, mass, level, dv, work)
-        while begin < times.size and times[begin] <= min(now + STEP, until):
+        while begin < times.size and times[begin] <= min(now + SPRING_STEP_S, until):
             part = times[begin] - now
             for i in range(n):
                 o = out[begin, i]
                 if kind[i] == POTTED:
                     o[:] = np.nan
                     continue
-                f = part / STEP
-                o[2], o[3] = b[i, VX] + f * dv[i, 0], b[i, VY] + f * dv[i, 1]
-                o[0], o[1] = b[i, X] + part * (b[i, VX] + dv[i, 0]), b[i, Y] + part * (b[i, VY] + dv[i, 1])
+                f = part / SPRING_STEP_S
+                o[2], o[3] = b[i, col.VX] + f * dv[i, 0], b[i, col.VY] + f * dv[i, 1]
+                o[0], o[1] = (
+                    b[i, col.X] + part * (b[i, col.VX] + dv[i, 0]),
+                    b[i, col.Y] + part * (b[i, col.VY] + dv[i, 1]),
+                )
                 for x in range(3):
-                    o[4 + x] = b[i, WX + x] + f * dv[i, 2 + x]
-                o[7] = b[i, TURN] + part * (b[i, WZ] + 0.5 * f * dv[i, 4])
+                    o[4 + x] = b[i, col.WX + x] + f * dv[i, 2 + x]
+                o[7] = b[i, col.TURN] + part * (b[i, col.WZ] + 0.5 * f * dv[i, 4])
             begin += 1
         room = _go(b, dv, kind, room)
-        if room <= 2.0 * CLOSED:
-            looked, room = _near(b, kind, first, second, radius, reach, near), NEAR
-        now += STEP
+        if room <= 2.0 * CONTACT_GAP_M:
+            looked, room = _near(b, kind, first, second, radius, limits, near), CONTACT_RANGE_M
+        now += SPRING_STEP_S
         free, rests = True, True
         for c in near[:looked]:
             i, j = first[c], second[c]
-            gap, approach, _, _ = _meets(b, c, i, j, kind, radius, reach, half, mouths)
-            if gap > CLOSED:
+            gap, approach, _, _ = _meets(b, c, i, j, kind, radius, limits, half, mouths)
+            if gap > CONTACT_GAP_M:
                 continue
-            rests = rests and abs(approach) < DEAD
-            if approach > AWAY:
+            rests = rests and abs(approach) < DEAD_SPEED
+            if approach > MIN_IMPACT_SPEED:
                 free = False
                 continue
             depth, level = depth_of(j < 0, gap, radius)
             pressed = depth - min(given[c], depth)
             k, damp = spring(j < 0, pressed, damping[c])
             free = free and k * pressed + damp * approach * level <= 0.0
-        calm = calm + STEP if rests else 0.0
-        if free or calm >= CALM or now >= end or now >= until:
+        calm = calm + SPRING_STEP_S if rests else 0.0
+        if free or calm >= CALM_TIME_S or now >= end or now >= until:
             return now, begin, logged

@@ -12,183 +12,93 @@ import math
 
 import numpy as np
 
-from models.analytic.cloth import GRIP, NEAR, RESTING, ROLLING, SLIDING, STILL, STILL_SPIN, add_cloth
+from models import record as rec
+from models.analytic.cloth import (
+    LAST_SLIP_MARGIN,
+    LAST_SLIP_S,
+    RESTING,
+    ROLLING,
+    SLIDING,
+    STILL_SPEED,
+    STILL_SPIN,
+    add_cloth,
+)
 from models.compiled import compiled_in_place
-from models.engine.dense import ERROR, NODES, STAGES, smooth, straight_on
-from models.engine.motion import (
-    AX,
-    AY,
-    BEGIN,
-    BOUND,
-    CLOCK,
-    CURVE,
-    END,
-    LAST,
-    MODE,
-    ON,
-    REST,
-    ROLLED,
-    SLIDE_ENDS,
-    SPAN,
-    STATE,
-    STOPS,
-    TRY,
-    TURN,
-    VX,
-    VY,
-    WX,
-    WY,
-    WZ,
-    X,
-    Y,
-)
-from models.hooks import (
-    AX as R_AX,
-)
-from models.hooks import (
-    AY as R_AY,
-)
-from models.hooks import (
-    BX as R_BX,
-)
-from models.hooks import (
-    BY as R_BY,
-)
-from models.hooks import (
-    BZ as R_BZ,
-)
-from models.hooks import (
-    LAUNCH as R_LAUNCH,
-)
-from models.hooks import (
-    MASS as R_MASS,
-)
-from models.hooks import (
-    NUMBER as R_NUMBER,
-)
-from models.hooks import (
-    ORDER as R_ORDER,
-)
-from models.hooks import (
-    RADIUS as R_RADIUS,
-)
-from models.hooks import (
-    ROLLED as R_ROLLED,
-)
-from models.hooks import (
-    ROLLING as R_ROLLING,
-)
-from models.hooks import (
-    SLIDE_FACTOR as R_SLIDE_FACTOR,
-)
-from models.hooks import (
-    SLIP_X as R_SLIP_X,
-)
-from models.hooks import (
-    SLIP_Y as R_SLIP_Y,
-)
-from models.hooks import (
-    SPIN_FACTOR as R_SPIN_FACTOR,
-)
-from models.hooks import (
-    TIME as R_TIME,
-)
-from models.hooks import (
-    VX as R_VX,
-)
-from models.hooks import (
-    VY as R_VY,
-)
-from models.hooks import (
-    WEIGHT as R_WEIGHT,
-)
-from models.hooks import (
-    WX as R_WX,
-)
-from models.hooks import (
-    WY as R_WY,
-)
-from models.hooks import (
-    WZ as R_WZ,
-)
-from models.hooks import (
-    X as R_X,
-)
-from models.hooks import (
-    Y as R_Y,
-)
+from models.engine import columns as col
+from models.engine.dense import ERROR_WEIGHTS, STAGE_NODES, STAGE_WEIGHTS, smooth, straight_on
+from models.engine.motion import CURVE, GOES_ON, REST, SLIDE_ENDS, STOPS
 from models.hooks import (
     call_hook,
     call_horizon,
 )
 from models.shot import GRAVITY
 
-TOLERANCE = 3e-7  # of a step, as an error of position at the end of the roll [m]
-BRAKE = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
-SPIN_LASTS = 0.1  # how long an error of sidespin counts [s]
-SHORT_SLIDE = 1e-3  # rest of a slide that is taken at a constant friction [s]
-SHORT_SOFT = 1e-4  # the same where friction is not the full one [s]
-SHORT_ROLL = 0.03  # rest of a roll that is taken straight [s]
-SPARE = 0.995  # of the way to the end of a roll or a slide, at most, in a step
-SPARE_SOFT = 0.9  # the same where the friction of a slide is not the full one
-TURNS = 4e-4  # error of a step of half of what is left of a motion, over how much a push across it turns it
-WIDEST = 9.0  # a step over what it leaves of a motion, beyond which errors no longer grow with it
-AHEAD = 1e3  # what is left of a motion, at most [s]
-BEFORE = 1e-9  # by which a step's last look comes before its end, where a push may switch [s]
-GROWTH, SHRINK, SAFETY = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
-LONGEST = 2.0  # [s]
-SHORTEST = 1e-7  # step that is taken whatever its error [s]
+STEP_TOLERANCE_M = 3e-7  # of a step, as an error of position at the end of the roll [m]
+MIN_DECELERATION = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
+SPIN_ERROR_S = 0.1  # how long an error of sidespin counts [s]
+SHORT_SLIDE_S = 1e-3  # rest of a slide that is taken at a constant friction [s]
+SHORT_SOFT_SLIDE_S = 1e-4  # the same where friction is not the full one [s]
+SHORT_ROLL_S = 0.03  # rest of a roll that is taken straight [s]
+END_SHARE = 0.995  # of the way to the end of a roll or a slide, at most, in a step
+END_SHARE_SOFT = 0.9  # the same where the friction of a slide is not the full one
+TURN_ERROR = 4e-4  # error of a step of half of what is left of a motion, over how much a push across it turns it
+MAX_STEP_RATIO = 9.0  # a step over what it leaves of a motion, beyond which errors no longer grow with it
+MAX_REMAINING_S = 1e3  # what is left of a motion, at most [s]
+LAST_STAGE_LEAD_S = 1e-9  # by which a step's last look comes before its end, where a push may switch [s]
+MAX_GROWTH, MIN_GROWTH, SAFETY_FACTOR = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
+MAX_STEP_S = 2.0  # [s]
+MIN_STEP_S = 1e-7  # step that is taken whatever its error [s]
 
 
 @compiled_in_place
 def push(r, at, own, forces, support):  # type: ignore[no-untyped-def]
     """Ask the effects what acts on the ball in record r, at address `at`, beside the cloth."""
-    r[R_AX] = r[R_AY] = r[R_BX] = r[R_BY] = r[R_BZ] = 0.0
-    r[R_SLIDE_FACTOR] = r[R_SPIN_FACTOR] = r[R_WEIGHT] = 1.0
+    r[rec.AX] = r[rec.AY] = r[rec.BX] = r[rec.BY] = r[rec.BZ] = 0.0
+    r[rec.SLIDE_FACTOR] = r[rec.SPIN_FACTOR] = r[rec.WEIGHT] = 1.0
     for k in range(forces.shape[0]):
-        if k == support and r[R_WEIGHT] <= 0.0:
-            r[R_ROLLING] = 0.0
+        if k == support and r[rec.WEIGHT] <= 0.0:
+            r[rec.ROLLING] = 0.0
         call_hook(forces[k, 0], own + 8 * forces[k, 1], at)
 
 
 @compiled_in_place
 def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: ignore[no-untyped-def]
-    """Derivatives k[n] of the state y (STATE,) of a ball; False where friction would have to turn round.
+    """Derivatives k[n] of the state y (STATE_SIZE,) of a ball; False where friction would have to turn round.
 
     `way`: directions at the beginning of the step, of slip and of velocity, and sidespin.
     """
-    radius, fine = r[R_RADIUS], True
+    radius, fine = r[rec.RADIUS], True
     ux = uy = u = vx = vy = speed = 0.0
-    r[R_X], r[R_Y], r[R_VX], r[R_VY], r[R_WZ] = y[X], y[Y], y[VX], y[VY], y[WZ]
-    r[R_TIME], r[R_ROLLED], r[R_ROLLING] = t, y[ROLLED], 0.0
+    r[rec.X], r[rec.Y], r[rec.VX], r[rec.VY], r[rec.WZ] = y[col.X], y[col.Y], y[col.VX], y[col.VY], y[col.WZ]
+    r[rec.TIME], r[rec.ROLLED], r[rec.ROLLING] = t, y[col.ROLLED], 0.0
     if mode == ROLLING:
-        r[R_ROLLING] = 1.0
-        r[R_WX], r[R_WY] = -y[VY] / radius, y[VX] / radius
-        speed = math.sqrt(y[VX] * y[VX] + y[VY] * y[VY])
-        if y[VX] * way[2] + y[VY] * way[3] <= 0.0:
+        r[rec.ROLLING] = 1.0
+        r[rec.WX], r[rec.WY] = -y[col.VY] / radius, y[col.VX] / radius
+        speed = math.sqrt(y[col.VX] * y[col.VX] + y[col.VY] * y[col.VY])
+        if y[col.VX] * way[2] + y[col.VY] * way[3] <= 0.0:
             fine, vx, vy = False, way[2], way[3]
         else:
-            vx, vy = y[VX] / speed, y[VY] / speed
+            vx, vy = y[col.VX] / speed, y[col.VY] / speed
     else:
-        r[R_WX], r[R_WY] = y[WX], y[WY]
-        ux, uy = y[VX] - radius * y[WY], y[VY] + radius * y[WX]
-    r[R_SLIP_X], r[R_SLIP_Y] = ux, uy
+        r[rec.WX], r[rec.WY] = y[col.WX], y[col.WY]
+        ux, uy = y[col.VX] - radius * y[col.WY], y[col.VY] + radius * y[col.WX]
+    r[rec.SLIP_X], r[rec.SLIP_Y] = ux, uy
     push(r, at, own, forces, support)
     if mode == SLIDING:
         u = math.sqrt(ux * ux + uy * uy)
-        if r[R_WEIGHT] > 0.0 and ux * way[0] + uy * way[1] <= 0.0:
+        if r[rec.WEIGHT] > 0.0 and ux * way[0] + uy * way[1] <= 0.0:
             fine, ux, uy, u = False, way[0], way[1], 1.0
         else:
             over = 1.0 / u if u > 0.0 else 0.0
             ux, uy = ux * over, uy * over
     moves = add_cloth(r, mode, u, ux, uy, vx, vy, way[4], cloth[0], cloth[1], cloth[2])
-    k[n, X], k[n, Y] = y[VX], y[VY]
+    k[n, col.X], k[n, col.Y] = y[col.VX], y[col.VY]
     if mode == RESTING and not moves:
-        k[n, X] = k[n, Y] = 0.0
-    k[n, VX], k[n, VY] = r[R_AX], r[R_AY]
-    k[n, WX], k[n, WY], k[n, WZ] = r[R_BX], r[R_BY], r[R_BZ]
-    k[n, TURN] = y[WZ]
-    k[n, ROLLED] = speed / radius
+        k[n, col.X] = k[n, col.Y] = 0.0
+    k[n, col.VX], k[n, col.VY] = r[rec.AX], r[rec.AY]
+    k[n, col.WX], k[n, col.WY], k[n, col.WZ] = r[rec.BX], r[rec.BY], r[rec.BZ]
+    k[n, col.TURN] = y[col.WZ]
+    k[n, col.ROLLED] = speed / radius
     return fine
 
 
@@ -197,60 +107,63 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
     """Lay a curve from a ball's clock on: fills b and its polynomials m; returns CURVE, or REST where nothing changes.
 
     Errors count up to the time `until`; no step is longer than `most` [s], unless it is the last of a slide or a roll.
-    r (BALL_FIELDS,) at address `at` holds what does not change along the way; y (STATE,), k (7, STATE) are for work.
+    r (BALL_FIELDS,) at address `at` holds what stays constant; y (STATE_SIZE,), k (7, STATE_SIZE) are workspace.
     """
-    radius = r[R_RADIUS]
-    now, way = b[CLOCK], (0.0, 0.0, 0.0, 0.0, 0.0)
+    radius = r[rec.RADIUS]
+    now, way = b[col.CLOCK], (0.0, 0.0, 0.0, 0.0, 0.0)
     # What the ball does is decided with what the cloth carries of it.
-    r[R_X], r[R_Y], r[R_VX], r[R_VY], r[R_TIME] = b[X], b[Y], b[VX], b[VY], now
-    ux, uy = b[VX] - radius * b[WY], b[VY] + radius * b[WX]
-    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
-    r[R_WX], r[R_WY], r[R_WZ] = b[WX], b[WY], b[WZ]
-    r[R_SLIP_X], r[R_SLIP_Y], r[R_ROLLED], r[R_ROLLING] = ux, uy, b[ROLLED], 0.0
-    mode = SLIDING if u > STILL else (ROLLING if v > STILL else RESTING)
-    r[R_ROLLING] = 1.0 if mode == ROLLING else 0.0
+    r[rec.X], r[rec.Y], r[rec.VX], r[rec.VY], r[rec.TIME] = b[col.X], b[col.Y], b[col.VX], b[col.VY], now
+    ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
+    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
+    r[rec.WX], r[rec.WY], r[rec.WZ] = b[col.WX], b[col.WY], b[col.WZ]
+    r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.ROLLED], r[rec.ROLLING] = ux, uy, b[col.ROLLED], 0.0
+    mode = SLIDING if u > STILL_SPEED else (ROLLING if v > STILL_SPEED else RESTING)
+    r[rec.ROLLING] = 1.0 if mode == ROLLING else 0.0
     push(r, at, own, forces, support)
-    if r[R_WEIGHT] <= 0.0:
+    if r[rec.WEIGHT] <= 0.0:
         mode = SLIDING  # in flight
     elif mode != SLIDING:
-        px, py = r[R_AX] - radius * r[R_BY], r[R_AY] + radius * r[R_BX]  # what would make it slip
+        px, py = r[rec.AX] - radius * r[rec.BY], r[rec.AY] + radius * r[rec.BX]  # what would make it slip
         need = math.sqrt(px * px + py * py)
-        if 2 / 7 * need > cloth[0] * r[R_WEIGHT] * GRAVITY * (1.0 + 1e-9):
-            b[VX] += 2.0 * STILL * px / need
-            b[VY] += 2.0 * STILL * py / need
+        if 2 / 7 * need > cloth[0] * r[rec.WEIGHT] * GRAVITY * (1.0 + 1e-9):
+            b[col.VX] += 2.0 * STILL_SPEED * px / need
+            b[col.VY] += 2.0 * STILL_SPEED * py / need
             mode = SLIDING
     if mode == ROLLING:
-        b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
+        b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
     elif mode == RESTING:
-        b[VX] = b[VY] = b[WX] = b[WY] = 0.0
-        px, py = r[R_AX] - 2 / 7 * (r[R_AX] - radius * r[R_BY]), r[R_AY] - 2 / 7 * (r[R_AY] + radius * r[R_BX])
+        b[col.VX] = b[col.VY] = b[col.WX] = b[col.WY] = 0.0
+        px, py = (
+            r[rec.AX] - 2 / 7 * (r[rec.AX] - radius * r[rec.BY]),
+            r[rec.AY] - 2 / 7 * (r[rec.AY] + radius * r[rec.BX]),
+        )
         force = math.sqrt(px * px + py * py)
-        if force > cloth[1] * r[R_WEIGHT] * GRAVITY:
-            b[VX], b[VY] = 2.0 * STILL * px / force, 2.0 * STILL * py / force
-            b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
+        if force > cloth[1] * r[rec.WEIGHT] * GRAVITY:
+            b[col.VX], b[col.VY] = 2.0 * STILL_SPEED * px / force, 2.0 * STILL_SPEED * py / force
+            b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
             mode = ROLLING
-    ux, uy = b[VX] - radius * b[WY], b[VY] + radius * b[WX]
-    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
+    ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
+    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
     over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
-    way = (ux * over, uy * over, b[VX] * per, b[VY] * per, b[WZ])
-    for x in range(STATE):
+    way = (ux * over, uy * over, b[col.VX] * per, b[col.VY] * per, b[col.WZ])
+    for x in range(col.STATE_SIZE):
         y[x] = b[x]
     _rates(y, now, mode, way, r, at, own, forces, support, cloth, k, 0)
-    b[AX], b[AY], b[MODE], b[LAST] = k[0, VX], k[0, VY], mode, ON
+    b[col.AX], b[col.AY], b[col.MODE], b[col.LAST] = k[0, col.VX], k[0, col.VY], mode, GOES_ON
     h, left, straight = _room(b, mode, way, u, v, r, at, own, horizon, cloth, k)
-    if mode == RESTING and b[WZ] == 0.0:
-        b[AX] = b[AY] = b[BOUND] = 0.0
-        b[END] = now + h if h < LONGEST else np.inf
+    if mode == RESTING and b[col.WZ] == 0.0:
+        b[col.AX] = b[col.AY] = b[col.BOUND] = 0.0
+        b[col.END] = now + h if h < MAX_STEP_S else np.inf
         return REST
     if straight:
         straight_on(b, m, h, k)
     else:
         h = _step(b, m, min(h, most), left, until - now, mode, way, r, at, own, forces, support, cloth, y, k)
-    b[BEGIN], b[SPAN], b[END] = now, h, now + h
+    b[col.BEGIN], b[col.SPAN], b[col.END] = now, h, now + h
     most_x = most_y = 0.0
     for n in range(1, 5):
-        most_x, most_y = most_x + n * abs(m[VX, n]), most_y + n * abs(m[VY, n])
-    b[BOUND] = math.sqrt(most_x * most_x + most_y * most_y) / h
+        most_x, most_y = most_x + n * abs(m[col.VX, n]), most_y + n * abs(m[col.VY, n])
+    b[col.BOUND] = math.sqrt(most_x * most_x + most_y * most_y) / h
     return CURVE
 
 
@@ -260,32 +173,32 @@ def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no
 
     The third says whether it comes to that end, at its first acceleration; b[LAST] says what happens there.
     """
-    radius, h, left = r[R_RADIUS], LONGEST, AHEAD
+    radius, h, left = r[rec.RADIUS], MAX_STEP_S, MAX_REMAINING_S
     for n in range(horizon.shape[0]):
         free = call_horizon(horizon[n, 0], own + 8 * horizon[n, 1], at)
         if free == free:
-            h = min(h, max(free, SHORTEST))
-    if b[WZ] * k[0, WZ] < 0.0:
-        h = min(h, -b[WZ] / k[0, WZ])
-    short, spare, last = SHORT_ROLL, SPARE, STOPS
-    if mode == SLIDING and r[R_WEIGHT] > 0.0:
-        rate = -(way[0] * (k[0, VX] - radius * k[0, WY]) + way[1] * (k[0, VY] + radius * k[0, WX]))
-        full = 3.5 * cloth[0] * r[R_WEIGHT] * GRAVITY * GRIP
-        short, last = SHORT_SLIDE, SLIDE_ENDS
-        if r[R_SLIDE_FACTOR] != 1.0:
-            short = SHORT_SOFT
-            if u > full * (1.0 + NEAR):
-                u, spare, last = u - full, SPARE_SOFT, ON
+            h = min(h, max(free, MIN_STEP_S))
+    if b[col.WZ] * k[0, col.WZ] < 0.0:
+        h = min(h, -b[col.WZ] / k[0, col.WZ])
+    short, spare, last = SHORT_ROLL_S, END_SHARE, STOPS
+    if mode == SLIDING and r[rec.WEIGHT] > 0.0:
+        rate = -(way[0] * (k[0, col.VX] - radius * k[0, col.WY]) + way[1] * (k[0, col.VY] + radius * k[0, col.WX]))
+        full = 3.5 * cloth[0] * r[rec.WEIGHT] * GRAVITY * LAST_SLIP_S
+        short, last = SHORT_SLIDE_S, SLIDE_ENDS
+        if r[rec.SLIDE_FACTOR] != 1.0:
+            short = SHORT_SOFT_SLIDE_S
+            if u > full * (1.0 + LAST_SLIP_MARGIN):
+                u, spare, last = u - full, END_SHARE_SOFT, GOES_ON
         if rate > 0.0:
-            left = min(u / rate, AHEAD)
+            left = min(u / rate, MAX_REMAINING_S)
     elif mode == ROLLING:
-        rate = -(way[2] * k[0, VX] + way[3] * k[0, VY])
+        rate = -(way[2] * k[0, col.VX] + way[3] * k[0, col.VY])
         if rate > 0.0:
-            left = min(v / rate, AHEAD)
+            left = min(v / rate, MAX_REMAINING_S)
     if left > short:
         return min(h, spare * left), left, False
     if left <= h:
-        b[LAST] = last
+        b[col.LAST] = last
         return left, left, True
     return h, left, False
 
@@ -297,65 +210,67 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
     A push across the way turns a motion the faster the less of it is left: at a step h of what is `left` the error
     grows as the fourth power of h / (left - h), at first. That is what is asked of a step, and remembered in b[TRY].
     """
-    radius, v = r[R_RADIUS], math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
-    lasts = min(until, v / BRAKE)
+    radius, v = r[rec.RADIUS], math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
+    lasts = min(until, v / MIN_DECELERATION)
     # An error of slip along the slip ends the slide too soon or too late; one across turns it for what is left of it.
-    slip_rate = math.sqrt((k[0, VX] - radius * k[0, WY]) ** 2 + (k[0, VY] + radius * k[0, WX]) ** 2)
-    early = BRAKE * lasts / max(slip_rate, BRAKE)
-    slip = math.sqrt((b[VX] - radius * b[WY]) ** 2 + (b[VY] + radius * b[WX]) ** 2)
-    turns = 2 / 7 * min(until, slip / max(slip_rate, BRAKE))
-    share = b[TRY]
-    if share == 0.0 and left < AHEAD:
+    slip_rate = math.sqrt((k[0, col.VX] - radius * k[0, col.WY]) ** 2 + (k[0, col.VY] + radius * k[0, col.WX]) ** 2)
+    early = MIN_DECELERATION * lasts / max(slip_rate, MIN_DECELERATION)
+    slip = math.sqrt((b[col.VX] - radius * b[col.WY]) ** 2 + (b[col.VY] + radius * b[col.WX]) ** 2)
+    turns = 2 / 7 * min(until, slip / max(slip_rate, MIN_DECELERATION))
+    share = b[col.TRY]
+    if share == 0.0 and left < MAX_REMAINING_S:
         if mode == ROLLING:
-            across, far = abs(way[2] * k[0, VY] - way[3] * k[0, VX]), lasts
+            across, far = abs(way[2] * k[0, col.VY] - way[3] * k[0, col.VX]), lasts
         else:
-            across = abs(way[0] * (k[0, VY] + radius * k[0, WX]) - way[1] * (k[0, VX] - radius * k[0, WY]))
+            across = abs(
+                way[0] * (k[0, col.VY] + radius * k[0, col.WX]) - way[1] * (k[0, col.VX] - radius * k[0, col.WY])
+            )
             far = turns
-        turned = TURNS * across * left * far
-        share = SAFETY * math.sqrt(math.sqrt(TOLERANCE / turned)) if turned > 0.0 else 0.0
+        turned = TURN_ERROR * across * left * far
+        share = SAFETY_FACTOR * math.sqrt(math.sqrt(STEP_TOLERANCE_M / turned)) if turned > 0.0 else 0.0
     if share > 0.0:
         h = min(h, left * share / (1.0 + share))
     while True:
         fine = True
         for stage in range(6):
-            for x in range(STATE):
+            for x in range(col.STATE_SIZE):
                 total = 0.0
                 for n in range(stage + 1):
-                    total += STAGES[stage, n] * k[n, x]
+                    total += STAGE_WEIGHTS[stage, n] * k[n, x]
                 y[x] = b[x] + h * total
-            t = b[CLOCK] + min(NODES[stage] * h, max(h - BEFORE, 0.0))
+            t = b[col.CLOCK] + min(STAGE_NODES[stage] * h, max(h - LAST_STAGE_LEAD_S, 0.0))
             if not _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, stage + 1):
                 fine = False
                 break
         if not fine:
-            if h <= SHORTEST:
+            if h <= MIN_STEP_S:
                 break
-            h = max(0.5 * h, SHORTEST)
+            h = max(0.5 * h, MIN_STEP_S)
             continue
         ex = ey = wx = wy = wz = 0.0
         for n in range(7):
-            e = h * ERROR[n]
-            ex, ey = ex + e * k[n, VX], ey + e * k[n, VY]
-            wx, wy, wz = wx + e * k[n, WX], wy + e * k[n, WY], wz + e * k[n, WZ]
+            e = h * ERROR_WEIGHTS[n]
+            ex, ey = ex + e * k[n, col.VX], ey + e * k[n, col.VY]
+            wx, wy, wz = wx + e * k[n, col.WX], wy + e * k[n, col.WY], wz + e * k[n, col.WZ]
         sx, sy = ex - radius * wy, ey + radius * wx
         if mode == ROLLING:
             sx = sy = 0.0
         ex, ey = ex - 2 / 7 * sx, ey - 2 / 7 * sy
         error = math.sqrt(ex * ex + ey * ey) * lasts
         error += early * abs(sx * way[0] + sy * way[1]) + turns * abs(sx * way[1] - sy * way[0])
-        error += SPIN_LASTS * radius * abs(wz)
+        error += SPIN_ERROR_S * radius * abs(wz)
         # Sidespin that would pass through zero ends the step there.
-        crossed = b[WZ] != 0.0 and way[4] * y[WZ] < 0.0 and abs(y[WZ]) > STILL_SPIN
-        share = h / (left - h) if h < left else WIDEST
-        if (error <= TOLERANCE and not crossed) or h <= SHORTEST:
-            grow = SAFETY * (TOLERANCE / error) ** 0.2 if error > 0.0 else GROWTH
-            b[TRY] = share * grow if grow < GROWTH else 0.0
+        crossed = b[col.WZ] != 0.0 and way[4] * y[col.WZ] < 0.0 and abs(y[col.WZ]) > STILL_SPIN
+        share = h / (left - h) if h < left else MAX_STEP_RATIO
+        if (error <= STEP_TOLERANCE_M and not crossed) or h <= MIN_STEP_S:
+            grow = SAFETY_FACTOR * (STEP_TOLERANCE_M / error) ** 0.2 if error > 0.0 else MAX_GROWTH
+            b[col.TRY] = share * grow if grow < MAX_GROWTH else 0.0
             break
-        if crossed and error <= TOLERANCE:
-            h = max(h * b[WZ] / (b[WZ] - y[WZ]), SHORTEST)
+        if crossed and error <= STEP_TOLERANCE_M:
+            h = max(h * b[col.WZ] / (b[col.WZ] - y[col.WZ]), MIN_STEP_S)
         else:
-            share = min(share, WIDEST) * max(SHRINK, SAFETY * (TOLERANCE / error) ** (1 / 3))
-            h = max(left * share / (1.0 + share), SHORTEST)
+            share = min(share, MAX_STEP_RATIO) * max(MIN_GROWTH, SAFETY_FACTOR * (STEP_TOLERANCE_M / error) ** (1 / 3))
+            h = max(left * share / (1.0 + share), MIN_STEP_S)
     if not fine:  # nothing is left of the motion
         straight_on(b, m, h, k)
         return h
@@ -366,4 +281,4 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
 @compiled_in_place
 def lay_record(r, number, launch, order, radius, mass):  # type: ignore[no-untyped-def]
     """What of a ball's record does not change along its way."""
-    r[R_NUMBER], r[R_LAUNCH], r[R_ORDER], r[R_RADIUS], r[R_MASS] = number, launch, order, radius, mass
+    r[rec.NUMBER], r[rec.LAUNCH], r[rec.ORDER], r[rec.RADIUS], r[rec.MASS] = number, launch, order, radius, mass

@@ -9,10 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from models.compiled import compiled_in_place
-from models.engine.motion import LAST, ROLLED, STATE, STOPS, TURN, VX, VY, WX, WY, WZ, X, Y
+from models.engine import columns as col
+from models.engine.motion import STOPS
 
 # Weights of stages, the last of them the fifth order's, nodes, the error, the continuous extension.
-STAGES = np.array([
+STAGE_WEIGHTS = np.array([
     [1 / 5, 0, 0, 0, 0, 0],
     [3 / 40, 9 / 40, 0, 0, 0, 0],
     [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
@@ -20,9 +21,9 @@ STAGES = np.array([
     [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
     [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
 ])  # fmt: skip
-NODES = np.array([1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
-ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
-DENSE = np.array([
+STAGE_NODES = np.array([1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+ERROR_WEIGHTS = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+DENSE_WEIGHTS = np.array([
     [1, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
     [0, 0, 0, 0],
     [0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
@@ -41,37 +42,37 @@ def straight_on(b, m, h, k):  # type: ignore[no-untyped-def]
     first order in the push a, v(t) = a (h - t) log(h / (h - t)) across.
     """
     m[:] = 0.0
-    ax, ay, px, py = k[0, VX], k[0, VY], 0.0, 0.0
-    if b[LAST] == STOPS:
-        px, py = ax + b[VX] / h, ay + b[VY] / h
+    ax, ay, px, py = k[0, col.VX], k[0, col.VY], 0.0, 0.0
+    if b[col.LAST] == STOPS:
+        px, py = ax + b[col.VX] / h, ay + b[col.VY] / h
         ax, ay = ax - px, ay - py
-    for x in range(STATE):
+    for x in range(col.STATE_SIZE):
         m[x, 0] = b[x]
-    m[VX, 1], m[VX, 2] = (ax + 1.5 * px) * h, -1.5 * px * h
-    m[VY, 1], m[VY, 2] = (ay + 1.5 * py) * h, -1.5 * py * h
-    _integral(m, X, VX, b[X], h)
-    _integral(m, Y, VY, b[Y], h)
-    m[WX, 1], m[WY, 1], m[WZ, 1] = k[0, WX] * h, k[0, WY] * h, k[0, WZ] * h
-    m[TURN, 1], m[TURN, 2] = b[WZ] * h, 0.5 * k[0, WZ] * h * h
-    m[ROLLED, 1] = k[0, ROLLED] * h
-    if b[LAST] == STOPS:
-        m[ROLLED, 2] = -0.5 * m[ROLLED, 1]
+    m[col.VX, 1], m[col.VX, 2] = (ax + 1.5 * px) * h, -1.5 * px * h
+    m[col.VY, 1], m[col.VY, 2] = (ay + 1.5 * py) * h, -1.5 * py * h
+    _integral(m, col.X, col.VX, b[col.X], h)
+    _integral(m, col.Y, col.VY, b[col.Y], h)
+    m[col.WX, 1], m[col.WY, 1], m[col.WZ, 1] = k[0, col.WX] * h, k[0, col.WY] * h, k[0, col.WZ] * h
+    m[col.TURN, 1], m[col.TURN, 2] = b[col.WZ] * h, 0.5 * k[0, col.WZ] * h * h
+    m[col.ROLLED, 1] = k[0, col.ROLLED] * h
+    if b[col.LAST] == STOPS:
+        m[col.ROLLED, 2] = -0.5 * m[col.ROLLED, 1]
 
 
 @compiled_in_place
 def smooth(b, m, h, k):  # type: ignore[no-untyped-def]
-    """Polynomials m (STATE, TERMS) of a step h of a ball b, of order 4, from all stages k (7, STATE)."""
-    for x in range(STATE):
+    """Polynomials m (STATE_SIZE, TERM_COUNT) of a step h of a ball b, of order 4, from k (7, STATE_SIZE)."""
+    for x in range(col.STATE_SIZE):
         m[x, 0], m[x, 5] = b[x], 0.0
         for n in range(4):
             total = 0.0
             for stage in range(7):
-                total += DENSE[stage, n] * k[stage, x]
+                total += DENSE_WEIGHTS[stage, n] * k[stage, x]
             m[x, n + 1] = h * total
     # Places and angles are the integrals of what carries them, so that both agree on the whole step.
-    _integral(m, X, VX, b[X], h)
-    _integral(m, Y, VY, b[Y], h)
-    _integral(m, TURN, WZ, b[TURN], h)
+    _integral(m, col.X, col.VX, b[col.X], h)
+    _integral(m, col.Y, col.VY, b[col.Y], h)
+    _integral(m, col.TURN, col.WZ, b[col.TURN], h)
 
 
 @compiled_in_place

@@ -11,111 +11,103 @@ import math
 
 import numpy as np
 
-from models.analytic.cloth import ROLLING, STILL, STILL_SPIN, turned
+from models.analytic.cloth import ROLLING, STILL_SPEED, STILL_SPIN, turned
 from models.compiled import compiled_in_place
+from models.engine import columns as col
 from models.shot import GRAVITY
 
 # What a ball does: closed forms, or along a curve.
 REST, SLIDE, ROLL, POTTED, CURVE = 0, 1, 2, 3, 4
-# Columns of a ball: its state at CLOCK, its acceleration then, when its motion ends and what it meets of the table by
-# then, and for a curve: when that began, how long it spans, what the ball does on it, how its end is reached, the
-# largest acceleration on it, and what share of its motion the next step may take by its error (models/engine/curve.py).
-(
-    X, Y, VX, VY, WX, WY, WZ, TURN, ROLLED, CLOCK, AX, AY, END, MEET, BEGIN, SPAN, MODE, LAST, BOUND, TRY,
-) = range(20)  # fmt: skip
-COLUMNS, STATE, TERMS = 20, 9, 6
-ON, SLIDE_ENDS, STOPS = 0.0, 1.0, 2.0  # how a curve's end is reached
+GOES_ON, SLIDE_ENDS, STOPS = 0.0, 1.0, 2.0  # how a curve's end is reached
 
 
 @compiled_in_place
 def advance(b, m, kind, t, radius, alpha):  # type: ignore[no-untyped-def]
-    """Carry a ball b (COLUMNS,) along its motion to time t; m (STATE, TERMS) are its curve's polynomials."""
+    """Carry a ball b (col.COLUMN_COUNT,) along its motion to time t; m (STATE_SIZE, TERM_COUNT): its curve in time."""
     if kind == CURVE:
-        if t != b[CLOCK]:
-            _follow(b, m, (t - b[BEGIN]) / b[SPAN], radius)
-            b[CLOCK] = t
+        if t != b[col.CLOCK]:
+            _follow(b, m, (t - b[col.BEGIN]) / b[col.SPAN], radius)
+            b[col.CLOCK] = t
         return
-    dt = t - b[CLOCK]
-    b[CLOCK] = t
+    dt = t - b[col.CLOCK]
+    b[col.CLOCK] = t
     if dt == 0.0 or kind == POTTED:
         return
-    if b[WZ] != 0.0:
-        more, b[WZ] = turned(b[WZ], alpha, dt)
-        b[TURN] += more
+    if b[col.WZ] != 0.0:
+        more, b[col.WZ] = turned(b[col.WZ], alpha, dt)
+        b[col.TURN] += more
     if kind == REST:
         return
-    b[X] += (b[VX] + 0.5 * b[AX] * dt) * dt
-    b[Y] += (b[VY] + 0.5 * b[AY] * dt) * dt
-    b[VX] += b[AX] * dt
-    b[VY] += b[AY] * dt
+    b[col.X] += (b[col.VX] + 0.5 * b[col.AX] * dt) * dt
+    b[col.Y] += (b[col.VY] + 0.5 * b[col.AY] * dt) * dt
+    b[col.VX] += b[col.AX] * dt
+    b[col.VY] += b[col.AY] * dt
     if kind == SLIDE:
-        b[WX] += 2.5 * b[AY] * dt / radius
-        b[WY] -= 2.5 * b[AX] * dt / radius
+        b[col.WX] += 2.5 * b[col.AY] * dt / radius
+        b[col.WY] -= 2.5 * b[col.AX] * dt / radius
     else:
-        b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
+        b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
 
 
 @compiled_in_place
 def _follow(b, m, s, radius):  # type: ignore[no-untyped-def]
     """The state at part s of a curve."""
-    for k in range(STATE):
-        value = m[k, TERMS - 1]
-        for n in range(TERMS - 2, -1, -1):
+    for k in range(col.STATE_SIZE):
+        value = m[k, col.TERM_COUNT - 1]
+        for n in range(col.TERM_COUNT - 2, -1, -1):
             value = value * s + m[k, n]
         b[k] = value
-    if b[MODE] == ROLLING:  # its spin follows its velocity
-        b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
+    if b[col.MODE] == ROLLING:  # its spin follows its velocity
+        b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
 
 
 @compiled_in_place
 def place(b, m, kind, t):  # type: ignore[no-untyped-def]
     """Position and velocity of a ball at a time within its motion: (x, y, vx, vy)."""
     if kind == CURVE:
-        s = (t - b[BEGIN]) / b[SPAN]
-        x, y, vx, vy = m[X, 5], m[Y, 5], m[VX, 4], m[VY, 4]
+        s = (t - b[col.BEGIN]) / b[col.SPAN]
+        x, y, vx, vy = m[col.X, 5], m[col.Y, 5], m[col.VX, 4], m[col.VY, 4]
         for n in range(4, -1, -1):
-            x, y = x * s + m[X, n], y * s + m[Y, n]
+            x, y = x * s + m[col.X, n], y * s + m[col.Y, n]
         for n in range(3, -1, -1):
-            vx, vy = vx * s + m[VX, n], vy * s + m[VY, n]
+            vx, vy = vx * s + m[col.VX, n], vy * s + m[col.VY, n]
         return x, y, vx, vy
-    d = t - b[CLOCK]
-    return (
-        b[X] + (b[VX] + 0.5 * b[AX] * d) * d, b[Y] + (b[VY] + 0.5 * b[AY] * d) * d, b[VX] + b[AX] * d,
-        b[VY] + b[AY] * d,
-    )  # fmt: skip
+    d = t - b[col.CLOCK]
+    vx, vy = b[col.VX] + b[col.AX] * d, b[col.VY] + b[col.AY] * d
+    return b[col.X] + (b[col.VX] + 0.5 * b[col.AX] * d) * d, b[col.Y] + (b[col.VY] + 0.5 * b[col.AY] * d) * d, vx, vy
 
 
 @compiled_in_place
 def pull(b, m, kind, t):  # type: ignore[no-untyped-def]
     """Acceleration of a ball at a time within its motion: (ax, ay)."""
     if kind == CURVE:
-        s = (t - b[BEGIN]) / b[SPAN]
-        ax = m[VX, 1] + s * (2.0 * m[VX, 2] + s * (3.0 * m[VX, 3] + s * 4.0 * m[VX, 4]))
-        ay = m[VY, 1] + s * (2.0 * m[VY, 2] + s * (3.0 * m[VY, 3] + s * 4.0 * m[VY, 4]))
-        return ax / b[SPAN], ay / b[SPAN]
-    return b[AX], b[AY]
+        s = (t - b[col.BEGIN]) / b[col.SPAN]
+        ax = m[col.VX, 1] + s * (2.0 * m[col.VX, 2] + s * (3.0 * m[col.VX, 3] + s * 4.0 * m[col.VX, 4]))
+        ay = m[col.VY, 1] + s * (2.0 * m[col.VY, 2] + s * (3.0 * m[col.VY, 3] + s * 4.0 * m[col.VY, 4]))
+        return ax / b[col.SPAN], ay / b[col.SPAN]
+    return b[col.AX], b[col.AY]
 
 
 @compiled_in_place
 def plain_phase(b, radius, slide, roll):  # type: ignore[no-untyped-def]
     """What a ball does from its clock on where nothing but the cloth acts: its acceleration and when that ends."""
-    ux, uy = b[VX] - radius * b[WY], b[VY] + radius * b[WX]
+    ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
     u = math.sqrt(ux * ux + uy * uy)
-    b[BOUND] = 0.0
-    if u > STILL:
+    b[col.BOUND] = 0.0
+    if u > STILL_SPEED:
         a = slide * GRAVITY
-        b[AX], b[AY], b[BOUND] = -a * ux / u, -a * uy / u, a
-        b[END] = b[CLOCK] + u / (3.5 * a) if a > 0.0 else np.inf
+        b[col.AX], b[col.AY], b[col.BOUND] = -a * ux / u, -a * uy / u, a
+        b[col.END] = b[col.CLOCK] + u / (3.5 * a) if a > 0.0 else np.inf
         return SLIDE
-    v = math.sqrt(b[VX] * b[VX] + b[VY] * b[VY])
-    if v > STILL:
+    v = math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
+    if v > STILL_SPEED:
         a = roll * GRAVITY
-        b[AX], b[AY], b[BOUND] = -a * b[VX] / v, -a * b[VY] / v, a
-        b[END] = b[CLOCK] + v / a if a > 0.0 else np.inf
-        b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
+        b[col.AX], b[col.AY], b[col.BOUND] = -a * b[col.VX] / v, -a * b[col.VY] / v, a
+        b[col.END] = b[col.CLOCK] + v / a if a > 0.0 else np.inf
+        b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
         return ROLL
-    b[VX] = b[VY] = b[WX] = b[WY] = b[AX] = b[AY] = 0.0
-    b[END] = np.inf
+    b[col.VX] = b[col.VY] = b[col.WX] = b[col.WY] = b[col.AX] = b[col.AY] = 0.0
+    b[col.END] = np.inf
     return REST
 
 
@@ -123,16 +115,16 @@ def plain_phase(b, radius, slide, roll):  # type: ignore[no-untyped-def]
 def arrive(b, kind, radius):  # type: ignore[no-untyped-def]
     """Set a ball that has come to the end of its motion to what it does there exactly: it rolls, or rests."""
     if kind == SLIDE:
-        b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
+        b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
     elif kind == ROLL:
-        b[VX] = b[VY] = b[WX] = b[WY] = 0.0
+        b[col.VX] = b[col.VY] = b[col.WX] = b[col.WY] = 0.0
     elif kind == CURVE:
-        if b[LAST] == SLIDE_ENDS:
-            b[VX] -= 2 / 7 * (b[VX] - radius * b[WY])
-            b[VY] -= 2 / 7 * (b[VY] + radius * b[WX])
-            b[WX], b[WY] = -b[VY] / radius, b[VX] / radius
-            b[TRY] = 0.0
-        elif b[LAST] == STOPS:
-            b[VX] = b[VY] = b[WX] = b[WY] = 0.0
-        if abs(b[WZ]) <= STILL_SPIN:
-            b[WZ] = 0.0
+        if b[col.LAST] == SLIDE_ENDS:
+            b[col.VX] -= 2 / 7 * (b[col.VX] - radius * b[col.WY])
+            b[col.VY] -= 2 / 7 * (b[col.VY] + radius * b[col.WX])
+            b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
+            b[col.TRY] = 0.0
+        elif b[col.LAST] == STOPS:
+            b[col.VX] = b[col.VY] = b[col.WX] = b[col.WY] = 0.0
+        if abs(b[col.WZ]) <= STILL_SPIN:
+            b[col.WZ] = 0.0

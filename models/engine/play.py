@@ -13,22 +13,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.analytic.pocket import NONE, Pockets, pockets_of, rail_of
-from models.engine.loop import ROW, play_rows
+from models.analytic.pocket import NO_ARCS, Pockets, pockets_of, rail_of
+from models.analytic.spring import damping_table
+from models.engine.loop import ROW_SIZE, play_rows
 from models.engine.touch import BALL, POCKET
 from models.hooks import Array, Hooks, hooks_of
 from models.shot import Event, Shot, Track
-from models.spring import damping_table
 
 if TYPE_CHECKING:
     from models.model_file import Model
 
-KINDS = ("ball", "cushion", "pocket")
-LAWS = ("slide", "roll", "spin")  # constants of the cloth
-MOST = 100_000  # events of a shot, after which it is given up
-LOGGED = 64  # room for events of a shot to begin with
-CHUNK = 8  # shots that a thread takes at a time, at least
-PARTS = 8  # chunks for each thread, at most
+EVENT_KINDS = ("ball", "cushion", "pocket")
+CLOTH_CONSTANTS = ("slide", "roll", "spin")  # constants of the cloth
+MAX_EVENTS = 100_000  # events of a shot, after which it is given up
+LOG_ROOM = 64  # room for events of a shot to begin with
+MIN_CHUNK = 8  # shots that a thread takes at a time, at least
+CHUNKS_PER_THREAD = 8  # chunks for each thread, at most
 
 
 @cache
@@ -44,7 +44,7 @@ def _cores() -> int:
 def over_threads(work: Callable[[int, int], object], count: int, threads: int = 0) -> None:
     """Do work(first, last) for parts of `count` rows on threads (0: one a core); what it writes must not overlap."""
     threads = min(threads or _cores(), _cores())
-    size = max(CHUNK, -(-count // (PARTS * threads)))
+    size = max(MIN_CHUNK, -(-count // (CHUNKS_PER_THREAD * threads)))
     parts = [(k, min(k + size, count)) for k in range(0, count, size)]
     if threads == 1 or len(parts) == 1:
         for part in parts:
@@ -67,7 +67,7 @@ class Game:
     hooks: Hooks
     cloth: Array  # (n, 3): friction of sliding and rolling, deceleration of sidespin [rad/s^2]
     pockets: Pockets
-    reach: Array
+    limits: Array
     half: Array
     mass: float
     radius: float
@@ -94,16 +94,15 @@ def lay_out(model: Model, count: int, jaws: bool = False) -> Game:
         raise ValueError(f"the event engine does not play this model: {why}")
     stack = model.stack()[1:]
     cloth = next(e for e in stack if e.slot == "cloth")
-    laws = np.stack([np.broadcast_to(np.asarray(getattr(cloth, k), float), (count,)) for k in LAWS])
+    laws = np.stack([np.broadcast_to(np.asarray(getattr(cloth, k), float), (count,)) for k in CLOTH_CONSTANTS])
     return _game(model, hooks_of([e for e in stack if e is not cloth], count), np.ascontiguousarray(laws.T), jaws)
 
 
 def _game(model: Model, hooks: Hooks, cloth: Array, jaws: bool) -> Game:
     table, ball = model.table, model.ball
-    return Game(
-        hooks, cloth, pockets_of(table, ball) if jaws else Pockets(table.mouths(), NONE, NONE), table.reach(ball),
-        np.array([table.length, table.width]) / 2, ball.mass, ball.radius,
-    )  # fmt: skip
+    pockets = pockets_of(table, ball) if jaws else Pockets(table.mouths(), NO_ARCS, NO_ARCS)
+    half = np.array([table.length, table.width]) / 2
+    return Game(hooks, cloth, pockets, table.centre_limits(ball), half, ball.mass, ball.radius)
 
 
 class Layout:
@@ -113,7 +112,7 @@ class Layout:
         """Find where in a row of parameters each of the constants `names` stands."""
         self.model, self.effects = model, [e for e in model.effects if e.slot != "cloth"]
         cloth = next(e for e in model.effects if e.slot == "cloth")
-        self.cloth = np.array([[float(getattr(cloth, k)) for k in LAWS]])
+        self.cloth = np.array([[float(getattr(cloth, k)) for k in CLOTH_CONSTANTS]])
         rows = [e.row(1) for e in self.effects]
         self.own = np.concatenate([*rows, np.zeros((1, 0))], axis=1)
         self.begins = np.cumsum([0, *(r.shape[1] for r in rows)])
@@ -123,7 +122,7 @@ class Layout:
         for name in names:
             owner, key = name.split(".")
             if owner == cloth.name():
-                self.places.append((True, LAWS.index(key)))
+                self.places.append((True, CLOTH_CONSTANTS.index(key)))
             else:
                 n = owners.index(owner)
                 self.places.append((False, int(self.begins[n]) + list(self.effects[n].parameters()).index(key)))
@@ -169,26 +168,26 @@ def run(
 ) -> tuple[Result, Array]:  # fmt: skip
     """Play laid-out shots from `start` (n, nball, 8), which is left as they end; samples (n, m, nball, 8)."""
     n, nball = start.shape[:2]
-    out, end = np.full((n, times.shape[1], nball, ROW), np.nan), np.zeros(n)
+    out, end = np.full((n, times.shape[1], nball, ROW_SIZE), np.nan), np.zeros(n)
     log, who, count = np.full((n, events), np.inf), np.full((n, events, 3), -1), np.zeros((n, 4), np.int64)
     potted, hooks, pockets, table = np.zeros((n, nball), np.bool_), game.hooks, game.pockets, damping_table()
 
     def part(first: int, last: int) -> None:
         play_rows(
             first, last, start, stays, struck, order, hooks.own, hooks.forces, hooks.support, hooks.horizon,
-            hooks.impact, hooks.strike, game.cloth, game.mass, game.radius, game.reach, game.half, pockets.ends,
+            hooks.impact, hooks.strike, game.cloth, game.mass, game.radius, game.limits, game.half, pockets.ends,
             pockets.jaws, pockets.falls, table, clusters, until, most, times, out, log, who, count, end, potted,
         )  # fmt: skip
 
     over_threads(part, n, threads)
-    if most >= MOST and np.isnan(end).any():
+    if most >= MAX_EVENTS and np.isnan(end).any():
         raise RuntimeError(f"shot {int(np.flatnonzero(np.isnan(end))[0])} has not come to its end after {most} events")
     return Result(start[..., :2], start[..., 2:4], start[..., 4:7], potted, end, count, log, who), out
 
 
 def finish(
     model: Model, position: ArrayLike, velocity: ArrayLike, spin: ArrayLike, until: ArrayLike = np.inf, *,
-    events: int = 0, threads: int = 0, jaws: bool = False, most: int = MOST, clusters: bool = True,
+    events: int = 0, threads: int = 0, jaws: bool = False, most: int = MAX_EVENTS, clusters: bool = True,
 ) -> Result:  # fmt: skip
     """Play many shots of one number of balls to rest, or until a time.
 
@@ -236,7 +235,7 @@ def play(
         some = [shots[int(k)] for k in part]
         own = model.select(part)
         game = lay_out(own, len(some), jaws)
-        start = np.zeros((len(some), size, ROW))
+        start = np.zeros((len(some), size, ROW_SIZE))
         times = np.full((len(some), max(len(s.times) for s in some)), np.inf)
         for k, shot in enumerate(some):
             start[k, :, :2], start[k, :, 2:4], start[k, :, 4:7] = shot.position, shot.velocity, shot.spin
@@ -244,9 +243,9 @@ def play(
         stays = np.array([[name in s.staying for name in s.names] for s in some])
         struck, order = np.array([s.struck for s in some]), np.array([s.order for s in some], float)
         end = np.array([s.times[-1] if len(s.times) else 0.0 for s in some])
-        room = LOGGED
+        room = LOG_ROOM
         while True:
-            result, out = run(game, start.copy(), stays, struck, order, end, times, room, threads, MOST, clusters)
+            result, out = run(game, start.copy(), stays, struck, order, end, times, room, threads, MAX_EVENTS, clusters)
             most = int(result.counts[:, :3].sum(axis=1).max(initial=0))
             if most <= room:
                 break
@@ -265,7 +264,7 @@ def _track(shot: Shot, out: Array, when: Array, who: NDArray[np.int64], last: Ar
         balls = (names[i], names[j]) if kind == BALL else (names[i],)
         rail = rail_of(int(j)) if kind not in (BALL, POCKET) else ""
         place = (float(last[i, 0]), float(last[i, 1])) if kind == POCKET else None
-        happened.append(Event(float(t), KINDS[kind], balls, rail, place))
+        happened.append(Event(float(t), EVENT_KINDS[kind], balls, rail, place))
     return Track(
         names, shot.times, data[..., :2], data[..., 2:4], data[..., 4:7], data[..., 7], tuple(happened)
     )  # fmt: skip

@@ -13,43 +13,22 @@ import math
 
 import numpy as np
 
+from models import record as rec
 from models.analytic.cloth import STILL_SPIN
-from models.analytic.events import in_mouth
+from models.analytic.events import LEAN_SPEED, in_mouth
+from models.analytic.spring import CUSHION_TIME
 from models.compiled import compiled
-from models.engine.cluster import CROWD, through
+from models.engine import columns as col
+from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import curve, lay_record
-from models.engine.loop import LEAN, LEANS, approach_speed, collide_alone
-from models.engine.motion import (
-    CLOCK,
-    COLUMNS,
-    END,
-    MEET,
-    POTTED,
-    REST,
-    ROLLED,
-    STATE,
-    TERMS,
-    TRY,
-    TURN,
-    VX,
-    VY,
-    WX,
-    WY,
-    WZ,
-    X,
-    Y,
-    advance,
-    arrive,
-    plain_phase,
-)
+from models.engine.impacts import is_crowded, part
+from models.engine.loop import LEAN_MEMORY_S, approach_speed, collide_alone
+from models.engine.motion import POTTED, REST, advance, arrive, plain_phase
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH, meet_balls, meet_table
-from models.hooks import BALL_FIELDS, IMPACT_FIELDS
-from models.impacts import is_crowded, part
-from models.spring import CUSHION_TIME
 
 PARKED_DEPTH = 1.0  # of potted balls below the slate [m], under the floor of a furnished table
-MOST = 10_000  # events within a step, beyond which it is given up
-SOON = 1e-12  # rest of a step that is none [s]
+MAX_STEP_EVENTS = 10_000  # events within a step, beyond which it is given up
+NO_TIME_S = 1e-12  # rest of a step that is none [s]
 # The row begins with when the kept state is of, when the strike was [s], the launch speed [m/s], the shot's order, when
 # MuJoCo's state was written [s], and whether it was.
 STATE_TIME, STRUCK_AT, LAUNCH, ORDER, WRITTEN_AT, WRITTEN, HEAD = 0, 1, 2, 3, 4, 5, 6
@@ -109,17 +88,17 @@ def take_over(qpos, qvel, push, begin, step, places, speeds, bodies, kept, mass,
         b[IN_PLAY] = 1.0 if there else 0.0
         size = math.sqrt(p[3] * p[3] + p[4] * p[4] + p[5] * p[5] + p[6] * p[6])
         b[QUATERNION : QUATERNION + 4] = p[3:7] / size if size > 0.0 else np.array([1.0, 0.0, 0.0, 0.0])
-        b[TURN] = b[ENTERED] = 0.0
+        b[col.TURN] = b[ENTERED] = 0.0
         if not there:
-            b[VX:TURN] = 0.0
+            b[col.VX : col.TURN] = 0.0
             continue
         f, w = push[bodies[i]], _rotated(v[3:6], b[QUATERNION : QUATERNION + 4], False)
-        b[X], b[Y] = p[0], p[1]
-        b[VX], b[VY] = v[0] + f[0] * step / mass, v[1] + f[1] * step / mass
+        b[col.X], b[col.Y] = p[0], p[1]
+        b[col.VX], b[col.VY] = v[0] + f[0] * step / mass, v[1] + f[1] * step / mass
         for k in range(3):
-            b[WX + k] = w[k] + f[3 + k] * step / (0.4 * mass * radius * radius)
-        if abs(b[WZ]) <= STILL_SPIN:
-            b[WZ] = 0.0
+            b[col.WX + k] = w[k] + f[3 + k] * step / (0.4 * mass * radius * radius)
+        if abs(b[col.WZ]) <= STILL_SPIN:
+            b[col.WZ] = 0.0
 
 
 @compiled
@@ -130,33 +109,33 @@ def _write(balls, kept, end, places, speeds, qpos, qvel, radius):  # type: ignor
     for i in range(n):
         b, p, v = balls[i], qpos[places[i] : places[i] + POSE], qvel[speeds[i] : speeds[i] + 6]
         if b[IN_PLAY] > 0.0:
-            p[0], p[1], p[2] = b[X], b[Y], radius
+            p[0], p[1], p[2] = b[col.X], b[col.Y], radius
             p[3:7] = b[QUATERNION : QUATERNION + 4]
-            v[0], v[1], v[2] = b[VX], b[VY], 0.0
-            v[3], v[4], v[5] = _rotated(b[WX : WZ + 1], p[3:7], True)
+            v[0], v[1], v[2] = b[col.VX], b[col.VY], 0.0
+            v[3], v[4], v[5] = _rotated(b[col.WX : col.WZ + 1], p[3:7], True)
         else:
             v[:] = 0.0
             if b[IN_PLAY] == JUST_POTTED:
-                p[0], p[1], p[2] = b[X], b[Y], -PARKED_DEPTH - 4.0 * radius * i
+                p[0], p[1], p[2] = b[col.X], b[col.Y], -PARKED_DEPTH - 4.0 * radius * i
                 b[IN_PLAY] = 0.0
         written[i, :POSE], written[i, POSE:] = p, v
     kept[WRITTEN_AT], kept[WRITTEN] = end, 1.0
 
 
 @compiled
-def _carry(b, m, kind, orientation, entered, t, radius, alpha, reach, half, mouths):  # type: ignore[no-untyped-def]
+def _carry(b, m, kind, orientation, entered, t, radius, alpha, limits, half, mouths):  # type: ignore[no-untyped-def]
     """Carry all balls along their motions to a time, turn them by their mean spin, see which enter a mouth."""
     for i in range(b.shape[0]):
         if kind[i] == POTTED:
             continue
-        h, wx, wy, turn = t - b[i, CLOCK], b[i, WX], b[i, WY], b[i, TURN]
-        x, y = b[i, X], b[i, Y]
+        h, wx, wy, turn = t - b[i, col.CLOCK], b[i, col.WX], b[i, col.WY], b[i, col.TURN]
+        x, y = b[i, col.X], b[i, col.Y]
         advance(b[i], m[i], kind[i], t, radius, alpha)
-        _turn(orientation[i], 0.5 * h * (wx + b[i, WX]), 0.5 * h * (wy + b[i, WY]), b[i, TURN] - turn)
+        _turn(orientation[i], 0.5 * h * (wx + b[i, col.WX]), 0.5 * h * (wy + b[i, col.WY]), b[i, col.TURN] - turn)
         inside = True
         for rail in range(4):
             k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-            before, after = sign * (x if k == 0 else y) - reach[k], sign * b[i, k] - reach[k]
+            before, after = sign * (x if k == 0 else y) - limits[k], sign * b[i, k] - limits[k]
             inside = inside and after <= 0.0
             if before <= 0.0 < after:
                 along, part = (y if k == 0 else x), before / (before - after)
@@ -168,18 +147,22 @@ def _carry(b, m, kind, orientation, entered, t, radius, alpha, reach, half, mout
 
 @compiled
 def play_step(  # type: ignore[no-untyped-def]
-    kept, end, places, speeds, qpos, qvel, own, forces, support, horizon, impact, cloth, mass, radius, reach, half,
+    kept, end, places, speeds, qpos, qvel, own, forces, support, horizon, impact, cloth, mass, radius, limits, half,
     mouths, jaws, falls, table,
 ):  # fmt: skip
     """Play the kept state up to a time, hand it back and keep it; False where that does not come to its end."""
     n = places.size
     balls = kept[HEAD : HEAD + n * KEPT].reshape((n, KEPT))
     curved, alpha = forces.shape[0] > 0, cloth[2]
-    b, m, kind = np.zeros((n, COLUMNS)), np.zeros((n, STATE if curved else 1, TERMS)), np.zeros(n, np.int64)
+    b, m, kind = (
+        np.zeros((n, col.COLUMN_COUNT)),
+        np.zeros((n, col.STATE_SIZE if curved else 1, col.TERM_COUNT)),
+        np.zeros(n, np.int64),
+    )
     what, pairs = np.zeros((n, 2), np.int64), n * (n - 1) // 2
     pair, again = np.zeros(pairs), np.zeros(pairs, np.bool_)
-    state, hit, records = np.zeros(10), np.zeros(IMPACT_FIELDS), np.zeros((n, BALL_FIELDS))
-    y, k = np.zeros(STATE), np.zeros((7, STATE))
+    state, hit, records = np.zeros(10), np.zeros(rec.IMPACT_FIELDS), np.zeros((n, rec.BALL_FIELDS))
+    y, k = np.zeros(col.STATE_SIZE), np.zeros((7, col.STATE_SIZE))
     now, until = kept[STATE_TIME] - kept[STRUCK_AT], end - kept[STRUCK_AT]  # the effects count from the strike
     order, orientation, leans = kept[ORDER], balls[:, QUATERNION : QUATERNION + 4].copy(), balls[:, LEANING].copy()
     entered, wide = balls[:, ENTERED], mouths.copy()
@@ -187,15 +170,15 @@ def play_step(  # type: ignore[no-untyped-def]
         wide[:2] = np.inf
     for i in range(n):
         lay_record(records[i], i, kept[LAUNCH], order, radius, mass)
-        b[i, : ROLLED + 1], b[i, CLOCK] = balls[i, : ROLLED + 1], now
+        b[i, : col.ROLLED + 1], b[i, col.CLOCK] = balls[i, : col.ROLLED + 1], now
         kind[i] = REST if balls[i, IN_PLAY] > 0.0 else POTTED
-    for _ in range(MOST):
+    for _ in range(MAX_STEP_EVENTS):
         t, event, one, two = until, SWITCH, -1, -1
         for i in range(n):
-            b[i, END] = b[i, MEET] = np.inf
+            b[i, col.END] = b[i, col.MEET] = np.inf
             if kind[i] == POTTED:
                 continue
-            b[i, TRY] = 0.0
+            b[i, col.TRY] = 0.0
             if curved:
                 kind[i] = curve(
                     b[i], m[i], np.inf, until - now, records[i], records[i].ctypes.data, own, forces, support, horizon,
@@ -204,43 +187,47 @@ def play_step(  # type: ignore[no-untyped-def]
             else:
                 kind[i] = plain_phase(b[i], radius, cloth[0], cloth[1])
             ends = wide if entered[i] > 0.0 else mouths
-            meet_table(b[i], m[i], what, i, kind[i], reach, half, ends, jaws, falls, False, until)
-            if b[i, MEET] < t:
-                t, event, one = b[i, MEET], what[i, 0], i
-            if b[i, END] < t:
-                t, event, one = b[i, END], SWITCH, i
+            meet_table(b[i], m[i], what, i, kind[i], limits, half, ends, jaws, falls, False, until)
+            if b[i, col.MEET] < t:
+                t, event, one = b[i, col.MEET], what[i, 0], i
+            if b[i, col.END] < t:
+                t, event, one = b[i, col.END], SWITCH, i
         for i in range(n):
             meet_balls(now, i, b[: i + 1], m, kind, pair, again, radius, until)
             for j in range(i):
                 if pair[i * (i - 1) // 2 + j] < t:
                     t, event, one, two = pair[i * (i - 1) // 2 + j], BALL, j, i
-        if one < 0 or t >= until - SOON:
-            _carry(b, m, kind, orientation, entered, until, radius, alpha, reach, half, mouths)
+        if one < 0 or t >= until - NO_TIME_S:
+            _carry(b, m, kind, orientation, entered, until, radius, alpha, limits, half, mouths)
             _keep(balls, b, kind, orientation, leans)
             kept[STATE_TIME] = end
             _write(balls, kept, end, places, speeds, qpos, qvel, radius)
             return True
-        _carry(b, m, kind, orientation, entered, t, radius, alpha, reach, half, mouths)
+        _carry(b, m, kind, orientation, entered, t, radius, alpha, limits, half, mouths)
         now = t
         if event == BALL and again[two * (two - 1) // 2 + one]:
-            event, leans[two] = SWITCH, now + LEANS
+            event, leans[two] = SWITCH, now + LEAN_MEMORY_S
         if event == SWITCH:
-            if b[one, END] > t:  # pressed to something, and looked at again
-                leans[one] = now + LEANS
+            if b[one, col.END] > t:  # pressed to something, and looked at again
+                leans[one] = now + LEAN_MEMORY_S
             for i in range(n):
-                if b[i, END] <= t:
+                if b[i, col.END] <= t:
                     arrive(b[i], kind[i], radius)
         elif event == POCKET:
-            kind[one], b[one, VX:TURN] = POTTED, 0.0
+            kind[one], b[one, col.VX : col.TURN] = POTTED, 0.0
             balls[one, IN_PLAY] = JUST_POTTED
         else:
             rail = what[one, 1] if event == CUSHION else -1
             speed = approach_speed(b, one, two, rail, jaws)
-            near = max(CROWD, speed * CUSHION_TIME)
-            if rail < 4 and speed >= LEAN and is_crowded(b, kind, one, two, rail, near, radius, reach, half, mouths):
+            near = max(CROWD_GAP_M, speed * CUSHION_TIME)
+            if (
+                rail < 4
+                and speed >= LEAN_SPEED
+                and is_crowded(b, kind, one, two, rail, near, radius, limits, half, mouths)
+            ):
                 seen, wanted, before = np.zeros((1, n, 8)), np.full(1, until), b.copy()
                 now, got, _ = through(
-                    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, reach, half,
+                    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half,
                     mouths, jaws, order, hit, table, wanted, 0, seen, np.zeros(0), np.zeros((0, 3), np.int64), 0,
                     np.zeros(4, np.int64),
                 )  # fmt: skip
@@ -254,21 +241,24 @@ def play_step(  # type: ignore[no-untyped-def]
                         continue
                     h, c = now - t, before[i]
                     _turn(
-                        orientation[i], 0.5 * h * (c[WX] + b[i, WX]), 0.5 * h * (c[WY] + b[i, WY]), b[i, TURN] - c[TURN]
+                        orientation[i],
+                        0.5 * h * (c[col.WX] + b[i, col.WX]),
+                        0.5 * h * (c[col.WY] + b[i, col.WY]),
+                        b[i, col.TURN] - c[col.TURN],
                     )
-                    b[i, CLOCK] = now
+                    b[i, col.CLOCK] = now
                 if got:
                     shown = balls.copy()
                     _keep(shown, b, kind, orientation, leans)
                     _write(shown, kept, end, places, speeds, qpos, qvel, radius)
                     return True
                 continue
-            known = now < leans[one] <= now + LEANS or (two >= 0 and now < leans[two] <= now + LEANS)
+            known = now < leans[one] <= now + LEAN_MEMORY_S or (two >= 0 and now < leans[two] <= now + LEAN_MEMORY_S)
             if collide_alone(b, one, two, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now):
-                leans[one] = now + LEANS
+                leans[one] = now + LEAN_MEMORY_S
                 if two >= 0:
-                    leans[two] = now + LEANS
-                part(b, one, two, rail, jaws, radius, reach)
+                    leans[two] = now + LEAN_MEMORY_S
+                part(b, one, two, rail, jaws, radius, limits)
     return False
 
 
@@ -278,8 +268,8 @@ def _keep(balls, b, kind, orientation, leans):  # type: ignore[no-untyped-def]
     for i in range(b.shape[0]):
         balls[i, LEANING] = leans[i]
         if kind[i] != POTTED:
-            balls[i, : ROLLED + 1] = b[i, : ROLLED + 1]
+            balls[i, : col.ROLLED + 1] = b[i, : col.ROLLED + 1]
             balls[i, QUATERNION : QUATERNION + 4] = orientation[i]
         elif balls[i, IN_PLAY] == JUST_POTTED:
-            balls[i, X], balls[i, Y] = b[i, X], b[i, Y]
-            balls[i, VX:TURN] = 0.0
+            balls[i, col.X], balls[i, col.Y] = b[i, col.X], b[i, col.Y]
+            balls[i, col.VX : col.TURN] = 0.0

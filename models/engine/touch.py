@@ -12,40 +12,23 @@ import math
 
 import numpy as np
 
-from models.analytic.events import AWAY, CLOSED, in_mouth, line, meeting
+from models.analytic.events import CLOSED_GAP_M, MIN_IMPACT_SPEED, in_mouth, line, meeting
 from models.analytic.pocket import straight
 from models.compiled import compiled, compiled_in_place
-from models.engine.motion import (
-    AX,
-    AY,
-    BOUND,
-    CLOCK,
-    COLUMNS,
-    CURVE,
-    END,
-    MEET,
-    POTTED,
-    REST,
-    VX,
-    VY,
-    WX,
-    X,
-    Y,
-    place,
-    pull,
-)
+from models.engine import columns as col
+from models.engine.motion import CURVE, POTTED, REST, place, pull
 
 BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
-DEEP = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
-PUSH = 1e-3  # until what is pressed together at rest is looked at again [s]
+MOUTH_DEPTH_M = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
+PRESSED_RECHECK_S = 1e-3  # until what is pressed together at rest is looked at again [s]
 MOST_STEPS = 200  # towards a touch
-ARRIVED = 1e-15  # step that is none [s]
+NO_STEP_S = 1e-15  # step that is none [s]
 
 
 @compiled
 def _wait(gap, closing, bound):  # type: ignore[no-untyped-def]
     """The time for which a gap is open for certain."""
-    if gap <= CLOSED:  # it has just been closed, and opens
+    if gap <= CLOSED_GAP_M:  # it has just been closed, and opens
         return max(-2.0 * closing / bound, 1e-9) if bound > 0.0 else np.inf
     low = closing + math.sqrt(closing * closing + 2.0 * bound * gap)
     return 2.0 * gap / low if low > 0.0 else np.inf
@@ -59,18 +42,18 @@ def _to_line(b, m, kind, k, sign, level, t, end):  # type: ignore[no-untyped-def
         x, y, vx, vy = place(b, m, kind, t)
         gap = level - sign * (x if k == 0 else y)
         closing = sign * (vx if k == 0 else vy)
-        if gap <= CLOSED and closing > AWAY:
+        if gap <= CLOSED_GAP_M and closing > MIN_IMPACT_SPEED:
             return t
-        if gap <= CLOSED and closing >= -AWAY and first:
+        if gap <= CLOSED_GAP_M and closing >= -MIN_IMPACT_SPEED and first:
             ax, ay = pull(b, m, kind, t)
             if sign * (ax if k == 0 else ay) > 0.0:
                 return -1.0
         first = False
-        wait = _wait(gap, closing, b[BOUND])
+        wait = _wait(gap, closing, b[col.BOUND])
         t += wait
         if t > end:
             return np.inf
-        if wait <= ARRIVED:
+        if wait <= NO_STEP_S:
             return t
     return t
 
@@ -88,21 +71,21 @@ def _apart(x, y, u, v):  # type: ignore[no-untyped-def]
 @compiled_in_place
 def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-def]
     """When two balls, one of them on a curve at least, come within rho of each other."""
-    first, bound = True, b[BOUND] + c[BOUND]
+    first, bound = True, b[col.BOUND] + c[col.BOUND]
     for _ in range(MOST_STEPS):
         x, y, vx, vy = place(b, m, kind, t)
         qx, qy, qvx, qvy = place(c, n, other, t)
         x, y, vx, vy = qx - x, qy - y, vx - qvx, vy - qvy
         d = math.sqrt(x * x + y * y)
         gap, closing = d - rho, (x * vx + y * vy) / d
-        if gap <= CLOSED and closing > AWAY:
+        if gap <= CLOSED_GAP_M and closing > MIN_IMPACT_SPEED:
             return t
-        if gap <= CLOSED and closing >= -AWAY and first:
+        if gap <= CLOSED_GAP_M and closing >= -MIN_IMPACT_SPEED and first:
             ax, ay = pull(b, m, kind, t)
             bx, by = pull(c, n, other, t)
             if x * (ax - bx) + y * (ay - by) > 0.0:
                 return -1.0
-        if first and gap > CLOSED:
+        if first and gap > CLOSED_GAP_M:
             h = end - t
             ux, uy, _, _ = place(b, m, kind, end)
             qx, qy, _, _ = place(c, n, other, end)
@@ -113,7 +96,7 @@ def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-d
         t += wait
         if t > end:
             return np.inf
-        if wait <= ARRIVED:
+        if wait <= NO_STEP_S:
             return t
     return t
 
@@ -121,28 +104,28 @@ def _to_ball(b, m, kind, c, n, other, rho, t, end):  # type: ignore[no-untyped-d
 @compiled
 def _to_point(b, m, px, py, rho, t, end):  # type: ignore[no-untyped-def]
     """When a ball on a curve comes within rho of a point, which is a body that rests."""
-    point = np.zeros(COLUMNS)
-    point[X], point[Y] = px, py
+    point = np.zeros(col.COLUMN_COUNT)
+    point[col.X], point[col.Y] = px, py
     return _to_ball(b, m, CURVE, point, m, REST, rho, t, end)
 
 
 @compiled_in_place
-def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
+def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
     """What of the table a ball meets next, within its motion and the time wanted; no pocket takes one that stays."""
-    b[MEET] = np.inf
+    b[col.MEET] = np.inf
     if kind in (REST, POTTED):
         return
     if kind == CURVE:
-        _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays, until)
+        _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays, until)
         return
-    h = min(b[END], until) - b[CLOCK]
+    h = min(b[col.END], until) - b[col.CLOCK]
     bent = falls.shape[0] > 0 and not stays
     for rail in range(4):
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
         if bent:
-            t = straight(rail, reach, b[X:VX], b[VX:WX], b[AX:END], half, mouths, h)
+            t = straight(rail, limits, b[col.X : col.VX], b[col.VX : col.WX], b[col.AX : col.END], half, mouths, h)
         else:
-            t = line(reach[k] - sign * b[k], sign * b[VX + k], sign * b[AX + k], h)
+            t = line(limits[k] - sign * b[k], sign * b[col.VX + k], sign * b[col.AX + k], h)
         if t == np.inf:
             continue
         if t < 0.0:
@@ -150,59 +133,68 @@ def meet_table(b, m, what, i, kind, reach, half, mouths, jaws, falls, stays, unt
             continue
         o = 1 - k
         found = CUSHION
-        inside = mouths[0] > 0.0 and reach[k] - sign * b[k] < -DEEP
-        inside = inside or in_mouth(b[o] + b[VX + o] * t + 0.5 * b[AX + o] * t * t, rail, half, mouths)
+        inside = mouths[0] > 0.0 and limits[k] - sign * b[k] < -MOUTH_DEPTH_M
+        inside = inside or in_mouth(b[o] + b[col.VX + o] * t + 0.5 * b[col.AX + o] * t * t, rail, half, mouths)
         if not bent and not stays and inside:
             found = POCKET
-            t = line(half[k] - sign * b[k], sign * b[VX + k], sign * b[AX + k], h)
-        if t >= 0.0 and b[CLOCK] + t < b[MEET]:
-            b[MEET], what[i, 0], what[i, 1] = b[CLOCK] + t, found, rail
+            t = line(half[k] - sign * b[k], sign * b[col.VX + k], sign * b[col.AX + k], h)
+        if t >= 0.0 and b[col.CLOCK] + t < b[col.MEET]:
+            b[col.MEET], what[i, 0], what[i, 1] = b[col.CLOCK] + t, found, rail
     if bent:
         for k in range(jaws.shape[0] + falls.shape[0]):
             fall = k >= jaws.shape[0]
             at = falls[k - jaws.shape[0]] if fall else jaws[k]
-            t = meeting(b[X] - at[0], b[Y] - at[1], b[VX], b[VY], b[AX], b[AY], at[2], h)
+            t = meeting(b[col.X] - at[0], b[col.Y] - at[1], b[col.VX], b[col.VY], b[col.AX], b[col.AY], at[2], h)
             if t == -1.0:
                 if not fall:
                     _look_again(b, what, i)
-            elif b[CLOCK] + t < b[MEET]:
-                b[MEET] = b[CLOCK] + t
+            elif b[col.CLOCK] + t < b[col.MEET]:
+                b[col.MEET] = b[col.CLOCK] + t
                 what[i, 0], what[i, 1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
     elif mouths[0] > 0.0 and not stays:
         for corner in range(4):
             sx, sy = 1.0 - 2.0 * (corner % 2), 1.0 - 2.0 * (corner // 2)
-            t = meeting(b[X] - sx * half[0], b[Y] - sy * half[1], b[VX], b[VY], b[AX], b[AY], mouths[2], h)
-            if t >= 0.0 and b[CLOCK] + t < b[MEET]:
-                b[MEET], what[i, 0], what[i, 1] = b[CLOCK] + t, POCKET, -1
+            t = meeting(
+                b[col.X] - sx * half[0],
+                b[col.Y] - sy * half[1],
+                b[col.VX],
+                b[col.VY],
+                b[col.AX],
+                b[col.AY],
+                mouths[2],
+                h,
+            )
+            if t >= 0.0 and b[col.CLOCK] + t < b[col.MEET]:
+                b[col.MEET], what[i, 0], what[i, 1] = b[col.CLOCK] + t, POCKET, -1
 
 
 @compiled_in_place
 def _look_again(b, what, i):  # type: ignore[no-untyped-def]
-    if b[CLOCK] + PUSH < b[MEET]:
-        b[MEET], what[i, 0] = b[CLOCK] + PUSH, SWITCH
+    if b[col.CLOCK] + PRESSED_RECHECK_S < b[col.MEET]:
+        b[col.MEET], what[i, 0] = b[col.CLOCK] + PRESSED_RECHECK_S, SWITCH
 
 
 @compiled_in_place
-def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
-    now, end = b[CLOCK], min(b[END], until)
+def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
+    now, end = b[col.CLOCK], min(b[col.END], until)
     if end <= now:
         return
     bent = falls.shape[0] > 0 and not stays
-    # A curve keeps within A h^2 / 8 of its chord: most of the table is put aside by that.
+    # A curve keeps within A h^2 / 8 of its chord: which excludes most of the table.
     ex, ey, _, _ = place(b, m, CURVE, end)
-    aside = 0.125 * b[BOUND] * (end - now) ** 2
+    sagitta = 0.125 * b[col.BOUND] * (end - now) ** 2
     for rail in range(4):
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-        o, gap = 1 - k, reach[k] - sign * b[k]
-        if gap > CLOSED and min(gap, reach[k] - sign * (ex if k == 0 else ey)) > aside:
+        o, gap = 1 - k, limits[k] - sign * b[k]
+        if gap > CLOSED_GAP_M and min(gap, limits[k] - sign * (ex if k == 0 else ey)) > sagitta:
             continue
-        if bent and gap < -CLOSED and in_mouth(b[o], rail, half, mouths):
+        if bent and gap < -CLOSED_GAP_M and in_mouth(b[o], rail, half, mouths):
             # Between the jaws, beyond the line: once it has come out, it is looked at again.
-            t = _to_line(b, m, CURVE, k, -sign, -reach[k], now, end)
-            if t != np.inf and t != -1.0 and t < b[MEET]:
-                b[MEET], what[i, 0] = t, SWITCH
+            t = _to_line(b, m, CURVE, k, -sign, -limits[k], now, end)
+            if t != np.inf and t != -1.0 and t < b[col.MEET]:
+                b[col.MEET], what[i, 0] = t, SWITCH
             continue
-        t = _to_line(b, m, CURVE, k, sign, reach[k], now, end)
+        t = _to_line(b, m, CURVE, k, sign, limits[k], now, end)
         if t == np.inf:
             continue
         if t < 0.0:
@@ -210,35 +202,35 @@ def _meet_table_on_curve(b, m, what, i, reach, half, mouths, jaws, falls, stays,
             continue
         x, y, _, _ = place(b, m, CURVE, t)
         found = CUSHION
-        inside = mouths[0] > 0.0 and gap < -DEEP
+        inside = mouths[0] > 0.0 and gap < -MOUTH_DEPTH_M
         if not stays and (inside or in_mouth(y if k == 0 else x, rail, half, mouths)):
             if bent:
                 continue
             found = POCKET
             t = _to_line(b, m, CURVE, k, sign, half[k], now, end)
-        if t >= 0.0 and t < b[MEET]:
-            b[MEET], what[i, 0], what[i, 1] = t, found, rail
+        if t >= 0.0 and t < b[col.MEET]:
+            b[col.MEET], what[i, 0], what[i, 1] = t, found, rail
     if bent:
         for k in range(jaws.shape[0] + falls.shape[0]):
             fall = k >= jaws.shape[0]
             at = falls[k - jaws.shape[0]] if fall else jaws[k]
-            if _apart(at[0] - b[X], at[1] - b[Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED + aside:
+            if _apart(at[0] - b[col.X], at[1] - b[col.Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED_GAP_M + sagitta:
                 continue
             t = _to_point(b, m, at[0], at[1], at[2], now, end)
             if t == -1.0:
                 if not fall:
                     _look_again(b, what, i)
-            elif t < b[MEET]:
-                b[MEET] = t
+            elif t < b[col.MEET]:
+                b[col.MEET] = t
                 what[i, 0], what[i, 1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
     elif mouths[0] > 0.0 and not stays:
         for corner in range(4):
             px, py = (1.0 - 2.0 * (corner % 2)) * half[0], (1.0 - 2.0 * (corner // 2)) * half[1]
-            if _apart(px - b[X], py - b[Y], px - ex, py - ey) > mouths[2] + CLOSED + aside:
+            if _apart(px - b[col.X], py - b[col.Y], px - ex, py - ey) > mouths[2] + CLOSED_GAP_M + sagitta:
                 continue
             t = _to_point(b, m, px, py, mouths[2], now, end)
-            if t >= 0.0 and t < b[MEET]:
-                b[MEET], what[i, 0], what[i, 1] = t, POCKET, -1
+            if t >= 0.0 and t < b[col.MEET]:
+                b[col.MEET], what[i, 0], what[i, 1] = t, POCKET, -1
 
 
 @compiled_in_place
@@ -251,20 +243,20 @@ def meet_balls(now, i, b, m, kind, pair, again, radius, until):  # type: ignore[
         pair[at], again[at] = np.inf, False
         if kind[i] == POTTED or kind[j] == POTTED or (kind[i] == REST and kind[j] == REST):
             continue
-        end = min(b[i, END], b[j, END], until)
+        end = min(b[i, col.END], b[j, col.END], until)
         if kind[i] == CURVE or kind[j] == CURVE:
             t = _to_ball(b[i], m[i], kind[i], b[j], m[j], kind[j], 2.0 * radius, now, end) if end > now else np.inf
             if t == -1.0:
-                pair[at], again[at] = now + PUSH, True
+                pair[at], again[at] = now + PRESSED_RECHECK_S, True
             else:
                 pair[at] = t
             continue
-        d = now - b[j, CLOCK]
-        x = b[i, X] - b[j, X] - (b[j, VX] + 0.5 * b[j, AX] * d) * d
-        y = b[i, Y] - b[j, Y] - (b[j, VY] + 0.5 * b[j, AY] * d) * d
-        vx, vy = b[i, VX] - b[j, VX] - b[j, AX] * d, b[i, VY] - b[j, VY] - b[j, AY] * d
-        t = meeting(x, y, vx, vy, b[i, AX] - b[j, AX], b[i, AY] - b[j, AY], 2.0 * radius, end - now)
+        d = now - b[j, col.CLOCK]
+        x = b[i, col.X] - b[j, col.X] - (b[j, col.VX] + 0.5 * b[j, col.AX] * d) * d
+        y = b[i, col.Y] - b[j, col.Y] - (b[j, col.VY] + 0.5 * b[j, col.AY] * d) * d
+        vx, vy = b[i, col.VX] - b[j, col.VX] - b[j, col.AX] * d, b[i, col.VY] - b[j, col.VY] - b[j, col.AY] * d
+        t = meeting(x, y, vx, vy, b[i, col.AX] - b[j, col.AX], b[i, col.AY] - b[j, col.AY], 2.0 * radius, end - now)
         if t == -1.0:
-            pair[at], again[at] = now + PUSH, True
+            pair[at], again[at] = now + PRESSED_RECHECK_S, True
         else:
             pair[at] = now + t

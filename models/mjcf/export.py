@@ -59,7 +59,7 @@ def _check(model: Model, names: Sequence[str], xy: Array) -> None:
     for name, at in zip(names, xy, strict=True):
         if not name or name == "world" or "/" in name:
             raise BadInput(f"{name!r} cannot name a ball; give names that are not empty, not world, without slashes")
-        if not np.all(np.abs(at) <= model.table.reach(model.ball)):
+        if not np.all(np.abs(at) <= model.table.centre_limits(model.ball)):
             raise BadInput(
                 f"ball {name!r} at {at.round(3).tolist()} is not on the table; take fewer balls, or a larger one"
             )

@@ -12,19 +12,19 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from models.mjcf.snooker import FULL_LENGTH, SEMICIRCLE, spots
+from models.mjcf.snooker import D_RADIUS_M, FULL_LENGTH, spots
 from models.shot import NOSE_HEIGHT, Array, Table
 
-RUBBER, FRAME = 0.05, 0.13  # where the rubber ends and the frame ends, from the nose line [m]
-BACK = RUBBER + 0.004  # where the rubber ends under the frame [m]
-BEVEL = 0.008  # of the frame [m]
-LIP = 0.006  # of the frame over the nose [m]
-APRON = 0.16  # depth of the frame [m]
-HEIGHT = 0.86  # of the playing surface over the floor [m]
-CORNER, MIDDLE = (0.012, 0.052), (0.040, 0.048)  # pockets: centre beyond the nose line, radius [m]
-LEATHER = 0.007  # thickness [m]
-JAWS = {"corner": (0.055, 0.95), "middle": (0.022, 1.3), "": (0.0, 0.0)}  # radius [m], angle [rad]
-ARC = 24  # pieces of a rounding
+RUBBER_END_M, FRAME_END_M = 0.05, 0.13  # where the rubber ends and the frame ends, from the nose line [m]
+RUBBER_BACK_M = RUBBER_END_M + 0.004  # where the rubber ends under the frame [m]
+BEVEL_M = 0.008  # of the frame [m]
+LIP_HEIGHT_M = 0.006  # of the frame over the nose [m]
+FRAME_DEPTH_M = 0.16  # depth of the frame [m]
+TABLE_HEIGHT_M = 0.86  # of the playing surface over the floor [m]
+CORNER_POCKET, MIDDLE_POCKET = (0.012, 0.052), (0.040, 0.048)  # pockets: centre beyond the nose line, radius [m]
+LEATHER_THICKNESS_M = 0.007  # thickness [m]
+JAW_ROUNDING = {"corner": (0.055, 0.95), "middle": (0.022, 1.3), "": (0.0, 0.0)}  # radius [m], angle [rad]
+ARC_PIECES = 24  # pieces of a rounding
 
 
 def _mesh(spec: mujoco.MjSpec, name: str, material: str, vertices: Array, faces: Array) -> None:
@@ -106,18 +106,18 @@ def _cushion(spec: mujoco.MjSpec, number: int, table: Table, ends: Array, outwar
     along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     path, normals = [], []
     for point, forward in ((ends[0], -along), (ends[1], along)):
-        radius, angle = JAWS[_jaw(table, point)]
-        turn = np.linspace(0.0, angle, ARC if radius else 1)[:, None]
+        radius, angle = JAW_ROUNDING[_jaw(table, point)]
+        turn = np.linspace(0.0, angle, ARC_PIECES if radius else 1)[:, None]
         centre = point - forward * radius * np.sin(angle) + radius * outward
         normal = outward * np.cos(turn) - forward * np.sin(turn) if radius else (outward + forward)[None]
         arc = centre - radius * normal
         path.append(arc[::-1] if forward is not along else arc)
         normals.append(normal[::-1] if forward is not along else normal)
     line, facing = np.concatenate(path), np.concatenate(normals)
-    top, level = nose + LIP - 0.001, float(ends[0] @ outward)
-    back = line + (level + BACK - line @ outward)[:, None] * facing / (facing @ outward)[:, None]
+    top, level = nose + LIP_HEIGHT_M - 0.001, float(ends[0] @ outward)
+    back = line + (level + RUBBER_BACK_M - line @ outward)[:, None] * facing / (facing @ outward)[:, None]
     if table.pockets:  # straight behind the jaws
-        back = line + (level + BACK - line @ outward)[:, None] * outward
+        back = line + (level + RUBBER_BACK_M - line @ outward)[:, None] * outward
     front = ((0.010, 0.0), (0.0, nose - 0.004), (0.0015, nose + 0.002), (0.012, nose + 0.004))
     points = [(line + d * facing, z) for d, z in front] + [(back, top), (back, 0.0)]
     grid = np.stack([np.column_stack([xy, np.full(len(xy), z)]) for xy, z in points], axis=1)
@@ -126,7 +126,7 @@ def _cushion(spec: mujoco.MjSpec, number: int, table: Table, ends: Array, outwar
 
 def _hole(table: Table, x: float, y: float) -> tuple[Array, float]:
     """Centre (2,) and radius of the opening of the pocket at (x, y) [m]."""
-    beyond, radius = CORNER if x else MIDDLE
+    beyond, radius = CORNER_POCKET if x else MIDDLE_POCKET
     return np.array([x, y]) + beyond * np.sign([x, y]), radius
 
 
@@ -141,19 +141,27 @@ def _frame(spec: mujoco.MjSpec, table: Table, pockets: Array, top: float) -> Non
             (cx, cy), radius = _hole(table, x, y)
             at, off = (cy, cx * sign) if k == 0 else (cx, cy * sign)
             if off > across - 0.01 and not (k == 0 and x == 0):
-                cuts.append((at, off - across, radius + LEATHER))
-        u = [np.array([-half - FRAME, half + FRAME])]
-        u += [at + radius * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 2 * ARC + 1)) for at, _, radius in cuts]
-        u += [np.array([-half - RUBBER, half + RUBBER])]
-        places = np.unique(np.concatenate(u).round(3).clip(-half - FRAME, half + FRAME))  # no slivers: they catch light
-        inner = np.maximum(RUBBER, np.abs(places) - half)
+                cuts.append((at, off - across, radius + LEATHER_THICKNESS_M))
+        u = [np.array([-half - FRAME_END_M, half + FRAME_END_M])]
+        u += [at + radius * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 2 * ARC_PIECES + 1)) for at, _, radius in cuts]
+        u += [np.array([-half - RUBBER_END_M, half + RUBBER_END_M])]
+        places = np.unique(
+            np.concatenate(u).round(3).clip(-half - FRAME_END_M, half + FRAME_END_M)
+        )  # no slivers: they catch light
+        inner = np.maximum(RUBBER_END_M, np.abs(places) - half)
         for at, off, radius in cuts:
-            reach = np.sqrt(np.maximum(radius**2 - (places - at) ** 2, 0.0))
-            inner = np.where(reach > 0, np.maximum(inner, off + reach), inner)
-        near, bevel = np.minimum(inner, FRAME - BEVEL), FRAME - BEVEL
+            half_opening = np.sqrt(np.maximum(radius**2 - (places - at) ** 2, 0.0))
+            inner = np.where(half_opening > 0, np.maximum(inner, off + half_opening), inner)
+        near, bevel = np.minimum(inner, FRAME_END_M - BEVEL_M), FRAME_END_M - BEVEL_M
         rows = []
         for place, d in zip(places, near, strict=True):
-            edge = ((d, -APRON), (d, top), (bevel, top), (FRAME, top - BEVEL), (FRAME, -APRON))
+            edge = (
+                (d, -FRAME_DEPTH_M),
+                (d, top),
+                (bevel, top),
+                (FRAME_END_M, top - BEVEL_M),
+                (FRAME_END_M, -FRAME_DEPTH_M),
+            )
             at = [(across + off, np.clip(place, -half - off, half + off), z) for off, z in edge]
             rows.append([(sign * x, y, z) if k == 0 else (y, sign * x, z) for x, y, z in at])
         _grid(spec, f"wood {side}", "wood", np.array(rows))
@@ -162,18 +170,18 @@ def _frame(spec: mujoco.MjSpec, table: Table, pockets: Array, top: float) -> Non
 def _pocket(spec: mujoco.MjSpec, number: int, table: Table, x: float, y: float, top: float) -> None:
     """A black hole in the cloth with leather around its back."""
     centre, radius = _hole(table, x, y)
-    _disc(spec, f"pocket {number}", "hole", centre, radius, -APRON, 0.0006)
+    _disc(spec, f"pocket {number}", "hole", centre, radius, -FRAME_DEPTH_M, 0.0006)
     facing = np.arctan2(np.sign(y), np.sign(x))
     spread = 1.95 if x else 1.5
-    angles = np.linspace(facing - spread, facing + spread, 2 * ARC)
+    angles = np.linspace(facing - spread, facing + spread, 2 * ARC_PIECES)
     out = _turn(angles)
     profile = (
         (0.0, -0.1),
         (0.0, top + 0.001),
         (0.002, top + 0.003),
-        (LEATHER + 0.004, top + 0.003),
-        (LEATHER + 0.006, top),
-        (LEATHER, -0.1),
+        (LEATHER_THICKNESS_M + 0.004, top + 0.003),
+        (LEATHER_THICKNESS_M + 0.006, top),
+        (LEATHER_THICKNESS_M, -0.1),
     )
     _sweep(spec, f"leather {number}", "leather", centre + radius * out, out, profile)
 
@@ -184,9 +192,9 @@ def _markings(spec: mujoco.MjSpec, table: Table) -> None:
     places = spots(table)
     line, thick, up = places["brown"][0], 0.0015, 0.0004
     _box(spec, "baulk line", "line", (line - thick, -table.width / 2, 0), (line + thick, table.width / 2, up))
-    out = _turn(np.linspace(np.pi / 2, 1.5 * np.pi, 4 * ARC))
+    out = _turn(np.linspace(np.pi / 2, 1.5 * np.pi, 4 * ARC_PIECES))
     profile = ((-thick, 0.0), (-thick, up), (thick, up), (thick, 0.0))
-    _sweep(spec, "D", "line", places["brown"] + SEMICIRCLE * k * out, out, profile)
+    _sweep(spec, "D", "line", places["brown"] + D_RADIUS_M * k * out, out, profile)
     for name, xy in places.items():
         _disc(spec, f"spot {name}", "line", xy, 0.004, 0.0, 0.0006)
 
@@ -196,15 +204,15 @@ def _stand(spec: mujoco.MjSpec, table: Table) -> None:
     lx, ly = table.length / 2, table.width / 2
     for i, x in enumerate(np.array([-0.92, -0.32, 0.32, 0.92]) * lx):
         for j, y in enumerate((-ly + 0.05, ly - 0.05)):
-            _disc(spec, f"leg {i}{j}", "wood", np.array([x, y]), 0.07, -HEIGHT, -0.05)
-            _disc(spec, f"foot {i}{j}", "wood", np.array([x, y]), 0.09, -HEIGHT, -HEIGHT + 0.06)
+            _disc(spec, f"leg {i}{j}", "wood", np.array([x, y]), 0.07, -TABLE_HEIGHT_M, -0.05)
+            _disc(spec, f"foot {i}{j}", "wood", np.array([x, y]), 0.09, -TABLE_HEIGHT_M, -TABLE_HEIGHT_M + 0.06)
     spec.worldbody.add_geom(
         spec.find_default("fixture"),
         name="floor",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         material="carpet",
         size=[8, 8, 1],
-        pos=[0, 0, -HEIGHT],
+        pos=[0, 0, -TABLE_HEIGHT_M],
     )
 
 
@@ -214,12 +222,18 @@ def furnish(
     """Add everything that is only seen; `noses`: ends (2, 2) and outward (2,) of every cushion, [m]."""
     nose = NOSE_HEIGHT * radius
     lx, ly = table.length / 2, table.width / 2
-    _box(spec, "slate", "cloth", (-lx - RUBBER, -ly - RUBBER, -0.04), (lx + RUBBER, ly + RUBBER, -0.0004))
+    _box(
+        spec,
+        "slate",
+        "cloth",
+        (-lx - RUBBER_END_M, -ly - RUBBER_END_M, -0.04),
+        (lx + RUBBER_END_M, ly + RUBBER_END_M, -0.0004),
+    )
     for number, (ends, outward) in enumerate(noses):
         _cushion(spec, number, table, ends, outward, nose)
-    _frame(spec, table, pockets, nose + LIP)
+    _frame(spec, table, pockets, nose + LIP_HEIGHT_M)
     for number, (x, y) in enumerate(pockets):
-        _pocket(spec, number, table, x, y, nose + LIP)
+        _pocket(spec, number, table, x, y, nose + LIP_HEIGHT_M)
     if table.pockets:
         _markings(spec, table)
     _stand(spec, table)

@@ -15,12 +15,12 @@ import sys
 
 from models.errors import BadInput
 
-NEEDS = "rendering needs the Debian packages libegl1 libgl1, or libosmesa6 (apt install libegl1 libgl1)"
+RENDERING_NEEDS = "rendering needs the Debian packages libegl1 libgl1, or libosmesa6 (apt install libegl1 libgl1)"
 
-OFF = ("disable", "disabled", "off", "false", "0")  # what MuJoCo and dm_control both read as no rendering
-LIBRARIES = {"egl": ("EGL", "GL"), "osmesa": ("OSMesa",)}  # in order of preference
-PACKAGES = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
-TRIAL = """
+GL_OFF = ("disable", "disabled", "off", "false", "0")  # what MuJoCo and dm_control both read as no rendering
+GL_LIBRARIES = {"egl": ("EGL", "GL"), "osmesa": ("OSMesa",)}  # in order of preference
+GL_PACKAGES = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
+TRIAL_PROGRAM = """
 import mujoco
 context = mujoco.GLContext(8, 8)
 context.make_current()
@@ -40,29 +40,29 @@ def choose_backend(render: bool = True) -> str:
         return chosen
     if not sys.platform.startswith("linux"):
         return ""  # MuJoCo's own choice there draws off screen
-    found = next((name for name in LIBRARIES if render and _draws(name)), "disable")
+    found = next((name for name in GL_LIBRARIES if render and _draws(name)), "disable")
     os.environ["MUJOCO_GL"] = found
     return found
 
 
 def can_render() -> bool:
     """True when pictures can be drawn in this process."""
-    return choose_backend() not in OFF
+    return choose_backend() not in GL_OFF
 
 
 def require_rendering() -> None:
     """Raise BadInput, which names the packages to install, unless pictures can be drawn."""
     if not can_render():
-        raise BadInput(f"MUJOCO_GL is {os.environ['MUJOCO_GL']!r}, so nothing can be drawn: {NEEDS}")
+        raise BadInput(f"MUJOCO_GL is {os.environ['MUJOCO_GL']!r}, so nothing can be drawn: {RENDERING_NEEDS}")
 
 
 def _draws(backend: str) -> bool:
     """True when MuJoCo gets a context from this back end (0.5 s; at once when its libraries are missing)."""
-    if not all(_loads(library) for library in LIBRARIES[backend]):
+    if not all(_loads(library) for library in GL_LIBRARIES[backend]):
         return False
     environment = os.environ | {"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
     try:
-        trial = subprocess.run([sys.executable, "-c", TRIAL], env=environment, capture_output=True, timeout=60)
+        trial = subprocess.run([sys.executable, "-c", TRIAL_PROGRAM], env=environment, capture_output=True, timeout=60)
     except (OSError, subprocess.TimeoutExpired):
         return False
     return trial.returncode == 0
@@ -79,9 +79,9 @@ def _loads(library: str) -> bool:
 
 def _require_libraries(backend: str) -> None:
     """Raise BadInput when the libraries of a back end that the user asked for are missing."""
-    for library in LIBRARIES.get(backend, ()):
+    for library in GL_LIBRARIES.get(backend, ()):
         if not _loads(library):
             raise BadInput(
-                f"MUJOCO_GL={backend}, but lib{library} cannot be loaded: apt install {PACKAGES[backend]}, "
+                f"MUJOCO_GL={backend}, but lib{library} cannot be loaded: apt install {GL_PACKAGES[backend]}, "
                 "or unset MUJOCO_GL"
             )

@@ -24,7 +24,7 @@ import copy
 import sys
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from models.mjcf.gl import choose_backend
@@ -40,29 +40,29 @@ from models.mjcf.native import Native
 from models.mjcf.world import build_spec
 from models.shot import Array, Ball, Table
 
-DEVICE = Path(__file__).with_name("launcher.xml")
-PREFIX = "launcher/"
-TILT = np.radians(6.5)  # of the cue (Robotic Billiards 2015) [rad]
+DEVICE_FILE = Path(__file__).with_name("launcher.xml")
+NAME_PREFIX = "launcher/"
+CUE_TILT = np.radians(6.5)  # of the cue (Robotic Billiards 2015) [rad]
 TIP_RADIUS = 0.010  # of the dome (Robotic Billiards 2015) [m]
 TIP_FRICTION = 0.6  # chalked leather (Alciatore, Cross 2008: about 0.6)
 TIP_RESTITUTION = 0.75  # leather (Alciatore: 0.71 to 0.75)
 CUE_MASS = 0.5  # a regular cue, 17 to 18 oz [kg]
 END_MASS = 0.00703  # of the shaft, 1/20 of a snooker ball [kg]
-GEAR, PINION = 3.0, 0.028  # motor turns a pinion turn (Robotic Billiards 2015); pitch radius [m]
-TRAVEL = 0.025  # of the stage, each way [m]
-SPEEDS = (0.2, 3.2)  # of the cue [m/s]; the paper's strings give 0.3 to 2.75
+GEAR_RATIO, PINION_RADIUS_M = 3.0, 0.028  # motor turns a pinion turn (Robotic Billiards 2015); pitch radius [m]
+STAGE_TRAVEL_M = 0.025  # of the stage, each way [m]
+CUE_SPEED_RANGE = (0.2, 3.2)  # of the cue [m/s]; the paper's strings give 0.3 to 2.75
 RUN_UP = 0.16  # over which a fast cue accelerates [m]; some 70 mm at constant speed follow
-LEAST_ACCELERATION = 5.0  # of a slow cue [m/s^2]
-BRAKING = 45.0  # after the hit [m/s^2]
-COARSE, FINE = 1e-4, 1e-5  # steps of the stroke and of the hit [s]
-CONTROL = 2  # coarse steps a change of the speed command
-AFTERMATH = 20  # fine steps without contact until the tip counts as gone
+MIN_ACCELERATION = 5.0  # of a slow cue [m/s^2]
+BRAKING_DECELERATION = 45.0  # after the hit [m/s^2]
+COARSE_STEP_S, FINE_STEP_S = 1e-4, 1e-5  # steps of the stroke and of the hit [s]
+CONTROL_STEPS = 2  # coarse steps a change of the speed command
+RELEASE_STEPS = 20  # fine steps without contact until the tip counts as gone
 SLATE_IMPEDANCE = (0.999, 0.9999, 0.001, 0.5, 2)  # stiff: the world's softer bed kicks the ball up by 0.08 m/s
-MISCUE = 0.2  # part of the impulse that the tip passes on while it slips, above which it is called a miscue
+MISCUE_SHARE = 0.2  # part of the impulse that the tip passes on while it slips, above which it is called a miscue
 
 
 @dataclass(frozen=True)
-class Scene:
+class LauncherScene:
     """A table with a launcher that is aimed at a ball."""
 
     model: mujoco.MjModel
@@ -74,7 +74,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Stroke:
+class SimulatedStroke:
     """What came of a stroke: the ball as the tip leaves it, and what it took."""
 
     cue_speed: float  # along its axis, just before it hits [m/s]
@@ -95,10 +95,24 @@ class Stroke:
 
 def attach_launcher(spec: mujoco.MjSpec, aim: Array, azimuth: float) -> None:
     """Attach a launcher to a world, its names prefixed "launcher/"; aim: (3,) [m], azimuth [rad], table frame."""
-    device = mujoco.MjSpec.from_file(str(DEVICE))
+    device = mujoco.MjSpec.from_file(str(DEVICE_FILE))
     half = azimuth / 2
     frame = spec.worldbody.add_frame(pos=aim, quat=[np.cos(half), 0, 0, np.sin(half)])
-    spec.attach(device, frame=frame, prefix=PREFIX)
+    spec.attach(device, frame=frame, prefix=NAME_PREFIX)
+
+
+def _checked_places(table: Table, ball: Ball, names: Sequence[str], position: Array, others: Array | None) -> Array:
+    """Places of all balls, the struck one first: (n, 2) [m]; BadInput where one does not lie on the table."""
+    rest = np.zeros((0, 2)) if others is None else np.asarray(others, float)
+    if not names or rest.shape != (len(names) - 1, 2):
+        raise BadInput(f"others has shape {rest.shape}; {len(names)} balls need ({max(len(names) - 1, 0)}, 2)")
+    places = np.vstack([np.asarray(position, float).reshape(1, 2), rest])
+    for name, xy in zip(names, places, strict=True):
+        if not np.all(np.abs(xy) <= table.centre_limits(ball)):
+            raise BadInput(
+                f"ball {name!r} is at {xy.tolist()}; keep it within +-{table.centre_limits(ball).tolist()} m"
+            )
+    return places
 
 
 def build_scene(
@@ -114,7 +128,7 @@ def build_scene(
     slate: bool = True,
     native: Native | None = None,
     furnished: bool = False,
-) -> Scene:
+) -> LauncherScene:
     """A launcher at a table, aimed at the first ball.
 
     Args:
@@ -133,13 +147,7 @@ def build_scene(
     Raises:
         BadInput: the ball or another is not on the table, or a number is out of range.
     """
-    rest = np.zeros((0, 2)) if others is None else np.asarray(others, float)
-    if not names or rest.shape != (len(names) - 1, 2):
-        raise BadInput(f"others has shape {rest.shape}; {len(names)} balls need ({max(len(names) - 1, 0)}, 2)")
-    places = np.vstack([np.asarray(position, float).reshape(1, 2), rest])
-    for name, xy in zip(names, places, strict=True):
-        if not np.all(np.abs(xy) <= table.reach(ball)):
-            raise BadInput(f"ball {name!r} is at {xy.tolist()}; keep it within +-{table.reach(ball).tolist()} m")
+    places = _checked_places(table, ball, names, position, others)
     if not np.isfinite(azimuth):
         raise BadInput(f"azimuth is {azimuth}; give radians")
     if not 0.002 <= end_mass <= 0.1:
@@ -149,13 +157,13 @@ def build_scene(
     spec = build_spec(table, ball, names, (native or Native(),), furnished=furnished)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # the servo's and the leather's damping
     attach_launcher(spec, np.append(places[0], ball.radius), azimuth)
-    end, cue = spec.body(f"{PREFIX}shaft end"), spec.body(f"{PREFIX}cue")
-    leather = spec.body(f"{PREFIX}tip").mass
+    end, cue = spec.body(f"{NAME_PREFIX}shaft end"), spec.body(f"{NAME_PREFIX}cue")
+    leather = spec.body(f"{NAME_PREFIX}tip").mass
     end.mass, cue.mass = end_mass - leather, CUE_MASS - end_mass
     pair = spec.add_pair(
-        spec.find_default(f"{PREFIX}tip_ball"),
-        name=f"{PREFIX}tip",
-        geomname1=f"{PREFIX}tip",
+        spec.find_default(f"{NAME_PREFIX}tip_ball"),
+        name=f"{NAME_PREFIX}tip",
+        geomname1=f"{NAME_PREFIX}tip",
         geomname2=f"ball {names[0]}",
     )
     pair.friction = [tip_friction, tip_friction, 0, 0, 0]
@@ -166,24 +174,40 @@ def build_scene(
     if not slate:
         spec.body(names[0]).gravcomp = 1
         spec.delete(bed)
-    return Scene(spec.compile(), ball, names[0], float(azimuth), tip_friction, spec)
+    return LauncherScene(spec.compile(), ball, names[0], float(azimuth), tip_friction, spec)
+
+
+@dataclass
+class _Hit:
+    """The contact of tip and ball, summed up over its fine steps."""
+
+    cue_speed: float  # along its axis, just before the tip touches [m/s]
+    cue_left: float  # the same, as the tip leaves [m/s]
+    steps: int = 0  # with contact
+    peak: float = 0.0  # of the normal force [N]
+    slip: float = 0.0  # of the tip over the ball [m]
+    pushed: float = 0.0  # sum of the normal force over the steps [N]
+    slipping: float = 0.0  # part of that sum during which the tip slipped [N]
+    state: Array = field(default_factory=lambda: np.zeros(0))  # of the ball as the tip leaves: qvel (6,), quaternion
 
 
 class _Machine:
     """One stroke under way."""
 
-    def __init__(self, scene: Scene, side: float, height: float) -> None:
+    def __init__(self, scene: LauncherScene, side: float, height: float) -> None:
         self.model = copy.copy(scene.model)  # the step changes
         self.data = mujoco.MjData(self.model)
         self.ball = self.model.geom(f"ball {scene.name}").id
-        self.tip = self.model.geom(f"{PREFIX}tip").id
-        self.mesh = self.model.equality(f"{PREFIX}mesh").id
-        self.servo = self.model.actuator(f"{PREFIX}servo").id
-        self.dof = {name: self.model.joint(f"{PREFIX}{name}").dofadr[0] for name in ("motor", "rack", "grip slide")}
+        self.tip = self.model.geom(f"{NAME_PREFIX}tip").id
+        self.mesh = self.model.equality(f"{NAME_PREFIX}mesh").id
+        self.servo = self.model.actuator(f"{NAME_PREFIX}servo").id
+        self.dof = {
+            name: self.model.joint(f"{NAME_PREFIX}{name}").dofadr[0] for name in ("motor", "rack", "grip slide")
+        }
         self.torque = self.power = self.speed = self.force = 0.0
-        for name, value in (("stage x", side), ("stage y", height / np.cos(TILT))):
-            self.data.joint(f"{PREFIX}{name}").qpos = value  # the stage has moved before the stroke
-            self.data.actuator(f"{PREFIX}{name}").ctrl = value
+        for name, value in (("stage x", side), ("stage y", height / np.cos(CUE_TILT))):
+            self.data.joint(f"{NAME_PREFIX}{name}").qpos = value  # the stage has moved before the stroke
+            self.data.actuator(f"{NAME_PREFIX}{name}").ctrl = value
         mujoco.mj_forward(self.model, self.data)
 
     def step(self, cue_speed: float, timestep: float, count: int = 1) -> None:
@@ -191,14 +215,14 @@ class _Machine:
         data = self.data
         option = self.model.opt
         option.timestep = timestep
-        if timestep < COARSE:
+        if timestep < COARSE_STEP_S:
             # Implicit damping is left out of MuJoCo's contact solver: with it, the leather's damping would soften the
             # contact, and the tip chatter on the ball. At fine steps everything may be explicit.
             option.integrator = mujoco.mjtIntegrator.mjINT_EULER
             option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
         else:
             option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        data.ctrl[self.servo] = cue_speed * GEAR / PINION
+        data.ctrl[self.servo] = cue_speed * GEAR_RATIO / PINION_RADIUS_M
         mujoco.mj_step(self.model, data, count)
         torque, turn = abs(data.actuator_force[self.servo]), abs(data.qvel[self.dof["motor"]])
         self.torque, self.speed = max(self.torque, torque), max(self.speed, turn)
@@ -226,10 +250,48 @@ class _Machine:
                 return float(force[0]), float(np.hypot(force[1], force[2])), float(np.hypot(slip[0], slip[1]))
         return None
 
+    def run_up(self, cue_speed: float) -> None:
+        """Accelerate from rest until the tip is about to touch."""
+        ramp = min(2 * RUN_UP / cue_speed, cue_speed / MIN_ACCELERATION)  # [s]
+        while self.gap() > 3 * CONTROL_STEPS * COARSE_STEP_S * cue_speed:
+            part = min(self.data.time / ramp, 1.0)
+            self.step(cue_speed * (0.5 - 0.5 * np.cos(np.pi * part)), COARSE_STEP_S, CONTROL_STEPS)
+
+    def hit(self, cue_speed: float, scene: LauncherScene) -> _Hit:
+        """Go on in fine steps until the tip has left the ball, or has not touched it in 20 ms."""
+        data, hit = self.data, _Hit(self.cue_speed(), self.cue_speed())
+        alone, deadline = 0, data.time + 0.02
+        while alone < RELEASE_STEPS and data.time < deadline:
+            self.step(cue_speed, FINE_STEP_S)
+            touch = self.touch()
+            if touch is not None:
+                normal, friction, sliding = touch
+                hit.peak, hit.slip, hit.pushed = (
+                    max(hit.peak, normal), hit.slip + sliding * FINE_STEP_S, hit.pushed + normal
+                )  # fmt: skip
+                hit.slipping += normal if friction > 0.98 * scene.tip_friction * normal else 0.0
+                hit.steps, alone = hit.steps + 1, 0
+            elif hit.steps:
+                if alone == 0:
+                    joint = data.joint(scene.name)
+                    hit.state, hit.cue_left = np.concatenate([joint.qvel, joint.qpos[3:]]), self.cue_speed()
+                alone += 1
+            else:
+                hit.cue_speed = self.cue_speed()
+        return hit
+
+    def follow_through(self, cue_speed: float) -> float:
+        """Brake until the rack stands; returns how far it has travelled [m]."""
+        left = cue_speed
+        while left > 0 or self.cue_speed() > 0.02:
+            self.step(left, COARSE_STEP_S, CONTROL_STEPS)
+            left = max(left - BRAKING_DECELERATION * CONTROL_STEPS * COARSE_STEP_S, 0.0)
+        return float(self.data.joint(f"{NAME_PREFIX}rack").qpos[0])
+
 
 def strike(
-    scene: Scene, cue_speed: float, side: float = 0.0, height: float = 0.0, *, follow_through: bool = False
-) -> Stroke:
+    scene: LauncherScene, cue_speed: float, side: float = 0.0, height: float = 0.0, *, follow_through: bool = False
+) -> SimulatedStroke:
     """Simulate a stroke from rest until the tip has left the ball.
 
     Args:
@@ -242,61 +304,32 @@ def strike(
     Raises:
         BadInput: the speed or an offset is out of range, or the cue misses the ball.
     """
-    if not SPEEDS[0] <= cue_speed <= SPEEDS[1]:
-        raise BadInput(f"cue_speed is {cue_speed} m/s; the drive reaches {SPEEDS[0]} to {SPEEDS[1]}")
-    for name, value, most in (("side", side, TRAVEL), ("height", height, TRAVEL * np.cos(TILT))):
+    if not CUE_SPEED_RANGE[0] <= cue_speed <= CUE_SPEED_RANGE[1]:
+        raise BadInput(f"cue_speed is {cue_speed} m/s; the drive allows {CUE_SPEED_RANGE[0]} to {CUE_SPEED_RANGE[1]}")
+    for name, value, most in (("side", side, STAGE_TRAVEL_M), ("height", height, STAGE_TRAVEL_M * np.cos(CUE_TILT))):
         if not abs(value) <= most:
             raise BadInput(f"{name} is {value} m; the stage travels +-{most:.4f} m")
     if np.hypot(side, height) >= scene.ball.radius + TIP_RADIUS:
         raise BadInput(f"side {side} m, height {height} m miss the ball; stay within {scene.ball.radius} m")
     machine = _Machine(scene, side, height)
-    data = machine.data
-    ramp = min(2 * RUN_UP / cue_speed, cue_speed / LEAST_ACCELERATION)  # [s]
-    while machine.gap() > 3 * CONTROL * COARSE * cue_speed:
-        part = min(data.time / ramp, 1.0)
-        machine.step(cue_speed * (0.5 - 0.5 * np.cos(np.pi * part)), COARSE, CONTROL)
-    hit_with = cue_left = machine.cue_speed()
-    peak = slip = pushed = slipping = 0.0
-    touched = alone = 0
-    state = np.zeros(0)
-    deadline = data.time + 0.02
-    while alone < AFTERMATH and data.time < deadline:
-        machine.step(cue_speed, FINE)
-        touch = machine.touch()
-        if touch is not None:
-            normal, friction, sliding = touch
-            peak, slip, pushed = max(peak, normal), slip + sliding * FINE, pushed + normal
-            slipping += normal if friction > 0.98 * scene.tip_friction * normal else 0.0
-            touched, alone = touched + 1, 0
-        elif touched:
-            if alone == 0:
-                joint = data.joint(scene.name)
-                state, cue_left = np.concatenate([joint.qvel, joint.qpos[3:]]), machine.cue_speed()
-            alone += 1
-        else:
-            hit_with = machine.cue_speed()
-    if not touched:
+    machine.run_up(cue_speed)
+    hit = machine.hit(cue_speed, scene)
+    if not hit.steps:
         raise BadInput(f"side {side} m, height {height} m miss the ball; stay within {scene.ball.radius} m")
-    travel = np.nan
-    if follow_through:
-        left = cue_speed
-        while left > 0 or machine.cue_speed() > 0.02:
-            machine.step(left, COARSE, CONTROL)
-            left = max(left - BRAKING * CONTROL * COARSE, 0.0)
-        travel = float(data.joint(f"{PREFIX}rack").qpos[0])
+    travel = machine.follow_through(cue_speed) if follow_through else np.nan
     spin = np.zeros(3)
-    mujoco.mju_rotVecQuat(spin, state[3:6], state[6:10])  # a free joint turns about its own axes
-    away = np.arctan2(state[1], state[0]) - scene.azimuth
-    return Stroke(
-        cue_speed=hit_with,
-        cue_left=cue_left,
-        velocity=state[:3].copy(),
+    mujoco.mju_rotVecQuat(spin, hit.state[3:6], hit.state[6:10])  # a free joint turns about its own axes
+    away = np.arctan2(hit.state[1], hit.state[0]) - scene.azimuth
+    return SimulatedStroke(
+        cue_speed=hit.cue_speed,
+        cue_left=hit.cue_left,
+        velocity=hit.state[:3].copy(),
         spin=spin,
         squirt=float(np.arctan2(np.sin(away), np.cos(away))),
-        contact_time=touched * FINE,
-        tip_force=peak,
-        slip=slip,
-        miscue=slipping > MISCUE * pushed,
+        contact_time=hit.steps * FINE_STEP_S,
+        tip_force=hit.peak,
+        slip=hit.slip,
+        miscue=hit.slipping > MISCUE_SHARE * hit.pushed,
         torque=float(machine.torque),
         power=float(machine.power),
         motor_speed=float(machine.speed),
@@ -305,7 +338,9 @@ def strike(
     )
 
 
-def strike_all(scene: Scene, shots: Iterable[tuple[float, float, float]], *, threads: int = 2) -> list[Stroke]:
+def strike_all(
+    scene: LauncherScene, shots: Iterable[tuple[float, float, float]], *, threads: int = 2
+) -> list[SimulatedStroke]:
     """Many strokes, each (cue_speed, side, height) as in `strike`; the same whatever the number of threads."""
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(lambda shot: strike(scene, *shot), shots))

@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 from models.effect import Effect, param
 from models.shot import GRAVITY
 
-TUNED = "sysid match --tune: nearest to the analytic models at the constants of Mathavan 2009, 2010, 2014"
+TUNING_SOURCE = "sysid match --tune: nearest to the analytic models at the constants of Mathavan 2009, 2010, 2014"
 CONTACT_TIME = 2e-3  # of an impact [s]: 20 steps of the MJCF; real balls 0.2 to 0.3 ms, cushions some 8 ms
 
 
@@ -43,15 +43,15 @@ def solref(restitution: float) -> tuple[float, float]:
 class Native(Effect):
     """The terms of the MJCF's contacts."""
 
-    slide: float = param(0.2204, off=0.0, unit="1", bounds=(0.05, 0.6), source=TUNED)
-    roll: float = param(0.01477, off=0.0, unit="1", bounds=(0.001, 0.05), source=TUNED)
-    spin: float = param(31.2, off=0.0, unit="rad/s^2", bounds=(1.0, 80.0), source=TUNED)
-    ball_restitution: float = param(0.9003, off=0.0, unit="1", bounds=(0.5, 0.999), source=TUNED)
-    ball_friction: float = param(0.0524, off=0.0, unit="1", bounds=(0.0, 0.5), source=TUNED)
-    cushion_restitution: float = param(0.8657, off=0.0, unit="1", bounds=(0.3, 0.999), source=TUNED)
-    cushion_friction: float = param(0.1787, off=0.0, unit="1", bounds=(0.0, 0.43), source=TUNED)
-    ball_grip: float = param(0.00174, off=0.02, unit="s", bounds=(2e-4, 0.05), source=TUNED)
-    cushion_grip: float = param(0.00142, off=0.02, unit="s", bounds=(2e-4, 0.05), source=TUNED)
+    slide: float = param(0.2204, off=0.0, unit="1", bounds=(0.05, 0.6), source=TUNING_SOURCE)
+    roll: float = param(0.01477, off=0.0, unit="1", bounds=(0.001, 0.05), source=TUNING_SOURCE)
+    spin: float = param(31.2, off=0.0, unit="rad/s^2", bounds=(1.0, 80.0), source=TUNING_SOURCE)
+    ball_restitution: float = param(0.9003, off=0.0, unit="1", bounds=(0.5, 0.999), source=TUNING_SOURCE)
+    ball_friction: float = param(0.0524, off=0.0, unit="1", bounds=(0.0, 0.5), source=TUNING_SOURCE)
+    cushion_restitution: float = param(0.8657, off=0.0, unit="1", bounds=(0.3, 0.999), source=TUNING_SOURCE)
+    cushion_friction: float = param(0.1787, off=0.0, unit="1", bounds=(0.0, 0.43), source=TUNING_SOURCE)
+    ball_grip: float = param(0.00174, off=0.02, unit="s", bounds=(2e-4, 0.05), source=TUNING_SOURCE)
+    cushion_grip: float = param(0.00142, off=0.02, unit="s", bounds=(2e-4, 0.05), source=TUNING_SOURCE)
 
     slot: ClassVar[str] = "native"
 

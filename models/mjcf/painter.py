@@ -15,12 +15,11 @@ from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.mjcf.gl import LIBRARIES, require_rendering
-from models.mjcf.world import build_spec
+from models.mjcf.gl import GL_LIBRARIES, require_rendering
+from models.mjcf.world import CAMERA_NAMES, build_spec
 from models.shot import Array, Ball, Table
 
-CAMERAS = ("overhead", "corner", "baulk")
-UNDER = 1.0  # the slate [m], where balls stand that are not to be seen
+HIDDEN_DEPTH_M = 1.0  # the slate [m], where balls stand that are not to be seen
 
 
 def offscreen(model: mujoco.MjModel, size: tuple[int, int]) -> mujoco.Renderer:
@@ -30,7 +29,7 @@ def offscreen(model: mujoco.MjModel, size: tuple[int, int]) -> mujoco.Renderer:
         BadInput: where nothing can be drawn, with what to install or to set.
     """
     require_rendering()
-    if os.environ.get("MUJOCO_GL", "").lower() in LIBRARIES and "glfw" in gl_context.GLContext.__module__:
+    if os.environ.get("MUJOCO_GL", "").lower() in GL_LIBRARIES and "glfw" in gl_context.GLContext.__module__:
         importlib.reload(gl_context)  # it reads MUJOCO_GL
     try:
         return mujoco.Renderer(model, size[1], size[0])
@@ -61,10 +60,12 @@ class Painter:
         Raises:
             BadInput: where nothing can be drawn, for a camera that there is not, and for a size beyond 2560 x 1440.
         """
-        if camera in range(len(CAMERAS)):
-            camera = CAMERAS[int(camera)]
-        if camera not in CAMERAS:
-            raise BadInput(f"unknown camera {camera!r}; choose from {', '.join(CAMERAS)}, or 0 to {len(CAMERAS) - 1}")
+        if camera in range(len(CAMERA_NAMES)):
+            camera = CAMERA_NAMES[int(camera)]
+        if camera not in CAMERA_NAMES:
+            raise BadInput(
+                f"unknown camera {camera!r}; choose from {', '.join(CAMERA_NAMES)}, or 0 to {len(CAMERA_NAMES) - 1}"
+            )
         (width, height), limit = size, self.model.vis.global_
         if not (0 < width <= limit.offwidth and 0 < height <= limit.offheight):
             raise BadInput(f"a picture of {width} x {height} pixels; give up to {limit.offwidth} x {limit.offheight}")
@@ -73,7 +74,7 @@ class Painter:
             raise ValueError(f"positions has shape {xy.shape}; {len(self.names)} balls need ({len(self.names)}, 2)")
         seen = np.isfinite(xy).all(axis=1)
         places = self.data.qpos.reshape(-1, 7)
-        places[:, :2], places[:, 2] = np.where(seen[:, None], xy, 0.0), np.where(seen, self.radius, -UNDER)
+        places[:, :2], places[:, 2] = np.where(seen[:, None], xy, 0.0), np.where(seen, self.radius, -HIDDEN_DEPTH_M)
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
         renderer = self._context(width, height)

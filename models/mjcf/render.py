@@ -25,10 +25,8 @@ import cv2  # noqa: E402
 import mujoco  # noqa: E402
 
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked  # noqa: E402
-from models.mjcf.world import build_spec  # noqa: E402
+from models.mjcf.world import CAMERA_NAMES, build_spec  # noqa: E402
 from models.shot import Array, Ball, Table  # noqa: E402
-
-CAMERAS = ("corner", "overhead", "baulk")
 
 
 def render(
@@ -51,8 +49,8 @@ def render(
     xy = np.asarray(positions, float)
     if xy.shape != (len(names), 2):
         raise ValueError(f"positions has shape {xy.shape}; {len(names)} balls need ({len(names)}, 2)")
-    if camera not in CAMERAS:
-        raise ValueError(f"unknown camera {camera!r}; choose from {', '.join(CAMERAS)}")
+    if camera not in CAMERA_NAMES:
+        raise ValueError(f"unknown camera {camera!r}; choose from {', '.join(CAMERA_NAMES)}")
     require_rendering()
     seen = np.isfinite(xy).all(axis=1)
     spec = build_spec(table, ball, [n for n, there in zip(names, seen, strict=True) if there], furnished=True)
@@ -77,7 +75,7 @@ def write_png(picture: NDArray[np.uint8], path: Path) -> None:
 
 @lone_command("models.mjcf.render")
 @click.argument("out", metavar="OUT.png", type=FILE_PATH)
-@click.option("--camera", type=click.Choice(CAMERAS), default="corner", show_default=True, help="Viewpoint.")
+@click.option("--camera", type=click.Choice(CAMERA_NAMES), default="corner", show_default=True, help="Viewpoint.")
 @click.option("--width", type=int, default=1280, show_default=True, help="Width [pixels]; the height is 9/16 of it.")
 def main(out: Path, camera: str, width: int) -> int:
     """Draw a full-size table with all balls of snooker on their spots."""

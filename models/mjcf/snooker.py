@@ -9,24 +9,24 @@ from models.shot import Array, Ball, Table
 FULL_LENGTH = 3.569  # of the table that the rules' measures are for [m]
 SNOOKER_TABLE, SNOOKER_BALL = Table(FULL_LENGTH, 1.778), Ball(0.0525, 0.1406)
 MASS_PER_CUBED_DIAMETER = SNOOKER_BALL.mass / SNOOKER_BALL.diameter**3  # of a ball [kg/m^3]
-BAULK, SEMICIRCLE, BLACK = 0.737, 0.292, 0.324  # baulk line, radius of the D, black spot from the cushion [m]
-CLEAR = 0.0005  # between balls that are racked [m]
+BAULK_LINE_M, D_RADIUS_M, BLACK_SPOT_M = 0.737, 0.292, 0.324  # the black spot from its cushion
+RACK_GAP_M = 0.0005  # between balls that are racked [m]
 
 
 def spots(table: Table) -> dict[str, Array]:
     """Places of the colours, baulk towards -x: name -> (2,) [m]."""
     k, end = table.length / FULL_LENGTH, table.length / 2
-    line = -end + BAULK * k
-    places = {"yellow": (line, -SEMICIRCLE * k), "brown": (line, 0), "green": (line, SEMICIRCLE * k)}
-    places |= {"blue": (0, 0), "pink": (end / 2, 0), "black": (end - BLACK * k, 0)}
+    line = -end + BAULK_LINE_M * k
+    places = {"yellow": (line, -D_RADIUS_M * k), "brown": (line, 0), "green": (line, D_RADIUS_M * k)}
+    places |= {"blue": (0, 0), "pink": (end / 2, 0), "black": (end - BLACK_SPOT_M * k, 0)}
     return {name: np.array(xy, float) for name, xy in places.items()}
 
 
 def racked(table: Table, ball: Ball) -> dict[str, Array]:
     """All 22 balls of snooker on their spots, the white in the D: name -> (2,) [m]."""
     places = spots(table)
-    step = ball.diameter + CLEAR
-    apex = places["pink"] + [step + CLEAR, 0.0]
+    step = ball.diameter + RACK_GAP_M
+    apex = places["pink"] + [step + RACK_GAP_M, 0.0]
     rows = [(row, k) for row in range(5) for k in range(row + 1)]
     for number, (row, k) in enumerate(rows, start=1):
         places[f"red {number}"] = apex + step * np.array([row * np.sqrt(0.75), k - row / 2])

@@ -25,36 +25,51 @@ from models.console import Status
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf import launcher
-from models.mjcf.launcher import GEAR, PINION, PREFIX, RUN_UP, TILT, Scene, Stroke, build_scene, strike, strike_all
+from models.mjcf.launcher import (
+    CUE_TILT,
+    GEAR_RATIO,
+    NAME_PREFIX,
+    PINION_RADIUS_M,
+    RUN_UP,
+    LauncherScene,
+    SimulatedStroke,
+    build_scene,
+    strike,
+    strike_all,
+)
 from models.mjcf.native import Native
-from models.shot import GRAVITY, Array, Ball, Table
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.shot import GRAVITY, Array
 
-TABLE, BALL, SPOT = Table(3.569, 1.778), Ball(0.0525, 0.1406), np.array([-1.23, 0.0])
-CUE = cueing.Cue(
+CUE_BALL_SPOT = np.array([-1.23, 0.0])  # where the struck ball lies [m]
+ANALYTIC_CUE = cueing.CueStick(
     launcher.CUE_MASS,
     launcher.END_MASS,
     launcher.TIP_RADIUS,
     launcher.TIP_RESTITUTION,
     launcher.TIP_FRICTION,
-    float(TILT),
+    float(CUE_TILT),
 )
-SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # of the cue (Robotic Billiards 2015) [m/s]
-SIDES, HEIGHTS = np.arange(0, 13, 2) / 1000, np.arange(-12, 13, 2) / 1000  # x'0, y'0 (the same) [m]
-GRID = tuple((v, float(x), float(y)) for v, x, y in itertools.product(SPEEDS, SIDES, HEIGHTS))
-SMALL_GRID = tuple(itertools.product(SPEEDS[::2] + SPEEDS[3:4], (0.0, 0.006, 0.012), (-0.008, 0.0, 0.008)))
-RATED = {
+GRID_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # of the cue (Robotic Billiards 2015) [m/s]
+GRID_SIDES, GRID_HEIGHTS = np.arange(0, 13, 2) / 1000, np.arange(-12, 13, 2) / 1000  # x'0, y'0 (the same) [m]
+PAPER_GRID = tuple((v, float(x), float(y)) for v, x, y in itertools.product(GRID_SPEEDS, GRID_SIDES, GRID_HEIGHTS))
+SMALL_GRID = tuple(itertools.product(GRID_SPEEDS[::2] + GRID_SPEEDS[3:4], (0.0, 0.006, 0.012), (-0.008, 0.0, 0.008)))
+MOTOR_RATING = {
     "torque": 0.64,
     "peak torque": 1.92,
     "power": 200.0,
     "speed": 3000.0,
     "top speed": 5000.0,
 }  # SVL-202, N m, W, rpm
-FRICTION = 2.0  # of the rack's bearings [N]
-RPM = 30 / np.pi
+BEARING_FRICTION = 2.0  # of the rack's bearings [N]
+RPM_PER_RAD_S = 30 / np.pi
 
 
 def grid(
-    scene: Scene, speeds: Sequence[float] = SPEEDS, sides: Array = SIDES, heights: Array = HEIGHTS
+    scene: LauncherScene,
+    speeds: Sequence[float] = GRID_SPEEDS,
+    sides: Array = GRID_SIDES,
+    heights: Array = GRID_HEIGHTS,
 ) -> dict[str, Array]:
     """Strokes over a grid: "speed" (relative to the cue's), "squirt" [rad], "spin" (..., 3) [rad/s], "miscue".
 
@@ -72,9 +87,13 @@ def grid(
 
 
 def errors(
-    scene: Scene, shots: Sequence[tuple[float, float, float]], strokes: Sequence[Stroke], *, rubbed: bool = False
+    scene: LauncherScene,
+    shots: Sequence[tuple[float, float, float]],
+    strokes: Sequence[SimulatedStroke],
+    *,
+    rubbed: bool = False,
 ) -> Array:
-    """How far strokes are from the analytic model at the cue speed that was reached: (n, 3).
+    """How far strokes are from the analytic model at the cue speed that was attained: (n, 3).
 
     Columns: horizontal ball speed [%]; spin, the length of the difference times R over the ball's speed [%] (100 is as
     much as natural roll); squirt [degrees]. The analytic ball leaves along the cue and keeps the horizontal part; with
@@ -84,7 +103,7 @@ def errors(
     rows = []
     for (_, side, height), stroke in zip(shots, strokes, strict=True):
         model = cueing.strike(
-            CUE, scene.ball, stroke.cue_speed, scene.azimuth, side, height, slate=0.0, slate_friction=rub
+            ANALYTIC_CUE, scene.ball, stroke.cue_speed, scene.azimuth, side, height, slate=0.0, slate_friction=rub
         )
         speed = np.hypot(*model.velocity)
         turn = np.arctan2(model.velocity[1], model.velocity[0]) - scene.azimuth
@@ -100,9 +119,9 @@ def errors(
 
 def compare(
     shots: Sequence[tuple[float, float, float]], *, slate: bool
-) -> tuple[Sequence[tuple[float, float, float]], list[Stroke]]:
+) -> tuple[Sequence[tuple[float, float, float]], list[SimulatedStroke]]:
     """Run strokes and print their errors by speed and by offset."""
-    scene = build_scene(TABLE, BALL, ("white",), SPOT, 0.0, slate=slate)
+    scene = build_scene(SNOOKER_TABLE, SNOOKER_BALL, ("white",), CUE_BALL_SPOT, 0.0, slate=slate)
     strokes = strike_all(scene, shots)
     wrong = errors(scene, shots, strokes)
     given = np.array(shots)
@@ -131,49 +150,51 @@ def compare(
     return shots, strokes
 
 
-def effective_mass(scene: Scene, cue_speed: float = 2.0) -> float:
+def effective_mass(scene: LauncherScene, cue_speed: float = 2.0) -> float:
     """Mass with which the cue hits: momentum of the ball over what the cue loses in speed, centre ball [kg]."""
     stroke = strike(scene, cue_speed)
     along = stroke.velocity[0] * np.cos(scene.azimuth) + stroke.velocity[1] * np.sin(scene.azimuth)
-    given = scene.ball.mass * along / np.cos(TILT)  # the slate turns the impulse along the cue into the horizontal
+    given = scene.ball.mass * along / np.cos(CUE_TILT)  # the slate turns the impulse along the cue into the horizontal
     return float(given / (stroke.cue_speed - stroke.cue_left))
 
 
 def needed_cue_speed(ball_speed: float) -> float:
     """Cue speed for a ball hit in the centre, by the analytic model [m/s]."""
-    return (1 + BALL.mass / launcher.CUE_MASS) * ball_speed / (1 + launcher.TIP_RESTITUTION)
+    return (1 + SNOOKER_BALL.mass / launcher.CUE_MASS) * ball_speed / (1 + launcher.TIP_RESTITUTION)
 
 
-def closed_form(scene: Scene, cue_speed: float) -> dict[str, float]:
+def closed_form(scene: LauncherScene, cue_speed: float) -> dict[str, float]:
     """The drive's peaks by the formulas above: run-up and pull after the hit; SI, turns in rpm."""
     model = scene.model
-    rack = model.body(f"{PREFIX}rack").mass[0]
-    cue = sum(model.body(f"{PREFIX}{name}").mass[0] for name in ("cue", "shaft end", "tip"))
-    wheel, rotor = model.body(f"{PREFIX}pinion").inertia.max(), model.body(f"{PREFIX}motor").inertia.max()
+    rack = model.body(f"{NAME_PREFIX}rack").mass[0]
+    cue = sum(model.body(f"{NAME_PREFIX}{name}").mass[0] for name in ("cue", "shaft end", "tip"))
+    wheel, rotor = model.body(f"{NAME_PREFIX}pinion").inertia.max(), model.body(f"{NAME_PREFIX}motor").inertia.max()
     acceleration = np.pi / 4 * cue_speed**2 / RUN_UP
-    force = (rack + cue) * (acceleration - GRAVITY * np.sin(TILT)) + FRICTION
-    torque = (force + wheel * acceleration / PINION**2) * PINION / GEAR + rotor * acceleration * GEAR / PINION
-    grip = model.jnt_stiffness[model.joint(f"{PREFIX}grip slide").id]
-    lost = cue_speed * (1 + launcher.TIP_RESTITUTION) / (1 + BALL.mass / cue) * BALL.mass / cue
+    force = (rack + cue) * (acceleration - GRAVITY * np.sin(CUE_TILT)) + BEARING_FRICTION
+    torque = (
+        force + wheel * acceleration / PINION_RADIUS_M**2
+    ) * PINION_RADIUS_M / GEAR_RATIO + rotor * acceleration * GEAR_RATIO / PINION_RADIUS_M
+    grip = model.jnt_stiffness[model.joint(f"{NAME_PREFIX}grip slide").id]
+    lost = cue_speed * (1 + launcher.TIP_RESTITUTION) / (1 + SNOOKER_BALL.mass / cue) * SNOOKER_BALL.mass / cue
     return {
         "acceleration": acceleration,
         "force": force,
         "torque": torque,
-        "power": 0.6495 * torque * GEAR / PINION * cue_speed,
-        "motor": cue_speed * GEAR / PINION * RPM,
-        "pinion": cue_speed / PINION * RPM,
-        "pull": lost * np.sqrt(grip * cue) + (rack + cue) * launcher.BRAKING,
+        "power": 0.6495 * torque * GEAR_RATIO / PINION_RADIUS_M * cue_speed,
+        "motor": cue_speed * GEAR_RATIO / PINION_RADIUS_M * RPM_PER_RAD_S,
+        "pinion": cue_speed / PINION_RADIUS_M * RPM_PER_RAD_S,
+        "pull": lost * np.sqrt(grip * cue) + (rack + cue) * launcher.BRAKING_DECELERATION,
     }
 
 
 def print_drive(ball_speed: float = 4.0) -> None:
     """Print what a ball of this speed asks of the drive, simulated and in closed form, beside its rating."""
-    scene = build_scene(TABLE, BALL, ("white",), SPOT, 0.0)
+    scene = build_scene(SNOOKER_TABLE, SNOOKER_BALL, ("white",), CUE_BALL_SPOT, 0.0)
     trial = strike(scene, needed_cue_speed(ball_speed))
     cue_speed = needed_cue_speed(ball_speed) * ball_speed / float(np.hypot(*trial.velocity[:2]))
     upto, whole = strike(scene, cue_speed), strike(scene, cue_speed, follow_through=True)
     ideal = closed_form(scene, needed_cue_speed(ball_speed))
-    motor = upto.motor_speed * RPM
+    motor = upto.motor_speed * RPM_PER_RAD_S
     print(f"\ndrive for a ball of {ball_speed} m/s")
     print(f"{'':34}{'simulated':>12}{'closed form':>13}{'200 W servo':>14}")
     rows = (
@@ -181,24 +202,31 @@ def print_drive(ball_speed: float = 4.0) -> None:
         ("peak acceleration [m/s^2]", np.nan, ideal["acceleration"], ""),
         ("force on the rack, run-up [N]", upto.rack_force, ideal["force"], ""),
         ("force on the rack, after hit [N]", whole.rack_force, ideal["pull"], ""),
-        ("motor torque, run-up [N m]", upto.torque, ideal["torque"], f"{RATED['torque']} rated"),
-        ("motor torque, whole stroke [N m]", whole.torque, np.nan, f"{RATED['peak torque']} peak"),
-        ("power, run-up [W]", upto.power, ideal["power"], f"{RATED['power']:.0f} rated"),
-        ("pinion speed [rpm]", motor / GEAR, ideal["pinion"], ""),
-        ("motor speed, rated/max [rpm]", motor, ideal["motor"], f"{RATED['speed']:.0f}/{RATED['top speed']:.0f}"),
+        ("motor torque, run-up [N m]", upto.torque, ideal["torque"], f"{MOTOR_RATING['torque']} rated"),
+        ("motor torque, whole stroke [N m]", whole.torque, np.nan, f"{MOTOR_RATING['peak torque']} peak"),
+        ("power, run-up [W]", upto.power, ideal["power"], f"{MOTOR_RATING['power']:.0f} rated"),
+        ("pinion speed [rpm]", motor / GEAR_RATIO, ideal["pinion"], ""),
+        (
+            "motor speed, rated/max [rpm]",
+            motor,
+            ideal["motor"],
+            f"{MOTOR_RATING['speed']:.0f}/{MOTOR_RATING['top speed']:.0f}",
+        ),
         ("travel of the rack [mm]", 1e3 * whole.travel, np.nan, ""),
     )
     for name, simulated, formula, rating in rows:
         cells = "".join(f"{value:{width}.2f}" if np.isfinite(value) else f"{'':{width}}"
                         for value, width in ((simulated, 12), (formula, 13)))  # fmt: skip
         print(f"{name:34}{cells}{rating:>14}")
-    able = whole.torque < RATED["peak torque"] and motor < RATED["top speed"]
-    often = upto.torque < RATED["torque"] and upto.power < RATED["power"] and motor < RATED["speed"]
+    able = whole.torque < MOTOR_RATING["peak torque"] and motor < MOTOR_RATING["top speed"]
+    often = (
+        upto.torque < MOTOR_RATING["torque"] and upto.power < MOTOR_RATING["power"] and motor < MOTOR_RATING["speed"]
+    )
     print("it can: within peak torque and top speed" if able else "it cannot")
     print("within its continuous rating too" if able and often else "above its continuous rating, for the run-up only")
 
 
-def write_csv(path: Path, shots: Sequence[tuple[float, float, float]], strokes: Sequence[Stroke]) -> None:
+def write_csv(path: Path, shots: Sequence[tuple[float, float, float]], strokes: Sequence[SimulatedStroke]) -> None:
     """Write every stroke, SI."""
     head = "speed_asked,side,height,cue_speed,vx,vy,vz,wx,wy,wz,squirt,contact_time,tip_force,slip,miscue\n"
     rows = []
@@ -217,7 +245,15 @@ def picture(path: Path, width: int = 1280) -> None:
         raise BadInput(f"width is {width}; give 160 to 4096 pixels")
     require_rendering()
     others = np.array([[-0.2, 0.35], [0.9, 0.0], [0.45, -0.3]])
-    scene = build_scene(TABLE, BALL, ("white", "yellow", "red 1", "blue"), SPOT, 0.0, others=others, furnished=True)
+    scene = build_scene(
+        SNOOKER_TABLE,
+        SNOOKER_BALL,
+        ("white", "yellow", "red 1", "blue"),
+        CUE_BALL_SPOT,
+        0.0,
+        others=others,
+        furnished=True,
+    )
     eye, target = np.array([-1.42, 1.16, 0.52]), np.array([-2.0, 0.0, 0.04])
     back = (eye - target) / np.linalg.norm(eye - target)
     right = np.cross([0.0, 0.0, 1.0], back)
@@ -232,8 +268,8 @@ def picture(path: Path, width: int = 1280) -> None:
     scene.spec.visual.global_.offwidth, scene.spec.visual.global_.offheight = size
     model = scene.spec.compile()
     data = mujoco.MjData(model)
-    data.joint(f"{PREFIX}rack").qpos = 0.06
-    data.joint(f"{PREFIX}pinion").qpos = 0.06 / PINION
+    data.joint(f"{NAME_PREFIX}rack").qpos = 0.06
+    data.joint(f"{NAME_PREFIX}pinion").qpos = 0.06 / PINION_RADIUS_M
     mujoco.mj_forward(model, data)
     with mujoco.Renderer(model, size[1], size[0]) as renderer:
         renderer.update_scene(data, "launcher")
@@ -251,7 +287,7 @@ def main(grid: bool, afloat: bool, out: Path | None, picture_file: Path | None, 
     if picture_file:
         picture(picture_file, width)
         return Status.DONE
-    shots, strokes = compare(GRID if grid else SMALL_GRID, slate=not afloat)
+    shots, strokes = compare(PAPER_GRID if grid else SMALL_GRID, slate=not afloat)
     print_drive()
     if out:
         write_csv(out, shots, strokes)

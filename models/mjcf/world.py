@@ -15,15 +15,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from models.analytic.spring import NOSE_RADIUS
 from models.effect import Effect
 from models.mjcf.furniture import furnish
 from models.shot import NOSE_COSINE, NOSE_SINE, POCKET_MOUTH, Array, Ball, Table
-from models.spring import NOSE_RADIUS
 
-BASE = Path(__file__).with_name("base.xml")
+BASE_FILE = Path(__file__).with_name("base.xml")
 BED_DEPTH = 0.05  # [m]
+CAMERA_NAMES = ("overhead", "corner", "baulk")
 
-COLOURS = {
+BALL_COLOURS = {
     "white": (0.96, 0.95, 0.90),
     "cue": (0.96, 0.95, 0.90),
     "red": (0.72, 0.03, 0.05),
@@ -38,7 +39,7 @@ COLOURS = {
 
 def colour(name: str) -> tuple[float, float, float]:
     """The colour of a ball by its name; red for reds by number, ivory otherwise."""
-    return COLOURS.get(name, COLOURS["red"] if name.startswith("red") else (0.85, 0.80, 0.70))
+    return BALL_COLOURS.get(name, BALL_COLOURS["red"] if name.startswith("red") else (0.85, 0.80, 0.70))
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def build_spec(
     table: Table, ball: Ball, names: Sequence[str], effects: Sequence[Effect] = (), *, furnished: bool = False
 ) -> mujoco.MjSpec:
     """The world of a table with its balls, edited by the effects in their order; `furnished` to be looked at."""
-    spec = mujoco.MjSpec.from_file(str(BASE))
+    spec = mujoco.MjSpec.from_file(str(BASE_FILE))
     _add_table(spec, table, ball.radius)
     if furnished:
         noses = [(np.array([rail.start, rail.end]), rail.outward) for rail in rails(table)]

@@ -21,17 +21,18 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.recording.file import whole_recording
-from models.recording.shots import CLEAR, FLOOR, Colour, Out, ball_colour, draw_table, lift
+from models.recording.palette import FLOOR_COLOUR, Colour, ball_colour
+from models.recording.shots import PATH_HEIGHT_M, Out, draw_table, lift
 from models.shot import NOSE_COSINE, POCKET_MOUTH, Array, Ball, Table
 
-APPLICATION, FORMAT = "cuelab_plan", "billiard-plan/1"
-FATES: Mapping[str, Colour] = {"potted": (86, 190, 255), "missed": (255, 159, 28), "foul": (255, 122, 217)}
-WANTED, AVOID = (255, 255, 255), (255, 122, 217)
-SHARES = (0.5, 0.9)  # of the draws, inside the outlines
-FEWEST = 5  # draws that an outline needs
-SLACK = 5e-4  # by which a ball that fell may seem to have stopped short [m]
-FLAT = 1e-4  # least standard deviation of an outline [m]
-GUIDE = """
+PLAN_APPLICATION, PLAN_FORMAT = "cuelab_plan", "billiard-plan/1"
+OUTCOME_COLOURS: Mapping[str, Colour] = {"potted": (86, 190, 255), "missed": (255, 159, 28), "foul": (255, 122, 217)}
+TARGET_COLOUR, AVOID_COLOUR = (255, 255, 255), (255, 122, 217)
+OUTLINE_SHARES = (0.5, 0.9)  # of the draws, inside the outlines
+MIN_DRAWS = 5  # draws that an outline needs
+FALL_SLACK_M = 5e-4  # by which a ball that fell may seem to have stopped short [m]
+MIN_OUTLINE_SD_M = 1e-4  # least standard deviation of an outline [m]
+PLAN_GUIDE = """
 * **Solid balls** roll the nominal shot: press play. **Rings** are where they started.
 * **Thin lines**: draws of what the launcher may really do. Blue: potted. Orange: missed. Pink: a foul.
 * **Dots**: where the cue ball may come to rest; the outlines hold 50 % and 90 % of them.
@@ -42,8 +43,8 @@ GUIDE = """
 
 def scene_of(plan: Mapping[str, Any]) -> tuple[Table, Ball, dict[str, Array]]:
     """Table, ball and places (2,) [m] of all balls of a plan; BadInput where it is no plan."""
-    if plan.get("format") != FORMAT:
-        raise BadInput(f"format = {plan.get('format')!r} is no plan; give what `planner plan` writes ({FORMAT!r})")
+    if plan.get("format") != PLAN_FORMAT:
+        raise BadInput(f"format = {plan.get('format')!r} is no plan; give what `planner plan` writes ({PLAN_FORMAT!r})")
     try:
         scene = plan["scene"]
         table = Table(**{key: scene["table"][key] for key in ("length", "width", "pockets") if key in scene["table"]})
@@ -64,12 +65,12 @@ def dropped(table: Table, ball: Ball, xy: Array) -> bool:
     if not table.pockets:
         return False
     over = np.array([table.length, table.width]) / 2 - np.abs(xy)
-    beyond = bool(np.any(over < ball.radius * NOSE_COSINE - SLACK) and table.to_pocket(xy) < POCKET_MOUTH)
-    return beyond or float(np.hypot(*over)) < POCKET_MOUTH / 2 + SLACK
+    beyond = bool(np.any(over < ball.radius * NOSE_COSINE - FALL_SLACK_M) and table.to_pocket(xy) < POCKET_MOUTH)
+    return beyond or float(np.hypot(*over)) < POCKET_MOUTH / 2 + FALL_SLACK_M
 
 
 def fate(draw: Mapping[str, Any]) -> str:
-    """A key of FATES; a foul outweighs the pot."""
+    """A key of OUTCOME_COLOURS; a foul outweighs the pot."""
     return "foul" if draw.get("foul") else "potted" if draw.get("potted") else "missed"
 
 
@@ -82,14 +83,14 @@ def resting(plan: Mapping[str, Any]) -> tuple[Array, NDArray[np.bool_]]:
 
 def outline(cloud: Array, share: float) -> Array:
     """The ellipse of a cloud (n, 2) [m] that holds a share of it: (73, 2) [m], closed; (0, 2) of too few points."""
-    if len(cloud) < FEWEST:
+    if len(cloud) < MIN_DRAWS:
         return np.empty((0, 2))
     mean = cloud.mean(axis=0)
     variance, axes = np.linalg.eigh(np.cov(cloud.T))
-    size = np.sqrt(np.maximum(variance, FLAT**2))
-    reach = np.quantile(np.hypot(*((cloud - mean) @ axes / size).T), share)
+    size = np.sqrt(np.maximum(variance, MIN_OUTLINE_SD_M**2))
+    scale = np.quantile(np.hypot(*((cloud - mean) @ axes / size).T), share)
     turn = np.linspace(0.0, 2 * math.pi, 73)
-    return np.asarray(mean + reach * (np.column_stack([np.cos(turn), np.sin(turn)]) * size) @ axes.T)
+    return np.asarray(mean + scale * (np.column_stack([np.cos(turn), np.sin(turn)]) * size) @ axes.T)
 
 
 def percent(chance: Mapping[str, Any] | None) -> str:
@@ -139,7 +140,7 @@ def rest_words(rest: Mapping[str, Any] | None) -> str:
 
 
 def sentence(plan: Mapping[str, Any]) -> str:
-    """The shot in one sentence, as one operator tells it to another."""
+    """The shot in one sentence, as one operator would say it to another."""
     goal, stroke, launcher = plan["scene"].get("goal") or {}, plan.get("stroke"), plan.get("launcher") or {}
     if not stroke:
         return f"No shot on the {goal.get('object', 'object ball')} is reasonable here."
@@ -178,7 +179,7 @@ def write_plan(path: Path | str, plan: Mapping[str, Any], *, title: str) -> None
 
     table, ball, balls = scene_of(plan)
     digest = hashlib.sha256(json.dumps([title, plan], sort_keys=True).encode()).hexdigest()[:32]
-    with whole_recording(path, APPLICATION, digest, title, _blueprint(table, ball, plan)) as stream:
+    with whole_recording(path, PLAN_APPLICATION, digest, title, _blueprint(table, ball, plan)) as stream:
         out = Out(rr, stream, ())
         draw_table(out, table, ball)
         _draw_scene(out, plan, ball, balls)
@@ -195,7 +196,7 @@ def _lines(out: Out, part: str, strips: Sequence[Array], colour: Colour, radius:
     if long:
         rr, style = out.rr, {"radii": radius, "colors": colour}
         out.fixed(f"top/{part}", rr.LineStrips2D(long, **style, draw_order=order))
-        out.fixed(f"space/{part}", rr.LineStrips3D([lift(strip, CLEAR) for strip in long], **style))
+        out.fixed(f"space/{part}", rr.LineStrips3D([lift(strip, PATH_HEIGHT_M) for strip in long], **style))
 
 
 def _circle(centre: Array, radius: float) -> Array:
@@ -211,11 +212,11 @@ def _draw_scene(out: Out, plan: Mapping[str, Any], ball: Ball, balls: Mapping[st
     place, radius = wanted(plan)
     if place is not None:
         cross = [place + r * np.array(bar) for bar in ([[-1, 0], [1, 0]], [[0, -1], [0, 1]])]
-        _lines(out, "wanted", [*cross, _circle(place, radius or r)], WANTED, -1.5, 50)
+        _lines(out, "wanted", [*cross, _circle(place, radius or r)], TARGET_COLOUR, -1.5, 50)
     elif goal.get("rest_for") in balls:
-        _lines(out, "wanted", [_circle(balls[goal["rest_for"]], 1.5 * r)], WANTED, -1.5, 50)
+        _lines(out, "wanted", [_circle(balls[goal["rest_for"]], 1.5 * r)], TARGET_COLOUR, -1.5, 50)
     for name in (name for name in goal.get("avoid") or [] if name in balls):
-        _lines(out, f"avoid/{out.path(name)}", [_circle(balls[name], 1.6 * r)], AVOID, -1.5, 50)
+        _lines(out, f"avoid/{out.path(name)}", [_circle(balls[name], 1.6 * r)], AVOID_COLOUR, -1.5, 50)
 
 
 def _draw_shot(
@@ -246,16 +247,16 @@ def _draw_shot(
 def _draw_draws(out: Out, plan: Mapping[str, Any]) -> None:
     """What the launcher may really do: ways and resting places, by what became of the draw."""
     fan = plan.get("fan") or []
-    for word, colour in FATES.items():
+    for word, colour in OUTCOME_COLOURS.items():
         strips = [path_of(track) for draw in fan if fate(draw) == word for track in draw["tracks"]]
         _lines(out, f"fan/{word}", strips, colour, -0.5, 5)
     cloud, potted = resting(plan)
     for word, chosen in (("potted", potted), ("missed", ~potted)):
         if chosen.any():
-            dots = {"radii": -1.4, "colors": FATES[word]}
+            dots = {"radii": -1.4, "colors": OUTCOME_COLOURS[word]}
             out.fixed(f"top/rest/{word}", out.rr.Points2D(cloud[chosen], **dots, draw_order=30))
-            out.fixed(f"space/rest/{word}", out.rr.Points3D(lift(cloud[chosen], CLEAR), **dots))
-    _lines(out, "rest/outline", [outline(cloud, share) for share in SHARES], WANTED, -0.8, 40)
+            out.fixed(f"space/rest/{word}", out.rr.Points3D(lift(cloud[chosen], PATH_HEIGHT_M), **dots))
+    _lines(out, "rest/outline", [outline(cloud, share) for share in OUTLINE_SHARES], TARGET_COLOUR, -0.8, 40)
 
 
 def _row(*cells: str) -> str:
@@ -281,7 +282,7 @@ def _describe(out: Out, plan: Mapping[str, Any], title: str) -> None:
         string = str((other.get("launcher") or {}).get("string", "–"))
         words = (str(number), str(other.get("kind", "")), string, *chances, rest_words(other.get("rest")))
         table.append(_row(*words, str(other.get("why") or "")))
-    pages = {"plan": lines, "alternatives": table if others else ["No alternatives."], "guide": [GUIDE]}
+    pages = {"plan": lines, "alternatives": table if others else ["No alternatives."], "guide": [PLAN_GUIDE]}
     for name, page in pages.items():
         out.fixed(f"text/{name}", out.rr.TextDocument("\n".join(page), media_type="text/markdown"))
 
@@ -296,12 +297,12 @@ def _blueprint(table: Table, ball: Ball, plan: Mapping[str, Any]) -> Any:
     def above(name: str, *contents: str) -> Any:
         # From the root, as a view leaves out the transform of its own origin.
         whole = ["+ /top", "+ /top/table/**", "+ /top/start/**", "+ /top/wanted", "+ /top/avoid/**", *contents]
-        return rrb.Spatial2DView(origin="/", contents=whole, visual_bounds=bounds, name=name, background=FLOOR)
+        return rrb.Spatial2DView(origin="/", contents=whole, visual_bounds=bounds, name=name, background=FLOOR_COLOUR)
 
     eye = rrb.EyeControls3D(kind="orbital", position=(0, -1.6 * y, 1.95 * y), look_target=(0, -0.1 * y, 0))
     space = rrb.Spatial3DView(
         origin="space", contents=["+ /space/**", "- /space/alternative/**"], name="In 3-D", eye_controls=eye,
-        background=FLOOR, line_grid=False,
+        background=FLOOR_COLOUR, line_grid=False,
     )  # fmt: skip
     views = [above("The plan", "+ /top/shot/**", "+ /top/fan/**", "+ /top/rest/**"), space]
     for number in range(1, len(plan.get("alternatives") or []) + 1):

@@ -1,5 +1,4 @@
-"""Shots to look at in the Rerun viewer: measured balls against modelled ones. Rerun is imported here and in
-models/recording/video.py alone.
+"""Shots to look at in the Rerun viewer: measured balls against modelled ones.
 
 Clips follow one another on the timeline `shot_time` [s], each with its t = 0 at a whole second; `clip` counts them.
 Error e(t) = modelled(t) - measured(t), the model interpolated linearly to the measured times, where both exist.
@@ -12,8 +11,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import re
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,26 +19,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.recording.file import whole_recording
+from models.recording.palette import (
+    CLOTH_COLOUR,
+    CUSHION_COLOUR,
+    FLOOR_COLOUR,
+    MODEL_COLOUR,
+    POCKET_COLOUR,
+    RAIL_COLOUR,
+    WHITE_COLOUR,
+    Colour,
+    ball_colour,
+)
 from models.shot import NOSE_HEIGHT, Array, Ball, Event, Table, Track
 
-Colour = tuple[int, int, int]  # red, green, blue in 0..255
 Series = Mapping[str, tuple[Array, Array]]  # ball -> time (n,) [s] in its clip, increasing; values (n, k)
 
-APPLICATION = "cuelab_review"
-MODEL: Colour = (0, 229, 255)
-CLOTH, CUSHION, RAIL, POCKET, FLOOR = (18, 92, 58), (11, 62, 40), (70, 42, 24), (8, 8, 8), (28, 30, 34)
-WHITE = (250, 248, 235)
-EVENTS = {"cushion": ("cushion", (255, 160, 0)), "ball": ("ball hits ball", (255, 70, 220)), "pocket": ("pot", WHITE)}
-_REST = ((0, 185, 85), (150, 85, 35), (45, 100, 255), (255, 140, 175), (22, 22, 22))
-BALLS: Mapping[str, Colour] = {"cue": WHITE, "white": WHITE, "red": (215, 25, 35), "yellow": (255, 215, 0)} | dict(
-    zip(("green", "brown", "blue", "pink", "black"), _REST, strict=True)
-)
-PALETTE = ((255, 127, 14), (148, 103, 189), (188, 189, 34), (120, 60, 120), (140, 160, 255), (160, 200, 160))
-GAP = 0.5  # least pause between two clips [s]
-UNSEEN = 0.05  # a ball without data for so long at its clip's end is hidden [s]
-CLEAR = 0.003  # height of paths over the cloth in the 3-D view [m]
-LABELLED, LEGEND = 6, 9  # most events of a clip with words on the table; most balls named in the plots
-GUIDE = """
+REVIEW_APPLICATION = "cuelab_review"
+EVENT_MARKS = {
+    "cushion": ("cushion", (255, 160, 0)),
+    "ball": ("ball hits ball", (255, 70, 220)),
+    "pocket": ("pot", WHITE_COLOUR),
+}
+CLIP_GAP_S = 0.5  # least pause between two clips [s]
+UNSEEN_S = 0.05  # a ball without data for so long at its clip's end is hidden [s]
+PATH_HEIGHT_M = 0.003  # height of paths over the cloth in the 3-D view [m]
+MAX_LABELLED, MAX_LEGEND = 6, 9  # most events of a clip with words on the table; most balls named in the plots
+REVIEW_GUIDE = """
 * **Solid balls and dots**: measured, in the balls' own colours.
 * **Cyan rings and lines**: the model. Where ring and ball part, the model is wrong.
 * **Orange, magenta, white points**: the model's cushion contacts, ball contacts, pots.
@@ -127,46 +131,25 @@ class Out:
         return [c.index for c in self.clips], [c.first for c in self.clips], count or [1] * len(self.clips)
 
 
-def ball_colour(name: str) -> Colour:
-    """The snooker colour that a ball's name starts with (`red_07` is red), else one of PALETTE, always the same."""
-    other = PALETTE[hashlib.sha256(name.encode()).digest()[0] % len(PALETTE)]
-    return BALLS.get(re.split(r"[^a-z]", name.lower(), maxsplit=1)[0], other)
-
-
 def write_review(path: Path | str, table: Table, ball: Ball, reviews: Sequence[Review], *, title: str) -> None:
     """Write one Rerun recording of all clips; the file appears whole or not at all.
 
-    Raises ValueError for arrays that do not fit each other, OSError when the file cannot be written.
+    Raises ValueError for arrays that do not fit each other, BadInput where the file cannot be written.
     """
     import rerun as rr
-    from rerun.chunk import RrdReader
 
-    target, clips = Path(path), _lay_out(reviews)
+    clips = _lay_out(reviews)
     digest = hashlib.sha256(repr((title, table, ball, [review.name for review in reviews])).encode())
     for time, values in (pair for clip in clips for series in clip.series.values() for pair in series.values()):
         digest.update(time.tobytes() + values.tobytes())
-    stream = rr.RecordingStream(APPLICATION, recording_id=digest.hexdigest()[:32], send_properties=False)
-    stream.set_log_time_enabled(False)
-    stream.set_log_tick_enabled(False)
-    out = Out(rr, stream, clips)
-    with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
-        part = Path(folder) / target.name
-        try:
-            stream.save(part, default_blueprint=_blueprint(table, ball, clips))
-            stream.send_recording_name(title)
-            draw_table(out, table, ball)
-            _draw_balls(out, ball)
-            _draw_events(out, ball)
-            _plot(out)
-            _describe(out, title)
-            stream.flush()
-            stream.disconnect()
-            RrdReader(part).store()  # refuses a file that was cut short
-        except RuntimeError as error:  # what Rerun raises for a full disk
-            raise OSError(f"{target}: cannot write the recording: {error}") from error
-        finally:
-            stream.disconnect()
-        part.replace(target)
+    blueprint = _blueprint(table, ball, clips)
+    with whole_recording(path, REVIEW_APPLICATION, digest.hexdigest()[:32], title, blueprint) as stream:
+        out = Out(rr, stream, clips)
+        draw_table(out, table, ball)
+        _draw_balls(out, ball)
+        _draw_events(out, ball)
+        _plot(out)
+        _describe(out, title)
 
 
 def _finite(time: Array, values: Array) -> tuple[Array, Array]:
@@ -194,7 +177,7 @@ def _lay_out(reviews: Sequence[Review]) -> list[_Clip]:
             series["error"][name] = time, np.column_stack([np.hypot(*e.T), e])
         all_times = np.concatenate([np.zeros(1), *(time for one in series.values() for time, _ in one.values())])
         low, high = float(all_times.min()), float(all_times.max())
-        start = math.ceil(clips[-1].last + GAP - low) if clips else 0.0
+        start = math.ceil(clips[-1].last + CLIP_GAP_S - low) if clips else 0.0
         clips.append(_Clip(review, index, start, start + low, start + high, series))
     if not clips:
         raise ValueError("no clips to review")
@@ -204,7 +187,7 @@ def _lay_out(reviews: Sequence[Review]) -> list[_Clip]:
 def draw_table(out: Out, table: Table, ball: Ball) -> None:
     rr, half, d, nose = out.rr, np.array([table.length, table.width]) / 2, ball.diameter, NOSE_HEIGHT * ball.radius
     out.fixed("top", rr.Transform3D(mat3x3=np.diag([1.0, -1.0, 1.0])))  # up is +y on a table, -y in a picture
-    layers = (("rail", 2.6 * d, RAIL), ("cushion", d, CUSHION), ("cloth", 0.0, CLOTH))
+    layers = (("rail", 2.6 * d, RAIL_COLOUR), ("cushion", d, CUSHION_COLOUR), ("cloth", 0.0, CLOTH_COLOUR))
     for order, (name, margin, colour) in enumerate(layers):
         scale = half + margin  # an image of 2 by 2: the only thing that Rerun fills in 2-D
         image = rr.Image(np.full((2, 2, 3), colour, dtype=np.uint8), draw_order=order - 100)
@@ -212,15 +195,15 @@ def draw_table(out: Out, table: Table, ball: Ball) -> None:
     (x, y), (u, v) = half + d / 2, half
     centres = [(0, 0, -0.01), (x, 0, nose / 2), (-x, 0, nose / 2), (0, y, nose / 2), (0, -y, nose / 2)]
     halves = [(*half + d, 0.01), *[(d / 2, v + d, nose / 2)] * 2, *[(u, d / 2, nose / 2)] * 2]
-    colours = [CLOTH] + [CUSHION] * 4
+    colours = [CLOTH_COLOUR] + [CUSHION_COLOUR] * 4
     out.fixed("space/table", rr.Boxes3D(centers=centres, half_sizes=halves, colors=colours, fill_mode="solid"))
     if table.pockets:
         r = 0.85 * d  # mouths of about 86 mm for balls of 52.5 mm
         corners = [(sx * (u + 0.3 * r), sy * (v + 0.3 * r)) for sx in (-1, 1) for sy in (-1, 1)]
         discs = np.array([*corners, (0, v + 0.8 * r), (0, -v - 0.8 * r)])
-        out.fixed("top/table/pockets", rr.Points2D(discs, radii=r, colors=POCKET, draw_order=-50))
+        out.fixed("top/table/pockets", rr.Points2D(discs, radii=r, colors=POCKET_COLOUR, draw_order=-50))
         holes = {"lengths": 1.1 * nose, "radii": r, "centers": lift(discs, nose / 2), "fill_mode": "solid"}
-        out.fixed("space/table/pockets", rr.Cylinders3D(**holes, colors=POCKET))
+        out.fixed("space/table/pockets", rr.Cylinders3D(**holes, colors=POCKET_COLOUR))
 
 
 def lift(xy: Array, height: float) -> Array:
@@ -237,8 +220,8 @@ def _appearances(clips: Sequence[_Clip], who: str, name: str) -> tuple[_Rows, Ar
         points.append(xy[seen])
         if not time.size or time[0] > clip.first:
             time, seen = np.append(clip.first, time), np.append(False, seen)
-        if seen[-1] and time[-1] < clip.last - UNSEEN:
-            time, seen = np.append(time, time[-1] + UNSEEN), np.append(seen, False)
+        if seen[-1] and time[-1] < clip.last - UNSEEN_S:
+            time, seen = np.append(time, time[-1] + UNSEEN_S), np.append(seen, False)
         index.append(np.full(time.size, clip.index))
         times.append(time)
         shown.append(seen.astype(int))
@@ -259,14 +242,14 @@ def _draw_balls(out: Out, ball: Ball) -> None:
                 ("top", "", rr.Points2D, {"radii": r, "draw_order": 20}, {"positions": xy}, rows),
                 ("top", "_path", rr.Points2D, {"radii": -1.8, "draw_order": 0}, {"positions": flat}, dots),
                 ("space", "", rr.Points3D, {"radii": r}, {"positions": high}, rows),
-                ("space", "_path", rr.Points3D, {"radii": -1.5}, {"positions": lift(flat, CLEAR)}, dots),
+                ("space", "_path", rr.Points3D, {"radii": -1.5}, {"positions": lift(flat, PATH_HEIGHT_M)}, dots),
             ]
         else:
-            colour, lines = MODEL, out.per_clip([int(len(path) > 1) for path in whole])
+            colour, lines = MODEL_COLOUR, out.per_clip([int(len(path) > 1) for path in whole])
             ring = {"centers": xy, "half_sizes": np.full(xy.shape, r)}
             globe = {"centers": high, "half_sizes": np.full(high.shape, 1.04 * r)}
             glass = {"fill_mode": "transparentfillmajorwireframe", "line_radii": -0.7}
-            raised = [lift(strip, CLEAR) for strip in strips]
+            raised = [lift(strip, PATH_HEIGHT_M) for strip in strips]
             things = [
                 ("top", "", rr.Ellipses2D, {"line_radii": -1.5, "draw_order": 30}, ring, rows),
                 ("top", "_path", rr.LineStrips2D, {"radii": -1.0, "draw_order": 10}, {"strips": strips}, lines),
@@ -281,10 +264,10 @@ def _draw_balls(out: Out, ball: Ball) -> None:
 def _draw_events(out: Out, ball: Ball) -> None:
     """The model's contacts: a mark on the table for the whole clip, and one at zero in the plot of errors."""
     rr = out.rr
-    for kind, (word, colour) in EVENTS.items():
+    for kind, (word, colour) in EVENT_MARKS.items():
         found = [(c, e, xy.mean(axis=0)) for c in out.clips for e, xy in c.events() if e.kind == kind and len(xy)]
         if found:
-            words = [f"{word} {e.time:.2f} s" if len(c.events()) <= LABELLED else "" for c, e, _ in found]
+            words = [f"{word} {e.time:.2f} s" if len(c.events()) <= MAX_LABELLED else "" for c, e, _ in found]
             count = [sum(clip is c for c, *_ in found) for clip in out.clips]
             style = {"colors": colour, "radii": 0.35 * ball.radius, "draw_order": 40}
             data = {"positions": np.array([xy for *_, xy in found]), "labels": words}
@@ -344,9 +327,9 @@ def _describe(out: Out, title: str) -> None:
     for clip in clips:
         table.append(f"| {clip.start:.0f} s | {clip.review.name} | {_rms(clip.distances())} | {clip.review.note} |")
         for event, _ in clip.events():
-            what = f"{EVENTS.get(event.kind, (event.kind,))[0]}: {' and '.join(event.balls)} {event.rail}".rstrip()
+            what = f"{EVENT_MARKS.get(event.kind, (event.kind,))[0]}: {' and '.join(event.balls)} {event.rail}".rstrip()
             said.append((clip.index, clip.start + event.time, what, "DEBUG"))
-    out.fixed("text/guide", rr.TextDocument(head + GUIDE, media_type="text/markdown"))
+    out.fixed("text/guide", rr.TextDocument(head + REVIEW_GUIDE, media_type="text/markdown"))
     out.fixed("text/clips", rr.TextDocument(head + "\n".join(table), media_type="text/markdown"))
     pages = {"text": [_page(clip, len(clips)) for clip in clips], "media_type": ["text/markdown"] * len(clips)}
     out.moving("text/clip", rr.TextDocument, {}, pages, out.per_clip())
@@ -363,7 +346,7 @@ def _blueprint(table: Table, ball: Ball, clips: Sequence[_Clip]) -> Any:
     longest, edge = max(clip.last - clip.first for clip in clips), rrb.TimeRangeBoundary.cursor_relative
     window = rrb.TimeRange(edge(seconds=-longest / 2), edge(seconds=longest))
     axis = rrb.TimeAxis(view_range=window) if len(clips) > 1 else None
-    legend = rrb.PlotLegend("lefttop", visible=len({name for c in clips for name in c.review.measured}) <= LEGEND)
+    legend = rrb.PlotLegend("lefttop", visible=len({name for c in clips for name in c.review.measured}) <= MAX_LEGEND)
 
     def plot(origin: str, name: str, who: str, column: int) -> Any:
         curves = [[values[:, column] for _, values in clip.series[who].values()] for clip in clips]
@@ -376,8 +359,10 @@ def _blueprint(table: Table, ball: Ball, clips: Sequence[_Clip]) -> Any:
     eye = rrb.EyeControls3D(kind="orbital", position=(0, -1.6 * y, 1.95 * y), look_target=(0, -0.1 * y, 0))
     # From the root, as a view leaves out the transform of its own origin.
     plan = {"origin": "/", "contents": "/top/**", "visual_bounds": rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y])}
-    above = rrb.Spatial2DView(**plan, name="Table from above", background=FLOOR)
-    space = rrb.Spatial3DView(origin="space", name="Table in 3-D", eye_controls=eye, background=FLOOR, line_grid=False)
+    above = rrb.Spatial2DView(**plan, name="Table from above", background=FLOOR_COLOUR)
+    space = rrb.Spatial3DView(
+        origin="space", name="Table in 3-D", eye_controls=eye, background=FLOOR_COLOUR, line_grid=False
+    )
     guide = rrb.TextDocumentView(origin="text/guide", name="How to read this")
     listing = rrb.TextDocumentView(origin="text/clips", name="All clips")
     tabs = rrb.Tabs(guide, listing, rrb.TextLogView(origin="text/log", name="Log"))

@@ -19,21 +19,22 @@ import numpy as np
 
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.recording.file import whole_recording
-from models.recording.shots import FLOOR, GAP, MODEL, UNSEEN, WHITE, Colour, Out, ball_colour, draw_table
+from models.recording.palette import FLOOR_COLOUR, MODEL_COLOUR, WHITE_COLOUR, Colour, ball_colour
+from models.recording.shots import CLIP_GAP_S, UNSEEN_S, Out, draw_table
 from models.shot import Array, Ball, Table
 
-APPLICATION = "cuelab_story"
+STORY_APPLICATION = "cuelab_story"
 Way = tuple[Array, Array]  # time (n,) [s] in its shot, increasing; places (n, 2) [m]; NaN where unseen
-TOLD: Colour = (255, 159, 28)
-CURVES: Mapping[str, tuple[str, Colour]] = {
+TARGET_COLOUR: Colour = (255, 159, 28)
+STORY_CURVES: Mapping[str, tuple[str, Colour]] = {
     "miss": ("miss of the cue ball", (140, 190, 240)),
     "median": ("its median in the block", (60, 130, 255)),
-    "spread": ("what the plan foresaw", TOLD),
+    "spread": ("what the plan foresaw", TARGET_COLOUR),
     "floor": ("the launcher's own scatter", (200, 200, 200)),
 }
-GUIDE = """
+STORY_GUIDE = """
 * **Solid balls and thick lines**: as filmed, in the balls' own colours. **Thin cyan lines**: as planned.
-* **Orange cross**: where the cue ball was told to stop; the **arrow** leads from there to where it did.
+* **Orange cross**: where the cue ball was commanded to stop; the **arrow** leads from there to where it did.
 * **White circle**: where it was wanted. **Thin rings**: where the balls lay.
 * **Timelines**: `shot` steps from shot to shot and shows how each ended; on `shot_time` the balls roll.
 * **Curves**, in mm over the shots: they end at the launcher's own scatter, if all else was learnt.
@@ -41,33 +42,33 @@ GUIDE = """
 
 
 @dataclass(frozen=True)
-class Scene:
+class SeriesShot:
     """One shot: what was planned, and what came of it."""
 
     number: int  # from 1
     start: Mapping[str, Array]  # ball -> (2,) [m], table frame
     planned: Mapping[str, Way] = field(default_factory=dict)  # by ball, of those that move
     played: Mapping[str, Way] = field(default_factory=dict)  # by ball, as filmed; empty where there is no film
-    told: Array | None = None  # (2,) where the cue ball was to stop [m]
+    target: Array | None = None  # (2,) where the cue ball was commanded to stop [m]
     stopped: Array | None = None  # (2,) where it did [m]
     wanted: Array | None = None  # (2,) where it was wanted [m]
-    curves: Mapping[str, float] = field(default_factory=dict)  # a key of CURVES -> [m]; NaN for none
+    curves: Mapping[str, float] = field(default_factory=dict)  # a key of STORY_CURVES -> [m]; NaN for none
     words: str = ""  # what came of it, in a line
     page: str = ""  # the same at length, Markdown
 
 
 @dataclass(frozen=True)
-class Recording:
+class SeriesRecording:
     """A series."""
 
-    scenes: Sequence[Scene]
+    scenes: Sequence[SeriesShot]
     lessons: Sequence[tuple[int, str]] = ()  # shots that a refit was made after, and what it found, in a line
     words: str = ""  # what the series came to, Markdown
     table: Table = SNOOKER_TABLE
     ball: Ball = SNOOKER_BALL
 
 
-def write_story(path: Path | str, recording: Recording, *, title: str) -> None:
+def write_story(path: Path | str, recording: SeriesRecording, *, title: str) -> None:
     """Write one Rerun recording of a series; the file appears whole or not at all.
 
     Raises BadInput where it cannot be written.
@@ -75,7 +76,7 @@ def write_story(path: Path | str, recording: Recording, *, title: str) -> None:
     import rerun as rr
 
     table, ball = recording.table, recording.ball
-    with whole_recording(path, APPLICATION, _digest(recording, title), title, _blueprint(table, ball)) as stream:
+    with whole_recording(path, STORY_APPLICATION, _digest(recording, title), title, _blueprint(table, ball)) as stream:
         out = _Film(rr, stream, (), _lay_out(recording.scenes))
         draw_table(out, table, ball)
         _draw_balls(out, ball)
@@ -88,7 +89,7 @@ def write_story(path: Path | str, recording: Recording, *, title: str) -> None:
 class _Laid:
     """A shot on the timeline: t = 0 at `start`, everything until `last` [s]."""
 
-    scene: Scene
+    scene: SeriesShot
     start: float
     last: float
 
@@ -120,19 +121,19 @@ class _Film(Out):
         return [one.scene.number for one in laid], [one.start for one in laid], count or [1] * len(laid)
 
 
-def _digest(recording: Recording, title: str) -> str:
+def _digest(recording: SeriesRecording, title: str) -> str:
     """Of all that is shown."""
     digest = hashlib.sha256(repr((title, recording.table, recording.ball, recording.words, recording.lessons)).encode())
     for scene in recording.scenes:
         digest.update(repr((scene.number, scene.words, scene.page, sorted(scene.curves.items()))).encode())
-        places = [scene.told, scene.stopped, scene.wanted, *scene.start.values()]
+        places = [scene.target, scene.stopped, scene.wanted, *scene.start.values()]
         ways = [part for who in (scene.planned, scene.played) for way in who.values() for part in way]
         for values in (np.empty(0) if part is None else np.asarray(part, float) for part in [*places, *ways]):
             digest.update(values.tobytes())
     return digest.hexdigest()[:32]
 
 
-def _lay_out(scenes: Sequence[Scene]) -> list[_Laid]:
+def _lay_out(scenes: Sequence[SeriesShot]) -> list[_Laid]:
     """The shots one after another, each from a whole second."""
     laid: list[_Laid] = []
     for scene in scenes:
@@ -142,7 +143,7 @@ def _lay_out(scenes: Sequence[Scene]) -> list[_Laid]:
                 shapes = f"time {np.shape(time)}, xy {np.shape(xy)}"
                 raise ValueError(f"shot {scene.number}, ball {name!r}: {shapes}; want (n,) and (n, 2)")
         whole = np.concatenate([np.zeros(1), *times])
-        start = math.ceil(laid[-1].last + GAP - float(whole.min())) if laid else 0.0
+        start = math.ceil(laid[-1].last + CLIP_GAP_S - float(whole.min())) if laid else 0.0
         laid.append(_Laid(scene, start, start + float(whole.max())))
     return laid
 
@@ -159,7 +160,11 @@ def _draw_balls(out: _Film, ball: Ball) -> None:
         for name in out.names(who):
             lines = [_line(getattr(one.scene, who).get(name)) for one in out.laid]
             strips = [line for line in lines if len(line) > 1]
-            style = {"radii": radius, "colors": MODEL if who == "planned" else ball_colour(name), "draw_order": order}
+            style = {
+                "radii": radius,
+                "colors": MODEL_COLOUR if who == "planned" else ball_colour(name),
+                "draw_order": order,
+            }
             rows = out.per_shot([int(len(line) > 1) for line in lines])
             out.send(f"top/{who}/{out.path(name)}", rr.LineStrips2D, style, {"strips": strips}, rows)
     for name in dict.fromkeys([*out.names("start"), *out.names("played")]):
@@ -193,29 +198,29 @@ def _appearance(one: _Laid, name: str) -> tuple[Array, Array, Any]:
     time, xy = np.asarray(scene.played[name][0], float), np.asarray(scene.played[name][1], float)
     if not len(time) or time[0] > 0:
         time, xy = np.append(0.0, time), np.vstack([scene.start.get(name, np.full(2, math.nan)), xy])
-    if time[-1] < max((t[-1] for t, _ in scene.played.values() if len(t)), default=0.0) - UNSEEN:
-        time, xy = np.append(time, time[-1] + UNSEEN), np.vstack([xy, np.full(2, math.nan)])
+    if time[-1] < max((t[-1] for t, _ in scene.played.values() if len(t)), default=0.0) - UNSEEN_S:
+        time, xy = np.append(time, time[-1] + UNSEEN_S), np.vstack([xy, np.full(2, math.nan)])
     return time, xy, np.isfinite(xy).all(axis=1)
 
 
 def _draw_marks(out: _Film, ball: Ball) -> None:
-    """Where the cue ball was told to stop, where it stopped, where it was wanted."""
+    """Where the cue ball was commanded to stop, where it stopped, where it was wanted."""
     rr, r = out.rr, ball.radius
     scenes = [one.scene for one in out.laid]
-    told = [s.told if s.told is not None and np.isfinite(s.told).all() else None for s in scenes]
+    targets = [s.target if s.target is not None and np.isfinite(s.target).all() else None for s in scenes]
     bars = [
-        [xy + r * np.array(bar) for bar in ([[-1, -1], [1, 1]], [[-1, 1], [1, -1]])] for xy in told if xy is not None
+        [xy + r * np.array(bar) for bar in ([[-1, -1], [1, 1]], [[-1, 1], [1, -1]])] for xy in targets if xy is not None
     ]
-    style: dict[str, Any] = {"radii": -1.6, "colors": TOLD, "draw_order": 40.0}
-    rows = out.per_shot([0 if xy is None else 2 for xy in told])
+    style: dict[str, Any] = {"radii": -1.6, "colors": TARGET_COLOUR, "draw_order": 40.0}
+    rows = out.per_shot([0 if xy is None else 2 for xy in targets])
     out.send("top/told", rr.LineStrips2D, style, {"strips": [bar for pair in bars for bar in pair]}, rows)
-    pairs = [None if a is None or s.stopped is None else (a, s.stopped) for a, s in zip(told, scenes, strict=True)]
+    pairs = [None if a is None or s.stopped is None else (a, s.stopped) for a, s in zip(targets, scenes, strict=True)]
     known = np.array([pair for pair in pairs if pair is not None]).reshape(-1, 2, 2)
     data = {"origins": known[:, 0], "vectors": known[:, 1] - known[:, 0]}
-    style = {"radii": -1.4, "colors": TOLD, "draw_order": 45.0}
+    style = {"radii": -1.4, "colors": TARGET_COLOUR, "draw_order": 45.0}
     out.send("top/miss", rr.Arrows2D, style, data, out.per_shot([int(pair is not None) for pair in pairs]))
     for part, colour, places in (
-        ("stopped", TOLD, [s.stopped for s in scenes]), ("wanted", WHITE, [s.wanted for s in scenes])
+        ("stopped", TARGET_COLOUR, [s.stopped for s in scenes]), ("wanted", WHITE_COLOUR, [s.wanted for s in scenes])
     ):  # fmt: skip
         rings = np.array([xy for xy in places if xy is not None]).reshape(-1, 2)
         data = {"centers": rings, "half_sizes": np.full(rings.shape, 1.2 * r)}
@@ -226,7 +231,7 @@ def _draw_marks(out: _Film, ball: Ball) -> None:
 def _plot(out: _Film) -> None:
     """Miss and forecast of every shot [mm]; a shot without leaves a gap."""
     rr = out.rr
-    for key, (name, colour) in CURVES.items():
+    for key, (name, colour) in STORY_CURVES.items():
         values = [1e3 * one.scene.curves.get(key, math.nan) for one in out.laid]
         if key == "miss":
             style = rr.SeriesPoints(colors=colour, names=name, marker_sizes=4.0)
@@ -236,11 +241,11 @@ def _plot(out: _Film) -> None:
         out.send(f"plot/{key}", rr.Scalars, {}, {"scalars": values}, out.per_shot())
 
 
-def _describe(out: _Film, recording: Recording, title: str) -> None:
+def _describe(out: _Film, recording: SeriesRecording, title: str) -> None:
     """Words: the series, how to read it, each shot, what refits found."""
     rr, style = out.rr, {"media_type": "text/markdown"}
     out.fixed("text/series", rr.TextDocument(f"# {title}\n{recording.words}", **style))
-    out.fixed("text/guide", rr.TextDocument(GUIDE, **style))
+    out.fixed("text/guide", rr.TextDocument(STORY_GUIDE, **style))
     pages = [one.scene.page or one.scene.words for one in out.laid]
     data = {"text": pages, "media_type": ["text/markdown"] * len(pages)}
     out.send("text/shot", rr.TextDocument, {}, data, out.per_shot())
@@ -262,7 +267,7 @@ def _blueprint(table: Table, ball: Ball) -> Any:
     x, y = np.array([table.length, table.width]) / 2 + 3 * ball.diameter
     # From the root, as a view leaves out the transform of its own origin.
     plan = {"origin": "/", "contents": "/top/**", "visual_bounds": rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y])}
-    above = rrb.Spatial2DView(**plan, name="The shot from above", background=FLOOR)
+    above = rrb.Spatial2DView(**plan, name="The shot from above", background=FLOOR_COLOUR)
     curves = rrb.TimeSeriesView(
         origin="plot", name="Miss of the cue ball over the shots [mm]", plot_legend=rrb.Corner2D.RightTop
     )

@@ -8,7 +8,6 @@ the same frames; marks are in the video's own pixels.
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,15 +17,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.recording.shots import CLOTH, FLOOR, POCKET, ball_colour
+from models.recording.file import whole_recording
+from models.recording.palette import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour
 from models.shot import Array, Table
 
-APPLICATION = "cuelab_track"
-WIDEST = 960  # of single pictures [pixels]
-QUALITY = 80  # of their JPEG
-UNSEEN = 2.5  # periods without a sighting after which a ball is hidden
-PLAYED = (".mp4", ".m4v", ".mov")  # containers that the viewer may play
-GUIDE = """
+TRACK_APPLICATION = "cuelab_track"
+MAX_WIDTH_PX = 960  # of single pictures [pixels]
+JPEG_QUALITY = 80  # of their JPEG
+UNSEEN_PERIODS = 2.5  # periods without a sighting after which a ball is hidden
+PLAYED_SUFFIXES = (".mp4", ".m4v", ".mov")  # containers that the viewer may play
+TRACK_GUIDE = """
 * **Rings on the video**: detections, in the balls' colours; a ball without a ring was not seen in that frame.
 * **Table from above**: where the balls are, with their paths in the shot that is on.
 * **Residual**: how far a sighting lies from a cubic through its four neighbours: noise, and a peak at every impact.
@@ -69,31 +69,18 @@ def write_track(
     """
     import rerun as rr
 
-    target = Path(path)
     digest = hashlib.sha256(repr((table, diameter, shots, *balls)).encode())
     for one in balls.values():
         digest.update(one.time.tobytes() + one.xy.tobytes())
-    stream = rr.RecordingStream(APPLICATION, recording_id=digest.hexdigest()[:32], send_properties=False)
-    stream.set_log_time_enabled(False)
-    stream.set_log_tick_enabled(False)
-    with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
-        part = Path(folder) / target.name
-        try:
-            stream.save(part, default_blueprint=_blueprint(table, diameter))
-            stream.send_recording_name(f"{Path(video).name}: {len(shots)} shots")
-            _video(rr, stream, Path(video), frames, pictures)
-            _table(rr, stream, table)
-            period = float(np.median(np.diff(frames[1]))) if len(frames[1]) > 1 else 1.0
-            for name, one in balls.items():
-                _ball(rr, stream, name, one, period, diameter)
-                _path(rr, stream, name, one, shots)
-            _words(rr, stream, shots)
-            stream.flush()
-        except RuntimeError as error:  # what Rerun raises for a full disk
-            raise OSError(f"{target}: cannot write the recording: {error}") from error
-        finally:
-            stream.disconnect()
-        part.replace(target)
+    title, blueprint = f"{Path(video).name}: {len(shots)} shots", _blueprint(table, diameter)
+    with whole_recording(path, TRACK_APPLICATION, digest.hexdigest()[:32], title, blueprint) as stream:
+        _video(rr, stream, Path(video), frames, pictures)
+        _table(rr, stream, table)
+        period = float(np.median(np.diff(frames[1]))) if len(frames[1]) > 1 else 1.0
+        for name, one in balls.items():
+            _ball(rr, stream, name, one, period, diameter)
+            _path(rr, stream, name, one, shots)
+        _words(rr, stream, shots)
 
 
 def _columns(rr: Any, time: Array, frame: NDArray[np.int64] | None) -> list[Any]:
@@ -114,9 +101,9 @@ def _video(
         stream.send_columns("picture/video", _columns(rr, time, index), references)
         return
     for when, number, picture in zip(time, index, pictures(), strict=False):
-        scale = min(1.0, WIDEST / picture.shape[1])
+        scale = min(1.0, MAX_WIDTH_PX / picture.shape[1])
         small = picture if scale == 1.0 else cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        _, coded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        _, coded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         stream.set_time("video_time", duration=float(when))
         stream.set_time("frame", sequence=int(number))
         if number == index[0]:
@@ -128,7 +115,7 @@ def _video(
 
 def _stamps(rr: Any, video: Path) -> NDArray[np.int64] | None:
     """Times of the frames of a video that the viewer plays [ns]; None of any other footage."""
-    if video.suffix.lower() not in PLAYED or not video.is_file():
+    if video.suffix.lower() not in PLAYED_SUFFIXES or not video.is_file():
         return None
     try:
         return np.asarray(rr.AssetVideo(path=video).read_frame_timestamps_nanos(), np.int64)
@@ -141,18 +128,20 @@ def _table(rr: Any, stream: Any, table: Table) -> None:
     stream.log("top", rr.Transform3D(mat3x3=np.diag([1.0, -1.0, 1.0])), static=True)
     half = np.array([table.length, table.width]) / 2
     place = rr.Transform3D(translation=[*-half, 0], scale=[*half, 1])
-    cloth = rr.Image(np.full((2, 2, 3), CLOTH, dtype=np.uint8), draw_order=-100)
+    cloth = rr.Image(np.full((2, 2, 3), CLOTH_COLOUR, dtype=np.uint8), draw_order=-100)
     stream.log("top/table/cloth", place, cloth, static=True)
     if table.pockets:
         discs = np.array([(sx * half[0], sy * half[1]) for sx in (-1, 0, 1) for sy in (-1, 1)])
-        stream.log("top/table/pockets", rr.Points2D(discs, radii=0.045, colors=POCKET, draw_order=-50), static=True)
+        stream.log(
+            "top/table/pockets", rr.Points2D(discs, radii=0.045, colors=POCKET_COLOUR, draw_order=-50), static=True
+        )
 
 
 def _ball(rr: Any, stream: Any, name: str, one: Sightings, period: float, diameter: float) -> None:
     """A ball on the video and on the table, hidden while it was not seen, and how its sightings scatter."""
     part, colour = rr.escape_entity_path_part(name), ball_colour(name)
     colour = colour if max(colour) > 90 else (140, 140, 140)  # black shows on black
-    gone = np.append(np.diff(one.time) > UNSEEN * period, True)
+    gone = np.append(np.diff(one.time) > UNSEEN_PERIODS * period, True)
     order = np.argsort(np.concatenate([one.time, one.time[gone] + 0.5 * period]), kind="stable")
     time = np.concatenate([one.time, one.time[gone] + 0.5 * period])[order]
     frame = np.concatenate([one.frame, one.frame[gone]])[order]
@@ -186,7 +175,7 @@ def _path(rr: Any, stream: Any, name: str, one: Sightings, shots: Sequence[tuple
 def _words(rr: Any, stream: Any, shots: Sequence[tuple[float, float, str]]) -> None:
     """How to read it, and what happens when."""
     listing = "\n".join(f"* {text}" for _, _, text in shots)
-    page = f"# Tracked footage\n{GUIDE}\n## Shots\n{listing or 'none'}"
+    page = f"# Tracked footage\n{TRACK_GUIDE}\n## Shots\n{listing or 'none'}"
     stream.log("text/guide", rr.TextDocument(page, media_type="text/markdown"), static=True)
     if shots:
         log = rr.TextLog.columns(text=[text for _, _, text in shots])
@@ -201,7 +190,7 @@ def _blueprint(table: Table, diameter: float) -> Any:
     bounds = rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y])
     # From the root, as a view leaves out the transform of its own origin.
     plan = {"origin": "/", "contents": "/top/**", "visual_bounds": bounds}
-    above = rrb.Spatial2DView(**plan, name="Table from above", background=FLOOR)
+    above = rrb.Spatial2DView(**plan, name="Table from above", background=FLOOR_COLOUR)
     video = rrb.Spatial2DView(origin="picture", name="Video and detections")
     curves = rrb.TimeSeriesView(origin="residual", name="Residual of sightings [mm]")
     words = rrb.TextDocumentView(origin="text/guide", name="How to read this")

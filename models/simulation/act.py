@@ -8,42 +8,24 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.cloth import GRIP, NEAR, RESTING, ROLLING, SLIDING, STILL, STILL_SPIN, add_cloth
+from models import record as rec
+from models.analytic.cloth import (
+    LAST_SLIP_MARGIN,
+    LAST_SLIP_S,
+    RESTING,
+    ROLLING,
+    SLIDING,
+    STILL_SPEED,
+    STILL_SPIN,
+    add_cloth,
+)
 from models.compiled import compiled
 from models.effect import STILL as NO_ROLL
 from models.engine.curve import push
-from models.hooks import (
-    AX,
-    AY,
-    BALL_FIELDS,
-    BX,
-    BY,
-    BZ,
-    LAUNCH,
-    MASS,
-    NUMBER,
-    ORDER,
-    RADIUS,
-    SLIDE_FACTOR,
-    SLIP_X,
-    SLIP_Y,
-    TIME,
-    VX,
-    VY,
-    WEIGHT,
-    WX,
-    WY,
-    WZ,
-    Hooks,
-    X,
-    Y,
-    call_horizon,
-)
-from models.hooks import ROLLED as HAS_ROLLED
-from models.hooks import ROLLING as IS_ROLLING
+from models.hooks import Hooks, call_horizon
 from models.shot import GRAVITY, Array, Ball
 
-CREEP = 1e-3  # shortest step towards a stop under a push from the side [s]
+MIN_STOP_STEP_S = 1e-3  # shortest step towards a stop under a push from the side [s]
 
 
 @dataclass
@@ -85,56 +67,64 @@ def act_rows(  # type: ignore[no-untyped-def]
     turning, rolling, span,
 ):  # fmt: skip
     """See `Balls.act`."""
-    r = np.zeros(BALL_FIELDS)
+    r = np.zeros(rec.BALL_FIELDS)
     at = r.ctypes.data
     for s in range(p.shape[0]):
         parameters = own[rows[s]].ctypes.data
         for i in range(p.shape[1]):
             if not alive[s, i]:
                 continue
-            r[X], r[Y], r[VX], r[VY] = p[s, i, 0], p[s, i, 1], v[s, i, 0], v[s, i, 1]
-            r[WX], r[WY], r[WZ] = w[s, i, 0], w[s, i, 1], w[s, i, 2]
-            ux, uy = r[VX] - radius * r[WY], r[VY] + radius * r[WX]
-            u, speed = math.sqrt(ux * ux + uy * uy), math.sqrt(r[VX] * r[VX] + r[VY] * r[VY])
-            r[SLIP_X], r[SLIP_Y], r[TIME], r[LAUNCH], r[ORDER] = ux, uy, time[s], launch[s], order[s]
-            r[HAS_ROLLED], r[NUMBER], r[RADIUS], r[MASS] = rolled[s, i], i, radius, mass
-            r[IS_ROLLING] = 1.0 if u < NO_ROLL and speed > NO_ROLL else 0.0
+            r[rec.X], r[rec.Y], r[rec.VX], r[rec.VY] = p[s, i, 0], p[s, i, 1], v[s, i, 0], v[s, i, 1]
+            r[rec.WX], r[rec.WY], r[rec.WZ] = w[s, i, 0], w[s, i, 1], w[s, i, 2]
+            ux, uy = r[rec.VX] - radius * r[rec.WY], r[rec.VY] + radius * r[rec.WX]
+            u, speed = math.sqrt(ux * ux + uy * uy), math.sqrt(r[rec.VX] * r[rec.VX] + r[rec.VY] * r[rec.VY])
+            r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.TIME], r[rec.LAUNCH], r[rec.ORDER] = (
+                ux,
+                uy,
+                time[s],
+                launch[s],
+                order[s],
+            )
+            r[rec.ROLLED], r[rec.NUMBER], r[rec.RADIUS], r[rec.MASS] = rolled[s, i], i, radius, mass
+            r[rec.ROLLING] = 1.0 if u < NO_ROLL and speed > NO_ROLL else 0.0
             push(r, at, parameters, forces, support)
-            rolling[s, i] = r[IS_ROLLING] > 0.0
+            rolling[s, i] = r[rec.ROLLING] > 0.0
             if cloth.shape[1] > 0:
                 slide, roll, spin = cloth[rows[s], 0], cloth[rows[s], 1], cloth[rows[s], 2]
-                mode = SLIDING if u > STILL else (ROLLING if speed > STILL else RESTING)
+                mode = SLIDING if u > STILL_SPEED else (ROLLING if speed > STILL_SPEED else RESTING)
                 over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / speed if speed > 0.0 else 0.0
-                add_cloth(r, mode, u, ux * over, uy * over, r[VX] * per, r[VY] * per, r[WZ], slide, roll, spin)
+                add_cloth(
+                    r, mode, u, ux * over, uy * over, r[rec.VX] * per, r[rec.VY] * per, r[rec.WZ], slide, roll, spin
+                )
                 span[s] = min(span[s], _until_switch(r, u, speed, slide))
             for k in range(horizon.shape[0]):
                 left = call_horizon(horizon[k, 0], parameters + 8 * horizon[k, 1], at)
                 if left == left:
                     span[s] = min(span[s], left)
-            acceleration[s, i, 0], acceleration[s, i, 1] = r[AX], r[AY]
-            turning[s, i, 0], turning[s, i, 1], turning[s, i, 2] = r[BX], r[BY], r[BZ]
+            acceleration[s, i, 0], acceleration[s, i, 1] = r[rec.AX], r[rec.AY]
+            turning[s, i, 0], turning[s, i, 1], turning[s, i, 2] = r[rec.BX], r[rec.BY], r[rec.BZ]
 
 
 @compiled
 def _until_switch(r, slip, speed, slide):  # type: ignore[no-untyped-def]
     """How long until a slide, a roll or a sidespin ends, at what acts now [s]."""
-    span, ax, ay = np.inf, r[AX], r[AY]
-    sliding = slip > STILL
+    span, ax, ay = np.inf, r[rec.AX], r[rec.AY]
+    sliding = slip > STILL_SPEED
     if sliding:
-        x, y = r[SLIP_X], r[SLIP_Y]
-        ax, ay = ax - r[RADIUS] * r[BY], ay + r[RADIUS] * r[BX]
+        x, y = r[rec.SLIP_X], r[rec.SLIP_Y]
+        ax, ay = ax - r[rec.RADIUS] * r[rec.BY], ay + r[rec.RADIUS] * r[rec.BX]
     else:
-        x, y = r[VX], r[VY]
+        x, y = r[rec.VX], r[rec.VY]
     closing, size = -(x * ax + y * ay), x * x + y * y
-    if size > STILL * STILL and closing > 0.0:
+    if size > STILL_SPEED * STILL_SPEED and closing > 0.0:
         span = size / closing
-        if sliding and r[SLIDE_FACTOR] != 1.0:
-            over = slip - 3.5 * slide * r[WEIGHT] * GRAVITY * GRIP
-            if over > NEAR * slip:
+        if sliding and r[rec.SLIDE_FACTOR] != 1.0:
+            over = slip - 3.5 * slide * r[rec.WEIGHT] * GRAVITY * LAST_SLIP_S
+            if over > LAST_SLIP_MARGIN * slip:
                 span = over * slip / closing
         # A rolling ball pushed across its way never comes to an exact stop: steps do not shrink without end.
         if not sliding and abs(x * ay - y * ax) > 1e-6 * closing:
-            span = max(span, CREEP)
-    if abs(r[WZ]) > STILL_SPIN and r[WZ] * r[BZ] < 0.0:
-        span = min(span, -r[WZ] / r[BZ])
+            span = max(span, MIN_STOP_STEP_S)
+    if abs(r[rec.WZ]) > STILL_SPIN and r[rec.WZ] * r[rec.BZ] < 0.0:
+        span = min(span, -r[rec.WZ] / r[rec.BZ])
     return span

@@ -21,7 +21,7 @@ from models.shot import Ball, Table
 if TYPE_CHECKING:
     from models.model_file import Model
 
-FIELDS = (
+BATCH_FIELDS = (
     "pair_friction",
     "pair_solref",
     "pair_solreffriction",
@@ -68,7 +68,7 @@ def batch(
     first = world([e.select(0) if any(editors) else e for e in effects] if any(editors) else effects)
     made = mujoco.batch.Batch(first, nsim, nthread=threads)
     if any(editors) and first.npair:
-        fields = {name: made.expand(name) for name in FIELDS}
+        fields = {name: made.expand(name) for name in BATCH_FIELDS}
         for s in range(nsim):
             variant = world([e.select(s) for e in effects])
             for name, values in fields.items():

@@ -22,27 +22,27 @@ import mujoco.batch
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.events import AWAY, DEAD
+from models import record as rec
+from models.analytic.events import DEAD_SPEED, MIN_IMPACT_SPEED
+from models.analytic.increments import ball_step, cushion_step
+from models.analytic.spring import CONTACT_GAP_M, SLIP_PARTS, SPRING_STEP_S, dampings, depth_of, spring
 from models.compiled import compiled
 from models.effect import Effect
-from models.impacts import DECAY, FIRST, FRICTION, GAIN, MASS_FIRST, RESTITUTION
-from models.increments import ball_step, cushion_step
 from models.mjcf.world import build_spec, rails
-from models.shot import NOSE_COSINE, RAILS, Array
+from models.shot import NOSE_COSINE, RAIL_NAMES, Array
 from models.simulation.act import Balls
-from models.spring import CLOSED, PARTS, STEP, dampings, depth_of, spring
 
 if TYPE_CHECKING:
     from models.model_file import Model
 
-FAR = 100.0  # from the table, for potted balls [m]
-IMPEDANCE = 1e-4  # the lowest that MuJoCo takes
+POTTED_DISTANCE_M = 100.0  # from the table, for potted balls [m]
+MIN_IMPEDANCE = 1e-4  # the lowest that MuJoCo takes
 
 
 @compiled
 def _meet(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array, c: int,
-    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, limits: Array,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """Gap, approach speed and normal (first body into second) of contact c in one simulation."""
     i, j = first[c], second[c]
@@ -56,19 +56,19 @@ def _meet(
     k, sign = j // 2, 1.0 - 2.0 * (j % 2)
     if not alive[i] or not span[c, 0] <= p[i, 1 - k] <= span[c, 1]:
         return np.inf, 0.0, 1.0, 0.0
-    return reach[k] - sign * p[i, k], sign * v[i, k], sign * (k == 0), sign * (k == 1)
+    return limits[k] - sign * p[i, k], sign * v[i, k], sign * (k == 0), sign * (k == 1)
 
 
 @compiled
 def overlaps(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
-    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, limits: Array,
 ) -> Array:  # fmt: skip
     """Depth of every contact (n, ncontact) [m], 0 where it is open."""
     out = np.zeros((p.shape[0], kind.size))
     for n in range(p.shape[0]):
         for c in range(kind.size):
-            gap, _, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
+            gap, _, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, limits)
             if gap < 0.0:
                 out[n, c] = depth_of(kind[c] == 1, gap, radius)[0]
     return out
@@ -93,17 +93,17 @@ def _local(
 @compiled
 def closing(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
-    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array, peak: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, limits: Array, peak: Array,
     out: NDArray[np.int64],
 ) -> int:  # fmt: skip
     """Contacts that close, or close faster than ever since: fills rows of out: (row, contact)."""
     count = 0
     for n in range(p.shape[0]):
         for c in range(kind.size):
-            gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
-            if gap > CLOSED:
+            gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, limits)
+            if gap > CONTACT_GAP_M:
                 peak[n, c] = 0.0
-            elif approach > max(peak[n, c], AWAY):
+            elif approach > max(peak[n, c], MIN_IMPACT_SPEED):
                 peak[n, c] = approach
                 out[count, 0], out[count, 1] = n, c
                 count += 1
@@ -113,7 +113,7 @@ def closing(
 @compiled
 def press(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
-    p: Array, v: Array, w: Array, alive: NDArray[np.bool_], reach: Array, given: Array, damping: Array, mu: Array,
+    p: Array, v: Array, w: Array, alive: NDArray[np.bool_], limits: Array, given: Array, damping: Array, mu: Array,
     cloth: Array, heavier: Array, m: float, r: float, force: Array, torque: Array, solref: Array,
 ) -> None:  # fmt: skip
     """Set the springs of closed contacts, solref (n, ncontact, 2), and add the friction that goes with them.
@@ -131,8 +131,8 @@ def press(
             cushion = kind[c] == 1
             i, j = first[c], second[c]
             solref[n, c, 0] = solref[n, c, 1] = 0.0
-            gap, approach, x, y = _meet(kind, first, second, span, c, p[n], v[n], alive[n], r, reach)
-            if gap > CLOSED:
+            gap, approach, x, y = _meet(kind, first, second, span, c, p[n], v[n], alive[n], r, limits)
+            if gap > CONTACT_GAP_M:
                 given[n, c] = 0.0
                 continue
             depth, level = depth_of(cushion, gap, r)
@@ -146,18 +146,18 @@ def press(
             own = m * heavier[n, i]
             other = own if cushion else m * heavier[n, j]
             moved = own if cushion else own / (1.0 + own / other)
-            dp = STEP * moved * max(k * pressed + b * approach, 0.0)
+            dp = SPRING_STEP_S * moved * max(k * pressed + b * approach, 0.0)
             if dp == 0.0:
                 continue
             s, out, after = (one, one_out, one_after) if cushion else (two, two_out, two_after)
             ax, ay, bx, by = _local(p[n], v[n], w[n], cushion, i, j, x, y, s)
             rub = (mu[n, c, 0], mu[n, c, 1], mu[n, c, 2])
             out[:] = s
-            for _ in range(PARTS):
+            for _ in range(SLIP_PARTS):
                 if cushion:
-                    cushion_step(out, dp / PARTS, (rub[0], cloth[n], own, r), after)
+                    cushion_step(out, dp / SLIP_PARTS, (rub[0], cloth[n], own, r), after)
                 else:
-                    ball_step(out, dp / PARTS, rub, (cloth[n], own, other, r), after)
+                    ball_step(out, dp / SLIP_PARTS, rub, (cloth[n], own, other, r), after)
                 out[:] = after
             # What the normal force itself does is MuJoCo's.
             if cushion:
@@ -167,30 +167,33 @@ def press(
                 out[5] -= dp / other
             for q in range(1 if cushion else 2):
                 ball, o = (i if q == 0 else j), 5 * q
-                va, vb = (out[o] - s[o]) * m / STEP, (out[o + 1] - s[o + 1]) * m / STEP
-                wa, wb = (out[o + 2] - s[o + 2]) * inertia / STEP, (out[o + 3] - s[o + 3]) * inertia / STEP
+                va, vb = (out[o] - s[o]) * m / SPRING_STEP_S, (out[o + 1] - s[o + 1]) * m / SPRING_STEP_S
+                wa, wb = (
+                    (out[o + 2] - s[o + 2]) * inertia / SPRING_STEP_S,
+                    (out[o + 3] - s[o + 3]) * inertia / SPRING_STEP_S,
+                )
                 force[n, ball, 0] += va * ax + vb * bx
                 force[n, ball, 1] += va * ay + vb * by
                 torque[n, ball, 0] += wa * ax + wb * bx
                 torque[n, ball, 1] += wa * ay + wb * by
-                torque[n, ball, 2] += (out[o + 4] - s[o + 4]) * inertia / STEP
+                torque[n, ball, 2] += (out[o + 4] - s[o + 4]) * inertia / SPRING_STEP_S
 
 
 @compiled
 def apart(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
-    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, reach: Array, given: Array, damping: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, limits: Array, given: Array, damping: Array,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
     """Simulations in which nothing presses or closes, and those in which nothing does so at a speed: (n,) each."""
     free, calm = np.ones(p.shape[0], np.bool_), np.ones(p.shape[0], np.bool_)
     for n in range(p.shape[0]):
         for c in range(kind.size):
             cushion = kind[c] == 1
-            gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, reach)
-            if gap > CLOSED:
+            gap, approach, _, _ = _meet(kind, first, second, span, c, p[n], v[n], alive[n], radius, limits)
+            if gap > CONTACT_GAP_M:
                 continue
-            calm[n] = calm[n] and abs(approach) < DEAD
-            if approach > AWAY:
+            calm[n] = calm[n] and abs(approach) < DEAD_SPEED
+            if approach > MIN_IMPACT_SPEED:
                 free[n] = False
                 continue
             depth, level = depth_of(cushion, gap, radius)
@@ -210,7 +213,7 @@ class Contacts:
         spec = self._spec(model, effects, balls)
         compiled = spec.compile()
         self.radius, self.mass = model.ball.radius, model.ball.mass
-        self.reach = model.table.reach(model.ball)
+        self.limits = model.table.centre_limits(model.ball)
         self.batch = mujoco.batch.Batch(compiled, nsim, nthread=threads)
         self.qpos = self.batch.bind("qpos").reshape(nsim, balls, 2)
         self.qvel = self.batch.bind("qvel").reshape(nsim, balls, 2)
@@ -234,7 +237,7 @@ class Contacts:
             if min(bodies) < 0:
                 piece = pieces[two - start]
                 k = "xy".index(piece.side[1])
-                self.kind[c], self.first[c], self.second[c] = 1, bodies[0], RAILS.index(piece.side)
+                self.kind[c], self.first[c], self.second[c] = 1, bodies[0], RAIL_NAMES.index(piece.side)
                 far = half[1 - k]
                 both = sorted(min(max(x, -far), far) for x in (piece.start[1 - k], piece.end[1 - k]))
                 # Beside a pocket the jaws let in what the straight rail would turn back.
@@ -251,11 +254,11 @@ class Contacts:
 
     def enter(self, rows: NDArray[np.int64], p: Array, v: Array, alive: NDArray[np.bool_]) -> None:
         """Take over simulations at the moment of a touch; p, v (n, nball, 3). Potted balls are put out of the way."""
-        away = FAR * (1.0 + np.arange(p.shape[1]))[:, None]
+        away = POTTED_DISTANCE_M * (1.0 + np.arange(p.shape[1]))[:, None]
         self.qpos[rows] = np.where(alive[..., None], p[..., :2], away)
         self.qvel[rows] = np.where(alive[..., None], v[..., :2], 0.0)
         self.given[rows] = overlaps(
-            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.reach
+            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.limits
         )  # fmt: skip
         self.peak[rows] = 0.0
         self.first_time[rows] = True
@@ -266,7 +269,7 @@ class Contacts:
         found = np.zeros((rows.size * self.kind.size, 2), np.int64)
         count = closing(
             self.kind, self.first, self.second, self.span, balls.position, balls.velocity, alive, self.radius,
-            self.reach, peak, found,
+            self.limits, peak, found,
         )  # fmt: skip
         self.peak[rows] = peak
         return found[:count]
@@ -276,10 +279,10 @@ class Contacts:
     ) -> NDArray[np.bool_]:
         """Give contacts of `which` (k, 2) what impacts (k, IMPACT_FIELDS) say of them; returns which are new."""
         at = rows[which[:, 0]], which[:, 1]
-        self.friction[at] = impacts[:, [FRICTION, GAIN, DECAY]]
-        self.damping[at] = dampings(cushion, impacts[:, RESTITUTION])
+        self.friction[at] = impacts[:, [rec.FRICTION, rec.GAIN, rec.DECAY]]
+        self.damping[at] = dampings(cushion, impacts[:, rec.RESTITUTION])
         for n in range(1 if cushion else 2):
-            heavier, ball = impacts[:, MASS_FIRST + n], impacts[:, FIRST + n].astype(np.int64)
+            heavier, ball = impacts[:, rec.MASS_FIRST + n], impacts[:, rec.FIRST + n].astype(np.int64)
             self.heavier[at[0], ball] = heavier
             self.inert[at[0], ball] = self.plain_mass * heavier[:, None]
             self.give[at[0], ball + 1] = self.plain_give / heavier[:, None]
@@ -298,7 +301,7 @@ class Contacts:
         force, torque = self.mass * balls.acceleration, balls.ball.inertia * balls.turning
         press(
             self.kind, self.first, self.second, self.span, balls.position, balls.velocity, balls.spin, alive,
-            self.reach, given, damping, self.friction[rows], cloth, self.heavier[rows], self.mass, self.radius,
+            self.limits, given, damping, self.friction[rows], cloth, self.heavier[rows], self.mass, self.radius,
             force, torque, solref,
         )  # fmt: skip
         self.solref[rows], self.given[rows] = solref, given
@@ -309,14 +312,14 @@ class Contacts:
         p[..., :2] = np.where(alive[..., None], self.qpos[rows], p[..., :2])
         v[..., :2] = np.where(alive[..., None], self.qvel[rows], v[..., :2])
         free, calm = apart(
-            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.reach, given, damping
+            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.limits, given, damping
         )  # fmt: skip
         return p, v, free, calm
 
     @staticmethod
     def _spec(model: Model, effects: Sequence[Effect], balls: int) -> mujoco.MjSpec:
         spec = build_spec(model.table, model.ball, [f"ball {i}" for i in range(balls)], effects)
-        spec.option.timestep = STEP
+        spec.option.timestep = SPRING_STEP_S
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_GRAVITY
         for body in spec.bodies[1:]:
             spec.delete(body.joints[0])
@@ -326,5 +329,5 @@ class Contacts:
             if pair.classname.name == "ball_bed":
                 spec.delete(pair)
                 continue
-            pair.condim, pair.solimp = 1, [IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]
+            pair.condim, pair.solimp = 1, [MIN_IMPEDANCE, MIN_IMPEDANCE, 0.001, 0.5, 2.0]
         return spec

@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 
 from models.compiled import compiled
 from models.effect import STILL
+from models.engine.curve import MIN_DECELERATION
 from models.hooks import Hooks
 from models.shot import Array
 from models.simulation.act import Balls
 
-TINY = 1e-5  # step along which nothing varies: parts of the last bit of speed would count as rest [s]
-TOLERANCE = 2e-6  # of a step, by its last term: some ten times its error of position or more [m]
-BRAKE = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
-SPIN = 0.02  # how long an error of sidespin counts [s]
-LONGER = 1.3  # than there is room for a trial may be
-TRIALS = 8
-MARGIN = 1.02  # of a trial beyond the touch that present forces would make
-LANDED = 1e-15  # change of the time of a touch that is none [s]
+TINY_STEP_S = 1e-5  # step along which nothing varies: parts of the last bit of speed would count as rest [s]
+STEP_TOLERANCE_M = 2e-6  # of a step, by its last term: some ten times its error of position or more [m]
+SPIN_ERROR_S = 0.02  # how long an error of sidespin counts [s]
+MAX_TRIAL_RATIO = 1.3  # than there is room for a trial may be
+MAX_TRIALS = 8
+TRIAL_MARGIN = 1.02  # of a trial beyond the touch that present forces would make
+NO_CHANGE_S = 1e-15  # change of the time of a touch that is none [s]
 
 Touch = Callable[[NDArray[np.int64], Array, Array], tuple[Array, NDArray[np.int64]]]
 
@@ -93,7 +93,7 @@ def ahead(balls: Balls, push: Array, turn: Array, t: Array) -> Balls:
 
 def look(hooks: Hooks, cloth: Array, balls: Balls, span: Array) -> Curve:
     """Follow what acts from the present, which `balls` hold, over a trial step."""
-    bend = np.where(span > TINY, span, 0.0)
+    bend = np.where(span > TINY_STEP_S, span, 0.0)
     push, turn = [balls.acceleration], [balls.turning]
     for part in (1 / 2, 3 / 4):
         then = ahead(balls, push[-1], turn[-1], part * bend)
@@ -119,12 +119,12 @@ def room(balls: Balls, curve: Curve, left: Array) -> Array:
         for push, turn in ((curve.push[k], curve.turn[k]) for k in (0, 2))
     )
     roll = curve.push[2][..., :2] - 2 / 7 * slip
-    lasts = np.minimum(left[:, None], np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) / BRAKE)
+    lasts = np.minimum(left[:, None], np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) / MIN_DECELERATION)
     size = np.hypot(roll[..., 0], roll[..., 1]) * lasts
-    early = BRAKE * lasts / np.maximum(np.hypot(now[..., 0], now[..., 1]), BRAKE)
-    size += early * np.hypot(slip[..., 0], slip[..., 1]) + SPIN * r * np.abs(turn[..., 2])
+    early = MIN_DECELERATION * lasts / np.maximum(np.hypot(now[..., 0], now[..., 1]), MIN_DECELERATION)
+    size += early * np.hypot(slip[..., 0], slip[..., 1]) + SPIN_ERROR_S * r * np.abs(turn[..., 2])
     worst = np.where(balls.alive, size, 0.0).max(axis=1)
-    return np.asarray(np.cbrt(np.divide(TOLERANCE, worst, out=np.full_like(worst, np.inf), where=worst > 0)))
+    return np.asarray(np.cbrt(np.divide(STEP_TOLERANCE_M, worst, out=np.full_like(worst, np.inf), where=worst > 0)))
 
 
 @compiled
@@ -165,8 +165,8 @@ def follow(hooks: Hooks, cloth: Array, balls: Balls, span: Array, left: Array) -
     """The curve over a trial step, or over as much of it as can be followed; and the room there was: (nsim,) [s]."""
     curve = look(hooks, cloth, balls, span)
     free = room(balls, curve, left)
-    for _ in range(TRIALS):
-        again = np.flatnonzero(curve.span > LONGER * free)
+    for _ in range(MAX_TRIALS):
+        again = np.flatnonzero(curve.span > MAX_TRIAL_RATIO * free)
         if again.size == 0:
             break
         some = take(balls, again)
@@ -182,11 +182,11 @@ def land(touch: Touch, curve: Curve, span: Array) -> tuple[Array, NDArray[np.int
     """The step up to the next touch on the curve, at most `span`, and what it is: (nsim,), (nsim, 3)."""
     rows = np.arange(span.size)
     step, hit = touch(rows, curve.chord(curve.push, span), span)
-    for _ in range(TRIALS):
+    for _ in range(MAX_TRIALS):
         rows = rows[(hit[rows, 0] > 0) & (step[rows] > 0)]
         if rows.size == 0:
             break
         at = step[rows]
         step[rows], hit[rows] = touch(rows, curve.chord(curve.push[:, rows], at), span[rows])
-        rows = rows[np.abs(step[rows] - at) > LANDED]
+        rows = rows[np.abs(step[rows] - at) > NO_CHANGE_S]
     return step, hit

@@ -19,9 +19,9 @@ from models.model_file import Model
 from models.shot import Array, Shot, Track
 from models.simulation.simulate import simulate
 
-UNDONE = 1e-13  # change of a place that is looked for, below which it is found [m]
-FAR = 1.0  # beyond it the search runs away [m]
-ROUNDS = 200
+PLACE_TOLERANCE_M = 1e-13  # change of a place that is looked for, below which it is found [m]
+RUNAWAY_M = 1.0  # beyond it the search runs away [m]
+MAX_ROUNDS = 200
 
 
 def camera(model: Model) -> tuple[Effect, ...]:
@@ -93,17 +93,17 @@ def unsee(reported, own, hooks, place):  # type: ignore[no-untyped-def]
     image = np.zeros(IMAGE_FIELDS)
     for i in range(reported.shape[0]):
         x, y = reported[i, 0], reported[i, 1]
-        for _ in range(ROUNDS):
+        for _ in range(MAX_ROUNDS):
             image[0], image[1], image[2], image[3], image[4] = x, y, 0.0, 0.0, 0.0
             for k in range(hooks.shape[0]):
                 call_hook(hooks[k, 0], own + 8 * hooks[k, 1], image.ctypes.data)
             dx, dy = image[0] - reported[i, 0], image[1] - reported[i, 1]
             x, y = x - dx, y - dy
             miss = max(abs(dx), abs(dy))
-            if not miss < FAR:
+            if not miss < RUNAWAY_M:
                 x, y = reported[i, 0], reported[i, 1]
                 break
-            if miss < UNDONE:
+            if miss < PLACE_TOLERANCE_M:
                 break
         place[i, 0], place[i, 1] = x, y
 
@@ -131,7 +131,7 @@ def _checked(eyes: Sequence[Effect], times: Array) -> Array:
 
 
 def _report(hooks: Hooks, number: int, track: Track, true: Array, shot: Shot) -> Track:
-    """A track as the camera tells it; `true` are its times on the camera's own axis, those of the shot are stamps."""
+    """A track as the camera reports it; `true` are its times on the camera's own axis, those of the shot are stamps."""
     position = np.array(track.position)
     see(position, np.ascontiguousarray(track.velocity), true, hooks.own[number].ctypes.data, hooks.observe)
     when = np.interp([e.time for e in track.events], np.append(0.0, track.times), np.append(0.0, shot.times))

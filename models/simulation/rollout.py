@@ -16,39 +16,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.events import DEAD
+from models import record as rec
+from models.analytic.events import DEAD_SPEED, LEAN_SPEED
 from models.analytic.impulse import collide_rows
-from models.analytic.pocket import NONE, Pockets, pockets_of, rail_of
-from models.engine.cluster import CROWD
+from models.analytic.pocket import NO_ARCS, Pockets, pockets_of, rail_of
+from models.analytic.spring import CALM_TIME_S, CUSHION_TIME, MAX_CLUSTER_S, SPRING_STEP_S
+from models.engine.cluster import CROWD_GAP_M
+from models.engine.impacts import ask_rows, crowded, part_rows, strike_rows
 from models.engine.motion import POTTED, REST
-from models.engine.play import LAWS
-from models.hooks import IMPACT_FIELDS, hooks_of
-from models.impacts import (
-    APPROACH,
-    DECAY,
-    FRICTION,
-    GAIN,
-    MASS_FIRST,
-    MASS_SECOND,
-    RESTITUTION,
-    ask_rows,
-    crowded,
-    part_rows,
-    strike_rows,
-)
+from models.engine.play import CLOTH_CONSTANTS
+from models.hooks import hooks_of
 from models.model_file import Model
 from models.shot import Array, Event, Shot, Track
 from models.simulation.act import Balls
 from models.simulation.batch import batch
 from models.simulation.contact import Contacts
-from models.simulation.curve import MARGIN, Curve, follow, land
+from models.simulation.curve import TRIAL_MARGIN, Curve, follow, land
 from models.simulation.sampling import record, record_curve, spin_to_world
-from models.simulation.touch import BALL, CUSHION, LEAN, LEAN_STEP, POCKET, native_step, next_touch
-from models.spring import CALM, CUSHION_TIME, LONGEST, STEP
+from models.simulation.touch import BALL, CUSHION, LEAN_STEP, POCKET, native_step, next_touch
 
 NATIVE_STEP = 2e-3  # longest step on native cloth [s]; its contact time is 4 ms
 NATIVE_RUN = 4  # of them between two looks at what comes next
-TURN = 1e-3  # speed from which a rolling ball may stop within a step [m/s]
+STOP_SPEED = 1e-3  # speed from which a rolling ball may stop within a step [m/s]
 MAX_STEPS = 200_000
 
 
@@ -74,7 +63,7 @@ class Rollout:
         self.varies = len(self.hooks.forces) > 0
         self.resolved = np.array([any(e.resolves == k for e in acting) for k in ("ball", "cushion")])
         self.exact = cloth is not None
-        laws = LAWS if cloth is not None else ()
+        laws = CLOTH_CONSTANTS if cloth is not None else ()
         self.cloth: Array = np.zeros((nsim, len(laws)))
         for k, law in enumerate(laws):
             self.cloth[:, k] = getattr(cloth, law)
@@ -90,7 +79,7 @@ class Rollout:
         self.timestep = self.batch.expand("opt.timestep")
         self.alive = np.ones((nsim, nball), bool)
         table, ball = self.model.table, self.model.ball
-        self.pockets = pockets_of(table, ball) if self.jaws else Pockets(table.mouths(), NONE, NONE)
+        self.pockets = pockets_of(table, ball) if self.jaws else Pockets(table.mouths(), NO_ARCS, NO_ARCS)
         # Until when; each ball with each other, each rail and jaw [s].
         self.quiet = np.full((nsim, nball, nball + 4 + len(self.pockets.jaws)), -np.inf)
         self.leaning = False
@@ -98,7 +87,7 @@ class Rollout:
         self.rolled = np.zeros((nsim, nball))
         self.room = np.full(nsim, np.inf)  # that the last step would have had, where forces vary [s]
         self.events: list[list[Event]] = [[] for _ in self.shots]
-        self.reach = table.reach(ball)
+        self.limits = table.centre_limits(ball)
         self.half = np.array([table.length / 2, table.width / 2])
         self.falls = np.array([[name not in s.staying for name in s.names] for s in self.shots])
         self._start()
@@ -174,7 +163,7 @@ class Rollout:
 
         def touch(some: Any, acceleration: Array, limit: Array) -> tuple[Array, NDArray[np.int64]]:
             return next_touch(
-                balls.position[some], balls.velocity[some], acceleration, alive[some], balls.ball.radius, self.reach,
+                balls.position[some], balls.velocity[some], acceleration, alive[some], balls.ball.radius, self.limits,
                 self.half, self.pockets.ends, self.pockets.jaws, self.pockets.falls, falls[some], self.resolved,
                 quiet[some], limit,
             )  # fmt: skip
@@ -183,7 +172,7 @@ class Rollout:
         rough = np.zeros(rows.size, bool)
         if not self.resolved.all():
             safe = native_step(
-                balls.position, balls.velocity, acceleration, alive, balls.ball.radius, self.reach, ~self.resolved,
+                balls.position, balls.velocity, acceleration, alive, balls.ball.radius, self.limits, ~self.resolved,
                 self.fine[rows], np.full(rows.size, np.inf),
             )  # fmt: skip
             hit[safe < step] = 0
@@ -192,7 +181,7 @@ class Rollout:
         curve = None
         if self.varies:
             now = (hit[:, 0] > 0) & ~rough & (step <= 0)  # they touch already, and no curve has no length
-            near = np.where(now, limit, np.minimum(MARGIN * step, limit))
+            near = np.where(now, limit, np.minimum(TRIAL_MARGIN * step, limit))
             trial = np.where((hit[:, 0] > 0) & ~rough, near, step)
             curve, free = follow(self.hooks, self.cloth, balls, trial, self.end[rows] - self.clock[rows])
             if self.resolved.all():
@@ -245,7 +234,7 @@ class Rollout:
                 first = balls.velocity + step[:, None, None] * curve.push[0]
                 back |= np.sum(balls.velocity[..., :2] * first[..., :2], axis=-1) < 0
             if back.any():
-                slow = back & balls.rolling & (np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) < TURN)
+                slow = back & balls.rolling & (np.hypot(balls.velocity[..., 0], balls.velocity[..., 1]) < STOP_SPEED)
                 v1[slow] = 0.0
                 w1[..., :2][slow] = 0.0
                 self.qvel[rows, :, :3] = v1
@@ -286,7 +275,7 @@ class Rollout:
         j: NDArray[np.int64],
     ) -> Array:  # fmt: skip
         """Impacts, one row each, as the effects say: (n, IMPACT_FIELDS)."""
-        out = np.zeros((rows.size, IMPACT_FIELDS))
+        out = np.zeros((rows.size, rec.IMPACT_FIELDS))
         ask_rows(
             kind == "cushion", p, v, w, i, j, self.pockets.jaws, self.model.ball.radius, self.order[rows],
             self.clock[rows], self.hooks.own, rows, self.hooks.impact, out,
@@ -300,22 +289,22 @@ class Rollout:
         w = spin_to_world(quat, self.qvel[rows, :, 3:], False)
         ball, i, j = self.model.ball, hit[:, 1], hit[:, 2]
         impact = self._coefficients(kind, rows, p, v, w, i, j)
-        approach, e, mu = impact[:, APPROACH], impact[:, RESTITUTION], impact[:, FRICTION]
+        approach, e, mu = impact[:, rec.APPROACH], impact[:, rec.RESTITUTION], impact[:, rec.FRICTION]
         # A rolling ball that has met something rolls on against it: one event, looked at every LEAN_STEP.
         other, now = j + (kind == "cushion") * self.alive.shape[1], self.clock[rows]
         leans = now < self.quiet[rows, i, other] + LEAN_STEP
-        slow = approach < np.where(leans, LEAN, DEAD)
+        slow = approach < np.where(leans, LEAN_SPEED, DEAD_SPEED)
         alone = np.ones(rows.size, bool)
         if self.resolved.all() and self.contacts != "never":
-            near = np.maximum(CROWD, approach * CUSHION_TIME)
+            near = np.maximum(CROWD_GAP_M, approach * CUSHION_TIME)
             there = np.where(self.alive[rows], REST, POTTED)
             crowd = crowded(
-                kind == "cushion", hit, p, there, near, ball.radius, self.reach, self.half,
+                kind == "cushion", hit, p, there, near, ball.radius, self.limits, self.half,
                 self.pockets.ends,
             )  # fmt: skip
             jaw = (j >= 4) & (kind == "cushion")  # no contact of MuJoCo's stands for a jaw
             crowd &= ~jaw
-            slow |= crowd & (approach < LEAN)  # what leans pushes on through the others
+            slow |= crowd & (approach < LEAN_SPEED)  # what leans pushes on through the others
             alone = slow | jaw | ~(crowd | (self.contacts == "always"))
         if not alone.all():
             self._through_contacts(rows[~alone])
@@ -326,8 +315,8 @@ class Rollout:
         p, v, w, quat, mu, now = (a[alone] for a in (p, v, w, quat, mu, now))
         slow, leans = slow[alone], leans[alone]
         collide_rows(
-            kind == "cushion", hit, p, v, w, e, mu, self.slide[rows], ball.mass, ball.radius, impact[alone, GAIN],
-            impact[alone, DECAY], impact[alone, MASS_FIRST] / impact[alone, MASS_SECOND], self.pockets.jaws,
+            kind == "cushion", hit, p, v, w, e, mu, self.slide[rows], ball.mass, ball.radius, impact[alone, rec.GAIN],
+            impact[alone, rec.DECAY], impact[alone, rec.MASS_FIRST] / impact[alone, rec.MASS_SECOND], self.pockets.jaws,
         )  # fmt: skip
         self.qvel[rows, :, :3] = v
         self.qvel[rows, :, 3:] = spin_to_world(quat, w, True)
@@ -335,7 +324,7 @@ class Rollout:
             self.leaning = True
             self.quiet[rows[slow], i[slow], other[slow]] = now[slow] + LEAN_STEP
             touching = p[slow]
-            part_rows(kind == "cushion", hit[slow], touching, ball.radius, self.reach, self.pockets.jaws)
+            part_rows(kind == "cushion", hit[slow], touching, ball.radius, self.limits, self.pockets.jaws)
             self.qpos[rows[slow], :, :3] = touching
         for k in np.flatnonzero(~(slow & leans)):
             self._log(int(rows[k]), kind, int(i[k]), int(j[k]))
@@ -359,7 +348,7 @@ class Rollout:
             self.world = Contacts(self.model, effects, nball, nsim, self.threads, self.pockets.ends)
         world = self.world
         world.enter(rows, self.qpos[rows, :, :3], self.qvel[rows, :, :3], self.alive[rows])
-        end, calm = self.clock[rows] + LONGEST, np.zeros(rows.size)
+        end, calm = self.clock[rows] + MAX_CLUSTER_S, np.zeros(rows.size)
         while rows.size:
             balls, alive, cloth = self._balls(rows), self.alive[rows], self.slide[rows]
             balls.act(self.hooks, self.cloth)
@@ -373,12 +362,12 @@ class Rollout:
                     for n in np.flatnonzero(begun):
                         self._log(int(rows[k[n]]), kind, int(i[n]), int(j[n]))
             p, v, free, rests = world.step(rows, balls, alive, cloth)
-            calm = np.where(rests, calm + STEP, 0.0)
-            w = balls.spin + balls.turning * STEP
-            self._record(rows, balls, np.full(rows.size, STEP), p, v, w)
+            calm = np.where(rests, calm + SPRING_STEP_S, 0.0)
+            w = balls.spin + balls.turning * SPRING_STEP_S
+            self._record(rows, balls, np.full(rows.size, SPRING_STEP_S), p, v, w)
             self.qpos[rows, :, :2], self.qvel[rows, :, :2] = p[..., :2], v[..., :2]
             self.qvel[rows, :, 3:] = spin_to_world(self.qpos[rows, :, 3:], w, True)
-            on = ~free & (calm < CALM) & (self.clock[rows] < end) & (self.next[rows] < self.count[rows])
+            on = ~free & (calm < CALM_TIME_S) & (self.clock[rows] < end) & (self.next[rows] < self.count[rows])
             rows, end, calm = rows[on], end[on], calm[on]
 
     def _pot(self, s: int, i: int) -> None:

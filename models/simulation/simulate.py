@@ -11,8 +11,8 @@ from models.model_file import Model
 from models.shot import Shot, Track
 from models.simulation.rollout import Rollout
 
-CHUNK = 1024  # simulations at a time
-CONTACTS = ("clusters", "always", "never")
+CHUNK_SIZE = 1024  # simulations at a time
+CONTACT_MODES = ("clusters", "always", "never")
 
 
 def _check(model: Model, shots: Sequence[Shot], jaws: bool) -> None:
@@ -75,13 +75,13 @@ def simulate(
         A track for every shot, in order; the same bytes at any thread count, and the same to
         rounding whatever else is in the batch.
     """
-    if contacts not in CONTACTS:
-        raise ValueError(f"contacts is {contacts!r}; choose from {', '.join(CONTACTS)}")
+    if contacts not in CONTACT_MODES:
+        raise ValueError(f"contacts is {contacts!r}; choose from {', '.join(CONTACT_MODES)}")
     _check(model, shots, jaws)
     if model.engine == "events" and contacts != "always" and not lacking(model):
         done, tracks_found = 0, []
-        for start in range(0, len(shots), CHUNK):
-            part = np.arange(start, min(start + CHUNK, len(shots)))
+        for start in range(0, len(shots), CHUNK_SIZE):
+            part = np.arange(start, min(start + CHUNK_SIZE, len(shots)))
             few = [shots[int(k)] for k in part]
             tracks_found += play(model.select(part), few, threads=threads, jaws=jaws, clusters=contacts == "clusters")
             done += part.size
@@ -93,8 +93,8 @@ def simulate(
     done = 0
     for size in np.unique(sizes):
         rows = np.flatnonzero(sizes == size)
-        for start in range(0, rows.size, CHUNK):
-            part = rows[start : start + CHUNK]
+        for start in range(0, rows.size, CHUNK_SIZE):
+            part = rows[start : start + CHUNK_SIZE]
             batch = Rollout(model, [shots[int(r)] for r in part], part, threads, contacts, jaws)
             for k, track in zip(part, batch.run(), strict=True):
                 tracks[k] = track

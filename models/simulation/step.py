@@ -36,14 +36,16 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.engine.motion import ROLLED
+from models.analytic.spring import damping_table
+from models.engine import columns as col
+from models.engine.impacts import strike_rows
 from models.engine.play import lacking, lay_out
 from models.engine.step import (
     HEAD,
     KEPT,
     LAUNCH,
     LEANING,
-    MOST,
+    MAX_STEP_EVENTS,
     ORDER,
     PARKED_DEPTH,
     STRUCK_AT,
@@ -53,21 +55,19 @@ from models.engine.step import (
     take_over,
 )
 from models.errors import BadInput
-from models.impacts import strike_rows
 from models.mjcf.world import build_spec
 from models.model_file import Model
 from models.shot import Array
-from models.spring import damping_table
 
-TIMESTEP = 2e-3  # unless said otherwise [s]
-BAND, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # of marked balls: colour, half its width over the radius
+DEFAULT_TIMESTEP_S = 2e-3  # unless said otherwise [s]
+BAND_COLOUR, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # of marked balls: colour, half its width over the radius
 
 
 class World:
     """One table with its balls, compiled, which `step` advances; the struck ball is the first."""
 
     def __init__(
-        self, model: Model, names: Sequence[str], *, timestep: float = TIMESTEP, jaws: bool = False,
+        self, model: Model, names: Sequence[str], *, timestep: float = DEFAULT_TIMESTEP_S, jaws: bool = False,
         furnished: bool = False, marked: bool = False,
     ) -> None:  # fmt: skip
         """Compile the table, a free joint for each ball.
@@ -101,8 +101,8 @@ class World:
         hooks, pockets = game.hooks, game.pockets
         self._own = hooks.own[0]
         self._rest = (
-            hooks.forces, hooks.support, hooks.horizon, hooks.impact, game.cloth[0], game.mass, game.radius, game.reach,
-            game.half, pockets.ends, pockets.jaws, pockets.falls, damping_table(),
+            hooks.forces, hooks.support, hooks.horizon, hooks.impact, game.cloth[0], game.mass, game.radius,
+            game.limits, game.half, pockets.ends, pockets.jaws, pockets.falls, damping_table(),
         )  # fmt: skip
 
     def place(self, places: Mapping[str, ArrayLike], data: mujoco.MjData | None = None) -> mujoco.MjData:
@@ -144,7 +144,7 @@ class World:
         kept[STRUCK_AT], kept[LAUNCH], kept[ORDER] = data.time, float(np.hypot(*v[0, 0])), order
         kept[WRITTEN] = 0.0
         balls = kept[HEAD : HEAD + KEPT * len(self.names)].reshape(-1, KEPT)
-        balls[:, [ROLLED, LEANING]] = 0.0
+        balls[:, [col.ROLLED, LEANING]] = 0.0
         mujoco.mj_step1(self.mj_model, data)
 
     def step(self, data: Any, steps: int = 1) -> None:
@@ -160,7 +160,9 @@ class World:
             take_over(qpos, qvel, data.xfrc_applied, begin, end - begin, self._qpos, self._qvel, self._bodies, kept,
                   self._game.mass, self._game.radius, self._game.half)  # fmt: skip
             if not play_step(kept, end, self._qpos, self._qvel, qpos, qvel, self._own.ctypes.data, *self._rest):
-                raise RuntimeError(f"the step from {begin:.6f} s has not come to its end after {MOST} events")
+                raise RuntimeError(
+                    f"the step from {begin:.6f} s has not come to its end after {MAX_STEP_EVENTS} events"
+                )
             data.time = end
         mujoco.mj_step1(self.mj_model, data)
 
@@ -184,5 +186,5 @@ def _mark(spec: mujoco.MjSpec, names: Sequence[str], radius: float) -> None:
     for name in names:
         spec.body(name).add_geom(
             name=f"band {name}", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[1.004 * radius, BAND_WIDTH * radius, 0],
-            rgba=[*BAND, 1], contype=0, conaffinity=0,
+            rgba=[*BAND_COLOUR, 1], contype=0, conaffinity=0,
         )  # fmt: skip

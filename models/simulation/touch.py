@@ -12,16 +12,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.events import in_mouth, line, meeting
+from models.analytic.events import LEAN_SPEED, in_mouth, line, meeting
 from models.analytic.pocket import straight
 from models.compiled import compiled
 
 Array = NDArray[np.float64]
 
 BALL, CUSHION, POCKET = 1, 2, 3
-PUSH_STEP = 4e-4  # step while something is pressed against something without moving [s]: 2.4 m/s^2 stay below DEAD
+PUSH_STEP = (
+    4e-4  # step while something is pressed against something without moving [s]: 2.4 m/s^2 stay below DEAD_SPEED
+)
 LEAN_STEP = 2e-3  # between two looks at what leans [s]
-LEAN = 1e-2  # approach speed that leaning may come to meanwhile [m/s]
 
 
 @compiled
@@ -31,7 +32,7 @@ def next_touch(
     acceleration: Array,
     alive: NDArray[np.bool_],
     radius: float,
-    reach: Array,
+    limits: Array,
     half: Array,
     mouths: Array,
     jaws: Array,
@@ -43,7 +44,7 @@ def next_touch(
 ) -> tuple[Array, NDArray[np.int64]]:
     """The step to the next touch of every simulation, at most `limit`, and what it is: (nsim,), (nsim, 3).
 
-    Positions (nsim, nball, 3); `reach` and `half` (2,): where centres meet the cushions, and the nose lines;
+    Positions (nsim, nball, 3); `limits` and `half` (2,): where centres meet the cushions, and the nose lines;
     `mouths` (corner, middle, capture) [m], zeros on a table without pockets; where pockets have jaws the ends of
     the straight cushions, `jaws` the arcs and `edges` the falls of models/analytic/pocket.py, otherwise of no rows;
     `falls` (nsim, nball): which balls a pocket takes; `what`: balls?, cushions?
@@ -67,15 +68,15 @@ def next_touch(
                     k = rail // 2
                     sign = 1.0 - 2.0 * (rail % 2)
                     if bent:
-                        t = straight(rail, reach, p, v, a, half, mouths, h)
+                        t = straight(rail, limits, p, v, a, half, mouths, h)
                     else:
-                        t = line(reach[k] - sign * p[k], sign * v[k], sign * a[k], h)
+                        t = line(limits[k] - sign * p[k], sign * v[k], sign * a[k], h)
                     if t == np.inf:
                         continue
                     if t < 0.0:
                         push = min(push, PUSH_STEP) if what[1] else push
                         continue
-                    if quiet[s, i, nball + rail] > t and sign * (v[k] + a[k] * t) < LEAN:
+                    if quiet[s, i, nball + rail] > t and sign * (v[k] + a[k] * t) < LEAN_SPEED:
                         t = quiet[s, i, nball + rail]
                     o = 1 - k
                     if pockets and in_mouth(p[o] + v[o] * t + 0.5 * a[o] * t * t, rail, half, mouths):
@@ -100,7 +101,7 @@ def next_touch(
                     if quiet[s, i, nball + 4 + k] > t:
                         x, y = x + v[0] * t, y + v[1] * t
                         closing = -(x * (v[0] + a[0] * t) + y * (v[1] + a[1] * t)) / jaws[k, 2]
-                        t = quiet[s, i, nball + 4 + k] if closing < LEAN else t
+                        t = quiet[s, i, nball + 4 + k] if closing < LEAN_SPEED else t
                     if t < h or (t == h and hit[s, 0] == 0):
                         h, hit[s, 0], hit[s, 1], hit[s, 2] = t, CUSHION, i, 4 + k
             elif moving and pockets:
@@ -124,7 +125,7 @@ def next_touch(
                     closing = (
                         -(x * (v[0] - w[0] + t * (a[0] - b[0])) + y * (v[1] - w[1] + t * (a[1] - b[1]))) / diameter
                     )
-                    t = quiet[s, j, i] if closing < LEAN else t
+                    t = quiet[s, j, i] if closing < LEAN_SPEED else t
                 if t < h:
                     h, hit[s, 0], hit[s, 1], hit[s, 2] = t, BALL, j, i
         if push < h:
@@ -140,7 +141,7 @@ def native_step(
     acceleration: Array,
     alive: NDArray[np.bool_],
     radius: float,
-    reach: Array,
+    limits: Array,
     what: NDArray[np.bool_],
     fine: Array,
     coarse: Array,
@@ -156,7 +157,7 @@ def native_step(
             if what[1]:
                 for k in range(2):
                     for sign in (-1.0, 1.0):
-                        gap = reach[k] - sign * p[k]
+                        gap = limits[k] - sign * p[k]
                         step[s] = min(step[s], _safe(gap, sign * v[k], sign * a[k], fine[s]))
             if what[0]:
                 for j in range(i):

@@ -13,10 +13,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from models.engine.impacts import strike_rows
 from models.engine.play import finish, lacking
 from models.errors import BadInput
 from models.hooks import hooks_of
-from models.impacts import strike_rows
 from models.model_file import Model
 from models.shot import GRAVITY, Shot, Track
 from models.simulation.simulate import simulate

@@ -23,7 +23,7 @@ import tomli_w
 from numpy.typing import ArrayLike, NDArray
 
 from models.analytic import cueing
-from models.analytic.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt, launch
+from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, ball_speed_and_squirt, launch
 from models.errors import BadInput
 from models.files import read_toml, write_whole
 from models.shot import Ball
@@ -77,8 +77,8 @@ class CueingMap:
         given = [np.atleast_1d(np.asarray(v, float)) for v in (cue_speed, x0_mm, y0_mm)]
         v, x, y = np.broadcast_arrays(given[0], 1e-3 * given[1], 1e-3 * given[2])
         speed, squirt = ball_speed_and_squirt(self.constants, self.geometry, v, x, y)
-        slopes = np.empty((len(NAMES), 2, len(v)))
-        for k, name in enumerate(NAMES):
+        slopes = np.empty((len(CONSTANT_NAMES), 2, len(v)))
+        for k, name in enumerate(CONSTANT_NAMES):
             step = 1e-4 * max(abs(getattr(self.constants, name)), 1e-3)
             moved = dataclasses.replace(self.constants, **{name: getattr(self.constants, name) + step})
             other = ball_speed_and_squirt(moved, self.geometry, v, x, y)
@@ -165,7 +165,7 @@ def write_map(path: Path | str, cueing_map: CueingMap) -> None:
         "ball": {"diameter": g.ball.diameter, "mass": g.ball.mass},
         "cue": {"tip_radius": g.tip_radius, "elevation": g.elevation},
         "constants": dataclasses.asdict(m.constants),
-        "uncertainty": {"names": list(NAMES), "covariance": [[float(v) for v in row] for row in m.covariance]},
+        "uncertainty": {"names": list(CONSTANT_NAMES), "covariance": [[float(v) for v in row] for row in m.covariance]},
         "execution": dataclasses.asdict(m.execution),
         "fit": {"shots": m.shots, "left_out": m.left_out, "chi2_reduced": m.chi2_reduced},
     }
@@ -183,7 +183,7 @@ def read_map(path: Path | str) -> CueingMap:
     cue = _numbers(path, data, "cue", {"tip_radius": (0.002, 0.03), "elevation": (0.0, 1.5)})
     constants = _numbers(path, data, "constants", bounds)
     rest = data.get("uncertainty", {})
-    covariance = np.full((len(NAMES), len(NAMES)), math.nan)
+    covariance = np.full((len(CONSTANT_NAMES), len(CONSTANT_NAMES)), math.nan)
     if rest:
         covariance = _covariance(path, rest)
     fit = data.get("fit", {})
@@ -230,8 +230,11 @@ def _covariance(path: Path | str, table: Any) -> Array:
         found = np.array(rows, float)
     except (TypeError, ValueError):
         found = np.zeros(0)
-    if names != list(NAMES) or found.shape != (len(NAMES), len(NAMES)):
-        raise BadInput(f"{path} [uncertainty]: give names = {list(NAMES)} and their covariance, {len(NAMES)} rows")
+    if names != list(CONSTANT_NAMES) or found.shape != (len(CONSTANT_NAMES), len(CONSTANT_NAMES)):
+        raise BadInput(
+            f"{path} [uncertainty]: give names = {list(CONSTANT_NAMES)} and their covariance, "
+            f"{len(CONSTANT_NAMES)} rows"
+        )
     fault = not np.all(np.isnan(found)) and (
         not np.all(np.isfinite(found)) or not np.allclose(found, found.T) or np.any(np.diag(found) < 0)
     )

@@ -34,7 +34,7 @@ SPEED, AZIMUTH, SIDE, HEIGHT = range(4)
 class Launcher:
     """What strokes a launcher can play."""
 
-    cue: cueing.Cue = field(default_factory=cueing.Cue)
+    cue: cueing.CueStick = field(default_factory=cueing.CueStick)
     slowest: float = 0.3  # of the cue [m/s]; '200p' (Robotic Billiards 2015)
     fastest: float = 2.2  # of the cue [m/s]; the paper's bound on planned shots, its launcher reaches 2.75
     first: float = 2.75  # cue speed of '001p' [m/s]

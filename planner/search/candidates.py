@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shot import RAILS
+from models.shot import RAIL_NAMES
 from planner.evaluation.outcome import wanted
 from planner.evaluation.play import Player
 from planner.evaluation.value import Wish, clear, worth
@@ -69,14 +69,14 @@ def _mirrored(scene: Scene, place: Array, rail: int) -> Array:
         return place
     k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
     out = place.copy()
-    out[k] = 2 * sign * scene.table.reach(scene.ball)[k] - place[k]
+    out[k] = 2 * sign * scene.table.centre_limits(scene.ball)[k] - place[k]
     return out
 
 
 def _bounce(scene: Scene, start: Array, image: Array, rail: int) -> Array | None:
     """Where the line to a mirrored place meets the rail, within its straight part; None where it does not."""
     k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-    level = sign * scene.table.reach(scene.ball)[k]
+    level = sign * scene.table.centre_limits(scene.ball)[k]
     way = image - start
     if abs(way[k]) < 1e-9:
         return None
@@ -141,7 +141,7 @@ def every_way(scene: Scene) -> Iterator[Way]:
 
 
 def _beyond(scene: Scene, ghost: Array) -> bool:
-    return bool((np.abs(ghost) > scene.table.reach(scene.ball) + 1e-3).any())
+    return bool((np.abs(ghost) > scene.table.centre_limits(scene.ball) + 1e-3).any())
 
 
 def _at_rail(pocket: Pocket, rail: int) -> bool:
@@ -229,6 +229,6 @@ def describe(way: Way) -> str:
     pocket = POCKETS[way.pocket]
     style, sides = pocket_name(pocket).split(" ", 1)
     kind = "straight" if way.cut < STRAIGHT else f"cut of {math.degrees(way.cut):.0f} degrees"
-    bank = f" off the {RAILS[way.bank]} cushion" if way.bank >= 0 else ""
-    kick = f", cue ball by way of the {RAILS[way.kick]} cushion" if way.kick >= 0 else ""
+    bank = f" off the {RAIL_NAMES[way.bank]} cushion" if way.bank >= 0 else ""
+    kick = f", cue ball by way of the {RAIL_NAMES[way.kick]} cushion" if way.kick >= 0 else ""
     return f"{kind} into the {style} pocket {sides}{bank}{kick}"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from models.console import table
 from models.files import write_whole
-from models.recording.shots import ball_colour
+from models.recording.palette import ball_colour
 from models.shot import Ball, Table
 from planner.evaluation.outcome import FOULS
 from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, png

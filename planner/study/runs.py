@@ -132,7 +132,7 @@ def draw_scene(study: Study, number: int) -> tuple[Scene, int]:
 
 def _places(model: Model, count: int, rng: np.random.Generator) -> Array | None:
     """Places of balls (count, 2) [m] in the area; None where they lie too near to each other."""
-    reach, end = model.table.reach(model.ball), model.table.length / 2
+    reach, end = model.table.centre_limits(model.ball), model.table.length / 2
     low = np.array([-reach[0], -min(AREA[1] / 2, reach[1])])
     high = np.array([min(AREA[0] - end, reach[0]), -low[1]])
     # The object ball is drawn from what is free of cushions.
@@ -161,7 +161,7 @@ def _reachable(player: Player, way: Way, rng: np.random.Generator) -> Array | No
     good = np.flatnonzero(out.made & np.isfinite(out.cue[:, 0]))
     if good.size == 0:
         return None
-    reach = scene.table.reach(scene.ball)
+    reach = scene.table.centre_limits(scene.ball)
     return np.clip(np.round(out.cue[good[int(rng.integers(good.size))]], 3), -reach, reach)
 
 

@@ -64,7 +64,7 @@ class Series:
         """The configuration of the loop; without a model file the base on this table."""
         import numpy as np
 
-        from models.analytic.cue_impulse import NAMES, Constants, Geometry
+        from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry
         from models.model_file import full_model, read_model
         from planner.launcher.cueing_map import CueingMap, read_map
         from planner.launcher.execution import Execution
@@ -79,7 +79,7 @@ class Series:
         if self.map_file:
             cueing_map = read_map(self.map_file)
         else:
-            unknown = np.full((len(NAMES), len(NAMES)), math.nan)
+            unknown = np.full((len(CONSTANT_NAMES), len(CONSTANT_NAMES)), math.nan)
             cueing_map = CueingMap(Constants(), Geometry(model.ball), unknown, Execution())
         with_map(Launcher(), cueing_map, model.ball)  # of these balls, or refused before anything is played
         course = Course(model, cueing_map, self.shots, self.every, self.seed, self.balls, stops=not self.all_shots)

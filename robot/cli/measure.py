@@ -99,7 +99,7 @@ def map_(progress: Progress, campaign: Path, out: Path, report_file: Path | None
     """
     import numpy as np
 
-    from models.analytic.cue_impulse import NAMES
+    from models.analytic.cue_impulse import CONSTANT_NAMES
     from planner.launcher.cueing_map import write_map
     from robot.cueing.campaign import read_campaign
     from robot.cueing.map_fit import fit_map
@@ -109,7 +109,7 @@ def map_(progress: Progress, campaign: Path, out: Path, report_file: Path | None
     write_map(out, made)
     sds = np.sqrt(np.diag(made.covariance))
     rows = [("constant", "value", "sd")]
-    rows += [(n, f"{getattr(made.constants, n):.6g}", f"{sd:.2g}") for n, sd in zip(NAMES, sds, strict=True)]
+    rows += [(n, f"{getattr(made.constants, n):.6g}", f"{sd:.2g}") for n, sd in zip(CONSTANT_NAMES, sds, strict=True)]
     print(table(rows))
     print(f"map: {out} ({made.shots} shots, {made.left_out} left out, chi2 {made.chi2_reduced:.2f})")
     if report_file or picture_file:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from models.analytic.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt
+from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, ball_speed_and_squirt
 from models.errors import BadInput
 from models.shot import Ball
 from planner.launcher.cueing_map import CueingMap
@@ -100,10 +100,10 @@ def _solve(
 ) -> tuple[Constants, Array, float, int]:
     """Constants, their covariance, the reduced chi squared, and how many shots lie too far off to count."""
     speed, side, height, measured, camera = columns(shots)
-    before = np.array([getattr(centre, name) for name in NAMES])
-    width = np.array([PRIOR_SD[name] for name in NAMES])
+    before = np.array([getattr(centre, name) for name in CONSTANT_NAMES])
+    width = np.array([PRIOR_SD[name] for name in CONSTANT_NAMES])
     fields = {f.name: f.metadata["bounds"] for f in dataclasses.fields(Constants)}
-    low, high = (np.array([fields[name][k] for name in NAMES]) for k in (0, 1))
+    low, high = (np.array([fields[name][k] for name in CONSTANT_NAMES]) for k in (0, 1))
     root = np.linalg.cholesky(_covariances(speed, side, height, camera + _shared(shots), begin, geometry, noise))
     keep = np.ones(len(shots), bool)
 
@@ -114,7 +114,7 @@ def _solve(
     def left(p: Array) -> Array:
         return np.concatenate([miss(p)[keep].ravel(), (p - before) / width])
 
-    p = np.clip([getattr(begin, name) for name in NAMES], low, high)
+    p = np.clip([getattr(begin, name) for name in CONSTANT_NAMES], low, high)
     for loss in ("soft_l1", "linear"):
         found = least_squares(left, p, bounds=(low, high), x_scale=width, loss=loss, f_scale=2.0, max_nfev=80)
         if not found.success:
@@ -129,7 +129,7 @@ def _solve(
 
 def to_constants(p: Array) -> Constants:
     """Constants from their values in the order of NAMES."""
-    return Constants(**{name: float(v) for name, v in zip(NAMES, p, strict=True)})
+    return Constants(**{name: float(v) for name, v in zip(CONSTANT_NAMES, p, strict=True)})
 
 
 def _derivatives(speed: Array, side: Array, height: Array, constants: Constants, geometry: Geometry) -> Array:

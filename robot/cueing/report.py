@@ -21,7 +21,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.cue_impulse import NAMES
+from models.analytic.cue_impulse import CONSTANT_NAMES
 from models.command_line import FILE_PATH, Number, lone_command, output_option, run
 from models.console import Status, table
 from models.errors import BadInput
@@ -250,7 +250,7 @@ def _scores(scores: Sequence[Score]) -> str:
 
 def _constants(whole: CueingMap, tenth: CueingMap) -> str:
     rows = []
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(CONSTANT_NAMES):
         cells = []
         for m in (whole, tenth):
             cells += [number(getattr(m.constants, name)), number(math.sqrt(m.covariance[k, k]))]

@@ -25,7 +25,7 @@ from scipy.optimize import least_squares
 from models.analytic.cloth import slip, state_at
 from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
-from models.mjcf.launcher import PREFIX, Scene, build_scene, strike
+from models.mjcf.launcher import NAME_PREFIX, LauncherScene, build_scene, strike
 from models.mjcf.native import solref
 from models.shot import GRAVITY, Array, Ball, Table
 from planner.launcher.stroke import Launcher
@@ -78,16 +78,16 @@ def draw_hidden(rng: np.random.Generator) -> Hidden:
     )
 
 
-def hidden_scene(hidden: Hidden) -> Scene:
+def hidden_scene(hidden: Hidden) -> LauncherScene:
     """The launcher at the table with these constants in it."""
     scene = build_scene(TABLE, BALL, ("white",), SPOT, 0.0, end_mass=hidden.end_mass, tip_friction=hidden.tip_friction)
     spec = scene.spec
-    spec.body(f"{PREFIX}cue").mass = hidden.cue_mass - hidden.end_mass
+    spec.body(f"{NAME_PREFIX}cue").mass = hidden.cue_mass - hidden.end_mass
     reduced = 1.0 / (1.0 / BALL.mass + 1.0 / hidden.cue_mass)
     stiffness, damping = (-value for value in solref(hidden.tip_restitution))
     # solref is for a contact of the world's CONTACT_TIME; the leather's own takes half of that, 1 ms.
     for axis in "xyz":
-        joint = spec.joint(f"{PREFIX}leather {axis}")
+        joint = spec.joint(f"{NAME_PREFIX}leather {axis}")
         joint.stiffness, joint.damping = [4.0 * stiffness * reduced, 0, 0], [2.0 * damping * reduced, 0, 0]
     bed = next(p for p in spec.pairs if {p.geomname1, p.geomname2} == {"ball white", "bed"})
     bed.condim, bed.friction = 3, [hidden.friction, hidden.friction, 0, 0, 0]

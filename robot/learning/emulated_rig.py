@@ -72,7 +72,7 @@ class EmulatedStand:
     def lay(self, scene: Scene, number: int) -> Laid:
         """Lay the balls of a shot."""
         rng = np.random.default_rng([self.seed, number, LAY])
-        reach = scene.table.reach(scene.ball)
+        reach = scene.table.centre_limits(scene.ball)
         laid = np.clip(scene.position + HAND_SD * rng.standard_normal(scene.position.shape), -reach, reach)
         self.table = self._table(scene, laid, number, 0)
         launcher, _ = emulated_launcher(self.settings, self.table.hit, self._rng(number, 0), say=lambda line: None)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from models.recording.shots import CLOTH
+from models.recording.palette import CLOTH_COLOUR
 from models.shot import Table
 from robot.learning.history import Shot, Story
 from sysid.clips.faults import one_line
@@ -184,7 +184,7 @@ def above(story: Story) -> tuple[float, Draw] | None:
         handles: dict[str, Any] = {}
         for ax in axes:
             handles |= {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-        style = {"facecolor": _rgb(CLOTH), "edgecolor": "none", "labelcolor": "white", "framealpha": 1.0}
+        style = {"facecolor": _rgb(CLOTH_COLOUR), "edgecolor": "none", "labelcolor": "white", "framealpha": 1.0}
         fig.legend(handles.values(), handles, loc="outside lower center", ncols=4, frameon=True, **style)
 
     return height, draw

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from models.analytic.cue_impulse import NAMES
+from models.analytic.cue_impulse import CONSTANT_NAMES
 from models.model_file import Model
 from models.shot import Array
 from planner.launcher.cueing_map import CueingMap
@@ -53,7 +53,7 @@ class Learnt:
         """Constants of the map, with their standard deviations."""
         sds = np.sqrt(np.diag(self.cueing_map.covariance))
         made = self.cueing_map.constants
-        return {n: {"value": getattr(made, n), "sd": float(s)} for n, s in zip(NAMES, sds, strict=True)}
+        return {n: {"value": getattr(made, n), "sd": float(s)} for n, s in zip(CONSTANT_NAMES, sds, strict=True)}
 
 
 def relearn(

@@ -16,8 +16,8 @@ from html import escape
 from pathlib import Path
 
 from models.files import write_whole
-from models.recording.story import Recording, Way, write_story
-from models.recording.story import Scene as Film
+from models.recording.story import SeriesRecording, Way, write_story
+from models.recording.story import SeriesShot as Film
 from models.shot import Array
 from planner.scene import pocket_name
 from robot.learning.history import Refit, Shot, Story
@@ -179,7 +179,7 @@ def _noted(shot: Shot) -> list[str]:
     return out + [str(note) for note in shot.played.get("noted") or []]
 
 
-def recording_of(story: Story) -> Recording:
+def recording_of(story: Story) -> SeriesRecording:
     """A series as the plain values that are drawn in Rerun."""
     median = {k: story.median_miss(*block) for block in blocks(story) for k in range(block[0], block[1] + 1)}
     films = tuple(_film(shot, median[shot.number]) for shot in story.shots)
@@ -187,8 +187,8 @@ def recording_of(story: Story) -> Recording:
     lessons = tuple((refit.shots, _plain(_lesson(refit, found[refit.shots].added))) for refit in story.refits)
     words = _plain("\n\n".join(sentences(story)))
     if not story.shots:
-        return Recording(films, lessons, words)
-    return Recording(films, lessons, words, story.shots[0].scene.table, story.shots[0].scene.ball)
+        return SeriesRecording(films, lessons, words)
+    return SeriesRecording(films, lessons, words, story.shots[0].scene.table, story.shots[0].scene.ball)
 
 
 def _film(shot: Shot, median: float) -> Film:

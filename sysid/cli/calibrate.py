@@ -86,11 +86,11 @@ class View:
 
     def sides(self) -> list[str]:
         """The cushions in view."""
-        from models.shot import RAILS
+        from models.shot import RAIL_NAMES
 
         sides = [side.strip() for side in self.sees.split(",")]
-        if len(sides) < 3 or len(set(sides)) < len(sides) or not set(sides) <= set(RAILS):
-            raise BadInput(f"--sees {self.sees}: name three or four of {', '.join(RAILS)}, joined by commas")
+        if len(sides) < 3 or len(set(sides)) < len(sides) or not set(sides) <= set(RAIL_NAMES):
+            raise BadInput(f"--sees {self.sees}: name three or four of {', '.join(RAIL_NAMES)}, joined by commas")
         return sides
 
     def crossings(self) -> NDArray[np.float64] | None:

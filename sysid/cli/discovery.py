@@ -84,7 +84,9 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
     held_out = len({parent_clip(c.file) for c in parts.held_out.clips}) if parts.held_out else 0
     print(f"{len(clip_set.clips)} clips, {held_out} of them held out, noise {parts.noise * 1e3:.3f} mm")
     if seen.segments:
-        print(f"whole shots: {base.rms * 1e3:.3f} mm rms; therefore {seen.segments} segments between impacts are fitted")
+        print(
+            f"whole shots: {base.rms * 1e3:.3f} mm rms; therefore {seen.segments} segments between impacts are fitted"
+        )
     print(f"base: {seen.base.rms * 1e3:.3f} mm rms, held out {seen.base.held_rms * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
     notes = [*([cut_line(parts)] if parts.cut else []), *verdict_lines(judged, unexplained), *shot_lines(shot)]

@@ -72,7 +72,7 @@ def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: fl
 
     A fast impact shows from one frame to the next, a slow one in the velocities fitted before and after.
     """
-    reach = table.reach(ball)
+    reach = table.centre_limits(ball)
     cuts = []
     step = np.diff(xy, axis=0)
     for axis, letter in enumerate("xy"):

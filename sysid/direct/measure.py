@@ -194,7 +194,7 @@ class Rebound:
 def rebounds(found: Sequence[Stretch], clip_set: ClipSet, known: Known) -> list[Rebound]:
     """Every rebound with enough of the tracks beside it."""
     kept = []
-    reach = clip_set.table.reach(clip_set.ball)
+    reach = clip_set.table.centre_limits(clip_set.ball)
     for k in found:
         s, end = k.segment, float(k.segment.time[-1])
         after = _next(found, s.clip, s.ball, "cushion", end) if s.after == "cushion" else None

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.analytic.spring import damping_table
 from models.compiled import compiled
-from models.engine.loop import ROW, play_shot, workspace
-from models.engine.play import MOST, Layout, over_threads
+from models.engine.impacts import deliver
+from models.engine.loop import ROW_SIZE, play_shot, workspace
+from models.engine.play import MAX_EVENTS, Layout, over_threads
 from models.errors import BadInput
 from models.hooks import STROKE_FIELDS
-from models.impacts import deliver
 from models.simulation.observe import camera, expose, see, unsee
-from models.spring import damping_table
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -119,7 +119,7 @@ def residuals(
             first, last, x, which, samples.stamps, samples.begun, samples.azimuth, samples.order, samples.struck,
             samples.balls, samples.rest, samples.stays, samples.count, samples.at, samples.xy, samples.theta,
             samples.trusted, sd, sd_theta, horizon, hooks.own, hooks.forces, hooks.support, hooks.horizon, hooks.impact,
-            hooks.strike, hooks.observe, hooks.exposures, game.cloth, game.mass, game.radius, game.reach, game.half,
+            hooks.strike, hooks.observe, hooks.exposures, game.cloth, game.mass, game.radius, game.limits, game.half,
             pockets.ends, pockets.jaws, pockets.falls, table, out, faults,
         )  # fmt: skip
 
@@ -141,10 +141,10 @@ def residual_rows(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """See `residuals`."""
     most = rest.shape[1]
-    track = np.zeros((stamps.shape[1], most, ROW))
+    track = np.zeros((stamps.shape[1], most, ROW_SIZE))
     position, velocity = np.zeros((stamps.shape[1], most, 2)), np.zeros((stamps.shape[1], most, 2))
     log, who, counts, potted = np.zeros(0), np.zeros((0, 3), np.int64), np.zeros(4, np.int64), np.zeros(most, np.bool_)
-    start, place, cue = np.zeros((most, ROW)), np.zeros((most, 2)), np.zeros(STROKE_FIELDS)
+    start, place, cue = np.zeros((most, ROW_SIZE)), np.zeros((most, 2)), np.zeros(STROKE_FIELDS)
     size, work = most, workspace(most, forces.shape[0] > 0)
     for row in range(first, last):
         w = which[row]
@@ -187,7 +187,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
         # A play that is given up leaves its balls where they were then.
         play_shot(
             work, start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row],
-            mass, radius, reach, half, mouths, jaws, falls, table, True, looked[seen - 1], MOST, looked,
+            mass, radius, reach, half, mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS, looked,
             track[:seen, :n], log, who, counts, potted[:n],
         )  # fmt: skip
         for i in range(n):

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.effect import Effect
+from models.engine.impacts import strike_rows
 from models.engine.play import Layout
 from models.hooks import hooks_of
-from models.impacts import strike_rows
 from models.model_file import Model
 from models.shot import Shot, Track
 from models.simulation.observe import observed, undone

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.recording.shots import CLOTH, CUSHION, POCKET, RAIL, ball_colour
+from models.recording.palette import CLOTH_COLOUR, CUSHION_COLOUR, POCKET_COLOUR, RAIL_COLOUR, ball_colour
 from models.shot import POCKET_MOUTH, Table
 from sysid.clips.faults import one_line
 from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH, svg
@@ -310,7 +310,7 @@ def draw_table(ax: Any, table: Table, *, dark: bool) -> None:
     """Rail, cushion, bed and pockets, with axes in metres; on a light bed the pockets alone are dark."""
     from matplotlib.patches import Rectangle
 
-    colours = [tuple(c / 255 for c in colour) for colour in (RAIL, CUSHION, CLOTH)]
+    colours = [tuple(c / 255 for c in colour) for colour in (RAIL_COLOUR, CUSHION_COLOUR, CLOTH_COLOUR)]
     light = ("#d9cfc6", "#c3d2c8", "#f3f6f4")
     half = np.array([table.length, table.width]) / 2
     for margin, colour in zip((0.11, 0.05, 0.0), colours if dark else light, strict=True):
@@ -320,7 +320,9 @@ def draw_table(ax: Any, table: Table, *, dark: bool) -> None:
         centres = [(sx * half[0], sy * half[1]) for sx in (-1, 0, 1) for sy in (-1, 1)]
         for x, y in centres:
             deeper = (x + 0.015 * np.sign(x), y + (0.015 if x else 0.03) * np.sign(y))
-            ax.add_patch(_circle(deeper, POCKET_MOUTH / 2, fc=tuple(c / 255 for c in POCKET), ec="none", zorder=3))
+            ax.add_patch(
+                _circle(deeper, POCKET_MOUTH / 2, fc=tuple(c / 255 for c in POCKET_COLOUR), ec="none", zorder=3)
+            )
     reach = half + 0.11
     ax.set(xlim=(-reach[0], reach[0]), ylim=(-reach[1], reach[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     ax.spines[["left", "bottom"]].set_visible(False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from models.errors import BadInput
 from models.recording.shots import Review, write_review
 from sysid.residuals.comparison import Comparison
 
@@ -21,7 +20,4 @@ def write_rrd(path: str | Path, comparison: Comparison) -> None:
         for clip, track in zip(comparison.shots, comparison.tracks, strict=True)
     ]
     title = "model: " + (", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact")
-    try:
-        write_review(Path(path), comparison.clip_set.table, comparison.clip_set.ball, reviews, title=title)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written ({error}); choose another place") from error
+    write_review(path, comparison.clip_set.table, comparison.clip_set.ball, reviews, title=title)

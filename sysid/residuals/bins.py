@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shot import RAILS, Table
+from models.shot import RAIL_NAMES, Table
 from sysid.residuals.samples import Array, Samples
 
 Index = NDArray[np.int64]
@@ -53,7 +53,7 @@ def variables(samples: Samples, table: Table, clips: int) -> tuple[Variable, ...
         chosen("ball", ("the struck ball", "another ball"), np.where(s.struck, 0, 1)),
         chosen("event before", ("after the strike", "after a ball", "after a cushion"),
                _index(s.last, ("strike", "ball", "cushion"))),
-        chosen("rail before", tuple(f"after rail {r}" for r in RAILS), _index(s.rail, RAILS)),
+        chosen("rail before", tuple(f"after rail {r}" for r in RAIL_NAMES), _index(s.rail, RAIL_NAMES)),
     ]  # fmt: skip
     return (*found, *order(s.clip, clips))
 

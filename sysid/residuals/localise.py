@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from models.shot import RAILS, Table
+from models.shot import RAIL_NAMES, Table
 from sysid.residuals.accelerations import Array, Index, runs_of
 from sysid.residuals.bins import ANGLES, APPROACHES, SIDESPINS, Variable, chosen, cut, order, place, variables
 from sysid.residuals.impacts import Impacts
@@ -156,8 +156,8 @@ def jumps(impacts: Impacts, table: Table, clips: int) -> Candidates | None:
     known = [
         chosen("event", ("rebounds from cushions", "balls that hit another", "balls hit by another"),
                np.array([("cushion", "hitting ball", "hit ball").index(k) for k in impacts.kind])),
-        chosen("rail", tuple(f"rebounds from rail {r}" for r in RAILS),
-               np.array([RAILS.index(r) if r else -1 for r in impacts.rail])),
+        chosen("rail", tuple(f"rebounds from rail {r}" for r in RAIL_NAMES),
+               np.array([RAIL_NAMES.index(r) if r else -1 for r in impacts.rail])),
     ]  # fmt: skip
     cushion = kind == "cushion"
     finer = [
@@ -171,7 +171,7 @@ def jumps(impacts: Impacts, table: Table, clips: int) -> Candidates | None:
         for who, inside in (("rebounds from cushions", cushion), ("impacts of balls", ~cushion)):
             words = tuple(f"{who} {w}" for w in v.words)
             known.append(Variable(v.name, words, np.where(inside, v.group, -1), v.middle, v.unit))
-    for r in RAILS:
+    for r in RAIL_NAMES:
         on = np.array([rail == r for rail in impacts.rail], dtype=bool)
         fast = impacts.approach > 1.0
         words = (f"rebounds from rail {r} below 1 m/s", f"rebounds from rail {r} above 1 m/s")

@@ -121,7 +121,7 @@ def _words(text: str) -> set[str]:
 def _hook(terms: Sequence[Term], signature: str, summary: str, variables: dict[str, str]) -> list[str]:
     """The lines of a hook with the terms of its quantities; none where there are none."""
     codes = {"forces": kinds.CLOTH, "impact": kinds.IMPACTS, "observe": kinds.IMAGE}[signature.partition("(")[0]]
-    here = [t for t in terms if 1 + kinds.DOORS.index(t.quantity) in codes]
+    here = [t for t in terms if 1 + kinds.TERM_HOOKS.index(t.quantity) in codes]
     if not here:
         return []
     needed = set().union(*(_words(t.factor) for t in here))

@@ -48,7 +48,7 @@ class Term:
     def part(self, value: float, source: str) -> Part:
         """The term as a formula holds it, its coefficient at a value."""
         width = max(self.width, 2 * abs(value)) if math.isfinite(value) else self.width
-        code = 1 + kinds.DOORS.index(self.quantity)
+        code = 1 + kinds.TERM_HOOKS.index(self.quantity)
         return Part(self.name, code, self.kind, self.constants, self.unit, value, (-width, width), source)
 
 

@@ -35,7 +35,7 @@ def _shot(kind: str, rng: np.random.Generator) -> Shot:
         places = np.array([-0.35 * direction, rng.uniform(-0.8, 0.8) * SNOOKER_BALL.diameter * across])
     if kind == "cushion":
         sign = rng.choice([-1.0, 1.0])
-        start = np.array([rng.uniform(-0.4, 0.4), sign * (float(MATHAVAN_TABLE.reach(SNOOKER_BALL)[1]) - 0.3)])
+        start = np.array([rng.uniform(-0.4, 0.4), sign * (float(MATHAVAN_TABLE.centre_limits(SNOOKER_BALL)[1]) - 0.3)])
         angle = rng.uniform(np.radians(25), np.radians(155))
         direction = np.array([np.cos(angle), sign * np.sin(angle)])
         places = start[None]

@@ -22,6 +22,7 @@ from models.analytic import cloth
 from models.engine.play import lacking, play
 from models.mjcf import stroke
 from models.mjcf.launcher import build_scene, strike_all
+from models.mjcf.snooker import SNOOKER_TABLE
 from models.model_file import Model, catalogue, full_model
 from models.shot import Array, Shot, Table, Track
 from models.simulation.observe import observed
@@ -244,8 +245,10 @@ def cueing(tested: ModelUnderTest, few: bool = False) -> list[MatchResult]:
 
     Native: the ball on the slate of the MJCF; effects: on one that only carries it, as the effects' cloth does.
     """
-    scene = build_scene(stroke.TABLE, stroke.BALL, ("white",), stroke.SPOT, 0.0, slate=tested.name == "native")
-    shots = stroke.SMALL_GRID if few else stroke.GRID
+    scene = build_scene(
+        SNOOKER_TABLE, SNOOKER_BALL, ("white",), stroke.CUE_BALL_SPOT, 0.0, slate=tested.name == "native"
+    )
+    shots = stroke.SMALL_GRID if few else stroke.PAPER_GRID
     wrong = stroke.errors(scene, shots, strike_all(scene, shots))
     on = "native on the slate, effects afloat"
     parts = (("ball speed", "%"), ("R omega over speed", "%"), ("squirt", "deg"))

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from models.engine.play import play
-from models.mjcf.native import TUNED, Native
+from models.mjcf.native import TUNING_SOURCE, Native
 from models.model_file import Estimate, Model
 from models.shot import Array, Shot, Track
 from models.simulation.simulate import simulate
@@ -108,5 +108,5 @@ def tuned(report: Callable[[str], None] | None = None) -> Model:
     )  # fmt: skip
     for case in TERMS_BY_CASE:
         native = tune(case, native, report)
-    known = {f"native.{name}": Estimate(source=TUNED) for name in Native.parameters()}
+    known = {f"native.{name}": Estimate(source=TUNING_SOURCE) for name in Native.parameters()}
     return Model(MATHAVAN_TABLE, SNOOKER_BALL, native, estimates=known)

@@ -65,7 +65,7 @@ def impact_shot(kind: str, speed: float, angle: float, top: float, side: float, 
     start = -LEAD_TIME_S * speed * direction
     times = np.array([0.0, LEAD_TIME_S + after])
     if kind == "cushion":
-        start = start + np.array([float(MATHAVAN_TABLE.reach(SNOOKER_BALL)[0]), 0.0])
+        start = start + np.array([float(MATHAVAN_TABLE.centre_limits(SNOOKER_BALL)[0]), 0.0])
         return Shot(("white",), start[None], speed * direction[None], spin[None], times)
     places = np.array([start - [SNOOKER_BALL.diameter, 0.0], [0.0, 0.0]])
     return Shot(
@@ -91,7 +91,7 @@ def random_shots(count: int = 200, max_impacts: int = 4) -> tuple[list[Shot], li
     """Shots of one to three balls with one to `max_impacts` impacts, sampled where the struck ball rests; tracks."""
     rng = np.random.default_rng(RANDOM_SEED)
     shots: list[Shot] = []
-    half = MATHAVAN_TABLE.reach(SNOOKER_BALL) - 0.1
+    half = MATHAVAN_TABLE.centre_limits(SNOOKER_BALL) - 0.1
     while len(shots) < count:
         n = int(rng.integers(1, 4))
         places = rng.uniform(-half, half, (n, 2))
@@ -120,7 +120,7 @@ def two_ball_shots(count: int) -> list[Shot]:
     """Shots of 0.5 to 3.5 m/s with spin, most of them at another ball, over 4 s on a snooker table without pockets."""
     rng = np.random.default_rng(RANDOM_SEED)
     shots: list[Shot] = []
-    half = FULL_TABLE.reach(SNOOKER_BALL) - 0.05
+    half = FULL_TABLE.centre_limits(SNOOKER_BALL) - 0.05
     while len(shots) < count:
         places = rng.uniform(-half, half, (2, 2))
         to = places[1] - places[0]

@@ -26,6 +26,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "engine": ("analytic",),
         "simulation": ("analytic", "engine", "mjcf"),
         "recording": ("mjcf",),
+        "environment": ("mjcf",),
     },
     "sysid": {
         "clips": (),
@@ -267,9 +268,9 @@ def test_a_change_in_what_compiled_code_reads_changes_the_stamp(checkout: Path) 
 
 STRUCK = """
 import numpy as np
-from models.effects.squirt import Squirt
+from models.effects.cue.squirt import Squirt
 from models.hooks import hooks_of
-from models.impacts import strike_rows
+from models.engine.impacts import strike_rows
 hooks, v, w = hooks_of([Squirt()], 1), np.array([[[1.0, 0.0]]]), np.array([[[0.0, 0.0, 40.0]]])
 strike_rows(hooks.own, hooks.strike, 0.026, 0.14, np.ones(1, bool), v, w)
 print(v[0, 0, 1])
@@ -278,10 +279,10 @@ print(v[0, 0, 1])
 
 def test_a_constant_of_an_effect_that_changes_is_played_at_once(checkout: Path) -> None:
     before = float(told_by(STRUCK, checkout))
-    file = checkout / "models" / "effects" / "squirt.py"
+    file = checkout / "models" / "effects" / "cue" / "squirt.py"
     text = file.read_text()
-    assert "MISCUE = 0.5 " in text
-    file.write_text(text.replace("MISCUE = 0.5 ", "MISCUE = 0.1 "))
+    assert "MISCUE_OFFSET = 0.5 " in text
+    file.write_text(text.replace("MISCUE_OFFSET = 0.5 ", "MISCUE_OFFSET = 0.1 "))
     assert float(told_by(STRUCK, checkout)) < 0.5 * before
 
 

@@ -11,7 +11,7 @@ import mujoco.batch
 import numpy as np
 import pytest
 
-from models.mjcf.gl import OFF, choose_backend
+from models.mjcf.gl import GL_OFF, choose_backend
 
 FALLING = """
 <mujoco>
@@ -75,7 +75,7 @@ def test_dm_control_steps() -> None:
 
 
 def test_backend_is_chosen_before_mujoco_is_imported() -> None:
-    assert choose_backend() in ("egl", "osmesa", "glfw", "", *OFF)
+    assert choose_backend() in ("egl", "osmesa", "glfw", "", *GL_OFF)
 
 
 @pytest.mark.gl

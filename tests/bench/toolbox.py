@@ -102,7 +102,7 @@ def measured_start(clip: Clip, radius: float, sigma: float) -> Array:
 
 def touching(clip_set: ClipSet) -> bool:
     """Whether a ball comes near a cushion."""
-    reach = np.asarray(clip_set.table.reach(clip_set.ball)) - NEAR
+    reach = np.asarray(clip_set.table.centre_limits(clip_set.ball)) - NEAR
     return any(bool(np.any(np.abs(seen.xy) > reach)) for clip in clip_set.clips for seen in clip.balls.values())
 
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from models.analytic import cueing
-from models.analytic.cue_impulse import NAMES, Constants, Geometry, ball_speed_and_squirt, launch
+from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, ball_speed_and_squirt, launch
 from models.errors import BadInput
-from models.mjcf.launcher import SPEEDS, strike
+from models.mjcf.launcher import CUE_SPEED_RANGE, strike
 from models.shot import Ball
 from planner.launcher.cueing_map import FORMAT, CueingMap, read_map, write_map
 from planner.launcher.execution import Execution, read_execution
@@ -72,7 +72,7 @@ def fitted(shots: list[CueShot]) -> CueingMap:
 
 def exact_map(constants: Constants = TRUE) -> CueingMap:
     """A map whose constants are known."""
-    return CueingMap(constants, GEOMETRY, np.diag(np.full(len(NAMES), 1e-8)), Execution())
+    return CueingMap(constants, GEOMETRY, np.diag(np.full(len(CONSTANT_NAMES), 1e-8)), Execution())
 
 
 def offsets(seed: int, count: int = 200) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -114,7 +114,7 @@ def test_no_stroke_makes_energy() -> None:
 def test_bare_of_end_mass_slate_and_turning_it_is_the_text_books_formula() -> None:
     level = dataclasses.replace(GEOMETRY, elevation=0.0)
     bare = Constants(1.0, 0.5, 1e-6, 0.0, 0.0)  # e = 1 stays 1 whatever moves
-    cue = cueing.Cue(mass=0.5, end_mass=1e-6, tip_restitution=1.0, elevation=0.0)
+    cue = cueing.CueStick(mass=0.5, end_mass=1e-6, tip_restitution=1.0, elevation=0.0)
     speed, side, height = offsets(4)
     found, turn = ball_speed_and_squirt(bare, level, speed, side, height)
     wanted = [cueing.ball_speed(v, x, y, BALL, cue) for v, x, y in zip(speed, side, height, strict=True)]
@@ -152,8 +152,8 @@ def test_it_follows_the_simulated_launcher_stroke_by_stroke() -> None:
 
 def test_hidden_constants_come_back(shots: list[CueShot], fitted: CueingMap) -> None:
     sd = np.sqrt(np.diag(fitted.covariance))
-    off = np.array([getattr(fitted.constants, n) - getattr(TRUE, n) for n in NAMES])
-    assert np.abs(off / sd).max() < 3.0, dict(zip(NAMES, off / sd, strict=True))
+    off = np.array([getattr(fitted.constants, n) - getattr(TRUE, n) for n in CONSTANT_NAMES])
+    assert np.abs(off / sd).max() < 3.0, dict(zip(CONSTANT_NAMES, off / sd, strict=True))
     assert np.abs(off / sd).max() > 0.05, "an sd far too large would pass anything"
     assert sd[:3] == pytest.approx([0.0, 0.0, 0.0], abs=0.03)
     assert 0.8 < fitted.chi2_reduced < 1.2
@@ -176,7 +176,7 @@ def test_far_off_shots_do_not_move_it(shots: list[CueShot], fitted: CueingMap) -
     again = fit_map(wild, execution=SLOPPY)
     assert again.left_out == 5
     sd = np.sqrt(np.diag(fitted.covariance))
-    moved = np.array([getattr(again.constants, n) - getattr(fitted.constants, n) for n in NAMES])
+    moved = np.array([getattr(again.constants, n) - getattr(fitted.constants, n) for n in CONSTANT_NAMES])
     assert np.abs(moved / sd).max() < 1.0
 
 
@@ -189,9 +189,9 @@ def test_the_simulated_launchers_constants_come_back() -> None:
     true = Constants(hidden.tip_restitution, hidden.cue_mass, hidden.end_mass + SHAFT, hidden.friction, 1e-3,
                      hidden.side_zero, hidden.height_zero, hidden.aim_zero)  # fmt: skip
     sd = np.sqrt(np.diag(found.covariance))
-    off = {n: (getattr(found.constants, n) - getattr(true, n)) / s for n, s in zip(NAMES, sd, strict=True)}
+    off = {n: (getattr(found.constants, n) - getattr(true, n)) / s for n, s in zip(CONSTANT_NAMES, sd, strict=True)}
     assert max(map(abs, off.values())) < 3.0, off
-    assert sd[NAMES.index("end_mass")] < 5e-4
+    assert sd[CONSTANT_NAMES.index("end_mass")] < 5e-4
 
 
 def test_the_camera_tells_speed_and_direction_within_what_it_says() -> None:
@@ -284,7 +284,7 @@ def test_the_papers_grid_is_2275_shots_at_455_strokes() -> None:
     assert [Launcher().cue_speed(k) for k in sorted({g[0] for g in grid})] == pytest.approx(
         [2.5, 2, 1.5, 1, 0.5], abs=0.01
     )
-    assert max(SPEEDS) > 2.5
+    assert max(CUE_SPEED_RANGE) > 2.5
 
 
 def test_a_campaign_goes_on_where_it_was_broken_off(tmp_path: Path) -> None:

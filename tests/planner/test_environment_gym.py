@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.environment import ShotEnvironment
+from models.environment.task import ShotEnvironment
 from models.errors import BadInput
 from models.mjcf.world import colour
 from models.model_file import Model
@@ -152,7 +152,7 @@ def test_without_the_extra_one_line_says_how_to_get_it(monkeypatch: pytest.Monke
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
         return true_import(name, *given, **named)
 
-    monkeypatch.delitem(sys.modules, "models.gym", raising=False)
+    monkeypatch.delitem(sys.modules, "models.environment.gym", raising=False)
     monkeypatch.setattr(builtins, "__import__", barred)
     model: Model = example_model()
     with pytest.raises(BadInput, match=r"needs gymnasium: pip install -e"):

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from models.analytic.cue_impulse import NAMES, Constants, Geometry, launch
+from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, launch
 from models.errors import BadInput
 from models.model_file import full_model
 from models.shot import Array, Ball, Table
@@ -63,12 +63,12 @@ def test_a_map_of_other_balls_is_refused() -> None:
 def test_what_the_map_leaves_open_is_one_more_error() -> None:
     assert unsure(MAP) == MAP.execution, "nothing is known of it"
     covariance = np.zeros((8, 8))
-    k = NAMES.index("aim_zero")
+    k = CONSTANT_NAMES.index("aim_zero")
     covariance[k, k] = 3e-3**2  # turns every stroke alike
     wide = unsure(dataclasses.replace(MAP, covariance=covariance))
     assert wide.azimuth_sd == pytest.approx(math.hypot(MAP.execution.azimuth_sd, 3e-3), rel=1e-3)
     assert dataclasses.replace(wide, azimuth_sd=MAP.execution.azimuth_sd) == MAP.execution
-    k = NAMES.index("tip_restitution")
+    k = CONSTANT_NAMES.index("tip_restitution")
     covariance[k, k] = 0.0171**2  # 1 % of 1 + e
     wide = unsure(dataclasses.replace(MAP, covariance=covariance))
     assert wide.speed_sd == pytest.approx(math.hypot(MAP.execution.speed_sd, 0.01), rel=0.1)

@@ -186,7 +186,7 @@ def test_few_or_equal_places_have_a_small_outline_or_none() -> None:
 @pytest.mark.parametrize("sx", (-1, 1))
 @pytest.mark.parametrize("sy", (-1, 1))
 def test_what_lies_in_a_pocket_has_dropped_and_what_rests_at_a_cushion_has_not(sx: int, sy: int) -> None:
-    reach, sign = TABLE.reach(BALL), np.array([sx, sy])
+    reach, sign = TABLE.centre_limits(BALL), np.array([sx, sy])
     for place in (HALF, HALF - 0.031, HALF + 0.03, np.array([0.01, reach[1] + 0.002]), np.array([0, HALF[1] + 0.04])):
         assert dropped(TABLE, BALL, sign * place), place
     for place in (reach - [0.2, 0], reach - [0, 0.2], np.array([0.0, reach[1] - 0.01]), np.array([0.02, reach[1]])):

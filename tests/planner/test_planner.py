@@ -15,7 +15,7 @@ from scipy.special import ndtr
 
 import planner.evaluation.play
 from models.analytic import cueing
-from models.effects.squirt import Squirt
+from models.effects.cue.squirt import Squirt
 from models.model_file import Estimate, Model, full_model
 from models.shot import Array, Ball, Table
 from planner.evaluation.outcome import FOULS, Outcomes, joined
@@ -243,7 +243,7 @@ def test_which_pocket_and_where_the_balls_stay() -> None:
 
 def test_cushions_are_counted_by_ball_and_before_and_after() -> None:
     kick = scene([0.3, 0.0], [1.2, 0.0])
-    aim = math.atan2(2 * TABLE.reach(BALL)[1], 0.9)
+    aim = math.atan2(2 * TABLE.centre_limits(BALL)[1], 0.9)
     player, fan = ready(kick), aim + np.linspace(-0.1, 0.1, 201)
     out = player.screen(np.concatenate([stroke(2.0, a) for a in fan]))
     met = out.fouls[:, FOULS.index("wrong ball first")] == 0

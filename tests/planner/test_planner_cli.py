@@ -13,7 +13,7 @@ import pytest
 
 import planner.plan
 from models.analytic.cue_impulse import Geometry
-from models.effects.squirt import Squirt
+from models.effects.cue.squirt import Squirt
 from models.model_file import full_model, write_model
 from models.shot import Ball, Table
 from planner.cli.verbs import main

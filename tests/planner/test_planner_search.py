@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.effects.squirt import Squirt
-from models.effects.table_tilt import TableTilt
+from models.effects.cloth.table_tilt import TableTilt
+from models.effects.cue.squirt import Squirt
 from models.engine.play import finish
 from models.model_file import full_model
-from models.shot import RAILS, Array, Ball, Table
+from models.shot import RAIL_NAMES, Array, Ball, Table
 from planner.evaluation.outcome import FOULS
 from planner.evaluation.play import Player
 from planner.evaluation.risk import deal, judge
@@ -35,7 +35,7 @@ QUICK = Effort(
     starts=6, strokes=12, best=4, rounds=3, halved=1, hands=16, finalists=3, closely=64, fresh=256,
 )  # fmt: skip
 EXACT = Execution(0.0, 0.0, 0.0, 0.0)
-REACH = TABLE.reach(BALL)
+REACH = TABLE.centre_limits(BALL)
 CUT = scene([0.6, -0.1], [1.2, 0.3], [-0.4, 0.4], pocket=(1, 1), rest=[0.4, 0.3])
 # The shot of Robotic Billiards (2015), section VIII, in the table frame.
 PAPER = Table(2.96, 1.524)
@@ -78,20 +78,22 @@ def test_a_direct_way_against_a_hand_calculation() -> None:
 
 def test_ways_over_a_cushion_against_a_hand_calculation() -> None:
     asked = scene([0.3, -0.4], [0.6, 0.2])
-    bank, image = way_of(asked, (0, -1), RAILS.index("+y")), np.array([0.0, 2 * REACH[1] + HALF[1]])
+    bank, image = way_of(asked, (0, -1), RAIL_NAMES.index("+y")), np.array([0.0, 2 * REACH[1] + HALF[1]])
     line = image - [0.6, 0.2]
     assert bank.roll == pytest.approx(math.hypot(*line))
     ghost = np.array([0.6, 0.2]) - 2 * R * line / math.hypot(*line)
     assert bank.run == pytest.approx(math.hypot(*(ghost - [0.3, -0.4])))
     assert bank.aim == pytest.approx(math.atan2(ghost[1] + 0.4, ghost[0] - 0.3))
-    kick = way_of(asked, (1, 1), kick=RAILS.index("-x"))
+    kick = way_of(asked, (1, 1), kick=RAIL_NAMES.index("-x"))
     line = HALF - [0.6, 0.2]
     ghost = np.array([0.6, 0.2]) - 2 * R * line / math.hypot(*line)
     image = np.array([-2 * REACH[0] - ghost[0], ghost[1]])
     assert kick.aim == pytest.approx(math.atan2(image[1] + 0.4, image[0] - 0.3))
     assert kick.run == pytest.approx(math.hypot(image[0] - 0.3, image[1] + 0.4))
     assert describe(kick).endswith(", cue ball by way of the -x cushion")
-    assert not [w for w in every_way(asked) if w.bank >= 0 and POCKETS[w.pocket] == (0, 1) and RAILS[w.bank] == "+y"]
+    assert not [
+        w for w in every_way(asked) if w.bank >= 0 and POCKETS[w.pocket] == (0, 1) and RAIL_NAMES[w.bank] == "+y"
+    ]
 
 
 def test_what_stands_in_the_way_is_told() -> None:
@@ -150,7 +152,7 @@ def test_combinations_can_be_played() -> None:
 def test_fans_over_a_cushion_pot(cushion: str) -> None:
     asked = scene([0.3, -0.3], [0.15, 0.3], pocket=(0, -1)) if cushion == "bank" else scene([0.9, 0.3], [1.4, 0.6])
     rail = "+y" if cushion == "bank" else "-y"
-    kind = {"bank": -1, "kick": -1} | {cushion: RAILS.index(rail)}
+    kind = {"bank": -1, "kick": -1} | {cushion: RAIL_NAMES.index(rail)}
     way = way_of(asked, (0, -1) if cushion == "bank" else (1, 1), **kind)
     player = ready(asked)
     begun = starts(player, [way], Execution(), Wish(foul=0.0), 6)

@@ -63,7 +63,7 @@ def test_scenes_are_what_a_strategist_would_ask_for(balls: int) -> None:
     pockets = set()
     for number in range(1, 9):
         scene, tries = draw_scene(study, number)
-        xy, reach = scene.position, MODEL.table.reach(MODEL.ball)
+        xy, reach = scene.position, MODEL.table.centre_limits(MODEL.ball)
         assert tries >= 1 and len(scene.names) == balls and scene.goal.avoid == scene.names[2:]
         assert (xy[:, 0] <= AREA[0] - MODEL.table.length / 2).all() and (np.abs(xy[:, 1]) <= AREA[1] / 2).all()
         assert (np.abs(xy) <= reach).all() and (np.abs(xy[1]) <= reach - FREE + 1e-12).all()

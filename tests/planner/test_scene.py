@@ -79,8 +79,8 @@ def scenes(draw: st.DrawFn) -> Scene:
     """Scenes of 2 to 22 balls, some of them touching a cushion or each other."""
     table = Table(draw(st.floats(1.0, 4.0)), draw(st.floats(0.6, 1.0)))
     ball = Ball(draw(st.floats(0.04, 0.06)), draw(st.floats(0.1, 0.2)))
-    rng, reach, count = np.random.default_rng(draw(st.integers(0, 10**6))), table.reach(ball), draw(st.integers(2, 22))
-    places: list[Array] = []
+    rng, count = np.random.default_rng(draw(st.integers(0, 10**6))), draw(st.integers(2, 22))
+    reach, places = table.centre_limits(ball), list[Array]()
     while len(places) < count:
         place = np.clip(rng.uniform(-1.1, 1.1, 2) * reach, -reach, reach)
         if places and rng.random() < 0.3:
@@ -134,7 +134,7 @@ def test_pockets_are_where_the_nose_lines_meet() -> None:
 
 
 def test_a_ball_on_the_brink_is_on_the_table() -> None:
-    half, reach = np.array([3.569, 1.778]) / 2, SNOOKER_TABLE.reach(SNOOKER_BALL)
+    half, reach = np.array([3.569, 1.778]) / 2, SNOOKER_TABLE.centre_limits(SNOOKER_BALL)
     assert pocket_of(np.array([0.0, reach[1]]), SNOOKER_TABLE, SNOOKER_BALL) is None
     assert pocket_of(np.array([0.0, -half[1]]), SNOOKER_TABLE, SNOOKER_BALL) == (0, -1)
     assert pocket_of(half - 0.03, SNOOKER_TABLE, SNOOKER_BALL) == (1, 1)
@@ -148,7 +148,7 @@ def test_rounded_places_are_moved_apart_and_no_others() -> None:
     middle = np.mean([xy for name, xy in exact.items() if name.startswith("red")], axis=0)
     tight = {n: middle + (xy - middle) * 0.0525 / 0.053 for n, xy in exact.items() if n.startswith("red")}
     rounded = np.array([xy.round(4) for xy in tight.values()])
-    reach = SNOOKER_TABLE.reach(SNOOKER_BALL)
+    reach = SNOOKER_TABLE.centre_limits(SNOOKER_BALL)
     places = np.concatenate([rounded, [[-1.0, reach[1] + 2e-4], [-1.0, -0.3], [-reach[0] - 1e-4, 0.1]]])
     assert overlap(places, SNOOKER_BALL)[0] > 1e-5
     after = settled(places, SNOOKER_TABLE, SNOOKER_BALL)

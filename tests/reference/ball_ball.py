@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.analytic.coulomb import STEPS
+from models.analytic.coulomb import MIN_STEPS
 from models.analytic.impulse import collide
 from models.shot import Ball
 
@@ -60,7 +60,7 @@ def _friction(mu: Friction, slip: Array) -> float:
 
 def collide_balls(
     v1: ArrayLike, w1: ArrayLike, v2: ArrayLike, w2: ArrayLike, normal: ArrayLike, ball: Ball, *, restitution: float,
-    friction: Friction, cloth: float, steps: int = STEPS,
+    friction: Friction, cloth: float, steps: int = MIN_STEPS,
 ) -> State:  # fmt: skip
     """Velocities (2,) [m/s] and spins (3,) [rad/s] of both balls after an impact; `normal` (2,) points from 1 to 2."""
     n = _unit(normal)

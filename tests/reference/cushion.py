@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.analytic.coulomb import STEPS
+from models.analytic.coulomb import MIN_STEPS
 from models.analytic.impulse import collide
 from models.shot import NOSE_COSINE, NOSE_SINE, Ball
 
@@ -68,7 +68,7 @@ def han2005(state: Array, e: float, friction: float, radius: float) -> None:
 
 def collide_cushion(
     velocity: ArrayLike, spin: ArrayLike, normal: ArrayLike, ball: Ball, *, restitution: Restitution, friction: float,
-    cloth: float = 0.0, law: str = "mathavan2010", steps: int = STEPS,
+    cloth: float = 0.0, law: str = "mathavan2010", steps: int = MIN_STEPS,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Velocity (2,) [m/s] and spin (3,) [rad/s] after an impact.
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from models.analytic.cue_impulse import NAMES, Constants, Geometry
+from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry
 from models.console import Progress
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model
@@ -67,7 +67,7 @@ def main() -> int:
     args = parser.parse_args()
     truth = Truth(**(WRONG | NATURAL[args.effect]))
     start = full_model(SNOOKER_TABLE, SNOOKER_BALL)
-    unknown = CueingMap(Constants(), Geometry(SNOOKER_BALL), np.full((len(NAMES),) * 2, math.nan), Execution())
+    unknown = CueingMap(Constants(), Geometry(SNOOKER_BALL), np.full((len(CONSTANT_NAMES),) * 2, math.nan), Execution())
     cue = draw_hidden_cue(np.random.default_rng([args.seed, 7]))
     stand = EmulatedStand(start, cue, seed=args.seed, make=partial(TruthTable, truth))
     course = Course(start, unknown, args.shots, args.every, args.seed, stops=False)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import robot.learning.loop
-from models.analytic.cue_impulse import NAMES, Constants, Geometry
+from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry
 from models.analytic.pocket import pockets_of
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
@@ -267,7 +267,7 @@ def learnt(count: int) -> CueingMap:
 
 def test_a_launchers_constants_come_back_from_films() -> None:
     made = learnt(30)
-    sds = dict(zip(NAMES, np.sqrt(np.diag(made.covariance)), strict=True))
+    sds = dict(zip(CONSTANT_NAMES, np.sqrt(np.diag(made.covariance)), strict=True))
     for name, sd in sds.items():
         assert 0 < sd < 1.2 * PRIOR_SD[name]
         assert abs(getattr(made.constants, name) - getattr(TRUE, name)) < 4 * sd, name
@@ -311,7 +311,7 @@ def test_commands_are_what_a_map_makes_of_what_was_told() -> None:
 def test_too_few_strokes_leave_the_map_as_it_was() -> None:
     assert learnt(FEWEST - 1) is MAP
     told = Learnt(MODEL, MAP, {}).launcher()
-    assert list(told) == list(NAMES)
+    assert list(told) == list(CONSTANT_NAMES)
     assert told["end_mass"]["value"] == MAP.constants.end_mass and math.isnan(told["end_mass"]["sd"])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from models.recording.story import CURVES, Recording, Scene, write_story
+from models.recording.story import STORY_CURVES, SeriesRecording, SeriesShot, write_story
 from robot.learning.history import Refit, Story
 from robot.learning.pictures import blocks, changes, ends
 from robot.learning.report import recording_of, sentences, write_picture, write_recording, write_report
@@ -311,14 +311,14 @@ def test_views_of_the_recording(tmp_path: Path) -> None:
 def test_a_recording_is_plain_values() -> None:
     made = recording_of(sample_story())
     assert [scene.number for scene in made.scenes] == list(range(1, 13))
-    assert set(made.scenes[0].curves) == set(CURVES)
-    assert recording_of(EMPTY) == Recording((), (), "\n\n".join(sentences(EMPTY)))
+    assert set(made.scenes[0].curves) == set(STORY_CURVES)
+    assert recording_of(EMPTY) == SeriesRecording((), (), "\n\n".join(sentences(EMPTY)))
 
 
 def test_arrays_that_do_not_fit_are_named(tmp_path: Path) -> None:
-    scene = Scene(4, {}, planned={"red": (np.zeros(3), np.zeros((2, 2)))})
+    scene = SeriesShot(4, {}, planned={"red": (np.zeros(3), np.zeros((2, 2)))})
     with pytest.raises(ValueError, match=r"shot 4, ball 'red': time \(3,\), xy \(2, 2\)"):
-        write_story(tmp_path / "a.rrd", Recording((scene,)), title="t")
+        write_story(tmp_path / "a.rrd", SeriesRecording((scene,)), title="t")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.shot import RAILS, Table
+from models.shot import RAIL_NAMES, Table
 from sysid.vision.camera import table_edges, table_lines
 from sysid.vision.camera.board import Lens
 from sysid.vision.camera.first_view import first_view, lens_only, sides_of
@@ -76,12 +76,12 @@ class Calibration:
     @property
     def rails(self) -> dict[str, float]:
         """Residual of each side seen [m]."""
-        return {RAILS[k]: self.lines.rms_of(k) for k in range(4) if (self.lines.rails == k).any()}
+        return {RAIL_NAMES[k]: self.lines.rms_of(k) for k in range(4) if (self.lines.rails == k).any()}
 
 
 def calibrate(
     picture: NDArray[np.generic], table: Table, diameter: float, *, fov: float | None = None, lens: Lens | None = None,
-    corners: Array | None = None, sees: Sequence[str] = RAILS, source: str = "",
+    corners: Array | None = None, sees: Sequence[str] = RAIL_NAMES, source: str = "",
     progress: Callable[[str], None] = lambda line: None,
 ) -> Calibration:  # fmt: skip
     """Calibrate a camera from a picture of the table.
@@ -129,7 +129,7 @@ def calibrate(
     lines, focal_sd = _with_lens(lines, start, own)
     found = bool(np.isfinite(focal_sd))
     left = next((rail for rail in set(first.rails.tolist()) if rail not in lines.rails), None)
-    notes = () if left is None else (f"no edge at {RAILS[left]} goes with the others: that side is left out",)
+    notes = () if left is None else (f"no edge at {RAIL_NAMES[left]} goes with the others: that side is left out",)
     said = [*said, *doubts(lines, found, edge == ONLY)]
     if left is not None and not by_hand:
         said += outline_doubts(lines, first, left)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from models.errors import BadInput
-from models.shot import NOSE_HEIGHT, RAILS, Table
+from models.shot import NOSE_HEIGHT, RAIL_NAMES, Table
 from sysid.vision.camera.board import Lens
 from sysid.vision.camera.pose import Fit, fit
 from sysid.vision.camera.projection import Array, Camera
@@ -105,7 +105,7 @@ def _ways(sides: list[Side], sees: Sequence[str]) -> tuple[list[Side], list[tupl
         bearings = [side.bearing for side in sides]
         gaps = np.diff([*bearings, bearings[0]]) % (2 * np.pi)
         first = (int(np.argmax(gaps)) + 1) % 3  # after the side that is missing
-        missing = next(k for k, rail in enumerate(AROUND) if RAILS[rail] not in sees)
+        missing = next(k for k, rail in enumerate(AROUND) if RAIL_NAMES[rail] not in sees)
         return sides[first:] + sides[:first], [tuple(AROUND[(missing + 1 + k) % 4] for k in range(3))]
     if len(sides) < 4:
         text = f"only {len(sides)} of four straight sides of the cloth found; give --corners"

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from models.shot import RAILS
+from models.shot import RAIL_NAMES
 from sysid.vision.camera.pose import Fit, distances, fit, moved
 from sysid.vision.camera.projection import Array, Camera
 
@@ -116,7 +116,7 @@ def outline_doubts(lines: Fit, first: Fit, left: int) -> list[str]:
     farther = behind.pop(left) - float(np.mean(list(behind.values())))
     if abs(farther) < OUTLINE:
         return []
-    at = f"at {RAILS[left]}, which is left out,"
+    at = f"at {RAIL_NAMES[left]}, which is left out,"
     return [f"{at} the cloth ends {1e3 * farther:+.0f} mm farther out than at the other sides: {REMEDY}"]
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from models.analytic.coulomb import STEPS
+from models.analytic.coulomb import MIN_STEPS
 from models.analytic.impulse import collide, collide_rows
 
 Array = NDArray[np.float64]
@@ -18,7 +18,7 @@ KINDS = pytest.mark.parametrize("cushion", [True, False], ids=["cushion", "balls
 MIRROR = {True: np.array([-1, 1, 1, -1, -1]), False: np.tile([1, -1, -1, 1, -1], 2)}
 
 
-def impact(cushion: bool, state: Array, e: float, mu: float, cloth: float, steps: int = STEPS) -> Array:
+def impact(cushion: bool, state: Array, e: float, mu: float, cloth: float, steps: int = MIN_STEPS) -> Array:
     """The state after an impact; spins as R omega [m/s] in and out."""
     scale = np.tile([1, 1, RADIUS, RADIUS, RADIUS], 1 if cushion else 2)
     out = np.asarray(state, float) / scale
@@ -172,7 +172,7 @@ def test_steps_have_converged(cushion: bool) -> None:
     off = []
     for state in random_states(cushion, 1500):
         usual = impact(cushion, state, *(CUSHION if cushion else BALLS))
-        off.append(np.abs(impact(cushion, state, *(CUSHION if cushion else BALLS), 8 * STEPS) - usual).max())
+        off.append(np.abs(impact(cushion, state, *(CUSHION if cushion else BALLS), 8 * MIN_STEPS) - usual).max())
     assert np.median(off) < 1e-6
     assert np.quantile(off, 0.99) < 1e-5
     assert np.max(off) < 1e-4
@@ -181,7 +181,7 @@ def test_steps_have_converged(cushion: bool) -> None:
 def test_error_falls_with_the_fourth_power_of_the_steps() -> None:
     state = approaching(True, 45, 1, 0)
     exact = impact(True, state, *CUSHION, 400)
-    coarse, fine = (np.abs(impact(True, state, *CUSHION, n) - exact).max() for n in (STEPS, 2 * STEPS))
+    coarse, fine = (np.abs(impact(True, state, *CUSHION, n) - exact).max() for n in (MIN_STEPS, 2 * MIN_STEPS))
     assert fine < coarse / 8 or coarse < 1e-9
 
 

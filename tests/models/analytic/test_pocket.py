@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from models.analytic.events import in_mouth
-from models.analytic.pocket import CORNER_JAW, OWNERS, outward, pockets_of, rail_of, straight
+from models.analytic.pocket import CORNER_JAW, JAW_RAILS, outward, pockets_of, rail_of, straight
 from models.engine.play import Result, finish, play
 from models.errors import BadInput
 from models.model_file import full_model
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778)
 R = BALL.radius
 HALF = np.array([TABLE.length, TABLE.width]) / 2
-REACH = TABLE.reach(BALL)
+REACH = TABLE.centre_limits(BALL)
 POCKETS = pockets_of(TABLE, BALL)
 VALUES = {"ball_impact.restitution": 0.89, "cushion_impact.restitution": 0.98}  # Mathavan 2010, 2014
 MODEL = full_model(TABLE, BALL).with_values(VALUES)
@@ -88,7 +88,7 @@ def clear(xy: Array) -> Array:
 def test_jaws_go_on_from_the_cushions_and_leave_a_clean_way() -> None:
     corner, middle, _ = POCKETS.ends
     for number, (x, y, rho) in enumerate(POCKETS.jaws):
-        k, o = OWNERS[number] // 2, 1 - OWNERS[number] // 2
+        k, o = JAW_RAILS[number] // 2, 1 - JAW_RAILS[number] // 2
         at = np.abs([x, y])
         assert at[k] - rho == pytest.approx(REACH[k], abs=2e-10)
         assert rail_of(4 + number) == ("-+"[int((x, y)[k] > 0)]) + "xy"[k]

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.analytic.cueing import Cue as AnalyticCue
+from models.analytic.cueing import CueStick as AnalyticCue
 from models.analytic.cueing import strike as analytic_strike
 from models.effect import Effect
 from models.errors import BadInput

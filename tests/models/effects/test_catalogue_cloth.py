@@ -91,7 +91,7 @@ def test_touches_are_landed_on(engine: str) -> None:
     ]  # fmt: skip
     tilted = model("table_tilt", {"slope_x": 0.004, "slope_y": -0.003}, engine)
     track = simulate(tilted, played)[0]
-    reach = TABLE.reach(BALL)
+    reach = TABLE.centre_limits(BALL)
     assert len(track.events) > 1
     times = np.array([e.time for e in track.events])
     seen = np.sort(np.concatenate([played[0].times, times]))

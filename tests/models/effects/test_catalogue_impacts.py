@@ -8,21 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models import record as rec
 from models.analytic.impulse import collide
 from models.effect import Effect
-from models.hooks import IMPACT_FIELDS, hooks_of
-from models.impacts import (
-    APPROACH,
-    CLIMB,
-    CUSHION_HIT,
-    FIRST,
-    FRICTION,
-    MASS_FIRST,
-    MASS_SECOND,
-    RESTITUTION,
-    SECOND,
-    ask,
-)
+from models.engine.impacts import CLIMB_FRICTION, ask
+from models.hooks import hooks_of
 from models.model_file import Model, effect_class, full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
@@ -292,8 +282,15 @@ def test_a_heavy_ball_comes_off_a_cushion_as_any_other() -> None:
 
 def asked(effects: list[Effect], cushion: bool, approach: float, first: int = 0, second: int = 1) -> Array:
     """What effects say of an impact, each in its turn: a record of models.hooks.ImpactState."""
-    hit = np.zeros(IMPACT_FIELDS)
-    hit[[CUSHION_HIT, APPROACH, FIRST, SECOND, MASS_FIRST, MASS_SECOND]] = cushion, approach, first, second, 1.0, 1.0
+    hit = np.zeros(rec.IMPACT_FIELDS)
+    hit[[rec.CUSHION_HIT, rec.APPROACH, rec.FIRST, rec.SECOND, rec.MASS_FIRST, rec.MASS_SECOND]] = (
+        cushion,
+        approach,
+        first,
+        second,
+        1.0,
+        1.0,
+    )
     hooks = hooks_of(effects, 1)
     ask(hit, hit.ctypes.data, hooks.own.ctypes.data, hooks.impact)
     return hit
@@ -305,15 +302,15 @@ def asked(effects: list[Effect], cushion: bool, approach: float, first: int = 0,
     [
         ("ball_restitution_speed", "ball", "restitution", 1.0),
         ("cushion_restitution_speed", "cushion", "restitution", 1.0),
-        ("cushion_friction_speed", "cushion", "friction", CLIMB),
+        ("cushion_friction_speed", "cushion", "friction", CLIMB_FRICTION),
     ],
 )
 def test_coefficients_stay_where_they_mean_something(
     name: str, kind: str, field: str, most: float, first: bool
 ) -> None:
     """In whatever order the effects speak; and each only of its own kind of impact."""
-    base, where = effect_class(f"{kind}_impact")(restitution=0.9, friction=0.14), {"restitution": RESTITUTION}
-    usual, at = getattr(base, field), where.get(field, FRICTION)
+    base, where = effect_class(f"{kind}_impact")(restitution=0.9, friction=0.14), {"restitution": rec.RESTITUTION}
+    usual, at = getattr(base, field), where.get(field, rec.FRICTION)
     for speed, rate, expected in ((1.0, 0.2, usual), (1.5, 0.1, usual - 0.05), (9.0, 0.2, 0.0), (9.0, -0.2, most)):
         effect = effect_class(name)(rate=rate)
         both = [effect, base] if first else [base, effect]
@@ -327,4 +324,4 @@ def test_only_the_struck_ball_is_heavy() -> None:
         (False, 0, 2, [1.2, 1.0]), (False, 1, 0, [1.0, 1.2]), (False, 1, 2, [1.0, 1.0]),
         (True, 0, 2, [1.2, 1.0]), (True, 1, 0, [1.0, 1.0]),
     ):  # fmt: skip
-        assert asked(heavy, cushion, 1.0, first, second)[[MASS_FIRST, MASS_SECOND]].tolist() == masses
+        assert asked(heavy, cushion, 1.0, first, second)[[rec.MASS_FIRST, rec.MASS_SECOND]].tolist() == masses

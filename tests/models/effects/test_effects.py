@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.contract import BALL, CONTRACTS, TABLE, TIMES, faults, kept, numbers, played, tried
+from models.contract import BALL, CONTRACTS, SAMPLE_TIMES_S, TABLE, faults, kept, numbers, played, tried
 from models.effect import BallState, Effect, ImageState, param
 from models.errors import BadInput
 from models.mjcf.native import Native
@@ -53,7 +53,7 @@ def test_native_terms_are_declared() -> None:
 @pytest.mark.parametrize("key", sorted(Native.parameters()))
 def test_native_terms_may_differ_from_shot_to_shot(key: str) -> None:
     model, values = Model(TABLE, BALL), tried(Native, key)
-    short = [dataclasses.replace(shot, times=TIMES[:5]) for shot in played(2)]
+    short = [dataclasses.replace(shot, times=SAMPLE_TIMES_S[:5]) for shot in played(2)]
     together = simulate(dataclasses.replace(model, native=Native(**{key: values})), short)
     for k, shot in enumerate(short):
         alone = simulate(dataclasses.replace(model, native=Native(**{key: float(values[k])})), [shot])

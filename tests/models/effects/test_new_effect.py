@@ -226,7 +226,7 @@ def test_folders_that_hold_nothing(tmp_path: Path) -> None:
     assert "no such folder" in refusal(lambda: add_folder(tmp_path / "none"))
     (tmp_path / "test_x.py").write_text("raise SystemExit")
     (tmp_path / "_x.py").write_text("raise SystemExit")
-    (tmp_path / "helper.py").write_text("from models.effects.squirt import Squirt\n")
+    (tmp_path / "helper.py").write_text("from models.effects.cue.squirt import Squirt\n")
     assert "defines no effect; begin one with: sysid new-effect" in refusal(lambda: add_folder(tmp_path))
 
 

@@ -79,7 +79,7 @@ def test_everything_comes_to_rest_on_the_table(effect: str) -> None:
     end = run(*start, model=world(effect=effect))
     assert np.array_equal(end.velocity, np.zeros_like(end.velocity))
     assert np.abs(end.spin).max() < 1e-9
-    assert (np.abs(end.position) <= OPEN.reach(BALL) + 1e-9).all()
+    assert (np.abs(end.position) <= OPEN.centre_limits(BALL) + 1e-9).all()
     gap = np.linalg.norm(end.position[:, :, None] - end.position[:, None], axis=-1) + np.eye(3)
     assert gap.min() > 2 * R - 1e-9
     assert (end.counts[:, 0] > 0).mean() > 0.5
@@ -238,7 +238,7 @@ def test_pockets_take_what_comes_into_their_mouths(
 def test_balls_held_between_others_come_to_an_end() -> None:
     # A row of touching balls between a cushion and a struck ball, and a close pack.
     d = 2 * R
-    row = np.array([[OPEN.reach(BALL)[0] - k * d, 0.0] for k in range(4)] + [[0.5, 0.001]])
+    row = np.array([[OPEN.centre_limits(BALL)[0] - k * d, 0.0] for k in range(4)] + [[0.5, 0.001]])
     v = np.zeros((1, 5, 2))
     v[0, 4, 0] = 3.0
     end = run(row[None], v, np.zeros((1, 5, 3)))

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.analytic.pocket import OWNERS, pockets_of
+from models import record as rec
+from models.analytic.pocket import JAW_RAILS, pockets_of
+from models.engine.impacts import ask_rows, part_rows
 from models.engine.play import finish, play
-from models.hooks import IMPACT_FIELDS
-from models.impacts import APPROACH, SECOND, ask_rows, part_rows
 from models.model_file import Model, effect_class, full_model
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
@@ -108,17 +108,17 @@ def test_effects_are_told_the_rail_of_a_jaw_and_its_own_normal() -> None:
     jaw = POCKETS.jaws[2]
     p = np.zeros((1, 1, 3))
     p[0, 0, :2] = jaw[:2] + jaw[2] * np.array([-0.6, 0.8])
-    v, none, one, hit = np.array([[[0.5, 0.0, 0.0]]]), np.zeros(1), np.zeros(1, int), np.zeros((1, IMPACT_FIELDS))
+    v, none, one, hit = np.array([[[0.5, 0.0, 0.0]]]), np.zeros(1), np.zeros(1, int), np.zeros((1, rec.IMPACT_FIELDS))
     no_hooks = np.zeros((0, 2), np.int64)
     ask_rows(True, p, v, 0 * v, one, np.full(1, 6), POCKETS.jaws, R, none, none, np.zeros((1, 1)), one, no_hooks, hit)
-    assert hit[0, APPROACH] == pytest.approx(0.3)
-    assert hit[0, SECOND] == OWNERS[2]
+    assert hit[0, rec.APPROACH] == pytest.approx(0.3)
+    assert hit[0, rec.SECOND] == JAW_RAILS[2]
 
 
 def test_what_lies_in_a_jaw_is_put_back_to_where_it_touches() -> None:
     p = np.zeros((1, 1, 3))
     p[0, 0, :2] = POCKETS.jaws[5, :2] + (POCKETS.jaws[5, 2] - 1e-4) * np.array([0.6, -0.8])
-    part_rows(True, np.array([[2, 0, 9]]), p, R, TABLE.reach(BALL), POCKETS.jaws)
+    part_rows(True, np.array([[2, 0, 9]]), p, R, TABLE.centre_limits(BALL), POCKETS.jaws)
     assert p[0, 0, :2] == pytest.approx(POCKETS.jaws[5, :2] + POCKETS.jaws[5, 2] * np.array([0.6, -0.8]), abs=1e-15)
 
 

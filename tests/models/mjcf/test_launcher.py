@@ -16,7 +16,17 @@ import pytest
 from models.analytic import cueing
 from models.errors import BadInput
 from models.mjcf import launcher, stroke
-from models.mjcf.launcher import DEVICE, GEAR, PINION, TILT, TRAVEL, Scene, build_scene, strike, strike_all
+from models.mjcf.launcher import (
+    CUE_TILT,
+    DEVICE_FILE,
+    GEAR_RATIO,
+    PINION_RADIUS_M,
+    STAGE_TRAVEL_M,
+    LauncherScene,
+    build_scene,
+    strike,
+    strike_all,
+)
 from models.shot import Ball, Table
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -26,17 +36,17 @@ TABLE, BALL, SPOT = Table(3.569, 1.778), Ball(0.0525, 0.1406), np.array([-1.23, 
 @pytest.fixture(scope="module")
 def device() -> Any:
     """The device alone."""
-    return mujoco.MjModel.from_xml_path(str(DEVICE))
+    return mujoco.MjModel.from_xml_path(str(DEVICE_FILE))
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
+def scene() -> LauncherScene:
     """The device at the table."""
     return build_scene(TABLE, BALL, ("white",), SPOT, 0.0)
 
 
 @pytest.fixture(scope="module")
-def afloat() -> Scene:
+def afloat() -> LauncherScene:
     """The same without a slate under the ball."""
     return build_scene(TABLE, BALL, ("white",), SPOT, 0.0, slate=False)
 
@@ -44,14 +54,14 @@ def afloat() -> Scene:
 def test_the_device_loads_alone_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        spec = mujoco.MjSpec.from_file(str(DEVICE))
+        spec = mujoco.MjSpec.from_file(str(DEVICE_FILE))
         model = spec.compile()
     assert capfd.readouterr() == ("", "")
     assert [model.actuator(k).name for k in range(model.nu)] == ["stage x", "stage y", "servo"]
     assert all(geom.name for geom in spec.geoms)
     assert np.all(model.geom_contype == 0)
     assert np.all(model.geom_conaffinity == 0)
-    text = DEVICE.read_text(encoding="utf-8")
+    text = DEVICE_FILE.read_text(encoding="utf-8")
     assert max(map(len, text.splitlines())) <= 120
     assert "\t" not in text
 
@@ -61,14 +71,14 @@ def test_what_code_states_is_what_the_file_holds(device: Any) -> None:
     assert sum(cue) == pytest.approx(launcher.CUE_MASS)
     assert cue[1] + cue[2] == pytest.approx(launcher.END_MASS)
     assert device.geom("tip").size[0] == launcher.TIP_RADIUS
-    assert device.eq_data[device.equality("gearbox").id, 1] * GEAR == pytest.approx(1.0)
-    assert device.eq_data[device.equality("mesh").id, 1] == pytest.approx(PINION)
-    assert device.joint("stage x").range[1] == TRAVEL
-    assert device.actuator("servo").forcerange[1] == stroke.RATED["peak torque"]
+    assert device.eq_data[device.equality("gearbox").id, 1] * GEAR_RATIO == pytest.approx(1.0)
+    assert device.eq_data[device.equality("mesh").id, 1] == pytest.approx(PINION_RADIUS_M)
+    assert device.joint("stage x").range[1] == STAGE_TRAVEL_M
+    assert device.actuator("servo").forcerange[1] == stroke.MOTOR_RATING["peak torque"]
     data = mujoco.MjData(device)
     mujoco.mj_forward(device, data)
     axis = data.body("chassis").xmat.reshape(3, 3)[:, 0]
-    assert axis == pytest.approx([np.cos(TILT), 0, -np.sin(TILT)], abs=1e-8)
+    assert axis == pytest.approx([np.cos(CUE_TILT), 0, -np.sin(CUE_TILT)], abs=1e-8)
     assert np.cross(data.site("tip").xpos, axis) == pytest.approx(0, abs=1e-8), "the cue points at the origin"
 
 
@@ -93,7 +103,7 @@ def test_the_stage_moves_the_tip_by_what_it_is_told(device: Any, side: float, he
         data.ctrl[:2] = np.array([side, height]) * min(k / 40, 1.0)
         mujoco.mj_step(device, data, 50)
     rack = data.joint("rack").qpos[0]
-    moved = data.site("tip").xpos - start - rack * np.array([np.cos(TILT), 0, -np.sin(TILT)])
+    moved = data.site("tip").xpos - start - rack * np.array([np.cos(CUE_TILT), 0, -np.sin(CUE_TILT)])
     assert moved[1:] == pytest.approx([-side, height], abs=6e-5), "right is -y"
 
 
@@ -105,13 +115,15 @@ def test_gears_hold_while_the_servo_pulls(device: Any) -> None:
     motor, pinion, rack = (data.joint(name) for name in ("motor", "pinion", "rack"))
     assert rack.qpos[0] > 0.05
     assert motor.qpos[0] / pinion.qpos[0] == pytest.approx(3.0, rel=2e-3)
-    assert rack.qpos[0] == pytest.approx(PINION * pinion.qpos[0], abs=1e-4)
-    assert rack.qvel[0] == pytest.approx(PINION * motor.qvel[0] / 3, rel=5e-3)
+    assert rack.qpos[0] == pytest.approx(PINION_RADIUS_M * pinion.qpos[0], abs=1e-4)
+    assert rack.qvel[0] == pytest.approx(PINION_RADIUS_M * motor.qvel[0] / 3, rel=5e-3)
 
 
 @pytest.mark.parametrize("cue_speed", [0.5, 2.0])
-def test_a_centre_ball_leaves_as_the_formula_says(scene: Scene, afloat: Scene, cue_speed: float) -> None:
-    ideal = cueing.ball_speed(cue_speed, 0, 0, BALL, stroke.CUE)
+def test_a_centre_ball_leaves_as_the_formula_says(
+    scene: LauncherScene, afloat: LauncherScene, cue_speed: float
+) -> None:
+    ideal = cueing.ball_speed(cue_speed, 0, 0, BALL, stroke.ANALYTIC_CUE)
     free = strike(afloat, cue_speed)
     assert free.cue_speed == pytest.approx(cue_speed, rel=5e-3), "constant speed through the stroke"
     assert np.linalg.norm(free.velocity) == pytest.approx(ideal * free.cue_speed / cue_speed, rel=0.01)
@@ -126,7 +138,7 @@ def test_a_centre_ball_leaves_as_the_formula_says(scene: Scene, afloat: Scene, c
     assert held.slip < 5e-5
 
 
-def test_right_side_turns_left_and_squirts_left(scene: Scene) -> None:
+def test_right_side_turns_left_and_squirts_left(scene: LauncherScene) -> None:
     right, left = strike(scene, 2.0, 0.010), strike(scene, 2.0, -0.010)
     assert right.spin[2] > 40
     assert right.squirt > np.radians(1.0)
@@ -138,7 +150,7 @@ def test_right_side_turns_left_and_squirts_left(scene: Scene) -> None:
         assert getattr(right, name) == pytest.approx(getattr(mirror, name), rel=1e-3, abs=2e-3), name
 
 
-def test_the_aim_turns_everything_with_it(scene: Scene) -> None:
+def test_the_aim_turns_everything_with_it(scene: LauncherScene) -> None:
     angle = 2.2
     turned = strike(build_scene(TABLE, BALL, ("white",), np.array([0.3, -0.2]), angle), 1.5, 0.006, 0.006)
     here = strike(scene, 1.5, 0.006, 0.006)
@@ -149,7 +161,7 @@ def test_the_aim_turns_everything_with_it(scene: Scene) -> None:
     assert turned.squirt == pytest.approx(here.squirt, abs=1e-3)
 
 
-def test_strokes_follow_the_cueing_model(afloat: Scene) -> None:
+def test_strokes_follow_the_cueing_model(afloat: LauncherScene) -> None:
     shots = [(1.0, 0.006, 0.0), (2.5, 0.012, 0.0), (1.5, 0.0, 0.012), (1.5, 0.0, -0.012), (2.0, 0.012, -0.012)]
     wrong = stroke.errors(afloat, shots, strike_all(afloat, shots))
     assert np.abs(wrong[:, 0]).max() < 1.0, "ball speed [%]"
@@ -166,7 +178,7 @@ def test_more_end_mass_squirts_more() -> None:
     assert np.all(np.diff(squirts) > np.radians(0.4))
 
 
-def test_beyond_the_cone_of_friction_it_miscues(scene: Scene) -> None:
+def test_beyond_the_cone_of_friction_it_miscues(scene: LauncherScene) -> None:
     limit = cueing.miscue_limit(launcher.TIP_FRICTION) * (BALL.radius + launcher.TIP_RADIUS)
     inside, outside = strike(scene, 1.5, 0.9 * limit), strike(scene, 1.5, 1.12 * limit)
     assert not inside.miscue
@@ -176,11 +188,11 @@ def test_beyond_the_cone_of_friction_it_miscues(scene: Scene) -> None:
     assert strike(slick, 1.5, 0.012).miscue, "without chalk"
 
 
-def test_the_fastest_string_is_within_the_torque(scene: Scene) -> None:
+def test_the_fastest_string_is_within_the_torque(scene: LauncherScene) -> None:
     whole = strike(scene, 2.75, follow_through=True)
     assert whole.cue_speed == pytest.approx(2.75, rel=5e-3)
-    assert whole.torque < stroke.RATED["peak torque"] - 0.05
-    assert whole.motor_speed * stroke.RPM < stroke.RATED["speed"]
+    assert whole.torque < stroke.MOTOR_RATING["peak torque"] - 0.05
+    assert whole.motor_speed * stroke.RPM_PER_RAD_S < stroke.MOTOR_RATING["speed"]
     assert whole.travel < 0.355, "it stops before its end"
     ideal = stroke.closed_form(scene, 2.75)
     upto = strike(scene, 2.75)
@@ -190,7 +202,7 @@ def test_the_fastest_string_is_within_the_torque(scene: Scene) -> None:
     assert whole.rack_force < ideal["pull"]
 
 
-def test_a_stroke_is_the_same_every_time(scene: Scene) -> None:
+def test_a_stroke_is_the_same_every_time(scene: LauncherScene) -> None:
     shots = [(1.0, 0.004, -0.006), (2.0, 0.0, 0.01)]
     one, many = strike_all(scene, shots, threads=1), strike_all(scene, shots, threads=2)
     for a, b in zip(one, many, strict=True):
@@ -203,14 +215,16 @@ def test_a_stroke_is_the_same_every_time(scene: Scene) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((4.0,), r"cue_speed is 4\.0 m/s; the drive reaches 0\.2 to 3\.2"),
+        ((4.0,), r"cue_speed is 4\.0 m/s; the drive allows 0\.2 to 3\.2"),
         ((float("nan"),), "cue_speed is nan"),
         ((1.0, 0.03), r"side is 0\.03 m; the stage travels \+-0\.0250 m"),
         ((1.0, 0.0, -0.0249), r"height is -0\.0249 m; the stage travels \+-0\.0248 m"),
         ((1.0, 0.025, 0.0248), None),
     ],
 )
-def test_a_stroke_that_cannot_be_says_why(scene: Scene, arguments: tuple[float, ...], message: str | None) -> None:
+def test_a_stroke_that_cannot_be_says_why(
+    scene: LauncherScene, arguments: tuple[float, ...], message: str | None
+) -> None:
     if message is None:  # in reach, so it is played, however badly
         assert strike(scene, *arguments).miscue
         return

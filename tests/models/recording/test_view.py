@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.errors import BadInput
+from models.recording import palette
 from models.recording import shots as view
-from models.recording.shots import Review, ball_colour, write_review
+from models.recording.palette import ball_colour
+from models.recording.shots import Review, write_review
 from models.shot import Array, Ball, Event, Table, Track
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -212,7 +215,7 @@ def test_faults_are_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"clip 'bad', ball 'cue': time \(3,\), xy \(2, 2\)"):
         bad = Review("bad", {"cue": (np.arange(3.0), np.zeros((2, 2)))})
         write_review(tmp_path / "x.rrd", TABLE, BALL, [bad], title="t")
-    with pytest.raises(OSError, match="nowhere"):
+    with pytest.raises(BadInput, match="nowhere"):
         write_review(tmp_path / "nowhere" / "x.rrd", TABLE, BALL, [clip("x")], title="t")
 
 
@@ -222,10 +225,10 @@ def test_names_with_any_character(tmp_path: Path) -> None:
 
 
 def test_colours_follow_names() -> None:
-    assert ball_colour("red_07") == ball_colour("Red") == view.BALLS["red"]
+    assert ball_colour("red_07") == ball_colour("Red") == palette.SCREEN_COLOURS["red"]
     assert ball_colour("white") == ball_colour("cue")
     assert ball_colour("orange") == ball_colour("orange")
-    assert ball_colour("orange") in view.PALETTE
+    assert ball_colour("orange") in palette.OTHER_COLOURS
 
 
 def test_many_clips_and_a_full_table_are_quick(tmp_path: Path) -> None:

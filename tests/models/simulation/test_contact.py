@@ -17,7 +17,7 @@ from sysid.validation.shots import impact_shot, impact_states
 
 Play = Callable[..., list[Track]]
 BALL, TABLE = Ball(0.0525, 0.1406), Table(2.0, 1.6, pockets=False)
-D, REACH = BALL.diameter * (1 + 1e-12), float(TABLE.reach(BALL)[0])
+D, REACH = BALL.diameter * (1 + 1e-12), float(TABLE.centre_limits(BALL)[0])
 
 
 def model(e: float = 0.94, mu: float = 0.05, cushion: float = 0.98) -> Model:
@@ -124,7 +124,7 @@ def test_both_engines_make_the_same_of_a_cluster(
 
 
 def test_a_corner_is_met_by_both_cushions_at_once(play: Play) -> None:
-    top = float(TABLE.reach(BALL)[1])
+    top = float(TABLE.centre_limits(BALL)[1])
     frictionless = full_model(TABLE, BALL).with_values(
         {"cushion_impact.restitution": 1.0, "cushion_impact.friction": 0.0, "decoupled_cloth.slide": 0.05}
     )

@@ -60,7 +60,7 @@ def closed_form(shot: Shot, slide: float, roll: float, alpha: float) -> tuple[Ar
 def break_shots(count: int, balls: int, model: Model = CAROM, seed: int = 5) -> list[Shot]:
     """Fast shots among resting balls, none overlapping, all on the table."""
     noise, made = np.random.default_rng(seed), []
-    reach, apart = model.table.reach(model.ball) - 0.1, model.ball.diameter + 0.01
+    reach, apart = model.table.centre_limits(model.ball) - 0.1, model.ball.diameter + 0.01
     while len(made) < count:
         xy = noise.uniform(-reach, reach, (balls, 2))
         if any(np.hypot(*(a - b)) < apart for a, b in itertools.combinations(xy, 2)):
@@ -181,7 +181,7 @@ def test_energy_never_rises(play: Play, model: Model) -> None:
 
 
 def test_balls_stay_apart_and_on_the_table(play: Play) -> None:
-    reach = CAROM.table.reach(CAROM.ball)
+    reach = CAROM.table.centre_limits(CAROM.ball)
     for track in play(CAROM, break_shots(60, 4)):
         assert np.all(np.abs(track.position) <= reach + 1e-9)
         for i, j in itertools.combinations(range(4), 2):
@@ -264,7 +264,7 @@ def test_a_ball_that_is_known_to_stay_meets_cushions_where_mouths_are(play: Play
 def test_native_contacts_stand_in_for_a_missing_effect(missing: str) -> None:
     model = dataclasses.replace(CAROM, effects=tuple(e for e in CAROM.effects if e.name() != missing))
     shots = [dataclasses.replace(s, times=np.linspace(0, 1.2, 13)) for s in break_shots(3, 3)]
-    reach = CAROM.table.reach(CAROM.ball)
+    reach = CAROM.table.centre_limits(CAROM.ball)
     for native, full in zip(simulate(model, shots), simulate(CAROM, shots), strict=True):
         assert np.isfinite(native.position).all()
         assert np.all(np.abs(native.position) <= reach + 0.01), "nothing leaves the table"

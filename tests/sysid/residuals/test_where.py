@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.shot import RAILS, Table
+from models.shot import RAIL_NAMES, Table
 from sysid.residuals.impacts import Impacts, no_impacts
 from sysid.residuals.localise import find
 from sysid.residuals.samples import Array, Samples
@@ -57,7 +57,7 @@ def impacts(seed: int, jump: Any = None, n: int = 60) -> Impacts:
     """Rebounds; `jump(approach, rail)` (n,) is what the model lacks along the normal."""
     rng = np.random.default_rng(seed)
     approach = rng.uniform(0.3, 2.5, n)
-    rail = tuple(RAILS[k] for k in rng.integers(0, 4, n))
+    rail = tuple(RAIL_NAMES[k] for k in rng.integers(0, 4, n))
     value = np.zeros(n) if jump is None else np.asarray(jump(approach, np.array(rail)))
     noise: Array = rng.normal(0, 0.004, (n, 2))
     return Impacts(

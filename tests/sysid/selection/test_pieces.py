@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.effects.cue_hop import CueHop
-from models.effects.squirt import Squirt
+from models.effects.cue.cue_hop import CueHop
+from models.effects.cue.squirt import Squirt
 from models.model_file import full_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate

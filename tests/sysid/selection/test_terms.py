@@ -17,7 +17,7 @@ import pytest
 import models.model_file
 from models.contract import check_file
 from models.errors import BadInput
-from models.formula import DOORS, MAX_TERMS, factor_value
+from models.formula import MAX_TERMS, TERM_HOOKS, factor_value
 from models.hooks import address, hooks_of
 from models.model_file import add_folder, effect_class, full_model
 from models.shot import Ball, Shot, Table, Track
@@ -210,7 +210,7 @@ def test_a_formula_is_an_effect_like_any_other() -> None:
         assert one.position.tobytes() == two.position.tobytes() and one.velocity.tobytes() == two.velocity.tobytes()
     with pytest.raises(ValueError, match="6 terms"):
         effect_from_terms("more", TERMS[: MAX_TERMS + 1], [0.01] * (MAX_TERMS + 1))
-    assert {t.quantity for t in TERMS} == set(DOORS)
+    assert {t.quantity for t in TERMS} == set(TERM_HOOKS)
 
 
 @pytest.mark.parametrize("term", [*TERMS[::7], *terms_of("ball_mu_with_2")], ids=lambda t: t.name)

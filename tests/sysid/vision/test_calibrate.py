@@ -12,7 +12,7 @@ import pytest
 
 from models.console import Progress
 from models.errors import BadInput
-from models.shot import NOSE_HEIGHT, RAILS, Table
+from models.shot import NOSE_HEIGHT, RAIL_NAMES, Table
 from sysid.cli.calibrate import calibrate as cli_calibrate
 from sysid.cli.calibrate import frames
 from sysid.vision.camera.board import lens_of
@@ -80,7 +80,7 @@ def test_a_known_focal_length_gives_places_to_a_fraction_of_a_pixel(straight: tu
     found = calibrated(camera, picture, fov=fov(camera))
     assert found.focal_from == "given"
     assert found.doubts == ()
-    assert set(found.rails) == set(RAILS)
+    assert set(found.rails) == set(RAIL_NAMES)
     assert "bed/cushion" in found.edge
     assert rms(errors(camera, found)) < 0.6, "4 mm are a pixel"
     assert found.camera.eye[2] == pytest.approx(camera.eye[2], abs=0.01)

@@ -7,19 +7,18 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.events import DEAD, in_mouth
-from models.analytic.pocket import OWNERS, outward
+from models import record as rec
+from models.analytic.events import DEAD_SPEED, in_mouth
+from models.analytic.pocket import JAW_RAILS, outward
 from models.compiled import compiled, compiled_in_place
 from models.engine.motion import POTTED
-from models.hooks import IMPACT_FIELDS, STROKE_FIELDS, Table, call_hook
+from models.hooks import STROKE_FIELDS, Table, call_hook
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
-CLIMB = 0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
-(
-    CUSHION_HIT, APPROACH, SLIP, HIT_X, HIT_Y, HIT_VX, HIT_VY, FIRST, SECOND, HIT_ORDER, HIT_TIME, RESTITUTION,
-    FRICTION, GAIN, DECAY, MASS_FIRST, MASS_SECOND,
-) = range(IMPACT_FIELDS)  # fmt: skip
-RAIL_OF_JAW = np.array(OWNERS)
+CLIMB_FRICTION = (
+    0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
+)
+RAIL_OF_JAW = np.array(JAW_RAILS)
 
 
 @compiled_in_place
@@ -38,13 +37,13 @@ def describe(h, cushion, i, j, one, two, nx, ny, radius, order, time):  # type: 
     # Slip along the horizontal tangent (-ny, nx), and up the face.
     along = -ux * ny + uy * nx + radius * (wz * c - s * (wx * nx + wy * ny))
     up = -approach * s + radius * (wx * ny - wy * nx)
-    h[CUSHION_HIT] = 1.0 if cushion else 0.0
-    h[APPROACH], h[SLIP] = approach, math.sqrt(along * along + up * up)
-    h[HIT_X], h[HIT_Y], h[HIT_VX], h[HIT_VY] = one[0], one[1], one[2], one[3]
-    h[FIRST], h[SECOND] = i, (RAIL_OF_JAW[j - 4] if cushion and j >= 4 else j)
-    h[HIT_ORDER], h[HIT_TIME] = order, time
-    h[RESTITUTION] = h[FRICTION] = h[GAIN] = h[DECAY] = 0.0
-    h[MASS_FIRST] = h[MASS_SECOND] = 1.0
+    h[rec.CUSHION_HIT] = 1.0 if cushion else 0.0
+    h[rec.APPROACH], h[rec.SLIP] = approach, math.sqrt(along * along + up * up)
+    h[rec.HIT_X], h[rec.HIT_Y], h[rec.HIT_VX], h[rec.HIT_VY] = one[0], one[1], one[2], one[3]
+    h[rec.FIRST], h[rec.SECOND] = i, (RAIL_OF_JAW[j - 4] if cushion and j >= 4 else j)
+    h[rec.HIT_ORDER], h[rec.HIT_TIME] = order, time
+    h[rec.RESTITUTION] = h[rec.FRICTION] = h[rec.GAIN] = h[rec.DECAY] = 0.0
+    h[rec.MASS_FIRST] = h[rec.MASS_SECOND] = 1.0
 
 
 @compiled_in_place
@@ -52,12 +51,12 @@ def ask(h, at, own, hooks):  # type: ignore[no-untyped-def]
     """Let the effects say how the impact in record h, at address `at`, goes, within what the impact models hold for."""
     for k in range(hooks.shape[0]):
         call_hook(hooks[k, 0], own + 8 * hooks[k, 1], at)
-    h[RESTITUTION] = min(max(h[RESTITUTION], 0.0), 1.0)
-    h[FRICTION] = max(h[FRICTION], 0.0)
-    if h[CUSHION_HIT] > 0.0:
-        h[FRICTION] = min(h[FRICTION], CLIMB)
-    if h[APPROACH] < DEAD:
-        h[RESTITUTION] = 0.0
+    h[rec.RESTITUTION] = min(max(h[rec.RESTITUTION], 0.0), 1.0)
+    h[rec.FRICTION] = max(h[rec.FRICTION], 0.0)
+    if h[rec.CUSHION_HIT] > 0.0:
+        h[rec.FRICTION] = min(h[rec.FRICTION], CLIMB_FRICTION)
+    if h[rec.APPROACH] < DEAD_SPEED:
+        h[rec.RESTITUTION] = 0.0
 
 
 @compiled
@@ -114,7 +113,7 @@ def strike_rows(own, hooks, radius, mass, struck, velocity, spin):  # type: igno
 
 
 @compiled_in_place
-def is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):  # type: ignore[no-untyped-def]
+def is_crowded(b, kind, i, j, rail, near, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
     """Whether a third body is within `near` [m] of those of an impact: balls i and j, or ball i and a rail (j < 0).
 
     b (nball, 2 or more) begins with the balls' places; `kind` (nball,) says which are potted.
@@ -130,7 +129,7 @@ def is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):  # type:
                     return True
         for other in range(4):
             k = other // 2
-            gap = reach[k] - (1.0 - 2.0 * (other % 2)) * b[one, k]
+            gap = limits[k] - (1.0 - 2.0 * (other % 2)) * b[one, k]
             if gap < near and not (j < 0 and other == rail) and not in_mouth(b[one, 1 - k], other, half, mouths):
                 return True
     return False
@@ -139,18 +138,18 @@ def is_crowded(b, kind, i, j, rail, near, radius, reach, half, mouths):  # type:
 @compiled
 def crowded(
     cushion: bool, hit: NDArray[np.int64], p: Array, kind: NDArray[np.int64], near: Array, radius: float,
-    reach: Array, half: Array, mouths: Array,
+    limits: Array, half: Array, mouths: Array,
 ) -> NDArray[np.bool_]:  # fmt: skip
     """`is_crowded` of many simulations: rows of `hit` are kind, ball, and other ball or rail; near (n,) [m]."""
     found = np.zeros(hit.shape[0], np.bool_)
     for n in range(hit.shape[0]):
         j = -1 if cushion else hit[n, 2]
-        found[n] = is_crowded(p[n], kind[n], hit[n, 1], j, hit[n, 2], near[n], radius, reach, half, mouths)
+        found[n] = is_crowded(p[n], kind[n], hit[n, 1], j, hit[n, 2], near[n], radius, limits, half, mouths)
     return found
 
 
 @compiled_in_place
-def part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
+def part(b, i, j, rail, jaws, radius, limits):  # type: ignore[no-untyped-def]
     """Put bodies that overlap back to where they touch: balls i and j of b, or ball i and a rail or jaw (j < 0)."""
     if j >= 0:
         x, y = b[j, 0] - b[i, 0], b[j, 1] - b[i, 1]
@@ -160,7 +159,7 @@ def part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
         b[j, 0], b[j, 1] = b[j, 0] + more * x, b[j, 1] + more * y
     elif rail < 4:
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-        b[i, k] = sign * min(sign * b[i, k], reach[k])
+        b[i, k] = sign * min(sign * b[i, k], limits[k])
     else:
         x, y = jaws[rail - 4, 0] - b[i, 0], jaws[rail - 4, 1] - b[i, 1]
         d = math.sqrt(x * x + y * y)
@@ -169,7 +168,7 @@ def part(b, i, j, rail, jaws, radius, reach):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def part_rows(cushion: bool, hit: NDArray[np.int64], p: Array, radius: float, reach: Array, jaws: Array) -> None:
+def part_rows(cushion: bool, hit: NDArray[np.int64], p: Array, radius: float, limits: Array, jaws: Array) -> None:
     """`part` of many simulations: rows of `hit` are kind, ball, and other ball or rail."""
     for n in range(hit.shape[0]):
-        part(p[n], hit[n, 1], -1 if cushion else hit[n, 2], hit[n, 2], jaws, radius, reach)
+        part(p[n], hit[n, 1], -1 if cushion else hit[n, 2], hit[n, 2], jaws, radius, limits)

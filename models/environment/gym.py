@@ -1,4 +1,4 @@
-"""The dm_control task of models/environment.py with Gymnasium's interface, by way of shimmy.
+"""The dm_control task of models/environment/task.py with Gymnasium's interface, by way of shimmy.
 
 Needs the extra `gym` of this distribution. shimmy counts on numpy's legacy random numbers; here a seed goes to the
 generator that the task draws from. An episode is one shot, so every step terminates it.
@@ -13,14 +13,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from models.environment import ShotEnvironment
+from models.environment.task import ShotEnvironment
 from models.errors import BadInput
 
 with contextlib.redirect_stdout(io.StringIO()):  # it names environments of others that lack a library
     from shimmy.dm_control_compatibility import DmControlCompatibilityV0
     from shimmy.utils.dm_env import dm_env_step2gym_step
 
-MODES = (None, "rgb_array")
+RENDER_MODES = (None, "rgb_array")
 
 
 class GymnasiumShot(DmControlCompatibilityV0):
@@ -36,7 +36,7 @@ class GymnasiumShot(DmControlCompatibilityV0):
         Raises:
             BadInput: for a mode other than None and "rgb_array".
         """
-        if render_mode not in MODES:
+        if render_mode not in RENDER_MODES:
             raise BadInput(f"render_mode is {render_mode!r}; choose from None, 'rgb_array'")
         super().__init__(environment, render_mode, render_kwargs)
         self.metadata = dict(type(self).metadata)
@@ -51,7 +51,7 @@ class GymnasiumShot(DmControlCompatibilityV0):
         self._env.task.rng = value
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Deal an episode, with a seed the same as ever."""
+        """Draw an episode; the same seed draws the same one."""
         gymnasium.Env.reset(self, seed=seed)
         if seed is not None:
             self.np_random = self._np_random

@@ -12,10 +12,9 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from models.effect import BallState, Effect, param
+from models.effect import STRUCK_BALL, BallState, Effect, param
 
-STRUCK = 0  # number of the struck ball
-LANDED = 1e-12  # this near its landing a ball has landed [s]
+LANDING_TOLERANCE_S = 1e-12  # this near its landing a ball has landed [s]
 
 
 @dataclass(frozen=True)
@@ -30,10 +29,10 @@ class CueHop(Effect):
 
     def forces(self, ball: BallState) -> None:
         """No weight on the cloth while the struck ball flies."""
-        if ball.number == STRUCK and self.time_per_speed * ball.launch - ball.time > LANDED:
+        if ball.number == STRUCK_BALL and self.time_per_speed * ball.launch - ball.time > LANDING_TOLERANCE_S:
             ball.weight = 0.0
 
     def horizon(self, ball: BallState) -> float:
         """Until the landing [s]."""
         left = self.time_per_speed * ball.launch - ball.time
-        return left if ball.number == STRUCK and left > LANDED else math.inf
+        return left if ball.number == STRUCK_BALL and left > LANDING_TOLERANCE_S else math.inf

@@ -2,7 +2,7 @@
 
 Reported position = (1 + stretch) x. Source: geometry; a camera calibrated on the cloth at height H sees balls, whose
 centres lie R higher, by R / (H - R) too far out: 0.0088 to 0.0133 for H = 3 to 2 m. Lengths, speeds and decelerations
-all grow alike, so that cushions and the balls' own size tell it from friction. Leaves out any change over the picture.
+all grow alike, so that cushions and the balls' size separate it from friction. Leaves out any change over the picture.
 """
 
 from __future__ import annotations

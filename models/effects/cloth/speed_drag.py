@@ -1,8 +1,8 @@
 """Rolling resistance that grows with speed: a further deceleration k v while a ball rolls.
 
 Force -M k v with the torque that keeps the ball rolling, I k v / R. The rolling deceleration is then mu_r g + k v.
-Form: physics of rolling on felt gives no unique law; a linear term is the least that a camera can tell from a constant
-one. Air drag has the same sign and nearly the same shape (v^2), so the two are hard to tell apart.
+Form: physics of rolling on felt gives no unique law; a linear term is the least that a camera can distinguish from
+a constant one. Air drag has the same sign and nearly the same shape (v^2), so the two are nearly confounded.
 """
 
 from __future__ import annotations

@@ -14,25 +14,25 @@ import numpy as np
 from models.compiled import compiled, compiled_in_place
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
-STEP = 4e-6  # [s]
+SPRING_STEP_S = 4e-6  # [s]
 BALL_TIME = 1e-4  # two balls' contact at 1 m/s [s]; real ones' 0.2 to 0.3 ms, in which the line of centres turns
 CUSHION_TIME = 4e-4  # [s]; real ones' some 8 ms
-HERTZ = (3.2180 / BALL_TIME) ** 2.5  # acceleration of the gap is HERTZ d^1.5 [m^-0.5 s^-2]
-LONGEST = 2e-2  # of a cluster, after which the rest of it is left to the next [s]
-CLOSED = 1e-9  # gap below which bodies touch [m]
-CALM = 2 * CUSHION_TIME  # without a speed between what touches, after which nothing more will come of it [s]
+HERTZ_STIFFNESS = (3.2180 / BALL_TIME) ** 2.5  # acceleration of the gap is HERTZ_STIFFNESS d^1.5 [m^-0.5 s^-2]
+MAX_CLUSTER_S = 2e-2  # of a cluster, after which the rest of it is left to the next [s]
+CONTACT_GAP_M = 1e-9  # gap below which bodies touch [m]
+CALM_TIME_S = 2 * CUSHION_TIME  # without a speed between what touches, after which nothing more will come of it [s]
 NOSE_RADIUS = 0.002  # of the capsule that stands for the nose [m]
-PARTS = 8  # of a step, over which a slip may turn
+SLIP_PARTS = 8  # of a step, over which a slip may turn
 
 
 @compiled
 def spring(cushion: bool, depth: float, damping: float) -> tuple[float, float]:
     """Stiffness over the depth [1/s^2] and damping [1/s] of a contact per unit of its effective mass."""
-    if depth <= CLOSED:  # a touch is landed on to rounding: nothing acts on either side of it
+    if depth <= CONTACT_GAP_M:  # a touch is landed on to rounding: nothing acts on either side of it
         return 0.0, 0.0
     if cushion:
         return (np.pi / CUSHION_TIME) ** 2, 2.0 * damping * np.pi / CUSHION_TIME
-    return HERTZ * np.sqrt(depth), damping * np.sqrt(HERTZ) * depth**0.25
+    return HERTZ_STIFFNESS * np.sqrt(depth), damping * np.sqrt(HERTZ_STIFFNESS) * depth**0.25
 
 
 @compiled
@@ -41,8 +41,8 @@ def _bounce(cushion: bool, damping: float) -> float:
     depth, v = 0.0, 1.0
     for _ in range(10_000):
         k, b = spring(cushion, depth, damping)
-        v -= STEP * max(k * depth + b * v, 0.0)
-        depth += STEP * v
+        v -= SPRING_STEP_S * max(k * depth + b * v, 0.0)
+        depth += SPRING_STEP_S * v
         if depth <= 0.0:
             break
     return -v
@@ -89,7 +89,7 @@ def depth_of(cushion: bool, gap: float, r: float) -> tuple[float, float]:
     """Depth along the normal, and the normal's horizontal part; a cushion's from the middle of its capsule."""
     if not cushion:
         return -gap, 1.0
-    reach = r + NOSE_RADIUS
-    across = reach * NOSE_COSINE + gap
-    apart = np.sqrt(across * across + (reach * NOSE_SINE) ** 2)
-    return reach - apart, across / apart
+    contact_radius = r + NOSE_RADIUS
+    across = contact_radius * NOSE_COSINE + gap
+    apart = np.sqrt(across * across + (contact_radius * NOSE_SINE) ** 2)
+    return contact_radius - apart, across / apart

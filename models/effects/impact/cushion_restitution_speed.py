@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from models.effect import Effect, ImpactState, param
 
-REFERENCE = 1.0  # speed at which the base's restitution holds [m/s]
+REFERENCE_SPEED = 1.0  # speed at which the base's restitution holds [m/s]
 
 
 @dataclass(frozen=True)
@@ -25,4 +25,4 @@ class CushionRestitutionSpeed(Effect):
     def impact(self, hit: ImpactState) -> None:
         """Less for what comes faster."""
         if hit.cushion:
-            hit.restitution -= self.rate * (hit.approach - REFERENCE)
+            hit.restitution -= self.rate * (hit.approach - REFERENCE_SPEED)

@@ -1,4 +1,4 @@
-"""The shot as a dm_control task: see the balls and the goal, ask for one stroke, be told what it was worth.
+"""The shot as a dm_control task: observe the balls and the goal, choose one stroke, receive its reward.
 
 The action is the paper's q = (V_C0, x'_0, y'_0, theta): speed of the cue [m/s], offset of its axis to the right and
 upwards [m], azimuth [rad], within V_C0 < 2.2 m/s and a contact offset < 0.5 R (Robotic Billiards 2015, section VI).
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from models.mjcf.painter import Painter
 
 Array = NDArray[np.float64]
-SENT = ("cue speed [m/s]", "x'0 [m]", "y'0 [m]", "theta [rad]")
+ACTION_FIELDS = ("cue speed [m/s]", "x'0 [m]", "y'0 [m]", "theta [rad]")
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,11 @@ class Episode(Protocol):
         """Mean reward of actions (n, 4) over so many plays whose errors are drawn from `rng`: (n,)."""
 
 
-Dealer = Callable[[np.random.Generator], Episode]
+EpisodeSampler = Callable[[np.random.Generator], Episode]
 
 
 @dataclass(frozen=True)
-class Reach:
+class ActionBounds:
     """What strokes a launcher can be asked for."""
 
     slowest: float  # of the cue [m/s]
@@ -86,19 +86,19 @@ class Reach:
         """Bounds of an action: (4,). They hold a square of offsets, of which the circle within is played."""
         high = np.array([self.fastest, self.offset, self.offset, math.pi])
         low = np.array([self.slowest, *-high[1:]])
-        return specs.BoundedArray((4,), np.float64, low, high, name=", ".join(SENT))
+        return specs.BoundedArray((4,), np.float64, low, high, name=", ".join(ACTION_FIELDS))
 
-    def held(self, actions: ArrayLike) -> Array:
+    def clipped(self, actions: ArrayLike) -> Array:
         """What is sent for actions (n, 4): speeds within bounds, offsets drawn back to the circle, azimuths within pi.
 
         Raises:
             ValueError: for another shape, or numbers that are not finite.
         """
         out = np.array(actions, np.float64)
-        if out.ndim != 2 or out.shape[1] != len(SENT):
-            raise ValueError(f"actions have shape {out.shape}; give (n, 4): {', '.join(SENT)}")
+        if out.ndim != 2 or out.shape[1] != len(ACTION_FIELDS):
+            raise ValueError(f"actions have shape {out.shape}; give (n, 4): {', '.join(ACTION_FIELDS)}")
         if not np.isfinite(out).all():
-            raise ValueError(f"an action holds {out[~np.isfinite(out)][0]}; give finite {', '.join(SENT)}")
+            raise ValueError(f"an action holds {out[~np.isfinite(out)][0]}; give finite {', '.join(ACTION_FIELDS)}")
         out[:, 0] = np.clip(out[:, 0], self.slowest, self.fastest)
         out[:, 1:3] *= np.minimum(1.0, self.offset / np.maximum(np.hypot(out[:, 1], out[:, 2]), 1e-12))[:, None]
         turned = np.abs(out[:, 3]) > math.pi
@@ -123,7 +123,7 @@ class ShotPhysics(control.Physics):
     def reset(self) -> None:
         """Put the balls back to where the episode started."""
         self.position = self.episode.position
-        self.sent, self.reward, self.shots = np.zeros(len(SENT)), 0.0, 0
+        self.sent, self.reward, self.shots = np.zeros(len(ACTION_FIELDS)), 0.0, 0
 
     def after_reset(self) -> None:
         """Nothing follows from the places of balls that rest."""
@@ -175,30 +175,30 @@ class ShotPhysics(control.Physics):
 
 
 class ShotTask(control.Task):
-    """One stroke, and its worth.
+    """One stroke, and its reward.
 
     Observed are `position` (nball, 2) [m], zeros where no ball is on the table; `on_table` (nball,); `sent` (4,), the
-    stroke that was played, which differs from the action where that lay outside of the launcher's reach; and the goal.
+    stroke that was played, which differs from the action where that lay outside the launcher's bounds; and the goal.
     """
 
-    def __init__(self, deal: Dealer, reach: Reach, rng: np.random.Generator) -> None:
-        """Take what deals the episodes, what the launcher can play, and where chance comes from."""
-        self.deal, self.reach, self.rng = deal, reach, rng
+    def __init__(self, sample: EpisodeSampler, bounds: ActionBounds, rng: np.random.Generator) -> None:
+        """Take the sampler of episodes, the bounds of an action and the random generator."""
+        self.sample, self.bounds, self.rng = sample, bounds, rng
 
     def initialize_episode(self, physics: ShotPhysics) -> None:
         """Draw a start and the errors of a play."""
-        physics.start(self.deal(self.rng))
+        physics.start(self.sample(self.rng))
 
     def action_spec(self, physics: ShotPhysics) -> specs.BoundedArray:
         """Bounds of what can be asked for."""
-        return self.reach.spec()
+        return self.bounds.spec()
 
     def before_step(self, action: ArrayLike, physics: ShotPhysics) -> None:
         """Load what can be played of what is asked for."""
-        physics.set_control(self.reach.held(np.asarray(action)[None])[0])
+        physics.set_control(self.bounds.clipped(np.asarray(action)[None])[0])
 
     def get_observation(self, physics: ShotPhysics) -> OrderedDict[str, NDArray[Any]]:
-        """What a camera would tell, what was played, and what is wanted."""
+        """What a camera would report, what was played, and the goal."""
         seen = np.isfinite(physics.position[:, 0])
         found: OrderedDict[str, NDArray[Any]] = OrderedDict()
         found["position"] = np.where(seen[:, None], physics.position, 0.0)
@@ -209,7 +209,7 @@ class ShotTask(control.Task):
         return found
 
     def get_reward(self, physics: ShotPhysics) -> float:
-        """What the last shot was worth."""
+        """The reward of the last shot."""
         return physics.reward
 
     def get_termination(self, physics: ShotPhysics) -> float:
@@ -220,17 +220,17 @@ class ShotTask(control.Task):
 class ShotEnvironment(control.Environment):
     """A dm_env.Environment of one step, which also plays many strokes at once for those who search."""
 
-    def __init__(self, deal: Dealer, reach: Reach, seed: int, *, flat: bool = False) -> None:
-        """Deal a first episode, from which the specs are read; the first reset deals the same again.
+    def __init__(self, sample: EpisodeSampler, bounds: ActionBounds, seed: int, *, flat: bool = False) -> None:
+        """Draw a first episode, from which the specs are read; the first reset draws the same again.
 
         Args:
-            deal: draws an episode.
-            reach: what the launcher can play.
+            sample: draws an episode.
+            bounds: of the strokes that the launcher can play.
             seed: of all that is drawn.
             flat: observe one vector instead of named arrays.
         """
-        first = deal(np.random.default_rng(seed))
-        task = ShotTask(deal, reach, np.random.default_rng(seed))
+        first = sample(np.random.default_rng(seed))
+        task = ShotTask(sample, bounds, np.random.default_rng(seed))
         super().__init__(ShotPhysics(first), task, flat_observation=flat)
 
     def reward_spec(self) -> specs.Array:
@@ -243,8 +243,8 @@ class ShotEnvironment(control.Environment):
 
     def rewards(self, actions: ArrayLike) -> Array:
         """What `step` would pay for each of actions (n, 4) in this episode, with its hidden errors: (n,)."""
-        return self.physics.episode.play(self.task.reach.held(actions)).reward
+        return self.physics.episode.play(self.task.bounds.clipped(actions)).reward
 
     def expected(self, actions: ArrayLike, plays: int) -> Array:
         """Mean reward of actions (n, 4) from this episode's start over fresh errors, the same for all: (n,)."""
-        return self.physics.episode.expected(self.task.reach.held(actions), plays, self.task.rng)
+        return self.physics.episode.expected(self.task.bounds.clipped(actions), plays, self.task.rng)

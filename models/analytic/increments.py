@@ -15,8 +15,8 @@ from models.analytic.coulomb import friction_at
 from models.compiled import compiled, compiled_in_place
 from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
-SWEEPS = 12  # at most, over the friction of both contacts, which depend on each other
-SETTLED = 1e-7  # change of the friction between sweeps over the normal impulse that ends them
+MAX_SWEEPS = 12  # at most, over the friction of both contacts, which depend on each other
+SETTLED_CHANGE = 1e-7  # change of the friction between sweeps over the normal impulse that ends them
 
 
 @compiled
@@ -47,7 +47,7 @@ def cushion_step(s: Array, dp: float, law: tuple[float, float, float, float], ou
     x0, y0 = s[0] + r * (wb * NOSE_SINE - wz * NOSE_COSINE), -s[1] * NOSE_SINE + r * wa
     c0, d0 = s[0] - r * wb, s[1] + r * wa
     fx = fy = ga = gb = 0.0
-    for _ in range(SWEEPS):
+    for _ in range(MAX_SWEEPS):
         x1 = va + ga / m + r * ((wb - k * ga) * NOSE_SINE - wz * NOSE_COSINE)
         y1 = -(vb + gb / m) * NOSE_SINE + r * (wa + k * gb)
         fx, fy = _friction(mu * dp, nose, x0, y0, x1, y1, fx, fy)
@@ -56,7 +56,7 @@ def cushion_step(s: Array, dp: float, law: tuple[float, float, float, float], ou
         press = max(0.0, dp * NOSE_SINE - fy * NOSE_COSINE)
         a, b = ga, gb
         ga, gb = _friction(mu_cloth * press, bed, c0, d0, c1, d1, ga, gb)
-        if abs(ga - a) + abs(gb - b) <= SETTLED * dp:
+        if abs(ga - a) + abs(gb - b) <= SETTLED_CHANGE * dp:
             break
     out[0] = va + (fx + ga) / m
     out[1] = vb + (gb - fy * NOSE_SINE) / m
@@ -81,7 +81,7 @@ def ball_step(
     limit = friction_at(mu, math.sqrt(x0 * x0 + y0 * y0)) * dp
     ft = fz = ga = gb = 0.0
     pressed = 0
-    for _ in range(SWEEPS):
+    for _ in range(MAX_SWEEPS):
         # The pressed ball's reaction (ga, gb) changes the slip between the balls.
         sign = 1.0 - 2.0 * pressed
         m = m0 if pressed == 0 else m1
@@ -98,7 +98,7 @@ def ball_step(
         c1, d1 = c0 - sign * dp / m + r * k * fz, d0 + sign * ft / m
         a, b = ga, gb
         ga, gb = _friction(mu_cloth * abs(fz), (3.5 / m, 3.5 / m), c0, d0, c1, d1, ga, gb)
-        if abs(ga - a) + abs(gb - b) <= SETTLED * dp:
+        if abs(ga - a) + abs(gb - b) <= SETTLED_CHANGE * dp:
             break
     for ball in range(2):
         sign = 1.0 - 2.0 * ball

@@ -1,10 +1,10 @@
 """A camera's clock that runs at another rate than it says, or whose frame rate is not the nominal one.
 
 Time stamps are `factor` times the true times: exposures = stamps / factor. All speeds then look too small by the
-factor and all decelerations by its square. Source: arithmetic; frame rates are known to 0.01 to 0.5 %. Friction and
-sidespin decay, which no film tells without a clock, make up for it to the last digit where they are constant. What
-tells it: the cue's commanded speeds, effects whose size a speed sets, and, where the frame rate is trusted, the
-spacing of the stamps against it. Leaves out jitter and dropped frames.
+factor and all decelerations by its square. Source: arithmetic; frame rates are known to 0.01 to 0.5 %. Constant
+friction and sidespin decay are confounded with it exactly, as no film identifies them without a clock. What separates
+them: the cue's commanded speeds, effects whose size a speed sets, and, where the frame rate is trusted, the spacing of
+the stamps against it. Leaves out jitter and dropped frames.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Sidespin that decays faster on a ball that moves: alpha (1 + k v), v the speed of the ball.
 
 Source: derived; the one measured alpha (Robotic Billiards, 2015) is that of a ball spun on the spot, and a moving one
-drags its patch over fresh cloth. A linear law is the least that a camera can tell. Never below zero. Leaves out that
-slip and sidespin share a patch (spin_slide_coupling), which has the opposite sign.
+drags its patch over fresh cloth. A linear law is the simplest that a camera can identify. Never below zero. Leaves out
+that slip and sidespin share a patch (spin_slide_coupling), which has the opposite sign.
 """
 
 from __future__ import annotations

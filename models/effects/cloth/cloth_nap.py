@@ -3,7 +3,7 @@
 Force M push along +x, through the centre: a sliding ball gets the whole of it, a rolling one 5/7, as the cloth turns
 it along. A resting ball stays until the push exceeds the rolling friction. Source: estimate, kappa of 0.5 to 3 mm/s^2;
 the nap runs from baulk to the top cushion. Leaves out that side drifts with the nap, and any part of it across the
-table. A slope along x looks the same: only a level tells them apart.
+table. A slope along x is confounded with it: only a level separates them.
 """
 
 from __future__ import annotations

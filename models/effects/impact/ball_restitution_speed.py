@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from models.effect import Effect, ImpactState, param
 
-REFERENCE = 1.0  # speed at which the base's restitution holds [m/s]
+REFERENCE_SPEED = 1.0  # speed at which the base's restitution holds [m/s]
 
 
 @dataclass(frozen=True)
@@ -29,4 +29,4 @@ class BallRestitutionSpeed(Effect):
     def impact(self, hit: ImpactState) -> None:
         """Less for what comes faster."""
         if not hit.cushion:
-            hit.restitution -= self.rate * (hit.approach - REFERENCE)
+            hit.restitution -= self.rate * (hit.approach - REFERENCE_SPEED)

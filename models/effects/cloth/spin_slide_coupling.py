@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from models.effect import STILL, BallState, Effect, param
 
-FAR, NEAR = 3.0, 2.0  # slip over the share of sidespin, where a step must end, and where it does
+FAR_SLIP_RATIO, NEAR_SLIP_RATIO = 3.0, 2.0  # slip over the share of sidespin, where a step must end, and where it does
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,6 @@ class SpinSlideCoupling(Effect):
         twist = abs(self.lever * ball.wz)
         pull_x, pull_y = ball.ax - ball.radius * ball.by, ball.ay + ball.radius * ball.bx
         rate = math.sqrt(pull_x * pull_x + pull_y * pull_y)
-        if slip > FAR * twist and slip > STILL and twist > 0.0 and rate > 0.0:
-            return (slip - NEAR * twist) / rate
+        if slip > FAR_SLIP_RATIO * twist and slip > STILL and twist > 0.0 and rate > 0.0:
+            return (slip - NEAR_SLIP_RATIO * twist) / rate
         return math.inf

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.effect import Effect, ImpactState, param
-
-STRUCK = 0  # number of the struck ball
+from models.effect import STRUCK_BALL, Effect, ImpactState, param
 
 
 @dataclass(frozen=True)
@@ -22,7 +20,7 @@ class CueBallMass(Effect):
 
     def impact(self, hit: ImpactState) -> None:
         """Wherever it meets something; the second body is a ball only where two balls meet."""
-        if hit.first == STRUCK:
+        if hit.first == STRUCK_BALL:
             hit.mass_first *= self.factor
-        if not hit.cushion and hit.second == STRUCK:
+        if not hit.cushion and hit.second == STRUCK_BALL:
             hit.mass_second *= self.factor

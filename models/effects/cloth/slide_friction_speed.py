@@ -1,8 +1,8 @@
 """Sliding friction that depends on the slip: mu_s (1 - k (u - 1 m/s)), u the speed of the lowest point.
 
 Source: Witters and Duymelinck (1986) found 0.14 to 0.21, rising with slip, on a pool table; Mathavan, Jackson, Parkin
-(2009) could not confirm it. A linear law is the least that tells a fast shot from a slow one. Never less than 0.05 of
-mu_s. Leaves out what happens at impacts, where the cloth has its plain friction.
+(2009) could not confirm it. A linear law is the least that separates a fast shot from a slow one. Never less
+than 0.05 of mu_s. Leaves out what happens at impacts, where the cloth has its plain friction.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from models.effect import STILL, BallState, Effect, param
 
-REFERENCE = 1.0  # slip at which the base's friction holds [m/s]
-LEAST = 0.05  # of the friction that is left at any slip
+REFERENCE_SLIP = 1.0  # slip at which the base's friction holds [m/s]
+MIN_FRICTION_SHARE = 0.05  # of the friction that is left at any slip
 
 
 @dataclass(frozen=True)
@@ -28,4 +28,4 @@ class SlideFrictionSpeed(Effect):
         """The friction's factor where a ball slides."""
         slip = math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y)
         if slip > STILL:
-            ball.slide_factor *= max(1.0 - self.rate * (slip - REFERENCE), LEAST)
+            ball.slide_factor *= max(1.0 - self.rate * (slip - REFERENCE_SLIP), MIN_FRICTION_SHARE)

@@ -10,12 +10,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from models.effect import BallState, Effect, param, push_along
+from models.effect import STRUCK_BALL, BallState, Effect, param, push_along
 from models.shot import GRAVITY
 
-STRUCK = 0  # number of the struck ball
-TURN = 2.0  # of a rolling ball, along which the sine is followed [rad]
-SLOW = 0.02  # below this speed steps do not shorten as much as the angle asks for [m/s]
+TURN_PER_STEP = 2.0  # of a rolling ball, along which the sine is followed [rad]
+SLOW_SPEED = 0.02  # below this speed steps do not shorten as much as the angle asks for [m/s]
 
 
 @dataclass(frozen=True)
@@ -28,11 +27,11 @@ class OffCentreBall(Effect):
 
     def forces(self, ball: BallState) -> None:
         """The pull across the way of the struck ball, and the torque that keeps it rolling."""
-        if ball.rolling and ball.number == STRUCK:
+        if ball.rolling and ball.number == STRUCK_BALL:
             push_along(ball, 0.0, GRAVITY * self.offset * math.sin(ball.rolled))
 
     def horizon(self, ball: BallState) -> float:
         """A part of a turn of the struck ball [s]."""
-        if not (ball.rolling and ball.number == STRUCK):
+        if not (ball.rolling and ball.number == STRUCK_BALL):
             return math.inf
-        return TURN * ball.radius / max(math.sqrt(ball.vx * ball.vx + ball.vy * ball.vy), SLOW)
+        return TURN_PER_STEP * ball.radius / max(math.sqrt(ball.vx * ball.vx + ball.vy * ball.vy), SLOW_SPEED)

@@ -4,7 +4,7 @@ Direction = aim + per_offset b, b the side offset commanded, positive to the rig
 sends the ball to the left. b = 2 R^2 omega_S / (5 v), where an elevated cue has tilted omega_S = (omega_z, omega_aim).
 The spin's horizontal part turns along. Source: Alciatore TP A.31, Cross 2008: tan = 5/2 (b / R) / (1 + M/m_e + 5/2),
 with no dependence on speed. In a fit the initial state of a shot is then what was commanded, and only clips with a cue
-tell of it. Leaves out the spin that squirt costs, the curvature at large offsets, and strikes beyond the miscue limit,
+identify it. Leaves out the spin that squirt costs, the curvature at large offsets, and strikes beyond the miscue limit,
 which count as at the limit.
 """
 
@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 from models.effect import STILL, Effect, StrokeState, param
 
-MISCUE = 0.5  # largest offset over radius (Robotic Billiards 2015)
-LEVEL = 0.03  # offset over radius below which spin about the aim says nothing of the cue's elevation
+MISCUE_OFFSET = 0.5  # largest offset over radius (Robotic Billiards 2015)
+LEVEL_OFFSET = 0.03  # offset over radius below which spin about the aim says nothing of the cue's elevation
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Squirt(Effect):
             return
         lever = 0.4 * cue.radius * cue.radius / speed
         up, aim = lever * cue.wz, lever * (cue.wx * cue.vx + cue.wy * cue.vy) / speed
-        level = LEVEL * cue.radius
+        level = LEVEL_OFFSET * cue.radius
         offset = up * math.sqrt(1.0 + aim * aim / (up * up + level * level))
-        limit = MISCUE * cue.radius
+        limit = MISCUE_OFFSET * cue.radius
         angle = self.per_offset * min(max(offset, -limit), limit)
         c, s = math.cos(angle), math.sin(angle)
         cue.vx, cue.vy = c * cue.vx - s * cue.vy, s * cue.vx + c * cue.vy

@@ -1,8 +1,8 @@
 """Drag of the air, in proportion to the speed squared, whether a ball slides or rolls.
 
 Force -M k |v| v through the centre; a rolling ball is slowed by 5/7 of k v^2, as the cloth turns it along.
-k = rho C_d pi R^2 / (2 M) = 0.0042 /m for a snooker ball (C_d 0.45, Reynolds number 3500 at 1 m/s). It looks like
-speed_drag, whose power of the speed is one less: shots of very different speeds tell them apart.
+k = rho C_d pi R^2 / (2 M) = 0.0042 /m for a snooker ball (C_d 0.45, Reynolds number 3500 at 1 m/s). It is
+confounded with speed_drag, whose power of the speed is one less, unless shots differ much in speed.
 """
 
 from __future__ import annotations

@@ -1,0 +1,1 @@
+"""How the camera reports the balls: geometry of the image, and its time stamps."""

@@ -1,0 +1,1 @@
+"""How balls and cushions collide: restitution, friction and the masses that meet."""
