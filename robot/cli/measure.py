@@ -21,7 +21,7 @@ def add(verb: Verb) -> None:
     one = verb("map", fit, "the cueing map of a campaign: what a told stroke gives the ball")
     one.add_argument("campaign", metavar="CSV", help="of robot campaign")
     one.add_argument("--out", metavar="MAP.toml", required=True, help="map to write; planner plan --map reads it")
-    one.add_argument("--report", metavar="H.html", help="the map on paper, beside the paper's networks")
+    one.add_argument("--report", metavar="H.html", help="the map on paper, with its errors on strokes held out")
     one.add_argument("--picture", metavar="P.png", help="its pictures alone")
     one = verb("repeat", repeat, "how far apart strokes of one string end, on the emulated launcher and table")
     one.add_argument("--settings", metavar="L.toml", help="launcher's file (default: the paper's launcher)")
@@ -61,7 +61,7 @@ def campaign(args: argparse.Namespace, progress: Progress) -> int:
 
 
 def fit(args: argparse.Namespace, progress: Progress) -> int:
-    """Fit the cueing map to a campaign; with a report or a picture, set it beside the paper's networks."""
+    """Fit the cueing map to a campaign; a report or a picture shows its errors on strokes held out."""
     from models.analytic.cue_impulse import NAMES
     from planner.launcher.cueing_map import write_map
     from robot.cueing.campaign import read_campaign
@@ -77,10 +77,10 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
     print(table(rows))
     print(f"map: {args.out} ({made.shots} shots, {made.left_out} left out, chi2 {made.chi2_reduced:.2f})")
     if args.report or args.picture:
-        from robot.cueing.networks import compare_maps
+        from robot.cueing.held_out import compare_maps
         from robot.cueing.report import write_picture, write_report
 
-        progress("training the networks it is judged against")
+        progress("fitting without the strokes held out")
         contest = compare_maps(shots, np.random.default_rng(0))
         progress.close()
         if args.report:

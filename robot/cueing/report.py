@@ -7,13 +7,10 @@ the map's constants. The same values give the same bytes.
 
 from __future__ import annotations
 
-import argparse
 import base64
 import math
-import sys
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -22,13 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.cue_impulse import NAMES
-from models.console import table
 from models.errors import BadInput
 from models.files import write_whole
-from planner.launcher.cueing_map import CueingMap, write_map
-from robot.cueing.campaign import CueShot, read_campaign
-from robot.cueing.map_fit import fit_map
-from robot.cueing.networks import Contest, Score, Told, average, compare_maps
+from planner.launcher.cueing_map import CueingMap
+from robot.cueing.campaign import CueShot
+from robot.cueing.held_out import HeldOutErrors, MapComparison
 from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, png, svg
 from sysid.report.html import CSS
 from sysid.report.plots import number
@@ -37,6 +32,7 @@ Array = NDArray[np.float64]
 UNITS = {"tip_restitution": "1", "cue_mass": "kg", "end_mass": "kg", "slate_friction": "1", "contact_time": "s",
          "side_zero": "m", "height_zero": "m", "aim_zero": "rad"}  # fmt: skip
 SCORE_HEADS = ["map", "trained on", "speed [%]", "speed [mm/s]", "squirt [°]", "exact speed [%]", "exact squirt [°]"]
+MAP_COLOURS = {"physical map": MODEL, "physical map, a tenth": HELD_OUT}
 SURFACES = (
     "Surfaces: the map. Dots: mean of the repeats, with a line to the surface. The ball is fastest where it is struck "
     "in the centre and loses speed towards the rim, to spin; squirt grows with the side. A good map runs through its "
@@ -60,9 +56,9 @@ def write_report(
     path: Path | str,
     title: str,
     shots: Sequence[CueShot],
-    contest: Contest,
+    contest: MapComparison,
     *,
-    scores: Sequence[Score] | None = None,
+    scores: Sequence[HeldOutErrors] | None = None,
     string: int | None = None,
     notes: Sequence[str] = (),
 ) -> None:
@@ -72,8 +68,8 @@ def write_report(
         path: the file.
         title: its heading.
         shots: the whole campaign.
-        contest: one comparison; its map from all shots is drawn.
-        scores: the table's rows, such as the means of several splits; the contest's without.
+        contest: a comparison on held-out strokes; its map from all shots is drawn.
+        scores: the table's rows, such as the means of several splits; those of the comparison without.
         string: whose surfaces are drawn; the one nearest to 2 m/s without.
         notes: shown on top.
     """
@@ -84,7 +80,7 @@ def write_report(
     ]
     if notes:
         body.append('<ul class="notes">' + "".join(f"<li>{_text(note)}</li>" for note in notes) + "</ul>")
-    body += ["<h2>Networks and physics on strokes held out</h2>", _scores(rows), f"<p class=sub>{SCORES}</p>"]
+    body += ["<h2>Errors on strokes held out</h2>", _scores(rows), f"<p class=sub>{SCORES}</p>"]
     for name, (height, draw, caption) in _pictures(shots, contest, string).items():
         image = base64.b64encode(svg(name, height, draw).encode()).decode()
         picture = f'<img alt="{escape(name)}" src="data:image/svg+xml;base64,{image}">'
@@ -95,7 +91,9 @@ def write_report(
     write_whole(path, (page + "\n".join(body) + "\n</body>\n</html>\n").encode())
 
 
-def write_picture(path: Path | str, shots: Sequence[CueShot], contest: Contest, *, string: int | None = None) -> None:
+def write_picture(
+    path: Path | str, shots: Sequence[CueShot], contest: MapComparison, *, string: int | None = None
+) -> None:
     """Write all pictures below each other as one PNG, whole or not at all."""
     pictures = list(_pictures(shots, contest, string).values())
     heights = [height for height, _, _ in pictures]
@@ -108,51 +106,15 @@ def write_picture(path: Path | str, shots: Sequence[CueShot], contest: Contest, 
     write_whole(path, png(sum(heights), below_each_other, dpi=110))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Fit the cueing map to a campaign, set it beside the networks, and write what is asked for."""
-    from models.mjcf.gl import choose_backend
-
-    choose_backend()
-    from robot.cueing.striker import draw_hidden, exact_strokes
-
-    parser = argparse.ArgumentParser(prog="python -m robot.cueing.report", description=main.__doc__, allow_abbrev=False)
-    parser.add_argument("campaign", type=Path, metavar="CAMPAIGN.csv")
-    parser.add_argument("--map", type=Path, metavar="MAP.toml", help="write the map from all shots")
-    parser.add_argument("--report", type=Path, metavar="OUT.html")
-    parser.add_argument("--picture", type=Path, metavar="OUT.png")
-    parser.add_argument("--splits", type=int, default=1, help="comparisons, each with other strokes held out")
-    parser.add_argument("--emulated", type=int, metavar="SEED", help="of an emulated campaign: tells exact errors too")
-    given = parser.parse_args(arguments)
-    try:
-        if given.splits < 1:
-            raise BadInput(f"--splits {given.splits}: give 1 or more")
-        shots = read_campaign(given.campaign)
-        exact: Callable[[Sequence[Told]], dict[Told, tuple[float, float]]] | None = None
-        if given.emulated is not None:
-            exact = partial(exact_strokes, draw_hidden(np.random.default_rng(given.emulated)))
-        contests = [compare_maps(shots, np.random.default_rng(k), exact=exact) for k in range(given.splits)]
-        scores = average(contests)
-        print(table([SCORE_HEADS, *([s.name, *_cells(s)] for s in scores)]))
-        if given.map:
-            write_map(given.map, fit_map(shots))
-        if given.report:
-            write_report(given.report, f"Cueing map: {given.campaign.name}", shots, contests[0], scores=scores)
-        if given.picture:
-            write_picture(given.picture, shots, contests[0])
-    except BadInput as error:
-        print(f"robot.cueing.report: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-def _cells(s: Score) -> list[str]:
+def score_cells(s: HeldOutErrors) -> list[str]:
+    """A row of the table under SCORE_HEADS, without the map's name."""
     return [str(s.trained_on)] + [
         number(v) for v in (s.speed_percent, 1e3 * s.speed_m_s, s.squirt_deg, s.exact_speed_percent, s.exact_squirt_deg)
     ]
 
 
 def _pictures(
-    shots: Sequence[CueShot], contest: Contest, string: int | None
+    shots: Sequence[CueShot], contest: MapComparison, string: int | None
 ) -> dict[str, tuple[float, Callable[[Any], None], str]]:
     """Every picture: its height [inch], what draws it, its caption."""
     strings = {s.string: s.cue_speed for s in shots if not s.miscue}
@@ -194,14 +156,14 @@ def _surfaces(fig: Any, here: Sequence[CueShot], cueing_map: CueingMap) -> None:
         ax.view_init(28, -52 if k == 0 else -128)
 
 
-def _against(fig: Any, contest: Contest) -> None:
+def _against(fig: Any, contest: MapComparison) -> None:
     axes = fig.subplots(1, 2)
     measured = np.array([(s.ball_speed, math.degrees(s.squirt_rad)) for s in contest.held])
-    names = list(contest.told)[:2]
+    names = list(contest.predicted)[:2]
     for k, (ax, label) in enumerate(zip(axes, ("ball speed [m/s]", "squirt [°]"), strict=True)):
-        for name, colour, mark in zip(names, (NOISE, MODEL), ("x", "."), strict=True):
-            told = contest.told[name][k] if k == 0 else np.degrees(contest.told[name][k])
-            ax.plot(measured[:, k], told, mark, color=colour, ms=3.5, mew=0.7, ls="", label=name)
+        for name, mark in zip(names, ("x", "."), strict=True):
+            told = contest.predicted[name][k] if k == 0 else np.degrees(contest.predicted[name][k])
+            ax.plot(measured[:, k], told, mark, color=MAP_COLOURS.get(name, NOISE), ms=3.5, mew=0.7, ls="", label=name)
         ends = [measured[:, k].min(), measured[:, k].max()]
         ax.plot(ends, ends, color=INK, lw=0.9)
         ax.set(xlabel=f"measured {label}", ylabel=f"predicted {label}")
@@ -210,7 +172,7 @@ def _against(fig: Any, contest: Contest) -> None:
     axes[0].legend(loc="upper left")
 
 
-def _where(fig: Any, contest: Contest) -> None:
+def _where(fig: Any, contest: MapComparison) -> None:
     axes = fig.subplots(1, 4)
     held = contest.held
     speed = np.array([s.cue_speed for s in held])
@@ -224,8 +186,8 @@ def _where(fig: Any, contest: Contest) -> None:
     for rows in mean.values():
         if len(rows) > 1:  # the scatter about a mean that the shot itself is part of is too small by n / (n - 1)
             own[rows] = (right[rows] - right[rows].mean(axis=0)) * math.sqrt(len(rows) / (len(rows) - 1))
-    sets = {name: np.stack(pair, axis=-1) - right for name, pair in contest.told.items()} | {"repeats": own}
-    style = dict(zip(sets, ((NOISE, "-"), (MODEL, "-"), (HELD_OUT, "-"), (INK, "--")), strict=True))
+    sets = {name: np.stack(pair, axis=-1) - right for name, pair in contest.predicted.items()} | {"repeats": own}
+    style = {name: (MAP_COLOURS.get(name, NOISE), "-") for name in sets} | {"repeats": (INK, "--")}
     for k, ax in enumerate(axes):
         figure, by, label = k // 2, (speed, offset)[k % 2], ("cue speed [m/s]", "tip off centre by [mm]")[k % 2]
         bins = np.unique(np.round(by, 6))
@@ -242,9 +204,9 @@ def _where(fig: Any, contest: Contest) -> None:
     fig.legend(handles, labels, loc="outside upper right", ncols=4)
 
 
-def _scores(scores: Sequence[Score]) -> str:
+def _scores(scores: Sequence[HeldOutErrors]) -> str:
     rows = [
-        f"<tr><td>{_text(s.name)}</td>" + "".join(f'<td class="n">{c}</td>' for c in _cells(s)) + "</tr>"
+        f"<tr><td>{_text(s.name)}</td>" + "".join(f'<td class="n">{c}</td>' for c in score_cells(s)) + "</tr>"
         for s in scores
     ]
     head = "<th>map</th>" + "".join(f'<th class="n">{h}</th>' for h in SCORE_HEADS[1:])
@@ -271,7 +233,3 @@ def _constants(whole: CueingMap, tenth: CueingMap) -> str:
 def _text(text: object) -> str:
     """Any text, safe in HTML; characters that cannot be shown are spelt out."""
     return escape("".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in str(text)))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -19,8 +19,8 @@ from planner.launcher.cueing_map import FORMAT, CueingMap, read_map, write_map
 from planner.launcher.execution import Execution, read_execution
 from planner.launcher.stroke import Launcher
 from robot.cueing.campaign import COLUMNS, CueShot, count_played, make_grid, read_campaign, run_campaign
+from robot.cueing.held_out import average_errors, noise_floor
 from robot.cueing.map_fit import fit_map, scatter
-from robot.cueing.networks import average, compare_maps, noise_floor, train_networks
 from robot.cueing.report import write_picture, write_report
 from robot.cueing.striker import (
     EmulatedStriker,
@@ -32,6 +32,7 @@ from robot.cueing.striker import (
     hidden_scene,
     read_track,
 )
+from tests.reference.networks import compare_with_networks, train_networks
 
 BALL = Ball(0.0525, 0.1406)
 GEOMETRY = Geometry(BALL)
@@ -336,7 +337,7 @@ def test_physics_from_a_tenth_is_as_good_as_networks_from_all(shots: list[CueSho
     def exact(told: object) -> dict[tuple[int, float, float], tuple[float, float]]:
         return {t: (s.ball_speed, s.squirt_rad) for t in told for s in [player(*t)]}  # type: ignore[attr-defined]
 
-    contest = compare_maps(shots, np.random.default_rng(1), starts=2, exact=exact)
+    contest = compare_with_networks(shots, np.random.default_rng(1), starts=2, exact=exact)
     networks, whole, tenth, floor = contest.scores
     assert (networks.trained_on, whole.trained_on, tenth.trained_on) == (240, 240, 24)
     assert whole.exact_speed_percent < 0.3
@@ -350,7 +351,7 @@ def test_physics_from_a_tenth_is_as_good_as_networks_from_all(shots: list[CueSho
     assert floor.speed_percent == pytest.approx(1.1, abs=0.25)
     held = {(s.string, s.x0_mm, s.y0_mm) for s in contest.held}
     assert len(contest.held) == 5 * len(held) == 60, "whole strokes are held out"
-    assert average([contest, contest])[1].speed_percent == pytest.approx(whole.speed_percent)
+    assert average_errors([contest, contest])[1].speed_percent == pytest.approx(whole.speed_percent)
     write_report(tmp_path / "map.html", "A <map>", shots, contest, notes=("emulated",))
     text = (tmp_path / "map.html").read_text(encoding="utf-8")
     assert "A &lt;map&gt;" in text
