@@ -41,7 +41,7 @@ TAKEN = 0.15  # from a pocket, within which a ball that is seen no more has drop
 CUE = ("speed", "azimuth", "side", "height", "elevation")
 
 
-class Camera(Protocol):
+class ShotCamera(Protocol):
     """Whoever sees the table; the emulated one is robot/emulator/table.py."""
 
     @property
@@ -179,7 +179,7 @@ def _place(xy: Array) -> str:
 def play_plan(
     plan: Path | str,
     launcher: Launcher,
-    camera: Camera | None = None,
+    camera: ShotCamera | None = None,
     confirm: Callable[[str], bool] | None = None,
     *,
     clips: Path | str | None = None,
@@ -253,7 +253,7 @@ def _make_ready(launcher: Launcher, say: Callable[[str], None]) -> None:
         raise LauncherError(f"the launcher is {state}; look why, then: robot reset --port P")
 
 
-def _clips_so_far(folder: Path | str | None, camera: Camera | None) -> ClipSet | None:
+def _clips_so_far(folder: Path | str | None, camera: ShotCamera | None) -> ClipSet | None:
     """The clip set that the film will be added to; BadInput where it is of another table or camera."""
     if folder is None or camera is None:
         return None
@@ -280,8 +280,8 @@ def add_clip(clip_set: ClipSet, balls: Mapping[str, Observation], struck: str, c
 
 
 def _record(
-    order: Order, done: Done | None, when: str, camera: Camera | None, clips: Path | str | None, log: ClipSet | None,
-    noted: tuple[str, ...],
+    order: Order, done: Done | None, when: str, camera: ShotCamera | None, clips: Path | str | None,
+    log: ClipSet | None, noted: tuple[str, ...],
 ) -> Played:  # fmt: skip
     """What was seen, with the film written to the clip set."""
     struck, film = "yes" if done else "unknown", camera.film() if camera is not None else {}

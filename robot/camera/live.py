@@ -1,4 +1,4 @@
-"""A real camera over the table: `robot.play.Camera` from a device, an address or a file, and a calibrated camera file.
+"""A real camera over the table: a `robot.play.ShotCamera` from a device, an address or a file, and a camera file.
 
 `arm` before the stroke starts to record, in the background and without loss; `film` after it waits until the bed is
 still, or the time is up, and tracks what was recorded (sysid/vision/tracks/track.py): t = 0 is the first picture after
@@ -87,7 +87,7 @@ class LiveCamera:
         self._source, self.seen_with, self._folder = source, camera, Path(folder)
         self._palette_path, self._limit, self._say = palette_path, limit, say
         self._seen: dict[str, Array] = {}
-        self._film: Recording | None = None
+        self._film: FilmRecorder | None = None
 
     @staticmethod
     def open(name: int | str, camera_path: Path | str, folder: Path | str, **rest: Any) -> LiveCamera:
@@ -134,7 +134,7 @@ class LiveCamera:
         with contextlib.suppress(OSError):  # that it cannot be written is told where it is
             self._folder.mkdir(parents=True, exist_ok=True)
         films = (self._folder / f"film-{k:04d}.mkv" for k in count(1))
-        self._film = Recording(self._source, self.seen_with, next(f for f in films if not f.exists()), self.fps)
+        self._film = FilmRecorder(self._source, self.seen_with, next(f for f in films if not f.exists()), self.fps)
 
     def film(self) -> Mapping[str, Observation]:
         """Wait until the balls rest, and say where they were.
@@ -174,7 +174,7 @@ class LiveCamera:
         return {names[name]: ball for name, ball in balls.items()}
 
 
-class Recording:
+class FilmRecorder:
     """Pictures on their way to a file: one thread reads, one writes, so that a slow moment of the disk loses none."""
 
     def __init__(self, source: Source, camera: Camera, path: Path, fps: float) -> None:

@@ -37,10 +37,10 @@ from robot.cli.common import (
 if TYPE_CHECKING:
     from models.shot import Ball, Table
     from robot.camera.live import LiveCamera
-    from robot.learning.emulated_rig import EmulatedStand
-    from robot.learning.history import Refit, Story
-    from robot.learning.live_rig import LiveStand
-    from robot.learning.loop import Course
+    from robot.learning.emulated_rig import EmulatedRig
+    from robot.learning.history import History, Refit
+    from robot.learning.live_rig import LiveRig
+    from robot.learning.loop import LearningConfig
 
 FORMAT, CUE_FORMAT, EMULATED_FORMAT = "billiard-learn/1", "billiard-hidden-cue/1", "billiard-emulated/1"
 HIDDEN = 7  # beside the seed: its draws are not the scenes'
@@ -128,9 +128,9 @@ def _camera(args: argparse.Namespace, folder: Path) -> LiveCamera:
     return camera_of(args, folder / "films")
 
 
-def _at_the_table(args: argparse.Namespace, camera: LiveCamera, say: Callable[[str], None]) -> LiveStand:
+def _at_the_table(args: argparse.Namespace, camera: LiveCamera, say: Callable[[str], None]) -> LiveRig:
     """The stand at a port, with whoever is at the terminal."""
-    from robot.learning.live_rig import LiveStand
+    from robot.learning.live_rig import LiveRig
 
     settings = settings_of(args)
 
@@ -144,10 +144,10 @@ def _at_the_table(args: argparse.Namespace, camera: LiveCamera, say: Callable[[s
         except EOFError:
             return False
 
-    return LiveStand(camera, settings, lambda: launcher_at(args, settings), confirm, ready, say)
+    return LiveRig(camera, settings, lambda: launcher_at(args, settings), confirm, ready, say)
 
 
-def _course(args: argparse.Namespace, on: Table, ball: Ball) -> Course:
+def _course(args: argparse.Namespace, on: Table, ball: Ball) -> LearningConfig:
     """What the command line asks for, without a model on the base for a table and its balls."""
     from models.analytic.cue_impulse import NAMES, Constants, Geometry
     from models.model_file import full_model, read_model
@@ -156,7 +156,7 @@ def _course(args: argparse.Namespace, on: Table, ball: Ball) -> Course:
     from planner.launcher.mapped import with_map
     from planner.launcher.stroke import Launcher
     from robot.emulator.table import BASE
-    from robot.learning.loop import Course
+    from robot.learning.loop import LearningConfig
 
     model = read_model(args.model) if args.model else full_model(on, ball)
     if lacking := sorted(set(BASE) - {e.name() for e in model.stack()}):
@@ -167,19 +167,19 @@ def _course(args: argparse.Namespace, on: Table, ball: Ball) -> Course:
         unknown = np.full((len(NAMES), len(NAMES)), math.nan)
         cueing_map = CueingMap(Constants(), Geometry(model.ball), unknown, Execution())
     with_map(Launcher(), cueing_map, model.ball)  # of these balls, or refused before anything is played
-    course = Course(
+    course = LearningConfig(
         model, cueing_map, args.shots, args.every, seed_of(args), args.balls, stops=not args.all
     )  # fmt: skip
     _ = course.study  # says what is wrong with balls and table
     return course
 
 
-def _emulated(args: argparse.Namespace, course: Course) -> EmulatedStand:
+def _emulated(args: argparse.Namespace, course: LearningConfig) -> EmulatedRig:
     """The emulated stand with its hidden constants."""
     from models.model_file import read_model
     from robot.device.settings import Settings
     from robot.emulator.table import EmulatedTable
-    from robot.learning.emulated_rig import EmulatedStand, draw_hidden_cue, draw_hidden_table
+    from robot.learning.emulated_rig import EmulatedRig, draw_hidden_cue, draw_hidden_table
 
     start = course.model
     rng = np.random.default_rng([course.seed, HIDDEN])
@@ -195,10 +195,10 @@ def _emulated(args: argparse.Namespace, course: Course) -> EmulatedStand:
         raise BadInput(f"--effect {args.effect}: changes no shot on the emulated table; choose one that moves balls")
     settings = Settings()
     stage = dataclasses.replace(settings.stage, ball_radius_mm=1e3 * start.ball.radius)
-    return EmulatedStand(hidden, cue, dataclasses.replace(settings, stage=stage), course.seed, args.repeats)
+    return EmulatedRig(hidden, cue, dataclasses.replace(settings, stage=stage), course.seed, args.repeats)
 
 
-def _keep_to(folder: Path, stand: EmulatedStand) -> None:
+def _keep_to(folder: Path, stand: EmulatedRig) -> None:
     """Note what is hidden, as a fingerprint that nobody can read; BadInput where the series was begun with another."""
     hidden = repr((sorted(stand.model.parameters().items()), sorted(dataclasses.asdict(stand.cue).items())))
     now = {"format": EMULATED_FORMAT, "hidden": hashlib.sha256(hidden.encode()).hexdigest(), "repeats": stand.repeats}
@@ -216,7 +216,7 @@ def _keep_to(folder: Path, stand: EmulatedStand) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def _reveal(folder: Path, stand: EmulatedStand) -> None:
+def _reveal(folder: Path, stand: EmulatedRig) -> None:
     """Write what was hidden."""
     from models.model_file import write_model
 
@@ -225,7 +225,7 @@ def _reveal(folder: Path, stand: EmulatedStand) -> None:
     write_json(str(folder / "hidden_cue.json"), told)
 
 
-def _draw(folder: Path, story: Story, progress: Progress) -> None:
+def _draw(folder: Path, story: History, progress: Progress) -> None:
     """The report and the recording."""
     from robot.learning.report import write_picture, write_recording, write_report
 
@@ -235,7 +235,7 @@ def _draw(folder: Path, story: Story, progress: Progress) -> None:
     write_recording(folder / "story.rrd", story)
 
 
-def figures(story: Story, course: Course, stand: EmulatedStand | None) -> dict[str, Any]:
+def figures(story: History, course: LearningConfig, stand: EmulatedRig | None) -> dict[str, Any]:
     """What a series came to, as plain values (billiard-learn/1)."""
     return {
         "format": FORMAT, "seed": course.seed, "shots": len(story.shots), "every": course.every,
@@ -245,7 +245,7 @@ def figures(story: Story, course: Course, stand: EmulatedStand | None) -> dict[s
     }  # fmt: skip
 
 
-def _blocks(story: Story, every: int) -> list[dict[str, Any]]:
+def _blocks(story: History, every: int) -> list[dict[str, Any]]:
     """Figures of the shots from one refit to the next."""
     out = []
     for first in range(1, len(story.shots) + 1, every):
@@ -256,13 +256,13 @@ def _blocks(story: Story, every: int) -> list[dict[str, Any]]:
             "first": first, "last": last, "learnt": shots[0].learnt, "miss_median_m": story.median_miss(first, last),
             "foreseen_median_m": story.median_spread(first, last), "scatter_median_m": story.floor(first, last),
             "potted": sum(s.potted is True for s in shots), "seen": sum(s.potted is not None for s in shots),
-            "promised": sum(s.promised for s in shots if s.potted is not None),
+            "promised": sum(s.pot_probability for s in shots if s.potted is not None),
             "from_wanted_median_m": float(np.median(away)) if away else math.nan,
         })  # fmt: skip
     return out
 
 
-def _truth(last: Refit | None, course: Course, stand: EmulatedStand | None) -> dict[str, Any]:
+def _truth(last: Refit | None, course: LearningConfig, stand: EmulatedRig | None) -> dict[str, Any]:
     """What was begun with and what was found, beside what was hidden where it was emulated."""
     start = course.model.parameters()
     began = {n: float(v) for n, v in start.items()} | dataclasses.asdict(course.cueing_map.constants)

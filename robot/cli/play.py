@@ -201,11 +201,11 @@ def _emulated_table(args: argparse.Namespace, scene: Scene, azimuth: float) -> E
 
 
 def _emulated_launcher(args: argparse.Namespace, settings: Settings, emulated: EmulatedTable) -> Launcher:
-    from robot.emulator.faults import Faults
+    from robot.emulator.faults import FaultInjection
     from robot.emulator.table import emulated_launcher
 
     rng, chance = np.random.default_rng((seed_of(args), FIRMWARE)).spawn(2)
-    faults = Faults(args.fault_rate, chance) if args.fault_rate else None
+    faults = FaultInjection(args.fault_rate, chance) if args.fault_rate else None
     return emulated_launcher(settings, emulated.hit, rng, faults=faults, log=args.log)[0]
 
 

@@ -30,9 +30,9 @@ from robot.device.port import PORT_ERRORS, SLICE, Port
 from robot.device.protocol import (
     STOP,
     UNASKED,
-    Frame,
     LauncherStopped,
     LinkLost,
+    Message,
     Reader,
     frame,
     next_sequence,
@@ -292,11 +292,11 @@ class Link:
             self._check(through_stop)
         return None
 
-    def _came_late(self, reply: Frame) -> None:
+    def _came_late(self, reply: Message) -> None:
         self._owed = max(self._owed - 1, 0)
         self.note("stale", f"a second reply to {reply.sequence:04X} came late")
 
-    def _listen(self) -> list[Frame]:
+    def _listen(self) -> list[Message]:
         """Frames that come within SLICE; nothing on a port that is out."""
         if (port := self._port) is None:
             self.clock.sleep(SLICE)
@@ -305,10 +305,10 @@ class Link:
         waiting = port.in_waiting
         return self._sort(data + port.read(waiting) if waiting else data)
 
-    def _sort(self, data: bytes) -> list[Frame]:
+    def _sort(self, data: bytes) -> list[Message]:
         """Frames in these bytes; answers to a stop are counted, noise is noted."""
         before = self._reader.dropped
-        found = [a for a in self._reader.feed(data) if isinstance(a, Frame)]
+        found = [a for a in self._reader.feed(data) if isinstance(a, Message)]
         if self._reader.dropped > before:
             self.note("junk", f"{self._reader.dropped - before} bytes thrown away")
         notices = [f for f in found if f.sequence == UNASKED and f.body.startswith("STOPPED")]

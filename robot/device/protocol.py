@@ -51,7 +51,7 @@ class LauncherStopped(LauncherError):
 
 
 @dataclass(frozen=True)
-class Frame:
+class Message:
     """A frame that arrived unharmed."""
 
     sequence: int
@@ -70,7 +70,7 @@ class StopByte:
     """A '!' that arrived."""
 
 
-Arrival = Frame | StrokeLine | StopByte
+Arrival = Message | StrokeLine | StopByte
 
 
 @dataclass(frozen=True)
@@ -122,12 +122,12 @@ def frame(lead: str, sequence: int, body: str) -> bytes:
     return text + b"*%04X\n" % checksum(text)
 
 
-def unframe(line: bytes) -> Frame | None:
+def unframe(line: bytes) -> Message | None:
     """What a line without its newline says; None where it was harmed."""
     found = FRAME.fullmatch(line)
     if found is None or checksum(found[1]) != int(found[2], 16):
         return None
-    return Frame(int(found[1][1:5], 16), found[1][6:].decode("ascii"))
+    return Message(int(found[1][1:5], 16), found[1][6:].decode("ascii"))
 
 
 def next_sequence(sequence: int) -> int:

@@ -43,7 +43,7 @@ class Spoiled:
     out: float = 0.0  # that the cable is out, from now [s]
 
 
-class Faults:
+class FaultInjection:
     """Draws faults; with `rate` 0 there are none, until one is asked for by `force`."""
 
     def __init__(self, rate: float, rng: np.random.Generator, kinds: Sequence[str] = KINDS) -> None:

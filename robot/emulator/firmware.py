@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot.device import protocol
-from robot.device.protocol import BUSY, FIRST, LAST, UNASKED, Arrival, Frame, Status
+from robot.device.protocol import BUSY, FIRST, LAST, UNASKED, Arrival, Message, Status
 
 RUN_UP, LEAST_ACCELERATION = 0.160, 5.0  # [m], [m/s^2]; as models/mjcf/launcher.md, C
 BALL_AT = 0.190  # from the retracted tip to the ball [m]; inside the level stroke, C
@@ -77,7 +77,7 @@ class Memory:
 
 
 @dataclass(frozen=True)
-class Run:
+class StrokeMotion:
     """A stroke under way."""
 
     start: float  # [s]
@@ -134,7 +134,7 @@ class Firmware:
         self._time = now()  # of the event that is being worked out
         self._motor, self._tip = [0.0, 0.0], [0.0, 0.0]  # [micrometre]
         self._stuck = False
-        self._last: tuple[Frame, str] | None = None  # the last request and its reply
+        self._last: tuple[Message, str] | None = None  # the last request and its reply
         self._armed = self._refused = self._faults = 0
         self._heard = self._deaf_until = self._time
         self.state = "UNHOMED"
@@ -190,7 +190,7 @@ class Firmware:
             return b""
         return protocol.frame("=", arrival.sequence, self._reply(arrival))
 
-    def _reply(self, request: Frame) -> str:
+    def _reply(self, request: Message) -> str:
         """A repeated number gets the stored reply; what it asks for is not done again."""
         if request.sequence == UNASKED:
             self._last = None
@@ -282,7 +282,7 @@ class Firmware:
         self._armed, self.state = 0, "STRIKING"
         self.memory.begun += 1  # before the first pulse: a number is used up even if power fails now
         scattered = self._law(string) * (1 + SCATTER * self._rng.standard_normal())
-        self._run = Run(self._time, scattered, string)
+        self._run = StrokeMotion(self._time, scattered, string)
         self._at(self._run.at(BALL_AT), lambda: self._hit(scattered))
         end = self._run.at(LEVEL_END) + scattered / BRAKING
         self._at(end, self._finish)

@@ -28,7 +28,7 @@ import numpy as np
 
 from models.errors import BadInput
 from robot.device.protocol import STOP
-from robot.emulator.faults import Faults
+from robot.emulator.faults import FaultInjection
 from robot.emulator.firmware import Deed, Firmware
 
 PROCESSING = 0.001  # of a request by the microcontroller [s]; PIC18F458 at 10 MIPS, C
@@ -38,7 +38,7 @@ SLICE = 0.02  # that a read waits [s], as robot/device/link.py opens ports
 class Line:
     """The cable with the firmware at its end: bytes on their way, due at their times."""
 
-    def __init__(self, firmware: Firmware, *, baud: int, faults: Faults | None = None) -> None:
+    def __init__(self, firmware: Firmware, *, baud: int, faults: FaultInjection | None = None) -> None:
         """A line at rest."""
         self.firmware, self.faults, self._byte_s = firmware, faults, 10.0 / baud
         self._up: list[tuple[float, bytes]] = []
@@ -196,7 +196,7 @@ class Emulator:
     """
 
     def __init__(
-        self, firmware: Firmware, *, baud: int, faults: Faults | None = None, path: Path | str | None = None
+        self, firmware: Firmware, *, baud: int, faults: FaultInjection | None = None, path: Path | str | None = None
     ) -> None:
         """Not running yet; without a path, one in a folder of its own."""
         self._line = Line(firmware, baud=baud, faults=faults)
@@ -319,7 +319,7 @@ def serve(
         raise BadInput(f"pace is {pace}; give a number above 0, up to 1000")
     rng, chance = np.random.default_rng(seed).spawn(2)
     firmware = Firmware(Pace(pace).now, rng, on_strike=on_strike)
-    faults = Faults(fault_rate, chance) if fault_rate else None
+    faults = FaultInjection(fault_rate, chance) if fault_rate else None
     ending, told = until or threading.Event(), 0
     with Emulator(firmware, baud=baud, faults=faults, path=path) as emulator, contextlib.suppress(KeyboardInterrupt):
         say(emulator.path)

@@ -29,7 +29,7 @@ from models.simulation.simulate import simulate
 from robot.device.launcher import Launcher
 from robot.device.link import Link
 from robot.device.settings import Settings
-from robot.emulator.faults import Faults
+from robot.emulator.faults import FaultInjection
 from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Line, VirtualClock, WirePort
 from sysid.clips import Observation
@@ -192,7 +192,7 @@ def emulated_launcher(
     on_strike: Callable[[float, float, float], None],
     rng: np.random.Generator,
     *,
-    faults: Faults | None = None,
+    faults: FaultInjection | None = None,
     log: Path | str | None = None,
     say: Callable[[str], None] = print,
 ) -> tuple[Launcher, Firmware]:

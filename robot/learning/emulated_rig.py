@@ -18,7 +18,7 @@ from models.shot import Array
 from planner.scene import Scene
 from robot.device.settings import Settings
 from robot.emulator.table import EmulatedTable, emulated_launcher
-from robot.learning.loop import Laid
+from robot.learning.loop import Setup
 from robot.play import read_order
 
 HAND_SD = 2e-3  # of a ball laid by hand on its marked place, each axis [m]
@@ -58,7 +58,7 @@ def draw_hidden_cue(rng: np.random.Generator) -> Constants:
 
 
 @dataclass
-class EmulatedStand:
+class EmulatedRig:
     """Lays, turns, strikes and films without anybody; every shot's draws are its own."""
 
     model: Model  # hidden
@@ -69,14 +69,14 @@ class EmulatedStand:
     make: Callable[..., EmulatedTable] = EmulatedTable  # of a table, with its arguments
     table: EmulatedTable | None = None
 
-    def lay(self, scene: Scene, number: int) -> Laid:
+    def lay(self, scene: Scene, number: int) -> Setup:
         """Lay the balls of a shot."""
         rng = np.random.default_rng([self.seed, number, LAY])
         reach = scene.table.reach(scene.ball)
         laid = np.clip(scene.position + HAND_SD * rng.standard_normal(scene.position.shape), -reach, reach)
         self.table = self._table(scene, laid, number, 0)
         launcher, _ = emulated_launcher(self.settings, self.table.hit, self._rng(number, 0), say=lambda line: None)
-        return Laid(self.table, launcher, self.table.turn_to)
+        return Setup(self.table, launcher, self.table.turn_to)
 
     def repeat(self, plan: Path, number: int) -> Array | None:
         """The stroke again and again from where the balls were laid; where the cue ball stopped (n, 2) [m]."""

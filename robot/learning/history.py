@@ -31,15 +31,15 @@ FORMAT, FIT_FORMAT = "billiard-course/1", "billiard-refit/1"
 
 
 @dataclass(frozen=True)
-class Shot:
+class PlayedShot:
     """One shot of a series: what was planned, and what came of it."""
 
     number: int  # from 1
     scene: Scene
     learnt: int  # shots that model and map had been fitted to when it was planned
-    told: Array  # (2,) where the cue ball was to stop [m]
+    planned_end: Array  # (2,) where the cue ball was to stop [m]
     spread: float  # median distance from there of the plays that the plan was judged by [m]
-    promised: float  # probability of potting
+    pot_probability: float  # probability of potting
     potted: bool | None  # None where nobody saw
     cue_end: Array | None  # (2,) where the cue ball stopped [m]; None in a pocket, or not seen
     floor: float  # median distance of the same stroke's repeats from their middle [m]; nan where it was not repeated
@@ -50,7 +50,7 @@ class Shot:
     @property
     def miss(self) -> float:
         """Of the cue ball from where the plan told that it would stop [m]; nan where it did not stop on the table."""
-        return math.nan if self.cue_end is None else float(np.hypot(*(self.cue_end - self.told)))
+        return math.nan if self.cue_end is None else float(np.hypot(*(self.cue_end - self.planned_end)))
 
     @property
     def away(self) -> float:
@@ -75,11 +75,11 @@ class Refit:
 
 
 @dataclass(frozen=True)
-class Story:
+class History:
     """A series as far as it has come."""
 
     course: dict[str, Any]
-    shots: tuple[Shot, ...]
+    shots: tuple[PlayedShot, ...]
     refits: tuple[Refit, ...]
     ended: str  # why it stopped by itself; "" where it did not
 
@@ -141,7 +141,7 @@ def middle_of(plan: dict[str, Any]) -> tuple[Array, float]:
     return middle, float(np.median(np.hypot(*(places - middle).T)))
 
 
-def read_story(folder: Path | str) -> Story:
+def read_history(folder: Path | str) -> History:
     """A series from its folder.
 
     Raises:
@@ -157,10 +157,10 @@ def read_story(folder: Path | str) -> Story:
     fits = sorted(path.parent for path in folder.glob("fits/*/fit.json"))
     refits = tuple(_refit(read_json(path / "fit.json", FIT_FORMAT)) for path in fits)
     ended = folder / "ended.txt"
-    return Story(course, shots, refits, ended.read_text(encoding="utf-8").strip() if ended.is_file() else "")
+    return History(course, shots, refits, ended.read_text(encoding="utf-8").strip() if ended.is_file() else "")
 
 
-def _shot(folder: Path, number: int, clips: dict[str, Clip]) -> Shot:
+def _shot(folder: Path, number: int, clips: dict[str, Clip]) -> PlayedShot:
     path = plan_file(folder, number)
     plan = read_plan(path)
     played = read_json(played_file(path), "billiard-played/1")
@@ -171,7 +171,7 @@ def _shot(folder: Path, number: int, clips: dict[str, Clip]) -> Shot:
         ends = np.array(read_json(repeats, "billiard-repeats/1")["cue"], float).reshape(-1, 2)
         floor = float(np.median(np.hypot(*(ends - np.median(ends, axis=0)).T))) if len(ends) > 2 else math.nan
     end, clip = played.get("cue_end"), played.get("clip")
-    return Shot(
+    return PlayedShot(
         number, scene_from(plan["scene"], str(path)), int(plan["learnt"]), told, spread,
         float(plan["pot_probability"]["value"]), played.get("potted"), None if end is None else np.array(end, float),
         floor, plan, played, clips.get(clip["file"]) if clip else None,

@@ -22,14 +22,14 @@ from robot.camera.align import align, turn_for
 from robot.camera.live import LiveCamera
 from robot.device.launcher import Launcher
 from robot.device.settings import Settings
-from robot.learning.loop import Laid
+from robot.learning.loop import Setup
 
 REACH = 0.03  # within which a ball counts as laid [m]
 TRIES = 20  # times that somebody is asked to lay a scene
 
 
 @dataclass
-class LiveStand:
+class LiveRig:
     """A table, a launcher at a port, a camera, and whoever stands there."""
 
     camera: LiveCamera
@@ -39,7 +39,7 @@ class LiveStand:
     ready: Callable[[str], bool]  # told what to do, answers when it is done; no: the series ends here
     say: Callable[[str], None] = print
 
-    def lay(self, scene: Scene, number: int) -> Laid:
+    def lay(self, scene: Scene, number: int) -> Setup:
         """Have the balls of a shot laid, until the camera sees them there.
 
         Raises:
@@ -56,7 +56,7 @@ class LiveStand:
                 raise BadInput(f"shot {number}: not laid; the same command goes on from here")
             faults, ball = self._faults(scene)
             if not faults:
-                return Laid(self.camera, self.connect(), partial(self.turn, ball_xy=ball), self.confirm)
+                return Setup(self.camera, self.connect(), partial(self.turn, ball_xy=ball), self.confirm)
             self.say("; ".join(faults))
         raise BadInput(f"shot {number}: {faults[0]}; see that the camera's file fits, and names the balls as they are")
 

@@ -41,16 +41,16 @@ from robot.device.launcher import Launcher
 from robot.learning.history import (
     FIT_FORMAT,
     FORMAT,
-    Story,
+    History,
     count_played,
     fit_folder,
     middle_of,
     plan_file,
+    read_history,
     read_json,
-    read_story,
 )
 from robot.learning.refit import relearn
-from robot.play import Camera, play_plan, played_file
+from robot.play import ShotCamera, play_plan, played_file
 from sysid.clips import ClipSet, read_clip_set
 
 OTHERS = 5  # scenes that are drawn for a shot before none is found that can be played
@@ -61,19 +61,19 @@ Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Laid:
+class Setup:
     """A scene laid out, and the launcher behind it."""
 
-    camera: Camera
+    camera: ShotCamera
     launcher: Launcher  # not yet connected
     turn: Callable[[float], None]  # the stand, to an azimuth [rad]; returns when it is done
     confirm: Callable[[str], bool] | None = None  # asked before the stroke
 
 
-class Stand(Protocol):
+class Rig(Protocol):
     """Where a series is played: a table with a launcher and somebody who lays balls, or the emulator."""
 
-    def lay(self, scene: Scene, number: int) -> Laid:
+    def lay(self, scene: Scene, number: int) -> Setup:
         """Lay the balls of a shot, as nearly as by hand."""
         ...
 
@@ -83,7 +83,7 @@ class Stand(Protocol):
 
 
 @dataclass(frozen=True)
-class Course:
+class LearningConfig:
     """What a series is."""
 
     model: Model  # to begin with
@@ -112,7 +112,7 @@ class Course:
         return {"format": FORMAT, **rest, "wish": asdict(self.wish), "effort": asdict(self.effort)}
 
 
-def begin(folder: Path | str, course: Course) -> None:
+def begin(folder: Path | str, course: LearningConfig) -> None:
     """Make the folder of a series, or find that it is this one's; BadInput where it is another's."""
     folder, told = Path(folder), course.told()
     model, cueing_map = folder / "start.toml", folder / "start_map.toml"
@@ -138,9 +138,9 @@ def begin(folder: Path | str, course: Course) -> None:
 
 
 def learn(
-    folder: Path | str, course: Course, stand: Stand, say: Callable[[str], None] = print,
+    folder: Path | str, course: LearningConfig, stand: Rig, say: Callable[[str], None] = print,
     report: Report = lambda line: None,
-) -> Story:  # fmt: skip
+) -> History:  # fmt: skip
     """Play a series, or go on with it.
 
     Args:
@@ -163,15 +163,15 @@ def learn(
         learnt = played - played % course.every
         if learnt and not (fit_folder(folder, learnt) / "fit.json").is_file():
             say(_refit(folder, course, learnt, report))
-        why = why_ended(read_story(folder), course.every) if course.stops and played == learnt > 0 else ""
+        why = why_ended(read_history(folder), course.every) if course.stops and played == learnt > 0 else ""
         if why or played >= course.shots:
             write_whole(folder / "ended.txt", f"{why or f'all {played} shots are played'}\n".encode())
-            return read_story(folder)
+            return read_history(folder)
         (folder / "ended.txt").unlink(missing_ok=True)
         say(_play(folder, course, stand, played + 1, learnt, report))
 
 
-def why_ended(story: Story, every: int) -> str:
+def why_ended(story: History, every: int) -> str:
     """Why a series needs no more shots, after a refit; "" where it does."""
     n, refits = len(story.shots), story.refits
     if n < BLOCKS * every or len(refits) < BLOCKS or refits[-1].verdict != refits[-2].verdict:
@@ -188,14 +188,14 @@ def why_ended(story: Story, every: int) -> str:
     return ""
 
 
-def latest(folder: Path, course: Course, learnt: int) -> tuple[Model, CueingMap]:
+def latest(folder: Path, course: LearningConfig, learnt: int) -> tuple[Model, CueingMap]:
     """Model and map as learnt from so many shots."""
     if not learnt:
         return course.model, course.cueing_map
     return read_model(fit_folder(folder, learnt) / "model.toml"), read_map(fit_folder(folder, learnt) / "map.toml")
 
 
-def _play(folder: Path, course: Course, stand: Stand, number: int, learnt: int, report: Report) -> str:
+def _play(folder: Path, course: LearningConfig, stand: Rig, number: int, learnt: int, report: Report) -> str:
     """Plan and play one shot; what came of it, in words."""
     model, cueing_map = latest(folder, course, learnt)
     strokes = with_map(Strokes(), cueing_map, model.ball)
@@ -228,7 +228,7 @@ def _play(folder: Path, course: Course, stand: Stand, number: int, learnt: int, 
     return f"shot {number:3d}: {pot} ({100 * plan['pot_probability']['value']:.0f} % promised), the cue ball {miss}"
 
 
-def _repeat(plan: Path, stand: Stand, number: int) -> None:
+def _repeat(plan: Path, stand: Rig, number: int) -> None:
     """Where the stroke ends when it is repeated, into a file beside the plan; nothing where nobody repeats it."""
     ends = stand.repeat(plan, number)
     if ends is not None:
@@ -236,7 +236,7 @@ def _repeat(plan: Path, stand: Stand, number: int) -> None:
         write_json(str(plan.with_suffix(".repeats.json")), told)
 
 
-def _refit(folder: Path, course: Course, learnt: int, report: Report) -> str:
+def _refit(folder: Path, course: LearningConfig, learnt: int, report: Report) -> str:
     """Learn table and launcher from the shots so far, into files; what was learnt, in words."""
     began = time.monotonic()
     out = fit_folder(folder, learnt)

@@ -31,9 +31,8 @@ from robot.cueing.map_fit import PRIOR_SD
 from robot.device.settings import Settings
 from robot.emulator.table import EmulatedTable, emulated_launcher
 from robot.learning.emulated_rig import draw_hidden_cue
-from robot.learning.history import Refit, Story, fit_folder, read_story
-from robot.learning.history import Shot as Played
-from robot.learning.loop import Course, begin, why_ended
+from robot.learning.history import History, PlayedShot, Refit, fit_folder, read_history
+from robot.learning.loop import LearningConfig, begin, why_ended
 from robot.learning.refit import FEWEST, Learnt, learn_launcher, with_commands
 from sysid.cli.common import load
 from sysid.clips import Clip, ClipSet, Cue, Observation, write_clip_set
@@ -42,7 +41,7 @@ from tests.models.engine.test_jaws import into_pockets
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
 MAP = CueingMap(Constants(), Geometry(SNOOKER_BALL), np.full((8, 8), math.nan), Execution())
-COURSE = Course(MODEL, MAP, shots=8, every=4)
+COURSE = LearningConfig(MODEL, MAP, shots=8, every=4)
 SCENE = Scene(
     SNOOKER_TABLE, SNOOKER_BALL, ("white", "red"), np.array([[0.0, 0.0], [0.5, 0.2]]),
     Goal("white", "red", (1, 1), np.array([1.0, 0.3])),
@@ -51,11 +50,11 @@ TIMES = np.arange(0.0, 3.0, 1 / 180)
 JAWS = pockets_of(SNOOKER_TABLE, SNOOKER_BALL).jaws
 
 
-def shot(number: int, miss: float, spread: float = 0.018, every: int = 4, **change: Any) -> Played:
+def shot(number: int, miss: float, spread: float = 0.018, every: int = 4, **change: Any) -> PlayedShot:
     """A shot whose cue ball stopped `miss` [m] from where it was told to; nan: in a pocket."""
     end = None if math.isnan(miss) else np.array([0.3 + miss, 0.1])
     away = None if end is None else miss + 0.1
-    made = Played(
+    made = PlayedShot(
         number, SCENE, (number - 1) // every * every, np.array([0.3, 0.1]), spread, 0.8, True, end, 0.01, {},
         {"from_wanted": away}, None,
     )  # fmt: skip
@@ -68,7 +67,7 @@ def refit(shots: int, verdict: tuple[str, ...] = ("table_tilt",), **change: Any)
 
 def story(
     blocks: Sequence[float], every: int = 4, verdicts: Sequence[tuple[str, ...]] | None = None, ended: str = ""
-) -> Story:
+) -> History:
     """Blocks of shots with these median misses [m], a refit after each."""
     shots = []
     for k, middle in enumerate(blocks):
@@ -76,7 +75,7 @@ def story(
         shots += [shot(k * every + j + 1, float(m), every=every) for j, m in enumerate(around)]
     told = verdicts or [("table_tilt",)] * len(blocks)
     refits = tuple(refit((k + 1) * every, v) for k, v in enumerate(told))
-    return Story({}, tuple(shots), refits, ended)
+    return History({}, tuple(shots), refits, ended)
 
 
 def test_a_series_goes_on_while_it_learns() -> None:
@@ -102,7 +101,7 @@ def test_a_series_goes_on_after_another_verdict_or_without_refits() -> None:
     assert why_ended(story(flat, verdicts=[tilt, tilt, nap]), 4) == ""
     assert why_ended(story(flat, verdicts=[nap, tilt, tilt]), 4) != ""
     assert why_ended(dataclasses.replace(story(flat), refits=story(flat).refits[:2]), 4) == ""
-    assert why_ended(Story({}, (), (), ""), 4) == ""
+    assert why_ended(History({}, (), (), ""), 4) == ""
 
 
 def test_balls_in_pockets_have_no_miss() -> None:
@@ -349,10 +348,10 @@ def test_a_refit_is_there_with_the_last_of_its_files(
             patch.setattr(robot.learning.loop, name, broken)
             with pytest.raises(KeyboardInterrupt):
                 robot.learning.loop._refit(tmp_path, COURSE, 4, lambda line: None)
-        assert not (out / "fit.json").exists() and read_story(tmp_path).refits == ()
+        assert not (out / "fit.json").exists() and read_history(tmp_path).refits == ()
     said = robot.learning.loop._refit(tmp_path, COURSE, 4, lambda line: None)
     assert "learnt from 4 shots: table_tilt" in said
-    [found] = read_story(tmp_path).refits
+    [found] = read_history(tmp_path).refits
     assert (found.shots, found.verdict, found.unexplained) == (4, ("table_tilt",), "")
     assert math.isnan(found.held_rms) and found.values["decoupled_cloth.roll"] == (0.0125, 1e-5)
     assert math.isnan(found.launcher["end_mass"][1])

@@ -23,9 +23,9 @@ from planner.launcher.execution import Execution
 from planner.search.search import Effort
 from robot.cli.learn import figures, text_of
 from robot.cli.verbs import main, parser
-from robot.learning.emulated_rig import EmulatedStand, draw_hidden_cue, draw_hidden_table
-from robot.learning.history import Story, read_story
-from robot.learning.loop import Course
+from robot.learning.emulated_rig import EmulatedRig, draw_hidden_cue, draw_hidden_table
+from robot.learning.history import History, read_history
+from robot.learning.loop import LearningConfig
 from robot.learning.refit import Learnt
 from tests.robot.test_learn import COURSE, MAP, MODEL, RESULT, TRUE, refit, shot, story
 from tests.support.clip_samples import contents
@@ -36,7 +36,7 @@ QUICK = Effort(
     starts=3, strokes=6, best=2, rounds=1, halved=1, hands=8, finalists=2, closely=16, fresh=64,
 )  # fmt: skip
 ENDED = ("ended.txt", "hidden.toml", "hidden_cue.json", "report.html", "story.png", "story.rrd")
-STAND = EmulatedStand(draw_hidden_table(MODEL, np.random.default_rng(3), "table_tilt"), TRUE)
+STAND = EmulatedRig(draw_hidden_table(MODEL, np.random.default_rng(3), "table_tilt"), TRUE)
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plans that are made in a moment."""
-    monkeypatch.setattr(robot.learning.loop, "Course", functools.partial(Course, effort=QUICK))
+    monkeypatch.setattr(robot.learning.loop, "LearningConfig", functools.partial(LearningConfig, effort=QUICK))
 
 
 @pytest.fixture
@@ -94,8 +94,10 @@ def kept(folder: Path) -> dict[str, bytes]:
 def test_options_say_what_a_course_and_a_stand_are_without_them() -> None:
     given = parser().parse_args(["learn", "--out", "x"])
     assert (given.shots, given.every, given.seed, given.balls) == (60, 10, 0, 2)
-    assert Course(MODEL, MAP) == Course(MODEL, MAP, given.shots, given.every, given.seed, given.balls, not given.all)
-    assert given.repeats == EmulatedStand(MODEL, Constants()).repeats
+    assert LearningConfig(MODEL, MAP) == LearningConfig(
+        MODEL, MAP, given.shots, given.every, given.seed, given.balls, not given.all
+    )
+    assert given.repeats == EmulatedRig(MODEL, Constants()).repeats
 
 
 def test_figures_are_those_of_the_shots() -> None:
@@ -136,10 +138,10 @@ def test_the_truth_stands_beside_what_was_found() -> None:
 
 
 def test_a_series_without_a_refit_is_told_as_well() -> None:
-    short = Story({}, story((0.1,)).shots[:2], (), "all 2 shots are played")
+    short = History({}, story((0.1,)).shots[:2], (), "all 2 shots are played")
     text = text_of(figures(short, COURSE, STAND))
     assert "1 to 2" in text and "no refit: that takes 4 shots" in text and "found: none" in text
-    assert "ended: none" in text_of(figures(Story({}, (), (), "none"), COURSE, STAND))
+    assert "ended: none" in text_of(figures(History({}, (), (), "none"), COURSE, STAND))
 
 
 def test_a_folder_goes_on_with_its_own_series_alone(
@@ -182,7 +184,7 @@ def test_a_series_broken_off_anywhere_comes_to_the_same(
         assert said.status == 130
         last = said.err.splitlines()[-1]
         assert last == f"robot learn: interrupted; {broken} is kept: the same command goes on from there"
-        so_far = read_story(broken)
+        so_far = read_history(broken)
         assert (len(so_far.shots), len(so_far.refits)) == (played, refits)
         assert not any((broken / name).exists() for name in ENDED)
     assert run("--out", broken, *words).status == 0
@@ -268,4 +270,4 @@ def test_a_launcher_that_fails_ends_it_with_status_1(
     monkeypatch.setattr(robot.learning.loop, "play_plan", dead)
     said = run("--out", tmp_path / "series", "--shots", 1, "--every", 4)
     assert said.status == 1 and said.err.splitlines()[-1] == "robot learn: the line is dead"
-    assert len(read_story(tmp_path / "series").shots) == 0
+    assert len(read_history(tmp_path / "series").shots) == 0

@@ -15,8 +15,8 @@ from models.errors import BadInput
 from models.model_file import full_model
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
-from robot.camera.live import Device, LiveCamera, Recording, frame_numbers
-from robot.play import Camera as Watcher
+from robot.camera.live import Device, FilmRecorder, LiveCamera, frame_numbers
+from robot.play import ShotCamera
 from sysid.vision.camera.projection import overhead, write_camera
 from tests.footage.film import Look, film
 from tests.footage.motion import Motion, motion_of
@@ -83,7 +83,7 @@ def live(tmp_path: Path, reel: Reel, said: list[str]) -> LiveCamera:
 
 def test_it_is_a_camera_for_play(tmp_path: Path) -> None:
     assert live(tmp_path, Reel(grey(0)), []).seen_with is CAMERA
-    camera: Watcher = live(tmp_path, Reel(grey(0)), [])
+    camera: ShotCamera = live(tmp_path, Reel(grey(0)), [])
     assert (camera.table, camera.ball, camera.fps) == (TABLE, BALL, FPS)
     assert camera.sigma == pytest.approx(0.1 * PIXEL, rel=0.1)
     assert camera.film() == {}, "nobody has armed it"
@@ -151,7 +151,7 @@ def grey(*levels: int) -> tuple[Picture, ...]:
 def test_what_is_recorded_is_lossless_and_keeps_its_gaps(tmp_path: Path) -> None:
     levels = list(range(60, 200, 2))
     reel = Reel(grey(*levels), frozenset({20, 21, 50}), late=0.4 / FPS)
-    recording = Recording(reel, CAMERA, tmp_path / "gaps.mkv", FPS)
+    recording = FilmRecorder(reel, CAMERA, tmp_path / "gaps.mkv", FPS)
     recording.finish(20.0)
     footage = recording.footage()
     frames = list(footage)[:60]
@@ -165,10 +165,10 @@ def test_what_is_recorded_is_lossless_and_keeps_its_gaps(tmp_path: Path) -> None
 
 
 def test_a_recording_ends_when_the_bed_is_still_and_at_a_limit(tmp_path: Path) -> None:
-    still = Recording(Reel(grey(90)), CAMERA, tmp_path / "still.mkv", FPS)
+    still = FilmRecorder(Reel(grey(90)), CAMERA, tmp_path / "still.mkv", FPS)
     still.finish(20.0)
     assert still.told == []
-    restless = Recording(Restless(), CAMERA, tmp_path / "restless.mkv", FPS)
+    restless = FilmRecorder(Restless(), CAMERA, tmp_path / "restless.mkv", FPS)
     restless.finish(0.3)
     assert "still moved" in restless.told[0]
 

@@ -20,7 +20,7 @@ from robot.device.link import Link
 from robot.device.port import serial_opener
 from robot.device.protocol import BUSY, STATES, LauncherError, LauncherStopped, frame, stroke_line
 from robot.device.settings import PortSettings, Settings
-from robot.emulator.faults import DEVICE, DOWN, KINDS, UP, Fault, Faults
+from robot.emulator.faults import DEVICE, DOWN, KINDS, UP, Fault, FaultInjection
 from robot.emulator.firmware import Deed, Firmware
 from robot.emulator.launcher import Emulator, Line, Pace, VirtualClock, WirePort
 
@@ -55,7 +55,7 @@ class Bench:
         rng = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
         self.clock, self.rng = VirtualClock(), rng[2]
         self.device = Firmware(self.clock.now, rng[0])
-        self.faults = Faults(rate, rng[1], kinds)
+        self.faults = FaultInjection(rate, rng[1], kinds)
         self.line = self.clock.line = Line(self.device, baud=BAUD, faults=self.faults)
         timing = replace(Settings().timing, poll_s=0.1)  # more strokes an exchange
         self.settings = replace(Settings(), timing=timing)
@@ -294,14 +294,14 @@ def test_lost_stop_bytes_are_sent_again() -> None:
 def test_faults_are_drawn_at_their_rate_from_their_seed() -> None:
     drawn = []
     for _ in range(2):
-        faults = Faults(0.2, np.random.default_rng(4))
+        faults = FaultInjection(0.2, np.random.default_rng(4))
         for k in range(2000):
             faults.request(float(k), frame(":", 1, "MOVE 1 1"))
         drawn.append([(f.time, f.kind) for f in faults.done])
     assert drawn[0] == drawn[1]
     assert 330 < len(drawn[0]) < 470
     assert {kind for _, kind in drawn[0]} == set(KINDS)
-    line = Faults(1.0, np.random.default_rng(0))
+    line = FaultInjection(1.0, np.random.default_rng(0))
     for k in range(200):
         line.request(float(k), stroke_line(47))
     assert {f.kind for f in line.done} == {*UP, *DEVICE} - {"stuck"}

@@ -21,7 +21,7 @@ from planner.scene import Goal, Scene, scene_dict
 from robot.device.launcher import StrokeUnknown
 from robot.device.protocol import LauncherError
 from robot.device.settings import Settings, SpeedTable
-from robot.emulator.faults import DOWN, KINDS, UP, Faults
+from robot.emulator.faults import DOWN, KINDS, UP, FaultInjection
 from robot.emulator.firmware import Firmware
 from robot.emulator.table import EmulatedTable, emulated_launcher
 from robot.play import Played, check_scene, play_plan, played_file, read_order
@@ -71,7 +71,7 @@ def emulated(plan: Path, model: Model = MODEL, seed: int = 0, **more: Any) -> Em
 
 
 def played(
-    plan: Path, table: EmulatedTable, settings: Settings = OURS, *, faults: Faults | None = None, **more: Any
+    plan: Path, table: EmulatedTable, settings: Settings = OURS, *, faults: FaultInjection | None = None, **more: Any
 ) -> tuple[Played, Firmware]:
     launcher, device = emulated_launcher(settings, table.hit, np.random.default_rng(1), faults=faults, say=quiet)
     with launcher:
@@ -209,7 +209,7 @@ def test_the_stand_serves_one_stroke(plan: Path) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_a_bad_line_makes_one_stroke(plan: Path, seed: int) -> None:
     table = emulated(plan)
-    faults = Faults(0.05, np.random.default_rng(seed), UP + DOWN)
+    faults = FaultInjection(0.05, np.random.default_rng(seed), UP + DOWN)
     outcome, device = played(plan, table, faults=faults)
     assert len(struck(device)) == table.strokes == 1
     assert outcome.done is not None and outcome.struck == "yes"
@@ -219,7 +219,11 @@ def test_a_bad_line_makes_one_stroke(plan: Path, seed: int) -> None:
 def test_no_fault_makes_two_strokes(plan: Path, seed: int) -> None:
     table = emulated(plan)
     launcher, device = emulated_launcher(
-        OURS, table.hit, np.random.default_rng(1), say=quiet, faults=Faults(0.15, np.random.default_rng(seed), KINDS)
+        OURS,
+        table.hit,
+        np.random.default_rng(1),
+        say=quiet,
+        faults=FaultInjection(0.15, np.random.default_rng(seed), KINDS),
     )
     try:
         with launcher:

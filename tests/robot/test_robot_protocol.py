@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from models.errors import BadInput
 from planner.launcher import stroke as planned
 from robot.device import protocol
-from robot.device.protocol import STATES, Frame, Reader, Status, StopByte, StrokeLine, frame, stroke_line, unframe
+from robot.device.protocol import STATES, Message, Reader, Status, StopByte, StrokeLine, frame, stroke_line, unframe
 from robot.device.settings import Settings, SpeedTable, read_settings, settings_from, write_settings
 from robot.emulator import firmware as fw
 from robot.emulator.firmware import Firmware, paper_law
@@ -87,7 +87,7 @@ def struck(hand: Hand) -> list[int]:
 @given(st.integers(0, 0xFFFF), BODIES)
 def test_a_frame_comes_back_as_it_went(sequence: int, body: str) -> None:
     line = frame(":", sequence, body)
-    assert unframe(line[:-1]) == Frame(sequence, body)
+    assert unframe(line[:-1]) == Message(sequence, body)
     assert not {b"!"[0], b"p"[0]} & set(line)
 
 
@@ -104,7 +104,7 @@ def test_up_to_three_wrong_bits_are_found(sequence: int, body: str, data: st.Dat
 def test_after_any_garbage_the_next_frame_is_read(garbage: bytes, body: str) -> None:
     for lead, commands in ((":", True), ("=", False)):
         found = Reader(lead, commands=commands).feed(garbage + frame(lead, 7, body))
-        assert found[-1] == Frame(7, body)
+        assert found[-1] == Message(7, body)
 
 
 @given(GARBAGE, st.integers(0, 40))

@@ -27,7 +27,7 @@ from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
 from robot.emulator.table import FPS, SIGMA, EmulatedTable, emulated_launcher
 from robot.learning.history import plan_file
-from robot.learning.live_rig import REACH, TRIES, LiveStand
+from robot.learning.live_rig import REACH, TRIES, LiveRig
 from robot.learning.loop import learn
 from robot.play import played_file, read_order
 from sysid.clips import read_clip_set
@@ -260,10 +260,10 @@ def test_a_series_ends_where_nobody_lays_its_balls(eye: Eye, options: Any, tmp_p
         assert said.out.startswith("shot 1: lay white ") and eye.asked.pop() == (f"said {word}", 0) and not eye.asked
 
 
-def stand_of(eye: Eye, ready: Callable[[str], Any], confirm: Callable[[str], Any] = str, **change: Any) -> LiveStand:
+def stand_of(eye: Eye, ready: Callable[[str], Any], confirm: Callable[[str], Any] = str, **change: Any) -> LiveRig:
     """A table where everything asked is done, but for an answer False."""
     asked = (lambda what: confirm(what) is not False, lambda what: ready(what) is not False)
-    return dataclasses.replace(LiveStand(eye, OURS, eye.connect, *asked, eye.said.append), **change)
+    return dataclasses.replace(LiveRig(eye, OURS, eye.connect, *asked, eye.said.append), **change)
 
 
 def by_the_words(text: str) -> dict[str, Array]:
