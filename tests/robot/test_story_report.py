@@ -169,8 +169,8 @@ def test_what_is_not_known_is_a_dash(tmp_path: Path) -> None:
     refit = Refit(6, (), "", math.nan, math.nan, nothing, {"a": (math.nan, math.nan)}, {}, math.nan)
     blind = tuple(
         dataclasses.replace(
-            shot, cue_end=None, potted=None, clip=None, spread=math.nan, floor=math.nan, promised=math.nan,
-            told=np.full(2, math.nan), played={}, plan={},
+            shot, cue_end=None, potted=None, clip=None, spread=math.nan, floor=math.nan, pot_probability=math.nan,
+            planned_end=np.full(2, math.nan), played={}, plan={},
         )
         for shot in story.shots
     )  # fmt: skip

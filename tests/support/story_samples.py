@@ -123,7 +123,7 @@ def long_story(shots: int = 60, every: int = 10) -> History:
         made.append(
             dataclasses.replace(
                 base, number=number, scene=scene, told=told, cue_end=None if fell else end, spread=spread, floor=floor,
-                potted=potted, promised=0.8 - 0.1 * rng.random(), played=played,
+                potted=potted, pot_probability=0.8 - 0.1 * rng.random(), played=played,
             )
         )  # fmt: skip
         if number % every == 0:
