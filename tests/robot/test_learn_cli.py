@@ -102,7 +102,7 @@ def test_options_say_what_a_course_and_a_stand_are_without_them() -> None:
 
 def test_figures_are_those_of_the_shots() -> None:
     seen = story((0.1, 0.02), ended="all 8 shots are played")
-    lost = shot(6, math.nan, promised=0.5, potted=None, floor=math.nan)
+    lost = shot(6, math.nan, pot_probability=0.5, potted=None, floor=math.nan)
     seen = dataclasses.replace(seen, shots=(*seen.shots[:5], lost, *seen.shots[6:]))
     told = figures(seen, COURSE, STAND)
     first, second = told["blocks"]

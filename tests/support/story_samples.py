@@ -122,7 +122,7 @@ def long_story(shots: int = 60, every: int = 10) -> History:
         played = base.played | {"potted": potted, "cue_fell": fell, "from_wanted": None if fell else 0.1 + sizes[block]}
         made.append(
             dataclasses.replace(
-                base, number=number, scene=scene, told=told, cue_end=None if fell else end, spread=spread, floor=floor,
+                base, number=number, scene=scene, planned_end=told, cue_end=None if fell else end, spread=spread, floor=floor,
                 potted=potted, pot_probability=0.8 - 0.1 * rng.random(), played=played,
             )
         )  # fmt: skip
