@@ -251,7 +251,7 @@ def _blocks(story: History, every: int) -> list[dict[str, Any]]:
     for first in range(1, len(story.shots) + 1, every):
         shots = story.shots[first - 1 : first - 1 + every]
         last = shots[-1].number
-        away = [s.away for s in shots if math.isfinite(s.away)]
+        away = [s.from_wanted for s in shots if math.isfinite(s.from_wanted)]
         out.append({
             "first": first, "last": last, "learnt": shots[0].learnt, "miss_median_m": story.median_miss(first, last),
             "foreseen_median_m": story.median_spread(first, last), "scatter_median_m": story.floor(first, last),

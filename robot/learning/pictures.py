@@ -214,14 +214,14 @@ def pots(story: History) -> tuple[float, Draw] | None:
             left.text(middle[k], max(tall) + 2, f"{potted} of {seen}", **text)
         names = [f"{first}–{last}" if last > first else f"{first}" for first, last in all_blocks]
         left.set(ylim=(0, max(105.0, tallest + 12)), ylabel="pots, of shots whose end was seen [%]", xlabel="shots")
-        away = [(shot.number, 1e3 * shot.away) for shot in story.shots if math.isfinite(shot.away)]
+        away = [(shot.number, 1e3 * shot.from_wanted) for shot in story.shots if math.isfinite(shot.from_wanted)]
         if away:
             right.plot(*np.array(away).T, "o", ms=4, mfc=PALE, mec="none", label="one shot")
         label = "median of a block"
         _steps(
             right,
             story,
-            lambda a, b: _median([s.away for s in of_block(story, (a, b))]),
+            lambda a, b: _median([s.from_wanted for s in of_block(story, (a, b))]),
             label,
             {"color": MODEL, "lw": 2.4},
         )

@@ -163,7 +163,7 @@ def _shots(story: History) -> str:
     heads = ("shot", "pocket", "promised", "potted", "miss", "foreseen", "from the wanted place", "noted")
     rows = [
         [str(s.number), _pocket(s), _percent(s.pot_probability), _seen(s.potted), _mm(s.miss), _mm(s.spread),
-         _mm(s.away), "; ".join(_noted(s)) or NONE]
+         _mm(s.from_wanted), "; ".join(_noted(s)) or NONE]
         for s in story.shots
     ]  # fmt: skip
     return _table(heads, rows, {0, 2, 4, 5, 6})
@@ -205,7 +205,7 @@ def _film(shot: PlayedShot, median: float) -> Film:
     words += f"; {'; '.join(noted)}" if noted else ""
     rows = [("pocket", _pocket(shot)), ("promised", _percent(shot.pot_probability)), ("potted", _seen(shot.potted)),
             ("miss", _mm(shot.miss)), ("foreseen", _mm(shot.spread)), ("launcher's own scatter", _mm(shot.floor)),
-            ("from the wanted place", _mm(shot.away)), ("model learnt from", _many(shot.learnt, "shot")),
+            ("from the wanted place", _mm(shot.from_wanted)), ("model learnt from", _many(shot.learnt, "shot")),
             ("noted", "; ".join(noted) or NONE)]  # fmt: skip
     page = "\n".join(
         [f"# Shot {shot.number}", str(shot.plan.get("kind") or ""), "", "| | |", "|---|---|"]

@@ -33,7 +33,7 @@ from robot.emulator.table import EmulatedTable, emulated_launcher
 from robot.learning.emulated_rig import draw_hidden_cue
 from robot.learning.history import History, PlayedShot, Refit, fit_folder, read_history
 from robot.learning.loop import LearningConfig, begin, why_ended
-from robot.learning.refit import FEWEST, Learnt, learn_launcher, with_commands
+from robot.learning.refit import MIN_STROKES, Learnt, learn_launcher, with_commands
 from sysid.cli.common import load
 from sysid.clips import Clip, ClipSet, Cue, Observation, write_clip_set
 from sysid.clips.jaws import LEAST, WIDER, before_jaws
@@ -85,7 +85,7 @@ def test_a_series_goes_on_while_it_learns() -> None:
 
 def test_a_series_ends_where_the_miss_is_what_the_plans_foresee() -> None:
     assert "nothing is left to learn" in why_ended(story((0.1, 0.022, 0.021)), 4)
-    assert "miss is 21 mm (median of 4), the plans foresee 18" in why_ended(story((0.1, 0.022, 0.021)), 4)
+    assert "miss is 21 mm (median of 4), predicted 18 mm" in why_ended(story((0.1, 0.022, 0.021)), 4)
     assert why_ended(story((0.1, 0.026, 0.0241)), 4) == "", "more than 1.3 times that, and it has just fallen before"
 
 
@@ -311,7 +311,7 @@ def test_commands_are_what_a_map_makes_of_what_was_told() -> None:
 
 
 def test_too_few_strokes_leave_the_map_as_it_was() -> None:
-    assert learnt(FEWEST - 1) is MAP
+    assert learnt(MIN_STROKES - 1) is MAP
     told = Learnt(MODEL, MAP, {}).launcher()
     assert list(told) == list(NAMES)
     assert told["end_mass"]["value"] == MAP.constants.end_mass and math.isnan(told["end_mass"]["sd"])

@@ -13,7 +13,7 @@ import numpy as np
 
 from models.shot import Array, Ball, Table
 from planner.scene import Goal, Scene, scene_dict
-from robot.learning.history import History, PlayedShot, Refit, middle_of
+from robot.learning.history import History, PlayedShot, Refit, predicted_stop
 from sysid.clips import Clip, Observation
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -76,7 +76,7 @@ def sample_shot(number: int) -> PlayedShot:
             time, xy = way(at, stop, 1.2 if number == FELL and name == "white" else 2.0, 1 / 60)
             balls[name] = Observation(time, xy, np.full(len(time), math.nan))
         clip = Clip(f"clips/{number:04d}.csv", "white", balls)
-    middle, spread = middle_of(plan)
+    middle, spread = predicted_stop(plan)
     floor = 0.02 + 0.001 * number if number > 9 else math.nan
     return PlayedShot(
         number, scene, plan["learnt"], middle, spread, plan["pot_probability"]["value"], played["potted"], end, floor,
@@ -122,8 +122,8 @@ def long_story(shots: int = 60, every: int = 10) -> History:
         played = base.played | {"potted": potted, "cue_fell": fell, "from_wanted": None if fell else 0.1 + sizes[block]}
         made.append(
             dataclasses.replace(
-                base, number=number, scene=scene, planned_end=told, cue_end=None if fell else end, spread=spread, floor=floor,
-                potted=potted, pot_probability=0.8 - 0.1 * rng.random(), played=played,
+                base, number=number, scene=scene, planned_end=told, cue_end=None if fell else end, spread=spread,
+                floor=floor, potted=potted, pot_probability=0.8 - 0.1 * rng.random(), played=played,
             )
         )  # fmt: skip
         if number % every == 0:
