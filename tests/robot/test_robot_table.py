@@ -21,7 +21,7 @@ from models.errors import BadInput
 from models.shot import Array, Table
 from planner.scene import write_scene
 from planner.study.runs import draw_scene
-from robot.camera.align import CueLine
+from robot.camera.cue_line import CueLine
 from robot.cli.verbs import main
 from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
@@ -302,7 +302,7 @@ def test_a_scene_that_is_not_laid_or_of_another_table_ends_it(eye: Eye) -> None:
     with pytest.raises(BadInput, match="shot 3: not set up; the same command goes on"):
         stand_of(eye, lambda text: next(answers)).set_up(SCENE, 3)
     assert eye.said == ["white is not seen"] * 2
-    with pytest.raises(BadInput, match="shot 3: white is not seen; see that"):
+    with pytest.raises(BadInput, match="shot 3: white is not seen; check that"):
         stand_of(eye, asked.append).set_up(SCENE, 3)
     with pytest.raises(BadInput, match="begin with a model of this table"):
         stand_of(eye, asked.append).set_up(dataclasses.replace(SCENE, table=Table(3.0, 1.5)), 3)
