@@ -60,10 +60,10 @@ def emulated_only(args: argparse.Namespace) -> None:
 
 def camera_of(args: argparse.Namespace, films: Path | str) -> LiveCamera:
     """The camera named, its recordings into a folder."""
-    from robot.camera.live import LiveCamera
+    from robot.camera.live import CameraOptions, LiveCamera
 
-    rest = {"fps": args.fps, "palette_path": args.palette, "mass": args.mass}
-    return LiveCamera.open(args.video, args.camera, films, **rest)
+    options = CameraOptions(fps=args.fps, palette_path=args.palette, mass=args.mass)
+    return LiveCamera.open(args.video, args.camera, films, options)
 
 
 def seed_of(args: argparse.Namespace) -> int:
