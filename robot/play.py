@@ -33,12 +33,12 @@ from robot.device.protocol import LauncherError, string_number
 from robot.device.settings import Settings
 from sysid.clips import Clip, ClipSet, Cue, Observation, read_clip_set, write_clip_set
 
-FORMAT = "billiard-played/1"
-TOLERANCE = 5e-3  # of a ball's place against the plan's [m]
-HALF_STEP = 0.5 * 2.45 / 199  # of the paper's strings [m/s]
-SAME_BALL = 1e-4  # radius of the settings against the scene's [m]
-TAKEN = 0.15  # from a pocket, within which a ball that is seen no more has dropped [m]
-CUE = ("speed", "azimuth", "side", "height", "elevation")
+PLAYED_FORMAT = "billiard-played/1"
+PLACE_TOLERANCE_M = 5e-3  # of a ball's place against the plan's [m]
+HALF_STRING_STEP = 0.5 * 2.45 / 199  # of the paper's strings [m/s]
+RADIUS_TOLERANCE_M = 1e-4  # radius of the settings against the scene's [m]
+POCKETED_DISTANCE_M = 0.15  # from a pocket, within which a ball that is seen no more has dropped [m]
+CUE_FIELDS = ("speed", "azimuth", "side", "height", "elevation")
 
 
 class ShotCamera(Protocol):
@@ -111,11 +111,11 @@ def read_order(plan: Path | str, settings: Settings) -> Order:
     if data.get("stroke") is None:
         raise BadInput(f"{plan}: holds no stroke ({data.get('why', 'no reason told')}); plan another shot")
     scene = scene_from(data.get("scene"), f"{plan} scene")
-    cue = Cue(**{name: _number(data, "stroke", name, plan) for name in CUE})
+    cue = Cue(**{name: _number(data, "stroke", name, plan) for name in CUE_FIELDS})
     x0_mm, y0_mm, yaw = (_number(data, "launcher", name, plan) for name in ("x0_mm", "y0_mm", "theta_deg"))
     wanted = _number(data, "launcher", "cue_speed", plan)
     radius = 1e3 * scene.ball.radius
-    if abs(settings.stage.ball_radius_mm - radius) > 1e3 * SAME_BALL:
+    if abs(settings.stage.ball_radius_mm - radius) > 1e3 * RADIUS_TOLERANCE_M:
         raise BadInput(
             f"{plan}: its balls have a radius of {radius:g} mm, the launcher is set for "
             f"{settings.stage.ball_radius_mm:g} mm; correct [stage] ball_radius_mm, or plan for these balls"
@@ -135,7 +135,7 @@ def _string(planned: Any, wanted: float, settings: Settings) -> tuple[str, tuple
     table = settings.calibration
     low, high = table.strings[0], table.strings[-1]
     speed = table.cue_speed(number) if low <= number <= high else math.nan
-    if abs(speed - wanted) <= HALF_STEP + 1e-6:
+    if abs(speed - wanted) <= HALF_STRING_STEP + 1e-6:
         settings.check_speed(number)
         return f"{number:03d}p", ()
     other = table.string(wanted)
@@ -154,7 +154,9 @@ def _number(data: Mapping[str, Any], section: str, name: str, plan: Path | str) 
     return float(value)
 
 
-def check_scene(scene: Scene, seen: Mapping[str, Array], plan: Path | str, tolerance: float = TOLERANCE) -> None:
+def check_scene(
+    scene: Scene, seen: Mapping[str, Array], plan: Path | str, tolerance: float = PLACE_TOLERANCE_M
+) -> None:
     """BadInput names the ball that lies farthest from where the plan has it, is missing, or is one too many."""
     remedy = "put it right, or plan anew from a new picture"
     for name in scene.names:
@@ -183,7 +185,7 @@ def play_plan(
     confirm: Callable[[str], bool] | None = None,
     *,
     clips: Path | str | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = PLACE_TOLERANCE_M,
     say: Callable[[str], None] = print,
 ) -> Played:
     """Play a plan once.
@@ -317,14 +319,14 @@ def _ended(seen: Observation, scene: Scene, until: float) -> tuple[tuple[float, 
     places = pocket_places(scene.table)
     far = [float(np.hypot(*(seen.xy[-1] - places[p]))) for p in POCKETS]
     k = int(np.argmin(far))
-    return None, POCKETS[k] if far[k] <= TAKEN else None
+    return None, POCKETS[k] if far[k] <= POCKETED_DISTANCE_M else None
 
 
 def _write(plan: Path | str, order: Order, played: Played, clips: Path | str | None) -> None:
     """The played file, whole."""
     told = dataclasses.asdict(played)
     clip = None if played.clip is None else {"folder": str(clips), "file": played.clip}
-    head = {"format": FORMAT, "plan": Path(plan).name, "stroke": dataclasses.asdict(order.cue)}
+    head = {"format": PLAYED_FORMAT, "plan": Path(plan).name, "stroke": dataclasses.asdict(order.cue)}
     asked = {"string": order.string, "x0_mm": order.x0_mm, "y0_mm": order.y0_mm, "theta_deg": order.yaw_deg}
     balls = {"cue_ball": order.scene.names[0], "object_ball": order.scene.names[1]}
     write_json(str(played_file(plan)), head | balls | {"asked": asked} | told | {"clip": clip})

@@ -155,11 +155,11 @@ def _course(args: argparse.Namespace, on: Table, ball: Ball) -> LearningConfig:
     from planner.launcher.execution import Execution
     from planner.launcher.mapped import with_map
     from planner.launcher.stroke import Launcher
-    from robot.emulator.table import BASE
+    from robot.emulator.table import BASE_EFFECTS
     from robot.learning.loop import LearningConfig
 
     model = read_model(args.model) if args.model else full_model(on, ball)
-    if lacking := sorted(set(BASE) - {e.name() for e in model.stack()}):
+    if lacking := sorted(set(BASE_EFFECTS) - {e.name() for e in model.stack()}):
         raise BadInput(f"{args.model}: lacks {', '.join(lacking)}; give a model that starts from the base")
     if args.map:
         cueing_map = read_map(args.map)

@@ -95,14 +95,14 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
 def repeat(args: argparse.Namespace, progress: Progress) -> int:
     """Strike every string again and again, on a snooker table and on a cloth without end."""
     from models.mjcf.snooker import SNOOKER_TABLE
-    from robot.emulator.repeatability import OPEN, measure, result, spread_strings, text
+    from robot.emulator.repeatability import OPEN_CLOTH, measure, result, spread_strings, text
 
     seed, settings = seed_of(args), settings_of(args)
     check_outputs(args.json)
     strings = args.strings or spread_strings(settings)
     both = [
         measure(settings, strings, args.repeats, seed, cloth=cloth, progress=progress)
-        for cloth in (SNOOKER_TABLE, OPEN)
+        for cloth in (SNOOKER_TABLE, OPEN_CLOTH)
     ]
     progress.close()
     for name, got in zip(("snooker table", "cloth without end"), both, strict=True):
@@ -114,10 +114,10 @@ def repeat(args: argparse.Namespace, progress: Progress) -> int:
 
 def calibrate(args: argparse.Namespace, progress: Progress) -> int:
     """Measure what cue speed each string gives, and write a launcher's file with it."""
-    from robot.device.calibrate import STRINGS, measure_strings, result, text, write_calibration
+    from robot.device.calibrate import CALIBRATION_STRINGS, measure_strings, result, text, write_calibration
     from robot.emulator.table import emulated_launcher
 
-    seed, settings, strings = seed_of(args), settings_of(args), args.strings or list(STRINGS)
+    seed, settings, strings = seed_of(args), settings_of(args), args.strings or list(CALIBRATION_STRINGS)
     check_outputs(args.out, args.json)
     if args.port:
         told = f"{args.repeats * len(strings)} times without a pause, {args.repeats} of each of {strings}"

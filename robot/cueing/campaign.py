@@ -28,11 +28,11 @@ from models.errors import BadInput
 from planner.launcher.stroke import Launcher
 
 Array = NDArray[np.float64]
-SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # of the cue [m/s]
+CUE_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # of the cue [m/s]
 SIDES_MM = tuple(float(v) for v in range(0, 13, 2))
 HEIGHTS_MM = tuple(float(v) for v in range(-12, 13, 2))
-REPEATS = 5
-FASTEST = 2.75  # '001p': the paper's campaign went beyond the 2.2 m/s of its planned shots [m/s]
+DEFAULT_REPEATS = 5
+MAX_CUE_SPEED = 2.75  # '001p': the paper's campaign went beyond the 2.2 m/s of its planned shots [m/s]
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class CueShot:
     order: int = 0  # in which it was played
 
 
-COLUMNS = tuple(f.name for f in dataclasses.fields(CueShot))
+CAMPAIGN_COLUMNS = tuple(f.name for f in dataclasses.fields(CueShot))
 
 
 class Striker(Protocol):
@@ -65,13 +65,13 @@ class Striker(Protocol):
 
 
 def make_grid(
-    speeds: Sequence[float] = SPEEDS,
+    speeds: Sequence[float] = CUE_SPEEDS,
     sides_mm: Sequence[float] = SIDES_MM,
     heights_mm: Sequence[float] = HEIGHTS_MM,
-    repeats: int = REPEATS,
+    repeats: int = DEFAULT_REPEATS,
 ) -> list[tuple[int, float, float]]:
     """Strokes (string, x0_mm, y0_mm) to be played, in order of place and speed."""
-    launcher = Launcher(fastest=FASTEST)
+    launcher = Launcher(fastest=MAX_CUE_SPEED)
     strings = [launcher.string(v) for v in speeds]
     return [g for g in itertools.product(strings, sides_mm, heights_mm) for _ in range(repeats)]
 
@@ -105,7 +105,7 @@ def run_campaign(
     try:
         with path.open("a", encoding="utf-8", newline="") as file:
             if not done and path.stat().st_size == 0:
-                file.write(",".join(COLUMNS) + "\n")
+                file.write(",".join(CAMPAIGN_COLUMNS) + "\n")
             for k in range(len(done), len(todo) if most is None else min(len(todo), len(done) + most)):
                 shot = dataclasses.replace(striker(*todo[k]), order=k)
                 file.write(_row(shot) + "\n")
@@ -158,17 +158,17 @@ def read_campaign(path: Path | str) -> list[CueShot]:
         raise BadInput(f"{path}: {error.strerror}; name the CSV file of a campaign") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadInput(f"{path}: is no CSV text ({error}); name the CSV file of a campaign") from None
-    if not rows or tuple(rows[0]) != COLUMNS:
+    if not rows or tuple(rows[0]) != CAMPAIGN_COLUMNS:
         head = ",".join(rows[0])[:80] if rows else ""
-        raise BadInput(f"{path}: begins with {head!r}; the first line of a campaign is {','.join(COLUMNS)}")
+        raise BadInput(f"{path}: begins with {head!r}; the first line of a campaign is {','.join(CAMPAIGN_COLUMNS)}")
     return [_shot(f"{path} row {k}", row) for k, row in enumerate(rows[1:], 1)]
 
 
 def _shot(where: str, row: Sequence[str]) -> CueShot:
-    if len(row) != len(COLUMNS):
-        raise BadInput(f"{where}: has {len(row)} columns; there are {len(COLUMNS)}, delete that row")
+    if len(row) != len(CAMPAIGN_COLUMNS):
+        raise BadInput(f"{where}: has {len(row)} columns; there are {len(CAMPAIGN_COLUMNS)}, delete that row")
     values: dict[str, float] = {}
-    for name, text in zip(COLUMNS, row, strict=True):
+    for name, text in zip(CAMPAIGN_COLUMNS, row, strict=True):
         try:
             values[name] = float(text)
         except ValueError:
@@ -181,6 +181,6 @@ def _shot(where: str, row: Sequence[str]) -> CueShot:
         if name.endswith("_unsure") and values[name] < 0:
             raise BadInput(f"{where}: {name} is {text!r}; give 0 or more")
     return CueShot(
-        **{name: values[name] for name in COLUMNS if name not in ("string", "miscue", "order")},
+        **{name: values[name] for name in CAMPAIGN_COLUMNS if name not in ("string", "miscue", "order")},
         string=int(values["string"]), miscue=bool(values["miscue"]), order=int(values["order"]),
     )  # fmt: skip

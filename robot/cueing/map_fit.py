@@ -34,10 +34,10 @@ PRIOR_SD = {
     "tip_restitution": 0.2, "cue_mass": 0.3, "end_mass": 0.006, "slate_friction": 0.1, "contact_time": 4e-4,
     "side_zero": 2e-3, "height_zero": 2e-3, "aim_zero": 0.03,
 }  # fmt: skip # of what is known before; wide against what a campaign tells
-FEWEST = 16  # shots for eight constants
-FAR = 5.0  # standard deviations, both figures together, beyond which a shot is left out
-TELLING = 40  # repeats (shots less strokes) from which the launcher's scatter is estimated
-STEP = 1e-4  # for derivatives by place [m]
+MIN_SHOTS = 16  # shots for eight constants
+OUTLIER_SDS = 5.0  # standard deviations, both figures together, beyond which a shot is left out
+MIN_REPEATS = 40  # repeats (shots less strokes) from which the launcher's scatter is estimated
+PLACE_STEP_M = 1e-4  # for derivatives by place [m]
 
 
 def columns(shots: Sequence[CueShot]) -> tuple[Array, Array, Array, Array, Array]:
@@ -61,7 +61,7 @@ def fit_map(
     *,
     start: Constants | None = None,
     execution: Execution | None = None,
-    fewest: int = FEWEST,
+    fewest: int = MIN_SHOTS,
 ) -> CueingMap:
     """Fit the constants to a campaign.
 
@@ -86,7 +86,7 @@ def fit_map(
     constants, noise = start, execution or Execution()
     for again in (False, True):
         if again and execution is None:
-            if count_repeats(good) < TELLING:
+            if count_repeats(good) < MIN_REPEATS:
                 break
             noise, _ = scatter(good, constants, geometry)
         constants, covariance, chi2, left_out = _solve(good, geometry, start, constants, noise)
@@ -121,7 +121,7 @@ def _solve(
             raise BadInput(f"the cueing map does not fit {len(shots)} shots; look for wrong units or signs in them")
         p = found.x
         if loss == "soft_l1":
-            keep = np.linalg.norm(miss(p), axis=-1) < FAR
+            keep = np.linalg.norm(miss(p), axis=-1) < OUTLIER_SDS
     free = max(2 * int(np.sum(keep)) - len(p), 1)
     chi2 = float(np.sum(miss(p)[keep] ** 2)) / free
     return to_constants(p), np.linalg.inv(found.jac.T @ found.jac) * max(chi2, 1.0), chi2, int(np.sum(~keep))
@@ -135,10 +135,10 @@ def to_constants(p: Array) -> Constants:
 def _derivatives(speed: Array, side: Array, height: Array, constants: Constants, geometry: Geometry) -> Array:
     """Of ball speed and squirt by fraction of speed, aim, and the contact's side and height: (n, 2, 4)."""
     out = np.zeros((len(speed), 2, 4))
-    for k, (x, y) in enumerate(((STEP, 0.0), (0.0, STEP)), 2):
+    for k, (x, y) in enumerate(((PLACE_STEP_M, 0.0), (0.0, PLACE_STEP_M)), 2):
         ahead = ball_speed_and_squirt(constants, geometry, speed, side + x, height + y)
         behind = ball_speed_and_squirt(constants, geometry, speed, side - x, height - y)
-        out[:, :, k] = np.stack([a - b for a, b in zip(ahead, behind, strict=True)], axis=-1) / (2 * STEP)
+        out[:, :, k] = np.stack([a - b for a, b in zip(ahead, behind, strict=True)], axis=-1) / (2 * PLACE_STEP_M)
     out[:, :, 2:] /= geometry.lever  # Execution speaks of the contact, the stage of the axis
     out[:, 0, 0] = ball_speed_and_squirt(constants, geometry, speed, side, height)[0]
     out[:, 1, 1] = 1.0
@@ -180,9 +180,9 @@ def scatter(shots: Sequence[CueShot], constants: Constants, geometry: Geometry) 
         BadInput: hardly any stroke was repeated.
     """
     groups = _strokes(shots)
-    if count_repeats(shots) < TELLING:
+    if count_repeats(shots) < MIN_REPEATS:
         raise BadInput(
-            f"{count_repeats(shots)} repeats cannot tell the launcher's scatter; repeat strokes, {TELLING} times"
+            f"{count_repeats(shots)} repeats cannot tell the launcher's scatter; repeat strokes, {MIN_REPEATS} times"
         )
     first = [group[0] for group in groups]
     speed, side, height, _, _ = columns(first)

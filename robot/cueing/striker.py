@@ -31,10 +31,10 @@ from models.shot import GRAVITY, Array, Ball, Table
 from planner.launcher.stroke import Launcher
 from robot.cueing.campaign import CueShot
 
-RATE = 180.0  # of the camera [1/s] (Robotic Billiards 2015)
-SEEN = 0.35  # after the hit, over which the track is read [s]
-BEFORE = 8  # frames of the resting ball
-ROLL = 0.0148  # rolling friction [1], as models/mjcf/native.py
+CAMERA_FPS = 180.0  # of the camera [1/s] (Robotic Billiards 2015)
+TRACK_LENGTH_S = 0.35  # after the hit, over which the track is read [s]
+REST_FRAMES = 8  # frames of the resting ball
+ROLLING_FRICTION = 0.0148  # rolling friction [1], as models/mjcf/native.py
 SLIP_SD = 0.05  # of the slip that is expected, over the ball's speed
 TABLE, BALL, SPOT = Table(3.569, 1.778), Ball(0.0525, 0.1406), np.array([-1.23, 0.0])
 
@@ -127,10 +127,10 @@ class EmulatedStriker:
 
 def film(velocity: Array, spin: Array, friction: float, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:
     """Times (n,) [s] and places (n, 2) [m] as the camera has them; the hit falls anywhere between two frames."""
-    times = np.arange(-BEFORE, round(RATE * SEEN)) / RATE
-    after = np.maximum(times - rng.uniform(0.0, 1.0) / RATE, 0.0)
+    times = np.arange(-REST_FRAMES, round(CAMERA_FPS * TRACK_LENGTH_S)) / CAMERA_FPS
+    after = np.maximum(times - rng.uniform(0.0, 1.0) / CAMERA_FPS, 0.0)
     flat = np.append(velocity[:2], 0.0)[:2]
-    xy, _, _ = state_at(after, np.zeros(2), flat, spin, BALL.radius, friction, ROLL, 22.0)
+    xy, _, _ = state_at(after, np.zeros(2), flat, spin, BALL.radius, friction, ROLLING_FRICTION, 22.0)
     return times, xy + rng.normal(0.0, noise, xy.shape)
 
 
@@ -199,7 +199,7 @@ def _run(place: Array, velocity: Array, slipping: Array, friction: float, after:
     rolling = velocity - 2.0 / 7.0 * slipping
     way = rolling / max(float(np.hypot(*rolling)), 1e-9)
     slid = velocity * s - 0.5 * friction * GRAVITY * slipping / size * s**2
-    return np.asarray(place + slid + rolling * t - 0.5 * ROLL * GRAVITY * way * t**2)
+    return np.asarray(place + slid + rolling * t - 0.5 * ROLLING_FRICTION * GRAVITY * way * t**2)
 
 
 def exact_strokes(

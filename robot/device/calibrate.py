@@ -27,8 +27,8 @@ from robot.device.launcher import Done, Launcher
 from robot.device.protocol import string_number
 from robot.device.settings import Settings, SpeedTable, read_settings, write_settings
 
-STRINGS = (1, 25, 50, 75, 100, 125, 150, 175, 200)
-REPEATS = 5
+CALIBRATION_STRINGS = (1, 25, 50, 75, 100, 125, 150, 175, 200)
+DEFAULT_REPEATS = 5
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class StringSpeed:
 
 def measure_strings(
     launcher: Launcher,
-    strings: Sequence[int | str] = STRINGS,
-    repeats: int = REPEATS,
+    strings: Sequence[int | str] = CALIBRATION_STRINGS,
+    repeats: int = DEFAULT_REPEATS,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[StringSpeed, ...]:
     """Home the launcher and strike each string `repeats` times; it is left retracted, tip at the ball's centre.

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from models.errors import BadInput
 from robot.device.link import Link, Stopped
 from robot.device.protocol import (
-    BUSY,
-    VERSION,
+    BUSY_STATES,
+    PROTOCOL_VERSION,
     LauncherError,
     LauncherStopped,
     LinkLost,
@@ -29,10 +29,10 @@ from robot.device.protocol import (
 )
 from robot.device.settings import Settings
 
-ARMINGS = 3  # of one stroke, where the arming lapsed before the line came through
-STOP_ARRIVES = 1.0  # [s]; it is repeated until then
+MAX_ARMINGS = 3  # of one stroke, where the arming lapsed before the line came through
+STOP_ARRIVAL_S = 1.0  # [s]; it is repeated until then
 SETTLE_STATES = ("IDLE", "EXTENDED")  # in which motions end well
-REMEDIES = {
+REFUSAL_REMEDIES = {
     "NO UNHOMED": "home it first",
     "NO EXTENDED": "retract first",
     "NO STOPPED": "reset and home it first",
@@ -142,8 +142,8 @@ class Launcher:
             self._line.open()
             got = self._line.greet()
             job.retries += got.retries
-            if got.body != f"OK {VERSION}":
-                raise LauncherError(f"the other end says {got.body!r}; this driver speaks {VERSION}")
+            if got.body != f"OK {PROTOCOL_VERSION}":
+                raise LauncherError(f"the other end says {got.body!r}; this driver speaks {PROTOCOL_VERSION}")
         return self._did(job, "connected", self._ask(job, through_stop=True))
 
     def status(self) -> Did:
@@ -212,7 +212,7 @@ class Launcher:
         self.settings.check_speed(n)
         job = self._job()
         number = self._ask(job).begun + 1
-        for _ in range(1 if self.dry_run else ARMINGS):
+        for _ in range(1 if self.dry_run else MAX_ARMINGS):
             self._command(job, f"ARM {n} {number}")
             if self.dry_run:
                 self._say(f"would send {n:03d}p")
@@ -221,7 +221,9 @@ class Launcher:
             status = self._release(job, n, number)
             if status is not None:
                 return self._done(job, n, number, status)
-        raise NotStruck(f"stroke {number} ({n:03d}p) was not made: its arming lapsed {ARMINGS} times; check the line")
+        raise NotStruck(
+            f"stroke {number} ({n:03d}p) was not made: its arming lapsed {MAX_ARMINGS} times; check the line"
+        )
 
     def retract(self) -> Did:
         """Bring the cue back after a stroke."""
@@ -286,7 +288,7 @@ class Launcher:
 
     def _after_stop(self, job: _Job, name: str, n: int, number: int) -> Status:
         """What a stop left of the stroke."""
-        until = self._line.clock.now() + STOP_ARRIVES
+        until = self._line.clock.now() + STOP_ARRIVAL_S
         try:
             while (status := self._ask(job, through_stop=True)).begun < number and status.state != "STOPPED":
                 if self._line.clock.now() > until:
@@ -303,7 +305,7 @@ class Launcher:
 
     def _settle(self, job: _Job, what: str) -> Status:
         """Wait until a motion has ended; LauncherStopped and LauncherFault where it ended badly."""
-        status = self._wait(job, BUSY, what)
+        status = self._wait(job, BUSY_STATES, what)
         if status.state == "STOPPED":
             raise LauncherStopped(f"stopped during {what}; reset and home")
         if status.state == "FAULT":
@@ -353,7 +355,9 @@ class Launcher:
         if got.body == "OK":
             return
         kind = {"NO STOPPED": LauncherStopped, "NO FAULT": LauncherFault}.get(got.body, Refused)
-        raise kind(f"the launcher refused {body!r} ({got.body}); {REMEDIES.get(got.body, 'ask for its status')}")
+        raise kind(
+            f"the launcher refused {body!r} ({got.body}); {REFUSAL_REMEDIES.get(got.body, 'ask for its status')}"
+        )
 
     def _job(self) -> _Job:
         return _Job(0.0, 0) if self.dry_run else _Job(self._line.clock.now(), len(self._line.incidents))

@@ -26,10 +26,10 @@ from types import FrameType, TracebackType
 from typing import Any
 
 from models.errors import BadInput
-from robot.device.port import PORT_ERRORS, SLICE, Port
+from robot.device.port import PORT_ERRORS, READ_SLICE_S, Port
 from robot.device.protocol import (
-    STOP,
-    UNASKED,
+    STOP_BYTE,
+    UNSOLICITED_SEQUENCE,
     LauncherStopped,
     LinkLost,
     Message,
@@ -40,9 +40,11 @@ from robot.device.protocol import (
 )
 from robot.device.settings import Clock, RealClock, Timing
 
-QUIET = 0.02  # of silence before a line is sent again [s], so that the remains of the last reply are gone
-LONGEST_REPLY = 96  # bytes
-STOP_TRIES, STOP_WAIT = 10, 0.06  # bytes sent until one is answered; for each [s]
+QUIET_BEFORE_RETRY_S = (
+    0.02  # of silence before a line is sent again [s], so that the remains of the last reply are gone
+)
+MAX_REPLY_BYTES = 96  # bytes
+MAX_STOP_TRIES, STOP_WAIT_S = 10, 0.06  # bytes sent until one is answered; for each [s]
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class Link:
         self._halted = threading.Event()
         self._port: Port | None = None
         self._reader = Reader("=", commands=False)
-        self._sequence = UNASKED
+        self._sequence = UNSOLICITED_SEQUENCE
         self._notices = 0  # answers to stop bytes
         self._owed = 0  # replies that may still come late, to lines that were sent again
         self._handlers: dict[signal.Signals, Any] = {}
@@ -150,8 +152,8 @@ class Link:
     def greet(self) -> Reply:
         """The launcher's version; it forgets the last request of whoever spoke to it before."""
         with self._turn:
-            self._sequence = UNASKED
-            return self._exchange(UNASKED, "VERSION", through_stop=True)
+            self._sequence = UNSOLICITED_SEQUENCE
+            return self._exchange(UNSOLICITED_SEQUENCE, "VERSION", through_stop=True)
 
     def close(self) -> None:
         """Let go of the port; the launcher goes on with what it does."""
@@ -203,7 +205,7 @@ class Link:
                     return False  # it goes first when the port is open again
                 self._port.cancel_read()
                 self._port.reset_output_buffer()
-                self._port.write(STOP)
+                self._port.write(STOP_BYTE)
             except PORT_ERRORS:
                 return False
         return True
@@ -212,11 +214,11 @@ class Link:
         """Stop the launcher, and repeat it until it is confirmed or has been tried ten times."""
         began, seen, sent = self.clock.now(), self._notices, 0
         self.note("stop", "stop sent")
-        while sent < STOP_TRIES and self._notices == seen:
+        while sent < MAX_STOP_TRIES and self._notices == seen:
             self.halt()
             sent += 1
-            until = self.clock.now() + STOP_WAIT + LONGEST_REPLY * self._byte_s
-            if self._turn.acquire(timeout=STOP_WAIT):  # the thread that reads lets go as soon as it wakes
+            until = self.clock.now() + STOP_WAIT_S + MAX_REPLY_BYTES * self._byte_s
+            if self._turn.acquire(timeout=STOP_WAIT_S):  # the thread that reads lets go as soon as it wakes
                 try:
                     if self._port is None:
                         self._take(self._open_port())  # which sends the byte
@@ -224,7 +226,7 @@ class Link:
                         self._listen()
                 except PORT_ERRORS as error:
                     self._broken(error)
-                    self.clock.sleep(STOP_WAIT)
+                    self.clock.sleep(STOP_WAIT_S)
                 finally:
                     self._turn.release()
         report = Stopped(self._notices > seen, sent, self.clock.now() - began)
@@ -251,7 +253,7 @@ class Link:
     def _exchange(self, sequence: int, body: str, through_stop: bool) -> Reply:
         line = frame(":", sequence, body)
         began = self.clock.now()
-        patience = self.timing.reply_s + (len(line) + LONGEST_REPLY) * self._byte_s
+        patience = self.timing.reply_s + (len(line) + MAX_REPLY_BYTES) * self._byte_s
         self.exchanges += 1
         silent = 0
         for attempt in range(self.timing.retries + 1):
@@ -259,7 +261,7 @@ class Link:
             try:
                 if self._port is None:
                     self._reopen()
-                self._clear(QUIET if attempt else 0.0)
+                self._clear(QUIET_BEFORE_RETRY_S if attempt else 0.0)
                 self._check(through_stop)
                 sent_at = self.clock.now()
                 self._send(line)
@@ -297,9 +299,9 @@ class Link:
         self.note("stale", f"a second reply to {reply.sequence:04X} came late")
 
     def _listen(self) -> list[Message]:
-        """Frames that come within SLICE; nothing on a port that is out."""
+        """Frames that come within READ_SLICE_S; nothing on a port that is out."""
         if (port := self._port) is None:
-            self.clock.sleep(SLICE)
+            self.clock.sleep(READ_SLICE_S)
             return []
         data = port.read(1)
         waiting = port.in_waiting
@@ -311,7 +313,7 @@ class Link:
         found = [a for a in self._reader.feed(data) if isinstance(a, Message)]
         if self._reader.dropped > before:
             self.note("junk", f"{self._reader.dropped - before} bytes thrown away")
-        notices = [f for f in found if f.sequence == UNASKED and f.body.startswith("STOPPED")]
+        notices = [f for f in found if f.sequence == UNSOLICITED_SEQUENCE and f.body.startswith("STOPPED")]
         self._notices += len(notices)
         return [f for f in found if f not in notices]
 
@@ -356,7 +358,7 @@ class Link:
             self._port = port
             self._reader.forget()
             if self._halted.is_set():
-                port.write(STOP)
+                port.write(STOP_BYTE)
 
     def _reopen(self) -> None:
         began = self.clock.now()

@@ -25,9 +25,9 @@ import tomli_w
 
 from models.errors import BadInput
 from models.files import read_toml, write_whole
-from robot.device.protocol import FIRST, LAST
+from robot.device.protocol import FIRST_STRING, LAST_STRING
 
-FORMAT = "cuelab-launcher/1"
+SETTINGS_FORMAT = "cuelab-launcher/1"
 
 
 def bounded(default: float, low: float, high: float, unit: str) -> Any:
@@ -106,7 +106,7 @@ class Stage:
 class SpeedTable:
     """Cue speeds of strings: rising strings, falling speeds [m/s]."""
 
-    strings: tuple[int, ...] = (FIRST, LAST)
+    strings: tuple[int, ...] = (FIRST_STRING, LAST_STRING)
     speeds: tuple[float, ...] = (2.75, 0.30)
     source: str = "the line through the two figures of Robotic Billiards (2015), section V"
 
@@ -115,9 +115,10 @@ class SpeedTable:
         n, v = np.array(self.strings, float), np.array(self.speeds, float)
         if n.ndim != 1 or len(n) < 2 or n.shape != v.shape:
             raise BadInput(f"calibration has {n.size} strings and {v.size} speeds; give as many, two or more")
-        if not (np.all(np.diff(n) > 0) and n[0] >= FIRST and n[-1] <= LAST and np.all(n == np.round(n))):
+        if not (np.all(np.diff(n) > 0) and n[0] >= FIRST_STRING and n[-1] <= LAST_STRING and np.all(n == np.round(n))):
             raise BadInput(
-                f"calibration strings are {list(self.strings)}; give whole numbers, rising, {FIRST} to {LAST}"
+                f"calibration strings are {list(self.strings)}; "
+                f"give whole numbers, rising, {FIRST_STRING} to {LAST_STRING}"
             )
         if not (np.all(np.isfinite(v)) and np.all(np.diff(v) < 0) and v[-1] > 0 and v[0] <= 10):
             raise BadInput(
@@ -201,7 +202,7 @@ class Settings:
         return 1e-3 * x_um - self.stage.zero_x_mm, (1e-3 * y_um - self.stage.zero_y_mm) * tilt
 
 
-SECTIONS = {"port": PortSettings, "timing": Timing, "limits": Limits, "stage": Stage}
+SETTINGS_SECTIONS = {"port": PortSettings, "timing": Timing, "limits": Limits, "stage": Stage}
 
 
 def _near(key: str, names: Sequence[str]) -> str:
@@ -265,13 +266,17 @@ def _table(data: Any, where: str) -> SpeedTable:
 
 def settings_from(data: Mapping[str, Any], where: str) -> Settings:
     """Settings from what a TOML file holds; BadInput names what is wrong in it."""
-    if data.get("format") != FORMAT:
-        raise BadInput(f'{where}: format is {data.get("format")!r}; write format = "{FORMAT}"')
-    names = ("format", *SECTIONS, "calibration")
+    if data.get("format") != SETTINGS_FORMAT:
+        raise BadInput(f'{where}: format is {data.get("format")!r}; write format = "{SETTINGS_FORMAT}"')
+    names = ("format", *SETTINGS_SECTIONS, "calibration")
     for key in data:
         if key not in names:
             raise BadInput(f"{where}: unknown section {key!r}; {_near(key, names)}")
-    values = {name: _section(kind, data[name], f"{where} [{name}]") for name, kind in SECTIONS.items() if name in data}
+    values = {
+        name: _section(kind, data[name], f"{where} [{name}]")
+        for name, kind in SETTINGS_SECTIONS.items()
+        if name in data
+    }
     if "calibration" in data:
         values["calibration"] = _table(data["calibration"], f"{where} [calibration]")
     return Settings(**values)
@@ -285,4 +290,4 @@ def read_settings(path: Path | str) -> Settings:
 
 def write_settings(settings: Settings, path: Path | str) -> None:
     """Write a launcher's file, whole or not at all."""
-    write_whole(path, tomli_w.dumps({"format": FORMAT, **dataclasses.asdict(settings)}).encode())
+    write_whole(path, tomli_w.dumps({"format": SETTINGS_FORMAT, **dataclasses.asdict(settings)}).encode())

@@ -14,13 +14,13 @@ import numpy as np
 
 from models.errors import BadInput
 
-UP = ("silent-up", "garbage-up", "dropped-up", "flipped-up")  # to the launcher
-DOWN = ("silent-down", "garbage-down", "partial-down", "dropped-down", "flipped-down", "slow")  # its reply
-DEVICE = ("restart", "stuck", "pulled")
-KINDS = UP + DOWN + DEVICE
-SLOW = (0.12, 0.8)  # by which a reply is late [s]
-OUT = (0.05, 1.0)  # that a cable stays out [s]
-RESTART = (0.0, 0.6)  # after the line, so that it may fall into a stroke [s]
+REQUEST_FAULTS = ("silent-up", "garbage-up", "dropped-up", "flipped-up")  # to the launcher
+REPLY_FAULTS = ("silent-down", "garbage-down", "partial-down", "dropped-down", "flipped-down", "slow")  # its reply
+DEVICE_FAULTS = ("restart", "stuck", "pulled")
+FAULT_KINDS = REQUEST_FAULTS + REPLY_FAULTS + DEVICE_FAULTS
+REPLY_DELAY_S = (0.12, 0.8)  # by which a reply is late [s]
+CABLE_OUT_S = (0.05, 1.0)  # that a cable stays out [s]
+RESTART_DELAY_S = (0.0, 0.6)  # after the line, so that it may fall into a stroke [s]
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ class Spoiled:
 class FaultInjection:
     """Draws faults; with `rate` 0 there are none, until one is asked for by `force`."""
 
-    def __init__(self, rate: float, rng: np.random.Generator, kinds: Sequence[str] = KINDS) -> None:
+    def __init__(self, rate: float, rng: np.random.Generator, kinds: Sequence[str] = FAULT_KINDS) -> None:
         """A rate a line, 0 to 1, and the kinds that may come."""
         if not 0 <= rate <= 1:
             raise BadInput(f"rate of faults is {rate}; give 0 to 1")
         for kind in kinds:
-            if kind not in KINDS:
-                raise BadInput(f"unknown fault {kind!r}; choose from {', '.join(KINDS)}")
+            if kind not in FAULT_KINDS:
+                raise BadInput(f"unknown fault {kind!r}; choose from {', '.join(FAULT_KINDS)}")
         self._rate, self._rng, self._kinds = rate, rng, tuple(kinds)
         self._forced: list[str] = []
         self._reply: str | None = None
@@ -69,15 +69,15 @@ class FaultInjection:
         if kind is None:
             return Spoiled(line)
         self.done.append(Fault(now, kind, line))
-        if kind in DOWN:
+        if kind in REPLY_FAULTS:
             self._reply = kind
             return Spoiled(line)
         if kind == "restart":
-            return Spoiled(line, restart=self._rng.uniform(*RESTART))
+            return Spoiled(line, restart=self._rng.uniform(*RESTART_DELAY_S))
         if kind == "stuck":
             return Spoiled(line, stuck=True)
         if kind == "pulled":
-            return Spoiled(b"", out=self._rng.uniform(*OUT))
+            return Spoiled(b"", out=self._rng.uniform(*CABLE_OUT_S))
         return Spoiled(self._spoil(kind, line))
 
     def reply(self, line: bytes) -> Spoiled:
@@ -85,12 +85,20 @@ class FaultInjection:
         kind, self._reply = self._reply, None
         if kind is None or not line:
             return Spoiled(line)
-        return Spoiled(line, delay=self._rng.uniform(*SLOW)) if kind == "slow" else Spoiled(self._spoil(kind, line))
+        return (
+            Spoiled(line, delay=self._rng.uniform(*REPLY_DELAY_S))
+            if kind == "slow"
+            else Spoiled(self._spoil(kind, line))
+        )
 
     def _draw(self, line: bytes) -> str | None:
         framed = line.startswith(b":")
         moves = framed and line[6:10] in (b"MOVE", b"HOME")
-        can = [k for k in KINDS if k in UP or k in ("restart", "pulled") or (k in DOWN and framed) or moves]
+        can = [
+            k
+            for k in FAULT_KINDS
+            if k in REQUEST_FAULTS or k in ("restart", "pulled") or (k in REPLY_FAULTS and framed) or moves
+        ]
         if self._forced:
             return self._forced.pop(0) if self._forced[0] in can else None
         can = [k for k in can if k in self._kinds]

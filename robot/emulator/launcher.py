@@ -27,12 +27,12 @@ from types import TracebackType
 import numpy as np
 
 from models.errors import BadInput
-from robot.device.protocol import STOP
+from robot.device.protocol import STOP_BYTE
 from robot.emulator.faults import FaultInjection
 from robot.emulator.firmware import Deed, Firmware
 
-PROCESSING = 0.001  # of a request by the microcontroller [s]; PIC18F458 at 10 MIPS, C
-SLICE = 0.02  # that a read waits [s], as robot/device/link.py opens ports
+PROCESSING_TIME_S = 0.001  # of a request by the microcontroller [s]; PIC18F458 at 10 MIPS, C
+READ_SLICE_S = 0.02  # that a read waits [s], as robot/device/link.py opens ports
 
 
 class Line:
@@ -82,7 +82,7 @@ class Line:
                 spoiled = self.faults.reply(reply)
                 reply, delay = spoiled.data, spoiled.delay
             if reply:
-                ready = now + PROCESSING + delay
+                ready = now + PROCESSING_TIME_S + delay
                 self._last_down = max(ready, self._last_down) + len(reply) * self._byte_s
                 self._down.append((self._last_down, reply))
         self.firmware.update()
@@ -146,7 +146,7 @@ class WirePort:
 
     def read(self, size: int = 1, /) -> bytes:
         """Up to `size` bytes, waiting for the first."""
-        end = self._clock.now() + SLICE
+        end = self._clock.now() + READ_SLICE_S
         while not self.in_waiting and self._clock.now() < end:
             due = self._line.next_due()
             self._clock.advance(end if due is None else min(due, end))
@@ -262,7 +262,7 @@ class Emulator:
             if self._ends is None and now >= self._line.out_until:
                 self._plug()
             due = self._line.next_due()
-            wait = SLICE / 4 if due is None else min(max(due - now, 0.0), SLICE / 4)
+            wait = READ_SLICE_S / 4 if due is None else min(max(due - now, 0.0), READ_SLICE_S / 4)
             sources = [self._woken] if self._ends is None else [self._woken, self._ends[0]]
             ready, _, _ = select.select(sources, [], [], wait)
             if self._woken in ready:
@@ -288,7 +288,7 @@ class Emulator:
 
 def _lines(data: bytes) -> list[bytes]:
     """What was written in one go: a fault befalls a line, and a stop byte is one of its own."""
-    parts = data.replace(STOP, b"\0!\0").replace(b"\n", b"\n\0").split(b"\0")
+    parts = data.replace(STOP_BYTE, b"\0!\0").replace(b"\n", b"\n\0").split(b"\0")
     return [part for part in parts if part]
 
 

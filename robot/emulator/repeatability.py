@@ -4,15 +4,15 @@ Robotic Billiards (2015), section V.C: a repeatability of some +-50 mm on averag
 here as the mean over strings, spread evenly over 0.3 to 2.75 m/s of the cue, of one standard deviation of the distance
 from the mean place, sqrt(sum |xy - mean|^2 / (n - 1)), on a table with cushions, which fast balls cannot but meet. A
 run D goes with the square of the speed, dD = 2 D dV / V, and a cushion leaves some 0.3 of the ball's energy, and of the
-scatter: on a full-size table 50 mm are 1.3 % of the speed. The same strokes on a cloth without end (`OPEN`) run up to
-30 m and scatter six times as far; they tell the launcher from the cushions. The emulated launcher repeats its speed
-within 1.25 % (robot/emulator/firmware.py), which makes 47 mm over 1800 strokes; 300, as `robot repeat` plays them
+scatter: on a full-size table 50 mm are 1.3 % of the speed. The same strokes on a cloth without end (`OPEN_CLOTH`) run
+up to 30 m and scatter six times as far; they tell the launcher from the cushions. The emulated launcher repeats its
+speed within 1.25 % (robot/emulator/firmware.py), which makes 47 mm over 1800 strokes; 300, as `robot repeat` plays them
 without options, tell that within 3 mm.
 
 The ball lies on the brown spot and goes straight up the table, tip at its centre, the stand turned once; it is put back
-by hand, within `BALL_SD`. Places are those that the emulated camera sees, runs are true. Leaves out a stand that
-shakes, a stage that moves between strokes, and the paper's own path, repeats and table (10 x 5 ft), of which it tells
-the last alone.
+by hand, within `BALL_PLACING_SD_M`. Places are those that the emulated camera sees, runs are true. Leaves out a stand
+that shakes, a stage that moves between strokes, and the paper's own path, repeats and table (10 x 5 ft), of which it
+tells the last alone.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from models.model_file import full_model
 from models.shot import Array, Table
 from robot.device.settings import Settings
-from robot.emulator.table import SIGMA, EmulatedTable, emulated_launcher
+from robot.emulator.table import PLACE_SIGMA_M, EmulatedTable, emulated_launcher
 
-WITHIN = 0.050  # of the mean place: the paper's repeatability [m]
-BALL_SD = 1e-4  # of the place a ball is put back to, each axis [m]; as robot/cueing/striker.py has it
-SPEEDS = tuple(float(v) for v in np.linspace(0.30, 2.75, 15))  # of the cue [m/s]
-REPEATS = 20
-OPEN = Table(250.0, 250.0, pockets=False)  # a cloth on which no ball of 7 m/s comes to a cushion [m]
-BALL = "white"
+REPEATABILITY_M = 0.050  # of the mean place: the paper's repeatability [m]
+BALL_PLACING_SD_M = 1e-4  # of the place a ball is put back to, each axis [m]; as robot/cueing/striker.py has it
+CUE_SPEEDS = tuple(float(v) for v in np.linspace(0.30, 2.75, 15))  # of the cue [m/s]
+DEFAULT_REPEATS = 20
+OPEN_CLOTH = Table(250.0, 250.0, pockets=False)  # a cloth on which no ball of 7 m/s comes to a cushion [m]
+BALL_NAME = "white"
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Repeated:
     run: float  # mean way of the ball, along its path [m]
     along_sd: float  # of the end, along the aim [m]
     across_sd: float  # to its left [m]
-    within: float  # share of the strokes that end within WITHIN of their mean place, 0 to 1
+    within: float  # share of the strokes that end within REPEATABILITY_M of their mean place, 0 to 1
     ended: int  # strokes that all this is of
     fell: int  # strokes whose ball a pocket took; in no other figure
 
@@ -60,7 +60,7 @@ class Repeated:
         return math.hypot(self.along_sd, self.across_sd)
 
 
-def spread_strings(settings: Settings, speeds: Sequence[float] = SPEEDS) -> tuple[int, ...]:
+def spread_strings(settings: Settings, speeds: Sequence[float] = CUE_SPEEDS) -> tuple[int, ...]:
     """Strings for cue speeds [m/s], those left out that calibration or limits do not hold."""
     held, (low, high) = settings.calibration, settings.limits.cue_speed
     low, high = max(low, held.speeds[-1]), min(high, held.speeds[0])
@@ -70,12 +70,12 @@ def spread_strings(settings: Settings, speeds: Sequence[float] = SPEEDS) -> tupl
 def measure(
     settings: Settings,
     strings: Sequence[int],
-    repeats: int = REPEATS,
+    repeats: int = DEFAULT_REPEATS,
     seed: int = 0,
     *,
     cloth: Table = SNOOKER_TABLE,
-    ball_sd: float = BALL_SD,
-    sigma: float = SIGMA,
+    ball_sd: float = BALL_PLACING_SD_M,
+    sigma: float = PLACE_SIGMA_M,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Repeated, ...]:
     """Strike each string again and again on an emulated launcher and table; the same seed gives the same strokes.
@@ -85,7 +85,7 @@ def measure(
         strings: to be measured.
         repeats: of each, 2 or more.
         seed: of the launcher, of the ball's places, and of the camera; not shifted by `cloth`.
-        cloth: a snooker table, or OPEN.
+        cloth: a snooker table, or OPEN_CLOTH.
         ball_sd: of the place that the ball is put back to, each axis [m].
         sigma: of the camera, each axis [m].
         progress: told now and then what is being done.
@@ -114,10 +114,10 @@ def measure(
                 launcher.retract()
                 off = ball_sd * of_hand.standard_normal(2)
                 looks = int(of_camera.integers(2**32))
-                ground = EmulatedTable(model, {BALL: tuple(spot + off)}, 0.0, looks, sigma, yaw_sd=0.0)
+                ground = EmulatedTable(model, {BALL_NAME: tuple(spot + off)}, 0.0, looks, sigma, yaw_sd=0.0)
                 cue_speed, side, height = hits.pop()
                 ground.hit(cue_speed, side + off[1], height)  # a ball to the left is struck on its right
-                ends[k] = ground.look().get(BALL, np.full(2, np.nan))
+                ends[k] = ground.look().get(BALL_NAME, np.full(2, np.nan))
                 runs[k] = _way(ground.track.position[:, 0]) if ground.track is not None else math.nan
             found.append(_repeated(n, speed, told, ends, runs))
             if progress:
@@ -143,7 +143,7 @@ def _repeated(string: int, asked: float, told: Array, ends: Array, runs: Array) 
     if count > 1:
         run = float(runs.mean())
         along, across = (float(v) for v in ends.std(axis=0, ddof=1))
-        within = float(np.mean(np.hypot(*(ends - ends.mean(axis=0)).T) <= WITHIN))
+        within = float(np.mean(np.hypot(*(ends - ends.mean(axis=0)).T) <= REPEATABILITY_M))
     speed = float(told.mean())
     sd = float(told.std(ddof=1)) / speed
     return Repeated(string, asked, speed, sd, run, along, across, within, count, len(stayed) - count)
@@ -151,7 +151,16 @@ def _repeated(string: int, asked: float, told: Array, ends: Array, runs: Array) 
 
 def rows(measured: Sequence[Repeated]) -> list[tuple[str, ...]]:
     """A table of them, its head first."""
-    head = ("string", "cue m/s", "sd %", "run m", "along mm", "across mm", "scatter mm", f"within {1e3 * WITHIN:g} mm")
+    head = (
+        "string",
+        "cue m/s",
+        "sd %",
+        "run m",
+        "along mm",
+        "across mm",
+        "scatter mm",
+        f"within {1e3 * REPEATABILITY_M:g} mm",
+    )
     lines = [
         (f"{r.string:03d}p", f"{r.cue_speed:.3f}", f"{100 * r.cue_speed_sd:.2f}", f"{r.run:.2f}",
          f"{1e3 * r.along_sd:.1f}", f"{1e3 * r.across_sd:.1f}", f"{1e3 * r.scatter:.1f}", f"{100 * r.within:.0f} %")

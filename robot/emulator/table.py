@@ -34,14 +34,14 @@ from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Line, VirtualClock, WirePort
 from sysid.clips import Observation
 
-FPS = 180.0  # of the camera [1/s] (Robotic Billiards 2015)
-SIGMA = 5e-4  # of a place seen, each axis [m]
-YAW_SD = 1e-3  # of a yaw set by hand against the picture [rad]; planner/launcher/execution.py
-LOOKS = 25  # frames that a look at resting balls is the mean of
-STILL = 1e-6  # of a place, below which a ball has not moved [m]
-AFTER = 10  # frames kept after the last motion
-PLAYS = ("edit", "forces", "horizon", "impact", "strike")  # hooks through which an effect changes a shot
-BASE = ("decoupled_cloth", "ball_impact", "cushion_impact")  # without which pockets have no jaws
+CAMERA_FPS = 180.0  # of the camera [1/s] (Robotic Billiards 2015)
+PLACE_SIGMA_M = 5e-4  # of a place seen, each axis [m]
+YAW_SETTING_SD = 1e-3  # of a yaw set by hand against the picture [rad]; planner/launcher/execution.py
+AVERAGED_FRAMES = 25  # frames that a look at resting balls is the mean of
+MIN_MOTION_M = 1e-6  # of a place, below which a ball has not moved [m]
+FRAMES_AFTER_REST = 10  # frames kept after the last motion
+SHOT_HOOKS = ("edit", "forces", "horizon", "impact", "strike")  # hooks through which an effect changes a shot
+BASE_EFFECTS = ("decoupled_cloth", "ball_impact", "cushion_impact")  # without which pockets have no jaws
 
 
 class EmulatedTable:
@@ -53,10 +53,10 @@ class EmulatedTable:
         position: Mapping[str, tuple[float, float]],
         azimuth: float,
         seed: int = 0,
-        sigma: float = SIGMA,
+        sigma: float = PLACE_SIGMA_M,
         *,
-        fps: float = FPS,
-        yaw_sd: float = YAW_SD,
+        fps: float = CAMERA_FPS,
+        yaw_sd: float = YAW_SETTING_SD,
         constants: Constants | None = None,
         geometry: Geometry | None = None,
         mujoco: bool = False,
@@ -80,9 +80,9 @@ class EmulatedTable:
         """
         if not position:
             raise BadInput("position is empty; put down a cue ball at least")
-        doing = tuple(e for e in model.stack()[1:] if e.opens(*PLAYS) or e.slot)
+        doing = tuple(e for e in model.stack()[1:] if e.opens(*SHOT_HOOKS) or e.slot)
         doing = tuple(e for e in doing if "squirt" not in (e.name(), e.slot))
-        if lacking := sorted(set(BASE) - {e.name() for e in doing}):
+        if lacking := sorted(set(BASE_EFFECTS) - {e.name() for e in doing}):
             raise BadInput(f"the hidden model lacks {', '.join(lacking)}; give one that starts from the base")
         self.model = dataclasses.replace(model, effects=doing, engine="mujoco")  # what fits and plans is the other one
         self.table, self.ball, self.fps, self.sigma = model.table, model.ball, fps, sigma
@@ -109,7 +109,7 @@ class EmulatedTable:
     def look(self) -> dict[str, Array]:
         """Where the resting balls are seen, by name: (2,) [m]."""
         self._play()
-        noise = self.sigma / math.sqrt(LOOKS)
+        noise = self.sigma / math.sqrt(AVERAGED_FRAMES)
         return {name: xy + noise * self._rng.standard_normal(2) for name, xy in self._places.items()}
 
     def arm(self) -> None:
@@ -160,8 +160,8 @@ class EmulatedTable:
         xy = track.position
         moved = np.abs(np.diff(xy, axis=0)).max(axis=(1, 2), initial=0.0, where=np.isfinite(np.diff(xy, axis=0)))
         gone = np.isnan(xy[..., 0]).sum(axis=1)
-        busy = np.flatnonzero((moved > STILL) | (np.diff(gone) > 0))
-        end = min((int(busy[-1]) if busy.size else 0) + 2 + AFTER, len(track.times))
+        busy = np.flatnonzero((moved > MIN_MOTION_M) | (np.diff(gone) > 0))
+        end = min((int(busy[-1]) if busy.size else 0) + 2 + FRAMES_AFTER_REST, len(track.times))
         out = {}
         for k, name in enumerate(track.names):
             own = np.flatnonzero(np.isfinite(xy[:end, k, 0]))

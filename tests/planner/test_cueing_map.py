@@ -18,7 +18,7 @@ from models.shot import Ball
 from planner.launcher.cueing_map import FORMAT, CueingMap, read_map, write_map
 from planner.launcher.execution import Execution, read_execution
 from planner.launcher.stroke import Launcher
-from robot.cueing.campaign import COLUMNS, CueShot, count_played, make_grid, read_campaign, run_campaign
+from robot.cueing.campaign import CAMPAIGN_COLUMNS, CueShot, count_played, make_grid, read_campaign, run_campaign
 from robot.cueing.held_out import average_errors, noise_floor
 from robot.cueing.map_fit import fit_map, scatter
 from robot.cueing.report import write_picture, write_report
@@ -308,10 +308,10 @@ def test_a_campaign_goes_on_where_it_was_broken_off(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("a,b\n1,2\n", "begins with 'a,b'; the first line of a campaign is string"),
-        (",".join(COLUMNS) + "\n1,2\n", "row 1: has 2 columns; there are 12"),
-        (",".join(COLUMNS) + "\n62,2.0,0,0,x,1,0,0,1,0,0,0\n", "row 1: ball_speed is 'x'; give a number"),
-        (",".join(COLUMNS) + "\n62,2.0,0,0,-2,1,0,0,1,0,0,0\n", "ball_speed is '-2'; give a number above 0"),
-        (",".join(COLUMNS) + "\n62.5,2.0,0,0,2,1,0,0,1,0,0,0\n", "string is '62.5'; give a whole number"),
+        (",".join(CAMPAIGN_COLUMNS) + "\n1,2\n", "row 1: has 2 columns; there are 12"),
+        (",".join(CAMPAIGN_COLUMNS) + "\n62,2.0,0,0,x,1,0,0,1,0,0,0\n", "row 1: ball_speed is 'x'; give a number"),
+        (",".join(CAMPAIGN_COLUMNS) + "\n62,2.0,0,0,-2,1,0,0,1,0,0,0\n", "ball_speed is '-2'; give a number above 0"),
+        (",".join(CAMPAIGN_COLUMNS) + "\n62.5,2.0,0,0,2,1,0,0,1,0,0,0\n", "string is '62.5'; give a whole number"),
     ],
 )
 def test_a_bad_campaign_says_what_is_wrong(tmp_path: Path, text: str, message: str) -> None:

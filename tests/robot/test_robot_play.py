@@ -21,7 +21,7 @@ from planner.scene import Goal, Scene, scene_dict
 from robot.device.launcher import StrokeUnknown
 from robot.device.protocol import LauncherError
 from robot.device.settings import Settings, SpeedTable
-from robot.emulator.faults import DOWN, KINDS, UP, FaultInjection
+from robot.emulator.faults import FAULT_KINDS, REPLY_FAULTS, REQUEST_FAULTS, FaultInjection
 from robot.emulator.firmware import Firmware
 from robot.emulator.table import EmulatedTable, emulated_launcher
 from robot.play import Played, check_scene, play_plan, played_file, read_order
@@ -209,7 +209,7 @@ def test_the_stand_serves_one_stroke(plan: Path) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_a_bad_line_makes_one_stroke(plan: Path, seed: int) -> None:
     table = emulated(plan)
-    faults = FaultInjection(0.05, np.random.default_rng(seed), UP + DOWN)
+    faults = FaultInjection(0.05, np.random.default_rng(seed), REQUEST_FAULTS + REPLY_FAULTS)
     outcome, device = played(plan, table, faults=faults)
     assert len(struck(device)) == table.strokes == 1
     assert outcome.done is not None and outcome.struck == "yes"
@@ -223,7 +223,7 @@ def test_no_fault_makes_two_strokes(plan: Path, seed: int) -> None:
         table.hit,
         np.random.default_rng(1),
         say=quiet,
-        faults=FaultInjection(0.15, np.random.default_rng(seed), KINDS),
+        faults=FaultInjection(0.15, np.random.default_rng(seed), FAULT_KINDS),
     )
     try:
         with launcher:

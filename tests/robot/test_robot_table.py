@@ -25,7 +25,7 @@ from robot.camera.cue_line import CueLine
 from robot.cli.verbs import main
 from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
-from robot.emulator.table import FPS, SIGMA, EmulatedTable, emulated_launcher
+from robot.emulator.table import CAMERA_FPS, PLACE_SIGMA_M, EmulatedTable, emulated_launcher
 from robot.learning.history import plan_file
 from robot.learning.live_rig import MAX_PLACING_TRIES, PLACING_TOLERANCE_M, LiveRig
 from robot.learning.loop import learn
@@ -110,7 +110,7 @@ def test_align_refuses_what_it_cannot_use(filmed: Any, tmp_path: Path) -> None:
 class Eye:
     """A camera over an emulated table; notes what it is asked for, and how many strokes had been made by then."""
 
-    fps, sigma, seen_with = FPS, SIGMA, "camera"
+    fps, sigma, seen_with = CAMERA_FPS, PLACE_SIGMA_M, "camera"
 
     def __init__(self, plan: Path) -> None:
         scene = read_order(plan, OURS).scene
@@ -192,10 +192,10 @@ def test_a_stroke_is_filmed_from_the_yes_on_and_the_clip_is_kept(eye: Eye, optio
     assert eye.asked == [(turned, 0), ("said yes", 0), ("armed", 0), ("filmed", 1)]
     [clip] = read_clip_set(clips).clips
     assert (clip.struck, clip.cue) == ("white", order.cue)
-    assert clip.balls["white"].xy[0] == pytest.approx(order.scene.position[0], abs=6 * SIGMA)
+    assert clip.balls["white"].xy[0] == pytest.approx(order.scene.position[0], abs=6 * PLACE_SIGMA_M)
     told = json.loads(played_file(eye.plan).read_text())
     assert told["struck"] == "yes" and told["clip"] == {"folder": str(clips), "file": clip.file}
-    assert told["cue_end"] == pytest.approx(clip.balls["white"].xy[-1], abs=6 * SIGMA)
+    assert told["cue_end"] == pytest.approx(clip.balls["white"].xy[-1], abs=6 * PLACE_SIGMA_M)
     eye.put(dict(zip(order.scene.names, order.scene.position, strict=True)))
     assert run("play", eye.plan, *options, "--clips", clips, "--yes").status == 0
     assert len(read_clip_set(clips).clips) == 2 and "said yes" not in dict(eye.asked[4:])
