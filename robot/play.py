@@ -28,7 +28,8 @@ from models.errors import BadInput
 from models.shot import Array, Ball, Table
 from planner.plan import read_plan
 from planner.scene import POCKETS, Pocket, Scene, pocket_name, pocket_places, scene_from
-from robot.device.launcher import Done, Launcher, StrokeUnknown
+from robot.device.launcher import Launcher
+from robot.device.outcome import Done, StrokeUnknown
 from robot.device.protocol import LauncherError, string_number
 from robot.device.settings import Settings
 from sysid.clips import Clip, ClipSet, Cue, Observation, read_clip_set, write_clip_set

@@ -18,7 +18,7 @@ from robot.cli.common import launcher_at, line_of, seed_of, seeded, settings_of,
 from robot.device.protocol import LauncherError
 
 if TYPE_CHECKING:
-    from robot.device.launcher import Did
+    from robot.device.outcome import Did
 
 
 def emulate(args: argparse.Namespace, progress: Progress) -> int:

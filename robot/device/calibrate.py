@@ -23,7 +23,8 @@ import numpy as np
 
 from models.console import table
 from models.errors import BadInput
-from robot.device.launcher import Done, Launcher
+from robot.device.launcher import Launcher
+from robot.device.outcome import Done
 from robot.device.protocol import string_number
 from robot.device.settings import Settings, SpeedTable, read_settings, write_settings
 

@@ -1,24 +1,22 @@
 """The line to the launcher: one request at a time, sent again when unanswered, and a stop that waits for nobody.
 
-A request goes out, its reply is awaited; after `reply_s` of silence, or a harmed reply, the very same line is sent
-again, which the launcher answers without doing anything twice (`protocol.py`). A cable that was pulled is looked for
-again for `reconnect_s`. All that is out of the ordinary is noted (`incidents`); every exchange is a line of JSON in the
-log.
+In: an opener of the port, time-outs, request bodies. Out: reply bodies, the incidents on the line, and a log.
+
+A request is sent and its reply awaited; after `reply_s` of silence, or a damaged reply, the same line is sent again,
+which the launcher answers without doing anything twice (robot/device/protocol.py). After a disconnected cable the port
+is opened again for up to `reconnect_s`. Everything unusual is noted (`incidents`); every exchange is a line of the log.
 
 The stop has a path of its own: `halt` takes no lock that is held while waiting, empties what is still queued for
 sending, writes the byte and wakes the thread that reads. From then on every other thread gets LauncherStopped until a
-reset. Where no cable is in, the byte goes first when it is back. An interrupt, SIGTERM, an exception and the end of the
-program stop the launcher too.
+reset. Where no cable is in, the byte is the first to be sent when it is back. An interrupt, SIGTERM, an exception and
+the end of the program stop the launcher too.
 """
 
 from __future__ import annotations
 
 import atexit
-import json
-import os
 import signal
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +24,7 @@ from types import FrameType, TracebackType
 from typing import Any
 
 from models.errors import BadInput
+from robot.device.exchange_log import ExchangeLog
 from robot.device.port import PORT_ERRORS, READ_SLICE_S, Port
 from robot.device.protocol import (
     STOP_BYTE,
@@ -49,7 +48,7 @@ MAX_STOP_TRIES, STOP_WAIT_S = 10, 0.06  # bytes sent until one is answered; for 
 
 @dataclass(frozen=True)
 class Incident:
-    """Something out of the ordinary on the line."""
+    """Something unusual on the line."""
 
     time: float  # of the link's clock [s]
     kind: str  # silence, lost, junk, stale, slow, cable, stop, log, or what launcher.py adds
@@ -58,7 +57,7 @@ class Incident:
 
 @dataclass(frozen=True)
 class Reply:
-    """What came back."""
+    """The reply to a request."""
 
     body: str
     retries: int
@@ -67,11 +66,11 @@ class Reply:
 
 @dataclass(frozen=True)
 class Stopped:
-    """What a stop came to."""
+    """The result of a stop."""
 
     confirmed: bool  # the launcher has answered that it stopped
     bytes_sent: int
-    seconds: float  # until that answer, or until it was given up
+    seconds: float  # until that answer, or until the last try
 
 
 class Link:
@@ -96,11 +95,11 @@ class Link:
         self._reader = Reader("=", commands=False)
         self._sequence = UNSOLICITED_SEQUENCE
         self._notices = 0  # answers to stop bytes
-        self._owed = 0  # replies that may still come late, to lines that were sent again
+        self._overdue = 0  # replies that may still come late, to lines that were sent again
         self._handlers: dict[signal.Signals, Any] = {}
         self.incidents: list[Incident] = []
         self.exchanges = 0
-        self._log_path, self._log = log, -1
+        self._log = ExchangeLog(log, self.clock, self.note)
 
     def __enter__(self) -> Link:
         """Open, and let interrupts and SIGTERM stop the launcher."""
@@ -137,32 +136,25 @@ class Link:
                     raise BadInput(
                         f"the port cannot be opened ({error}); plug the cable in, or correct [port]"
                     ) from None
-                self._open_log()
+                try:
+                    self._log.open()
+                except BadInput:
+                    self._drop()
+                    raise
                 atexit.register(self._at_exit)
 
-    def _open_log(self) -> None:
-        if self._log_path is None or self._log >= 0:
-            return
-        try:
-            self._log = os.open(self._log_path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-        except OSError as error:
-            self._drop()
-            raise BadInput(f"{self._log_path}: cannot be written ({error.strerror}); choose another place") from None
-
     def greet(self) -> Reply:
-        """The launcher's version; it forgets the last request of whoever spoke to it before."""
+        """The launcher's version; it forgets the last request of an earlier connection."""
         with self._turn:
             self._sequence = UNSOLICITED_SEQUENCE
             return self._exchange(UNSOLICITED_SEQUENCE, "VERSION", through_stop=True)
 
     def close(self) -> None:
-        """Let go of the port; the launcher goes on with what it does."""
+        """Close the port; the launcher continues what it is doing."""
         with self._turn, self._swap:
             self._drop()
             atexit.unregister(self._at_exit)
-            if self._log >= 0:
-                os.close(self._log)
-                self._log = -1
+            self._log.close()
 
     def _at_exit(self) -> None:
         self.halt()  # the program has died without closing
@@ -172,10 +164,10 @@ class Link:
 
         Args:
             body: of the request.
-            through_stop: go on while the launcher is stopped; for questions, not for motions.
+            through_stop: also while the launcher is stopped; for queries, not for motions.
 
         Raises:
-            LauncherStopped: a stop was sent, by whatever thread.
+            LauncherStopped: a stop was sent, by any thread.
             LinkLost: no answer to any attempt.
         """
         with self._turn:
@@ -193,7 +185,7 @@ class Link:
             except PORT_ERRORS as error:
                 fault = str(error)
                 self._broken(error)
-            self._write_log("stroke", began, sent=line.decode(), error=fault)
+            self._log.write("stroke", began, sent=line.decode(), error=fault)
             return not fault
 
     def halt(self) -> bool:
@@ -202,7 +194,7 @@ class Link:
         with self._swap:
             try:
                 if self._port is None:
-                    return False  # it goes first when the port is open again
+                    return False  # it is sent first when the port is open again
                 self._port.cancel_read()
                 self._port.reset_output_buffer()
                 self._port.write(STOP_BYTE)
@@ -218,7 +210,7 @@ class Link:
             self.halt()
             sent += 1
             until = self.clock.now() + STOP_WAIT_S + MAX_REPLY_BYTES * self._byte_s
-            if self._turn.acquire(timeout=STOP_WAIT_S):  # the thread that reads lets go as soon as it wakes
+            if self._turn.acquire(timeout=STOP_WAIT_S):  # the reading thread releases it as soon as it wakes
                 try:
                     if self._port is None:
                         self._take(self._open_port())  # which sends the byte
@@ -230,7 +222,7 @@ class Link:
                 finally:
                     self._turn.release()
         report = Stopped(self._notices > seen, sent, self.clock.now() - began)
-        self._write_log("stop", began, confirmed=report.confirmed, bytes=sent)
+        self._log.write("stop", began, confirmed=report.confirmed, bytes=sent)
         return report
 
     @property
@@ -239,11 +231,11 @@ class Link:
         return self._halted.is_set()
 
     def release(self) -> None:
-        """Motions may be asked for again; for the reset, once the launcher has confirmed it."""
+        """Allow motions again; for the reset, once the launcher has confirmed it."""
         self._halted.clear()
 
     def note(self, kind: str, detail: str) -> None:
-        """Remember something out of the ordinary."""
+        """Note something unusual."""
         self.incidents.append(Incident(self.clock.now(), kind, detail))
 
     def _check(self, through_stop: bool) -> None:
@@ -274,18 +266,18 @@ class Link:
                 usual = (len(line) + len(got) + 12) * self._byte_s + 0.4 * self.timing.reply_s
                 if now - sent_at > usual:
                     self.note("slow", f"{body.split(' ')[0]} answered after {now - sent_at:.3f} s")
-                if self._owed:  # replies keep their order: what has not come before this one never will
-                    self.note("lost", f"{self._owed} earlier lines or their replies were lost")
-                self._owed = silent
-                self._write_log("exchange", began, sequence=sequence, sent=body, reply=got, retries=attempt)
+                if self._overdue:  # replies keep their order: what has not come before this one never will
+                    self.note("lost", f"{self._overdue} earlier lines or their replies were lost")
+                self._overdue = silent
+                self._log.write("exchange", began, sequence=sequence, sent=body, reply=got, retries=attempt)
                 return Reply(got, attempt, now - began)
             silent += 1
             self.note("silence", f"{body.split(' ')[0]} unanswered, attempt {attempt + 1}")
-        self._write_log("exchange", began, sequence=sequence, sent=body, reply=None, retries=self.timing.retries)
+        self._log.write("exchange", began, sequence=sequence, sent=body, reply=None, retries=self.timing.retries)
         raise LinkLost(f"no answer to {body!r} in {self.timing.retries + 1} attempts; check the cable and the power")
 
     def _await(self, sequence: int, until: float, through_stop: bool) -> str | None:
-        """Body of the reply with this number; None when the time is over."""
+        """Body of the reply with this number; None when the time is up."""
         while self.clock.now() < until:
             for got in self._listen():
                 if got.sequence == sequence:
@@ -295,11 +287,11 @@ class Link:
         return None
 
     def _came_late(self, reply: Message) -> None:
-        self._owed = max(self._owed - 1, 0)
+        self._overdue = max(self._overdue - 1, 0)
         self.note("stale", f"a second reply to {reply.sequence:04X} came late")
 
     def _listen(self) -> list[Message]:
-        """Frames that come within READ_SLICE_S; nothing on a port that is out."""
+        """Frames that arrive within READ_SLICE_S; none on a disconnected port."""
         if (port := self._port) is None:
             self.clock.sleep(READ_SLICE_S)
             return []
@@ -318,7 +310,7 @@ class Link:
         return [f for f in found if f not in notices]
 
     def _clear(self, quiet: float) -> None:
-        """Throw away what came late, until it has been quiet for so long [s]; it is noted."""
+        """Discard late replies until it has been quiet for that long [s]; they are noted."""
         port, until = self._port, self.clock.now() + 0.2
         while port is not None and self.clock.now() < until:
             waiting = port.in_waiting
@@ -353,7 +345,7 @@ class Link:
                 self.note("cable", f"closing: {error}")
 
     def _take(self, port: Port) -> None:
-        """Use this port; a stop that found none goes first."""
+        """Use this port; a stop that found no port is sent first."""
         with self._swap:
             self._port = port
             self._reader.forget()
@@ -373,14 +365,3 @@ class Link:
                 self.clock.sleep(min(0.1, self.timing.reconnect_s))
             else:
                 return self.note("cable", f"open again after {self.clock.now() - began:.1f} s")
-
-    def _write_log(self, event: str, began: float, **facts: Any) -> None:
-        """One line, written at once and without a buffer: it must hold what came before a crash."""
-        if self._log < 0:
-            return
-        now = self.clock.now()
-        record = {"utc": time.time(), "event": event, "began": began, "seconds": now - began} | facts
-        try:
-            os.write(self._log, (json.dumps(record) + "\n").encode())
-        except OSError as error:  # a full disk must not keep a stroke's result from its caller
-            self.note("log", f"not written: {error.strerror}")

@@ -1,13 +1,14 @@
 """The launcher's microcontroller, emulated: the protocol's other end, with a servo, a rack and a stage that take time.
 
-It does what the device of Robotic Billiards (2015), section V, would do under `protocol.py`. Nothing runs by itself:
-each byte and each look at it first brings it up to the clock that was passed in, so that a virtual clock gives the same
-strokes as a real one, at once. What it truly did is kept in `deeds`, which no line can harm: tests judge by them.
+In: bytes from the cable, a clock, random numbers. Out: reply bytes, hits of the ball (`on_strike`), and `deeds`, the
+record of what was truly done, by which tests judge. It behaves as the device of Robotic Billiards (2015), section V,
+under robot/device/protocol.py. Nothing runs by itself: each byte and each query first advances it to the present of the
+given clock, so that a virtual clock gives the same strokes as a real one, at once.
 
-Stroke: raised-cosine run-up, then constant speed v(NNN) with a ripple along the rack, v (1 + A sin(2 pi (s + s_rest) /
-lambda + phi)), then braking; the tip meets the ball at BALL_DISTANCE_M. Stage: a play of b between motor and tip, x_tip
-= clip(x_tip, x_motor, x_motor + b), zero where it came from below. Grades of the sizes: A two sources, B one, C
-estimate. Leaves out the ball's push on the rack, lost steps short of a stall, and vibration.
+Stroke: robot/emulator/stroke_motion.py, with a ripple along the rack, v (1 + A sin(2 pi (s + s_rest) / lambda + phi));
+the tip meets the ball at BALL_DISTANCE_M. Stage: a backlash of b between motor and tip, x_tip = clip(x_tip, x_motor,
+x_motor + b), zero where it came from below. Grades of the sizes: A two sources, B one, C estimate. Leaves out the
+ball's push on the rack, lost steps short of a stall, and vibration.
 """
 
 from __future__ import annotations
@@ -21,11 +22,8 @@ import numpy as np
 
 from robot.device import protocol
 from robot.device.protocol import BUSY_STATES, FIRST_STRING, LAST_STRING, UNSOLICITED_SEQUENCE, Arrival, Message, Status
+from robot.emulator.stroke_motion import BALL_DISTANCE_M, BRAKING_DECELERATION, LEVEL_END_M, StrokeMotion, paper_law
 
-RUN_UP_M, MIN_ACCELERATION = 0.160, 5.0  # [m], [m/s^2]; as models/mjcf/launcher.md, C
-BALL_DISTANCE_M = 0.190  # from the retracted tip to the ball [m]; inside the level stroke, C
-LEVEL_END_M = 0.230  # where braking begins [m]; run-up and 70 mm as models/mjcf/launcher.md, C
-BRAKING_DECELERATION = 45.0  # [m/s^2]; as models/mjcf/launcher.md, C
 SPEED_RIPPLE, TOOTH_PITCH_M = 0.01, 0.002 * math.pi  # part of the speed; pitch of a module 2 rack [m]; C
 SPEED_SCATTER = (
     0.0125  # of the speed from stroke to stroke, part of it; from +-50 mm by robot/emulator/repeatability.py, B
@@ -56,11 +54,6 @@ LINE_GAP_S = 0.5  # [s] of silence that ends a line under way
 BOOT_TIME_S = 0.3  # [s] of deafness after a restart; C
 
 
-def paper_law(string: int) -> float:
-    """Cue speed of a string [m/s]: the line through '001p' 2.75 and '200p' 0.30 (Robotic Billiards 2015)."""
-    return 2.75 - (2.75 - 0.30) / (LAST_STRING - FIRST_STRING) * (string - FIRST_STRING)
-
-
 @dataclass(frozen=True)
 class Deed:
     """Something the launcher truly did."""
@@ -86,32 +79,6 @@ class Memory:
     speed: float = 0.0
     force: float = 0.0
     stopped: bool = False
-
-
-@dataclass(frozen=True)
-class StrokeMotion:
-    """A stroke under way."""
-
-    start: float  # [s]
-    speed: float  # commanded [m/s]
-    string: int
-
-    @property
-    def ramp(self) -> float:
-        """Time of the run-up [s]."""
-        return min(2 * RUN_UP_M / self.speed, self.speed / MIN_ACCELERATION)
-
-    def at(self, distance: float) -> float:
-        """Clock time [s] at which the tip has come so far [m], past the run-up."""
-        return self.start + self.ramp + (distance - 0.5 * self.speed * self.ramp) / self.speed
-
-    def state(self, now: float) -> tuple[float, float]:
-        """Distance [m] and speed [m/s] before braking."""
-        t, ramp, v = now - self.start, self.ramp, self.speed
-        if t >= ramp:
-            return v * (t - 0.5 * ramp), v
-        turn = math.pi * t / ramp
-        return 0.5 * v * (t - ramp / math.pi * math.sin(turn)), v * (0.5 - 0.5 * math.cos(turn))
 
 
 class Firmware:
@@ -172,7 +139,7 @@ class Firmware:
         self._time = now
 
     def status(self) -> Status:
-        """What it would tell now."""
+        """The status now."""
         self.update()
         m = self.memory
         x, y = (round(v) for v in (self._under_way() if self.state == "MOVING" else self._motor))
@@ -190,7 +157,7 @@ class Firmware:
         self._at(self._now() + after, self._lose_power, lasting=True)
 
     def stick(self) -> None:
-        """The next motion of the stage does not come to its end; a reset frees it."""
+        """The next motion of the stage stalls; a reset frees it."""
         self._stuck = True
 
     def _answer(self, arrival: Arrival) -> bytes:
@@ -245,7 +212,7 @@ class Firmware:
 
     def _reset(self, stops: int) -> str:
         if stops != self.memory.stops:
-            return "NO STOPS"  # a stop came in between: whoever asks has not seen it
+            return "NO STOPS"  # a stop came in between, which the sender has not seen
         if self.state in ("STOPPED", "FAULT"):
             self.memory.stopped, self._stuck, self._faults = False, False, 0
             self.state = "UNHOMED"
@@ -296,14 +263,14 @@ class Firmware:
         self._armed, self.state = 0, "STRIKING"
         self.memory.begun += 1  # before the first pulse: a number is used up even if power fails now
         scattered = self._law(string) * (1 + SPEED_SCATTER * self._rng.standard_normal())
-        self._run = StrokeMotion(self._time, scattered, string)
-        self._at(self._run.at(BALL_DISTANCE_M), lambda: self._hit(scattered))
-        end = self._run.at(LEVEL_END_M) + scattered / BRAKING_DECELERATION
+        self._motion = StrokeMotion(self._time, scattered, string)
+        self._at(self._motion.at(BALL_DISTANCE_M), lambda: self._hit(scattered))
+        end = self._motion.at(LEVEL_END_M) + scattered / BRAKING_DECELERATION
         self._at(end, self._finish)
 
     def _hit(self, speed: float) -> None:
         """The tip meets the ball, at this speed but for the ripple [m/s]."""
-        run, along = self._run, (BALL_DISTANCE_M + self._rest) / TOOTH_PITCH_M
+        run, along = self._motion, (BALL_DISTANCE_M + self._rest) / TOOTH_PITCH_M
         true = speed * (1 + self._ripple * math.sin(2 * math.pi * along + self._phase))
         side, height = self.tip()
         self._measured = true * (1 + ENCODER_SPEED_SD * self._rng.standard_normal())
@@ -313,7 +280,7 @@ class Firmware:
             self._on_strike(true, side, height)
 
     def _finish(self) -> None:
-        run, m = self._run, self.memory
+        run, m = self._motion, self.memory
         self.state = "EXTENDED"
         self._rack = LEVEL_END_M + 0.5 * run.speed**2 / BRAKING_DECELERATION
         m.done, m.string, m.speed, m.force = m.begun, run.string, self._measured, self._peak
@@ -329,11 +296,11 @@ class Firmware:
         self._note("retracted")
 
     def _travel(self, target: tuple[float, float], start: float, what: str, extra: float = 0.0) -> None:
-        """The stage goes there [micrometre], both axes at once."""
-        way = 1e-6 * max(abs(t - m) for t, m in zip(target, self._motor, strict=True))
+        """Move the stage to a target [micrometre], both axes at once."""
+        distance = 1e-6 * max(abs(t - m) for t, m in zip(target, self._motor, strict=True))
         full = STAGE_SPEED**2 / STAGE_ACCELERATION
-        needs = way / STAGE_SPEED + STAGE_SPEED / STAGE_ACCELERATION
-        needs = needs if way > full else 2 * math.sqrt(way / STAGE_ACCELERATION)
+        needs = distance / STAGE_SPEED + STAGE_SPEED / STAGE_ACCELERATION
+        needs = needs if distance > full else 2 * math.sqrt(distance / STAGE_ACCELERATION)
         self._journey = (start, list(self._motor), target, needs)
         self._at(start + needs + extra, lambda: self._arrived(what))
 
@@ -349,14 +316,14 @@ class Firmware:
         self._note(what, x=self._tip[0] * 1e-6, y=self._tip[1] * 1e-6)
 
     def _stall(self) -> None:
-        """The drive tells a stall, somewhere on the way (assumed: a stepper without that would tell at home only)."""
+        """The drive reports a stall in mid-motion (assumed: a stepper without that would notice at home only)."""
         part = self._rng.uniform(0, 1)
         self._put([m + part * (t - m) for m, t in zip(self._motor, self._journey[2], strict=True)])
         self.state, self._faults = "FAULT", self._faults | 1
         self._note("stuck")
 
     def _under_way(self) -> list[float]:
-        """Where the motors of the stage are on their way [micrometre]; at constant speed, near enough."""
+        """Positions of the stage's motors in motion [micrometre], as if at constant speed."""
         start, origin, target, needs = self._journey
         part = min(max((self._time - start) / needs, 0.0), 1.0) if needs > 0 else 1.0
         return [m + part * (t - m) for m, t in zip(origin, target, strict=True)]
@@ -376,11 +343,11 @@ class Firmware:
         self._cancel()
         now = self._time
         if self.state == "STRIKING":
-            gone, speed = self._run.state(now)
-            left = speed**2 - 2 * BRAKING_DECELERATION * (BALL_DISTANCE_M - gone)
-            self._rack = gone + 0.5 * speed**2 / BRAKING_DECELERATION
-            if gone < BALL_DISTANCE_M and left > 0:
-                slower = math.sqrt(left)
+            travelled, speed = self._motion.state(now)
+            at_ball = speed**2 - 2 * BRAKING_DECELERATION * (BALL_DISTANCE_M - travelled)  # speed squared at the ball
+            self._rack = travelled + 0.5 * speed**2 / BRAKING_DECELERATION
+            if travelled < BALL_DISTANCE_M and at_ball > 0:
+                slower = math.sqrt(at_ball)
                 self._at(now + (speed - slower) / BRAKING_DECELERATION, lambda: self._hit(slower), lasting=True)
         elif self.state == "MOVING":
             self._put(self._under_way())
@@ -406,7 +373,7 @@ class Firmware:
         self._events.sort(key=lambda e: e[0])
 
     def _cancel(self) -> None:
-        """Forget what was to come, but not what no command can prevent."""
+        """Cancel pending events, except those that no command can prevent."""
         self._events = [e for e in self._events if e[2]]
 
     def _note(self, what: str, **facts: float) -> None:

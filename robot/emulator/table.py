@@ -31,7 +31,7 @@ from robot.device.link import Link
 from robot.device.settings import Settings
 from robot.emulator.faults import FaultInjection
 from robot.emulator.firmware import Firmware
-from robot.emulator.launcher import Line, VirtualClock, WirePort
+from robot.emulator.line import Line, VirtualClock, WirePort
 from sysid.clips import Observation
 
 CAMERA_FPS = 180.0  # of the camera [1/s] (Robotic Billiards 2015)

@@ -26,12 +26,13 @@ from robot.device.calibrate import (
     text,
     write_calibration,
 )
-from robot.device.launcher import Done, Launcher
+from robot.device.launcher import Launcher
 from robot.device.link import Link
+from robot.device.outcome import Done
 from robot.device.protocol import LauncherError
 from robot.device.settings import Settings, read_settings, write_settings
 from robot.emulator.firmware import Firmware
-from robot.emulator.launcher import Line, VirtualClock, WirePort
+from robot.emulator.line import Line, VirtualClock, WirePort
 
 OURS = Settings()
 

@@ -22,13 +22,15 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from robot.device.launcher import Launcher, Refused, StrokeUnknown
+from robot.device.launcher import Launcher
 from robot.device.link import Link
+from robot.device.outcome import Refused, StrokeUnknown
 from robot.device.port import serial_opener
 from robot.device.protocol import LauncherStopped, LinkLost
 from robot.device.settings import PortSettings, Settings
 from robot.emulator.firmware import BACKLASH_UM, Firmware
-from robot.emulator.launcher import Emulator, Line, Pace, VirtualClock, WirePort, serve
+from robot.emulator.launcher import Emulator, Pace, serve
+from robot.emulator.line import Line, VirtualClock, WirePort
 
 BAUD = 19200
 PLACES = ("virtual", "terminal", "port")

@@ -15,14 +15,16 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from robot.device.launcher import Did, Done, Launcher, LauncherFault, NotStruck, Refused, StrokeUnknown
+from robot.device.launcher import Launcher
 from robot.device.link import Link
+from robot.device.outcome import Did, Done, LauncherFault, NotStruck, Refused, StrokeUnknown
 from robot.device.port import serial_opener
 from robot.device.protocol import BUSY_STATES, LAUNCHER_STATES, LauncherError, LauncherStopped, frame, stroke_line
 from robot.device.settings import PortSettings, Settings
 from robot.emulator.faults import DEVICE_FAULTS, FAULT_KINDS, REPLY_FAULTS, REQUEST_FAULTS, Fault, FaultInjection
 from robot.emulator.firmware import Deed, Firmware
-from robot.emulator.launcher import Emulator, Line, Pace, VirtualClock, WirePort
+from robot.emulator.launcher import Emulator, Pace
+from robot.emulator.line import Line, VirtualClock, WirePort
 
 BAUD = 19200
 KNOWN = (NotStruck, Refused, LauncherStopped, LauncherFault)  # errors after which nothing more can come

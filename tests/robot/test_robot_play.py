@@ -18,7 +18,7 @@ from models.shot import Array, Ball, Shot, Table
 from models.simulation.simulate import simulate
 from planner.launcher.stroke import Launcher, stroke_terms
 from planner.scene import Goal, Scene, scene_dict
-from robot.device.launcher import StrokeUnknown
+from robot.device.outcome import StrokeUnknown
 from robot.device.protocol import LauncherError
 from robot.device.settings import Settings, SpeedTable
 from robot.emulator.faults import FAULT_KINDS, REPLY_FAULTS, REQUEST_FAULTS, FaultInjection

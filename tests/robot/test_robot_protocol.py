@@ -29,7 +29,8 @@ from robot.device.protocol import (
 )
 from robot.device.settings import Settings, SpeedTable, read_settings, settings_from, write_settings
 from robot.emulator import firmware as fw
-from robot.emulator.firmware import Firmware, paper_law
+from robot.emulator.firmware import Firmware
+from robot.emulator.stroke_motion import RUN_UP_M, paper_law
 
 BODIES = st.text("ABCXYZ0123456789.- ", min_size=1, max_size=80)
 GARBAGE = st.binary(max_size=60)
@@ -286,7 +287,7 @@ def test_a_fast_stroke_takes_as_long_as_its_run_up_and_level_stroke() -> None:
     hand.bring("ARMED")
     hand.device.receive(b"047p")
     v = paper_law(47)
-    takes = 2 * fw.RUN_UP_M / v + (fw.BALL_DISTANCE_M - fw.RUN_UP_M) / v
+    takes = 2 * RUN_UP_M / v + (fw.BALL_DISTANCE_M - RUN_UP_M) / v
     hand.wait(takes * 0.98)
     assert hand.hits == []
     hand.wait(takes * 0.04)
