@@ -95,13 +95,13 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
 def repeat(args: argparse.Namespace, progress: Progress) -> int:
     """Strike every string again and again, on a snooker table and on a cloth without end."""
     from models.mjcf.snooker import SNOOKER_TABLE
-    from robot.emulator.repeatability import OPEN_CLOTH, measure, result, spread_strings, text
+    from robot.emulator.repeatability import OPEN_CLOTH, Conditions, measure, result, spread_strings, text
 
     seed, settings = seed_of(args), settings_of(args)
     check_outputs(args.json)
     strings = args.strings or spread_strings(settings)
     both = [
-        measure(settings, strings, args.repeats, seed, cloth=cloth, progress=progress)
+        measure(settings, strings, args.repeats, seed, Conditions(cloth), progress)
         for cloth in (SNOOKER_TABLE, OPEN_CLOTH)
     ]
     progress.close()

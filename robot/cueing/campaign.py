@@ -1,12 +1,11 @@
 """The cueing campaign: the launcher strikes a grid of strokes, a camera measures ball speed and squirt.
 
-Robotic Billiards (2015), section V.C: cue speeds of some 0.5 to 2.5 m/s, heights y'0 of -12 to 12 mm and sides x'0 of
-0 to 12 mm in steps of 2 mm, each five times: 2275 shots. Only the right side is played; what holds there holds on the
-left in the mirror. Unlike the paper's, the order is shuffled: a drift of the machine then adds to the scatter and does
-not pose as an effect of the offset.
+In: a `Striker` that strikes and measures, the grid and a seed. Out: a CSV file, one row a shot.
 
-Whoever strikes is passed in (`Striker`): the launcher's driver with a camera, or `robot/cueing/striker.py`. The file is
-a CSV of one row a shot, written line by line, so that a campaign that was broken off goes on where it stopped.
+Robotic Billiards (2015), section V.C: cue speeds of some 0.5 to 2.5 m/s, heights y'0 of -12 to 12 mm and sides x'0 of
+0 to 12 mm in steps of 2 mm, each five times: 2275 shots. Only the right side is played; the left is its mirror image.
+Unlike the paper's, the order is shuffled: a drift of the machine then adds to the scatter and is not mistaken for an
+effect of the offset. Rows are written one by one, so that an interrupted campaign continues where it stopped.
 """
 
 from __future__ import annotations
@@ -28,27 +27,27 @@ from models.errors import BadInput
 from planner.launcher.stroke import Launcher
 
 Array = NDArray[np.float64]
-CUE_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # of the cue [m/s]
+CUE_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # [m/s]
 SIDES_MM = tuple(float(v) for v in range(0, 13, 2))
 HEIGHTS_MM = tuple(float(v) for v in range(-12, 13, 2))
 DEFAULT_REPEATS = 5
-MAX_CUE_SPEED = 2.75  # '001p': the paper's campaign went beyond the 2.2 m/s of its planned shots [m/s]
+MAX_CUE_SPEED = 2.75  # of '001p' [m/s]: the paper's campaign exceeded the 2.2 m/s of its planned shots
 
 
 @dataclass(frozen=True)
 class CueShot:
-    """One stroke as told and what was measured of it."""
+    """One commanded stroke and its measured result."""
 
     string: int  # 1 to 200
-    cue_speed: float  # that the string asks for [m/s]
+    cue_speed: float  # of the string [m/s]
     x0_mm: float  # of the cue's axis from the ball's centre, to the right
     y0_mm: float  # the same, up
     ball_speed: float  # horizontal, as the ball leaves the tip [m/s]
     ball_speed_sd: float  # of the measurement alone, by which repeats scatter [m/s]
-    ball_speed_unsure: float  # what repeats share of its error: one standard deviation, 0 for none [m/s]
+    ball_speed_unsure: float  # sd of the error that repeats share, 0 for none [m/s]
     squirt_rad: float  # direction of the ball against the aim, > 0 to the left
     squirt_sd: float  # of the measurement alone, by which repeats scatter [rad]
-    squirt_unsure: float  # what repeats share of its error [rad]
+    squirt_unsure: float  # sd of the error that repeats share [rad]
     miscue: bool
     order: int = 0  # in which it was played
 
@@ -60,7 +59,7 @@ class Striker(Protocol):
     """Whatever strikes a ball that lies ready, and measures it."""
 
     def __call__(self, string: int, x0_mm: float, y0_mm: float) -> CueShot:
-        """Strike once; `order` of the shot it returns is not looked at."""
+        """Strike once; `order` of the returned shot is ignored."""
         ...
 
 
@@ -85,13 +84,13 @@ def run_campaign(
     grid: Sequence[tuple[int, float, float]] | None = None,
     most: int | None = None,
 ) -> list[CueShot]:
-    """Play a grid in shuffled order into a CSV file, and go on with one that was begun.
+    """Play a grid in shuffled order into a CSV file, or continue one that was begun.
 
     Args:
         striker: who strikes and measures.
         out: the CSV file.
         seed: of the order.
-        progress: told now and then what is being done.
+        progress: called with what is being done.
         grid: the strokes; the paper's 2275 without.
         most: stop after so many more shots.
 
@@ -126,7 +125,7 @@ def count_played(out: Path | str) -> int:
 
 
 def _begun(path: Path, todo: Sequence[tuple[int, float, float]]) -> list[CueShot]:
-    """Shots of a file that was begun; a last line that was broken off is cut away."""
+    """Shots of a file that was begun; an incomplete last line is removed."""
     if not path.exists():
         return []
     try:
@@ -139,9 +138,9 @@ def _begun(path: Path, todo: Sequence[tuple[int, float, float]]) -> list[CueShot
         raise BadInput(f"{path}: {error.strerror}; choose another place") from error
     done = read_campaign(path) if whole else []
     for k, shot in enumerate(done):
-        told = (shot.string, shot.x0_mm, shot.y0_mm)
-        if k >= len(todo) or told != tuple(todo[k]) or shot.order != k:
-            raise BadInput(f"{path}: row {k + 1} is stroke {told}, not of this grid and seed; choose another file")
+        stroke = (shot.string, shot.x0_mm, shot.y0_mm)
+        if k >= len(todo) or stroke != tuple(todo[k]) or shot.order != k:
+            raise BadInput(f"{path}: row {k + 1} is stroke {stroke}, not of this grid and seed; choose another file")
     return done
 
 

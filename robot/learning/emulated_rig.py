@@ -2,7 +2,7 @@
 
 In: the hidden model and cueing constants, and a seed. Out: a `robot.learning.loop.Rig`. `draw_hidden_table` draws a
 table as real ones differ from the textbook: constants off by as much as published values differ, and one effect of the
-catalogue at its natural size. The launcher's constants are drawn by robot/emulator/hidden.py.
+catalogue at its natural size. The launcher's constants are drawn by robot/cueing/hidden.py.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from models.analytic.cue_impulse import Constants
 from models.model_file import Model, effect_class
 from models.shot import Array
 from planner.scene import Scene
+from robot.cueing.hidden import draw_values
 from robot.device.settings import Settings
-from robot.emulator.table import EmulatedTable, emulated_launcher
-from robot.learning.loop import Setup
+from robot.emulator.table import EmulatedOptions, EmulatedTable, emulated_launcher
+from robot.learning.loop import SceneSetup
 from robot.play import read_order
 
 HAND_PLACING_SD_M = 2e-3  # of a ball put by hand on its marked place, each axis
@@ -56,13 +57,8 @@ def draw_hidden_table(start: Model, rng: np.random.Generator, effect: str | None
 
 
 def draw_hidden_cue(rng: np.random.Generator) -> Constants:
-    """A launcher's constants, within what is known of them (models/mjcf/launcher.md, Alciatore)."""
-    return Constants(
-        tip_restitution=float(rng.uniform(0.68, 0.80)), cue_mass=float(rng.uniform(0.45, 0.58)),
-        end_mass=float(rng.uniform(0.0050, 0.0105)), slate_friction=float(rng.uniform(0.18, 0.25)),
-        side_zero=float(rng.uniform(-4e-4, 4e-4)), height_zero=float(rng.uniform(-4e-4, 4e-4)),
-        aim_zero=float(rng.uniform(-3e-3, 3e-3)),
-    )  # fmt: skip
+    """Hidden constants of an emulated launcher."""
+    return Constants(**draw_values(rng, "tip_friction"))
 
 
 @dataclass
@@ -77,14 +73,14 @@ class EmulatedRig:
     make: Callable[..., EmulatedTable] = EmulatedTable  # called with the arguments of EmulatedTable
     table: EmulatedTable | None = None
 
-    def set_up(self, scene: Scene, number: int) -> Setup:
+    def set_up(self, scene: Scene, number: int) -> SceneSetup:
         """Set up the balls of a shot."""
         rng = np.random.default_rng([self.seed, number, PLACING_STREAM])
         limit = scene.table.reach(scene.ball)
         placed = np.clip(scene.position + HAND_PLACING_SD_M * rng.standard_normal(scene.position.shape), -limit, limit)
         self.table = self._table(scene, placed, number, 0)
         launcher, _ = emulated_launcher(self.settings, self.table.hit, self._rng(number, 0), say=lambda line: None)
-        return Setup(self.table, launcher, self.table.turn_to)
+        return SceneSetup(self.table, launcher, self.table.turn_to)
 
     def repeat(self, plan: Path, number: int) -> Array | None:
         """Repeat the stroke from the same places; where the cue ball stopped (n, 2) [m]."""
@@ -108,7 +104,7 @@ class EmulatedRig:
     def _table(self, scene: Scene, position: Array, number: int, repeat: int) -> EmulatedTable:
         places = {n: (float(x), float(y)) for n, (x, y) in zip(scene.names, position, strict=True)}
         seed = int(np.random.SeedSequence([self.seed, number, TABLE_STREAM, repeat]).generate_state(1)[0])
-        return self.make(self.model, places, 0.0, seed, constants=self.cue)
+        return self.make(self.model, places, 0.0, seed, EmulatedOptions(constants=self.cue))
 
     def _rng(self, number: int, repeat: int) -> np.random.Generator:
         return np.random.default_rng([self.seed, number, FIRMWARE_STREAM, repeat])

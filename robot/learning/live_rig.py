@@ -23,7 +23,7 @@ from robot.camera.align import align, turn_for
 from robot.camera.live import LiveCamera
 from robot.device.launcher import Launcher
 from robot.device.settings import Settings
-from robot.learning.loop import Setup
+from robot.learning.loop import SceneSetup
 
 PLACING_TOLERANCE_M = 0.03  # of a ball, within which it counts as set up
 MAX_PLACING_TRIES = 20  # times that the operator is asked to set up a scene
@@ -40,7 +40,7 @@ class LiveRig:
     ready: Callable[[str], bool]  # says what to do and waits until it is done; False ends the series
     say: Callable[[str], None] = print
 
-    def set_up(self, scene: Scene, number: int) -> Setup:
+    def set_up(self, scene: Scene, number: int) -> SceneSetup:
         """Have the balls of a shot set up, until the camera sees them in their places.
 
         Raises:
@@ -57,7 +57,7 @@ class LiveRig:
                 raise BadInput(f"shot {number}: not set up; the same command goes on from here")
             faults, ball = self._faults(scene)
             if not faults:
-                return Setup(self.camera, self.connect(), partial(self.turn, ball_xy=ball), self.confirm)
+                return SceneSetup(self.camera, self.connect(), partial(self.turn, ball_xy=ball), self.confirm)
             self.say("; ".join(faults))
         raise BadInput(f"shot {number}: {faults[0]}; check that the camera file fits and names these balls")
 

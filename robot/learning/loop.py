@@ -62,7 +62,7 @@ Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Setup:
+class SceneSetup:
     """A scene that is set up, and the launcher behind the cue ball."""
 
     camera: ShotCamera
@@ -74,7 +74,7 @@ class Setup:
 class Rig(Protocol):
     """Where a series is played: a table with a launcher and an operator, or the emulator."""
 
-    def set_up(self, scene: Scene, number: int) -> Setup:
+    def set_up(self, scene: Scene, number: int) -> SceneSetup:
         """Set up the balls of a shot, within the errors of a hand."""
         ...
 

@@ -322,9 +322,9 @@ def test_a_bad_campaign_says_what_is_wrong(tmp_path: Path, text: str, message: s
 
 
 def test_too_few_shots_say_so(shots: list[CueShot]) -> None:
-    with pytest.raises(BadInput, match="10 shots at 2 places cannot tell a cueing map; strike 16 or more"):
+    with pytest.raises(BadInput, match="10 shots at 2 places are too few for a cueing map; strike 16 or more"):
         fit_map(shots[:10])
-    with pytest.raises(BadInput, match="0 repeats cannot tell the launcher's scatter"):
+    with pytest.raises(BadInput, match="0 repeats are too few for the launcher's scatter"):
         scatter(shots[::5], TRUE, GEOMETRY)
     with pytest.raises(BadInput, match="20 shots for 26 weights"):
         train_networks(shots[:20], np.random.default_rng(0))

@@ -29,7 +29,7 @@ from planner.launcher.stroke import stroke_terms
 from planner.scene import Goal, Scene
 from robot.cueing.map_fit import PRIOR_SD
 from robot.device.settings import Settings
-from robot.emulator.table import EmulatedTable, emulated_launcher
+from robot.emulator.table import EmulatedOptions, EmulatedTable, emulated_launcher
 from robot.learning.emulated_rig import draw_hidden_cue
 from robot.learning.history import History, PlayedShot, Refit, fit_folder, read_history
 from robot.learning.loop import LearningConfig, begin, why_ended
@@ -248,7 +248,9 @@ def strokes(count: int = 30) -> tuple[ClipSet, tuple[dict[str, Any], ...]]:
         q = np.array([[rng.uniform(0.5, 1.6), rng.uniform(-0.3, 0.3), off * math.cos(turn), off * math.sin(turn)]])
         q = launcher.playable(q, SNOOKER_BALL)[0]
         asked = launcher.terms(MODEL, q)
-        table = EmulatedTable(MODEL, {"white": (-1.2, 0.0)}, math.radians(asked["theta_deg"]), k, constants=TRUE)
+        table = EmulatedTable(
+            MODEL, {"white": (-1.2, 0.0)}, math.radians(asked["theta_deg"]), k, EmulatedOptions(constants=TRUE)
+        )
         device, _ = emulated_launcher(ours, table.hit, np.random.default_rng([k, 1]), say=lambda line: None)
         with device:
             device.home()
