@@ -132,7 +132,7 @@ class Launcher:
         """Put the cue's axis at (x'0, y'0) of the ball's centre, side to the right and height up [mm].
 
         Raises:
-            BadInput: the tip would slip off, or the stage does not reach there; nothing was sent.
+            BadInput: the tip would slip off, or the stage would leave its range; nothing was sent.
             LauncherError: it was not reached.
         """
         target = self.settings.stage_um(x0_mm, y0_mm)

@@ -1,9 +1,11 @@
-"""What goes over the wire between the computer and the launcher: frames, strokes, the stop byte and the status.
+"""The protocol between the computer and the launcher: frames, strokes, the stop byte and the status.
+
+In: bytes. Out: messages, and the reverse.
 
 A stroke is 'NNNp', as in Robotic Billiards (2015), section V: three digits, 001 to 200, and a 'p'. All else is framed:
 
     request   :SSSS BODY*CCCC\\n        SSSS sequence number, CCCC checksum, both in upper-case hexadecimal digits
-    reply     =SSSS BODY*CCCC\\n        with the request's number; 0000 is for the greeting and for what nobody asked
+    reply     =SSSS BODY*CCCC\\n        with the request's number; 0000 for the greeting and what was not requested
     stop      !                        one byte, anywhere, also in the middle of a frame
 
 The checksum is CRC-16/CCITT-FALSE (x^16 + x^12 + x^5 + 1, start FFFF) over all that stands before the '*': it finds
@@ -28,12 +30,12 @@ from models.errors import BadInput
 PROTOCOL_VERSION = "CUELAB 1"
 STOP_BYTE = b"!"
 FIRST_STRING, LAST_STRING = 1, 200  # strings of the paper
-UNSOLICITED_SEQUENCE = 0  # sequence number of the greeting, and of messages that nobody asked for
+UNSOLICITED_SEQUENCE = 0  # sequence number of the greeting, and of messages without a request
 MAX_SEQUENCE = 0xFFFF
-MAX_FRAME_BYTES = 96  # bytes of a frame
+MAX_FRAME_BYTES = 96  # in a frame
 LAUNCHER_STATES = ("UNHOMED", "IDLE", "MOVING", "ARMED", "STRIKING", "EXTENDED", "RETRACTING", "STOPPED", "FAULT")
-BUSY_STATES = ("MOVING", "STRIKING", "RETRACTING")  # left without a command
-FAULT_BITS = {1: "the stage is stuck", 2: "the rack did not come back", 4: "restarted in mid-stroke"}  # bits
+BUSY_STATES = ("MOVING", "STRIKING", "RETRACTING")  # which end without a command
+FAULT_BITS = {1: "the stage is stuck", 2: "the rack did not come back", 4: "restarted in mid-stroke"}
 BODY_PATTERN = re.compile(r"[A-Z0-9.\- ]{1,80}")
 FRAME_PATTERN = re.compile(rb"([:=][0-9A-F]{4} [A-Z0-9.\- ]{1,80})\*([0-9A-F]{4})")
 
@@ -52,7 +54,7 @@ class LauncherStopped(LauncherError):
 
 @dataclass(frozen=True)
 class Message:
-    """A frame that arrived unharmed."""
+    """A frame that arrived undamaged."""
 
     sequence: int
     body: str
@@ -75,7 +77,7 @@ Arrival = Message | StrokeLine | StopByte
 
 @dataclass(frozen=True)
 class Status:
-    """What the launcher tells of itself."""
+    """What the launcher reports."""
 
     state: str = "UNHOMED"  # one of LAUNCHER_STATES
     boots: int = 0  # times it was switched on; another number says that it has forgotten where its stage is
@@ -123,7 +125,7 @@ def frame(lead: str, sequence: int, body: str) -> bytes:
 
 
 def unframe(line: bytes) -> Message | None:
-    """What a line without its newline says; None where it was harmed."""
+    """The message of a line without its newline; None where it was damaged."""
     found = FRAME_PATTERN.fullmatch(line)
     if found is None or checksum(found[1]) != int(found[2], 16):
         return None

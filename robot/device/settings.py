@@ -1,12 +1,14 @@
-"""What one launcher needs told, in one TOML file, cuelab-launcher/1: port, time-outs, limits, stage, speed calibration.
+"""The settings of one launcher, in one TOML file, cuelab-launcher/1: port, time-outs, limits, stage, speed calibration.
+
+In: the file, or defaults. Out: `Settings`, which checks strings, yaw and tip positions against the limits.
 
 The paper gives two points of the law from string to cue speed, '001p' 2.75 m/s and '200p' 0.30 m/s (Robotic Billiards
-2015, section V); the line through them is the default table. A launcher's own table replaces it: strings rising, cue
-speeds falling, straight lines between. Outside its first and last string nothing is known and nothing is played.
+2015, section V); the line through them is the default table. A launcher's measured table replaces it: strings rising,
+cue speeds falling, straight lines between. Outside its first and last string nothing is known and nothing is played.
 
 The contact point lies R / (R + r_tip) nearer to the ball's centre than the cue's axis, where R is the ball's radius and
-r_tip that of the tip's dome; the stage moves in the vertical plane, so that y' is sent y'0 / cos(tilt).
-Leaves out a drift of the speed with temperature, and one law for each stage position.
+r_tip that of the tip's dome; the stage moves in the vertical plane, so that the stage's y is y'0 / cos(tilt). Leaves
+out a drift of the speed with temperature, and a dependence of the speed on the stage's position.
 """
 
 from __future__ import annotations
@@ -50,17 +52,17 @@ class PortSettings:
 
 @dataclass(frozen=True)
 class Timing:
-    """How long to wait, and how often to try."""
+    """Time-outs and numbers of retries."""
 
     reply_s: float = bounded(0.25, 0.01, 10, "s")  # of silence until a request is sent again
     retries: int = bounded(5, 0, 50, "1")  # of one request, and of one stroke line
     poll_s: float = bounded(0.02, 0.001, 1, "s")  # between questions while something moves
-    motion_s: float = bounded(30, 0.1, 600, "s")  # until a motion counts as hung
-    reconnect_s: float = bounded(5, 0, 600, "s")  # to get a pulled cable back in
+    motion_s: float = bounded(30, 0.1, 600, "s")  # after which a motion counts as hung
+    reconnect_s: float = bounded(5, 0, 600, "s")  # for a disconnected cable to come back
 
 
 class Clock(Protocol):
-    """Time that is waited in; another one runs tests without waiting."""
+    """A clock that waits; tests use one that does not."""
 
     def now(self) -> float: ...  # [s], from any start
     def sleep(self, seconds: float) -> None: ...
@@ -80,7 +82,7 @@ class RealClock:
 
 @dataclass(frozen=True)
 class Limits:
-    """What may be asked for."""
+    """Limits of what may be commanded."""
 
     x_mm: tuple[float, float] = span((-20.0, 20.0), -25, 25, "mm")  # of the stage, from home
     y_mm: tuple[float, float] = span((-20.0, 20.0), -25, 25, "mm")
@@ -96,7 +98,7 @@ class Stage:
     zero_x_mm: float = bounded(0.0, -25, 25, "mm")  # stage position at which the axis meets the ball's centre
     zero_y_mm: float = bounded(0.0, -25, 25, "mm")
     takeup_mm: float = bounded(0.4, 0, 5, "mm")  # passed below the target before going up to it: more than the backlash
-    step_um: float = bounded(10, 0.1, 1000, "um")  # positions asked for and told agree to this
+    step_um: float = bounded(10, 0.1, 1000, "um")  # requested and reported positions agree within this
     tilt_deg: float = bounded(6.5, 0, 30, "deg")  # of the cue (Robotic Billiards 2015)
     ball_radius_mm: float = bounded(26.25, 10, 50, "mm")
     tip_radius_mm: float = bounded(10.0, 2, 30, "mm")  # of the dome (Robotic Billiards 2015)
@@ -177,7 +179,7 @@ class Settings:
         """Stage position (x, y) [micrometre] that puts the cue's axis at (x'0, y'0) [mm] of the ball's centre.
 
         Raises:
-            BadInput: the tip would slip off the ball, or the stage does not reach there.
+            BadInput: the tip would slip off the ball, or the stage would leave its range.
         """
         stage, limits = self.stage, self.limits
         contact = math.hypot(x0_mm, y0_mm) / (stage.ball_radius_mm + stage.tip_radius_mm)
@@ -227,20 +229,22 @@ def _section(kind: type[Any], data: Any, where: str) -> Any:
     for key, value in data.items():
         if key not in known:
             raise BadInput(f"{where}: unknown key {key!r}; {_near(key, list(known))}")
-        own, place = known[key], f"{where}: {key}"
-        if isinstance(own.default, str):
+        declared, place = known[key], f"{where}: {key}"
+        if isinstance(declared.default, str):
             if not isinstance(value, str) or not value or "\0" in value:
                 raise BadInput(f"{place} is {value!r}; give a text")
             values[key] = value
-        elif isinstance(own.default, tuple):
+        elif isinstance(declared.default, tuple):
             if not isinstance(value, list) or len(value) != 2:
                 raise BadInput(f"{place} is {value!r}; give [least, most]")
-            low, high = (_number(v, place, own.metadata, whole=False) for v in value)
+            low, high = (_number(v, place, declared.metadata, whole=False) for v in value)
             if not low <= high:
                 raise BadInput(f"{place} is {value!r}; give the smaller one first")
             values[key] = (low, high)
         else:
-            values[key] = _number(value, place, own.metadata, whole=isinstance(own.default, int) and own.type == "int")
+            values[key] = _number(
+                value, place, declared.metadata, whole=isinstance(declared.default, int) and declared.type == "int"
+            )
     return kind(**values)
 
 

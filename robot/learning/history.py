@@ -26,7 +26,7 @@ from models.errors import BadInput
 from models.shot import Array
 from planner.plan import read_plan
 from planner.scene import Scene, scene_from
-from robot.play import played_file
+from robot.play import PLAYED_FORMAT, played_file
 from sysid.clips import Clip, read_clip_set
 
 SERIES_FORMAT, FIT_FORMAT = "billiard-course/1", "billiard-refit/1"
@@ -165,7 +165,7 @@ def read_history(folder: Path | str) -> History:
 def _shot(folder: Path, number: int, clips: dict[str, Clip]) -> PlayedShot:
     path = plan_file(folder, number)
     plan = read_plan(path)
-    played = read_json(played_file(path), "billiard-played/1")
+    played = read_json(played_file(path), PLAYED_FORMAT)
     planned_end, spread = predicted_stop(plan)
     repeats = path.with_suffix(".repeats.json")
     floor = math.nan

@@ -51,7 +51,7 @@ from robot.learning.history import (
     read_json,
 )
 from robot.learning.refit import relearn
-from robot.play import ShotCamera, play_plan, played_file
+from robot.play import PLAYED_FORMAT, ShotCamera, play_plan, played_file
 from sysid.clips import ClipSet, read_clip_set
 
 MAX_SCENE_DRAWS = 5  # scenes drawn for one shot until one can be played
@@ -265,7 +265,7 @@ def films(folder: Path, learnt: int) -> tuple[ClipSet, list[dict[str, Any]]]:
     """The films of the first `learnt` shots, and the played record of each; shots without a film are left out."""
     clip_set = read_clip_set(folder / "clips")
     by_file = {clip.file: clip for clip in clip_set.clips}
-    records = [read_json(played_file(plan_file(folder, k)), "billiard-played/1") for k in range(1, learnt + 1)]
+    records = [read_json(played_file(plan_file(folder, k)), PLAYED_FORMAT) for k in range(1, learnt + 1)]
     filmed = [r for r in records if r["struck"] == "yes" and r["clip"] and r["clip"]["file"] in by_file]
     clips = [by_file[r["clip"]["file"]] for r in filmed]
     last = max(len(clips) - 1, 1)
