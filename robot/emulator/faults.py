@@ -1,8 +1,9 @@
-"""Faults of the line and of the launcher, on request: how often, which, and from which seed.
+"""Faults of the line and of the launcher, injected on request: how often, which, and from which seed.
 
-A line sent to the launcher suffers a fault with probability `rate`; which one is drawn among those that can befall it.
-Faults of the reply wait for the next reply. What was done is kept in `done`, so that a test can ask whether all of it
-was noticed. Leaves out bursts: one fault a line, as a marginal cable gives.
+In: a rate, the kinds of fault, random numbers. Out: what is left of each line, and `done`, the list of injected faults,
+with which a test checks that all were noticed. A line sent to the launcher suffers a fault with probability `rate`,
+drawn among those that apply to it. Faults of the reply wait for the next reply. Leaves out bursts: one fault a line, as
+a marginal cable gives.
 """
 
 from __future__ import annotations
@@ -18,29 +19,29 @@ REQUEST_FAULTS = ("silent-up", "garbage-up", "dropped-up", "flipped-up")  # to t
 REPLY_FAULTS = ("silent-down", "garbage-down", "partial-down", "dropped-down", "flipped-down", "slow")  # its reply
 DEVICE_FAULTS = ("restart", "stuck", "pulled")
 FAULT_KINDS = REQUEST_FAULTS + REPLY_FAULTS + DEVICE_FAULTS
-REPLY_DELAY_S = (0.12, 0.8)  # by which a reply is late [s]
-CABLE_OUT_S = (0.05, 1.0)  # that a cable stays out [s]
-RESTART_DELAY_S = (0.0, 0.6)  # after the line, so that it may fall into a stroke [s]
+REPLY_DELAY_S = (0.12, 0.8)  # delay of a reply
+CABLE_OUT_S = (0.05, 1.0)  # time for which a cable stays out
+RESTART_DELAY_S = (0.0, 0.6)  # after the line, so that it may come in mid-stroke
 
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that was done to the line or the launcher."""
+    """A fault that was injected."""
 
     time: float  # [s]
     kind: str
-    line: bytes  # that drew it
+    line: bytes  # to which it was done
 
 
 @dataclass(frozen=True)
 class Spoiled:
-    """What is left of a line."""
+    """What is left of a line, and what else happens."""
 
     data: bytes
     delay: float = 0.0  # [s]
-    restart: float | None = None  # of the launcher, after so long [s]
+    restart: float | None = None  # of the launcher, after that time [s]
     stuck: bool = False
-    out: float = 0.0  # that the cable is out, from now [s]
+    out: float = 0.0  # time for which the cable is out, from now [s]
 
 
 class FaultInjection:
@@ -59,7 +60,7 @@ class FaultInjection:
         self.done: list[Fault] = []
 
     def force(self, *kinds: str) -> None:
-        """The next lines suffer these, in this order, each the first line that it can befall."""
+        """The next lines suffer these, in this order, each the first line that it possible befall."""
         self._forced.extend(kinds)
 
     def request(self, now: float, line: bytes) -> Spoiled:
@@ -94,17 +95,17 @@ class FaultInjection:
     def _draw(self, line: bytes) -> str | None:
         framed = line.startswith(b":")
         moves = framed and line[6:10] in (b"MOVE", b"HOME")
-        can = [
+        possible = [
             k
             for k in FAULT_KINDS
             if k in REQUEST_FAULTS or k in ("restart", "pulled") or (k in REPLY_FAULTS and framed) or moves
         ]
         if self._forced:
-            return self._forced.pop(0) if self._forced[0] in can else None
-        can = [k for k in can if k in self._kinds]
-        if not can or not self._rng.random() < self._rate:
+            return self._forced.pop(0) if self._forced[0] in possible else None
+        possible = [k for k in possible if k in self._kinds]
+        if not possible or not self._rng.random() < self._rate:
             return None
-        return str(self._rng.choice(can))
+        return str(self._rng.choice(possible))
 
     def _spoil(self, kind: str, line: bytes) -> bytes:
         rng, what = self._rng, kind.split("-")[0]

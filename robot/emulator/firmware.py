@@ -24,21 +24,19 @@ from robot.device import protocol
 from robot.device.protocol import BUSY_STATES, FIRST_STRING, LAST_STRING, UNSOLICITED_SEQUENCE, Arrival, Message, Status
 from robot.emulator.stroke_motion import BALL_DISTANCE_M, BRAKING_DECELERATION, LEVEL_END_M, StrokeMotion, paper_law
 
-SPEED_RIPPLE, TOOTH_PITCH_M = 0.01, 0.002 * math.pi  # part of the speed; pitch of a module 2 rack [m]; C
-SPEED_SCATTER = (
-    0.0125  # of the speed from stroke to stroke, part of it; from +-50 mm by robot/emulator/repeatability.py, B
-)
-REST_SD_M = 0.0005  # sd of where a retract leaves the rack [m]; C
-ENCODER_SPEED_SD = 0.001  # sd of the measured speed, part of it: 5.9 micrometre a count over 5 mm; C
+SPEED_RIPPLE, TOOTH_PITCH_M = 0.01, 0.002 * math.pi  # over the speed [1]; pitch of a module 2 rack [m]; C
+SPEED_SCATTER = 0.0125  # sd from stroke to stroke over the speed [1]; from +-50 mm by emulator/repeatability.py, B
+REST_SD_M = 0.0005  # sd of the rack after a retract; C
+ENCODER_SPEED_SD = 0.001  # sd of the measured speed over it [1]: 5.9 micrometre a count over 5 mm; C
 RETRACT_SPEED = 0.25  # [m/s]; C
-FORCE_PER_SPEED = 313.0  # peak on the tip a cue speed [N s/m]: 860 N at 2.75 m/s in models/mjcf/launcher.md; B
+FORCE_PER_SPEED = 313.0  # peak force on the tip over the cue speed [N s/m]: 860 N at 2.75 m/s in launcher.md; B
 MAX_SENSOR_FORCE, SENSOR_SD = 440.0, 0.03  # FlexiForce A201-100: 100 lb, 3 %, from memory of its sheet; C
-STAGE_STEP_UM = 10  # [micrometre]: 200 steps a turn, 2 mm of lead, C
-STAGE_RANGE_UM = 25_000  # each way [micrometre]: 2 in of travel (AEROTECH ATS302, from memory), C
+STAGE_STEP_UM = 10  # 200 steps a turn, 2 mm of lead, C
+STAGE_RANGE_UM = 25_000  # each way: 2 in of travel (AEROTECH ATS302, from memory), C
 STAGE_SPEED, STAGE_ACCELERATION = 0.010, 0.050  # [m/s], [m/s^2]; C
-BACKLASH_UM = (150.0, 250.0)  # of x and y [micrometre]; screws of that class 0.1 to 0.3 mm, C
+BACKLASH_UM = (150.0, 250.0)  # of x and y; screws of that class 0.1 to 0.3 mm, C
 CUE_TILT = math.radians(6.5)  # of the cue (Robotic Billiards 2015), A
-ARMED_TIMEOUT_S = 5.0  # [s] until an unused arming lapses
+ARMED_TIMEOUT_S = 5.0  # until an unused arming lapses
 ARGUMENT_COUNTS = {
     "VERSION": 0,
     "STATUS": 0,
@@ -50,13 +48,13 @@ ARGUMENT_COUNTS = {
     "MOVE": 2,
     "ARM": 2,
 }
-LINE_GAP_S = 0.5  # [s] of silence that ends a line under way
-BOOT_TIME_S = 0.3  # [s] of deafness after a restart; C
+LINE_GAP_S = 0.5  # of silence that ends an incomplete line
+BOOT_TIME_S = 0.3  # after a restart, without reading; C
 
 
 @dataclass(frozen=True)
 class Deed:
-    """Something the launcher truly did."""
+    """Something that the launcher truly did."""
 
     time: float  # of its clock [s]
     what: str  # homed, moved, struck, retracted, stopped, reset, booted, stuck, refused
@@ -69,7 +67,7 @@ class Deed:
 
 @dataclass
 class Memory:
-    """What outlasts a loss of power: 20 bytes of the PIC18F458's EEPROM."""
+    """What survives a loss of power: 20 bytes of the PIC18F458's EEPROM."""
 
     boots: int = 0
     stops: int = 0
@@ -98,9 +96,9 @@ class Firmware:
 
         Args:
             now: its clock [s].
-            rng: of what does not repeat.
+            rng: of everything random.
             on_strike: called with cue speed [m/s], side and height [m] of the axis when the tip meets the ball.
-            law: the true cue speed of a string [m/s], which a calibration is to find.
+            law: true cue speed of a string [m/s], which a calibration is to find.
             ripple: of the speed along the rack, part of it.
             backlash: of the stage in x and y [micrometre].
         """
@@ -109,8 +107,8 @@ class Firmware:
         self._phase = rng.uniform(0, 2 * math.pi)
         self.memory = Memory()
         self.deeds: list[Deed] = []
-        self._events: list[tuple[float, Callable[[], None], bool]] = []  # time, what, whether it outlasts a stop
-        self._time = now()  # of the event that is being worked out
+        self._events: list[tuple[float, Callable[[], None], bool]] = []  # time, action, whether it survives a stop
+        self._time = now()  # of the event in progress
         self._motor, self._tip = [0.0, 0.0], [0.0, 0.0]  # [micrometre]
         self._stuck = False
         self._last: tuple[Message, str] | None = None  # the last request and its reply

@@ -231,7 +231,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
 
 def test_devices(tmp_path: Path) -> None:
     for name in (97, "97", str(tmp_path / "absent.mkv"), "rtsp://127.0.0.1:9/none"):
-        with pytest.raises(BadInput, match=r"cannot be opened; see that it is plugged in"):
+        with pytest.raises(BadInput, match=r"cannot be opened; check that it is plugged in"):
             Device(name)
     writer = cv2.VideoWriter(str(tmp_path / "v.mkv"), cv2.VideoWriter_fourcc(*"FFV1"), FPS, CAMERA.size)
     for picture in grey(10, 20, 30):

@@ -16,17 +16,7 @@ from hypothesis import strategies as st
 from models.errors import BadInput
 from planner.launcher import stroke as planned
 from robot.device import protocol
-from robot.device.protocol import (
-    LAUNCHER_STATES,
-    Message,
-    Reader,
-    Status,
-    StopByte,
-    StrokeLine,
-    frame,
-    stroke_line,
-    unframe,
-)
+from robot.device.protocol import Message, Reader, Status, StopByte, StrokeLine, frame, stroke_line, unframe
 from robot.device.settings import Settings, SpeedTable, read_settings, settings_from, write_settings
 from robot.emulator import firmware as fw
 from robot.emulator.firmware import Firmware
@@ -136,7 +126,7 @@ def test_a_reader_counts_every_byte_that_it_throws_away(data: bytes) -> None:
     assert reader.dropped + used == len(data)
 
 
-@given(st.lists(st.integers(-(10**6), 10**6), min_size=13, max_size=13), st.sampled_from(LAUNCHER_STATES))
+@given(st.lists(st.integers(-(10**6), 10**6), min_size=13, max_size=13), st.sampled_from(protocol.LAUNCHER_STATES))
 def test_a_status_comes_back_as_it_went(numbers: list[int], state: str) -> None:
     status = Status(state, *numbers)
     body = protocol.status_body(status)
@@ -233,7 +223,7 @@ def test_a_stroke_number_outlasts_a_restart() -> None:
     assert hand.ask("ARM 47 2") == "OK"
 
 
-@pytest.mark.parametrize("state", LAUNCHER_STATES)
+@pytest.mark.parametrize("state", protocol.LAUNCHER_STATES)
 def test_the_stop_byte_ends_every_state_and_only_a_reset_leaves_it(state: str) -> None:
     hand = Hand()
     hand.bring(state)
@@ -253,7 +243,7 @@ def test_the_stop_byte_ends_every_state_and_only_a_reset_leaves_it(state: str) -
     assert hand.device.status().state == "UNHOMED"
 
 
-@pytest.mark.parametrize("state", LAUNCHER_STATES)
+@pytest.mark.parametrize("state", protocol.LAUNCHER_STATES)
 def test_what_each_state_allows(state: str) -> None:
     allowed = {
         "HOME": ("UNHOMED", "IDLE", "EXTENDED"),
