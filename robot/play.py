@@ -1,13 +1,15 @@
-"""A plan played once: what is checked before, the stroke, what was seen, and PLAN.played.json that tells what was done.
+"""A plan played once: checks, the stroke, what was seen, and the record of what was done.
 
-Nothing moves until plan, limits, scene and the places to write to are found good. Then: home or retract where the
-launcher needs it, the tip to its place, a yes from whoever stands there, one stroke, the cue back, the film into a clip
-set. One call strikes at most once. Where the line died after the stroke's command, the file says "unknown" and holds
-what was seen, nothing more moves, and StrokeUnknown goes on to the caller.
+In: a plan file, a launcher, a camera. Out: PLAN.played.json beside the plan, and the film in a clip set.
 
-A string is struck as planned where the launcher's calibration gives it the planned cue speed within half a step, and
-the nearest of the calibration otherwise. The played file keeps the last play of its plan; clips are kept of all. Leaves
-out turning the stand, which is done by hand, and a plan whose balls are known by other names than the camera's.
+Nothing moves until plan, limits, scene and the places to write to are checked. Then: home or retract where the launcher
+needs it, the tip to its place, a confirmation by the operator, one stroke, the cue back, the film into a clip set. One
+call strikes at most once. Where the line failed after the stroke's command, the record says "unknown" and holds what
+was seen, nothing more moves, and StrokeUnknown is raised to the caller.
+
+The planned string is struck where the launcher's calibration gives it the planned cue speed within half a step, and the
+nearest string of the calibration otherwise. The record is of the last play of its plan; clips are kept of all. Leaves
+out turning the stand, which is done by hand, and a plan whose balls have other names than the camera's.
 """
 
 from __future__ import annotations
@@ -28,21 +30,22 @@ from models.errors import BadInput
 from models.shot import Array, Ball, Table
 from planner.plan import read_plan
 from planner.scene import POCKETS, Pocket, Scene, pocket_name, pocket_places, scene_from
-from robot.device.launcher import Done, Launcher, StrokeUnknown
+from robot.device.launcher import Launcher
+from robot.device.outcome import Done, StrokeUnknown
 from robot.device.protocol import LauncherError, string_number
 from robot.device.settings import Settings
 from sysid.clips import Clip, ClipSet, CueCommand, Observation, read_clip_set, write_clip_set
 
-FORMAT = "billiard-played/1"
-TOLERANCE = 5e-3  # of a ball's place against the plan's [m]
-HALF_STEP = 0.5 * 2.45 / 199  # of the paper's strings [m/s]
-SAME_BALL = 1e-4  # radius of the settings against the scene's [m]
-TAKEN = 0.15  # from a pocket, within which a ball that is seen no more has dropped [m]
-CUE = ("speed", "azimuth", "side", "height", "elevation")
+PLAYED_FORMAT = "billiard-played/1"
+PLACE_TOLERANCE_M = 5e-3  # of a ball's place against the plan's
+HALF_STRING_STEP = 0.5 * 2.45 / 199  # half the step of cue speed between the paper's strings [m/s]
+RADIUS_TOLERANCE_M = 1e-4  # of the settings' ball radius against the scene's
+POCKETED_DISTANCE_M = 0.15  # from a pocket, within which a ball that disappears has been pocketed
+CUE_FIELDS = ("speed", "azimuth", "side", "height", "elevation")
 
 
-class Camera(Protocol):
-    """Whoever sees the table; the emulated one is robot/emulator/table.py."""
+class ShotCamera(Protocol):
+    """A camera over the table; robot/camera/live.py or robot/emulator/table.py."""
 
     @property
     def table(self) -> Table: ...
@@ -58,7 +61,7 @@ class Camera(Protocol):
         ...
 
     def arm(self) -> None:
-        """Film from now on: a stroke is about to be made."""
+        """Begin to film: a stroke is about to be made."""
         ...
 
     def film(self) -> Mapping[str, Observation]:
@@ -81,23 +84,23 @@ class Order:
 
 @dataclass(frozen=True)
 class Played:
-    """What became of a plan."""
+    """The result of playing a plan."""
 
     struck: str  # "yes", "unknown", or "dry"
     done: Done | None  # None where the stroke is unknown
     when: str  # UTC, ISO 8601
     clip: str | None  # the file within the clip set
-    cue_end: tuple[float, float] | None  # where the cue ball ended [m]; None where it fell or nobody saw
+    cue_end: tuple[float, float] | None  # where the cue ball ended [m]; None where it fell or was not seen
     object_end: tuple[float, float] | None
-    cue_fell: bool | None  # None where nobody saw it end
+    cue_fell: bool | None  # None where its end was not seen
     potted: bool | None  # the object ball, into a pocket that counts
-    pocket: str | None  # that took it
+    pocket: str | None  # into which it fell
     from_wanted: float | None  # of the cue ball from its wanted place [m]; None where none was wanted, or it fell
-    noted: tuple[str, ...]  # what was out of the ordinary
+    noted: tuple[str, ...]  # unusual events
 
 
 def played_file(plan: Path | str) -> Path:
-    """Where the record of a plan is: beside it."""
+    """The record of a plan, beside it."""
     return Path(plan).with_suffix(".played.json")
 
 
@@ -109,13 +112,13 @@ def read_order(plan: Path | str, settings: Settings) -> Order:
     """
     data = read_plan(plan)
     if data.get("stroke") is None:
-        raise BadInput(f"{plan}: holds no stroke ({data.get('why', 'no reason told')}); plan another shot")
+        raise BadInput(f"{plan}: holds no stroke ({data.get('why', 'no reason given')}); plan another shot")
     scene = scene_from(data.get("scene"), f"{plan} scene")
-    cue = CueCommand(**{name: _number(data, "stroke", name, plan) for name in CUE})
+    cue = CueCommand(**{name: _number(data, "stroke", name, plan) for name in CUE_FIELDS})
     x0_mm, y0_mm, yaw = (_number(data, "launcher", name, plan) for name in ("x0_mm", "y0_mm", "theta_deg"))
     wanted = _number(data, "launcher", "cue_speed", plan)
     radius = 1e3 * scene.ball.radius
-    if abs(settings.stage.ball_radius_mm - radius) > 1e3 * SAME_BALL:
+    if abs(settings.stage.ball_radius_mm - radius) > 1e3 * RADIUS_TOLERANCE_M:
         raise BadInput(
             f"{plan}: its balls have a radius of {radius:g} mm, the launcher is set for "
             f"{settings.stage.ball_radius_mm:g} mm; correct [stage] ball_radius_mm, or plan for these balls"
@@ -130,12 +133,12 @@ def read_order(plan: Path | str, settings: Settings) -> Order:
 
 
 def _string(planned: Any, wanted: float, settings: Settings) -> tuple[str, tuple[str, ...]]:
-    """The string to strike, within the limits, and what is to be said of it."""
+    """The string to strike, within the limits, and notes on it."""
     number = string_number(planned)
     table = settings.calibration
     low, high = table.strings[0], table.strings[-1]
     speed = table.cue_speed(number) if low <= number <= high else math.nan
-    if abs(speed - wanted) <= HALF_STEP + 1e-6:
+    if abs(speed - wanted) <= HALF_STRING_STEP + 1e-6:
         settings.check_speed(number)
         return f"{number:03d}p", ()
     other = table.string(wanted)
@@ -154,9 +157,11 @@ def _number(data: Mapping[str, Any], section: str, name: str, plan: Path | str) 
     return float(value)
 
 
-def check_scene(scene: Scene, seen: Mapping[str, Array], plan: Path | str, tolerance: float = TOLERANCE) -> None:
+def check_scene(
+    scene: Scene, seen: Mapping[str, Array], plan: Path | str, tolerance: float = PLACE_TOLERANCE_M
+) -> None:
     """BadInput names the ball that lies farthest from where the plan has it, is missing, or is one too many."""
-    remedy = "put it right, or plan anew from a new picture"
+    remedy = "put it right, or plan again from a new picture"
     for name in scene.names:
         if name not in seen:
             raise BadInput(f"{plan}: ball {name} is not seen on the table; {remedy}")
@@ -179,11 +184,11 @@ def _place(xy: Array) -> str:
 def play_plan(
     plan: Path | str,
     launcher: Launcher,
-    camera: Camera | None = None,
+    camera: ShotCamera | None = None,
     confirm: Callable[[str], bool] | None = None,
     *,
     clips: Path | str | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = PLACE_TOLERANCE_M,
     say: Callable[[str], None] = print,
 ) -> Played:
     """Play a plan once.
@@ -191,25 +196,21 @@ def play_plan(
     Args:
         plan: its file; PLAN.played.json is written beside it, but not by a dry run.
         launcher: connected, or dry; its settings hold the limits.
-        camera: who sees the balls; None where nobody looks, then the scene is not checked and nothing is filmed.
-        confirm: asked before the stroke with what will be done; None where nobody needs to be asked.
-        clips: folder of a clip set that the film is added to, begun where there is none.
+        camera: over the table; None: the scene is not checked and nothing is filmed.
+        confirm: called before the stroke with what will be done; None: no confirmation is needed.
+        clips: folder of the clip set to which the film is added; begun where there is none.
         tolerance: of each ball's place [m].
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
-        BadInput: for plan, limits, scene or a clip set of another table, when nothing has moved; or nobody said yes.
+        BadInput: for plan, limits, scene or a clip set of another table, before anything moves; or not confirmed.
         NotStruck: the launcher is certain that it made no stroke.
         StrokeUnknown: it may have been made; the played file says so.
-        LauncherError: it did not come to the stroke.
+        LauncherError: the stroke was not reached.
     """
     order = read_order(plan, launcher.settings)
     if camera is not None:
-        if (camera.table, camera.ball) != (order.scene.table, order.scene.ball):
-            raise BadInput(
-                f"{plan}: is for {order.scene.table}, {order.scene.ball}; the camera sees {camera.table}, {camera.ball}"
-            )
-        check_scene(order.scene, camera.look(), plan, tolerance)
+        _check_camera(order, camera, plan, tolerance)
     log = _clips_so_far(clips, camera)
     if not launcher.dry_run and not os.access(Path(plan).resolve().parent, os.W_OK):
         raise BadInput(f"{played_file(plan)}: cannot be written; choose a folder that can")
@@ -232,7 +233,7 @@ def play_plan(
     noted = (*order.notes, *done.noted)
     try:
         launcher.retract()
-    except LauncherError as error:  # the stroke is made: what came of it counts all the same
+    except LauncherError as error:  # the stroke has been made, and its result counts
         noted = (*noted, f"the cue is not back: {error}")
     if launcher.dry_run:
         return Played("dry", done, when, None, None, None, None, None, None, None, noted)
@@ -241,8 +242,17 @@ def play_plan(
     return played
 
 
+def _check_camera(order: Order, camera: ShotCamera, plan: Path | str, tolerance: float) -> None:
+    """BadInput where the camera sees another table than the plan's, or its balls elsewhere."""
+    if (camera.table, camera.ball) != (order.scene.table, order.scene.ball):
+        raise BadInput(
+            f"{plan}: is for {order.scene.table}, {order.scene.ball}; the camera sees {camera.table}, {camera.ball}"
+        )
+    check_scene(order.scene, camera.look(), plan, tolerance)
+
+
 def _make_ready(launcher: Launcher, say: Callable[[str], None]) -> None:
-    """Home or retract where that is all it needs; a stopped launcher is left to whoever stopped it."""
+    """Home or retract where that is enough; a stopped launcher is not reset here."""
     state = launcher.status().status.state
     if state == "UNHOMED":
         say("homing")
@@ -250,10 +260,10 @@ def _make_ready(launcher: Launcher, say: Callable[[str], None]) -> None:
     elif state == "EXTENDED":
         launcher.retract()
     elif state != "IDLE":
-        raise LauncherError(f"the launcher is {state}; look why, then: robot reset --port P")
+        raise LauncherError(f"the launcher is {state}; find out why, then: robot reset --port P")
 
 
-def _clips_so_far(folder: Path | str | None, camera: Camera | None) -> ClipSet | None:
+def _clips_so_far(folder: Path | str | None, camera: ShotCamera | None) -> ClipSet | None:
     """The clip set that the film will be added to; BadInput where it is of another table or camera."""
     if folder is None or camera is None:
         return None
@@ -280,8 +290,8 @@ def add_clip(clip_set: ClipSet, balls: Mapping[str, Observation], struck: str, c
 
 
 def _record(
-    order: Order, done: Done | None, when: str, camera: Camera | None, clips: Path | str | None, log: ClipSet | None,
-    noted: tuple[str, ...],
+    order: Order, done: Done | None, when: str, camera: ShotCamera | None, clips: Path | str | None,
+    log: ClipSet | None, noted: tuple[str, ...],
 ) -> Played:  # fmt: skip
     """What was seen, with the film written to the clip set."""
     struck, film = "yes" if done else "unknown", camera.film() if camera is not None else {}
@@ -292,7 +302,7 @@ def _record(
             log = add_clip(log, film, cue, order.cue, f"played {when}")
             write_clip_set(log, clips)
             clip = log.clips[-1].file
-        except BadInput as error:  # the stroke is made, its record must not be lost with the film
+        except BadInput as error:  # the stroke has been made, its record must not be lost with the film
             noted = (*noted, f"the film is lost: {error}")
     if cue not in film or target not in film:
         return Played(struck, done, when, clip, None, None, None, None, None, None, noted)
@@ -300,31 +310,31 @@ def _record(
     (cue_end, cue_pocket), (object_end, pocket) = (
         _ended(film[name], order.scene, end - 1.5 / camera.fps if camera else end) for name in (cue, target)
     )
-    away = None
+    from_wanted = None
     if goal.rest is not None and cue_end is not None:
-        away = max(float(np.hypot(*(np.array(cue_end) - goal.rest))) - goal.rest_radius, 0.0)
+        from_wanted = max(float(np.hypot(*(np.array(cue_end) - goal.rest))) - goal.rest_radius, 0.0)
     fell = None if cue_end is None and cue_pocket is None else cue_pocket is not None
     counts = None if object_end is None and pocket is None else pocket is not None and goal.pocket in (None, pocket)
     name = None if pocket is None else pocket_name(pocket)
-    return Played(struck, done, when, clip, cue_end, object_end, fell, counts, name, away, noted)
+    return Played(struck, done, when, clip, cue_end, object_end, fell, counts, name, from_wanted, noted)
 
 
 def _ended(seen: Observation, scene: Scene, until: float) -> tuple[tuple[float, float] | None, Pocket | None]:
-    """Where a ball ended [m], or the pocket that took it; neither where it was lost from sight elsewhere."""
+    """Where a ball ended [m], or the pocket that took it; neither where it was lost from view elsewhere."""
     if seen.time[-1] >= until:
         x, y = np.median(seen.xy[-5:], axis=0)
         return (float(x), float(y)), None
     places = pocket_places(scene.table)
-    far = [float(np.hypot(*(seen.xy[-1] - places[p]))) for p in POCKETS]
-    k = int(np.argmin(far))
-    return None, POCKETS[k] if far[k] <= TAKEN else None
+    distances = [float(np.hypot(*(seen.xy[-1] - places[p]))) for p in POCKETS]
+    k = int(np.argmin(distances))
+    return None, POCKETS[k] if distances[k] <= POCKETED_DISTANCE_M else None
 
 
 def _write(plan: Path | str, order: Order, played: Played, clips: Path | str | None) -> None:
     """The played file, whole."""
-    told = dataclasses.asdict(played)
+    result = dataclasses.asdict(played)
     clip = None if played.clip is None else {"folder": str(clips), "file": played.clip}
-    head = {"format": FORMAT, "plan": Path(plan).name, "stroke": dataclasses.asdict(order.cue)}
+    head = {"format": PLAYED_FORMAT, "plan": Path(plan).name, "stroke": dataclasses.asdict(order.cue)}
     asked = {"string": order.string, "x0_mm": order.x0_mm, "y0_mm": order.y0_mm, "theta_deg": order.yaw_deg}
     balls = {"cue_ball": order.scene.names[0], "object_ball": order.scene.names[1]}
-    write_json(str(played_file(plan)), head | balls | {"asked": asked} | told | {"clip": clip})
+    write_json(str(played_file(plan)), head | balls | {"asked": asked} | result | {"clip": clip})

@@ -1,4 +1,7 @@
-"""Where a live camera's pictures come from: a device, an address or a file, by OpenCV."""
+"""Where a live camera's pictures come from.
+
+In: a device's number, an address or a file, opened by OpenCV. Out: pictures with the time at which they were taken.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +25,10 @@ class Source(Protocol):
         """When the next picture was taken [s], and the picture; None where there are no more."""
 
     def newest(self) -> tuple[float, Picture] | None:
-        """The same of the present picture, past those that have waited."""
+        """The same for the present picture; buffered pictures are skipped."""
 
     def close(self) -> None:
-        """Let it go."""
+        """Release it."""
 
 
 class Device:
@@ -40,7 +43,7 @@ class Device:
             opened = self._capture.isOpened()
         if not opened:
             raise BadInput(
-                f"camera {name}: cannot be opened; see that it is plugged in, that its number, address or file is "
+                f"camera {name}: cannot be opened; check that it is plugged in, that its number, address or file is "
                 "right, and that no other program holds it"
             )
         if self._live and size is not None:
@@ -58,7 +61,7 @@ class Device:
         return (stamp, np.asarray(picture, np.uint8)) if done else None
 
     def newest(self) -> tuple[float, Picture] | None:
-        """Pictures that have waited come at once, and are passed over."""
+        """Skip buffered pictures, which arrive at once."""
         for _ in range(10 if self._live and self.fps > 0 else 0):
             began = time.monotonic()
             if not self._capture.grab() or time.monotonic() - began > 0.3 / self.fps:
@@ -66,5 +69,5 @@ class Device:
         return self.read()
 
     def close(self) -> None:
-        """Let the camera go."""
+        """Release the camera."""
         self._capture.release()

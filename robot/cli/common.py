@@ -83,13 +83,12 @@ class Filming:
 
     def open(self, folder: Path) -> LiveCamera:
         """The camera; its recordings go into a folder."""
-        from robot.camera.live import LiveCamera
+        from robot.camera.live import CameraOptions, LiveCamera
 
         if self.camera_file is None or self.video is None:
             raise BadInput("give --camera CAM.toml and --video SOURCE")
-        return LiveCamera.open(
-            self.video, self.camera_file, folder, fps=self.fps, palette_path=self.palette_file, mass=self.mass
-        )
+        options = CameraOptions(fps=self.fps, palette_path=self.palette_file, mass=self.mass)
+        return LiveCamera.open(self.video, self.camera_file, folder, options)
 
 
 @dataclass(frozen=True)

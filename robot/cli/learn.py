@@ -36,10 +36,10 @@ from robot.cli.common import Filming, Wire, confirmed, yes_option
 if TYPE_CHECKING:
     from models.shot import Ball, Table
     from robot.camera.live import LiveCamera
-    from robot.learning.emulated_rig import EmulatedStand
-    from robot.learning.history import Story
-    from robot.learning.live_rig import LiveStand
-    from robot.learning.loop import Course
+    from robot.learning.emulated_rig import EmulatedRig
+    from robot.learning.history import History
+    from robot.learning.live_rig import LiveRig
+    from robot.learning.loop import LearningConfig
 
 CUE_FORMAT, EMULATED_FORMAT = "billiard-hidden-cue/1", "billiard-emulated/1"
 HIDDEN_STREAM = 7  # beside the seed: its random numbers are not the scenes'
@@ -60,7 +60,7 @@ class Series:
     seed: int = given("--seed", "N", "Seed of the random numbers.", NON_NEGATIVE, 0)
     all_shots: bool = given("--all", "", "Play all shots, even if nothing improves any more.", bool, False)
 
-    def course(self, table: Table, ball: Ball) -> Course:
+    def course(self, table: Table, ball: Ball) -> LearningConfig:
         """The configuration of the loop; without a model file the base on this table."""
         import numpy as np
 
@@ -70,11 +70,11 @@ class Series:
         from planner.launcher.execution import Execution
         from planner.launcher.mapped import with_map
         from planner.launcher.stroke import Launcher
-        from robot.emulator.table import BASE
-        from robot.learning.loop import Course
+        from robot.emulator.table import BASE_EFFECTS
+        from robot.learning.loop import LearningConfig
 
         model = read_model(self.model_file) if self.model_file else full_model(table, ball)
-        if lacking := sorted(set(BASE) - {e.name() for e in model.stack()}):
+        if lacking := sorted(set(BASE_EFFECTS) - {e.name() for e in model.stack()}):
             raise BadInput(f"{self.model_file}: lacks {', '.join(lacking)}; give a model that starts from the base")
         if self.map_file:
             cueing_map = read_map(self.map_file)
@@ -82,7 +82,9 @@ class Series:
             unknown = np.full((len(CONSTANT_NAMES), len(CONSTANT_NAMES)), math.nan)
             cueing_map = CueingMap(Constants(), Geometry(model.ball), unknown, Execution())
         with_map(Launcher(), cueing_map, model.ball)  # of these balls, or refused before anything is played
-        course = Course(model, cueing_map, self.shots, self.every, self.seed, self.balls, stops=not self.all_shots)
+        course = LearningConfig(
+            model, cueing_map, self.shots, self.every, self.seed, self.balls, stops=not self.all_shots
+        )
         _ = course.study  # raises BadInput for wrong balls or table
         return course
 
@@ -105,14 +107,14 @@ class Truth:
             if value:
                 raise BadInput(f"--{name} belongs to the emulated table; leave it out, or leave --port out")
 
-    def stand(self, course: Course) -> EmulatedStand:
+    def stand(self, course: LearningConfig) -> EmulatedRig:
         """The emulated stand with its hidden constants."""
         import numpy as np
 
         from models.model_file import read_model
         from robot.device.settings import Settings
         from robot.emulator.table import EmulatedTable
-        from robot.learning.emulated_rig import EmulatedStand, draw_hidden_cue, draw_hidden_table
+        from robot.learning.emulated_rig import EmulatedRig, draw_hidden_cue, draw_hidden_table
 
         start = course.model
         rng = np.random.default_rng([course.seed, HIDDEN_STREAM])
@@ -130,7 +132,7 @@ class Truth:
             )
         settings = Settings()
         stage = dataclasses.replace(settings.stage, ball_radius_mm=1e3 * start.ball.radius)
-        return EmulatedStand(hidden, cue, dataclasses.replace(settings, stage=stage), course.seed, self.repeats)
+        return EmulatedRig(hidden, cue, dataclasses.replace(settings, stage=stage), course.seed, self.repeats)
 
 
 @click.command()
@@ -198,9 +200,9 @@ def learn(
     return Status.DONE
 
 
-def _at_the_table(wire: Wire, camera: LiveCamera, yes: bool, say: Callable[[str], None]) -> LiveStand:
+def _at_the_table(wire: Wire, camera: LiveCamera, yes: bool, say: Callable[[str], None]) -> LiveRig:
     """The stand at a port, with the person at the terminal."""
-    from robot.learning.live_rig import LiveStand
+    from robot.learning.live_rig import LiveRig
 
     settings = wire.settings()
 
@@ -214,10 +216,10 @@ def _at_the_table(wire: Wire, camera: LiveCamera, yes: bool, say: Callable[[str]
         except EOFError:
             return False
 
-    return LiveStand(camera, settings, lambda: wire.launcher(settings), confirm, ready, say)
+    return LiveRig(camera, settings, lambda: wire.launcher(settings), confirm, ready, say)
 
 
-def _check_hidden(folder: Path, stand: EmulatedStand) -> None:
+def _check_hidden(folder: Path, stand: EmulatedRig) -> None:
     """Write a fingerprint of the hidden constants; BadInput where the series was begun with others."""
     hidden = repr((sorted(stand.model.parameters().items()), sorted(dataclasses.asdict(stand.cue).items())))
     now = {"format": EMULATED_FORMAT, "hidden": hashlib.sha256(hidden.encode()).hexdigest(), "repeats": stand.repeats}
@@ -235,7 +237,7 @@ def _check_hidden(folder: Path, stand: EmulatedStand) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def _reveal(folder: Path, stand: EmulatedStand) -> None:
+def _reveal(folder: Path, stand: EmulatedRig) -> None:
     """Write the hidden constants."""
     from models.model_file import write_model
 
@@ -243,7 +245,7 @@ def _reveal(folder: Path, stand: EmulatedStand) -> None:
     write_json(folder / "hidden_cue.json", {"format": CUE_FORMAT, "constants": dataclasses.asdict(stand.cue)})
 
 
-def _draw(folder: Path, story: Story, progress: Progress) -> None:
+def _draw(folder: Path, story: History, progress: Progress) -> None:
     """The report and the recording."""
     from robot.learning.report import write_picture, write_recording, write_report
 

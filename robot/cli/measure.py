@@ -113,7 +113,7 @@ def map_(progress: Progress, campaign: Path, out: Path, report_file: Path | None
     print(table(rows))
     print(f"map: {out} ({made.shots} shots, {made.left_out} left out, chi2 {made.chi2_reduced:.2f})")
     if report_file or picture_file:
-        from robot.cueing.networks import compare_maps
+        from robot.cueing.held_out import compare_maps
         from robot.cueing.report import write_picture, write_report
 
         progress("training the networks that it is compared with")
@@ -146,12 +146,12 @@ def repeat(
     Example: robot repeat --strings 60 160 --repeats 5
     """
     from models.mjcf.snooker import SNOOKER_TABLE
-    from robot.emulator.repeatability import OPEN, measure, result, spread_strings, text
+    from robot.emulator.repeatability import OPEN_CLOTH, Conditions, measure, result, spread_strings, text
 
     settings = Wire(settings_file=settings_file).settings()
     chosen = list(strings) or spread_strings(settings)
     on_table, on_cloth = [
-        measure(settings, chosen, repeats, seed, cloth=cloth, progress=progress) for cloth in (SNOOKER_TABLE, OPEN)
+        measure(settings, chosen, repeats, seed, Conditions(cloth), progress) for cloth in (SNOOKER_TABLE, OPEN_CLOTH)
     ]
     progress.close()
     print(f"snooker table\n{text(on_table)}\n\nunlimited cloth\n{text(on_cloth)}\n")
@@ -181,10 +181,10 @@ def calibrate(
     """
     import numpy as np
 
-    from robot.device.calibrate import STRINGS, measure_strings, result, text, write_calibration
+    from robot.device.calibrate import CALIBRATION_STRINGS, measure_strings, result, text, write_calibration
     from robot.emulator.table import emulated_launcher
 
-    settings, chosen = wire.settings(), list(strings) or list(STRINGS)
+    settings, chosen = wire.settings(), list(strings) or list(CALIBRATION_STRINGS)
     if wire.port:
         action = f"{repeats * len(chosen)} times without a pause, {repeats} of each of {chosen}"
         if not yes and not confirmed(action, "take the ball away"):

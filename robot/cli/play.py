@@ -89,11 +89,11 @@ class Emulation:
         """The emulated launcher at that table."""
         import numpy as np
 
-        from robot.emulator.faults import Faults
+        from robot.emulator.faults import FaultInjection
         from robot.emulator.table import emulated_launcher
 
         rng, chance = np.random.default_rng((self.seed, FIRMWARE_STREAM)).spawn(2)
-        faults = Faults(self.fault_rate, chance) if self.fault_rate else None
+        faults = FaultInjection(self.fault_rate, chance) if self.fault_rate else None
         return emulated_launcher(settings, emulated.hit, rng, faults=faults, log=log)[0]
 
 

@@ -13,7 +13,7 @@ from models.console import Status
 from robot.cli.common import RequiredWire
 
 if TYPE_CHECKING:
-    from robot.device.launcher import Did
+    from robot.device.outcome import Did
 
 
 @click.command()

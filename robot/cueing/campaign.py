@@ -1,12 +1,11 @@
 """The cueing campaign: the launcher strikes a grid of strokes, a camera measures ball speed and squirt.
 
-Robotic Billiards (2015), section V.C: cue speeds of some 0.5 to 2.5 m/s, heights y'0 of -12 to 12 mm and sides x'0 of
-0 to 12 mm in steps of 2 mm, each five times: 2275 shots. Only the right side is played; what holds there holds on the
-left in the mirror. Unlike the paper's, the order is shuffled: a drift of the machine then adds to the scatter and does
-not pose as an effect of the offset.
+In: a `Striker` that strikes and measures, the grid and a seed. Out: a CSV file, one row a shot.
 
-Whoever strikes is passed in (`Striker`): the launcher's driver with a camera, or `robot/cueing/striker.py`. The file is
-a CSV of one row a shot, written line by line, so that a campaign that was broken off goes on where it stopped.
+Robotic Billiards (2015), section V.C: cue speeds of some 0.5 to 2.5 m/s, heights y'0 of -12 to 12 mm and sides x'0 of
+0 to 12 mm in steps of 2 mm, each five times: 2275 shots. Only the right side is played; the left is its mirror image.
+Unlike the paper's, the order is shuffled: a drift of the machine then adds to the scatter and is not mistaken for an
+effect of the offset. Rows are written one by one, so that an interrupted campaign continues where it stopped.
 """
 
 from __future__ import annotations
@@ -28,50 +27,50 @@ from models.errors import BadInput
 from planner.launcher.stroke import Launcher
 
 Array = NDArray[np.float64]
-SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # of the cue [m/s]
+CUE_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # [m/s]
 SIDES_MM = tuple(float(v) for v in range(0, 13, 2))
 HEIGHTS_MM = tuple(float(v) for v in range(-12, 13, 2))
-REPEATS = 5
-FASTEST = 2.75  # '001p': the paper's campaign went beyond the 2.2 m/s of its planned shots [m/s]
+DEFAULT_REPEATS = 5
+MAX_CUE_SPEED = 2.75  # of '001p' [m/s]: the paper's campaign exceeded the 2.2 m/s of its planned shots
 
 
 @dataclass(frozen=True)
 class CueShot:
-    """One stroke as told and what was measured of it."""
+    """One commanded stroke and its measured result."""
 
     string: int  # 1 to 200
-    cue_speed: float  # that the string asks for [m/s]
+    cue_speed: float  # of the string [m/s]
     x0_mm: float  # of the cue's axis from the ball's centre, to the right
     y0_mm: float  # the same, up
     ball_speed: float  # horizontal, as the ball leaves the tip [m/s]
     ball_speed_sd: float  # of the measurement alone, by which repeats scatter [m/s]
-    ball_speed_unsure: float  # what repeats share of its error: one standard deviation, 0 for none [m/s]
+    ball_speed_unsure: float  # sd of the error that repeats share, 0 for none [m/s]
     squirt_rad: float  # direction of the ball against the aim, > 0 to the left
     squirt_sd: float  # of the measurement alone, by which repeats scatter [rad]
-    squirt_unsure: float  # what repeats share of its error [rad]
+    squirt_unsure: float  # sd of the error that repeats share [rad]
     miscue: bool
     order: int = 0  # in which it was played
 
 
-COLUMNS = tuple(f.name for f in dataclasses.fields(CueShot))
+CAMPAIGN_COLUMNS = tuple(f.name for f in dataclasses.fields(CueShot))
 
 
 class Striker(Protocol):
     """Whatever strikes a ball that lies ready, and measures it."""
 
     def __call__(self, string: int, x0_mm: float, y0_mm: float) -> CueShot:
-        """Strike once; `order` of the shot it returns is not looked at."""
+        """Strike once; `order` of the returned shot is ignored."""
         ...
 
 
 def make_grid(
-    speeds: Sequence[float] = SPEEDS,
+    speeds: Sequence[float] = CUE_SPEEDS,
     sides_mm: Sequence[float] = SIDES_MM,
     heights_mm: Sequence[float] = HEIGHTS_MM,
-    repeats: int = REPEATS,
+    repeats: int = DEFAULT_REPEATS,
 ) -> list[tuple[int, float, float]]:
     """Strokes (string, x0_mm, y0_mm) to be played, in order of place and speed."""
-    launcher = Launcher(fastest=FASTEST)
+    launcher = Launcher(fastest=MAX_CUE_SPEED)
     strings = [launcher.string(v) for v in speeds]
     return [g for g in itertools.product(strings, sides_mm, heights_mm) for _ in range(repeats)]
 
@@ -85,13 +84,13 @@ def run_campaign(
     grid: Sequence[tuple[int, float, float]] | None = None,
     most: int | None = None,
 ) -> list[CueShot]:
-    """Play a grid in shuffled order into a CSV file, and go on with one that was begun.
+    """Play a grid in shuffled order into a CSV file, or continue one that was begun.
 
     Args:
         striker: who strikes and measures.
         out: the CSV file.
         seed: of the order.
-        progress: told now and then what is being done.
+        progress: called with what is being done.
         grid: the strokes; the paper's 2275 without.
         most: stop after so many more shots.
 
@@ -105,7 +104,7 @@ def run_campaign(
     try:
         with path.open("a", encoding="utf-8", newline="") as file:
             if not done and path.stat().st_size == 0:
-                file.write(",".join(COLUMNS) + "\n")
+                file.write(",".join(CAMPAIGN_COLUMNS) + "\n")
             for k in range(len(done), len(todo) if most is None else min(len(todo), len(done) + most)):
                 shot = dataclasses.replace(striker(*todo[k]), order=k)
                 file.write(_row(shot) + "\n")
@@ -126,7 +125,7 @@ def count_played(out: Path | str) -> int:
 
 
 def _begun(path: Path, todo: Sequence[tuple[int, float, float]]) -> list[CueShot]:
-    """Shots of a file that was begun; a last line that was broken off is cut away."""
+    """Shots of a file that was begun; an incomplete last line is removed."""
     if not path.exists():
         return []
     try:
@@ -139,9 +138,9 @@ def _begun(path: Path, todo: Sequence[tuple[int, float, float]]) -> list[CueShot
         raise BadInput(f"{path}: {error.strerror}; choose another place") from error
     done = read_campaign(path) if whole else []
     for k, shot in enumerate(done):
-        told = (shot.string, shot.x0_mm, shot.y0_mm)
-        if k >= len(todo) or told != tuple(todo[k]) or shot.order != k:
-            raise BadInput(f"{path}: row {k + 1} is stroke {told}, not of this grid and seed; choose another file")
+        stroke = (shot.string, shot.x0_mm, shot.y0_mm)
+        if k >= len(todo) or stroke != tuple(todo[k]) or shot.order != k:
+            raise BadInput(f"{path}: row {k + 1} is stroke {stroke}, not of this grid and seed; choose another file")
     return done
 
 
@@ -158,17 +157,17 @@ def read_campaign(path: Path | str) -> list[CueShot]:
         raise BadInput(f"{path}: {error.strerror}; name the CSV file of a campaign") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadInput(f"{path}: is no CSV text ({error}); name the CSV file of a campaign") from None
-    if not rows or tuple(rows[0]) != COLUMNS:
+    if not rows or tuple(rows[0]) != CAMPAIGN_COLUMNS:
         head = ",".join(rows[0])[:80] if rows else ""
-        raise BadInput(f"{path}: begins with {head!r}; the first line of a campaign is {','.join(COLUMNS)}")
+        raise BadInput(f"{path}: begins with {head!r}; the first line of a campaign is {','.join(CAMPAIGN_COLUMNS)}")
     return [_shot(f"{path} row {k}", row) for k, row in enumerate(rows[1:], 1)]
 
 
 def _shot(where: str, row: Sequence[str]) -> CueShot:
-    if len(row) != len(COLUMNS):
-        raise BadInput(f"{where}: has {len(row)} columns; there are {len(COLUMNS)}, delete that row")
+    if len(row) != len(CAMPAIGN_COLUMNS):
+        raise BadInput(f"{where}: has {len(row)} columns; there are {len(CAMPAIGN_COLUMNS)}, delete that row")
     values: dict[str, float] = {}
-    for name, text in zip(COLUMNS, row, strict=True):
+    for name, text in zip(CAMPAIGN_COLUMNS, row, strict=True):
         try:
             values[name] = float(text)
         except ValueError:
@@ -181,6 +180,6 @@ def _shot(where: str, row: Sequence[str]) -> CueShot:
         if name.endswith("_unsure") and values[name] < 0:
             raise BadInput(f"{where}: {name} is {text!r}; give 0 or more")
     return CueShot(
-        **{name: values[name] for name in COLUMNS if name not in ("string", "miscue", "order")},
+        **{name: values[name] for name in CAMPAIGN_COLUMNS if name not in ("string", "miscue", "order")},
         string=int(values["string"]), miscue=bool(values["miscue"]), order=int(values["order"]),
     )  # fmt: skip

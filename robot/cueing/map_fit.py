@@ -1,14 +1,15 @@
-"""The cueing map's constants from a campaign, and how well the launcher repeats itself from the same shots.
+"""The cueing map's constants fitted to a campaign, and the launcher's scatter from the same shots.
 
-Constants: least squares of ball speed and squirt together, each shot whitened by the covariance that the launcher's
-own errors and the camera give it (an error of place moves both; what repeats share of the camera's error counts once),
-with a loss that bends (soft L1), then plainly once more without what lies beyond five standard deviations. Wide normal
-priors hold what few shots do not tell. The covariance of the constants is (J'J)^-1, times the reduced chi squared where
-that is above 1.
+In: the shots of a campaign, priors. Out: a `CueingMap`, and the `Execution` errors with their standard deviations.
 
-Repeats: shots of one stroke scatter about their mean with covariance camera + G diag(variances) G', G the derivatives
+Constants: least squares of ball speed and squirt together, each shot whitened by the covariance of the launcher's
+execution errors and of the camera (an error of place affects both; the error that repeats share counts once), with a
+soft L1 loss, then plainly once more without shots beyond five standard deviations. Wide normal priors take the place of
+missing information. The covariance of the constants is (J'J)^-1, times the reduced chi squared where that is above 1.
+
+Scatter: shots of one stroke scatter about their mean with covariance camera + G diag(variances) G', G the derivatives
 of the map by speed, side, height and aim; the variances maximise the Wishart likelihood of all strokes' scatter, their
-uncertainty is that of its Fisher information. Leaves out errors that hang together from shot to shot.
+uncertainty is that of its Fisher information. Leaves out errors that are correlated from shot to shot.
 """
 
 from __future__ import annotations
@@ -23,21 +24,20 @@ from scipy.optimize import least_squares, minimize
 
 from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, ball_speed_and_squirt
 from models.errors import BadInput
-from models.shot import Ball
+from models.mjcf.snooker import SNOOKER_BALL
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.execution import MOST, Execution
 from robot.cueing.campaign import CueShot
 
 Array = NDArray[np.float64]
-BALL = Ball(0.0525, 0.1406)  # Robotic Billiards 2015
 PRIOR_SD = {
     "tip_restitution": 0.2, "cue_mass": 0.3, "end_mass": 0.006, "slate_friction": 0.1, "contact_time": 4e-4,
     "side_zero": 2e-3, "height_zero": 2e-3, "aim_zero": 0.03,
-}  # fmt: skip # of what is known before; wide against what a campaign tells
-FEWEST = 16  # shots for eight constants
-FAR = 5.0  # standard deviations, both figures together, beyond which a shot is left out
-TELLING = 40  # repeats (shots less strokes) from which the launcher's scatter is estimated
-STEP = 1e-4  # for derivatives by place [m]
+}  # fmt: skip # wide against the information of a campaign
+MIN_SHOTS = 16  # for eight constants
+OUTLIER_SDS = 5.0  # standard deviations of both figures together, beyond which a shot is left out
+MIN_REPEATS = 40  # shots less strokes, from which the launcher's scatter is estimated
+PLACE_STEP_M = 1e-4  # of derivatives by place
 
 
 def columns(shots: Sequence[CueShot]) -> tuple[Array, Array, Array, Array, Array]:
@@ -49,7 +49,7 @@ def columns(shots: Sequence[CueShot]) -> tuple[Array, Array, Array, Array, Array
 
 
 def _shared(shots: Sequence[CueShot]) -> Array:
-    """Variance for what repeats share of a measurement's error (n, 2): together they tell no more than one shot."""
+    """Variance of the error that repeats share (n, 2), times their number: together they inform as one shot does."""
     count = Counter((s.string, s.x0_mm, s.y0_mm) for s in shots)
     one = np.array([(s.ball_speed_unsure, s.squirt_unsure) for s in shots]).reshape(-1, 2) ** 2
     return np.asarray(one * np.array([[count[s.string, s.x0_mm, s.y0_mm]] for s in shots], float))
@@ -61,32 +61,32 @@ def fit_map(
     *,
     start: Constants | None = None,
     execution: Execution | None = None,
-    fewest: int = FEWEST,
+    fewest: int = MIN_SHOTS,
 ) -> CueingMap:
     """Fit the constants to a campaign.
 
     Args:
         shots: of the campaign; miscues are left out.
         geometry: of tip, cue and ball; the paper's without.
-        start: what is held for known before, the centre of the priors.
+        start: centre of the priors.
         execution: the launcher's scatter; from the repeats where there are enough, else the planner's, without.
         fewest: shots; with fewer than constants the priors hold the rest.
 
     Raises:
         BadInput: too few shots, or all at one place.
     """
-    geometry, start = geometry or Geometry(BALL), start or Constants()
+    geometry, start = geometry or Geometry(SNOOKER_BALL), start or Constants()
     good = [s for s in shots if not s.miscue]
     places = {(s.x0_mm, s.y0_mm) for s in good}
     if len(good) < fewest or len({x for x, _ in places}) < 3 or len({y for _, y in places}) < 3:
         raise BadInput(
-            f"{len(good)} shots at {len(places)} places cannot tell a cueing map; "
+            f"{len(good)} shots at {len(places)} places are too few for a cueing map; "
             f"strike {fewest} or more, at 3 or more sides and heights"
         )
     constants, noise = start, execution or Execution()
     for again in (False, True):
         if again and execution is None:
-            if count_repeats(good) < TELLING:
+            if count_repeats(good) < MIN_REPEATS:
                 break
             noise, _ = scatter(good, constants, geometry)
         constants, covariance, chi2, left_out = _solve(good, geometry, start, constants, noise)
@@ -107,23 +107,23 @@ def _solve(
     root = np.linalg.cholesky(_covariances(speed, side, height, camera + _shared(shots), begin, geometry, noise))
     keep = np.ones(len(shots), bool)
 
-    def miss(p: Array) -> Array:
-        told = np.stack(ball_speed_and_squirt(to_constants(p), geometry, speed, side, height), axis=-1)
-        return np.asarray(np.linalg.solve(root, (measured - told)[..., None])[..., 0])
+    def whitened(p: Array) -> Array:
+        predicted = np.stack(ball_speed_and_squirt(to_constants(p), geometry, speed, side, height), axis=-1)
+        return np.asarray(np.linalg.solve(root, (measured - predicted)[..., None])[..., 0])
 
-    def left(p: Array) -> Array:
-        return np.concatenate([miss(p)[keep].ravel(), (p - before) / width])
+    def residual(p: Array) -> Array:
+        return np.concatenate([whitened(p)[keep].ravel(), (p - before) / width])
 
     p = np.clip([getattr(begin, name) for name in CONSTANT_NAMES], low, high)
     for loss in ("soft_l1", "linear"):
-        found = least_squares(left, p, bounds=(low, high), x_scale=width, loss=loss, f_scale=2.0, max_nfev=80)
+        found = least_squares(residual, p, bounds=(low, high), x_scale=width, loss=loss, f_scale=2.0, max_nfev=80)
         if not found.success:
             raise BadInput(f"the cueing map does not fit {len(shots)} shots; look for wrong units or signs in them")
         p = found.x
         if loss == "soft_l1":
-            keep = np.linalg.norm(miss(p), axis=-1) < FAR
+            keep = np.linalg.norm(whitened(p), axis=-1) < OUTLIER_SDS
     free = max(2 * int(np.sum(keep)) - len(p), 1)
-    chi2 = float(np.sum(miss(p)[keep] ** 2)) / free
+    chi2 = float(np.sum(whitened(p)[keep] ** 2)) / free
     return to_constants(p), np.linalg.inv(found.jac.T @ found.jac) * max(chi2, 1.0), chi2, int(np.sum(~keep))
 
 
@@ -135,11 +135,11 @@ def to_constants(p: Array) -> Constants:
 def _derivatives(speed: Array, side: Array, height: Array, constants: Constants, geometry: Geometry) -> Array:
     """Of ball speed and squirt by fraction of speed, aim, and the contact's side and height: (n, 2, 4)."""
     out = np.zeros((len(speed), 2, 4))
-    for k, (x, y) in enumerate(((STEP, 0.0), (0.0, STEP)), 2):
+    for k, (x, y) in enumerate(((PLACE_STEP_M, 0.0), (0.0, PLACE_STEP_M)), 2):
         ahead = ball_speed_and_squirt(constants, geometry, speed, side + x, height + y)
         behind = ball_speed_and_squirt(constants, geometry, speed, side - x, height - y)
-        out[:, :, k] = np.stack([a - b for a, b in zip(ahead, behind, strict=True)], axis=-1) / (2 * STEP)
-    out[:, :, 2:] /= geometry.lever  # Execution speaks of the contact, the stage of the axis
+        out[:, :, k] = np.stack([a - b for a, b in zip(ahead, behind, strict=True)], axis=-1) / (2 * PLACE_STEP_M)
+    out[:, :, 2:] /= geometry.lever  # Execution is at the contact, the stage moves the axis
     out[:, 0, 0] = ball_speed_and_squirt(constants, geometry, speed, side, height)[0]
     out[:, 1, 1] = 1.0
     return out
@@ -161,7 +161,7 @@ def _covariances(
 
 
 def _strokes(shots: Sequence[CueShot]) -> list[list[CueShot]]:
-    """Shots by what was told, those that were repeated."""
+    """Shots grouped by commanded stroke; only strokes that were repeated."""
     groups: defaultdict[tuple[int, float, float], list[CueShot]] = defaultdict(list)
     for s in shots:
         groups[s.string, s.x0_mm, s.y0_mm].append(s)
@@ -180,9 +180,9 @@ def scatter(shots: Sequence[CueShot], constants: Constants, geometry: Geometry) 
         BadInput: hardly any stroke was repeated.
     """
     groups = _strokes(shots)
-    if count_repeats(shots) < TELLING:
+    if count_repeats(shots) < MIN_REPEATS:
         raise BadInput(
-            f"{count_repeats(shots)} repeats cannot tell the launcher's scatter; repeat strokes, {TELLING} times"
+            f"{count_repeats(shots)} repeats are too few for the launcher's scatter; give {MIN_REPEATS} or more"
         )
     first = [group[0] for group in groups]
     speed, side, height, _, _ = columns(first)

@@ -9,27 +9,21 @@ from __future__ import annotations
 
 import base64
 import math
-import sys
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.cue_impulse import CONSTANT_NAMES
-from models.command_line import FILE_PATH, Number, lone_command, output_option, run
-from models.console import Status, table
 from models.errors import BadInput
 from models.files import write_whole
-from planner.launcher.cueing_map import CueingMap, write_map
-from robot.cueing.campaign import CueShot, read_campaign
-from robot.cueing.map_fit import fit_map
-from robot.cueing.networks import Contest, Score, Told, average, compare_maps
+from planner.launcher.cueing_map import CueingMap
+from robot.cueing.campaign import CueShot
+from robot.cueing.held_out import HeldOutErrors, MapComparison
 from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, png, svg
 from sysid.report.html import CSS
 from sysid.report.plots import number
@@ -38,6 +32,7 @@ Array = NDArray[np.float64]
 UNITS = {"tip_restitution": "1", "cue_mass": "kg", "end_mass": "kg", "slate_friction": "1", "contact_time": "s",
          "side_zero": "m", "height_zero": "m", "aim_zero": "rad"}  # fmt: skip
 SCORE_HEADS = ["map", "trained on", "speed [%]", "speed [mm/s]", "squirt [°]", "exact speed [%]", "exact squirt [°]"]
+MAP_COLOURS = {"physical map": MODEL, "physical map, a tenth": HELD_OUT}
 SURFACES = (
     "Surfaces: the map. Dots: mean of the repeats, with a line to the surface. The ball is fastest where it is struck "
     "in the centre and loses speed towards the rim, to spin; squirt grows with the side. A good map runs through its "
@@ -61,9 +56,9 @@ def write_report(
     path: Path | str,
     title: str,
     shots: Sequence[CueShot],
-    contest: Contest,
+    contest: MapComparison,
     *,
-    scores: Sequence[Score] | None = None,
+    scores: Sequence[HeldOutErrors] | None = None,
     string: int | None = None,
     notes: Sequence[str] = (),
 ) -> None:
@@ -73,8 +68,8 @@ def write_report(
         path: the file.
         title: its heading.
         shots: the whole campaign.
-        contest: one comparison; its map from all shots is drawn.
-        scores: the table's rows, such as the means of several splits; the contest's without.
+        contest: a comparison on held-out strokes; its map from all shots is drawn.
+        scores: the table's rows, such as the means of several splits; those of the comparison without.
         string: whose surfaces are drawn; the one nearest to 2 m/s without.
         notes: shown on top.
     """
@@ -85,7 +80,7 @@ def write_report(
     ]
     if notes:
         body.append('<ul class="notes">' + "".join(f"<li>{_text(note)}</li>" for note in notes) + "</ul>")
-    body += ["<h2>Networks and physics on strokes held out</h2>", _scores(rows), f"<p class=sub>{SCORES}</p>"]
+    body += ["<h2>Errors on strokes held out</h2>", _scores(rows), f"<p class=sub>{SCORES}</p>"]
     for name, (height, draw, caption) in _pictures(shots, contest, string).items():
         image = base64.b64encode(svg(name, height, draw).encode()).decode()
         picture = f'<img alt="{escape(name)}" src="data:image/svg+xml;base64,{image}">'
@@ -96,7 +91,9 @@ def write_report(
     write_whole(path, (page + "\n".join(body) + "\n</body>\n</html>\n").encode())
 
 
-def write_picture(path: Path | str, shots: Sequence[CueShot], contest: Contest, *, string: int | None = None) -> None:
+def write_picture(
+    path: Path | str, shots: Sequence[CueShot], contest: MapComparison, *, string: int | None = None
+) -> None:
     """Write all pictures below each other as one PNG, whole or not at all."""
     pictures = list(_pictures(shots, contest, string).values())
     heights = [height for height, _, _ in pictures]
@@ -109,47 +106,15 @@ def write_picture(path: Path | str, shots: Sequence[CueShot], contest: Contest, 
     write_whole(path, png(sum(heights), below_each_other, dpi=110))
 
 
-@lone_command("robot.cueing.report")
-@click.argument("campaign", type=FILE_PATH, metavar="CAMPAIGN.csv")
-@output_option("map", "MAP.toml", "Write the map from all shots.")
-@output_option("report", "OUT.html", "Write the comparison with pictures.")
-@output_option("picture", "OUT.png", "Draw the pictures alone.")
-@click.option("--splits", metavar="N", type=Number(1, whole=True), default=1, show_default=True, help="Comparisons.")
-@click.option("--emulated", type=int, metavar="SEED", help="Of an emulated campaign: report exact errors too.")
-def main(
-    campaign: Path, map_file: Path | None, report_file: Path | None, picture_file: Path | None, splits: int,
-    emulated: int | None,
-) -> int:  # fmt: skip
-    """Fit the cueing map to a campaign, and compare it with the published networks on strokes held out."""
-    from models.mjcf.gl import choose_backend
-
-    choose_backend()
-    from robot.cueing.striker import draw_hidden, exact_strokes
-
-    shots = read_campaign(campaign)
-    exact: Callable[[Sequence[Told]], dict[Told, tuple[float, float]]] | None = None
-    if emulated is not None:
-        exact = partial(exact_strokes, draw_hidden(np.random.default_rng(emulated)))
-    contests = [compare_maps(shots, np.random.default_rng(k), exact=exact) for k in range(splits)]
-    scores = average(contests)
-    print(table([SCORE_HEADS, *([s.name, *_cells(s)] for s in scores)]))
-    if map_file:
-        write_map(map_file, fit_map(shots))
-    if report_file:
-        write_report(report_file, f"Cueing map: {campaign.name}", shots, contests[0], scores=scores)
-    if picture_file:
-        write_picture(picture_file, shots, contests[0])
-    return Status.DONE
-
-
-def _cells(s: Score) -> list[str]:
+def score_cells(s: HeldOutErrors) -> list[str]:
+    """A row of the table under SCORE_HEADS, without the map's name."""
     return [str(s.trained_on)] + [
         number(v) for v in (s.speed_percent, 1e3 * s.speed_m_s, s.squirt_deg, s.exact_speed_percent, s.exact_squirt_deg)
     ]
 
 
 def _pictures(
-    shots: Sequence[CueShot], contest: Contest, string: int | None
+    shots: Sequence[CueShot], contest: MapComparison, string: int | None
 ) -> dict[str, tuple[float, Callable[[Any], None], str]]:
     """Every picture: its height [inch], what draws it, its caption."""
     strings = {s.string: s.cue_speed for s in shots if not s.miscue}
@@ -191,14 +156,14 @@ def _surfaces(fig: Any, here: Sequence[CueShot], cueing_map: CueingMap) -> None:
         ax.view_init(28, -52 if k == 0 else -128)
 
 
-def _against(fig: Any, contest: Contest) -> None:
+def _against(fig: Any, contest: MapComparison) -> None:
     axes = fig.subplots(1, 2)
     measured = np.array([(s.ball_speed, math.degrees(s.squirt_rad)) for s in contest.held])
-    names = list(contest.told)[:2]
+    names = list(contest.predicted)[:2]
     for k, (ax, label) in enumerate(zip(axes, ("ball speed [m/s]", "squirt [°]"), strict=True)):
-        for name, colour, mark in zip(names, (NOISE, MODEL), ("x", "."), strict=True):
-            told = contest.told[name][k] if k == 0 else np.degrees(contest.told[name][k])
-            ax.plot(measured[:, k], told, mark, color=colour, ms=3.5, mew=0.7, ls="", label=name)
+        for name, mark in zip(names, ("x", "."), strict=True):
+            told = contest.predicted[name][k] if k == 0 else np.degrees(contest.predicted[name][k])
+            ax.plot(measured[:, k], told, mark, color=MAP_COLOURS.get(name, NOISE), ms=3.5, mew=0.7, ls="", label=name)
         ends = [measured[:, k].min(), measured[:, k].max()]
         ax.plot(ends, ends, color=INK, lw=0.9)
         ax.set(xlabel=f"measured {label}", ylabel=f"predicted {label}")
@@ -207,7 +172,7 @@ def _against(fig: Any, contest: Contest) -> None:
     axes[0].legend(loc="upper left")
 
 
-def _where(fig: Any, contest: Contest) -> None:
+def _where(fig: Any, contest: MapComparison) -> None:
     axes = fig.subplots(1, 4)
     held = contest.held
     speed = np.array([s.cue_speed for s in held])
@@ -221,8 +186,8 @@ def _where(fig: Any, contest: Contest) -> None:
     for rows in mean.values():
         if len(rows) > 1:  # the scatter about a mean that the shot itself is part of is too small by n / (n - 1)
             own[rows] = (right[rows] - right[rows].mean(axis=0)) * math.sqrt(len(rows) / (len(rows) - 1))
-    sets = {name: np.stack(pair, axis=-1) - right for name, pair in contest.told.items()} | {"repeats": own}
-    style = dict(zip(sets, ((NOISE, "-"), (MODEL, "-"), (HELD_OUT, "-"), (INK, "--")), strict=True))
+    sets = {name: np.stack(pair, axis=-1) - right for name, pair in contest.predicted.items()} | {"repeats": own}
+    style = {name: (MAP_COLOURS.get(name, NOISE), "-") for name in sets} | {"repeats": (INK, "--")}
     for k, ax in enumerate(axes):
         figure, by, label = k // 2, (speed, offset)[k % 2], ("cue speed [m/s]", "tip off centre by [mm]")[k % 2]
         bins = np.unique(np.round(by, 6))
@@ -239,9 +204,9 @@ def _where(fig: Any, contest: Contest) -> None:
     fig.legend(handles, labels, loc="outside upper right", ncols=4)
 
 
-def _scores(scores: Sequence[Score]) -> str:
+def _scores(scores: Sequence[HeldOutErrors]) -> str:
     rows = [
-        f"<tr><td>{_text(s.name)}</td>" + "".join(f'<td class="n">{c}</td>' for c in _cells(s)) + "</tr>"
+        f"<tr><td>{_text(s.name)}</td>" + "".join(f'<td class="n">{c}</td>' for c in score_cells(s)) + "</tr>"
         for s in scores
     ]
     head = "<th>map</th>" + "".join(f'<th class="n">{h}</th>' for h in SCORE_HEADS[1:])
@@ -268,7 +233,3 @@ def _constants(whole: CueingMap, tenth: CueingMap) -> str:
 def _text(text: object) -> str:
     """Any text, safe in HTML; characters that cannot be shown are spelt out."""
     return escape("".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in str(text)))
-
-
-if __name__ == "__main__":
-    sys.exit(run(main))

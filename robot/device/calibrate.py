@@ -1,14 +1,15 @@
-"""The strings' true cue speeds: strokes at several strings, measured by the launcher itself, made into its settings.
+"""The strings' true cue speeds: strokes at several strings, measured by the launcher, written into its settings.
 
-The launcher tells each stroke's cue speed just before the ball's place (`Done.cue_speed`), so that no ball is needed:
-take it away, or leave it and catch it. Strings are played in rounds, slowest first: a drift of the drive then adds to
-the scatter and does not pose as a law. Each stroke is followed by a retract; anything that goes wrong stops the
-launcher and ends the calibration, and nothing is written.
+In: a connected launcher and the strings. Out: mean speed and scatter of each string, and a new calibration table.
+
+The launcher reports each stroke's cue speed just before the ball's place (`Done.cue_speed`), so that no ball is needed:
+take it away, or catch it. Strings are played in rounds, slowest first: a drift of the drive then adds to the scatter
+and is not mistaken for the law. Each stroke is followed by a retract; any error stops the launcher and ends the
+calibration, and nothing is written.
 
 The table is the mean speed of each string, straight lines between (robot/device/settings.py); speeds must fall from
-string to string. Only strings that the settings hold already are played: begin with a file without [calibration] for
-all 200. Leaves out what the ball takes of the speed (models/analytic/cue_impulse.py) and one law for each place of the
-stage.
+string to string. Only strings of the present settings are played: begin with a file without [calibration] for all 200.
+Leaves out what the ball takes of the speed (models/analytic/cue_impulse.py) and a dependence on the stage's position.
 """
 
 from __future__ import annotations
@@ -23,12 +24,13 @@ import numpy as np
 
 from models.console import table
 from models.errors import BadInput
-from robot.device.launcher import Done, Launcher
+from robot.device.launcher import Launcher
+from robot.device.outcome import Done
 from robot.device.protocol import string_number
 from robot.device.settings import Settings, SpeedTable, read_settings, write_settings
 
-STRINGS = (1, 25, 50, 75, 100, 125, 150, 175, 200)
-REPEATS = 5
+CALIBRATION_STRINGS = (1, 25, 50, 75, 100, 125, 150, 175, 200)
+DEFAULT_REPEATS = 5
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,8 @@ class StringSpeed:
 
 def measure_strings(
     launcher: Launcher,
-    strings: Sequence[int | str] = STRINGS,
-    repeats: int = REPEATS,
+    strings: Sequence[int | str] = CALIBRATION_STRINGS,
+    repeats: int = DEFAULT_REPEATS,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[StringSpeed, ...]:
     """Home the launcher and strike each string `repeats` times; it is left retracted, tip at the ball's centre.
@@ -77,7 +79,7 @@ def measure_strings(
                 launcher.retract()
                 if progress:
                     progress(f"stroke {len(shots)} of {repeats * len(asked)}: {n:03d}p {shots[-1].cue_speed:.3f} m/s")
-    except BaseException:  # an interrupt too: whatever came in between, nothing may go on moving
+    except BaseException:  # an interrupt too: after any error nothing may keep moving
         launcher.stop()
         raise
     return summarise(shots)
@@ -106,9 +108,9 @@ def speed_table(measured: Sequence[StringSpeed], source: str = "") -> SpeedTable
                 "speeds must fall from string to string: take strings farther apart, or more repeats"
             )
     strokes = sum(row.strokes for row in ordered)
-    told = source or f"{strokes} strokes at {len(ordered)} strings, measured by the launcher"
-    speeds = tuple(round(row.mean, 6) for row in ordered)  # the launcher tells whole micrometres a second
-    return SpeedTable(tuple(row.string for row in ordered), speeds, told)
+    source = source or f"{strokes} strokes at {len(ordered)} strings, measured by the launcher"
+    speeds = tuple(round(row.mean, 6) for row in ordered)  # the launcher reports whole micrometres a second
+    return SpeedTable(tuple(row.string for row in ordered), speeds, source)
 
 
 def calibration_from(shots: Iterable[Done], source: str = "") -> SpeedTable:

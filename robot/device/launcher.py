@@ -1,12 +1,15 @@
-"""The driver of the launcher: verbs that come back with what was really done.
+"""The driver of the launcher: commands that return what was really done.
 
-A stroke goes in four steps: ask for the status, arm the string with the next stroke's number, send 'NNNp', ask until
-the launcher is extended. After an 'NNNp' that had no effect the launcher is still armed, says so, and gets it again:
-the number lets it act once at most. When the line dies after 'NNNp' the result cannot be known and StrokeUnknown says
-so; nothing is sent again then. Retract before the next stroke.
+In: settings, an open link, and the strokes and moves asked for. Out: `Did` and `Done`, or an error that says what did
+not happen (robot/device/outcome.py).
 
-The stage has play: it always comes up to its target from below, by way of a point `takeup_mm` below it where needed.
-The yaw is set by hand: `Settings.check_yaw` tells whether the stand reaches it. Leaves out what the ball does.
+A stroke takes four steps: query the status, arm the string with the next stroke's number, send 'NNNp', query until the
+launcher is extended. After an 'NNNp' without effect the launcher is still armed, reports so, and is sent it again: the
+number lets it act once at most. When the line fails after 'NNNp' the result cannot be known and StrokeUnknown is
+raised; nothing is sent again then. Retract before the next stroke.
+
+The stage has backlash: it always approaches its target from below, by way of a point `takeup_mm` below it where
+needed. The yaw is set by hand: `Settings.check_yaw` checks the range of the stand. Leaves out what the ball does.
 """
 
 from __future__ import annotations
@@ -17,9 +20,10 @@ from dataclasses import dataclass
 
 from models.errors import BadInput
 from robot.device.link import Link, Stopped
+from robot.device.outcome import Did, Done, LauncherFault, NotStruck, Refused, StrokeUnknown
 from robot.device.protocol import (
-    BUSY,
-    VERSION,
+    BUSY_STATES,
+    PROTOCOL_VERSION,
     LauncherError,
     LauncherStopped,
     LinkLost,
@@ -29,10 +33,10 @@ from robot.device.protocol import (
 )
 from robot.device.settings import Settings
 
-ARMINGS = 3  # of one stroke, where the arming lapsed before the line came through
-STOP_ARRIVES = 1.0  # [s]; it is repeated until then
+MAX_ARMINGS = 3  # of one stroke, where the arming lapsed before the stroke line arrived
+STOP_ARRIVAL_S = 1.0  # until which a stop must have arrived
 SETTLE_STATES = ("IDLE", "EXTENDED")  # in which motions end well
-REMEDIES = {
+REFUSAL_REMEDIES = {
     "NO UNHOMED": "home it first",
     "NO EXTENDED": "retract first",
     "NO STOPPED": "reset and home it first",
@@ -41,57 +45,9 @@ REMEDIES = {
 }
 
 
-class Refused(LauncherError):
-    """The launcher said no, and did nothing."""
-
-
-class LauncherFault(LauncherError):
-    """The launcher reports a fault of its own; reset it and home it."""
-
-
-class NotStruck(LauncherError):
-    """The stroke was not made, for certain: the launcher says so, and is disarmed."""
-
-
-class StrokeUnknown(LauncherError):
-    """Whether, or how, the ball was struck is not known. Look at the table; do not repeat the stroke unseen."""
-
-
-@dataclass(frozen=True)
-class Did:
-    """What a motion, or a question, came to."""
-
-    what: str
-    status: Status
-    x0_mm: float  # where the cue's axis is, by the stage's steps, from the ball's centre
-    y0_mm: float
-    seconds: float
-    retries: int  # lines sent again
-    noted: tuple[str, ...]  # what was out of the ordinary
-    dry: bool = False
-
-
-@dataclass(frozen=True)
-class Done:
-    """What a stroke came to."""
-
-    string: str
-    number: int  # of the stroke, as the launcher counts
-    asked_speed: float  # of the cue, by the calibration [m/s]
-    cue_speed: float  # measured by the launcher [m/s]; nan in a dry run
-    peak_force: float  # measured [N]; nan in a dry run
-    x0_mm: float  # where the cue's axis was, by the stage's steps, from the ball's centre
-    y0_mm: float
-    began: float  # of the link's clock [s]
-    seconds: float
-    retries: int  # lines sent again
-    noted: tuple[str, ...]  # what was out of the ordinary
-    dry: bool = False
-
-
 @dataclass
-class _Job:
-    """A verb under way."""
+class _Command:
+    """A command in progress."""
 
     began: float
     incidents: int
@@ -104,7 +60,7 @@ class Launcher:
     def __init__(
         self, settings: Settings, link: Link | None, *, dry_run: bool = False, say: Callable[[str], None] = print
     ) -> None:
-        """With `dry_run` every verb says what it would send, and sends nothing; then the link may be None."""
+        """With `dry_run` every command reports what it would send, and sends nothing; then the link may be None."""
         if link is None and not dry_run:
             raise BadInput("link is None; give an open line to the launcher, or dry_run=True")
         self.settings, self.dry_run = settings, dry_run
@@ -136,18 +92,18 @@ class Launcher:
         return self._link
 
     def connect(self) -> Did:
-        """Open the link where it is closed, greet, and ask how the launcher is."""
+        """Open the link where it is closed, greet, and query the status."""
         job = self._job()
         if not self.dry_run:
             self._line.open()
             got = self._line.greet()
             job.retries += got.retries
-            if got.body != f"OK {VERSION}":
-                raise LauncherError(f"the other end says {got.body!r}; this driver speaks {VERSION}")
+            if got.body != f"OK {PROTOCOL_VERSION}":
+                raise LauncherError(f"the other end says {got.body!r}; this driver speaks {PROTOCOL_VERSION}")
         return self._did(job, "connected", self._ask(job, through_stop=True))
 
     def status(self) -> Did:
-        """How the launcher is; also while it is stopped."""
+        """Query the launcher's status; also while it is stopped."""
         job = self._job()
         return self._did(job, "asked", self._ask(job, through_stop=True))
 
@@ -158,7 +114,7 @@ class Launcher:
             return float("nan"), float("nan")
         words = self._line.exchange("FORCE", through_stop=True).body.split(" ")
         if len(words) != 3 or words[0] != "OK" or not (words[1] + words[2]).lstrip("-").isdigit():
-            raise LauncherError(f"the launcher says {' '.join(words)!r} for its force; its firmware is another one")
+            raise LauncherError(f"the launcher says {' '.join(words)!r} for its force; check its firmware version")
         return 1e-3 * int(words[1]), 1e-3 * int(words[2])
 
     def home(self) -> Did:
@@ -176,7 +132,7 @@ class Launcher:
         """Put the cue's axis at (x'0, y'0) of the ball's centre, side to the right and height up [mm].
 
         Raises:
-            BadInput: the tip would slip off, or the stage does not reach there; nothing was sent.
+            BadInput: the tip would slip off, or the stage would leave its range; nothing was sent.
             LauncherError: it was not reached.
         """
         target = self.settings.stage_um(x0_mm, y0_mm)
@@ -212,7 +168,7 @@ class Launcher:
         self.settings.check_speed(n)
         job = self._job()
         number = self._ask(job).begun + 1
-        for _ in range(1 if self.dry_run else ARMINGS):
+        for _ in range(1 if self.dry_run else MAX_ARMINGS):
             self._command(job, f"ARM {n} {number}")
             if self.dry_run:
                 self._say(f"would send {n:03d}p")
@@ -221,7 +177,9 @@ class Launcher:
             status = self._release(job, n, number)
             if status is not None:
                 return self._done(job, n, number, status)
-        raise NotStruck(f"stroke {number} ({n:03d}p) was not made: its arming lapsed {ARMINGS} times; check the line")
+        raise NotStruck(
+            f"stroke {number} ({n:03d}p) was not made: its arming lapsed {MAX_ARMINGS} times; check the line"
+        )
 
     def retract(self) -> Did:
         """Bring the cue back after a stroke."""
@@ -251,7 +209,7 @@ class Launcher:
         self._taken_up = False
         return self._did(job, "reset", self._ask(job))
 
-    def _release(self, job: _Job, n: int, number: int) -> Status | None:
+    def _release(self, job: _Command, n: int, number: int) -> Status | None:
         """Send 'NNNp' until it has taken effect; the status then, or None when the arming lapsed before."""
         name = f"stroke {number} ({n:03d}p)"
         try:
@@ -278,15 +236,15 @@ class Launcher:
         raise NotStruck(f"{name} was not made: no line had an effect; check the cable")
 
     def _made(self, name: str, n: int, number: int, status: Status) -> Status:
-        """A status that tells of the stroke, complete and of this string."""
+        """The status where it reports this stroke as complete; StrokeUnknown otherwise."""
         if status.done == number and status.begun == number and status.string == n:
             return status
-        why = "; ".join(status.troubles()) or f"the launcher is {status.state} and tells of stroke {status.done}"
+        why = "; ".join(status.troubles()) or f"the launcher is {status.state} and reports stroke {status.done}"
         raise StrokeUnknown(f"{name} was begun, but not ended: {why}; look at the table")
 
-    def _after_stop(self, job: _Job, name: str, n: int, number: int) -> Status:
-        """What a stop left of the stroke."""
-        until = self._line.clock.now() + STOP_ARRIVES
+    def _after_stop(self, job: _Command, name: str, n: int, number: int) -> Status:
+        """The outcome of a stroke that was stopped."""
+        until = self._line.clock.now() + STOP_ARRIVAL_S
         try:
             while (status := self._ask(job, through_stop=True)).begun < number and status.state != "STOPPED":
                 if self._line.clock.now() > until:
@@ -296,24 +254,24 @@ class Launcher:
                 self._line.clock.sleep(self.settings.timing.poll_s)
                 status = self._ask(job, through_stop=True)
         except LinkLost as error:
-            raise StrokeUnknown(f"{name} was stopped, and nobody answers; look at the table") from error
+            raise StrokeUnknown(f"{name} was stopped, and the launcher does not answer; look at the table") from error
         if status.begun < number:
             raise LauncherStopped(f"stopped before {name} began; reset and home")
         return self._made(name, n, number, status)
 
-    def _settle(self, job: _Job, what: str) -> Status:
+    def _settle(self, job: _Command, what: str) -> Status:
         """Wait until a motion has ended; LauncherStopped and LauncherFault where it ended badly."""
-        status = self._wait(job, BUSY, what)
+        status = self._wait(job, BUSY_STATES, what)
         if status.state == "STOPPED":
             raise LauncherStopped(f"stopped during {what}; reset and home")
         if status.state == "FAULT":
-            raise LauncherFault(f"{what} failed: {'; '.join(status.troubles()) or 'no reason told'}; reset and home")
+            raise LauncherFault(f"{what} failed: {'; '.join(status.troubles()) or 'no reason given'}; reset and home")
         if status.state not in SETTLE_STATES:
             raise LauncherError(f"{what} was cut short: the launcher is {status.state}; home it")
         return status
 
-    def _wait(self, job: _Job, states: tuple[str, ...], what: str) -> Status:
-        """Ask until the launcher has left these states."""
+    def _wait(self, job: _Command, states: tuple[str, ...], what: str) -> Status:
+        """Query until the launcher has left these states."""
         timing = self.settings.timing
         until = 0.0 if self.dry_run else self._line.clock.now() + timing.motion_s
         while (status := self._ask(job)).state in states:
@@ -323,15 +281,15 @@ class Launcher:
             self._line.clock.sleep(timing.poll_s)
         return status
 
-    def _ask(self, job: _Job, through_stop: bool = False) -> Status:
-        """The status; what it tells of restarts and of noise at the launcher is noted."""
+    def _ask(self, job: _Command, through_stop: bool = False) -> Status:
+        """The status; restarts and noise that it reports are noted."""
         if self.dry_run:
             return self._dry
         got = self._line.exchange("STATUS", through_stop=through_stop)
         job.retries += got.retries
         status, before = parse_status(got.body), self._known
         if status is None:
-            raise LauncherError(f"the launcher says {got.body!r} for its status; its firmware is another one")
+            raise LauncherError(f"the launcher says {got.body!r} for its status; check its firmware version")
         self._known = status
         if before is not None and status.boots != before.boots:
             self._taken_up = False
@@ -343,8 +301,8 @@ class Launcher:
                     self._line.note(name, f"the launcher has counted {more} more {name}")
         return status
 
-    def _command(self, job: _Job, body: str, through_stop: bool = False) -> None:
-        """Have it done; Refused, LauncherStopped or LauncherFault where the launcher says no."""
+    def _command(self, job: _Command, body: str, through_stop: bool = False) -> None:
+        """Send a command; Refused, LauncherStopped or LauncherFault where the launcher refuses it."""
         if self.dry_run:
             self._say(f"would send {body}")
             return
@@ -353,23 +311,25 @@ class Launcher:
         if got.body == "OK":
             return
         kind = {"NO STOPPED": LauncherStopped, "NO FAULT": LauncherFault}.get(got.body, Refused)
-        raise kind(f"the launcher refused {body!r} ({got.body}); {REMEDIES.get(got.body, 'ask for its status')}")
+        raise kind(
+            f"the launcher refused {body!r} ({got.body}); {REFUSAL_REMEDIES.get(got.body, 'ask for its status')}"
+        )
 
-    def _job(self) -> _Job:
-        return _Job(0.0, 0) if self.dry_run else _Job(self._line.clock.now(), len(self._line.incidents))
+    def _job(self) -> _Command:
+        return _Command(0.0, 0) if self.dry_run else _Command(self._line.clock.now(), len(self._line.incidents))
 
-    def _noted(self, job: _Job) -> tuple[float, tuple[str, ...]]:
+    def _noted(self, job: _Command) -> tuple[float, tuple[str, ...]]:
         if self.dry_run:
             return 0.0, ()
-        told = tuple(f"{i.kind}: {i.detail}" for i in self._line.incidents[job.incidents :])
-        return self._line.clock.now() - job.began, told
+        notes = tuple(f"{i.kind}: {i.detail}" for i in self._line.incidents[job.incidents :])
+        return self._line.clock.now() - job.began, notes
 
-    def _did(self, job: _Job, what: str, status: Status) -> Did:
+    def _did(self, job: _Command, what: str, status: Status) -> Did:
         x, y = self.settings.tip_mm(status.x_um, status.y_um)
         seconds, noted = self._noted(job)
         return Did(what, status, x, y, seconds, job.retries, noted, self.dry_run)
 
-    def _done(self, job: _Job, n: int, number: int, status: Status) -> Done:
+    def _done(self, job: _Command, n: int, number: int, status: Status) -> Done:
         x, y = self.settings.tip_mm(status.x_um, status.y_um)
         seconds, noted = self._noted(job)
         speed, force = (float("nan"),) * 2 if self.dry_run else (status.cue_speed, status.peak_force)

@@ -1,24 +1,22 @@
 """The line to the launcher: one request at a time, sent again when unanswered, and a stop that waits for nobody.
 
-A request goes out, its reply is awaited; after `reply_s` of silence, or a harmed reply, the very same line is sent
-again, which the launcher answers without doing anything twice (`protocol.py`). A cable that was pulled is looked for
-again for `reconnect_s`. All that is out of the ordinary is noted (`incidents`); every exchange is a line of JSON in the
-log.
+In: an opener of the port, time-outs, request bodies. Out: reply bodies, the incidents on the line, and a log.
+
+A request is sent and its reply awaited; after `reply_s` of silence, or a damaged reply, the same line is sent again,
+which the launcher answers without doing anything twice (robot/device/protocol.py). After a disconnected cable the port
+is opened again for up to `reconnect_s`. Everything unusual is noted (`incidents`); every exchange is a line of the log.
 
 The stop has a path of its own: `halt` takes no lock that is held while waiting, empties what is still queued for
 sending, writes the byte and wakes the thread that reads. From then on every other thread gets LauncherStopped until a
-reset. Where no cable is in, the byte goes first when it is back. An interrupt, SIGTERM, an exception and the end of the
-program stop the launcher too.
+reset. Where no cable is in, the byte is the first to be sent when it is back. An interrupt, SIGTERM, an exception and
+the end of the program stop the launcher too.
 """
 
 from __future__ import annotations
 
 import atexit
-import json
-import os
 import signal
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,13 +24,14 @@ from types import FrameType, TracebackType
 from typing import Any
 
 from models.errors import BadInput
-from robot.device.port import PORT_ERRORS, SLICE, Port
+from robot.device.exchange_log import ExchangeLog
+from robot.device.port import PORT_ERRORS, READ_SLICE_S, Port
 from robot.device.protocol import (
-    STOP,
-    UNASKED,
-    Frame,
+    STOP_BYTE,
+    UNSOLICITED_SEQUENCE,
     LauncherStopped,
     LinkLost,
+    Message,
     Reader,
     frame,
     next_sequence,
@@ -40,14 +39,16 @@ from robot.device.protocol import (
 )
 from robot.device.settings import Clock, RealClock, Timing
 
-QUIET = 0.02  # of silence before a line is sent again [s], so that the remains of the last reply are gone
-LONGEST_REPLY = 96  # bytes
-STOP_TRIES, STOP_WAIT = 10, 0.06  # bytes sent until one is answered; for each [s]
+QUIET_BEFORE_RETRY_S = (
+    0.02  # of silence before a line is sent again [s], so that the remains of the last reply are gone
+)
+MAX_REPLY_BYTES = 96  # bytes
+MAX_STOP_TRIES, STOP_WAIT_S = 10, 0.06  # bytes sent until one is answered; for each [s]
 
 
 @dataclass(frozen=True)
 class Incident:
-    """Something out of the ordinary on the line."""
+    """Something unusual on the line."""
 
     time: float  # of the link's clock [s]
     kind: str  # silence, lost, junk, stale, slow, cable, stop, log, or what launcher.py adds
@@ -56,7 +57,7 @@ class Incident:
 
 @dataclass(frozen=True)
 class Reply:
-    """What came back."""
+    """The reply to a request."""
 
     body: str
     retries: int
@@ -65,11 +66,11 @@ class Reply:
 
 @dataclass(frozen=True)
 class Stopped:
-    """What a stop came to."""
+    """The result of a stop."""
 
     confirmed: bool  # the launcher has answered that it stopped
     bytes_sent: int
-    seconds: float  # until that answer, or until it was given up
+    seconds: float  # until that answer, or until the last try
 
 
 class Link:
@@ -92,13 +93,13 @@ class Link:
         self._halted = threading.Event()
         self._port: Port | None = None
         self._reader = Reader("=", commands=False)
-        self._sequence = UNASKED
+        self._sequence = UNSOLICITED_SEQUENCE
         self._notices = 0  # answers to stop bytes
-        self._owed = 0  # replies that may still come late, to lines that were sent again
+        self._overdue = 0  # replies that may still come late, to lines that were sent again
         self._handlers: dict[signal.Signals, Any] = {}
         self.incidents: list[Incident] = []
         self.exchanges = 0
-        self._log_path, self._log = log, -1
+        self._log = ExchangeLog(log, self.clock, self.note)
 
     def __enter__(self) -> Link:
         """Open, and let interrupts and SIGTERM stop the launcher."""
@@ -135,32 +136,25 @@ class Link:
                     raise BadInput(
                         f"the port cannot be opened ({error}); plug the cable in, or correct [port]"
                     ) from None
-                self._open_log()
+                try:
+                    self._log.open()
+                except BadInput:
+                    self._drop()
+                    raise
                 atexit.register(self._at_exit)
 
-    def _open_log(self) -> None:
-        if self._log_path is None or self._log >= 0:
-            return
-        try:
-            self._log = os.open(self._log_path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-        except OSError as error:
-            self._drop()
-            raise BadInput(f"{self._log_path}: cannot be written ({error.strerror}); choose another place") from None
-
     def greet(self) -> Reply:
-        """The launcher's version; it forgets the last request of whoever spoke to it before."""
+        """The launcher's version; it forgets the last request of an earlier connection."""
         with self._turn:
-            self._sequence = UNASKED
-            return self._exchange(UNASKED, "VERSION", through_stop=True)
+            self._sequence = UNSOLICITED_SEQUENCE
+            return self._exchange(UNSOLICITED_SEQUENCE, "VERSION", through_stop=True)
 
     def close(self) -> None:
-        """Let go of the port; the launcher goes on with what it does."""
+        """Close the port; the launcher continues what it is doing."""
         with self._turn, self._swap:
             self._drop()
             atexit.unregister(self._at_exit)
-            if self._log >= 0:
-                os.close(self._log)
-                self._log = -1
+            self._log.close()
 
     def _at_exit(self) -> None:
         self.halt()  # the program has died without closing
@@ -170,10 +164,10 @@ class Link:
 
         Args:
             body: of the request.
-            through_stop: go on while the launcher is stopped; for questions, not for motions.
+            through_stop: also while the launcher is stopped; for queries, not for motions.
 
         Raises:
-            LauncherStopped: a stop was sent, by whatever thread.
+            LauncherStopped: a stop was sent, by any thread.
             LinkLost: no answer to any attempt.
         """
         with self._turn:
@@ -191,7 +185,7 @@ class Link:
             except PORT_ERRORS as error:
                 fault = str(error)
                 self._broken(error)
-            self._write_log("stroke", began, sent=line.decode(), error=fault)
+            self._log.write("stroke", began, sent=line.decode(), error=fault)
             return not fault
 
     def halt(self) -> bool:
@@ -200,10 +194,10 @@ class Link:
         with self._swap:
             try:
                 if self._port is None:
-                    return False  # it goes first when the port is open again
+                    return False  # it is sent first when the port is open again
                 self._port.cancel_read()
                 self._port.reset_output_buffer()
-                self._port.write(STOP)
+                self._port.write(STOP_BYTE)
             except PORT_ERRORS:
                 return False
         return True
@@ -212,11 +206,11 @@ class Link:
         """Stop the launcher, and repeat it until it is confirmed or has been tried ten times."""
         began, seen, sent = self.clock.now(), self._notices, 0
         self.note("stop", "stop sent")
-        while sent < STOP_TRIES and self._notices == seen:
+        while sent < MAX_STOP_TRIES and self._notices == seen:
             self.halt()
             sent += 1
-            until = self.clock.now() + STOP_WAIT + LONGEST_REPLY * self._byte_s
-            if self._turn.acquire(timeout=STOP_WAIT):  # the thread that reads lets go as soon as it wakes
+            until = self.clock.now() + STOP_WAIT_S + MAX_REPLY_BYTES * self._byte_s
+            if self._turn.acquire(timeout=STOP_WAIT_S):  # the reading thread releases it as soon as it wakes
                 try:
                     if self._port is None:
                         self._take(self._open_port())  # which sends the byte
@@ -224,11 +218,11 @@ class Link:
                         self._listen()
                 except PORT_ERRORS as error:
                     self._broken(error)
-                    self.clock.sleep(STOP_WAIT)
+                    self.clock.sleep(STOP_WAIT_S)
                 finally:
                     self._turn.release()
         report = Stopped(self._notices > seen, sent, self.clock.now() - began)
-        self._write_log("stop", began, confirmed=report.confirmed, bytes=sent)
+        self._log.write("stop", began, confirmed=report.confirmed, bytes=sent)
         return report
 
     @property
@@ -237,11 +231,11 @@ class Link:
         return self._halted.is_set()
 
     def release(self) -> None:
-        """Motions may be asked for again; for the reset, once the launcher has confirmed it."""
+        """Allow motions again; for the reset, once the launcher has confirmed it."""
         self._halted.clear()
 
     def note(self, kind: str, detail: str) -> None:
-        """Remember something out of the ordinary."""
+        """Note something unusual."""
         self.incidents.append(Incident(self.clock.now(), kind, detail))
 
     def _check(self, through_stop: bool) -> None:
@@ -251,7 +245,7 @@ class Link:
     def _exchange(self, sequence: int, body: str, through_stop: bool) -> Reply:
         line = frame(":", sequence, body)
         began = self.clock.now()
-        patience = self.timing.reply_s + (len(line) + LONGEST_REPLY) * self._byte_s
+        patience = self.timing.reply_s + (len(line) + MAX_REPLY_BYTES) * self._byte_s
         self.exchanges += 1
         silent = 0
         for attempt in range(self.timing.retries + 1):
@@ -259,7 +253,7 @@ class Link:
             try:
                 if self._port is None:
                     self._reopen()
-                self._clear(QUIET if attempt else 0.0)
+                self._clear(QUIET_BEFORE_RETRY_S if attempt else 0.0)
                 self._check(through_stop)
                 sent_at = self.clock.now()
                 self._send(line)
@@ -272,18 +266,18 @@ class Link:
                 usual = (len(line) + len(got) + 12) * self._byte_s + 0.4 * self.timing.reply_s
                 if now - sent_at > usual:
                     self.note("slow", f"{body.split(' ')[0]} answered after {now - sent_at:.3f} s")
-                if self._owed:  # replies keep their order: what has not come before this one never will
-                    self.note("lost", f"{self._owed} earlier lines or their replies were lost")
-                self._owed = silent
-                self._write_log("exchange", began, sequence=sequence, sent=body, reply=got, retries=attempt)
+                if self._overdue:  # replies keep their order: what has not come before this one never will
+                    self.note("lost", f"{self._overdue} earlier lines or their replies were lost")
+                self._overdue = silent
+                self._log.write("exchange", began, sequence=sequence, sent=body, reply=got, retries=attempt)
                 return Reply(got, attempt, now - began)
             silent += 1
             self.note("silence", f"{body.split(' ')[0]} unanswered, attempt {attempt + 1}")
-        self._write_log("exchange", began, sequence=sequence, sent=body, reply=None, retries=self.timing.retries)
+        self._log.write("exchange", began, sequence=sequence, sent=body, reply=None, retries=self.timing.retries)
         raise LinkLost(f"no answer to {body!r} in {self.timing.retries + 1} attempts; check the cable and the power")
 
     def _await(self, sequence: int, until: float, through_stop: bool) -> str | None:
-        """Body of the reply with this number; None when the time is over."""
+        """Body of the reply with this number; None when the time is up."""
         while self.clock.now() < until:
             for got in self._listen():
                 if got.sequence == sequence:
@@ -292,31 +286,31 @@ class Link:
             self._check(through_stop)
         return None
 
-    def _came_late(self, reply: Frame) -> None:
-        self._owed = max(self._owed - 1, 0)
+    def _came_late(self, reply: Message) -> None:
+        self._overdue = max(self._overdue - 1, 0)
         self.note("stale", f"a second reply to {reply.sequence:04X} came late")
 
-    def _listen(self) -> list[Frame]:
-        """Frames that come within SLICE; nothing on a port that is out."""
+    def _listen(self) -> list[Message]:
+        """Frames that arrive within READ_SLICE_S; none on a disconnected port."""
         if (port := self._port) is None:
-            self.clock.sleep(SLICE)
+            self.clock.sleep(READ_SLICE_S)
             return []
         data = port.read(1)
         waiting = port.in_waiting
         return self._sort(data + port.read(waiting) if waiting else data)
 
-    def _sort(self, data: bytes) -> list[Frame]:
+    def _sort(self, data: bytes) -> list[Message]:
         """Frames in these bytes; answers to a stop are counted, noise is noted."""
         before = self._reader.dropped
-        found = [a for a in self._reader.feed(data) if isinstance(a, Frame)]
+        found = [a for a in self._reader.feed(data) if isinstance(a, Message)]
         if self._reader.dropped > before:
             self.note("junk", f"{self._reader.dropped - before} bytes thrown away")
-        notices = [f for f in found if f.sequence == UNASKED and f.body.startswith("STOPPED")]
+        notices = [f for f in found if f.sequence == UNSOLICITED_SEQUENCE and f.body.startswith("STOPPED")]
         self._notices += len(notices)
         return [f for f in found if f not in notices]
 
     def _clear(self, quiet: float) -> None:
-        """Throw away what came late, until it has been quiet for so long [s]; it is noted."""
+        """Discard late replies until it has been quiet for that long [s]; they are noted."""
         port, until = self._port, self.clock.now() + 0.2
         while port is not None and self.clock.now() < until:
             waiting = port.in_waiting
@@ -351,12 +345,12 @@ class Link:
                 self.note("cable", f"closing: {error}")
 
     def _take(self, port: Port) -> None:
-        """Use this port; a stop that found none goes first."""
+        """Use this port; a stop that found no port is sent first."""
         with self._swap:
             self._port = port
             self._reader.forget()
             if self._halted.is_set():
-                port.write(STOP)
+                port.write(STOP_BYTE)
 
     def _reopen(self) -> None:
         began = self.clock.now()
@@ -371,14 +365,3 @@ class Link:
                 self.clock.sleep(min(0.1, self.timing.reconnect_s))
             else:
                 return self.note("cable", f"open again after {self.clock.now() - began:.1f} s")
-
-    def _write_log(self, event: str, began: float, **facts: Any) -> None:
-        """One line, written at once and without a buffer: it must hold what came before a crash."""
-        if self._log < 0:
-            return
-        now = self.clock.now()
-        record = {"utc": time.time(), "event": event, "began": began, "seconds": now - began} | facts
-        try:
-            os.write(self._log, (json.dumps(record) + "\n").encode())
-        except OSError as error:  # a full disk must not keep a stroke's result from its caller
-            self.note("log", f"not written: {error.strerror}")

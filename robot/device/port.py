@@ -12,7 +12,7 @@ from typing import Protocol
 from robot.device.settings import PortSettings
 
 PORT_ERRORS = (OSError, termios.error)  # serial.SerialException is an OSError
-SLICE = 0.02  # of waiting in a read [s]: how late a stop is seen if it does not wake the reader
+READ_SLICE_S = 0.02  # of waiting in a read [s]: how late a stop is seen if it does not wake the reader
 
 
 class Port(Protocol):
@@ -20,7 +20,7 @@ class Port(Protocol):
 
     @property
     def in_waiting(self) -> int: ...
-    def read(self, size: int = 1, /) -> bytes: ...  # fewer bytes when SLICE is over or the read is cancelled
+    def read(self, size: int = 1, /) -> bytes: ...  # fewer bytes when READ_SLICE_S is over or the read is cancelled
     def write(self, data: bytes, /) -> int | None: ...
     def cancel_read(self) -> None: ...
     def reset_output_buffer(self) -> None: ...
@@ -33,6 +33,6 @@ def serial_opener(port: PortSettings) -> Callable[[], Port]:
     def opened() -> Port:
         import serial
 
-        return serial.Serial(port.device, port.baud, timeout=SLICE, write_timeout=0.2, exclusive=True)
+        return serial.Serial(port.device, port.baud, timeout=READ_SLICE_S, write_timeout=0.2, exclusive=True)
 
     return opened

@@ -1,9 +1,11 @@
-"""What goes over the wire between the computer and the launcher: frames, strokes, the stop byte and the status.
+"""The protocol between the computer and the launcher: frames, strokes, the stop byte and the status.
+
+In: bytes. Out: messages, and the reverse.
 
 A stroke is 'NNNp', as in Robotic Billiards (2015), section V: three digits, 001 to 200, and a 'p'. All else is framed:
 
     request   :SSSS BODY*CCCC\\n        SSSS sequence number, CCCC checksum, both in upper-case hexadecimal digits
-    reply     =SSSS BODY*CCCC\\n        with the request's number; 0000 is for the greeting and for what nobody asked
+    reply     =SSSS BODY*CCCC\\n        with the request's number; 0000 for the greeting and what was not requested
     stop      !                        one byte, anywhere, also in the middle of a frame
 
 The checksum is CRC-16/CCITT-FALSE (x^16 + x^12 + x^5 + 1, start FFFF) over all that stands before the '*': it finds
@@ -25,17 +27,17 @@ from dataclasses import dataclass
 
 from models.errors import BadInput
 
-VERSION = "CUELAB 1"
-STOP = b"!"
-FIRST, LAST = 1, 200  # strings of the paper
-UNASKED = 0  # sequence number of the greeting, and of messages that nobody asked for
-MOST_SEQUENCE = 0xFFFF
-LONGEST = 96  # bytes of a frame
-STATES = ("UNHOMED", "IDLE", "MOVING", "ARMED", "STRIKING", "EXTENDED", "RETRACTING", "STOPPED", "FAULT")
-BUSY = ("MOVING", "STRIKING", "RETRACTING")  # left without a command
-FAULTS = {1: "the stage is stuck", 2: "the rack did not come back", 4: "restarted in mid-stroke"}  # bits
-BODY = re.compile(r"[A-Z0-9.\- ]{1,80}")
-FRAME = re.compile(rb"([:=][0-9A-F]{4} [A-Z0-9.\- ]{1,80})\*([0-9A-F]{4})")
+PROTOCOL_VERSION = "CUELAB 1"
+STOP_BYTE = b"!"
+FIRST_STRING, LAST_STRING = 1, 200  # strings of the paper
+UNSOLICITED_SEQUENCE = 0  # sequence number of the greeting, and of messages without a request
+MAX_SEQUENCE = 0xFFFF
+MAX_FRAME_BYTES = 96  # in a frame
+LAUNCHER_STATES = ("UNHOMED", "IDLE", "MOVING", "ARMED", "STRIKING", "EXTENDED", "RETRACTING", "STOPPED", "FAULT")
+BUSY_STATES = ("MOVING", "STRIKING", "RETRACTING")  # which end without a command
+FAULT_BITS = {1: "the stage is stuck", 2: "the rack did not come back", 4: "restarted in mid-stroke"}
+BODY_PATTERN = re.compile(r"[A-Z0-9.\- ]{1,80}")
+FRAME_PATTERN = re.compile(rb"([:=][0-9A-F]{4} [A-Z0-9.\- ]{1,80})\*([0-9A-F]{4})")
 
 
 class LauncherError(RuntimeError):
@@ -51,8 +53,8 @@ class LauncherStopped(LauncherError):
 
 
 @dataclass(frozen=True)
-class Frame:
-    """A frame that arrived unharmed."""
+class Message:
+    """A frame that arrived undamaged."""
 
     sequence: int
     body: str
@@ -70,14 +72,14 @@ class StopByte:
     """A '!' that arrived."""
 
 
-Arrival = Frame | StrokeLine | StopByte
+Arrival = Message | StrokeLine | StopByte
 
 
 @dataclass(frozen=True)
 class Status:
-    """What the launcher tells of itself."""
+    """What the launcher reports."""
 
-    state: str = "UNHOMED"  # one of STATES
+    state: str = "UNHOMED"  # one of LAUNCHER_STATES
     boots: int = 0  # times it was switched on; another number says that it has forgotten where its stage is
     stops: int = 0  # stop bytes ever acted on; a reset must name it
     begun: int = 0  # strokes ever begun; kept without power, written before the first pulse
@@ -90,7 +92,7 @@ class Status:
     force_mn: int = 0  # peak of that stroke [millinewton]
     dropped: int = 0  # bytes thrown away since it was switched on: noise, frames with a wrong checksum
     refused: int = 0  # 'NNNp' refused since then
-    faults: int = 0  # bits of FAULTS
+    faults: int = 0  # bits of FAULT_BITS
 
     @property
     def cue_speed(self) -> float:
@@ -104,7 +106,7 @@ class Status:
 
     def troubles(self) -> tuple[str, ...]:
         """The faults in words."""
-        return tuple(words for bit, words in FAULTS.items() if self.faults & bit)
+        return tuple(words for bit, words in FAULT_BITS.items() if self.faults & bit)
 
 
 def checksum(data: bytes) -> int:
@@ -114,32 +116,32 @@ def checksum(data: bytes) -> int:
 
 def frame(lead: str, sequence: int, body: str) -> bytes:
     """A framed line; lead ":" for a request, "=" for a reply."""
-    if not 0 <= sequence <= MOST_SEQUENCE:
-        raise BadInput(f"sequence number is {sequence}; give 0 to {MOST_SEQUENCE}")
-    if not BODY.fullmatch(body):
+    if not 0 <= sequence <= MAX_SEQUENCE:
+        raise BadInput(f"sequence number is {sequence}; give 0 to {MAX_SEQUENCE}")
+    if not BODY_PATTERN.fullmatch(body):
         raise BadInput(f"frame body is {body!r}; use up to 80 upper-case letters, digits, blanks, '.' and '-'")
     text = f"{lead}{sequence:04X} {body}".encode("ascii")
     return text + b"*%04X\n" % checksum(text)
 
 
-def unframe(line: bytes) -> Frame | None:
-    """What a line without its newline says; None where it was harmed."""
-    found = FRAME.fullmatch(line)
+def unframe(line: bytes) -> Message | None:
+    """The message of a line without its newline; None where it was damaged."""
+    found = FRAME_PATTERN.fullmatch(line)
     if found is None or checksum(found[1]) != int(found[2], 16):
         return None
-    return Frame(int(found[1][1:5], 16), found[1][6:].decode("ascii"))
+    return Message(int(found[1][1:5], 16), found[1][6:].decode("ascii"))
 
 
 def next_sequence(sequence: int) -> int:
     """The number after this one; 0 is left out."""
-    return sequence % MOST_SEQUENCE + 1
+    return sequence % MAX_SEQUENCE + 1
 
 
 def string_number(string: str | int) -> int:
     """47 for '047p', '047' or 47; BadInput for what is none of the paper's strings."""
     text = f"{string:03d}" if isinstance(string, int) and not isinstance(string, bool) else str(string)
     digits = text.removesuffix("p")
-    if not (len(digits) == 3 and digits.isascii() and digits.isdigit() and FIRST <= int(digits) <= LAST):
+    if not (len(digits) == 3 and digits.isascii() and digits.isdigit() and FIRST_STRING <= int(digits) <= LAST_STRING):
         raise BadInput(f"speed string is {string!r}; give three digits, 001 to 200, and a 'p'")
     return int(digits)
 
@@ -158,7 +160,7 @@ def parse_status(body: str) -> Status | None:
     """The status in a reply's body; None where it is none."""
     words = body.split(" ")
     fields = dataclasses.fields(Status)
-    if len(words) != len(fields) + 1 or words[0] != "OK" or words[1] not in STATES:
+    if len(words) != len(fields) + 1 or words[0] != "OK" or words[1] not in LAUNCHER_STATES:
         return None
     if not all(re.fullmatch(r"-?\d{1,12}", word) for word in words[2:]):
         return None
@@ -199,7 +201,7 @@ class Reader:
         """Arrivals that these bytes complete."""
         found: list[Arrival] = []
         for byte in data:
-            if self._commands and byte == STOP[0]:
+            if self._commands and byte == STOP_BYTE[0]:
                 self.forget()
                 found.append(StopByte())
             elif byte == self._lead:
@@ -215,7 +217,7 @@ class Reader:
     def _in_frame(self, byte: int, found: list[Arrival]) -> None:
         if byte != ord("\n"):
             self._held.append(byte)
-            if len(self._held) > LONGEST:
+            if len(self._held) > MAX_FRAME_BYTES:
                 self.forget()
             return
         got = unframe(bytes(self._held))
@@ -230,9 +232,14 @@ class Reader:
     def _outside(self, byte: int, found: list[Arrival]) -> None:
         if self._commands and ord("0") <= byte <= ord("9"):
             self._held.append(byte)
-            if len(self._held) > LONGEST:
+            if len(self._held) > MAX_FRAME_BYTES:
                 self.forget()
-        elif self._commands and byte == ord("p") and len(self._held) == 3 and FIRST <= int(self._held) <= LAST:
+        elif (
+            self._commands
+            and byte == ord("p")
+            and len(self._held) == 3
+            and FIRST_STRING <= int(self._held) <= LAST_STRING
+        ):
             found.append(StrokeLine(int(self._held)))
             self._held.clear()
         else:

@@ -1,12 +1,14 @@
-"""What one launcher needs told, in one TOML file, cuelab-launcher/1: port, time-outs, limits, stage, speed calibration.
+"""The settings of one launcher, in one TOML file, cuelab-launcher/1: port, time-outs, limits, stage, speed calibration.
+
+In: the file, or defaults. Out: `Settings`, which checks strings, yaw and tip positions against the limits.
 
 The paper gives two points of the law from string to cue speed, '001p' 2.75 m/s and '200p' 0.30 m/s (Robotic Billiards
-2015, section V); the line through them is the default table. A launcher's own table replaces it: strings rising, cue
-speeds falling, straight lines between. Outside its first and last string nothing is known and nothing is played.
+2015, section V); the line through them is the default table. A launcher's measured table replaces it: strings rising,
+cue speeds falling, straight lines between. Outside its first and last string nothing is known and nothing is played.
 
 The contact point lies R / (R + r_tip) nearer to the ball's centre than the cue's axis, where R is the ball's radius and
-r_tip that of the tip's dome; the stage moves in the vertical plane, so that y' is sent y'0 / cos(tilt).
-Leaves out a drift of the speed with temperature, and one law for each stage position.
+r_tip that of the tip's dome; the stage moves in the vertical plane, so that the stage's y is y'0 / cos(tilt). Leaves
+out a drift of the speed with temperature, and a dependence of the speed on the stage's position.
 """
 
 from __future__ import annotations
@@ -25,9 +27,9 @@ import tomli_w
 
 from models.errors import BadInput
 from models.files import read_toml, write_whole
-from robot.device.protocol import FIRST, LAST
+from robot.device.protocol import FIRST_STRING, LAST_STRING
 
-FORMAT = "cuelab-launcher/1"
+SETTINGS_FORMAT = "cuelab-launcher/1"
 
 
 def bounded(default: float, low: float, high: float, unit: str) -> Any:
@@ -50,17 +52,17 @@ class PortSettings:
 
 @dataclass(frozen=True)
 class Timing:
-    """How long to wait, and how often to try."""
+    """Time-outs and numbers of retries."""
 
     reply_s: float = bounded(0.25, 0.01, 10, "s")  # of silence until a request is sent again
     retries: int = bounded(5, 0, 50, "1")  # of one request, and of one stroke line
     poll_s: float = bounded(0.02, 0.001, 1, "s")  # between questions while something moves
-    motion_s: float = bounded(30, 0.1, 600, "s")  # until a motion counts as hung
-    reconnect_s: float = bounded(5, 0, 600, "s")  # to get a pulled cable back in
+    motion_s: float = bounded(30, 0.1, 600, "s")  # after which a motion counts as hung
+    reconnect_s: float = bounded(5, 0, 600, "s")  # for a disconnected cable to come back
 
 
 class Clock(Protocol):
-    """Time that is waited in; another one runs tests without waiting."""
+    """A clock that waits; tests use one that does not."""
 
     def now(self) -> float: ...  # [s], from any start
     def sleep(self, seconds: float) -> None: ...
@@ -80,7 +82,7 @@ class RealClock:
 
 @dataclass(frozen=True)
 class Limits:
-    """What may be asked for."""
+    """Limits of what may be commanded."""
 
     x_mm: tuple[float, float] = span((-20.0, 20.0), -25, 25, "mm")  # of the stage, from home
     y_mm: tuple[float, float] = span((-20.0, 20.0), -25, 25, "mm")
@@ -96,7 +98,7 @@ class Stage:
     zero_x_mm: float = bounded(0.0, -25, 25, "mm")  # stage position at which the axis meets the ball's centre
     zero_y_mm: float = bounded(0.0, -25, 25, "mm")
     takeup_mm: float = bounded(0.4, 0, 5, "mm")  # passed below the target before going up to it: more than the backlash
-    step_um: float = bounded(10, 0.1, 1000, "um")  # positions asked for and told agree to this
+    step_um: float = bounded(10, 0.1, 1000, "um")  # requested and reported positions agree within this
     tilt_deg: float = bounded(6.5, 0, 30, "deg")  # of the cue (Robotic Billiards 2015)
     ball_radius_mm: float = bounded(26.25, 10, 50, "mm")
     tip_radius_mm: float = bounded(10.0, 2, 30, "mm")  # of the dome (Robotic Billiards 2015)
@@ -106,7 +108,7 @@ class Stage:
 class SpeedTable:
     """Cue speeds of strings: rising strings, falling speeds [m/s]."""
 
-    strings: tuple[int, ...] = (FIRST, LAST)
+    strings: tuple[int, ...] = (FIRST_STRING, LAST_STRING)
     speeds: tuple[float, ...] = (2.75, 0.30)
     source: str = "the line through the two figures of Robotic Billiards (2015), section V"
 
@@ -115,9 +117,10 @@ class SpeedTable:
         n, v = np.array(self.strings, float), np.array(self.speeds, float)
         if n.ndim != 1 or len(n) < 2 or n.shape != v.shape:
             raise BadInput(f"calibration has {n.size} strings and {v.size} speeds; give as many, two or more")
-        if not (np.all(np.diff(n) > 0) and n[0] >= FIRST and n[-1] <= LAST and np.all(n == np.round(n))):
+        if not (np.all(np.diff(n) > 0) and n[0] >= FIRST_STRING and n[-1] <= LAST_STRING and np.all(n == np.round(n))):
             raise BadInput(
-                f"calibration strings are {list(self.strings)}; give whole numbers, rising, {FIRST} to {LAST}"
+                f"calibration strings are {list(self.strings)}; "
+                f"give whole numbers, rising, {FIRST_STRING} to {LAST_STRING}"
             )
         if not (np.all(np.isfinite(v)) and np.all(np.diff(v) < 0) and v[-1] > 0 and v[0] <= 10):
             raise BadInput(
@@ -176,7 +179,7 @@ class Settings:
         """Stage position (x, y) [micrometre] that puts the cue's axis at (x'0, y'0) [mm] of the ball's centre.
 
         Raises:
-            BadInput: the tip would slip off the ball, or the stage does not reach there.
+            BadInput: the tip would slip off the ball, or the stage would leave its range.
         """
         stage, limits = self.stage, self.limits
         contact = math.hypot(x0_mm, y0_mm) / (stage.ball_radius_mm + stage.tip_radius_mm)
@@ -201,7 +204,7 @@ class Settings:
         return 1e-3 * x_um - self.stage.zero_x_mm, (1e-3 * y_um - self.stage.zero_y_mm) * tilt
 
 
-SECTIONS = {"port": PortSettings, "timing": Timing, "limits": Limits, "stage": Stage}
+SETTINGS_SECTIONS = {"port": PortSettings, "timing": Timing, "limits": Limits, "stage": Stage}
 
 
 def _near(key: str, names: Sequence[str]) -> str:
@@ -226,20 +229,22 @@ def _section(kind: type[Any], data: Any, where: str) -> Any:
     for key, value in data.items():
         if key not in known:
             raise BadInput(f"{where}: unknown key {key!r}; {_near(key, list(known))}")
-        own, place = known[key], f"{where}: {key}"
-        if isinstance(own.default, str):
+        declared, place = known[key], f"{where}: {key}"
+        if isinstance(declared.default, str):
             if not isinstance(value, str) or not value or "\0" in value:
                 raise BadInput(f"{place} is {value!r}; give a text")
             values[key] = value
-        elif isinstance(own.default, tuple):
+        elif isinstance(declared.default, tuple):
             if not isinstance(value, list) or len(value) != 2:
                 raise BadInput(f"{place} is {value!r}; give [least, most]")
-            low, high = (_number(v, place, own.metadata, whole=False) for v in value)
+            low, high = (_number(v, place, declared.metadata, whole=False) for v in value)
             if not low <= high:
                 raise BadInput(f"{place} is {value!r}; give the smaller one first")
             values[key] = (low, high)
         else:
-            values[key] = _number(value, place, own.metadata, whole=isinstance(own.default, int) and own.type == "int")
+            values[key] = _number(
+                value, place, declared.metadata, whole=isinstance(declared.default, int) and declared.type == "int"
+            )
     return kind(**values)
 
 
@@ -265,13 +270,17 @@ def _table(data: Any, where: str) -> SpeedTable:
 
 def settings_from(data: Mapping[str, Any], where: str) -> Settings:
     """Settings from what a TOML file holds; BadInput names what is wrong in it."""
-    if data.get("format") != FORMAT:
-        raise BadInput(f'{where}: format is {data.get("format")!r}; write format = "{FORMAT}"')
-    names = ("format", *SECTIONS, "calibration")
+    if data.get("format") != SETTINGS_FORMAT:
+        raise BadInput(f'{where}: format is {data.get("format")!r}; write format = "{SETTINGS_FORMAT}"')
+    names = ("format", *SETTINGS_SECTIONS, "calibration")
     for key in data:
         if key not in names:
             raise BadInput(f"{where}: unknown section {key!r}; {_near(key, names)}")
-    values = {name: _section(kind, data[name], f"{where} [{name}]") for name, kind in SECTIONS.items() if name in data}
+    values = {
+        name: _section(kind, data[name], f"{where} [{name}]")
+        for name, kind in SETTINGS_SECTIONS.items()
+        if name in data
+    }
     if "calibration" in data:
         values["calibration"] = _table(data["calibration"], f"{where} [calibration]")
     return Settings(**values)
@@ -285,4 +294,4 @@ def read_settings(path: Path | str) -> Settings:
 
 def write_settings(settings: Settings, path: Path | str) -> None:
     """Write a launcher's file, whole or not at all."""
-    write_whole(path, tomli_w.dumps({"format": FORMAT, **dataclasses.asdict(settings)}).encode())
+    write_whole(path, tomli_w.dumps({"format": SETTINGS_FORMAT, **dataclasses.asdict(settings)}).encode())

@@ -1,8 +1,9 @@
-"""Faults of the line and of the launcher, on request: how often, which, and from which seed.
+"""Faults of the line and of the launcher, injected on request: how often, which, and from which seed.
 
-A line sent to the launcher suffers a fault with probability `rate`; which one is drawn among those that can befall it.
-Faults of the reply wait for the next reply. What was done is kept in `done`, so that a test can ask whether all of it
-was noticed. Leaves out bursts: one fault a line, as a marginal cable gives.
+In: a rate, the kinds of fault, random numbers. Out: what is left of each line, and `done`, the list of injected faults,
+with which a test checks that all were noticed. A line sent to the launcher suffers a fault with probability `rate`,
+drawn among those that apply to it. Faults of the reply wait for the next reply. Leaves out bursts: one fault a line, as
+a marginal cable gives.
 """
 
 from __future__ import annotations
@@ -14,52 +15,52 @@ import numpy as np
 
 from models.errors import BadInput
 
-UP = ("silent-up", "garbage-up", "dropped-up", "flipped-up")  # to the launcher
-DOWN = ("silent-down", "garbage-down", "partial-down", "dropped-down", "flipped-down", "slow")  # its reply
-DEVICE = ("restart", "stuck", "pulled")
-KINDS = UP + DOWN + DEVICE
-SLOW = (0.12, 0.8)  # by which a reply is late [s]
-OUT = (0.05, 1.0)  # that a cable stays out [s]
-RESTART = (0.0, 0.6)  # after the line, so that it may fall into a stroke [s]
+REQUEST_FAULTS = ("silent-up", "garbage-up", "dropped-up", "flipped-up")  # to the launcher
+REPLY_FAULTS = ("silent-down", "garbage-down", "partial-down", "dropped-down", "flipped-down", "slow")  # its reply
+DEVICE_FAULTS = ("restart", "stuck", "pulled")
+FAULT_KINDS = REQUEST_FAULTS + REPLY_FAULTS + DEVICE_FAULTS
+REPLY_DELAY_S = (0.12, 0.8)  # delay of a reply
+CABLE_OUT_S = (0.05, 1.0)  # time for which a cable stays out
+RESTART_DELAY_S = (0.0, 0.6)  # after the line, so that it may come in mid-stroke
 
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that was done to the line or the launcher."""
+    """A fault that was injected."""
 
     time: float  # [s]
     kind: str
-    line: bytes  # that drew it
+    line: bytes  # to which it was done
 
 
 @dataclass(frozen=True)
 class Spoiled:
-    """What is left of a line."""
+    """What is left of a line, and what else happens."""
 
     data: bytes
     delay: float = 0.0  # [s]
-    restart: float | None = None  # of the launcher, after so long [s]
+    restart: float | None = None  # of the launcher, after that time [s]
     stuck: bool = False
-    out: float = 0.0  # that the cable is out, from now [s]
+    out: float = 0.0  # time for which the cable is out, from now [s]
 
 
-class Faults:
+class FaultInjection:
     """Draws faults; with `rate` 0 there are none, until one is asked for by `force`."""
 
-    def __init__(self, rate: float, rng: np.random.Generator, kinds: Sequence[str] = KINDS) -> None:
+    def __init__(self, rate: float, rng: np.random.Generator, kinds: Sequence[str] = FAULT_KINDS) -> None:
         """A rate a line, 0 to 1, and the kinds that may come."""
         if not 0 <= rate <= 1:
             raise BadInput(f"rate of faults is {rate}; give 0 to 1")
         for kind in kinds:
-            if kind not in KINDS:
-                raise BadInput(f"unknown fault {kind!r}; choose from {', '.join(KINDS)}")
+            if kind not in FAULT_KINDS:
+                raise BadInput(f"unknown fault {kind!r}; choose from {', '.join(FAULT_KINDS)}")
         self._rate, self._rng, self._kinds = rate, rng, tuple(kinds)
         self._forced: list[str] = []
         self._reply: str | None = None
         self.done: list[Fault] = []
 
     def force(self, *kinds: str) -> None:
-        """The next lines suffer these, in this order, each the first line that it can befall."""
+        """The next lines suffer these, in this order, each the first line that it possible befall."""
         self._forced.extend(kinds)
 
     def request(self, now: float, line: bytes) -> Spoiled:
@@ -69,15 +70,15 @@ class Faults:
         if kind is None:
             return Spoiled(line)
         self.done.append(Fault(now, kind, line))
-        if kind in DOWN:
+        if kind in REPLY_FAULTS:
             self._reply = kind
             return Spoiled(line)
         if kind == "restart":
-            return Spoiled(line, restart=self._rng.uniform(*RESTART))
+            return Spoiled(line, restart=self._rng.uniform(*RESTART_DELAY_S))
         if kind == "stuck":
             return Spoiled(line, stuck=True)
         if kind == "pulled":
-            return Spoiled(b"", out=self._rng.uniform(*OUT))
+            return Spoiled(b"", out=self._rng.uniform(*CABLE_OUT_S))
         return Spoiled(self._spoil(kind, line))
 
     def reply(self, line: bytes) -> Spoiled:
@@ -85,18 +86,26 @@ class Faults:
         kind, self._reply = self._reply, None
         if kind is None or not line:
             return Spoiled(line)
-        return Spoiled(line, delay=self._rng.uniform(*SLOW)) if kind == "slow" else Spoiled(self._spoil(kind, line))
+        return (
+            Spoiled(line, delay=self._rng.uniform(*REPLY_DELAY_S))
+            if kind == "slow"
+            else Spoiled(self._spoil(kind, line))
+        )
 
     def _draw(self, line: bytes) -> str | None:
         framed = line.startswith(b":")
         moves = framed and line[6:10] in (b"MOVE", b"HOME")
-        can = [k for k in KINDS if k in UP or k in ("restart", "pulled") or (k in DOWN and framed) or moves]
+        possible = [
+            k
+            for k in FAULT_KINDS
+            if k in REQUEST_FAULTS or k in ("restart", "pulled") or (k in REPLY_FAULTS and framed) or moves
+        ]
         if self._forced:
-            return self._forced.pop(0) if self._forced[0] in can else None
-        can = [k for k in can if k in self._kinds]
-        if not can or not self._rng.random() < self._rate:
+            return self._forced.pop(0) if self._forced[0] in possible else None
+        possible = [k for k in possible if k in self._kinds]
+        if not possible or not self._rng.random() < self._rate:
             return None
-        return str(self._rng.choice(can))
+        return str(self._rng.choice(possible))
 
     def _spoil(self, kind: str, line: bytes) -> bytes:
         rng, what = self._rng, kind.split("-")[0]

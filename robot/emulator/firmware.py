@@ -1,13 +1,14 @@
 """The launcher's microcontroller, emulated: the protocol's other end, with a servo, a rack and a stage that take time.
 
-It does what the device of Robotic Billiards (2015), section V, would do under `protocol.py`. Nothing runs by itself:
-each byte and each look at it first brings it up to the clock that was passed in, so that a virtual clock gives the same
-strokes as a real one, at once. What it truly did is kept in `deeds`, which no line can harm: tests judge by them.
+In: bytes from the cable, a clock, random numbers. Out: reply bytes, hits of the ball (`on_strike`), and `deeds`, the
+record of what was truly done, by which tests judge. It behaves as the device of Robotic Billiards (2015), section V,
+under robot/device/protocol.py. Nothing runs by itself: each byte and each query first advances it to the present of the
+given clock, so that a virtual clock gives the same strokes as a real one, at once.
 
-Stroke: raised-cosine run-up, then constant speed v(NNN) with a ripple along the rack,
-v (1 + A sin(2 pi (s + s_rest) / lambda + phi)), then braking; the tip meets the ball at BALL_AT. Stage: a play of b
-between motor and tip, x_tip = clip(x_tip, x_motor, x_motor + b), zero where it came from below. Grades of the sizes:
-A two sources, B one, C estimate. Leaves out the ball's push on the rack, lost steps short of a stall, and vibration.
+Stroke: robot/emulator/stroke_motion.py, with a ripple along the rack, v (1 + A sin(2 pi (s + s_rest) / lambda + phi));
+the tip meets the ball at BALL_DISTANCE_M. Stage: a backlash of b between motor and tip, x_tip = clip(x_tip, x_motor,
+x_motor + b), zero where it came from below. Grades of the sizes: A two sources, B one, C estimate. Leaves out the
+ball's push on the rack, lost steps short of a stall, and vibration.
 """
 
 from __future__ import annotations
@@ -20,38 +21,40 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot.device import protocol
-from robot.device.protocol import BUSY, FIRST, LAST, UNASKED, Arrival, Frame, Status
+from robot.device.protocol import BUSY_STATES, FIRST_STRING, LAST_STRING, UNSOLICITED_SEQUENCE, Arrival, Message, Status
+from robot.emulator.stroke_motion import BALL_DISTANCE_M, BRAKING_DECELERATION, LEVEL_END_M, StrokeMotion, paper_law
 
-RUN_UP, LEAST_ACCELERATION = 0.160, 5.0  # [m], [m/s^2]; as models/mjcf/launcher.md, C
-BALL_AT = 0.190  # from the retracted tip to the ball [m]; inside the level stroke, C
-LEVEL_END = 0.230  # where braking begins [m]; run-up and 70 mm as models/mjcf/launcher.md, C
-BRAKING = 45.0  # [m/s^2]; as models/mjcf/launcher.md, C
-RIPPLE, TOOTH = 0.01, 0.002 * math.pi  # part of the speed; pitch of a module 2 rack [m]; C
-SCATTER = 0.0125  # of the speed from stroke to stroke, part of it; from +-50 mm by robot/emulator/repeatability.py, B
-REST = 0.0005  # sd of where a retract leaves the rack [m]; C
-ENCODER = 0.001  # sd of the measured speed, part of it: 5.9 micrometre a count over 5 mm; C
+SPEED_RIPPLE, TOOTH_PITCH_M = 0.01, 0.002 * math.pi  # over the speed [1]; pitch of a module 2 rack [m]; C
+SPEED_SCATTER = 0.0125  # sd from stroke to stroke over the speed [1]; from +-50 mm by emulator/repeatability.py, B
+REST_SD_M = 0.0005  # sd of the rack after a retract; C
+ENCODER_SPEED_SD = 0.001  # sd of the measured speed over it [1]: 5.9 micrometre a count over 5 mm; C
 RETRACT_SPEED = 0.25  # [m/s]; C
-FORCE = 313.0  # peak on the tip a cue speed [N s/m]: 860 N at 2.75 m/s in models/mjcf/launcher.md; B
-SENSOR_TOP, SENSOR_SD = 440.0, 0.03  # FlexiForce A201-100: 100 lb, 3 %, from memory of its sheet; C
-STAGE_STEP = 10  # [micrometre]: 200 steps a turn, 2 mm of lead, C
-STAGE_RANGE = 25_000  # each way [micrometre]: 2 in of travel (AEROTECH ATS302, from memory), C
+FORCE_PER_SPEED = 313.0  # peak force on the tip over the cue speed [N s/m]: 860 N at 2.75 m/s in launcher.md; B
+MAX_SENSOR_FORCE, SENSOR_SD = 440.0, 0.03  # FlexiForce A201-100: 100 lb, 3 %, from memory of its sheet; C
+STAGE_STEP_UM = 10  # 200 steps a turn, 2 mm of lead, C
+STAGE_RANGE_UM = 25_000  # each way: 2 in of travel (AEROTECH ATS302, from memory), C
 STAGE_SPEED, STAGE_ACCELERATION = 0.010, 0.050  # [m/s], [m/s^2]; C
-BACKLASH = (150.0, 250.0)  # of x and y [micrometre]; screws of that class 0.1 to 0.3 mm, C
-TILT = math.radians(6.5)  # of the cue (Robotic Billiards 2015), A
-ARMED_FOR = 5.0  # [s] until an unused arming lapses
-TAKES = {"VERSION": 0, "STATUS": 0, "FORCE": 0, "HOME": 0, "RETRACT": 0, "DISARM": 0, "RESET": 1, "MOVE": 2, "ARM": 2}
-GAP = 0.5  # [s] of silence that ends a line under way
-BOOT = 0.3  # [s] of deafness after a restart; C
-
-
-def paper_law(string: int) -> float:
-    """Cue speed of a string [m/s]: the line through '001p' 2.75 and '200p' 0.30 (Robotic Billiards 2015)."""
-    return 2.75 - (2.75 - 0.30) / (LAST - FIRST) * (string - FIRST)
+BACKLASH_UM = (150.0, 250.0)  # of x and y; screws of that class 0.1 to 0.3 mm, C
+CUE_TILT = math.radians(6.5)  # of the cue (Robotic Billiards 2015), A
+ARMED_TIMEOUT_S = 5.0  # until an unused arming lapses
+ARGUMENT_COUNTS = {
+    "VERSION": 0,
+    "STATUS": 0,
+    "FORCE": 0,
+    "HOME": 0,
+    "RETRACT": 0,
+    "DISARM": 0,
+    "RESET": 1,
+    "MOVE": 2,
+    "ARM": 2,
+}
+LINE_GAP_S = 0.5  # of silence that ends an incomplete line
+BOOT_TIME_S = 0.3  # after a restart, without reading; C
 
 
 @dataclass(frozen=True)
 class Deed:
-    """Something the launcher truly did."""
+    """Something that the launcher truly did."""
 
     time: float  # of its clock [s]
     what: str  # homed, moved, struck, retracted, stopped, reset, booted, stuck, refused
@@ -64,7 +67,7 @@ class Deed:
 
 @dataclass
 class Memory:
-    """What outlasts a loss of power: 20 bytes of the PIC18F458's EEPROM."""
+    """What survives a loss of power: 20 bytes of the PIC18F458's EEPROM."""
 
     boots: int = 0
     stops: int = 0
@@ -74,32 +77,6 @@ class Memory:
     speed: float = 0.0
     force: float = 0.0
     stopped: bool = False
-
-
-@dataclass(frozen=True)
-class Run:
-    """A stroke under way."""
-
-    start: float  # [s]
-    speed: float  # commanded [m/s]
-    string: int
-
-    @property
-    def ramp(self) -> float:
-        """Time of the run-up [s]."""
-        return min(2 * RUN_UP / self.speed, self.speed / LEAST_ACCELERATION)
-
-    def at(self, distance: float) -> float:
-        """Clock time [s] at which the tip has come so far [m], past the run-up."""
-        return self.start + self.ramp + (distance - 0.5 * self.speed * self.ramp) / self.speed
-
-    def state(self, now: float) -> tuple[float, float]:
-        """Distance [m] and speed [m/s] before braking."""
-        t, ramp, v = now - self.start, self.ramp, self.speed
-        if t >= ramp:
-            return v * (t - 0.5 * ramp), v
-        turn = math.pi * t / ramp
-        return 0.5 * v * (t - ramp / math.pi * math.sin(turn)), v * (0.5 - 0.5 * math.cos(turn))
 
 
 class Firmware:
@@ -112,16 +89,16 @@ class Firmware:
         *,
         on_strike: Callable[[float, float, float], None] | None = None,
         law: Callable[[int], float] = paper_law,
-        ripple: float = RIPPLE,
-        backlash: tuple[float, float] = BACKLASH,
+        ripple: float = SPEED_RIPPLE,
+        backlash: tuple[float, float] = BACKLASH_UM,
     ) -> None:
         """Switch it on.
 
         Args:
             now: its clock [s].
-            rng: of what does not repeat.
+            rng: of everything random.
             on_strike: called with cue speed [m/s], side and height [m] of the axis when the tip meets the ball.
-            law: the true cue speed of a string [m/s], which a calibration is to find.
+            law: true cue speed of a string [m/s], which a calibration is to find.
             ripple: of the speed along the rack, part of it.
             backlash: of the stage in x and y [micrometre].
         """
@@ -130,11 +107,11 @@ class Firmware:
         self._phase = rng.uniform(0, 2 * math.pi)
         self.memory = Memory()
         self.deeds: list[Deed] = []
-        self._events: list[tuple[float, Callable[[], None], bool]] = []  # time, what, whether it outlasts a stop
-        self._time = now()  # of the event that is being worked out
+        self._events: list[tuple[float, Callable[[], None], bool]] = []  # time, action, whether it survives a stop
+        self._time = now()  # of the event in progress
         self._motor, self._tip = [0.0, 0.0], [0.0, 0.0]  # [micrometre]
         self._stuck = False
-        self._last: tuple[Frame, str] | None = None  # the last request and its reply
+        self._last: tuple[Message, str] | None = None  # the last request and its reply
         self._armed = self._refused = self._faults = 0
         self._heard = self._deaf_until = self._time
         self.state = "UNHOMED"
@@ -146,7 +123,7 @@ class Firmware:
         self.update()
         if self._time < self._deaf_until:
             return b""
-        if self._reader.waiting and self._time - self._heard > GAP:
+        if self._reader.waiting and self._time - self._heard > LINE_GAP_S:
             self._reader.forget()
         self._heard = self._time
         return b"".join(self._answer(arrival) for arrival in self._reader.feed(data))
@@ -160,7 +137,7 @@ class Firmware:
         self._time = now
 
     def status(self) -> Status:
-        """What it would tell now."""
+        """The status now."""
         self.update()
         m = self.memory
         x, y = (round(v) for v in (self._under_way() if self.state == "MOVING" else self._motor))
@@ -171,30 +148,30 @@ class Firmware:
 
     def tip(self) -> tuple[float, float]:
         """Where the cue's axis truly is: side, height [m] from where home puts it, across the cue."""
-        return self._tip[0] * 1e-6, self._tip[1] * 1e-6 * math.cos(TILT)
+        return self._tip[0] * 1e-6, self._tip[1] * 1e-6 * math.cos(CUE_TILT)
 
     def restart(self, after: float = 0.0) -> None:
         """Lose power for a moment, `after` seconds from now."""
         self._at(self._now() + after, self._lose_power, lasting=True)
 
     def stick(self) -> None:
-        """The next motion of the stage does not come to its end; a reset frees it."""
+        """The next motion of the stage stalls; a reset frees it."""
         self._stuck = True
 
     def _answer(self, arrival: Arrival) -> bytes:
         if isinstance(arrival, protocol.StopByte):
             self._stop()
-            return protocol.frame("=", UNASKED, f"STOPPED {self.memory.stops}")
+            return protocol.frame("=", UNSOLICITED_SEQUENCE, f"STOPPED {self.memory.stops}")
         if isinstance(arrival, protocol.StrokeLine):
             self._stroke(arrival.string)
             return b""
         return protocol.frame("=", arrival.sequence, self._reply(arrival))
 
-    def _reply(self, request: Frame) -> str:
+    def _reply(self, request: Message) -> str:
         """A repeated number gets the stored reply; what it asks for is not done again."""
-        if request.sequence == UNASKED:
+        if request.sequence == UNSOLICITED_SEQUENCE:
             self._last = None
-            return f"OK {protocol.VERSION}" if request.body == "VERSION" else "NO SEQUENCE"
+            return f"OK {protocol.PROTOCOL_VERSION}" if request.body == "VERSION" else "NO SEQUENCE"
         if self._last is not None and self._last[0].sequence == request.sequence:
             return self._last[1] if self._last[0] == request else "NO SEQUENCE"
         reply = self._obey(request.body)
@@ -203,16 +180,16 @@ class Firmware:
 
     def _obey(self, body: str) -> str:
         verb, *words = body.split(" ")
-        if verb not in TAKES:
+        if verb not in ARGUMENT_COUNTS:
             return "NO COMMAND"
         try:
             values = [int(word) for word in words]
         except ValueError:
             return "NO SYNTAX"
-        if len(values) != TAKES[verb]:
+        if len(values) != ARGUMENT_COUNTS[verb]:
             return "NO SYNTAX"
         if verb == "VERSION":
-            return f"OK {protocol.VERSION}"
+            return f"OK {protocol.PROTOCOL_VERSION}"
         if verb == "STATUS":
             return protocol.status_body(self.status())
         if verb == "FORCE":
@@ -223,7 +200,7 @@ class Firmware:
             if self.state == "ARMED":
                 self.state, self._armed = "IDLE", 0
             return "OK"
-        if self.state in (*BUSY, "ARMED", "STOPPED", "FAULT"):
+        if self.state in (*BUSY_STATES, "ARMED", "STOPPED", "FAULT"):
             return f"NO {self.state}"
         if verb == "HOME":
             return self._home()
@@ -233,7 +210,7 @@ class Firmware:
 
     def _reset(self, stops: int) -> str:
         if stops != self.memory.stops:
-            return "NO STOPS"  # a stop came in between: whoever asks has not seen it
+            return "NO STOPS"  # a stop came in between, which the sender has not seen
         if self.state in ("STOPPED", "FAULT"):
             self.memory.stopped, self._stuck, self._faults = False, False, 0
             self.state = "UNHOMED"
@@ -249,21 +226,23 @@ class Firmware:
     def _move(self, x: int, y: int) -> str:
         if self.state != "IDLE":
             return f"NO {self.state}"
-        if max(abs(x), abs(y)) > STAGE_RANGE:
+        if max(abs(x), abs(y)) > STAGE_RANGE_UM:
             return "NO RANGE"
         self.state = "MOVING"
-        self._travel((round(x / STAGE_STEP) * STAGE_STEP, round(y / STAGE_STEP) * STAGE_STEP), self._time, "moved")
+        self._travel(
+            (round(x / STAGE_STEP_UM) * STAGE_STEP_UM, round(y / STAGE_STEP_UM) * STAGE_STEP_UM), self._time, "moved"
+        )
         return "OK"
 
     def _arm(self, string: int, number: int) -> str:
         if self.state != "IDLE":
             return f"NO {self.state}"
-        if not FIRST <= string <= LAST:
+        if not FIRST_STRING <= string <= LAST_STRING:
             return "NO RANGE"
         if number != self.memory.begun + 1:
             return "NO NUMBER"
         self.state, self._armed = "ARMED", string
-        self._at(self._time + ARMED_FOR, self._lapse(number))
+        self._at(self._time + ARMED_TIMEOUT_S, self._lapse(number))
         return "OK"
 
     def _lapse(self, number: int) -> Callable[[], None]:
@@ -281,27 +260,27 @@ class Firmware:
         self._cancel()
         self._armed, self.state = 0, "STRIKING"
         self.memory.begun += 1  # before the first pulse: a number is used up even if power fails now
-        scattered = self._law(string) * (1 + SCATTER * self._rng.standard_normal())
-        self._run = Run(self._time, scattered, string)
-        self._at(self._run.at(BALL_AT), lambda: self._hit(scattered))
-        end = self._run.at(LEVEL_END) + scattered / BRAKING
+        scattered = self._law(string) * (1 + SPEED_SCATTER * self._rng.standard_normal())
+        self._motion = StrokeMotion(self._time, scattered, string)
+        self._at(self._motion.at(BALL_DISTANCE_M), lambda: self._hit(scattered))
+        end = self._motion.at(LEVEL_END_M) + scattered / BRAKING_DECELERATION
         self._at(end, self._finish)
 
     def _hit(self, speed: float) -> None:
         """The tip meets the ball, at this speed but for the ripple [m/s]."""
-        run, along = self._run, (BALL_AT + self._rest) / TOOTH
+        run, along = self._motion, (BALL_DISTANCE_M + self._rest) / TOOTH_PITCH_M
         true = speed * (1 + self._ripple * math.sin(2 * math.pi * along + self._phase))
         side, height = self.tip()
-        self._measured = true * (1 + ENCODER * self._rng.standard_normal())
-        self._peak = min(FORCE * true * (1 + SENSOR_SD * self._rng.standard_normal()), SENSOR_TOP)
+        self._measured = true * (1 + ENCODER_SPEED_SD * self._rng.standard_normal())
+        self._peak = min(FORCE_PER_SPEED * true * (1 + SENSOR_SD * self._rng.standard_normal()), MAX_SENSOR_FORCE)
         self._note("struck", string=run.string, number=self.memory.begun, speed=true, x=side, y=height)
         if self._on_strike is not None:
             self._on_strike(true, side, height)
 
     def _finish(self) -> None:
-        run, m = self._run, self.memory
+        run, m = self._motion, self.memory
         self.state = "EXTENDED"
-        self._rack = LEVEL_END + 0.5 * run.speed**2 / BRAKING
+        self._rack = LEVEL_END_M + 0.5 * run.speed**2 / BRAKING_DECELERATION
         m.done, m.string, m.speed, m.force = m.begun, run.string, self._measured, self._peak
 
     def _retract(self) -> str:
@@ -311,15 +290,15 @@ class Firmware:
         return "NO UNHOMED" if self.state == "UNHOMED" else "OK"
 
     def _retracted(self) -> None:
-        self.state, self._rack, self._rest = "IDLE", 0.0, REST * self._rng.standard_normal()
+        self.state, self._rack, self._rest = "IDLE", 0.0, REST_SD_M * self._rng.standard_normal()
         self._note("retracted")
 
     def _travel(self, target: tuple[float, float], start: float, what: str, extra: float = 0.0) -> None:
-        """The stage goes there [micrometre], both axes at once."""
-        way = 1e-6 * max(abs(t - m) for t, m in zip(target, self._motor, strict=True))
+        """Move the stage to a target [micrometre], both axes at once."""
+        distance = 1e-6 * max(abs(t - m) for t, m in zip(target, self._motor, strict=True))
         full = STAGE_SPEED**2 / STAGE_ACCELERATION
-        needs = way / STAGE_SPEED + STAGE_SPEED / STAGE_ACCELERATION
-        needs = needs if way > full else 2 * math.sqrt(way / STAGE_ACCELERATION)
+        needs = distance / STAGE_SPEED + STAGE_SPEED / STAGE_ACCELERATION
+        needs = needs if distance > full else 2 * math.sqrt(distance / STAGE_ACCELERATION)
         self._journey = (start, list(self._motor), target, needs)
         self._at(start + needs + extra, lambda: self._arrived(what))
 
@@ -335,14 +314,14 @@ class Firmware:
         self._note(what, x=self._tip[0] * 1e-6, y=self._tip[1] * 1e-6)
 
     def _stall(self) -> None:
-        """The drive tells a stall, somewhere on the way (assumed: a stepper without that would tell at home only)."""
+        """The drive reports a stall in mid-motion (assumed: a stepper without that would notice at home only)."""
         part = self._rng.uniform(0, 1)
         self._put([m + part * (t - m) for m, t in zip(self._motor, self._journey[2], strict=True)])
         self.state, self._faults = "FAULT", self._faults | 1
         self._note("stuck")
 
     def _under_way(self) -> list[float]:
-        """Where the motors of the stage are on their way [micrometre]; at constant speed, near enough."""
+        """Positions of the stage's motors in motion [micrometre], as if at constant speed."""
         start, origin, target, needs = self._journey
         part = min(max((self._time - start) / needs, 0.0), 1.0) if needs > 0 else 1.0
         return [m + part * (t - m) for m, t in zip(origin, target, strict=True)]
@@ -362,12 +341,12 @@ class Firmware:
         self._cancel()
         now = self._time
         if self.state == "STRIKING":
-            gone, speed = self._run.state(now)
-            left = speed**2 - 2 * BRAKING * (BALL_AT - gone)
-            self._rack = gone + 0.5 * speed**2 / BRAKING
-            if gone < BALL_AT and left > 0:
-                slower = math.sqrt(left)
-                self._at(now + (speed - slower) / BRAKING, lambda: self._hit(slower), lasting=True)
+            travelled, speed = self._motion.state(now)
+            at_ball = speed**2 - 2 * BRAKING_DECELERATION * (BALL_DISTANCE_M - travelled)  # speed squared at the ball
+            self._rack = travelled + 0.5 * speed**2 / BRAKING_DECELERATION
+            if travelled < BALL_DISTANCE_M and at_ball > 0:
+                slower = math.sqrt(at_ball)
+                self._at(now + (speed - slower) / BRAKING_DECELERATION, lambda: self._hit(slower), lasting=True)
         elif self.state == "MOVING":
             self._put(self._under_way())
 
@@ -383,7 +362,7 @@ class Firmware:
         self._last = None
         self._armed = self._refused = self._faults = 0
         self._heard = self._time
-        self._deaf_until = self._heard + BOOT if self.memory.boots > 1 else self._heard
+        self._deaf_until = self._heard + BOOT_TIME_S if self.memory.boots > 1 else self._heard
         self.state = "STOPPED" if self.memory.stopped else "UNHOMED"
         self._note("booted")
 
@@ -392,7 +371,7 @@ class Firmware:
         self._events.sort(key=lambda e: e[0])
 
     def _cancel(self) -> None:
-        """Forget what was to come, but not what no command can prevent."""
+        """Cancel pending events, except those that no command can prevent."""
         self._events = [e for e in self._events if e[2]]
 
     def _note(self, what: str, **facts: float) -> None:

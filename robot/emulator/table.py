@@ -1,13 +1,13 @@
-"""A table with hidden parameters behind the emulated launcher: what the closed loop is tried on without hardware.
+"""A table with hidden parameters behind the emulated launcher: the closed loop runs on it without hardware.
 
-The firmware tells every hit (`hit`: cue speed, side, height of the axis as the stage puts it); a balance of impulses
-(models/analytic/cue_impulse.py), with true constants that nobody tells, makes velocity and spin of it, or the MuJoCo
-launcher does; the hidden model plays the shot in MuJoCo, with jaws at the pockets, until all balls rest; a camera
-straight above reports positions with normal noise, from the hit (t = 0) on. The stand is turned by hand, each time with
-an error.
+In: the hidden model, the balls' places, the hits of the firmware (`hit`: cue speed, side and height of the axis). Out:
+a `robot.play.ShotCamera`. A balance of impulses (models/analytic/cue_impulse.py) with hidden constants, or the MuJoCo
+launcher, gives velocity and spin of the ball; the hidden model plays the shot in MuJoCo, with jaws at the pockets,
+until all balls rest; a camera straight above reports positions with normal noise, from the hit (t = 0) on. The stand is
+turned by hand, each time with an error.
 
-A hit is only noted, since it comes in the midst of an exchange; the shot is played when somebody looks. A stand serves
-one stroke: the cue ball lies elsewhere then. Leaves out the hop after the hit, a marked ball's angle, and the camera's
+A hit is only noted, since it comes in the midst of an exchange; the shot is played at the next look. A stand serves one
+stroke: the cue ball lies elsewhere then. Leaves out the hop after the hit, a marked ball's angle, and the camera's
 distortions: effects of the model that only change what is seen are dropped, and so is a fitted squirt, which would
 count twice.
 """
@@ -17,31 +17,44 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
+from models.mjcf.snooker import SNOOKER_BALL
 from models.model_file import Model
 from models.shot import GRAVITY, Array, Shot, Track
 from models.simulation.simulate import simulate
 from robot.device.launcher import Launcher
 from robot.device.link import Link
 from robot.device.settings import Settings
-from robot.emulator.faults import Faults
+from robot.emulator.faults import FaultInjection
 from robot.emulator.firmware import Firmware
-from robot.emulator.launcher import Line, VirtualClock, WirePort
+from robot.emulator.line import Line, VirtualClock, WirePort
 from sysid.clips import Observation
 
-FPS = 180.0  # of the camera [1/s] (Robotic Billiards 2015)
-SIGMA = 5e-4  # of a place seen, each axis [m]
-YAW_SD = 1e-3  # of a yaw set by hand against the picture [rad]; planner/launcher/execution.py
-LOOKS = 25  # frames that a look at resting balls is the mean of
-STILL = 1e-6  # of a place, below which a ball has not moved [m]
-AFTER = 10  # frames kept after the last motion
-PLAYS = ("edit", "forces", "horizon", "impact", "strike")  # hooks through which an effect changes a shot
-BASE = ("decoupled_cloth", "ball_impact", "cushion_impact")  # without which pockets have no jaws
+CAMERA_FPS = 180.0  # of the camera [1/s] (Robotic Billiards 2015)
+PLACE_SIGMA_M = 5e-4  # of a place seen, each axis [m]
+YAW_SETTING_SD = 1e-3  # of a yaw set by hand against the picture [rad]; planner/launcher/execution.py
+AVERAGED_FRAMES = 25  # frames that a look at resting balls is the mean of
+MIN_MOTION_M = 1e-6  # of a place, below which a ball has not moved [m]
+FRAMES_AFTER_REST = 10  # frames kept after the last motion
+SHOT_HOOKS = ("edit", "forces", "horizon", "impact", "strike")  # hooks through which an effect changes a shot
+BASE_EFFECTS = ("decoupled_cloth", "ball_impact", "cushion_impact")  # needed for jaws at the pockets
+
+
+@dataclass(frozen=True)
+class EmulatedOptions:
+    """What may be set of an emulated table."""
+
+    sigma: float = PLACE_SIGMA_M  # of the camera's noise, each axis [m]
+    fps: float = CAMERA_FPS  # of the camera [1/s]
+    yaw_sd: float = YAW_SETTING_SD  # of the stand's azimuth, each time that it is turned [rad]
+    constants: Constants = field(default_factory=Constants)  # hidden, of the launcher; zeros are true less stage
+    mujoco: bool = False  # strike with the slower MuJoCo launcher instead of the balance of impulses
 
 
 class EmulatedTable:
@@ -53,41 +66,30 @@ class EmulatedTable:
         position: Mapping[str, tuple[float, float]],
         azimuth: float,
         seed: int = 0,
-        sigma: float = SIGMA,
-        *,
-        fps: float = FPS,
-        yaw_sd: float = YAW_SD,
-        constants: Constants | None = None,
-        geometry: Geometry | None = None,
-        mujoco: bool = False,
+        options: EmulatedOptions | None = None,
     ) -> None:
-        """Put the balls down, and the stand behind the first of them.
+        """Place the balls, and the stand behind the first of them.
 
         Args:
             model: the hidden one.
             position: of every ball by name, the cue ball first [m].
             azimuth: that the stand is turned to by hand [rad].
-            seed: of all that is drawn.
-            sigma: of the camera's noise, each axis [m].
-            fps: of the camera [1/s].
-            yaw_sd: of the stand, each time that it is turned [rad].
-            constants: of the launcher, the true ones; its zeros are true less stage.
-            geometry: of tip and cue; the paper's without.
-            mujoco: strike with the MuJoCo launcher, which takes a moment, in place of the balance of impulses.
+            seed: of all random numbers.
+            options: errors and launcher, where they differ from the defaults.
 
         Raises:
             BadInput: no balls, or a model that lacks cloth, ball or cushion impacts.
         """
         if not position:
             raise BadInput("position is empty; put down a cue ball at least")
-        doing = tuple(e for e in model.stack()[1:] if e.opens(*PLAYS) or e.slot)
+        doing = tuple(e for e in model.stack()[1:] if e.opens(*SHOT_HOOKS) or e.slot)
         doing = tuple(e for e in doing if "squirt" not in (e.name(), e.slot))
-        if lacking := sorted(set(BASE) - {e.name() for e in doing}):
+        if lacking := sorted(set(BASE_EFFECTS) - {e.name() for e in doing}):
             raise BadInput(f"the hidden model lacks {', '.join(lacking)}; give one that starts from the base")
         self.model = dataclasses.replace(model, effects=doing, engine="mujoco")  # what fits and plans is the other one
-        self.table, self.ball, self.fps, self.sigma = model.table, model.ball, fps, sigma
-        self.constants, self.geometry = constants or Constants(), geometry or Geometry(model.ball)
-        self._mujoco, self._yaw_sd = mujoco, yaw_sd
+        self.options = options or EmulatedOptions()
+        self.table, self.ball, self.fps, self.sigma = model.table, model.ball, self.options.fps, self.options.sigma
+        self.geometry = Geometry(model.ball)
         self._rng = np.random.default_rng(seed)
         self._places = {name: np.array(xy, float) for name, xy in position.items()}
         self._cue = next(iter(position))
@@ -99,7 +101,7 @@ class EmulatedTable:
 
     def turn_to(self, azimuth: float) -> None:
         """Put the stand behind the cue ball where it lies, turned by hand."""
-        self.azimuth = azimuth + self._yaw_sd * float(self._rng.standard_normal())
+        self.azimuth = azimuth + self.options.yaw_sd * float(self._rng.standard_normal())
         self._ready = self._cue in self._places
 
     def hit(self, cue_speed: float, side: float, height: float) -> None:
@@ -109,11 +111,11 @@ class EmulatedTable:
     def look(self) -> dict[str, Array]:
         """Where the resting balls are seen, by name: (2,) [m]."""
         self._play()
-        noise = self.sigma / math.sqrt(LOOKS)
+        noise = self.sigma / math.sqrt(AVERAGED_FRAMES)
         return {name: xy + noise * self._rng.standard_normal(2) for name, xy in self._places.items()}
 
     def arm(self) -> None:
-        """It sees every hit anyway."""
+        """Nothing to do: every hit is seen."""
 
     def film(self) -> dict[str, Observation]:
         """What the camera saw since the last film ended, from the hit on; empty where nothing was struck."""
@@ -123,17 +125,17 @@ class EmulatedTable:
 
     def delivered(self, cue_speed: float, side: float, height: float) -> tuple[Array, Array]:
         """Velocity (3,) [m/s] and spin (3,) [rad/s] that a hit gives the cue ball, table frame."""
-        if self._mujoco:
-            velocity, spin = _struck_in_mujoco(self.constants, self.model, cue_speed, side, height)
+        if self.options.mujoco:
+            velocity, spin = _struck_in_mujoco(self.options.constants, self.model, cue_speed, side, height)
         else:
             one = (np.array([v]) for v in (cue_speed, side, height))
-            velocity, spin = (v[0] for v in launch(self.constants, self.geometry, *one))
+            velocity, spin = (v[0] for v in launch(self.options.constants, self.geometry, *one))
         c, s = math.cos(self.azimuth), math.sin(self.azimuth)
         about = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         return about @ velocity, about @ spin
 
     def _play(self) -> None:
-        """Play what was hit since somebody looked; a tip that comes to an empty place moves nothing."""
+        """Play the hits since the last look; a tip that meets no ball moves nothing."""
         hits, self._hits = self._hits, []
         if hits and self._ready:
             self._ready = False
@@ -160,8 +162,8 @@ class EmulatedTable:
         xy = track.position
         moved = np.abs(np.diff(xy, axis=0)).max(axis=(1, 2), initial=0.0, where=np.isfinite(np.diff(xy, axis=0)))
         gone = np.isnan(xy[..., 0]).sum(axis=1)
-        busy = np.flatnonzero((moved > STILL) | (np.diff(gone) > 0))
-        end = min((int(busy[-1]) if busy.size else 0) + 2 + AFTER, len(track.times))
+        busy = np.flatnonzero((moved > MIN_MOTION_M) | (np.diff(gone) > 0))
+        end = min((int(busy[-1]) if busy.size else 0) + 2 + FRAMES_AFTER_REST, len(track.times))
         out = {}
         for k, name in enumerate(track.names):
             own = np.flatnonzero(np.isfinite(xy[:end, k, 0]))
@@ -175,10 +177,10 @@ def _struck_in_mujoco(
 ) -> tuple[Array, Array]:
     """The same from the launcher of models/mjcf/launcher.xml, aimed along x."""
     from models.mjcf.launcher import strike
-    from robot.cueing.striker import BALL, Hidden, hidden_scene
+    from robot.cueing.striker import Hidden, hidden_scene
 
-    if model.ball != BALL:
-        raise BadInput(f"the ball is {model.ball}; the MuJoCo launcher here strikes {BALL}, use the fast one")
+    if model.ball != SNOOKER_BALL:
+        raise BadInput(f"the ball is {model.ball}; the MuJoCo launcher strikes {SNOOKER_BALL} only, use the fast one")
     c = constants
     hidden = Hidden(c.tip_restitution, c.cue_mass, c.end_mass, c.slate_friction)
     stroke = strike(hidden_scene(hidden), cue_speed, side + c.side_zero, height + c.height_zero)
@@ -192,7 +194,7 @@ def emulated_launcher(
     on_strike: Callable[[float, float, float], None],
     rng: np.random.Generator,
     *,
-    faults: Faults | None = None,
+    faults: FaultInjection | None = None,
     log: Path | str | None = None,
     say: Callable[[str], None] = print,
 ) -> tuple[Launcher, Firmware]:

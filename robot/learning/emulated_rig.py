@@ -1,7 +1,8 @@
-"""A series played on the emulator: a table and a launcher with hidden constants, balls laid by an unsteady hand.
+"""A series played on the emulator: a table and a launcher with hidden constants, balls set up by an unsteady hand.
 
-`draw_hidden_table` draws what a real table might be against the textbook's: constants off by as much as published
-values differ, and one effect of the catalogue at its natural size. `draw_hidden_cue` does it for the launcher.
+In: the hidden model and cueing constants, and a seed. Out: a `robot.learning.loop.Rig`. `draw_hidden_table` draws a
+table as real ones differ from the textbook: constants off by as much as published values differ, and one effect of the
+catalogue at its natural size. The launcher's constants are drawn by robot/cueing/hidden.py.
 """
 
 from __future__ import annotations
@@ -16,70 +17,73 @@ from models.analytic.cue_impulse import Constants
 from models.model_file import Model, effect_class
 from models.shot import Array
 from planner.scene import Scene
+from robot.cueing.hidden import draw_values
 from robot.device.settings import Settings
-from robot.emulator.table import EmulatedTable, emulated_launcher
-from robot.learning.loop import Laid
+from robot.emulator.table import EmulatedOptions, EmulatedTable, emulated_launcher
+from robot.learning.loop import SceneSetup
 from robot.play import read_order
 
-HAND_SD = 2e-3  # of a ball laid by hand on its marked place, each axis [m]
-LAY, FIRMWARE, TABLE = range(3)  # what is drawn, each from a stream of its own
+HAND_PLACING_SD_M = 2e-3  # of a ball put by hand on its marked place, each axis
+PLACING_STREAM, FIRMWARE_STREAM, TABLE_STREAM = range(3)  # independent streams of random numbers
 # How far a table may be from the textbook's, as a fraction of its value: cloths roll with 0.005 to 0.015 and drag with
 # 0.15 to 0.4, cushions give back 0.7 to 0.98, balls 0.87 to 0.98 (Alciatore, Mathavan 2010, 2014).
-OFF = {
+TABLE_OFFSET_RANGE = {
     "decoupled_cloth.slide": 0.25, "decoupled_cloth.roll": 0.3, "decoupled_cloth.spin": 0.4,
     "ball_impact.restitution": 0.04, "ball_impact.friction": 0.4,
     "cushion_impact.restitution": 0.08, "cushion_impact.friction": 0.4,
 }  # fmt: skip
-EFFECTS = ("table_tilt", "cloth_nap", "speed_drag", "side_curve", "slide_friction_speed", "cushion_restitution_speed")
+HIDDEN_EFFECTS = (
+    "table_tilt",
+    "cloth_nap",
+    "speed_drag",
+    "side_curve",
+    "slide_friction_speed",
+    "cushion_restitution_speed",
+)
 
 
 def draw_hidden_table(start: Model, rng: np.random.Generator, effect: str | None = None) -> Model:
     """A table of the size of `start` that differs from it, with an effect at its natural size.
 
-    Every constant is off by half to all of what it may be, to either side: one that nobody has measured yet.
+    Every constant is off by half to all of its range, to either side: a table that has not been measured yet.
     """
     values = {}
-    for name, width in OFF.items():
+    for name, width in TABLE_OFFSET_RANGE.items():
         least, most = start.meta(name)["bounds"]
         off = width * rng.uniform(0.5, 1.0) * rng.choice([-1.0, 1.0])
         values[name] = float(np.clip(start.parameters()[name] * (1.0 + off), least, most))
-    kind = effect_class(effect or EFFECTS[int(rng.integers(len(EFFECTS)))])
+    kind = effect_class(effect or HIDDEN_EFFECTS[int(rng.integers(len(HIDDEN_EFFECTS)))])
     return start.with_values(values).add(kind())
 
 
 def draw_hidden_cue(rng: np.random.Generator) -> Constants:
-    """A launcher's constants, within what is known of them (models/mjcf/launcher.md, Alciatore)."""
-    return Constants(
-        tip_restitution=float(rng.uniform(0.68, 0.80)), cue_mass=float(rng.uniform(0.45, 0.58)),
-        end_mass=float(rng.uniform(0.0050, 0.0105)), slate_friction=float(rng.uniform(0.18, 0.25)),
-        side_zero=float(rng.uniform(-4e-4, 4e-4)), height_zero=float(rng.uniform(-4e-4, 4e-4)),
-        aim_zero=float(rng.uniform(-3e-3, 3e-3)),
-    )  # fmt: skip
+    """Hidden constants of an emulated launcher."""
+    return Constants(**draw_values(rng, "tip_friction"))
 
 
 @dataclass
-class EmulatedStand:
-    """Lays, turns, strikes and films without anybody; every shot's draws are its own."""
+class EmulatedRig:
+    """Sets up, turns, strikes and films by itself; every shot draws from its own random numbers."""
 
     model: Model  # hidden
     cue: Constants  # hidden
     settings: Settings = field(default_factory=Settings)
     seed: int = 0
-    repeats: int = 20  # of every stroke, for the launcher's own scatter
-    make: Callable[..., EmulatedTable] = EmulatedTable  # of a table, with its arguments
+    repeats: int = 20  # of every stroke, to measure the launcher's scatter
+    make: Callable[..., EmulatedTable] = EmulatedTable  # called with the arguments of EmulatedTable
     table: EmulatedTable | None = None
 
-    def lay(self, scene: Scene, number: int) -> Laid:
-        """Lay the balls of a shot."""
-        rng = np.random.default_rng([self.seed, number, LAY])
-        reach = scene.table.centre_limits(scene.ball)
-        laid = np.clip(scene.position + HAND_SD * rng.standard_normal(scene.position.shape), -reach, reach)
-        self.table = self._table(scene, laid, number, 0)
+    def set_up(self, scene: Scene, number: int) -> SceneSetup:
+        """Set up the balls of a shot."""
+        rng = np.random.default_rng([self.seed, number, PLACING_STREAM])
+        limit = scene.table.centre_limits(scene.ball)
+        placed = np.clip(scene.position + HAND_PLACING_SD_M * rng.standard_normal(scene.position.shape), -limit, limit)
+        self.table = self._table(scene, placed, number, 0)
         launcher, _ = emulated_launcher(self.settings, self.table.hit, self._rng(number, 0), say=lambda line: None)
-        return Laid(self.table, launcher, self.table.turn_to)
+        return SceneSetup(self.table, launcher, self.table.turn_to)
 
     def repeat(self, plan: Path, number: int) -> Array | None:
-        """The stroke again and again from where the balls were laid; where the cue ball stopped (n, 2) [m]."""
+        """Repeat the stroke from the same places; where the cue ball stopped (n, 2) [m]."""
         if not self.repeats:
             return None
         order = read_order(plan, self.settings)
@@ -97,10 +101,10 @@ class EmulatedStand:
                 ends.append(seen[order.scene.names[0]])
         return np.array(ends).reshape(-1, 2)
 
-    def _table(self, scene: Scene, position: Array, number: int, again: int) -> EmulatedTable:
+    def _table(self, scene: Scene, position: Array, number: int, repeat: int) -> EmulatedTable:
         places = {n: (float(x), float(y)) for n, (x, y) in zip(scene.names, position, strict=True)}
-        seed = int(np.random.SeedSequence([self.seed, number, TABLE, again]).generate_state(1)[0])
-        return self.make(self.model, places, 0.0, seed, constants=self.cue)
+        seed = int(np.random.SeedSequence([self.seed, number, TABLE_STREAM, repeat]).generate_state(1)[0])
+        return self.make(self.model, places, 0.0, seed, EmulatedOptions(constants=self.cue))
 
-    def _rng(self, number: int, again: int) -> np.random.Generator:
-        return np.random.default_rng([self.seed, number, FIRMWARE, again])
+    def _rng(self, number: int, repeat: int) -> np.random.Generator:
+        return np.random.default_rng([self.seed, number, FIRMWARE_STREAM, repeat])

@@ -1,13 +1,15 @@
-"""What a series of shots came to: read from the folder that `robot learn` fills, which holds nothing it needs twice.
+"""What a series of shots came to, read from the folder that `robot learn` fills.
 
-    course.json        what the series is: settings that every part of it shares
-    start.toml         the model that it begins with, and start_map.toml the cueing map
+In: the folder, in which every fact is kept once:
+
+    course.json        settings that all parts of the series share
+    start.toml         the model to begin with, and start_map.toml the cueing map
     shots/0001.json    plans, with 0001.played.json beside each that was played
-    clips/             every film, a clip set
+    clips/             the films, as a clip set
     fits/0010/         what was learnt from the first ten: fit.json, model.toml, map.toml
 
-The cue ball's miss is taken from where the plan told that it would stop: the middle (medians of x and y) of the plays
-that it was judged by. What the launcher's scatter alone does is the floor: no model can foretell better.
+Out: a `History` of shots and refits. The cue ball's miss is its distance from the planned place, the medians of x and y
+of the plays by which the plan was judged. The launcher's own scatter is the floor below which no model can predict.
 """
 
 from __future__ import annotations
@@ -24,23 +26,23 @@ from models.errors import BadInput
 from models.shot import Array
 from planner.plan import read_plan
 from planner.scene import Scene, scene_from
-from robot.play import played_file
+from robot.play import PLAYED_FORMAT, played_file
 from sysid.clips import Clip, read_clip_set
 
-FORMAT, FIT_FORMAT = "billiard-course/1", "billiard-refit/1"
+SERIES_FORMAT, FIT_FORMAT = "billiard-course/1", "billiard-refit/1"
 
 
 @dataclass(frozen=True)
-class Shot:
-    """One shot of a series: what was planned, and what came of it."""
+class PlayedShot:
+    """One shot of a series: its plan and its result."""
 
     number: int  # from 1
     scene: Scene
-    learnt: int  # shots that model and map had been fitted to when it was planned
-    told: Array  # (2,) where the cue ball was to stop [m]
-    spread: float  # median distance from there of the plays that the plan was judged by [m]
-    promised: float  # probability of potting
-    potted: bool | None  # None where nobody saw
+    learnt: int  # number of shots to which model and map had been fitted
+    planned_end: Array  # (2,) where the plan predicts that the cue ball stops [m]
+    spread: float  # predicted miss: median distance from there of the plays that judged the plan [m]
+    pot_probability: float  # predicted
+    potted: bool | None  # None where it was not seen
     cue_end: Array | None  # (2,) where the cue ball stopped [m]; None in a pocket, or not seen
     floor: float  # median distance of the same stroke's repeats from their middle [m]; nan where it was not repeated
     plan: dict[str, Any]
@@ -49,12 +51,12 @@ class Shot:
 
     @property
     def miss(self) -> float:
-        """Of the cue ball from where the plan told that it would stop [m]; nan where it did not stop on the table."""
-        return math.nan if self.cue_end is None else float(np.hypot(*(self.cue_end - self.told)))
+        """Distance of the cue ball from its planned place [m]; nan where it did not stop on the table."""
+        return math.nan if self.cue_end is None else float(np.hypot(*(self.cue_end - self.planned_end)))
 
     @property
-    def away(self) -> float:
-        """Of the cue ball from where it was wanted [m]; nan where it fell."""
+    def from_wanted(self) -> float:
+        """Distance of the cue ball from its wanted place [m]; nan where it fell."""
         value = self.played.get("from_wanted")
         return math.nan if value is None else float(value)
 
@@ -75,11 +77,11 @@ class Refit:
 
 
 @dataclass(frozen=True)
-class Story:
-    """A series as far as it has come."""
+class History:
+    """A series so far."""
 
-    course: dict[str, Any]
-    shots: tuple[Shot, ...]
+    course: dict[str, Any]  # the settings in course.json
+    shots: tuple[PlayedShot, ...]
     refits: tuple[Refit, ...]
     ended: str  # why it stopped by itself; "" where it did not
 
@@ -88,7 +90,7 @@ class Story:
         return _median([s.miss for s in self.shots if first <= s.number <= last])
 
     def median_spread(self, first: int, last: int) -> float:
-        """What their plans said that the miss would be [m]."""
+        """The miss that their plans predict [m]."""
         return _median([s.spread for s in self.shots if first <= s.number <= last])
 
     def floor(self, first: int, last: int) -> float:
@@ -102,38 +104,38 @@ def _median(values: list[float]) -> float:
 
 
 def plan_file(folder: Path | str, number: int) -> Path:
-    """Where the plan of a shot is."""
+    """File of a shot's plan."""
     return Path(folder) / "shots" / f"{number:04d}.json"
 
 
 def fit_folder(folder: Path | str, shots: int) -> Path:
-    """Where is what was learnt from so many shots."""
+    """Folder of the refit after that many shots."""
     return Path(folder) / "fits" / f"{shots:04d}"
 
 
 def read_json(path: Path, form: str) -> dict[str, Any]:
-    """A JSON file of a format; BadInput where it is none."""
+    """A JSON file of a format; BadInput where it cannot be read or has another format."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; name a folder of robot learn") from None
     except ValueError as error:
-        raise BadInput(f"{path}: is not JSON ({error}); remove it, and robot learn makes it again") from None
+        raise BadInput(f"{path}: is not JSON ({error}); remove it and run robot learn again") from None
     if not isinstance(data, dict) or data.get("format") != form:
-        raise BadInput(f"{path}: is not of format {form}; remove it, and robot learn makes it again")
+        raise BadInput(f"{path}: is not of format {form}; remove it and run robot learn again")
     return data
 
 
 def count_played(folder: Path | str) -> int:
-    """Shots that were played, without a gap from the first on."""
+    """Number of shots played, counted from the first to the first gap."""
     number = 0
     while played_file(plan_file(folder, number + 1)).is_file():
         number += 1
     return number
 
 
-def middle_of(plan: dict[str, Any]) -> tuple[Array, float]:
-    """Where a plan tells that the cue ball will stop (2,) [m], and the median distance of its plays from there [m]."""
+def predicted_stop(plan: dict[str, Any]) -> tuple[Array, float]:
+    """Where a plan predicts the cue ball to stop (2,) [m], and the median distance of its plays from there [m]."""
     places = np.array(plan["places"]["cue"], float).reshape(-1, 2)
     if len(places) == 0:
         return np.full(2, math.nan), math.nan
@@ -141,14 +143,14 @@ def middle_of(plan: dict[str, Any]) -> tuple[Array, float]:
     return middle, float(np.median(np.hypot(*(places - middle).T)))
 
 
-def read_story(folder: Path | str) -> Story:
+def read_history(folder: Path | str) -> History:
     """A series from its folder.
 
     Raises:
-        BadInput: for a folder that holds none, or a file in it that was changed.
+        BadInput: for a folder without a series, or a file in it that cannot be read.
     """
     folder = Path(folder)
-    course = read_json(folder / "course.json", FORMAT)
+    course = read_json(folder / "course.json", SERIES_FORMAT)
     count = count_played(folder)
     clips: dict[str, Clip] = {}
     if (folder / "clips" / "clips.toml").is_file():
@@ -157,22 +159,22 @@ def read_story(folder: Path | str) -> Story:
     fits = sorted(path.parent for path in folder.glob("fits/*/fit.json"))
     refits = tuple(_refit(read_json(path / "fit.json", FIT_FORMAT)) for path in fits)
     ended = folder / "ended.txt"
-    return Story(course, shots, refits, ended.read_text(encoding="utf-8").strip() if ended.is_file() else "")
+    return History(course, shots, refits, ended.read_text(encoding="utf-8").strip() if ended.is_file() else "")
 
 
-def _shot(folder: Path, number: int, clips: dict[str, Clip]) -> Shot:
+def _shot(folder: Path, number: int, clips: dict[str, Clip]) -> PlayedShot:
     path = plan_file(folder, number)
     plan = read_plan(path)
-    played = read_json(played_file(path), "billiard-played/1")
-    told, spread = middle_of(plan)
+    played = read_json(played_file(path), PLAYED_FORMAT)
+    planned_end, spread = predicted_stop(plan)
     repeats = path.with_suffix(".repeats.json")
     floor = math.nan
     if repeats.is_file():
         ends = np.array(read_json(repeats, "billiard-repeats/1")["cue"], float).reshape(-1, 2)
         floor = float(np.median(np.hypot(*(ends - np.median(ends, axis=0)).T))) if len(ends) > 2 else math.nan
     end, clip = played.get("cue_end"), played.get("clip")
-    return Shot(
-        number, scene_from(plan["scene"], str(path)), int(plan["learnt"]), told, spread,
+    return PlayedShot(
+        number, scene_from(plan["scene"], str(path)), int(plan["learnt"]), planned_end, spread,
         float(plan["pot_probability"]["value"]), played.get("potted"), None if end is None else np.array(end, float),
         floor, plan, played, clips.get(clip["file"]) if clip else None,
     )  # fmt: skip

@@ -1,8 +1,9 @@
-"""A series, or one plan, at a real table: a person lays the balls and turns the stand, a camera looks and films.
+"""A series, or one plan, at a real table: an operator sets up balls and stand, a camera watches and films.
 
-The camera decides when a scene is laid: every ball within reach of its place is enough, as the plan is made for where
-it really lies. The stand's turn is told live from the camera's picture of the cue (robot/camera/align.py) until it is
-aligned; nothing is struck from a stand that never was.
+In: a live camera, a launcher and callbacks that ask the operator. Out: a `robot.learning.loop.Rig`. The camera decides
+when a scene is set up: every ball within PLACING_TOLERANCE_M of its place is enough, as the plan is made for where it
+really lies. The turn of the stand that remains is shown live from the camera's picture of the cue
+(robot/camera/align.py) until it is aligned; nothing is struck from a stand that is not.
 """
 
 from __future__ import annotations
@@ -22,82 +23,84 @@ from robot.camera.align import align, turn_for
 from robot.camera.live import LiveCamera
 from robot.device.launcher import Launcher
 from robot.device.settings import Settings
-from robot.learning.loop import Laid
+from robot.learning.loop import SceneSetup
 
-REACH = 0.03  # within which a ball counts as laid [m]
-TRIES = 20  # times that somebody is asked to lay a scene
+PLACING_TOLERANCE_M = 0.03  # of a ball, within which it counts as set up
+MAX_PLACING_TRIES = 20  # times that the operator is asked to set up a scene
 
 
 @dataclass
-class LiveStand:
-    """A table, a launcher at a port, a camera, and whoever stands there."""
+class LiveRig:
+    """A table, a launcher at a port, a camera, and an operator."""
 
     camera: LiveCamera
     settings: Settings
     connect: Callable[[], Launcher]  # a launcher, not yet connected
-    confirm: Callable[[str], bool]  # asked before every stroke
-    ready: Callable[[str], bool]  # told what to do, answers when it is done; no: the series ends here
+    confirm: Callable[[str], bool]  # asks before every stroke
+    ready: Callable[[str], bool]  # says what to do and waits until it is done; False ends the series
     say: Callable[[str], None] = print
 
-    def lay(self, scene: Scene, number: int) -> Laid:
-        """Have the balls of a shot laid, until the camera sees them there.
+    def set_up(self, scene: Scene, number: int) -> SceneSetup:
+        """Have the balls of a shot set up, until the camera sees them in their places.
 
         Raises:
-            BadInput: nobody goes on, or they are not laid after many tries.
+            BadInput: the operator ends the series, or the balls are not in their places after many tries.
         """
         if (scene.table, scene.ball) != (self.camera.table, self.camera.ball):
             raise BadInput(
                 f"the series is for {scene.table}, {scene.ball}; the camera sees {self.camera.table}, "
                 f"{self.camera.ball}: begin with a model of this table (robot learn --model)"
             )
-        text = self._words(scene)
-        for _ in range(TRIES):
-            if not self.ready(f"shot {number}: lay {text}"):
-                raise BadInput(f"shot {number}: not laid; the same command goes on from here")
+        text = self._instructions(scene)
+        for _ in range(MAX_PLACING_TRIES):
+            if not self.ready(f"shot {number}: put {text}"):
+                raise BadInput(f"shot {number}: not set up; the same command goes on from here")
             faults, ball = self._faults(scene)
             if not faults:
-                return Laid(self.camera, self.connect(), partial(self.turn, ball_xy=ball), self.confirm)
+                return SceneSetup(self.camera, self.connect(), partial(self.turn, ball_xy=ball), self.confirm)
             self.say("; ".join(faults))
-        raise BadInput(f"shot {number}: {faults[0]}; see that the camera's file fits, and names the balls as they are")
+        raise BadInput(f"shot {number}: {faults[0]}; check that the camera file fits and names these balls")
 
     def turn(self, azimuth: float, ball_xy: Array | None = None) -> None:
-        """Say how to turn the stand until it is aligned.
+        """Show how to turn the stand until it is aligned.
 
         Args:
             azimuth: wanted [rad].
-            ball_xy: (2,) of the ball that will be struck [m]; without, it is looked for.
+            ball_xy: (2,) of the ball that will be struck [m]; None: found in the picture.
 
         Raises:
-            BadInput: the stand does not reach it, or no more pictures come and it is not aligned.
+            BadInput: the stand cannot be turned to it, or no more pictures come and it is not aligned.
         """
         low, high = self.settings.limits.yaw_deg
         degrees = self.settings.check_yaw(round(math.degrees(azimuth), 6))
-        self.say(f"turn the stand to {degrees:.1f} degrees (it reaches {low:g} to {high:g})")
+        self.say(f"turn the stand to {degrees:.1f} degrees (its range is {low:g} to {high:g})")
         line = align(self.camera.pictures(), self.camera.seen_with, azimuth, ball_xy, say=self.say)
-        left = turn_for(line, azimuth)
-        if left.side:
-            raise BadInput(f"no more pictures came, and the stand is not aligned ({left}); see that the camera films")
+        remaining = turn_for(line, azimuth)
+        if remaining.side:
+            raise BadInput(
+                f"no more pictures came, and the stand is not aligned ({remaining}); check that the camera films"
+            )
 
     def repeat(self, plan: Path, number: int) -> Array | None:
-        """Nobody lays a scene twenty times."""
+        """No repeats: nobody sets up a scene twenty times."""
         return None
 
     def _faults(self, scene: Scene) -> tuple[list[str], Array | None]:
-        """What is not yet laid, and where the cue ball is seen (2,) [m]."""
+        """What is not yet in its place, and where the cue ball is seen (2,) [m]."""
         try:
             seen = self.camera.look()
-        except BadInput as error:  # no ball at all, or somebody in the picture: nothing that ends a series
+        except BadInput as error:  # no ball at all, or somebody in the picture: not a reason to end a series
             return [str(error)], None
-        told = [f"{name} is not seen" for name in scene.names if name not in seen]
-        told += [f"{name} is one too many" for name in seen if name not in scene.names]
+        faults = [f"{name} is not seen" for name in scene.names if name not in seen]
+        faults += [f"{name} is not in the scene" for name in seen if name not in scene.names]
         for name, place in zip(scene.names, scene.position, strict=True):
-            away = float(np.hypot(*(seen[name] - place))) if name in seen else 0.0
-            if away > REACH:
-                told.append(f"{name} lies {1e3 * away:.0f} mm from its place")
-        return told, seen.get(scene.names[0])
+            distance = float(np.hypot(*(seen[name] - place))) if name in seen else 0.0
+            if distance > PLACING_TOLERANCE_M:
+                faults.append(f"{name} is {1e3 * distance:.0f} mm from its place")
+        return faults, seen.get(scene.names[0])
 
-    def _words(self, scene: Scene) -> str:
-        """Where the balls go, from the cushions."""
+    def _instructions(self, scene: Scene) -> str:
+        """The places of the balls, measured from the cushions."""
         half = np.array([scene.table.length, scene.table.width]) / 2
         ends = (("-x", "+x"), ("-y", "+y"))
         parts = []

@@ -1,15 +1,16 @@
-"""The closed loop: plan, play, film, compare; every few shots refit; plan on with what was learnt.
+"""The closed loop: plan a shot, play it, film it, compare; refit every few shots and plan on with the new model.
 
-A series begins with a model and a cueing map that may be wrong. Scenes are drawn from its seed; whoever stands at the
-table lays the balls, the camera says where they really lie, and the plan is made for that. Every so many shots
-sysid/selection/discover.py looks at all films from the start model on, names the effects that they ask for and fits all
-constants; strokes as filmed, beside what was told, fit the cueing map. It ends after `shots`, or by itself where
-nothing improves: the effects stay the same, and the cue ball's miss is down to what the plans foresee, or has not
-fallen in two refits.
+In: a model and a cueing map to begin with, which may be wrong (`LearningConfig`), and a rig to play on (`Rig`). Out:
+the files of the series in its folder (robot/learning/history.py) and its `History`. Scenes are drawn from the seed; the
+balls are set up, the camera measures where they really lie, and the plan is made for those positions. Every `every`
+shots sysid/selection/discover.py fits all films from the start model on, names the effects that they ask for and fits
+all constants; the cueing map is fitted to the filmed strokes and their commands. The series ends after `shots`, or by
+itself where nothing improves: the effects stay the same, and the cue ball's miss is down to what the plans predict, or
+has not fallen in two refits.
 
-Everything is in files as soon as it is known (robot/learning/history.py); nothing else is remembered. A series that was
-broken off goes on with the first shot or refit that is not there; at the emulator it comes to the same. Leaves out
-scenes that were chosen to learn from: shots are those that one would play.
+Every result is in a file as soon as it is known; nothing else is kept. An interrupted series continues with the first
+shot or refit that is missing; on the emulator the result is the same. Leaves out scenes chosen to learn from: the shots
+are those that one would play.
 """
 
 from __future__ import annotations
@@ -40,51 +41,51 @@ from planner.study.runs import Study, draw_scene
 from robot.device.launcher import Launcher
 from robot.learning.history import (
     FIT_FORMAT,
-    FORMAT,
-    Story,
+    SERIES_FORMAT,
+    History,
     count_played,
     fit_folder,
-    middle_of,
     plan_file,
+    predicted_stop,
+    read_history,
     read_json,
-    read_story,
 )
 from robot.learning.refit import relearn
-from robot.play import Camera, play_plan, played_file
+from robot.play import PLAYED_FORMAT, ShotCamera, play_plan, played_file
 from sysid.clips import ClipSet, read_clip_set
 
-OTHERS = 5  # scenes that are drawn for a shot before none is found that can be played
-NEAR = 1.3  # times what the plans foresee: a miss that no model makes much smaller
-FALLS = 0.9  # of the block before: a miss that fell
-BLOCKS = 3  # that it takes to say that nothing improves
+MAX_SCENE_DRAWS = 5  # scenes drawn for one shot until one can be played
+MISS_LIMIT_RATIO = 1.3  # of the predicted miss, below which no model makes the miss much smaller
+MISS_FALL_RATIO = 0.9  # of the previous block's miss, below which the miss has fallen
+MIN_BLOCKS = 3  # blocks needed to decide that nothing improves
 Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Laid:
-    """A scene laid out, and the launcher behind it."""
+class SceneSetup:
+    """A scene that is set up, and the launcher behind the cue ball."""
 
-    camera: Camera
+    camera: ShotCamera
     launcher: Launcher  # not yet connected
-    turn: Callable[[float], None]  # the stand, to an azimuth [rad]; returns when it is done
+    turn: Callable[[float], None]  # turns the stand to an azimuth [rad]; returns when it is done
     confirm: Callable[[str], bool] | None = None  # asked before the stroke
 
 
-class Stand(Protocol):
-    """Where a series is played: a table with a launcher and somebody who lays balls, or the emulator."""
+class Rig(Protocol):
+    """Where a series is played: a table with a launcher and an operator, or the emulator."""
 
-    def lay(self, scene: Scene, number: int) -> Laid:
-        """Lay the balls of a shot, as nearly as by hand."""
+    def set_up(self, scene: Scene, number: int) -> SceneSetup:
+        """Set up the balls of a shot, within the errors of a hand."""
         ...
 
     def repeat(self, plan: Path, number: int) -> Array | None:
-        """Where the cue ball stops when the stroke is repeated from the same place (n, 2) [m]; None: not done here."""
+        """Where the cue ball stops when the stroke is repeated from the same place (n, 2) [m]; None: not repeated."""
         ...
 
 
 @dataclass(frozen=True)
-class Course:
-    """What a series is."""
+class LearningConfig:
+    """Settings of a series."""
 
     model: Model  # to begin with
     cueing_map: CueingMap  # to begin with; its [execution] is how well the launcher repeats
@@ -97,178 +98,176 @@ class Course:
     effort: Effort = field(default_factory=Effort)
 
     def __post_init__(self) -> None:
-        """BadInput for what is no series."""
+        """BadInput for values out of range."""
         if not 1 <= self.shots <= 9999 or not 4 <= self.every <= 1000:
             raise BadInput(f"{self.shots} shots, a refit every {self.every}; give 1 to 9999, and 4 to 1000")
 
     @property
     def study(self) -> Study:
-        """That draws the scenes."""
+        """The study that draws the scenes."""
         return Study(self.model, self.cueing_map.execution, self.balls, self.seed)
 
-    def told(self) -> dict[str, Any]:
-        """What must not change while it lasts; whether it stops, and when, may."""
+    def to_dict(self) -> dict[str, Any]:
+        """The settings that must not change during a series; whether and when it stops may."""
         rest = {"every": self.every, "seed": self.seed, "balls": self.balls}
-        return {"format": FORMAT, **rest, "wish": asdict(self.wish), "effort": asdict(self.effort)}
+        return {"format": SERIES_FORMAT, **rest, "wish": asdict(self.wish), "effort": asdict(self.effort)}
 
 
-def begin(folder: Path | str, course: Course) -> None:
-    """Make the folder of a series, or find that it is this one's; BadInput where it is another's."""
-    folder, told = Path(folder), course.told()
+def begin(folder: Path | str, config: LearningConfig) -> None:
+    """Make the folder of a series, or check that it holds this one; BadInput where it holds another."""
+    folder, fixed = Path(folder), config.to_dict()
     model, cueing_map = folder / "start.toml", folder / "start_map.toml"
     if (folder / "course.json").is_file():
-        known = read_json(folder / "course.json", FORMAT)
-        other = [name for name, value in told.items() if known.get(name) != value]
-        if not other and read_model(model).parameters() != course.model.parameters():
+        known = read_json(folder / "course.json", SERIES_FORMAT)
+        other = [name for name, value in fixed.items() if known.get(name) != value]
+        if not other and read_model(model).parameters() != config.model.parameters():
             other = ["model"]
-        if not other and read_map(cueing_map).constants != course.cueing_map.constants:
+        if not other and read_map(cueing_map).constants != config.cueing_map.constants:
             other = ["map"]
         if other:
-            raise BadInput(f"{folder}: holds a series with another {other[0]}; go on with that, or name another folder")
+            raise BadInput(f"{folder}: holds a series with another {other[0]}; use that again, or name another folder")
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise BadInput(f"{folder}: is there and holds no series; name another folder")
+        raise BadInput(f"{folder}: exists and holds no series; name another folder")
     try:
         (folder / "shots").mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{folder}: cannot be made ({error.strerror}); choose another folder") from error
-    write_model(course.model, model)
-    write_map(cueing_map, course.cueing_map)
-    write_json(str(folder / "course.json"), told)
+    write_model(config.model, model)
+    write_map(cueing_map, config.cueing_map)
+    write_json(str(folder / "course.json"), fixed)
 
 
 def learn(
-    folder: Path | str, course: Course, stand: Stand, say: Callable[[str], None] = print,
+    folder: Path | str, config: LearningConfig, rig: Rig, say: Callable[[str], None] = print,
     report: Report = lambda line: None,
-) -> Story:  # fmt: skip
-    """Play a series, or go on with it.
+) -> History:  # fmt: skip
+    """Play a series, or continue it.
 
     Args:
-        folder: that holds it.
-        course: what it is.
-        stand: where it is played.
-        say: told what came of every shot and refit.
-        report: told what is being done.
+        folder: of the series.
+        config: its settings.
+        rig: where it is played.
+        say: called with the result of every shot and refit.
+        report: called with what is being done.
 
     Raises:
-        BadInput: for a folder of another series, a scene that was not laid as asked, nobody who said yes.
-        LauncherError: as play_plan; what was played is kept.
+        BadInput: for a folder of another series, a scene that was not set up, a stroke that was not confirmed.
+        LauncherError: as play_plan; all shots played so far are kept.
     """
     folder = Path(folder)
-    begin(folder, course)
+    begin(folder, config)
     while True:
         played = count_played(folder)
-        if played and not plan_file(folder, played).with_suffix(".repeats.json").is_file():  # broken off before them
-            _repeat(plan_file(folder, played), stand, played)
-        learnt = played - played % course.every
+        if played and not plan_file(folder, played).with_suffix(".repeats.json").is_file():  # interrupted before
+            _repeat(plan_file(folder, played), rig, played)
+        learnt = played - played % config.every
         if learnt and not (fit_folder(folder, learnt) / "fit.json").is_file():
-            say(_refit(folder, course, learnt, report))
-        why = why_ended(read_story(folder), course.every) if course.stops and played == learnt > 0 else ""
-        if why or played >= course.shots:
-            write_whole(folder / "ended.txt", f"{why or f'all {played} shots are played'}\n".encode())
-            return read_story(folder)
+            say(_refit(folder, config, learnt, report))
+        reason = why_ended(read_history(folder), config.every) if config.stops and played == learnt > 0 else ""
+        if reason or played >= config.shots:
+            write_whole(folder / "ended.txt", f"{reason or f'all {played} shots are played'}\n".encode())
+            return read_history(folder)
         (folder / "ended.txt").unlink(missing_ok=True)
-        say(_play(folder, course, stand, played + 1, learnt, report))
+        say(_play(folder, config, rig, played + 1, learnt, report))
 
 
-def why_ended(story: Story, every: int) -> str:
+def why_ended(history: History, every: int) -> str:
     """Why a series needs no more shots, after a refit; "" where it does."""
-    n, refits = len(story.shots), story.refits
-    if n < BLOCKS * every or len(refits) < BLOCKS or refits[-1].verdict != refits[-2].verdict:
+    n, refits = len(history.shots), history.refits
+    if n < MIN_BLOCKS * every or len(refits) < MIN_BLOCKS or refits[-1].verdict != refits[-2].verdict:
         return ""
-    blocks = [story.median_miss(n - (k + 1) * every + 1, n - k * every) for k in range(BLOCKS)]
-    foreseen = story.median_spread(n - every + 1, n)
-    told = (
-        f"the cue ball's miss is {1e3 * blocks[0]:.0f} mm (median of {every}), the plans foresee {1e3 * foreseen:.0f}"
-    )
-    if blocks[0] <= NEAR * foreseen and blocks[0] >= FALLS * blocks[1]:
-        return f"{told}: nothing is left to learn"
-    if blocks[0] >= FALLS * blocks[1] and blocks[1] >= FALLS * blocks[2]:
-        return f"{told}, and it has not fallen in two refits"
+    misses = [history.median_miss(n - (k + 1) * every + 1, n - k * every) for k in range(MIN_BLOCKS)]
+    predicted = history.median_spread(n - every + 1, n)
+    figures = f"the cue ball's miss is {1e3 * misses[0]:.0f} mm (median of {every}), predicted {1e3 * predicted:.0f} mm"
+    if misses[0] <= MISS_LIMIT_RATIO * predicted and misses[0] >= MISS_FALL_RATIO * misses[1]:
+        return f"{figures}: nothing is left to learn"
+    if misses[0] >= MISS_FALL_RATIO * misses[1] and misses[1] >= MISS_FALL_RATIO * misses[2]:
+        return f"{figures}; it has not fallen in two refits"
     return ""
 
 
-def latest(folder: Path, course: Course, learnt: int) -> tuple[Model, CueingMap]:
-    """Model and map as learnt from so many shots."""
+def latest(folder: Path, config: LearningConfig, learnt: int) -> tuple[Model, CueingMap]:
+    """Model and map learnt from that many shots; those to begin with for 0."""
     if not learnt:
-        return course.model, course.cueing_map
+        return config.model, config.cueing_map
     return read_model(fit_folder(folder, learnt) / "model.toml"), read_map(fit_folder(folder, learnt) / "map.toml")
 
 
-def _play(folder: Path, course: Course, stand: Stand, number: int, learnt: int, report: Report) -> str:
-    """Plan and play one shot; what came of it, in words."""
-    model, cueing_map = latest(folder, course, learnt)
+def _play(folder: Path, config: LearningConfig, rig: Rig, number: int, learnt: int, report: Report) -> str:
+    """Plan and play one shot; its result in words."""
+    model, cueing_map = latest(folder, config, learnt)
     strokes = with_map(Strokes(), cueing_map, model.ball)
-    for other in range(OTHERS):
+    for draw in range(MAX_SCENE_DRAWS):
         report(f"shot {number}: the scene")
-        asked, _ = draw_scene(course.study, number + 10_000 * other)
-        laid = stand.lay(asked, number)
-        seen = laid.camera.look()
+        asked, _ = draw_scene(config.study, number + 10_000 * draw)
+        setup = rig.set_up(asked, number)
+        seen = setup.camera.look()
         if lacking := [name for name in asked.names if name not in seen]:
-            raise BadInput(f"shot {number}: ball {lacking[0]} is not seen on the table; lay it, and go on")
+            raise BadInput(f"shot {number}: ball {lacking[0]} is not seen; put it there and run the same command again")
         scene = dataclasses.replace(asked, position=np.array([seen[name] for name in asked.names]))
         plan = make_plan(
-            scene, model, unsure(cueing_map), course.wish, seed=course.study.number(number, 2), launcher=strokes,
-            effort=course.effort, report=lambda line: report(f"shot {number}: {line}"),
+            scene, model, unsure(cueing_map), config.wish, seed=config.study.number(number, 2), launcher=strokes,
+            effort=config.effort, report=lambda line: report(f"shot {number}: {line}"),
         )  # fmt: skip
         if plan["stroke"] is not None:
             break
     else:
-        raise BadInput(f"shot {number}: no stroke is reasonable in {OTHERS} scenes; look at the model and the launcher")
+        raise BadInput(f"shot {number}: none of {MAX_SCENE_DRAWS} scenes can be played; check model and launcher")
     path = plan_file(folder, number)
     write_json(str(path), plan | {"learnt": learnt})
-    laid.turn(math.radians(plan["launcher"]["theta_deg"]))
-    with laid.launcher as launcher:
-        played = play_plan(path, launcher, laid.camera, laid.confirm, clips=folder / "clips", say=report)
-    _repeat(path, stand, number)
+    setup.turn(math.radians(plan["launcher"]["theta_deg"]))
+    with setup.launcher as launcher:
+        played = play_plan(path, launcher, setup.camera, setup.confirm, clips=folder / "clips", say=report)
+    _repeat(path, rig, number)
     pot = {True: "potted", False: "not potted", None: "not seen"}[played.potted]
     miss = "not on the table"
     if played.cue_end is not None:
-        miss = f"{1e3 * float(np.hypot(*(middle_of(plan)[0] - played.cue_end))):.0f} mm from where it was told to stop"
-    return f"shot {number:3d}: {pot} ({100 * plan['pot_probability']['value']:.0f} % promised), the cue ball {miss}"
+        miss = f"{1e3 * float(np.hypot(*(predicted_stop(plan)[0] - played.cue_end))):.0f} mm from its planned place"
+    return f"shot {number:3d}: {pot} ({100 * plan['pot_probability']['value']:.0f} % predicted), the cue ball {miss}"
 
 
-def _repeat(plan: Path, stand: Stand, number: int) -> None:
-    """Where the stroke ends when it is repeated, into a file beside the plan; nothing where nobody repeats it."""
-    ends = stand.repeat(plan, number)
+def _repeat(plan: Path, rig: Rig, number: int) -> None:
+    """Repeat the stroke and write where the cue ball stops beside the plan; no file where the rig does not repeat."""
+    ends = rig.repeat(plan, number)
     if ends is not None:
-        told = {"format": "billiard-repeats/1", "plan": plan.name, "cue": np.round(ends, 5).tolist()}
-        write_json(str(plan.with_suffix(".repeats.json")), told)
+        record = {"format": "billiard-repeats/1", "plan": plan.name, "cue": np.round(ends, 5).tolist()}
+        write_json(str(plan.with_suffix(".repeats.json")), record)
 
 
-def _refit(folder: Path, course: Course, learnt: int, report: Report) -> str:
-    """Learn table and launcher from the shots so far, into files; what was learnt, in words."""
+def _refit(folder: Path, config: LearningConfig, learnt: int, report: Report) -> str:
+    """Fit table and launcher to the shots so far and write the result; the result in words."""
     began = time.monotonic()
     out = fit_folder(folder, learnt)
     out.mkdir(parents=True, exist_ok=True)
     clip_set, played = films(folder, learnt)
     report(f"{len(clip_set.clips)} clips")
-    known, _ = latest(folder, course, learnt - course.every)
-    found = relearn(clip_set, played, course.model, course.cueing_map, known)
+    known, _ = latest(folder, config, learnt - config.every)
+    found = relearn(clip_set, played, config.model, config.cueing_map, known)
     result = found.result
     write_model(found.model, out / "model.toml")
     write_map(out / "map.toml", found.cueing_map)
     write_json(str(out / "result.json"), result)
     last, unexplained = result["ladder"][-1], result["unexplained"]
-    told = {
+    record = {
         "format": FIT_FORMAT, "shots": learnt, "verdict": result["verdict"],
         "unexplained": unexplained["where"] if unexplained else "", "rms_m": last["rms_m"],
         "held_out_rms_m": last["held_out_rms_m"], "chi2_reduced": last["chi2_reduced"],
         "parameters": {n: {"value": p["value"], "sd": p["sd"]} for n, p in result["parameters"].items()},
         "launcher": found.launcher(), "elapsed_s": time.monotonic() - began,
     }  # fmt: skip
-    write_json(str(out / "fit.json"), told)  # the last: with it the refit is there
+    write_json(str(out / "fit.json"), record)  # the last file: it marks the refit as complete
     names = ", ".join(result["verdict"]) or "no effect beyond the base"
     return f"learnt from {learnt} shots: {names}; whole shots within {1e3 * last['rms_m']:.2f} mm rms"
 
 
 def films(folder: Path, learnt: int) -> tuple[ClipSet, list[dict[str, Any]]]:
-    """The films of the first so many shots that have one, and the records of what was told and done."""
+    """The films of the first `learnt` shots, and the played record of each; shots without a film are left out."""
     clip_set = read_clip_set(folder / "clips")
     by_file = {clip.file: clip for clip in clip_set.clips}
-    records = [read_json(played_file(plan_file(folder, k)), "billiard-played/1") for k in range(1, learnt + 1)]
-    told = [r for r in records if r["struck"] == "yes" and r["clip"] and r["clip"]["file"] in by_file]
-    clips = [by_file[r["clip"]["file"]] for r in told]
+    records = [read_json(played_file(plan_file(folder, k)), PLAYED_FORMAT) for k in range(1, learnt + 1)]
+    filmed = [r for r in records if r["struck"] == "yes" and r["clip"] and r["clip"]["file"] in by_file]
+    clips = [by_file[r["clip"]["file"]] for r in filmed]
     last = max(len(clips) - 1, 1)
     ordered = tuple(dataclasses.replace(clip, order=k / last) for k, clip in enumerate(clips))
-    return dataclasses.replace(clip_set, clips=ordered), told
+    return dataclasses.replace(clip_set, clips=ordered), filmed

@@ -16,7 +16,7 @@ import numpy as np
 
 from models.recording.palette import CLOTH_COLOUR
 from models.shot import Table
-from robot.learning.history import Shot, Story
+from robot.learning.history import History, PlayedShot
 from sysid.clips.faults import one_line
 from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH
 from sysid.report.plots import draw_table, number
@@ -41,25 +41,25 @@ class Change:
     dropped: tuple[str, ...]
 
 
-def every(story: Story) -> int:
+def every(story: History) -> int:
     """Shots between refits."""
     return max(int(story.course.get("every") or EVERY), 1)
 
 
-def blocks(story: Story) -> list[Block]:
+def blocks(story: History) -> list[Block]:
     """The shots between one refit and the next; the last block may be cut short."""
     count, step = len(story.shots), every(story)
     return [(first, min(first + step - 1, count)) for first in range(1, count + 1, step)]
 
 
-def ends(story: Story) -> list[Block]:
+def ends(story: History) -> list[Block]:
     """The first block and the last that holds half of its shots or more; one of them, or none, in a short series."""
     all_blocks, step = blocks(story), every(story)
     whole = [(first, last) for first, last in all_blocks if 2 * (last - first + 1) >= step] or all_blocks[:1]
     return [whole[0], whole[-1]] if len(whole) > 1 else whole
 
 
-def changes(story: Story) -> list[Change]:
+def changes(story: History) -> list[Change]:
     """What every refit added to the effects of the one before, and what it dropped."""
     out, before = [], set[str]()
     for refit in story.refits:
@@ -69,12 +69,12 @@ def changes(story: Story) -> list[Change]:
     return out
 
 
-def of_block(story: Story, block: Block) -> list[Shot]:
+def of_block(story: History, block: Block) -> list[PlayedShot]:
     """Its shots."""
     return [shot for shot in story.shots if block[0] <= shot.number <= block[1]]
 
 
-def misses(story: Story) -> tuple[float, Draw]:
+def misses(story: History) -> tuple[float, Draw]:
     """The main picture: miss of every shot and its blocks' medians, the plans' own forecast, the launcher's floor."""
     notes, rows = _placed_notes(story)
 
@@ -128,7 +128,7 @@ def misses(story: Story) -> tuple[float, Draw]:
     return 4.4 + LINE * rows, draw
 
 
-def constants(story: Story) -> tuple[float, Draw] | None:
+def constants(story: History) -> tuple[float, Draw] | None:
     """Every constant of table and launcher over the refits; None without a refit."""
     names = [(kind, name) for kind in ("values", "launcher") for name in _names(story, kind)]
     if not names:
@@ -164,7 +164,7 @@ def constants(story: Story) -> tuple[float, Draw] | None:
     return 0.3 + 1.35 * rows, draw
 
 
-def above(story: Story) -> tuple[float, Draw] | None:
+def above(story: History) -> tuple[float, Draw] | None:
     """First and last block from above, told place to resting place; None without a shot."""
     shown = ends(story)
     if not shown:
@@ -190,7 +190,7 @@ def above(story: Story) -> tuple[float, Draw] | None:
     return height, draw
 
 
-def pots(story: Story) -> tuple[float, Draw] | None:
+def pots(story: History) -> tuple[float, Draw] | None:
     """Pots promised and seen, and the distance from the wanted place, block by block; None without a shot."""
     all_blocks = blocks(story)
     if not all_blocks:
@@ -214,14 +214,14 @@ def pots(story: Story) -> tuple[float, Draw] | None:
             left.text(middle[k], max(tall) + 2, f"{potted} of {seen}", **text)
         names = [f"{first}–{last}" if last > first else f"{first}" for first, last in all_blocks]
         left.set(ylim=(0, max(105.0, tallest + 12)), ylabel="pots, of shots whose end was seen [%]", xlabel="shots")
-        away = [(shot.number, 1e3 * shot.away) for shot in story.shots if math.isfinite(shot.away)]
+        away = [(shot.number, 1e3 * shot.from_wanted) for shot in story.shots if math.isfinite(shot.from_wanted)]
         if away:
             right.plot(*np.array(away).T, "o", ms=4, mfc=PALE, mec="none", label="one shot")
         label = "median of a block"
         _steps(
             right,
             story,
-            lambda a, b: _median([s.away for s in of_block(story, (a, b))]),
+            lambda a, b: _median([s.from_wanted for s in of_block(story, (a, b))]),
             label,
             {"color": MODEL, "lw": 2.4},
         )
@@ -243,10 +243,10 @@ def pots(story: Story) -> tuple[float, Draw] | None:
     return 3.3, draw
 
 
-def pot_count(story: Story, block: Block) -> tuple[float, int, int]:
+def pot_count(story: History, block: Block) -> tuple[float, int, int]:
     """Of the shots whose end was seen: pots that were promised, pots, shots."""
     seen = [shot for shot in of_block(story, block) if shot.potted is not None]
-    return sum(shot.promised for shot in seen), sum(bool(shot.potted) for shot in seen), len(seen)
+    return sum(shot.pot_probability for shot in seen), sum(bool(shot.potted) for shot in seen), len(seen)
 
 
 def _median(values: list[float]) -> float:
@@ -254,7 +254,7 @@ def _median(values: list[float]) -> float:
     return float(np.median(known)) if known else math.nan
 
 
-def _steps(ax: Any, story: Story, of: Callable[[int, int], float], label: str, style: dict[str, Any]) -> None:
+def _steps(ax: Any, story: History, of: Callable[[int, int], float], label: str, style: dict[str, Any]) -> None:
     """A level line over every block, in mm."""
     for first, last in blocks(story):
         value = 1e3 * of(first, last)
@@ -263,12 +263,12 @@ def _steps(ax: Any, story: Story, of: Callable[[int, int], float], label: str, s
             label = ""
 
 
-def _last(story: Story) -> int:
+def _last(story: History) -> int:
     """The last shot on the axis."""
     return max([1, len(story.shots), *(refit.shots for refit in story.refits)])
 
 
-def _placed_notes(story: Story) -> tuple[list[tuple[float, int, str, str]], int]:
+def _placed_notes(story: History) -> tuple[list[tuple[float, int, str, str]], int]:
     """What refits found, set over the picture so that no two overlap: x, row from below, side, text; and the rows."""
     inch = (WIDTH - 1.0) / _last(story)  # of one shot
     taken: list[list[tuple[float, float]]] = []
@@ -297,7 +297,7 @@ def _placed_notes(story: Story) -> tuple[list[tuple[float, int, str, str]], int]
     return notes, len(taken)
 
 
-def _names(story: Story, kind: str) -> list[str]:
+def _names(story: History, kind: str) -> list[str]:
     """Constants with a value in some refit, in order of appearance."""
     found = dict.fromkeys(
         name for refit in story.refits for name, (value, _) in getattr(refit, kind).items() if math.isfinite(value)
@@ -315,10 +315,10 @@ def _limits(value: Any, bar: Any) -> tuple[float, float]:
     return middle - 1.2 * reach, middle + 1.2 * reach
 
 
-def _arrows(ax: Any, table: Table, shots: list[Shot]) -> None:
+def _arrows(ax: Any, table: Table, shots: list[PlayedShot]) -> None:
     """Told place, arrow, resting place of each shot on the cloth."""
     draw_table(ax, table, dark=True)
-    known = [shot for shot in shots if np.isfinite(shot.told).all()]
+    known = [shot for shot in shots if np.isfinite(shot.planned_end).all()]
     stopped = [(shot, shot.cue_end) for shot in known if shot.cue_end is not None]
     lost = [shot for shot in known if shot.cue_end is None]
     for chosen, mark, label in (
@@ -330,15 +330,15 @@ def _arrows(ax: Any, table: Table, shots: list[Shot]) -> None:
         (lost, {"marker": "x", "ms": 6, "mew": 1.6, "mec": "#ff9f1c"}, "told to stop here; fell, or not seen"),
     ):
         if chosen:
-            ax.plot(*np.array([shot.told for shot in chosen]).T, ls="none", **mark, zorder=6, label=label)
+            ax.plot(*np.array([shot.planned_end for shot in chosen]).T, ls="none", **mark, zorder=6, label=label)
     for k, (shot, end) in enumerate(stopped):
         head = "-|>" if shot.miss > SHORT else "-"
         style = {"arrowstyle": head, "color": SHOWN, "lw": 1.3, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
-        ax.annotate("", tuple(end), tuple(shot.told), arrowprops=style, zorder=5)
+        ax.annotate("", tuple(end), tuple(shot.planned_end), arrowprops=style, zorder=5)
         ax.plot(*end, ".", ms=4, color=SHOWN, zorder=5, label="" if k else "stopped here")
     for shot in known:
         text = {"xytext": (4, 4), "textcoords": "offset points", "fontsize": 6.5, "color": "white", "zorder": 7}
-        ax.annotate(str(shot.number), shot.told, **text)
+        ax.annotate(str(shot.number), shot.planned_end, **text)
 
 
 def _plain_log(axis: Any) -> None:

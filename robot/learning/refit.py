@@ -1,10 +1,13 @@
-"""What a series of filmed strokes says of the table and of the launcher.
+"""Table and launcher fitted to a series of filmed strokes.
 
-The launcher: what every film begins with, up to its first impact, beside the string, the stage and the yaw that were
-told, makes a campaign of its own, to which the cueing map is fitted; what so few strokes do not tell stays with the
-start map. The table: sysid/selection/discover.py on the films, each up to where a pocket's jaws enter, with the
-commands that this map makes of what was told: a launcher that is not yet known must not look like an effect of the
-table. A squirt that is found all the same is the launcher's, and left to its map, which is fitted again in the end.
+In: the clip set of the films and the played record of each (robot/play.py), the start model and start map. Out:
+`Learnt`.
+
+The launcher: the ball's velocity before its first impact in every film, with the commanded string, stage and yaw, is a
+campaign to which the cueing map is fitted; where the strokes hold little information the start map stays. The table:
+sysid/selection/discover.py on the films, each cut where a pocket's jaws come into play, with the stroke that this map
+predicts as the command, so that an unknown launcher does not look like an effect of the table. A squirt that is found
+all the same belongs to the launcher: it is dropped and the map is fitted again.
 """
 
 from __future__ import annotations
@@ -35,15 +38,15 @@ from sysid.estimation.shot_problem import shot_problem
 from sysid.report.findings import model_of, result_of
 from sysid.selection.discover import discover
 
-FEWEST = 8  # strokes from which the map is fitted anew; the start map holds what they do not tell
-LONGEST = 0.4  # of a film's beginning [s]
-SQUIRT = "squirt"  # name or slot
+MIN_STROKES = 8  # from which the map is fitted anew; the start map is its prior
+MAX_START_S = 0.4  # of a film, from which the ball's first velocity is fitted
+SQUIRT_NAME = "squirt"  # of the effect, or of its slot
 log = logging.getLogger("sysid.relearn")
 
 
 @dataclass(frozen=True)
 class Learnt:
-    """Table and launcher, as a series of strokes tells them."""
+    """Table and launcher, as fitted to a series of strokes."""
 
     model: Model
     cueing_map: CueingMap
@@ -59,41 +62,41 @@ class Learnt:
 def relearn(
     clip_set: ClipSet, played: Sequence[Mapping[str, Any]], start: Model, start_map: CueingMap, known: Model,
 ) -> Learnt:  # fmt: skip
-    """Learn both from all strokes so far.
+    """Fit both to all strokes so far.
 
     Args:
         clip_set: films of the strokes.
         played: the record of each (billiard-played/1), in the same order.
-        start: the model that the discovery begins with.
-        start_map: the map that is held for known before.
-        known: the best model so far.
+        start: model from which the discovery begins.
+        start_map: prior of the cueing map.
+        known: best model so far.
     """
     short = before_jaws(clip_set)
-    log.info("what every film begins with")
+    log.info("first velocities of all films")
     rough = learn_launcher(short, played, known, start_map)
     found = discover(with_commands(short, played, rough), start)
     model = model_of(found, found.last, "robot learn")
-    model = dataclasses.replace(model, effects=tuple(e for e in model.effects if SQUIRT not in (e.slot, e.name())))
+    model = dataclasses.replace(model, effects=tuple(e for e in model.effects if SQUIRT_NAME not in (e.slot, e.name())))
     return Learnt(model, learn_launcher(short, played, model, start_map), result_of(found, math.nan))
 
 
 def learn_launcher(
     clip_set: ClipSet, played: Sequence[Mapping[str, Any]], model: Model, start: CueingMap
 ) -> CueingMap:  # fmt: skip
-    """The cueing map that films and what was told ask for, seen with a model of the table."""
+    """The cueing map fitted to films and commands, with a model of the table."""
     strokes = strokes_of(clip_set, played, first_velocities(clip_set, model))
     places = [{s.x0_mm for s in strokes}, {s.y0_mm for s in strokes}]
-    if len(strokes) < FEWEST or min(map(len, places)) < 3:
+    if len(strokes) < MIN_STROKES or min(map(len, places)) < 3:
         return start
-    return fit_map(strokes, start.geometry, start=start.constants, execution=start.execution, fewest=FEWEST)
+    return fit_map(strokes, start.geometry, start=start.constants, execution=start.execution, fewest=MIN_STROKES)
 
 
 def with_commands(clip_set: ClipSet, played: Sequence[Mapping[str, Any]], cueing_map: CueingMap) -> ClipSet:
-    """The clips, their commands what a map makes of what was told: the ball's speed, way and spin."""
-    told = {record["clip"]["file"]: record for record in played}
+    """The clips with the commands that a map predicts: speed, azimuth and spin of the ball from string, stage, yaw."""
+    records = {record["clip"]["file"]: record for record in played}
     clips = []
     for clip in clip_set.clips:
-        done, theta = told[clip.file]["done"], math.radians(told[clip.file]["asked"]["theta_deg"])
+        done, theta = records[clip.file]["done"], math.radians(records[clip.file]["asked"]["theta_deg"])
         stroke = (done["asked_speed"], 1e-3 * done["x0_mm"], 1e-3 * done["y0_mm"])
         speed, turned, side, height = (float(v[0]) for v in cueing_map.give(*(np.array([v]) for v in stroke)))
         azimuth = math.remainder(theta + turned, 2 * math.pi)
@@ -103,28 +106,28 @@ def with_commands(clip_set: ClipSet, played: Sequence[Mapping[str, Any]], cueing
 
 
 def first_velocities(clip_set: ClipSet, model: Model) -> dict[str, tuple[Array, float, float]]:
-    """What the struck ball of every clip begins with, by its file: velocity (2,), its sd along and across [m/s].
+    """First velocity of the struck ball of every clip, by its file: (2,), its sd along and across the path [m/s].
 
-    From its way to the first impact, or so much of it as `LONGEST`: a model that is still wrong errs little there. How
-    well a film tells it is that of all its unknowns together: a ball that is struck near natural roll slides for a few
-    frames only, and spin across its way then looks like another direction, 25 mrad of it in place of 1.
+    Fitted to its path up to the first impact, at most MAX_START_S: an error of the model matters little there. The sd
+    is marginal over all parameters of the initial state: a ball struck near natural roll slides for a few frames only,
+    and spin across its path is then confounded with its direction, whose sd is 25 mrad instead of 1.
     """
     sigma = position_noise(clip_set)
     clip_set, _ = remove_outliers(clip_set, sigma)
     problem = shot_problem(model, (), clip_set, sigma)
     none = np.zeros(0)
-    begun = problem.until(np.clip(problem.horizon_at(0), 2 / clip_set.fps, LONGEST))
-    x = fit_states(begun, grown_by_stage(problem, problem.start, none, 0), none, 10)
+    start = problem.until(np.clip(problem.horizon_at(0), 2 / clip_set.fps, MAX_START_S))
+    x = fit_states(start, grown_by_stage(problem, problem.start, none, 0), none, 10)
     every, constants = np.arange(len(x)), np.zeros((len(x), 0))
     steps = np.diag(problem.steps)
-    slopes = [(begun.evaluate(x + s, constants, every) - begun.evaluate(x - s, constants, every)) for s in steps]
+    slopes = [(start.evaluate(x + s, constants, every) - start.evaluate(x - s, constants, every)) for s in steps]
     jacobian = np.nan_to_num(np.stack(slopes, axis=-1) / (2 * problem.steps))
-    known = np.swapaxes(jacobian, 1, 2) @ jacobian + problem.prior.sd[:, :, None] ** -2.0 * np.eye(x.shape[1])
+    information = np.swapaxes(jacobian, 1, 2) @ jacobian + problem.prior.sd[:, :, None] ** -2.0 * np.eye(x.shape[1])
     out = {}
-    for clip, azimuth, row, cov in zip(clip_set.clips, problem.azimuth, x, np.linalg.inv(known), strict=True):
+    for clip, azimuth, row, cov in zip(clip_set.clips, problem.azimuth, x, np.linalg.inv(information), strict=True):
         along = row[2:4] / np.hypot(*row[2:4])
         across = np.array([-along[1], along[0]])
-        sds = (float(np.sqrt(way @ cov[2:4, 2:4] @ way)) for way in (along, across))
+        sds = (float(np.sqrt(axis @ cov[2:4, 2:4] @ axis)) for axis in (along, across))
         out[clip.file] = (turn(float(azimuth)) @ row[2:4], *sds)
     return out
 
@@ -132,17 +135,17 @@ def first_velocities(clip_set: ClipSet, model: Model) -> dict[str, tuple[Array, 
 def strokes_of(
     clip_set: ClipSet, played: Sequence[Mapping[str, Any]], velocities: Mapping[str, tuple[Array, float, float]]
 ) -> list[CueShot]:
-    """Strokes as a campaign has them: what was told, and what the ball began with."""
-    told = {record["clip"]["file"]: record for record in played}
+    """Strokes as a campaign has them: the command, and the ball's first velocity."""
+    records = {record["clip"]["file"]: record for record in played}
     out = []
     for k, clip in enumerate(clip_set.clips):
-        (velocity, sd, sd_across), record = velocities[clip.file], told[clip.file]
+        (velocity, sd, sd_across), record = velocities[clip.file], records[clip.file]
         speed, done = float(np.hypot(*velocity)), record["done"]
-        aside = math.atan2(velocity[1], velocity[0]) - math.radians(record["asked"]["theta_deg"])
+        deflection = math.atan2(velocity[1], velocity[0]) - math.radians(record["asked"]["theta_deg"])
         out.append(
             CueShot(
                 string_number(record["asked"]["string"]), done["asked_speed"], done["x0_mm"], done["y0_mm"], speed, sd,
-                0.0, math.remainder(aside, 2 * math.pi), sd_across / speed, 0.0, False, k,
+                0.0, math.remainder(deflection, 2 * math.pi), sd_across / speed, 0.0, False, k,
             )
         )  # fmt: skip
     return out

@@ -20,7 +20,7 @@ from models.recording.story import SeriesRecording, Way, write_story
 from models.recording.story import SeriesShot as Film
 from models.shot import Array
 from planner.scene import pocket_name
-from robot.learning.history import Refit, Shot, Story
+from robot.learning.history import History, PlayedShot, Refit
 from robot.learning.pictures import Block, Draw, above, blocks, changes, constants, ends, misses, pot_count, pots
 from sysid.report.drawing import png, svg
 from sysid.report.html import CSS
@@ -49,7 +49,7 @@ POTS = (
 )
 
 
-def write_report(path: Path | str, story: Story, title: str) -> None:
+def write_report(path: Path | str, story: History, title: str) -> None:
     """Write one HTML file, whole or not at all; BadInput where it cannot be written."""
     body = [f"<h1>{_text(title)}</h1>", *(f'<p class="lead">{_text(line)}</p>' for line in sentences(story))]
     pictures = (
@@ -66,17 +66,17 @@ def write_report(path: Path | str, story: Story, title: str) -> None:
     write_whole(path, (page + "\n".join(body) + "\n</body>\n</html>\n").encode())
 
 
-def write_picture(path: Path | str, story: Story) -> None:
+def write_picture(path: Path | str, story: History) -> None:
     """Write the main picture as PNG, whole or not at all; BadInput where it cannot be written."""
     write_whole(path, png(*misses(story), dpi=144))
 
 
-def write_recording(path: Path | str, story: Story, title: str = "A series of shots") -> None:
+def write_recording(path: Path | str, story: History, title: str = "A series of shots") -> None:
     """Write the whole series as one Rerun recording, whole or not at all; BadInput where it cannot be written."""
     write_story(path, recording_of(story), title=title)
 
 
-def sentences(story: Story) -> list[str]:
+def sentences(story: History) -> list[str]:
     """What a series came to, in plain words."""
     count = len(story.shots)
     if not count:
@@ -100,7 +100,7 @@ def sentences(story: Story) -> list[str]:
     return [*out, *_floor(story, shown[-1]), *_effects(story), *_pots(story, shown[-1]), *_ended(story)]
 
 
-def _floor(story: Story, block: Block) -> list[str]:
+def _floor(story: History, block: Block) -> list[str]:
     """The last block's miss against what the launcher's scatter alone does."""
     miss = story.median_miss(*block)
     floor, what = story.floor(*block), f"measured by repeated strokes in {_range(block)}"
@@ -116,7 +116,7 @@ def _floor(story: Story, block: Block) -> list[str]:
     return [own + ratio]
 
 
-def _effects(story: Story) -> list[str]:
+def _effects(story: History) -> list[str]:
     """Which effects were found when, and what remains."""
     if not story.refits:
         return ["Nothing was refitted yet."]
@@ -131,7 +131,7 @@ def _effects(story: Story) -> list[str]:
     return [said, f"Left unexplained: {left}." if left else "Nothing is left unexplained by the last refit."]
 
 
-def _pots(story: Story, block: Block) -> list[str]:
+def _pots(story: History, block: Block) -> list[str]:
     promised, potted, seen = pot_count(story, (1, len(story.shots)))
     if not seen:
         return ["Nobody saw how the shots ended."]
@@ -141,11 +141,11 @@ def _pots(story: Story, block: Block) -> list[str]:
     return [f"{said}{more if len(ends(story)) > 1 else ''}."]
 
 
-def _ended(story: Story) -> list[str]:
+def _ended(story: History) -> list[str]:
     return [f"It ended: {story.ended}." if story.ended else "It has not ended."]
 
 
-def _refits(story: Story) -> str:
+def _refits(story: History) -> str:
     if not story.refits:
         return '<p class="sub">There was none yet.</p>'
     heads = ("shots", "effects", "what remains", "rms", "rms, held out", "reduced χ²", "seconds")
@@ -157,19 +157,19 @@ def _refits(story: Story) -> str:
     return _table(heads, rows, {0, 3, 4, 5, 6})
 
 
-def _shots(story: Story) -> str:
+def _shots(story: History) -> str:
     if not story.shots:
         return '<p class="sub">There was none yet.</p>'
     heads = ("shot", "pocket", "promised", "potted", "miss", "foreseen", "from the wanted place", "noted")
     rows = [
-        [str(s.number), _pocket(s), _percent(s.promised), _seen(s.potted), _mm(s.miss), _mm(s.spread), _mm(s.away),
-         "; ".join(_noted(s)) or NONE]
+        [str(s.number), _pocket(s), _percent(s.pot_probability), _seen(s.potted), _mm(s.miss), _mm(s.spread),
+         _mm(s.from_wanted), "; ".join(_noted(s)) or NONE]
         for s in story.shots
     ]  # fmt: skip
     return _table(heads, rows, {0, 2, 4, 5, 6})
 
 
-def _noted(shot: Shot) -> list[str]:
+def _noted(shot: PlayedShot) -> list[str]:
     """What was out of the ordinary in a shot."""
     out = ["in-off"] * bool(shot.played.get("cue_fell"))
     if shot.played.get("struck", "yes") != "yes":
@@ -179,7 +179,7 @@ def _noted(shot: Shot) -> list[str]:
     return out + [str(note) for note in shot.played.get("noted") or []]
 
 
-def recording_of(story: Story) -> SeriesRecording:
+def recording_of(story: History) -> SeriesRecording:
     """A series as the plain values that are drawn in Rerun."""
     median = {k: story.median_miss(*block) for block in blocks(story) for k in range(block[0], block[1] + 1)}
     films = tuple(_film(shot, median[shot.number]) for shot in story.shots)
@@ -191,7 +191,7 @@ def recording_of(story: Story) -> SeriesRecording:
     return SeriesRecording(films, lessons, words, story.shots[0].scene.table, story.shots[0].scene.ball)
 
 
-def _film(shot: Shot, median: float) -> Film:
+def _film(shot: PlayedShot, median: float) -> Film:
     planned: dict[str, Way] = {}
     for track in shot.plan.get("tracks") or []:
         planned[track["ball"]] = (_array(track["t"]).reshape(-1), _array(track["xy"]).reshape(-1, 2))
@@ -201,11 +201,11 @@ def _film(shot: Shot, median: float) -> Film:
     pot = {True: "potted", False: "not potted", None: "not seen"}[shot.potted]
     miss = f"missed by {_mm(shot.miss)}" if math.isfinite(shot.miss) else "the cue ball did not stop on the table"
     noted = _noted(shot)
-    words = f"shot {shot.number}: {pot} ({_percent(shot.promised)} promised), {miss}"
+    words = f"shot {shot.number}: {pot} ({_percent(shot.pot_probability)} promised), {miss}"
     words += f"; {'; '.join(noted)}" if noted else ""
-    rows = [("pocket", _pocket(shot)), ("promised", _percent(shot.promised)), ("potted", _seen(shot.potted)),
+    rows = [("pocket", _pocket(shot)), ("promised", _percent(shot.pot_probability)), ("potted", _seen(shot.potted)),
             ("miss", _mm(shot.miss)), ("foreseen", _mm(shot.spread)), ("launcher's own scatter", _mm(shot.floor)),
-            ("from the wanted place", _mm(shot.away)), ("model learnt from", _many(shot.learnt, "shot")),
+            ("from the wanted place", _mm(shot.from_wanted)), ("model learnt from", _many(shot.learnt, "shot")),
             ("noted", "; ".join(noted) or NONE)]  # fmt: skip
     page = "\n".join(
         [f"# Shot {shot.number}", str(shot.plan.get("kind") or ""), "", "| | |", "|---|---|"]
@@ -218,7 +218,7 @@ def _film(shot: Shot, median: float) -> Film:
         start,
         planned,
         played,
-        shot.told,
+        shot.planned_end,
         shot.cue_end,
         shot.scene.goal.rest,
         curves,
@@ -257,7 +257,7 @@ def _figure(name: str, what: str, picture: tuple[float, Draw] | None, caption: s
     return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
 
 
-def _pocket(shot: Shot) -> str:
+def _pocket(shot: PlayedShot) -> str:
     """The pocket that was played for."""
     pocket = shot.plan.get("pocket") or shot.scene.goal.pocket
     return pocket_name((int(pocket[0]), int(pocket[1]))) if pocket else NONE

@@ -12,14 +12,14 @@ import numpy as np
 from models.console import table
 
 if TYPE_CHECKING:
-    from robot.learning.emulated_rig import EmulatedStand
-    from robot.learning.history import Refit, Story
-    from robot.learning.loop import Course
+    from robot.learning.emulated_rig import EmulatedRig
+    from robot.learning.history import History, Refit
+    from robot.learning.loop import LearningConfig
 
 LEARN_FORMAT = "billiard-learn/1"
 
 
-def figures(story: Story, course: Course, stand: EmulatedStand | None) -> dict[str, Any]:
+def figures(story: History, course: LearningConfig, stand: EmulatedRig | None) -> dict[str, Any]:
     """A series as plain values, format billiard-learn/1."""
     return {
         "format": LEARN_FORMAT, "seed": course.seed, "shots": len(story.shots), "every": course.every,
@@ -29,24 +29,24 @@ def figures(story: Story, course: Course, stand: EmulatedStand | None) -> dict[s
     }  # fmt: skip
 
 
-def _blocks(story: Story, every: int) -> list[dict[str, Any]]:
+def _blocks(story: History, every: int) -> list[dict[str, Any]]:
     """Figures of the shots from one refit to the next."""
     blocks = []
     for first in range(1, len(story.shots) + 1, every):
         shots = story.shots[first - 1 : first - 1 + every]
         last = shots[-1].number
-        away = [s.away for s in shots if math.isfinite(s.away)]
+        away = [s.from_wanted for s in shots if math.isfinite(s.from_wanted)]
         blocks.append({
             "first": first, "last": last, "learnt": shots[0].learnt, "miss_median_m": story.median_miss(first, last),
             "foreseen_median_m": story.median_spread(first, last), "scatter_median_m": story.floor(first, last),
             "potted": sum(s.potted is True for s in shots), "seen": sum(s.potted is not None for s in shots),
-            "promised": sum(s.promised for s in shots if s.potted is not None),
+            "promised": sum(s.pot_probability for s in shots if s.potted is not None),
             "from_wanted_median_m": float(np.median(away)) if away else math.nan,
         })  # fmt: skip
     return blocks
 
 
-def _truth(last: Refit | None, course: Course, stand: EmulatedStand | None) -> dict[str, Any]:
+def _truth(last: Refit | None, course: LearningConfig, stand: EmulatedRig | None) -> dict[str, Any]:
     """Constants begun with and learnt, beside the hidden ones of an emulated table and launcher."""
     start = course.model.parameters()
     began = {n: float(v) for n, v in start.items()} | dataclasses.asdict(course.cueing_map.constants)

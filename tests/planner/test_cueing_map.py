@@ -18,9 +18,9 @@ from models.shot import Ball
 from planner.launcher.cueing_map import FORMAT, CueingMap, read_map, write_map
 from planner.launcher.execution import Execution, read_execution
 from planner.launcher.stroke import Launcher
-from robot.cueing.campaign import COLUMNS, CueShot, count_played, make_grid, read_campaign, run_campaign
+from robot.cueing.campaign import CAMPAIGN_COLUMNS, CueShot, count_played, make_grid, read_campaign, run_campaign
+from robot.cueing.held_out import average_errors, noise_floor
 from robot.cueing.map_fit import fit_map, scatter
-from robot.cueing.networks import average, compare_maps, noise_floor, train_networks
 from robot.cueing.report import write_picture, write_report
 from robot.cueing.striker import (
     EmulatedStriker,
@@ -32,6 +32,7 @@ from robot.cueing.striker import (
     hidden_scene,
     read_track,
 )
+from tests.reference.networks import compare_with_networks, train_networks
 
 BALL = Ball(0.0525, 0.1406)
 GEOMETRY = Geometry(BALL)
@@ -307,10 +308,10 @@ def test_a_campaign_goes_on_where_it_was_broken_off(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("a,b\n1,2\n", "begins with 'a,b'; the first line of a campaign is string"),
-        (",".join(COLUMNS) + "\n1,2\n", "row 1: has 2 columns; there are 12"),
-        (",".join(COLUMNS) + "\n62,2.0,0,0,x,1,0,0,1,0,0,0\n", "row 1: ball_speed is 'x'; give a number"),
-        (",".join(COLUMNS) + "\n62,2.0,0,0,-2,1,0,0,1,0,0,0\n", "ball_speed is '-2'; give a number above 0"),
-        (",".join(COLUMNS) + "\n62.5,2.0,0,0,2,1,0,0,1,0,0,0\n", "string is '62.5'; give a whole number"),
+        (",".join(CAMPAIGN_COLUMNS) + "\n1,2\n", "row 1: has 2 columns; there are 12"),
+        (",".join(CAMPAIGN_COLUMNS) + "\n62,2.0,0,0,x,1,0,0,1,0,0,0\n", "row 1: ball_speed is 'x'; give a number"),
+        (",".join(CAMPAIGN_COLUMNS) + "\n62,2.0,0,0,-2,1,0,0,1,0,0,0\n", "ball_speed is '-2'; give a number above 0"),
+        (",".join(CAMPAIGN_COLUMNS) + "\n62.5,2.0,0,0,2,1,0,0,1,0,0,0\n", "string is '62.5'; give a whole number"),
     ],
 )
 def test_a_bad_campaign_says_what_is_wrong(tmp_path: Path, text: str, message: str) -> None:
@@ -321,9 +322,9 @@ def test_a_bad_campaign_says_what_is_wrong(tmp_path: Path, text: str, message: s
 
 
 def test_too_few_shots_say_so(shots: list[CueShot]) -> None:
-    with pytest.raises(BadInput, match="10 shots at 2 places cannot tell a cueing map; strike 16 or more"):
+    with pytest.raises(BadInput, match="10 shots at 2 places are too few for a cueing map; strike 16 or more"):
         fit_map(shots[:10])
-    with pytest.raises(BadInput, match="0 repeats cannot tell the launcher's scatter"):
+    with pytest.raises(BadInput, match="0 repeats are too few for the launcher's scatter"):
         scatter(shots[::5], TRUE, GEOMETRY)
     with pytest.raises(BadInput, match="20 shots for 26 weights"):
         train_networks(shots[:20], np.random.default_rng(0))
@@ -336,7 +337,7 @@ def test_physics_from_a_tenth_is_as_good_as_networks_from_all(shots: list[CueSho
     def exact(told: object) -> dict[tuple[int, float, float], tuple[float, float]]:
         return {t: (s.ball_speed, s.squirt_rad) for t in told for s in [player(*t)]}  # type: ignore[attr-defined]
 
-    contest = compare_maps(shots, np.random.default_rng(1), starts=2, exact=exact)
+    contest = compare_with_networks(shots, np.random.default_rng(1), starts=2, exact=exact)
     networks, whole, tenth, floor = contest.scores
     assert (networks.trained_on, whole.trained_on, tenth.trained_on) == (240, 240, 24)
     assert whole.exact_speed_percent < 0.3
@@ -350,7 +351,7 @@ def test_physics_from_a_tenth_is_as_good_as_networks_from_all(shots: list[CueSho
     assert floor.speed_percent == pytest.approx(1.1, abs=0.25)
     held = {(s.string, s.x0_mm, s.y0_mm) for s in contest.held}
     assert len(contest.held) == 5 * len(held) == 60, "whole strokes are held out"
-    assert average([contest, contest])[1].speed_percent == pytest.approx(whole.speed_percent)
+    assert average_errors([contest, contest])[1].speed_percent == pytest.approx(whole.speed_percent)
     write_report(tmp_path / "map.html", "A <map>", shots, contest, notes=("emulated",))
     text = (tmp_path / "map.html").read_text(encoding="utf-8")
     assert "A &lt;map&gt;" in text

@@ -233,7 +233,7 @@ def cases(count: int, noises: tuple[float, ...] = (1.0, 3.0, 6.0), seed: int = 0
 
 def main() -> int:
     """Print the errors."""
-    from robot.camera.align import cue_direction
+    from robot.camera.cue_line import cue_direction
 
     camera, off, pulls = camera_over(), [], []
     for case in cases(int(sys.argv[1]) if len(sys.argv) > 1 else 36):

@@ -24,8 +24,8 @@ from models.shot import GRAVITY, Track
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.execution import Execution
 from robot.emulator.table import EmulatedTable
-from robot.learning.emulated_rig import EmulatedStand, draw_hidden_cue
-from robot.learning.loop import Course, learn
+from robot.learning.emulated_rig import EmulatedRig, draw_hidden_cue
+from robot.learning.loop import LearningConfig, learn
 from robot.learning.report import sentences, write_report
 from tests.truth.cloth import Constants as Truth
 from tests.truth.physics import Start, Table, simulate
@@ -69,8 +69,8 @@ def main() -> int:
     start = full_model(SNOOKER_TABLE, SNOOKER_BALL)
     unknown = CueingMap(Constants(), Geometry(SNOOKER_BALL), np.full((len(CONSTANT_NAMES),) * 2, math.nan), Execution())
     cue = draw_hidden_cue(np.random.default_rng([args.seed, 7]))
-    stand = EmulatedStand(start, cue, seed=args.seed, make=partial(TruthTable, truth))
-    course = Course(start, unknown, args.shots, args.every, args.seed, stops=False)
+    stand = EmulatedRig(start, cue, seed=args.seed, make=partial(TruthTable, truth))
+    course = LearningConfig(start, unknown, args.shots, args.every, args.seed, stops=False)
     progress = Progress()
 
     def say(line: str) -> None:

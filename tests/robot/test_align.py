@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from robot.camera.align import CueLine, _raised, align, cue_direction, turn_for
+from robot.camera.align import align, turn_for
+from robot.camera.cue_line import CueLine, _raised, cue_direction
 from sysid.vision.camera.projection import Array
 from sysid.vision.cue import _Line
 from tests.robot.align_pictures import RAISED, Light, Picture, Stick, bare, camera_over, cases, empty, picture

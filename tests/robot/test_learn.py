@@ -28,12 +28,11 @@ from planner.launcher.stroke import stroke_terms
 from planner.scene import Goal, Scene
 from robot.cueing.map_fit import PRIOR_SD
 from robot.device.settings import Settings
-from robot.emulator.table import EmulatedTable, emulated_launcher
+from robot.emulator.table import EmulatedOptions, EmulatedTable, emulated_launcher
 from robot.learning.emulated_rig import draw_hidden_cue
-from robot.learning.history import Refit, Story, fit_folder, read_story
-from robot.learning.history import Shot as Played
-from robot.learning.loop import Course, begin, why_ended
-from robot.learning.refit import FEWEST, Learnt, learn_launcher, with_commands
+from robot.learning.history import History, PlayedShot, Refit, fit_folder, read_history
+from robot.learning.loop import LearningConfig, begin, why_ended
+from robot.learning.refit import MIN_STROKES, Learnt, learn_launcher, with_commands
 from sysid.cli.common import Start
 from sysid.clips import Clip, ClipSet, CueCommand, Observation, write_clip_set
 from sysid.clips.jaws import JAW_MARGIN_M, MIN_CLIP_SAMPLES, before_jaws
@@ -41,7 +40,7 @@ from tests.models.engine.test_jaws import into_pockets
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
 MAP = CueingMap(Constants(), Geometry(SNOOKER_BALL), np.full((8, 8), math.nan), Execution())
-COURSE = Course(MODEL, MAP, shots=8, every=4)
+COURSE = LearningConfig(MODEL, MAP, shots=8, every=4)
 SCENE = Scene(
     SNOOKER_TABLE, SNOOKER_BALL, ("white", "red"), np.array([[0.0, 0.0], [0.5, 0.2]]),
     Goal("white", "red", (1, 1), np.array([1.0, 0.3])),
@@ -50,11 +49,11 @@ TIMES = np.arange(0.0, 3.0, 1 / 180)
 JAWS = pockets_of(SNOOKER_TABLE, SNOOKER_BALL).jaws
 
 
-def shot(number: int, miss: float, spread: float = 0.018, every: int = 4, **change: Any) -> Played:
+def shot(number: int, miss: float, spread: float = 0.018, every: int = 4, **change: Any) -> PlayedShot:
     """A shot whose cue ball stopped `miss` [m] from where it was told to; nan: in a pocket."""
     end = None if math.isnan(miss) else np.array([0.3 + miss, 0.1])
     away = None if end is None else miss + 0.1
-    made = Played(
+    made = PlayedShot(
         number, SCENE, (number - 1) // every * every, np.array([0.3, 0.1]), spread, 0.8, True, end, 0.01, {},
         {"from_wanted": away}, None,
     )  # fmt: skip
@@ -67,7 +66,7 @@ def refit(shots: int, verdict: tuple[str, ...] = ("table_tilt",), **change: Any)
 
 def story(
     blocks: Sequence[float], every: int = 4, verdicts: Sequence[tuple[str, ...]] | None = None, ended: str = ""
-) -> Story:
+) -> History:
     """Blocks of shots with these median misses [m], a refit after each."""
     shots = []
     for k, middle in enumerate(blocks):
@@ -75,7 +74,7 @@ def story(
         shots += [shot(k * every + j + 1, float(m), every=every) for j, m in enumerate(around)]
     told = verdicts or [("table_tilt",)] * len(blocks)
     refits = tuple(refit((k + 1) * every, v) for k, v in enumerate(told))
-    return Story({}, tuple(shots), refits, ended)
+    return History({}, tuple(shots), refits, ended)
 
 
 def test_a_series_goes_on_while_it_learns() -> None:
@@ -85,7 +84,7 @@ def test_a_series_goes_on_while_it_learns() -> None:
 
 def test_a_series_ends_where_the_miss_is_what_the_plans_foresee() -> None:
     assert "nothing is left to learn" in why_ended(story((0.1, 0.022, 0.021)), 4)
-    assert "miss is 21 mm (median of 4), the plans foresee 18" in why_ended(story((0.1, 0.022, 0.021)), 4)
+    assert "miss is 21 mm (median of 4), predicted 18 mm" in why_ended(story((0.1, 0.022, 0.021)), 4)
     assert why_ended(story((0.1, 0.026, 0.0241)), 4) == "", "more than 1.3 times that, and it has just fallen before"
 
 
@@ -101,7 +100,7 @@ def test_a_series_goes_on_after_another_verdict_or_without_refits() -> None:
     assert why_ended(story(flat, verdicts=[tilt, tilt, nap]), 4) == ""
     assert why_ended(story(flat, verdicts=[nap, tilt, tilt]), 4) != ""
     assert why_ended(dataclasses.replace(story(flat), refits=story(flat).refits[:2]), 4) == ""
-    assert why_ended(Story({}, (), (), ""), 4) == ""
+    assert why_ended(History({}, (), (), ""), 4) == ""
 
 
 def test_balls_in_pockets_have_no_miss() -> None:
@@ -245,7 +244,9 @@ def strokes(count: int = 30) -> tuple[ClipSet, tuple[dict[str, Any], ...]]:
         q = np.array([[rng.uniform(0.5, 1.6), rng.uniform(-0.3, 0.3), off * math.cos(turn), off * math.sin(turn)]])
         q = launcher.playable(q, SNOOKER_BALL)[0]
         asked = launcher.terms(MODEL, q)
-        table = EmulatedTable(MODEL, {"white": (-1.2, 0.0)}, math.radians(asked["theta_deg"]), k, constants=TRUE)
+        table = EmulatedTable(
+            MODEL, {"white": (-1.2, 0.0)}, math.radians(asked["theta_deg"]), k, EmulatedOptions(constants=TRUE)
+        )
         device, _ = emulated_launcher(ours, table.hit, np.random.default_rng([k, 1]), say=lambda line: None)
         with device:
             device.home()
@@ -309,7 +310,7 @@ def test_commands_are_what_a_map_makes_of_what_was_told() -> None:
 
 
 def test_too_few_strokes_leave_the_map_as_it_was() -> None:
-    assert learnt(FEWEST - 1) is MAP
+    assert learnt(MIN_STROKES - 1) is MAP
     told = Learnt(MODEL, MAP, {}).launcher()
     assert list(told) == list(CONSTANT_NAMES)
     assert told["end_mass"]["value"] == MAP.constants.end_mass and math.isnan(told["end_mass"]["sd"])
@@ -346,10 +347,10 @@ def test_a_refit_is_there_with_the_last_of_its_files(
             patch.setattr(robot.learning.loop, name, broken)
             with pytest.raises(KeyboardInterrupt):
                 robot.learning.loop._refit(tmp_path, COURSE, 4, lambda line: None)
-        assert not (out / "fit.json").exists() and read_story(tmp_path).refits == ()
+        assert not (out / "fit.json").exists() and read_history(tmp_path).refits == ()
     said = robot.learning.loop._refit(tmp_path, COURSE, 4, lambda line: None)
     assert "learnt from 4 shots: table_tilt" in said
-    [found] = read_story(tmp_path).refits
+    [found] = read_history(tmp_path).refits
     assert (found.shots, found.verdict, found.unexplained) == (4, ("table_tilt",), "")
     assert math.isnan(found.held_rms) and found.values["decoupled_cloth.roll"] == (0.0125, 1e-5)
     assert math.isnan(found.launcher["end_mass"][1])

@@ -23,9 +23,9 @@ from planner.launcher.execution import Execution
 from planner.search.search import Effort
 from robot.cli.learn import learn
 from robot.cli.verbs import main
-from robot.learning.emulated_rig import EmulatedStand, draw_hidden_cue, draw_hidden_table
-from robot.learning.history import Story, read_story
-from robot.learning.loop import Course
+from robot.learning.emulated_rig import EmulatedRig, draw_hidden_cue, draw_hidden_table
+from robot.learning.history import History, read_history
+from robot.learning.loop import LearningConfig
 from robot.learning.refit import Learnt
 from robot.learning.summary import figures, text_of
 from tests.robot.test_learn import COURSE, MAP, MODEL, RESULT, TRUE, refit, shot, story
@@ -37,7 +37,7 @@ QUICK = Effort(
     starts=3, strokes=6, best=2, rounds=1, halved=1, hands=8, finalists=2, closely=16, fresh=64,
 )  # fmt: skip
 ENDED = ("ended.txt", "hidden.toml", "hidden_cue.json", "report.html", "story.png", "story.rrd")
-STAND = EmulatedStand(draw_hidden_table(MODEL, np.random.default_rng(3), "table_tilt"), TRUE)
+STAND = EmulatedRig(draw_hidden_table(MODEL, np.random.default_rng(3), "table_tilt"), TRUE)
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plans that are made in a moment."""
-    monkeypatch.setattr(robot.learning.loop, "Course", functools.partial(Course, effort=QUICK))
+    monkeypatch.setattr(robot.learning.loop, "LearningConfig", functools.partial(LearningConfig, effort=QUICK))
 
 
 @pytest.fixture
@@ -93,13 +93,13 @@ def test_options_say_what_a_course_and_a_stand_are_without_them() -> None:
     given = learn.make_context("learn", ["--out", "x"]).params
     numbers = [given[name] for name in ("shots", "every", "seed", "balls")]
     assert numbers == [60, 10, 0, 2]
-    assert Course(MODEL, MAP) == Course(MODEL, MAP, *numbers, not given["all_shots"])
-    assert given["repeats"] == EmulatedStand(MODEL, Constants()).repeats
+    assert LearningConfig(MODEL, MAP) == LearningConfig(MODEL, MAP, *numbers, not given["all_shots"])
+    assert given["repeats"] == EmulatedRig(MODEL, Constants()).repeats
 
 
 def test_figures_are_those_of_the_shots() -> None:
     seen = story((0.1, 0.02), ended="all 8 shots are played")
-    lost = shot(6, math.nan, promised=0.5, potted=None, floor=math.nan)
+    lost = shot(6, math.nan, pot_probability=0.5, potted=None, floor=math.nan)
     seen = dataclasses.replace(seen, shots=(*seen.shots[:5], lost, *seen.shots[6:]))
     told = figures(seen, COURSE, STAND)
     first, second = told["blocks"]
@@ -135,10 +135,10 @@ def test_the_truth_stands_beside_what_was_found() -> None:
 
 
 def test_a_series_without_a_refit_is_told_as_well() -> None:
-    short = Story({}, story((0.1,)).shots[:2], (), "all 2 shots are played")
+    short = History({}, story((0.1,)).shots[:2], (), "all 2 shots are played")
     text = text_of(figures(short, COURSE, STAND))
     assert "1 to 2" in text and "no refit: the first is made after 4 shots" in text and "found: none" in text
-    assert "ended: none" in text_of(figures(Story({}, (), (), "none"), COURSE, STAND))
+    assert "ended: none" in text_of(figures(History({}, (), (), "none"), COURSE, STAND))
 
 
 def test_a_folder_goes_on_with_its_own_series_alone(
@@ -181,7 +181,7 @@ def test_a_series_broken_off_anywhere_comes_to_the_same(
         assert said.status == 130
         last = said.err.splitlines()[-1]
         assert last == f"robot learn: interrupted; {broken} is kept: the same command continues from there"
-        so_far = read_story(broken)
+        so_far = read_history(broken)
         assert (len(so_far.shots), len(so_far.refits)) == (played, refits)
         assert not any((broken / name).exists() for name in ENDED)
     assert run("--out", broken, *words).status == 0
@@ -267,4 +267,4 @@ def test_a_launcher_that_fails_ends_it_with_status_1(
     monkeypatch.setattr(robot.learning.loop, "play_plan", dead)
     said = run("--out", tmp_path / "series", "--shots", 1, "--every", 4)
     assert said.status == 1 and said.err.splitlines()[-1] == "robot learn: the line is dead"
-    assert len(read_story(tmp_path / "series").shots) == 0
+    assert len(read_history(tmp_path / "series").shots) == 0

@@ -15,8 +15,10 @@ from models.errors import BadInput
 from models.model_file import full_model
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
-from robot.camera.live import Device, LiveCamera, Recording, frame_numbers
-from robot.play import Camera as Watcher
+from robot.camera.live import CameraOptions, LiveCamera
+from robot.camera.recorder import FilmRecorder, frame_numbers
+from robot.camera.source import Device
+from robot.play import ShotCamera
 from sysid.vision.camera.projection import overhead, write_camera
 from tests.footage.film import Look, film
 from tests.footage.motion import Motion, motion_of
@@ -78,12 +80,12 @@ class Reel:
 
 
 def live(tmp_path: Path, reel: Reel, said: list[str]) -> LiveCamera:
-    return LiveCamera(reel, CAMERA, tmp_path / "films", mass=BALL.mass, say=said.append)
+    return LiveCamera(reel, CAMERA, tmp_path / "films", CameraOptions(mass=BALL.mass), said.append)
 
 
 def test_it_is_a_camera_for_play(tmp_path: Path) -> None:
     assert live(tmp_path, Reel(grey(0)), []).seen_with is CAMERA
-    camera: Watcher = live(tmp_path, Reel(grey(0)), [])
+    camera: ShotCamera = live(tmp_path, Reel(grey(0)), [])
     assert (camera.table, camera.ball, camera.fps) == (TABLE, BALL, FPS)
     assert camera.sigma == pytest.approx(0.1 * PIXEL, rel=0.1)
     assert camera.film() == {}, "nobody has armed it"
@@ -151,7 +153,7 @@ def grey(*levels: int) -> tuple[Picture, ...]:
 def test_what_is_recorded_is_lossless_and_keeps_its_gaps(tmp_path: Path) -> None:
     levels = list(range(60, 200, 2))
     reel = Reel(grey(*levels), frozenset({20, 21, 50}), late=0.4 / FPS)
-    recording = Recording(reel, CAMERA, tmp_path / "gaps.mkv", FPS)
+    recording = FilmRecorder(reel, CAMERA, tmp_path / "gaps.mkv", FPS)
     recording.finish(20.0)
     footage = recording.footage()
     frames = list(footage)[:60]
@@ -165,12 +167,12 @@ def test_what_is_recorded_is_lossless_and_keeps_its_gaps(tmp_path: Path) -> None
 
 
 def test_a_recording_ends_when_the_bed_is_still_and_at_a_limit(tmp_path: Path) -> None:
-    still = Recording(Reel(grey(90)), CAMERA, tmp_path / "still.mkv", FPS)
+    still = FilmRecorder(Reel(grey(90)), CAMERA, tmp_path / "still.mkv", FPS)
     still.finish(20.0)
-    assert still.told == []
-    restless = Recording(Restless(), CAMERA, tmp_path / "restless.mkv", FPS)
+    assert still.warnings == []
+    restless = FilmRecorder(Restless(), CAMERA, tmp_path / "restless.mkv", FPS)
     restless.finish(0.3)
-    assert "still moved" in restless.told[0]
+    assert "still moved" in restless.warnings[0]
 
 
 class Restless(Reel):
@@ -195,7 +197,7 @@ def test_pictures_of_another_size_are_refused(tmp_path: Path) -> None:
         camera.arm()
         assert camera.film() == {}, "a stroke is made by then: its record is not to be lost"
     assert "30 x 20 pixels" in said[0]
-    assert camera.told == tuple(said)
+    assert camera.warnings == tuple(said)
 
 
 def test_an_end_without_pictures_and_a_rate_that_is_not_known(tmp_path: Path) -> None:
@@ -210,7 +212,7 @@ def test_an_end_without_pictures_and_a_rate_that_is_not_known(tmp_path: Path) ->
     with pytest.raises(BadInput, match="rate is 0/s; give"):
         LiveCamera(Dead(()), CAMERA, tmp_path)
     said: list[str] = []
-    with LiveCamera(Dead(()), CAMERA, tmp_path, fps=FPS, say=said.append) as camera:
+    with LiveCamera(Dead(()), CAMERA, tmp_path, CameraOptions(fps=FPS), said.append) as camera:
         with pytest.raises(BadInput, match="no picture came"):
             camera.look()
         camera.arm()
@@ -229,7 +231,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
 
 def test_devices(tmp_path: Path) -> None:
     for name in (97, "97", str(tmp_path / "absent.mkv"), "rtsp://127.0.0.1:9/none"):
-        with pytest.raises(BadInput, match=r"cannot be opened; see that it is plugged in"):
+        with pytest.raises(BadInput, match=r"cannot be opened; check that it is plugged in"):
             Device(name)
     writer = cv2.VideoWriter(str(tmp_path / "v.mkv"), cv2.VideoWriter_fourcc(*"FFV1"), FPS, CAMERA.size)
     for picture in grey(10, 20, 30):

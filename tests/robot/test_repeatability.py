@@ -17,7 +17,16 @@ from models.errors import BadInput
 from models.shot import Table
 from robot.cli.verbs import main
 from robot.device.settings import Settings
-from robot.emulator.repeatability import OPEN, Repeated, mean_scatter, measure, rows, spread_strings, text
+from robot.emulator.repeatability import (
+    OPEN_CLOTH,
+    Conditions,
+    Repeated,
+    mean_scatter,
+    measure,
+    rows,
+    spread_strings,
+    text,
+)
 
 OURS = Settings()
 PAPER = 0.050  # Robotic Billiards 2015, section V.C [m]
@@ -26,12 +35,12 @@ PAPER = 0.050  # Robotic Billiards 2015, section V.C [m]
 @pytest.fixture
 def sure(monkeypatch: pytest.MonkeyPatch) -> None:
     """A launcher whose strokes are all the same."""
-    for name in ("SCATTER", "REST", "ENCODER"):
+    for name in ("SPEED_SCATTER", "REST_SD_M", "ENCODER_SPEED_SD"):
         monkeypatch.setattr(fw, name, 0.0)
 
 
 def test_a_sure_launcher_puts_the_ball_where_it_was(sure: None) -> None:
-    for row in measure(OURS, (20, 100, 180), 3, ball_sd=0.0, sigma=0.0):
+    for row in measure(OURS, (20, 100, 180), 3, conditions=Conditions(ball_sd=0.0, sigma=0.0)):
         assert row.scatter < 1e-9 and row.within == 1.0
         assert row.cue_speed_sd < 1e-5
         assert (row.ended, row.fell) == (3, 0)
@@ -43,7 +52,10 @@ def test_the_same_seed_gives_the_same_strokes() -> None:
 
 
 def test_the_cloth_changes_no_stroke() -> None:
-    on_table, on_open = (measure(OURS, (30, 120, 180), 4, 3, cloth=cloth) for cloth in (rep.SNOOKER_TABLE, OPEN))
+    on_table, on_open = (
+        measure(OURS, (30, 120, 180), 4, 3, conditions=Conditions(cloth=cloth))
+        for cloth in (rep.SNOOKER_TABLE, OPEN_CLOTH)
+    )
     for ours, free in zip(on_table, on_open, strict=True):
         assert (ours.cue_speed, ours.cue_speed_sd) == (free.cue_speed, free.cue_speed_sd)
         assert ours.run <= free.run + 1e-6
@@ -53,7 +65,7 @@ def test_the_cloth_changes_no_stroke() -> None:
 
 
 def test_on_an_open_cloth_a_run_goes_with_the_square_of_the_speed() -> None:
-    slow, fast = measure(OURS, (40, 150), 12, 5, cloth=OPEN)[::-1]
+    slow, fast = measure(OURS, (40, 150), 12, 5, conditions=Conditions(cloth=OPEN_CLOTH))[::-1]
     assert fast.run / slow.run == pytest.approx((fast.cue_speed / slow.cue_speed) ** 2, rel=0.02)
     for row in (slow, fast):
         assert row.along_sd == pytest.approx(2 * row.run * row.cue_speed_sd, rel=0.1)
@@ -61,7 +73,7 @@ def test_on_an_open_cloth_a_run_goes_with_the_square_of_the_speed() -> None:
 
 def test_the_run_of_a_metre_a_second_is_the_published_one() -> None:
     """2.165 V^2 of a ball struck at its centre at V [m/s], by the cloth's published coefficients."""
-    [row] = measure(OURS, (143,), 4, ball_sd=0.0, cloth=OPEN)
+    [row] = measure(OURS, (143,), 4, conditions=Conditions(ball_sd=0.0, cloth=OPEN_CLOTH))
     ball_speed = 1.366 * math.cos(math.radians(6.5)) * row.cue_speed  # Alciatore TP A.31 with the launcher's cue
     assert row.run == pytest.approx(2.165 * ball_speed**2, rel=0.06)
 
@@ -75,8 +87,8 @@ def test_a_ball_that_lies_to_the_left_is_struck_on_its_right(monkeypatch: pytest
             super().hit(cue_speed, side, height)
 
     monkeypatch.setattr(rep, "EmulatedTable", Looked)
-    [still] = measure(OURS, (150,), 6, ball_sd=0.0)
-    [moved] = measure(OURS, (150,), 6, ball_sd=1e-3)
+    [still] = measure(OURS, (150,), 6, conditions=Conditions(ball_sd=0.0))
+    [moved] = measure(OURS, (150,), 6, conditions=Conditions(ball_sd=1e-3))
     lies, side = np.array(seen).T
     assert np.allclose(lies, side, atol=1e-12) and np.ptp(side) > 1e-3
     assert moved.across_sd > 5e-4 and still.across_sd < 2e-4  # the camera's noise, a tenth of a millimetre
@@ -142,7 +154,7 @@ def test_bad_input_is_named_before_a_stroke(change: dict[str, Any], says: str, m
 
 def test_a_smaller_table_is_measured_as_well() -> None:
     """The paper's own table is 10 x 5 ft."""
-    [row] = measure(OURS, (100,), 3, cloth=Table(3.048, 1.524))
+    [row] = measure(OURS, (100,), 3, conditions=Conditions(cloth=Table(3.048, 1.524)))
     assert 2.0 < row.run < 7.0 and row.ended == 3
 
 

@@ -16,7 +16,7 @@ from models.errors import BadInput
 from planner.launcher.stroke import Launcher as Planned
 from robot.cli.verbs import main
 from robot.device.calibrate import (
-    STRINGS,
+    CALIBRATION_STRINGS,
     StringSpeed,
     calibration_from,
     measure_strings,
@@ -26,12 +26,13 @@ from robot.device.calibrate import (
     text,
     write_calibration,
 )
-from robot.device.launcher import Done, Launcher
+from robot.device.launcher import Launcher
 from robot.device.link import Link
+from robot.device.outcome import Done
 from robot.device.protocol import LauncherError
 from robot.device.settings import Settings, read_settings, write_settings
 from robot.emulator.firmware import Firmware
-from robot.emulator.launcher import Line, VirtualClock, WirePort
+from robot.emulator.line import Line, VirtualClock, WirePort
 
 OURS = Settings()
 
@@ -85,9 +86,9 @@ def test_every_stroke_is_retracted_and_the_tip_stays_in_the_middle() -> None:
 def test_the_hidden_law_comes_back() -> None:
     launcher, _ = bench()
     with launcher:
-        measured = measure_strings(launcher, STRINGS, 8)
+        measured = measure_strings(launcher, CALIBRATION_STRINGS, 8)
     for row in measured:
-        assert abs(row.mean - hidden_law(row.string)) < 4.5 * fw.SCATTER * hidden_law(row.string) / math.sqrt(8)
+        assert abs(row.mean - hidden_law(row.string)) < 4.5 * fw.SPEED_SCATTER * hidden_law(row.string) / math.sqrt(8)
     table = speed_table(measured)
     between = np.array([table.cue_speed(n) / hidden_law(n) - 1 for n in range(1, 201)])
     assert np.abs(between).max() < 0.02  # scatter of the means, and straight lines for a bent law
@@ -99,14 +100,14 @@ def test_the_scatter_is_the_launchers() -> None:
     with launcher:
         measured = measure_strings(launcher, (60, 140), 60)
     for row in measured:
-        assert row.sd == pytest.approx(math.hypot(fw.SCATTER, fw.ENCODER) * row.mean, rel=0.3)
+        assert row.sd == pytest.approx(math.hypot(fw.SPEED_SCATTER, fw.ENCODER_SPEED_SD) * row.mean, rel=0.3)
         assert row.mean_sd == row.sd / math.sqrt(60)
 
 
 def test_a_calibrated_launcher_plays_the_speeds_asked_for() -> None:
     launcher, _ = bench()
     with launcher:
-        table = speed_table(measure_strings(launcher, STRINGS, 8))
+        table = speed_table(measure_strings(launcher, CALIBRATION_STRINGS, 8))
     new = replace(OURS, calibration=table)
     for wanted in (0.5, 1.1, 1.864, 2.4):
         assert hidden_law(new.calibration.string(wanted)) == pytest.approx(wanted, rel=0.025)

@@ -20,7 +20,7 @@ from models.model_file import write_model
 from planner.scene import scene_from, write_scene
 from robot.cli import measure
 from robot.cli.verbs import main
-from robot.cueing.campaign import COLUMNS
+from robot.cueing.campaign import CAMPAIGN_COLUMNS
 from robot.device import calibrate
 from robot.device.settings import read_settings, write_settings
 from robot.emulator import repeatability
@@ -115,7 +115,7 @@ def test_a_campaign_is_gone_on_with_and_too_few_shots_make_no_map(run: Run, tmp_
     assert run("campaign", out, "--most", 2).status == 0
     said = run("campaign", out, "--most", 1)
     assert said.status == 0 and "3 shots" in said.out
-    assert out.read_text().splitlines()[0] == ",".join(COLUMNS)
+    assert out.read_text().splitlines()[0] == ",".join(CAMPAIGN_COLUMNS)
     said = run("map", out, "--out", tmp_path / "map.toml")
     assert said.status == 2 and "robot map: 3 shots" in said.err and not (tmp_path / "map.toml").exists()
 
@@ -175,8 +175,8 @@ def test_a_port_is_calibrated_after_a_yes(run: Run, tmp_path: Path, monkeypatch:
 
 
 def test_options_default_to_what_is_measured_without_them() -> None:
-    assert measure.repeat.make_context("repeat", []).params["repeats"] == repeatability.REPEATS
-    assert measure.calibrate.make_context("calibrate", ["--out", "x"]).params["repeats"] == calibrate.REPEATS
+    assert measure.repeat.make_context("repeat", []).params["repeats"] == repeatability.DEFAULT_REPEATS
+    assert measure.calibrate.make_context("calibrate", ["--out", "x"]).params["repeats"] == calibrate.DEFAULT_REPEATS
 
 
 def test_strings_take_several_numbers() -> None:

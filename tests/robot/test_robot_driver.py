@@ -22,13 +22,15 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from robot.device.launcher import Launcher, Refused, StrokeUnknown
+from robot.device.launcher import Launcher
 from robot.device.link import Link
+from robot.device.outcome import Refused, StrokeUnknown
 from robot.device.port import serial_opener
 from robot.device.protocol import LauncherStopped, LinkLost
 from robot.device.settings import PortSettings, Settings
-from robot.emulator.firmware import BACKLASH, Firmware
-from robot.emulator.launcher import Emulator, Line, Pace, VirtualClock, WirePort, serve
+from robot.emulator.firmware import BACKLASH_UM, Firmware
+from robot.emulator.launcher import Emulator, Pace, serve
+from robot.emulator.line import Line, VirtualClock, WirePort
 
 BAUD = 19200
 PLACES = ("virtual", "terminal", "port")
@@ -222,7 +224,7 @@ def test_the_tip_comes_from_below_to_where_it_was_sent(tmp_path: Path) -> None:
         made.launcher.settings = replace(slack, stage=replace(slack.stage, takeup_mm=0.0))
         made.launcher.move_tip(5, 5)
         made.launcher.move_tip(0, 0)
-        assert 1e6 * made.device.tip()[0] == pytest.approx(BACKLASH[0], abs=11)
+        assert 1e6 * made.device.tip()[0] == pytest.approx(BACKLASH_UM[0], abs=11)
 
 
 def test_a_dry_run_says_what_would_be_sent_and_sends_nothing(tmp_path: Path) -> None:

@@ -15,14 +15,16 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from robot.device.launcher import Did, Done, Launcher, LauncherFault, NotStruck, Refused, StrokeUnknown
+from robot.device.launcher import Launcher
 from robot.device.link import Link
+from robot.device.outcome import Did, Done, LauncherFault, NotStruck, Refused, StrokeUnknown
 from robot.device.port import serial_opener
-from robot.device.protocol import BUSY, STATES, LauncherError, LauncherStopped, frame, stroke_line
+from robot.device.protocol import BUSY_STATES, LAUNCHER_STATES, LauncherError, LauncherStopped, frame, stroke_line
 from robot.device.settings import PortSettings, Settings
-from robot.emulator.faults import DEVICE, DOWN, KINDS, UP, Fault, Faults
+from robot.emulator.faults import DEVICE_FAULTS, FAULT_KINDS, REPLY_FAULTS, REQUEST_FAULTS, Fault, FaultInjection
 from robot.emulator.firmware import Deed, Firmware
-from robot.emulator.launcher import Emulator, Line, Pace, VirtualClock, WirePort
+from robot.emulator.launcher import Emulator, Pace
+from robot.emulator.line import Line, VirtualClock, WirePort
 
 BAUD = 19200
 KNOWN = (NotStruck, Refused, LauncherStopped, LauncherFault)  # errors after which nothing more can come
@@ -51,11 +53,11 @@ class Tally:
 class Bench:
     """A launcher on a virtual line, and what it truly did."""
 
-    def __init__(self, rate: float, seed: int, kinds: tuple[str, ...] = KINDS) -> None:
+    def __init__(self, rate: float, seed: int, kinds: tuple[str, ...] = FAULT_KINDS) -> None:
         rng = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
         self.clock, self.rng = VirtualClock(), rng[2]
         self.device = Firmware(self.clock.now, rng[0])
-        self.faults = Faults(rate, rng[1], kinds)
+        self.faults = FaultInjection(rate, rng[1], kinds)
         self.line = self.clock.line = Line(self.device, baud=BAUD, faults=self.faults)
         timing = replace(Settings().timing, poll_s=0.1)  # more strokes an exchange
         self.settings = replace(Settings(), timing=timing)
@@ -178,7 +180,7 @@ def test_two_thousand_exchanges_on_a_bad_line(seed: int) -> None:
     tally = campaign(2000, 0.05, seed)
     assert tally.failures() == []
     assert tally.strokes > 50
-    assert {*tally.faults, "stuck"} == set(KINDS)  # few lines move the stage
+    assert {*tally.faults, "stuck"} == set(FAULT_KINDS)  # few lines move the stage
 
 
 def test_one_in_four_lines_spoiled() -> None:
@@ -187,7 +189,7 @@ def test_one_in_four_lines_spoiled() -> None:
     assert tally.given_up > 10
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", FAULT_KINDS)
 def test_each_fault_alone_does_no_harm_and_is_told(kind: str) -> None:
     """The same fault on every line of a shot in turn."""
     for place in range(14):
@@ -294,18 +296,18 @@ def test_lost_stop_bytes_are_sent_again() -> None:
 def test_faults_are_drawn_at_their_rate_from_their_seed() -> None:
     drawn = []
     for _ in range(2):
-        faults = Faults(0.2, np.random.default_rng(4))
+        faults = FaultInjection(0.2, np.random.default_rng(4))
         for k in range(2000):
             faults.request(float(k), frame(":", 1, "MOVE 1 1"))
         drawn.append([(f.time, f.kind) for f in faults.done])
     assert drawn[0] == drawn[1]
     assert 330 < len(drawn[0]) < 470
-    assert {kind for _, kind in drawn[0]} == set(KINDS)
-    line = Faults(1.0, np.random.default_rng(0))
+    assert {kind for _, kind in drawn[0]} == set(FAULT_KINDS)
+    line = FaultInjection(1.0, np.random.default_rng(0))
     for k in range(200):
         line.request(float(k), stroke_line(47))
-    assert {f.kind for f in line.done} == {*UP, *DEVICE} - {"stuck"}
-    assert not set(DOWN) & {f.kind for f in line.done}
+    assert {f.kind for f in line.done} == {*REQUEST_FAULTS, *DEVICE_FAULTS} - {"stuck"}
+    assert not set(REPLY_FAULTS) & {f.kind for f in line.done}
 
 
 def stop_times(state: str, count: int) -> list[float]:
@@ -326,7 +328,7 @@ def stop_times(state: str, count: int) -> list[float]:
                 stopped = launcher.stop()
                 taken = time.monotonic() - real
                 with emulator.lock:
-                    assert device.status().state not in BUSY
+                    assert device.status().state not in BUSY_STATES
                     last = next(d for d in reversed(device.deeds) if d.what == "stopped")
                 times.append(last.time - began)
                 assert stopped.confirmed
@@ -365,7 +367,7 @@ def _bring(launcher: Launcher, emulator: Emulator, pace: Pace, state: str) -> No
         launcher.stop()
 
 
-@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("state", LAUNCHER_STATES)
 def test_a_stop_takes_less_than_50_ms(state: str) -> None:
     assert max(stop_times(state, 5)) < 0.05
 
@@ -388,7 +390,7 @@ def main() -> int:
     print(f"faults not told {len(tally.silent)}")
     for failure in tally.failures():
         print("  ", failure)
-    for state in STATES if given.stops else ():
+    for state in LAUNCHER_STATES if given.stops else ():
         times = 1e3 * np.array(stop_times(state, given.stops))
         print(f"stop while {state:10}  median {np.median(times):5.2f} ms, worst {times.max():5.2f} ms of {given.stops}")
     return bool(tally.failures())

@@ -18,12 +18,12 @@ from models.shot import Array, Ball, Shot, Table
 from models.simulation.simulate import simulate
 from planner.launcher.stroke import Launcher, stroke_terms
 from planner.scene import Goal, Scene, scene_dict
-from robot.device.launcher import StrokeUnknown
+from robot.device.outcome import StrokeUnknown
 from robot.device.protocol import LauncherError
 from robot.device.settings import Settings, SpeedTable
-from robot.emulator.faults import DOWN, KINDS, UP, Faults
+from robot.emulator.faults import FAULT_KINDS, REPLY_FAULTS, REQUEST_FAULTS, FaultInjection
 from robot.emulator.firmware import Firmware
-from robot.emulator.table import EmulatedTable, emulated_launcher
+from robot.emulator.table import EmulatedOptions, EmulatedTable, emulated_launcher
 from robot.play import Played, check_scene, play_plan, played_file, read_order
 from sysid.clips import Observation, check_clip_set, read_clip_set
 from tests.support.clip_samples import contents
@@ -67,11 +67,11 @@ def emulated(plan: Path, model: Model = MODEL, seed: int = 0, **more: Any) -> Em
     """The plan's balls on a table, the stand turned as the plan asks."""
     order = read_order(plan, OURS)
     places = dict(zip(order.scene.names, map(tuple, order.scene.position.tolist()), strict=True))
-    return EmulatedTable(model, places, math.radians(order.yaw_deg), seed, **more)
+    return EmulatedTable(model, places, math.radians(order.yaw_deg), seed, EmulatedOptions(**more))
 
 
 def played(
-    plan: Path, table: EmulatedTable, settings: Settings = OURS, *, faults: Faults | None = None, **more: Any
+    plan: Path, table: EmulatedTable, settings: Settings = OURS, *, faults: FaultInjection | None = None, **more: Any
 ) -> tuple[Played, Firmware]:
     launcher, device = emulated_launcher(settings, table.hit, np.random.default_rng(1), faults=faults, say=quiet)
     with launcher:
@@ -209,7 +209,7 @@ def test_the_stand_serves_one_stroke(plan: Path) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_a_bad_line_makes_one_stroke(plan: Path, seed: int) -> None:
     table = emulated(plan)
-    faults = Faults(0.05, np.random.default_rng(seed), UP + DOWN)
+    faults = FaultInjection(0.05, np.random.default_rng(seed), REQUEST_FAULTS + REPLY_FAULTS)
     outcome, device = played(plan, table, faults=faults)
     assert len(struck(device)) == table.strokes == 1
     assert outcome.done is not None and outcome.struck == "yes"
@@ -219,7 +219,11 @@ def test_a_bad_line_makes_one_stroke(plan: Path, seed: int) -> None:
 def test_no_fault_makes_two_strokes(plan: Path, seed: int) -> None:
     table = emulated(plan)
     launcher, device = emulated_launcher(
-        OURS, table.hit, np.random.default_rng(1), say=quiet, faults=Faults(0.15, np.random.default_rng(seed), KINDS)
+        OURS,
+        table.hit,
+        np.random.default_rng(1),
+        say=quiet,
+        faults=FaultInjection(0.15, np.random.default_rng(seed), FAULT_KINDS),
     )
     try:
         with launcher:
@@ -298,7 +302,7 @@ def test_another_scene_is_refused_by_the_ball_that_lies_wrong(plan: Path) -> Non
 
     def at(**change: Any) -> EmulatedTable:
         moved = {n: xy for n, xy in (places | change).items() if xy is not None}
-        return EmulatedTable(MODEL, moved, 0.0, sigma=0.0)
+        return EmulatedTable(MODEL, moved, 0.0, options=EmulatedOptions(sigma=0.0))
 
     x, y = places["red"]
     assert "ball red lies 12.0 mm from where the plan has it" in refused(plan, table=at(red=(x - 0.012, y)))
@@ -362,7 +366,9 @@ def test_tables_that_cannot_be_played_are_refused() -> None:
         EmulatedTable(MODEL, {}, 0.0)
     with pytest.raises(BadInput, match="lacks ball_impact, cushion_impact, decoupled_cloth"):
         EmulatedTable(Model(TABLE, BALL), {"white": (0.0, 0.0)}, 0.0)
-    pool = EmulatedTable(full_model(TABLE, Ball(0.05715, 0.17)), {"white": (0.0, 0.0)}, 0.0, mujoco=True)
+    pool = EmulatedTable(
+        full_model(TABLE, Ball(0.05715, 0.17)), {"white": (0.0, 0.0)}, 0.0, options=EmulatedOptions(mujoco=True)
+    )
     pool.hit(1.0, 0.0, 0.0)
     with pytest.raises(BadInput, match="use the fast one"):
         pool.film()

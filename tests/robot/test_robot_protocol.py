@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 from models.errors import BadInput
 from planner.launcher import stroke as planned
 from robot.device import protocol
-from robot.device.protocol import STATES, Frame, Reader, Status, StopByte, StrokeLine, frame, stroke_line, unframe
+from robot.device.protocol import Message, Reader, Status, StopByte, StrokeLine, frame, stroke_line, unframe
 from robot.device.settings import Settings, SpeedTable, read_settings, settings_from, write_settings
 from robot.emulator import firmware as fw
-from robot.emulator.firmware import Firmware, paper_law
+from robot.emulator.firmware import Firmware
+from robot.emulator.stroke_motion import RUN_UP_M, paper_law
 
 BODIES = st.text("ABCXYZ0123456789.- ", min_size=1, max_size=80)
 GARBAGE = st.binary(max_size=60)
@@ -87,7 +88,7 @@ def struck(hand: Hand) -> list[int]:
 @given(st.integers(0, 0xFFFF), BODIES)
 def test_a_frame_comes_back_as_it_went(sequence: int, body: str) -> None:
     line = frame(":", sequence, body)
-    assert unframe(line[:-1]) == Frame(sequence, body)
+    assert unframe(line[:-1]) == Message(sequence, body)
     assert not {b"!"[0], b"p"[0]} & set(line)
 
 
@@ -104,7 +105,7 @@ def test_up_to_three_wrong_bits_are_found(sequence: int, body: str, data: st.Dat
 def test_after_any_garbage_the_next_frame_is_read(garbage: bytes, body: str) -> None:
     for lead, commands in ((":", True), ("=", False)):
         found = Reader(lead, commands=commands).feed(garbage + frame(lead, 7, body))
-        assert found[-1] == Frame(7, body)
+        assert found[-1] == Message(7, body)
 
 
 @given(GARBAGE, st.integers(0, 40))
@@ -125,7 +126,7 @@ def test_a_reader_counts_every_byte_that_it_throws_away(data: bytes) -> None:
     assert reader.dropped + used == len(data)
 
 
-@given(st.lists(st.integers(-(10**6), 10**6), min_size=13, max_size=13), st.sampled_from(STATES))
+@given(st.lists(st.integers(-(10**6), 10**6), min_size=13, max_size=13), st.sampled_from(protocol.LAUNCHER_STATES))
 def test_a_status_comes_back_as_it_went(numbers: list[int], state: str) -> None:
     status = Status(state, *numbers)
     body = protocol.status_body(status)
@@ -191,7 +192,7 @@ def test_a_stroke_needs_arming_and_uses_it_up() -> None:
 def test_an_unused_arming_lapses() -> None:
     hand = Hand()
     hand.bring("ARMED")
-    assert hand.wait(fw.ARMED_FOR + 0.01).state == "IDLE"
+    assert hand.wait(fw.ARMED_TIMEOUT_S + 0.01).state == "IDLE"
     hand.device.receive(b"047p")
     hand.wait()
     assert struck(hand) == []
@@ -222,7 +223,7 @@ def test_a_stroke_number_outlasts_a_restart() -> None:
     assert hand.ask("ARM 47 2") == "OK"
 
 
-@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("state", protocol.LAUNCHER_STATES)
 def test_the_stop_byte_ends_every_state_and_only_a_reset_leaves_it(state: str) -> None:
     hand = Hand()
     hand.bring(state)
@@ -242,7 +243,7 @@ def test_the_stop_byte_ends_every_state_and_only_a_reset_leaves_it(state: str) -
     assert hand.device.status().state == "UNHOMED"
 
 
-@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("state", protocol.LAUNCHER_STATES)
 def test_what_each_state_allows(state: str) -> None:
     allowed = {
         "HOME": ("UNHOMED", "IDLE", "EXTENDED"),
@@ -263,12 +264,12 @@ def test_speed_ripples_by_a_hundredth_and_is_measured_closely() -> None:
     for number in range(1, 61):
         hand.strike(100, number)
         told = hand.device.status()
-        assert told.cue_speed == pytest.approx(hand.hits[-1][0], rel=5 * fw.ENCODER)
+        assert told.cue_speed == pytest.approx(hand.hits[-1][0], rel=5 * fw.ENCODER_SPEED_SD)
         assert hand.ask("RETRACT") == "OK"
         hand.wait()
     speeds = np.array([hit[0] for hit in hand.hits]) / paper_law(100) - 1
     assert 0.002 < speeds.std() < 0.016
-    assert abs(speeds).max() < fw.RIPPLE + 5 * fw.SCATTER
+    assert abs(speeds).max() < fw.SPEED_RIPPLE + 5 * fw.SPEED_SCATTER
 
 
 def test_a_fast_stroke_takes_as_long_as_its_run_up_and_level_stroke() -> None:
@@ -276,7 +277,7 @@ def test_a_fast_stroke_takes_as_long_as_its_run_up_and_level_stroke() -> None:
     hand.bring("ARMED")
     hand.device.receive(b"047p")
     v = paper_law(47)
-    takes = 2 * fw.RUN_UP / v + (fw.BALL_AT - fw.RUN_UP) / v
+    takes = 2 * RUN_UP_M / v + (fw.BALL_DISTANCE_M - RUN_UP_M) / v
     hand.wait(takes * 0.98)
     assert hand.hits == []
     hand.wait(takes * 0.04)
@@ -307,7 +308,7 @@ def test_the_stage_lags_after_a_reversal() -> None:
         assert hand.ask(f"MOVE {x} 0") == "OK"
         hand.wait()
         places.append(round(hand.device.tip()[0] * 1e6))
-    play = fw.BACKLASH[0]
+    play = fw.BACKLASH_UM[0]
     assert places == [3000, 6000, 3000 + play, 2900 + play, 3000 + play - 100]
 
 

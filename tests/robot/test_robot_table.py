@@ -21,13 +21,13 @@ from models.errors import BadInput
 from models.shot import Array, Table
 from planner.scene import write_scene
 from planner.study.runs import draw_scene
-from robot.camera.align import CueLine
+from robot.camera.cue_line import CueLine
 from robot.cli.verbs import main
 from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
-from robot.emulator.table import FPS, SIGMA, EmulatedTable, emulated_launcher
+from robot.emulator.table import CAMERA_FPS, PLACE_SIGMA_M, EmulatedTable, emulated_launcher
 from robot.learning.history import plan_file
-from robot.learning.live_rig import REACH, TRIES, LiveStand
+from robot.learning.live_rig import MAX_PLACING_TRIES, PLACING_TOLERANCE_M, LiveRig
 from robot.learning.loop import learn
 from robot.play import played_file, read_order
 from sysid.clips import read_clip_set
@@ -110,7 +110,7 @@ def test_align_refuses_what_it_cannot_use(filmed: Any, tmp_path: Path) -> None:
 class Eye:
     """A camera over an emulated table; notes what it is asked for, and how many strokes had been made by then."""
 
-    fps, sigma, seen_with = FPS, SIGMA, "camera"
+    fps, sigma, seen_with = CAMERA_FPS, PLACE_SIGMA_M, "camera"
 
     def __init__(self, plan: Path) -> None:
         scene = read_order(plan, OURS).scene
@@ -192,10 +192,10 @@ def test_a_stroke_is_filmed_from_the_yes_on_and_the_clip_is_kept(eye: Eye, optio
     assert eye.asked == [(turned, 0), ("said yes", 0), ("armed", 0), ("filmed", 1)]
     [clip] = read_clip_set(clips).clips
     assert (clip.struck, clip.cue) == ("white", order.cue)
-    assert clip.balls["white"].xy[0] == pytest.approx(order.scene.position[0], abs=6 * SIGMA)
+    assert clip.balls["white"].xy[0] == pytest.approx(order.scene.position[0], abs=6 * PLACE_SIGMA_M)
     told = json.loads(played_file(eye.plan).read_text())
     assert told["struck"] == "yes" and told["clip"] == {"folder": str(clips), "file": clip.file}
-    assert told["cue_end"] == pytest.approx(clip.balls["white"].xy[-1], abs=6 * SIGMA)
+    assert told["cue_end"] == pytest.approx(clip.balls["white"].xy[-1], abs=6 * PLACE_SIGMA_M)
     eye.put(dict(zip(order.scene.names, order.scene.position, strict=True)))
     assert run("play", eye.plan, *options, "--clips", clips, "--yes").status == 0
     assert len(read_clip_set(clips).clips) == 2 and "said yes" not in dict(eye.asked[4:])
@@ -256,14 +256,14 @@ def test_a_series_ends_where_nobody_lays_its_balls(eye: Eye, options: Any, tmp_p
     for word in ("q", None):
         answer(monkeypatch, eye, word)
         said = run("learn", "--out", tmp_path / "series", *options)
-        refused(said, "learn", "shot 1: not laid; the same command goes on from here")
-        assert said.out.startswith("shot 1: lay white ") and eye.asked.pop() == (f"said {word}", 0) and not eye.asked
+        refused(said, "learn", "shot 1: not set up; the same command goes on from here")
+        assert said.out.startswith("shot 1: put white ") and eye.asked.pop() == (f"said {word}", 0) and not eye.asked
 
 
-def stand_of(eye: Eye, ready: Callable[[str], Any], confirm: Callable[[str], Any] = str, **change: Any) -> LiveStand:
+def stand_of(eye: Eye, ready: Callable[[str], Any], confirm: Callable[[str], Any] = str, **change: Any) -> LiveRig:
     """A table where everything asked is done, but for an answer False."""
     asked = (lambda what: confirm(what) is not False, lambda what: ready(what) is not False)
-    return dataclasses.replace(LiveStand(eye, OURS, eye.connect, *asked, eye.said.append), **change)
+    return dataclasses.replace(LiveRig(eye, OURS, eye.connect, *asked, eye.said.append), **change)
 
 
 def by_the_words(text: str) -> dict[str, Array]:
@@ -277,10 +277,10 @@ def test_balls_are_asked_for_until_they_are_seen_in_their_places(eye: Eye) -> No
     white, red = SCENE.position
     laid = [
         ({"red": red}, "white is not seen"),
-        ({"white": white, "red": red, "blue": (-0.5, 0.2)}, "blue is one too many"),
-        ({"white": white, "red": red + np.array([0.0, 0.1])}, "red lies 100 mm from its place"),
+        ({"white": white, "red": red, "blue": (-0.5, 0.2)}, "blue is not in the scene"),
+        ({"white": white, "red": red + np.array([0.0, 0.1])}, "red is 100 mm from its place"),
         ({}, "no ball is seen"),
-        ({"white": white + np.array([0.9 * REACH, 0.0]), "red": red}, ""),
+        ({"white": white + np.array([0.9 * PLACING_TOLERANCE_M, 0.0]), "red": red}, ""),
     ]
     asked = list[str]()
 
@@ -288,8 +288,8 @@ def test_balls_are_asked_for_until_they_are_seen_in_their_places(eye: Eye) -> No
         eye.put(laid[len(asked)][0])
         asked.append(text)
 
-    made = stand_of(eye, ready).lay(SCENE, 7)
-    assert len(asked) == len(laid) and len(set(asked)) == 1 and asked[0].startswith("shot 7: lay white ")
+    made = stand_of(eye, ready).set_up(SCENE, 7)
+    assert len(asked) == len(laid) and len(set(asked)) == 1 and asked[0].startswith("shot 7: put white ")
     assert all(part in told for told, (_, part) in zip(eye.said, laid[:-1], strict=True)), eye.said
     assert made.camera is eye and len(eye.devices) == 1
     told = by_the_words(asked[0])
@@ -299,14 +299,14 @@ def test_balls_are_asked_for_until_they_are_seen_in_their_places(eye: Eye) -> No
 def test_a_scene_that_is_not_laid_or_of_another_table_ends_it(eye: Eye) -> None:
     asked, answers = list[str](), iter([True, True, False])
     eye.put({"red": SCENE.position[1]})
-    with pytest.raises(BadInput, match="shot 3: not laid; the same command goes on"):
-        stand_of(eye, lambda text: next(answers)).lay(SCENE, 3)
+    with pytest.raises(BadInput, match="shot 3: not set up; the same command goes on"):
+        stand_of(eye, lambda text: next(answers)).set_up(SCENE, 3)
     assert eye.said == ["white is not seen"] * 2
-    with pytest.raises(BadInput, match="shot 3: white is not seen; see that"):
-        stand_of(eye, asked.append).lay(SCENE, 3)
+    with pytest.raises(BadInput, match="shot 3: white is not seen; check that"):
+        stand_of(eye, asked.append).set_up(SCENE, 3)
     with pytest.raises(BadInput, match="begin with a model of this table"):
-        stand_of(eye, asked.append).lay(dataclasses.replace(SCENE, table=Table(3.0, 1.5)), 3)
-    assert len(asked) == TRIES and not eye.devices
+        stand_of(eye, asked.append).set_up(dataclasses.replace(SCENE, table=Table(3.0, 1.5)), 3)
+    assert len(asked) == MAX_PLACING_TRIES and not eye.devices
 
 
 def test_the_stand_is_turned_to_the_plan_within_its_reach(eye: Eye) -> None:
@@ -314,8 +314,8 @@ def test_the_stand_is_turned_to_the_plan_within_its_reach(eye: Eye) -> None:
     stand = stand_of(eye, str, settings=dataclasses.replace(OURS, limits=limits))
     eye.put(dict(zip(SCENE.names, SCENE.position, strict=True)))
     stand.turn(math.radians(30))
-    assert eye.said == ["turn the stand to 30.0 degrees (it reaches -90 to 90)"]
-    stand.lay(SCENE, 1).turn(math.radians(-80))
+    assert eye.said == ["turn the stand to 30.0 degrees (its range is -90 to 90)"]
+    stand.set_up(SCENE, 1).turn(math.radians(-80))
     with pytest.raises(BadInput, match=r"yaw is 120\.0 degrees; the stand turns -90"):
         stand.turn(math.radians(120))
     stand.turn(math.radians(90.0) + 1e-15)
@@ -334,7 +334,7 @@ def test_a_series_is_laid_turned_confirmed_and_gone_on_with(eye: Eye, tmp_path: 
 
     course, folder = dataclasses.replace(COURSE, shots=2, effort=QUICK), tmp_path / "series"
     stand = stand_of(eye, ready, confirmed.append)
-    with pytest.raises(BadInput, match="shot 2: not laid"):
+    with pytest.raises(BadInput, match="shot 2: not set up"):
         learn(folder, course, stand, told.append)
     story = learn(folder, course, stand, told.append)
     assert [line.split(":")[0] for line in told] == ["shot   1", "shot   2"]

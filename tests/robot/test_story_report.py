@@ -15,14 +15,14 @@ import pytest
 
 from models.errors import BadInput
 from models.recording.story import STORY_CURVES, SeriesRecording, SeriesShot, write_story
-from robot.learning.history import Refit, Story
+from robot.learning.history import History, Refit
 from robot.learning.pictures import blocks, changes, ends
 from robot.learning.report import recording_of, sentences, write_picture, write_recording, write_report
 from tests.models.recording.test_view import column, read, seconds
 from tests.support.story_samples import FAR, FELL, FOUND, NEAR, NO_FILM, UNSEEN, long_story, sample_story
 from tests.sysid.report.test_report import STRANGE, Page
 
-EMPTY = Story({"every": 10}, (), (), "")
+EMPTY = History({"every": 10}, (), (), "")
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def series(batches: list[Any], name: str) -> dict[int, list[Any]]:
 
 @pytest.mark.parametrize(("count", "every"), ((0, 10), (1, 10), (9, 10), (10, 10), (14, 10), (15, 10), (60, 7)))
 def test_blocks_hold_every_shot_once_and_end_at_refits(count: int, every: int) -> None:
-    story = Story({"every": every}, (sample_story().shots[0],) * count, (), "")
+    story = History({"every": every}, (sample_story().shots[0],) * count, (), "")
     found = blocks(story)
     assert [k for first, last in found for k in range(first, last + 1)] == list(range(1, count + 1))
     assert all(last % every == 0 for _, last in found[:-1])
@@ -73,7 +73,7 @@ def test_what_refits_add_and_drop_comes_to_their_verdict() -> None:
     verdicts = [("a", "b"), ("a", "b"), ("b", "c"), ("a", "c")]
     refits = tuple(dataclasses.replace(base, shots=k, verdict=v) for k, v in enumerate(verdicts))
     held: set[str] = set()
-    for change, verdict in zip(changes(Story({}, (), refits, "")), verdicts, strict=True):
+    for change, verdict in zip(changes(History({}, (), refits, "")), verdicts, strict=True):
         assert not held & set(change.added)
         held = (held | set(change.added)) - set(change.dropped)
         assert held == set(verdict)
@@ -169,8 +169,8 @@ def test_what_is_not_known_is_a_dash(tmp_path: Path) -> None:
     refit = Refit(6, (), "", math.nan, math.nan, nothing, {"a": (math.nan, math.nan)}, {}, math.nan)
     blind = tuple(
         dataclasses.replace(
-            shot, cue_end=None, potted=None, clip=None, spread=math.nan, floor=math.nan, promised=math.nan,
-            told=np.full(2, math.nan), played={}, plan={},
+            shot, cue_end=None, potted=None, clip=None, spread=math.nan, floor=math.nan, pot_probability=math.nan,
+            planned_end=np.full(2, math.nan), played={}, plan={},
         )
         for shot in story.shots
     )  # fmt: skip
@@ -248,7 +248,7 @@ def test_the_recording_holds_ways_and_places_of_every_shot(recorded: dict[str, l
     for shot in story.shots:
         k = shot.number
         assert np.array(planned[k][0][0]) == pytest.approx(np.array(shot.plan["tracks"][0]["xy"]), abs=1e-6)
-        assert np.array(told[k][0]).mean(axis=(0, 1)) == pytest.approx(shot.told, abs=1e-6)
+        assert np.array(told[k][0]).mean(axis=(0, 1)) == pytest.approx(shot.planned_end, abs=1e-6)
         if shot.clip is None:
             assert played[k] == [[]]
         else:

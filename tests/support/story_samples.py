@@ -13,7 +13,7 @@ import numpy as np
 
 from models.shot import Array, Ball, Table
 from planner.scene import Goal, Scene, scene_dict
-from robot.learning.history import Refit, Shot, Story, middle_of
+from robot.learning.history import History, PlayedShot, Refit, predicted_stop
 from sysid.clips import Clip, Observation
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -35,7 +35,7 @@ def way(start: Array, end: Array, duration: float, every: float) -> tuple[Array,
     return time, start + gone[:, None] * (end - start)
 
 
-def sample_shot(number: int) -> Shot:
+def sample_shot(number: int) -> PlayedShot:
     """One shot of the sample."""
     rng = np.random.default_rng(number)
     names, start = ("white", "red"), np.array([[-1.0 + 0.05 * number, -0.3], [0.5, 0.1 + 0.02 * number]])
@@ -76,24 +76,24 @@ def sample_shot(number: int) -> Shot:
             time, xy = way(at, stop, 1.2 if number == FELL and name == "white" else 2.0, 1 / 60)
             balls[name] = Observation(time, xy, np.full(len(time), math.nan))
         clip = Clip(f"clips/{number:04d}.csv", "white", balls)
-    middle, spread = middle_of(plan)
+    middle, spread = predicted_stop(plan)
     floor = 0.02 + 0.001 * number if number > 9 else math.nan
-    return Shot(
+    return PlayedShot(
         number, scene, plan["learnt"], middle, spread, plan["pot_probability"]["value"], played["potted"], end, floor,
         plan, played, clip,
     )  # fmt: skip
 
 
-def sample_story() -> Story:
+def sample_story() -> History:
     """The whole series."""
     values = {"decoupled_cloth.roll": (0.0151, 3e-6), "table_tilt.slope_x": (5e-4, 4e-6)}
     launcher = {"tip_restitution": (0.74, 0.01), "cue_mass": (0.5, math.nan)}
     refit = Refit(6, FOUND, "after the cushion +x", 5.2e-4, math.nan, 1.07, values, launcher, 64.2)
     course = {"format": "billiard-course/1", "every": 6, "seed": 3}
-    return Story(course, tuple(sample_shot(k) for k in range(1, 13)), (refit,), "all 12 shots are played")
+    return History(course, tuple(sample_shot(k) for k in range(1, 13)), (refit,), "all 12 shots are played")
 
 
-def long_story(shots: int = 60, every: int = 10) -> Story:
+def long_story(shots: int = 60, every: int = 10) -> History:
     """A series as it may come out at the emulator, to look at: python -m tests.support.story_samples FOLDER."""
     import dataclasses
 
@@ -122,8 +122,8 @@ def long_story(shots: int = 60, every: int = 10) -> Story:
         played = base.played | {"potted": potted, "cue_fell": fell, "from_wanted": None if fell else 0.1 + sizes[block]}
         made.append(
             dataclasses.replace(
-                base, number=number, scene=scene, told=told, cue_end=None if fell else end, spread=spread, floor=floor,
-                potted=potted, promised=0.8 - 0.1 * rng.random(), played=played,
+                base, number=number, scene=scene, planned_end=told, cue_end=None if fell else end, spread=spread,
+                floor=floor, potted=potted, pot_probability=0.8 - 0.1 * rng.random(), played=played,
             )
         )  # fmt: skip
         if number % every == 0:
@@ -138,7 +138,7 @@ def long_story(shots: int = 60, every: int = 10) -> Story:
             left = "" if block else "across the way of rolling balls at the cushion +x"
             refits.append(Refit(number, verdict, left, 5e-4 * (1 + scale), 6e-4, 1 + scale, values, launcher, 60.0))
     course = {"format": "billiard-course/1", "every": every, "seed": 3}
-    return Story(course, tuple(made), tuple(refits), "nothing is left to learn")
+    return History(course, tuple(made), tuple(refits), "nothing is left to learn")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,58 @@
+"""Results of the launcher's commands, and the errors that say what did not happen.
+
+In: nothing. Out: the values that robot/device/launcher.py returns, and the exceptions that it raises.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robot.device.protocol import LauncherError, Status
+
+
+class Refused(LauncherError):
+    """The launcher refused and did nothing."""
+
+
+class LauncherFault(LauncherError):
+    """The launcher reports a fault of its own; reset it and home it."""
+
+
+class NotStruck(LauncherError):
+    """The stroke was not made, for certain: the launcher says so, and is disarmed."""
+
+
+class StrokeUnknown(LauncherError):
+    """It is not known whether, or how, the ball was struck. Inspect the table before any further stroke."""
+
+
+@dataclass(frozen=True)
+class Did:
+    """The result of a motion or a query."""
+
+    what: str
+    status: Status
+    x0_mm: float  # of the cue's axis from the ball's centre, by the stage's steps
+    y0_mm: float
+    seconds: float
+    retries: int  # lines sent again
+    noted: tuple[str, ...]  # unusual events
+    dry: bool = False
+
+
+@dataclass(frozen=True)
+class Done:
+    """The result of a stroke."""
+
+    string: str
+    number: int  # of the stroke, as the launcher counts
+    asked_speed: float  # of the cue, by the calibration [m/s]
+    cue_speed: float  # measured by the launcher [m/s]; nan in a dry run
+    peak_force: float  # measured [N]; nan in a dry run
+    x0_mm: float  # of the cue's axis from the ball's centre, by the stage's steps
+    y0_mm: float
+    began: float  # of the link's clock [s]
+    seconds: float
+    retries: int  # lines sent again
+    noted: tuple[str, ...]  # unusual events
+    dry: bool = False

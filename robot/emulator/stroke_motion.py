@@ -1,0 +1,48 @@
+"""How the rack moves the cue in a stroke: raised-cosine run-up, constant speed, braking.
+
+In: start time and commanded speed v. Out: distance and speed at a time, and the time at a distance. With the run-up
+time T the speed is v (1 - cos(pi t / T)) / 2, T = min(2 RUN_UP_M / v, v / MIN_ACCELERATION).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from robot.device.protocol import FIRST_STRING, LAST_STRING
+
+RUN_UP_M, MIN_ACCELERATION = 0.160, 5.0  # [m], [m/s^2]; as models/mjcf/launcher.md, C
+BALL_DISTANCE_M = 0.190  # from the retracted tip to the ball [m]; inside the level stroke, C
+LEVEL_END_M = 0.230  # where braking begins [m]; run-up and 70 mm as models/mjcf/launcher.md, C
+BRAKING_DECELERATION = 45.0  # [m/s^2]; as models/mjcf/launcher.md, C
+
+
+def paper_law(string: int) -> float:
+    """Cue speed of a string [m/s]: the line through '001p' 2.75 and '200p' 0.30 (Robotic Billiards 2015)."""
+    return 2.75 - (2.75 - 0.30) / (LAST_STRING - FIRST_STRING) * (string - FIRST_STRING)
+
+
+@dataclass(frozen=True)
+class StrokeMotion:
+    """A stroke under way."""
+
+    start: float  # [s]
+    speed: float  # commanded [m/s]
+    string: int
+
+    @property
+    def ramp(self) -> float:
+        """Time of the run-up [s]."""
+        return min(2 * RUN_UP_M / self.speed, self.speed / MIN_ACCELERATION)
+
+    def at(self, distance: float) -> float:
+        """Clock time [s] at which the tip has come so far [m], past the run-up."""
+        return self.start + self.ramp + (distance - 0.5 * self.speed * self.ramp) / self.speed
+
+    def state(self, now: float) -> tuple[float, float]:
+        """Distance [m] and speed [m/s] before braking."""
+        t, ramp, v = now - self.start, self.ramp, self.speed
+        if t >= ramp:
+            return v * (t - 0.5 * ramp), v
+        turn = math.pi * t / ramp
+        return 0.5 * v * (t - ramp / math.pi * math.sin(turn)), v * (0.5 - 0.5 * math.cos(turn))
