@@ -24,10 +24,10 @@ from models.model_file import Model
 from models.shot import Ball, Table
 from planner.evaluation.outcome import Outcomes
 from planner.evaluation.play import Player
-from planner.evaluation.risk import Hands, deal
-from planner.evaluation.value import Wish, worth
+from planner.evaluation.risk import ErrorSamples, draw_errors
+from planner.evaluation.value import UtilityWeights, utility
 from planner.launcher.execution import Execution, execution_from
-from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher
+from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel
 from planner.scene import MOST, Scene, pocket_places
 
 if TYPE_CHECKING:
@@ -37,22 +37,22 @@ Array = NDArray[np.float64]
 Source = Scene | Callable[[np.random.Generator], Scene]
 
 
-def as_strokes(launcher: Launcher, model: Model, actions: Array) -> Array:
+def as_strokes(launcher: LauncherModel, model: Model, actions: Array) -> Array:
     """The strokes (n, 4) of planner/launcher/stroke.py that play actions (n, 4) (V_C0, x'0, y'0, theta)."""
     ball, q = model.ball, np.zeros((len(actions), 4))
     q[:, [SIDE, HEIGHT]] = actions[:, 1:3] * ball.radius / (ball.radius + launcher.cue.tip_radius)
     q[:, SPEED] = actions[:, 0] * launcher.gain(q, ball)
-    squirt = [launcher.terms(model, row)["squirt"] for row in q]
+    squirt = [launcher.command(model, row)["squirt"] for row in q]
     q[:, AZIMUTH] = actions[:, 3] + squirt
     return q
 
 
-def as_actions(launcher: Launcher, model: Model, q: Array) -> Array:
+def as_actions(launcher: LauncherModel, model: Model, q: Array) -> Array:
     """The actions (n, 4) that ask for strokes (n, 4); the way back from `as_strokes`."""
     out = np.empty((len(q), 4))
     axis = (model.ball.radius + launcher.cue.tip_radius) / model.ball.radius
     for row, stroke in zip(out, q, strict=True):
-        terms = launcher.terms(model, stroke)
+        terms = launcher.command(model, stroke)
         row[:] = terms["cue_speed"], axis * stroke[SIDE], axis * stroke[HEIGHT], terms["theta"]
     return out
 
@@ -62,8 +62,8 @@ class ScenePlay:
     """A scene, and one hand of errors to play it with; see models.environment.Episode."""
 
     player: Player
-    hands: Hands  # one
-    wish: Wish
+    samples: ErrorSamples  # one
+    weights: UtilityWeights
     mujoco: bool
     rows: int  # of observed balls; those of the scene come first
 
@@ -108,34 +108,34 @@ class ScenePlay:
 
     def play(self, actions: Array) -> Ending:
         """Play actions (n, 4) with this hand."""
-        outcomes = self._outcomes(actions, self.hands)
-        return Ending(self._filled(outcomes.place), worth(self.player.scene, outcomes, self.wish))
+        outcomes = self._outcomes(actions, self.samples)
+        return Ending(self._filled(outcomes.place), utility(self.player.scene, outcomes, self.weights))
 
     def expected(self, actions: Array, plays: int, rng: np.random.Generator) -> Array:
         """Mean worth of actions (n, 4) over hands drawn afresh, the same for all: (n,)."""
         if plays < 1:
             raise BadInput(f"plays is {plays}; give 1 or more to take the mean over")
-        hands = _dealt(self.player.model, self.hands.execution, plays, rng)
-        found = worth(self.player.scene, self._outcomes(actions, hands), self.wish)
+        samples = _dealt(self.player.model, self.samples.execution, plays, rng)
+        found = utility(self.player.scene, self._outcomes(actions, samples), self.weights)
         return np.asarray(found.reshape(len(actions), plays).mean(axis=1))
 
-    def _outcomes(self, actions: Array, hands: Hands) -> Outcomes:
+    def _outcomes(self, actions: Array, samples: ErrorSamples) -> Outcomes:
         q = as_strokes(self.player.launcher, self.player.model, actions)
-        return hands.play(self.player, q, mujoco=self.mujoco)
+        return samples.play(self.player, q, mujoco=self.mujoco)
 
     def _filled(self, place: Array) -> Array:
         """Places (n, nball, 2) with rows of NaN up to those observed: (n, rows, 2)."""
         return np.pad(place, ((0, 0), (0, self.rows - place.shape[1]), (0, 0)), constant_values=np.nan)
 
 
-def _dealt(model: Model, execution: Execution, count: int, rng: np.random.Generator) -> Hands:
-    return deal(model, execution, count, int(rng.integers(2**63)))
+def _dealt(model: Model, execution: Execution, count: int, rng: np.random.Generator) -> ErrorSamples:
+    return draw_errors(model, execution, count, int(rng.integers(2**63)))
 
 
 def load(
-    scene: Source, model: Model, execution: Execution | None = None, wish: Wish | None = None, *, seed: int = 0,
-    mujoco: bool = True, launcher: Launcher | None = None, balls: int | None = None, threads: int = 0,
-    flat: bool = False,
+    scene: Source, model: Model, execution: Execution | None = None, weights: UtilityWeights | None = None, *,
+    seed: int = 0, mujoco: bool = True, launcher: LauncherModel | None = None, balls: int | None = None,
+    threads: int = 0, flat: bool = False,
 ) -> ShotEnvironment:  # fmt: skip
     """The environment of a scene, or of scenes drawn from a Generator.
 
@@ -154,7 +154,7 @@ def load(
     Raises:
         BadInput: for a model that does not fit the scene, or a scene of more balls than are observed.
     """
-    device, wanted = launcher or Launcher(), wish or Wish()
+    device, wanted = launcher or LauncherModel(), weights or UtilityWeights()
     errors = execution or (execution_from(model.execution, "model") if model.execution else Execution())
     rows = balls or (len(scene.names) if isinstance(scene, Scene) else MOST)
 

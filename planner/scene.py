@@ -85,7 +85,7 @@ def pocket_of(xy: Array, table: Table, ball: Ball) -> Pocket | None:
     return None
 
 
-def settled(position: Array, table: Table, ball: Ball) -> Array:
+def separate_overlaps(position: Array, table: Table, ball: Ball) -> Array:
     """Places (n, 2) [m] moved as little as makes no ball overlap another or a cushion; others stay as they are."""
     reach, out = table.reach(ball), np.array(position, float)
     one, other = np.triu_indices(len(out), 1)
@@ -102,7 +102,7 @@ def settled(position: Array, table: Table, ball: Ball) -> Array:
     return out
 
 
-def overlap(position: Array, ball: Ball) -> tuple[float, int, int]:
+def largest_overlap(position: Array, ball: Ball) -> tuple[float, int, int]:
     """By how much the two of balls at (n, 2) [m] that are nearest to each other overlap [m], and which they are."""
     if len(position) < 2:
         return -math.inf, 0, 0
@@ -173,7 +173,7 @@ def scene_from(data: Any, where: str) -> Scene:
     places = _places(data["balls"], table, ball, f"{where} [balls]")
     goal = _goal(data["goal"], tuple(places), table, ball, f"{where} [goal]")
     names = (goal.cue, goal.object, *(n for n in places if n not in (goal.cue, goal.object)))
-    return Scene(table, ball, names, settled(np.array([places[n] for n in names]), table, ball), goal)
+    return Scene(table, ball, names, separate_overlaps(np.array([places[n] for n in names]), table, ball), goal)
 
 
 def _refuse(where: object, text: str) -> NoReturn:
@@ -226,7 +226,7 @@ def _places(data: Mapping[str, Any], table: Table, ball: Ball, where: str) -> di
         places[name] = _on_table(value, shown(name), table, ball, where)
     if len(places) > MOST:
         _refuse(where, f"{len(places)} balls are more than the {MOST} of snooker: remove some")
-    deep, i, j = overlap(np.array(list(places.values())).reshape(-1, 2), ball)
+    deep, i, j = largest_overlap(np.array(list(places.values())).reshape(-1, 2), ball)
     if deep > SLIGHT:
         one, other = (shown(list(places)[k]) for k in (i, j))
         text = f"{one} and {other} overlap: centres {1e3 * (ball.diameter - deep):.1f} mm apart"

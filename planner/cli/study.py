@@ -29,7 +29,7 @@ from models.errors import BadInput
 from models.files import write_whole
 
 if TYPE_CHECKING:
-    from planner.study.runs import Study
+    from planner.study.draws import Study
 
 FORMAT = "billiard-study-plans/1"
 DONE, INTERRUPTED = 0, 130
@@ -102,7 +102,7 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
 def _study(args: argparse.Namespace) -> Study:
     from models.model_file import read_model
     from planner.cli.common import load_execution
-    from planner.study.runs import Study, usual_model
+    from planner.study.draws import Study, usual_model
 
     model = read_model(args.model) if args.model else usual_model()
     return Study(model, load_execution(args.execution, model), args.balls, args.seed, args.method)
@@ -112,7 +112,7 @@ def described(study: Study) -> dict[str, Any]:
     """What every scene of a folder shares, as plain values."""
     return {
         "format": FORMAT, "seed": study.seed, "balls": study.balls, "method": study.method, "plays": study.plays,
-        "execution": asdict(study.execution), "wish": asdict(study.wish), "effort": asdict(study.effort),
+        "execution": asdict(study.execution), "wish": asdict(study.weights), "effort": asdict(study.effort),
         "model": hashlib.sha256(repr(study.model).encode()).hexdigest()[:16], "sources": fingerprint(),
     }  # fmt: skip
 

@@ -43,7 +43,7 @@ def scene(args: argparse.Namespace, progress: Progress) -> int:
     rows = [("ball", "x [m]", "y [m]")]
     rows += [(n, f"{x:.4f}", f"{y:.4f}") for n, (x, y) in zip(made.names, made.position, strict=True)]
     print(table(rows))
-    for line in found.told:
+    for line in found.notes:
         print(line)
     write_scene(made, args.out)
     print(f"scene: {args.out}")
@@ -64,8 +64,8 @@ def _pocket(text: str) -> list[int] | str:
 
 def plan(args: argparse.Namespace, progress: Progress) -> int:
     """Plan a shot, and write it."""
-    from planner.evaluation.value import Wish
-    from planner.launcher.stroke import Launcher, with_speeds
+    from planner.evaluation.value import UtilityWeights
+    from planner.launcher.stroke import LauncherModel, with_speeds
     from planner.plan import make_plan
     from planner.scene import read_scene
 
@@ -77,7 +77,7 @@ def plan(args: argparse.Namespace, progress: Progress) -> int:
             raise BadInput(
                 f"--{name.replace('_', '-')} {getattr(args, name):g}: give a number from {low:g} to {high:g}"
             )
-    launcher = Launcher()
+    launcher = LauncherModel()
     if args.cue_speed:
         slow, fast = args.cue_speed
         if not launcher.last <= slow < fast <= launcher.first:
@@ -89,15 +89,17 @@ def plan(args: argparse.Namespace, progress: Progress) -> int:
     model = load_model(args.model, asked)
     if args.map:
         from planner.launcher.cueing_map import read_map
-        from planner.launcher.mapped import unsure, with_map
+        from planner.launcher.mapped import execution_with_map, with_map
 
         cueing_map = read_map(args.map)
         launcher = with_map(launcher, cueing_map, asked.ball)
-    execution = unsure(cueing_map) if args.map and not args.execution else load_execution(args.execution, model)
+    execution = (
+        execution_with_map(cueing_map) if args.map and not args.execution else load_execution(args.execution, model)
+    )
     began = time.monotonic()
+    weights = UtilityWeights(args.rest_weight, args.far, args.foul_cost)
     made = make_plan(
-        asked, model, execution, Wish(args.rest_weight, args.far, args.foul_cost), method=args.method, seed=args.seed,
-        launcher=launcher, report=progress,
+        asked, model, execution, weights, method=args.method, seed=args.seed, launcher=launcher, report=progress,
     )  # fmt: skip
     progress.close()
     made["model"]["file"] = Path(args.model).name if args.model else None
@@ -186,7 +188,7 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--seed", metavar="N", type=int, default=0, help="of everything drawn (default: 0)")
     text = "bounds on the cue's speed [m/s] (default: 0.3 2.2)"
     one.add_argument("--cue-speed", metavar=("LOW", "HIGH"), nargs=2, type=float, help=text)
-    text = "part of a pot's worth that the cue ball's place decides (default: 0.2)"
+    text = "part of a pot's utility that the cue ball's place decides (default: 0.2)"
     one.add_argument("--rest-weight", metavar="W", type=float, default=0.2, help=text)
     text = "distance from the wanted place at which that part is down to 1/e [m] (default: 0.35)"
     one.add_argument("--far", metavar="D", type=float, default=0.35, help=text)

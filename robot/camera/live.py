@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.files import write_whole
 from models.shot import Array, Ball, Table
-from planner.from_picture import CUES, Found, balls_in_picture
+from planner.from_picture import CUE_BALL_NAMES, DetectedBalls, balls_in_picture
 from robot.camera.source import Device, Source
 from sysid.cli.track import USUAL
 from sysid.clips import Observation
@@ -124,7 +124,7 @@ class LiveCamera:
         if not (seen := list(islice(self.pictures(), LOOKS))):
             raise BadInput(NOTHING)
         found = balls_in(seen, self.seen_with, self._palette_path, self.ball.mass)
-        self.told = found.told
+        self.told = found.notes
         self._seen = dict(zip(found.names, np.asarray(found.position), strict=True))
         return dict(self._seen)
 
@@ -165,7 +165,7 @@ class LiveCamera:
         told += [*footage.assumed[1:], *result.left_out, *result.doubts]
         if not result.shots:
             return {}
-        k = next((k for k, shot in enumerate(result.shots) if shot.struck in CUES), 0)
+        k = next((k for k, shot in enumerate(result.shots) if shot.struck in CUE_BALL_NAMES), 0)
         if len(result.shots) > 1:
             told.append(f"{len(result.shots)} shots were filmed: the one of {result.shots[k].struck} is taken")
         extras = [Extra({name: turned.steady for name, turned in one.turned.items()}) for one in seen]
@@ -309,7 +309,7 @@ def frame_numbers(stamps: Array, period: float) -> tuple[NDArray[np.int64], floa
 
 def balls_in(
     pictures: Sequence[Picture], camera: Camera, palette_path: Path | str | None = None, mass: float | None = None
-) -> Found:  # fmt: skip
+) -> DetectedBalls:  # fmt: skip
     """The balls that lie on the table in pictures, as a photo's are found."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)

@@ -154,7 +154,7 @@ def _course(args: argparse.Namespace, on: Table, ball: Ball) -> Course:
     from planner.launcher.cueing_map import CueingMap, read_map
     from planner.launcher.execution import Execution
     from planner.launcher.mapped import with_map
-    from planner.launcher.stroke import Launcher
+    from planner.launcher.stroke import LauncherModel
     from robot.emulator.table import BASE
     from robot.learning.loop import Course
 
@@ -166,7 +166,7 @@ def _course(args: argparse.Namespace, on: Table, ball: Ball) -> Course:
     else:
         unknown = np.full((len(NAMES), len(NAMES)), math.nan)
         cueing_map = CueingMap(Constants(), Geometry(model.ball), unknown, Execution())
-    with_map(Launcher(), cueing_map, model.ball)  # of these balls, or refused before anything is played
+    with_map(LauncherModel(), cueing_map, model.ball)  # of these balls, or refused before anything is played
     course = Course(
         model, cueing_map, args.shots, args.every, seed_of(args), args.balls, stops=not args.all
     )  # fmt: skip

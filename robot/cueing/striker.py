@@ -28,7 +28,7 @@ from models.errors import BadInput
 from models.mjcf.launcher import PREFIX, Scene, build_scene, strike
 from models.mjcf.native import solref
 from models.shot import GRAVITY, Array, Ball, Table
-from planner.launcher.stroke import Launcher
+from planner.launcher.stroke import LauncherModel
 from robot.cueing.campaign import CueShot
 
 RATE = 180.0  # of the camera [1/s] (Robotic Billiards 2015)
@@ -105,7 +105,7 @@ class EmulatedStriker:
         """Set it up; nothing is struck."""
         self.hidden, self.sloppiness, self.seed, self.played = hidden, sloppiness, seed, played
         self.scene = hidden_scene(hidden)
-        self.strings = Launcher()
+        self.strings = LauncherModel()
 
     def __call__(self, string: int, x0_mm: float, y0_mm: float) -> CueShot:
         """Strike once and measure."""
@@ -206,7 +206,7 @@ def exact_strokes(
     hidden: Hidden, told: Sequence[tuple[int, float, float]]
 ) -> dict[tuple[int, float, float], tuple[float, float]]:
     """Ball speed [m/s] and squirt [rad] of strokes (string, x0_mm, y0_mm) that go without any error."""
-    scene, strings, out = hidden_scene(hidden), Launcher(), {}
+    scene, strings, out = hidden_scene(hidden), LauncherModel(), {}
     for string, x0_mm, y0_mm in told:
         side, height = 1e-3 * x0_mm + hidden.side_zero, 1e-3 * y0_mm + hidden.height_zero
         stroke = strike(scene, strings.cue_speed(string), side, height)

@@ -29,14 +29,14 @@ from models.errors import BadInput
 from models.files import write_whole
 from models.model_file import Model, read_model, write_model
 from models.shot import Array
-from planner.evaluation.value import Wish
+from planner.evaluation.value import UtilityWeights
 from planner.launcher.cueing_map import CueingMap, read_map, write_map
-from planner.launcher.mapped import unsure, with_map
-from planner.launcher.stroke import Launcher as Strokes
+from planner.launcher.mapped import execution_with_map, with_map
+from planner.launcher.stroke import LauncherModel as Strokes
 from planner.plan import make_plan
 from planner.scene import Scene
 from planner.search.search import Effort
-from planner.study.runs import Study, draw_scene
+from planner.study.draws import Study, draw_scene
 from robot.device.launcher import Launcher
 from robot.learning.history import (
     FIT_FORMAT,
@@ -93,7 +93,7 @@ class Course:
     seed: int = 0
     balls: int = 2  # in a scene
     stops: bool = True  # by itself, where nothing improves
-    wish: Wish = field(default_factory=Wish)
+    wish: UtilityWeights = field(default_factory=UtilityWeights)
     effort: Effort = field(default_factory=Effort)
 
     def __post_init__(self) -> None:
@@ -208,8 +208,8 @@ def _play(folder: Path, course: Course, stand: Stand, number: int, learnt: int, 
             raise BadInput(f"shot {number}: ball {lacking[0]} is not seen on the table; lay it, and go on")
         scene = dataclasses.replace(asked, position=np.array([seen[name] for name in asked.names]))
         plan = make_plan(
-            scene, model, unsure(cueing_map), course.wish, seed=course.study.number(number, 2), launcher=strokes,
-            effort=course.effort, report=lambda line: report(f"shot {number}: {line}"),
+            scene, model, execution_with_map(cueing_map), course.wish, seed=course.study.number(number, 2),
+            launcher=strokes, effort=course.effort, report=lambda line: report(f"shot {number}: {line}"),
         )  # fmt: skip
         if plan["stroke"] is not None:
             break
