@@ -20,7 +20,7 @@ with contextlib.redirect_stdout(io.StringIO()):  # it names environments of othe
     from shimmy.dm_control_compatibility import DmControlCompatibilityV0
     from shimmy.utils.dm_env import dm_env_step2gym_step
 
-MODES = (None, "rgb_array")
+RENDER_MODES = (None, "rgb_array")
 
 
 class GymnasiumShot(DmControlCompatibilityV0):
@@ -36,14 +36,14 @@ class GymnasiumShot(DmControlCompatibilityV0):
         Raises:
             BadInput: for a mode other than None and "rgb_array".
         """
-        if render_mode not in MODES:
+        if render_mode not in RENDER_MODES:
             raise BadInput(f"render_mode is {render_mode!r}; choose from None, 'rgb_array'")
         super().__init__(environment, render_mode, render_kwargs)
         self.metadata = dict(type(self).metadata)
 
     @property
     def np_random(self) -> np.random.Generator:
-        """What the task draws from."""
+        """The generator of the task."""
         return self._env.task.rng
 
     @np_random.setter
@@ -51,7 +51,7 @@ class GymnasiumShot(DmControlCompatibilityV0):
         self._env.task.rng = value
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Deal an episode, with a seed the same as ever."""
+        """Draw an episode; the same seed draws the same one."""
         gymnasium.Env.reset(self, seed=seed)
         if seed is not None:
             self.np_random = self._np_random

@@ -89,13 +89,11 @@ def plan(args: argparse.Namespace, progress: Progress) -> int:
     model = load_model(args.model, asked)
     if args.map:
         from planner.launcher.cueing_map import read_map
-        from planner.launcher.mapped import execution_with_map, with_map
+        from planner.launcher.mapped import execution_of, with_map
 
         cueing_map = read_map(args.map)
         launcher = with_map(launcher, cueing_map, asked.ball)
-    execution = (
-        execution_with_map(cueing_map) if args.map and not args.execution else load_execution(args.execution, model)
-    )
+    execution = execution_of(cueing_map) if args.map and not args.execution else load_execution(args.execution, model)
     began = time.monotonic()
     weights = UtilityWeights(args.rest_weight, args.far, args.foul_cost)
     made = make_plan(

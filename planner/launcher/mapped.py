@@ -92,7 +92,7 @@ def with_map(launcher: LauncherModel, cueing_map: CueingMap, ball: Ball) -> Mapp
     return MappedLauncher(**fields, cueing_map=cueing_map)
 
 
-def execution_with_map(cueing_map: CueingMap) -> Execution:
+def execution_of(cueing_map: CueingMap) -> Execution:
     """The launcher's repeatability and the uncertainty of its map, added in quadrature.
 
     The map's part is the root mean square over the centre and four edges of the stage at a usual speed; it is the same

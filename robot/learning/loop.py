@@ -31,7 +31,7 @@ from models.model_file import Model, read_model, write_model
 from models.shot import Array
 from planner.evaluation.value import UtilityWeights
 from planner.launcher.cueing_map import CueingMap, read_map, write_map
-from planner.launcher.mapped import execution_with_map, with_map
+from planner.launcher.mapped import execution_of, with_map
 from planner.launcher.stroke import LauncherModel as Strokes
 from planner.plan import make_plan
 from planner.scene import Scene
@@ -208,7 +208,7 @@ def _play(folder: Path, course: Course, stand: Stand, number: int, learnt: int, 
             raise BadInput(f"shot {number}: ball {lacking[0]} is not seen on the table; lay it, and go on")
         scene = dataclasses.replace(asked, position=np.array([seen[name] for name in asked.names]))
         plan = make_plan(
-            scene, model, execution_with_map(cueing_map), course.wish, seed=course.study.number(number, 2),
+            scene, model, execution_of(cueing_map), course.wish, seed=course.study.number(number, 2),
             launcher=strokes, effort=course.effort, report=lambda line: report(f"shot {number}: {line}"),
         )  # fmt: skip
         if plan["stroke"] is not None:

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from models.environment import Reach, ShotEnvironment, ShotPhysics, ShotTask
+from models.environment import ActionBounds, ShotEnvironment, ShotPhysics, ShotTask
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Estimate, Model, effect_class, full_model
@@ -34,7 +34,7 @@ STEADY = Execution(0.0, 0.0, 0.0, 0.0)
 LAUNCHER = LauncherModel()
 STRAIGHT = math.atan2(0.889 - 0.45, 1.7845 - 1.35)  # from the white over the red to the corner
 UNSURE = {"decoupled_cloth.roll": 0.0006, "ball_impact.restitution": 0.01, "cushion_impact.friction": 0.02}
-REACHES = Reach(0.3, 2.2, 0.018)
+BOUNDS = ActionBounds(0.3, 2.2, 0.018)
 
 
 def model(unsure: bool = False) -> Model:
@@ -271,16 +271,16 @@ def test_bounds_are_the_launchers() -> None:
 @settings(max_examples=200, deadline=None)
 def test_what_is_sent_lies_within_reach_and_points_the_same_way(rows: list[tuple[float, ...]]) -> None:
     asked = np.array(rows) * [0.1, 1e-3, 1e-3, 0.2]
-    sent = REACHES.held(asked)
-    spec, slack = REACHES.spec(), 1e-12
+    sent = BOUNDS.clip(asked)
+    spec, slack = BOUNDS.spec(), 1e-12
     assert (sent >= spec.minimum - slack).all() and (sent <= spec.maximum + slack).all()
-    assert (np.hypot(sent[:, 1], sent[:, 2]) <= REACHES.offset + slack).all()
+    assert (np.hypot(sent[:, 1], sent[:, 2]) <= BOUNDS.offset + slack).all()
     assert sent[:, 1] * asked[:, 2] == pytest.approx(sent[:, 2] * asked[:, 1], abs=1e-15)
     assert (sent[:, 1:3] * asked[:, 1:3] >= 0).all()
     assert np.cos(sent[:, 3] - asked[:, 3]) == pytest.approx(np.ones(len(asked)))
-    assert REACHES.held(sent) == pytest.approx(sent, abs=1e-15)
+    assert BOUNDS.clip(sent) == pytest.approx(sent, abs=1e-15)
     inside = (
-        (np.hypot(asked[:, 1], asked[:, 2]) < REACHES.offset)
+        (np.hypot(asked[:, 1], asked[:, 2]) < BOUNDS.offset)
         & (asked[:, 0] >= 0.3) & (asked[:, 0] <= 2.2) & (np.abs(asked[:, 3]) <= math.pi)
     )  # fmt: skip
     assert np.array_equal(sent[inside], asked[inside])

@@ -14,7 +14,7 @@ from models.model_file import full_model
 from models.shot import Array, Ball, Table
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.execution import Execution
-from planner.launcher.mapped import execution_with_map, with_map
+from planner.launcher.mapped import execution_of, with_map
 from planner.launcher.stroke import LauncherModel
 from planner.launcher.stroke import launch as plan_launch
 
@@ -61,14 +61,14 @@ def test_a_map_of_other_balls_is_refused() -> None:
 
 
 def test_what_the_map_leaves_open_is_one_more_error() -> None:
-    assert execution_with_map(MAP) == MAP.execution, "nothing is known of it"
+    assert execution_of(MAP) == MAP.execution, "nothing is known of it"
     covariance = np.zeros((8, 8))
     k = NAMES.index("aim_zero")
     covariance[k, k] = 3e-3**2  # turns every stroke alike
-    wide = execution_with_map(dataclasses.replace(MAP, covariance=covariance))
+    wide = execution_of(dataclasses.replace(MAP, covariance=covariance))
     assert wide.azimuth_sd == pytest.approx(math.hypot(MAP.execution.azimuth_sd, 3e-3), rel=1e-3)
     assert dataclasses.replace(wide, azimuth_sd=MAP.execution.azimuth_sd) == MAP.execution
     k = NAMES.index("tip_restitution")
     covariance[k, k] = 0.0171**2  # 1 % of 1 + e
-    wide = execution_with_map(dataclasses.replace(MAP, covariance=covariance))
+    wide = execution_of(dataclasses.replace(MAP, covariance=covariance))
     assert wide.speed_sd == pytest.approx(math.hypot(MAP.execution.speed_sd, 0.01), rel=0.1)

@@ -20,8 +20,8 @@ from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from models.shot import Array, Ball, Table
 from planner.from_picture import balls_in_clip, balls_in_picture, scene_from_clips, scene_from_picture, scene_of
 from planner.scene import (
+    MAX_OVERLAP_M,
     POCKETS,
-    SLIGHT,
     Goal,
     Scene,
     largest_overlap,
@@ -162,7 +162,7 @@ def test_rounded_places_are_moved_apart_and_no_others() -> None:
 
 
 def test_a_slight_overlap_is_mended_in_reading_and_a_deep_one_is_not() -> None:
-    slight, deep = (tomllib.loads(TEXT.replace(RED, f"red = [{0.0525 - k * SLIGHT}, 0.0]")) for k in (0.9, 1.1))
+    slight, deep = (tomllib.loads(TEXT.replace(RED, f"red = [{0.0525 - k * MAX_OVERLAP_M}, 0.0]")) for k in (0.9, 1.1))
     assert largest_overlap(scene_from(slight, "s").position, SNOOKER_BALL)[0] <= 0
     assert "overlap" in refusal(lambda: scene_from(deep, "s"))
 
