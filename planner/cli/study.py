@@ -35,7 +35,8 @@ FORMAT = "billiard-study-plans/1"
 DONE, INTERRUPTED = 0, 130
 MOST = 100_000  # scenes
 # What shows and asks, but changes no figure: another version of it may go on with a study.
-ASIDE = ("cli*.py", "*report.py", "from_picture.py", "*environment.py", "view*.py", "recording/*.py")
+ASIDE = ("cli*.py", "*report.py", "from_picture.py", "*environment.py", "view*.py", "recording/*.py", "figures.py",
+         "pictures.py")  # fmt: skip
 
 
 def add(one: argparse.ArgumentParser) -> None:
@@ -72,7 +73,8 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
         raise BadInput(f"{args.report}: is the name of the picture beside the report; give one that ends in .md")
     check_outputs(args.json, args.report)
 
-    from planner.study.report import figures, text_table, write_report
+    from planner.study.figures import figures
+    from planner.study.report import text_table, write_report
 
     study = _study(args)
     begin(args.out, study)

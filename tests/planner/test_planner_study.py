@@ -36,7 +36,9 @@ from planner.study.draws import (
     draw_truth,
     usual_model,
 )
-from planner.study.report import draw_study, figures, markdown, text_table, write_report
+from planner.study.figures import figures
+from planner.study.pictures import draw_study
+from planner.study.report import markdown, text_table, write_report
 from planner.study.runs import study_scene
 from tests.support.clip_samples import refusal
 
