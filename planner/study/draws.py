@@ -27,12 +27,12 @@ from planner.evaluation.risk import draw_errors
 from planner.evaluation.value import UtilityWeights
 from planner.launcher.execution import Execution
 from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel
+from planner.plan import METHODS
 from planner.scene import POCKETS, Goal, Scene
 from planner.search.candidates import Route, aimed_along, all_routes, fan_half_width
 from planner.search.search import Effort
 
 Array = NDArray[np.float64]
-METHODS = ("risk", "ga")
 BALL_NAMES = ("white", "red", "blue", "pink", "black", "brown", "green", "yellow")
 AREA_M = (1.829, 1.524)  # along and across the table, at its -x end (Robotic Billiards 2015)
 AREA_POCKETS = ((-1, 1), (0, 1), (-1, -1), (0, -1))  # pockets at the area's edge
@@ -136,12 +136,12 @@ def draw_scene(study: Study, number: int) -> tuple[Scene, int]:
 
 def _places(model: Model, count: int, rng: np.random.Generator) -> Array | None:
     """Places of balls (count, 2) [m] in the area; None if two are too close to each other."""
-    reach, end = model.table.reach(model.ball), model.table.length / 2
-    low = np.array([-reach[0], -min(AREA_M[1] / 2, reach[1])])
-    high = np.array([min(AREA_M[0] - end, reach[0]), -low[1]])
+    limit, end = model.table.reach(model.ball), model.table.length / 2
+    low = np.array([-limit[0], -min(AREA_M[1] / 2, limit[1])])
+    high = np.array([min(AREA_M[0] - end, limit[0]), -low[1]])
     clearance = np.zeros((count, 2))
     clearance[1] = CUSHION_CLEARANCE_M
-    low, high = np.maximum(low, -reach + clearance), np.minimum(high, reach - clearance)
+    low, high = np.maximum(low, -limit + clearance), np.minimum(high, limit - clearance)
     xy = np.round(low + (high - low) * rng.random((count, 2)), DECIMALS)
     one, other = np.triu_indices(count, 1)
     close = np.hypot(*(xy[one] - xy[other]).T) < MIN_SEPARATION_RADII * model.ball.radius
@@ -161,8 +161,8 @@ def _reachable_position(player: Player, route: Route, rng: np.random.Generator) 
     made = np.flatnonzero(out.made & np.isfinite(out.cue[:, 0]))
     if made.size == 0:
         return None
-    reach = scene.table.reach(scene.ball)
-    return np.clip(np.round(out.cue[made[int(rng.integers(made.size))]], 3), -reach, reach)
+    limit = scene.table.reach(scene.ball)
+    return np.clip(np.round(out.cue[made[int(rng.integers(made.size))]], 3), -limit, limit)
 
 
 def draw_truth(study: Study, number: int) -> tuple[Model, dict[str, Any]]:
