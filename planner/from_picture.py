@@ -1,9 +1,12 @@
-"""Scenes from what a camera saw: the balls of a photo, of a video's last frame, or of a clip's end.
+"""Scenes from a camera: the balls of a photo, of a video's last frame, or of a clip's end.
 
-Balls are found as tracking finds them (sysid/vision/balls/detect.py) and where several frames show them at rest their
-places are averaged; the last frame decides which there are. Balls of one colour are numbered from left to right in the
-picture. What a camera sees a little inside another ball or a cushion is moved apart. Leaves out balls in the middle of
-a pack, which have no outline against the cloth: what lies there and was not made out is told.
+In: pictures with their camera file, or a clip set; a goal. Out: a scene, and the balls found with notes on what was
+assumed, left out or is in doubt.
+
+Balls are detected as in tracking (sysid/vision/balls/detect.py); the last frame decides which there are, and positions
+are averaged over the frames that show a ball at rest. Balls of one colour are numbered from left to right in the
+picture. Small overlaps of balls with each other or a cushion are removed. Leaves out balls in the middle of a pack,
+which have no outline against the cloth: a note says where something was not recognised.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ import numpy as np
 
 from models.errors import BadInput
 from models.shot import Array, Ball, Table
-from planner.scene import FORMAT, Scene, overlap, pocket_name, pocket_of, scene_from, settled
+from planner.scene import FORMAT, Scene, largest_overlap, pocket_name, pocket_of, scene_from, separate_overlaps
 from sysid.clips import Clip, read_clip_set
 from sysid.clips.faults import closest, listed, one_line
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH, START_FRAMES
@@ -28,40 +31,42 @@ if TYPE_CHECKING:
     from sysid.vision.camera.projection import Camera
     from sysid.vision.frames import Picture
 
-CUES = ("white", "cue")  # what the cue ball is usually called
-LAST = 8  # frames, or samples of a clip, that show a ball at rest
-STILL = 0.05  # radii that its place may change from their first half to the second
-NEAR = 1.0  # radii within which sightings of one name in neighbouring frames are the same ball
-BEYOND = 0.5  # radii beyond the touch of a cushion from which on a ball is not on the table
-# What is not cloth: by how much of its brightness it is off, at any light within these parts of the usual one, how far
-# from the middle of a ball [radii], and how much of a ball's area.
-OFF, LIT, AROUND, PART = 0.25, (0.35, 1.8), 1.3, 0.4
+CUE_BALL_NAMES = ("white", "cue")  # usual names of the cue ball
+LAST_FRAMES = 8  # frames, or samples of a clip, over which a ball at rest is averaged
+MAX_REST_SHIFT_RADII = 0.05  # of a ball at rest, from the first half of these frames to the second
+SAME_BALL_RADII = 1.0  # distance within which detections of one name in different frames are the same ball
+OFF_TABLE_RADII = 0.5  # beyond the line of contact with a cushion, from which on a ball is not on the table
+# Something on the cloth that is not cloth:
+MIN_COLOUR_DIFFERENCE = 0.25  # from the cloth's colour at the best brightness, over the cloth's brightest channel
+BRIGHTNESS_RANGE = (0.35, 1.8)  # of cloth in shade or light, over the median
+BALL_MASK_RADII = 1.3  # around a detected ball that are not examined
+MIN_AREA_BALLS = 0.4  # of what is reported, in areas of a ball
 
 
 @dataclass(frozen=True)
-class Found:
-    """Balls at the end of what was filmed."""
+class DetectedBalls:
+    """Balls at the end of a recording."""
 
     table: Table
     ball: Ball
     names: tuple[str, ...]
     position: Array  # (n, 2) [m]
-    told: tuple[str, ...]  # what was assumed, left out or is in doubt, in plain words
+    notes: tuple[str, ...]  # what was assumed, left out or is in doubt, in plain words
 
 
 def scene_from_picture(
     path: Path | str, camera_path: Path | str, goal: Mapping[str, Any], *, palette_path: Path | str | None = None,
     mass: float | None = None, progress: Callable[[str], None] = lambda line: None,
-) -> tuple[Scene, Found]:  # fmt: skip
-    """The scene of a photo, or of the last frame of a video or of a row of pictures, and what was found there.
+) -> tuple[Scene, DetectedBalls]:  # fmt: skip
+    """The scene of a photo, or of the last frame of a video or of a row of pictures, and the balls found.
 
     Args:
-        path: what to look at.
-        camera_path: camera file, of pictures of that size.
-        goal: as [goal] of a scene file; what is None is left out, and `cue` may be.
-        palette_path: names and colours of the balls; those of snooker without.
-        mass: of a ball [kg]; that of a snooker ball of its size without.
-        progress: is told what is going on.
+        path: photo, video, or folder of pictures.
+        camera_path: camera file for pictures of this size.
+        goal: as [goal] of a scene file; keys with value None are ignored, and `cue` may be missing.
+        palette_path: names and colours of the balls; those of snooker if None.
+        mass: of a ball [kg]; that of a snooker ball of its size if None.
+        progress: receives messages about the progress.
     """
     found = balls_in_picture(path, camera_path, palette_path=palette_path, mass=mass, progress=progress)
     return scene_of(found, goal, str(path)), found
@@ -69,23 +74,23 @@ def scene_from_picture(
 
 def scene_from_clips(
     folder: Path | str, goal: Mapping[str, Any], clip: str | int | None = None
-) -> tuple[Scene, Found]:  # fmt: skip
-    """The scene that a clip of a clip set ends with, and what was found there.
+) -> tuple[Scene, DetectedBalls]:  # fmt: skip
+    """The scene that a clip of a clip set ends with, and the balls found.
 
     Args:
         folder: the clip set.
-        goal: as [goal] of a scene file; what is None is left out, and `cue` may be.
-        clip: its file, or its number from 1; the last one without.
+        goal: as [goal] of a scene file; keys with value None are ignored, and `cue` may be missing.
+        clip: its file, or its number from 1; the last one if None.
     """
     found = balls_in_clip(folder, clip)
     return scene_of(found, goal, str(folder)), found
 
 
-def scene_of(found: Found, goal: Mapping[str, Any], where: str) -> Scene:
-    """The scene of balls that were found, with a goal; `where` is what messages name as the place they come from."""
+def scene_of(found: DetectedBalls, goal: Mapping[str, Any], where: str) -> Scene:
+    """The scene of detected balls with a goal; `where` is what messages name as the source."""
     wanted = {key: value for key, value in goal.items() if value is not None}
     if "cue" not in wanted:
-        cue = next((name for name in CUES if name in found.names), None)
+        cue = next((name for name in CUE_BALL_NAMES if name in found.names), None)
         if cue is None:
             raise BadInput(one_line(f"{where}: no white ball among {listed(found.names)}: name the cue ball"))
         wanted["cue"] = cue
@@ -99,7 +104,7 @@ def scene_of(found: Found, goal: Mapping[str, Any], where: str) -> Scene:
         if isinstance(name, str) and name not in balls:
             near = closest(name, balls)
             remedy = f"did you mean {near!r}?" if near else "name one of them"
-            text = f"{where}: {key} {name!r} is not to be seen, only {listed(balls)}: {remedy}"
+            text = f"{where}: {key} {name!r} was not found, only {listed(balls)}: {remedy}"
             raise BadInput(one_line(text))
     return scene_from({"format": FORMAT, **sizes, "balls": balls, "goal": wanted}, where)
 
@@ -107,8 +112,8 @@ def scene_of(found: Found, goal: Mapping[str, Any], where: str) -> Scene:
 def balls_in_picture(
     path: Path | str, camera_path: Path | str, *, palette_path: Path | str | None = None, mass: float | None = None,
     progress: Callable[[str], None] = lambda line: None,
-) -> Found:  # fmt: skip
-    """The balls of a photo, or of the last frame of a video or of a row of pictures; arguments as above."""
+) -> DetectedBalls:  # fmt: skip
+    """The balls of a photo, or of the last frame; arguments as for `scene_from_picture`."""
     from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
     from sysid.vision.balls.detect import Detector
     from sysid.vision.balls.palette import default_palette, read_palette
@@ -117,41 +122,41 @@ def balls_in_picture(
 
     camera = read_camera(camera_path)
     palette = read_palette(palette_path) if palette_path else default_palette()
-    footage = open_footage(path, 1.0)  # when pictures were taken matters to nothing here
+    footage = open_footage(path, 1.0)  # the times of pictures are not used
     if footage.size != tuple(camera.size):
         sizes = " and ".join(f"{w} x {h}" for w, h in (footage.size, camera.size))
         raise BadInput(f"{path}: {sizes} pixels in it and in {camera_path}; calibrate with pictures of this size")
     detector = Detector.learn(camera, footage, palette, progress)
-    progress("looking at the last frame")
-    pictures = deque((frame.picture for frame in footage), maxlen=LAST)
-    told = list(detector.told)
-    all_seen = detector.find(pictures[-1])
-    told += _not_known(detector, camera, pictures[-1], all_seen)
-    seen = _numbered(all_seen, dict(zip(palette.names, palette.counts, strict=True)), told)
-    if not seen:
+    progress("finding the balls in the last frame")
+    pictures = deque((frame.picture for frame in footage), maxlen=LAST_FRAMES)
+    notes = list(detector.told)
+    detections = detector.find(pictures[-1])
+    notes += _unrecognised(detector, camera, pictures[-1], detections)
+    balls = _numbered(detections, dict(zip(palette.names, palette.counts, strict=True)), notes)
+    if not balls:
         raise BadInput(
             f"{path}: no ball is seen in the last frame; is {camera_path} its camera, and are its balls lit?"
         )
-    pixels = {name: [one.xy] for name, one in seen.items()}  # the last one first
-    expected = [(one.name, one.xy) for one in seen.values()]
+    pixels = {name: [one.xy] for name, one in balls.items()}  # the last frame first
+    expected = [(one.name, one.xy) for one in balls.values()]
     for picture in list(pictures)[-2::-1]:
         before = detector.find(picture, expected)
-        for name, one in seen.items():
-            far = [(np.hypot(*(s.xy - one.xy)) / one.radius, s.xy) for s in before if s.name == one.name]
-            pixels[name] += [xy for off, xy in sorted(far, key=lambda pair: pair[0])[:1] if off < NEAR]
+        for name, one in balls.items():
+            pairs = [(np.hypot(*(s.xy - one.xy)) / one.radius, s.xy) for s in before if s.name == one.name]
+            pixels[name] += [xy for d, xy in sorted(pairs, key=lambda pair: pair[0])[:1] if d < SAME_BALL_RADII]
     places = {name: camera.centres(np.array(recent[::-1])) for name, recent in pixels.items()}
     if mass is None:
         mass = MASS_PER_CUBED_DIAMETER * camera.diameter**3
-        told.append(f"mass {mass:.4f} kg, that of a snooker ball of this size")
-    return _laid(camera.table, ball_of(camera, mass), places, 0.0, told, str(path))
+        notes.append(f"mass {mass:.4f} kg, that of a snooker ball of this size")
+    return _balls_on_table((camera.table, ball_of(camera, mass)), places, 0.0, notes, str(path))
 
 
-def balls_in_clip(folder: Path | str, clip: str | int | None = None) -> Found:
-    """The balls that are on the table at the end of a clip; arguments as above."""
+def balls_in_clip(folder: Path | str, clip: str | int | None = None) -> DetectedBalls:
+    """The balls that are on the table at the end of a clip; arguments as for `scene_from_clips`."""
     clip_set = read_clip_set(folder)
     chosen = _chosen(clip_set.clips, clip, folder)
     end = max(float(seen.time[-1]) for seen in chosen.balls.values() if len(seen.time))
-    told: list[str] = []
+    notes: list[str] = []
     places = {}
     for name, seen in chosen.balls.items():
         if not len(seen.time):
@@ -159,16 +164,16 @@ def balls_in_clip(folder: Path | str, clip: str | int | None = None) -> Found:
         early = end - float(seen.time[-1])
         if early > START_FRAMES / clip_set.fps:
             if clip_set.table.to_pocket(seen.xy[-1]) <= POCKET_REACH * clip_set.ball.diameter:
-                told.append(f"{name} was last seen at a pocket, {early:.2f} s before the end: potted")
+                notes.append(f"{name} was last seen at a pocket, {early:.2f} s before the end: potted")
                 continue
-            told.append(f"{name} was last seen {early:.2f} s before the end: taken to lie there")
-        places[name] = seen.xy[-LAST:]
-    where = f"{folder}: {chosen.file}"
-    return _laid(clip_set.table, clip_set.ball, places, clip_set.sigma or 0.0, told, where)
+            notes.append(f"{name} was last seen {early:.2f} s before the end: assumed to lie there")
+        places[name] = seen.xy[-LAST_FRAMES:]
+    sizes = clip_set.table, clip_set.ball
+    return _balls_on_table(sizes, places, clip_set.sigma or 0.0, notes, f"{folder}: {chosen.file}")
 
 
 def _chosen(clips: Sequence[Clip], clip: str | int | None, folder: Path | str) -> Clip:
-    """The clip of this file, or of this number from 1; the last one without."""
+    """The clip of this file, or of this number from 1; the last one if None."""
     if clip is None:
         return clips[-1]
     files = [c.file for c in clips]
@@ -184,85 +189,93 @@ def _chosen(clips: Sequence[Clip], clip: str | int | None, folder: Path | str) -
     return clips[same[0]]
 
 
-def _numbered(seen: Sequence[Seen], counts: Mapping[str, int], told: list[str]) -> dict[str, Seen]:
-    """Sightings, the surest first, by names of their own: red, red 2, red 3 from left to right."""
+def _numbered(detections: Sequence[Seen], counts: Mapping[str, int], notes: list[str]) -> dict[str, Seen]:
+    """Detections, given the most certain first, by unique names: red, red 2, red 3 from left to right."""
     named: dict[str, Seen] = {}
-    for name in sorted({one.name for one in seen}, key=list(counts).index):
-        same = [one for one in seen if one.name == name]
-        if len(same) > (most := counts[name]):
-            told.append(
-                f"{len(same)} balls look {name}, of which there {'is' if most == 1 else 'are'} {most}: the surest"
-            )
+    for colour in sorted({one.name for one in detections}, key=list(counts).index):
+        same = [one for one in detections if one.name == colour]
+        if len(same) > (count := counts[colour]):
+            notes.append(f"{len(same)} balls look {colour}, and the palette has {count}: the most certain are used")
         number = 1
-        for one in sorted(same[:most], key=lambda s: float(s.xy[0])):
-            own = name if number == 1 else f"{name} {number}"
-            while own in named or (number > 1 and own in counts):
+        for one in sorted(same[:count], key=lambda s: float(s.xy[0])):
+            name = colour if number == 1 else f"{colour} {number}"
+            while name in named or (number > 1 and name in counts):
                 number += 1
-                own = f"{name} {number}"
-            named[own] = one
+                name = f"{colour} {number}"
+            named[name] = one
             number += 1
     return named
 
 
-def _not_known(detector: Detector, camera: Camera, picture: Picture, seen: Sequence[Seen]) -> list[str]:
-    """What lies on the cloth, has not its colour however lit, and was not found to be a ball, in plain words."""
+def _unrecognised(detector: Detector, camera: Camera, picture: Picture, detections: Sequence[Seen]) -> list[str]:
+    """Notes on what lies on the cloth, does not have its colour at any brightness, and is no detected ball."""
     import cv2
 
     bed = detector.backdrop.scene.bed
     cloth = np.median(picture[bed], axis=0)
-    share = (picture @ cloth / (cloth @ cloth)).clip(*LIT)
-    odd = (bed & (np.abs(picture - share[..., None] * cloth).max(axis=2) > OFF * cloth.max())).astype(np.uint8)
-    for one in seen:
-        cv2.circle(odd, (round(float(one.xy[0])), round(float(one.xy[1]))), round(AROUND * one.radius), 0, -1)
-    odd = np.asarray(cv2.morphologyEx(odd, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8)
-    _, _, stats, middles = cv2.connectedComponentsWithStats(odd)
-    told = []
-    for middle, area in zip(middles[1:], stats[1:, cv2.CC_STAT_AREA], strict=True):
-        size = area / (np.pi * detector.backdrop.scene.radius(middle) ** 2)
-        if size > PART:
-            much = "a ball" if size < 1.5 else f"{size:.0f} balls"
-            x, y = camera.on_plane(middle[None], camera.radius)[0]
-            told.append(f"something of the size of {much} at {x:.2f}, {y:.2f} m was not made out: add it by hand")
-    return told
+    brightness = (picture @ cloth / (cloth @ cloth)).clip(*BRIGHTNESS_RANGE)
+    difference = np.abs(picture - brightness[..., None] * cloth).max(axis=2)
+    mask = (bed & (difference > MIN_COLOUR_DIFFERENCE * cloth.max())).astype(np.uint8)
+    for one in detections:
+        centre = round(float(one.xy[0])), round(float(one.xy[1]))
+        cv2.circle(mask, centre, round(BALL_MASK_RADII * one.radius), 0, -1)
+    mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8)
+    _, _, stats, centroids = cv2.connectedComponentsWithStats(mask)
+    notes = []
+    for centroid, area in zip(centroids[1:], stats[1:, cv2.CC_STAT_AREA], strict=True):
+        size = area / (np.pi * detector.backdrop.scene.radius(centroid) ** 2)
+        if size > MIN_AREA_BALLS:
+            count = "a ball" if size < 1.5 else f"{size:.0f} balls"
+            x, y = camera.on_plane(centroid[None], camera.radius)[0]
+            notes.append(f"something of the size of {count} at {x:.2f}, {y:.2f} m was not made out: add it by hand")
+    return notes
 
 
-def _at_rest(recent: Array, least: float) -> tuple[Array, float]:
-    """Where a ball rests, of places (k, 2) [m], and 0; where it was last, and how far it moved [m], if that is more."""
-    moved = _moved(recent)
-    if moved < least:
+def _rest_position(recent: Array, max_shift: float) -> tuple[Array, float]:
+    """Position (2,) [m] of a ball at rest from its last ones (k, 2), and 0; else its last one, and its shift [m]."""
+    shift = _shift(recent)
+    if shift < max_shift:
         return np.asarray(np.median(recent, axis=0)), 0.0
     late = recent[len(recent) // 2 :]  # it may have come to rest within these
-    if len(late) > 1 and _moved(late) < least / 2:
+    if len(late) > 1 and _shift(late) < max_shift / 2:
         return np.asarray(np.median(late, axis=0)), 0.0
-    return recent[-1], moved
+    return recent[-1], shift
 
 
-def _moved(recent: Array) -> float:
-    """From the middle of the first half of places (k, 2) [m] to that of the second [m]."""
+def _shift(recent: Array) -> float:
+    """Distance between the means of the first and the second half of positions (k, 2): [m]."""
     half = len(recent) // 2
     return float(np.hypot(*(recent[half:].mean(axis=0) - recent[:half].mean(axis=0)))) if half else 0.0
 
 
-def _laid(
-    table: Table, ball: Ball, places: Mapping[str, Array], sigma: float, told: list[str], where: str
-) -> Found:  # fmt: skip
-    """Balls where they were last, of places (k, 2) [m] each, as a scene can have them."""
-    kept: dict[str, Array] = {}
-    for name, recent in places.items():
-        at, moved = _at_rest(recent, max(STILL * ball.radius, 2 * sigma))
-        if moved > 0:
-            told.append(f"{name} still moves at the end, by {1e3 * moved:.1f} mm: taken where it was last seen")
-        if (pocket := pocket_of(at, table, ball)) is not None:
-            told.append(f"{name} lies in the pocket {pocket_name(pocket)}: left out")
-        elif (np.abs(at) > table.centre_limits(ball) + BEYOND * ball.radius).any():
-            told.append(f"{name} lies off the table, at {at[0]:.3f}, {at[1]:.3f} m: left out")
+def _balls_on_table(
+    sizes: tuple[Table, Ball], recent: Mapping[str, Array], sigma: float, notes: list[str], where: str
+) -> DetectedBalls:
+    """The balls that a scene can have.
+
+    Args:
+        sizes: table and ball.
+        recent: last positions of each ball (k, 2) [m].
+        sigma: standard deviation of a position [m].
+        notes: extended by what is left out or in doubt.
+        where: what messages name as the source.
+    """
+    (table, ball), on_table = sizes, dict[str, Array]()
+    for name, positions in recent.items():
+        xy, shift = _rest_position(positions, max(MAX_REST_SHIFT_RADII * ball.radius, 2 * sigma))
+        if shift > 0:
+            notes.append(f"{name} still moves at the end, by {1e3 * shift:.1f} mm: its last position is used")
+        if (pocket := pocket_of(xy, table, ball)) is not None:
+            notes.append(f"{name} lies in the pocket {pocket_name(pocket)}: left out")
+        elif (np.abs(xy) > table.centre_limits(ball) + OFF_TABLE_RADII * ball.radius).any():
+            notes.append(f"{name} lies off the table, at {xy[0]:.3f}, {xy[1]:.3f} m: left out")
         else:
-            kept[name] = at.round(6)
-    if not kept:
+            on_table[name] = xy.round(6)
+    if not on_table:
         raise BadInput(one_line(f"{where}: no ball is left on the table at the end"))
-    names, position = tuple(kept), np.array(list(kept.values()))
-    deep, i, j = overlap(position, ball)
-    if deep > max(MAX_OVERLAP_M, 6 * sigma):
-        text = f"{names[i]} and {names[j]} are seen {1e3 * deep:.1f} mm within each other"
+    names, position = tuple(on_table), np.array(list(on_table.values()))
+    depth, i, j = largest_overlap(position, ball)
+    if depth > max(MAX_OVERLAP_M, 6 * sigma):
+        text = f"{names[i]} and {names[j]} are seen {1e3 * depth:.1f} mm within each other"
         raise BadInput(one_line(f"{where}: {text}: check calibration and ball diameter"))
-    return Found(table, ball, names, settled(position, table, ball), tuple(told))
+    return DetectedBalls(table, ball, names, separate_overlaps(position, table, ball), tuple(notes))

@@ -1,8 +1,10 @@
-"""From a scene and a fitted model to a plan file, billiard-plan/1: the stroke, what it promises, and why it was chosen.
+"""From a scene and a fitted model to a plan, billiard-plan/1.
 
-Stroke in physical terms and in the launcher's; probabilities with their intervals over launcher errors and the model's
-uncertainty; where the cue ball stops, with its spread; how far the yaw, which is set by hand, may be off before a tenth
-of the pots is lost; predicted tracks, in MuJoCo with all effects; the best strokes of other kinds.
+In: scene, model with its uncertainty, the launcher's repeatability, weights of the utility. Out: the stroke of greatest
+expected utility, physically and as a launcher command; probabilities with intervals over execution errors and model
+uncertainty; the distribution of the cue ball's final position; the tolerance of the yaw, which is set by hand, within
+which less than a tenth of the pots is lost; predicted tracks, in MuJoCo with all effects; the best strokes of other
+kinds; and the reasons in words.
 """
 
 from __future__ import annotations
@@ -22,31 +24,40 @@ from models.model_file import Model
 from models.shot import Track
 from planner.evaluation.outcome import FOULS
 from planner.evaluation.play import Player
-from planner.evaluation.risk import Hands, Judged, deal
-from planner.evaluation.value import Wish
+from planner.evaluation.risk import ErrorSamples, Evaluation, draw_errors
+from planner.evaluation.value import UtilityWeights
 from planner.launcher.execution import Execution
-from planner.launcher.stroke import AZIMUTH, Launcher, stroke_terms
+from planner.launcher.stroke import AZIMUTH, LauncherModel, stroke_terms
 from planner.scene import POCKETS, Scene, pocket_name, scene_dict
 from planner.search import baseline
-from planner.search.candidates import describe, every_way
-from planner.search.search import LEAST, Effort, Found, in_both, playable, search, spin_words
+from planner.search.candidates import all_routes, describe_route
+from planner.search.search import (
+    MIN_MADE_PROBABILITY,
+    Effort,
+    RankedStroke,
+    cushions_after,
+    in_both_engines,
+    playable,
+    search,
+    spin_in_words,
+)
 
 Array = NDArray[np.float64]
 FORMAT = "billiard-plan/1"
 METHODS = ("risk", "ga")
-FAN = 40  # plays drawn, of those that a stroke is judged by
-CLOUD = 500  # resting places kept
-EVERY, COARSE = 0.02, 0.08  # seconds between the points of a track, of the fan's
-LOST = 0.1  # part of the pots that the tolerance of the yaw may cost
-TURNS = np.concatenate([np.arange(0.0, 0.2, 0.01), np.arange(0.2, 1.0, 0.02), np.arange(1.0, 4.01, 0.1)])  # [degrees]
-TURNED = 256  # plays that a turn of the yaw is judged by
-COARSELY = 7  # of them at a time, before the one is sought at which too much is lost
-OTHERS = 4  # strokes of other kinds that are told
+FAN_PLAYS = 40  # plays whose tracks are kept, the first of those that the stroke is evaluated by
+MAX_PLACES = 500  # final positions of the cue ball that are kept
+TRACK_PERIOD_S, FAN_PERIOD_S = 0.02, 0.08  # between the points of the planned tracks, and of those of the fan
+MAX_POT_LOSS = 0.1  # part of the pots that may be lost at the tolerance of the yaw
+TURNS_DEG = np.concatenate([np.arange(0.0, 0.2, 0.01), np.arange(0.2, 1.0, 0.02), np.arange(1.0, 4.01, 0.1)])
+YAW_SAMPLES = 256  # plays that estimate the pots at one turn of the yaw
+COARSE_STRIDE = 7  # of the turns that are tried first, before the interval with the limit is refined
+MAX_ALTERNATIVES = 4
 
 
 def make_plan(
-    scene: Scene, model: Model, execution: Execution, wish: Wish, *, method: str = "risk", seed: int = 0,
-    launcher: Launcher | None = None, effort: Effort | None = None, threads: int = 0,
+    scene: Scene, model: Model, execution: Execution, weights: UtilityWeights, *, method: str = "risk", seed: int = 0,
+    launcher: LauncherModel | None = None, effort: Effort | None = None, threads: int = 0,
     report: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Plan a shot.
@@ -55,71 +66,65 @@ def make_plan(
         scene: balls and goal.
         model: fitted to the same table and ball.
         execution: how well the launcher repeats.
-        wish: what a shot is worth.
-        method: "risk", the search over errors, or "ga", the paper's on the nominal model.
-        seed: of everything that is drawn; the same seed gives the same plan at any number of threads.
-        launcher: the default one where not given.
-        effort: how long to look.
+        weights: of the utility.
+        method: "risk", the search under errors, or "ga", the paper's on the nominal model.
+        seed: of all random numbers; the same seed gives the same plan at any number of threads.
+        launcher: the default one if not given.
+        effort: how much to compute.
         threads: at most; 0 for all.
-        report: told what is being done.
+        report: receives messages about the progress.
 
     Returns:
-        The plan as plain values; "stroke" is None where no shot is reasonable.
+        The plan as plain values; "stroke" is None if no shot is reasonable.
 
     Raises:
         BadInput: for a model that does not fit the scene, and an unknown method.
     """
     if method not in METHODS:
         raise BadInput(f"method is {method!r}; choose from {', '.join(METHODS)}")
-    launcher, say = launcher or Launcher(), report or (lambda line: None)
-    effort = effort or Effort()
-    player = Player(model, scene, launcher, threads)
+    log, effort = report or (lambda line: None), effort or Effort()
+    player = Player(model, scene, launcher or LauncherModel(), threads)
     head: dict[str, Any] = {
         "format": FORMAT, "method": method, "seed": seed, "scene": scene_dict(scene),
         "model": {"effects": [e.name() for e in player.model.effects], "fitted": bool(model.estimates)},
-        "execution": asdict(execution), "wish": asdict(wish),
+        "execution": asdict(execution), "wish": asdict(weights),
     }  # fmt: skip
     if method == "ga":
-        found, why = _paper(player, execution, wish, seed, effort, say)
+        strokes, why = _baseline_stroke(player, execution, weights, seed, effort, log)
     else:
-        found = search(player, execution, wish, seed=seed, effort=effort, report=say)
-        why = _why(player, found, wish)
-    if not found:
+        strokes = search(player, execution, weights, seed=seed, effort=effort, report=log)
+        why = _reasons(player, strokes, weights)
+    if not strokes:
         return head | {"stroke": None, "launcher": None, "alternatives": [], "why": why}
-    say("tracks, and the tolerance of the yaw")
-    hands = deal(model, execution, effort.fresh, seed + 1)
-    few = hands.first(FAN)
-    best = found[0]
-    plan = _told(player, best) | {"why": why}
-    plan["launcher"]["theta_tolerance_deg"] = yaw_tolerance(player, best.judged.q, execution, seed + 2)
-    spread = few.execution.spread(best.judged.q[None], few.normal)[0]
-    tracks = player.tracks(spread, few.values, every=COARSE)
-    plan["fan"] = [_drawn(track, best.judged, k) for k, track in enumerate(tracks)]
-    out = best.judged.outcomes
-    shown = np.flatnonzero(np.isfinite(out.cue[:, 0]))[:CLOUD]
-    plan["places"] = {"cue": _rounded(out.cue[shown]), "potted": out.potted[shown].tolist()}
-    others = [_told(player, one) for one in found[1 : 1 + OTHERS]]
-    for one in others:
-        one["why"] = _beside(plan, one)
+    log("tracks, and the tolerance of the yaw")
+    best = strokes[0].evaluation
+    plan = _stroke_entries(player, strokes[0]) | {"why": why}
+    plan["launcher"]["theta_tolerance_deg"] = yaw_tolerance(player, best.q, execution, seed + 2)
+    plan["fan"] = _fan(player, best, draw_errors(model, execution, effort.fresh, seed + 1).first(FAN_PLAYS))
+    shown = np.flatnonzero(np.isfinite(best.outcomes.cue[:, 0]))[:MAX_PLACES]
+    plan["places"] = {"cue": _rounded(best.outcomes.cue[shown]), "potted": best.outcomes.potted[shown].tolist()}
+    others = [_stroke_entries(player, one) for one in strokes[1 : 1 + MAX_ALTERNATIVES]]
+    for other in others:
+        other["why"] = _comparison(plan, other)
     return head | plan | {"alternatives": others}
 
 
-def _paper(
-    player: Player, execution: Execution, wish: Wish, seed: int, effort: Effort, say: Callable[[str], None]
-) -> tuple[list[Found], str]:
-    """The paper's stroke, judged over errors as ours are, though it was chosen without them."""
-    way, q, cost = baseline.search(player, seed=seed, report=say)
-    pocket = pocket_name(POCKETS[way.pocket])
-    if cost > baseline.ABOVE:
-        return [], f"no stroke sends the ball within 55 mm of the {pocket}" + (f": {way.lies}" if way.lies else "")
-    if cost >= baseline.IN_OFF:
+def _baseline_stroke(
+    player: Player, execution: Execution, weights: UtilityWeights, seed: int, effort: Effort, log: Callable[[str], None]
+) -> tuple[list[RankedStroke], str]:
+    """The paper's stroke, evaluated under errors although it was chosen without them; and why, or why there is none."""
+    route, q, cost = baseline.search(player, seed=seed, report=log)
+    pocket = pocket_name(POCKETS[route.pocket])
+    if cost > baseline.VIOLATION_COST_M2:
+        reason = f": {route.obstacle}" if route.obstacle else ""
+        return [], f"no stroke sends the ball within 55 mm of the {pocket}{reason}"
+    if cost >= baseline.IN_OFF_COST_M2:
         return [], f"every stroke that sends the ball within 55 mm of the {pocket} loses the cue ball"
     rows, _ = playable(player, q[None], np.zeros(1, np.int64))
     if len(rows) == 0:
         return [], "the stroke found lies beyond the launcher's strings"
-    hands = deal(player.model, execution, effort.fresh, seed + 1)
-    final, engines, _ = in_both(player, hands, rows, wish, effort.checked)
-    judged = final[0]
+    samples = draw_errors(player.model, execution, effort.fresh, seed + 1)
+    final, engines, _ = in_both_engines(player, samples, rows, weights, effort.checked)
     away = 1e3 * math.sqrt(max(cost, 0.0))
     why = (
         f"differential evolution on the nominal model: the cue ball {away:.0f} mm from the wanted place, the path of "
@@ -127,67 +132,79 @@ def _paper(
     )
     if not player.play(rows).potted[0]:
         why += "; that far from its middle the jaws keep the ball out"
-    return [Found(way, judged, engines[0])], why
+    return [RankedStroke(route, final[0], engines[0])], why
 
 
-def _told(player: Player, found: Found) -> dict[str, Any]:
-    """One stroke's entries, all but what is drawn of the first one alone."""
-    judged, model = found.judged, player.model
-    made = judged.outcomes.made
-    after = int(np.median(judged.outcomes.hits[made, 1])) if made.any() else 0
+def _stroke_entries(player: Player, stroke: RankedStroke) -> dict[str, Any]:
+    """The entries of one stroke that a plan and its alternatives have in common."""
+    evaluation, after = stroke.evaluation, cushions_after(stroke.evaluation)
     over = ("no cushion", "one cushion", "two cushions", "three cushions")
-    kind = f"{describe(found.way)}; {spin_words(judged.q, player.scene.ball.radius)}, "
+    kind = f"{describe_route(stroke.route)}; {spin_in_words(evaluation.q, player.scene.ball.radius)}, "
     kind += f"cue ball over {over[after] if after < len(over) else f'{after} cushions'} after it"
-    track = player.tracks(judged.q[None], every=EVERY)[0]
+    track = player.tracks(evaluation.q[None], every=TRACK_PERIOD_S)[0]
     return {
-        "stroke": stroke_terms(player.launcher, judged.q), "launcher": player.launcher.terms(model, judged.q),
-        "pocket": list(POCKETS[found.way.pocket]), "kind": kind, **judged.figures(player.scene),
-        "tracks": moving(track), "engines": found.engines,
+        "stroke": stroke_terms(player.launcher, evaluation.q),
+        "launcher": player.launcher.command(player.model, evaluation.q),
+        "pocket": list(POCKETS[stroke.route.pocket]), "kind": kind, **evaluation.figures(player.scene),
+        "tracks": moving(track), "engines": stroke.engines,
     }  # fmt: skip
 
 
 def yaw_tolerance(player: Player, q: Array, execution: Execution, seed: int) -> list[float]:
-    """How far the yaw may be off, below and above, before LOST of the pots is lost: two numbers [degrees]."""
-    hands = deal(player.model, execution, TURNED, seed)
-    coarse = TURNS[::COARSELY]
-    both = np.concatenate([-coarse, coarse[1:]])
-    potted = _potted(player, hands, q, both)
-    least = (1 - LOST) * potted[0]
-    found = []
+    """Errors of the yaw of a stroke (4,), negative and positive, within which at most MAX_POT_LOSS of the pots is lost.
+
+    Returns:
+        Two numbers [degrees]: the last of TURNS_DEG, or between coarse ones, at which enough is potted.
+    """
+    samples = draw_errors(player.model, execution, YAW_SAMPLES, seed)
+    coarse = TURNS_DEG[::COARSE_STRIDE]
+    potted = _pot_rates(player, samples, q, np.concatenate([-coarse, coarse[1:]]))
+    threshold = (1 - MAX_POT_LOSS) * potted[0]
+    limits = []
     for sign, rates in ((-1.0, potted[: len(coarse)]), (1.0, np.r_[potted[0], potted[len(coarse) :]])):
-        lost = rates < least
+        lost = rates < threshold
         k = int(np.argmax(lost)) if lost.any() else len(coarse)
         if k == len(coarse):
-            found.append(sign * float(coarse[-1]))
+            limits.append(sign * float(coarse[-1]))
             continue
-        between = np.linspace(coarse[k - 1], coarse[k], COARSELY + 1)[:-1] if k else np.zeros(1)
-        rates = np.r_[rates[max(k - 1, 0)], _potted(player, hands, q, sign * between[1:])]
-        found.append(sign * float(between[np.flatnonzero(rates >= least)[-1]]) if k else 0.0)
-    return [round(v, 3) + 0.0 for v in found]
+        fine = np.linspace(coarse[k - 1], coarse[k], COARSE_STRIDE + 1)[:-1] if k else np.zeros(1)
+        rates = np.r_[rates[max(k - 1, 0)], _pot_rates(player, samples, q, sign * fine[1:])]
+        limits.append(sign * float(fine[np.flatnonzero(rates >= threshold)[-1]]) if k else 0.0)
+    return [round(v, 3) + 0.0 for v in limits]
 
 
-def _potted(player: Player, hands: Hands, q: Array, turns: Array) -> Array:
-    """The share of plays that pot at each turn of the yaw [degrees]: (n,)."""
+def _pot_rates(player: Player, samples: ErrorSamples, q: Array, turns: Array) -> Array:
+    """Share of plays of a stroke (4,) that pot at each turn of the yaw (n,) [degrees]: (n,)."""
     if len(turns) == 0:
         return np.zeros(0)
     turned = np.repeat(q[None], len(turns), axis=0)
     turned[:, AZIMUTH] += np.radians(turns)
-    potted = hands.play(player, turned).potted
+    potted = samples.play(player, turned).potted
     return np.asarray(potted.reshape(len(turns), -1).mean(axis=1))
 
 
+def _fan(player: Player, evaluation: Evaluation, samples: ErrorSamples) -> list[dict[str, Any]]:
+    """Outcome and tracks of the first plays that a stroke was evaluated by; `samples` are theirs."""
+    played = samples.execution.perturb(evaluation.q[None], samples.normal)[0]
+    out, entries = evaluation.outcomes, []
+    for k, track in enumerate(player.tracks(played, samples.values, every=FAN_PERIOD_S)):
+        fouls = [name for name, committed in zip(FOULS, out.fouls[k], strict=True) if committed]
+        entries.append({"potted": bool(out.potted[k]), "foul": ", ".join(fouls), "tracks": moving(track)})
+    return entries
+
+
 def moving(track: Track) -> list[dict[str, Any]]:
-    """Tracks of the balls that move, until they stop or fall, as plain values."""
+    """Tracks of the balls that move, until they stop or fall, as the entries of a plan."""
     out = []
     for k, name in enumerate(track.names):
         xy = track.position[:, k]
-        seen = np.isfinite(xy[:, 0])
+        on_table = np.isfinite(xy[:, 0])
         fell = next((e for e in track.events if e.kind == "pocket" and e.balls[0] == name), None)
-        last = xy[seen][-1]
+        last = xy[on_table][-1]
         if fell is None and np.array_equal(last, xy[0]) and bool((xy == xy[0]).all()):
             continue
-        still = np.flatnonzero(seen & (np.abs(xy - last).max(axis=1) > 1e-6))
-        end = min(int(still[-1]) + 2, int(seen.sum())) if still.size else 1
+        before_end = np.flatnonzero(on_table & (np.abs(xy - last).max(axis=1) > 1e-6))
+        end = min(int(before_end[-1]) + 2, int(on_table.sum())) if before_end.size else 1
         times, places = track.times[:end].round(4).tolist(), _rounded(xy[:end])
         if fell is not None and fell.place is not None:
             times.append(round(fell.time, 4))
@@ -197,63 +214,54 @@ def moving(track: Track) -> list[dict[str, Any]]:
 
 
 def _rounded(xy: Array) -> list[list[float]]:
-    """Places (n, 2) to a hundredth of a millimetre."""
+    """Places (n, 2) [m] to a hundredth of a millimetre."""
     return [[float(v) for v in row] for row in np.round(xy, 5)]
 
 
-def _drawn(track: Track, judged: Judged, k: int) -> dict[str, Any]:
-    """One play of the fan: the one that `judged` was told by."""
-    fouls = [name for name, has in zip(FOULS, judged.outcomes.fouls[k], strict=True) if has]
-    return {"potted": bool(judged.outcomes.potted[k]), "foul": ", ".join(fouls), "tracks": moving(track)}
-
-
-def _why(player: Player, found: Sequence[Found], wish: Wish) -> str:
-    """Why this stroke, or why none."""
-    every = list(every_way(player.scene))
-    names = {p: pocket_name(POCKETS[p]) for p in {w.pocket for w in every}}
-    shut = [f"{names[w.pocket]}: {w.lies}" for w in every if w.bank < 0 and w.kick < 0 and w.lies]
-    closed = f" Not direct into {'; '.join(shut)}." if shut else ""
-    if not found:
-        ways = sum(not w.lies for w in every)
-        if not ways:
+def _reasons(player: Player, strokes: Sequence[RankedStroke], weights: UtilityWeights) -> str:
+    """Why the first stroke was chosen, or why there is none."""
+    routes = list(all_routes(player.scene))
+    names = {p: pocket_name(POCKETS[p]) for p in {r.pocket for r in routes}}
+    blocked = [f"{names[r.pocket]}: {r.obstacle}" for r in routes if r.direct and r.obstacle]
+    closed = f" Not direct into {'; '.join(blocked)}." if blocked else ""
+    if not strokes:
+        count = sum(not r.obstacle for r in routes)
+        if not count:
             return f"No way to a pocket lies open, direct or over one cushion.{closed}"
         return (
-            f"{ways} ways lie open, and no stroke along them pots without a foul in {100 * LEAST:.0f} plays of a "
-            f"hundred with this launcher.{closed}"
+            f"{count} ways lie open, and no stroke along them pots without a foul in "
+            f"{100 * MIN_MADE_PROBABILITY:.0f} plays of a hundred with this launcher.{closed}"
         )
-    best = found[0].judged
-    goal = player.scene.goal
-    aim = "the pot counts alone"
+    best, goal = strokes[0], player.scene.goal
+    parts = "the pot counts alone"
     if goal.rest is not None or goal.rest_for:
         place = f"a shot on {goal.rest_for}" if goal.rest_for else "the wanted place"
-        aim = f"{100 * (1 - wish.rest):.0f} % of the worth is the pot, {100 * wish.rest:.0f} % {place}"
-    text = f"The highest expected worth, {best.value:.3f} ({aim}; a foul costs {wish.foul:g})"
-    if len(found) > 1:
-        next_ = found[1]
-        text += f"; the best of another kind, {describe(next_.way)}, has {next_.judged.value:.3f}"
-    both = found[0].engines
-    text += f". Of {both['plays']} plays in both engines {100 * both['events']:.0f} % succeed in the event engine, "
-    text += f"{100 * both['mujoco']:.0f} % in MuJoCo"
+        parts = f"{100 * (1 - weights.rest):.0f} % of the worth is the pot, {100 * weights.rest:.0f} % {place}"
+    text = f"The highest expected worth, {best.evaluation.value:.3f} ({parts}; a foul costs {weights.foul:g})"
+    if len(strokes) > 1:
+        second = strokes[1]
+        text += f"; the best of another kind, {describe_route(second.route)}, has {second.evaluation.value:.3f}"
+    made = best.engines
+    text += f". Of {made['plays']} plays in both engines {100 * made['events']:.0f} % succeed in the event engine, "
+    text += f"{100 * made['mujoco']:.0f} % in MuJoCo"
     return f"{text}.{closed}"
 
 
-def _beside(best: dict[str, Any], other: dict[str, Any]) -> str:
-    """What another stroke has less or more of than the best."""
-    pots = 100 * (other["pot_probability"]["value"] - best["pot_probability"]["value"])
-    fouls = 100 * (other["foul_probability"]["value"] - best["foul_probability"]["value"])
+def _comparison(best: dict[str, Any], other: dict[str, Any]) -> str:
+    """An alternative against the best stroke: pots, fouls and distance of the cue ball."""
     parts = []
-    if abs(pots) >= 0.1:
-        parts.append(f"{abs(pots):.1f} points {'more' if pots > 0 else 'fewer'} pots")
-    if abs(fouls) >= 0.1:
-        parts.append(f"{abs(fouls):.1f} points {'more' if fouls > 0 else 'fewer'} fouls")
-    mine, its = best["rest"]["distance_median"], other["rest"]["distance_median"]
-    if mine is not None and its is not None:
-        parts.append(f"the cue ball {abs(1e3 * (its - mine)):.0f} mm {'farther' if its > mine else 'nearer'}")
+    for key, name in (("pot_probability", "pots"), ("foul_probability", "fouls")):
+        points = 100 * (other[key]["value"] - best[key]["value"])
+        if abs(points) >= 0.1:
+            parts.append(f"{abs(points):.1f} points {'more' if points > 0 else 'fewer'} {name}")
+    first, second = best["rest"]["distance_median"], other["rest"]["distance_median"]
+    if first is not None and second is not None:
+        parts.append(f"the cue ball {abs(1e3 * (second - first)):.0f} mm {'farther' if second > first else 'nearer'}")
     return f"worth {other['value']:.3f}: " + (", ".join(parts) or "as many pots and fouls")
 
 
 def read_plan(path: Path | str) -> dict[str, Any]:
-    """A plan file's values; BadInput where it is none."""
+    """The values of a plan file; BadInput if it is none."""
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
@@ -261,6 +269,6 @@ def read_plan(path: Path | str) -> dict[str, Any]:
     except ValueError as error:
         raise BadInput(f"{path}: is not JSON ({error}); make the plan again") from None
     if not isinstance(data, dict) or data.get("format") != FORMAT:
-        told = data.get("format") if isinstance(data, dict) else type(data).__name__
-        raise BadInput(f"{path}: format is {told!r}; this version reads {FORMAT}")
+        got = data.get("format") if isinstance(data, dict) else type(data).__name__
+        raise BadInput(f"{path}: format is {got!r}; this version reads {FORMAT}")
     return data

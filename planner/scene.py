@@ -1,9 +1,11 @@
-"""What is to be played: where the balls lie and what the shot is for; and its TOML file, billiard-scene/1.
+"""A scene, the balls' positions and the goal of the shot, and its TOML file, billiard-scene/1.
 
-Table frame as in models/shot.py. A pocket is named by the sides of the table it stands on, (sx, sy), sx = 0 for a
-middle one, and its place is where the nose lines meet, or the middle of a long one. Places that are rounded put balls a
-little into each other or into a cushion: up to SLIGHT they are moved apart, since a simulation that begins with an
-overlap begins with a push. Leaves out whether the shot can be played: that is the search's to find.
+In: a scene file, or plain values of its structure. Out: a checked `Scene`; and back.
+
+Table frame as in models/shot.py. A pocket is named by the sides of the table that it stands on, (sx, sy), sx = 0 for a
+middle one; its place is where the nose lines meet, or the middle of a long one. Rounded positions let balls overlap
+each other or a cushion slightly: up to MAX_OVERLAP_M they are moved apart, since the contact forces of an overlap would
+set the balls in motion. Leaves out whether the shot can be played: the search finds out.
 """
 
 from __future__ import annotations
@@ -27,14 +29,14 @@ from sysid.clips.keys import NUMBER_BOUNDS, Place, read_numbers
 
 FORMAT = "billiard-scene/1"
 SECTIONS = ("table", "ball", "balls", "goal")
-RESTS = ("rest", "rest_region", "rest_for")
-GOAL = ("cue", "object", "pocket", *RESTS, "avoid")
-MOST = 22  # balls of snooker
-SLIGHT = 5e-4  # overlap that rounding to a tenth of a millimetre or so explains [m]
-TOUCH = 1e-9  # gap that counts as touching, in which balls moved apart are left [m]
-ROUNDS = 2000  # of moving apart
-FARTHEST = 10.0  # of a place from the table's centre that can be meant in metres [m]
-WHERE = "in m from the table's centre, x along the length"
+REST_KEYS = ("rest", "rest_region", "rest_for")
+GOAL_KEYS = ("cue", "object", "pocket", *REST_KEYS, "avoid")
+MAX_BALLS = 22  # balls of snooker
+MAX_OVERLAP_M = 5e-4  # that rounding of positions to about a tenth of a millimetre explains
+TOUCH_GAP_M = 1e-9  # between balls that touch; balls that are moved apart end with up to this gap
+MAX_ITERATIONS = 2000  # of moving apart
+MAX_PLACE_M = 10.0  # of a coordinate; a larger one must be in mm
+PLACE_FORM = "in m from the table's centre, x along the length"
 
 Pocket = tuple[int, int]
 POCKETS: tuple[Pocket, ...] = ((1, 1), (0, 1), (-1, 1), (-1, -1), (0, -1), (1, -1))
@@ -42,14 +44,14 @@ POCKETS: tuple[Pocket, ...] = ((1, 1), (0, 1), (-1, 1), (-1, -1), (0, -1), (1, -
 
 @dataclass(frozen=True)
 class Goal:
-    """What the shot is for: which ball goes where, and where the cue ball comes to rest."""
+    """The ball to pot, its pocket, and the goal position of the cue ball."""
 
     cue: str
     object: str
     pocket: Pocket | None  # None for any
-    rest: Array | None = None  # (2,) of the cue ball [m]; None for anywhere
-    rest_radius: float = 0.0  # about `rest`, within which every place is as good [m]
-    rest_for: str = ""  # anywhere that leaves a shot on this ball
+    rest: Array | None = None  # goal position (2,) of the cue ball [m]; None for any
+    rest_radius: float = 0.0  # about `rest`, within which every position is as good [m]
+    rest_for: str = ""  # the cue ball should leave a shot on this ball
     avoid: tuple[str, ...] = ()  # balls that nothing may touch
 
 
@@ -65,7 +67,7 @@ class Scene:
 
 
 def pocket_places(table: Table) -> dict[Pocket, Array]:
-    """Where the pockets are, by their sides: (2,) [m]; none on a table without."""
+    """Places (2,) [m] of the pockets, by their sides; empty for a table without pockets."""
     half = np.array([table.length, table.width]) / 2
     return {pocket: half * pocket for pocket in POCKETS} if table.pockets else {}
 
@@ -77,39 +79,39 @@ def pocket_name(pocket: Pocket) -> str:
 
 
 def pocket_of(xy: Array, table: Table, ball: Ball) -> Pocket | None:
-    """The pocket that a ball at (2,) [m] has dropped into; None for one on the table, if on the brink."""
+    """The pocket that a ball at (2,) [m] has fallen into; None for one on the table, on the brink too."""
     for pocket, place in pocket_places(table).items():
-        past = abs(xy[1]) > table.centre_limits(ball)[1] + SLIGHT and abs(xy[0]) < MIDDLE_ACCEPTANCE
+        past = abs(xy[1]) > table.centre_limits(ball)[1] + MAX_OVERLAP_M and abs(xy[0]) < MIDDLE_ACCEPTANCE
         if np.hypot(*(xy - place)) < table.mouths()[2] and (pocket[0] or past):
             return pocket
     return None
 
 
-def settled(position: Array, table: Table, ball: Ball) -> Array:
-    """Places (n, 2) [m] moved as little as makes no ball overlap another or a cushion; others stay as they are."""
-    reach, out = table.centre_limits(ball), np.array(position, float)
+def separate_overlaps(position: Array, table: Table, ball: Ball) -> Array:
+    """Positions (n, 2) [m] with overlaps of balls and cushions removed by small shifts; other balls do not move."""
+    limit, out = table.centre_limits(ball), np.array(position, float)
     one, other = np.triu_indices(len(out), 1)
-    for _ in range(ROUNDS):
-        out = np.clip(out, -reach, reach)
-        way = out[other] - out[one]
-        far = np.hypot(way[:, 0], way[:, 1])
-        short = np.where(far < ball.diameter, ball.diameter + TOUCH / 2 - far, 0.0)
-        if not short.any():
+    for _ in range(MAX_ITERATIONS):
+        out = np.clip(out, -limit, limit)
+        offset = out[other] - out[one]
+        distance = np.hypot(offset[:, 0], offset[:, 1])
+        missing = np.where(distance < ball.diameter, ball.diameter + TOUCH_GAP_M / 2 - distance, 0.0)
+        if not missing.any():
             break
-        push = (short / np.maximum(far, TOUCH) / 2)[:, None] * way
-        np.add.at(out, one, -push)
-        np.add.at(out, other, push)
+        shift = (missing / np.maximum(distance, TOUCH_GAP_M) / 2)[:, None] * offset
+        np.add.at(out, one, -shift)
+        np.add.at(out, other, shift)
     return out
 
 
-def overlap(position: Array, ball: Ball) -> tuple[float, int, int]:
-    """By how much the two of balls at (n, 2) [m] that are nearest to each other overlap [m], and which they are."""
+def largest_overlap(position: Array, ball: Ball) -> tuple[float, int, int]:
+    """Largest overlap [m] of two of the balls at (n, 2) [m], negative for a gap, and the numbers of the two."""
     if len(position) < 2:
         return -math.inf, 0, 0
     one, other = np.triu_indices(len(position), 1)
-    far = np.hypot(*(position[other] - position[one]).T)
-    k = int(far.argmin())
-    return ball.diameter - float(far[k]), int(one[k]), int(other[k])
+    distance = np.hypot(*(position[other] - position[one]).T)
+    k = int(distance.argmin())
+    return ball.diameter - float(distance[k]), int(one[k]), int(other[k])
 
 
 def read_scene(path: Path | str) -> Scene:
@@ -132,26 +134,26 @@ def write_scene(scene: Scene, path: Path | str) -> None:
 def scene_dict(scene: Scene) -> dict[str, Any]:
     """A scene as plain values, in the structure of its file."""
     goal = scene.goal
-    wanted: dict[str, Any] = {"cue": goal.cue, "object": goal.object}
-    wanted["pocket"] = "any" if goal.pocket is None else list(goal.pocket)
+    entries: dict[str, Any] = {"cue": goal.cue, "object": goal.object}
+    entries["pocket"] = "any" if goal.pocket is None else list(goal.pocket)
     if goal.rest is not None:
         place = [float(v) for v in goal.rest]
-        wanted |= {"rest_region": [*place, float(goal.rest_radius)]} if goal.rest_radius else {"rest": place}
+        entries |= {"rest_region": [*place, float(goal.rest_radius)]} if goal.rest_radius else {"rest": place}
     if goal.rest_for:
-        wanted["rest_for"] = goal.rest_for
+        entries["rest_for"] = goal.rest_for
     if goal.avoid:
-        wanted["avoid"] = list(goal.avoid)
+        entries["avoid"] = list(goal.avoid)
     balls = {name: [float(v) for v in xy] for name, xy in zip(scene.names, scene.position, strict=True)}
     table, ball = dataclasses.asdict(scene.table), dataclasses.asdict(scene.ball)
-    return {"format": FORMAT, "table": table, "ball": ball, "balls": balls, "goal": wanted}
+    return {"format": FORMAT, "table": table, "ball": ball, "balls": balls, "goal": entries}
 
 
 def scene_from(data: Any, where: str) -> Scene:
-    """The scene that plain values hold, in the structure of a scene file.
+    """The scene of plain values in the structure of a scene file.
 
     Args:
         data: as parsed from TOML or JSON.
-        where: what messages name as the place they come from.
+        where: the source that messages name.
 
     Raises:
         BadInput: the first thing that is wrong, in one line.
@@ -161,8 +163,8 @@ def scene_from(data: Any, where: str) -> Scene:
     if (version := data.get("format")) != FORMAT:
         if version is None:
             _only(data, ("format", *SECTIONS), where)
-        said = "format is missing" if version is None else f"format = {shown(version)} is unknown"
-        _refuse(where, f'{said}: this program reads format = "{FORMAT}"')
+        fault = "format is missing" if version is None else f"format = {shown(version)} is unknown"
+        _refuse(where, f'{fault}: this program reads format = "{FORMAT}"')
     _only(data, ("format", *SECTIONS), where)
     for name in SECTIONS:
         if not isinstance(data.get(name, {}), Mapping):
@@ -173,7 +175,7 @@ def scene_from(data: Any, where: str) -> Scene:
     places = _places(data["balls"], table, ball, f"{where} [balls]")
     goal = _goal(data["goal"], tuple(places), table, ball, f"{where} [goal]")
     names = (goal.cue, goal.object, *(n for n in places if n not in (goal.cue, goal.object)))
-    return Scene(table, ball, names, settled(np.array([places[n] for n in names]), table, ball), goal)
+    return Scene(table, ball, names, separate_overlaps(np.array([places[n] for n in names]), table, ball), goal)
 
 
 def _refuse(where: object, text: str) -> NoReturn:
@@ -181,7 +183,7 @@ def _refuse(where: object, text: str) -> NoReturn:
 
 
 def _only(data: Mapping[str, Any], known: Iterable[str], where: str) -> None:
-    """Refuse keys that the format does not name: a goal that is misspelt would be no goal."""
+    """Refuse unknown keys: a misspelt goal would be ignored."""
     known = tuple(known)
     for key in data:
         if key not in known:
@@ -191,22 +193,22 @@ def _only(data: Mapping[str, Any], known: Iterable[str], where: str) -> None:
 
 
 def _sizes(data: Mapping[str, Any], where: str) -> tuple[Table, Ball]:
-    """Table and ball, on the terms of a clip set."""
-    found: dict[str, dict[str, float]] = {}
+    """Table and ball, checked as those of a clip set."""
+    sizes: dict[str, dict[str, float]] = {}
     for name, more in (("table", ("pockets",)), ("ball", ())):
         _only(data[name], (*NUMBER_BOUNDS[name], *more), f"{where} [{name}]")
         faults = Faults()
-        found[name], _ = read_numbers(data[name], name, Place(""), faults, more)
+        sizes[name], _ = read_numbers(data[name], name, Place(""), faults, more)
         if faults:
             _refuse(f"{where} [{name}]", faults.lines()[0].removeprefix(f"{CLIPS_TOML}: "))
-    length, width = found["table"]["length"], found["table"]["width"]
-    diameter, mass = found["ball"]["diameter"], found["ball"]["mass"]
+    length, width = sizes["table"]["length"], sizes["table"]["width"]
+    diameter, mass = sizes["ball"]["diameter"], sizes["ball"]["mass"]
     if not isinstance(pockets := data["table"].get("pockets", True), bool):
         _refuse(f"{where} [table]", f"pockets = {shown(pockets)} is not true or false: write one of them")
     if not pockets:
-        _refuse(f"{where} [table]", "pockets = false leaves nothing to play for: write true, or remove it")
+        _refuse(f"{where} [table]", "pockets = false leaves no pocket to play for: write true, or remove it")
     if width > length:
-        _refuse(f"{where} [table]", f"width = {width:g} exceeds length = {length:g}: exchange them, x is the long way")
+        _refuse(f"{where} [table]", f"width = {width:g} exceeds length = {length:g}: exchange them, x is the long axis")
     if diameter > width / MIN_BALLS_ACROSS_TABLE:
         _refuse(f"{where} [ball]", f"diameter = {diameter:g} m does not fit a table {width:g} m wide: correct one")
     low, high = (density * math.pi / 6 * diameter**3 for density in (MIN_BALL_DENSITY_KG_M3, MAX_BALL_DENSITY_KG_M3))
@@ -216,90 +218,87 @@ def _sizes(data: Mapping[str, Any], where: str) -> tuple[Table, Ball]:
 
 
 def _places(data: Mapping[str, Any], table: Table, ball: Ball, where: str) -> dict[str, Array]:
-    """Where the balls lie: (2,) [m] by name."""
+    """Positions (2,) [m] of the balls, by name."""
     places = {}
     for name, value in data.items():
         if fault := name_fault(name):
             _refuse(where, f"ball {shown(name)} {fault}")
         if name == "world" or "/" in name:
-            _refuse(where, f"ball {shown(name)} cannot be called so: choose a name without slashes that is not world")
+            _refuse(where, f"ball {shown(name)} has a reserved name: choose one without slashes that is not world")
         places[name] = _on_table(value, shown(name), table, ball, where)
-    if len(places) > MOST:
-        _refuse(where, f"{len(places)} balls are more than the {MOST} of snooker: remove some")
-    deep, i, j = overlap(np.array(list(places.values())).reshape(-1, 2), ball)
-    if deep > SLIGHT:
+    if len(places) > MAX_BALLS:
+        _refuse(where, f"{len(places)} balls are more than the {MAX_BALLS} of snooker: remove some")
+    depth, i, j = largest_overlap(np.array(list(places.values())).reshape(-1, 2), ball)
+    if depth > MAX_OVERLAP_M:
         one, other = (shown(list(places)[k]) for k in (i, j))
-        text = f"{one} and {other} overlap: centres {1e3 * (ball.diameter - deep):.1f} mm apart"
+        text = f"{one} and {other} overlap: centres {1e3 * (ball.diameter - depth):.1f} mm apart"
         _refuse(where, f"{text}, diameter {1e3 * ball.diameter:.1f} mm: move one of them")
     return places
 
 
-def _on_table(value: Any, what: str, table: Table, ball: Ball, where: str) -> Array:
-    """A place (2,) [m] where a ball can lie."""
-    xy = _numbers(value, 2, f"{what} = {shown(value)}", f"[x, y] {WHERE}", where)
-    reach = table.centre_limits(ball)
-    if (np.abs(xy) > FARTHEST).any() and (np.abs(xy) <= 1e3 * reach).all():
-        right = [float(f"{v / 1e3:.6g}") for v in xy]
-        _refuse(where, f"{what} = {shown(value)} looks like mm: write {right} (m)")
+def _on_table(value: Any, name: str, table: Table, ball: Ball, where: str) -> Array:
+    """A position (2,) [m] where a ball can lie."""
+    xy = _numbers(value, 2, name, f"[x, y] {PLACE_FORM}", where)
+    given, limit = f"{name} = {shown(value)}", table.centre_limits(ball)
+    if (np.abs(xy) > MAX_PLACE_M).any() and (np.abs(xy) <= 1e3 * limit).all():
+        in_m = [float(f"{v / 1e3:.6g}") for v in xy]
+        _refuse(where, f"{given} looks like mm: write {in_m} (m)")
     if (pocket := pocket_of(xy, table, ball)) is not None:
-        _refuse(where, f"{what} = {shown(value)} lies in the pocket {pocket_name(pocket)}: move it onto the table")
-    for axis in np.flatnonzero(np.abs(xy) > reach + SLIGHT):
-        far = f"|{'xy'[axis]}| is at most {reach[axis]:.4f} m with the ball at the cushion"
-        _refuse(where, f"{what} = {shown(value)} lies outside the playing surface: {far}; write it {WHERE}")
-    return np.clip(xy, -reach, reach)
+        _refuse(where, f"{given} lies in the pocket {pocket_name(pocket)}: move it onto the table")
+    for axis in np.flatnonzero(np.abs(xy) > limit + MAX_OVERLAP_M):
+        bound = f"|{'xy'[axis]}| is at most {limit[axis]:.4f} m with the ball at the cushion"
+        _refuse(where, f"{given} lies outside the playing surface: {bound}; write it {PLACE_FORM}")
+    return np.clip(xy, -limit, limit)
 
 
-def _numbers(value: Any, count: int, said: str, form: str, where: str) -> Array:
-    """So many finite numbers: (count,)."""
-    right = isinstance(value, list | tuple) and len(value) == count
-    if not right or any(isinstance(v, bool) or not isinstance(v, int | float) for v in value):
-        _refuse(where, f"{said} is not {count} numbers: write {form}")
+def _numbers(value: Any, count: int, name: str, form: str, where: str) -> Array:
+    """`count` finite numbers: (count,)."""
+    is_list = isinstance(value, list | tuple) and len(value) == count
+    if not is_list or any(isinstance(v, bool) or not isinstance(v, int | float) for v in value):
+        _refuse(where, f"{name} = {shown(value)} is not {count} numbers: write {form}")
     numbers = [float(v) if abs(v) < 1e300 else math.inf for v in value]
     if not np.isfinite(numbers).all():
-        _refuse(where, f"{said} is not finite: write {form}")
+        _refuse(where, f"{name} = {shown(value)} is not finite: write {form}")
     return np.array(numbers)
 
 
 def _goal(data: Mapping[str, Any], names: tuple[str, ...], table: Table, ball: Ball, where: str) -> Goal:
-    """What is wanted, of balls of these names."""
-    _only(data, GOAL, where)
+    """The goal, of balls of these names."""
+    _only(data, GOAL_KEYS, where)
     cue = _named(data, "cue", names, where)
     target = _named(data, "object", tuple(n for n in names if n != cue), where, {cue: "is the cue ball"})
     if "pocket" not in data:
         _refuse(where, 'pocket is missing: add pocket = [sx, sy], the sides it stands on, or pocket = "any"')
-    if len(given := [key for key in RESTS if key in data]) > 1:
+    if len(given := [key for key in REST_KEYS if key in data]) > 1:
         _refuse(where, f"{' and '.join(given)} exclude each other: keep one")
-    rest, radius, wanted = None, 0.0, ""
+    rest, radius, next_ball = None, 0.0, ""
     if "rest" in data:
         rest = _on_table(data["rest"], "rest", table, ball, where)
     if "rest_region" in data:
-        form = f"[x, y, radius] {WHERE}"
-        region = _numbers(value := data["rest_region"], 3, f"rest_region = {shown(value)}", form, where)
-        rest, radius = (
-            _on_table([float(v) for v in region[:2]], "the middle of rest_region", table, ball, where),
-            region[2],
-        )
+        form = f"[x, y, radius] {PLACE_FORM}"
+        *centre, radius = (float(v) for v in _numbers(data["rest_region"], 3, "rest_region", form, where))
+        rest = _on_table(centre, "the middle of rest_region", table, ball, where)
         if radius > table.length:
             _refuse(where, f"rest_region: radius {radius:g} m exceeds the table: write it in m")
         if radius <= 0:
             _refuse(where, f"rest_region: radius {radius:g} is not positive: write it in m, or rest = [x, y]")
     if "rest_for" in data:
         gone = {cue: "is the cue ball", target: "is the object ball, which is gone by then"}
-        wanted = _named(data, "rest_for", tuple(n for n in names if n not in gone), where, gone)
+        next_ball = _named(data, "rest_for", tuple(n for n in names if n not in gone), where, gone)
     avoid = data.get("avoid", [])
     if not isinstance(avoid, list | tuple):
         _refuse(where, f"avoid = {shown(avoid)} is not a list: write the names of balls in brackets")
     played = {cue: "is the cue ball", target: "is the object ball"}
     others = tuple(n for n in names if n not in played)
-    spared = [_named({"avoid": name}, "avoid", others, where, played) for name in avoid]
+    avoided = [_named({"avoid": name}, "avoid", others, where, played) for name in avoid]
     pocket = _pocket(data["pocket"], where)
-    return Goal(cue, target, pocket, rest, float(radius), wanted, tuple(dict.fromkeys(spared)))
+    return Goal(cue, target, pocket, rest, radius, next_ball, tuple(dict.fromkeys(avoided)))
 
 
 def _named(
     data: Mapping[str, Any], key: str, names: tuple[str, ...], where: str, barred: Mapping[str, str] | None = None
 ) -> str:
-    """The ball that a key names, one of `names`; `barred` says of others why they are not."""
+    """The ball that a key names, one of `names`; `barred` gives the reasons why others are not allowed."""
     choice = f"choose from {listed(names)}" if names else "add a ball to [balls]"
     if key not in data:
         _refuse(where, f"{key} is missing: {choice}")

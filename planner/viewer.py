@@ -1,7 +1,8 @@
-"""A table played for people to look at: in MuJoCo's interactive viewer, or as pictures of a stroke.
+"""A stroke in MuJoCo's interactive viewer, or as a series of pictures.
 
-The viewer shows and the loop here plays, in real time or slower; strokes are repeated by keys. What a computer does not
-keep up with is left out of the clock, not of the physics.
+In: a model, balls and a stroke. Out: a window, in which keys repeat the stroke, or PNG files. The loop here advances
+the simulation in real time or slower and the viewer displays it. If the computer cannot keep up, the display runs
+slower than real time; no simulation steps are skipped.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from models.shot import Array
 from models.simulation.step import World
 from planner.launcher.stroke import launch
 
-SPACE, RESET = 32, ord("R")  # key codes of GLFW
-FRAME_S = 1 / 60  # between two looks at the clock [s]
-BEHIND_S = 0.1  # that is caught up on between two frames; what is beyond that is lost [s]
-STEP_S = 2e-3  # longest step between pictures [s]
+STRIKE_KEY, RESET_KEY = 32, ord("R")  # key codes of GLFW; 32 is the space bar
+FRAME_S = 1 / 60  # time between two frames
+MAX_CATCH_UP_S = 0.1  # simulated time per frame; a longer delay is not made up for
+STEP_S = 2e-3  # longest time step of the simulation
 KEYS = (
     "space strikes again from where the balls lie, R puts them back; double-click a ball and drag with ctrl to push it"
 )
@@ -42,9 +43,7 @@ class Setup:
 
     names: tuple[str, ...]  # the ball to be struck first
     position: Array  # (n, 2) [m]
-    stroke: tuple[
-        float, float, float, float
-    ]  # speed [m/s], azimuth [rad], side, height [m], as planner/launcher/stroke.py
+    stroke: tuple[float, float, float, float]  # speed [m/s], azimuth [rad], side, height [m], as launcher/stroke.py
     elevation: float  # of the cue [rad]
 
 
@@ -52,30 +51,28 @@ class Session:
     """A world, its MjData, and the stroke that is played there."""
 
     def __init__(self, model: Model, setup: Setup, timestep: float = STEP_S) -> None:
-        """Compile the table to be looked at, and place the balls."""
+        """Compile the table with its furniture, and place the balls."""
         self.setup = setup
-        self.world = World(
-            model, setup.names, timestep=timestep, jaws=model.table.pockets, furnished=True, marked=True
-        )  # fmt: skip
+        self.world = World(model, setup.names, timestep=timestep, jaws=model.table.pockets, furnished=True, marked=True)
         self.velocity, self.spin = launch(np.array([setup.stroke]), setup.elevation, model.ball)
         self.data = mujoco.MjData(self.world.mj_model)
         self.reset()
 
     def reset(self) -> None:
-        """Put the balls back."""
+        """Move the balls back to their initial positions."""
         self.world.place(dict(zip(self.setup.names, self.setup.position, strict=True)), self.data)
 
     def strike(self) -> None:
-        """Play the stroke from where the balls lie; from where they began if the ball to be struck is gone."""
+        """Play the stroke from the present positions; from the initial ones if the ball to be struck was potted."""
         if self.setup.names[0] not in self.world.in_play(self.data):
             self.reset()
         self.world.strike(self.data, self.velocity[0], self.spin[0])
 
     def press(self, key: int) -> None:
-        """Do what a key asks for."""
-        if key == SPACE:
+        """Do what a key stands for."""
+        if key == STRIKE_KEY:
             self.strike()
-        elif key == RESET:
+        elif key == RESET_KEY:
             self.reset()
 
 
@@ -89,7 +86,7 @@ def watch(
         session: what is played.
         show: opens a viewer: mujoco.viewer.launch_passive.
         pace: seconds of the table for one of the clock.
-        clock: tells the time [s].
+        clock: returns the time [s].
         sleep: waits [s].
     """
     pressed: queue.SimpleQueue[int] = queue.SimpleQueue()  # the viewer calls from a thread of its own
@@ -104,7 +101,7 @@ def watch(
         last, due = clock(), 0.0
         while viewer.is_running():
             now = clock()
-            due, last = due + min(pace * (now - last), BEHIND_S), now
+            due, last = due + min(pace * (now - last), MAX_CATCH_UP_S), now
             steps = int(due / step)
             with viewer.lock():
                 while not pressed.empty():
@@ -121,7 +118,7 @@ def require_display() -> None:
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise BadInput(f"there is no display (DISPLAY is not set); {remedy}")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it warns beside what it returns
+        warnings.simplefilter("ignore")  # it warns as well as returning the failure
         import glfw
 
         if not glfw.init():

@@ -43,7 +43,7 @@ class GymnasiumShot(DmControlCompatibilityV0):
 
     @property
     def np_random(self) -> np.random.Generator:
-        """What the task draws from."""
+        """The generator of the task."""
         return self._env.task.rng
 
     @np_random.setter

@@ -1,14 +1,17 @@
-"""The shot as a dm_control task: observe the balls and the goal, choose one stroke, receive its reward.
+"""The shot as a dm_control task of one step.
+
+In: a function that draws an `Episode` (balls, goal, execution errors), and the launcher's bounds. Out: an environment
+whose observation is the balls and the goal, whose action is one stroke and whose reward is the utility of the shot.
 
 The action is the paper's q = (V_C0, x'_0, y'_0, theta): speed of the cue [m/s], offset of its axis to the right and
 upwards [m], azimuth [rad], within V_C0 < 2.2 m/s and a contact offset < 0.5 R (Robotic Billiards 2015, section VI).
-What lies where, what is wanted, and what may go wrong in a play come from the room above as an Episode: this file knows
-no goals. Every reset draws one anew; its errors are not shown, so that a policy must do well whatever they are.
+Positions, goal and errors come from the package above through the Episode. Every reset draws a new one; its errors are
+not observed, so that a policy has to maximise the expected reward.
 
 The physics is a dm_control.rl.control.Physics and not a dm_control.mujoco.Physics: that one steps a single MjModel by a
 fixed time, while simulation/simulate.py lets the effects act between steps, lands on what happens next, and plays shots
-side by side. So a step is a whole shot, until all balls rest, and time is counted in shots. Leaves out that a
-launcher's strings and stage come in steps.
+side by side. So a step is a whole shot, until all balls rest, and time is counted in shots. Leaves out the resolution
+of speed strings and stage.
 """
 
 from __future__ import annotations
@@ -30,31 +33,31 @@ if TYPE_CHECKING:
     from models.mjcf.painter import Painter
 
 Array = NDArray[np.float64]
-ACTION_FIELDS = ("cue speed [m/s]", "x'0 [m]", "y'0 [m]", "theta [rad]")
+ACTION_NAMES = ("cue speed [m/s]", "x'0 [m]", "y'0 [m]", "theta [rad]")
 
 
 @dataclass(frozen=True)
 class Ending:
-    """How strokes ended."""
+    """Results of n strokes."""
 
     place: Array  # (n, nball, 2) [m], where balls stopped; NaN where none is on the table
     reward: Array  # (n,)
 
 
 class Episode(Protocol):
-    """A start, and the errors of one play, which nobody is shown."""
+    """Initial positions, and the errors of one play, which are not observed."""
 
     @property
     def position(self) -> Array:
-        """Where balls lie before the stroke: (nball, 2) [m]; NaN in rows that stand for no ball."""
+        """Positions of the balls before the stroke: (nball, 2) [m]; NaN in rows without a ball."""
 
     @property
     def table(self) -> Table:
-        """What is played on, to be drawn."""
+        """The table, for rendering."""
 
     @property
     def ball(self) -> Ball:
-        """What is played with, to be drawn."""
+        """The balls' size and mass, for rendering."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -62,7 +65,7 @@ class Episode(Protocol):
 
     @property
     def goal(self) -> Mapping[str, NDArray[Any]]:
-        """What is wanted, as it is observed: arrays of the same shapes in every episode."""
+        """The goal as it is observed: arrays of the same shapes in every episode."""
 
     def play(self, actions: Array) -> Ending:
         """Play actions (n, 4), each from the same start and with the same errors."""
@@ -76,29 +79,29 @@ EpisodeSampler = Callable[[np.random.Generator], Episode]
 
 @dataclass(frozen=True)
 class ActionBounds:
-    """What strokes a launcher can be asked for."""
+    """Bounds of the launcher's commands."""
 
     slowest: float  # of the cue [m/s]
     fastest: float  # of the cue [m/s]
     offset: float  # of the cue's axis from the ball's centre, in any direction [m]
 
     def spec(self) -> specs.BoundedArray:
-        """Bounds of an action: (4,). They hold a square of offsets, of which the circle within is played."""
+        """Bounds of an action (4,): a square of offsets, of which only the inscribed circle is played."""
         high = np.array([self.fastest, self.offset, self.offset, math.pi])
         low = np.array([self.slowest, *-high[1:]])
-        return specs.BoundedArray((4,), np.float64, low, high, name=", ".join(ACTION_FIELDS))
+        return specs.BoundedArray((4,), np.float64, low, high, name=", ".join(ACTION_NAMES))
 
-    def clipped(self, actions: ArrayLike) -> Array:
-        """What is sent for actions (n, 4): speeds within bounds, offsets drawn back to the circle, azimuths within pi.
+    def clip(self, actions: ArrayLike) -> Array:
+        """The commands for actions (n, 4): speeds within bounds, offsets scaled into the circle, azimuths within pi.
 
         Raises:
             ValueError: for another shape, or numbers that are not finite.
         """
         out = np.array(actions, np.float64)
-        if out.ndim != 2 or out.shape[1] != len(ACTION_FIELDS):
-            raise ValueError(f"actions have shape {out.shape}; give (n, 4): {', '.join(ACTION_FIELDS)}")
+        if out.ndim != 2 or out.shape[1] != len(ACTION_NAMES):
+            raise ValueError(f"actions have shape {out.shape}; give (n, 4): {', '.join(ACTION_NAMES)}")
         if not np.isfinite(out).all():
-            raise ValueError(f"an action holds {out[~np.isfinite(out)][0]}; give finite {', '.join(ACTION_FIELDS)}")
+            raise ValueError(f"an action holds {out[~np.isfinite(out)][0]}; give finite {', '.join(ACTION_NAMES)}")
         out[:, 0] = np.clip(out[:, 0], self.slowest, self.fastest)
         out[:, 1:3] *= np.minimum(1.0, self.offset / np.maximum(np.hypot(out[:, 1], out[:, 2]), 1e-12))[:, None]
         turned = np.abs(out[:, 3]) > math.pi
@@ -110,23 +113,23 @@ class ShotPhysics(control.Physics):
     """Balls on a table, moved by whole shots."""
 
     def __init__(self, episode: Episode) -> None:
-        """Lay out the balls."""
+        """Start with an episode."""
         self._painter: Painter | None = None
         self._painted: tuple[Table, Ball, tuple[str, ...]] | None = None
         self.start(episode)
 
     def start(self, episode: Episode) -> None:
-        """Lay out the balls of an episode."""
+        """Place the balls of an episode."""
         self.episode = episode
         self.reset()
 
     def reset(self) -> None:
-        """Put the balls back to where the episode started."""
+        """Move the balls back to their initial positions."""
         self.position = self.episode.position
-        self.sent, self.reward, self.shots = np.zeros(len(ACTION_FIELDS)), 0.0, 0
+        self.sent, self.reward, self.shots = np.zeros(len(ACTION_NAMES)), 0.0, 0
 
     def after_reset(self) -> None:
-        """Nothing follows from the places of balls that rest."""
+        """Do nothing: balls at rest have no derived state."""
 
     def set_control(self, control: Array) -> None:
         """Load the launcher with a stroke (4,) that it can play."""
@@ -157,48 +160,48 @@ class ShotPhysics(control.Physics):
             camera_id: "overhead", "corner" or "baulk", or 0 to 2.
 
         Raises:
-            BadInput: where nothing can be drawn, with what to install or to set.
+            BadInput: if rendering is not possible, with what to install or to set.
         """
         from models.mjcf.painter import Painter
 
-        wanted = self.episode.table, self.episode.ball, self.episode.names
-        if self._painter is None or self._painted != wanted:
+        rendered = self.episode.table, self.episode.ball, self.episode.names
+        if self._painter is None or self._painted != rendered:
             self.free()
-            self._painter, self._painted = Painter(*wanted), wanted
-        return self._painter.draw(self.position[: len(wanted[2])], camera=camera_id, size=(width, height))
+            self._painter, self._painted = Painter(*rendered), rendered
+        return self._painter.draw(self.position[: len(rendered[2])], camera=camera_id, size=(width, height))
 
     def free(self) -> None:
-        """Give back what draws; the next picture makes it anew."""
+        """Release the renderer; the next picture makes a new one."""
         if self._painter is not None:
             self._painter.close()
             self._painter = None
 
 
 class ShotTask(control.Task):
-    """One stroke, and its reward.
+    """One stroke and its utility.
 
-    Observed are `position` (nball, 2) [m], zeros where no ball is on the table; `on_table` (nball,); `sent` (4,), the
-    stroke that was played, which differs from the action where that lay outside the launcher's bounds; and the goal.
+    Observed are `position` (nball, 2) [m], zeros for balls off the table; `on_table` (nball,); `sent` (4,), the stroke
+    as commanded, which differs from an action outside the launcher's bounds; and the goal.
     """
 
-    def __init__(self, sample: EpisodeSampler, bounds: ActionBounds, rng: np.random.Generator) -> None:
-        """Take the sampler of episodes, the bounds of an action and the random generator."""
-        self.sample, self.bounds, self.rng = sample, bounds, rng
+    def __init__(self, sample_episode: EpisodeSampler, bounds: ActionBounds, rng: np.random.Generator) -> None:
+        """Store the sampler of episodes, the launcher's bounds, and the source of random numbers."""
+        self.sample_episode, self.bounds, self.rng = sample_episode, bounds, rng
 
     def initialize_episode(self, physics: ShotPhysics) -> None:
         """Draw a start and the errors of a play."""
-        physics.start(self.sample(self.rng))
+        physics.start(self.sample_episode(self.rng))
 
     def action_spec(self, physics: ShotPhysics) -> specs.BoundedArray:
-        """Bounds of what can be asked for."""
+        """Bounds of the action."""
         return self.bounds.spec()
 
     def before_step(self, action: ArrayLike, physics: ShotPhysics) -> None:
-        """Load what can be played of what is asked for."""
-        physics.set_control(self.bounds.clipped(np.asarray(action)[None])[0])
+        """Load the action, moved into the launcher's bounds."""
+        physics.set_control(self.bounds.clip(np.asarray(action)[None])[0])
 
     def get_observation(self, physics: ShotPhysics) -> OrderedDict[str, NDArray[Any]]:
-        """What a camera would report, what was played, and the goal."""
+        """The balls as a camera sees them, the stroke as commanded, and the goal."""
         seen = np.isfinite(physics.position[:, 0])
         found: OrderedDict[str, NDArray[Any]] = OrderedDict()
         found["position"] = np.where(seen[:, None], physics.position, 0.0)
@@ -209,28 +212,28 @@ class ShotTask(control.Task):
         return found
 
     def get_reward(self, physics: ShotPhysics) -> float:
-        """The reward of the last shot."""
+        """Utility of the last shot."""
         return physics.reward
 
     def get_termination(self, physics: ShotPhysics) -> float:
-        """A shot is an episode: nothing comes after it."""
+        """Discount 0: an episode is one shot."""
         return 0.0
 
 
 class ShotEnvironment(control.Environment):
-    """A dm_env.Environment of one step, which also plays many strokes at once for those who search."""
+    """A dm_env.Environment of one step, which also plays many strokes at once for search methods."""
 
-    def __init__(self, sample: EpisodeSampler, bounds: ActionBounds, seed: int, *, flat: bool = False) -> None:
+    def __init__(self, sample_episode: EpisodeSampler, bounds: ActionBounds, seed: int, *, flat: bool = False) -> None:
         """Draw a first episode, from which the specs are read; the first reset draws the same again.
 
         Args:
-            sample: draws an episode.
-            bounds: of the strokes that the launcher can play.
-            seed: of all that is drawn.
+            sample_episode: draws an episode.
+            bounds: of the launcher's commands.
+            seed: of all random numbers.
             flat: observe one vector instead of named arrays.
         """
-        first = sample(np.random.default_rng(seed))
-        task = ShotTask(sample, bounds, np.random.default_rng(seed))
+        first = sample_episode(np.random.default_rng(seed))
+        task = ShotTask(sample_episode, bounds, np.random.default_rng(seed))
         super().__init__(ShotPhysics(first), task, flat_observation=flat)
 
     def reward_spec(self) -> specs.Array:
@@ -242,9 +245,9 @@ class ShotEnvironment(control.Environment):
         return specs.BoundedArray((), np.float64, 0.0, 1.0, name="discount")
 
     def rewards(self, actions: ArrayLike) -> Array:
-        """What `step` would pay for each of actions (n, 4) in this episode, with its hidden errors: (n,)."""
-        return self.physics.episode.play(self.task.bounds.clipped(actions)).reward
+        """Rewards of `step` for each of actions (n, 4) in this episode, with its hidden errors: (n,)."""
+        return self.physics.episode.play(self.task.bounds.clip(actions)).reward
 
     def expected(self, actions: ArrayLike, plays: int) -> Array:
-        """Mean reward of actions (n, 4) from this episode's start over fresh errors, the same for all: (n,)."""
-        return self.physics.episode.expected(self.task.bounds.clipped(actions), plays, self.task.rng)
+        """Mean reward of actions (n, 4) over newly drawn errors, the same for all actions: (n,)."""
+        return self.physics.episode.expected(self.task.bounds.clip(actions), plays, self.task.rng)

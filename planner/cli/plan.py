@@ -27,9 +27,9 @@ from sysid.cli.common import print_recording, rrd_option
 
 if TYPE_CHECKING:
     from models.shot import Ball
-    from planner.evaluation.value import Wish
+    from planner.evaluation.value import UtilityWeights
     from planner.launcher.execution import Execution
-    from planner.launcher.stroke import Launcher
+    from planner.launcher.stroke import LauncherModel
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,11 @@ class Hardware:
         "--cue-speed", "LOW HIGH", "Bounds on the cue's speed [m/s].", float, nargs=2
     )
 
-    def launcher(self, ball: Ball) -> tuple[Launcher, Execution | None]:
+    def launcher(self, ball: Ball) -> tuple[LauncherModel, Execution | None]:
         """The launcher, and its repeatability by its map where that is to be used."""
-        from planner.launcher.stroke import Launcher, with_speeds
+        from planner.launcher.stroke import LauncherModel, with_speeds
 
-        launcher = Launcher()
+        launcher = LauncherModel()
         if self.cue_speed:
             slow, fast = self.cue_speed
             if not launcher.last <= slow < fast <= launcher.first:
@@ -59,10 +59,10 @@ class Hardware:
         if not self.map_file:
             return launcher, None
         from planner.launcher.cueing_map import read_map
-        from planner.launcher.mapped import unsure, with_map
+        from planner.launcher.mapped import execution_of, with_map
 
         cueing_map = read_map(self.map_file)
-        return with_map(launcher, cueing_map, ball), None if self.execution_file else unsure(cueing_map)
+        return with_map(launcher, cueing_map, ball), None if self.execution_file else execution_of(cueing_map)
 
 
 @dataclass(frozen=True)
@@ -77,11 +77,11 @@ class Utility:
     )
     foul_cost: float = given("--foul-cost", "C", "Pots that a foul costs.", Number(0, 100), 0.5)
 
-    def weights(self) -> Wish:
+    def weights(self) -> UtilityWeights:
         """As plans are judged by them."""
-        from planner.evaluation.value import Wish
+        from planner.evaluation.value import UtilityWeights
 
-        return Wish(self.rest_weight, self.far, self.foul_cost)
+        return UtilityWeights(self.rest_weight, self.far, self.foul_cost)
 
 
 @dataclass(frozen=True)

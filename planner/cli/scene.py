@@ -89,7 +89,7 @@ def scene(progress: Progress, source: Source, wanted: Wanted, out: Path) -> int:
     rows = [("ball", "x [m]", "y [m]")]
     rows += [(n, f"{x:.4f}", f"{y:.4f}") for n, (x, y) in zip(made.names, made.position, strict=True)]
     print(table(rows))
-    for line in found.told:
+    for line in found.notes:
         print(line)
     write_scene(made, out)
     print(f"scene: {out}")

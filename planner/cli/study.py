@@ -26,7 +26,7 @@ from models.errors import BadInput
 from planner.cli.common import execution_option, load_execution
 
 if TYPE_CHECKING:
-    from planner.study.runs import Study
+    from planner.study.draws import Study
 
 MAX_SCENES = 100_000
 MAX_JOBS = 1024
@@ -58,7 +58,7 @@ class Settings:
     def study(self) -> Study:
         """The study that these settings ask for."""
         from models.model_file import read_model
-        from planner.study.runs import Study, usual_model
+        from planner.study.draws import Study, usual_model
 
         model = read_model(self.model_file) if self.model_file else usual_model()
         return Study(model, load_execution(self.execution_file, model), self.balls, self.seed, self.method)
@@ -91,8 +91,9 @@ def study(
     if report_file and report_file.suffix == ".png":
         raise BadInput(f"{report_file}: is the name of the picture beside the report; give one that ends in .md")
 
+    from planner.study.figures import figures
     from planner.study.folder import begin, carry_out, describe, read_scenes
-    from planner.study.report import figures, text_table, write_report
+    from planner.study.report import text_table, write_report
 
     asked = settings.study()
     begin(out, asked)

@@ -1,7 +1,8 @@
-"""What came of shots, as the goal sees it: potted, fouled, and where the cue ball stopped.
+"""Outcomes of shots with respect to the goal: potted, fouls, and where the balls stopped.
 
-A foul is an in-off, a first ball that is not the object ball (or none), another ball potted, or a touch of one of the
-balls that nothing may touch. Leaves out the rest of a referee's book.
+In: a scene, and results of the event engine or MuJoCo tracks. Out: `Outcomes` of n shots. A foul is an in-off, a first
+contact with a ball other than the object ball (or with none), another ball potted, or contact with a ball to be
+avoided. Leaves out all other rules of the game.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ FOULS = ("in-off", "wrong ball first", "another ball potted", "forbidden touch")
 
 @dataclass(frozen=True)
 class Outcomes:
-    """How n shots ended; a shot that was given up is no pot, and a foul of no kind."""
+    """How n shots ended; a shot that was abandoned is neither a pot nor a foul."""
 
-    potted: Flags  # (n,), the object ball in a wanted pocket
+    potted: Flags  # (n,), the object ball in a pocket of the goal
     pocket: NDArray[np.int64]  # (n,), which of planner.scene.POCKETS took the object ball; -1 for none
     fouls: Flags  # (n, 4), by FOULS
     place: Array  # (n, nball, 2) [m], where balls stopped; NaN where potted
-    hits: NDArray[np.int64]  # (n, 3): cushions and jaws: cue ball before the object ball, after it; object ball
+    hits: NDArray[np.int64]  # (n, 3), cushion contacts: cue ball before meeting the object ball, after; object ball
 
     @property
     def foul(self) -> Flags:
@@ -56,62 +57,64 @@ class Outcomes:
         return Outcomes(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
 
-def joined(parts: Sequence[Outcomes]) -> Outcomes:
+def concatenate(parts: Sequence[Outcomes]) -> Outcomes:
     """Shots one after another."""
     return Outcomes(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Outcomes)})
 
 
 def _nearest(scene: Scene, xy: Array) -> NDArray[np.int64]:
-    """Number of the pocket that is nearest to places (n, 2)."""
+    """Numbers of the pockets nearest to places (n, 2) [m]: (n,)."""
     places = np.array([pocket_places(scene.table)[p] for p in POCKETS])
     return np.asarray(np.argmin(np.linalg.norm(xy[:, None] - places, axis=-1), axis=1))
 
 
-def wanted(scene: Scene) -> tuple[Pocket, ...]:
-    """The pockets that count."""
+def goal_pockets(scene: Scene) -> tuple[Pocket, ...]:
+    """The pockets that count as a pot."""
     return POCKETS if scene.goal.pocket is None else (scene.goal.pocket,)
 
 
-def _judged(
-    scene: Scene, gone: Flags, place: Array, ended: Flags, first: NDArray[np.int64], touched: Flags,
-    hits: NDArray[np.int64],
-) -> Outcomes:  # fmt: skip
-    """Outcomes from which balls are gone (n, nball), where all are or fell, the ball hit first, forbidden touches."""
-    pocket = np.where(gone[:, 1] & ended, _nearest(scene, place[:, 1]), -1)
-    counts = np.isin(pocket, [POCKETS.index(p) for p in wanted(scene)])
-    fouls = np.stack([gone[:, 0], first != 1, gone[:, 2:].any(axis=1), touched], axis=1)
-    return Outcomes(
-        counts, pocket, fouls & ended[:, None], np.where((gone | ~ended[:, None])[..., None], np.nan, place), hits
-    )
+@dataclass(frozen=True)
+class _Facts:
+    """What happened in n shots, whichever engine played them."""
+
+    gone: Flags  # (n, nball), balls that were potted
+    place: Array  # (n, nball, 2) [m], where balls stopped or fell
+    ended: Flags  # (n,), False for shots that were abandoned
+    first: NDArray[np.int64]  # (n,), number of the ball that the cue ball met first; -1 for none
+    touched: Flags  # (n,), a ball to be avoided was touched
+    hits: NDArray[np.int64]  # (n, 3), as in Outcomes
+
+    def outcomes(self, scene: Scene) -> Outcomes:
+        """What the facts mean for the goal."""
+        gone, ended = self.gone, self.ended[:, None]
+        pocket = np.where(gone[:, 1] & self.ended, _nearest(scene, self.place[:, 1]), -1)
+        potted = np.isin(pocket, [POCKETS.index(p) for p in goal_pockets(scene)])
+        fouls = np.stack([gone[:, 0], self.first != 1, gone[:, 2:].any(axis=1), self.touched], axis=1)
+        place = np.where((gone | ~ended)[..., None], np.nan, self.place)
+        return Outcomes(potted, pocket, fouls & ended, place, self.hits)
 
 
 def of_result(scene: Scene, result: Result) -> Outcomes:
-    """Outcomes of shots of the event engine, which logged enough events."""
+    """Outcomes of shots played by the event engine with a log of events."""
     kind, i, j = result.event[..., 0], result.event[..., 1], result.event[..., 2]
     ball, cushion = kind == BALL, kind == CUSHION
     met = ball & (i == 0)
-    n = len(kind)
-    when = np.where(met.any(axis=1), np.argmax(met, axis=1), kind.shape[1])
-    first = np.where(met.any(axis=1), np.take_along_axis(j, np.argmax(met, axis=1)[:, None], axis=1)[:, 0], -1)
-    touched = np.zeros(n, bool)
+    any_met, index = met.any(axis=1), np.argmax(met, axis=1)
+    first_contact = np.where(any_met, index, kind.shape[1])[:, None]
+    first = np.where(any_met, np.take_along_axis(j, index[:, None], axis=1)[:, 0], -1)
+    touched = np.zeros(len(kind), bool)
     for name in scene.goal.avoid:
         k = scene.names.index(name)
         touched |= (ball & ((i == k) | (j == k))).any(axis=1)
     order = np.arange(kind.shape[1])[None]
-    own = cushion & (i == 0)
-    hits = np.stack(
-        [
-            (own & (order < when[:, None])).sum(axis=1),
-            (own & (order > when[:, None])).sum(axis=1),
-            (cushion & (i == 1)).sum(axis=1),
-        ],
-        axis=1,
-    )
-    return _judged(scene, result.potted, result.position, np.isfinite(result.time), first, touched, hits)
+    of_cue_ball = cushion & (i == 0)
+    counted = (of_cue_ball & (order < first_contact), of_cue_ball & (order > first_contact), cushion & (i == 1))
+    hits = np.stack([flags.sum(axis=1) for flags in counted], axis=1)
+    return _Facts(result.potted, result.position, np.isfinite(result.time), first, touched, hits).outcomes(scene)
 
 
 def of_tracks(scene: Scene, tracks: Sequence[Track]) -> Outcomes:
-    """Outcomes of tracks that last until everything rests; a potted ball fell where its event says."""
+    """Outcomes of tracks that last until all balls rest; the event of a potted ball gives its place."""
     names, n = scene.names, len(tracks)
     place = np.array([t.position[-1] for t in tracks]).reshape(n, len(names), 2)
     gone, first = np.isnan(place[..., 0]), np.full(n, -1)
@@ -128,4 +131,4 @@ def of_tracks(scene: Scene, tracks: Sequence[Track]) -> Outcomes:
                 hits[k, 2 if event.balls[0] == names[1] else int(first[k] >= 0)] += 1
             elif event.kind == "pocket":
                 place[k, names.index(event.balls[0])] = event.place
-    return _judged(scene, gone, place, np.ones(n, bool), first, touched, hits)
+    return _Facts(gone, place, np.ones(n, bool), first, touched, hits).outcomes(scene)

@@ -1,8 +1,9 @@
-"""Strokes played on a fitted model: thousands a moment by the event engine, or in MuJoCo.
+"""Strokes played on a fitted model: thousands per second in the event engine, or in MuJoCo.
 
-Both play all of the model's effects, with jaws at the pockets. The engine (models/engine) is what a search looks with;
-MuJoCo is the second opinion on the finalists. A model that edits the MJCF is played in MuJoCo alone, which
-takes a search ten times as long. What a camera sees is left out: it changes no shot.
+In: a scene, a model and strokes q (n, 4), with constants of the model per stroke if wanted. Out: outcomes, or tracks.
+Both engines play all of the model's effects, with jaws at the pockets. The search uses the event engine
+(models/engine); MuJoCo checks the finalists. A model that edits the MJCF can be played in MuJoCo only, and then a
+search takes ten times as long. Camera effects are left out: they change no shot.
 """
 
 from __future__ import annotations
@@ -20,93 +21,91 @@ from models.hooks import hooks_of
 from models.model_file import Model
 from models.shot import GRAVITY, Shot, Track
 from models.simulation.simulate import simulate
-from planner.evaluation.outcome import Outcomes, joined, of_result, of_tracks
-from planner.launcher.stroke import AZIMUTH, SPEED, Launcher, launch
+from planner.evaluation.outcome import Outcomes, concatenate, of_result, of_tracks
+from planner.launcher.stroke import AZIMUTH, SPEED, LauncherModel, launch
 from planner.scene import Scene
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Array]  # constants of the model, by name: (n,)
-EVENTS = 48  # logged of a shot
-MOST = 3000  # events after which a shot is given up, as no one plans for it
-CHUNK = 20_000  # shots at a time: bounds the memory of their logs
-SPARE = 2.0  # on how long a ball can roll from its first speed
-PLAYS = ("edit", "forces", "horizon", "impact", "strike")  # hooks through which an effect changes a shot
+LOGGED_EVENTS = 48  # of each shot; fouls and cushions are counted from them
+MAX_EVENTS = 3000  # of a shot; after these it is abandoned and counts as no pot
+SHOTS_PER_CHUNK = 20_000  # played at once, which bounds the memory of the event logs
+DURATION_FACTOR = 2.0  # MuJoCo simulates this multiple of the time to roll out from the first speed
+SHOT_HOOKS = ("edit", "forces", "horizon", "impact", "strike")  # through which an effect changes a shot
 
 
 class Player:
-    """A scene on a model, ready to play."""
+    """A scene with the model and the launcher that play it."""
 
-    def __init__(self, model: Model, scene: Scene, launcher: Launcher, threads: int = 0) -> None:
-        """Check that they fit; BadInput where they do not."""
+    def __init__(self, model: Model, scene: Scene, launcher: LauncherModel, threads: int = 0) -> None:
+        """Check that model and scene agree; BadInput if not. At most `threads` threads, 0 for all."""
         if (model.table, model.ball) != (scene.table, scene.ball):
             raise BadInput(
                 f"the scene's table and ball, {_size(scene)}, are not the model's, {_size(model)}; "
                 "give a model that was fitted to this table"
             )
-        acting = tuple(e for e in model.stack()[1:] if e.opens(*PLAYS) or e.slot)
+        acting = tuple(e for e in model.stack()[1:] if e.opens(*SHOT_HOOKS) or e.slot)
         self.model = dataclasses.replace(model, effects=acting)
-        plain = tuple(e for e in acting if e.slot == "cloth" or not e.opens("edit"))
-        if why := lacking(dataclasses.replace(model, effects=plain)):
+        in_engine = tuple(e for e in acting if e.slot == "cloth" or not e.opens("edit"))
+        if why := lacking(dataclasses.replace(model, effects=in_engine)):
             raise BadInput(
                 f"the model cannot be planned on: {why}; fit one that starts from the base (sysid fit CLIPS)"
             )
-        self.in_mujoco_alone = len(plain) < len(acting)
+        self.mujoco_only = len(in_engine) < len(acting)
         self.scene, self.launcher, self.threads = scene, launcher, threads
 
     def deflection(self, q: Array) -> Array:
-        """How far to the left of its azimuth the ball leaves, as the model's cue delivers it: (n,) [rad]."""
+        """Angle to the left of the aim at which the ball leaves, by the model's cue effects: (n,) [rad]."""
         velocity, spin = launch(q, self.launcher.elevation, self.scene.ball)
         v, w = velocity[:, None].copy(), spin[:, None].copy()
         hooks = hooks_of(self.model.stack()[1:], len(q))
         ball = self.scene.ball
         struck = np.ones(len(q), np.bool_)
         strike_rows(hooks.own, hooks.strike, ball.radius, ball.mass, struck, v, w)
-        turned = np.arctan2(v[:, 0, 1], v[:, 0, 0]) - q[:, AZIMUTH]
-        return np.asarray((turned + np.pi) % (2 * np.pi) - np.pi)
+        angle = np.arctan2(v[:, 0, 1], v[:, 0, 0]) - q[:, AZIMUTH]
+        return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
     def screen(self, q: Array, values: Values | None = None) -> Outcomes:
-        """Play strokes (n, 4) in the event engine, with the model's constants or (n,) of one's own each."""
-        if self.in_mujoco_alone:
+        """Outcomes of strokes (n, 4) in the event engine, with the model's constants or (n,) values of some."""
+        if self.mujoco_only:
             return self.play(q, values)
         values = values or {}
-        parts = [self._screen(q[k : k + CHUNK], {n: v[k : k + CHUNK] for n, v in values.items()})
-                 for k in range(0, len(q), CHUNK)]  # fmt: skip
-        return joined(parts)
+        chunks = [slice(k, k + SHOTS_PER_CHUNK) for k in range(0, len(q), SHOTS_PER_CHUNK)]
+        return concatenate([self._screen_chunk(q[c], {n: v[c] for n, v in values.items()}) for c in chunks])
 
-    def _screen(self, q: Array, values: Values) -> Outcomes:
+    def _screen_chunk(self, q: Array, values: Values) -> Outcomes:
         scene, n = self.scene, len(q)
         balls = len(scene.names)
         v, w = np.zeros((n, balls, 2)), np.zeros((n, balls, 3))
         v[:, 0], w[:, 0] = launch(q, self.launcher.elevation, scene.ball)
         result = finish(
-            self.model.with_values(values), np.broadcast_to(scene.position, (n, balls, 2)), v, w, events=EVENTS,
-            threads=self.threads, jaws=True, most=MOST,
+            self.model.with_values(values), np.broadcast_to(scene.position, (n, balls, 2)), v, w,
+            events=LOGGED_EVENTS, threads=self.threads, jaws=True, most=MAX_EVENTS,
         )  # fmt: skip
         return of_result(scene, result)
 
     def play(self, q: Array, values: Values | None = None) -> Outcomes:
-        """The same in MuJoCo."""
+        """As `screen`, in MuJoCo."""
         return of_tracks(self.scene, self.tracks(q, values))
 
     def tracks(self, q: Array, values: Values | None = None, *, every: float = 0.0, jaws: bool = True) -> list[Track]:
-        """Tracks in MuJoCo until everything rests, sampled `every` so many seconds, or at the ends only."""
+        """Tracks of strokes (n, 4) in MuJoCo until all balls rest, sampled `every` [s]; 0 for start and end only."""
         scene, n = self.scene, len(q)
         velocity, spin = launch(q, self.launcher.elevation, scene.ball)
         cloth = next(e for e in self.model.effects if e.slot == "cloth")
         roll = float(np.min(getattr(cloth, "roll")))  # noqa: B009 (no field of every effect)
-        longest = SPARE * q[:, SPEED] / (roll * GRAVITY) + 1.0
+        duration = DURATION_FACTOR * q[:, SPEED] / (roll * GRAVITY) + 1.0
         balls, shots = len(scene.names), []
         for k in range(n):
             v, w = np.zeros((balls, 2)), np.zeros((balls, 3))
             v[0], w[0] = velocity[k], spin[k]
-            end = float(longest[k])
-            times = np.arange(0.0, end, every) if every else np.array([0.0, end])
+            times = np.arange(0.0, float(duration[k]), every) if every else np.array([0.0, float(duration[k])])
             shots.append(Shot(scene.names, scene.position, v, w, times))
         model = dataclasses.replace(self.model, engine="mujoco").with_values(values or {})
         return simulate(model, shots, threads=self.threads, jaws=jaws)
 
 
-def _size(what: Scene | Model) -> str:
-    t, b = what.table, what.ball
+def _size(source: Scene | Model) -> str:
+    t, b = source.table, source.ball
     pockets = "" if t.pockets else ", no pockets"
     return f"{t.length} x {t.width} m{pockets} and {1e3 * b.diameter:g} mm, {1e3 * b.mass:g} g"

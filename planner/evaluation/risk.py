@@ -1,10 +1,12 @@
-"""What a stroke is worth when it is not played quite as asked, on a table that is not quite as fitted.
+"""Expected utility and outcome probabilities of strokes, by Monte Carlo over execution errors and model uncertainty.
 
-A hand holds the errors of one play: of the stroke (planner/launcher/execution.py) and of the model's constants, normal
-with the standard deviations and correlations of the fit, kept within their bounds. All strokes are judged on the same
-hands (common random numbers), so that two strokes differ by what they are and not by luck. Probabilities come with
-Wilson's 95 % interval for the number of hands, which for scrambled Sobol points is wide. Leaves out that the model may
-lack an effect: nothing in it can tell.
+In: a model with its standard deviations and correlations, the launcher's repeatability, strokes. Out: for each stroke
+its mean utility, its probabilities with Wilson's 95 % interval, and the outcomes they come from.
+
+One Monte Carlo sample holds the errors of one play: of the stroke (planner/launcher/execution.py), and of the model's
+constants, normal with the covariance of the fit and clipped to their bounds. All strokes are evaluated on the same
+samples (common random numbers), so that luck cancels in the difference of two strokes. The interval is that of
+independent samples, which is wide for scrambled Sobol points. Leaves out effects that the model lacks.
 """
 
 from __future__ import annotations
@@ -19,122 +21,126 @@ from numpy.typing import NDArray
 from models.model_file import Model
 from planner.evaluation.outcome import FOULS, Outcomes
 from planner.evaluation.play import Player
-from planner.evaluation.value import Wish, distance, worth
-from planner.launcher.execution import Execution, draws
+from planner.evaluation.value import UtilityWeights, rest_distance, utility
+from planner.launcher.execution import Execution, normal_samples
 from planner.scene import Scene
 
 Array = NDArray[np.float64]
-Z = 1.959964  # of a 95 % interval
+Z_95 = 1.959964  # standard normal quantile of a two-sided 95 % interval
 
 
 @dataclass(frozen=True)
-class Hands:
+class ErrorSamples:
     """Errors of m plays."""
 
     normal: Array  # (m, 4) of the stroke, in standard deviations
-    values: dict[str, Array]  # the model's constants, (m,) each
+    values: dict[str, Array]  # constants of the model by name, (m,) each
     execution: Execution
 
     def __len__(self) -> int:
-        """Plays."""
+        """Number of plays."""
         return len(self.normal)
 
-    def first(self, count: int) -> Hands:
-        """The first so many, which fill their space evenly too where it is a power of two."""
-        return Hands(self.normal[:count], {k: v[:count] for k, v in self.values.items()}, self.execution)
+    def first(self, count: int) -> ErrorSamples:
+        """The first samples; a power of two of them fills the space evenly too."""
+        return ErrorSamples(self.normal[:count], {k: v[:count] for k, v in self.values.items()}, self.execution)
 
     def play(self, player: Player, q: Array, *, mujoco: bool = False) -> Outcomes:
-        """Play strokes (n, 4) with every hand: n m outcomes, those of one stroke together."""
-        played = self.execution.spread(q, self.normal).reshape(-1, 4)
+        """Play strokes (n, 4) with every sample: n m outcomes, those of one stroke together."""
+        played = self.execution.perturb(q, self.normal).reshape(-1, 4)
         values = {name: np.tile(v, len(q)) for name, v in self.values.items()}
         return player.play(played, values) if mujoco else player.screen(played, values)
 
 
-def deal(model: Model, execution: Execution, count: int, seed: int) -> Hands:
-    """Draw hands: (count,) of them from a seed; the constants without an uncertainty stay as they are."""
+def draw_errors(model: Model, execution: Execution, count: int, seed: int) -> ErrorSamples:
+    """Draw `count` samples from a seed; constants without a known uncertainty keep their values."""
     known = model.parameters()
     names = [n for n in known if n in model.estimates and 0 < model.estimates[n].sd < math.inf]
-    numbers = draws(count, 4 + len(names), seed)
+    normal = normal_samples(count, 4 + len(names), seed)
     values = {}
     if names:
         sd = np.array([model.estimates[n].sd for n in names])
-        off = numbers[:, 4:] @ _root(_correlation(model, names)).T * sd
+        offsets = normal[:, 4:] @ _square_root(_correlation(model, names)).T * sd
         for k, name in enumerate(names):
             low, high = model.meta(name)["bounds"]
-            values[name] = np.clip(float(known[name]) + off[:, k], low, high)
-    return Hands(numbers[:, :4], values, execution)
+            values[name] = np.clip(float(known[name]) + offsets[:, k], low, high)
+    return ErrorSamples(normal[:, :4], values, execution)
 
 
 def _correlation(model: Model, names: list[str]) -> Array:
-    """Correlations that the fit told, 0 where it told none: (p, p)."""
-    told, matrix = list(model.fitted.get("names", ())), model.fitted.get("correlation")
+    """Correlations that the fit reported, 0 where it reported none: (p, p)."""
+    fitted, matrix = list(model.fitted.get("names", ())), model.fitted.get("correlation")
     out = np.eye(len(names))
-    if matrix is None or np.shape(matrix) != (len(told), len(told)):
+    if matrix is None or np.shape(matrix) != (len(fitted), len(fitted)):
         return out
     given = np.array(matrix, float)
     for i, a in enumerate(names):
         for j, b in enumerate(names):
-            if i != j and a in told and b in told:
-                value = given[told.index(a), told.index(b)]
+            if i != j and a in fitted and b in fitted:
+                value = given[fitted.index(a), fitted.index(b)]
                 out[i, j] = value if math.isfinite(value) else 0.0
     return out
 
 
-def _root(correlation: Array) -> Array:
-    """A square root of a correlation matrix that rounding may have left not quite positive."""
-    size, axes = np.linalg.eigh(0.5 * (correlation + correlation.T))
-    root = axes * np.sqrt(np.maximum(size, 0.0))
+def _square_root(correlation: Array) -> Array:
+    """A square root (p, p) of a correlation matrix that rounding may have made slightly indefinite."""
+    eigenvalues, axes = np.linalg.eigh(0.5 * (correlation + correlation.T))
+    root = axes * np.sqrt(np.maximum(eigenvalues, 0.0))
     return np.asarray(root / np.maximum(np.linalg.norm(root, axis=1, keepdims=True), 1e-12))
 
 
-def wilson(hits: float, count: int) -> tuple[float, float, float]:
+def wilson_interval(hits: float, count: int) -> tuple[float, float, float]:
     """A probability and its 95 % interval (Wilson 1927), from `hits` of `count`."""
     if count == 0:
         return math.nan, 0.0, 1.0
-    p, z2 = hits / count, Z * Z
+    p, z2 = hits / count, Z_95 * Z_95
     middle = (p + z2 / (2 * count)) / (1 + z2 / count)
-    half = Z / (1 + z2 / count) * math.sqrt(p * (1 - p) / count + z2 / (4 * count * count))
+    half = Z_95 / (1 + z2 / count) * math.sqrt(p * (1 - p) / count + z2 / (4 * count * count))
     return p, max(0.0, min(p, middle - half)), min(1.0, max(p, middle + half))
 
 
 @dataclass(frozen=True)
-class Judged:
-    """One stroke over all hands."""
+class Evaluation:
+    """One stroke over all samples."""
 
     q: Array  # (4,)
-    value: float  # expected worth
+    value: float  # expected utility
     made: float  # probability of potting without a foul
     outcomes: Outcomes
 
     def figures(self, scene: Scene) -> dict[str, Any]:
         """The figures of a plan file."""
         out, n = self.outcomes, len(self.outcomes)
-        keys = ("value", "low", "high")
         cue = out.cue[np.isfinite(out.cue[:, 0])]
-        away = distance(scene, out)
+        away = rest_distance(scene, out)
         away = away[np.isfinite(away)]
-        told = cue.size > 0
+
+        def probability(flags: NDArray[np.bool_]) -> dict[str, float]:
+            return dict(zip(("value", "low", "high"), wilson_interval(float(flags.sum()), n), strict=True))
+
         return {
             "value": self.value,
-            "pot_probability": dict(zip(keys, wilson(float(out.potted.sum()), n), strict=True)),
-            "made_probability": dict(zip(keys, wilson(float(out.made.sum()), n), strict=True)),
-            "foul_probability": dict(zip(keys, wilson(float(out.foul.sum()), n), strict=True)),
+            "pot_probability": probability(out.potted),
+            "made_probability": probability(out.made),
+            "foul_probability": probability(out.foul),
             "fouls": {name: float(out.fouls[:, k].mean()) for k, name in enumerate(FOULS)},
             "rest": {
-                "mean": cue.mean(axis=0).tolist() if told else None,
-                "sd": cue.std(axis=0).tolist() if told else None,
+                "mean": cue.mean(axis=0).tolist() if cue.size else None,
+                "sd": cue.std(axis=0).tolist() if cue.size else None,
                 "distance_median": float(np.median(away)) if away.size else None,
                 "distance_90": float(np.quantile(away, 0.9)) if away.size else None,
             },
         }
 
 
-def judge(player: Player, hands: Hands, q: Array, wish: Wish, *, mujoco: bool = False) -> list[Judged]:
-    """Every stroke (n, 4) over all hands."""
-    out = hands.play(player, q, mujoco=mujoco)
-    m, found = len(hands), []
-    values = worth(player.scene, out, wish).reshape(len(q), m).mean(axis=1)
-    for k, value in enumerate(values):
-        part = out.rows(slice(k * m, (k + 1) * m))
-        found.append(Judged(q[k], float(value), float(part.made.mean()), part))
-    return found
+def evaluate(
+    player: Player, samples: ErrorSamples, q: Array, weights: UtilityWeights, *, mujoco: bool = False
+) -> list[Evaluation]:
+    """Every stroke (n, 4) over all samples, in the event engine or in MuJoCo."""
+    out, m = samples.play(player, q, mujoco=mujoco), len(samples)
+    values = utility(player.scene, out, weights).reshape(len(q), m).mean(axis=1)
+    parts = [out.rows(slice(k * m, (k + 1) * m)) for k in range(len(q))]
+    return [
+        Evaluation(stroke, float(value), float(part.made.mean()), part)
+        for stroke, value, part in zip(q, values, parts, strict=True)
+    ]

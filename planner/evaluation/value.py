@@ -1,9 +1,13 @@
-"""What a shot is worth: one number that the search makes large, and from which it is told what was bought.
+"""The utility of a shot, the number whose expectation the search maximises.
 
-worth = made ((1 - rest) + rest ease(d)) - foul x fouled, with d the cue ball's distance from the wanted place and
-ease = exp(-d / far), 1 where every place is as good. Where the place must leave a shot on another ball, ease is
-that of the best pot from there: (1 - cut / 75 degrees) x exp(-(way of the cue ball + way of the ball) / 3 m), 0 where
-a ball is in the way. Leaves out safety and what comes after the next shot.
+In: a scene, outcomes of shots (planner/evaluation/outcome.py) and the user's weights. Out: one utility per shot,
+
+    u = made ((1 - rest) + rest g) - foul fouled,   g = exp(-d / far),
+
+with d the distance of the cue ball from the goal position; g = 1 where every position is as good. Where the position
+must leave a shot on another ball, g is the quality of the best direct pot from there, (1 - cut / 75 degrees)
+exp(-(path of the cue ball + path of the object ball) / 3 m), 0 where a ball blocks a path. Leaves out safety play and
+all shots after the next one.
 """
 
 from __future__ import annotations
@@ -18,67 +22,75 @@ from planner.evaluation.outcome import Outcomes
 from planner.scene import Scene, pocket_places
 
 Array = NDArray[np.float64]
-THIN = math.radians(75)  # cut beyond which the next shot counts for nothing
-FAR = 3.0  # way at which a next shot is worth 1/e of a near one [m]
+MAX_NEXT_CUT_RAD = math.radians(75)  # cut angle from which on the next shot has no value
+PATH_SCALE_M = 3.0  # path length over which the value of the next shot falls to 1/e
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What the user asks for."""
+class UtilityWeights:
+    """What the user asks for; the field names are keys of plan files."""
 
-    rest: float = 0.2  # part of a made shot's worth that the cue ball's place decides, 0 to 1
-    far: float = 0.35  # distance from the wanted place at which that part is down to 1/e [m]
-    foul: float = 0.5  # what a foul costs
+    rest: float = 0.2  # part of a made shot's utility that the cue ball's position decides, 0 to 1
+    far: float = 0.35  # distance from the goal position at which that part is down to 1/e [m]
+    foul: float = 0.5  # cost of a foul, in pots
 
 
-def distance(scene: Scene, outcomes: Outcomes) -> Array:
-    """How far the cue ball stopped from the wanted place, or region: (n,) [m]; NaN where potted or none is wanted."""
+def rest_distance(scene: Scene, outcomes: Outcomes) -> Array:
+    """Distance from where the cue ball stopped to the goal position or region (n,) [m]; NaN if potted or no goal."""
     goal = scene.goal
     if goal.rest is None:
         return np.full(len(outcomes), np.nan)
     return np.maximum(np.hypot(*(outcomes.cue - goal.rest).T) - goal.rest_radius, 0.0)
 
 
-def ease(scene: Scene, outcomes: Outcomes, far: float) -> Array:
-    """How good the cue ball's places are, 0 to 1: (n,)."""
+def position_quality(scene: Scene, outcomes: Outcomes, far: float) -> Array:
+    """Quality of the cue ball's positions, 0 to 1 (n,); `far` [m] is the scale of its exponential fall."""
     if scene.goal.rest_for:
-        return _next_shot(scene, outcomes.place, scene.names.index(scene.goal.rest_for))
+        return _next_shot_quality(scene, outcomes.place, scene.names.index(scene.goal.rest_for))
     if scene.goal.rest is None:
         return np.where(np.isfinite(outcomes.cue[:, 0]), 1.0, 0.0)
-    return np.nan_to_num(np.exp(-distance(scene, outcomes) / far))
+    return np.nan_to_num(np.exp(-rest_distance(scene, outcomes) / far))
 
 
-def worth(scene: Scene, outcomes: Outcomes, wish: Wish) -> Array:
-    """Worth of every shot: (n,)."""
-    good = (1.0 - wish.rest) + wish.rest * ease(scene, outcomes, wish.far)
-    return np.asarray(outcomes.made * good - wish.foul * outcomes.foul)
+def utility(scene: Scene, outcomes: Outcomes, weights: UtilityWeights) -> Array:
+    """Utility of every shot: (n,)."""
+    gain = (1.0 - weights.rest) + weights.rest * position_quality(scene, outcomes, weights.far)
+    return np.asarray(outcomes.made * gain - weights.foul * outcomes.foul)
 
 
-def clear(start: Array, end: Array, others: Array, room: float) -> NDArray[np.bool_]:
-    """Whether ways (n, 2) to (n, 2) keep `room` [m] from the centres of others (n, k, 2); NaN: a ball gone."""
-    way = end - start
-    size = np.maximum(np.sum(way * way, axis=-1), 1e-12)
-    to = others - start[:, None]
-    along = np.clip(np.einsum("nki,ni->nk", to, way) / size[:, None], 0.0, 1.0)
-    gap = np.linalg.norm(to - along[..., None] * way[:, None], axis=-1)
-    return np.asarray(~(gap < room).any(axis=1))
+def path_is_clear(start: Array, end: Array, others: Array, clearance: float) -> NDArray[np.bool_]:
+    """Whether straight paths keep their distance from all other balls.
+
+    Args:
+        start: (n, 2) [m].
+        end: (n, 2) [m].
+        others: centres of the other balls (n, k, 2) [m]; NaN for one that is off the table.
+        clearance: least distance of a path from a centre [m].
+    """
+    path = end - start
+    length2 = np.maximum(np.sum(path * path, axis=-1), 1e-12)
+    offset = others - start[:, None]
+    along = np.clip(np.einsum("nki,ni->nk", offset, path) / length2[:, None], 0.0, 1.0)
+    gap = np.linalg.norm(offset - along[..., None] * path[:, None], axis=-1)
+    return np.asarray(~(gap < clearance).any(axis=1))
 
 
-def _next_shot(scene: Scene, place: Array, target: int) -> Array:
-    """Ease of the best direct pot of a ball from where balls lie (n, nball, 2): (n,)."""
+def _next_shot_quality(scene: Scene, place: Array, target: int) -> Array:
+    """Quality of the best direct pot of ball number `target` with balls at places (n, nball, 2) [m]: (n,)."""
     diameter = scene.ball.diameter
     cue, ball = place[:, 0], place[:, target]
     others = np.delete(place, (0, target), axis=1)
     best = np.zeros(len(place))
     for pocket in pocket_places(scene.table).values():
         line = pocket - ball
-        way = np.linalg.norm(line, axis=-1)
-        ghost = ball - diameter * line / np.maximum(way, 1e-9)[:, None]
+        object_path = np.linalg.norm(line, axis=-1)
+        ghost = ball - diameter * line / np.maximum(object_path, 1e-9)[:, None]
         aim = ghost - cue
-        run = np.linalg.norm(aim, axis=-1)
+        cue_path = np.linalg.norm(aim, axis=-1)
         with np.errstate(invalid="ignore", divide="ignore"):
-            cut = np.arccos(np.clip(np.sum(aim * line, axis=-1) / (run * way), -1.0, 1.0))
-        free = clear(ball, np.broadcast_to(pocket, ball.shape), others, diameter) & clear(cue, ghost, others, diameter)
-        good = np.maximum(0.0, 1.0 - cut / THIN) * np.exp(-(run + way) / FAR)
-        best = np.maximum(best, np.nan_to_num(np.where(free, good, 0.0)))
+            cut = np.arccos(np.clip(np.sum(aim * line, axis=-1) / (cue_path * object_path), -1.0, 1.0))
+        is_open = path_is_clear(ball, np.broadcast_to(pocket, ball.shape), others, diameter)
+        is_open &= path_is_clear(cue, ghost, others, diameter)
+        quality = np.maximum(0.0, 1.0 - cut / MAX_NEXT_CUT_RAD) * np.exp(-(cue_path + object_path) / PATH_SCALE_M)
+        best = np.maximum(best, np.nan_to_num(np.where(is_open, quality, 0.0)))
     return best

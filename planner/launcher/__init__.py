@@ -1,1 +1,1 @@
-"""What a launcher can play: strokes, their execution errors, and the map from what it is sent to what the ball does."""
+"""The launcher as the planner sees it: strokes, execution errors, and the map from commands to the ball's motion."""

@@ -1,11 +1,14 @@
-"""The cueing map: what a told stroke gives the ball, and what to tell for a stroke that is wanted.
+"""The cueing map of a launcher: from commanded strokes to ball speed, squirt and spin, and back.
 
-The physics is in models/analytic/cue_impulse.py, the fit of its constants to a campaign in robot/cueing/map_fit.py;
-here are the values, both directions, and the file (billiard-cueing-map/1, TOML). Backwards: cue speed and stage are
-moved by what ball speed and spin lack, nearly linear in them, and the cue is turned against squirt and the zero of the
-aim. No contact beyond half the radius is told (Robotic Billiards 2015). The file's [execution] is the launcher's
-repeatability. Leaves out the spin about the direction of the aim, which follows from the rest, and drift of the
-constants with wear and chalk: strike a new campaign.
+In: constants of the balance of impulses (models/analytic/cue_impulse.py) with their covariance, fitted by
+robot/cueing/map_fit.py, or a map file (billiard-cueing-map/1, TOML). Out: `forward`, the ball's motion for a command;
+`inverse`, the command for a motion; `predict`, with uncertainty; `setting_for`, one setting of the launcher.
+
+The inverse is a fixed-point iteration: cue speed and stage are corrected by the error of ball speed and spin, which are
+nearly linear in them; the cue is turned against squirt and the zero of the aim. No contact beyond half the radius is
+commanded (Robotic Billiards 2015). The file's [execution] is the launcher's repeatability. Leaves out the spin about
+the direction of the aim, which follows from the other parts, and drift of the constants with wear and chalk: measure
+again.
 """
 
 from __future__ import annotations
@@ -28,18 +31,19 @@ from models.errors import BadInput
 from models.files import read_toml, write_whole
 from models.shot import Ball
 from planner.launcher.execution import Execution, execution_from
-from planner.launcher.stroke import Launcher
+from planner.launcher.stroke import LauncherModel
 
 Array = NDArray[np.float64]
 FORMAT = "billiard-cueing-map/1"
 SECTIONS = ("format", "ball", "cue", "constants", "uncertainty", "execution", "fit")
-OFFSET = cueing.SEED_LIMIT  # contact over radius beyond which nothing is told
-ROUNDS = 12  # of going back
+MAX_OFFSET = cueing.SEED_LIMIT  # greatest contact offset over radius that is commanded
+INVERSE_ITERATIONS = 12  # each leaves a tenth of the error
+USUAL_GAIN = 1.3  # ball speed over cue speed of a plain stroke, where the inverse starts
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What strokes give, with the uncertainty that the constants leave; the launcher's scatter comes on top."""
+    """Predicted speed and squirt, with the uncertainty of the constants; the launcher's scatter is not included."""
 
     ball_speed: Array  # horizontal (n,) [m/s]
     squirt: Array  # against the aim, > 0 to the left (n,) [rad]
@@ -49,111 +53,114 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Setting:
-    """What to tell the launcher."""
+    """One command of the launcher."""
 
-    string: int  # the nearest
-    cue_speed: float  # that is wanted [m/s]; the string's own is up to half a step off
+    string: int  # the speed string nearest to `cue_speed`
+    cue_speed: float  # as computed [m/s]; that of the string differs by up to half a step
     x0_mm: float  # of the stage, to the right
     y0_mm: float  # of the stage, up, across the cue
-    theta: float  # of the cue [rad], table frame
-    ball_speed: float  # that the nearest string gives [m/s]
-    squirt: float  # that theta is turned against, with the zero of the aim [rad]
+    theta: float  # azimuth of the cue [rad], table frame
+    ball_speed: float  # that the string gives [m/s]
+    squirt: float  # compensated by theta, together with the zero of the aim [rad]
 
 
 @dataclass(frozen=True)
 class CueingMap:
-    """A launcher's map, with where it came from."""
+    """A launcher's map and the quality of its fit."""
 
     constants: Constants
     geometry: Geometry
-    covariance: Array  # of the constants, in the order of NAMES (8, 8); nan where none was computed
+    covariance: Array  # of the constants, in the order of NAMES (8, 8); nan if it was not computed
     execution: Execution
-    shots: int = 0  # that it was fitted to
-    left_out: int = 0  # that lay too far off
+    shots: int = 0  # number of shots fitted
+    left_out: int = 0  # shots left out as outliers
     chi2_reduced: float = math.nan
 
     def predict(self, cue_speed: ArrayLike, x0_mm: ArrayLike, y0_mm: ArrayLike) -> Prediction:
-        """Ball speed and squirt of strokes as told: cue speed [m/s], stage [mm]; all (n,)."""
+        """Ball speed and squirt for commanded cue speed [m/s] and stage [mm], all (n,); errors propagate linearly."""
         given = [np.atleast_1d(np.asarray(v, float)) for v in (cue_speed, x0_mm, y0_mm)]
         v, x, y = np.broadcast_arrays(given[0], 1e-3 * given[1], 1e-3 * given[2])
         speed, squirt = ball_speed_and_squirt(self.constants, self.geometry, v, x, y)
-        slopes = np.empty((len(CONSTANT_NAMES), 2, len(v)))
+        jacobian = np.empty((len(CONSTANT_NAMES), 2, len(v)))
         for k, name in enumerate(CONSTANT_NAMES):
             step = 1e-4 * max(abs(getattr(self.constants, name)), 1e-3)
             moved = dataclasses.replace(self.constants, **{name: getattr(self.constants, name) + step})
             other = ball_speed_and_squirt(moved, self.geometry, v, x, y)
-            slopes[k] = (other[0] - speed) / step, (other[1] - squirt) / step
-        variance = np.einsum("kin,kl,lin->in", slopes, self.covariance, slopes)
+            jacobian[k] = (other[0] - speed) / step, (other[1] - squirt) / step
+        variance = np.einsum("kin,kl,lin->in", jacobian, self.covariance, jacobian)
         return Prediction(speed, squirt, *np.sqrt(np.maximum(variance, 0.0)))
 
-    def give(self, cue_speed: Array, x0: Array, y0: Array) -> tuple[Array, Array, Array, Array]:
-        """What told strokes give: horizontal ball speed [m/s], squirt [rad], and its spin's side and height [m].
-
-        Side and height are those of planner/launcher/stroke.py: a contact there would give this spin at this speed.
-        """
-        velocity, spin = launch(self.constants, self.geometry, cue_speed, x0, y0)
-        speed, turn = np.hypot(velocity[:, 0], velocity[:, 1]), np.arctan2(velocity[:, 1], velocity[:, 0])
-        scale = 0.4 * self.geometry.ball.radius**2 / speed
-        return speed, turn, scale * spin[:, 2], scale * (np.cos(turn) * spin[:, 1] - np.sin(turn) * spin[:, 0])
-
-    def told(self, speed: Array, side: Array, height: Array) -> tuple[Array, Array, Array, Array]:
-        """What to tell for ball speeds [m/s] and the side and height of their spin [m], all (n,); `give` backwards.
+    def forward(self, cue_speed: Array, x0: Array, y0: Array) -> tuple[Array, Array, Array, Array]:
+        """The ball's motion for commanded cue speeds [m/s] and stage positions [m], all (n,).
 
         Returns:
-            Cue speed [m/s], place of the stage to the right and up [m], and the squirt that comes of it [rad].
+            Horizontal ball speed [m/s], squirt [rad], and side and height of the spin [m]: the contact offset that
+            gives this spin at this speed (planner/launcher/stroke.py).
+        """
+        velocity, spin = launch(self.constants, self.geometry, cue_speed, x0, y0)
+        speed, squirt = np.hypot(velocity[:, 0], velocity[:, 1]), np.arctan2(velocity[:, 1], velocity[:, 0])
+        scale = 0.4 * self.geometry.ball.radius**2 / speed
+        return speed, squirt, scale * spin[:, 2], scale * (np.cos(squirt) * spin[:, 1] - np.sin(squirt) * spin[:, 0])
+
+    def inverse(self, speed: Array, side: Array, height: Array) -> tuple[Array, Array, Array, Array]:
+        """The command for ball speeds [m/s] and side and height of their spin [m], all (n,).
+
+        Returns:
+            Cue speed [m/s], position of the stage to the right and up [m], and the resulting squirt [rad]. Does not
+            converge beyond natural roll, where the slate limits the spin.
         """
         lever, c = self.geometry.lever, self.constants
-        x, y, cue = side / lever - c.side_zero, height / lever - c.height_zero, speed / 1.3
-        turn = np.zeros_like(speed)
-        for _ in range(ROUNDS):  # each leaves a tenth of the error, but beyond rolling, where the slate holds spin back
-            got, turn, right, up = self.give(cue, x, y)
-            cue, x, y = cue * speed / got, x + (side - right) / lever, y + (height - up) / lever
-        return cue, x, y, turn
+        x, y, cue_speed = side / lever - c.side_zero, height / lever - c.height_zero, speed / USUAL_GAIN
+        squirt = np.zeros_like(speed)
+        for _ in range(INVERSE_ITERATIONS):
+            got, squirt, right, up = self.forward(cue_speed, x, y)
+            cue_speed, x, y = cue_speed * speed / got, x + (side - right) / lever, y + (height - up) / lever
+        return cue_speed, x, y, squirt
 
-    def stroke_for(
-        self, ball_speed: float, azimuth: float, side: float, height: float, launcher: Launcher | None = None
+    def setting_for(
+        self, ball_speed: float, azimuth: float, side: float, height: float, launcher: LauncherModel | None = None
     ) -> Setting:
-        """What to tell for a stroke.
+        """The setting of the launcher for one stroke.
 
         Args:
             ball_speed: horizontal, as the ball leaves the tip [m/s].
-            azimuth: in which the ball is to leave [rad], table frame.
-            side: of its spin, as a contact so far to the right would give it [m].
-            height: the same, up [m].
-            launcher: whose strings and bounds hold; the planner's without.
+            azimuth: of the ball's direction [rad], table frame.
+            side: contact offset to the right that gives the spin [m].
+            height: the same, upwards [m].
+            launcher: gives speed strings and bounds; the default one if not given.
 
         Raises:
             BadInput: the contact is beyond the miscue limit, or no cue speed within bounds gives that ball speed.
         """
-        launcher = launcher or Launcher()
+        launcher = launcher or LauncherModel()
         radius, lever, c = self.geometry.ball.radius, self.geometry.lever, self.constants
         for name, value in (("ball_speed", ball_speed), ("azimuth", azimuth), ("side", side), ("height", height)):
             if not math.isfinite(value):
                 raise BadInput(f"{name} is {value}; give a finite number")
         if ball_speed <= 0:
             raise BadInput(f"ball_speed is {ball_speed:g} m/s; give one above 0")
-        most = min(OFFSET, launcher.offset)
+        max_offset = min(MAX_OFFSET, launcher.offset)
         one = np.array([ball_speed]), np.array([side]), np.array([height])
-        off = math.hypot(side, height) / radius
-        if off <= most + 1e-9:
-            cue, x, y, turn = (float(v[0]) for v in self.told(*one))
-            off = lever * math.hypot(x + c.side_zero, y + c.height_zero) / radius
-        if off > most + 1e-9:
+        offset = math.hypot(side, height) / radius
+        if offset <= max_offset + 1e-9:
+            cue, x, y, squirt = (float(v[0]) for v in self.inverse(*one))
+            offset = lever * math.hypot(x + c.side_zero, y + c.height_zero) / radius
+        if offset > max_offset + 1e-9:
             raise BadInput(
-                f"spin of side {1e3 * side:.2f} mm, height {1e3 * height:.2f} mm takes a contact {off:.3f} R from the "
-                f"centre; the tip slips beyond {most:g} R ({1e3 * most * radius:.2f} mm), ask for less"
+                f"spin of side {1e3 * side:.2f} mm, height {1e3 * height:.2f} mm takes a contact {offset:.3f} R from "
+                f"the centre; the tip slips beyond {max_offset:g} R ({1e3 * max_offset * radius:.2f} mm), ask for less"
             )
         if not launcher.slowest * (1 - 1e-9) <= cue <= launcher.fastest * (1 + 1e-9):
-            least, fastest = (ball_speed / cue * v for v in (launcher.slowest, launcher.fastest))
+            slowest, fastest = (ball_speed / cue * v for v in (launcher.slowest, launcher.fastest))
             raise BadInput(
                 f"ball_speed is {ball_speed:g} m/s; with this spin the cue's {launcher.slowest:g} to "
-                f"{launcher.fastest:g} m/s give about {least:.3f} to {fastest:.3f} m/s"
+                f"{launcher.fastest:g} m/s give about {slowest:.3f} to {fastest:.3f} m/s"
             )
         string = launcher.string(cue)
-        given = self.give(np.array([launcher.cue_speed(string)]), np.array([x]), np.array([y]))
+        given = self.forward(np.array([launcher.cue_speed(string)]), np.array([x]), np.array([y]))
         return Setting(
             string=string, cue_speed=cue, x0_mm=1e3 * x, y0_mm=1e3 * y,
-            theta=math.remainder(azimuth - turn, 2 * math.pi), ball_speed=float(given[0][0]), squirt=turn,
+            theta=math.remainder(azimuth - squirt, 2 * math.pi), ball_speed=float(given[0][0]), squirt=squirt,
         )  # fmt: skip
 
 
@@ -224,7 +231,7 @@ def _numbers(
 
 
 def _covariance(path: Path | str, table: Any) -> Array:
-    """The covariance of the constants; nan stands for one that was not computed."""
+    """The covariance of the constants (8, 8); nan if it was not computed."""
     names, rows = (table.get("names"), table.get("covariance")) if isinstance(table, Mapping) else (None, None)
     try:
         found = np.array(rows, float)

@@ -1,9 +1,12 @@
-"""A launcher with its cueing map: strokes are planned in what it really gives, and told in what it must be told.
+"""The launcher model of a launcher whose cueing map was measured.
 
-A stroke's speed and spin are the ball's as it leaves the tip (planner/launcher/stroke.py); the map's balance of
-impulses, with slate, end mass and the zeros of stage and aim, says what cue speed, stage and yaw give them. The slate
-holds a part of the spin back, so that the miscue limit leaves less of it than its offset says. A squirt that the model
-knows was fitted to clips of such strokes, so it is what the map leaves, and adds to it.
+In: a launcher model and a cueing map. Out: a launcher model whose gain, commands and bounds come from the map, and
+execution errors that include the map's uncertainty.
+
+Speed and spin of a stroke are the ball's as it leaves the tip (planner/launcher/stroke.py); the map's balance of
+impulses, with slate, end mass and the zeros of stage and aim, gives the cue speed, stage and yaw for them. The slate
+takes part of the spin, so that contacts at the miscue limit give less spin than their offset would on a free ball. A
+squirt effect of the model was fitted to clips of mapped strokes: it is a remainder and adds to the map's squirt.
 """
 
 from __future__ import annotations
@@ -20,31 +23,33 @@ from scipy.interpolate import RegularGridInterpolator
 from models.errors import BadInput
 from models.model_file import Model
 from models.shot import Ball
-from planner.launcher.cueing_map import CueingMap
+from planner.launcher.cueing_map import USUAL_GAIN, CueingMap
 from planner.launcher.execution import Execution
-from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher
+from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel
 
 Array = NDArray[np.float64]
-USUAL = 2.0  # ball speed at which gain and limit are taken; the gain changes by less than 1 % with speed [m/s]
-GRID = 25  # of the table of gains, each way
-AROUND = 72  # places on the miscue limit that are tried
+REFERENCE_SPEED_M_S = 2.0  # of the ball, for gain and spin limit; the gain changes by less than 1 % with speed
+GAIN_GRID_POINTS = 25  # of the gain table, along side and along height
+LIMIT_DIRECTIONS = 72  # in which the spin at the miscue limit is computed
 
 
 @dataclass(frozen=True)
-class MappedLauncher(Launcher):
-    """What strokes a launcher can play that was mapped."""
+class MappedLauncher(LauncherModel):
+    """A launcher model with a measured cueing map."""
 
     cueing_map: CueingMap = field(kw_only=True)
 
     @cached_property
     def _gains(self) -> RegularGridInterpolator:
-        """Gain over side and height; within the limit of the spin."""
-        axis = np.linspace(-1.0, 1.0, GRID) * self.offset * self.cueing_map.geometry.ball.radius
+        """Gain over side and height, constant beyond the limit of the spin."""
+        n = GAIN_GRID_POINTS
+        axis = np.linspace(-1.0, 1.0, n) * self.offset * self.cueing_map.geometry.ball.radius
         side, height = (v.ravel() for v in np.meshgrid(axis, axis, indexing="ij"))
-        off = np.hypot(side, height)
-        inside = np.minimum(1.0, axis[-1] / np.maximum(off, 1e-12))
-        cue_speed, *_ = self.cueing_map.told(np.full(off.size, USUAL), side * inside, height * inside)
-        gains = (USUAL / cue_speed).reshape(GRID, GRID)
+        offset = np.hypot(side, height)
+        inside = np.minimum(1.0, axis[-1] / np.maximum(offset, 1e-12))
+        speed = np.full(offset.size, REFERENCE_SPEED_M_S)
+        cue_speed, *_ = self.cueing_map.inverse(speed, side * inside, height * inside)
+        gains = (REFERENCE_SPEED_M_S / cue_speed).reshape(n, n)
         return RegularGridInterpolator((axis, axis), gains, method="cubic", bounds_error=False, fill_value=None)
 
     def gain(self, q: Array, ball: Ball) -> Array:
@@ -52,29 +57,29 @@ class MappedLauncher(Launcher):
         return np.asarray(self._gains(q[:, [SIDE, HEIGHT]]))
 
     def playable(self, q: Array, ball: Ball) -> Array:
-        """The nearest strokes that strings and stage steps can ask for: (n, 4)."""
-        cue_speed, x, y, _ = self.cueing_map.told(q[:, SPEED], q[:, SIDE], q[:, HEIGHT])
+        """The nearest strokes that speed strings and stage steps can play: (n, 4)."""
+        cue_speed, x, y, _ = self.cueing_map.inverse(q[:, SPEED], q[:, SIDE], q[:, HEIGHT])
         x, y = (np.round(v / self.step) * self.step for v in (x, y))
         strings = np.array([self.cue_speed(self.string(float(v))) for v in cue_speed])
         out = np.array(q, float)
-        out[:, SPEED], _, out[:, SIDE], out[:, HEIGHT] = self.cueing_map.give(strings, x, y)
-        off = np.hypot(out[:, SIDE], out[:, HEIGHT])
-        far = off > self.offset * ball.radius
-        if far.any():  # rounded outwards: a step inwards
-            near = q[far].copy()
-            near[:, [SIDE, HEIGHT]] *= (1.0 - 2.0 * self.step / off[far])[:, None]
-            out[far] = self.playable(near, ball)
+        out[:, SPEED], _, out[:, SIDE], out[:, HEIGHT] = self.cueing_map.forward(strings, x, y)
+        offset = np.hypot(out[:, SIDE], out[:, HEIGHT])
+        beyond = offset > self.offset * ball.radius
+        if beyond.any():  # rounded outwards: try again from two steps farther in
+            inward = q[beyond].copy()
+            inward[:, [SIDE, HEIGHT]] *= (1.0 - 2.0 * self.step / offset[beyond])[:, None]
+            out[beyond] = self.playable(inward, ball)
         return out
 
-    def terms(self, model: Model, q: Array) -> dict[str, Any]:
-        """What to tell the launcher for one stroke (4,)."""
-        rows = self.cueing_map.told(*(np.array([q[k]]) for k in (SPEED, SIDE, HEIGHT)))
-        cue_speed, x, y, turn = (float(v[0]) for v in rows)
-        return self.told(cue_speed, x, y, float(q[AZIMUTH]), turn)
+    def command(self, model: Model, q: Array) -> dict[str, Any]:
+        """The launcher's command for one stroke (4,), as plan files have it."""
+        rows = self.cueing_map.inverse(*(np.array([q[k]]) for k in (SPEED, SIDE, HEIGHT)))
+        cue_speed, x, y, squirt = (float(v[0]) for v in rows)
+        return self.plan_entries(cue_speed, x, y, float(q[AZIMUTH]), squirt)
 
 
-def with_map(launcher: Launcher, cueing_map: CueingMap, ball: Ball) -> MappedLauncher:
-    """A launcher with its map; BadInput where that is of another ball."""
+def with_map(launcher: LauncherModel, cueing_map: CueingMap, ball: Ball) -> MappedLauncher:
+    """The launcher model with its map; BadInput if the map is of another ball."""
     geometry = cueing_map.geometry
     if abs(geometry.ball.radius - ball.radius) > 1e-4 or abs(geometry.ball.mass - ball.mass) > 1e-3:
         raise BadInput(
@@ -82,32 +87,34 @@ def with_map(launcher: Launcher, cueing_map: CueingMap, ball: Ball) -> MappedLau
             f"scene's have {1e3 * ball.diameter:g} mm, {1e3 * ball.mass:g} g; fit a map to strokes of these balls"
         )
     cue = dataclasses.replace(launcher.cue, tip_radius=geometry.tip_radius, elevation=geometry.elevation)
-    rest = {f.name: getattr(launcher, f.name) for f in dataclasses.fields(Launcher)}
-    rest |= {"cue": cue, "offset": _least_spin(launcher.offset, cueing_map)}
-    return MappedLauncher(**rest, cueing_map=cueing_map)
+    fields = {f.name: getattr(launcher, f.name) for f in dataclasses.fields(LauncherModel)}
+    fields |= {"cue": cue, "offset": _spin_limit(launcher.offset, cueing_map)}
+    return MappedLauncher(**fields, cueing_map=cueing_map)
 
 
-def unsure(cueing_map: CueingMap) -> Execution:
-    """The launcher's repeatability and what its map leaves open, as one: a map's error is in every stroke alike.
+def execution_of(cueing_map: CueingMap) -> Execution:
+    """The launcher's repeatability and the uncertainty of its map, added in quadrature.
 
-    Taken over the stage's reach at a usual speed; a map without uncertainty adds none.
+    The map's part is the root mean square over the centre and four edges of the stage at a usual speed; it is the same
+    in every stroke, but is treated as independent. A map without a covariance adds none.
     """
     g, known = cueing_map.geometry, cueing_map.execution
     if not np.isfinite(cueing_map.covariance).all():
         return known
-    reach = 1e3 * 0.4 * g.ball.radius / g.lever * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
-    p = cueing_map.predict(USUAL / 1.3, reach[:, 0], reach[:, 1])
-    speed, turn = (float(np.sqrt(np.mean(v**2))) for v in (p.ball_speed_sd / p.ball_speed, p.squirt_sd))
+    stage_mm = 1e3 * 0.4 * g.ball.radius / g.lever * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+    p = cueing_map.predict(REFERENCE_SPEED_M_S / USUAL_GAIN, stage_mm[:, 0], stage_mm[:, 1])
+    speed, squirt = (float(np.sqrt(np.mean(v**2))) for v in (p.ball_speed_sd / p.ball_speed, p.squirt_sd))
     return dataclasses.replace(
-        known, speed_sd=float(np.hypot(known.speed_sd, speed)), azimuth_sd=float(np.hypot(known.azimuth_sd, turn))
+        known, speed_sd=float(np.hypot(known.speed_sd, speed)), azimuth_sd=float(np.hypot(known.azimuth_sd, squirt))
     )
 
 
-def _least_spin(offset: float, cueing_map: CueingMap) -> float:
-    """The spin, as an offset over radius, that contacts at the miscue limit give to any side at least."""
-    turn = np.linspace(0.0, 2 * np.pi, AROUND, endpoint=False)
+def _spin_limit(offset: float, cueing_map: CueingMap) -> float:
+    """The spin, as an offset over radius, that contacts at the miscue limit give in every direction at least."""
+    angle = np.linspace(0.0, 2 * np.pi, LIMIT_DIRECTIONS, endpoint=False)
     g, c = cueing_map.geometry, cueing_map.constants
     limit = offset * g.ball.radius / g.lever
-    x, y = limit * np.cos(turn) - c.side_zero, limit * np.sin(turn) - c.height_zero
-    _, _, side, height = cueing_map.give(np.full(AROUND, USUAL / 1.3), x, y)
+    x, y = limit * np.cos(angle) - c.side_zero, limit * np.sin(angle) - c.height_zero
+    cue_speed = np.full(LIMIT_DIRECTIONS, REFERENCE_SPEED_M_S / USUAL_GAIN)
+    _, _, side, height = cueing_map.forward(cue_speed, x, y)
     return min(offset, float(np.hypot(side, height).min()) / g.ball.radius)

@@ -1,15 +1,17 @@
-"""Strokes, and what the launcher must be told to play them.
+"""Strokes in physical terms, and the launcher's commands for them.
 
-A stroke is q = (speed, azimuth, side, height): horizontal ball speed [m/s], aim [rad], contact point [m]; several are
-(n, 4). The ball starts with velocity v along the aim and spin omega = 5 v / (2 R^2) (side sin(el) along the aim, height
-to the left of it, side upwards), as the clips' cue commands are read (sysid/estimation/start_values.py); what a
-fitted squirt makes of it is the model's affair.
+In: strokes q = (speed, azimuth, side, height): horizontal ball speed [m/s], aim [rad], contact point [m]; several are
+(n, 4). Out: the cue ball's velocity and spin, the launcher's command, and the strokes that it can play.
 
-In launcher terms: the axis of the cue lies (R + r_t) / R farther out than the contact; its speed is
-V_C = v (1 + M / M_C + 5/2 rho^2) / ((1 + e) cos(el)); the string NNN asks for V_C = 2.75 - 0.012312 (NNN - 1) m/s, the
-linear law through the paper's two figures ('001p' 2.75, '200p' 0.30 m/s). Where the model knows no squirt, the cue is
-turned against the one of models/analytic/cueing.py. Sources: Robotic Billiards (2015), Alciatore TP A.31. Leaves out
-what the slate takes, some 4 % of the speed: a cueing map knows it (planner/launcher/mapped.py).
+The ball starts with velocity v along the aim and spin omega = 5 v / (2 R^2) (side sin(el) along the aim, height to the
+left of it, side upwards), as sysid reads the cue commands of clips (sysid/estimation/start_values.py). A fitted squirt
+effect acts on that in the model.
+
+The axis of the cue lies (R + r_t) / R farther out than the contact; the cue's speed is V_C = v (1 + M / M_C + 5/2
+rho^2) / ((1 + e) cos(el)); the speed string NNN commands V_C = 2.75 - 0.012312 (NNN - 1) m/s, the line through the
+paper's two figures ('001p' 2.75, '200p' 0.30 m/s). If the model has no squirt effect, the cue is turned against the
+squirt of models/analytic/cueing.py. Sources: Robotic Billiards (2015), Alciatore TP A.31. Leaves out the loss of some
+4 % of the speed to the slate, which a cueing map contains (planner/launcher/mapped.py).
 """
 
 from __future__ import annotations
@@ -31,21 +33,25 @@ SPEED, AZIMUTH, SIDE, HEIGHT = range(4)
 
 
 @dataclass(frozen=True)
-class Launcher:
-    """What strokes a launcher can play."""
+class LauncherModel:
+    """The launcher as the planner sees it: bounds and resolution of its strokes, gain of its cue."""
 
     cue: cueing.CueStick = field(default_factory=cueing.CueStick)
-    slowest: float = 0.3  # of the cue [m/s]; '200p' (Robotic Billiards 2015)
-    fastest: float = 2.2  # of the cue [m/s]; the paper's bound on planned shots, its launcher reaches 2.75
-    first: float = 2.75  # cue speed of '001p' [m/s]
-    last: float = 0.30  # of '200p' [m/s]
-    offset: float = cueing.SEED_LIMIT  # contact point over radius
-    step: float = 1e-4  # of the stage [m]
+    slowest: float = 0.3  # least cue speed [m/s]; that of '200p' (Robotic Billiards 2015)
+    fastest: float = 2.2  # greatest cue speed [m/s]; the paper's bound on planned shots, its launcher goes up to 2.75
+    first: float = 2.75  # cue speed of string '001p' [m/s]
+    last: float = 0.30  # cue speed of string '200p' [m/s]
+    offset: float = cueing.SEED_LIMIT  # greatest contact offset over the ball's radius; beyond it the tip slips
+    step: float = 1e-4  # resolution of the stage [m]
 
     @property
     def elevation(self) -> float:
-        """Of the cue [rad]."""
+        """Elevation of the cue [rad]."""
         return self.cue.elevation
+
+    def max_offset(self, ball: Ball) -> float:
+        """Greatest contact offset from the ball's centre [m]."""
+        return self.offset * ball.radius
 
     def gain(self, q: Array, ball: Ball) -> Array:
         """Ball speed, horizontal, over cue speed: (n,)."""
@@ -54,48 +60,47 @@ class Launcher:
         return np.asarray(top / (1.0 + ball.mass / self.cue.mass + 2.5 * rho2))
 
     def allowed(self, q: Array, ball: Ball, room: float = 0.0) -> NDArray[np.bool_]:
-        """Which strokes are within its speeds, and `room` [m] or more within the offset that holds the tip: (n,)."""
+        """Which strokes are within the bounds of cue speed, and `room` [m] or more within that of the offset: (n,)."""
         cue_speed = q[:, SPEED] / self.gain(q, ball)
-        off = np.hypot(q[:, SIDE], q[:, HEIGHT])
+        offset = np.hypot(q[:, SIDE], q[:, HEIGHT])
         slack = 1e-9
-        held = off <= self.offset * ball.radius - room + slack
-        return np.asarray(held & (cue_speed >= self.slowest - slack) & (cue_speed <= self.fastest + slack))
+        no_miscue = offset <= self.offset * ball.radius - room + slack
+        return np.asarray(no_miscue & (cue_speed >= self.slowest - slack) & (cue_speed <= self.fastest + slack))
 
     def string(self, cue_speed: float) -> int:
-        """Number of the speed string that is nearest to a cue speed [m/s], within this launcher's range."""
+        """Number of the speed string that is nearest to a cue speed [m/s], within the bounds of cue speed."""
         slope = (self.first - self.last) / 199
-        least, most = (math.ceil((self.first - v) / slope - 1e-9) + 1 for v in (self.fastest, self.slowest))
-        return min(max(round((self.first - cue_speed) / slope) + 1, least, 1), most, 200)
+        lowest, highest = (math.ceil((self.first - v) / slope - 1e-9) + 1 for v in (self.fastest, self.slowest))
+        return min(max(round((self.first - cue_speed) / slope) + 1, lowest, 1), highest, 200)
 
     def cue_speed(self, string: int) -> float:
         """Cue speed of a string's number [m/s]."""
         return self.first - (self.first - self.last) / 199 * (string - 1)
 
     def playable(self, q: Array, ball: Ball) -> Array:
-        """The nearest strokes that strings and stage steps can ask for: (n, 4)."""
+        """The nearest strokes that speed strings and stage steps can play: (n, 4)."""
         out = np.array(q, float)
         lever = ball.radius / (ball.radius + self.cue.tip_radius)
-        for k in (SIDE, HEIGHT):
-            out[:, k] = np.round(q[:, k] / lever / self.step) * self.step * lever
-        far = np.hypot(out[:, SIDE], out[:, HEIGHT]) > self.offset * ball.radius
-        for k in (SIDE, HEIGHT):
-            out[far, k] = np.trunc(q[far, k] / lever / self.step) * self.step * lever
+        offsets = [SIDE, HEIGHT]
+        out[:, offsets] = np.round(q[:, offsets] / lever / self.step) * self.step * lever
+        beyond = np.hypot(out[:, SIDE], out[:, HEIGHT]) > self.offset * ball.radius
+        inward = np.trunc(q[:, offsets] / lever / self.step) * self.step * lever
+        out[:, offsets] = np.where(beyond[:, None], inward, out[:, offsets])
         gain = self.gain(out, ball)
-        asked = q[:, SPEED] / gain
-        out[:, SPEED] = gain * [self.cue_speed(self.string(float(v))) for v in asked]
+        out[:, SPEED] = gain * [self.cue_speed(self.string(float(v))) for v in q[:, SPEED] / gain]
         return out
 
-    def terms(self, model: Model, q: Array) -> dict[str, Any]:
-        """What to tell the launcher for one stroke (4,)."""
+    def command(self, model: Model, q: Array) -> dict[str, Any]:
+        """The launcher's command for one stroke (4,), as plan files have it."""
         ball = model.ball
         cue_speed = float(q[SPEED] / self.gain(q[None], ball)[0])
-        knows = any(effect.slot == "squirt" or effect.name() == "squirt" for effect in model.effects)
+        in_model = any(effect.slot == "squirt" or effect.name() == "squirt" for effect in model.effects)
         a, b = q[SIDE] / ball.radius, q[HEIGHT] / ball.radius
-        squirt = 0.0 if knows else cueing.squirt(float(a), float(b), ball.mass / self.cue.end_mass)
+        squirt = 0.0 if in_model else cueing.squirt(float(a), float(b), ball.mass / self.cue.end_mass)
         axis = (ball.radius + self.cue.tip_radius) / ball.radius
-        return self.told(cue_speed, float(axis * q[SIDE]), float(axis * q[HEIGHT]), float(q[AZIMUTH]), squirt)
+        return self.plan_entries(cue_speed, float(axis * q[SIDE]), float(axis * q[HEIGHT]), float(q[AZIMUTH]), squirt)
 
-    def told(self, cue_speed: float, x0: float, y0: float, azimuth: float, squirt: float) -> dict[str, Any]:
+    def plan_entries(self, cue_speed: float, x0: float, y0: float, azimuth: float, squirt: float) -> dict[str, Any]:
         """The entries of a plan file, from cue speed [m/s], stage [m], the ball's azimuth and its squirt [rad]."""
         theta = math.remainder(azimuth - squirt, 2 * math.pi)
         return {
@@ -106,7 +111,7 @@ class Launcher:
 
 
 def launch(q: Array, elevation: float, ball: Ball) -> tuple[Array, Array]:
-    """Velocity (n, 2) [m/s] and spin (n, 3) [rad/s] that strokes give the cue ball."""
+    """Velocity (n, 2) [m/s] and spin (n, 3) [rad/s] of the cue ball just after strokes (n, 4)."""
     aim = np.stack([np.cos(q[:, AZIMUTH]), np.sin(q[:, AZIMUTH])], axis=-1)
     left = np.stack([-aim[:, 1], aim[:, 0]], axis=-1)
     lever = 2.5 * q[:, SPEED] / ball.radius**2
@@ -114,14 +119,14 @@ def launch(q: Array, elevation: float, ball: Ball) -> tuple[Array, Array]:
     return q[:, SPEED, None] * aim, np.concatenate([flat, (lever * q[:, SIDE])[:, None]], axis=-1)
 
 
-def stroke_terms(launcher: Launcher, q: Array) -> dict[str, float]:
-    """One stroke (4,) by names."""
+def stroke_terms(launcher: LauncherModel, q: Array) -> dict[str, float]:
+    """The entries of one stroke (4,) in a plan file."""
     names = ("speed", "azimuth", "side", "height")
     out = {name: float(value) for name, value in zip(names, q, strict=True)}
     out["azimuth"] = math.remainder(out["azimuth"], 2 * math.pi)
     return out | {"elevation": launcher.elevation}
 
 
-def with_speeds(launcher: Launcher, slowest: float, fastest: float) -> Launcher:
+def with_speeds(launcher: LauncherModel, slowest: float, fastest: float) -> LauncherModel:
     """The launcher with other bounds on its cue's speed [m/s]."""
     return dataclasses.replace(launcher, slowest=slowest, fastest=fastest)

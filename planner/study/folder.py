@@ -26,12 +26,12 @@ from models.errors import BadInput
 from models.files import write_whole
 
 if TYPE_CHECKING:
-    from planner.study.runs import Study
+    from planner.study.draws import Study
 
 STUDY_FORMAT = "billiard-study-plans/1"
 # Sources that show and ask, but change no figure: another version of them may continue a study.
 UNCHECKED_SOURCES = (
-    "cli/*.py", "command_line.py", "console.py", "*report.py", "from_picture.py", "*environment.py", "view*.py",
+    "cli/*.py", "command_line.py", "console.py", "*report.py", "figures.py", "pictures.py", "from_picture.py", "*environment.py", "view*.py",
     "recording/*.py",
 )  # fmt: skip
 
@@ -40,7 +40,7 @@ def describe(study: Study) -> dict[str, Any]:
     """What the scenes of a folder share, as plain values."""
     return {
         "format": STUDY_FORMAT, "seed": study.seed, "balls": study.balls, "method": study.method, "plays": study.plays,
-        "execution": asdict(study.execution), "wish": asdict(study.wish), "effort": asdict(study.effort),
+        "execution": asdict(study.execution), "wish": asdict(study.weights), "effort": asdict(study.effort),
         "model": hashlib.sha256(repr(study.model).encode()).hexdigest()[:16], "sources": fingerprint(),
     }  # fmt: skip
 

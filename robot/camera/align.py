@@ -119,11 +119,11 @@ def _averaged(lines: Sequence[CueLine]) -> CueLine:
 
 def _cue_ball(picture: Picture, camera: Camera) -> Array:
     """Where the cue ball is seen: (2,) [m]."""
-    from planner.from_picture import CUES
+    from planner.from_picture import CUE_BALL_NAMES
     from robot.camera.live import balls_in
 
     found = balls_in([picture], camera)
-    name = next((name for name in CUES if name in found.names), None)
+    name = next((name for name in CUE_BALL_NAMES if name in found.names), None)
     if name is None:
         raise BadInput(f"no white ball among {', '.join(found.names)}; give its place")
     return found.position[found.names.index(name)]

@@ -21,7 +21,7 @@ import numpy as np
 from models.errors import BadInput
 from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
 from models.shot import Array, Ball, Table
-from planner.from_picture import CUES, Found, balls_in_picture
+from planner.from_picture import CUE_BALL_NAMES, DetectedBalls, balls_in_picture
 from robot.camera.recorder import NO_PICTURE, FilmRecorder, checked
 from robot.camera.source import Device, Source
 from sysid.clips import Observation
@@ -122,7 +122,7 @@ class LiveCamera:
         if not (seen := list(islice(self.pictures(), LOOK_PICTURES))):
             raise BadInput(NO_PICTURE)
         found = balls_in(seen, self.seen_with, self._options.palette_path, self.ball.mass)
-        self.warnings = found.told
+        self.warnings = found.notes
         self._seen = dict(zip(found.names, np.asarray(found.position), strict=True))
         return dict(self._seen)
 
@@ -163,7 +163,7 @@ class LiveCamera:
         warnings += [*footage.assumed[1:], *result.left_out, *result.doubts]
         if not result.shots:
             return {}
-        k = next((k for k, shot in enumerate(result.shots) if shot.struck in CUES), 0)
+        k = next((k for k, shot in enumerate(result.shots) if shot.struck in CUE_BALL_NAMES), 0)
         if len(result.shots) > 1:
             warnings.append(f"{len(result.shots)} shots were filmed: the one of {result.shots[k].struck} is taken")
         extras = [Extra({name: turned.steady for name, turned in one.turned.items()}) for one in seen]
@@ -174,7 +174,7 @@ class LiveCamera:
 
 def balls_in(
     pictures: Sequence[Picture], camera: Camera, palette_path: Path | str | None = None, mass: float | None = None
-) -> Found:  # fmt: skip
+) -> DetectedBalls:  # fmt: skip
     """The balls that lie on the table in pictures, found as in a photo."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)

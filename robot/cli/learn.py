@@ -69,7 +69,7 @@ class Series:
         from planner.launcher.cueing_map import CueingMap, read_map
         from planner.launcher.execution import Execution
         from planner.launcher.mapped import with_map
-        from planner.launcher.stroke import Launcher
+        from planner.launcher.stroke import LauncherModel
         from robot.emulator.table import BASE_EFFECTS
         from robot.learning.loop import LearningConfig
 
@@ -81,7 +81,7 @@ class Series:
         else:
             unknown = np.full((len(CONSTANT_NAMES), len(CONSTANT_NAMES)), math.nan)
             cueing_map = CueingMap(Constants(), Geometry(model.ball), unknown, Execution())
-        with_map(Launcher(), cueing_map, model.ball)  # of these balls, or refused before anything is played
+        with_map(LauncherModel(), cueing_map, model.ball)  # of these balls, or refused before anything is played
         course = LearningConfig(
             model, cueing_map, self.shots, self.every, self.seed, self.balls, stops=not self.all_shots
         )

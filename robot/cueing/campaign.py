@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from planner.launcher.stroke import Launcher
+from planner.launcher.stroke import LauncherModel
 
 Array = NDArray[np.float64]
 CUE_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # [m/s]
@@ -70,7 +70,7 @@ def make_grid(
     repeats: int = DEFAULT_REPEATS,
 ) -> list[tuple[int, float, float]]:
     """Strokes (string, x0_mm, y0_mm) to be played, in order of place and speed."""
-    launcher = Launcher(fastest=MAX_CUE_SPEED)
+    launcher = LauncherModel(fastest=MAX_CUE_SPEED)
     strings = [launcher.string(v) for v in speeds]
     return [g for g in itertools.product(strings, sides_mm, heights_mm) for _ in range(repeats)]
 

@@ -26,7 +26,7 @@ from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, bal
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL
 from planner.launcher.cueing_map import CueingMap
-from planner.launcher.execution import MOST, Execution
+from planner.launcher.execution import MAX_SD, Execution
 from robot.cueing.campaign import CueShot
 
 Array = NDArray[np.float64]
@@ -201,7 +201,7 @@ def scatter(shots: Sequence[CueShot], constants: Constants, geometry: Geometry) 
             0.5 * np.sum(free * (np.linalg.slogdet(s)[1] + np.trace(np.linalg.solve(s, spread), axis1=1, axis2=2)))
         )
 
-    most = np.array([MOST[k] for k in ("speed_sd", "azimuth_sd", "side_sd", "height_sd")]) / unit
+    most = np.array([MAX_SD[k] for k in ("speed_sd", "azimuth_sd", "side_sd", "height_sd")]) / unit
     found = minimize(unlikely, np.ones(4), bounds=[(1e-3, m) for m in most], method="L-BFGS-B")
     size = found.x * unit
     slopes = np.einsum("nik,njk->nkij", g, g)  # of the covariance by each variance

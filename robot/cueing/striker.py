@@ -29,7 +29,7 @@ from models.mjcf.launcher import NAME_PREFIX, LauncherScene, build_scene, strike
 from models.mjcf.native import solref
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.shot import GRAVITY, Array
-from planner.launcher.stroke import Launcher
+from planner.launcher.stroke import LauncherModel
 from robot.cueing.campaign import CueShot
 from robot.cueing.hidden import draw_values
 
@@ -107,7 +107,7 @@ class EmulatedStriker:
         """Set it up; nothing is struck."""
         self.hidden, self.sloppiness, self.seed, self.played = hidden, sloppiness, seed, played
         self.scene = hidden_scene(hidden)
-        self.strings = Launcher()
+        self.strings = LauncherModel()
 
     def __call__(self, string: int, x0_mm: float, y0_mm: float) -> CueShot:
         """Strike once and measure."""
@@ -208,7 +208,7 @@ def exact_strokes(
     hidden: Hidden, strokes: Sequence[tuple[int, float, float]]
 ) -> dict[tuple[int, float, float], tuple[float, float]]:
     """Ball speed [m/s] and squirt [rad] of strokes (string, x0_mm, y0_mm) that go without any error."""
-    scene, strings, out = hidden_scene(hidden), Launcher(), {}
+    scene, strings, out = hidden_scene(hidden), LauncherModel(), {}
     for string, x0_mm, y0_mm in strokes:
         side, height = 1e-3 * x0_mm + hidden.side_zero, 1e-3 * y0_mm + hidden.height_zero
         stroke = strike(scene, strings.cue_speed(string), side, height)

@@ -30,14 +30,14 @@ from models.errors import BadInput
 from models.files import write_whole
 from models.model_file import Model, read_model, write_model
 from models.shot import Array
-from planner.evaluation.value import Wish
+from planner.evaluation.value import UtilityWeights
 from planner.launcher.cueing_map import CueingMap, read_map, write_map
-from planner.launcher.mapped import unsure, with_map
-from planner.launcher.stroke import Launcher as Strokes
+from planner.launcher.mapped import execution_of, with_map
+from planner.launcher.stroke import LauncherModel as Strokes
 from planner.plan import make_plan
 from planner.scene import Scene
 from planner.search.search import Effort
-from planner.study.runs import Study, draw_scene
+from planner.study.draws import Study, draw_scene
 from robot.device.launcher import Launcher
 from robot.learning.history import (
     FIT_FORMAT,
@@ -94,7 +94,7 @@ class LearningConfig:
     seed: int = 0
     balls: int = 2  # in a scene
     stops: bool = True  # by itself, where nothing improves
-    wish: Wish = field(default_factory=Wish)
+    wish: UtilityWeights = field(default_factory=UtilityWeights)
     effort: Effort = field(default_factory=Effort)
 
     def __post_init__(self) -> None:
@@ -207,8 +207,8 @@ def _play(folder: Path, config: LearningConfig, rig: Rig, number: int, learnt: i
             raise BadInput(f"shot {number}: ball {lacking[0]} is not seen; put it there and run the same command again")
         scene = dataclasses.replace(asked, position=np.array([seen[name] for name in asked.names]))
         plan = make_plan(
-            scene, model, unsure(cueing_map), config.wish, seed=config.study.number(number, 2), launcher=strokes,
-            effort=config.effort, report=lambda line: report(f"shot {number}: {line}"),
+            scene, model, execution_of(cueing_map), config.wish, seed=config.study.number(number, 2),
+            launcher=strokes, effort=config.effort, report=lambda line: report(f"shot {number}: {line}"),
         )  # fmt: skip
         if plan["stroke"] is not None:
             break

@@ -98,7 +98,7 @@ def with_commands(clip_set: ClipSet, played: Sequence[Mapping[str, Any]], cueing
     for clip in clip_set.clips:
         done, theta = records[clip.file]["done"], math.radians(records[clip.file]["asked"]["theta_deg"])
         stroke = (done["asked_speed"], 1e-3 * done["x0_mm"], 1e-3 * done["y0_mm"])
-        speed, turned, side, height = (float(v[0]) for v in cueing_map.give(*(np.array([v]) for v in stroke)))
+        speed, turned, side, height = (float(v[0]) for v in cueing_map.forward(*(np.array([v]) for v in stroke)))
         azimuth = math.remainder(theta + turned, 2 * math.pi)
         cue = CueCommand(speed, azimuth, side, height, cueing_map.geometry.elevation)
         clips.append(dataclasses.replace(clip, cue=cue))

@@ -17,7 +17,7 @@ from models.mjcf.launcher import CUE_SPEED_RANGE, strike
 from models.shot import Ball
 from planner.launcher.cueing_map import FORMAT, CueingMap, read_map, write_map
 from planner.launcher.execution import Execution, read_execution
-from planner.launcher.stroke import Launcher
+from planner.launcher.stroke import LauncherModel
 from robot.cueing.campaign import CAMPAIGN_COLUMNS, CueShot, count_played, make_grid, read_campaign, run_campaign
 from robot.cueing.held_out import average_errors, noise_floor
 from robot.cueing.map_fit import fit_map, scatter
@@ -44,7 +44,7 @@ GRID = make_grid((0.5, 1.5, 2.5), (0.0, 4.0, 8.0, 12.0), (-12.0, -6.0, 0.0, 6.0,
 
 def formula_striker(rng: np.random.Generator, exact: bool = False) -> Callable[[int, float, float], CueShot]:
     """A launcher that is the formula itself, with errors of known size."""
-    lever, strings = GEOMETRY.lever, Launcher()
+    lever, strings = GEOMETRY.lever, LauncherModel()
 
     def strike_once(string: int, x0_mm: float, y0_mm: float) -> CueShot:
         told, off = strings.cue_speed(string), rng.standard_normal(6) * (not exact)
@@ -207,24 +207,24 @@ def test_the_camera_tells_speed_and_direction_within_what_it_says() -> None:
 
 @pytest.mark.parametrize("seed", [5, 6])
 def test_forth_and_back_is_where_it_began(seed: int) -> None:
-    made, wide = exact_map(), Launcher(slowest=0.2, fastest=3.2)
+    made, wide = exact_map(), LauncherModel(slowest=0.2, fastest=3.2)
     for v, side, height in zip(*offsets(seed, 12), strict=True):
         x, y = 1e3 * side, 1e3 * height
         given = made.predict(v, x, y)
         contact = [(side + TRUE.side_zero) * GEOMETRY.lever, (height + TRUE.height_zero) * GEOMETRY.lever]
-        _, _, *spun = (float(a[0]) for a in made.give(*(np.array([a]) for a in (v, side, height))))
+        _, _, *spun = (float(a[0]) for a in made.forward(*(np.array([a]) for a in (v, side, height))))
         if max(math.hypot(*contact), math.hypot(*spun)) > 0.5 * BALL.radius or contact[1] > 0.35 * BALL.radius:
             continue  # as high up the ball leaves rolling, wherever it is hit
-        back = made.stroke_for(float(given.ball_speed[0]), 1.0, *spun, launcher=wide)
+        back = made.setting_for(float(given.ball_speed[0]), 1.0, *spun, launcher=wide)
         assert (back.cue_speed, back.x0_mm, back.y0_mm) == pytest.approx((v, x, y), rel=1e-9, abs=1e-9)
         assert back.theta + float(given.squirt[0]) == pytest.approx(1.0)
 
 
 def test_a_setting_names_the_string_and_what_it_gives() -> None:
-    told = exact_map().stroke_for(1.8, -3.0, 0.004, -0.003)
+    told = exact_map().setting_for(1.8, -3.0, 0.004, -0.003)
     assert 1 <= told.string <= 200
     assert told.ball_speed == pytest.approx(1.8, abs=0.02)
-    assert Launcher().cue_speed(told.string) == pytest.approx(told.cue_speed, abs=0.0065)
+    assert LauncherModel().cue_speed(told.string) == pytest.approx(told.cue_speed, abs=0.0065)
     assert -math.pi <= told.theta <= math.pi
 
 
@@ -242,7 +242,7 @@ def test_a_setting_names_the_string_and_what_it_gives() -> None:
 )
 def test_what_cannot_be_struck_says_why(arguments: tuple[float, float, float, float], message: str) -> None:
     with pytest.raises(BadInput, match=message):
-        exact_map().stroke_for(*arguments)
+        exact_map().setting_for(*arguments)
 
 
 def test_the_file_holds_the_map_and_the_planner_reads_it(tmp_path: Path, fitted: CueingMap) -> None:
@@ -282,7 +282,7 @@ def test_a_bad_file_says_what_is_wrong(tmp_path: Path, fitted: CueingMap, old: s
 def test_the_papers_grid_is_2275_shots_at_455_strokes() -> None:
     grid = make_grid()
     assert (len(grid), len(set(grid))) == (2275, 455)
-    assert [Launcher().cue_speed(k) for k in sorted({g[0] for g in grid})] == pytest.approx(
+    assert [LauncherModel().cue_speed(k) for k in sorted({g[0] for g in grid})] == pytest.approx(
         [2.5, 2, 1.5, 1, 0.5], abs=0.01
     )
     assert max(CUE_SPEED_RANGE) > 2.5

@@ -24,17 +24,17 @@ from models.shot import Table
 from planner import example_environment
 from planner.environment import as_actions, as_strokes, load
 from planner.evaluation.play import Player
-from planner.evaluation.value import Wish, worth
+from planner.evaluation.value import UtilityWeights, utility
 from planner.launcher.execution import Execution
-from planner.launcher.stroke import Launcher
+from planner.launcher.stroke import LauncherModel
 from planner.scene import POCKETS, Goal, Scene
 
 Array = NDArray[np.float64]
 STEADY = Execution(0.0, 0.0, 0.0, 0.0)
-LAUNCHER = Launcher()
+LAUNCHER = LauncherModel()
 STRAIGHT = math.atan2(0.889 - 0.45, 1.7845 - 1.35)  # from the white over the red to the corner
 UNSURE = {"decoupled_cloth.roll": 0.0006, "ball_impact.restitution": 0.01, "cushion_impact.friction": 0.02}
-REACHES = ActionBounds(0.3, 2.2, 0.018)
+BOUNDS = ActionBounds(0.3, 2.2, 0.018)
 
 
 def model(unsure: bool = False) -> Model:
@@ -108,8 +108,8 @@ def test_it_is_a_task_of_dm_control_and_ends_after_a_shot() -> None:
 def test_a_mirrored_scene_pays_the_same_for_mirrored_actions() -> None:
     actions = asks(30, 2)
     rest = np.array([0.5, 0.1])
-    one = load(scene(rest=rest), model(), STEADY, Wish(far=2.0)).rewards(actions)
-    other = load(scene(mirrored=True, rest=rest * [1, -1]), model(), STEADY, Wish(far=2.0)).rewards(
+    one = load(scene(rest=rest), model(), STEADY, UtilityWeights(far=2.0)).rewards(actions)
+    other = load(scene(mirrored=True, rest=rest * [1, -1]), model(), STEADY, UtilityWeights(far=2.0)).rewards(
         actions * [1, -1, 1, -1]
     )
     assert one == pytest.approx(other, abs=1e-6)
@@ -117,11 +117,11 @@ def test_a_mirrored_scene_pays_the_same_for_mirrored_actions() -> None:
 
 
 def test_the_reward_is_the_worth_of_the_shot() -> None:
-    wish = Wish(rest=0.4, far=1.0, foul=0.3)
+    wish = UtilityWeights(rest=0.4, far=1.0, foul=0.3)
     where = scene(rest=np.array([0.9, 0.2]))
     environment, player = load(where, model(), STEADY, wish), Player(model(), where, LAUNCHER)
     actions = asks(8, 3)
-    wanted = worth(where, player.play(as_strokes(LAUNCHER, model(), actions)), wish)
+    wanted = utility(where, player.play(as_strokes(LAUNCHER, model(), actions)), wish)
     assert len(set(wanted.round(3))) > 2
     for action, reward in zip(actions, wanted, strict=True):
         environment.reset()
@@ -130,7 +130,7 @@ def test_the_reward_is_the_worth_of_the_shot() -> None:
 
 @pytest.mark.parametrize("mujoco", [True, False])
 def test_hand_made_shots_pay_what_anyone_can_tell(mujoco: bool) -> None:
-    environment = load(scene(), model(), STEADY, Wish(rest=0.2, far=0.5, foul=0.5), mujoco=mujoco)
+    environment = load(scene(), model(), STEADY, UtilityWeights(rest=0.2, far=0.5, foul=0.5), mujoco=mujoco)
     environment.reset()
     stun = environment.step([1.2, 0.0, 0.0, STRAIGHT])
     assert stun.reward == 1.0  # potted, any place will do
@@ -167,7 +167,7 @@ def test_actions_are_in_the_launchers_terms() -> None:
     actions = asks(20, 6)
     q = as_strokes(LAUNCHER, model(), actions)
     assert as_actions(LAUNCHER, model(), q) == pytest.approx(actions, abs=1e-6)  # millimetres are told to the third
-    terms = [LAUNCHER.terms(model(), row) for row in q]
+    terms = [LAUNCHER.command(model(), row) for row in q]
     assert [t["cue_speed"] for t in terms] == pytest.approx(actions[:, 0].tolist())
     assert [t["x0_mm"] for t in terms] == pytest.approx((1e3 * actions[:, 1]).tolist(), abs=1e-3)
     assert [t["theta"] for t in terms] == pytest.approx(actions[:, 3].tolist())
@@ -198,7 +198,7 @@ def test_every_reset_draws_other_physics_that_are_not_shown() -> None:
     for _ in range(60):
         assert all(np.array_equal(v, first.observation[k]) for k, v in environment.reset().observation.items())
         ends.append(environment.step([1.0, 0.0, 0.0, STRAIGHT + 0.1]).observation["position"][0])
-        values.append([float(environment.physics.episode.hands.values[name][0]) for name in UNSURE])
+        values.append([float(environment.physics.episode.samples.values[name][0]) for name in UNSURE])
     assert len({tuple(end) for end in ends}) == 60
     known = model().parameters()
     for name, found in zip(UNSURE, np.array(values).T, strict=True):
@@ -271,16 +271,16 @@ def test_bounds_are_the_launchers() -> None:
 @settings(max_examples=200, deadline=None)
 def test_what_is_sent_lies_within_reach_and_points_the_same_way(rows: list[tuple[float, ...]]) -> None:
     asked = np.array(rows) * [0.1, 1e-3, 1e-3, 0.2]
-    sent = REACHES.clipped(asked)
-    spec, slack = REACHES.spec(), 1e-12
+    sent = BOUNDS.clip(asked)
+    spec, slack = BOUNDS.spec(), 1e-12
     assert (sent >= spec.minimum - slack).all() and (sent <= spec.maximum + slack).all()
-    assert (np.hypot(sent[:, 1], sent[:, 2]) <= REACHES.offset + slack).all()
+    assert (np.hypot(sent[:, 1], sent[:, 2]) <= BOUNDS.offset + slack).all()
     assert sent[:, 1] * asked[:, 2] == pytest.approx(sent[:, 2] * asked[:, 1], abs=1e-15)
     assert (sent[:, 1:3] * asked[:, 1:3] >= 0).all()
     assert np.cos(sent[:, 3] - asked[:, 3]) == pytest.approx(np.ones(len(asked)))
-    assert REACHES.clipped(sent) == pytest.approx(sent, abs=1e-15)
+    assert BOUNDS.clip(sent) == pytest.approx(sent, abs=1e-15)
     inside = (
-        (np.hypot(asked[:, 1], asked[:, 2]) < REACHES.offset)
+        (np.hypot(asked[:, 1], asked[:, 2]) < BOUNDS.offset)
         & (asked[:, 0] >= 0.3) & (asked[:, 0] <= 2.2) & (np.abs(asked[:, 3]) <= math.pi)
     )  # fmt: skip
     assert np.array_equal(sent[inside], asked[inside])

@@ -14,8 +14,8 @@ from models.model_file import full_model
 from models.shot import Array, Ball, Table
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.execution import Execution
-from planner.launcher.mapped import unsure, with_map
-from planner.launcher.stroke import Launcher
+from planner.launcher.mapped import execution_of, with_map
+from planner.launcher.stroke import LauncherModel
 from planner.launcher.stroke import launch as plan_launch
 
 BALL = Ball(0.0525, 0.1406)
@@ -27,14 +27,14 @@ MAP = CueingMap(TRUE, GEOMETRY, np.full((8, 8), np.nan), Execution())
 
 def test_a_mapped_launcher_plays_what_it_can_be_told() -> None:
     """Strings and stage steps of the terms give velocity and spin of the stroke, by the balance of impulses itself."""
-    launcher = with_map(Launcher(), MAP, BALL)
+    launcher = with_map(LauncherModel(), MAP, BALL)
     rng = np.random.default_rng(3)
     q = np.column_stack([rng.uniform(0.6, 2.4, 40), rng.uniform(-3, 3, 40), *(0.009 * rng.uniform(-1, 1, (2, 40)))])
     assert 0.38 < launcher.offset < 0.46, "the slate holds some of the draw back"
     q = launcher.playable(launcher_within(launcher, q), BALL)
     assert launcher.playable(q, BALL) == pytest.approx(q, abs=1e-9), "what can be told stays as it is"
     for row in q:
-        told = launcher.terms(MODEL, row)
+        told = launcher.command(MODEL, row)
         cue_speed = launcher.cue_speed(int(told["string"][:3]))
         assert told["cue_speed"] == pytest.approx(cue_speed, rel=1e-7)
         assert round(told["x0_mm"] * 10) == pytest.approx(told["x0_mm"] * 10, abs=1e-6), "whole steps of the stage"
@@ -49,7 +49,7 @@ def test_a_mapped_launcher_plays_what_it_can_be_told() -> None:
         assert BALL.radius * np.linalg.norm(off) < 0.02 * row[0], "about the aim it is not asked for"
 
 
-def launcher_within(launcher: Launcher, q: Array) -> Array:
+def launcher_within(launcher: LauncherModel, q: Array) -> Array:
     """Strokes (n, 4) drawn back to its limit."""
     off = np.hypot(q[:, 2], q[:, 3]) / (launcher.offset * BALL.radius)
     return np.column_stack([q[:, :2], q[:, 2:] / np.maximum(1.0, off)[:, None]])
@@ -57,18 +57,18 @@ def launcher_within(launcher: Launcher, q: Array) -> Array:
 
 def test_a_map_of_other_balls_is_refused() -> None:
     with pytest.raises(BadInput, match=r"the cueing map is of balls of 52\.5 mm, 140\.6 g, the scene's have 57\.2 mm"):
-        with_map(Launcher(), MAP, Ball(0.0572, 0.17))
+        with_map(LauncherModel(), MAP, Ball(0.0572, 0.17))
 
 
 def test_what_the_map_leaves_open_is_one_more_error() -> None:
-    assert unsure(MAP) == MAP.execution, "nothing is known of it"
+    assert execution_of(MAP) == MAP.execution, "nothing is known of it"
     covariance = np.zeros((8, 8))
     k = CONSTANT_NAMES.index("aim_zero")
     covariance[k, k] = 3e-3**2  # turns every stroke alike
-    wide = unsure(dataclasses.replace(MAP, covariance=covariance))
+    wide = execution_of(dataclasses.replace(MAP, covariance=covariance))
     assert wide.azimuth_sd == pytest.approx(math.hypot(MAP.execution.azimuth_sd, 3e-3), rel=1e-3)
     assert dataclasses.replace(wide, azimuth_sd=MAP.execution.azimuth_sd) == MAP.execution
     k = CONSTANT_NAMES.index("tip_restitution")
     covariance[k, k] = 0.0171**2  # 1 % of 1 + e
-    wide = unsure(dataclasses.replace(MAP, covariance=covariance))
+    wide = execution_of(dataclasses.replace(MAP, covariance=covariance))
     assert wide.speed_sd == pytest.approx(math.hypot(MAP.execution.speed_sd, 0.01), rel=0.1)

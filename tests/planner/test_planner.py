@@ -18,12 +18,12 @@ from models.analytic import cueing
 from models.effects.cue.squirt import Squirt
 from models.model_file import Estimate, Model, full_model
 from models.shot import Array, Ball, Table
-from planner.evaluation.outcome import FOULS, Outcomes, joined
+from planner.evaluation.outcome import FOULS, Outcomes, concatenate
 from planner.evaluation.play import Player
-from planner.evaluation.risk import deal, judge, wilson
-from planner.evaluation.value import Wish, distance, ease, worth
-from planner.launcher.execution import Execution, draws, execution_from, read_execution
-from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher, launch, stroke_terms, with_speeds
+from planner.evaluation.risk import draw_errors, evaluate, wilson_interval
+from planner.evaluation.value import UtilityWeights, position_quality, rest_distance, utility
+from planner.launcher.execution import Execution, execution_from, normal_samples, read_execution
+from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel, launch, stroke_terms, with_speeds
 from planner.scene import POCKETS, Goal, Scene
 from sysid.clips import Clip, ClipSet, CueCommand, Observation
 from sysid.estimation.problem import turn
@@ -53,7 +53,7 @@ def straight(near: float = 0.5, far: float = 0.4, *others: Any, **goal: Any) -> 
 
 
 def ready(asked: Scene, model: Model = MODEL) -> Player:
-    return Player(model, asked, Launcher())
+    return Player(model, asked, LauncherModel())
 
 
 def stroke(speed: float, azimuth: float = DIAGONAL, side: float = 0.0, height: float = 0.0) -> Array:
@@ -69,7 +69,7 @@ def fate(asked: Scene, q: Array) -> tuple[bool, tuple[str, ...]]:
 
 def strokes(n: int, seed: int) -> Array:
     """Strokes anywhere, that the launcher can play."""
-    rng, launcher = np.random.default_rng(seed), Launcher()
+    rng, launcher = np.random.default_rng(seed), LauncherModel()
     off, turned = launcher.offset * R * np.sqrt(rng.random(n)), rng.uniform(0, 2 * np.pi, n)
     q = np.stack([np.ones(n), rng.uniform(-np.pi, np.pi, n), off * np.cos(turned), off * np.sin(turned)], axis=1)
     q[:, SPEED] = rng.uniform(launcher.slowest, launcher.fastest, n) * launcher.gain(q, BALL)
@@ -82,25 +82,25 @@ def strokes(n: int, seed: int) -> Array:
 def test_strokes_are_spread_by_what_is_asked() -> None:
     execution = Execution(0.02, 0.003, 0.0004, 0.0007)
     q = np.array([[1.5, 0.3, 0.004, -0.006], [0.8, -2.0, 0.0, 0.01]])
-    played = execution.spread(q, draws(4096, 4, 3))
+    played = execution.perturb(q, normal_samples(4096, 4, 3))
     assert played.shape == (2, 4096, 4)
     for row, asked in zip(played, q, strict=True):
         assert row.std(axis=0) == pytest.approx([0.02 * asked[0], 0.003, 0.0004, 0.0007], rel=0.01)
         assert np.abs(row.mean(axis=0) - asked) == pytest.approx(np.zeros(4), abs=1e-4)
-    assert np.array_equal(Execution(0, 0, 0, 0).spread(q, draws(8, 4, 0)), np.repeat(q[:, None], 8, axis=1))
+    assert np.array_equal(Execution(0, 0, 0, 0).perturb(q, normal_samples(8, 4, 0)), np.repeat(q[:, None], 8, axis=1))
 
 
 @pytest.mark.parametrize("seed", [0, 7])
 def test_draws_are_the_same_again_and_even(seed: int) -> None:
-    x = draws(1024, 9, seed)
-    assert np.array_equal(x, draws(1024, 9, seed))
-    assert not np.allclose(x, draws(1024, 9, seed + 1))
+    x = normal_samples(1024, 9, seed)
+    assert np.array_equal(x, normal_samples(1024, 9, seed))
+    assert not np.allclose(x, normal_samples(1024, 9, seed + 1))
     assert np.abs(x.mean(axis=0)).max() < 0.01
     assert x.std(axis=0) == pytest.approx(np.ones(9), abs=0.02)
     assert np.abs(np.corrcoef(x.T) - np.eye(9)).max() < 0.05
     for column in x.T:  # one point in each of so many equally likely intervals
         assert np.array_equal(np.sort((ndtr(column) * 1024 + 1e-7).astype(int)), np.arange(1024))
-    assert draws(100, 4, seed).shape == (100, 4)
+    assert normal_samples(100, 4, seed).shape == (100, 4)
 
 
 def test_repeatability_is_read_from_a_file_and_from_a_model(tmp_path: Path) -> None:
@@ -147,7 +147,7 @@ def test_a_launch_is_what_the_workbench_reads_from_a_cue() -> None:
 
 
 def test_strings_of_the_paper() -> None:
-    full = with_speeds(Launcher(), 0.30, 2.75)
+    full = with_speeds(LauncherModel(), 0.30, 2.75)
     for number, speed in ((1, 2.75), (200, 0.30), (73, 1.864)):
         assert full.cue_speed(number) == pytest.approx(speed, abs=5e-4)
         assert full.string(speed) == number
@@ -155,11 +155,15 @@ def test_strings_of_the_paper() -> None:
     assert (np.diff(speeds) < 0).all()
     assert [full.string(v) for v in speeds] == list(range(1, 201))
     assert (full.string(9.0), full.string(0.0)) == (1, 200)
-    assert Launcher().cue_speed(Launcher().string(2.75)) <= 2.2 < Launcher().cue_speed(Launcher().string(2.75) - 1)
+    assert (
+        LauncherModel().cue_speed(LauncherModel().string(2.75))
+        <= 2.2
+        < LauncherModel().cue_speed(LauncherModel().string(2.75) - 1)
+    )
 
 
 def test_ball_speed_over_cue_speed() -> None:
-    launcher, q = Launcher(), strokes(50, 2)
+    launcher, q = LauncherModel(), strokes(50, 2)
     assert launcher.gain(np.zeros((1, 4)), BALL)[0] == pytest.approx(1.366 * math.cos(math.radians(6.5)), abs=2e-4)
     axis = (R + launcher.cue.tip_radius) / R
     told = [cueing.ball_speed(1.0, *(axis * row[[SIDE, HEIGHT]]), BALL, launcher.cue) for row in q]
@@ -169,7 +173,7 @@ def test_ball_speed_over_cue_speed() -> None:
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from([0.0, 0.95, 1.0]))
 def test_what_strings_and_steps_can_ask_for_is_near(seed: int, out: float) -> None:
-    launcher, q = Launcher(), strokes(8, seed)
+    launcher, q = LauncherModel(), strokes(8, seed)
     size, limit = np.hypot(q[:, SIDE], q[:, HEIGHT]), launcher.offset * R
     q[:, [SIDE, HEIGHT]] *= (out * limit / size if out else np.minimum(1.0, 0.95 * limit / size))[:, None]
     got = launcher.playable(q, BALL)
@@ -186,9 +190,9 @@ def test_what_strings_and_steps_can_ask_for_is_near(seed: int, out: float) -> No
 
 
 def test_launcher_terms() -> None:
-    launcher = Launcher()
+    launcher = LauncherModel()
     for q in launcher.playable(strokes(20, 4), BALL):
-        terms = launcher.terms(MODEL, q)
+        terms = launcher.command(MODEL, q)
         assert terms["x0_mm"] == pytest.approx(1e3 * q[SIDE] * (R + 0.010) / R, abs=6e-4)
         assert terms["y0_mm"] == pytest.approx(1e3 * q[HEIGHT] * (R + 0.010) / R, abs=6e-4)
         assert launcher.cue_speed(int(terms["string"][:3])) == pytest.approx(terms["cue_speed"], abs=1e-9)
@@ -199,13 +203,13 @@ def test_launcher_terms() -> None:
         assert math.copysign(1, terms["squirt"]) == math.copysign(1, thrown)
         assert thrown == pytest.approx(terms["squirt"], rel=0.2)
         assert terms["theta_deg"] == pytest.approx(math.degrees(terms["theta"]), abs=6e-4)
-        aware = launcher.terms(MODEL.add(Squirt(1.5)), q)
+        aware = launcher.command(MODEL.add(Squirt(1.5)), q)
         assert aware["squirt"] == 0.0 and aware["theta"] == pytest.approx(q[AZIMUTH])
         assert aware["string"] == terms["string"]
 
 
 def test_a_stroke_by_names() -> None:
-    told = stroke_terms(Launcher(), np.array([1.5, 4.0, 0.001, -0.002]))
+    told = stroke_terms(LauncherModel(), np.array([1.5, 4.0, 0.001, -0.002]))
     assert list(told) == ["speed", "azimuth", "side", "height", "elevation"]
     assert list(told.values()) == pytest.approx([1.5, 4.0 - 2 * math.pi, 0.001, -0.002, math.radians(6.5)])
 
@@ -237,7 +241,7 @@ def test_which_pocket_and_where_the_balls_stay() -> None:
     assert np.isfinite(out.cue[0]).all() and np.isnan(out.cue[1]).all()
     assert out.place[:, 2].tolist() == [[-1.0, 0.2]] * 3
     assert out.made.tolist() == [True, False, False]
-    both = joined([out.rows(slice(0, 1)), out.rows(np.array([False, True, True]))])
+    both = concatenate([out.rows(slice(0, 1)), out.rows(np.array([False, True, True]))])
     assert np.array_equal(both.place, out.place, equal_nan=True) and np.array_equal(both.fouls, out.fouls)
 
 
@@ -254,7 +258,7 @@ def test_cushions_are_counted_by_ball_and_before_and_after() -> None:
 
 
 def test_a_shot_that_is_given_up_is_no_pot_and_no_foul(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(planner.evaluation.play, "MOST", 2)
+    monkeypatch.setattr(planner.evaluation.play, "MAX_EVENTS", 2)
     out = ready(straight()).screen(stroke(1.6, height=0.5))
     assert not out.potted[0] and not out.foul[0] and out.pocket[0] == -1 and np.isnan(out.cue).all()
 
@@ -278,22 +282,22 @@ def ended(cue: Any, *others: Any, made: bool = True, foul: bool = False) -> Outc
 
 def test_worth_falls_with_the_distance_from_the_wanted_place() -> None:
     asked = straight(rest=[0.2, 0.1])
-    wish = Wish(rest=0.4, far=0.5, foul=0.7)
+    wish = UtilityWeights(rest=0.4, far=0.5, foul=0.7)
     places = [[0.2 + d, 0.1] for d in (0.0, 0.1, 0.25, 0.5, 0.8)]
-    told = [float(worth(asked, ended(xy), wish)[0]) for xy in places]
+    told = [float(utility(asked, ended(xy), wish)[0]) for xy in places]
     assert told == pytest.approx([1.0, *(0.6 + 0.4 * np.exp(-np.array([0.2, 0.5, 1.0, 1.6])))], abs=1e-9)
-    assert worth(asked, ended([0.2, 0.1], made=False), wish)[0] == 0.0
-    assert worth(asked, ended([0.2, 0.1], made=False, foul=True), wish)[0] == pytest.approx(-0.7)
-    assert worth(asked, ended([np.nan, np.nan], made=False, foul=True), wish)[0] == pytest.approx(-0.7)
-    assert worth(straight(), ended([-1.0, 0.5]), wish)[0] == 1.0
-    assert np.isnan(distance(asked, ended([np.nan, np.nan]))).all()
+    assert utility(asked, ended([0.2, 0.1], made=False), wish)[0] == 0.0
+    assert utility(asked, ended([0.2, 0.1], made=False, foul=True), wish)[0] == pytest.approx(-0.7)
+    assert utility(asked, ended([np.nan, np.nan], made=False, foul=True), wish)[0] == pytest.approx(-0.7)
+    assert utility(straight(), ended([-1.0, 0.5]), wish)[0] == 1.0
+    assert np.isnan(rest_distance(asked, ended([np.nan, np.nan]))).all()
 
 
 def test_all_places_of_a_region_are_as_good() -> None:
     asked = straight(rest=[0.2, 0.1], rest_radius=0.2)
-    told = [float(ease(asked, ended([0.2, 0.1 + d]), 0.5)[0]) for d in (0.0, 0.2, 0.3, 0.45, 0.7, 0.9)]
+    told = [float(position_quality(asked, ended([0.2, 0.1 + d]), 0.5)[0]) for d in (0.0, 0.2, 0.3, 0.45, 0.7, 0.9)]
     assert told == pytest.approx([1.0, 1.0, *np.exp(-np.array([0.2, 0.5, 1.0, 1.4]))])
-    assert distance(asked, ended([0.2, 0.45]))[0] == pytest.approx(0.15)
+    assert rest_distance(asked, ended([0.2, 0.45]))[0] == pytest.approx(0.15)
 
 
 def test_the_next_shot() -> None:
@@ -301,7 +305,7 @@ def test_the_next_shot() -> None:
     asked = scene([-1, 0], [0, 0], blue, [-1.5, 0.0], rest_for="b0")
 
     def good(cue: Any, other: Any = (-1.5, 0.0)) -> float:
-        return float(ease(asked, ended(cue, blue, other), 0.5)[0])
+        return float(position_quality(asked, ended(cue, blue, other), 0.5)[0])
 
     near, far = blue - 0.4 * AWAY, blue - 0.8 * AWAY
     assert good(near) == pytest.approx(math.exp(-(0.4 - 2 * R + 0.5) / 3.0))
@@ -313,7 +317,10 @@ def test_the_next_shot() -> None:
     assert good([np.nan, np.nan]) == 0.0
     shut = scene([-1, 0], [0, 0], blue, pocket=(1, 1), rest_for="b0")
     ring = [blue + 2.05 * R * np.array([math.cos(a), math.sin(a)]) for a in np.arange(6) * math.pi / 3]
-    assert ease(dataclasses.replace(shut, names=(*shut.names, *"uvwxyz")), ended(near, blue, *ring), 0.5)[0] == 0.0
+    assert (
+        position_quality(dataclasses.replace(shut, names=(*shut.names, *"uvwxyz")), ended(near, blue, *ring), 0.5)[0]
+        == 0.0
+    )
 
 
 # Probabilities.
@@ -329,26 +336,26 @@ def fitted(correlation: float = 0.8, sd: float = 1.0) -> Model:
 @pytest.mark.parametrize("correlation", [-0.9, 0.0, 0.8])
 def test_constants_come_as_uncertain_and_as_correlated_as_fitted(correlation: float) -> None:
     model = fitted(correlation)
-    hands = deal(model, Execution(), 2048, 3)
-    assert set(hands.values) == {SLIDE, ROLL} and len(hands) == 2048
+    samples = draw_errors(model, Execution(), 2048, 3)
+    assert set(samples.values) == {SLIDE, ROLL} and len(samples) == 2048
     for name, sd in ((SLIDE, 0.004), (ROLL, 0.0004)):
-        assert hands.values[name].mean() == pytest.approx(model.parameters()[name], abs=0.02 * sd)
-        assert hands.values[name].std() == pytest.approx(sd, rel=0.02)
-    every = np.column_stack([hands.normal, hands.values[ROLL], hands.values[SLIDE]])
+        assert samples.values[name].mean() == pytest.approx(model.parameters()[name], abs=0.02 * sd)
+        assert samples.values[name].std() == pytest.approx(sd, rel=0.02)
+    every = np.column_stack([samples.normal, samples.values[ROLL], samples.values[SLIDE]])
     found = np.corrcoef(every.T) - np.eye(6)
     found[4:, 4:] -= correlation * (1 - np.eye(2))
     assert np.abs(found).max() < 0.03
-    again = deal(model, Execution(), 2048, 3)
-    assert np.array_equal(again.normal, hands.normal) and np.array_equal(again.values[ROLL], hands.values[ROLL])
-    assert np.array_equal(hands.first(64).values[ROLL], hands.values[ROLL][:64])
+    again = draw_errors(model, Execution(), 2048, 3)
+    assert np.array_equal(again.normal, samples.normal) and np.array_equal(again.values[ROLL], samples.values[ROLL])
+    assert np.array_equal(samples.first(64).values[ROLL], samples.values[ROLL][:64])
 
 
 def test_constants_stay_within_their_bounds() -> None:
-    hands = deal(fitted(sd=60.0), Execution(), 512, 0)
-    for name, values in hands.values.items():
+    samples = draw_errors(fitted(sd=60.0), Execution(), 512, 0)
+    for name, values in samples.values.items():
         low, high = MODEL.meta(name)["bounds"]
         assert low <= values.min() and values.max() <= high and values.std() > 0
-    assert deal(MODEL, Execution(), 16, 0).values == {}
+    assert draw_errors(MODEL, Execution(), 16, 0).values == {}
 
 
 @pytest.mark.parametrize(
@@ -358,15 +365,15 @@ def test_constants_stay_within_their_bounds() -> None:
      (29, 29, 0.8830, 1.0), (0, 10, 0.0, 0.2775), (10, 20, 0.2993, 0.7007)],
 )  # fmt: skip
 def test_intervals_of_the_tables(hits: int, count: int, low: float, high: float) -> None:
-    assert wilson(hits, count) == pytest.approx((hits / count, low, high), abs=6e-5)
-    assert wilson(0, 0)[1:] == (0.0, 1.0) and math.isnan(wilson(0, 0)[0])
+    assert wilson_interval(hits, count) == pytest.approx((hits / count, low, high), abs=6e-5)
+    assert wilson_interval(0, 0)[1:] == (0.0, 1.0) and math.isnan(wilson_interval(0, 0)[0])
 
 
 def test_a_probability_is_that_of_independent_plays() -> None:
     """Common hands against plain draws with their own errors of stroke and table, 4000 of them."""
     execution, model = Execution(0.02, 0.006, 0.001, 0.001), fitted(0.8, 3.0)
     player, q = ready(straight(0.9, 0.7, rest=[0.5, 0.0]), model), stroke(1.4, side=0.1, height=-0.2)
-    told = judge(player, deal(model, execution, 1024, 9), q, Wish())[0]
+    told = evaluate(player, draw_errors(model, execution, 1024, 9), q, UtilityWeights())[0]
     rng, n = np.random.default_rng(4), 4000
     played = q + rng.standard_normal((n, 4)) * [0.02 * q[0, 0], 0.006, 0.001, 0.001]
     first, second = rng.standard_normal((2, n))
@@ -381,4 +388,4 @@ def test_a_probability_is_that_of_independent_plays() -> None:
     assert figures["rest"]["mean"] == pytest.approx(cue.mean(axis=0), abs=0.01)
     assert figures["rest"]["sd"] == pytest.approx(cue.std(axis=0), rel=0.1)
     assert figures["fouls"].keys() == set(FOULS)
-    assert told.value == pytest.approx(worth(player.scene, out, Wish()).mean(), abs=0.03)
+    assert told.value == pytest.approx(utility(player.scene, out, UtilityWeights()).mean(), abs=0.03)

@@ -137,7 +137,7 @@ def test_a_map_makes_terms_of_its_own_launcher(run: Any, asked: Path, tmp_path: 
     assert run("plan", asked, "--out", out, "--map", file).status == 0
     plan = read_plan(out)
     told, stroke = plan["launcher"], plan["stroke"]
-    given = made.give(*(np.array([v]) for v in (told["cue_speed"], 1e-3 * told["x0_mm"], 1e-3 * told["y0_mm"])))
+    given = made.forward(*(np.array([v]) for v in (told["cue_speed"], 1e-3 * told["x0_mm"], 1e-3 * told["y0_mm"])))
     wanted = [stroke["speed"], told["squirt"], stroke["side"], stroke["height"]]
     assert np.ravel(given) == pytest.approx(wanted, abs=2e-6)
     assert plan["execution"]["speed_sd"] == 0.01, "the map's repeatability"

@@ -19,15 +19,25 @@ from models.model_file import full_model
 from models.shot import RAIL_NAMES, Array, Ball, Table
 from planner.evaluation.outcome import FOULS
 from planner.evaluation.play import Player
-from planner.evaluation.risk import deal, judge
-from planner.evaluation.value import Wish, distance
+from planner.evaluation.risk import draw_errors, evaluate
+from planner.evaluation.value import UtilityWeights, rest_distance
 from planner.launcher.execution import Execution
-from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher, launch
+from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel, launch
 from planner.plan import make_plan, read_plan
 from planner.scene import POCKETS, Goal, Scene, pocket_places, scene_from
 from planner.search import baseline
-from planner.search.candidates import AIMS, OFFSETS, SPEEDS, Way, combinations, describe, every_way, starts, ways
-from planner.search.search import LEAST, Effort, search
+from planner.search.candidates import (
+    AIMS_PER_FAN,
+    SCAN_OFFSETS,
+    SPEED_STEPS,
+    Route,
+    all_routes,
+    describe_route,
+    open_routes,
+    starting_strokes,
+    stroke_grid,
+)
+from planner.search.search import MIN_MADE_PROBABILITY, Effort, search
 from tests.planner.test_planner import AWAY, BALL, HALF, MODEL, TABLE, R, fitted, ready, scene, straight
 from tests.support.clip_samples import refusal
 
@@ -45,9 +55,9 @@ PUBLISHED = Scene(
 )  # fmt: skip
 
 
-def way_of(asked: Scene, pocket: tuple[int, int], bank: int = -1, kick: int = -1) -> Way:
+def way_of(asked: Scene, pocket: tuple[int, int], bank: int = -1, kick: int = -1) -> Route:
     number = POCKETS.index(pocket)
-    [found] = [w for w in every_way(asked) if (w.pocket, w.bank, w.kick) == (number, bank, kick)]
+    [found] = [w for w in all_routes(asked) if (w.pocket, w.bank, w.kick) == (number, bank, kick)]
     return found
 
 
@@ -68,31 +78,31 @@ def test_a_direct_way_against_a_hand_calculation() -> None:
     ghost = red - 2 * R * AWAY
     asked = scene(ghost - [0.5, 0.0], red)
     way = way_of(asked, (1, 1))
-    assert (way.aim, way.run) == pytest.approx((0.0, 0.5))
-    assert way.roll == pytest.approx(0.3 * math.sqrt(2))
+    assert (way.aim, way.cue_path) == pytest.approx((0.0, 0.5))
+    assert way.object_path == pytest.approx(0.3 * math.sqrt(2))
     assert way.cut == pytest.approx(math.pi / 4)
-    assert way.lies == ""
-    assert describe(way) == "cut of 45 degrees into the corner pocket +x +y"
-    assert describe(way_of(straight(), (1, 1))) == "straight into the corner pocket +x +y"
+    assert way.obstacle == ""
+    assert describe_route(way) == "cut of 45 degrees into the corner pocket +x +y"
+    assert describe_route(way_of(straight(), (1, 1))) == "straight into the corner pocket +x +y"
 
 
 def test_ways_over_a_cushion_against_a_hand_calculation() -> None:
     asked = scene([0.3, -0.4], [0.6, 0.2])
     bank, image = way_of(asked, (0, -1), RAIL_NAMES.index("+y")), np.array([0.0, 2 * REACH[1] + HALF[1]])
     line = image - [0.6, 0.2]
-    assert bank.roll == pytest.approx(math.hypot(*line))
+    assert bank.object_path == pytest.approx(math.hypot(*line))
     ghost = np.array([0.6, 0.2]) - 2 * R * line / math.hypot(*line)
-    assert bank.run == pytest.approx(math.hypot(*(ghost - [0.3, -0.4])))
+    assert bank.cue_path == pytest.approx(math.hypot(*(ghost - [0.3, -0.4])))
     assert bank.aim == pytest.approx(math.atan2(ghost[1] + 0.4, ghost[0] - 0.3))
     kick = way_of(asked, (1, 1), kick=RAIL_NAMES.index("-x"))
     line = HALF - [0.6, 0.2]
     ghost = np.array([0.6, 0.2]) - 2 * R * line / math.hypot(*line)
     image = np.array([-2 * REACH[0] - ghost[0], ghost[1]])
     assert kick.aim == pytest.approx(math.atan2(image[1] + 0.4, image[0] - 0.3))
-    assert kick.run == pytest.approx(math.hypot(image[0] - 0.3, image[1] + 0.4))
-    assert describe(kick).endswith(", cue ball by way of the -x cushion")
+    assert kick.cue_path == pytest.approx(math.hypot(image[0] - 0.3, image[1] + 0.4))
+    assert describe_route(kick).endswith(", cue ball by way of the -x cushion")
     assert not [
-        w for w in every_way(asked) if w.bank >= 0 and POCKETS[w.pocket] == (0, 1) and RAIL_NAMES[w.bank] == "+y"
+        w for w in all_routes(asked) if w.bank >= 0 and POCKETS[w.pocket] == (0, 1) and RAIL_NAMES[w.bank] == "+y"
     ]
 
 
@@ -100,20 +110,20 @@ def test_what_stands_in_the_way_is_told() -> None:
     red = HALF - 0.5 * AWAY
     for name, place, who in (("b0", red - 0.2 * AWAY, "white"), ("b0", red + 0.2 * AWAY, "red")):
         way = way_of(straight(0.5, 0.4, place), (1, 1))
-        assert way.lies == f"{name} is in the {who}'s way"
+        assert way.obstacle == f"{name} is in the {who}'s way"
     left = np.array([-AWAY[1], AWAY[0]])
     for aside, shut in ((1.9 * R, True), (2.1 * R, False)):
-        assert bool(way_of(straight(0.5, 0.4, red + 0.2 * AWAY + aside * left), (1, 1)).lies) == shut
-    assert re.fullmatch(r"cut of 1\d\d degrees", way_of(straight(), (-1, -1)).lies)
+        assert bool(way_of(straight(0.5, 0.4, red + 0.2 * AWAY + aside * left), (1, 1)).obstacle) == shut
+    assert re.fullmatch(r"cut of 1\d\d degrees", way_of(straight(), (-1, -1)).obstacle)
     frozen = scene([-1.0, 0.85], [0.4, REACH[1]])
-    assert "against the cushion" in way_of(frozen, (1, -1)).lies
+    assert "against the cushion" in way_of(frozen, (1, -1)).obstacle
 
 
 @pytest.mark.parametrize("signs", [(1, -1), (-1, 1), (-1, -1)])
 def test_ways_of_a_mirrored_scene_are_mirrored(signs: tuple[int, int]) -> None:
     asked = scene([-0.5, 0.2], [0.7, -0.3], [0.2, 0.4], [1.1, -0.5])
-    turned = {(w.pocket, w.bank, w.kick): w for w in every_way(mirrored(asked, np.array(signs)))}
-    found = list(every_way(asked))
+    turned = {(w.pocket, w.bank, w.kick): w for w in all_routes(mirrored(asked, np.array(signs)))}
+    found = list(all_routes(asked))
     assert len(found) == len(turned) > 25
 
     def rail(k: int) -> int:
@@ -122,8 +132,8 @@ def test_ways_of_a_mirrored_scene_are_mirrored(signs: tuple[int, int]) -> None:
     for way in found:
         x, y = POCKETS[way.pocket]
         other = turned[POCKETS.index((x * signs[0], y * signs[1])), rail(way.bank), rail(way.kick)]
-        assert (other.run, other.roll, other.cut) == pytest.approx((way.run, way.roll, way.cut))
-        assert other.lies == way.lies
+        assert (other.cue_path, other.object_path, other.cut) == pytest.approx((way.cue_path, way.object_path, way.cut))
+        assert other.obstacle == way.obstacle
         aim = np.array([math.cos(way.aim), math.sin(way.aim)]) * signs
         assert [math.cos(other.aim), math.sin(other.aim)] == pytest.approx(aim, abs=1e-12)
 
@@ -131,21 +141,23 @@ def test_ways_of_a_mirrored_scene_are_mirrored(signs: tuple[int, int]) -> None:
 def test_fans_of_a_mirrored_scene_score_the_same() -> None:
     asked = scene([-0.5, 0.2], [0.7, -0.3], [0.2, 0.4], [1.1, -0.5])
     both = (asked, mirrored(asked, np.array([1, -1])))
-    one, other = (starts(ready(s), ways(s), Execution(), Wish(), 8).score for s in both)
+    one, other = (starting_strokes(ready(s), open_routes(s), Execution(), UtilityWeights(), 8).score for s in both)
     assert one == pytest.approx(other, abs=1e-6) and len(one) > 2
 
 
 def test_open_ways_come_direct_ones_first() -> None:
-    found = ways(scene([-0.5, 0.2], [0.7, -0.3], [0.2, 0.4], [1.1, -0.5]))
-    assert found and not any(w.lies for w in found)
+    found = open_routes(scene([-0.5, 0.2], [0.7, -0.3], [0.2, 0.4], [1.1, -0.5]))
+    assert found and not any(w.obstacle for w in found)
     direct = [w.bank < 0 and w.kick < 0 for w in found]
     assert direct == sorted(direct, reverse=True)
-    assert [w.effort for w in found[: sum(direct)]] == sorted(w.effort for w in found[: sum(direct)])
+    assert [w.difficulty for w in found[: sum(direct)]] == sorted(w.difficulty for w in found[: sum(direct)])
 
 
 def test_combinations_can_be_played() -> None:
-    q = combinations(Launcher(), CUT)
-    assert q.shape == (SPEEDS * len(OFFSETS), 4) and Launcher().allowed(q, BALL).all() and AIMS % 2
+    q = stroke_grid(LauncherModel(), CUT)
+    assert (
+        q.shape == (SPEED_STEPS * len(SCAN_OFFSETS), 4) and LauncherModel().allowed(q, BALL).all() and AIMS_PER_FAN % 2
+    )
 
 
 @pytest.mark.parametrize("cushion", ["bank", "kick"])
@@ -155,7 +167,7 @@ def test_fans_over_a_cushion_pot(cushion: str) -> None:
     kind = {"bank": -1, "kick": -1} | {cushion: RAIL_NAMES.index(rail)}
     way = way_of(asked, (0, -1) if cushion == "bank" else (1, 1), **kind)
     player = ready(asked)
-    begun = starts(player, [way], Execution(), Wish(foul=0.0), 6)
+    begun = starting_strokes(player, [way], Execution(), UtilityWeights(foul=0.0), 6)
     assert len(begun.q) > 0 and begun.score.max() > 0.2
     out = player.screen(begun.q)
     assert (out.hits[out.potted, 2 if cushion == "bank" else 0] >= 1).all() and out.potted.any()
@@ -166,20 +178,22 @@ def test_fans_over_a_cushion_pot(cushion: str) -> None:
 
 def test_an_easy_pot_is_near_certain() -> None:
     for model in (MODEL, MODEL.add(Squirt(1.7))):
-        found = search(ready(straight(pocket=(1, 1)), model), Execution(), Wish(), effort=QUICK)
-        assert found[0].judged.made > 0.98
-        assert all(one.judged.made >= LEAST for one in found)
-        values = [one.judged.value for one in found]
+        found = search(ready(straight(pocket=(1, 1)), model), Execution(), UtilityWeights(), effort=QUICK)
+        assert found[0].evaluation.made > 0.98
+        assert all(one.evaluation.made >= MIN_MADE_PROBABILITY for one in found)
+        values = [one.evaluation.value for one in found]
         assert values == sorted(values, reverse=True)
 
 
 @pytest.mark.parametrize("short", [0.45, 0.8, 0.3])  # of the corner: stun, draw, follow
 def test_the_cue_ball_comes_to_a_place_within_reach(short: float) -> None:
     asked = straight(pocket=(1, 1), rest=HALF - short * AWAY)
-    best = search(ready(asked), EXACT, Wish(rest=0.5), effort=QUICK)[0].judged
-    assert best.made == 1.0 and distance(asked, best.outcomes).max() < 0.020
+    best = search(ready(asked), EXACT, UtilityWeights(rest=0.5), effort=QUICK)[0].evaluation
+    assert best.made == 1.0 and rest_distance(asked, best.outcomes).max() < 0.020
     q = best.q
-    assert np.array_equal(Launcher().playable(q[None], BALL)[0], q) and Launcher().allowed(q[None], BALL).all()
+    assert (
+        np.array_equal(LauncherModel().playable(q[None], BALL)[0], q) and LauncherModel().allowed(q[None], BALL).all()
+    )
     # It goes on, or comes back, by the spin that it meets the red with: a ball struck in its middle has picked some up.
     [track] = ready(asked).tracks(q[None], every=0.001)
     k = np.flatnonzero(track.times < track.events[0].time)[-1]
@@ -189,12 +203,12 @@ def test_the_cue_ball_comes_to_a_place_within_reach(short: float) -> None:
 
 
 def test_a_stroke_for_errors_beats_the_best_without_them() -> None:
-    execution, wish, made = Execution(0.02, 0.002, 0.001, 0.001), Wish(), []
+    execution, wish, made = Execution(0.02, 0.002, 0.001, 0.001), UtilityWeights(), []
     usual = Effort(fresh=256)
     for asked in (CUT, scene([-0.5, 0.3], [0.6, -0.4], pocket=(1, -1)), PUBLISHED):
-        player = ready(asked) if asked is not PUBLISHED else Player(full_model(PAPER, BALL), asked, Launcher())
-        both = np.array([search(player, e, wish, effort=usual, seed=2)[0].judged.q for e in (execution, EXACT)])
-        made.append([j.value for j in judge(player, deal(player.model, execution, 1024, 99), both, wish)])
+        player = ready(asked) if asked is not PUBLISHED else Player(full_model(PAPER, BALL), asked, LauncherModel())
+        both = np.array([search(player, e, wish, effort=usual, seed=2)[0].evaluation.q for e in (execution, EXACT)])
+        made.append([j.value for j in evaluate(player, draw_errors(player.model, execution, 1024, 99), both, wish)])
     values = np.array(made)
     assert (values[:, 0] > values[:, 1] - 0.02).all()
     assert (values[:, 0] - values[:, 1]).max() > 0.1
@@ -207,7 +221,7 @@ def test_probabilities_told_are_those_of_other_plays(number: int) -> None:
     asked = dataclasses.replace(asked, goal=dataclasses.replace(asked.goal, pocket=None)) if number == 2 else asked
     execution, model, n = Execution(0.02, 0.003, 0.001, 0.001), fitted(0.8), 4000
     player = ready(asked, model)
-    best = search(player, execution, Wish(), effort=dataclasses.replace(QUICK, fresh=1024))[0].judged
+    best = search(player, execution, UtilityWeights(), effort=dataclasses.replace(QUICK, fresh=1024))[0].evaluation
     rng = np.random.default_rng(number)
     sizes = np.array([0.02 * best.q[SPEED], 0.003, 0.001, 0.001])
     first, second = rng.standard_normal((2, n))
@@ -226,14 +240,14 @@ def test_a_tilted_table_is_aimed_off_for() -> None:
     tilted, launcher, wish = (
         MODEL.add(TableTilt(0.0, 0.001)),
         Execution(0.002, 0.0005, 0.0002, 0.0002),
-        Wish(0.8, 0.15),
+        UtilityWeights(0.8, 0.15),
     )
     asked = scene([0.9, 0.2], [1.5, 0.55], pocket=(1, 1), rest=[0.2, 0.2])
-    q = [search(ready(asked, model), launcher, wish, effort=QUICK)[0].judged.q for model in (MODEL, tilted)]
-    hands = deal(tilted, launcher, 128, 98)
-    level, aware = judge(ready(asked, tilted), hands, np.array(q), wish, mujoco=True)
+    q = [search(ready(asked, model), launcher, wish, effort=QUICK)[0].evaluation.q for model in (MODEL, tilted)]
+    hands = draw_errors(tilted, launcher, 128, 98)
+    level, aware = evaluate(ready(asked, tilted), hands, np.array(q), wish, mujoco=True)
     assert aware.value > level.value + 0.02
-    assert np.median(distance(asked, aware.outcomes)) < np.median(distance(asked, level.outcomes))
+    assert np.median(rest_distance(asked, aware.outcomes)) < np.median(rest_distance(asked, level.outcomes))
 
 
 # The paper's method.
@@ -258,12 +272,12 @@ def test_the_published_stroke() -> None:
     assert np.degrees(np.arctan2(line[:, 1], line[:, 0])) + 90 == pytest.approx(np.full(4, 49.7), abs=1.0)
     to = pocket_places(PAPER)[0, -1] - PUBLISHED.position[1]
     past = np.abs(line[:, 0] * to[1] - line[:, 1] * to[0]) / np.hypot(*line.T)
-    assert past.max() < baseline.MARGIN
+    assert past.max() < baseline.POCKET_TOLERANCE_M
 
 
 @pytest.mark.slow
 def test_the_papers_method_on_the_published_shot() -> None:
-    player = Player(full_model(PAPER, BALL), PUBLISHED, Launcher())
+    player = Player(full_model(PAPER, BALL), PUBLISHED, LauncherModel())
     way, q, cost = baseline.search(player, seed=0)
     assert POCKETS[way.pocket] == (0, -1)
     assert cost < 0.110**2
@@ -271,7 +285,7 @@ def test_the_papers_method_on_the_published_shot() -> None:
     assert math.hypot(q[SIDE], q[HEIGHT]) < 0.5 * R
     [track] = player.tracks(q[None], every=0.002, jaws=False)
     path = track.position[:, 1][np.isfinite(track.position[:, 1, 0])]
-    assert np.hypot(*(path - pocket_places(PAPER)[0, -1]).T).min() < baseline.MARGIN + 0.005
+    assert np.hypot(*(path - pocket_places(PAPER)[0, -1]).T).min() < baseline.POCKET_TOLERANCE_M + 0.005
     assert PUBLISHED.goal.rest is not None
     assert np.hypot(*(track.position[-1, 0] - PUBLISHED.goal.rest)) == pytest.approx(math.sqrt(cost), abs=1e-6)
     again = baseline.search(player, seed=0)
@@ -283,7 +297,7 @@ def test_the_papers_method_on_the_published_shot() -> None:
 
 @pytest.fixture(scope="module")
 def plan() -> dict[str, Any]:
-    return make_plan(CUT, fitted(0.8), Execution(), Wish(), effort=QUICK, seed=4, threads=2)
+    return make_plan(CUT, fitted(0.8), Execution(), UtilityWeights(), effort=QUICK, seed=4, threads=2)
 
 
 def test_a_plan_keeps_the_contract(plan: dict[str, Any]) -> None:
@@ -324,31 +338,31 @@ def test_tracks_and_fan_tell_the_same_as_the_figures(plan: dict[str, Any]) -> No
 
 
 def test_the_same_seed_gives_the_same_plan_at_any_number_of_threads(plan: dict[str, Any]) -> None:
-    again = make_plan(CUT, fitted(0.8), Execution(), Wish(), effort=QUICK, seed=4, threads=1)
+    again = make_plan(CUT, fitted(0.8), Execution(), UtilityWeights(), effort=QUICK, seed=4, threads=1)
     assert json.dumps(again) == json.dumps(plan)
 
 
 def test_a_plan_on_a_tilted_table_does_not_depend_on_threads() -> None:
     model, asked = MODEL.add(TableTilt(0.0005, 0.0003)), straight(0.8, 0.5, pocket=(1, 1))
     tiny = dataclasses.replace(QUICK, starts=2, fresh=32)
-    one, two = (make_plan(asked, model, Execution(), Wish(), effort=tiny, threads=k) for k in (1, 2))
+    one, two = (make_plan(asked, model, Execution(), UtilityWeights(), effort=tiny, threads=k) for k in (1, 2))
     assert json.dumps(one) == json.dumps(two) and one["stroke"]
 
 
 def test_where_no_ball_gets_through_there_is_no_stroke() -> None:
     red = np.array([0.6, 0.2])
     ring = [red + 2.04 * R * np.array([math.cos(a), math.sin(a)]) for a in np.arange(6) * math.pi / 3 + 0.1]
-    told = make_plan(scene([-0.5, 0.0], red, *ring), MODEL, Execution(), Wish(), effort=QUICK)
+    told = make_plan(scene([-0.5, 0.0], red, *ring), MODEL, Execution(), UtilityWeights(), effort=QUICK)
     assert told["stroke"] is None and told["alternatives"] == []
     assert "b0 is in the red's way" in told["why"]
-    blind = make_plan(straight(1.6, 1.4), MODEL, Execution(azimuth_sd=0.2), Wish(), effort=QUICK)
+    blind = make_plan(straight(1.6, 1.4), MODEL, Execution(azimuth_sd=0.2), UtilityWeights(), effort=QUICK)
     assert blind["stroke"] is None and "lie open" in blind["why"]
 
 
 def test_what_cannot_be_planned_is_refused(tmp_path: Path) -> None:
-    assert "method is 'best'" in refusal(lambda: make_plan(CUT, MODEL, Execution(), Wish(), method="best"))
+    assert "method is 'best'" in refusal(lambda: make_plan(CUT, MODEL, Execution(), UtilityWeights(), method="best"))
     other = full_model(PAPER, Ball(0.0525, 0.1406))
-    assert "not the model's" in refusal(lambda: make_plan(CUT, other, Execution(), Wish()))
+    assert "not the model's" in refusal(lambda: make_plan(CUT, other, Execution(), UtilityWeights()))
     path = tmp_path / "p.json"
     assert "p.json" in refusal(lambda: read_plan(path))
     for text, words in (("{", "not JSON"), ("[]", "format is 'list'"), ('{"format": "x/2"}', "format is 'x/2'")):

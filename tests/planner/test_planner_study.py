@@ -19,26 +19,28 @@ from models.shot import Ball, Table
 from planner.cli.study import Settings
 from planner.cli.study import study as cli_study
 from planner.evaluation.play import Player
-from planner.launcher.stroke import Launcher
-from planner.scene import POCKETS, overlap, read_scene, scene_dict, scene_from
-from planner.search.candidates import every_way
+from planner.launcher.stroke import LauncherModel
+from planner.scene import POCKETS, largest_overlap, read_scene, scene_dict, scene_from
+from planner.search.candidates import all_routes
 from planner.search.search import Effort
 from planner.study import folder as study_folder
-from planner.study.report import draw_study, figures, markdown, text_table, write_report
-from planner.study.runs import (
-    APART,
-    AREA,
-    AT_AREA,
-    CUT,
-    FREE,
+from planner.study.draws import (
+    AREA_M,
+    AREA_POCKETS,
+    CUSHION_CLEARANCE_M,
+    MAX_CALLED_CUT_RAD,
+    MIN_SEPARATION_RADII,
     PRIORS,
-    UNMODELLED,
+    UNMODELLED_EFFECTS,
     Study,
     draw_scene,
     draw_truth,
-    study_scene,
     usual_model,
 )
+from planner.study.figures import figures
+from planner.study.pictures import draw_study
+from planner.study.report import markdown, text_table, write_report
+from planner.study.runs import study_scene
 from tests.support.clip_samples import refusal
 
 QUICK = Effort(
@@ -65,13 +67,13 @@ def test_scenes_are_what_a_strategist_would_ask_for(balls: int) -> None:
         scene, tries = draw_scene(study, number)
         xy, reach = scene.position, MODEL.table.centre_limits(MODEL.ball)
         assert tries >= 1 and len(scene.names) == balls and scene.goal.avoid == scene.names[2:]
-        assert (xy[:, 0] <= AREA[0] - MODEL.table.length / 2).all() and (np.abs(xy[:, 1]) <= AREA[1] / 2).all()
-        assert (np.abs(xy) <= reach).all() and (np.abs(xy[1]) <= reach - FREE + 1e-12).all()
-        assert -overlap(xy, MODEL.ball)[0] >= (APART - 2) * R - 1e-12
+        assert (xy[:, 0] <= AREA_M[0] - MODEL.table.length / 2).all() and (np.abs(xy[:, 1]) <= AREA_M[1] / 2).all()
+        assert (np.abs(xy) <= reach).all() and (np.abs(xy[1]) <= reach - CUSHION_CLEARANCE_M + 1e-12).all()
+        assert -largest_overlap(xy, MODEL.ball)[0] >= (MIN_SEPARATION_RADII - 2) * R - 1e-12
         pocket, rest = scene.goal.pocket, scene.goal.rest
-        assert pocket in AT_AREA and rest is not None and (np.abs(rest) <= reach).all()
-        direct = [w for w in every_way(scene) if w.bank < 0 and w.kick < 0]
-        assert [POCKETS[w.pocket] for w in direct if not w.lies and w.cut < CUT] == [pocket]
+        assert pocket in AREA_POCKETS and rest is not None and (np.abs(rest) <= reach).all()
+        direct = [w for w in all_routes(scene) if w.bank < 0 and w.kick < 0]
+        assert [POCKETS[w.pocket] for w in direct if not w.obstacle and w.cut < MAX_CALLED_CUT_RAD] == [pocket]
         assert scene_dict(scene_from(scene_dict(scene), "drawn")) == scene_dict(scene)
         pockets.add(pocket)
     assert len(pockets) > 1
@@ -102,7 +104,7 @@ def test_truths_differ_from_the_model_by_its_uncertainty_and_one_small_effect() 
         if drawn["effect"] == "table_tilt":
             assert math.hypot(*drawn["values"].values()) == pytest.approx(2e-4)
         seen.add(drawn["effect"])
-    assert seen == set(UNMODELLED)
+    assert seen == set(UNMODELLED_EFFECTS)
     for name, values in off.items():
         if name != "cushion_impact.restitution":  # whose bound of 1 is one sd away
             assert abs(np.mean(values)) < 0.35 and 0.8 < np.std(values) < 1.2, name
@@ -122,10 +124,10 @@ def test_truths_use_the_uncertainty_that_a_fit_tells_and_no_effect_that_the_mode
 def test_effects_of_a_truth_change_no_more_than_the_cue_delivers() -> None:
     """Every one that may be drawn can be played, and none is of the camera."""
     scene, _ = draw_scene(STUDY, 1)
-    for name in UNMODELLED:
+    for name in UNMODELLED_EFFECTS:
         kind = effect_class(name)
         assert kind.opens("edit", "forces", "impact") or name == "squirt"
-        assert name in {e.name() for e in Player(MODEL.add(kind()), scene, Launcher()).model.effects}
+        assert name in {e.name() for e in Player(MODEL.add(kind()), scene, LauncherModel()).model.effects}
 
 
 @pytest.fixture(scope="module")

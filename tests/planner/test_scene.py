@@ -20,18 +20,18 @@ from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from models.shot import Array, Ball, Table
 from planner.from_picture import balls_in_clip, balls_in_picture, scene_from_clips, scene_from_picture, scene_of
 from planner.scene import (
+    MAX_OVERLAP_M,
     POCKETS,
-    SLIGHT,
     Goal,
     Scene,
-    overlap,
+    largest_overlap,
     pocket_name,
     pocket_of,
     pocket_places,
     read_scene,
     scene_dict,
     scene_from,
-    settled,
+    separate_overlaps,
     write_scene,
 )
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set, write_clip_set
@@ -150,20 +150,20 @@ def test_rounded_places_are_moved_apart_and_no_others() -> None:
     rounded = np.array([xy.round(4) for xy in tight.values()])
     reach = SNOOKER_TABLE.centre_limits(SNOOKER_BALL)
     places = np.concatenate([rounded, [[-1.0, reach[1] + 2e-4], [-1.0, -0.3], [-reach[0] - 1e-4, 0.1]]])
-    assert overlap(places, SNOOKER_BALL)[0] > 1e-5
-    after = settled(places, SNOOKER_TABLE, SNOOKER_BALL)
-    assert overlap(after, SNOOKER_BALL)[0] <= 0
+    assert largest_overlap(places, SNOOKER_BALL)[0] > 1e-5
+    after = separate_overlaps(places, SNOOKER_TABLE, SNOOKER_BALL)
+    assert largest_overlap(after, SNOOKER_BALL)[0] <= 0
     assert (np.abs(after) <= reach).all()
     assert np.abs(after - places).max() < 5e-4
     assert after[-2].tolist() == [-1.0, -0.3]
-    assert np.array_equal(settled(after, SNOOKER_TABLE, SNOOKER_BALL), after)
-    mirrored = settled(places * [-1, 1], SNOOKER_TABLE, SNOOKER_BALL) * [-1, 1]
+    assert np.array_equal(separate_overlaps(after, SNOOKER_TABLE, SNOOKER_BALL), after)
+    mirrored = separate_overlaps(places * [-1, 1], SNOOKER_TABLE, SNOOKER_BALL) * [-1, 1]
     assert mirrored == pytest.approx(after, abs=1e-12)
 
 
 def test_a_slight_overlap_is_mended_in_reading_and_a_deep_one_is_not() -> None:
-    slight, deep = (tomllib.loads(TEXT.replace(RED, f"red = [{0.0525 - k * SLIGHT}, 0.0]")) for k in (0.9, 1.1))
-    assert overlap(scene_from(slight, "s").position, SNOOKER_BALL)[0] <= 0
+    slight, deep = (tomllib.loads(TEXT.replace(RED, f"red = [{0.0525 - k * MAX_OVERLAP_M}, 0.0]")) for k in (0.9, 1.1))
+    assert largest_overlap(scene_from(slight, "s").position, SNOOKER_BALL)[0] <= 0
     assert "overlap" in refusal(lambda: scene_from(deep, "s"))
 
 
@@ -283,7 +283,7 @@ def test_a_scene_from_a_photo(photo: Path) -> None:
     assert scene.goal == Goal("white", "red 2", (1, 1), rest_for="red", avoid=("yellow",))
     assert (scene.table, scene.ball.diameter) == (SMALL, 0.0525)
     assert scene.ball.mass == pytest.approx(0.1406)
-    assert not [line for line in found.told if "not made out" in line]
+    assert not [line for line in found.notes if "not made out" in line]
     at = dict(zip(scene.names, scene.position, strict=True))
     truth = dict(zip(("white", "red 2", "red", "yellow"), PLACES, strict=True))  # reds from left to right
     assert max(np.hypot(*(at[name] - xy)) for name, xy in truth.items()) < 5e-4
@@ -307,7 +307,7 @@ def test_balls_in_a_pack_are_told_if_not_made_out(photo: Path, tmp_path: Path) -
     look = Look(colours=dict.fromkeys(names[1:], (0.72, 0.05, 0.07)))
     cv2.imwrite(str(tmp_path / "pack.png"), filmed(packed[None], names, look)[0])
     found = balls_in_picture(tmp_path / "pack.png", photo / "cam.toml")
-    (line,) = (line for line in found.told if "not made out" in line)
+    (line,) = (line for line in found.notes if "not made out" in line)
     missing = 8 - len(found.names)
     assert missing > 0
     assert f"of {'a ball' if missing == 1 else f'{missing} balls'} at 0.2" in line
@@ -335,7 +335,7 @@ def test_the_last_frame_of_a_row_of_pictures_counts(photo: Path, tmp_path: Path)
     scene, found = scene_from_picture(tmp_path, photo / "cam.toml", {"object": "red", "pocket": [0, 1]})
     assert scene.names == ("white", "red", "yellow")
     assert scene.position == pytest.approx(rows[-1][[0, 1, 3]], abs=7e-4)
-    assert [line.split()[0] for line in found.told if "moves" in line] == ["yellow"]
+    assert [line.split()[0] for line in found.notes if "moves" in line] == ["yellow"]
 
 
 def clips(folder: Path, rows: Mapping[str, Array]) -> Path:
@@ -349,13 +349,13 @@ def clips(folder: Path, rows: Mapping[str, Array]) -> Path:
 def test_balls_that_a_camera_sees_within_each_other_or_in_a_pocket(tmp_path: Path) -> None:
     rows = {"cue": (0.0, 0.0), "red": (0.0505, 0.0), "blue": (0.3, 0.1)}
     found = balls_in_clip(clips(tmp_path / "a", {n: np.tile(xy, (10, 1)) for n, xy in rows.items()}))
-    assert overlap(found.position, found.ball)[0] <= 0
+    assert largest_overlap(found.position, found.ball)[0] <= 0
     assert np.abs(found.position - [[0, 0], [0.0505, 0], [0.3, 0.1]]).max() < 1.1e-3
-    assert found.told == ()
+    assert found.notes == ()
     rows |= {"red": (-0.2, 0.0), "blue": (0.0, 0.345)}
     dropped = balls_in_clip(clips(tmp_path / "b", {n: np.tile(xy, (10, 1)) for n, xy in rows.items()}))
     assert dropped.names == ("cue", "red")
-    assert any("middle +y" in line for line in dropped.told)
+    assert any("middle +y" in line for line in dropped.notes)
 
 
 def test_a_ball_that_has_just_come_to_rest_does_not_move(tmp_path: Path) -> None:
@@ -365,7 +365,7 @@ def test_a_ball_that_has_just_come_to_rest_does_not_move(tmp_path: Path) -> None
     rows = {"cue": [0.2, 0.1] + way + noise[0], "red": [-0.2, 0.1] + slow + noise[1]}
     found = balls_in_clip(clips(tmp_path / "set", rows))
     assert found.position == pytest.approx(np.array([[0.2, 0.1], [-0.2, 0.1]]), abs=3e-4)
-    assert [line.split()[0] for line in found.told] == ["red"]
+    assert [line.split()[0] for line in found.notes] == ["red"]
 
 
 def test_the_end_of_a_clip_of_the_example() -> None:
@@ -392,7 +392,7 @@ def test_balls_gone_before_the_end_of_a_clip(tmp_path: Path) -> None:
     scene, found = scene_from_clips(folder, {"object": "blue", "pocket": [-1, 1]})
     assert scene.names == ("cue", "blue")
     assert scene.position == pytest.approx(np.array([[0.3, 0.0], [-0.2, 0.1]]), abs=1e-6)
-    told = " ".join(found.told)
+    told = " ".join(found.notes)
     assert "red was last seen at a pocket" in told
     assert "blue was last seen" in told
     assert "cue still moves" in told

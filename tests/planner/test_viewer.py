@@ -23,7 +23,7 @@ from planner.cli.view import GivenStroke, Shown, setup, view
 from planner.example_environment import example_scene
 from planner.plan import FORMAT
 from planner.scene import scene_dict
-from planner.viewer import RESET, SPACE, Session, Setup, watch
+from planner.viewer import RESET_KEY, STRIKE_KEY, Session, Setup, watch
 from sysid.cli.demo import EXAMPLE_FOLDER as CLIPS
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
@@ -78,7 +78,7 @@ def test_the_stroke_is_played_in_real_time_and_slower() -> None:
 
 
 def test_space_strikes_again_and_r_puts_the_balls_back() -> None:
-    seen = watched(100, {30: SPACE, 60: RESET, 80: SPACE, 90: ord("X")})
+    seen = watched(100, {30: STRIKE_KEY, 60: RESET_KEY, 80: STRIKE_KEY, 90: ord("X")})
     assert seen[30][2] < 1.4 and seen[31][2] == pytest.approx(1.5, abs=0.05)
     assert seen[31][1] > -0.6, "from where it lies"
     assert seen[62][1:] == (-1.0, 0.0) and seen[80][2] == 0.0

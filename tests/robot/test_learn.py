@@ -23,7 +23,7 @@ from models.simulation.simulate import simulate
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.execution import Execution
 from planner.launcher.mapped import with_map
-from planner.launcher.stroke import Launcher as Strokes
+from planner.launcher.stroke import LauncherModel as Strokes
 from planner.launcher.stroke import stroke_terms
 from planner.scene import Goal, Scene
 from robot.cueing.map_fit import PRIOR_SD
@@ -243,7 +243,7 @@ def strokes(count: int = 30) -> tuple[ClipSet, tuple[dict[str, Any], ...]]:
         )
         q = np.array([[rng.uniform(0.5, 1.6), rng.uniform(-0.3, 0.3), off * math.cos(turn), off * math.sin(turn)]])
         q = launcher.playable(q, SNOOKER_BALL)[0]
-        asked = launcher.terms(MODEL, q)
+        asked = launcher.command(MODEL, q)
         table = EmulatedTable(
             MODEL, {"white": (-1.2, 0.0)}, math.radians(asked["theta_deg"]), k, EmulatedOptions(constants=TRUE)
         )
@@ -282,7 +282,7 @@ def test_a_learnt_launcher_is_told_what_it_needs() -> None:
     """Speed and direction of strokes, by what was learnt and by the start, against the truth."""
     side, height = (v.ravel() for v in np.meshgrid([-0.01, 0.0, 0.01], [-0.008, 0.0, 0.008]))
     truth, start, made = (
-        np.array(one.give(np.full(side.size, 0.9), side, height)[:2])
+        np.array(one.forward(np.full(side.size, 0.9), side, height)[:2])
         for one in (dataclasses.replace(MAP, constants=TRUE), MAP, learnt(30))
     )
     speed, turn = (np.abs(v) for v in made - truth)
@@ -303,7 +303,7 @@ def test_commands_are_what_a_map_makes_of_what_was_told() -> None:
         assert one.cue is not None and usual.cue is not None and usual.cue.elevation == MAP.geometry.elevation
         told = record["done"]
         place = (np.array([v]) for v in (told["asked_speed"], 1e-3 * told["x0_mm"], 1e-3 * told["y0_mm"]))
-        speed, turned, side, height = (float(v[0]) for v in true_map.give(*place))
+        speed, turned, side, height = (float(v[0]) for v in true_map.forward(*place))
         assert (one.cue.speed, one.cue.side, one.cue.height) == pytest.approx((speed, side, height))
         assert one.cue.azimuth == pytest.approx(math.radians(record["asked"]["theta_deg"]) + turned)
         assert np.array_equal(track.xy, usual.balls["white"].xy) and one.cue != usual.cue

@@ -13,7 +13,7 @@ import pytest
 
 import robot.emulator.firmware as fw
 from models.errors import BadInput
-from planner.launcher.stroke import Launcher as Planned
+from planner.launcher.stroke import LauncherModel as Planned
 from robot.cli.verbs import main
 from robot.device.calibrate import (
     CALIBRATION_STRINGS,

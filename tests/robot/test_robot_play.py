@@ -16,7 +16,7 @@ from models.errors import BadInput
 from models.model_file import Model, full_model
 from models.shot import Array, Ball, Shot, Table
 from models.simulation.simulate import simulate
-from planner.launcher.stroke import Launcher, stroke_terms
+from planner.launcher.stroke import LauncherModel, stroke_terms
 from planner.scene import Goal, Scene, scene_dict
 from robot.device.outcome import StrokeUnknown
 from robot.device.protocol import LauncherError
@@ -49,10 +49,10 @@ def straight_plan(path: Path, *, speed: float = 1.6, side: float = 0.0, height: 
     red = CORNER - 0.4 * away
     place = np.array([red - 0.4 * away, red, [-1.0, -0.3]])
     scene = Scene(TABLE, BALL, ("white", "red", "blue"), place, Goal("white", "red", (1, 1), np.array(REST), 0.05))
-    q = Launcher().playable(np.array([[speed, math.pi / 4, side, height]]), BALL)[0]
+    q = LauncherModel().playable(np.array([[speed, math.pi / 4, side, height]]), BALL)[0]
     plan: dict[str, Any] = {
-        "format": "billiard-plan/1", "scene": scene_dict(scene), "stroke": stroke_terms(Launcher(), q),
-        "launcher": Launcher().terms(MODEL, q) | change,
+        "format": "billiard-plan/1", "scene": scene_dict(scene), "stroke": stroke_terms(LauncherModel(), q),
+        "launcher": LauncherModel().command(MODEL, q) | change,
     }  # fmt: skip
     path.write_text(json.dumps(plan))
     return path

@@ -157,7 +157,7 @@ def test_strings_of_the_paper() -> None:
     assert protocol.string_number("200p") == 200
     assert SpeedTable().cue_speed(1) == 2.75
     assert SpeedTable().cue_speed(200) == 0.30
-    launcher = planned.Launcher()
+    launcher = planned.LauncherModel()
     for n in range(1, 201):
         assert SpeedTable().cue_speed(n) == pytest.approx(launcher.cue_speed(n))
         assert paper_law(n) == pytest.approx(launcher.cue_speed(n))

@@ -20,7 +20,7 @@ import pytest
 from models.errors import BadInput
 from models.shot import Array, Table
 from planner.scene import write_scene
-from planner.study.runs import draw_scene
+from planner.study.draws import draw_scene
 from robot.camera.cue_line import CueLine
 from robot.cli.verbs import main
 from robot.emulator.firmware import Firmware
