@@ -64,7 +64,7 @@ def _fit() -> None:
     model = full_model(TABLE, BALL)
     clips = ClipSet(TABLE, BALL, 24.0, (clip,), NOISE)
     shots = shot_problem(model, tuple(model.parameters()), clips, NOISE)
-    fit_each(shots.evaluate, shots.start, np.array(list(model.parameters().values())), shots.steps, shots.prior, 4.0, 1)
+    fit_each(shots.objective(), shots.start, np.array(list(model.parameters().values())), 1)
     part = Segment(0, "cue", time, path, "strike", "end")
     segments = segment_problem(model, (), [part], NOISE)
     segments.evaluate(segments.start, np.zeros((1, 0)), np.zeros(1, np.int64))

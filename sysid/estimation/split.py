@@ -1,4 +1,7 @@
-"""A clip set, split: every fifth clip held out, the rest for training, and fits that are tried on both."""
+"""A clip set, split into training clips and every fifth held out, and fits evaluated on both.
+
+In: a clip set and a model. Out: a `Split`, the open cloth's constants, and fits with their error on held-out clips.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from sysid.estimation.shot_problem import ShotProblem, shot_problem
 
 HELD_OUT_EVERY = 5  # clips, of which the last is held out
 MAX_EVENTS = 4  # of a whole shot, in the middle of the set, where the model does not follow the open cloth
-CLOCK = "clock_scale.factor"
+CLOCK_CONSTANT = "clock_scale.factor"  # known from the time stamps of the clips
 log = logging.getLogger(__name__)
 
 
@@ -33,7 +36,7 @@ class Split:
 
     training: ShotProblem
     held_out: ShotProblem | None
-    spikes: int  # samples set aside
+    spikes: int  # samples left out as outliers
     cut: int = 0  # shots that were cut into pieces of one impact each; 0 where whole shots are fitted
 
     @property
@@ -75,7 +78,7 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
     noise = position_noise(clip_set)
     clip_set, spikes = set_aside(clip_set, noise)
     scale, sd = stamp_scale(clip_set)
-    known = {CLOCK: (scale, sd)} if np.isfinite(sd) else {}
+    known = {CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {}
     rows = training_clips(clip_set)
     training, held = subset(clip_set, rows), subset(clip_set, [k for k in range(len(clip_set.clips)) if k not in rows])
     cloth = fit_open_cloth(model, training, noise)

@@ -19,7 +19,7 @@ from sysid.estimation.discrepancy import events_and_paths
 from sysid.estimation.initial_states import grown_states, polished
 from sysid.estimation.least_squares import fit_each
 from sysid.estimation.open_cloth import START_CAUCHY_SD, UNSEEN_EVENT_RATIO, cloth_constants, ratios
-from sysid.estimation.problem import STATE_STEPS, Array, by_events, values_of
+from sysid.estimation.problem import Array, by_events, values_of
 from sysid.estimation.segment_problem import SegmentProblem, segment_problem
 from sysid.estimation.shot_problem import ShotProblem, residual, shot_problem
 from sysid.estimation.start_values import theta_noise
@@ -30,6 +30,7 @@ from sysid.residuals.impacts import impacts, no_impacts
 from sysid.residuals.localise import find
 from sysid.residuals.whiteness import whiteness
 
+SEGMENT_STEPS = 10  # of the initial states of segments
 Report = Callable[[str], None]
 
 
@@ -108,7 +109,7 @@ def fit_stretches(clip_set: ClipSet, model: Model, sigma: float) -> Stretches | 
     names = cloth_constants(model)
     problem = segment_problem(model, names, segments, sigma)
     c = values_of(model, names)
-    x, _ = fit_each(problem.evaluate, problem.start, c, STATE_STEPS, problem.prior, START_CAUCHY_SD, 10)
+    x, _ = fit_each(problem.objective(START_CAUCHY_SD), problem.start, c, SEGMENT_STEPS)
     return Stretches(problem, x, ratios(problem, x, c))
 
 

@@ -45,9 +45,7 @@ def _smooth(part: ShotProblem, model: Model) -> ShotProblem:
     problem = shot_problem(model, (), runs, part.noise, part.known)
     if not runs.clips:
         return problem
-    x, _ = fit_each(
-        problem.evaluate, problem.start, none, problem.steps, problem.prior, START_CAUCHY_SD, SCREENING_STEPS
-    )
+    x, _ = fit_each(problem.objective(START_CAUCHY_SD), problem.start, none, SCREENING_STEPS)
     miss = ratios(problem, x, none)
     return problem.only(np.flatnonzero(miss < max(UNSEEN_EVENT_RATIO, UNSEEN_TIMES_MEDIAN * float(np.median(miss)))))
 
