@@ -54,7 +54,7 @@ def compare(args: argparse.Namespace, progress: Progress) -> int:
 
     check_outputs(args.json, args.report, args.rrd)
     clip_set, model = load(args)
-    comparison = room.compare(clip_set, model, progress)
+    comparison = room.compare(clip_set, model)
     progress.close()
     print_comparison(comparison)
     if args.json:
@@ -85,7 +85,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> int:
         print(f"\nThe model's own error grows by {rate} travelled after the first event.")
     print(f"\nmodel: {args.out}\n", flush=True)
     files = [c.file for c in clip_set.clips]
-    comparison = room.compare(clip_set, found.model, progress, found.parts.states_of(fitted, files))
+    comparison = room.compare(clip_set, found.model, found.parts.states_of(fitted, files))
     progress.close()
     print_comparison(comparison)
     share = room.coverage(comparison, found.band_rate)

@@ -67,7 +67,7 @@ def run(out: Path, progress: Progress) -> int:
 def _failing(clip_set: ClipSet, found: Discovery, progress: Progress) -> None:
     """Where the base model, at its best constants, fails."""
     base, noise = found.last, found.parts.noise
-    _, compared = compare_at(0, clip_set, found, progress, COMMAND)
+    _, compared = compare_at(0, clip_set, found, COMMAND)
     progress.close()
     print("\n1. The base model (level table, cloth, balls, cushions), all its constants fitted, misses by")
     print(

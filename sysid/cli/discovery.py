@@ -94,7 +94,7 @@ def diagnose(args: argparse.Namespace, progress: Progress) -> int:
 
         whole_shots = base if seen.runs else seen.base
         own = parts.states_of(whole_shots, [c.file for c in clip_set.clips])
-        comparison = compare(clip_set, whole_shots.model, progress, start=own)
+        comparison = compare(clip_set, whole_shots.model, start=own)
         progress.close()
         notes = [*lines, *shot_lines(shot)]
         write_report(args.report, "What is missing", [("base", comparison)], notes=notes, sections=sections((seen,)))
