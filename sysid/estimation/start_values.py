@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.clips import Clip, ClipSet
+from sysid.clips.noise import smooth_noise
 from sysid.clips.segments import free_from
 from sysid.estimation.problem import Array, turn
 
@@ -76,7 +77,7 @@ def theta_noise(clips: Sequence[Clip]) -> float:
                 found.append(np.diff(theta, 3))
     if not found:
         return 1.0
-    return max(float(np.median(np.abs(np.concatenate(found))) / 0.6745 / np.sqrt(20)), 1e-4)
+    return max(smooth_noise(np.concatenate(found)), 1e-4)
 
 
 def _line(time: Array, xy: Array) -> Array:
