@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.clips.segments import Segment
 from sysid.direct.friction import MAX_CHI2, MIN_SAMPLES
-from sysid.direct.slide_roll import FittedSegment, ParameterPrior, SlideRoll, fit_slide_roll
+from sysid.direct.slide_roll import ParameterPrior, SegmentMotion, SlideRoll, fit_slide_roll
 
 ROLLING_WINDOW_S, SLIDING_WINDOW_S, WINDOW_AFTER_S = 0.5, 0.3, 0.6  # that determine the velocity at an impact
 MAX_GAP_S = 0.15  # longest time between the segments beside an impact
@@ -39,7 +39,7 @@ class Before:
     rolls: bool
 
 
-def motion_before(k: FittedSegment, known: Known) -> Before | None:
+def motion_before(k: SegmentMotion, known: Known) -> Before | None:
     """Fit the end of a segment; None where the fit is poor."""
     s, (mean, sd) = k.segment, known.prior
     rolls = int(np.sum(s.time >= k.rolls)) >= MIN_SAMPLES
@@ -58,7 +58,7 @@ def motion_after(s: Segment, contact: float, known: Known) -> SlideRoll | None:
     return fit if fit.chi2 < MAX_CHI2 else None
 
 
-def next_segment(found: Sequence[FittedSegment], clip: int, ball: str, kind: str, time: float) -> Segment | None:
+def next_segment(found: Sequence[SegmentMotion], clip: int, ball: str, kind: str, time: float) -> Segment | None:
     """The segment of a ball that follows an impact of a kind at a time [s]."""
     for s in (k.segment for k in found):
         if s.clip == clip and s.ball == ball and s.before == kind and time < s.time[0] < time + MAX_GAP_S:

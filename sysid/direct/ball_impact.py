@@ -26,7 +26,7 @@ from sysid.direct.at_impact import (
     next_segment,
 )
 from sysid.direct.measured import Kind, Single
-from sysid.direct.slide_roll import Array, FittedSegment, positions
+from sysid.direct.slide_roll import Array, SegmentMotion, positions
 
 MAX_CUT_RAD = np.radians(55.0)  # widest angle between the velocity and the line of centres
 RESTING_MOTION_M = 0.002  # apparent motion of a ball at rest
@@ -46,7 +46,7 @@ class Touch:
     rest_sd: float  # [m]
 
 
-def collisions(found: Sequence[FittedSegment], clip_set: ClipSet, known: Known) -> list[Single]:
+def collisions(found: Sequence[SegmentMotion], clip_set: ClipSet, known: Known) -> list[Single]:
     """Restitution of every impact of a ball on one at rest."""
     singles = []
     for k in found:

@@ -32,7 +32,7 @@ from sysid.direct.at_impact import (
     next_segment,
 )
 from sysid.direct.measured import MIN_VALUES_FOR_SPEED, Kind, Measured, Single, combine
-from sysid.direct.slide_roll import Array, FittedSegment, SlideRoll
+from sysid.direct.slide_roll import Array, SegmentMotion, SlideRoll
 
 MAX_REBOUND_CHI2 = 14.0  # of four velocities, beyond which a rebound is left out
 MAX_RATIO_ANGLE_RAD, MAX_RESTITUTION_ANGLE_RAD = np.radians([25.0, 50.0])  # of incidence, off the normal
@@ -57,7 +57,7 @@ CUSHION_FRICTION = Kind(
 
 @dataclass(frozen=True)
 class Rebound:
-    """A ball that met a cushion: its velocity before, and the motion after it."""
+    """A ball at a cushion: its velocity before, and its motion after."""
 
     ratio: Single  # of the normal velocities
     into: Array  # (2,) velocity before [m/s]
@@ -68,7 +68,7 @@ class Rebound:
     rolled: bool  # whether it came rolling
 
 
-def rebounds(found: Sequence[FittedSegment], clip_set: ClipSet, known: Known) -> list[Rebound]:
+def rebounds(found: Sequence[SegmentMotion], clip_set: ClipSet, known: Known) -> list[Rebound]:
     """Every rebound with enough of the tracks beside it."""
     used = []
     centre_limit = clip_set.table.reach(clip_set.ball)
@@ -79,10 +79,10 @@ def rebounds(found: Sequence[FittedSegment], clip_set: ClipSet, known: Known) ->
         if after is None or before is None:
             continue
         axis, sign = "xy".index(after.rail[1]), 1.0 if after.rail[0] == "+" else -1.0
-        met = _contact(before, after, axis, known)
-        if met is None or not end < met[0] < after.time[0]:
+        contact = _contact(before, after, axis, known)
+        if contact is None or not end < contact[0] < after.time[0]:
             continue
-        time, fit = met
+        time, fit = contact
         (into, cov_into), (out, cov_out) = before.fit.state(time - before.start), fit.state(0.0)
         v, w, n = sign * float(into[2 + axis]), -sign * float(out[2 + axis]), 2 + axis
         if v > MIN_APPROACH_M_S and w > 0 and abs(sign * into[axis] - centre_limit[axis]) < MAX_RAIL_DISTANCE_M:

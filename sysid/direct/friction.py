@@ -22,7 +22,7 @@ from sysid.clips.noise import smooth_noise
 from sysid.clips.segments import cuts_of
 from sysid.direct.deceleration import fit_deceleration, path_length
 from sysid.direct.measured import Kind, Single
-from sysid.direct.slide_roll import LN_SLIDE, FittedSegment
+from sysid.direct.slide_roll import LN_SLIDE, SegmentMotion
 
 MIN_SAMPLES = 8  # of a segment that determines a friction
 MAX_CHI2 = 9.0  # reduced, of a fit that is used
@@ -45,7 +45,7 @@ SPIN_FRICTION = Kind(
 )  # fmt: skip
 
 
-def sliding(found: Sequence[FittedSegment], files: Sequence[str]) -> list[Single]:
+def sliding(found: Sequence[SegmentMotion], files: Sequence[str]) -> list[Single]:
     """Deceleration of every slide that is long enough to determine it [m/s^2]; names of the clips' files."""
     singles = []
     for k in found:
@@ -59,7 +59,7 @@ def sliding(found: Sequence[FittedSegment], files: Sequence[str]) -> list[Single
     return singles
 
 
-def rolling(found: Sequence[FittedSegment], files: Sequence[str], sigma: float) -> list[Single]:
+def rolling(found: Sequence[SegmentMotion], files: Sequence[str], sigma: float) -> list[Single]:
     """Deceleration of every segment that rolls far enough [m/s^2]; sigma is the noise per axis [m]."""
     singles = []
     for k in found:

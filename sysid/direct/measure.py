@@ -22,7 +22,7 @@ from sysid.direct.ball_impact import BALL_RESTITUTION, collisions
 from sysid.direct.cushion import cushion, rebounds
 from sysid.direct.friction import MIN_SAMPLES, ROLL_FRICTION, SLIDE_FRICTION, SPIN_FRICTION, rolling, sliding, spinning
 from sysid.direct.measured import Measured, Measurements, combine
-from sysid.direct.slide_roll import LN_ROLL, LN_SLIDE, WIDE_PRIOR, ParameterPrior, fit_segments
+from sysid.direct.slide_roll import LN_ROLL, LN_SLIDE, WIDE_PRIOR, ParameterPrior, segment_motions
 
 # Value, and relative sd, of a friction that is not measured; the least relative sd of one that is.
 USUAL_SLIDE, MIN_SLIDE_SD = (0.2, 0.3), 0.02
@@ -37,7 +37,7 @@ def measure(clip_set: ClipSet) -> Measurements:
     frame, files = 1 / clip_set.fps, [c.file for c in clip_set.clips]
     log.info("slide and roll of every segment")
     segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, sigma, clip_set.fps, MIN_SAMPLES + 1)
-    found = fit_segments(segments, sigma, frame)
+    found = segment_motions(segments, sigma, frame)
     slide = combine(SLIDE_FRICTION, sliding(found, files))
     roll = combine(ROLL_FRICTION, rolling(found, files, sigma))
     log.info("sidespin")

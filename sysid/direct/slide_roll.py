@@ -145,7 +145,7 @@ def _starts(t: Array, xy: Array, mean: Array, sd: Array) -> list[Array]:
 
 
 @dataclass(frozen=True)
-class FittedSegment:
+class SegmentMotion:
     """A segment, the slide and roll at its beginning, and since when the ball rolls."""
 
     segment: Segment
@@ -153,7 +153,7 @@ class FittedSegment:
     rolls: float  # [s], as in the segment; inf where it may slide to the end
 
 
-def fit_segments(segments: Sequence[Segment], sigma: float, frame: float) -> list[FittedSegment]:
+def segment_motions(segments: Sequence[Segment], sigma: float, frame: float) -> list[SegmentMotion]:
     """Fit slide and roll to the beginning of each segment; noise [m] and frame interval [s]."""
     found = []
     for s in segments:
@@ -169,5 +169,5 @@ def fit_segments(segments: Sequence[Segment], sigma: float, frame: float) -> lis
                 break
             span *= 2
         since = last + 3 * sd + frame
-        found.append(FittedSegment(s, fit, float(s.time[0]) + since if since < t[-1] else math.inf))
+        found.append(SegmentMotion(s, fit, float(s.time[0]) + since if since < t[-1] else math.inf))
     return found

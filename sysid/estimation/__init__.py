@@ -9,7 +9,7 @@ rate, whether it converged, and the error on held-out clips. In the order of a f
     shot_problem      whole shots: residuals from initial states and constants (residual_rows, compiled)
     segment_problem   segments between events, on open cloth; open_cloth fits them
     initial_states    the initial state of every shot at given constants
-    discrepancy       the model's own error, which grows along a shot
+    discrepancy       discrepancy of the model, which grows along a shot
     fitting           `fit(start)` and `fit_from_nothing(problem)`: constants and initial states together
     split             a clip set's training and held-out shots; fits evaluated on both
     commands          how far shots scatter about the cue's commands

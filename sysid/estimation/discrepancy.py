@@ -1,4 +1,4 @@
-"""The model's own error, which grows along a shot: sd = hypot(noise, discrepancy rate times path length).
+"""Discrepancy of the model, which grows along a shot: sd = hypot(noise, discrepancy rate times path length).
 
 In: clips, or residuals with their path lengths. Out: path lengths, and the discrepancy rate.
 

@@ -21,7 +21,7 @@ UNFOLLOWED_RATE = 2e-3  # discrepancy rate beyond which late samples of a shot a
 
 @dataclass(frozen=True)
 class Point:
-    """A problem with values for its unknowns, and the error of the model there."""
+    """A problem with values for its unknowns, and the discrepancy rate of the model there."""
 
     problem: ShotProblem  # with the noise of the camera alone
     initial_states: Array  # (n, p)
@@ -40,7 +40,7 @@ class Point:
 
     @property
     def weighted(self) -> ShotProblem:
-        """The problem with the model's own error."""
+        """The problem with the discrepancy of the model."""
         return self.problem.with_discrepancy(self.discrepancy_rate)
 
     def residuals(self, problem: ShotProblem | None = None) -> Array:

@@ -106,7 +106,6 @@ def fit_each(
         which: (n,) numbers of the problems; None for all in order.
         tolerance: share of its loss by which a problem must improve in an iteration to be continued.
     """
-    evaluate, steps, cauchy_sd = objective.evaluate, objective.steps, objective.cauchy_sd
     n, p = x.shape
     which = np.arange(n) if which is None else which
     prior = objective.prior.only(which)
@@ -115,14 +114,7 @@ def fit_each(
     means, sds = np.broadcast_to(prior.mean, (n, p)), np.broadcast_to(prior.sd, (n, p))
     for _step in range(iterations):
         here = Prior(means[active], sds[active])
-        parts = [
-            from_differences(moved(evaluate, x[some], c, which[some], steps, np.zeros(0)), steps, cauchy_sd)
-            for some in np.split(active, range(BATCH_PROBLEMS, active.size, BATCH_PROBLEMS))
-        ]
-        prior_r = here.residuals(x[active])
-        cost[active] = np.concatenate([part.loss for part in parts]) + 0.5 * np.sum(prior_r * prior_r, axis=1)
-        a = np.concatenate([part.matrix for part in parts])
-        g = np.concatenate([part.gradient for part in parts]) + prior_r / here.sd
+        cost[active], a, g = _linearised(objective, x[active], c, which[active], here)
         diagonal = np.einsum("npp->np", a) + 1 / here.sd**2
         trial, trial_cost = x[active].copy(), np.full(active.size, np.inf)
         todo = np.arange(active.size)
@@ -132,8 +124,8 @@ def fit_each(
             )
             step = -np.linalg.solve(lhs, g[todo][..., None])[..., 0]
             new = x[active[todo]] + step
-            r_new = evaluate(new, np.broadcast_to(c, (todo.size, c.size)), which[active[todo]])
-            new_cost = loss(r_new, cauchy_sd) + 0.5 * np.sum(here.only(todo).residuals(new) ** 2, axis=1)
+            r_new = objective.evaluate(new, np.broadcast_to(c, (todo.size, c.size)), which[active[todo]])
+            new_cost = loss(r_new, objective.cauchy_sd) + 0.5 * np.sum(here.only(todo).residuals(new) ** 2, axis=1)
             better = new_cost < cost[active[todo]]
             trial[todo[better]], trial_cost[todo[better]] = new[better], new_cost[better]
             damping[active[todo[better]]] = np.maximum(damping[active[todo[better]]] / 10, MIN_DAMPING)
@@ -149,3 +141,18 @@ def fit_each(
         if active.size == 0:
             break
     return x, cost
+
+
+def _linearised(
+    objective: Objective, x: Array, c: Array, which: NDArray[np.int64], prior: Prior
+) -> tuple[Array, Array, Array]:
+    """Loss (n,), J^T W J (n, p, p) of the data alone, and gradient of the loss (n, p); loss and gradient with prior."""
+    steps = objective.steps
+    parts = [
+        from_differences(moved(objective.evaluate, x[k], c, which[k], steps, np.zeros(0)), steps, objective.cauchy_sd)
+        for k in np.split(np.arange(len(x)), range(BATCH_PROBLEMS, len(x), BATCH_PROBLEMS))
+    ]
+    r = prior.residuals(x)
+    cost = np.concatenate([part.loss for part in parts]) + 0.5 * np.sum(r * r, axis=1)
+    matrix = np.concatenate([part.matrix for part in parts])
+    return cost, matrix, np.concatenate([part.gradient for part in parts]) + r / prior.sd

@@ -232,11 +232,11 @@ def shot_problem(
     known: Mapping[str, tuple[float, float]] | None = None,
 ) -> ShotProblem:  # fmt: skip
     """Set up whole shots: starting values and their spread from the cue's command, or from the first samples."""
-    clips, n, own = clip_set.clips, len(clip_set.clips), len(STATE_STEPS)
-    p = own + 2 * (max((len(c.balls) for c in clips), default=1) - 1)
+    clips, n, moving = clip_set.clips, len(clip_set.clips), len(STATE_STEPS)
+    p = moving + 2 * (max((len(c.balls) for c in clips), default=1) - 1)
     start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), REST_SD * noise), np.zeros(n)
     for k, clip in enumerate(clips):
-        start[k, :own], mean[k, :own], sd[k, :own], azimuth[k] = shot_start(clip, clip_set, noise)
+        start[k, :moving], mean[k, :moving], sd[k, :moving], azimuth[k] = shot_start(clip, clip_set, noise)
     shots = [_measured(clip, clip_set, noise, a) for clip, a in zip(clips, azimuth, strict=True)]
     names_of = [(c.struck, *[b for b in c.balls if b != c.struck]) for c in clips]
     data = packed(shots)

@@ -21,14 +21,14 @@ from sysid.residuals.segment_fits import SegmentFits
 
 MIN_SLIP_M_S = 0.01  # slip speed above which a ball slides
 REST_SPEED_M_S = 0.003  # below which it rests
-MIN_SPIN_RAD_S = 1.0  # sidespin above which a resting ball spins
+SPINNING_RAD_S = 1.0  # sidespin above which a resting ball spins
 
 
 def motions(velocity: Array, spin: Array, radius: float) -> tuple[Array, NDArray[np.str_]]:
     """Slip speed (n,) [m/s] and phase of motion, from velocity (n, 2) [m/s] and spin (n, 3) [rad/s]."""
     slip = np.hypot(velocity[:, 0] - radius * spin[:, 1], velocity[:, 1] + radius * spin[:, 0])
     speed = np.hypot(*velocity.T)
-    resting = np.where(np.abs(spin[:, 2]) > MIN_SPIN_RAD_S, "spin", "rest")
+    resting = np.where(np.abs(spin[:, 2]) > SPINNING_RAD_S, "spin", "rest")
     return slip, np.where(slip > MIN_SLIP_M_S, "slide", np.where(speed > REST_SPEED_M_S, "roll", resting))
 
 

@@ -61,16 +61,16 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
             _clip_row(problem, k, track, rows[k].held_out)
             for k, track in enumerate(with_mujoco(problem).tracks(x, np.zeros((n, 0)), np.arange(n)))
         )
-    samples, segment_samples, met = samples_of_shots(problem, tracks, clip_set), joined([]), no_impacts()
+    samples, segment_samples, after = samples_of_shots(problem, tracks, clip_set), joined([]), no_impacts()
     if fits:
         log.info("segments and impacts, one by one")
         segment_samples = samples_of_segments(fits, tracks)
-        met = impacts(fits, problem, tracks, clip_set)
+        after = impacts(fits, problem, tracks, clip_set)
     sd_theta = theta_noise(clip_set.clips)
     return Comparison(
         clip_set, model, sigma, rows, segments, groups(samples, segments, rows, clip_set, sigma, sd_theta), samples,
-        tuple(tracks), clip_set.clips, x, segment_samples, met,
-        find(segment_samples, samples, met, clip_set.table, n, sigma, sd_theta), whiteness(samples, sigma), in_mujoco,
+        tuple(tracks), clip_set.clips, x, segment_samples, after,
+        find(segment_samples, samples, after, clip_set.table, n, sigma, sd_theta), whiteness(samples, sigma), in_mujoco,
     )  # fmt: skip
 
 

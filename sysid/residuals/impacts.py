@@ -89,9 +89,9 @@ def impacts(fits: SegmentFits, shots: ShotProblem, tracks: Sequence[Track], clip
                 cases.append(case)
     rows = []
     for case, track in zip(cases, simulate(shots.model, [c.shot for c in cases]), strict=True):
-        met = [e for e in track.events if track.names[0] in e.balls]
-        if len(track.events) == len(met) == 1 and met[0].kind == fits.problem.segments[case.before].after:
-            rows += _rows(case, track, met[0], fits)
+        events = [e for e in track.events if track.names[0] in e.balls]
+        if len(track.events) == len(events) == 1 and events[0].kind == fits.problem.segments[case.before].after:
+            rows += _rows(case, track, events[0], fits)
     if not rows:
         return no_impacts()
     clip, time, xy, kinds, rails, approach, angle, spin, jumps, sds = zip(*rows, strict=True)

@@ -41,7 +41,7 @@ Mask = NDArray[np.bool_]
 PHASE_NAMES = {"slide": "sliding balls", "roll": "rolling balls"}
 PHASE_OF_VARIABLE = {"slip": "slide"}  # variables of one phase
 MIN_BLOCKS, MIN_IMPACTS = 8, 4  # of a group
-MIN_SPIN_RAD_S = 5.0  # sidespin whose decay is tested
+MIN_TURNING_RAD_S = 5.0  # sidespin whose decay is tested
 STATE_ERROR = 0.003  # of the approach: error of the state before an impact beside the noise [1]
 MAX_JUMP_SCATTERS = 20.0  # robust standard deviations to which an impact's jump is clipped
 IMPACT_KINDS = {  # of an impact's ball: its group in words
@@ -147,7 +147,7 @@ def _acceleration_slopes(phases: Phases, heading: Array, samples: Samples, phase
 def spin_decays(samples: Samples, clips: int, sd_theta: float) -> Candidates | None:
     """Decay of sidespin that the model lacks, from the marks [rad/s^2]; None without marks that turn."""
     seen = np.isfinite(samples.angle)
-    quick = seen & (np.abs(samples.spin) > MIN_SPIN_RAD_S)
+    quick = seen & (np.abs(samples.spin) > MIN_TURNING_RAD_S)
     if not quick.any():
         return None
     rows = np.flatnonzero(seen)
@@ -160,7 +160,7 @@ def spin_decays(samples: Samples, clips: int, sd_theta: float) -> Candidates | N
     turning = {"slide": "sliding", "roll": "rolling", "spin": "spinning in place"}
     groups: list[tuple[str, str, Array]] = [("phase", "all turning balls", np.ones(len(marked.time)))]
     groups += [("phase", f"turning balls {words}", (motion == m).astype(float)) for m, words in turning.items()]
-    size = cut("sidespin", np.abs(marked.spin), (MIN_SPIN_RAD_S, 20.0, 50.0, np.inf), "{} rad/s", "rad/s")
+    size = cut("sidespin", np.abs(marked.spin), (MIN_TURNING_RAD_S, 20.0, 50.0, np.inf), "{} rad/s", "rad/s")
     speed = cut("speed", marked.speed, (0.0, 0.25, 0.5, 1.0, 2.0, np.inf), "{} m/s", "m/s")
     for v, words in ((size, "balls turning at"), (speed, "turning balls at")):
         groups += [(v.name, f"{words} {w}", (v.group == k).astype(float)) for k, w in enumerate(v.words)]
