@@ -87,7 +87,7 @@ def test_a_run_is_the_closed_form_of_sliding_and_rolling() -> None:
     assert still[0] == pytest.approx(still[1])  # it has come to rest
 
 
-def test_a_slowing_ends_in_a_stop() -> None:
+def test_a_deceleration_ends_in_a_stop() -> None:
     t = np.linspace(0.2, 6.0, 600)
     u = np.minimum(t - 0.2, 0.6 / 0.125)
     found = fit_deceleration(t, 3.0 + 0.6 * u - 0.0625 * u**2, 1e-5, 1e-3)
@@ -101,15 +101,15 @@ def test_values_that_disagree_widen_the_sd_and_a_stray_one_is_left_out() -> None
     rng = np.random.default_rng(4)
     s = np.full(20, 0.01)
 
-    def told(y: np.ndarray[Any, Any]) -> Measured:
+    def combined(y: np.ndarray[Any, Any]) -> Measured:
         return combine(SLIDE_FRICTION, [Single("c", "b", 0.0, float(v), float(k)) for v, k in zip(y, s, strict=True)])
 
-    agreeing, wild = told(2.0 + s * rng.normal(size=20)), told(2.0 + 0.1 * rng.normal(size=20))
+    agreeing, wild = combined(2.0 + s * rng.normal(size=20)), combined(2.0 + 0.1 * rng.normal(size=20))
     assert agreeing.sd == pytest.approx(0.01 / np.sqrt(20) / GRAVITY, rel=0.3)
     assert wild.sd == pytest.approx(0.1 / np.sqrt(20) / GRAVITY, rel=0.5)
     assert wild.scatter == pytest.approx(0.1 / GRAVITY, rel=0.5)
     assert any("differ by more than their errors" in w for w in wild.warnings)
-    stray = told(np.concatenate([2.0 + s[1:] * rng.normal(size=19), [3.0]]))
+    stray = combined(np.concatenate([2.0 + s[1:] * rng.normal(size=19), [3.0]]))
     check(stray, 2.0 / GRAVITY, 0.01)
     assert stray.count == 19
     assert any("1 of 20 segments lie far off" in w for w in stray.warnings)
@@ -132,7 +132,7 @@ def test_a_regression_covers_the_truth() -> None:
     assert inside > 0.85 * 200
 
 
-def test_a_push_of_the_table_is_told_from_friction() -> None:
+def test_the_slope_of_the_table_is_separated_from_friction() -> None:
     rng = np.random.default_rng(2)
     way = rng.uniform(-np.pi, np.pi, 20)
     y = 0.12 - 0.01 * np.cos(way - 1.0) + 0.0005 * rng.normal(size=20)
@@ -196,7 +196,7 @@ def true_ratio(truth: dict[str, Any], table: Table, single: Single) -> float:
     return -float(after / before)
 
 
-def test_a_deceleration_that_grows_with_speed_is_told(tmp_path: Path) -> None:
+def test_a_deceleration_that_grows_with_speed_is_reported(tmp_path: Path) -> None:
     folder = clips(tmp_path / "set", 65, 8, "--effect", "speed_drag=0.035", "--kind", "roll,follow,stun,cushion")
     roll = named(measure(read_clip_set(folder)))["decoupled_cloth.roll"]
     assert any("varies with speed" in w and "speed_drag" in w for w in roll.warnings)
@@ -207,7 +207,7 @@ def test_a_deceleration_that_grows_with_speed_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_else_grows_with_speed_is_told(tmp_path: Path) -> None:
+def test_other_constants_that_grow_with_speed_are_reported(tmp_path: Path) -> None:
     for k, (effect, words, name) in enumerate((
         ("cushion_restitution_speed=0.09", ("--kind", "cushion,cushion_side"), "cushion_impact.restitution"),
         ("spin_decay_speed=0.4", ("--kind", "side,spin", "--marked"), "decoupled_cloth.spin"),
@@ -308,7 +308,7 @@ def test_nothing_to_measure_and_bad_input(cloth: Path, tmp_path: Path, capsys: p
 
 
 def test_the_shipped_example() -> None:
-    """A tilted table: friction is found beside the tilt, which is told, as balls are pushed downhill."""
+    """A tilted table: friction is found beside the tilt, which is reported, as balls are pushed downhill."""
     found = named(measure(read_clip_set(EXAMPLE)))
     truth = json.loads((EXAMPLE.parent / "example.truth.json").read_text())["parameters"]
     check(found["decoupled_cloth.roll"], truth["mur"], 0.01)

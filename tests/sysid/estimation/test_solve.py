@@ -1,4 +1,4 @@
-"""Least squares over many problems at once: known answers, known covariance, outliers, what the data do not tell."""
+"""Least squares over many problems: known answers, known covariance, outliers, what the data do not determine."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_a_nonlinear_problem_finds_the_truth_and_its_covariance() -> None:
     np.testing.assert_allclose(found.covariance, schur(a, b), rtol=1e-2)
 
 
-def test_own_unknowns_of_every_problem_at_given_constants() -> None:
+def test_initial_states_of_every_problem_at_given_constants() -> None:
     """Rosenbrock's valley, each problem with a minimum of its own."""
     low = np.array([[1.0], [-0.5], [2.0]])
 
@@ -145,7 +145,7 @@ def test_a_problem_does_not_depend_on_its_neighbours() -> None:
         assert one[0] == pytest.approx(cost[k], rel=1e-12)
 
 
-def test_a_prior_is_worth_a_measurement() -> None:
+def test_a_prior_counts_as_a_measurement() -> None:
     """One datum y with sd 1 and a prior of sd 2 about 0 meet at 4/5 y."""
 
     def evaluate(x: Array, c: Array, which: Index) -> Array:
