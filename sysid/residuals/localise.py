@@ -35,7 +35,7 @@ from sysid.residuals.bins import (
 from sysid.residuals.impacts import Impacts
 from sysid.residuals.samples import Samples
 from sysid.residuals.sentences import acceleration_sentence, spin_decay_sentence, velocity_sentence
-from sysid.residuals.significance import TABLE_DIRECTION, Candidate, Candidates, Findings, pursue, sparse
+from sysid.residuals.significance import TABLE_DIRECTION, CandidateDeparture, Candidates, Findings, pursue, sparse
 
 Mask = NDArray[np.bool_]
 PHASE_NAMES = {"slide": "sliding balls", "roll": "rolling balls"}
@@ -90,7 +90,7 @@ def accelerations(samples: Samples, table: Table, clips: int, sigma: float) -> C
         return None
     heading = np.stack([phases.mean(np.cos(samples.heading)), phases.mean(np.sin(samples.heading))])
     motion, known_variables = np.array(samples.motion), variables(samples, table, clips)
-    found: list[Candidate] = []
+    found: list[CandidateDeparture] = []
     for phase in PHASE_NAMES:
         inside = motion == phase
         for variable in known_variables:
@@ -103,7 +103,7 @@ def accelerations(samples: Samples, table: Table, clips: int, sigma: float) -> C
 
 def _mean_accelerations(
     phases: Phases, heading: Array, variable: Variable, phase: str, inside: Mask
-) -> list[Candidate]:
+) -> list[CandidateDeparture]:
     """Four mean accelerations of every group of a variable; heading (2, m) of the blocks, inside (n,) the phase."""
     found, (cos, sin) = [], heading
     whole = variable.name == "everywhere"
@@ -117,14 +117,16 @@ def _mean_accelerations(
         who = f"{PHASE_NAMES[phase]} {words}".rstrip()
         for quantity, x, y in (("along", c, s), ("across", -s, c), ("x", plain, none), ("y", none, plain)):
             name = (TABLE_DIRECTION if quantity in "xy" else "phase") if whole else variable.name
-            found.append(Candidate(
+            found.append(CandidateDeparture(
                 name, who, f"acceleration {quantity}", "m/s^2", int(np.sum(group)),
                 acceleration_sentence(who, quantity), sparse(np.concatenate([x, y])),
             ))  # fmt: skip
     return found
 
 
-def _acceleration_slopes(phases: Phases, heading: Array, samples: Samples, phase: str, inside: Mask) -> list[Candidate]:
+def _acceleration_slopes(
+    phases: Phases, heading: Array, samples: Samples, phase: str, inside: Mask
+) -> list[CandidateDeparture]:
     """Accelerations in proportion to speed, and to sidespin."""
     found, (cos, sin) = [], heading
     who, count = PHASE_NAMES[phase], int(inside.sum())
@@ -137,7 +139,7 @@ def _acceleration_slopes(phases: Phases, heading: Array, samples: Samples, phase
         c, s = phases.response(np.column_stack([ramp * cos, ramp * sin])).T
         for quantity in quantities:
             x, y = (c, s) if quantity == "along" else (-s, c)
-            found.append(Candidate(
+            found.append(CandidateDeparture(
                 name, who, f"acceleration {quantity} per {name}", f"m/s^2 per {per}", count,
                 acceleration_sentence(who, quantity, per), sparse(np.concatenate([x, y])),
             ))  # fmt: skip
@@ -170,7 +172,7 @@ def spin_decays(samples: Samples, clips: int, sd_theta: float) -> Candidates | N
     for name, who, inside in groups:
         share = phases.mean(inside * sign)
         if (share != 0).sum() >= MIN_BLOCKS:
-            found.append(Candidate(
+            found.append(CandidateDeparture(
                 name, who, "acceleration of sidespin", "rad/s^2", int(inside.sum()), spin_decay_sentence(who),
                 sparse(phases.response(share[:, None])[:, 0]),
             ))  # fmt: skip
@@ -185,14 +187,14 @@ def velocities_after(impacts: Impacts, table: Table, clips: int) -> Candidates |
         return None
     sd = np.hypot(impacts.sd, STATE_ERROR)[:, None] * np.ones((1, 2))
     cushion = np.array(impacts.kind) == "cushion"
-    found: list[Candidate] = []
+    found: list[CandidateDeparture] = []
     for v in _impact_variables(impacts, cushion, table, clips):
         for k, who in enumerate(v.words):
             inside = (v.group == k).astype(float)
             if inside.sum() < MIN_IMPACTS:
                 continue
             for i, quantity in enumerate(("normal", "tangent")):
-                found.append(Candidate(
+                found.append(CandidateDeparture(
                     v.name, who, f"velocity along the {quantity} after", "of the approach", int(inside.sum()),
                     velocity_sentence(who, quantity), sparse(_of_axis(inside / sd[:, i], i)),
                 ))  # fmt: skip
@@ -202,7 +204,7 @@ def velocities_after(impacts: Impacts, table: Table, clips: int) -> Candidates |
         for i, quantity in enumerate(("normal", "tangent")):
             weight = np.where(inside, sd[:, i] ** -2, 0.0)
             ramp = np.where(inside, impacts.approach - weight @ impacts.approach / weight.sum(), 0.0) / sd[:, i]
-            found.append(Candidate(
+            found.append(CandidateDeparture(
                 "speed of approach", who, f"velocity along the {quantity} after per m/s", "of the approach per m/s",
                 int(inside.sum()), velocity_sentence(who, quantity, " for each m/s of approach"),
                 sparse(_of_axis(ramp, i)),

@@ -76,7 +76,7 @@ class Regressor:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateDeparture:
     """A departure that is tested: a group, a quantity, and the residuals that one unit of it leaves."""
 
     variable: str
@@ -103,7 +103,7 @@ class Candidates:
     """All candidates in one set of residuals."""
 
     of: str  # "motion", "turning", "impacts"
-    all: tuple[Candidate, ...]  # k
+    all: tuple[CandidateDeparture, ...]  # k
     residual: Array  # (m,) in units of noise
     clip: Index  # (m,)
     freedom: int  # degrees of freedom of the residuals
