@@ -7,13 +7,14 @@ PYTEST_ARGS ?=
 TESTS = $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow bench study lint clean
+.PHONY: help demo test test-slow bench mutation study lint clean
 
 help:
 	@echo "make demo    the shipped example with a hidden effect, start to end, into out/demo"
 	@echo "make test    lint, then all tests but the slow ones (PYTEST_ARGS=\"-k name\" for some)"
 	@echo "make test-slow   the slow ones: whole discoveries, footage tracked from end to end"
 	@echo "make bench   speed and accuracy figures"
+	@echo "make mutation    formulas broken one at a time: which of it the tests notice (an hour; resumable)"
 	@echo "make study   how reliably hidden effects are found, into tests/study/REPORT.md (hours; resumable)"
 	@echo "make lint    ruff and mypy"
 	@echo "make clean   remove .venv, caches and out/demo"
@@ -31,6 +32,9 @@ test-slow: $(READY)
 
 bench: $(READY)
 	@$(BIN)/python -m tests.bench
+
+mutation: $(READY)
+	@$(BIN)/python -m tests.mutation
 
 study: $(READY)
 	@$(BIN)/python -m tests.study

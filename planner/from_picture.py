@@ -21,7 +21,7 @@ from models.shot import Array, Ball, Table
 from planner.scene import FORMAT, Scene, overlap, pocket_name, pocket_of, scene_from, settled
 from sysid.clips import Clip, read_clip_set
 from sysid.clips.faults import closest, listed, one_line
-from sysid.clips.plausibility import OVERLAP, POCKET_REACH, START_FRAMES
+from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH, START_FRAMES
 
 if TYPE_CHECKING:
     from sysid.vision.balls.detect import Detector, Seen
@@ -262,7 +262,7 @@ def _laid(
         raise BadInput(one_line(f"{where}: no ball is left on the table at the end"))
     names, position = tuple(kept), np.array(list(kept.values()))
     deep, i, j = overlap(position, ball)
-    if deep > max(OVERLAP, 6 * sigma):
+    if deep > max(MAX_OVERLAP_M, 6 * sigma):
         text = f"{names[i]} and {names[j]} are seen {1e3 * deep:.1f} mm within each other"
         raise BadInput(one_line(f"{where}: {text}: check calibration and ball diameter"))
     return Found(table, ball, names, settled(position, table, ball), tuple(told))

@@ -21,9 +21,9 @@ import tomli_w
 from models.errors import BadInput
 from models.files import read_toml, write_whole
 from models.shot import MIDDLE_ACCEPTANCE, Array, Ball, Table
-from sysid.clips.faults import SETTINGS, Faults, closest, listed, name_fault, one_line, shown
-from sysid.clips.header import BALLS_ACROSS, HEAVIEST, LIGHTEST
-from sysid.clips.keys import NUMBERS, Place, read_numbers
+from sysid.clips.faults import CLIPS_TOML, Faults, closest, listed, name_fault, one_line, shown
+from sysid.clips.header import MAX_BALL_DENSITY_KG_M3, MIN_BALL_DENSITY_KG_M3, MIN_BALLS_ACROSS_TABLE
+from sysid.clips.keys import NUMBER_BOUNDS, Place, read_numbers
 
 FORMAT = "billiard-scene/1"
 SECTIONS = ("table", "ball", "balls", "goal")
@@ -194,11 +194,11 @@ def _sizes(data: Mapping[str, Any], where: str) -> tuple[Table, Ball]:
     """Table and ball, on the terms of a clip set."""
     found: dict[str, dict[str, float]] = {}
     for name, more in (("table", ("pockets",)), ("ball", ())):
-        _only(data[name], (*NUMBERS[name], *more), f"{where} [{name}]")
+        _only(data[name], (*NUMBER_BOUNDS[name], *more), f"{where} [{name}]")
         faults = Faults()
         found[name], _ = read_numbers(data[name], name, Place(""), faults, more)
         if faults:
-            _refuse(f"{where} [{name}]", faults.lines()[0].removeprefix(f"{SETTINGS}: "))
+            _refuse(f"{where} [{name}]", faults.lines()[0].removeprefix(f"{CLIPS_TOML}: "))
     length, width = found["table"]["length"], found["table"]["width"]
     diameter, mass = found["ball"]["diameter"], found["ball"]["mass"]
     if not isinstance(pockets := data["table"].get("pockets", True), bool):
@@ -207,9 +207,9 @@ def _sizes(data: Mapping[str, Any], where: str) -> tuple[Table, Ball]:
         _refuse(f"{where} [table]", "pockets = false leaves nothing to play for: write true, or remove it")
     if width > length:
         _refuse(f"{where} [table]", f"width = {width:g} exceeds length = {length:g}: exchange them, x is the long way")
-    if diameter > width / BALLS_ACROSS:
+    if diameter > width / MIN_BALLS_ACROSS_TABLE:
         _refuse(f"{where} [ball]", f"diameter = {diameter:g} m does not fit a table {width:g} m wide: correct one")
-    low, high = (density * math.pi / 6 * diameter**3 for density in (LIGHTEST, HEAVIEST))
+    low, high = (density * math.pi / 6 * diameter**3 for density in (MIN_BALL_DENSITY_KG_M3, MAX_BALL_DENSITY_KG_M3))
     if not low <= mass <= high:
         _refuse(f"{where} [ball]", f"mass = {mass:g} kg does not fit its diameter: write {low:.2g} to {high:.2g} (kg)")
     return Table(length, width, pockets), Ball(diameter, mass)

@@ -31,7 +31,7 @@ from planner.scene import POCKETS, Pocket, Scene, pocket_name, pocket_places, sc
 from robot.device.launcher import Done, Launcher, StrokeUnknown
 from robot.device.protocol import LauncherError, string_number
 from robot.device.settings import Settings
-from sysid.clips import Clip, ClipSet, Cue, Observation, read_clip_set, write_clip_set
+from sysid.clips import Clip, ClipSet, CueCommand, Observation, read_clip_set, write_clip_set
 
 FORMAT = "billiard-played/1"
 TOLERANCE = 5e-3  # of a ball's place against the plan's [m]
@@ -75,7 +75,7 @@ class Order:
     x0_mm: float
     y0_mm: float
     yaw_deg: float
-    cue: Cue  # as commanded, for the clip
+    cue: CueCommand  # as commanded, for the clip
     notes: tuple[str, ...] = ()
 
 
@@ -111,7 +111,7 @@ def read_order(plan: Path | str, settings: Settings) -> Order:
     if data.get("stroke") is None:
         raise BadInput(f"{plan}: holds no stroke ({data.get('why', 'no reason told')}); plan another shot")
     scene = scene_from(data.get("scene"), f"{plan} scene")
-    cue = Cue(**{name: _number(data, "stroke", name, plan) for name in CUE})
+    cue = CueCommand(**{name: _number(data, "stroke", name, plan) for name in CUE})
     x0_mm, y0_mm, yaw = (_number(data, "launcher", name, plan) for name in ("x0_mm", "y0_mm", "theta_deg"))
     wanted = _number(data, "launcher", "cue_speed", plan)
     radius = 1e3 * scene.ball.radius
@@ -270,7 +270,7 @@ def _clips_so_far(folder: Path | str | None, camera: Camera | None) -> ClipSet |
     return old
 
 
-def add_clip(clip_set: ClipSet, balls: Mapping[str, Observation], struck: str, cue: Cue, note: str) -> ClipSet:
+def add_clip(clip_set: ClipSet, balls: Mapping[str, Observation], struck: str, cue: CueCommand, note: str) -> ClipSet:
     """The clip set with one more clip, under the next free number."""
     taken, k = {clip.file for clip in clip_set.clips}, len(clip_set.clips) + 1
     while f"clips/{k:04d}.csv" in taken:

@@ -25,10 +25,10 @@ from planner.launcher.cueing_map import CueingMap
 from robot.cueing.campaign import CueShot
 from robot.cueing.map_fit import fit_map
 from robot.device.protocol import string_number
-from sysid.clips import ClipSet, Cue
+from sysid.clips import ClipSet, CueCommand
 from sysid.clips.jaws import before_jaws
 from sysid.clips.noise import position_noise
-from sysid.clips.outliers import set_aside
+from sysid.clips.outliers import remove_outliers
 from sysid.estimation.initial_states import fit_states, grown_by_stage
 from sysid.estimation.problem import turn
 from sysid.estimation.shot_problem import shot_problem
@@ -97,7 +97,7 @@ def with_commands(clip_set: ClipSet, played: Sequence[Mapping[str, Any]], cueing
         stroke = (done["asked_speed"], 1e-3 * done["x0_mm"], 1e-3 * done["y0_mm"])
         speed, turned, side, height = (float(v[0]) for v in cueing_map.give(*(np.array([v]) for v in stroke)))
         azimuth = math.remainder(theta + turned, 2 * math.pi)
-        cue = Cue(speed, azimuth, side, height, cueing_map.geometry.elevation)
+        cue = CueCommand(speed, azimuth, side, height, cueing_map.geometry.elevation)
         clips.append(dataclasses.replace(clip, cue=cue))
     return dataclasses.replace(clip_set, clips=tuple(clips))
 
@@ -110,7 +110,7 @@ def first_velocities(clip_set: ClipSet, model: Model) -> dict[str, tuple[Array, 
     frames only, and spin across its way then looks like another direction, 25 mrad of it in place of 1.
     """
     sigma = position_noise(clip_set)
-    clip_set, _ = set_aside(clip_set, sigma)
+    clip_set, _ = remove_outliers(clip_set, sigma)
     problem = shot_problem(model, (), clip_set, sigma)
     none = np.zeros(0)
     begun = problem.until(np.clip(problem.horizon_at(0), 2 / clip_set.fps, LONGEST))

@@ -13,8 +13,8 @@ from sysid.clips import ClipSet, read_clip_set
 from sysid.report.findings import label, print_ladder, round_rows, shot_lines, verdict_lines
 from sysid.report.outcome import compare_at, write_outcome
 from sysid.report.text import in_words
-from sysid.selection.discover import Discovery, discover
-from sysid.selection.judge import Judgement
+from sysid.selection.discover import DiscoveryResult, discover
+from sysid.selection.judge import Diagnosis
 
 COMMAND = "sysid demo"
 EXAMPLE = Path(__file__).parents[1] / "example"
@@ -42,7 +42,7 @@ def run(out: Path, progress: Progress) -> int:
         flush=True,
     )
 
-    def tell(found: Discovery) -> None:
+    def tell(found: DiscoveryResult) -> None:
         progress.close()
         if not found.rounds:
             _failing(clip_set, found, progress)
@@ -54,7 +54,7 @@ def run(out: Path, progress: Progress) -> int:
     found = discover(clip_set, full_model(clip_set.table, clip_set.ball), tell)
     progress.close()
     rest = found.rounds[-1]
-    print("\nWhat is still missing?\n  " + "\n  ".join(verdict_lines(Judgement(rest), None)))
+    print("\nWhat is still missing?\n  " + "\n  ".join(verdict_lines(Diagnosis(rest), None)))
     last = write_outcome(out, clip_set, found, progress, time.monotonic() - began, COMMAND)
     _indented(in_words(last))
     _indented(shot_lines(found.next_shot))
@@ -64,7 +64,7 @@ def run(out: Path, progress: Progress) -> int:
     return DONE if found.last.converged else FOUND
 
 
-def _failing(clip_set: ClipSet, found: Discovery, progress: Progress) -> None:
+def _failing(clip_set: ClipSet, found: DiscoveryResult, progress: Progress) -> None:
     """Where the base model, at its best constants, fails."""
     base, noise = found.last, found.parts.noise
     _, compared = compare_at(0, clip_set, found, COMMAND)
@@ -77,17 +77,17 @@ def _failing(clip_set: ClipSet, found: Discovery, progress: Progress) -> None:
     _indented(in_words(compared))
 
 
-def _diagnosed(found: Discovery) -> None:
+def _diagnosed(found: DiscoveryResult) -> None:
     """What could be missing, ranked, and the verdict."""
     seen = found.rounds[-1]
     print("\n2. What could be missing? The evidence for each effect of the catalogue (delta BIC; 10 is enough):\n")
     print(table(round_rows(seen)) + "\n")
-    _indented(verdict_lines(Judgement(seen), None))
-    if seen.alike:
+    _indented(verdict_lines(Diagnosis(seen), None))
+    if seen.confounded:
         _indented([ALIKE])
 
 
-def _revealed(model: Model, found: Discovery) -> None:
+def _revealed(model: Model, found: DiscoveryResult) -> None:
     """What was hidden, read only now, beside what was found."""
     truth = json.loads(TRUTH.read_text(encoding="utf-8"))
     print(f"\n4. Only now {TRUTH.name} is opened. Hidden: {', '.join(truth['effects'])}. ", end="")

@@ -18,7 +18,7 @@ from sysid.cli.common import load, with_clips, with_effects, with_engine
 if TYPE_CHECKING:
     from models.model_file import Model
     from sysid.clips import ClipSet
-    from sysid.selection.discover import Discovery
+    from sysid.selection.discover import DiscoveryResult
 
 CHECKPOINT = "unfinished.pickle"
 
@@ -51,7 +51,7 @@ def demo(args: argparse.Namespace, progress: Progress) -> int:
 
 def diagnose(args: argparse.Namespace, progress: Progress) -> int:
     """Which effect is missing."""
-    from sysid.clips.pieces import whole
+    from sysid.clips.pieces import parent_clip
     from sysid.estimation.split import begin
     from sysid.report.findings import (
         cut_line,
@@ -61,27 +61,27 @@ def diagnose(args: argparse.Namespace, progress: Progress) -> int:
         shot_lines,
         verdict_lines,
     )
-    from sysid.selection.discover import best_next
+    from sysid.selection.discover import propose_next
     from sysid.selection.formula import describe
-    from sysid.selection.judge import judge
+    from sysid.selection.judge import diagnose_fit
     from sysid.selection.remainder import remainder
 
     check_outputs(args.json, args.report)
     clip_set, model = load(args)
     parts, base = begin(clip_set, model)
-    judged = judge(parts, base)
+    judged = diagnose_fit(parts, base)
     told: Mapping[str, Any] | None = None
-    if judged.structure is not None and judged.trial is not None:
-        told = describe(judged.structure, judged.trial.fitted, judged.trial.evidence)
+    if judged.formula is not None and judged.fitted_formula is not None:
+        told = describe(judged.formula, judged.fitted_formula.fitted, judged.fitted_formula.evidence)
     elif judged.name is None:
-        told = remainder(judged.round.base)
-    shot = best_next(parts, base, (judged.round,), (judged.name,) if judged.name else ())
+        told = remainder(judged.screening.base)
+    shot = propose_next(parts, base, (judged.screening,), (judged.name,) if judged.name else ())
     progress.close()
-    seen = judged.round
-    held = len({whole(c.file) for c in parts.held_out.clips}) if parts.held_out else 0
+    seen = judged.screening
+    held = len({parent_clip(c.file) for c in parts.held_out.clips}) if parts.held_out else 0
     print(f"{len(clip_set.clips)} clips, {held} of them held out, noise {parts.noise * 1e3:.3f} mm")
-    if seen.runs:
-        print(f"whole shots miss by {base.rms * 1e3:.3f} mm, so {seen.runs} runs between impacts are looked at")
+    if seen.segments:
+        print(f"whole shots miss by {base.rms * 1e3:.3f} mm, so {seen.segments} runs between impacts are looked at")
     print(f"base: {seen.base.rms * 1e3:.3f} mm rms, held out {seen.base.held_rms * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
     lines = [*([cut_line(parts)] if parts.cut else []), *verdict_lines(judged, told)]
@@ -92,7 +92,7 @@ def diagnose(args: argparse.Namespace, progress: Progress) -> int:
         from sysid.report.html import write_report
         from sysid.residuals.compare import compare
 
-        whole_shots = base if seen.runs else seen.base
+        whole_shots = base if seen.segments else seen.base
         own = parts.states_of(whole_shots, [c.file for c in clip_set.clips])
         comparison = compare(clip_set, whole_shots.model, start=own)
         progress.close()
@@ -121,7 +121,7 @@ def discover(args: argparse.Namespace, progress: Progress) -> int:
     if resumed is not None:
         print(f"going on from {out / CHECKPOINT}: {', '.join(resumed.verdict) or 'the base is fitted'}", flush=True)
 
-    def save(found: Discovery) -> None:
+    def save(found: DiscoveryResult) -> None:
         state = pickle.dumps((mark, spent + time.monotonic() - began, found))
         write_whole(out / CHECKPOINT, state)
         progress.close()
@@ -168,7 +168,7 @@ def _fingerprint(clip_set: ClipSet, model: Model) -> str:
     return digest.hexdigest()
 
 
-def _resume(out: Path, mark: str) -> tuple[Discovery | None, float]:
+def _resume(out: Path, mark: str) -> tuple[DiscoveryResult | None, float]:
     """What an interrupted run of the same command left, and how long it took; nothing if it was another."""
     path = out / CHECKPOINT
     if not path.exists():

@@ -45,7 +45,8 @@ def match(args: argparse.Namespace, progress: Progress) -> int:
         progress("the next rows")
     progress.close()
     missed = [row for row in found if not row.ok]
-    print(f"\n{len(found)} rows, {sum(row.reach is not None for row in found)} with a reach, {len(missed)} missed")
+    limited = sum(row.tolerance is not None for row in found)
+    print(f"\n{len(found)} rows, {limited} with a tolerance, {len(missed)} exceed it")
     if args.json:
         write_json(args.json, {"rows": [room.to_json(row) for row in found]})
     return FOUND if missed else DONE

@@ -1,17 +1,19 @@
-"""Tracked shots: read, checked and written, with what the tracks say of the camera and of events on the way.
+"""Tracked shots: read, checked, written and cut; noise and clock of the camera.
 
 In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
 
-    clip_set        the values: Observation, Cue, Clip, ClipSet
+    clip_set        the values: Observation, CueCommand, Clip, ClipSet
     read, write     whole or not at all; header, rows and keys of their files, faults in one line each
-    plausibility    what rows must satisfy: times go forwards, balls lie on the table
-    noise, clock    of the camera, from the tracks themselves
-    outliers        samples that a tracker threw elsewhere
-    segments        motion between events; pieces of one impact each; clips up to a pocket's jaws
+    plausibility    times increase, balls are on the table and do not overlap
+    noise, clock    of the camera, estimated from the tracks
+    outliers        single samples that the tracker placed elsewhere
+    segments        motion between two impacts
+    pieces          shots cut into windows of one impact each, or into segments
+    jaws            clips up to the first touch of a pocket's jaws
 """
 
-from sysid.clips.clip_set import Clip, ClipSet, Cue, Observation
+from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.read import check_clip_set, read_clip_set
 from sysid.clips.write import write_clip_set
 
-__all__ = ["Clip", "ClipSet", "Cue", "Observation", "check_clip_set", "read_clip_set", "write_clip_set"]
+__all__ = ["Clip", "ClipSet", "CueCommand", "Observation", "check_clip_set", "read_clip_set", "write_clip_set"]

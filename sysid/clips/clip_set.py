@@ -1,4 +1,4 @@
-"""Tracked shots as values: what was seen of each ball, what was commanded, and the set that they make."""
+"""Tracked shots as values: the observations of each ball, the commanded stroke, and the set of clips."""
 
 from __future__ import annotations
 
@@ -7,17 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from models.shot import Ball, Table
-
-Array = NDArray[np.float64]
+from models.shot import Array, Ball, Table
 
 
 @dataclass(frozen=True)
-class Cue:
-    """What was commanded; real shots differ from it a little."""
+class CueCommand:
+    """The commanded stroke; the real one differs from it a little."""
 
     speed: float  # of the ball [m/s]
     azimuth: float  # of the aim [rad]
@@ -28,7 +23,7 @@ class Cue:
 
 @dataclass(frozen=True)
 class Observation:
-    """Where one ball was seen."""
+    """The track of one ball."""
 
     time: Array  # (n,) [s], increasing
     xy: Array  # (n, 2) [m], table frame
@@ -43,11 +38,11 @@ class Clip:
     file: str  # as named in clips.toml, relative to the folder
     struck: str
     balls: Mapping[str, Observation]
-    cue: Cue | None = None
+    cue: CueCommand | None = None
     note: str = ""
     extra: Mapping[str, Any] = field(default_factory=dict)  # keys of its [[clip]] that are not known here
     order: float = 0.0  # place in the session, 0 for the first clip of the set, 1 for the last
-    running: bool = False  # a piece of a shot, which begins with a ball on its way
+    running: bool = False  # a part of a shot that begins with a moving ball
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,10 @@
-"""What the time stamps say of the camera's clock: their interval against the nominal frame rate.
+"""The scale of the camera's clock: the interval of the time stamps over that of the nominal frame rate.
 
-A camera's frame rate is good to some parts in ten thousand, and the header gives it to its last digit. Stamps that
-keep another interval come from a clock that runs fast or slow, or from a rate that is not the nominal one: without it,
-a scale of time is hidden, since every friction scales along.
+In: a `ClipSet`. Out: the ratio and its standard deviation.
+
+A camera's frame rate is accurate to some parts in ten thousand, and clips.toml gives it to its last digit. Stamps with
+another interval come from a clock that runs fast or slow. The tracks alone do not show that: a scale of time is
+imitated by every friction.
 """
 
 from __future__ import annotations
@@ -11,22 +13,22 @@ import numpy as np
 
 from sysid.clips.clip_set import ClipSet
 
-CRYSTAL = 2e-4  # by which a frame rate may differ from its nominal value [1]
-NEAR = 0.2  # of a frame: an interval farther than this from a whole number of frames says nothing
-LEAST = 30  # intervals
+FRAME_RATE_TOLERANCE = 2e-4  # relative standard deviation of a frame rate from its nominal value
+MAX_OFF_WHOLE_FRAMES = 0.2  # intervals farther than this from a whole number of frames, relative, are not used
+MIN_INTERVALS = 30
 
 
 def stamp_scale(clip_set: ClipSet) -> tuple[float, float]:
-    """Interval of the stamps over the nominal one, and its standard deviation, inf where they do not tell."""
+    """Interval of the stamps over the nominal one, and its standard deviation; inf where there are too few stamps."""
     times = [np.unique(np.concatenate([o.time for o in c.balls.values()])) for c in clip_set.clips]
     frames = np.concatenate([np.diff(t) for t in times]) * clip_set.fps if times else np.zeros(0)
     whole = np.round(frames)
-    use = (whole >= 1) & (whole <= 20) & (np.abs(frames - whole) < NEAR * whole)
-    if use.sum() < LEAST:
+    use = (whole >= 1) & (whole <= 20) & (np.abs(frames - whole) < MAX_OFF_WHOLE_FRAMES * whole)
+    if use.sum() < MIN_INTERVALS:
         return 1.0, float("inf")
     ratio = frames[use] / whole[use]
     scale = float(np.median(ratio))
     scatter = 1.4826 * float(np.median(np.abs(ratio - scale))) / float(np.sqrt(use.sum()))
     digits = len(repr(float(clip_set.fps)).partition(".")[2])
     rounding = 0.5 * 10.0**-digits / clip_set.fps / float(np.sqrt(3))
-    return scale, float(np.sqrt(CRYSTAL**2 + scatter**2 + rounding**2))
+    return scale, float(np.sqrt(FRAME_RATE_TOLERANCE**2 + scatter**2 + rounding**2))

@@ -1,4 +1,7 @@
-"""What is wrong with a clip set: one line per fault, naming the file, the row, the value and the remedy."""
+"""Faults of a clip set: one line per fault, naming the file, the row, the value and the remedy.
+
+In: texts and values. Out: `Faults`, and the parts of their messages.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,9 @@ import stat
 from collections.abc import Iterable
 from pathlib import Path
 
-SETTINGS = "clips.toml"
-LONGEST_LINE = 400  # a line is for reading: a damaged file must not flood the screen
-LONGEST_VALUE = 60
+CLIPS_TOML = "clips.toml"
+MAX_LINE_CHARS = 400  # of a message: a damaged file must not flood the screen
+MAX_VALUE_CHARS = 60  # of a value in a message
 
 
 class Faults:
@@ -23,8 +26,8 @@ class Faults:
         return sum(len(found) for found in self._found.values())
 
     def add(self, file: str, text: str, row: int | None = None) -> None:
-        """Note one fault; `row` is the line number in the file, from 1."""
-        where = "" if row is None else f", {'line' if file == SETTINGS else 'row'} {row}"
+        """Add one fault; `row` is the line number in the file, from 1."""
+        where = "" if row is None else f", {'line' if file == CLIPS_TOML else 'row'} {row}"
         # Faults of a whole file come last: they often follow from those of its rows.
         self._found.setdefault(file, []).append((float("inf") if row is None else row, f"{file}{where}: {text}"))
 
@@ -35,14 +38,14 @@ class Faults:
             ordered = sorted(found, key=lambda fault: fault[0])
             lines += [one_line(text) for _, text in ordered[:per_file]]
             if per_file is not None and len(ordered) > per_file:
-                lines.append(one_line(f"{file}: {len(ordered) - per_file} more faults: mend those above first"))
+                lines.append(one_line(f"{file}: {len(ordered) - per_file} more faults: correct those above first"))
         return lines
 
 
 def one_line(text: str) -> str:
     """The text without line breaks or other unprintable characters, not too long."""
     line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
-    return line if len(line) <= LONGEST_LINE else line[: LONGEST_LINE - 4] + " ..."
+    return line if len(line) <= MAX_LINE_CHARS else line[: MAX_LINE_CHARS - 4] + " ..."
 
 
 def shown(value: object) -> str:
@@ -51,7 +54,7 @@ def shown(value: object) -> str:
         text = repr(value)
     except ValueError:  # an integer of thousands of digits
         text = "a number too long to show"
-    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 4] + " ..."
+    return text if len(text) <= MAX_VALUE_CHARS else text[: MAX_VALUE_CHARS - 4] + " ..."
 
 
 def listed(names: Iterable[str]) -> str:
@@ -88,8 +91,8 @@ def path_fault(file: str) -> str | None:
         return "is an absolute path: name it relative to the clip set's folder"
     if ".." in file.split("/"):
         return "leaves the clip set's folder: move the clip into the folder"
-    if os.path.normpath(file) == SETTINGS:
-        return f"names {SETTINGS} itself: name the clip's CSV"
+    if os.path.normpath(file) == CLIPS_TOML:
+        return f"names {CLIPS_TOML} itself: name the clip's CSV"
     return None
 
 

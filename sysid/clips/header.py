@@ -1,4 +1,7 @@
-"""`clips.toml` of a clip set: the table, the ball, the camera, and which clips there are."""
+"""`clips.toml` of a clip set: the table, the ball, the camera, and which clips there are.
+
+In: the folder. Out: a `Header`, and its faults in `Faults`.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from models.shot import Ball, Table
-from sysid.clips.faults import SETTINGS, Faults, find_file, name_fault, path_fault, read_text, shown
-from sysid.clips.keys import NUMBERS, Place, read_numbers, slips, unknown_keys
+from sysid.clips.faults import CLIPS_TOML, Faults, find_file, name_fault, path_fault, read_text, shown
+from sysid.clips.keys import NUMBER_BOUNDS, Place, read_numbers, slips, unknown_keys
 
-FORMAT = "billiard-clips/1"
-SECTIONS = ("table", "ball", "camera")
-TOP = ("format", "clip", *SECTIONS)
+CLIP_SET_FORMAT = "billiard-clips/1"
+SECTION_NAMES = ("table", "ball", "camera")
+TOP_LEVEL_KEYS = ("format", "clip", *SECTION_NAMES)
 CLIP_TEXTS = {"file": '"clips/0001.csv"', "struck": '"cue"', "note": '"long draw"'}  # with examples
-LIGHTEST, HEAVIEST = 50.0, 12000.0  # density of a ball [kg/m^3]: hollow plastic to lead
-BALLS_ACROSS = 5  # a table narrower than so many balls has its ball or its table in the wrong unit
+MIN_BALL_DENSITY_KG_M3, MAX_BALL_DENSITY_KG_M3 = 50.0, 12000.0  # hollow plastic to lead
+MIN_BALLS_ACROSS_TABLE = 5  # a table narrower than so many balls has its ball or its table in the wrong unit
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Header:
-    """What clips.toml says; None where it says nothing usable."""
+    """The contents of clips.toml; None where an entry is missing or wrong."""
 
     table: Table | None
     ball: Ball | None
@@ -48,29 +51,31 @@ class Header:
 
 def read_header(root: Path, faults: Faults) -> Header | None:
     """Read clips.toml in `root`, a real path; None when it cannot be read at all."""
-    path = find_file(root, SETTINGS)
+    path = find_file(root, CLIPS_TOML)
     if isinstance(path, str):
-        faults.add(SETTINGS, f"{path} ({root} is to hold {SETTINGS} and its clips)")
+        faults.add(CLIPS_TOML, f"{path} ({root} is to hold {CLIPS_TOML} and its clips)")
         return None
-    text = read_text(path, SETTINGS, faults)
+    text = read_text(path, CLIPS_TOML, faults)
     document = None if text is None else _parse(text, faults)
     if text is None or document is None:
         return None
     version = document.get("format")
-    if version is None and "format" in slips(document, TOP):
-        unknown_keys(document, TOP, Place(text), faults)
+    if version is None and "format" in slips(document, TOP_LEVEL_KEYS):
+        unknown_keys(document, TOP_LEVEL_KEYS, Place(text), faults)
         return None
-    if version != FORMAT:
-        said = "format is missing" if version is None else f"format = {shown(version)} is unknown"
-        faults.add(SETTINGS, f'{said}: this program reads format = "{FORMAT}"', Place(text).line("format"))
+    if version != CLIP_SET_FORMAT:
+        problem = "format is missing" if version is None else f"format = {shown(version)} is unknown"
+        faults.add(
+            CLIPS_TOML, f'{problem}: this program reads format = "{CLIP_SET_FORMAT}"', Place(text).line("format")
+        )
         return None  # another version may mean anything
-    extra = unknown_keys(document, TOP, Place(text), faults)
+    extra = unknown_keys(document, TOP_LEVEL_KEYS, Place(text), faults)
     table = _table(_section(document, "table", text, extra, faults), document, text, faults)
     ball = _ball(_section(document, "ball", text, extra, faults), text, faults)
     camera = _section(document, "camera", text, extra, faults)
-    if table and ball and ball.diameter > table.width / BALLS_ACROSS:
+    if table and ball and ball.diameter > table.width / MIN_BALLS_ACROSS_TABLE:
         problem = f"diameter = {ball.diameter:g} m does not fit a table {table.width:g} m wide: correct one of them"
-        faults.add(SETTINGS, problem, Place(text, "ball").line("diameter"))
+        faults.add(CLIPS_TOML, problem, Place(text, "ball").line("diameter"))
     return Header(table, ball, camera, _entries(document, root, ball, text, faults), extra)
 
 
@@ -80,9 +85,9 @@ def _parse(text: str, faults: Faults) -> dict[str, Any] | None:
     except tomllib.TOMLDecodeError as error:
         found = re.search(r" \(at line (\d+), (column \d+)\)$", str(error))
         problem = str(error) if found is None else f"{str(error)[: found.start()]} at {found[2]}"
-        faults.add(SETTINGS, f"{problem}: correct the TOML", None if found is None else int(found[1]))
+        faults.add(CLIPS_TOML, f"{problem}: correct the TOML", None if found is None else int(found[1]))
     except (ValueError, RecursionError):  # dates that do not exist, endless digits, a thousand brackets
-        faults.add(SETTINGS, "holds a value that cannot be read: correct the TOML")
+        faults.add(CLIPS_TOML, "holds a value that cannot be read: correct the TOML")
     return None
 
 
@@ -96,11 +101,11 @@ def _section(
         if left:
             extra[name] = left
         return values
-    keys = ", ".join(key for key, bound in NUMBERS[name].items() if bound.required)
+    keys = ", ".join(key for key, bound in NUMBER_BOUNDS[name].items() if bound.required)
     if section is not None:
-        faults.add(SETTINGS, f"{name} = {shown(section)} is not a table: write [{name}] with {keys}", place.line())
-    elif name not in slips(document, TOP):
-        faults.add(SETTINGS, f"[{name}] is missing: add it with {keys}")
+        faults.add(CLIPS_TOML, f"{name} = {shown(section)} is not a table: write [{name}] with {keys}", place.line())
+    elif name not in slips(document, TOP_LEVEL_KEYS):
+        faults.add(CLIPS_TOML, f"[{name}] is missing: add it with {keys}")
     return {}
 
 
@@ -110,11 +115,13 @@ def _table(values: Mapping[str, float], document: Mapping[str, Any], text: str, 
     place, pockets = Place(text, "table"), document["table"].get("pockets", True)
     if not isinstance(pockets, bool):
         faults.add(
-            SETTINGS, f"pockets = {shown(pockets)} is not true or false: write one of them", place.line("pockets")
+            CLIPS_TOML, f"pockets = {shown(pockets)} is not true or false: write one of them", place.line("pockets")
         )
     if values["width"] > values["length"]:
-        problem = f"width = {values['width']:g} exceeds length = {values['length']:g}: exchange them, x is the long way"
-        faults.add(SETTINGS, problem, place.line("width"))
+        problem = (
+            f"width = {values['width']:g} exceeds length = {values['length']:g}: exchange them, x is along the table"
+        )
+        faults.add(CLIPS_TOML, problem, place.line("width"))
     return Table(values["length"], values["width"], pockets is not False)
 
 
@@ -122,10 +129,10 @@ def _ball(values: Mapping[str, float], text: str, faults: Faults) -> Ball | None
     if "diameter" not in values:
         return None
     diameter, mass = values["diameter"], values.get("mass", math.nan)  # without a mass it still judges the clips
-    low, high = (density * math.pi / 6 * diameter**3 for density in (LIGHTEST, HEAVIEST))
+    low, high = (density * math.pi / 6 * diameter**3 for density in (MIN_BALL_DENSITY_KG_M3, MAX_BALL_DENSITY_KG_M3))
     if mass < low or mass > high:
         problem = f"mass = {mass:g} kg does not fit a ball of {diameter:g} m: write {low:.2g} to {high:.2g} (kg)"
-        faults.add(SETTINGS, problem, Place(text, "ball").line("mass"))
+        faults.add(CLIPS_TOML, problem, Place(text, "ball").line("mass"))
     return Ball(diameter, mass)
 
 
@@ -135,10 +142,10 @@ def _entries(
     clips = document.get("clip", [])
     if not isinstance(clips, list) or not all(isinstance(clip, dict) for clip in clips):
         problem = f"clip = {shown(clips)} is not a list of tables: write [[clip]] for each clip"
-        faults.add(SETTINGS, problem, Place(text).line("clip"))
+        faults.add(CLIPS_TOML, problem, Place(text).line("clip"))
         return ()
-    if not clips and "clip" not in slips(document, TOP):
-        faults.add(SETTINGS, "names no clips: add a [[clip]] with file and struck for each")
+    if not clips and "clip" not in slips(document, TOP_LEVEL_KEYS):
+        faults.add(CLIPS_TOML, "names no clips: add a [[clip]] with file and struck for each")
     entries: list[Entry] = []
     seen: dict[Path, int] = {}
     for index, clip in enumerate(clips):
@@ -147,7 +154,7 @@ def _entries(
             continue
         if entry.path in seen:
             problem = f"file = {shown(entry.file)} is clip {seen[entry.path] + 1} already: name each file once"
-            faults.add(SETTINGS, problem, entry.place.line("file"))
+            faults.add(CLIPS_TOML, problem, entry.place.line("file"))
             continue
         seen[entry.path] = index
         entries.append(entry)
@@ -162,18 +169,18 @@ def _entry(clip: Mapping[str, Any], root: Path, ball: Ball | None, place: Place,
         if isinstance(value := clip.get(key), str):
             texts[key] = value
         elif key in clip:
-            faults.add(SETTINGS, f"{key} = {shown(value)} is not text: write {key} = {example}", place.line(key))
+            faults.add(CLIPS_TOML, f"{key} = {shown(value)} is not text: write {key} = {example}", place.line(key))
         elif key != "note" and key not in slips(clip, known):
-            faults.add(SETTINGS, f"clip {place.index + 1} has no {key}: add {key} = {example}", place.line())
+            faults.add(CLIPS_TOML, f"clip {place.index + 1} has no {key}: add {key} = {example}", place.line())
     if "struck" in texts and (problem := name_fault(texts["struck"])):
-        faults.add(SETTINGS, f"struck = {shown(texts['struck'])} {problem}", place.line("struck"))
+        faults.add(CLIPS_TOML, f"struck = {shown(texts['struck'])} {problem}", place.line("struck"))
     cue = _cue(clip["cue"], ball, place, extra, faults) if "cue" in clip else None
     if "file" not in texts:
         return None
     file = texts["file"]
     path = path_fault(file) or find_file(root, file)
     if isinstance(path, str):
-        faults.add(SETTINGS, f"file = {shown(file)} {path}", place.line("file"))
+        faults.add(CLIPS_TOML, f"file = {shown(file)} {path}", place.line("file"))
         return None
     return Entry(file, path, texts.get("struck", ""), place, texts["note"], cue, extra)
 
@@ -183,7 +190,7 @@ def _cue(
 ) -> Mapping[str, float] | None:
     if not isinstance(data, dict):
         problem = f"cue = {shown(data)} is not a table: write cue = {{ speed = 1.9, azimuth = 2.68 }}"
-        faults.add(SETTINGS, problem, place.line("cue"))
+        faults.add(CLIPS_TOML, problem, place.line("cue"))
         return None
     values, left = read_numbers(data, "cue", place, faults)
     if left:
@@ -191,5 +198,5 @@ def _cue(
     offset = math.hypot(values.get("side", 0.0), values.get("height", 0.0))
     if ball is not None and offset > ball.radius:
         problem = f"cue.side, cue.height: {offset:g} m off centre misses the ball (radius {ball.radius:g} m)"
-        faults.add(SETTINGS, f"{problem}: write them in m", place.line("cue"))
+        faults.add(CLIPS_TOML, f"{problem}: write them in m", place.line("cue"))
     return values if {"speed", "azimuth"} <= values.keys() else None

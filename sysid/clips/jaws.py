@@ -1,7 +1,9 @@
-"""Clips up to where a pocket's jaws enter: what is fitted knows pockets that swallow, not jaws that throw back.
+"""Clips up to the first touch of a pocket's jaws: the models that are fitted have pockets without jaws.
 
-A ball that touches a jaw and drops is followed up to the touch. Where one comes out again, everything that it may meet
-is another motion, and the whole clip ends there. Jaws are those of models/analytic/pocket.py, and a little wider.
+In: a `ClipSet`. Out: the same, every clip cut where needed.
+
+A ball that touches a jaw and drops is followed up to the touch. Where it rebounds, it may meet other balls, so the
+whole clip ends there. The jaws are those of models/analytic/pocket.py, with a margin.
 """
 
 from __future__ import annotations
@@ -16,12 +18,12 @@ from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 
-WIDER = 3e-3  # noise, and how well the jaws' place is known [m]
-LEAST = 12  # samples of the struck ball that make a clip
+JAW_MARGIN_M = 3e-3  # for noise, and for the uncertainty of the jaws' place
+MIN_CLIP_SAMPLES = 12  # of the struck ball: shorter clips are left out
 
 
 def before_jaws(clip_set: ClipSet) -> ClipSet:
-    """The clips, none beyond a jaw; a clip of which next to nothing is left is left out."""
+    """Cut every clip at the first touch of a jaw; leave out clips of which too few samples remain."""
     try:
         jaws = pockets_of(clip_set.table, clip_set.ball).jaws
     except BadInput:  # other pockets than snooker's: nothing is known of their jaws
@@ -29,7 +31,9 @@ def before_jaws(clip_set: ClipSet) -> ClipSet:
     if len(jaws) == 0:
         return clip_set
     clips = [_before(clip, clip_set, jaws) for clip in clip_set.clips]
-    return dataclasses.replace(clip_set, clips=tuple(c for c in clips if len(c.balls[c.struck].time) >= LEAST))
+    return dataclasses.replace(
+        clip_set, clips=tuple(c for c in clips if len(c.balls[c.struck].time) >= MIN_CLIP_SAMPLES)
+    )
 
 
 def _before(clip: Clip, clip_set: ClipSet, jaws: Array) -> Clip:
@@ -46,15 +50,15 @@ def _before(clip: Clip, clip_set: ClipSet, jaws: Array) -> Clip:
             end = min(end, touched)
     if end == np.inf and not ends:
         return clip
-    kept = {name: _until(seen, min(end, ends.get(name, np.inf))) for name, seen in clip.balls.items()}
-    return dataclasses.replace(clip, balls=kept)
+    balls = {name: _until(seen, min(end, ends.get(name, np.inf))) for name, seen in clip.balls.items()}
+    return dataclasses.replace(clip, balls=balls)
 
 
 def _touched(seen: Observation, jaws: Array) -> float | None:
     """When a ball that moves first meets a jaw [s]."""
     gap = np.hypot(*(seen.xy[:, None] - jaws[None, :, :2]).transpose(2, 0, 1)) - jaws[:, 2]
-    met = np.flatnonzero((gap < WIDER).any(axis=1))
-    if met.size == 0 or np.ptp(seen.xy, axis=0).max() < WIDER:
+    met = np.flatnonzero((gap < JAW_MARGIN_M).any(axis=1))
+    if met.size == 0 or np.ptp(seen.xy, axis=0).max() < JAW_MARGIN_M:
         return None
     return float(seen.time[met[0]])
 

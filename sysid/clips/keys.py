@@ -1,4 +1,7 @@
-"""Keys and numbers of `clips.toml`: their units and bounds, slips of the pen, and the lines they stand on."""
+"""Keys and numbers of `clips.toml`: their units and bounds, misspelt keys, and line numbers for messages.
+
+In: decoded TOML and its text. Out: numbers, unknown keys, and faults in `Faults`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.clips.faults import SETTINGS, Faults, closest, shown
+from sysid.clips.faults import CLIPS_TOML, Faults, closest, shown
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,7 @@ class Bound:
     required: bool = True
 
 
-NUMBERS: Mapping[str, Mapping[str, Bound]] = {
+NUMBER_BOUNDS: Mapping[str, Mapping[str, Bound]] = {
     "table": {"length": Bound("m", 0.2, 10.0), "width": Bound("m", 0.1, 10.0)},
     "ball": {"diameter": Bound("m", 0.02, 0.1), "mass": Bound("kg", 2e-4, 6.0)},
     "camera": {"fps": Bound("1/s", 1.0, 1e6), "sigma": Bound("m", 1e-9, 0.02, required=False)},
@@ -34,7 +37,7 @@ NUMBERS: Mapping[str, Mapping[str, Bound]] = {
     },
 }
 LIKELY_UNITS = {"m": ("mm", 1e-3), "m/s": ("mm/s", 1e-3), "kg": ("g", 1e-3), "rad": ("degrees", math.pi / 180)}
-TABLE_LINE = re.compile(r"\s*\[\[?\s*([^\[\]]*?)\s*\]\]?\s*(#.*)?$")
+TABLE_HEADING = re.compile(r"\s*\[\[?\s*([^\[\]]*?)\s*\]\]?\s*(#.*)?$")
 
 
 @dataclass(frozen=True)
@@ -46,10 +49,10 @@ class Place:
     index: int = 0
 
     def line(self, key: str = "") -> int | None:
-        """Line number of a key, else of the table; None when neither is written in the usual way."""
+        """Line number of a key, else of the table; None when neither is found."""
         here, seen, table = not self.name, -1, None
         for number, line in enumerate(self.text.split("\n"), 1):
-            if found := TABLE_LINE.match(line):
+            if found := TABLE_HEADING.match(line):
                 seen += found[1] == self.name
                 here = found[1] == self.name and seen == self.index
                 table = number if here else table
@@ -67,7 +70,7 @@ def _assigns(line: str, key: str) -> bool:
 def unknown_keys(
     data: Mapping[str, Any], known: Iterable[str], place: Place, faults: Faults, within: str = ""
 ) -> dict[str, Any]:
-    """Keys that the format does not name: kept, unless they look like slips of keys that it does name.
+    """Keys that the format does not name: preserved, unless they are probably misspelt.
 
     `within` is the key whose inline table `data` is.
     """
@@ -79,7 +82,7 @@ def unknown_keys(
             extra[key] = value
         else:
             line = place.line(within or key) or Place(place.text, key).line()
-            faults.add(SETTINGS, f"unknown key {shown(key)}: did you mean {meant!r}?", line)
+            faults.add(CLIPS_TOML, f"unknown key {shown(key)}: did you mean {meant!r}?", line)
     return extra
 
 
@@ -92,7 +95,7 @@ def read_numbers(
     data: Mapping[str, Any], name: str, place: Place, faults: Faults, more: tuple[str, ...] = ()
 ) -> tuple[dict[str, float], dict[str, Any]]:
     """The usable numbers of the table `name`, and its unknown keys; `more` names keys that others read."""
-    bounds = NUMBERS[name]
+    bounds = NUMBER_BOUNDS[name]
     inner, within = ("cue.", "cue") if name == "cue" else ("", "")  # keys of an inline table have no line of their own
     extra = unknown_keys(data, (*bounds, *more), place, faults, within)
     slipped = slips(data, (*bounds, *more))
@@ -102,14 +105,14 @@ def read_numbers(
             try:
                 values[key] = _number(data[key], bound)
             except ValueError as error:
-                faults.add(SETTINGS, f"{inner}{key} = {shown(data[key])} {error}", place.line(within or key))
+                faults.add(CLIPS_TOML, f"{inner}{key} = {shown(data[key])} {error}", place.line(within or key))
         elif bound.required and key not in slipped:
-            faults.add(SETTINGS, f"{inner}{key} is missing: add it in {bound.unit}", place.line(within))
+            faults.add(CLIPS_TOML, f"{inner}{key} is missing: add it in {bound.unit}", place.line(within))
     return values, extra
 
 
 def _number(value: object, bound: Bound) -> float:
-    """The value as a number within its bounds; the ValueError says what is wrong with it."""
+    """The value as a number within its bounds; the message of the ValueError is the fault and its remedy."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"is not a number: write it in {bound.unit}, without quotes")
     try:

@@ -1,4 +1,7 @@
-"""Noise of a tracker from its own tracks."""
+"""Noise of a tracker, estimated from its tracks.
+
+In: a `ClipSet`. Out: the standard deviation of positions.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,13 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from sysid.clips.clip_set import ClipSet
 
-SMOOTH = np.sqrt(20.0)  # of third differences: 1 + 9 + 9 + 1
+THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # of white noise: root of 1 + 9 + 9 + 1
 
 
 def position_noise(clip_set: ClipSet) -> float:
-    """One standard deviation per axis [m]: the set's own figure, or the median third difference of evenly timed runs.
+    """One standard deviation per axis [m]: as clips.toml has it, else from the median third difference.
 
-    Third differences of a smooth motion vanish but for noise; the median ignores impacts and slips.
+    Third differences of evenly timed samples of a smooth motion hold noise alone; the median ignores impacts.
     """
     if clip_set.sigma is not None:
         return clip_set.sigma
@@ -25,9 +28,9 @@ def position_noise(clip_set: ClipSet) -> float:
             if len(step) < 3:
                 continue
             even = np.abs(step / np.median(step) - 1) < 0.05
-            runs = even[2:] & even[1:-1] & even[:-2]
-            third = np.diff(seen.xy, 3, axis=0)[runs]
-            moving = np.hypot(*np.diff(seen.xy, axis=0)[1:-1][runs].T) > 1e-4
+            smooth = even[2:] & even[1:-1] & even[:-2]
+            third = np.diff(seen.xy, 3, axis=0)[smooth]
+            moving = np.hypot(*np.diff(seen.xy, axis=0)[1:-1][smooth].T) > 1e-4
             found.append(third[moving].ravel())
     values = np.concatenate(found) if found else np.zeros(0)
     if values.size < 30:
@@ -37,4 +40,4 @@ def position_noise(clip_set: ClipSet) -> float:
 
 def smooth_noise(third: NDArray[np.float64]) -> float:
     """Standard deviation of the noise of evenly timed samples of a smooth motion, from their third differences."""
-    return float(np.median(np.abs(third)) / 0.6745 / SMOOTH)
+    return float(np.median(np.abs(third)) / 0.6745 / THIRD_DIFFERENCE_GAIN)

@@ -1,7 +1,9 @@
-"""Samples that a tracker threw elsewhere: set aside before anything is fitted.
+"""Outliers: single samples that the tracker placed elsewhere, removed before anything is fitted.
 
-A sample is a spike if it lies far from where the two samples before it lead, from where the two after it lead back to,
-and from between its neighbours. A ball that meets something agrees with one of the three.
+In: a ball's `Observation`, or a `ClipSet`. Out: which samples are outliers; the clip set without them.
+
+A sample is an outlier if it lies far from three linear predictions: from the two samples before it, from the two after
+it, and from its two neighbours. At an impact one of the three holds.
 """
 
 from __future__ import annotations
@@ -11,42 +13,41 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from models.shot import Array
 from sysid.clips.clip_set import ClipSet, Observation
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-FAR = 8.0  # standard deviations of an extrapolation
-LEAST = 0.004  # [m]
-NOISE = np.sqrt(6.0)  # of a linear extrapolation by one sample: 1 + 4 + 1
-GAP = 4.0  # of the median interval: neighbours farther away do not tell
+MAX_EXTRAPOLATION_SD = 8.0  # distance from a prediction, over its standard deviation
+MIN_OUTLIER_M = 0.004  # distance that an outlier has at least
+EXTRAPOLATION_GAIN = np.sqrt(6.0)  # of white noise, by a linear prediction: root of 1 + 4 + 1
+MAX_NEIGHBOUR_INTERVALS = 4.0  # of the median interval: over longer gaps the prediction does not hold
 
 
-def spikes(seen: Observation, sigma: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which samples of a ball are spikes: (n,)."""
+def find_outliers(seen: Observation, sigma: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Which samples of a ball are outliers: (n,)."""
     n = len(seen.time)
     found = np.zeros(n, bool)
     if n < 5:
         return found
     t, xy = seen.time, seen.xy
-    k: Index = np.arange(2, n - 2)
+    k = np.arange(2, n - 2)
 
-    def line(a: Index, b: Index) -> Array:
+    def line(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
         slope = (xy[b] - xy[a]) / (t[b] - t[a])[:, None]
         return np.asarray(xy[a] + slope * (t[k] - t[a])[:, None])
 
     away = np.min([np.hypot(*(xy[k] - line(*pair)).T) for pair in ((k - 2, k - 1), (k + 1, k + 2), (k - 1, k + 1))], 0)
-    near = (t[k + 2] - t[k - 2]) < GAP * 4 * np.median(np.diff(t))
-    found[k] = near & (away > max(FAR * NOISE * sigma, LEAST))
+    near = (t[k + 2] - t[k - 2]) < MAX_NEIGHBOUR_INTERVALS * 4 * np.median(np.diff(t))
+    found[k] = near & (away > max(MAX_EXTRAPOLATION_SD * EXTRAPOLATION_GAIN * sigma, MIN_OUTLIER_M))
     return found
 
 
-def set_aside(clip_set: ClipSet, sigma: float) -> tuple[ClipSet, int]:
-    """The clip set without spikes, and how many there were."""
+def remove_outliers(clip_set: ClipSet, sigma: float) -> tuple[ClipSet, int]:
+    """The clip set without outliers, and how many there were."""
     count, clips = 0, []
     for clip in clip_set.clips:
         balls = {}
         for name, seen in clip.balls.items():
-            bad = spikes(seen, sigma)
+            bad = find_outliers(seen, sigma)
             count += int(bad.sum())
             keep = np.flatnonzero(~bad)
             extra = (

@@ -1,7 +1,9 @@
-"""What the rows of a clip must satisfy: times go forwards, balls lie on the table and not in each other.
+"""Plausibility of the rows of a clip: times increase, balls are on the table and do not overlap.
 
-A ball's centre stays a radius short of the cushion noses, so the nose line leaves room for what a camera does to an
-image (scale, tilt, lens); beyond it lies a ball only where a pocket swallows it.
+In: the `Rows` of a clip with its table, ball and camera. Out: faults, collected in `Faults`.
+
+A ball's centre stays a radius from the cushion noses, so the limit at the nose line tolerates errors of the camera
+(scale, tilt, lens). Beyond it a ball may only be where a pocket is.
 """
 
 from __future__ import annotations
@@ -13,25 +15,25 @@ from itertools import combinations
 import numpy as np
 
 from models.shot import Ball, Table
-from sysid.clips.faults import SETTINGS, Faults, closest, listed, shown
+from sysid.clips.faults import CLIPS_TOML, Faults, closest, listed, shown
 from sysid.clips.header import Entry
 from sysid.clips.rows import Rows
 
-FEWEST = 3  # samples of the struck ball
-LONGEST = 600.0  # of a clip [s]; no shot lasts so long, but one in milliseconds does
-BEYOND = 0.005  # of a centre over the nose line [m]: cushions yield, trackers err
-POCKET_REACH = 2.0  # from the corner of the noses to a ball that drops, in ball diameters
-OVERLAP = 0.003  # of touching balls at the start [m]
-AGAIN = "record the shot again or remove the clip"
-UNKNOWN_RATE = 50.0  # where the frame rate is itself a fault [1/s]
+MIN_STRUCK_SAMPLES = 3  # samples of the struck ball
+MAX_CLIP_S = 600.0  # no shot lasts so long, but one with times in milliseconds would
+MAX_BEYOND_NOSE_M = 0.005  # of a centre: cushions yield, trackers err
+POCKET_REACH = 2.0  # distance from the corner of the noses to a ball that drops, in ball diameters
+MAX_OVERLAP_M = 0.003  # of touching balls at the start
+RECORD_AGAIN = "record the shot again or remove the clip"
+DEFAULT_FPS = 50.0  # where the frame rate of the set is missing or wrong
 START_FRAMES = 3.5  # a ball first seen in so many frames was there at the start
 
 
 def check_rows(
     rows: Rows, file: str, table: Table | None, ball: Ball | None, camera: Mapping[str, float], faults: Faults
 ) -> None:
-    """Note every fault of times and places; what needs a table or a ball is left out where there is none."""
-    fps, noise = camera.get("fps", UNKNOWN_RATE), 6 * camera.get("sigma", 0.0)
+    """Collect the faults of times and places; places are not checked where table or ball is missing."""
+    fps, noise = camera.get("fps", DEFAULT_FPS), 6 * camera.get("sigma", 0.0)
     _check_times(rows, file, faults)
     if table is not None and ball is not None and _check_places(rows, file, table, ball, noise, faults):
         _check_overlap(rows, file, ball, fps, noise, faults)
@@ -44,14 +46,14 @@ def _check_times(rows: Rows, file: str, faults: Faults) -> None:
         problem = f"t = {time[i + 1]:.9g} lies before t = {time[i]:.9g} of row {line[i]}: sort the rows by t"
         faults.add(file, problem, line[i + 1])
     for k, name in enumerate(rows.names):
-        own = np.flatnonzero(rows.ball == k)
-        for i in np.flatnonzero(time[own[1:]] == time[own[:-1]]).tolist():
-            one, other = int(own[i]), int(own[i + 1])
+        of_ball = np.flatnonzero(rows.ball == k)
+        for i in np.flatnonzero(time[of_ball[1:]] == time[of_ball[:-1]]).tolist():
+            one, other = int(of_ball[i]), int(of_ball[i + 1])
             problem = f"t = {time[one]:.9g} of ball {shown(name)} is that of row {line[one]} as well"
             faults.add(file, f"{problem}: keep one row of a ball at one time", line[other])
-    if not back.any() and len(time) and float(time[-1]) - float(time[0]) > LONGEST:
+    if not back.any() and len(time) and float(time[-1]) - float(time[0]) > MAX_CLIP_S:
         problem = (
-            f"t = {time[-1]:.9g} lies more than {LONGEST:g} s after the first row: write seconds, not milliseconds"
+            f"t = {time[-1]:.9g} lies more than {MAX_CLIP_S:g} s after the first row: write seconds, not milliseconds"
         )
         faults.add(file, problem, line[-1])
 
@@ -67,22 +69,23 @@ def check_struck(rows: Rows, entry: Entry, faults: Faults) -> None:
             problem = (
                 f"struck = {shown(entry.struck)} is not in {entry.file}, which holds {listed(rows.names)}: {remedy}"
             )
-            faults.add(SETTINGS, problem, entry.place.line("struck"))
+            faults.add(CLIPS_TOML, problem, entry.place.line("struck"))
         else:
-            faults.add(entry.file, f"holds no samples, at least {FEWEST} of the struck ball are needed: {AGAIN}")
+            faults.add(
+                entry.file,
+                f"holds no samples, at least {MIN_STRUCK_SAMPLES} of the struck ball are needed: {RECORD_AGAIN}",
+            )
         return
     count = int(np.count_nonzero(rows.ball == rows.names.index(entry.struck)))
-    if count < FEWEST:
-        problem = (
-            f"holds {count} samples of the struck ball {shown(entry.struck)}, at least {FEWEST} are needed: {AGAIN}"
-        )
-        faults.add(entry.file, problem)
+    if count < MIN_STRUCK_SAMPLES:
+        few = f"holds {count} samples of the struck ball {shown(entry.struck)}"
+        faults.add(entry.file, f"{few}, at least {MIN_STRUCK_SAMPLES} are needed: {RECORD_AGAIN}")
 
 
 def _check_places(rows: Rows, file: str, table: Table, ball: Ball, noise: float, faults: Faults) -> bool:
-    """Whether all balls lie on the table or in its pockets."""
+    """Whether all balls are on the table or in its pockets."""
     half = np.array([table.length, table.width]) / 2
-    limit = half + BEYOND + noise
+    limit = half + MAX_BEYOND_NOSE_M + noise
     outside = np.flatnonzero((np.abs(rows.xy) > limit).any(axis=1))
     good = True
     for i in outside.tolist():
@@ -100,18 +103,18 @@ def _check_places(rows: Rows, file: str, table: Table, ball: Ball, noise: float,
 def _check_overlap(rows: Rows, file: str, ball: Ball, fps: float, noise: float, faults: Faults) -> None:
     starts: list[tuple[int, float, float, float, float]] = []  # row, time, x, y, speed
     for k in range(len(rows.names)):
-        own = np.flatnonzero(rows.ball == k)[:2]
-        time, xy = rows.time[own].tolist(), rows.xy[own].tolist()
+        of_ball = np.flatnonzero(rows.ball == k)[:2]
+        time, xy = rows.time[of_ball].tolist(), rows.xy[of_ball].tolist()
         late = time[0] - float(rows.time[0]) > START_FRAMES / fps
         if late or not all(map(math.isfinite, (*time, *xy[0], *xy[-1]))):
             continue
-        speed = math.dist(xy[0], xy[1]) / (time[1] - time[0]) if len(own) > 1 and time[1] > time[0] else 0.0
-        starts.append((int(own[0]), time[0], xy[0][0], xy[0][1], speed))
+        speed = math.dist(xy[0], xy[1]) / (time[1] - time[0]) if len(of_ball) > 1 and time[1] > time[0] else 0.0
+        starts.append((int(of_ball[0]), time[0], xy[0][0], xy[0][1], speed))
     for a, b in combinations(starts, 2):
         # A ball whose first frame is missing may have rolled into a place that the other has left since.
         rolled = 2 * abs(a[1] - b[1]) * max(a[4], b[4])
         distance = math.hypot(a[2] - b[2], a[3] - b[3])
-        if distance < ball.diameter - OVERLAP - noise - rolled:
+        if distance < ball.diameter - MAX_OVERLAP_M - noise - rolled:
             names = f"{shown(rows.names[rows.ball[a[0]]])} and {shown(rows.names[rows.ball[b[0]]])}"
             problem = (
                 f"balls {names} overlap at the start: centres {distance:.4g} m apart, diameter {ball.diameter:g} m"

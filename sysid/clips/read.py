@@ -1,4 +1,7 @@
-"""Reading a clip set: the folder of tracked shots that every command reads, in the format `billiard-clips/1`."""
+"""Reading a clip set: the folder of tracked shots that every command reads.
+
+In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`, or the list of its faults.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from models.errors import BadInput
-from sysid.clips.clip_set import Clip, ClipSet, Cue, Observation
+from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.faults import Faults, one_line, read_text
 from sysid.clips.header import Entry, read_header
 from sysid.clips.plausibility import check_rows, check_struck
@@ -65,8 +68,8 @@ def _read(folder: Path, faults: Faults) -> ClipSet | None:
 def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
     balls = {}
     for k, name in enumerate(rows.names):
-        own = np.flatnonzero(rows.ball == k)
-        extra = {key: tuple(cells[i] for i in own.tolist()) for key, cells in rows.extra.items()}
-        balls[name] = Observation(rows.time[own], rows.xy[own], rows.theta[own], extra)
-    cue = None if entry.cue is None else Cue(**entry.cue)
+        of_ball = np.flatnonzero(rows.ball == k)
+        extra = {key: tuple(cells[i] for i in of_ball.tolist()) for key, cells in rows.extra.items()}
+        balls[name] = Observation(rows.time[of_ball], rows.xy[of_ball], rows.theta[of_ball], extra)
+    cue = None if entry.cue is None else CueCommand(**entry.cue)
     return Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order)

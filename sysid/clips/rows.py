@@ -1,4 +1,7 @@
-"""The rows of one clip: CSV with the columns `t,ball,x,y,theta` in any order, and others that are kept."""
+"""The rows of one clip: CSV with the columns `t,ball,x,y,theta` in any order, and others that are preserved.
+
+In: the text of a CSV file. Out: `Rows`, and its faults in `Faults`.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.shot import Array
 from sysid.clips.faults import Faults, closest, listed, name_fault, shown
 
-Array = NDArray[np.float64]
-
-COLUMNS = ("t", "ball", "x", "y", "theta")
-NUMBERS = {"t": "write seconds, such as 0.125", "x": "write metres, such as -0.34", "y": "write metres, such as -0.34"}
-UNSEEN = "write radians, or leave it empty where the mark was not seen"
+COLUMN_NAMES = ("t", "ball", "x", "y", "theta")
+NUMBER_REMEDIES = {
+    "t": "write seconds, such as 0.125",
+    "x": "write metres, such as -0.34",
+    "y": "write metres, such as -0.34",
+}
+ANGLE_REMEDY = "write radians, or leave it empty where the mark was not seen"
 
 
 @dataclass(frozen=True)
@@ -55,25 +61,25 @@ def parse_rows(text: str, file: str, faults: Faults) -> Rows | None:
     if any(len(row) != len(header) for row in body):
         body, lines = _whole_rows(body, lines, len(header), file, faults)
     columns = dict(zip(header, zip(*body, strict=True) if body else ((),) * len(header), strict=True))
-    values = {key: _numbers(columns[key], key, lines, file, faults) for key in NUMBERS}
+    values = {key: _numbers(columns[key], key, lines, file, faults) for key in NUMBER_REMEDIES}
     theta = _angles(columns["theta"], lines, file, faults)
     index: dict[str, int] = {}
     ball = np.array([index.setdefault(name, len(index)) for name in columns["ball"]], dtype=np.int64)
     for name in index:
         if problem := name_fault(name):
             faults.add(file, f"ball = {shown(name)} {problem}", lines[columns["ball"].index(name)])
-    extra = {key: column for key, column in columns.items() if key not in COLUMNS}
+    extra = {key: column for key, column in columns.items() if key not in COLUMN_NAMES}
     xy = np.stack([values["x"], values["y"]], axis=1)
     return Rows(lines, tuple(index), ball, values["t"], xy, theta, extra)
 
 
 def _header_is_good(header: list[str], line: int, file: str, faults: Faults) -> bool:
-    missing = [key for key in COLUMNS if key not in header]
+    missing = [key for key in COLUMN_NAMES if key not in header]
     twice = sorted({key for key in header if header.count(key) > 1})
     if missing:
-        others = [key for key in header if key not in COLUMNS]
+        others = [key for key in header if key not in COLUMN_NAMES]
         slips = [f"{meant!r}, not {key!r}" for key in others if (meant := closest(key, missing))]
-        remedy = f"begin with the header {','.join(COLUMNS)}"
+        remedy = f"begin with the header {','.join(COLUMN_NAMES)}"
         if slips:
             remedy = "write " + ", ".join(slips)
         elif len(header) == 1 and (found := [mark for mark in ";\t|" if mark in header[0]]):
@@ -90,15 +96,15 @@ def _whole_rows(
 ) -> tuple[list[list[str]], list[int]]:
     """The rows that have a cell for every column; the others are faults."""
     whole: list[list[str]] = []
-    kept: list[int] = []
+    whole_lines: list[int] = []
     for row, line in zip(body, lines, strict=True):
         if len(row) == width:
             whole.append(row)
-            kept.append(line)
+            whole_lines.append(line)
         else:
             count = f"{len(row)} cells where the header has {width} columns"
             faults.add(file, f"{shown(','.join(row))} has {count}: complete or remove the row", line)
-    return whole, kept
+    return whole, whole_lines
 
 
 def _plain_numbers(cells: Sequence[str]) -> Array | None:
@@ -135,7 +141,7 @@ def _angles(cells: Sequence[str], lines: Sequence[int], file: str, faults: Fault
 
 def _number(cell: str, key: str, line: int, file: str, faults: Faults) -> float:
     """One cell as a number; NaN and a fault where it is none."""
-    remedy = NUMBERS.get(key, UNSEEN)
+    remedy = NUMBER_REMEDIES.get(key, ANGLE_REMEDY)
     if not cell.strip():
         faults.add(file, f"{key} is empty: {remedy}, or remove the row where the ball was not seen", line)
         return math.nan

@@ -1,8 +1,11 @@
-"""Cut tracked balls into segments between events, where the motion is smooth.
+"""Tracked balls cut into segments: the smooth motion between two impacts.
 
-A cushion shows as a turn of the speed towards it, close to it; a ball-ball contact as a least distance of two tracks
-near 2R. The sample next to an event belongs to neither side (trackers clamp and smear there). A near miss may cut a
-smooth motion in two, which costs a sample and does no harm; an event missed shows as a segment that does not fit.
+In: clips, with their table, ball size, noise and frame rate. Out: `Cut`s (impacts seen in the tracks) and `Segment`s.
+
+An impact at a cushion shows as a change of sign of the velocity towards it, close to it; a ball-ball impact as a local
+minimum of the distance of two tracks near 2R. The sample next to an impact belongs to neither side (trackers clamp and
+smear there). A near miss may cut a smooth motion in two, which costs one sample; an impact that is not detected shows
+as a segment that does not fit.
 """
 
 from __future__ import annotations
@@ -13,20 +16,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.shot import Array, Table
 from models.shot import Ball as BallSize
-from models.shot import Table
 from sysid.clips.clip_set import Clip, Observation
 
-Array = NDArray[np.float64]
-NEAR = 0.03  # a turn this close to a cushion, beyond a frame's travel, is its doing [m]
-SLOPE = 5  # samples of a slope beside a slow hit
-TOUCHING = 0.006  # a slow hit's nearest sample is this close to the cushion [m]
-CLAMPED = 0.002  # samples this close to a cushion are not trusted [m]
+MAX_TURN_GAP_M = 0.03  # from the cushion, beyond a frame's travel, for a turn to be an impact
+SLOPE_SAMPLES = 5  # on each side of a slow impact, for the velocities before and after
+MAX_SLOW_HIT_GAP_M = 0.006  # from the cushion, of the nearest sample of a slow impact
+CLAMP_MARGIN_M = 0.002  # samples closer to a cushion may be clamped by the tracker: they are not used
 
 
 @dataclass(frozen=True)
 class Cut:
-    """An event seen in the data: the sample next to it, and what it was."""
+    """An impact seen in a track: the sample next to it, and what was hit."""
 
     sample: int
     kind: str  # "ball", "cushion"
@@ -35,7 +37,7 @@ class Cut:
 
 @dataclass(frozen=True)
 class Segment:
-    """Samples of one ball between two events."""
+    """Samples of one ball between two impacts."""
 
     clip: int
     ball: str
@@ -48,7 +50,7 @@ class Segment:
 
 
 def moving_from(seen: Observation, sigma: float) -> int:
-    """Number of samples before a ball leaves its place."""
+    """Number of samples in which a ball still rests at its first place."""
     moved = np.hypot(*(seen.xy - seen.xy[0]).T) > max(6 * sigma, 0.003)
     return int(np.argmax(moved)) if moved.any() else len(moved)
 
@@ -58,7 +60,7 @@ def onset(seen: Observation, sigma: float, fps: float) -> Observation:
     first = moving_from(seen, sigma)
     if first == len(seen.time):
         return Observation(seen.time[:1], seen.xy[:1], seen.theta[:1])
-    if first <= 1 or np.hypot(*(seen.xy[first - 1] - seen.xy[0])) > 4 * sigma:  # it is on its way from the start
+    if first <= 1 or np.hypot(*(seen.xy[first - 1] - seen.xy[0])) > 4 * sigma:  # it moves from the start
         return seen
     time = seen.time[first - 1 :].copy()
     time[0] = max(time[0], time[1] - 1 / fps)
@@ -68,7 +70,7 @@ def onset(seen: Observation, sigma: float, fps: float) -> Observation:
 def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: float) -> list[Cut]:
     """Samples at which the motion turns away from a cushion.
 
-    A fast hit shows from one frame to the next; a slow one, close to the cushion, in the slopes before and after.
+    A fast impact shows from one frame to the next, a slow one in the velocities fitted before and after.
     """
     reach = table.reach(ball)
     cuts = []
@@ -78,18 +80,18 @@ def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: fl
             gap = reach[axis] - sign * xy[:, axis]
             inward = sign * step[:, axis]
             size = np.abs(step[:, axis])
-            room = NEAR + 0.5 * np.maximum(size[:-1], size[1:])
+            room = MAX_TURN_GAP_M + 0.5 * np.maximum(size[:-1], size[1:])
             turns = (inward[:-1] > 0) & (inward[1:] <= 0) & (inward[:-1] - inward[1:] > 5 * sigma)
             found = (1 + np.flatnonzero(turns & (gap[1:-1] < room))).tolist()
-            for k in (SLOPE + np.flatnonzero(gap[SLOPE:-SLOPE] < TOUCHING)).tolist():
-                window = gap[k - SLOPE : k + SLOPE + 1]
+            for k in (SLOPE_SAMPLES + np.flatnonzero(gap[SLOPE_SAMPLES:-SLOPE_SAMPLES] < MAX_SLOW_HIT_GAP_M)).tolist():
+                window = gap[k - SLOPE_SAMPLES : k + SLOPE_SAMPLES + 1]
                 if gap[k] == window.min() and all(abs(k - f) > 2 for f in found):
                     before, after = (
                         float(np.polyfit(time[part], gap[part], 1)[0])
-                        for part in (slice(k - SLOPE, k), slice(k + 1, k + SLOPE + 1))
+                        for part in (slice(k - SLOPE_SAMPLES, k), slice(k + 1, k + SLOPE_SAMPLES + 1))
                     )
-                    span = (time[k + SLOPE] - time[k - SLOPE]) / (2 * SLOPE)
-                    noise = sigma / span * np.sqrt(12 / (SLOPE * (SLOPE**2 - 1)))
+                    span = (time[k + SLOPE_SAMPLES] - time[k - SLOPE_SAMPLES]) / (2 * SLOPE_SAMPLES)
+                    noise = sigma / span * np.sqrt(12 / (SLOPE_SAMPLES * (SLOPE_SAMPLES**2 - 1)))
                     if before < 0 < after and after - before > 8 * noise:
                         found.append(k)
             cuts += [Cut(k, "cushion", mark + letter) for k in found]
@@ -97,7 +99,7 @@ def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: fl
 
 
 def ball_cuts(name: str, time: Array, others: dict[str, Observation], xy: Array, ball: BallSize) -> list[Cut]:
-    """Samples at which a ball is closest to another one, and as close as a touch."""
+    """Samples at which the distance to another ball has a minimum near one diameter."""
     cuts = []
     for other, track in others.items():
         if other == name:
@@ -106,21 +108,21 @@ def ball_cuts(name: str, time: Array, others: dict[str, Observation], xy: Array,
         distance = np.hypot(*(xy - there).T)
         change = np.abs(np.diff(distance))
         around = np.concatenate([[np.inf], distance, [np.inf]])
-        reach = np.maximum(np.concatenate([[0.0], change]), np.concatenate([change, [0.0]]))
-        near = (distance <= np.minimum(around[:-2], around[2:])) & (distance < ball.diameter + 0.6 * reach + 0.003)
+        travel = np.maximum(np.concatenate([[0.0], change]), np.concatenate([change, [0.0]]))
+        near = (distance <= np.minimum(around[:-2], around[2:])) & (distance < ball.diameter + 0.6 * travel + 0.003)
         cuts += [Cut(int(k), "ball", other) for k in np.flatnonzero(near)]
     return cuts
 
 
 def cuts_of(name: str, tracks: dict[str, Observation], table: Table, ball: BallSize, sigma: float) -> list[Cut]:
-    """Every event of one ball among the tracks of a clip, in order."""
+    """All impacts of one ball among the tracks of a clip, in order."""
     seen = tracks[name]
     cuts = cushion_cuts(seen.time, seen.xy, table, ball, sigma) + ball_cuts(name, seen.time, tracks, seen.xy, ball)
     return sorted(cuts, key=lambda cut: cut.sample)
 
 
 def event_times(clip: Clip, table: Table, ball: BallSize, sigma: float, fps: float) -> Array:
-    """When the struck ball touched something: (n,) [s]."""
+    """Times of the struck ball's impacts: (n,) [s]."""
     tracks = {name: onset(seen, sigma, fps) for name, seen in clip.balls.items()}
     cuts = cuts_of(clip.struck, tracks, table, ball, sigma)
     return np.unique([tracks[clip.struck].time[cut.sample] for cut in cuts])
@@ -149,7 +151,7 @@ def split(number: int, clip: Clip, table: Table, ball: BallSize, sigma: float, f
 
 
 def free_from(seen: Observation, sigma: float) -> int:
-    """First sample of a struck ball that lies after the strike: from there on it does not speed up."""
+    """First sample of a struck ball after the strike: from there on its speed does not rise."""
     step = np.hypot(*np.diff(seen.xy, axis=0).T) / np.diff(seen.time)
     low = 0
     while low < min(2, len(step) - 1):
@@ -163,7 +165,7 @@ def free_from(seen: Observation, sigma: float) -> int:
 def _trusted(xy: Array, table: Table, ball: BallSize) -> NDArray[np.bool_]:
     """Samples not so close to a cushion that a tracker may have clamped them."""
     edge = np.array([table.length / 2, table.width / 2]) - ball.radius
-    return np.all(np.abs(xy) < edge - CLAMPED, axis=1)
+    return np.all(np.abs(xy) < edge - CLAMP_MARGIN_M, axis=1)
 
 
 def split_all(

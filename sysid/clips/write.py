@@ -1,6 +1,8 @@
-"""Clip sets as text, and how a folder comes to hold all of it or nothing.
+"""Writing a clip set: a folder holds all of it, or what it held before.
 
-The files are written and read back in a scratch folder beside the wanted one, which then takes its place by renaming.
+In: a `ClipSet`. Out: a folder in the format `billiard-clips/1`.
+
+The files are written and checked in a scratch folder beside the wanted one, which then takes its place by renaming.
 """
 
 from __future__ import annotations
@@ -19,10 +21,10 @@ import tomli_w
 
 from models.errors import BadInput
 from sysid.clips.clip_set import Clip, ClipSet
-from sysid.clips.faults import SETTINGS, name_fault, one_line, path_fault, shown
-from sysid.clips.header import FORMAT
+from sysid.clips.faults import CLIPS_TOML, name_fault, one_line, path_fault, shown
+from sysid.clips.header import CLIP_SET_FORMAT
 from sysid.clips.read import check_clip_set
-from sysid.clips.rows import COLUMNS
+from sysid.clips.rows import COLUMN_NAMES
 
 
 def write_clip_set(clip_set: ClipSet, folder: Path | str) -> None:
@@ -36,7 +38,7 @@ def write_clip_set(clip_set: ClipSet, folder: Path | str) -> None:
 
 def texts_of(clip_set: ClipSet) -> dict[str, str]:
     """The files of a clip set: relative path -> content."""
-    texts = {SETTINGS: _settings(clip_set)}
+    texts = {CLIPS_TOML: _settings(clip_set)}
     for clip in clip_set.clips:
         if problem := path_fault(clip.file):
             raise BadInput(one_line(f"file = {shown(clip.file)} of a clip {problem}"))
@@ -54,7 +56,7 @@ def _settings(clip_set: ClipSet) -> str:
         "camera": {"fps": clip_set.fps} | ({} if clip_set.sigma is None else {"sigma": clip_set.sigma}),
     }
     top = {key: value for key, value in clip_set.extra.items() if key not in (*sections, "clip")}
-    text = _assignments({**top, "format": FORMAT})
+    text = _assignments({**top, "format": CLIP_SET_FORMAT})
     for name, section in sections.items():
         text += f"\n[{name}]\n" + _assignments({**clip_set.extra.get(name, {}), **section})
     for clip in clip_set.clips:
@@ -88,7 +90,7 @@ def _literal(value: Any) -> str:
         return tomli_w.dumps({"v": value}).removeprefix("v = ").removesuffix("\n")
     except (TypeError, ValueError) as error:
         raise BadInput(
-            one_line(f"{SETTINGS}: {shown(value)} cannot be written as TOML ({error}): change it")
+            one_line(f"{CLIPS_TOML}: {shown(value)} cannot be written as TOML ({error}): change it")
         ) from error
 
 
@@ -107,7 +109,7 @@ def _csv(clip: Clip) -> str:
             problem = "has columns of different lengths: give" if count else "has no samples: leave it out or give"
             raise BadInput(one_line(f"{clip.file}: ball {shown(name)} {problem} one value for each time"))
     for key in more:
-        if key in COLUMNS or key != key.strip():
+        if key in COLUMN_NAMES or key != key.strip():
             raise BadInput(one_line(f"{clip.file}: {shown(key)} cannot name an extra column: choose another name"))
     rows: list[tuple[float, str]] = []
     for name, seen in clip.balls.items():
@@ -121,7 +123,7 @@ def _csv(clip: Clip) -> str:
             tail = "".join("," + _cell(cell) for cell in cells)
             rows.append((t, f"{t:.6f},{quoted},{x:.6f},{y:.6f},{angle}{tail}\n"))
     rows.sort(key=lambda row: row[0])
-    return ",".join([*COLUMNS, *map(_cell, more)]) + "\n" + "".join(text for _, text in rows)
+    return ",".join([*COLUMN_NAMES, *map(_cell, more)]) + "\n" + "".join(text for _, text in rows)
 
 
 def _cell(text: str) -> str:
@@ -184,18 +186,18 @@ def _refuse_foreign(folder: Path, target: Path) -> None:
     found = {os.path.relpath(os.path.join(at, file), target) for at, _, files in os.walk(target) for file in files}
     foreign = sorted(found - _own_files(target))
     if foreign:
-        what = "is no clip set" if SETTINGS in foreign or SETTINGS not in found else "is no part of its clip set"
+        what = "is no clip set" if CLIPS_TOML in foreign or CLIPS_TOML not in found else "is no part of its clip set"
         raise BadInput(one_line(f"{folder}: holds {shown(foreign[0])} and {what}: choose another folder"))
 
 
 def _own_files(target: Path) -> set[str]:
     """The files of the clip set in `target`; none if it is not one."""
     try:
-        document = tomllib.loads((target / SETTINGS).read_text(encoding="utf-8-sig"))
+        document = tomllib.loads((target / CLIPS_TOML).read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError):
         return set()
     if not str(document.get("format")).startswith("billiard-clips/"):
         return set()
     clips = document.get("clip")
     files = [clip.get("file") for clip in clips if isinstance(clip, dict)] if isinstance(clips, list) else []
-    return {SETTINGS, *(os.path.normpath(file) for file in files if isinstance(file, str))}
+    return {CLIPS_TOML, *(os.path.normpath(file) for file in files if isinstance(file, str))}

@@ -15,7 +15,7 @@ import math
 from models.shot import GRAVITY
 from sysid.clips import ClipSet
 from sysid.clips.noise import position_noise
-from sysid.clips.outliers import set_aside
+from sysid.clips.outliers import remove_outliers
 from sysid.clips.segments import split_all
 from sysid.direct.at_impact import Known
 from sysid.direct.ball_impact import BALL_RESTITUTION, collisions
@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 def measure(clip_set: ClipSet) -> Measurements:
     """Every constant that the clips determine by itself."""
     sigma = position_noise(clip_set)
-    clip_set, spikes = set_aside(clip_set, sigma)
+    clip_set, spikes = remove_outliers(clip_set, sigma)
     frame, files = 1 / clip_set.fps, [c.file for c in clip_set.clips]
     log.info("slide and roll of every segment")
     segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, sigma, clip_set.fps, MIN_SAMPLES + 1)

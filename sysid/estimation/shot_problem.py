@@ -29,7 +29,7 @@ from models.shot import Shot, Track
 from models.simulation.observe import observed, undone
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
-from sysid.clips.segments import CLAMPED, free_from, moving_from
+from sysid.clips.segments import CLAMP_MARGIN_M, free_from, moving_from
 from sysid.estimation.discrepancy import discrepancy_rate, events_and_paths
 from sysid.estimation.least_squares import Objective, Prior
 from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, Array, Index, ball_of, by_events, turn
@@ -260,7 +260,7 @@ def shot_problem(
 def _measured(clip: Clip, clip_set: ClipSet, noise: float, azimuth: float) -> MeasuredShot:
     """What was measured of a shot, the struck ball first; positions near a cushion's nose are not trusted."""
     seen = [clip.balls[clip.struck], *[o for b, o in clip.balls.items() if b != clip.struck]]
-    edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMPED
+    edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMP_MARGIN_M
     trusted = [np.all(np.abs(o.xy) < edge, axis=1) for o in seen]
     if not clip.running:
         trusted[0][: free_from(seen[0], noise)] = False

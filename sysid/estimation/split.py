@@ -16,8 +16,8 @@ from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.clips.clock import stamp_scale
 from sysid.clips.noise import position_noise
-from sysid.clips.outliers import set_aside
-from sysid.clips.pieces import cut_up
+from sysid.clips.outliers import remove_outliers
+from sysid.clips.pieces import cut_clips
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
@@ -76,7 +76,7 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
     Where the model does not follow the open cloth, long shots are cut into pieces, unless `cut` forbids it.
     """
     noise = position_noise(clip_set)
-    clip_set, spikes = set_aside(clip_set, noise)
+    clip_set, spikes = remove_outliers(clip_set, noise)
     scale, sd = stamp_scale(clip_set)
     known = {CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {}
     rows = training_clips(clip_set)
@@ -91,7 +91,7 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
     shots = 0
     if cut and not cloth.follows and np.median([len(e) for e in problem.events]) > MAX_EVENTS:
         shots = len(clip_set.clips)
-        training, held = cut_up(training, noise), cut_up(held, noise)
+        training, held = cut_clips(training, noise), cut_clips(held, noise)
         log.info("%d shots cut into %d pieces of one impact each", shots, len(training.clips) + len(held.clips))
         problem = problem_of(training)
     return Split(problem, problem_of(held) if held.clips else None, spikes, shots), cloth, model

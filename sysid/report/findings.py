@@ -12,23 +12,23 @@ import numpy as np
 
 from models.console import table
 from models.model_file import Model
-from sysid.clips.pieces import whole
+from sysid.clips.pieces import parent_clip
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.split import Split
 from sysid.report.plots_where import missing_map_svg
 from sysid.report.text import in_words
 from sysid.residuals.comparison import Comparison
-from sysid.selection.discover import Discovery
-from sysid.selection.judge import Judgement
+from sysid.selection.discover import DiscoveryResult
+from sysid.selection.judge import Diagnosis
 from sysid.selection.next_shot import NextShot
 from sysid.selection.score import Score
-from sysid.selection.screening import ALIKE, NAMED, Round
+from sysid.selection.screening import CONFOUNDED_CORRELATION, MIN_DELTA_BIC, Screening
 
 SHOWN = 8  # candidates listed in a round
-NONE = f"none: no effect of the catalogue is worth its parameters (delta BIC under {NAMED:.0f})"
+NONE = f"none: no effect of the catalogue is worth its parameters (delta BIC under {MIN_DELTA_BIC:.0f})"
 
 
-def model_of(found: Discovery, now: FittedModel, command: str) -> Model:
+def model_of(found: DiscoveryResult, now: FittedModel, command: str) -> Model:
     """A stage's model, with uncertainties, correlations and where they come from.
 
     Beside a formula for what no effect explains the constants are those of the fit that had it: without it they bend
@@ -38,11 +38,13 @@ def model_of(found: Discovery, now: FittedModel, command: str) -> Model:
         now = dataclasses.replace(
             found.explained, problem=found.explained.problem.with_model(now.model, found.explained.names)
         )
-    files = list(dict.fromkeys(whole(c.file) for c in found.parts.training.clips))
+    files = list(dict.fromkeys(parent_clip(c.file) for c in found.parts.training.clips))
     return as_model(now, command, files)
 
 
-def result_of(found: Discovery, elapsed: float, compared: Sequence[tuple[str, Comparison]] = ()) -> dict[str, Any]:
+def result_of(
+    found: DiscoveryResult, elapsed: float, compared: Sequence[tuple[str, Comparison]] = ()
+) -> dict[str, Any]:
     """`billiard-discovery/1`; `compared` are models of the ladder held against all clips."""
     now = found.last
     ladder = [
@@ -58,8 +60,8 @@ def result_of(found: Discovery, elapsed: float, compared: Sequence[tuple[str, Co
         "format": "billiard-discovery/1", "verdict": list(found.verdict),
         "unexplained": dict(found.unexplained) if found.unexplained else None,
         "noise_floor_m": found.parts.noise, "ladder": ladder, "rounds": [round_told(r) for r in found.rounds],
-        "look_alikes": [list(p) for p in found.alike], "look_alike_from": ALIKE,
-        "next_shot": found.next_shot.told() if found.next_shot else None, "parameters": parameters,
+        "look_alikes": [list(p) for p in found.confounded], "look_alike_from": CONFOUNDED_CORRELATION,
+        "next_shot": found.next_shot.to_dict() if found.next_shot else None, "parameters": parameters,
         "spikes_set_aside": found.parts.spikes, "shots_cut": found.parts.cut,
         "pruned": list(found.pruned), "converged": now.converged,
         "doubtful": sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict)), "elapsed_s": elapsed,
@@ -73,17 +75,17 @@ def engines_of(comparison: Comparison) -> dict[str, float]:
     return {"events_rms_m": said["rms_median_m"], "mujoco_rms_m": said["mujoco_rms_median_m"]}
 
 
-def round_told(seen: Round) -> list[dict[str, Any]]:
+def round_told(seen: Screening) -> list[dict[str, Any]]:
     """Candidates of one round, best first: those fitted, then what the others promised."""
     fitted = [
         {"effect": t.name, "delta_bic": t.evidence.delta_bic, "held_out_gain": _gain(seen.base, t.fitted),
-         "fitted": True, "converged": t.converged, "promised": t.score.gain, "rms_m": t.fitted.rms,
+         "fitted": True, "converged": t.converged, "promised": t.score.predicted_improvement, "rms_m": t.fitted.rms,
          "held_out_rms_m": t.fitted.held_rms, "samples_that_count_as_one": t.evidence.tau}
-        for t in seen.trials
+        for t in seen.fits
     ]  # fmt: skip
     rest = [
         {"effect": row.candidate.name, "delta_bic": _promise(seen, row), "held_out_gain": None, "fitted": False,
-         "promised": row.gain}
+         "promised": row.predicted_improvement}
         for row in _unfitted(seen)
     ]  # fmt: skip
     return [*fitted, *rest]
@@ -95,58 +97,58 @@ def _gain(base: FittedModel, new: FittedModel) -> float:
 
 
 def judgement_told(
-    parts: Split, judged: Judgement, told: Mapping[str, Any] | None, shot: NextShot | None
+    parts: Split, judged: Diagnosis, told: Mapping[str, Any] | None, shot: NextShot | None
 ) -> dict[str, Any]:
     """`billiard-diagnosis/1`."""
-    seen = judged.round
+    seen = judged.screening
     return {
         "format": "billiard-diagnosis/1", "verdict": [judged.name] if judged.name else [],
         "unexplained": dict(told) if told else None, "noise_floor_m": parts.noise,
         "base": {"rms_m": seen.base.rms, "held_out_rms_m": seen.base.held_rms, "chi2_reduced": seen.base.chi2,
                  "converged": seen.base.converged},
-        "runs": seen.runs, "candidates": round_told(seen),
+        "runs": seen.segments, "candidates": round_told(seen),
         "margin_delta_bic": seen.margin if np.isfinite(seen.margin) else None,
-        "look_alikes": [[a, b] for a, b, _ in seen.alike], "not_told_apart": [list(p) for p in seen.tied],
-        "doubtful": list(seen.doubtful), "next_shot": shot.told() if shot else None,
+        "look_alikes": [[a, b] for a, b, _ in seen.confounded], "not_told_apart": [list(p) for p in seen.tied],
+        "doubtful": list(seen.doubtful), "next_shot": shot.to_dict() if shot else None,
     }  # fmt: skip
 
 
-def round_rows(seen: Round) -> list[tuple[str, ...]]:
+def round_rows(seen: Screening) -> list[tuple[str, ...]]:
     """A round as a table."""
     rows: list[tuple[str, ...]] = [("candidate", "delta BIC", "rms mm", "held out mm", "")]
-    for trial in seen.trials:
+    for trial in seen.fits:
         state = "fitted" if trial.converged else "NOT converged: no verdict from it"
         held = f"{trial.fitted.held_rms * 1e3:.3f}"
         rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", f"{trial.fitted.rms * 1e3:.3f}", held, state))
-    for row in _unfitted(seen)[: SHOWN - len(seen.trials)]:
+    for row in _unfitted(seen)[: SHOWN - len(seen.fits)]:
         rows.append((row.candidate.name, f"{_promise(seen, row):.0f}", "", "", "promised, not fitted"))
     return rows
 
 
-def _promise(seen: Round, row: Score) -> float:
+def _promise(seen: Screening, row: Score) -> float:
     """Delta BIC that a candidate promises by the linear model at the optimum."""
-    return row.gain - len(row.candidate.keys) * float(np.log(seen.count))
+    return row.predicted_improvement - len(row.candidate.keys) * float(np.log(seen.count))
 
 
-def _unfitted(seen: Round) -> list[Score]:
+def _unfitted(seen: Screening) -> list[Score]:
     """Candidates that were not worth a fit, the most promising first."""
-    fitted = {t.name for t in seen.trials}
+    fitted = {t.name for t in seen.fits}
     rest = [row for row in seen.scores.rows if row.candidate.name not in fitted]
     return sorted(rest, key=lambda row: -_promise(seen, row))
 
 
-def verdict_lines(judged: Judgement, told: Mapping[str, Any] | None) -> list[str]:
+def verdict_lines(judged: Diagnosis, told: Mapping[str, Any] | None) -> list[str]:
     """The verdict in words."""
-    seen = judged.round
+    seen = judged.screening
     lines = []
     if told is not None:
         lines += unexplained_lines(told)
     elif judged.name is not None and seen.best is not None:
         lines.append(f"missing: {judged.name} (delta BIC {seen.best.evidence.delta_bic:.0f})")
         if np.isfinite(seen.margin):
-            rival = next(t.name for t in seen.trials if t.converged and t.name != judged.name)
+            rival = next(t.name for t in seen.fits if t.converged and t.name != judged.name)
             lines.append(f"margin over the next best, {rival}: {seen.margin:.0f}")
-        elif len(seen.trials) == 1:
+        elif len(seen.fits) == 1:
             rest = _unfitted(seen)
             near = f": the next best, {rest[0].candidate.name}, promises {_promise(seen, rest[0]):.0f}" if rest else ""
             lines.append(f"no other was near enough to be fitted{near}")
@@ -160,9 +162,9 @@ def verdict_lines(judged: Judgement, told: Mapping[str, Any] | None) -> list[str
     return lines
 
 
-def alike_lines(seen: Round) -> list[str]:
+def alike_lines(seen: Screening) -> list[str]:
     """Look-alikes of a round in words."""
-    lines = [f"{a} and {b} look alike in these clips (correlation {r:.2f})" for a, b, r in seen.alike]
+    lines = [f"{a} and {b} look alike in these clips (correlation {r:.2f})" for a, b, r in seen.confounded]
     return lines + [f"these clips do not tell {a} from {b}: film the next shot below" for a, b in seen.tied]
 
 
@@ -191,7 +193,7 @@ def shot_lines(shot: NextShot | None) -> list[str]:
     ]
 
 
-def ladder_rows(found: Discovery) -> list[tuple[str, ...]]:
+def ladder_rows(found: DiscoveryResult) -> list[tuple[str, ...]]:
     """The ladder of models as a table."""
     rows: list[tuple[str, ...]] = [("model", "rms mm", "held out mm", "chi2")]
     for s, names in zip(found.ladder, found.verdicts, strict=True):
@@ -210,7 +212,7 @@ def label(names: Sequence[str]) -> str:
     return " + ".join(["base", *names])
 
 
-def discovery_lines(found: Discovery) -> list[str]:
+def discovery_lines(found: DiscoveryResult) -> list[str]:
     """The outcome in words."""
     lines = [f"verdict: {', '.join(found.verdict) or 'none, the base model suffices'}"]
     if not found.verdict and found.unexplained:
@@ -233,7 +235,7 @@ def discovery_lines(found: Discovery) -> list[str]:
     return lines + shot_lines(found.next_shot)
 
 
-def print_ladder(found: Discovery) -> None:
+def print_ladder(found: DiscoveryResult) -> None:
     """The ladder, and the noise beside it."""
     print(table(ladder_rows(found)))
     print(f"noise of the tracker: {found.parts.noise * 1e3:.3f} mm an axis")
@@ -255,7 +257,7 @@ def failures(name: str, comparison: Comparison) -> list[str]:
     return out
 
 
-def sections(rounds: Sequence[Round]) -> list[str]:
+def sections(rounds: Sequence[Screening]) -> list[str]:
     """Rounds as parts of an HTML report."""
     out = ["<h2>What could be missing</h2>"]
     for number, seen in enumerate(rounds, 1):
@@ -267,7 +269,7 @@ def sections(rounds: Sequence[Round]) -> list[str]:
             width = 100 * max(0.0, np.log1p(max(float(row[1]), 0.0)) / np.log1p(top))
             cells = "".join(f"<td{' class=n' if 0 < k < 4 else ''}>{escape(c)}</td>" for k, c in enumerate(row))
             body.append(f'<tr>{cells}<td><div class="bar"><i style="width:{width:.1f}%"></i></div></td></tr>')
-        where = f", at {seen.runs} runs between impacts" if seen.runs else ""
+        where = f", at {seen.segments} runs between impacts" if seen.segments else ""
         beside = ", ".join(e.name() for e in seen.base.model.effects) or "nothing"
         out.append(
             f"<h3>Look {number}{where}, beside {escape(beside)}</h3><table><thead><tr>{head}"

@@ -14,12 +14,12 @@ from sysid.report.html import Rung, write_report
 from sysid.report.recording import write_rrd
 from sysid.residuals.compare import compare
 from sysid.residuals.comparison import Comparison
-from sysid.selection.discover import Discovery
+from sysid.selection.discover import DiscoveryResult
 
 log = logging.getLogger(__name__)
 
 
-def compare_at(number: int, clip_set: ClipSet, found: Discovery, command: str) -> tuple[str, Comparison]:
+def compare_at(number: int, clip_set: ClipSet, found: DiscoveryResult, command: str) -> tuple[str, Comparison]:
     """The label of a stage of the ladder, and what comparing its model with all clips says."""
     seen = found.ladder[number]
     own = found.parts.states_of(seen, [c.file for c in clip_set.clips])
@@ -29,7 +29,7 @@ def compare_at(number: int, clip_set: ClipSet, found: Discovery, command: str) -
 
 
 def write_outcome(
-    out: Path, clip_set: ClipSet, found: Discovery, progress: Progress, elapsed: float, command: str
+    out: Path, clip_set: ClipSet, found: DiscoveryResult, progress: Progress, elapsed: float, command: str
 ) -> Comparison:
     """model.toml, result.json, report.html and review.rrd; the comparison of the model that was found."""
     ends = list(dict.fromkeys((0, len(found.ladder) - 1)))
@@ -48,7 +48,7 @@ def write_outcome(
     return last
 
 
-def _rungs(found: Discovery) -> list[Any]:
+def _rungs(found: DiscoveryResult) -> list[Any]:
     """The ladder for the report: rms distance, which is sqrt(2) times the rms per axis."""
     both = 2**0.5
     rungs = [

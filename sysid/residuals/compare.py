@@ -14,7 +14,7 @@ from models.model_file import Model
 from models.shot import Track
 from sysid.clips import ClipSet
 from sysid.clips.noise import position_noise
-from sysid.clips.outliers import set_aside
+from sysid.clips.outliers import remove_outliers
 from sysid.estimation.discrepancy import events_and_paths
 from sysid.estimation.initial_states import grown_states, polished
 from sysid.estimation.problem import STATE_STEPS, Array, by_events
@@ -41,7 +41,7 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
         start: (n, p) initial states for a warm start; None to grow the shots from their beginnings.
     """
     sigma = position_noise(clip_set)
-    clip_set, _ = set_aside(clip_set, sigma)
+    clip_set, _ = remove_outliers(clip_set, sigma)
     fits = fit_segments(clip_set, model, sigma)
     segments = _segment_rows(fits, clip_set) if fits else ()
     log.info("%d segments between events", len(segments))

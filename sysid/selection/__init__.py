@@ -1,13 +1,15 @@
-"""Which effect is missing: named, or a formula for something else, or nothing.
+"""Selection: which effect a fit lacks; a named one, a formula for something else, or none.
 
-In: a fit (sysid/estimation). Out: a `Discovery`: the ladder of models, the verdict, what is left, the next shot.
+In: a fit (sysid/estimation). Out: a `DiscoveryResult`: the ladder of models, the verdict, what stays unexplained, the
+next shot.
 
-    score          every candidate beside all that is active, before any is fitted
-    screening      the most promising ones fitted, ranked by evidence
-    evidence       one fit against another; what a fit leaves beyond noise
-    runs, judge    runs between impacts where whole shots are not followed; whom to believe
-    terms, formula structure outside the catalogue, as a sparse formula
-    remainder      what neither explains
-    next_shot      the shot that would tell two models apart
-    discover       the whole loop
+    score              score test: predicted improvement of every candidate, before any is fitted
+    screening          the candidates with the best scores fitted, ranked by evidence
+    evidence           one fit against another; variance beyond noise
+    runs               segments between impacts, where whole shots are not followed; confirmation by whole shots
+    terms, formula     structure outside the catalogue, as a sparse formula; effect_file writes it as an effect
+    judge              one diagnosis: an effect, a formula, or nothing
+    remainder          what neither explains
+    next_shot          the shot that separates two models best
+    discover           the whole loop
 """

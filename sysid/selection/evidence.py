@@ -1,7 +1,10 @@
-"""One fit against another, and what a fit leaves beyond noise.
+"""Evidence for one fit over another, and the variance that a fit leaves beyond noise.
 
-Two fits are compared at the same standard deviations, those of the better one, with the evidence discounted for
-residuals that hang together.
+In: fits (`FittedModel`, or `Point`). Out: `Evidence`, and ratios of losses and variances.
+
+Both fits are compared at the same standard deviations, those of the better one. Residuals are correlated, so chi-square
+counts one in tau of them, the integrated autocorrelation time:
+delta BIC = (fall of chi-square) / tau - (constants more) log(residuals / tau).
 """
 
 from __future__ import annotations
@@ -15,26 +18,26 @@ from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.fitting import loss_soon
 from sysid.estimation.initial_states import fit_states, shot_losses
 
-LACKING_LOSS = 1.5  # times the loss that a few steps without an effect may leave, if it is to be doubted
-MAX_LAG = 40  # samples over which residuals may hang together
-LEAST_CORRELATION = 0.02  # at which they no longer do
-CLIPPED_SD = 4.0  # as which larger residuals count in what is left
-COMPARED_STEPS = 5  # of the initial states before two fits are compared
+MAX_LOSS_RATIO = 1.5  # of the loss a few iterations after an effect was removed, if the effect is to be doubted
+MAX_LAG = 40  # samples, of the autocorrelation
+MIN_CORRELATION = 0.02  # at which the sum of the autocorrelation stops
+MAX_RESIDUAL_SD = 4.0  # at which residuals are clipped
+COMPARED_STEPS = 5  # iterations of the initial states before two fits are compared
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """One fit against another."""
+    """Evidence for a fit over another."""
 
     delta_bic: float  # positive speaks for the second
-    gain: float  # fall of the loss, doubled: of chi-square
-    tau: float  # samples that count as one
+    improvement: float  # fall of chi-square
+    tau: float  # integrated autocorrelation time of the residuals [samples]
 
 
 def compare_fits(one: Point, two: Point, by: Point | None = None, tau: float | None = None) -> Evidence:
     """Evidence for `two` over `one`, at the same standard deviations and priors: those of `by`, or of the better one.
 
-    `tau`: samples that count as one; found from the better one's residuals if not given.
+    `tau`: autocorrelation time [samples]; computed from the better one's residuals if not given.
     """
     by = min((one, two), key=lambda s: s.discrepancy_rate) if by is None else by
     rate = by.discrepancy_rate
@@ -56,7 +59,7 @@ def compare_fits(one: Point, two: Point, by: Point | None = None, tau: float | N
 
 
 def _chi2_of_known(at: Point) -> float:
-    """Chi-square of constants against what is known of them beside the clips; an absent one stands at off."""
+    """Chi-square of constants against prior knowledge of them; one that the model lacks counts at its off value."""
     values, total = dict(zip(at.names, at.constants.tolist(), strict=True)), 0.0
     for name, (mean, sd) in at.problem.known.items():
         value = values[name] if name in values else at.model.meta(name)["off"]
@@ -65,32 +68,32 @@ def _chi2_of_known(at: Point) -> float:
 
 
 def correlation_time(at: Point, rate: float) -> float:
-    """Samples that count as one, since residuals hang together: integrated autocorrelation, 1 for white noise."""
+    """Integrated autocorrelation time of the residuals [samples]: 1 for white noise."""
     r = at.residuals(at.problem.with_discrepancy(rate))
     found, weight = np.zeros(MAX_LAG), np.zeros(MAX_LAG)
     for _, _, xy in at.problem.by_ball(r):
         n = len(xy)
-        for v in np.nan_to_num(np.clip(xy, -CLIPPED_SD, CLIPPED_SD)).T:
+        for v in np.nan_to_num(np.clip(xy, -MAX_RESIDUAL_SD, MAX_RESIDUAL_SD)).T:
             for lag in range(min(MAX_LAG, n)):
                 found[lag] += float(v[: n - lag] @ v[lag:])
                 weight[lag] += n - lag
     rho = found / np.maximum(weight, 1)
     rho = rho / max(rho[0], 1e-12)
-    negative = np.flatnonzero(rho < LEAST_CORRELATION)
+    negative = np.flatnonzero(rho < MIN_CORRELATION)
     stop = int(negative[0]) if negative.size else MAX_LAG
     return float(max(1.0, 1.0 + 2.0 * rho[1:stop].sum()))
 
 
-def left_over(at: Point) -> float:
-    """What the residuals hold beyond noise: mean square of the clipped residuals over that of the noise, less one."""
+def excess_variance(at: Point) -> float:
+    """Variance of the clipped residuals over that of the noise, less one: 0 for a fit that leaves only noise."""
     r = at.residuals()
     unknowns = sum(5 + 2 * len(clip.balls) for clip in at.problem.clips) + at.constants.size
     part = 1.0 - unknowns / max(int(np.isfinite(r).sum()), 1)
-    return float(np.nanmean(np.minimum(r**2, CLIPPED_SD**2))) / part - 1.0
+    return float(np.nanmean(np.minimum(r**2, MAX_RESIDUAL_SD**2))) / part - 1.0
 
 
-def taken_out(found: FittedModel, name: str) -> FittedModel:
-    """What is left of a fit when an effect goes, nothing fitted."""
+def remove_effect(found: FittedModel, name: str) -> FittedModel:
+    """The fit without an effect and its constants; nothing is fitted again."""
     keep = np.array([not n.startswith(name + ".") for n in found.names])
     model = found.problem.model
     model = dataclasses.replace(model, effects=tuple(e for e in model.effects if e.name() != name))
@@ -99,8 +102,8 @@ def taken_out(found: FittedModel, name: str) -> FittedModel:
     return dataclasses.replace(found, problem=problem, constants=found.constants[keep], covariance=covariance)
 
 
-def loss_without(found: FittedModel, name: str) -> float:
-    """How many times the loss is larger a few steps after an effect was taken out."""
-    point = taken_out(found, name)
+def loss_ratio_without(found: FittedModel, name: str) -> float:
+    """Loss a few iterations after an effect was removed, over the loss with it."""
+    point = remove_effect(found, name)
     soon = loss_soon(point.weighted, point.initial_states, point.constants)
     return soon / float(shot_losses(found.weighted, found.initial_states, found.constants)[0].sum())

@@ -1,8 +1,10 @@
-"""Structure that no effect of the catalogue explains: where it is, on what it depends, how large, and a sparse formula.
+"""A sparse formula for structure that no effect of the catalogue explains.
 
-Every term of the library (sysid/selection/terms.py) is scored like a candidate, beside all that is active. Terms are
-taken one after another, each for what it explains beside those taken, while the evidence pays for it; the formula is
-then fitted.
+In: a fit (`Point`). Out: a `SparseFormula`, and its description as result.json has it: place, dependence, size.
+
+Every term of the library (sysid/selection/terms.py) is scored like a candidate. Terms are selected by forward
+selection: at each step the one with the largest predicted improvement beside those selected already, as long as that
+is large enough. The formula is then fitted as an effect.
 """
 
 from __future__ import annotations
@@ -18,118 +20,123 @@ from models.errors import BadInput
 from models.formula import MAX_TERMS
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array
+from sysid.selection.effect_file import effect_source
 from sysid.selection.evidence import Evidence
 from sysid.selection.score import Candidate, Score, Scores, candidate, score_all
-from sysid.selection.terms import DOORS, REMEDY, Term, effect_of, known, library, source
+from sysid.selection.terms import QUANTITY_TEXTS, RESULT_REMEDY, Term, effect_from_terms, library, term_from_json
 
-REMAINS = 40.0  # fall of chi-square that a term must promise before structure is told
-SHARE = 2e-3  # and that, per residual
-PAYS = 0.04  # of what the first term explains: the least that a further one must
-DISTINCT = 1e-3  # of a term's own information that must be left beside the active ones
-NAME = "unexplained"
+MIN_TERM_IMPROVEMENT = 40.0  # predicted fall of chi-square, for a term to be selected
+MIN_IMPROVEMENT_PER_RESIDUAL = 2e-3  # the same of the first term, per residual
+MIN_IMPROVEMENT_OF_FIRST = 0.04  # the same of every further term, over that of the first
+MIN_INFORMATION_LEFT = 1e-3  # Schur over marginal information of a term: below it the terms selected imitate it
+EFFECT_NAME = "unexplained"
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Structure:
+class SparseFormula:
     """A sparse formula, not yet fitted."""
 
     terms: tuple[Term, ...]  # what explains most first
-    gains: tuple[float, ...]  # fall of chi-square of each beside those before it
-    values: Array  # coefficients that the linear model promises
+    improvements: tuple[float, ...]  # predicted fall of chi-square by each, beside those before it
+    values: Array  # (k,) coefficients of the linear model
 
     def candidate(self) -> Candidate:
         """The formula as an effect to fit."""
-        return candidate(effect_of(NAME, self.terms, self.values.tolist()))
+        return candidate(effect_from_terms(EFFECT_NAME, self.terms, self.values.tolist()))
 
     def score(self) -> Score:
-        """The formula's promise, in the form of a candidate's."""
-        return Score(self.candidate(), float(sum(self.gains)), self.values, np.full(len(self.terms), np.inf))
+        """The formula's predicted improvement, as that of a candidate."""
+        return Score(self.candidate(), float(sum(self.improvements)), self.values, np.full(len(self.terms), np.inf))
 
 
-def scores_of_terms(base: Point) -> tuple[list[Term], Scores]:
-    """Every term beside what is active."""
+def score_terms(base: Point) -> tuple[list[Term], Scores]:
+    """All terms of the library, and their scores at a fit."""
     most = max((len(c.balls) for c in base.problem.clips), default=1)
     terms = library(base.model.table, most)
     log.info("looking for structure outside the catalogue: %d terms", len(terms))
-    candidates = [candidate(effect_of(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
+    candidates = [candidate(effect_from_terms(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
     return terms, score_all(base, candidates, quick=True)
 
 
-def select(terms: Sequence[Term], scores: Scores) -> Structure | None:
-    """Terms that explain what is left, one after another; None where nothing is."""
-    left, pull, own = scores.schur_information.copy(), scores.gradient.copy(), scores.marginal_information
+def select_terms(terms: Sequence[Term], scores: Scores) -> SparseFormula | None:
+    """Forward selection of terms; None where not even one explains enough."""
+    information, gradient, marginal = scores.schur_information, scores.gradient, scores.marginal_information
     rows = np.array([scores.blocks[f"term{k}"].start for k in range(len(terms))])
     chosen: list[int] = []
-    gains: list[float] = []
+    improvements: list[float] = []
     for _ in range(MAX_TERMS):
-        size = np.diag(left)[rows]
-        fine = size > DISTINCT * np.maximum(own[rows], 1e-300)
-        gain = np.where(fine, pull[rows] ** 2 / np.where(fine, size, 1.0), 0.0)
-        gain[chosen] = 0.0
-        best = int(np.argmax(gain))
-        enough = max(REMAINS, SHARE * scores.count) if not chosen else max(REMAINS, PAYS * gains[0])
-        if gain[best] < enough:
+        size = np.diag(information)[rows]
+        distinct = size > MIN_INFORMATION_LEFT * np.maximum(marginal[rows], 1e-300)
+        improvement = np.where(distinct, gradient[rows] ** 2 / np.where(distinct, size, 1.0), 0.0)
+        improvement[chosen] = 0.0
+        best = int(np.argmax(improvement))
+        relative = MIN_IMPROVEMENT_OF_FIRST * improvements[0] if chosen else MIN_IMPROVEMENT_PER_RESIDUAL * scores.count
+        if improvement[best] < max(MIN_TERM_IMPROVEMENT, relative):
             break
         chosen.append(best)
-        gains.append(float(gain[best]))
+        improvements.append(float(improvement[best]))
+        # Schur complement: the selected term is projected off all others.
         k = rows[best]
-        lever = left[:, k] / left[k, k]
-        pull = pull - lever * pull[k]
-        left = left - np.outer(lever, left[k, :])
+        lever = information[:, k] / information[k, k]
+        gradient = gradient - lever * gradient[k]
+        information = information - np.outer(lever, information[k, :])
     if not chosen:
         return None
     at = rows[chosen]
     block = scores.schur_information[np.ix_(at, at)]
     values = -np.linalg.lstsq(block, scores.gradient[at], rcond=1e-10)[0] * scores.probe[at]
     width = np.array([terms[k].width for k in chosen])
-    return Structure(tuple(terms[k] for k in chosen), tuple(gains), np.clip(values, -0.95 * width, 0.95 * width))
+    values = np.clip(values, -0.95 * width, 0.95 * width)
+    return SparseFormula(tuple(terms[k] for k in chosen), tuple(improvements), values)
 
 
-def describe(found: Structure, fitted: FittedModel | None, evidence: Evidence | None) -> dict[str, Any]:
-    """What is told of it: where, on what it depends, how large, the formula, as result.json has it."""
-    names = [f"{NAME}.{t.name}" for t in found.terms]
+def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidence | None) -> dict[str, Any]:
+    """The formula as `unexplained` of result.json has it: where, on what it depends, how large, its terms."""
+    names = [f"{EFFECT_NAME}.{t.name}" for t in found.terms]
     if fitted is not None:
         values, sds = zip(*(fitted.value(n) for n in names), strict=True)
     else:
         values, sds = tuple(found.values), tuple([float("nan")] * len(names))
     first = found.terms[0]
     depends = list(dict.fromkeys(word for t in found.terms for word in t.depends_on))
-    places = [(t.place, g) for t, g in zip(found.terms, found.gains, strict=True) if t.place is not None]
+    places = [(t.place, g) for t, g in zip(found.terms, found.improvements, strict=True) if t.place is not None]
     where = first.where
-    told: dict[str, Any] = {}
+    place: dict[str, Any] = {}
     if first.place is not None:
         weight = np.array([g for _, g in places])
         centre = weight @ np.array([p for p, _ in places]) / weight.sum()
         where = f"on the cloth around x = {centre[0]:.2f} m, y = {centre[1]:.2f} m"
-        told["place_m"] = [float(v) for v in centre]
-    form = "; ".join(f"{DOORS[t.door]}: {v:+.4g} * ({t.factor})" for t, v in zip(found.terms, values, strict=True))
+        place["place_m"] = [float(v) for v in centre]
+    form = "; ".join(
+        f"{QUANTITY_TEXTS[t.quantity]}: {v:+.4g} * ({t.factor})" for t, v in zip(found.terms, values, strict=True)
+    )
     return {
         "where": where, "depends_on": depends, "size": float(values[0]), "unit": first.unit,
-        "what": DOORS[first.door], "form": form,
-        "delta_bic": float(evidence.delta_bic) if evidence else float(sum(found.gains)),
+        "what": QUANTITY_TEXTS[first.quantity], "form": form,
+        "delta_bic": float(evidence.delta_bic) if evidence else float(sum(found.improvements)),
         "terms": [
-            {"name": t.name, "door": t.door, "factor": t.factor, "unit": t.unit, "width": t.width,
+            {"name": t.name, "door": t.quantity, "factor": t.factor, "unit": t.unit, "width": t.width,
              "value": float(v), "sd": float(s) if np.isfinite(s) else None, "where": t.where,
              "depends_on": list(t.depends_on), "gain": g}
-            for t, v, s, g in zip(found.terms, values, sds, found.gains, strict=True)
+            for t, v, s, g in zip(found.terms, values, sds, found.improvements, strict=True)
         ],
-        **told,
+        **place,
     }  # fmt: skip
 
 
-def source_from(name: str, told: dict[str, Any], origin: str) -> str:
-    """The effect file for a formula that `describe` told, of terms that the library has.
+def source_from(name: str, described: dict[str, Any], origin: str) -> str:
+    """The effect file for a formula as `describe` returns it, of terms that the library has.
 
     Raises:
         BadInput: for anything else.
     """
-    entries, what, where = (told.get(key) for key in ("terms", "what", "where"))
+    entries, what, where = (described.get(key) for key in ("terms", "what", "where"))
     if not isinstance(entries, list) or not 0 < len(entries) <= MAX_TERMS:
-        raise BadInput(f"what is unexplained has no list of 1 to {MAX_TERMS} terms; {REMEDY}")
-    terms, values = zip(*(known(entry) for entry in entries), strict=True)
+        raise BadInput(f"what is unexplained has no list of 1 to {MAX_TERMS} terms; {RESULT_REMEDY}")
+    terms, values = zip(*(term_from_json(entry) for entry in entries), strict=True)
     if len({t.name for t in terms}) < len(terms):
-        raise BadInput(f"what is unexplained has a term twice; {REMEDY}")
+        raise BadInput(f"what is unexplained has a term twice; {RESULT_REMEDY}")
     if not isinstance(what, str) or not isinstance(where, str):
-        raise BadInput(f"what is unexplained does not say what and where; {REMEDY}")
-    return source(name, terms, values, f"Structure found in clips: {what}, {where}.", origin)
+        raise BadInput(f"what is unexplained has no text for what and where; {RESULT_REMEDY}")
+    return effect_source(name, terms, values, f"SparseFormula found in clips: {what}, {where}.", origin)

@@ -1,6 +1,10 @@
-"""One look at what is missing: a named effect, a formula for something else, or nothing.
+"""Diagnosis of a fit: a named effect is missing, or structure outside the catalogue, or nothing.
 
-Where whole shots are not followed, runs between impacts are asked first, and named is what whole shots agree to.
+In: clips (`Split`) and their fit (`FittedModel`). Out: a `Diagnosis`.
+
+Where whole shots are not followed, segments between impacts are screened first; their best effect counts if whole shots
+confirm it (sysid/selection/runs.py). Otherwise whole shots are screened, and a sparse formula
+(sysid/selection/formula.py) takes the place of an effect that explains clearly less.
 """
 
 from __future__ import annotations
@@ -10,72 +14,91 @@ from dataclasses import dataclass
 
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.split import Split
-from sysid.selection.evidence import left_over
-from sysid.selection.formula import Structure, scores_of_terms, select
-from sysid.selection.runs import believed, look_at_runs, promised
-from sysid.selection.screening import REST, Round, Trial, candidates_for, look, try_one
+from sysid.selection.evidence import excess_variance
+from sysid.selection.formula import SparseFormula, score_terms, select_terms
+from sysid.selection.runs import confirm, screen_segments, screen_whole_shots
+from sysid.selection.screening import (
+    MAX_EXCESS_VARIANCE,
+    FittedCandidate,
+    Screening,
+    candidates_for,
+    fit_candidate,
+    screen,
+)
 
-STANDS = 3.0  # times less may a named effect promise than such a term and still be tried
-OUTDOES = 1.2  # by which a term must promise more than the best named effect to stand for it
-SHARE = 0.05  # of what a formula leaves beyond noise: what a named effect beside it must promise
+MAX_TERM_ADVANTAGE = 3.0  # predicted improvement of the best term over that of an effect that is still fitted
+MIN_TERM_ADVANTAGE = 1.2  # the same over that of the best named effect, for the formula to take its place
+MIN_SHARE_BESIDE_FORMULA = (
+    0.05  # of chi-square beyond noise, that an effect beside a formula must be predicted to explain
+)
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """What one look says."""
+class Diagnosis:
+    """The outcome of one diagnosis."""
 
-    round: Round
-    structure: Structure | None = None  # what stands for it where no effect does
-    trial: Trial | None = None  # the formula, fitted
-    believed: FittedModel | None = None  # whole shots with the effect, where runs named it
-    runs: Round | None = None  # runs that were asked first, where whole shots did not agree with them
+    screening: Screening
+    formula: SparseFormula | None = None  # of structure that no effect explains
+    fitted_formula: FittedCandidate | None = None  # the same, fitted
+    confirmed: FittedModel | None = None  # whole shots with the effect, where segments named it
+    segments: Screening | None = None  # of segments, where whole shots did not confirm it
 
     @property
     def name(self) -> str | None:
         """The effect to name."""
-        best = self.round.best
-        return best.name if best is not None and self.structure is None else None
+        best = self.screening.best
+        return best.name if best is not None and self.formula is None else None
 
     @property
-    def rounds(self) -> tuple[Round, ...]:
-        """Everything that was looked at."""
-        return (self.runs, self.round) if self.runs is not None else (self.round,)
+    def rounds(self) -> tuple[Screening, ...]:
+        """All screenings, in order."""
+        return (self.segments, self.screening) if self.segments is not None else (self.screening,)
 
 
-def judge(parts: Split, now: FittedModel, formula: bool = True, smooth: bool = True) -> Judgement:
-    """Look for the missing effect; where none explains what is left, for a `formula` outside the catalogue.
+def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments: bool = True) -> Diagnosis:
+    """Find the effect that a fit lacks or, where none explains the residuals, a formula.
 
-    `smooth` says whether runs without impacts may be asked.
+    Args:
+        parts: the clips.
+        now: their fit.
+        formula: whether to look for structure outside the catalogue; False where a formula is in the model already.
+        segments: whether segments between impacts may be screened.
     """
-    runs, begun = None, None
-    if smooth and formula and not parts.follows(now):
-        runs = look_at_runs(parts, now)
-        if runs is not None and runs.best is not None:
-            belief = believed(parts, now, runs.best, lambda: promised(parts, now))
-            if belief.fitted is not None:
-                return Judgement(runs, believed=belief.fitted)
-            begun = belief.begun
-    known: list[Structure | None] = []
+    by_segments, partial = None, None
+    if segments and formula and not parts.follows(now):
+        by_segments = screen_segments(parts, now)
+        if by_segments is not None and by_segments.best is not None:
+            confirmation = confirm(parts, now, by_segments.best, screen_whole_shots(parts, now))
+            if confirmation.fitted is not None:
+                return Diagnosis(by_segments, confirmed=confirmation.fitted)
+            partial = confirmation.partial
+    searched: list[SparseFormula | None] = []  # the terms are scored once at most, and only where it is needed
 
-    def outside(base: FittedModel) -> Structure | None:
-        if not known:
-            known.append(select(*scores_of_terms(base)))
-        return known[0]
+    def outside(base: FittedModel) -> SparseFormula | None:
+        if not searched:
+            searched.append(select_terms(*score_terms(base)))
+        return searched[0]
 
-    def bar() -> float:
+    def competing() -> float:
         found = outside(now) if formula else None
-        return found.gains[0] / STANDS if found else 0.0
+        return found.improvements[0] / MAX_TERM_ADVANTAGE if found else 0.0
 
-    seen = look(parts, now, candidates_for(now.model), bar, 0.0 if formula else SHARE, begun)
+    share = 0.0 if formula else MIN_SHARE_BESIDE_FORMULA
+    seen = screen(parts, now, candidates_for(now.model), competing, share, partial)
     best, now = seen.best, seen.base
-    if not formula or left_over(best.fitted if best else now) <= REST:
-        return Judgement(seen, runs=runs)
+    if not formula or excess_variance(best.fitted if best else now) <= MAX_EXCESS_VARIANCE:
+        return Diagnosis(seen, segments=by_segments)
     structure = outside(now)
-    if structure is None or (best is not None and structure.gains[0] <= OUTDOES * best.score.gain):
-        return Judgement(seen, runs=runs)
+    if structure is None or (best is not None and not outdoes(structure, best)):
+        return Diagnosis(seen, segments=by_segments)
     log.info("a formula: %s", ", ".join(t.name for t in structure.terms))
-    trial = try_one(parts, now, structure.score())
-    if trial.evidence.delta_bic <= 0:
-        return Judgement(seen, runs=runs)
-    return Judgement(seen, structure, trial, runs=runs)
+    fitted = fit_candidate(parts, now, structure.score())
+    if fitted.evidence.delta_bic <= 0:
+        return Diagnosis(seen, segments=by_segments)
+    return Diagnosis(seen, structure, fitted, segments=by_segments)
+
+
+def outdoes(structure: SparseFormula, best: FittedCandidate) -> bool:
+    """Whether the first term of a formula is predicted to explain clearly more than the best named effect."""
+    return structure.improvements[0] > MIN_TERM_ADVANTAGE * best.score.predicted_improvement

@@ -1,48 +1,52 @@
-"""The shot that would tell two models apart, within what the launcher can play.
+"""The shot that separates two models best, within what the launcher can play.
 
-Each of many shots is played in one model and looked at in the other. What the other could make up for by its own
-unknowns, within the scatter of the commands, or by constants within their uncertainty, does not count: the shot whose
-difference is most standard deviations after that is proposed.
+In: a fit (`Point`) with the covariance of its constants, and another model. Out: a `NextShot`.
+
+Many shots are played in the other model and compared with the fitted one. With d the difference of the tracks in
+standard deviations of the camera, J its Jacobian by initial states and constants, and P their covariance (scatter of
+the commands, uncertainty of the constants), the separation is the Mahalanobis distance sqrt(d' (1 + J P J')^-1 d):
+what the fit could make up for by its unknowns does not count.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from models.model_file import Model
-from models.shot import Shot
+from models.shot import Shot, Track
 from models.simulation.observe import observed
-from sysid.clips import Clip, ClipSet, Cue, Observation
+from sysid.clips import Clip, ClipSet, CueCommand, Observation
 from sysid.estimation.fitted import Point
 from sysid.estimation.least_squares import Prior, differences
 from sysid.estimation.problem import Array, constant_steps, turn
 from sysid.estimation.shot_problem import shot_problem
 
-SHOTS = 64  # tried; a power of two
-SECONDS = 4.0
-FPS = 60.0
-SPEEDS = (0.6, 2.7)  # of the ball [m/s] (Robotic Billiards 2015: to 2.75)
-OFFSET = 0.012  # of the tip, sideways and up [m] (the same)
-CUT = 0.8  # of a ball's diameter, sideways, at which the other ball is met
-FAR = 20.0  # standard deviations: two models that meet different balls are no further apart than that
-COMMAND_SD = (0.01, 0.005, 0.0003)  # speed (fraction), azimuth [rad], offsets [m]
+TRIED_SHOTS = 64  # a power of two, as Sobol sequences need
+SHOT_DURATION_S = 4.0
+CAMERA_FPS = 60.0
+BALL_SPEEDS_M_S = (0.6, 2.7)  # of the struck ball (Robotic Billiards 2015: to 2.75)
+MAX_TIP_OFFSET_M = 0.012  # of the tip, sideways and up (the same)
+MAX_CUT_DIAMETERS = 0.8  # sideways distance at which the other ball is met
+MAX_DIFFERENCE_SD = 20.0  # more is not counted: the balls met something else
+COMMAND_SD = (0.01, 0.005, 0.0003)  # scatter of speed (fraction), azimuth [rad], offsets [m]
 
 
 @dataclass(frozen=True)
 class NextShot:
-    """What to play, and how far it would part the two."""
+    """A shot to film, and how well it separates two models."""
 
-    cue: Cue
+    cue: CueCommand
     place: tuple[float, float]  # of the cue ball [m]
     other: tuple[float, float] | None  # of the ball to hit, if any [m]
-    sigmas: float  # between the two predictions
+    sigmas: float  # separation of the two predictions [standard deviations]
     why: str
 
-    def told(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """As result.json has it."""
         return {
             "why": self.why, "cue": dataclasses.asdict(self.cue), "ball": list(self.place),
@@ -50,76 +54,108 @@ class NextShot:
         }  # fmt: skip
 
 
-def propose(one: Point, two: Model, covariance: Array, sigma: float, why: str, seed: int = 0) -> NextShot:
-    """The shot, of a cue ball alone or at another ball, that parts two models most.
+@dataclass(frozen=True)
+class _PlannedShot:
+    """A shot to be tried."""
+
+    shot: Shot
+    cue: CueCommand
+    other: tuple[float, float] | None  # of the ball to hit [m]
+
+
+def propose_shot(one: Point, two: Model, covariance: Array, sigma: float, why: str, seed: int = 0) -> NextShot:
+    """The shot, of a cue ball alone or at another ball, that separates two models best.
 
     Args:
-        one: a fit that has arrived, whose model is to be tested.
+        one: a converged fit, whose model is to be tested.
         two: the other model; the shots are played in it.
         covariance: of the constants of `one`, (q, q).
         sigma: noise of the camera [m].
         why: what the shot is for, in words.
         seed: of the shots tried.
     """
+    planned = _planned_shots(one.model, seed)
+    clips = [
+        _clip_of(plan, track) for plan, track in zip(planned, observed(two, [p.shot for p in planned]), strict=True)
+    ]
+    long_enough = [k for k, c in enumerate(clips) if min(len(o.time) for o in c.balls.values()) > CAMERA_FPS / 2]
+    planned, clips = [planned[k] for k in long_enough], [clips[k] for k in long_enough]
+    separation = _separations(one, planned, clips, covariance, sigma)
+    best = int(np.argmax(separation))
+    cue = CueCommand(*(float(f"{v:.4f}") for v in dataclasses.astuple(planned[best].cue)))
+    x, y = planned[best].shot.position[0]
+    return NextShot(cue, (float(f"{x:.3f}"), float(f"{y:.3f}")), planned[best].other, float(separation[best]), why)
+
+
+def _planned_shots(model: Model, seed: int) -> list[_PlannedShot]:
+    """Shots spread evenly over speed, azimuth, tip offset, place and cut; every third at another ball."""
     from scipy.stats import qmc  # slow to load, and needed once
 
-    model = one.model
     table, radius = model.table, model.ball.radius
-    unit = qmc.Sobol(8, seed=seed).random(SHOTS)
+    unit = qmc.Sobol(8, seed=seed).random(TRIED_SHOTS)
     room = np.array([table.length / 2, table.width / 2]) - 4 * radius
-    low = np.array([SPEEDS[0], -np.pi, -OFFSET, -OFFSET, -room[0], -room[1], 0.25, -CUT])
-    high = np.array([SPEEDS[1], np.pi, OFFSET, OFFSET, room[0], room[1], 0.8, CUT])
+    offset = MAX_TIP_OFFSET_M
+    low = np.array([BALL_SPEEDS_M_S[0], -np.pi, -offset, -offset, -room[0], -room[1], 0.25, -MAX_CUT_DIAMETERS])
+    high = np.array([BALL_SPEEDS_M_S[1], np.pi, offset, offset, room[0], room[1], 0.8, MAX_CUT_DIAMETERS])
     plan = low + unit * (high - low)
-    plan[:, 2:4] *= np.minimum(1.0, OFFSET / np.maximum(np.hypot(plan[:, 2], plan[:, 3]), 1e-9))[:, None]
+    plan[:, 2:4] *= np.minimum(1.0, offset / np.maximum(np.hypot(plan[:, 2], plan[:, 3]), 1e-9))[:, None]
     plan[::2, 2] = 0.0  # half of them without side
-    times = np.arange(0, SECONDS, 1 / FPS)
-    shots, clips, cues, others = [], [], [], []
-    for number, (speed, azimuth, side, height, x, y, far, cut) in enumerate(plan):
+    times = np.arange(0, SHOT_DURATION_S, 1 / CAMERA_FPS)
+    planned = []
+    for number, (speed, azimuth, side, height, x, y, distance, cut) in enumerate(plan.tolist()):
         q, lever = turn(azimuth), 2.5 * speed / radius**2
-        spin = np.array([*(q @ np.array([0.0, lever * height])), lever * side])
-        ball = np.array([x, y]) + q @ np.array([far, 2 * radius * cut])
+        ball = np.array([x, y]) + q @ np.array([distance, 2 * radius * cut])
         pair = number % 3 == 0 and bool(np.all(np.abs(ball) < room + 2 * radius))
         names = ("cue", "red") if pair else ("cue",)
         n = len(names)
         places, velocity, spins = np.array([[x, y], ball])[:n], np.zeros((n, 2)), np.zeros((n, 3))
-        velocity[0], spins[0] = q @ np.array([speed, 0.0]), spin
-        shots.append(Shot(names, places, velocity, spins, times))
-        others.append((float(f"{ball[0]:.3f}"), float(f"{ball[1]:.3f}")) if pair else None)
-    for shot, row, track in zip(shots, plan, observed(two, shots), strict=True):
-        balls = {}
-        for b, name in enumerate(shot.names):
-            seen = np.isfinite(track.position[:, b, 0])
-            xy = track.position[seen, b]
-            balls[name] = Observation(times[seen], xy, np.full(len(xy), np.nan))
-        cues.append(Cue(float(row[0]), float(row[1]), float(row[2]), float(row[3]), 0.0))
-        clips.append(Clip("", "cue", balls, cues[-1]))
-    fine = [k for k, c in enumerate(clips) if min(len(o.time) for o in c.balls.values()) > FPS / 2]
-    clips, cues, others, plan = [clips[k] for k in fine], [cues[k] for k in fine], [others[k] for k in fine], plan[fine]
-    known = ClipSet(table, model.ball, FPS, tuple(clips), sigma)
-    problem = shot_problem(one.problem.model, one.problem.names, known, sigma)
+        velocity[0] = q @ np.array([speed, 0.0])
+        spins[0] = np.array([*(q @ np.array([0.0, lever * height])), lever * side])
+        shot = Shot(names, places, velocity, spins, times)
+        other = (float(f"{ball[0]:.3f}"), float(f"{ball[1]:.3f}")) if pair else None
+        planned.append(_PlannedShot(shot, CueCommand(speed, azimuth, side, height), other))
+    return planned
+
+
+def _clip_of(plan: _PlannedShot, track: Track) -> Clip:
+    """What the camera would see of a shot, without noise."""
+    balls = {}
+    for b, name in enumerate(plan.shot.names):
+        seen = np.isfinite(track.position[:, b, 0])
+        xy = track.position[seen, b]
+        balls[name] = Observation(plan.shot.times[seen], xy, np.full(len(xy), np.nan))
+    return Clip("", "cue", balls, plan.cue)
+
+
+def _separations(
+    one: Point, planned: Sequence[_PlannedShot], clips: Sequence[Clip], covariance: Array, sigma: float
+) -> Array:
+    """Mahalanobis distance of each shot's track from the prediction of the fit `one`: (n,)."""
+    model = one.model
+    clip_set = ClipSet(model.table, model.ball, CAMERA_FPS, tuple(clips), sigma)
+    problem = shot_problem(one.problem.model, one.problem.names, clip_set, sigma)
     mean = problem.prior.mean.copy()
-    mean[:, :2] = plan[:, 4:6]
-    lever = 2.5 * plan[:, 0] / radius
+    mean[:, :2] = [plan.shot.position[0] for plan in planned]
+    speed = np.array([plan.cue.speed for plan in planned])
+    lever = 2.5 * speed / model.ball.radius
+    n = len(planned)
     sd = problem.prior.sd.copy()
     sd[:, :7] = np.column_stack(
-        [np.full((len(plan), 2), 1e-3), COMMAND_SD[0] * plan[:, 0], COMMAND_SD[1] * plan[:, 0],
-         np.full(len(plan), 0.02), COMMAND_SD[2] * lever + 0.01, COMMAND_SD[2] * lever + 0.01]
+        [np.full((n, 2), 1e-3), COMMAND_SD[0] * speed, COMMAND_SD[1] * speed, np.full(n, 0.02),
+         COMMAND_SD[2] * lever + 0.01, COMMAND_SD[2] * lever + 0.01]
     )  # fmt: skip
     problem = dataclasses.replace(problem, prior=Prior(mean, sd))
     steps = constant_steps(problem.model, problem.names)
-    r, jx, jc = differences(problem.evaluate, mean, one.constants, np.arange(len(plan)), problem.steps, steps)
-    sound, own = np.nan_to_num(covariance), len(problem.steps)
-    apart = np.zeros(len(plan))
-    for k in range(len(plan)):
+    r, jx, jc = differences(problem.evaluate, mean, one.constants, np.arange(n), problem.steps, steps)
+    states = len(problem.steps)
+    separation = np.zeros(n)
+    for k in range(n):
         use = np.isfinite(r[k])
         j = np.concatenate([jx[k, use], jc[k, use]], axis=1)
         p = np.zeros((j.shape[1],) * 2)
-        p[:own, :own], p[own:, own:] = np.diag(sd[k] ** 2), sound
-        d = np.clip(r[k, use], -FAR, FAR)
-        # d' (1 + J P J')^-1 d
+        p[:states, :states], p[states:, states:] = np.diag(sd[k] ** 2), np.nan_to_num(covariance)
+        d = np.clip(r[k, use], -MAX_DIFFERENCE_SD, MAX_DIFFERENCE_SD)
+        # Woodbury: d' (1 + J P J')^-1 d = d'd - d'J (1 + P J'J)^-1 P J'd
         inner = np.linalg.solve(np.eye(len(p)) + p @ (j.T @ j), p @ (j.T @ d))
-        apart[k] = np.sqrt(max(float(d @ d - (j.T @ d) @ inner), 0.0))
-    best = int(np.argmax(apart))
-    rounded = Cue(*(float(f"{v:.4f}") for v in dataclasses.astuple(cues[best])))
-    place = (float(f"{plan[best, 4]:.3f}"), float(f"{plan[best, 5]:.3f}"))
-    return NextShot(rounded, place, others[best], float(apart[best]), why)
+        separation[k] = np.sqrt(max(float(d @ d - (j.T @ d) @ inner), 0.0))
+    return separation

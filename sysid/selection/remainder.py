@@ -1,8 +1,11 @@
-"""What is left where neither an effect nor a formula explains it: a camera that swings, or that something is there.
+"""What neither an effect nor a formula explains: an oscillation of the camera, or an error of unknown origin.
 
-The balls of a clip swing together in the picture, with a phase that no clip knows of another. So each clip has an
-amplitude and a phase of its own, and the frequency is the one at which they explain most together. What initial
-states can imitate, less than a swing a clip, shows too weak.
+In: a fit (`Point`). Out: `unexplained` of result.json, or None where the residuals are noise.
+
+The balls of a clip oscillate together in the image, with a phase that differs from clip to clip. So each clip has its
+own amplitude and phase, and the frequency is the one that explains most over all clips (a periodogram, summed over
+clips). Left out: initial states take up a part of an oscillation of less than a period per clip, which so shows too
+weak.
 """
 
 from __future__ import annotations
@@ -15,46 +18,47 @@ from scipy.special import chdtrc
 
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array
-from sysid.selection.evidence import CLIPPED_SD, correlation_time, left_over
+from sysid.selection.evidence import MAX_RESIDUAL_SD, correlation_time, excess_variance
 
-LEFT = 0.1  # of the noise's square, beyond it, from which something is left
-TOGETHER = 1.5  # samples that count as one, from which residuals hang together: else the noise is larger, or has tails
-CHANCE = 1e-6  # that noise alone shows such a swing
-FINE = 4  # frequencies per swing in the longest clip
-FASTEST = 60.0  # [1/s]
-FEWEST = 2  # swings in the longest clip
-MOST = 0.5  # of what is left, that one frequency must explain: all that moves slowly has some of each
-LEAST = 20  # samples of a clip
-AT_ONCE = 200  # frequencies
+MIN_EXCESS_VARIANCE = 0.1  # over the noise's variance, for anything to be reported
+MIN_CORRELATION_TIME = 1.5  # samples; of residuals that are less correlated the noise is larger, or has heavier tails
+MAX_CHANCE = 1e-6  # that noise alone shows such an oscillation
+FREQUENCIES_PER_PERIOD = 4  # resolution, over one period in the longest clip
+MAX_FREQUENCY_HZ = 60.0
+MIN_PERIODS = 2  # in the longest clip
+MIN_EXPLAINED_SHARE = 0.5  # of chi-square beyond noise, by one frequency: slow errors have some of each
+MIN_CLIP_SAMPLES = 20
+FREQUENCY_BATCH = 200  # frequencies at a time: long clips at high rates would fill the memory
 
 
 def remainder(now: Point) -> Mapping[str, Any] | None:
-    """What a fit leaves beyond noise, as `unexplained` of result.json has it; None where it is nothing to speak of."""
-    left = left_over(now)
-    together = correlation_time(now, now.discrepancy_rate)
-    if left < LEFT or together < TOGETHER:
+    """What a fit leaves beyond noise, as `unexplained` of result.json has it; None where that is negligible."""
+    excess = excess_variance(now)
+    tau = correlation_time(now, now.discrepancy_rate)
+    if excess < MIN_EXCESS_VARIANCE or tau < MIN_CORRELATION_TIME:
         return None
-    return swing(now) or {
-        "where": "not located", "depends_on": [], "size": now.problem.noise * float(np.sqrt(left)), "unit": "m",
-        "what": f"error beyond the noise, rms, {together:.0f} samples of which hang together", "form": None,
+    return oscillation(now) or {
+        "where": "not located", "depends_on": [], "size": now.problem.noise * float(np.sqrt(excess)), "unit": "m",
+        "what": f"error beyond the noise, rms, {tau:.0f} samples of which hang together", "form": None,
         "delta_bic": None, "terms": [],
     }  # fmt: skip
 
 
-def swing(point: Point) -> Mapping[str, Any] | None:
-    """The swing that explains most, as `unexplained` of result.json has it; None where there is none."""
-    clips = [c for c in _by_clip(point) if len(c[0]) >= LEAST]
+def oscillation(point: Point) -> Mapping[str, Any] | None:
+    """The camera's oscillation, as `unexplained` of result.json has it; None where there is none."""
+    clips = [c for c in _by_clip(point) if len(c[0]) >= MIN_CLIP_SAMPLES]
     if not clips:
         return None
     longest = max(float(np.ptp(t)) for t, _ in clips)
     step = np.median([float(np.median(np.diff(np.unique(t)))) for t, _ in clips])
-    frequency = np.arange(FEWEST * FINE, int(FINE * longest * min(0.5 / step, FASTEST))) / (FINE * longest)
+    frequency = np.arange(
+        MIN_PERIODS * FREQUENCIES_PER_PERIOD, int(FREQUENCIES_PER_PERIOD * longest * min(0.5 / step, MAX_FREQUENCY_HZ))
+    ) / (FREQUENCIES_PER_PERIOD * longest)
     if frequency.size == 0:
         return None
     power, size, gain = (np.zeros((2, frequency.size)) for _ in range(3))
     for time, r in clips:
-        # A few frequencies at a time: long clips at high rates would fill the memory.
-        parts = np.array_split(frequency, frequency.size // AT_ONCE + 1)
+        parts = np.array_split(frequency, frequency.size // FREQUENCY_BATCH + 1)
         waves = np.concatenate([np.exp(-2j * np.pi * f[:, None] * time) @ r for f in parts])
         for axis in range(2):
             found = 2 * np.abs(waves[:, axis]) ** 2 / len(time)
@@ -63,8 +67,8 @@ def swing(point: Point) -> Mapping[str, Any] | None:
             gain[axis] += found
     axis, k = (int(v) for v in np.unravel_index(int(np.argmax(power)), power.shape))
     chance = float(chdtrc(2 * len(clips), power[axis, k])) * power.size
-    left = sum(float(np.sum(r**2 - 1)) for _, r in clips)
-    if not chance < CHANCE or gain[axis, k] < MOST * left:
+    beyond = sum(float(np.sum(r**2 - 1)) for _, r in clips)
+    if not chance < MAX_CHANCE or gain[axis, k] < MIN_EXPLAINED_SHARE * beyond:
         return None
     amplitude, f = point.problem.noise * float(np.sqrt(size[axis, k] / len(clips))), float(frequency[k])
     name = "xy"[axis]
@@ -77,10 +81,10 @@ def swing(point: Point) -> Mapping[str, Any] | None:
 
 
 def _by_clip(point: Point) -> list[tuple[Array, Array]]:
-    """Times (m,) and residuals (m, 2) of every clip, in standard deviations, all balls that were trusted together."""
+    """Times (m,) [s] and residuals (m, 2) [standard deviations] of every clip, of all its balls."""
     clips = point.problem.clips
     found: list[list[tuple[Array, Array]]] = [[] for _ in clips]
     for k, name, xy in point.problem.by_ball(point.residuals()):
         good = np.isfinite(xy).all(axis=1)
-        found[k].append((clips[k].balls[name].time[good], np.clip(xy[good], -CLIPPED_SD, CLIPPED_SD)))
+        found[k].append((clips[k].balls[name].time[good], np.clip(xy[good], -MAX_RESIDUAL_SD, MAX_RESIDUAL_SD)))
     return [(np.concatenate([t for t, _ in one]), np.concatenate([r for _, r in one])) for one in found]

@@ -1,8 +1,12 @@
-"""What speaks for an effect that the model does not hold, before it is fitted.
+"""Score test of effects that a model lacks: their predicted improvement, before any of them is fitted.
 
-The signature of a candidate is how the residuals change when it is switched on a little. It is projected off all that
-the fit already moves, each shot's initial states and the constants, and what is left of it is held against the
-residuals: a score test, of all candidates at one operating point, which costs one batch of simulations each.
+In: a converged fit (`Point`) and candidates. Out: `Scores`: for each candidate the predicted improvement of chi-square,
+the parameter values that would give it with their standard deviations, and correlations between candidates.
+
+The signature of a candidate is the change of the residuals when it is switched on a little. With H the information of
+initial states, constants and candidates together, the Schur complement S of the candidates' block is what their
+signatures add beside all that is fitted already; with the gradient g, projected likewise, the predicted improvement is
+g' S^-1 g (Rao 1948). It costs one batch of simulations for each candidate.
 """
 
 from __future__ import annotations
@@ -22,22 +26,22 @@ from sysid.estimation.normal_equations import from_jacobian
 from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_steps
 from sysid.estimation.shot_problem import ShotProblem
 
-TARGET = 0.5  # change of the residuals that a probe aims at, in standard deviations, median over shots
-PROBE = 1e-3  # first probe, of the bounds' width
-RANGE = (1e-7, 0.4)  # of the bounds' width, smallest and largest probe
-PASSES = 4
-GONE = 3.0  # times the target that an effect may still be in the smallest probes, if it fades with its parameter
-FADES = (0.3, 0.7)  # times the last probe: one so much smaller, that does so much of what that did, shows no fading
-JUMP = 30.0  # a residual that a probe moves by so many standard deviations met another ball: no derivative
+PROBE_CHANGE_SD = 0.5  # change of the residuals that a probe aims at, median over shots
+FIRST_PROBE_OF_RANGE = 1e-3  # of the bounds' width
+PROBE_LIMITS_OF_RANGE = (1e-7, 0.4)  # smallest and largest probe, of the bounds' width
+PROBE_PASSES = 4  # at most, to find a probe of the wanted change
+MAX_FADED_CHANGE = 3.0  # times PROBE_CHANGE_SD: what an effect that fades with its parameter may still change
+NOT_FADING_RATIOS = (0.3, 0.7)  # a probe so much smaller than the last that still has so much of its change
+MAX_CHANGE_SD = 30.0  # a residual that changes more met another ball: no derivative
+MIN_INFORMATION_LEFT = 1e-9  # Schur over marginal information: below it nothing is left after projection
 log = logging.getLogger(__name__)
-FLAT = 1e-9  # of a signature's own size: what is left after projection is nothing
 
 
 @dataclass(frozen=True)
 class Candidate:
     """An effect that may be missing, and the parameters by which it is switched on."""
 
-    effect: Effect  # at usual values; parameters that only shape it keep them
+    effect: Effect  # at usual values; parameters without an off value keep them
     keys: tuple[str, ...]
 
     @property
@@ -50,9 +54,18 @@ class Candidate:
         return dataclasses.replace(self.effect, **dict(zip(self.keys, values, strict=True)))
 
     def off(self) -> Array:
-        """Where it vanishes: (k,)."""
+        """Parameter values at which it vanishes: (k,)."""
         known = self.effect.parameters()
         return np.array([known[k]["off"] for k in self.keys], float)
+
+    def bounds(self) -> Array:
+        """Lower and upper bounds of the switching parameters: (k, 2)."""
+        known = self.effect.parameters()
+        return np.array([known[k]["bounds"] for k in self.keys], float)
+
+    def usual(self) -> Array:
+        """Usual values of the switching parameters, as distances from their off values: (k,)."""
+        return np.array([getattr(self.effect, k) for k in self.keys], float) - self.off()
 
 
 def candidate(effect: type[Effect] | Effect) -> Candidate:
@@ -69,52 +82,53 @@ def with_candidate(problem: ShotProblem, one: Candidate, names: Sequence[str] | 
 
 @dataclass(frozen=True)
 class Signature:
-    """How a candidate changes the residuals, per probe."""
+    """How a candidate changes the residuals, for one probe of each parameter."""
 
     candidate: Candidate
-    probe: Array  # (k,) what each parameter was moved by from off
-    columns: Array  # (n, m, k) change of the residuals for one probe
-    sudden: bool = False  # whether it does not fade as its parameters go to off: then it was looked at its usual size
+    probe: Array  # (k,) change of each parameter from its off value
+    columns: Array  # (n, m, k) change of the residuals [standard deviations]
+    sudden: bool = False  # whether it does not fade as its parameters go to off: then the probe is its usual size
 
 
 def signature(point: Point, base: Array, one: Candidate, quick: bool = False) -> Signature:
-    """The change of residuals `base` (n, m) when a candidate is switched on, each parameter by a probe of its own.
+    """The signature of a candidate by finite differences.
 
-    `quick` takes one-sided differences and probes that are less well chosen.
+    Args:
+        point: where the fit has converged.
+        base: (n, m) its residuals.
+        one: the candidate.
+        quick: take one-sided differences and fewer passes for the probes.
     """
     problem = with_candidate(point.problem, one)
-    known, off = one.effect.parameters(), one.off()
-    k = len(one.keys)
-    bounds = np.array([known[key]["bounds"] for key in one.keys], float)
+    off, bounds, k = one.off(), one.bounds(), len(one.keys)
     width = bounds[:, 1] - bounds[:, 0]
-    way = np.where(bounds[:, 1] - off >= 0.25 * width, 1.0, -1.0)  # towards the inside
-    room = np.where(way > 0, bounds[:, 1] - off, off - bounds[:, 0])
+    sign = np.where(bounds[:, 1] - off >= 0.25 * width, 1.0, -1.0)  # towards the inside of the bounds
+    room = np.where(sign > 0, bounds[:, 1] - off, off - bounds[:, 0])
     both = np.minimum(bounds[:, 1] - off, off - bounds[:, 0])
-    probe = np.minimum(PROBE * width, room)
+    probe = np.minimum(FIRST_PROBE_OF_RANGE * width, room)
     n, rows = len(point.initial_states), np.arange(len(point.initial_states))
     columns = np.zeros((*base.shape, k))
     todo, before = np.arange(k), np.full((2, k), np.inf)  # probe and size of the pass before
     sudden: list[int] = []
 
-    def moved(which: Index, by: Array) -> dict[int, Array]:
+    def changes(which: Index, by: Array) -> dict[int, Array]:
         """Change of the residuals with each of these parameters moved from off."""
         at = [np.concatenate([point.constants, off + by * (np.arange(k) == j)]) for j in which]
         values = np.repeat(at, n, axis=0)
         r = problem.evaluate(np.tile(point.initial_states, (which.size, 1)), values, np.tile(rows, which.size))
         return {int(j): part - base for j, part in zip(which, r.reshape(which.size, *base.shape), strict=True)}
 
-    for _ in range(2 if quick else PASSES):
-        change = moved(todo, way * probe)
+    for _ in range(2 if quick else PROBE_PASSES):
+        change = changes(todo, sign * probe)
         for number, part in change.items():
-            columns[..., number] = np.nan_to_num(part) * way[number]
+            columns[..., number] = np.nan_to_num(part) * sign[number]
         again = []
         for j in todo.tolist():
-            size = float(np.median(np.sqrt(np.nanmean(np.minimum(change[j] ** 2, JUMP**2), axis=1))))
-            top = float(np.sqrt(np.nanmean(np.minimum(change[j] ** 2, JUMP**2))))
-            size = max(size, 0.5 * top)  # one that shows in few shots shall not be driven out of its linear range
-            low, high = RANGE[0] * width[j], min(RANGE[1] * width[j], room[j])
-            wanted = float(np.clip(probe[j] * np.clip(TARGET / max(size, 1e-9), 1e-3, 1e3), low, high))
-            if size > GONE * TARGET and probe[j] < FADES[0] * before[0, j] and size > FADES[1] * before[1, j]:
+            size = _size(change[j])
+            low, high = PROBE_LIMITS_OF_RANGE[0] * width[j], min(PROBE_LIMITS_OF_RANGE[1] * width[j], room[j])
+            wanted = float(np.clip(probe[j] * np.clip(PROBE_CHANGE_SD / max(size, 1e-9), 1e-3, 1e3), low, high))
+            not_fading = probe[j] < NOT_FADING_RATIOS[0] * before[0, j] and size > NOT_FADING_RATIOS[1] * before[1, j]
+            if size > MAX_FADED_CHANGE * PROBE_CHANGE_SD and not_fading:
                 sudden.append(j)
                 continue
             before[:, j] = probe[j], size
@@ -125,49 +139,56 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
             break
         todo = np.array(again)
     if sudden:
-        usual = np.array([getattr(one.effect, key) for key in one.keys], float) - off
+        usual = one.usual()
         probe[sudden] = np.abs(usual[sudden])
-        for number, part in moved(np.array(sudden), usual).items():
+        for number, part in changes(np.array(sudden), usual).items():
             columns[..., number] = np.nan_to_num(part) * np.sign(usual[number])
-    # Where both sides are open, the difference of both takes out what is even in the parameter and steps' own error.
+    # Central differences, where both sides are within the bounds, cancel even terms and the integrator's step error.
     two = np.setdiff1d(np.flatnonzero(both > probe), sudden)
     if two.size and not quick:
-        for number, part in moved(two, -way * probe).items():
-            columns[..., number] = 0.5 * (columns[..., number] - np.nan_to_num(part) * way[number])
-    columns[np.abs(columns) > JUMP] = 0.0
+        for number, part in changes(two, -sign * probe).items():
+            columns[..., number] = 0.5 * (columns[..., number] - np.nan_to_num(part) * sign[number])
+    columns[np.abs(columns) > MAX_CHANGE_SD] = 0.0
     return Signature(one, probe, columns, bool(sudden))
 
 
-def of_strike(point: Point, jx: Array, one: Candidate) -> Signature:
-    """The signature of an effect that is open at the strike alone, from the derivatives jx (n, m, p) by initial states.
+def _size(change: Array) -> float:
+    """Size of a change of residuals (n, m): the median over shots of its rms."""
+    square = np.minimum(change**2, MAX_CHANGE_SD**2)
+    median = float(np.median(np.sqrt(np.nanmean(square, axis=1))))
+    return max(median, 0.5 * float(np.sqrt(np.nanmean(square))))  # an effect in few shots stays in its linear range
 
-    All that it does is to begin the shot with other unknowns, so nothing but what is known of these tells of it. The
-    difference of two simulations would drown that: it says as much of a thin cut as its steps are uneven.
+
+def strike_signature(point: Point, jx: Array, one: Candidate) -> Signature:
+    """The signature of an effect that acts at the strike alone, by the chain rule.
+
+    Such an effect only shifts the initial states, so its signature is jx (n, m, p), the derivatives by these, times the
+    shift. The difference of two simulations would drown it in the integrator's step error, at thin cuts above all.
     """
-    known, off, problem = one.effect.parameters(), one.off(), point.problem
-    probe = np.array([PROBE * np.subtract(*known[k]["bounds"][::-1]) for k in one.keys])
+    off, bounds, problem = one.off(), one.bounds(), point.problem
+    probe = FIRST_PROBE_OF_RANGE * (bounds[:, 1] - bounds[:, 0])
     shifts = np.zeros((*point.initial_states.shape, len(off)))
     for j, by in enumerate(probe):
         step = by * (np.arange(len(off)) == j)
-        there, back = (problem.struck(point.initial_states, one.at(off + s * step)) for s in (1.0, -1.0))
-        shifts[..., j] = 0.5 * (there - back)
+        plus, minus = (problem.struck(point.initial_states, one.at(off + s * step)) for s in (1.0, -1.0))
+        shifts[..., j] = 0.5 * (plus - minus)
     return Signature(one, probe, np.einsum("nmp,npk->nmk", jx, shifts))
 
 
-def strikes_only(effect: Effect) -> bool:
+def acts_at_strike_only(effect: Effect) -> bool:
     """Whether an effect's only hook is the strike."""
     return effect.opens("strike") and not effect.opens("edit", "forces", "horizon", "impact", "exposures", "observe")
 
 
 @dataclass(frozen=True)
 class Score:
-    """What a candidate promises beside all that is active."""
+    """The predicted improvement by a candidate, beside all that is active."""
 
     candidate: Candidate
-    gain: float  # fall of chi-square that the linear model promises
-    step: Array  # (k,) parameter values it would take
-    sd: Array  # (k,) of them
-    sudden: bool = False  # see `Signature`: then this promise is a rough one
+    predicted_improvement: float  # fall of chi-square by the linear model
+    values: Array  # (k,) parameter values that give it
+    sd: Array  # (k,) their standard deviations
+    sudden: bool = False  # see `Signature`: then the prediction is a rough one
 
 
 @dataclass(frozen=True)
@@ -175,25 +196,25 @@ class Scores:
     """All candidates at one operating point."""
 
     rows: tuple[Score, ...]  # best first
-    alike: dict[tuple[str, str], float]  # correlation of the projected signatures of two candidates
+    correlations: dict[tuple[str, str], float]  # of the projected signatures of two candidates
     chi2: float  # weighted sum of squares
     count: int  # of residuals
     schur_information: Array  # (K, K) of all probes, initial states and constants projected off
-    gradient: Array  # (K,) of half the loss by them
-    marginal_information: Array  # (K,) what they would have alone
-    blocks: dict[str, slice]  # which of them belong to a candidate
+    gradient: Array  # (K,) of half of chi-square by the probes, projected likewise
+    marginal_information: Array  # (K,) of each probe alone, nothing projected off
+    blocks: dict[str, slice]  # the probes of each candidate
     probe: Array  # (K,) parameter change of one probe
 
-    def likeness(self, one: str, two: str) -> float:
-        """Correlation of what two candidates would do; 0 for one that was not scored."""
-        return self.alike.get((one, two), self.alike.get((two, one), 0.0))
+    def correlation(self, one: str, two: str) -> float:
+        """Correlation of the projected signatures of two candidates; 0 for one that was not scored."""
+        return self.correlations.get((one, two), self.correlations.get((two, one), 0.0))
 
 
 def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False) -> Scores:
     """Score every candidate jointly with initial states and constants.
 
     Args:
-        point: where a fit has arrived; candidates are scored at the standard deviations of its discrepancy rate.
+        point: a converged fit; candidates are scored at the standard deviations of its discrepancy rate.
         candidates: what may be missing.
         quick: see `signature`.
     """
@@ -205,47 +226,53 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
     r, jx, jc = differences(problem.evaluate, x, point.constants, np.arange(n), problem.steps, steps_c)
 
     signatures = [
-        of_strike(point, jx, one) if strikes_only(one.effect) else signature(point, r, one, quick) for one in candidates
+        strike_signature(point, jx, one) if acts_at_strike_only(one.effect) else signature(point, r, one, quick)
+        for one in candidates
     ]
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
     j = np.concatenate([jc, extra], axis=2)
-    information, score, _, _ = eliminated(r, jx, j, x, problem.prior, CAUCHY_SD)
-    info, grad = information.sum(axis=0), score.sum(axis=0)
-    w = weights(r, CAUCHY_SD)
-    own = from_jacobian(r, j, CAUCHY_SD).matrix.sum(axis=0).diagonal()
+    per_shot, gradients, _, _ = eliminated(r, jx, j, x, problem.prior, CAUCHY_SD)
+    information, gradient = per_shot.sum(axis=0), gradients.sum(axis=0)
     q = len(point.constants)
-    _add_known(info, grad, point, signatures)
-    scale = np.sqrt(np.maximum(np.diag(info), 1e-300))
-    cc = info[:q, :q] / np.outer(scale[:q], scale[:q])
-    lift = np.linalg.lstsq(cc, info[:q, q:] / scale[:q, None], rcond=1e-10)[0] / scale[:q, None]
-    left = info[q:, q:] - info[q:, :q] @ lift
-    pull = grad[q:] - lift.T @ grad[:q]
-    chi2 = float(np.sum(w * np.nan_to_num(r) ** 2))
-    rows, at, blocks = [], 0, {}
+    marginal = from_jacobian(r, j, CAUCHY_SD).matrix.sum(axis=0).diagonal()[q:]
+    _add_known(information, gradient, point, signatures)
+    schur, projected = _without_constants(information, gradient, q)
+    rows, blocks, start = [], {}, 0
     for s in signatures:
-        k = len(s.probe)
-        part = slice(at, at + k)
-        block, g = left[part, part], pull[part]
-        size = own[q:][part]
-        fine = np.diag(block) > FLAT * np.maximum(size, 1e-300)
-        gain, step, step_sd = 0.0, np.zeros(k), np.full(k, np.inf)
-        if fine.any():
-            inverse = np.linalg.pinv(block[np.ix_(fine, fine)], rcond=1e-10)
-            taken = -inverse @ g[fine]
-            gain = float(g[fine] @ inverse @ g[fine])
-            step[fine] = taken * s.probe[fine]
-            step_sd[fine] = np.sqrt(np.maximum(np.diag(inverse), 0)) * s.probe[fine]
-        rows.append(Score(s.candidate, gain, s.candidate.off() + step, step_sd, s.sudden))
+        part = slice(start, start + len(s.probe))
+        rows.append(_score(s, schur[part, part], projected[part], marginal[part]))
         blocks[s.candidate.name] = part
-        at += k
-    alike = _alike(left, blocks)
+        start = part.stop
+    chi2 = float(np.sum(weights(r, CAUCHY_SD) * np.nan_to_num(r) ** 2))
     probes = np.concatenate([s.probe for s in signatures]) if signatures else np.zeros(0)
-    order = tuple(sorted(rows, key=lambda row: -row.gain))
-    return Scores(order, alike, chi2, int(np.isfinite(r).sum()), left, pull, own[q:], blocks, probes)
+    order = tuple(sorted(rows, key=lambda row: -row.predicted_improvement))
+    correlations = _canonical_correlations(schur, blocks)
+    return Scores(order, correlations, chi2, int(np.isfinite(r).sum()), schur, projected, marginal, blocks, probes)
 
 
-def _add_known(info: Array, grad: Array, point: Point, signatures: Sequence[Signature]) -> None:
-    """Put in what is known of constants (per unit) and of switching parameters (per probe)."""
+def _without_constants(information: Array, gradient: Array, q: int) -> tuple[Array, Array]:
+    """Schur complement of the first q unknowns, and the gradient projected likewise: (K, K), (K,)."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    cc = information[:q, :q] / np.outer(scale[:q], scale[:q])
+    lift = np.linalg.lstsq(cc, information[:q, q:] / scale[:q, None], rcond=1e-10)[0] / scale[:q, None]
+    return information[q:, q:] - information[q:, :q] @ lift, gradient[q:] - lift.T @ gradient[:q]
+
+
+def _score(s: Signature, schur: Array, gradient: Array, marginal: Array) -> Score:
+    """Score of one candidate from its Schur information (k, k), gradient (k,) and marginal information (k,)."""
+    k = len(s.probe)
+    distinct = np.diag(schur) > MIN_INFORMATION_LEFT * np.maximum(marginal, 1e-300)
+    improvement, step, sd = 0.0, np.zeros(k), np.full(k, np.inf)
+    if distinct.any():
+        inverse = np.linalg.pinv(schur[np.ix_(distinct, distinct)], rcond=1e-10)
+        improvement = float(gradient[distinct] @ inverse @ gradient[distinct])
+        step[distinct] = -inverse @ gradient[distinct] * s.probe[distinct]
+        sd[distinct] = np.sqrt(np.maximum(np.diag(inverse), 0)) * s.probe[distinct]
+    return Score(s.candidate, improvement, s.candidate.off() + step, sd, s.sudden)
+
+
+def _add_known(information: Array, gradient: Array, point: Point, signatures: Sequence[Signature]) -> None:
+    """Add, in place, prior knowledge of constants (per unit) and of switching parameters (per probe)."""
     entries = [(name, float(c), 1.0) for name, c in zip(point.names, point.constants, strict=True)]
     for s in signatures:
         named = [f"{s.candidate.name}.{k}" for k in s.candidate.keys]
@@ -254,12 +281,12 @@ def _add_known(info: Array, grad: Array, point: Point, signatures: Sequence[Sign
     for k, (name, value, unit) in enumerate(entries):
         if name in known:
             mean, sd = known[name]
-            info[k, k] += (unit / sd) ** 2
-            grad[k] += unit * (value - mean) / sd**2
+            information[k, k] += (unit / sd) ** 2
+            gradient[k] += unit * (value - mean) / sd**2
 
 
-def _alike(left: Array, blocks: dict[str, slice]) -> dict[tuple[str, str], float]:
-    """Largest canonical correlation of every two candidates."""
+def _canonical_correlations(schur: Array, blocks: dict[str, slice]) -> dict[tuple[str, str], float]:
+    """Largest canonical correlation of the projected signatures of every two candidates."""
 
     def whiten(block: Array) -> Array:
         value, vector = np.linalg.eigh(block)
@@ -268,9 +295,9 @@ def _alike(left: Array, blocks: dict[str, slice]) -> dict[tuple[str, str], float
 
     found = {}
     names = list(blocks)
-    roots = {n: whiten(left[blocks[n], blocks[n]]) for n in names}
+    roots = {n: whiten(schur[blocks[n], blocks[n]]) for n in names}
     for a, one in enumerate(names):
         for two in names[a + 1 :]:
-            cross = roots[one].T @ left[blocks[one], blocks[two]] @ roots[two]
+            cross = roots[one].T @ schur[blocks[one], blocks[two]] @ roots[two]
             found[one, two] = float(np.linalg.svd(cross, compute_uv=False)[0]) if cross.size else 0.0
     return found

@@ -1,8 +1,10 @@
-"""Which effect is missing: every candidate scored beside the active parameters, the best ones fitted, one named.
+"""Screening of candidate effects: all are scored, the best scores are fitted, the fits are ranked by evidence.
 
-A candidate that promises nothing is not fitted. Those that are start from the base's optimum; the base is fitted again
-from theirs before a gain is believed, and none that has not converged is named. The margin between the best and the
-next is told, and which candidates these data cannot tell apart.
+In: clips (`Split`), a converged fit (`FittedModel`) and candidates. Out: a `Screening`: scores, fits with their
+evidence over the base, the best of them, its margin over the next, and the candidates that these data confound.
+
+Each candidate is fitted from the base's optimum; the base is fitted again from the candidates' optima (warm start)
+before an improvement counts. An effect whose fit has not converged is never named.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import dataclasses
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -20,27 +23,29 @@ from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
-from sysid.selection.evidence import LACKING_LOSS, Evidence, compare_fits, left_over, loss_without
+from sysid.selection.evidence import MAX_LOSS_RATIO, Evidence, compare_fits, excess_variance, loss_ratio_without
 from sysid.selection.score import Candidate, Score, Scores, candidate, score_all, with_candidate
 
-PROMISES = 15.0  # fall of chi-square from which a candidate is worth a fit
-RIVALS = 0.2  # of the best candidate's promise: fitted as well
-CLOSE = 0.5  # and of the best one's, where that one explains all
-REST = 0.01  # of the noise's square: what may be left where all is explained
-MOST = 3  # candidates fitted in a round
-NAMED = 10.0  # delta BIC from which an effect is named
-MATTERS = 1e-3  # and the fall of chi-square per residual
-ALIKE = 0.9  # correlation of signatures from which two candidates are look-alikes
-TRIED_STEPS, WARM_STEPS = 3, 5  # of the initial states, to choose a start, and from the optimum of another fit
-TIED = 10.0  # delta BIC below which two candidates are not told apart
-MOVES = 2.0  # loss by which another optimum is better
-NEAR = 0.3  # of the noise's square: left over by a fit that differs from another by single shots
+# Predicted improvement: fall of chi-square that the linear model predicts for a candidate (sysid/selection/score.py).
+MIN_IMPROVEMENT = 15.0  # predicted, for a candidate to be fitted
+MIN_IMPROVEMENT_OF_BEST = 0.2  # predicted, over that of the best candidate, to be fitted as well
+MIN_IMPROVEMENT_OF_SUFFICIENT = 0.5  # the same where the best candidate leaves nothing but noise
+MAX_EXCESS_VARIANCE = 0.01  # over the noise's variance, of a fit that leaves nothing but noise
+MAX_FITS = 3  # candidates fitted in one screening
+MIN_DELTA_BIC = 10.0  # for an effect to be named ("very strong", Kass and Raftery 1995)
+MIN_IMPROVEMENT_PER_RESIDUAL = 1e-3  # and its fall of chi-square per residual
+CONFOUNDED_CORRELATION = 0.9  # of two signatures, from which on candidates count as confounded
+TRIAL_STEPS = 3  # iterations of the initial states at each trial start of a fit
+WARM_START_STEPS = 5  # iterations of the initial states from the optimum of another fit
+TIED_DELTA_BIC = 10.0  # difference below which the evidence does not separate two candidates
+MIN_WARM_START_IMPROVEMENT = 2.0  # of the loss, for another optimum to be taken
+MAX_EXCHANGE_EXCESS = 0.3  # excess variance of fits that may differ by the optimum of single shots only
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Trial:
-    """One candidate, fitted."""
+class FittedCandidate:
+    """A candidate that was fitted."""
 
     score: Score
     fitted: FittedModel
@@ -53,49 +58,51 @@ class Trial:
 
     @property
     def converged(self) -> bool:
-        """Whether its fit came to an optimum; no verdict is drawn from one that has not."""
+        """Whether its fit converged; no verdict is drawn from one that did not."""
         return self.fitted.converged
 
 
 @dataclass(frozen=True)
-class Round:
-    """One look for a missing effect."""
+class Screening:
+    """The result of one screening."""
 
     base: FittedModel
     scores: Scores
-    trials: tuple[Trial, ...]  # best first, and among equals the simplest
-    alike: tuple[tuple[str, str, float], ...]  # look-alikes among those that matter, with their correlation
-    tied: tuple[tuple[str, str], ...]  # pairs that these data do not tell apart
+    fits: tuple[FittedCandidate, ...]  # best first; of tied ones, that with the fewest constants first
+    confounded: tuple[tuple[str, str, float], ...]  # pairs of relevant candidates, with their correlation
+    tied: tuple[tuple[str, str], ...]  # pairs of fits that the evidence does not separate
     count: int  # residuals
-    runs: int = 0  # that were looked at, without impacts; 0 where it was whole shots, or pieces of them
+    segments: int = 0  # number of segments without impacts that were screened; 0 for whole shots or windows of them
 
     @property
-    def best(self) -> Trial | None:
+    def best(self) -> FittedCandidate | None:
         """The effect to name: the best fit that converged, with evidence enough; None if there is none."""
-        for trial in self.trials:
-            if trial.converged:
-                enough = trial.evidence.delta_bic > NAMED and trial.evidence.gain > MATTERS * self.count
-                return trial if enough else None
-        return None
+        best = next((one for one in self.fits if one.converged), None)
+        return best if best is not None and is_enough(best.evidence, self.count) else None
 
     @property
     def margin(self) -> float:
-        """Delta BIC of the best fit over the next; infinite where nothing else was worth a fit."""
-        fitted = [t.evidence.delta_bic for t in self.trials if t.converged]
+        """Delta BIC of the best fit over the next; infinite where no other candidate was fitted."""
+        fitted = [t.evidence.delta_bic for t in self.fits if t.converged]
         return fitted[0] - fitted[1] if len(fitted) > 1 else float("inf")
 
     @property
     def doubtful(self) -> tuple[str, ...]:
         """Candidates whose fit did not converge."""
-        return tuple(t.name for t in self.trials if not t.converged)
+        return tuple(t.name for t in self.fits if not t.converged)
 
 
 @dataclass(frozen=True)
-class Begun:
-    """What is known of a look before it begins."""
+class PartialScreening:
+    """Scores and fits that a screening need not compute again."""
 
     scores: Scores
-    fitted: tuple[Trial, ...] = ()
+    fitted: tuple[FittedCandidate, ...] = ()
+
+
+def is_enough(evidence: Evidence, count: int) -> bool:
+    """Whether the evidence suffices to name an effect, for so many residuals."""
+    return evidence.delta_bic > MIN_DELTA_BIC and evidence.improvement > MIN_IMPROVEMENT_PER_RESIDUAL * count
 
 
 def candidates_for(model: Model, extra: Sequence[type[Effect]] = ()) -> list[Candidate]:
@@ -105,163 +112,182 @@ def candidates_for(model: Model, extra: Sequence[type[Effect]] = ()) -> list[Can
     return [candidate(k) for k in [*found, *extra]]
 
 
-def look(
+def screen(
     parts: Split,
     base: FittedModel,
     candidates: Sequence[Candidate],
-    beside: Callable[[], float] = lambda: 0.0,
+    competing: Callable[[], float] = lambda: 0.0,
     share: float = 0.0,
-    begun: Begun | None = None,
-) -> Round:
-    """One round: score, fit the promising, compare.
+    partial: PartialScreening | None = None,
+) -> Screening:
+    """Score all candidates, fit the best of them and compare the fits.
 
-    `beside` says what others must promise if the first is not all; `share`, of what goes beyond noise, what any must;
-    `begun`, what of this very look is known already.
+    Args:
+        parts: clips to fit, and those held out.
+        base: the fit without any of the candidates.
+        candidates: what may be missing.
+        competing: predicted improvement that candidates after the first must exceed; called only where it is needed.
+        share: least predicted improvement of any candidate, as a part of the excess of chi-square over noise.
+        partial: scores and fits of these candidates that are known already.
     """
-    begun = begun or Begun(score_all(base, candidates))
-    scores, known = begun.scores, {t.name: t for t in begun.fitted}
-    chosen = shortlist(scores, share)
+    partial = partial or PartialScreening(score_all(base, candidates))
+    scores, known = partial.scores, {one.name: one for one in partial.fitted}
 
-    def fitted(score: Score) -> Trial:
-        return known.get(score.candidate.name) or try_one(parts, base, score)
+    def fit(score: Score) -> FittedCandidate:
+        return known.get(score.candidate.name) or fit_candidate(parts, base, score)
 
-    trials = _trials(scores, chosen, fitted, beside)
-    if trials:
-        trials = _settle(parts, base, trials)
-        best = max(trials, key=lambda t: t.evidence.delta_bic)
-        if left_over(best.fitted) >= REST or loss_without(best.fitted, best.name) <= LACKING_LOSS:
+    fits = _fit_chosen(scores, shortlist(scores, share), fit, competing)
+    if fits:
+        fits = _exchange_optima(parts, base, fits)
+        best = max(fits, key=lambda one: one.evidence.delta_bic)
+        more = excess_variance(best.fitted) >= MAX_EXCESS_VARIANCE
+        if more or loss_ratio_without(best.fitted, best.name) <= MAX_LOSS_RATIO:
             base = warm_started(parts, base, best.fitted, "base") or base
-        by = min((t.fitted for t in trials), key=lambda s: s.discrepancy_rate)  # what is compared is weighted alike
-        first = max(trials, key=lambda t: t.evidence.gain)
+        # All are compared at the same standard deviations and correlation time.
+        by = min((one.fitted for one in fits), key=lambda s: s.discrepancy_rate)
+        first = max(fits, key=lambda one: one.evidence.improvement)
         tau = compare_fits(base, first.fitted, by).tau
-        trials = [dataclasses.replace(t, evidence=compare_fits(base, t.fitted, by, tau)) for t in trials]
-    return Round(base, scores, tuple(_ranked(trials)), *_look_alikes(scores, trials), scores.count)
+        fits = [dataclasses.replace(one, evidence=compare_fits(base, one.fitted, by, tau)) for one in fits]
+    return Screening(base, scores, tuple(rank_fits(fits)), *_confounded_and_tied(scores, fits), scores.count)
 
 
-def _trials(
-    scores: Scores, chosen: Sequence[Score], fitted: Callable[[Score], Trial], beside: Callable[[], float]
-) -> list[Trial]:
-    """The candidates worth it, fitted.
+def _fit_chosen(
+    scores: Scores,
+    chosen: Sequence[Score],
+    fit: Callable[[Score], FittedCandidate],
+    competing: Callable[[], float],
+) -> list[FittedCandidate]:
+    """Fit the chosen candidates that may still win.
 
-    Beside an effect that leaves nothing but noise only a close rival is worth a fit; beside one that leaves more, those
-    that promise as much as structure outside the catalogue does.
+    Where the first leaves nothing but noise, only those close to it are fitted; where it leaves more, those that
+    predict as much as structure outside the catalogue does.
     """
-    trials: list[Trial] = []
+    fits: list[FittedCandidate] = []
     least = 0.0
     for score in chosen:
-        settled = bool(trials) and left_over(trials[0].fitted) < REST and trials[0].converged
-        if len(trials) == 1 and not settled:
-            least = beside()
-        same = bool(trials) and scores.likeness(score.candidate.name, chosen[0].candidate.name) > ALIKE
-        bar = max(least, CLOSE * chosen[0].gain if settled or same else 0.0)
-        if score.gain > bar or (score.sudden and not settled):
-            trials.append(fitted(score))
-    return trials
+        sufficient = bool(fits) and excess_variance(fits[0].fitted) < MAX_EXCESS_VARIANCE and fits[0].converged
+        if len(fits) == 1 and not sufficient:
+            least = competing()
+        correlation = scores.correlation(score.candidate.name, chosen[0].candidate.name) if fits else 0.0
+        close = sufficient or correlation > CONFOUNDED_CORRELATION
+        bar = max(least, MIN_IMPROVEMENT_OF_SUFFICIENT * chosen[0].predicted_improvement if close else 0.0)
+        if score.predicted_improvement > bar or (score.sudden and not sufficient):
+            fits.append(fit(score))
+    return fits
 
 
 def shortlist(scores: Scores, share: float = 0.0) -> list[Score]:
-    """Candidates worth a fit, the most promising first; then those whose promise is a rough one."""
+    """Candidates to fit, the largest predicted improvement first; then those for which it is rough (`sudden`)."""
     if not scores.rows:
         return []
     beyond = share * (scores.chi2 - scores.count)
-    least = max(PROMISES, RIVALS * scores.rows[0].gain, beyond)
-    chosen = [row for row in scores.rows if row.gain >= least][:MOST]
-    rough = [row for row in scores.rows if row.sudden and row.gain >= max(PROMISES, beyond)]
+    least = max(MIN_IMPROVEMENT, MIN_IMPROVEMENT_OF_BEST * scores.rows[0].predicted_improvement, beyond)
+    chosen = [row for row in scores.rows if row.predicted_improvement >= least][:MAX_FITS]
+    rough = [row for row in scores.rows if row.sudden and row.predicted_improvement >= max(MIN_IMPROVEMENT, beyond)]
     return chosen + [row for row in rough if all(row is not one for one in chosen)]
 
 
-def try_one(parts: Split, base: FittedModel, score: Score) -> Trial:
-    """A candidate fitted from the base's optimum."""
+def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedCandidate:
+    """Fit a candidate, all constants and initial states from the base's optimum."""
     one = score.candidate
     keys = tuple(one.effect.parameters())
     problem = with_candidate(base.problem, one, [f"{one.name}.{k}" for k in keys])
-    x, added = _start(base, score)
+    x, added = _best_start(base, score)
     known = dict(zip(one.keys, added, strict=True))
     values = np.array([known.get(k, float(getattr(one.effect, k))) for k in keys])
     start = Point(problem, x, np.concatenate([base.constants, values]), base.discrepancy_rate)
     found = fit_on(parts, start, base, f"with {one.name}")
-    return Trial(score, found, compare_fits(base, found))
+    return FittedCandidate(score, found, compare_fits(base, found))
 
 
-def _start(base: FittedModel, score: Score) -> tuple[Array, Array]:
-    """Initial states and switching parameters to start from: the promised step, or where the loss falls most."""
+def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:
+    """Initial states (n, p) and switching parameters (k,) to start from: of a few trial values those of least loss."""
     one, off = score.candidate, score.candidate.off()
-    known = one.effect.parameters()
-    bounds = np.array([known[k]["bounds"] for k in one.keys], float)
-    step = score.step - off
-    usual = np.array([getattr(one.effect, k) for k in one.keys], float) - off
-    tries = [step, 0.3 * step]
+    bounds, usual, step = one.bounds(), one.usual(), score.values - off
+    trials = [step, 0.3 * step]
     one_sided = np.any(np.isclose(off, bounds[:, 0])) or np.any(np.isclose(off, bounds[:, 1]))
     if one_sided:  # such an effect may grow with the square of its parameter
-        tries = [step, usual, 0.3 * usual]
+        trials = [step, usual, 0.3 * usual]
     problem = with_candidate(base.problem, one).with_discrepancy(base.discrepancy_rate)
     found = []
     inner = bounds + np.outer(bounds[:, 1] - bounds[:, 0], [1e-4, -1e-4])
-    for move in tries:
+    for move in trials:
         values = np.clip(off + move, inner[:, 0], inner[:, 1])
         c = np.concatenate([base.constants, values])
-        x = fit_states(problem, base.initial_states, c, TRIED_STEPS)
+        x = fit_states(problem, base.initial_states, c, TRIAL_STEPS)
         found.append((float(shot_losses(problem, x, c)[0].sum()), x, values))
     _, x, values = min(found, key=lambda one: one[0])
     return x, values
 
 
 def warm_started(parts: Split, one: FittedModel, other: FittedModel, what: str) -> FittedModel | None:
-    """A fit from the optimum of another, shot by shot, where that is a better one than its own."""
+    """Fit `one` again, from the initial states of `other` in the shots where they give less loss.
+
+    None where that does not lower its loss noticeably.
+    """
     seen = one.weighted
-    x = fit_states(seen, other.initial_states, one.constants, WARM_STEPS)
+    x = fit_states(seen, other.initial_states, one.constants, WARM_START_STEPS)
     old, new = (shot_losses(seen, at, one.constants)[0] for at in (one.initial_states, x))
     better = new < old
-    if float(np.sum((old - new)[better])) < max(MOVES, 1e-3 * float(old.sum())):
+    if float(np.sum((old - new)[better])) < max(MIN_WARM_START_IMPROVEMENT, 1e-3 * float(old.sum())):
         return None
     log.info("%s again, from another optimum", what)
     mixed = Point(one.problem, np.where(better[:, None], x, one.initial_states), one.constants, one.discrepancy_rate)
     return fit_on(parts, mixed, one, what)
 
 
-def _settle(parts: Split, base: FittedModel, trials: list[Trial]) -> list[Trial]:
-    """Close fits that may differ by where single shots ended: each tries the optimum of the other."""
-    first = max(range(len(trials)), key=lambda k: trials[k].evidence.delta_bic)
-    for k in range(len(trials)):
-        near = all(left_over(trials[i].fitted) < NEAR for i in (k, first))
-        if k == first or not near:
+def _exchange_optima(parts: Split, base: FittedModel, fits: list[FittedCandidate]) -> list[FittedCandidate]:
+    """Fit the best and every other close fit again, each from the optimum of the other, as single shots may differ."""
+    first = max(range(len(fits)), key=lambda k: fits[k].evidence.delta_bic)
+    for k in range(len(fits)):
+        close = all(excess_variance(fits[i].fitted) < MAX_EXCHANGE_EXCESS for i in (k, first))
+        if k == first or not close:
             continue
         for i, other in ((k, first), (first, k)):
-            one = trials[i]
-            found = warm_started(parts, one.fitted, trials[other].fitted, one.name)
+            one = fits[i]
+            found = warm_started(parts, one.fitted, fits[other].fitted, one.name)
             if found is not None:
                 new = dataclasses.replace(one, fitted=found, evidence=compare_fits(base, found))
-                if new.evidence.gain > one.evidence.gain:
-                    trials[i] = new
-    return trials
+                if new.evidence.improvement > one.evidence.improvement:
+                    fits[i] = new
+    return fits
 
 
-def _ranked(trials: Sequence[Trial]) -> list[Trial]:
-    """Best first; of those that these data do not tell from the best, the one with the fewest parameters."""
-    top = max((t.evidence.delta_bic for t in trials if t.converged), default=0.0)
-
-    def rank(trial: Trial) -> tuple[bool, int, float]:
-        tied = trial.converged and top - trial.evidence.delta_bic < TIED
-        return not tied, trial.fitted.constants.size if tied else 0, -trial.evidence.delta_bic
-
-    return sorted(trials, key=rank)
+def rank_fits(fits: Sequence[FittedCandidate]) -> list[FittedCandidate]:
+    """Fits in the order of `ranking`."""
+    values = [(one.evidence.delta_bic, one.fitted.constants.size, one.converged) for one in fits]
+    return [fits[k] for k in ranking(values)]
 
 
-def _look_alikes(
-    scores: Scores, trials: Sequence[Trial]
+def ranking(fits: Sequence[tuple[float, int, bool]]) -> list[int]:
+    """Indices of fits, best first, from delta BIC, number of constants and convergence of each.
+
+    Of those that the evidence does not separate from the best, the one with the fewest constants comes first.
+    """
+    top = max((delta_bic for delta_bic, _, converged in fits if converged), default=0.0)
+
+    def rank(k: int) -> tuple[bool, int, float]:
+        delta_bic, constants, converged = fits[k]
+        tied = converged and top - delta_bic < TIED_DELTA_BIC
+        return not tied, constants if tied else 0, -delta_bic
+
+    return sorted(range(len(fits)), key=rank)
+
+
+def _confounded_and_tied(
+    scores: Scores, fits: Sequence[FittedCandidate]
 ) -> tuple[tuple[tuple[str, str, float], ...], tuple[tuple[str, str], ...]]:
-    """Look-alikes of what was fitted or promised much, and pairs of fits that the evidence does not part."""
-    promise = {row.candidate.name: row.gain for row in scores.rows}
-    top = max(promise.values(), default=0.0)
-    alike = tuple(
+    """Pairs of confounded candidates of which one matters, and pairs of fits that the evidence does not separate."""
+    predicted = {row.candidate.name: row.predicted_improvement for row in scores.rows}
+    top = max(predicted.values(), default=0.0)
+    confounded = tuple(
         (a, b, value)
-        for (a, b), value in sorted(scores.alike.items())
-        if value > ALIKE and max(promise[a], promise[b]) > max(PROMISES, 0.5 * top)
+        for (a, b), value in sorted(scores.correlations.items())
+        if value > CONFOUNDED_CORRELATION and max(predicted[a], predicted[b]) > max(MIN_IMPROVEMENT, 0.5 * top)
     )
-    tied = []
-    fitted = [t for t in trials if t.converged]
-    for a, one in enumerate(fitted):
-        for two in fitted[a + 1 :]:
-            if abs(one.evidence.delta_bic - two.evidence.delta_bic) < TIED:
-                tied.append((one.name, two.name))
-    return alike, tuple(tied)
+    tied = tuple(
+        (one.name, two.name)
+        for one, two in combinations([one for one in fits if one.converged], 2)
+        if abs(one.evidence.delta_bic - two.evidence.delta_bic) < TIED_DELTA_BIC
+    )
+    return confounded, tied

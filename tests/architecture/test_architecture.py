@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import importlib
 import os
 import re
@@ -16,8 +15,9 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-FLOW = ("models", "sysid", "planner", "robot")  # each imports only itself and what is left of it
+from tests.architecture.picture import PICTURE, drawing
+from tests.architecture.source import FLOW, ROOT, imports, sources
+
 ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which others of it each may import
     "models": {
         "analytic": (),
@@ -85,32 +85,6 @@ def walk(folder: Path) -> Iterator[Path]:
             yield path
 
 
-def sources(folder: str) -> list[Path]:
-    """Python files of a folder, tracked or not; none when the folder does not exist."""
-    return sorted(path for path in (ROOT / folder).rglob("*.py") if "__pycache__" not in path.parts)
-
-
-def imports(path: Path) -> set[str]:
-    """Full names of all modules that a file imports, at the top or inside functions, relative ones resolved.
-
-    `from a import b` counts as a.b, since b may be a module; so does importlib.import_module("a.b").
-    """
-    package = path.relative_to(ROOT).with_suffix("").parts[:-1]
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            start = package[: len(package) - node.level + 1] if node.level else ()
-            base = ".".join([*start, *([node.module] if node.module else [])])
-            found.update(f"{base}.{alias.name}" for alias in node.names)
-        elif isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
-            called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-            if called in ("import_module", "__import__") and isinstance(node.args[0].value, str):
-                found.add(node.args[0].value)
-    return found
-
-
 def importers(roots: set[str], files: list[Path]) -> list[str]:
     """Lines "file imports module" for every import of one of these top-level packages."""
     return [
@@ -159,8 +133,13 @@ def test_no_imports_go_in_a_circle() -> None:
     assert not needs, f"circles among {sorted(needs)}"
 
 
+def test_the_picture_of_the_architecture_is_that_of_the_code() -> None:
+    """`python -m tests.architecture.picture` draws it anew."""
+    assert (ROOT / PICTURE).read_text(encoding="utf-8") == drawing()
+
+
 def test_lazy_and_relative_imports_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(f"{__name__}.ROOT", tmp_path)
+    monkeypatch.setattr("tests.architecture.source.ROOT", tmp_path)
     path = tmp_path / "models" / "effects" / "tilt.py"
     path.parent.mkdir(parents=True)
     path.write_text(

@@ -14,7 +14,8 @@ from models.engine.play import finish
 from models.model_file import Model, full_model
 from models.shot import Shot, Table
 from models.simulation.simulate import simulate
-from sysid.validation.match import BALL, in_mujoco
+from sysid.validation.match import in_mujoco
+from sysid.validation.shots import SNOOKER_BALL
 from tests.truth import physics
 from tests.truth.cloth import Constants as Truth
 
@@ -37,7 +38,7 @@ def _shot(position: list[tuple[float, float]], velocity: np.ndarray, spin: np.nd
 
 
 def _world(table: Table) -> Model:
-    return full_model(table, BALL).with_values(CONSTANTS)
+    return full_model(table, SNOOKER_BALL).with_values(CONSTANTS)
 
 
 def single(rng: np.random.Generator, table: Table) -> Shot:
@@ -58,8 +59,8 @@ def double(rng: np.random.Generator, table: Table) -> Shot:
 
 def rack(rng: np.random.Generator, table: Table) -> Shot:
     """A full-power break of 22 balls on their spots, the reds some tenths of a millimetre apart."""
-    d = BALL.diameter * (1 + 1e-3)
-    x0 = table.length / 4 + BALL.diameter * 1.01
+    d = SNOOKER_BALL.diameter * (1 + 1e-3)
+    x0 = table.length / 4 + SNOOKER_BALL.diameter * 1.01
     half, baulk = table.length / 2, 0.737 - table.length / 2
     reds = [(x0 + row * d * np.sqrt(3) / 2, (k - row / 2) * d) for row in range(5) for k in range(row + 1)]
     reds = [tuple(np.array(xy) + rng.uniform(-1, 1, 2) * 1e-5) for xy in reds]
@@ -74,8 +75,9 @@ def _pooltool(shot: Shot, table: Any) -> Any:
     import pooltool as pt
 
     extra = {
-        "m": BALL.mass, "R": BALL.radius, "u_s": SLIDE, "u_r": ROLL, "u_b": BALL_MU, "e_b": BALL_E,
-        "e_c": CUSHION_E, "f_c": CUSHION_MU, "u_sp_proportionality": 0.4 * BALL.radius * SPIN / 9.81 / BALL.radius,
+        "m": SNOOKER_BALL.mass, "R": SNOOKER_BALL.radius, "u_s": SLIDE, "u_r": ROLL, "u_b": BALL_MU, "e_b": BALL_E,
+        "e_c": CUSHION_E, "f_c": CUSHION_MU,
+        "u_sp_proportionality": 0.4 * SNOOKER_BALL.radius * SPIN / 9.81 / SNOOKER_BALL.radius,
     }  # fmt: skip
     balls = {}
     for i, name in enumerate(shot.names):
@@ -109,8 +111,8 @@ def _batch_ms(play: Callable[[], object], count: int) -> float:
 def from_fine_steps(table: Table, shots: list[Shot]) -> np.ndarray:
     """How far balls end from where an independent program takes them, in steps of 50 us, 40000 an impact: (n,) [m]."""
     c = Truth(
-        radius=BALL.radius, mass=BALL.mass, mus=SLIDE, mur=ROLL, spin=SPIN, ebb=BALL_E, mubb=BALL_MU, ec=CUSHION_E,
-        muc=CUSHION_MU,
+        radius=SNOOKER_BALL.radius, mass=SNOOKER_BALL.mass, mus=SLIDE, mur=ROLL, spin=SPIN, ebb=BALL_E, mubb=BALL_MU,
+        ec=CUSHION_E, muc=CUSHION_MU,
     )  # fmt: skip
     found = []
     for shot, track in zip(shots, simulate(in_mujoco(_world(table)), shots), strict=True):

@@ -25,7 +25,7 @@ from planner.evaluation.value import Wish, distance, ease, worth
 from planner.launcher.execution import Execution, draws, execution_from, read_execution
 from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, Launcher, launch, stroke_terms, with_speeds
 from planner.scene import POCKETS, Goal, Scene
-from sysid.clips import Clip, ClipSet, Cue, Observation
+from sysid.clips import Clip, ClipSet, CueCommand, Observation
 from sysid.estimation.problem import turn
 from sysid.estimation.shot_problem import shot_problem
 from tests.support.clip_samples import refusal
@@ -139,7 +139,7 @@ def test_a_launch_is_what_the_workbench_reads_from_a_cue() -> None:
     for q, elevation in zip(strokes(6, 1), (0.0, 0.11, 0.3, 0.0, 0.11, 0.3), strict=True):
         velocity, spin = launch(q[None], elevation, BALL)
         seen = Observation(t, t[:, None] * velocity, np.full(30, np.nan))
-        clip = Clip("a", "white", {"white": seen}, Cue(*(float(v) for v in q), elevation))
+        clip = Clip("a", "white", {"white": seen}, CueCommand(*(float(v) for v in q), elevation))
         mean = shot_problem(MODEL, (), ClipSet(TABLE, BALL, 120.0, (clip,)), 5e-4).prior.mean[0]
         back = turn(q[AZIMUTH]).T
         assert back @ velocity[0] == pytest.approx(mean[2:4], abs=1e-12)

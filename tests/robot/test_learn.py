@@ -36,8 +36,8 @@ from robot.learning.history import Shot as Played
 from robot.learning.loop import Course, begin, why_ended
 from robot.learning.refit import FEWEST, Learnt, learn_launcher, with_commands
 from sysid.cli.common import load
-from sysid.clips import Clip, ClipSet, Cue, Observation, write_clip_set
-from sysid.clips.jaws import LEAST, WIDER, before_jaws
+from sysid.clips import Clip, ClipSet, CueCommand, Observation, write_clip_set
+from sysid.clips.jaws import JAW_MARGIN_M, MIN_CLIP_SAMPLES, before_jaws
 from tests.models.engine.test_jaws import into_pockets
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
@@ -140,7 +140,7 @@ def gap(xy: Array) -> Array:
 
 def fate(track: Track) -> str:
     """What became of the second ball, where it alone came to a pocket."""
-    met = [name for k, name in enumerate(track.names) if gap(film(track).balls[name].xy).min() < WIDER]
+    met = [name for k, name in enumerate(track.names) if gap(film(track).balls[name].xy).min() < JAW_MARGIN_M]
     if met not in ([], ["b"]):
         return "both"
     fell = any(e.kind == "pocket" and e.balls[0] == "b" for e in track.events)
@@ -159,14 +159,14 @@ def test_nothing_is_left_beyond_a_jaw() -> None:
     for track in at_pockets():
         for clip in before_jaws(clip_set(film(track))).clips:
             for name, seen in clip.balls.items():
-                moved = np.ptp(film(track).balls[name].xy, axis=0).max() > WIDER
-                assert not moved or gap(seen.xy[1:]).min(initial=1.0) >= WIDER
+                moved = np.ptp(film(track).balls[name].xy, axis=0).max() > JAW_MARGIN_M
+                assert not moved or gap(seen.xy[1:]).min(initial=1.0) >= JAW_MARGIN_M
 
 
 def test_a_clip_ends_where_a_ball_rattles() -> None:
     for track in by_fate("rattled"):
         whole = film(track)
-        touch = whole.balls["b"].time[np.argmax(gap(whole.balls["b"].xy) < WIDER)]
+        touch = whole.balls["b"].time[np.argmax(gap(whole.balls["b"].xy) < JAW_MARGIN_M)]
         [clip] = before_jaws(clip_set(whole)).clips
         for name, seen in clip.balls.items():
             assert seen.time[-1] < touch, "it may meet the others after that"
@@ -187,7 +187,7 @@ def test_a_ball_that_drops_off_a_jaw_leaves_the_others_their_samples() -> None:
     for track in by_fate("off a jaw"):
         whole = film(track)
         [clip] = before_jaws(clip_set(whole)).clips
-        touch = whole.balls["b"].time[np.argmax(gap(whole.balls["b"].xy) < WIDER)]
+        touch = whole.balls["b"].time[np.argmax(gap(whole.balls["b"].xy) < JAW_MARGIN_M)]
         assert clip.balls["b"].time[-1] < touch
         assert np.array_equal(clip.balls["a"].xy, whole.balls["a"].xy)
 
@@ -205,15 +205,15 @@ def test_a_clean_drop_and_a_shot_away_from_pockets_keep_all() -> None:
 
 def test_a_clip_of_which_next_to_nothing_is_left_is_left_out() -> None:
     whole = film(by_fate("rattled")[0])
-    touch = int(np.argmax(gap(whole.balls["b"].xy) < WIDER))
-    for keep in (LEAST - 1, LEAST):
+    touch = int(np.argmax(gap(whole.balls["b"].xy) < JAW_MARGIN_M))
+    for keep in (MIN_CLIP_SAMPLES - 1, MIN_CLIP_SAMPLES):
         first = whole.balls["a"].time[touch - keep]
         late = {
             n: Observation(o.time[o.time >= first], o.xy[o.time >= first], o.theta[o.time >= first])
             for n, o in whole.balls.items()
         }
         left = before_jaws(clip_set(dataclasses.replace(whole, balls=late))).clips
-        assert len(left) == (keep == LEAST)
+        assert len(left) == (keep == MIN_CLIP_SAMPLES)
 
 
 def test_without_pockets_and_with_unknown_ones_clips_stay() -> None:
@@ -255,7 +255,8 @@ def strokes(count: int = 30) -> tuple[ClipSet, tuple[dict[str, Any], ...]]:
             device.home()
             device.move_tip(asked["x0_mm"], asked["y0_mm"])
             done = device.strike(asked["string"])
-        cue = Cue(**{n: stroke_terms(launcher, q)[n] for n in ("speed", "azimuth", "side", "height", "elevation")})
+        terms = stroke_terms(launcher, q)
+        cue = CueCommand(**{n: terms[n] for n in ("speed", "azimuth", "side", "height", "elevation")})
         clips.append(Clip(f"clips/{k + 1:04d}.csv", "white", table.film(), cue, order=k / (count - 1)))
         records.append({"asked": asked, "done": dataclasses.asdict(done), "clip": {"file": clips[-1].file}})
     return clip_set(*clips), tuple(records)

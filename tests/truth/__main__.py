@@ -16,6 +16,7 @@ from tests.truth.effects import EFFECTS, HIDDEN, STRUCTURES
 from tests.truth.physics import MOST_GRIP, Table
 from tests.truth.shots import KINDS, NoShot, clip_constants, play
 from tests.truth.sizes import NATURAL
+from tests.truth.soil import SOILED, Soil
 from tests.truth.write import Refused, write
 
 JITTER = {"mus": 0.06, "mur": 0.06, "spin": 0.06, "ebb": 0.02, "mubb": 0.1, "ec": 0.02, "muc": 0.08}
@@ -125,6 +126,10 @@ def parser() -> argparse.ArgumentParser:
         ("outliers", Camera.outliers, "fraction of the samples, displaced by some cm"),
     ):
         p.add_argument(f"--{name}", type=float, default=value, help=f"[{unit}], default {value:g}")
+    dirt = "as cameras and users are: noise that hangs together, gaps, swaps, any clock, sizes measured wrong"
+    p.add_argument(
+        "--soiled", action="store_true", help=f"{dirt}; with it take also --outliers, --no-cue and --no-sigma"
+    )
     p.add_argument("--force", action="store_true", help="replace the clip set that is there")
     return p
 
@@ -156,7 +161,8 @@ def make(args: argparse.Namespace) -> Path:
         rng = np.random.default_rng([args.seed, k])
         of_clip = clip_constants(c, args.seed, k, args.clips)
         shots.append(play(kinds[(k - 1) % len(kinds)], rng, table, of_clip, args.seconds, args.fps, args.open))
-    return write(args.out, shots, table, c, camera, args.seed, not args.no_cue, args.force)
+    soil = SOILED if args.soiled else Soil()
+    return write(args.out, shots, table, c, camera, args.seed, not args.no_cue, args.force, soil)
 
 
 def make_example(out: Path, force: bool = False) -> Path:

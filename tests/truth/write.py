@@ -22,11 +22,13 @@ from tests.truth.cloth import Constants
 from tests.truth.effects import HIDDEN
 from tests.truth.physics import STEP, Cue, Table
 from tests.truth.shots import Shot, clip_constants
+from tests.truth.soil import Soil, gaps, hanging, measured_wrong, swapped
 
 SPEED_SPREAD = 0.02  # of the stroke about its command, one standard deviation [1]
 AZIMUTH_SPREAD = float(np.radians(0.3))  # [rad]
 OFFSET_SPREAD = 0.5e-3  # of the contact point [m]
 OFF = Constants()
+CLEAN = Soil()
 
 
 class Refused(Exception):
@@ -45,7 +47,7 @@ def _commanded(cue: Cue, rng: np.random.Generator) -> dict[str, float]:
     }
 
 
-def _rows(shot: Shot, c: Constants, camera: Camera, seed: int, clip: int, rng: np.random.Generator) -> str:
+def _rows(shot: Shot, c: Constants, camera: Camera, soil: Soil, seed: int, clip: int, rng: np.random.Generator) -> str:
     """The clip's CSV. A ball's first sample is always there; the angle only where the mark is meant to be tracked."""
     motion = shot.motion
     n, balls = motion.theta.shape
@@ -57,6 +59,11 @@ def _rows(shot: Shot, c: Constants, camera: Camera, seed: int, clip: int, rng: n
     if camera.outliers > 0.0:
         # From a stream of its own: the other samples are those of the set without.
         xy[1:] = displaced(xy[1:], camera.outliers, np.random.default_rng([seed, clip, 3]))
+    if soil != CLEAN:
+        own = np.random.default_rng([seed, clip, 4])
+        xy = swapped(xy + hanging(motion.times, motion.xy.shape, soil, own), soil, own)
+        kept &= gaps(motion.times, balls, soil, own)
+        stamp = stamp + own.uniform(*soil.origin)
     lines = ["t,ball,x,y,theta"]
     for k in range(n):
         for b, name in enumerate(motion.names):
@@ -79,7 +86,7 @@ def effects_on(c: Constants) -> list[str]:
     return [name for name, fields in HIDDEN.items() if any(getattr(c, f) != getattr(OFF, f) for f in fields)]
 
 
-def _truth(shots: Sequence[Shot], c: Constants, camera: Camera, seed: int) -> str:
+def _truth(shots: Sequence[Shot], c: Constants, camera: Camera, seed: int, soil: Soil) -> str:
     """The truth beside the folder, as JSON: effects, constants, and how every clip really began and went."""
     own = [clip_constants(c, seed, k, len(shots))._asdict() for k in range(1, len(shots) + 1)]
     clips = [
@@ -103,6 +110,7 @@ def _truth(shots: Sequence[Shot], c: Constants, camera: Camera, seed: int) -> st
         "step_s": STEP,
         "parameters": _parameters(c),
         **({"outliers": camera.outliers} if camera.outliers > 0.0 else {}),
+        **({"soil": asdict(soil)} if soil != CLEAN else {}),
         "clips": clips,
     }
     return json.dumps(truth, indent=1) + "\n"
@@ -127,6 +135,7 @@ def write(
     seed: int,
     with_cue: bool = True,
     force: bool = False,
+    soil: Soil = CLEAN,
 ) -> Path:
     """Write the clip set to the folder out, whole or not at all, and its truth beside it; the truth's path."""
     _check_target(out, force)
@@ -145,16 +154,21 @@ def write(
             if with_cue and command is not None:
                 entry["cue"] = command
             entries.append(entry)
-            (folder / f"clips/{k:04d}.csv").write_text(_rows(shot, c, camera, seed, k, rng), encoding="utf-8")
+            (folder / f"clips/{k:04d}.csv").write_text(_rows(shot, c, camera, soil, seed, k, rng), encoding="utf-8")
+        wrong = np.random.default_rng([seed, 5])
+        length, width = (measured_wrong(size, soil.table, wrong) for size in (table.length, table.width))
+        diameter = measured_wrong(2 * c.radius, soil.ball, wrong)
+        if soil == CLEAN:
+            length, width, diameter = table.length, table.width, round(2 * c.radius, 9)
         head = {
             "format": "billiard-clips/1",
-            "table": {"length": table.length, "width": table.width, "pockets": table.pockets},
-            "ball": {"diameter": round(2 * c.radius, 9), "mass": c.mass},
+            "table": {"length": length, "width": width, "pockets": table.pockets},
+            "ball": {"diameter": diameter, "mass": c.mass},
             "camera": {"fps": camera.fps, **({"sigma": camera.sigma} if camera.told else {})},
             "clip": entries,
         }
         (folder / "clips.toml").write_text(tomli_w.dumps(head), encoding="utf-8")
-        (work / "truth").write_text(_truth(shots, c, camera, seed), encoding="utf-8")
+        (work / "truth").write_text(_truth(shots, c, camera, seed, soil), encoding="utf-8")
         if out.is_dir():
             os.replace(out, work / "old")
         os.replace(folder, out)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.shot import Table
 from sysid.clips import Clip, ClipSet, Observation
-from sysid.clips.outliers import spikes
-from sysid.clips.plausibility import OVERLAP, POCKET_REACH
+from sysid.clips.outliers import find_outliers
+from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
 from sysid.vision.camera.projection import Array, Camera, ball_of
 from sysid.vision.tracks.follow import Follower, Path
 from sysid.vision.tracks.moves import Scene
@@ -141,7 +141,7 @@ def tracked(
     for shot in shots:
         found = _sightings(shot, scene)
         near = overlap(found, camera.radius)
-        if near < 2 * camera.radius - OVERLAP - 6 * scene.sigma:
+        if near < 2 * camera.radius - MAX_OVERLAP_M - 6 * scene.sigma:
             out.append(f"{shot.time:.2f} s: balls {1e3 * near:.1f} mm apart at the start: left out")
             doubts.append(f"at {shot.time:.2f} s balls are seen within each other: check calibration and ball diameter")
             continue
@@ -189,7 +189,7 @@ def _cleared(path: Path, sigma: float, told: list[str]) -> Path:
     """A path without sightings that are vague, or far from where their neighbours lead."""
     vague = path.sd > VAGUE * np.median(path.sd)
     path = _without(path, vague) if vague.any() else path
-    wild = spikes(Observation(path.time, path.xy, np.full(len(path.time), np.nan)), sigma)
+    wild = find_outliers(Observation(path.time, path.xy, np.full(len(path.time), np.nan)), sigma)
     if count := int(vague.sum() + wild.sum()):
         told.append(f"{path.name}: {count} sighting{'s' * (count > 1)} too vague or astray, not used")
     return _without(path, wild)

@@ -13,7 +13,7 @@ from models.model_file import Model, full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.contact import dampings
 from models.simulation.simulate import simulate
-from sysid.validation.match import impact_shot, impact_states
+from sysid.validation.shots import impact_shot, impact_states
 
 Play = Callable[..., list[Track]]
 BALL, TABLE = Ball(0.0525, 0.1406), Table(2.0, 1.6, pockets=False)

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.shot import Ball, Table
-from sysid.clips import Clip, ClipSet, Cue, Observation, check_clip_set, read_clip_set, write_clip_set
+from sysid.clips import Clip, ClipSet, CueCommand, Observation, check_clip_set, read_clip_set, write_clip_set
 from tests.support.clip_samples import ROWS, contents, edit, make, refusal
 
 
@@ -49,7 +49,7 @@ def test_reads_what_the_format_says(folder: Path) -> None:
     assert (clips.fps, clips.sigma, clips.folder) == (120.0, 0.0005, folder)
     first, second = clips.clips
     assert (first.file, first.struck, first.note) == ("clips/1.csv", "cue", "draw")
-    assert first.cue == Cue(speed=1.9, azimuth=0.5, side=0.004)
+    assert first.cue == CueCommand(speed=1.9, azimuth=0.5, side=0.004)
     assert second.cue is None
     cue, red = first.balls["cue"], first.balls["red"]
     np.testing.assert_array_equal(cue.time, [0, 0.01, 0.02, 0.03])
@@ -94,7 +94,7 @@ words = st.text(st.characters(exclude_categories=["Cs"]), max_size=6)
 plain_keys = st.sampled_from(["venue", "player 1", "üñ.x", "", "frame-rates"])
 extras = st.dictionaries(plain_keys, words | st.booleans() | st.integers() | st.lists(words, max_size=2), max_size=2)
 cues = st.builds(
-    Cue,
+    CueCommand,
     speed=st.floats(0, 10),
     azimuth=st.floats(-math.pi, math.pi),
     side=st.floats(-0.012, 0.012),
@@ -153,7 +153,7 @@ def test_what_is_written_is_read_back(clip_set: ClipSet) -> None:
         ({"file": "clips/./2.csv"}, ["'clips/2.csv'", "two clips"]),
         ({"file": "clips/2.csv/3.csv"}, ["cannot be written"]),
         ({"struck": "black"}, ["struck = 'black' is not in clips/1.csv"]),
-        ({"cue": Cue(math.nan, 0.0)}, ["cue.speed = nan", "nothing was written"]),
+        ({"cue": CueCommand(math.nan, 0.0)}, ["cue.speed = nan", "nothing was written"]),
         ({"extra": {"when": object()}}, ["cannot be written as TOML"]),
         ({"note": "\ud800"}, ["cannot be written"]),
     ],

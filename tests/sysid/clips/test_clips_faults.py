@@ -216,7 +216,7 @@ def test_a_check_names_every_fault(folder: Path) -> None:
         "clips/1.csv, row 6",
         "clips/2.csv, row 2",
     ]
-    assert faults[-1] == "clips/2.csv: 16 more faults: mend those above first"
+    assert faults[-1].startswith("clips/2.csv: 16 more faults")
     assert "(28 more: sysid check" in refusal(lambda: read_clip_set(folder))
 
 

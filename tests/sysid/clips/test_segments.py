@@ -10,7 +10,7 @@ import pytest
 
 from models.shot import Ball, Table
 from sysid.clips import Clip, Observation, read_clip_set
-from sysid.clips.segments import CLAMPED, Segment, cuts_of, event_times, onset, split, split_all
+from sysid.clips.segments import CLAMP_MARGIN_M, Segment, cuts_of, event_times, onset, split, split_all
 from tests.truth.__main__ import jittered
 from tests.truth.cloth import Constants
 from tests.truth.physics import Motion, Start, simulate
@@ -204,7 +204,7 @@ def test_clamped_samples_are_dropped() -> None:
     assert np.any(np.abs(clamped.xy) == edge)
     for track in (cue, clamped):
         for part in replace(shot, clip=replace(shot.clip, balls={"cue": track})).segments():
-            assert np.all(np.abs(part.xy) < edge - CLAMPED)
+            assert np.all(np.abs(part.xy) < edge - CLAMP_MARGIN_M)
 
 
 def test_a_potted_ball_ends_its_last_segment() -> None:

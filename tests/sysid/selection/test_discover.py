@@ -1,4 +1,4 @@
-"""Discovery on data with a hidden effect, made by a program that shares no code with the model."""
+"""DiscoveryResult on data with a hidden effect, made by a program that shares no code with the model."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation import FittedModel, begin
 from sysid.report.findings import result_of
-from sysid.selection.discover import Discovery, discover, needed
+from sysid.selection.discover import DiscoveryResult, discover, prune
 from sysid.selection.score import score_all
-from sysid.selection.screening import candidates_for, try_one
+from sysid.selection.screening import candidates_for, fit_candidate
 from tests.truth.__main__ import main as generate
 
 CLIPS = "8"
@@ -31,7 +31,7 @@ def clips(folder: Path, seed: int, *words: str) -> Path:
     return folder
 
 
-def found_in(folder: Path) -> tuple[ClipSet, Discovery]:
+def found_in(folder: Path) -> tuple[ClipSet, DiscoveryResult]:
     clip_set = read_clip_set(folder)
     return clip_set, discover(clip_set, full_model(clip_set.table, clip_set.ball))
 
@@ -98,17 +98,17 @@ def test_an_effect_that_another_makes_superfluous_goes(tmp_path: Path) -> None:
 
     def added(to: FittedModel, name: str) -> FittedModel:
         [score] = [s for s in score_all(to, candidates_for(to.model)).rows if s.candidate.name == name]
-        return try_one(parts, to, score).fitted
+        return fit_candidate(parts, to, score).fitted
 
     first = added(base, "side_curve")
     both = added(first, "air_drag")
     verdicts = ((), ("side_curve",), ("side_curve", "air_drag"))
-    found = needed(parts, Discovery(parts, (base, first, both), verdicts, ()))
+    found = prune(parts, DiscoveryResult(parts, (base, first, both), verdicts, ()))
     assert found.verdicts == ((), ("air_drag",))
     assert found.ladder[0] is base and "air_drag.rate" in found.last.names
     assert found.pruned == ("side_curve",)
     assert found.last.chi2 < 1.05 < base.chi2
-    assert needed(parts, found) is found
+    assert prune(parts, found) is found
 
 
 @pytest.mark.slow
@@ -164,15 +164,15 @@ def test_an_interrupted_discovery_goes_on(
     folder = clips(tmp_path / "set", 35, "--effect", "lens_distortion=0.006", "--kind", "roll,stun,cushion")
     whole, parted = tmp_path / "whole", tmp_path / "parted"
     assert cli.main(["discover", str(folder), "--out", str(whole)]) == 0
-    judge = room.judge
+    diagnose_fit = room.diagnose_fit
 
     def stop(*_words: Any, **_more: Any) -> Any:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(room, "judge", stop)
+    monkeypatch.setattr(room, "diagnose_fit", stop)
     assert cli.main(["discover", str(folder), "--out", str(parted)]) == INTERRUPTED
     assert sorted(p.name for p in parted.iterdir()) == ["unfinished.pickle"]
-    monkeypatch.setattr(room, "judge", judge)
+    monkeypatch.setattr(room, "diagnose_fit", diagnose_fit)
     monkeypatch.setattr(room, "begin", stop)  # the base is not fitted again
     capsys.readouterr()
     assert cli.main(["discover", str(folder), "--out", str(parted)]) == 0
@@ -220,7 +220,7 @@ def test_diagnose_ranks_and_names_the_margin(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_the_simulator_is_the_one_that_is_fitted() -> None:
-    """Discovery must not carry a simulator of its own."""
+    """DiscoveryResult must not carry a simulator of its own."""
     from sysid.estimation import fitting, shot_problem
     from sysid.selection import score
 

@@ -16,7 +16,7 @@ from sysid.estimation.commands import with_scatter
 from sysid.estimation.fitted import Point
 from sysid.estimation.least_squares import fit_each
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
-from sysid.selection.next_shot import OFFSET, SPEEDS, propose
+from sysid.selection.next_shot import BALL_SPEEDS_M_S, MAX_TIP_OFFSET_M, propose_shot
 from sysid.selection.score import candidate, score_all
 from tests.truth.__main__ import jittered
 from tests.truth.__main__ import main as generate
@@ -51,22 +51,22 @@ def drag(tmp_path_factory: pytest.TempPathFactory) -> Point:
 def test_the_hidden_effect_scores_best_and_its_size_is_promised(drag: Point) -> None:
     names = ("table_tilt", "air_drag", "speed_drag", "side_curve", "lens_distortion", "cushion_restitution_speed")
     found = score_all(drag, [candidate(effect_class(n)) for n in names])
-    gains = {row.candidate.name: row.gain for row in found.rows}
+    gains = {row.candidate.name: row.predicted_improvement for row in found.rows}
     assert list(gains.values()) == sorted(gains.values(), reverse=True)
     assert found.rows[0].candidate.name == "air_drag"
     assert gains["air_drag"] > gains["speed_drag"] > 5 * gains["side_curve"]
     [best] = [row for row in found.rows if row.candidate.name == "air_drag"]
-    assert best.step[0] == pytest.approx(0.004, abs=4 * best.sd[0])
+    assert best.values[0] == pytest.approx(0.004, abs=4 * best.sd[0])
     assert best.sd[0] < 0.001
-    pair = found.alike.get(("air_drag", "speed_drag"), found.alike.get(("speed_drag", "air_drag"), 0.0))
+    pair = found.correlations.get(("air_drag", "speed_drag"), found.correlations.get(("speed_drag", "air_drag"), 0.0))
     assert 0.9 < pair <= 1.0 + 1e-9
-    assert found.alike["table_tilt", "cushion_restitution_speed"] < 0.9
+    assert found.correlations["table_tilt", "cushion_restitution_speed"] < 0.9
 
 
 def test_quick_scores_are_nearly_the_same(drag: Point) -> None:
     few = [candidate(effect_class(n)) for n in ("air_drag", "side_curve")]
     slow, quick = score_all(drag, few), score_all(drag, few, quick=True)
-    assert quick.rows[0].gain == pytest.approx(slow.rows[0].gain, rel=0.05)
+    assert quick.rows[0].predicted_improvement == pytest.approx(slow.rows[0].predicted_improvement, rel=0.05)
 
 
 def test_an_effect_that_does_not_fade_is_looked_at_its_usual_size(tmp_path: Path) -> None:
@@ -84,8 +84,8 @@ def test_what_is_known_beside_the_clips_counts(drag: Point) -> None:
     told = dataclasses.replace(drag.problem, known={"clock_scale.factor": (1.01, 0.001)})
     blind = score_all(drag, few).rows[0]
     seen = score_all(dataclasses.replace(drag, problem=told), few).rows[0]
-    assert seen.gain > blind.gain + 50
-    assert seen.step[0] == pytest.approx(1.01, abs=0.003)
+    assert seen.predicted_improvement > blind.predicted_improvement + 50
+    assert seen.values[0] == pytest.approx(1.01, abs=0.003)
 
 
 def test_squirt_shows_against_the_commands_as_far_as_they_are_kept(tmp_path: Path) -> None:
@@ -97,10 +97,10 @@ def test_squirt_shows_against_the_commands_as_far_as_they_are_kept(tmp_path: Pat
         strays = problem.prior.sd[:, 3] / found.initial_states[:, 2]
         assert np.median(strays) == pytest.approx(np.radians(0.3), rel=0.5)
         [score] = score_all(dataclasses.replace(found, problem=problem), [candidate(effect_class("squirt"))]).rows
-        assert score.step[0] == pytest.approx(squirt, abs=3 * score.sd[0])
+        assert score.values[0] == pytest.approx(squirt, abs=3 * score.sd[0])
         sides = [clip.cue.side for clip in problem.clips if clip.cue is not None]
         assert score.sd[0] == pytest.approx(np.radians(0.3) / np.linalg.norm(sides), rel=0.5)
-        assert (score.gain > 15.0) is (squirt > 0)
+        assert (score.predicted_improvement > 15.0) is (squirt > 0)
 
 
 def filmed(interval: float, fps: float, frames: int = 80, noise: float = 0.0) -> ClipSet:
@@ -123,16 +123,16 @@ def test_stamps_tell_a_clock_that_runs_fast() -> None:
 
 def test_the_next_shot_is_within_the_launcher_and_tells_most(drag: Point) -> None:
     other = drag.model.add(effect_class("air_drag")(0.01))
-    shot = propose(drag, other, np.diag([1e-3, 1e-4, 1e-3, 1e-3]) ** 2, SIGMA, "a test")
-    assert SPEEDS[0] <= shot.cue.speed <= SPEEDS[1]
-    assert np.hypot(shot.cue.side, shot.cue.height) <= OFFSET + 1e-4
+    shot = propose_shot(drag, other, np.diag([1e-3, 1e-4, 1e-3, 1e-3]) ** 2, SIGMA, "a test")
+    assert BALL_SPEEDS_M_S[0] <= shot.cue.speed <= BALL_SPEEDS_M_S[1]
+    assert np.hypot(shot.cue.side, shot.cue.height) <= MAX_TIP_OFFSET_M + 1e-4
     assert shot.sigmas > 5
-    assert shot.told()["cue"]["speed"] == shot.cue.speed
-    same = propose(drag, drag.model, np.eye(4) * 1e-8, SIGMA, "nothing to part")
+    assert shot.to_dict()["cue"]["speed"] == shot.cue.speed
+    same = propose_shot(drag, drag.model, np.eye(4) * 1e-8, SIGMA, "nothing to part")
     assert same.sigmas < 1.0
     slower = drag.model.with_values({"decoupled_cloth.roll": float(drag.constants[1]) + 5e-5})
-    free = propose(drag, slower, np.eye(4), SIGMA, "a constant that may be anything")
-    held = propose(drag, slower, np.eye(4) * 1e-16, SIGMA, "a constant that is known")
+    free = propose_shot(drag, slower, np.eye(4), SIGMA, "a constant that may be anything")
+    held = propose_shot(drag, slower, np.eye(4) * 1e-16, SIGMA, "a constant that is known")
     assert free.sigmas < 0.2 * held.sigmas
 
 

@@ -1,82 +1,89 @@
-"""Whom one look believes: runs between impacts, or whole shots. The fits are given, the decision is tested."""
+"""A diagnosis: whether whole shots confirm what segments named, and the order of fits."""
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
+from dataclasses import replace
+from pathlib import Path
 
-import numpy as np
 import pytest
 
-from sysid.selection import judge as judging
-from sysid.selection import runs
-from sysid.selection.judge import Judgement, judge
-from sysid.selection.screening import _ranked
+from models.model_file import effect_class, full_model
+from sysid.clips import read_clip_set
+from sysid.estimation import FittedModel, begin
+from sysid.estimation.split import Split
+from sysid.selection.judge import diagnose_fit
+from sysid.selection.runs import Confirmation, confirm
+from sysid.selection.score import candidate, score_all
+from sysid.selection.screening import FittedCandidate, PartialScreening, fit_candidate, ranking
+from tests.truth.__main__ import main as generate
 
-NOW = SimpleNamespace(gain=0.0, model=None)
-PARTS: Any = SimpleNamespace(follows=lambda found: False)
-
-
-def told(name: str) -> Any:
-    return SimpleNamespace(candidate=SimpleNamespace(name=name), gain=50.0)
-
-
-def looked(monkeypatch: pytest.MonkeyPatch, by_runs: float, own: str, by_own: float) -> tuple[Judgement, list[str]]:
-    """A look where runs name speed_drag: evidence of whole shots for it, what they promise most, evidence for that."""
-    with_runs, with_own = (SimpleNamespace(gain=gain, model=None) for gain in (by_runs, by_own))
-    fitted: list[str] = []
-
-    def try_one(parts: Any, base: Any, score: Any) -> Any:
-        fitted.append(score.candidate.name)
-        return SimpleNamespace(name=score.candidate.name, fitted=with_own, converged=True)
-
-    def look(parts: Any, base: Any, candidates: Any, beside: Any, share: float, begun: Any) -> Any:
-        known = begun.fitted[0] if begun else None
-        return SimpleNamespace(base=base, best=known or try_one(parts, base, told(own)), scores=begun)
-
-    asked = SimpleNamespace(best=SimpleNamespace(name="speed_drag", fitted=with_runs), base=NOW)
-    for module, key, stands in (
-        (runs, "fit_anew", lambda parts, model, what: with_runs),
-        (runs, "compare_fits", lambda a, b: SimpleNamespace(delta_bic=b.gain - a.gain)),
-        (runs, "candidates_for", lambda model: []),
-        (runs, "score_all", lambda *known: SimpleNamespace(rows=(told(own), told("speed_drag")))),
-        (runs, "try_one", try_one),
-        (judging, "look_at_runs", lambda parts, now: asked),
-        (judging, "candidates_for", lambda model: []),
-        (judging, "look", look),
-        (judging, "left_over", lambda found: 0.0),
-    ):
-        monkeypatch.setattr(module, key, stands)
-    return judge(PARTS, NOW), fitted  # type: ignore[arg-type]
+CANDIDATES = ("speed_drag", "air_drag", "side_curve")
+Fits = dict[str, FittedCandidate]
+Made = tuple[Split, FittedModel, PartialScreening, Fits]
 
 
-def test_runs_are_believed_where_whole_shots_promise_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen, fitted = looked(monkeypatch, 200.0, "speed_drag", 0.0)
-    assert seen.name == "speed_drag" and seen.believed is not None and fitted == ["speed_drag"]
+def fitted(folder: Path, *words: str) -> Made:
+    """A small generated set, its fit, and every candidate scored and fitted."""
+    assert (
+        generate([str(folder), "--seed", "8", "--clips", "5", "--seconds", "1.5", "--kind", "roll,stun", *words]) == 0
+    )
+    clip_set = read_clip_set(folder)
+    parts, base = begin(clip_set, full_model(clip_set.table, clip_set.ball))
+    scores = score_all(base, [candidate(effect_class(name)) for name in CANDIDATES])
+    fits = [fit_candidate(parts, base, row) for row in scores.rows]
+    return parts, base, PartialScreening(scores), {one.name: one for one in fits}
 
 
-def test_runs_are_believed_where_what_whole_shots_promise_explains_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen, fitted = looked(monkeypatch, 200.0, "squirt", 205.0)
-    assert seen.name == "speed_drag" and seen.believed is not None and fitted == ["squirt"]
+@pytest.fixture(scope="module")
+def drag(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """Clips with a speed drag, which an air drag explains in part."""
+    return fitted(tmp_path_factory.mktemp("judge") / "drag", "--effect", "speed_drag=0.06")
 
 
-def test_whole_shots_name_what_explains_more_and_it_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen, fitted = looked(monkeypatch, 200.0, "spin_slide_coupling", 900.0)
-    assert seen.name == "spin_slide_coupling" and seen.believed is None and fitted == ["spin_slide_coupling"]
-    assert len(seen.rounds) == 2, "what runs said is kept"
+def confirmed(made: Made, by_segments: str, by_whole_shots: str) -> Confirmation:
+    """Whether whole shots confirm one effect where their own screening has fitted another."""
+    parts, base, partial, fits = made
+    return confirm(parts, base, fits[by_segments], replace(partial, fitted=(fits[by_whole_shots],)))
 
 
-def test_runs_that_whole_shots_gain_nothing_by_are_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen, _ = looked(monkeypatch, 5.0, "squirt", 100.0)
-    assert seen.name == "squirt" and seen.believed is None
+def test_whole_shots_confirm_the_effect_that_they_predict_as_well(drag: Made) -> None:
+    found = confirmed(drag, "speed_drag", "speed_drag")
+    assert found.partial is None
+    assert found.fitted is not None and "speed_drag.rate" in found.fitted.names
 
 
-def trial(name: str, delta_bic: float, constants: int, converged: bool = True) -> Any:
-    fitted = SimpleNamespace(constants=np.zeros(constants))
-    return SimpleNamespace(name=name, evidence=SimpleNamespace(delta_bic=delta_bic), fitted=fitted, converged=converged)
+def test_whole_shots_confirm_an_effect_that_explains_more_than_their_candidate(drag: Made) -> None:
+    found = confirmed(drag, "speed_drag", "air_drag")
+    assert found.fitted is not None and "speed_drag.rate" in found.fitted.names
 
 
-def test_of_fits_that_are_not_told_apart_the_simplest_is_the_verdict() -> None:
-    tilt, nap, drag = trial("table_tilt", 405.0, 9), trial("cloth_nap", 402.0, 8), trial("speed_drag", 390.0, 8)
-    lost = trial("squirt", 900.0, 7, converged=False)
-    assert [t.name for t in _ranked([drag, tilt, nap, lost])] == ["cloth_nap", "table_tilt", "squirt", "speed_drag"]
+def test_a_candidate_that_explains_more_overrules_and_both_fits_are_kept(drag: Made) -> None:
+    found = confirmed(drag, "air_drag", "speed_drag")
+    assert found.fitted is None and found.partial is not None
+    assert [one.name for one in found.partial.fitted] == ["speed_drag", "air_drag"]
+    assert found.partial.fitted[0] is drag[3]["speed_drag"]
+
+
+def test_an_effect_that_does_not_help_whole_shots_is_not_confirmed(drag: Made) -> None:
+    found = confirmed(drag, "side_curve", "speed_drag")
+    assert found.fitted is None and found.partial is not None
+    assert [one.name for one in found.partial.fitted] == ["speed_drag"]
+
+
+def test_the_hidden_effect_is_the_diagnosis(drag: Made) -> None:
+    parts, base, _, fits = drag
+    found = diagnose_fit(parts, base)
+    assert found.name == "speed_drag" and found.formula is None
+    assert found.rounds[-1] is found.screening
+    assert diagnose_fit(parts, fits["speed_drag"].fitted).name is None
+
+
+def test_of_tied_fits_the_one_with_the_fewest_constants_is_first() -> None:
+    fits = {
+        "speed_drag": (390.0, 8, True),
+        "tilt": (405.0, 9, True),
+        "nap": (402.0, 8, True),
+        "lost": (900.0, 7, False),
+    }
+    assert [list(fits)[k] for k in ranking(list(fits.values()))] == ["nap", "tilt", "lost", "speed_drag"]
+    assert ranking([]) == []

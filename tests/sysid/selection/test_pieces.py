@@ -15,12 +15,12 @@ from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, read_clip_set
 from sysid.clips.noise import position_noise
-from sysid.clips.pieces import cut_up, whole
+from sysid.clips.pieces import cut_clips, parent_clip
 from sysid.estimation.initial_states import fit_states
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.split import fit_anew, split, subset
 from sysid.selection.discover import discover
-from sysid.selection.runs import look_at_runs, runs_of
+from sysid.selection.runs import screen_segments, segments_of
 from tests.truth.__main__ import main as generate
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -55,7 +55,7 @@ def shots(tmp_path_factory: pytest.TempPathFactory) -> tuple[ClipSet, dict[str, 
 
 def test_runs_hold_no_impact_and_are_followed_to_the_noise(shots: tuple[ClipSet, dict[str, float]]) -> None:
     clip_set, truth = shots
-    runs = cut_up(clip_set, position_noise(clip_set), impacts=False)
+    runs = cut_clips(clip_set, position_noise(clip_set), impacts=False)
     assert len(runs.clips) > len(clip_set.clips)
     assert all(len(c.balls) == 1 for c in runs.clips)
     miss = misses(runs, truth)
@@ -65,8 +65,8 @@ def test_runs_hold_no_impact_and_are_followed_to_the_noise(shots: tuple[ClipSet,
 
 def test_pieces_hold_one_impact_and_are_followed_to_the_noise(shots: tuple[ClipSet, dict[str, float]]) -> None:
     clip_set, truth = shots
-    pieces = cut_up(clip_set, position_noise(clip_set))
-    runs = cut_up(clip_set, position_noise(clip_set), impacts=False)
+    pieces = cut_clips(clip_set, position_noise(clip_set))
+    runs = cut_clips(clip_set, position_noise(clip_set), impacts=False)
     assert len(clip_set.clips) < len(pieces.clips) < len(runs.clips)
     assert any(len(c.balls) == 2 for c in pieces.clips)
     assert np.mean(misses(pieces, truth) < 1.5) > 0.8  # some begin with a sidespin that their run does not show
@@ -75,9 +75,9 @@ def test_pieces_hold_one_impact_and_are_followed_to_the_noise(shots: tuple[ClipS
 def test_no_sample_is_in_two_pieces_and_times_begin_at_0(shots: tuple[ClipSet, dict[str, float]]) -> None:
     clip_set, _ = shots
     for impacts in (False, True):
-        pieces = cut_up(clip_set, position_noise(clip_set), impacts)
+        pieces = cut_clips(clip_set, position_noise(clip_set), impacts)
         for clip in clip_set.clips:
-            own = [p for p in pieces.clips if whole(p.file) == clip.file]
+            own = [p for p in pieces.clips if parent_clip(p.file) == clip.file]
             assert own
             assert sum(p.running for p in own) == len(own) - 1, "one piece begins with the strike"
             for name, seen in clip.balls.items():
@@ -91,7 +91,12 @@ def test_no_sample_is_in_two_pieces_and_times_begin_at_0(shots: tuple[ClipSet, d
 
 
 def test_a_piece_is_called_after_its_clip() -> None:
-    assert whole("clips/0001.csv#3") == "clips/0001.csv" == whole("clips/0001.csv#3#12") == whole("clips/0001.csv")
+    assert (
+        parent_clip("clips/0001.csv#3")
+        == "clips/0001.csv"
+        == parent_clip("clips/0001.csv#3#12")
+        == parent_clip("clips/0001.csv")
+    )
 
 
 def test_what_the_cue_did_does_not_act_on_a_ball_that_was_on_its_way() -> None:
@@ -116,7 +121,7 @@ def test_a_strong_effect_on_the_cloth_is_found_where_whole_shots_are_not_followe
     words = ("--seed", "5", "--clips", "10", "--seconds", "6", "--kind", "long", "--kind", "cushion_side")
     clip_set, truth = made(tmp_path / "set", *words, "--constant", "mur=0.005", "--effect", "speed_drag=0.08")
     found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
-    assert found.rounds[0].runs > 10
+    assert found.rounds[0].segments > 10
     assert found.verdict == ("speed_drag",)
     assert found.last.value("speed_drag.rate")[0] == pytest.approx(truth["drag1"], rel=0.02)
     assert found.last.rms < 1.05 * 0.0005
@@ -133,7 +138,7 @@ def test_long_shots_that_are_not_followed_are_cut(tmp_path: Path, monkeypatch: p
     assert all(len(e) <= 1 for e in parts.training.events)
     base = fit_anew(parts, model, "base")
     assert not parts.follows(base)
-    seen = look_at_runs(parts, base)
+    seen = screen_segments(parts, base)
     assert seen is not None and seen.best is not None
     assert seen.best.name == "speed_drag"
     assert seen.best.fitted.value("speed_drag.rate")[0] == pytest.approx(truth["drag1"], rel=0.05)
@@ -143,10 +148,10 @@ def test_long_shots_that_are_not_followed_are_cut(tmp_path: Path, monkeypatch: p
 def test_a_run_with_an_impact_that_nobody_saw_is_left_out(shots: tuple[ClipSet, dict[str, float]]) -> None:
     clip_set, _ = shots
     parts, _, model = split(subset(clip_set, range(6)), full_model(TABLE, BALL))
-    runs = runs_of(parts, model)
+    runs = segments_of(parts, model)
     one = next(k for k, c in enumerate(parts.training.clips) if c.note == "roll")
     seen = parts.training.clips[one].balls["cue"]
     half = len(seen.time) // 2
     seen.xy[half:] += 0.3 * (seen.xy[half:] - seen.xy[half]) @ np.array([[0.0, 1.0], [-1.0, 0.0]])  # it turns by itself
-    fewer = runs_of(parts, model)
+    fewer = segments_of(parts, model)
     assert len(fewer.training.clips) < len(runs.training.clips)

@@ -39,7 +39,7 @@ def test_a_camera_that_swings_is_told_with_its_frequency(tmp_path: Path, monkeyp
     result.write_text(json.dumps({"unexplained": told}))
     with pytest.raises(BadInput, match="without a formula"):
         source_of(result, "swing")
-    monkeypatch.setattr(room, "swing", lambda point: None)
+    monkeypatch.setattr(room, "oscillation", lambda point: None)
     told = remainder(base)
     assert told is not None
     assert told["where"] == "not located"

@@ -23,8 +23,9 @@ from models.model_file import add_folder, effect_class, full_model
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.observe import observed
 from models.simulation.simulate import simulate
+from sysid.selection.effect_file import effect_source
 from sysid.selection.formula import source_from
-from sysid.selection.terms import Term, effect_of, known, library, source
+from sysid.selection.terms import Term, effect_from_terms, library, term_from_json
 from tests.support.clip_samples import refusal
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -49,7 +50,7 @@ def shots(order: float = 0.4) -> list[Shot]:
 def told(term: Term, value: float = 0.01) -> dict[str, Any]:
     """A term as a result.json tells it."""
     return {
-        "name": term.name, "door": term.door, "factor": term.factor, "unit": term.unit, "width": term.width,
+        "name": term.name, "door": term.quantity, "factor": term.factor, "unit": term.unit, "width": term.width,
         "value": value, "sd": None, "where": term.where, "depends_on": list(term.depends_on), "gain": 50.0,
     }  # fmt: skip
 
@@ -58,7 +59,7 @@ def track(*names: str, values: tuple[float, ...] = (), order: float = 0.0) -> Tr
     """A ball that rolls along x and comes back from the rail, under some terms."""
     model = full_model(TABLE, BALL)
     if names:
-        model = model.add(effect_of("odd_cloth", terms_of(*names), values))
+        model = model.add(effect_from_terms("odd_cloth", terms_of(*names), values))
     v, w = np.array([[1.5, 0.2]]), np.array([[-0.2, 1.5, 0.0]]) / BALL.radius
     shot = Shot(("cue",), np.array([[0.3, 0.0]]), v, w, np.linspace(0, 3, 31), order=order)
     return simulate(model, [shot])[0]
@@ -73,7 +74,7 @@ def test_names_are_distinct_and_words_complete() -> None:
 def test_the_file_of_every_term_keeps_the_contract(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, term: Term) -> None:
     monkeypatch.setattr(models.model_file, "_added", {})
     path = tmp_path / "odd_cloth.py"
-    path.write_text(source("odd_cloth", (term,), (term.width / 4,), "Odd.", "a test of terms"))
+    path.write_text(effect_source("odd_cloth", (term,), (term.width / 4,), "Odd.", "a test of terms"))
     shows_elsewhere = ("does nothing", "changes nothing", "nothing changes")  # in a cell or at a rail not met there
     assert [f for f in check_file(path) if not any(words in f for words in shows_elsewhere)] == []
 
@@ -115,7 +116,7 @@ def test_the_file_is_clean(tmp_path: Path, names: tuple[str, ...]) -> None:
     """What is written passes a linter, and holds nothing that it does not use."""
     chosen = terms_of(*names)
     path = tmp_path / "odd_cloth.py"
-    path.write_text(source("odd_cloth", chosen, [0.01] * len(chosen), "Odd.", "a test"))
+    path.write_text(effect_source("odd_cloth", chosen, [0.01] * len(chosen), "Odd.", "a test"))
     words = [sys.executable, "-m", "ruff", "check", "--isolated", "--select", "F,E9", str(path)]
     said = subprocess.run(words, capture_output=True, text=True)
     assert said.returncode == 0, said.stdout
@@ -154,9 +155,9 @@ def test_the_file_does_what_the_formula_does(
     chosen = terms_of(*names)
     values = [0.3 * t.width for t in chosen]
     path = tmp_path / "odd_cloth.py"
-    path.write_text(source("odd_cloth", chosen, values, "Odd.", "a test"))
+    path.write_text(effect_source("odd_cloth", chosen, values, "Odd.", "a test"))
     add_folder(path)
-    written, formula = effect_class("odd_cloth")(), effect_of("odd_cloth", chosen, values)
+    written, formula = effect_class("odd_cloth")(), effect_from_terms("odd_cloth", chosen, values)
     for key, meta in formula.parameters().items():
         theirs = written.parameters()[key]
         assert (meta["unit"], meta["off"]) == (theirs["unit"], theirs["off"])
@@ -172,7 +173,7 @@ def test_the_file_does_what_the_formula_does(
 def test_the_engine_and_mujoco_play_the_same_formula() -> None:
     """Forces that jump at the edges of cells too, along a whole roll of one ball."""
     chosen = terms_of("drag_at_3_1", "drag_at_4_1", "push_y_x", "side_speed", "grip_cos")
-    model = full_model(TABLE, BALL).add(effect_of("odd", chosen, [0.3 * t.width for t in chosen]))
+    model = full_model(TABLE, BALL).add(effect_from_terms("odd", chosen, [0.3 * t.width for t in chosen]))
     v, w = np.array([[1.5, 0.2]]), np.array([[-0.2, 1.5, 0.0]]) / BALL.radius
     shot = Shot(("cue",), np.array([[-0.3, 0.0]]), v, w, np.linspace(0, 3, 31))
     one, two = (simulate(dataclasses.replace(model, engine=e), [shot])[0] for e in ("events", "mujoco"))
@@ -180,22 +181,24 @@ def test_the_engine_and_mujoco_play_the_same_formula() -> None:
 
 
 def test_formulas_share_their_compiled_hooks() -> None:
-    hooks_of([effect_of("first", terms_of("drag_at_3_1", "cushion_e_slip", "image_x_x"), [0.01] * 3)], 2)
+    hooks_of([effect_from_terms("first", terms_of("drag_at_3_1", "cushion_e_slip", "image_x_x"), [0.01] * 3)], 2)
     before = address.cache_info().currsize
     for k, term in enumerate(TERMS):
-        hooks_of([effect_of(f"term{k}", (term,), (term.width / 10,))], 2)
-    hooks_of([effect_of("unexplained", TERMS[:MAX_TERMS], [0.01] * MAX_TERMS)], 2)
+        hooks_of([effect_from_terms(f"term{k}", (term,), (term.width / 10,))], 2)
+    hooks_of([effect_from_terms("unexplained", TERMS[:MAX_TERMS], [0.01] * MAX_TERMS)], 2)
     assert address.cache_info().currsize == before
 
 
 def test_a_formula_is_an_effect_like_any_other() -> None:
     chosen = terms_of("drag_at_3_1", "cushion_e_order")
-    effect = effect_of("unexplained", chosen, (0.02, 0.05))
+    effect = effect_from_terms("unexplained", chosen, (0.02, 0.05))
     assert effect.name() == "unexplained" and list(effect.parameters()) == ["drag_at_3_1", "cushion_e_order"]
     assert effect.parameters()["drag_at_3_1"]["bounds"] == (-0.1, 0.1)
-    assert pickle.loads(pickle.dumps(effect)) == effect and effect == effect_of("unexplained", chosen, (0.02, 0.05))
+    assert pickle.loads(pickle.dumps(effect)) == effect and effect == effect_from_terms(
+        "unexplained", chosen, (0.02, 0.05)
+    )
     assert effect.opens("forces") and effect.opens("horizon") and not effect.opens("observe", "strike", "edit")
-    assert not effect_of("smooth", terms_of("drag_cos"), (0.01,)).opens("horizon", "impact")
+    assert not effect_from_terms("smooth", terms_of("drag_cos"), (0.01,)).opens("horizon", "impact")
     model = full_model(TABLE, BALL).add(effect)
     both = model.with_values({"unexplained.drag_at_3_1": np.array([0.0, 0.05])})
     together = simulate(both, shots())
@@ -206,15 +209,15 @@ def test_a_formula_is_an_effect_like_any_other() -> None:
     for one, two in zip(simulate(off, shots()), simulate(full_model(TABLE, BALL), shots()), strict=True):
         assert one.position.tobytes() == two.position.tobytes() and one.velocity.tobytes() == two.velocity.tobytes()
     with pytest.raises(ValueError, match="6 terms"):
-        effect_of("more", TERMS[: MAX_TERMS + 1], [0.01] * (MAX_TERMS + 1))
-    assert {t.door for t in TERMS} == set(DOORS)
+        effect_from_terms("more", TERMS[: MAX_TERMS + 1], [0.01] * (MAX_TERMS + 1))
+    assert {t.quantity for t in TERMS} == set(DOORS)
 
 
 @pytest.mark.parametrize("term", [*TERMS[::7], *terms_of("ball_mu_with_2")], ids=lambda t: t.name)
 def test_a_term_of_a_result_is_found_again(term: Term) -> None:
-    found, value = known(told(term, 0.02))
-    assert (found.name, found.door, found.factor, found.unit, found.kind, found.constants, value) == (
-        term.name, term.door, term.factor, term.unit, term.kind, term.constants, 0.02
+    found, value = term_from_json(told(term, 0.02))
+    assert (found.name, found.quantity, found.factor, found.unit, found.kind, found.constants, value) == (
+        term.name, term.quantity, term.factor, term.unit, term.kind, term.constants, 0.02
     )  # fmt: skip
 
 
@@ -245,7 +248,7 @@ def test_a_hostile_term_is_refused(key: str, text: Any) -> None:
 def test_a_cell_is_read_as_numbers_alone(factor: str) -> None:
     entry = told(terms_of("drag_at_1_1")[0]) | {"factor": factor}
     with pytest.raises(BadInput, match="no term 'drag_at_1_1' on 'drag'"):
-        known(entry)
+        term_from_json(entry)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from models.model_file import catalogue, read_model
 from sysid import cli
 from sysid.clips import read_clip_set
 from sysid.validation import match
-from sysid.validation.match import Row
+from sysid.validation.match import MatchResult
 from sysid.validation.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
 
 HEADWIND = """
@@ -40,21 +40,21 @@ class Level(Effect):
 
 
 @pytest.fixture(scope="module")
-def rows() -> list[Row]:
+def rows() -> list[MatchResult]:
     return list(match.rows(count=40, shots=12, few=True))
 
 
-def test_effects_reach_every_figure(rows: list[Row]) -> None:
+def test_effects_reach_every_figure(rows: list[MatchResult]) -> None:
     missed = [match.line(row) for row in rows if not row.ok]
     assert not missed
-    assert sum(row.reach is not None for row in rows if not row.case.startswith("effect ")) == 21
+    assert sum(row.tolerance is not None for row in rows if not row.case.startswith("effect ")) == 21
 
 
-def test_every_effect_of_the_catalogue_has_its_rows(rows: list[Row]) -> None:
+def test_every_effect_of_the_catalogue_has_its_rows(rows: list[MatchResult]) -> None:
     base = {"decoupled_cloth", "ball_impact", "cushion_impact"}
     for name in {"none", *catalogue()} - base:
         mine = [row for row in rows if row.case.startswith(f"effect {name}, ")]
-        assert [row.reach for row in mine] == [0.01, 0.05], name
+        assert [row.tolerance for row in mine] == [0.01, 0.05], name
         assert all(np.isfinite(row.error) for row in mine)
 
 
@@ -68,7 +68,7 @@ def test_an_effect_of_one_s_own_has_rows_too(tmp_path: Path, monkeypatch: pytest
     assert all(row.ok and row.case.startswith("effect headwind, 6 shots") for row in found)
 
 
-def test_native_contact_misses_by_far_more(rows: list[Row]) -> None:
+def test_native_contact_misses_by_far_more(rows: list[MatchResult]) -> None:
     ours = {row.case: row.error for row in rows if row.model == "effects"}
     pairs = [
         (row.error, ours[row.case])
@@ -81,14 +81,14 @@ def test_native_contact_misses_by_far_more(rows: list[Row]) -> None:
     assert all(native > 3 * effects for native, effects in pairs)
 
 
-def test_both_models_are_held_against_the_same_cases(rows: list[Row]) -> None:
+def test_both_models_are_held_against_the_same_cases(rows: list[MatchResult]) -> None:
     by = [{row.case for row in rows if row.model == name} for name in ("native", "effects")]
     assert by[0] <= by[1]
     for part in ("cloth", "ball-ball", "cushion", "cueing", "whole shots", "roughness", "rebounds", "oblique"):
         assert any(case.startswith(part) for case in by[0])
 
 
-def test_effects_meet_the_measurements_as_the_analytic_models_do(rows: list[Row]) -> None:
+def test_effects_meet_the_measurements_as_the_analytic_models_do(rows: list[MatchResult]) -> None:
     found = [row for row in rows if row.model == "effects" and "Mathavan" in row.case]
     assert len(found) == 6
     for row in found:
@@ -97,18 +97,18 @@ def test_effects_meet_the_measurements_as_the_analytic_models_do(rows: list[Row]
 
 
 def test_a_row_that_misses_is_not_ok() -> None:
-    assert Row("a", "effects", 2.0, "mm", 2.0).ok
-    assert not Row("a", "effects", 2.1, "mm", 2.0).ok
-    assert not Row("a", "effects", float("nan"), "mm", 2.0).ok
-    assert Row("a", "native", 1e9, "mm").ok
-    assert "MISSED" in match.line(Row("a", "effects", 2.1, "mm", 2.0))
+    assert MatchResult("a", "effects", 2.0, "mm", 2.0).ok
+    assert not MatchResult("a", "effects", 2.1, "mm", 2.0).ok
+    assert not MatchResult("a", "effects", float("nan"), "mm", 2.0).ok
+    assert MatchResult("a", "native", 1e9, "mm").ok
+    assert "EXCEEDED" in match.line(MatchResult("a", "effects", 2.1, "mm", 2.0))
 
 
 @pytest.mark.parametrize(("error", "status"), [(0.5, 0), (1.5, 1)])
 def test_the_command_writes_its_rows(
     error: float, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    made = [Row("motion", "native", 9.0, "mm"), Row("motion", "effects", error, "mm", 1.0)]
+    made = [MatchResult("motion", "native", 9.0, "mm"), MatchResult("motion", "effects", error, "mm", 1.0)]
     monkeypatch.setattr(match, "rows", lambda: iter(made))
     out = tmp_path / "match.json"
     assert cli.main(["match", "--json", str(out)]) == status
@@ -117,7 +117,7 @@ def test_the_command_writes_its_rows(
         ("motion", "native", 9.0, "mm", None, True),
         ("motion", "effects", error, "mm", 1.0, status == 0),
     ]
-    assert f"2 rows, 1 with a reach, {status} missed" in capsys.readouterr().out
+    assert f"2 rows, 1 with a tolerance, {status} exceed it" in capsys.readouterr().out
 
 
 def test_clips_of_the_analytic_models(tmp_path: Path) -> None:
