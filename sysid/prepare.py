@@ -64,7 +64,7 @@ def _fit() -> None:
     model = full_model(SNOOKER_TABLE, SNOOKER_BALL)
     clips = ClipSet(SNOOKER_TABLE, SNOOKER_BALL, 24.0, (clip,), NOISE_SD_M)
     shots = shot_problem(model, tuple(model.parameters()), clips, NOISE_SD_M)
-    fit_each(shots.evaluate, shots.start, np.array(list(model.parameters().values())), shots.steps, shots.prior, 4.0, 1)
+    fit_each(shots.objective(), shots.start, np.array(list(model.parameters().values())), 1)
     part = Segment(0, "cue", time, path, "strike", "end")
     segments = segment_problem(model, (), [part], NOISE_SD_M)
     segments.evaluate(segments.start, np.zeros((1, 0)), np.zeros(1, np.int64))

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 STUDY_FORMAT = "billiard-study-plans/1"
 # Sources that show and ask, but change no figure: another version of them may continue a study.
 UNCHECKED_SOURCES = (
-    "cli/*.py", "command_line.py", "console.py", "*report.py", "figures.py", "pictures.py", "from_picture.py", "*environment.py", "view*.py",
-    "recording/*.py",
+    "cli/*.py", "command_line.py", "console.py", "*report.py", "figures.py", "pictures.py",
+    "from_picture.py", "*environment.py", "view*.py", "recording/*.py",
 )  # fmt: skip
 
 

@@ -59,7 +59,7 @@ def compare(progress: Progress, start: Start, outputs: Outputs) -> int:
     from sysid.residuals.compare import compare as compare_clips
 
     clip_set, model = start.load()
-    comparison = compare_clips(clip_set, model, progress)
+    comparison = compare_clips(clip_set, model)
     progress.close()
     print_comparison(comparison)
     if outputs.json_file:
@@ -102,7 +102,7 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
         print(f"\nAfter the first impact the model's own error grows by {rate} of path.")
     print(f"\nmodel: {out}\n", flush=True)
     files = [c.file for c in clip_set.clips]
-    comparison = compare_clips(clip_set, found.model, progress, found.parts.states_of(fitted, files))
+    comparison = compare_clips(clip_set, found.model, found.parts.states_of(fitted, files))
     progress.close()
     print_comparison(comparison)
     share = coverage(comparison, found.band_rate)

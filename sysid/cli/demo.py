@@ -64,7 +64,7 @@ def run(out: Path, progress: Progress) -> int:
 def _base_errors(clip_set: ClipSet, found: DiscoveryResult, progress: Progress) -> None:
     """Print where the base model, all its constants fitted, fails."""
     base, noise = found.last, found.parts.noise
-    _, compared = compare_at(0, clip_set, found, progress, COMMAND_NAME)
+    _, compared = compare_at(0, clip_set, found, COMMAND_NAME)
     progress.close()
     print("\n1. The base model (level table, cloth, balls, cushions), all its constants fitted, leaves")
     print(

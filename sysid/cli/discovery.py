@@ -99,7 +99,7 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
 
         fitted = base if seen.segments else seen.base
         initial_states = parts.states_of(fitted, [c.file for c in clip_set.clips])
-        comparison = compare(clip_set, fitted.model, progress, start=initial_states)
+        comparison = compare(clip_set, fitted.model, start=initial_states)
         progress.close()
         write_report(report_file, "What is missing", [("base", comparison)], notes=notes, sections=sections((seen,)))
         print(f"report: {report_file}")

@@ -54,7 +54,7 @@ def measure(
     from sysid.direct.measure import measure as measure_clips
 
     clip_set, model = Start(clips, model_file).load()
-    found = measure_clips(clip_set, progress)
+    found = measure_clips(clip_set)
     progress.close()
     fitted = model if model_file else None
     print_measured(found, fitted)
@@ -159,7 +159,7 @@ def to_json(found: Measurements, model: Model | None = None) -> dict[str, Any]:
     for one in found.all:
         about = {k: getattr(one.kind, k) for k in ("name", "unit", "of", "method", "slope_unit")}
         own = {k: v for k, v in vars(one).items() if k not in ("kind", "singles")}
-        scale = {"value": 1 / one.kind.over, "sd": 1 / one.kind.over}
+        scale = {"value": 1 / one.kind.divisor, "sd": 1 / one.kind.divisor}
         singles = [{k: scale.get(k, 1) * v for k, v in vars(s).items()} for s in one.singles]
         held = against(one, model) if model else None
         check = {"model": held[0], "sds_apart": held[1]} if held else {}
@@ -180,7 +180,7 @@ def picture(found: Measurements) -> bytes:
         value, sd = one.value or math.nan, one.sd or math.nan
         ax = figure.add_subplot(rows, 2, k + 1)
         speed = [s.speed if math.isfinite(s.speed) else one.speed for s in one.singles]
-        y, bar = ([getattr(s, n) / one.kind.over for s in one.singles] for n in ("value", "sd"))
+        y, bar = ([getattr(s, n) / one.kind.divisor for s in one.singles] for n in ("value", "sd"))
         ax.errorbar(speed, y, bar, fmt=".", color=SINGLES_COLOUR, elinewidth=0.7)
         ax.axhspan(value - sd, value + sd, color=MEAN_COLOUR, alpha=0.35, linewidth=0)
         ax.axhline(value, color=MEAN_COLOUR, linewidth=1)

@@ -6,6 +6,7 @@ In: a `ClipSet`. Out: the standard deviation of positions.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.errors import BadInput
 from sysid.clips.clip_set import ClipSet
@@ -34,4 +35,9 @@ def position_noise(clip_set: ClipSet) -> float:
     values = np.concatenate(found) if found else np.zeros(0)
     if values.size < 30:
         raise BadInput("clips.toml: sigma is missing and the tracks are too short to estimate it; add [camera] sigma")
-    return max(float(np.median(np.abs(values)) / 0.6745 / THIRD_DIFFERENCE_GAIN), 1e-6)
+    return max(smooth_noise(values), 1e-6)
+
+
+def smooth_noise(third: NDArray[np.float64]) -> float:
+    """Standard deviation of the noise of evenly timed samples of a smooth motion, from their third differences."""
+    return float(np.median(np.abs(third)) / 0.6745 / THIRD_DIFFERENCE_GAIN)

@@ -1,16 +1,19 @@
 """Constants of a model and initial states of shots from clips, with their uncertainty.
 
-In: a clip set (sysid/clips.py) and a model. Out: a `FittedModel`: constants, initial states, covariance, discrepancy
-rate, whether it converged, and what is left on clips held out. Every fit goes this way:
+In: a clip set (sysid/clips) and a model. Out: a `FittedModel`: constants, initial states, covariance, discrepancy
+rate, whether it converged, and the error on held-out clips. In the order of a fit:
 
-    least_squares     many small problems with shared constants: Levenberg-Marquardt, robust loss, Schur complement
+    least_squares     many small problems at given constants: Levenberg-Marquardt, robust loss
+    joint_fit         the constants that they share: Schur complement, covariance
     problem           unknowns and steps that all problems have in common
     shot_problem      whole shots: residuals from initial states and constants (residual_rows, compiled)
     segment_problem   segments between events, on open cloth; open_cloth fits them
     initial_states    the initial state of every shot at given constants
-    discrepancy       the model's own error, which grows along a shot
+    discrepancy       discrepancy of the model, which grows along a shot
     fitting           `fit(start)` and `fit_from_nothing(problem)`: constants and initial states together
-    split             a clip set's training and held-out shots; fits that are tried on both
+    split             a clip set's training and held-out shots; fits evaluated on both
+    commands          how far shots scatter about the cue's commands
+    start_values      where initial states begin
     clip_fit          a model fitted to a clip set: `sysid fit`
 """
 

@@ -1,8 +1,11 @@
 """A model fitted to a clip set, whole shots from nothing: `sysid fit`.
 
-Segments between events first: they give what acts on open cloth. Then whole shots, with every fifth clip held out.
-Where the model does not follow the open cloth, its constants stay as the segments gave them (a long shot would bend
-them to make up for what is missing elsewhere), and uncertainties are those of the first events.
+In: a clip set and a model. Out: a `ClipFit`: the model with its constants and their uncertainty, and the split.
+
+Segments between events come first: they determine the constants of the open cloth. Then whole shots are fitted, with
+every fifth clip held out. Where the model does not follow the open cloth, its constants there stay as the segments gave
+them (long shots would bias them to compensate for what is missing elsewhere), and uncertainties are those of the first
+events.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from sysid.estimation.fitting import fit_from_nothing, widened
 from sysid.estimation.open_cloth import OpenCloth
 from sysid.estimation.split import Split, split, tried
 
-BAND_SHARE = 0.95  # of the residuals that the band holds
+BAND_SHARE = 0.95  # of the residuals inside the predicted band
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class ClipFit:
     fitted: FittedModel
     model: Model  # with values and estimates
     segment_ratio: float  # median rms of the segments over noise
-    band_rate: float  # discrepancy rate for 95 % of the residuals, of which some shots go astray
+    band_rate: float  # discrepancy rate for 95 % of the residuals, those of shots in false optima included
 
 
 def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> ClipFit:

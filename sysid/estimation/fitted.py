@@ -1,4 +1,7 @@
-"""What a fit arrives at: a model, the initial states of its shots, and how well both are known."""
+"""The result of a fit: a model, the initial states of its shots, and the uncertainty of both.
+
+In: what sysid/estimation/fitting.py has found. Out: `FittedModel`, and `as_model`: the model for a file.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ UNFOLLOWED_RATE = 2e-3  # discrepancy rate beyond which late samples of a shot a
 
 @dataclass(frozen=True)
 class Point:
-    """A problem with values for its unknowns, and the error of the model there."""
+    """A problem with values for its unknowns, and the discrepancy rate of the model there."""
 
     problem: ShotProblem  # with the noise of the camera alone
     initial_states: Array  # (n, p)
@@ -37,7 +40,7 @@ class Point:
 
     @property
     def weighted(self) -> ShotProblem:
-        """The problem with the model's own error."""
+        """The problem with the discrepancy of the model."""
         return self.problem.with_discrepancy(self.discrepancy_rate)
 
     def residuals(self, problem: ShotProblem | None = None) -> Array:
@@ -59,7 +62,7 @@ class HeldOut:
 class FittedModel(Point):
     """A model at its best on clips."""
 
-    covariance: Array  # (q, q) of the constants; NaN where the clips do not tell
+    covariance: Array  # (q, q) of the constants; NaN where the clips do not determine them
     converged: bool
     rms: float  # of the clips, per axis [m]
     chi2: float  # reduced
@@ -72,7 +75,7 @@ class FittedModel(Point):
 
     @property
     def sds(self) -> dict[str, float]:
-        """Standard deviations of the constants; NaN where the clips do not tell."""
+        """Standard deviations of the constants; NaN where the clips do not determine them."""
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     def value(self, name: str) -> tuple[float, float]:
@@ -83,7 +86,7 @@ class FittedModel(Point):
 def as_model(found: FittedModel, command: str, files: Sequence[str], more: Mapping[str, Any] | None = None) -> Model:
     """The model of a fit, for a file: constants with their uncertainty, correlation and where they come from.
 
-    A constant of which the clips say nothing keeps the value that it came with.
+    A constant that the clips do not determine keeps its value from before the fit.
 
     Args:
         found: the fit; of what it fitted, only what its model's effects have is written.
@@ -97,8 +100,8 @@ def as_model(found: FittedModel, command: str, files: Sequence[str], more: Mappi
     source = f"{command}, {len(files)} clips" + ("" if found.converged else ", NOT converged")
     estimates = dict(model.estimates)
     for name, sd in zip(names, sds.tolist(), strict=True):
-        told = source if np.isfinite(sd) else f"{source}: these clips do not tell"
-        estimates[name] = Estimate(sd if found.converged else float("nan"), told)
+        described = source if np.isfinite(sd) else f"{source}: these clips do not tell"
+        estimates[name] = Estimate(sd if found.converged else float("nan"), described)
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = found.covariance[np.ix_(rows, rows)] / np.outer(sds, sds)
     summary = {

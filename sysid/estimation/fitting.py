@@ -1,17 +1,17 @@
-"""A fit: constants and initial states of shots together, from nothing or from where another fit has arrived.
+"""A fit of constants and initial states of shots together, from nothing or warm-started from another fit.
+
+In: a `ShotProblem`, or a `Point`: a problem with values for its unknowns. Out: a `FittedModel`.
 
 From nothing, the horizon of the shots grows from event to event with the constants fitted along, so that each impact is
-met with constants that are already nearly right. The error of the model per path length, which says how much a late
-sample counts, is estimated anew with the constants until both have settled. Shots that do not follow the rest are grown
-again from their strike with the new constants, since a model that lacked something may have left them in a false
-optimum.
+simulated with constants that are already nearly right. The discrepancy rate, which sets how much a late sample counts,
+is estimated in turn with the constants until both have settled. Shots that fit much worse than the rest are grown again
+from their strike with the new constants, since a model that lacked an effect may have left them in a false optimum.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -27,29 +27,33 @@ from sysid.estimation.initial_states import (
     regrown,
     shot_losses,
 )
-from sysid.estimation.least_squares import Prior, Solution, fit_joint
-from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_bounds, constant_steps, values_of
+from sysid.estimation.joint_fit import Solution, StoppingRule, fit_joint
+from sysid.estimation.problem import Array, Index, shared_constants, values_of
 from sysid.estimation.shot_problem import ShotProblem
 
 CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
 NO_RATE = 1e-5  # and which counts as none
 MAX_ROUNDS = 6
-RATE_FALLS = 0.6  # times itself: as much the rate must fall in a round to be worth another
-RATE_SETTLED = 0.1  # of itself: a change that counts as none
-FINE_STEPS, COARSE_STEPS, GROWING_STEPS, FEW_STEPS = 15, 10, 6, 4  # of the constants
-FINE_TOLERANCE, COARSE_TOLERANCE = 1e-5, 1e-4  # of the loss
-LONGER_SHOTS = 3  # more than so many must reach further for the constants to be fitted while shots grow
+MAX_RATE_RATIO = 0.6  # of the rate to that of the round before: one that falls less is not followed by another
+SETTLED_RATE_CHANGE = 0.1  # share of the rate: a change that counts as none
+FINE_FIT = StoppingRule(15, 1, 1e-5)
+COARSE_FIT = StoppingRule(10, 1, 1e-4)
+GROWING_FIT = StoppingRule(6, 2, 1e-5)  # while shots grow
+FIRST_EVENTS_FIT = StoppingRule(15, 3, 1e-5)
+SHORT_FIT = StoppingRule(4, 1, 1e-5)
+NO_STEP = StoppingRule(0, 1, 1e-5)  # information and gradient where the constants are
+MIN_LONGER_SHOTS = 4  # shots that must have grown for the constants to be fitted at a stage
 ASTRAY_LOSS = 1.5  # loss per residual over the shots' median from which a shot is grown again
 ODD_LOSS = 1.15  # the same where shots are followed to the noise
 NOISE_LOSS = 0.5  # loss per residual of noise
 COARSE_STATE_STEPS = 6  # of a shot that is grown again while the fit is coarse
-MAX_DOUBTS = 3  # times that shots which stand out are tried anew, while it helps
-DOUBT_GAIN = 2.0  # of the loss, for which shots are moved
-STUCK_LOSS = 1e-6  # of itself, by which the loss of a round differs from that before
+MAX_OUTLIER_TRIALS = 3  # times that shots which stand out are tried anew, while it helps
+MIN_IMPROVEMENT = 2.0  # of the loss, for which shots are moved
+STUCK_LOSS = 1e-6  # share of the loss by which that of a round differs from that before, at most
 CHAOS_RATE = 1e-3  # discrepancy rate beyond which derivatives of whole shots claim too much
-CHAOS_EVENTS = 2  # events up to which the derivatives of a shot that is not followed are believed
-WANTED_SD = 0.25  # of a standard deviation: a step still wanted that is too small to matter
-HELD_STEPS, HELD_STEPS_UNFOLLOWED = 40, 8
+CHAOS_EVENTS = 2  # events up to which the derivatives of a shot that is not followed are valid
+NEGLIGIBLE_STEP_SD = 0.25  # of a standard deviation: a remaining step that is too small to matter
+HELD_OUT_STEPS, HELD_OUT_STEPS_UNFOLLOWED = 40, 8  # of initial states, where the model follows its clips, or not
 log = logging.getLogger(__name__)
 
 
@@ -59,7 +63,7 @@ def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False)
     Args:
         problem: whole shots, or pieces of them; its model's values are where the constants begin.
         what: is fitted, for the log.
-        pieces: shots begin on their way, so that nothing is known of their spins, and other ones are tried.
+        pieces: shots begin in motion, so that nothing is known of their spins, and other ones are tried.
     """
     x, c = _grown(problem, what)
     problem = with_scatter(problem, x)
@@ -81,9 +85,9 @@ def _grown(problem: ShotProblem, what: str) -> tuple[Array, Array]:
     for stage in range(problem.stages):
         x = grown_by_stage(problem, x, c, stage)
         longer = problem.horizon_at(stage) > problem.horizon_at(stage - 1)
-        if stage and np.sum(longer) > LONGER_SHOTS:
+        if stage and np.sum(longer) >= MIN_LONGER_SHOTS:
             seen = problem.growing(stage)
-            found = _solve(seen, x, c, GROWING_STEPS, 2, FINE_TOLERANCE, f"{what}, up to event {stage + 1}")
+            found = _solve(seen, x, c, GROWING_FIT, f"{what}, up to event {stage + 1}")
             x, c = found.initial_states, found.constants
         log.info("%s, up to event %d of %d", what, stage + 1, problem.stages)
     return x, c
@@ -97,15 +101,14 @@ def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE) -> Fitted
     Args:
         start: a problem, and where another fit has arrived or a candidate is expected.
         what: is fitted, for the log.
-        doubt_below: discrepancy rate up to which single shots that stand out are doubted, since the others are
-            followed well enough.
+        doubt_below: discrepancy rate up to which single shots that stand out are tried anew, since the model follows
+            the others well enough.
     """
     problem, x, c, rate = start.problem, start.initial_states, start.constants, start.discrepancy_rate
-    regrow, doubts, cost = True, MAX_DOUBTS, np.inf
+    regrow, trials, cost = True, MAX_OUTLIER_TRIALS, np.inf
     coarse = rate > CLOSE_RATE
     for round_ in range(MAX_ROUNDS):
-        steps, tolerance = (COARSE_STEPS, COARSE_TOLERANCE) if coarse else (FINE_STEPS, FINE_TOLERANCE)
-        found = _solve(problem.with_discrepancy(rate), x, c, steps, 1, tolerance, what)
+        found = _solve(problem.with_discrepancy(rate), x, c, COARSE_FIT if coarse else FINE_FIT, what)
         x, c = found.initial_states, found.constants
         new = problem.discrepancy_rate(x, c)
         better = False
@@ -116,18 +119,18 @@ def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE) -> Fitted
             x, count = regrown(seen, astray, x, c, COARSE_STATE_STEPS if coarse else REGROWN_STEPS)
             if count:
                 better, new = True, problem.discrepancy_rate(x, c)
-        if new <= doubt_below and doubts:
-            doubts -= 1
-            others = _doubted(problem.with_discrepancy(new), x, c)
+        if new <= doubt_below and trials:
+            trials -= 1
+            others = _outliers_retried(problem.with_discrepancy(new), x, c)
             if others is None:
-                doubts = 0
+                trials = 0
             else:
-                log.info("%s, without shots that bend the constants", what)
+                log.info("%s, without shots that bias the constants", what)
                 x, c = others
                 better, new = True, problem.discrepancy_rate(x, c)
-        settled = abs(new - rate) < RATE_SETTLED * rate + NO_RATE
-        slow = round_ > 0 and new > max(RATE_FALLS * rate, CLOSE_RATE)
-        stuck = abs(cost - found.cost) < STUCK_LOSS * found.cost  # the same fit again would end where it began
+        settled = abs(new - rate) < SETTLED_RATE_CHANGE * rate + NO_RATE
+        slow = round_ > 0 and new > max(MAX_RATE_RATIO * rate, CLOSE_RATE)
+        stuck = abs(cost - found.cost) < STUCK_LOSS * found.cost  # the same fit again would change nothing
         rate, coarse, cost = new, new > CLOSE_RATE, found.cost
         if (settled and not better and (found.converged or stuck)) or slow:
             break
@@ -135,30 +138,30 @@ def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE) -> Fitted
 
 
 def widened(found: FittedModel) -> FittedModel:
-    """A fit of shots that are not followed to the noise, with an uncertainty to believe.
+    """A fit of shots that the model does not follow to the noise, with a realistic uncertainty.
 
-    Beyond some impacts a shot is chaotic and its derivatives claim far too much. So the uncertainty is that of the
-    first events by themselves, widened by how far the constants that they ask for lie from those of the fit, and by the
-    steps that both still wanted. Such a loss is too rough to step down to its last digit: the fit has converged if
-    those steps are small against that uncertainty.
+    Beyond some impacts a shot is chaotic and its derivatives claim far too much information. So the uncertainty is that
+    of a fit to the first events alone, widened by the difference of its constants from those of the whole shots, and by
+    the Newton steps that remain of both. Such a loss is too rough to be minimised to its last digit: the fit has
+    converged if those steps are small against that uncertainty.
     """
     if found.discrepancy_rate <= CHAOS_RATE or found.problem.stages <= CHAOS_EVENTS:
         return found
     problem, what = found.weighted, f"up to event {CHAOS_EVENTS + 1}"
     seen = problem.until(problem.horizon_at(CHAOS_EVENTS))
-    whole = _solve(problem, found.initial_states, found.constants, 0, 1, FINE_TOLERANCE, what)
-    first = _solve(seen, found.initial_states, found.constants, FINE_STEPS, 3, FINE_TOLERANCE, what)
+    whole = _solve(problem, found.initial_states, found.constants, NO_STEP, what)
+    first = _solve(seen, found.initial_states, found.constants, FIRST_EVENTS_FIT, what)
     covariance, converged = widened_covariance(first, whole)
     return dataclasses.replace(found, covariance=covariance, converged=converged)
 
 
 def widened_covariance(first: Solution, whole: Solution) -> tuple[Array, bool]:
-    """Covariance of the constants from first events and whole shots, and whether both have arrived; see `widened`."""
+    """Covariance of the constants from first events and whole shots, and whether both have converged; see `widened`."""
     sd = np.sqrt(np.diag(first.covariance))
-    wanted = [np.linalg.pinv(j.information.sum(axis=0)) @ j.gradient.sum(axis=0) for j in (first, whole)]
-    wide = np.sqrt(sd**2 + (first.constants - whole.constants) ** 2 + wanted[0] ** 2 + wanted[1] ** 2)
-    told = np.isfinite(wide)  # a constant of which the first events say nothing has no uncertainty to compare with
-    arrived = all(bool(np.all(np.abs(w[told]) < WANTED_SD * wide[told])) for w in wanted)
+    newton = [np.linalg.pinv(j.information.sum(axis=0)) @ j.gradient.sum(axis=0) for j in (first, whole)]
+    wide = np.sqrt(sd**2 + (first.constants - whole.constants) ** 2 + newton[0] ** 2 + newton[1] ** 2)
+    known = np.isfinite(wide)  # a constant that the first events do not determine has no uncertainty to compare with
+    arrived = all(bool(np.all(np.abs(step[known]) < NEGLIGIBLE_STEP_SD * wide[known])) for step in newton)
     return np.asarray(first.covariance * np.outer(wide / sd, wide / sd)), arrived
 
 
@@ -172,29 +175,16 @@ def _fitted(at: Point, found: Solution) -> FittedModel:
     )  # fmt: skip
 
 
-def _solve(
-    seen: ShotProblem, x: Array, c: Array, steps: int, state_steps: int, tolerance: float, what: str
-) -> Solution:
-    return fit_joint(
-        seen.evaluate, x, c, seen.steps, constant_steps(seen.model, seen.names), seen.prior,
-        constant_bounds(seen.model, seen.names), CAUCHY_SD, steps, state_steps, tolerance,
-        _prior_of(seen.names, seen.known), what,
-    )  # fmt: skip
+def _solve(problem: ShotProblem, x: Array, c: Array, rule: StoppingRule, what: str) -> Solution:
+    shared = shared_constants(problem.model, problem.names, problem.known)
+    return fit_joint(problem.objective(), x, c, shared, rule, what)
 
 
-def _prior_of(names: Sequence[str], known: Mapping[str, tuple[float, float]]) -> Prior | None:
-    """What is known of constants, as a prior over them; None for nothing."""
-    if not any(n in known for n in names):
-        return None
-    pairs = np.array([known.get(n, (0.0, np.inf)) for n in names])
-    return Prior(pairs[:, 0], pairs[:, 1])
-
-
-def _doubted(seen: ShotProblem, x: Array, c: Array) -> tuple[Array, Array] | None:
+def _outliers_retried(seen: ShotProblem, x: Array, c: Array) -> tuple[Array, Array] | None:
     """Initial states and constants with the shots that stand out tried anew at the constants of the others.
 
-    A shot in a false optimum bends the constants until it nearly fits; at those that the others have by themselves, it
-    finds its place. None where no shot stands out, or where nothing is gained.
+    A shot in a false optimum biases the constants until it nearly fits; at those of the others alone, it can find its
+    true optimum. None where no shot stands out, or where the loss does not improve.
     """
     old, count = shot_losses(seen, x, c)
     losses = old / np.maximum(count, 1)
@@ -202,27 +192,27 @@ def _doubted(seen: ShotProblem, x: Array, c: Array) -> tuple[Array, Array] | Non
     rest = np.setdiff1d(np.arange(len(x)), odd)
     if odd.size == 0 or rest.size < max(3, 2 * len(x) // 3):
         return None
-    alone = _solve(seen.only(rest), x[rest], c, COARSE_STEPS, 1, COARSE_TOLERANCE, "the other shots")
+    alone = _solve(seen.only(rest), x[rest], c, COARSE_FIT, "the other shots")
     new, at = x.copy(), alone.constants
     new[rest] = alone.initial_states
     new, _ = regrown(seen, odd, new, at)
     new = from_other_spins(seen, odd, new, at)
-    return (new, at) if shot_losses(seen, new, at)[0].sum() < old.sum() - DOUBT_GAIN else None
+    return (new, at) if shot_losses(seen, new, at)[0].sum() < old.sum() - MIN_IMPROVEMENT else None
 
 
 def _astray(seen: ShotProblem, x: Array, c: Array) -> Index:
-    """Shots that the others leave far behind."""
+    """Shots whose loss per residual is far above the median."""
     losses = losses_per_residual(seen, x, c)
     return np.flatnonzero(losses > ASTRAY_LOSS * max(float(np.median(losses)), NOISE_LOSS))
 
 
 def loss_soon(problem: ShotProblem, x: Array, c: Array) -> float:
-    """The loss a few steps from a point."""
-    return _solve(problem, x, c, FEW_STEPS, 1, FINE_TOLERANCE, "a few steps").cost
+    """The loss after a few steps from a point."""
+    return _solve(problem, x, c, SHORT_FIT, "a few steps").cost
 
 
 def fit_held_out(found: Point, problem: ShotProblem, before: HeldOut | None, pieces: bool = False) -> HeldOut:
-    """The initial states of clips that gave no constants, at those of a fit, and the error that is left.
+    """The initial states of held-out clips at the constants of a fit, and the remaining error.
 
     Args:
         found: the fit.
@@ -232,8 +222,8 @@ def fit_held_out(found: Point, problem: ShotProblem, before: HeldOut | None, pie
     """
     problem, c = problem.with_model(found.problem.model, found.names), found.constants
     follows = found.discrepancy_rate < UNFOLLOWED_RATE
-    # What does not follow its own clips need not be at its best on others.
-    steps = HELD_STEPS if follows else HELD_STEPS_UNFOLLOWED
+    # A model that does not follow its training clips need not be fitted finely to others.
+    steps = HELD_OUT_STEPS if follows else HELD_OUT_STEPS_UNFOLLOWED
     x = grown_states(problem, c) if before is None else before.initial_states
     seen = problem.with_discrepancy(found.discrepancy_rate)
     x = fit_states(seen, x, c, steps)

@@ -1,8 +1,10 @@
 """The initial state of every shot, at given constants.
 
-A whole shot has many false optima beyond its first impacts, so the horizon grows from event to event, errors being
-forgiven in proportion to the path length, most of all since the first event; shots that do not fit are tried again
-with other spins. Last comes the whole shot with equal weight for every sample.
+In: a problem, constants, where to begin. Out: initial states, and the loss of each shot.
+
+A whole shot has many local optima beyond its first impacts, so the horizon grows from event to event, with a
+discrepancy in proportion to the path length tolerated; shots that do not fit are tried again with other spins. The
+whole shot, with equal weight for every sample, comes last.
 """
 
 from __future__ import annotations
@@ -19,18 +21,15 @@ from sysid.estimation.shot_problem import ShotProblem
 STAGE_STEPS, RETRY_STEPS = 6, 4  # steps of a stage, and of a trial from another spin
 RETRY_LOSS = 4.0  # times the loss of noise beyond which a shot is tried from other spins
 RETRY_SPINS = ((6, -0.8), (6, -0.3), (6, 0.3), (6, 0.8), (5, -0.7), (5, 0.7))  # unknown, shift over speed
-# Where a sidespin has died out before a cushion, its start no longer shows: other spins are tried by hand.
-SIDESPINS = (0.03, 0.07, 0.12, 0.2, 0.35, 0.6, 0.9)
+# A sidespin that has decayed before a cushion no longer shows in its derivatives: a grid of other spins is tried.
 OTHER_SPINS = (
-    *((6, s * sign) for s in SIDESPINS for sign in (-1, 1)),
-    (5, -0.3),
-    (5, 0.3),
-)  # unknown, shift over speed
+    *((6, s * sign) for s in (0.03, 0.07, 0.12, 0.2, 0.35, 0.6, 0.9) for sign in (-1, 1)), (5, -0.3), (5, 0.3),
+)  # unknown, shift over speed  # fmt: skip
 OTHER_SPIN_STEPS = 15
 REGROWN_STEPS = 40
-BETTER_LOSS = 1e-3  # of itself, by which the loss of a shot that is grown again must fall
+BETTER_LOSS = 1e-3  # share of its loss by which a shot that is grown again must improve
 POLISH_STEPS, POLISH_ROUNDS = 10, 2
-CLIPPED_SD = 4.0  # times a shot's scatter, as which larger residuals count in it
+CLIPPED_RESIDUAL_SD = 4.0  # times a shot's scatter, as which larger residuals count in it
 log = logging.getLogger(__name__)
 
 
@@ -49,7 +48,7 @@ def losses_per_residual(problem: ShotProblem, x: Array, c: Array) -> Array:
 
 def fit_states(problem: ShotProblem, x: Array, c: Array, steps: int, tolerance: float = 1e-4) -> Array:
     """Initial states (n, p) at constants (q,), from nearly right ones, in so many steps."""
-    found, _ = fit_each(problem.evaluate, x, c, problem.steps, problem.prior, CAUCHY_SD, steps, tolerance=tolerance)
+    found, _ = fit_each(problem.objective(), x, c, steps, tolerance=tolerance)
     return found
 
 
@@ -72,8 +71,8 @@ def grown_by_stage(problem: ShotProblem, x: Array, c: Array, stage: int) -> Arra
 
 
 def _stage(problem: ShotProblem, x: Array, c: Array, todo: Index, retry: bool) -> Array:
-    prior = problem.prior.only(todo)
-    best, cost = fit_each(problem.evaluate, x[todo], c, problem.steps, prior, CAUCHY_SD, STAGE_STEPS, todo)
+    objective = problem.objective()
+    best, cost = fit_each(objective, x[todo], c, STAGE_STEPS, todo)
     if not retry:
         return best
     r = problem.evaluate(best, np.tile(c, (todo.size, 1)), todo)
@@ -83,9 +82,7 @@ def _stage(problem: ShotProblem, x: Array, c: Array, todo: Index, retry: bool) -
     for unknown, shift in RETRY_SPINS:
         moved = best[bad].copy()
         moved[:, unknown] += shift * np.hypot(moved[:, 2], moved[:, 3])
-        new, new_cost = fit_each(
-            problem.evaluate, moved, c, problem.steps, prior.only(bad), CAUCHY_SD, RETRY_STEPS, todo[bad]
-        )
+        new, new_cost = fit_each(objective, moved, c, RETRY_STEPS, todo[bad])
         better = new_cost < cost[bad]
         best[bad[better]], cost[bad[better]] = new[better], new_cost[better]
     return best
@@ -104,17 +101,14 @@ def regrown(problem: ShotProblem, rows: Index, x: Array, c: Array, steps: int = 
 def from_other_spins(problem: ShotProblem, rows: Index, x: Array, c: Array) -> Array:
     """Initial states with some shots tried from other spins, at constants (q,); those that end better are kept.
 
-    From where they are, and from where they began: one that has gone far astray has no good optimum near it.
+    From their present state and from their start values: a shot in a false optimum may have no good one near it.
     """
     shifts = [(base, *spin) for base in (x, problem.start) for spin in OTHER_SPINS] + [(problem.start, 6, 0.0)]
     k = len(shifts)
     which, moved = np.tile(rows, k), np.stack([base[rows] for base, _, _ in shifts])
     for trial, (_, unknown, shift) in zip(moved, shifts, strict=True):
         trial[:, unknown] += shift * np.hypot(trial[:, 2], trial[:, 3])
-    tried, cost = fit_each(
-        problem.evaluate, moved.reshape(len(which), -1), c, problem.steps, problem.prior.only(which), CAUCHY_SD,
-        OTHER_SPIN_STEPS, which,
-    )  # fmt: skip
+    tried, cost = fit_each(problem.objective(), moved.reshape(len(which), -1), c, OTHER_SPIN_STEPS, which)
     best = np.argmin(cost.reshape(k, len(rows)), axis=0)
     better = cost.reshape(k, -1)[best, np.arange(len(rows))] < shot_losses(problem, x, c)[0][rows]
     x = x.copy()
@@ -123,12 +117,12 @@ def from_other_spins(problem: ShotProblem, rows: Index, x: Array, c: Array) -> A
 
 
 def polished(problem: ShotProblem, x: Array, c: Array) -> Array:
-    """Whole shots, by their noise alone: least squares but for what lies beyond four times a shot's own scatter."""
+    """Initial states of whole shots by least squares, Cauchy's loss being scaled to each shot's clipped scatter."""
     n = len(x)
     for _ in range(POLISH_ROUNDS):
         r = problem.evaluate(x, np.tile(c, (n, 1)), np.arange(n))
-        far = CLIPPED_SD * np.nanstd(r, axis=1, keepdims=True)
-        scale = np.maximum(np.sqrt(np.nanmean(np.minimum(np.abs(r), far) ** 2, axis=1)), 1.0)
+        limit = CLIPPED_RESIDUAL_SD * np.nanstd(r, axis=1, keepdims=True)
+        scale = np.maximum(np.sqrt(np.nanmean(np.minimum(np.abs(r), limit) ** 2, axis=1)), 1.0)
         scaled = dataclasses.replace(
             problem, sd=problem.sd * scale[:, None, None], sd_theta=problem.sd_theta * scale
         )  # fmt: skip

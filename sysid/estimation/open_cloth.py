@@ -1,4 +1,7 @@
-"""Constants of the open cloth from segments between events: where every fit begins."""
+"""Constants of the open cloth from segments between events: the start of every fit.
+
+In: a model and a clip set. Out: an `OpenCloth`: constants with their covariance, and how well segments are followed.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,9 @@ from models.errors import BadInput
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.clips.segments import split_all
-from sysid.estimation.least_squares import Solution, fit_each, fit_joint
-from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, Array, constant_bounds, constant_steps, values_of
+from sysid.estimation.joint_fit import Solution, StoppingRule, fit_joint
+from sysid.estimation.least_squares import fit_each
+from sysid.estimation.problem import CAUCHY_SD, Array, shared_constants, values_of
 from sysid.estimation.segment_problem import SegmentProblem, segment_problem
 from sysid.estimation.shot_problem import ShotProblem
 
@@ -22,7 +26,7 @@ FOLLOWED_RATIO = 1.5  # median rms over noise up to which the cloth is taken to 
 START_CAUCHY_SD = 10.0  # Cauchy's constant while start values are found
 SCANNED_SEGMENTS = 100  # the longest ones, for start values
 SCAN_FACTORS = (1.0, 0.25, 0.5, 2.0)  # of a constant's start value
-SCAN_STEPS, STATE_ITERATIONS, FIRST_ITERATIONS, LAST_ITERATIONS = 4, 8, 5, 20
+SCAN_STEPS, SEGMENT_STATE_STEPS, FIRST_FIT_STEPS, LAST_FIT_STEPS = 4, 8, 5, 20
 MIN_SEGMENTS = 3
 TOO_FEW = "only {} smooth segments between events; film longer free runs, or check the table's size"
 log = logging.getLogger(__name__)
@@ -30,7 +34,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class OpenCloth:
-    """What segments say of the open cloth."""
+    """Constants of the open cloth, as fitted to segments."""
 
     names: tuple[str, ...]
     bounds: Array  # (q, 2)
@@ -44,10 +48,10 @@ class OpenCloth:
 
     @property
     def known(self) -> dict[str, float]:
-        """Constants of which the segments say something: not those that ran into a bound."""
-        told, values = np.isfinite(np.diag(self.solution.covariance)), self.solution.constants
-        told &= (values > self.bounds[:, 0]) & (values < self.bounds[:, 1])
-        return {n: float(v) for n, v, t in zip(self.names, values, told, strict=True) if t}
+        """Constants that the segments determine: not those that ran into a bound."""
+        known, values = np.isfinite(np.diag(self.solution.covariance)), self.solution.constants
+        known &= (values > self.bounds[:, 0]) & (values < self.bounds[:, 1])
+        return {n: float(v) for n, v, is_known in zip(self.names, values, known, strict=True) if is_known}
 
 
 def cloth_constants(model: Model) -> tuple[str, ...]:
@@ -74,23 +78,21 @@ def fit_open_cloth(model: Model, clip_set: ClipSet, noise: float) -> OpenCloth:
     names = cloth_constants(model)
     problem = segment_problem(model, names, segments, noise)
     c = _scan(problem, model, names)
-    steps, bounds = constant_steps(model, names), constant_bounds(model, names)
+    shared = shared_constants(model, names)
     x = problem.start
-    for iterations in (FIRST_ITERATIONS, LAST_ITERATIONS):
-        x, _ = fit_each(problem.evaluate, x, c, STATE_STEPS, problem.prior, START_CAUCHY_SD, STATE_ITERATIONS)
+    for iterations in (FIRST_FIT_STEPS, LAST_FIT_STEPS):
+        x, _ = fit_each(problem.objective(START_CAUCHY_SD), x, c, SEGMENT_STATE_STEPS)
         ratio = ratios(problem, x, c)
         good = np.flatnonzero(ratio < UNSEEN_EVENT_RATIO)
         if good.size < MIN_SEGMENTS:
             raise BadInput(TOO_FEW.format(good.size))
         part = problem.only(good)
-        robust = CAUCHY_SD * max(1.0, float(np.sqrt(np.mean(ratio[good] ** 2))))
-        found = fit_joint(
-            part.evaluate, x[good], c, STATE_STEPS, steps, part.prior, bounds, robust, iterations,
-            what=f"{good.size} segments",
-        )  # fmt: skip
+        cauchy_sd = CAUCHY_SD * max(1.0, float(np.sqrt(np.mean(ratio[good] ** 2))))
+        rule = StoppingRule(iterations)
+        found = fit_joint(part.objective(cauchy_sd), x[good], c, shared, rule, f"{good.size} segments")
         c = found.constants
     x[good] = found.initial_states
-    return OpenCloth(names, bounds, found, float(np.median(ratios(problem, x, c))))
+    return OpenCloth(names, shared.bounds, found, float(np.median(ratios(problem, x, c))))
 
 
 def _scan(problem: SegmentProblem, model: Model, names: Sequence[str]) -> Array:
@@ -104,7 +106,7 @@ def _scan(problem: SegmentProblem, model: Model, names: Sequence[str]) -> Array:
         for factor in SCAN_FACTORS:
             trial = c.copy()
             trial[k] = np.clip(start * factor, low, high)
-            _, cost = fit_each(part.evaluate, part.start, trial, STATE_STEPS, part.prior, START_CAUCHY_SD, SCAN_STEPS)
+            _, cost = fit_each(part.objective(START_CAUCHY_SD), part.start, trial, SCAN_STEPS)
             if cost.sum() < best_cost * (1 - 1e-3):
                 best_cost, c = float(cost.sum()), trial
         log.info("starting from %s = %.4g", name, c[k])

@@ -1,5 +1,7 @@
 """What every least-squares problem of the workbench has in common: the unknowns of a moving ball, and the constants.
 
+In: a model, the names of its constants, initial states. Out: steps, bounds and priors of the constants; a moving ball.
+
 The initial state of a shot, or of a segment, is the moving ball's position (2) [m], velocity (2) [m/s] and surface
 speed of its spin, R omega (3) [m/s], all in a frame turned into the direction of motion: along, across, up. A rolling
 ball has R omega across equal to its speed.
@@ -8,21 +10,23 @@ ball has R omega across equal to its speed.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.engine.play import lacking
 from models.model_file import Model
-from models.shot import Shot, Table
+from models.shot import Table
+from sysid.estimation.joint_fit import SharedConstants
+from sysid.estimation.least_squares import Prior
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 STATE_STEPS = np.array([1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4])  # finite differences, [m] and [m/s]
 CONSTANT_STEP, VARIED_CONSTANT_STEP = 1e-5, 1e-3  # the same of constants, of their bounds' width
-OPEN_TABLE_M = 1e3  # length and width of a table so large that nothing reaches its cushions
+OPEN_TABLE_M = 1e3  # length and width of a table whose cushions are out of range
 CAUCHY_SD = 4.0  # Cauchy's constant, in standard deviations
 
 
@@ -32,15 +36,14 @@ def by_events(model: Model) -> bool:
 
 
 def is_varied(model: Model) -> bool:
-    """Whether effects push balls along their way: then the steps of a play are chosen by their error."""
+    """Whether effects act on balls in motion: then the engine chooses its steps by their error."""
     return any(e.opens("forces") for e in model.stack())
 
 
 def constant_steps(model: Model, names: Sequence[str]) -> Array:
     """Finite-difference steps of constants, from their bounds' width: (q,).
 
-    Larger where forces vary: there the steps of a play are chosen along the way, and a choice that changes is a tiny
-    jump.
+    Larger where forces vary: there the engine chooses its steps, and a different choice is a tiny jump.
     """
     part = VARIED_CONSTANT_STEP if is_varied(model) else CONSTANT_STEP
     return np.array([part * np.subtract(*model.meta(n)["bounds"][::-1]) for n in names])
@@ -64,19 +67,21 @@ def turn(azimuth: float) -> Array:
 
 
 def open_table(table: Table) -> Table:
-    """A table so large that nothing reaches its cushions."""
+    """A table so large that its cushions are out of range."""
     return dataclasses.replace(table, length=OPEN_TABLE_M, width=OPEN_TABLE_M, pockets=False)
 
 
-def shot_of(
-    names: tuple[str, ...], x: Array, azimuth: float, radius: float, rest: Array, times: Array, order: float,
-    struck: bool, staying: tuple[str, ...] = (),
-) -> Shot:  # fmt: skip
-    """The shot that an initial state x stands for; the other balls lie at `rest` (n - 1, 2)."""
-    n = len(names)
+def shared_constants(
+    model: Model, names: Sequence[str], known: Mapping[str, tuple[float, float]] | None = None
+) -> SharedConstants:
+    """Steps and bounds of constants, with what is known of them beside the clips: mean and standard deviation."""
+    prior = None
+    if known and any(n in known for n in names):
+        prior = Prior(*np.array([known.get(n, (0.0, np.inf)) for n in names]).T)
+    return SharedConstants(constant_steps(model, names), constant_bounds(model, names), prior)
+
+
+def ball_of(x: Array, azimuth: float, radius: float) -> tuple[Array, Array, Array]:
+    """Position (2,) [m], velocity (2,) [m/s] and spin (3,) [rad/s] of the moving ball of an initial state (7,)."""
     q = turn(azimuth)
-    position, velocity, spin = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 3))
-    position[0], velocity[0] = x[:2], q @ x[2:4]
-    spin[0, :2], spin[0, 2] = q @ x[4:6] / radius, x[6] / radius
-    position[1:] = rest
-    return Shot(names, position, velocity, spin, times, order=order, struck=struck, staying=staying)
+    return x[:2], q @ x[2:4], np.array([*(q @ x[4:6]), x[6]]) / radius

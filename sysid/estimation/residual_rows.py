@@ -1,7 +1,8 @@
-"""Residuals of many shots, compiled: each is played by the event engine, seen by the camera and held against its clip.
+"""Residuals of many shots, compiled: the event engine plays each, the camera model observes it, its clip is subtracted.
 
-One call plays a row of initial states and constants for each residual vector that a fit asks for; nothing is kept of a
-play but its residuals, so that memory does not grow with the length of the clips.
+In: rows of initial states and constants, and what was measured. Out: one row of residuals for each.
+
+Only the residuals of a simulated shot are stored, so that memory does not grow with the length of the clips.
 """
 
 from __future__ import annotations
@@ -25,15 +26,31 @@ from models.simulation.observe import camera, expose, see, unsee
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-OWN = 7  # entries of a moving ball's initial state
-PLACE, ANGLE = 2, 1  # residuals of a sample: of its place, and of its mark's angle
+RESIDUALS_PER_SAMPLE = 3  # two of the position, one of the mark's angle
+BACKWARDS_IN_TIME = 1  # fault of a row: its camera looked before the shot, or backwards in time
+
+
+@dataclass(frozen=True)
+class MeasuredShot:
+    """What was measured of one shot; lists hold one entry a ball, the struck one first."""
+
+    times: Sequence[Array]  # (s,) [s] from the start of the shot
+    positions: Sequence[Array]  # (s, 2) [m]
+    angles: Sequence[Array]  # (s,) of the mark [rad], nan where none was seen
+    trusted: Sequence[NDArray[np.bool_]]  # (s,) positions to believe
+    rest: Array  # (b - 1, 2) [m], positions at which the camera sees the other balls at rest
+    stays: Sequence[bool]  # whether no pocket takes the ball
+    azimuth: float  # [rad], into which the initial state is turned
+    order: float  # place of the shot in its session
+    struck: bool  # by a cue, or in motion from the start
+    begun: float = 0.0  # [s], the stamp at which the shot begins
 
 
 @dataclass(frozen=True)
 class ShotData:
     """What was measured of shots, laid out for compiled code: n shots of at most b balls with s samples each.
 
-    The residuals of a shot stand ball after ball: places (2 s) and angles (s), with s the ball's own number of samples.
+    The residuals of a shot come ball after ball: positions (2 s) and angles (s), with s the ball's number of samples.
     """
 
     stamps: Array  # (n, m) [s], every time at which any ball was seen, inf beyond
@@ -42,65 +59,68 @@ class ShotData:
     order: Array  # (n,) place of the shot in its session
     struck: NDArray[np.bool_]  # (n,)
     balls: Index  # (n,) how many there are
-    rest: Array  # (n, b, 2) [m], where the camera sees the others lie; the first is not used
+    rest: Array  # (n, b, 2) [m], where the camera sees the others at rest; the first is not used
     stays: NDArray[np.bool_]  # (n, b), balls that no pocket takes
     count: Index  # (n, b) samples of each ball
     at: Index  # (n, b, s) number of a sample's stamp
     xy: Array  # (n, b, s, 2) [m]
     theta: Array  # (n, b, s) [rad], nan where no mark was seen
-    trusted: NDArray[np.bool_]  # (n, b, s) places to believe
+    trusted: NDArray[np.bool_]  # (n, b, s) positions to believe
 
     @property
     def size(self) -> int:
         """Residuals of the longest shot."""
-        return int((3 * self.count.sum(axis=1)).max(initial=0))
+        return int((RESIDUALS_PER_SAMPLE * self.count.sum(axis=1)).max(initial=0))
 
     def only(self, rows: Index) -> ShotData:
         """Some of the shots."""
         return dataclasses.replace(self, **{f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)})
 
 
-def packed(
-    times: Sequence[Sequence[Array]], places: Sequence[Sequence[Array]], angles: Sequence[Sequence[Array]],
-    trusted: Sequence[Sequence[NDArray[np.bool_]]], rest: Sequence[Array], stays: Sequence[Sequence[bool]],
-    azimuth: Array, order: Sequence[float], struck: Sequence[bool], begun: Sequence[float],
-) -> ShotData:  # fmt: skip
-    """Lay out shots: of each, the samples of every ball in turn, the struck one first; times count from the start."""
-    n, b = len(times), max((len(t) for t in times), default=1)
-    s = max((len(t) for shot in times for t in shot), default=0)
-    union = [np.unique(np.concatenate(shot)) for shot in times]
+@dataclass(frozen=True)
+class Weighting:
+    """How much each sample of n shots counts."""
+
+    sd: Array  # (n, b, s) of each sample's position [m]
+    sd_theta: Array  # (n,) of a mark's angle [rad]
+    horizon: Array  # (n,) after which a shot counts no more [s]
+
+
+def packed(shots: Sequence[MeasuredShot]) -> ShotData:
+    """Lay out shots for compiled code."""
+    n, b = len(shots), max((len(shot.times) for shot in shots), default=1)
+    s = max((len(t) for shot in shots for t in shot.times), default=0)
+    union = [np.unique(np.concatenate(shot.times)) for shot in shots]
     out = ShotData(
-        np.full((n, max((len(u) for u in union), default=0)), np.inf), np.array(begun, float), np.array(azimuth, float),
-        np.array(order, float), np.array(struck, bool), np.array([len(t) for t in times], np.int64),
+        np.full((n, max((len(u) for u in union), default=0)), np.inf), np.array([shot.begun for shot in shots], float),
+        np.array([shot.azimuth for shot in shots], float), np.array([shot.order for shot in shots], float),
+        np.array([shot.struck for shot in shots], bool), np.array([len(shot.times) for shot in shots], np.int64),
         np.zeros((n, b, 2)), np.zeros((n, b), bool), np.zeros((n, b), np.int64), np.zeros((n, b, s), np.int64),
         np.zeros((n, b, s, 2)), np.full((n, b, s), np.nan), np.zeros((n, b, s), bool),
     )  # fmt: skip
-    for k in range(n):
+    for k, shot in enumerate(shots):
         out.stamps[k, : len(union[k])] = union[k]
-        out.rest[k, 1 : 1 + len(rest[k])] = rest[k]
-        out.stays[k, : len(stays[k])] = stays[k]
-        for i, t in enumerate(times[k]):
-            own = len(t)
-            out.count[k, i] = own
-            out.at[k, i, :own] = np.searchsorted(union[k], t)
-            out.xy[k, i, :own], out.theta[k, i, :own] = places[k][i], angles[k][i]
-            out.trusted[k, i, :own] = trusted[k][i]
+        out.rest[k, 1 : 1 + len(shot.rest)] = shot.rest
+        out.stays[k, : len(shot.stays)] = shot.stays
+        for i, t in enumerate(shot.times):
+            m = len(t)
+            out.count[k, i] = m
+            out.at[k, i, :m] = np.searchsorted(union[k], t)
+            out.xy[k, i, :m], out.theta[k, i, :m] = shot.positions[i], shot.angles[i]
+            out.trusted[k, i, :m] = shot.trusted[i]
     return out
 
 
 def residuals(
-    layout: Layout, samples: ShotData, sd: Array, sd_theta: Array, horizon: Array, x: Array, c: Array,
-    which: Index, size: int,
-) -> Array:  # fmt: skip
+    layout: Layout, samples: ShotData, weighting: Weighting, x: Array, c: Array, which: Index, size: int
+) -> Array:
     """Residuals over their standard deviation of rows of unknowns: (k, size), nan where there is none.
 
     Args:
         layout: table, ball and effects, and which constants `c` has values of.
         samples: what was measured of n shots.
-        sd: (n, b, s) of each sample's place [m].
-        sd_theta: (n,) of a mark's angle [rad].
-        horizon: (n,) until when a shot is looked at [s].
-        x: (k, p) initial states: place, velocity and surface speed of the first ball, displacement of each other one.
+        weighting: how much they count.
+        x: (k, p) initial states: position, velocity, surface speed of the first ball; displacement of each other one.
         c: (k, q) constants.
         which: (k,) numbers of the shots.
         size: of a row of residuals.
@@ -118,19 +138,17 @@ def residuals(
         residual_rows(
             first, last, x, which, samples.stamps, samples.begun, samples.azimuth, samples.order, samples.struck,
             samples.balls, samples.rest, samples.stays, samples.count, samples.at, samples.xy, samples.theta,
-            samples.trusted, sd, sd_theta, horizon, hooks.own, hooks.forces, hooks.support, hooks.horizon, hooks.impact,
-            hooks.strike, hooks.observe, hooks.exposures, game.cloth, game.mass, game.radius, game.limits, game.half,
-            pockets.ends, pockets.jaws, pockets.falls, table, out, faults,
+            samples.trusted, weighting.sd, weighting.sd_theta, weighting.horizon, hooks.own, hooks.forces,
+            hooks.support, hooks.horizon, hooks.impact, hooks.strike, hooks.observe, hooks.exposures, game.cloth,
+            game.mass, game.radius, game.limits, game.half, pockets.ends, pockets.jaws, pockets.falls, table, out,
+            faults,
         )  # fmt: skip
 
     over_threads(part, k)
-    if (faults == BACKWARDS).any():
+    if (faults == BACKWARDS_IN_TIME).any():
         effects = ", ".join(e.name() for e in camera(layout.model) if e.opens("exposures"))
         raise BadInput(f"{effects}: exposures go backwards, or to before the shot; correct the effect or its bounds")
     return out
-
-
-BACKWARDS = 1  # fault of a row: its camera looked before the shot, or backwards in time
 
 
 @compiled
@@ -139,7 +157,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
     sd_theta, horizon, own, forces, support, horizons, impact, strike, observe, exposures, cloth, mass, radius, reach,
     half, mouths, jaws, falls, table, out, faults,
 ):  # fmt: skip
-    """See `residuals`."""
+    """See `residuals`. Flat arguments, since compiled code takes no objects."""
     most = rest.shape[1]
     track = np.zeros((stamps.shape[1], most, ROW_SIZE))
     position, velocity = np.zeros((stamps.shape[1], most, 2)), np.zeros((stamps.shape[1], most, 2))
@@ -180,11 +198,11 @@ def residual_rows(  # type: ignore[no-untyped-def]
             for k in range(1, seen):
                 back = back or looked[k] < looked[k - 1]
             if back:
-                faults[row] = BACKWARDS
+                faults[row] = BACKWARDS_IN_TIME
                 continue
         if n != size:
             size, work = n, workspace(n, forces.shape[0] > 0)
-        # A play that is given up leaves its balls where they were then.
+        # Where the engine ends a shot early, its balls stay where they were.
         play_shot(
             work, start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row],
             mass, radius, reach, half, mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS, looked,
@@ -213,7 +231,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
                 if angle == angle:
                     marked, mean = marked + 1, mean + angle
                     out[row, to + 2 * count[w, i] + k] = angle
-            # Where the mark began is unknown: the mean takes it out, as a free offset fitted beside the rest would.
+            # The angle at which the mark begins is unknown: the mean removes it, as a fitted offset would.
             if marked > 0:
                 for k in range(count[w, i]):
                     at_angle = to + 2 * count[w, i] + k

@@ -1,4 +1,7 @@
-"""Segments between events as a least-squares problem: motion on open cloth, each with an initial state of its own."""
+"""Segments between events as a least-squares problem: motion on open cloth, each with its initial state.
+
+In: a model, segments and the noise of the camera. Out: a `SegmentProblem`, which evaluates residuals.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,12 @@ import numpy as np
 
 from models.engine.play import Layout
 from models.model_file import Model
+from models.shot import Shot
 from models.simulation.observe import observed
 from sysid.clips.segments import Segment
-from sysid.estimation.least_squares import Prior
-from sysid.estimation.problem import Array, Index, by_events, open_table, shot_of
-from sysid.estimation.residual_rows import ShotData, packed, residuals
+from sysid.estimation.least_squares import Objective, Prior
+from sysid.estimation.problem import STATE_STEPS, Array, Index, ball_of, by_events, open_table
+from sysid.estimation.residual_rows import MeasuredShot, ShotData, Weighting, packed, residuals
 from sysid.estimation.start_values import running_sd, straight
 
 START_SAMPLES = 6  # a straight line through so many is where a segment begins
@@ -41,6 +45,10 @@ class SegmentProblem:
             prior=self.prior.only(rows), data=self.data.only(rows),
         )  # fmt: skip
 
+    def objective(self, cauchy_sd: float) -> Objective:
+        """For a fit of the initial states, with Cauchy's constant in standard deviations."""
+        return Objective(self.evaluate, STATE_STEPS, self.prior, cauchy_sd)
+
     @cached_property
     def layout(self) -> Layout | None:
         """The model, laid out for the event engine; None where MuJoCo plays it."""
@@ -50,19 +58,22 @@ class SegmentProblem:
         """Residuals over the noise: (k, 2 m)."""
         if self.layout is not None:
             n, size = len(self.segments), 2 * max(len(s.time) for s in self.segments)
-            sd = np.full(self.data.theta.shape, self.noise)
-            return residuals(self.layout, self.data, sd, np.ones(n), np.full(n, np.inf), x, c, which, size)
+            weighting = Weighting(np.full(self.data.theta.shape, self.noise), np.ones(n), np.full(n, np.inf))
+            return residuals(self.layout, self.data, weighting, x, c, which, size)
         return self._in_mujoco(x, c, which)
+
+    def shot(self, x: Array, segment: int) -> Shot:
+        """The shot of one ball that an initial state (7,) of a segment stands for."""
+        position, velocity, spin = ball_of(x, self.azimuth[segment], self.model.ball.radius)
+        time = self.segments[segment].time
+        return Shot(("ball",), position[None], velocity[None], spin[None], time - time[0])
 
     def _in_mujoco(self, x: Array, c: Array, which: Index) -> Array:
         segments = [self.segments[w] for w in which]
         shots = [
-            shot_of(
-                ("ball",), row, self.azimuth[w], self.model.ball.radius, np.zeros((0, 2)), s.time - s.time[0], s.order,
-                s.before == "strike",
-            )
+            dataclasses.replace(self.shot(row, w), order=s.order, struck=s.before == "strike")
             for row, w, s in zip(x, which, segments, strict=True)
-        ]  # fmt: skip
+        ]
         values = {n: c[:, k] for k, n in enumerate(self.names)}
         tracks = observed(self.model.with_values(values), shots, [float(s.time[0]) for s in segments])
         out = np.full((len(x), 2 * max(len(s.time) for s in self.segments)), np.nan)
@@ -80,11 +91,11 @@ def segment_problem(model: Model, names: Sequence[str], segments: Sequence[Segme
         n = min(START_SAMPLES, len(s.time))
         start[k], azimuth[k] = straight(s.time[:n] - s.time[0], s.xy[:n], 1.0)
     sd = np.array([running_sd(v) for v in start[:, 2]])
-    n = len(segments)
-    data = packed(
-        [[s.time - s.time[0]] for s in segments], [[s.xy] for s in segments],
-        [[np.full(len(s.time), np.nan)] for s in segments], [[np.ones(len(s.time), bool)] for s in segments],
-        [np.zeros((0, 2))] * n, [[False]] * n, azimuth, [s.order for s in segments],
-        [s.before == "strike" for s in segments], [float(s.time[0]) for s in segments],
-    )  # fmt: skip
+    data = packed([
+        MeasuredShot(
+            [s.time - s.time[0]], [s.xy], [np.full(len(s.time), np.nan)], [np.ones(len(s.time), bool)],
+            np.zeros((0, 2)), [False], a, s.order, s.before == "strike", float(s.time[0]),
+        )
+        for s, a in zip(segments, azimuth, strict=True)
+    ])  # fmt: skip
     return SegmentProblem(open_cloth, tuple(names), tuple(segments), noise, start, azimuth, Prior(start, sd), data)

@@ -1,9 +1,12 @@
-"""Whole shots as a least-squares problem: initial states and constants in, residuals in units of their sd out.
+"""Whole shots as a least-squares problem.
 
-Residuals are between what the camera reports and what the model says that it would; unknowns are true. The initial
-state of a shot goes on, after that of the struck ball (sysid/estimation/problem.py), with how far each other ball lies
-from the mean of where it was seen at rest (2 each) [m]: a twentieth of a millimetre turns a cut by more than what is to
-be found.
+In: a model, a clip set and the noise of the camera. Out: a `ShotProblem`, which evaluates residuals in units of their
+sd from initial states and constants.
+
+Residuals are between what the camera reports and what the model predicts that it reports; unknowns are true. The
+initial state of a shot is that of the struck ball (sysid/estimation/problem.py), followed by the displacement of each
+other ball from the mean of its positions seen at rest (2 each) [m]: a twentieth of a millimetre turns a cut by more
+than the effects that are looked for.
 """
 
 from __future__ import annotations
@@ -28,14 +31,14 @@ from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 from sysid.clips.segments import CLAMP_MARGIN_M, free_from, moving_from
 from sysid.estimation.discrepancy import discrepancy_rate, events_and_paths
-from sysid.estimation.least_squares import Prior
-from sysid.estimation.problem import STATE_STEPS, Array, Index, by_events, shot_of, turn
-from sysid.estimation.residual_rows import ShotData, packed, residuals
+from sysid.estimation.least_squares import Objective, Prior
+from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, Array, Index, ball_of, by_events, turn
+from sysid.estimation.residual_rows import RESIDUALS_PER_SAMPLE, MeasuredShot, ShotData, Weighting, packed, residuals
 from sysid.estimation.start_values import shot_start, theta_noise
 
-REST_STEP = 1e-6  # finite difference of a resting ball's place [m]
-REST_SD = 2.0  # of the noise: how far it may lie from where it was seen, beside what its samples say
-GROWING_RATE = 0.02  # discrepancy rate that is forgiven while the horizon grows
+REST_STEP = 1e-6  # finite difference of a resting ball's position [m]
+REST_SD = 2.0  # of the noise: prior sd of its displacement from where it was seen
+GROWING_RATE = 0.02  # discrepancy rate that is tolerated while the horizon grows
 MAX_STAGES = 12  # horizons of a shot that grows from event to event
 BEFORE_EVENT_S = 1e-3  # by which a horizon ends before an event
 Item = TypeVar("Item")
@@ -53,16 +56,16 @@ class ShotProblem:
     start: Array  # (n, p)
     azimuth: Array  # (n,)
     prior: Prior
-    rest: tuple[Array, ...]  # of each clip: (nball - 1, 2) where the camera sees the others lie [m]
+    rest: tuple[Array, ...]  # of each clip: (nball - 1, 2) where the camera sees the others at rest [m]
     staying: tuple[tuple[str, ...], ...]  # balls of each clip that end elsewhere than at a pocket
     trusted: tuple[dict[str, NDArray[np.bool_]], ...]  # samples to believe
     events: tuple[Array, ...]  # times of the struck ball's events in each clip [s]
     path: Array  # (n, nball, m) path length of each sample, see sysid/estimation/discrepancy.py [m]
     data: ShotData
-    sd: Array  # (n, nball, m) of each sample's place [m]
+    sd: Array  # (n, nball, m) of each sample's position [m]
     sd_theta: Array  # (n,) of a marked ball's angle [rad]
     end: Array  # (n,) of each clip [s]
-    horizon: Array  # (n,) up to which each is looked at [s]
+    horizon: Array  # (n,) after which a shot counts no more [s]
 
     @property
     def clips(self) -> tuple[Clip, ...]:
@@ -101,7 +104,7 @@ class ShotProblem:
         return min(max((len(e) for e in self.events), default=0), MAX_STAGES) + 1
 
     def horizon_at(self, stage: int) -> Array:
-        """Until when each shot is looked at in a stage, up to its next event: (n,) [s]; 0 before the first."""
+        """Horizon of each shot in a stage, its next event: (n,) [s]; 0 before the first."""
         if stage < 0:
             return np.zeros_like(self.end)
         whole = stage >= self.stages - 1
@@ -111,7 +114,7 @@ class ShotProblem:
         ])  # fmt: skip
 
     def growing(self, stage: int) -> ShotProblem:
-        """The problem of a stage, with what is forgiven while the horizon grows."""
+        """The problem of a stage, with the discrepancy that is tolerated while the horizon grows."""
         return self.with_discrepancy(GROWING_RATE).until(self.horizon_at(stage))
 
     @property
@@ -119,18 +122,25 @@ class ShotProblem:
         """Finite differences of the initial state: (p,)."""
         return np.concatenate([STATE_STEPS, np.full(self.start.shape[1] - len(STATE_STEPS), REST_STEP)])
 
+    def objective(self, cauchy_sd: float = CAUCHY_SD) -> Objective:
+        """For a fit of the initial states, with Cauchy's constant in standard deviations."""
+        return Objective(self.evaluate, self.steps, self.prior, cauchy_sd)
+
     def balls(self, clip: int) -> tuple[str, ...]:
         """Names, the struck ball first."""
         c = self.clips[clip]
         return (c.struck, *[b for b in c.balls if b != c.struck])
 
     def shot(self, x: Array, clip: int, times: Array) -> Shot:
-        """The shot that an initial state (p,) stands for; the others lie where they are reported, see `undone`."""
+        """The shot that an initial state (p,) stands for; the others rest where they are reported, see `undone`."""
         others = self.rest[clip]
         rest = others + x[len(STATE_STEPS) : len(STATE_STEPS) + others.size].reshape(others.shape)
-        return shot_of(
-            self.balls(clip), x, self.azimuth[clip], self.model.ball.radius, rest, times,
-            self.clips[clip].order, not self.clips[clip].running, self.staying[clip],
+        position, velocity, spin = ball_of(x, self.azimuth[clip], self.model.ball.radius)
+        still = np.zeros_like(rest)
+        return Shot(
+            self.balls(clip), np.vstack([position, rest]), np.vstack([velocity, still]),
+            np.pad(spin[None], ((0, len(rest)), (0, 0))), times, order=self.clips[clip].order,
+            struck=not self.clips[clip].running, staying=self.staying[clip],
         )  # fmt: skip
 
     def struck(self, x: Array, effect: Effect) -> Array:
@@ -148,13 +158,13 @@ class ShotProblem:
         return np.where(struck[:, None], out, x)
 
     def by_ball(self, residuals: Array) -> Iterator[tuple[int, str, Array]]:
-        """Residuals (n, m), taken apart: number of the clip, ball, residuals of its places (samples, 2)."""
+        """Residuals (n, m) by ball: number of the clip, ball, residuals of its positions (samples, 2)."""
         for k, clip in enumerate(self.clips):
             at = 0
             for name in self.balls(k):
                 n = len(clip.balls[name].time)
                 yield k, name, residuals[k, at : at + 2 * n].reshape(n, 2)
-                at += 3 * n
+                at += RESIDUALS_PER_SAMPLE * n
 
     def times(self, clip: int) -> Array:
         """Every time at which any ball was seen, up to the horizon."""
@@ -162,7 +172,7 @@ class ShotProblem:
         return seen[seen <= self.horizon[clip] + 1e-9]
 
     def tracks(self, x: Array, c: Array, which: Index) -> list[Track]:
-        """What the model says that the camera reports of these shots; constants (k, q)."""
+        """What the model predicts that the camera reports of these shots; constants (k, q)."""
         shots = [self.shot(row, w, self.times(w)) for row, w in zip(x, which, strict=True)]
         model = self.model.with_values({n: c[:, k] for k, n in enumerate(self.names)})
         return observed(model, undone(model, shots))
@@ -174,10 +184,10 @@ class ShotProblem:
 
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over their standard deviation: (k, m)."""
-        size = max(sum(3 * len(o.time) for o in clip.balls.values()) for clip in self.clips)
         if self.layout is not None:
-            return residuals(self.layout, self.data, self.sd, self.sd_theta, self.horizon, x, c, which, size)
-        out = np.full((len(x), size), np.nan)
+            weighting = Weighting(self.sd, self.sd_theta, self.horizon)
+            return residuals(self.layout, self.data, weighting, x, c, which, self.data.size)
+        out = np.full((len(x), self.data.size), np.nan)
         for k, (track, w) in enumerate(zip(self.tracks(x, c, which), which, strict=True)):
             at = 0
             for b, name in enumerate(track.names):
@@ -187,19 +197,19 @@ class ShotProblem:
                 r = np.where(self.trusted[w][name][:n, None], r / self.sd[w, b, :n, None], np.nan)
                 out[k, at : at + 2 * n] = r.ravel()
                 out[k, at + 2 * n : at + 3 * n] = angle / self.sd_theta[w]
-                at += 3 * len(seen.time)
+                at += RESIDUALS_PER_SAMPLE * len(seen.time)
         return out
 
     def discrepancy_rate(self, x: Array, c: Array, share: float = 0.5) -> float:
         """The model's error per path length at initial states (n, p) and constants (q,)."""
-        in_metres = dataclasses.replace(self, sd=np.ones_like(self.sd))
-        r = in_metres.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
-        miss, path, ball, clip = [], [], 0, -1
+        unweighted = dataclasses.replace(self, sd=np.ones_like(self.sd))
+        r = unweighted.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
+        errors, path, ball, clip = [], [], 0, -1
         for k, _, xy in self.by_ball(r):
             ball, clip = (ball + 1, clip) if k == clip else (0, k)
-            miss.append(xy.ravel())
+            errors.append(xy.ravel())
             path.append(np.repeat(self.path[k, ball, : len(xy)], 2))
-        return discrepancy_rate(np.concatenate(miss), np.concatenate(path), self.noise, share)
+        return discrepancy_rate(np.concatenate(errors), np.concatenate(path), self.noise, share)
 
 
 def residual(track: Track, ball: int, seen: Observation, n: int) -> tuple[Array, Array]:
@@ -213,7 +223,7 @@ def residual(track: Track, ball: int, seen: Observation, n: int) -> tuple[Array,
         path[gone] = path[max(last, 0)]
     angle = track.theta[index, ball] - seen.theta[:n]
     marked = np.isfinite(angle)
-    # Where the mark began is unknown: the mean takes it out, as a free offset fitted beside the rest would.
+    # The angle at which the mark begins is unknown: the mean removes it, as a fitted offset would.
     return path[index] - seen.xy[:n], angle - (angle[marked].mean() if marked.any() else 0.0)
 
 
@@ -222,38 +232,41 @@ def shot_problem(
     known: Mapping[str, tuple[float, float]] | None = None,
 ) -> ShotProblem:  # fmt: skip
     """Set up whole shots: starting values and their spread from the cue's command, or from the first samples."""
-    clips, n, own = clip_set.clips, len(clip_set.clips), len(STATE_STEPS)
-    p = own + 2 * (max((len(c.balls) for c in clips), default=1) - 1)
+    clips, n, moving = clip_set.clips, len(clip_set.clips), len(STATE_STEPS)
+    p = moving + 2 * (max((len(c.balls) for c in clips), default=1) - 1)
     start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), REST_SD * noise), np.zeros(n)
-    rest, trusted, staying = [], [], []
-    edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMP_MARGIN_M
     for k, clip in enumerate(clips):
-        start[k, :own], mean[k, :own], sd[k, :own], azimuth[k] = shot_start(clip, clip_set, noise)
-        others = [o for b, o in clip.balls.items() if b != clip.struck]
-        rest.append(np.array([o.xy[: max(moving_from(o, noise), 1)].mean(axis=0) for o in others]).reshape(-1, 2))
-        believe = {b: np.all(np.abs(o.xy) < edge, axis=1) for b, o in clip.balls.items()}
-        if not clip.running:
-            believe[clip.struck][: free_from(clip.balls[clip.struck], noise)] = False
-        trusted.append(believe)
-        ends = {b: clip_set.table.to_pocket(o.xy[-1]) for b, o in clip.balls.items()}
-        staying.append(tuple(b for b, far in ends.items() if far > POCKET_REACH * clip_set.ball.diameter))
-    end = np.array([max(o.time[-1] for o in c.balls.values()) for c in clips])
+        start[k, :moving], mean[k, :moving], sd[k, :moving], azimuth[k] = shot_start(clip, clip_set, noise)
+    shots = [_measured(clip, clip_set, noise, a) for clip, a in zip(clips, azimuth, strict=True)]
     names_of = [(c.struck, *[b for b in c.balls if b != c.struck]) for c in clips]
-    balls = [[c.balls[b] for b in own] for c, own in zip(clips, names_of, strict=True)]
-    data = packed(
-        [[o.time for o in own] for own in balls], [[o.xy for o in own] for own in balls],
-        [[o.theta for o in own] for own in balls],
-        [[t[b] for b in own] for t, own in zip(trusted, names_of, strict=True)], rest,
-        [[b in s for b in own] for s, own in zip(staying, names_of, strict=True)], azimuth,
-        [c.order for c in clips], [not c.running for c in clips], np.zeros(n).tolist(),
-    )  # fmt: skip
+    data = packed(shots)
     events, paths = events_and_paths(clip_set, noise)
     path = np.ones(data.theta.shape)
-    for k, balls_of in enumerate(names_of):
-        for i, name in enumerate(balls_of):
+    for k, balls in enumerate(names_of):
+        for i, name in enumerate(balls):
             path[k, i, : len(paths[k][name])] = paths[k][name]
+    end = np.array([max(o.time[-1] for o in c.balls.values()) for c in clips])
+    staying, trusted = [], []
+    for balls, shot in zip(names_of, shots, strict=True):
+        staying.append(tuple(b for b, stays in zip(balls, shot.stays, strict=True) if stays))
+        trusted.append(dict(zip(balls, shot.trusted, strict=True)))
     return ShotProblem(
-        model, tuple(names), clip_set, noise, dict(known or {}), start, azimuth, Prior(mean, sd), tuple(rest),
-        tuple(staying), tuple(trusted), tuple(events), path, data, np.full(path.shape, noise),
-        np.full(n, theta_noise(clips)), end, end,
+        model, tuple(names), clip_set, noise, dict(known or {}), start, azimuth, Prior(mean, sd),
+        tuple(shot.rest for shot in shots), tuple(staying), tuple(trusted), tuple(events), path, data,
+        np.full(path.shape, noise), np.full(n, theta_noise(clips)), end, end,
+    )  # fmt: skip
+
+
+def _measured(clip: Clip, clip_set: ClipSet, noise: float, azimuth: float) -> MeasuredShot:
+    """What was measured of a shot, the struck ball first; positions near a cushion's nose are not trusted."""
+    seen = [clip.balls[clip.struck], *[o for b, o in clip.balls.items() if b != clip.struck]]
+    edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMP_MARGIN_M
+    trusted = [np.all(np.abs(o.xy) < edge, axis=1) for o in seen]
+    if not clip.running:
+        trusted[0][: free_from(seen[0], noise)] = False
+    rest = np.array([o.xy[: max(moving_from(o, noise), 1)].mean(axis=0) for o in seen[1:]]).reshape(-1, 2)
+    stays = [bool(clip_set.table.to_pocket(o.xy[-1]) > POCKET_REACH * clip_set.ball.diameter) for o in seen]
+    return MeasuredShot(
+        [o.time for o in seen], [o.xy for o in seen], [o.theta for o in seen], trusted, rest, stays, azimuth,
+        clip.order, not clip.running,
     )  # fmt: skip

@@ -1,4 +1,7 @@
-"""A clip set, split: every fifth clip held out, the rest for training, and fits that are tried on both."""
+"""A clip set, split into training clips and every fifth held out, and fits evaluated on both.
+
+In: a clip set and a model. Out: a `Split`, the open cloth's constants, and fits with their error on held-out clips.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from sysid.estimation.shot_problem import ShotProblem, shot_problem
 
 HELD_OUT_EVERY = 5  # clips, of which the last is held out
 MAX_EVENTS = 4  # of a whole shot, in the middle of the set, where the model does not follow the open cloth
-CLOCK = "clock_scale.factor"
+CLOCK_CONSTANT = "clock_scale.factor"  # known from the time stamps of the clips
 log = logging.getLogger(__name__)
 
 
@@ -33,7 +36,7 @@ class Split:
 
     training: ShotProblem
     held_out: ShotProblem | None
-    spikes: int  # samples set aside
+    spikes: int  # samples left out as outliers
     cut: int = 0  # shots that were cut into pieces of one impact each; 0 where whole shots are fitted
 
     @property
@@ -42,7 +45,7 @@ class Split:
         return self.training.noise
 
     def follows(self, found: FittedModel) -> bool:
-        """Whether whole shots are followed closely enough to say what acts on them between impacts."""
+        """Whether whole shots are followed closely enough to determine what acts on them between impacts."""
         return not self.cut and found.discrepancy_rate <= UNFOLLOWED_RATE
 
     def states_of(self, found: FittedModel, files: Sequence[str]) -> Array | None:
@@ -68,14 +71,14 @@ def subset(clip_set: ClipSet, rows: Sequence[int]) -> ClipSet:
 
 
 def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, OpenCloth, Model]:
-    """The clips split, what their segments say of the open cloth, and the model with those constants.
+    """The clips split, the constants of the open cloth from their segments, and the model with those constants.
 
     Where the model does not follow the open cloth, long shots are cut into pieces, unless `cut` forbids it.
     """
     noise = position_noise(clip_set)
     clip_set, spikes = remove_outliers(clip_set, noise)
     scale, sd = stamp_scale(clip_set)
-    known = {CLOCK: (scale, sd)} if np.isfinite(sd) else {}
+    known = {CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {}
     rows = training_clips(clip_set)
     training, held = subset(clip_set, rows), subset(clip_set, [k for k in range(len(clip_set.clips)) if k not in rows])
     cloth = fit_open_cloth(model, training, noise)
@@ -101,18 +104,18 @@ def begin(clip_set: ClipSet, model: Model) -> tuple[Split, FittedModel]:
 
 
 def fit_anew(parts: Split, model: Model, what: str) -> FittedModel:
-    """A model fitted from nothing: shots grown from their beginnings, from the constants that it has."""
+    """A model fitted from nothing, its shots grown from their beginnings, its constants from their present values."""
     problem = parts.training.with_model(model, tuple(model.parameters()))
     return tried(parts, fit_from_nothing(problem, what, pieces=bool(parts.cut)), None)
 
 
 def fit_on(parts: Split, start: Point, before: FittedModel, what: str) -> FittedModel:
-    """A fit from a start, see `fit`, tried on the held-out clips; `before` knows nearly right states of these."""
+    """A fit from a start, see `fit`, evaluated on the held-out clips; `before` has nearly right states of these."""
     return tried(parts, fit(start, what), before)
 
 
 def tried(parts: Split, found: FittedModel, before: FittedModel | None) -> FittedModel:
-    """A fit with what it leaves on the held-out clips."""
+    """A fit with its error on the held-out clips."""
     if parts.held_out is None:
         return found
     held = fit_held_out(found, parts.held_out, before.held_out if before else None, pieces=bool(parts.cut))

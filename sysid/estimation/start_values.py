@@ -1,4 +1,7 @@
-"""Where the search for a shot's initial state begins, and what is known of it: from its command and first samples."""
+"""Start value and prior of a shot's initial state.
+
+In: a clip: the cue's command, or the first samples. Out: start, prior mean and standard deviation, and azimuth.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.clips import Clip, ClipSet
+from sysid.clips.noise import smooth_noise
 from sysid.clips.segments import free_from
 from sysid.estimation.problem import Array, turn
 
 LINE_SAMPLES = 6  # a straight line through so many gives position and velocity
 COMMAND_SD = {"speed": 0.05, "azimuth": 0.02, "offset": 0.002}  # how far a shot may be from its command
 MISCUE_SPIN = 1.25  # R omega over v at the miscue limit: 5/2 of half a radius
-MIN_MARKS = 8  # angles of a mark from which on they alone tell the sidespin
-LEAST_SD = 0.02  # of a velocity or R omega that a command gives [m/s]
+MIN_MARKS = 8  # angles of a mark that determine the sidespin by themselves
+MIN_SD_M_S = 0.02  # of a velocity or R omega that a command gives [m/s]
 
 
 def straight(time: Array, xy: Array, roll: float) -> tuple[Array, float]:
@@ -26,7 +30,7 @@ def straight(time: Array, xy: Array, roll: float) -> tuple[Array, float]:
 
 
 def running_sd(speed: float) -> Array:
-    """What is known of a ball on its way, which comes from an impact or a strike: little of its spin (7,)."""
+    """Prior sd of the initial state of a ball that an impact or a strike set in motion: (7,)."""
     return np.array([np.inf] * 4 + [2 * speed + 0.05] * 3)
 
 
@@ -42,8 +46,8 @@ def shot_start(clip: Clip, clip_set: ClipSet, noise: float) -> tuple[Array, Arra
     marked = np.flatnonzero(np.isfinite(seen.theta))
     sd = np.full(7, np.inf)
     if marked.size > 3:
-        few = marked[: max(4, marked.size // 10)]
-        x[6] = radius * np.polyfit(seen.time[few], seen.theta[few], 1)[0]
+        first = marked[: max(4, marked.size // 10)]
+        x[6] = radius * np.polyfit(seen.time[first], seen.theta[first], 1)[0]
     if clip.cue is not None:
         cue = clip.cue
         azimuth = cue.azimuth
@@ -51,15 +55,15 @@ def shot_start(clip: Clip, clip_set: ClipSet, noise: float) -> tuple[Array, Arra
         v = turn(azimuth).T @ line[1]
         lever = 2.5 * cue.speed / radius
         x = np.array([*line[0], *v, lever * cue.side * np.sin(cue.elevation), lever * cue.height, lever * cue.side])
-        across = COMMAND_SD["azimuth"] * cue.speed + LEAST_SD
-        spread = COMMAND_SD["offset"] * lever + LEAST_SD
+        across = COMMAND_SD["azimuth"] * cue.speed + MIN_SD_M_S
+        spread = COMMAND_SD["offset"] * lever + MIN_SD_M_S
         mean = np.array([*line[0], cue.speed, 0.0, *x[4:]])
-        along = COMMAND_SD["speed"] * cue.speed + LEAST_SD
-        sd[2:] = [along, across, 0.05 * cue.speed + LEAST_SD, spread, spread]
+        along = COMMAND_SD["speed"] * cue.speed + MIN_SD_M_S
+        sd[2:] = [along, across, 0.05 * cue.speed + MIN_SD_M_S, spread, spread]
         return x, mean, sd, azimuth
     speed = x[2]
-    wide = 0.6 * MISCUE_SPIN * speed + LEAST_SD
-    sd[4:] = [0.1 * speed + LEAST_SD, wide, np.inf if marked.size > MIN_MARKS else wide]
+    wide = 0.6 * MISCUE_SPIN * speed + MIN_SD_M_S
+    sd[4:] = [0.1 * speed + MIN_SD_M_S, wide, np.inf if marked.size > MIN_MARKS else wide]
     return x, x.copy(), sd, azimuth
 
 
@@ -73,7 +77,7 @@ def theta_noise(clips: Sequence[Clip]) -> float:
                 found.append(np.diff(theta, 3))
     if not found:
         return 1.0
-    return max(float(np.median(np.abs(np.concatenate(found))) / 0.6745 / np.sqrt(20)), 1e-4)
+    return max(smooth_noise(np.concatenate(found)), 1e-4)
 
 
 def _line(time: Array, xy: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +16,15 @@ from sysid.residuals.compare import compare
 from sysid.residuals.comparison import Comparison
 from sysid.selection.discover import DiscoveryResult
 
+log = logging.getLogger(__name__)
 
-def compare_at(
-    number: int, clip_set: ClipSet, found: DiscoveryResult, report: Callable[[str], None], command: str
-) -> tuple[str, Comparison]:
+
+def compare_at(number: int, clip_set: ClipSet, found: DiscoveryResult, command: str) -> tuple[str, Comparison]:
     """The label of a stage of the ladder, and what comparing its model with all clips says."""
     seen = found.ladder[number]
     own = found.parts.states_of(seen, [c.file for c in clip_set.clips])
-    report("comparing " + label(found.verdicts[number]))
-    compared = compare(clip_set, model_of(found, seen, command), report, start=own)
+    log.info("comparing %s", label(found.verdicts[number]))
+    compared = compare(clip_set, model_of(found, seen, command), start=own)
     return label(found.verdicts[number]), compared
 
 
@@ -34,7 +34,7 @@ def write_outcome(
     """model.toml, result.json, report.html and review.rrd; the comparison of the model that was found."""
     ends = list(dict.fromkeys((0, len(found.ladder) - 1)))
 
-    compared = [compare_at(end, clip_set, found, progress, command) for end in ends]
+    compared = [compare_at(end, clip_set, found, command) for end in ends]
     progress.close()
     last = compared[-1][1]
     write_model(last.model, out / "model.toml")

@@ -138,7 +138,7 @@ def tracks_svg(comparison: Comparison, count: int = 6) -> str | None:
 def map_svg(comparison: Comparison) -> str | None:
     """Rms miss of moving balls as colour and mean miss as arrows, cell by cell; None without a sample."""
     samples, table = comparison.samples, comparison.clip_set.table
-    moving = _moving(samples) & np.isfinite(samples.xy).all(axis=1) & np.isfinite(samples.miss).all(axis=1)
+    moving = _moving(samples) & np.isfinite(samples.xy).all(axis=1) & np.isfinite(samples.residual).all(axis=1)
     half, side = np.array([table.length, table.width]) / 2, max(table.length, table.width) / 20
     cells = np.maximum(1, np.round(2 * half / side).astype(int))
     place = np.clip(((samples.xy[moving] + half) / (2 * half) * cells).astype(int), 0, cells - 1)
@@ -151,7 +151,7 @@ def map_svg(comparison: Comparison) -> str | None:
     def mean(values: Array) -> Array:
         return np.bincount(flat, values, used.size) / np.where(used, counts, 1)
 
-    miss = 1e3 * samples.miss[moving]
+    miss = 1e3 * samples.residual[moving]
     rms = np.where(used, np.sqrt(mean((miss**2).sum(axis=1))), np.nan)
     arrows = np.column_stack([mean(miss[:, 0]), mean(miss[:, 1])])[used]
     typical = float(np.quantile(np.hypot(*arrows.T), 0.9)) or 1.0
@@ -184,7 +184,7 @@ def dependence_svg(comparison: Comparison) -> str | None:
     s, noise = comparison.samples, comparison.noise_m
     if not noise > 0 or not len(s.time):
         return None
-    ratio, moving = np.hypot(*s.miss.T) / noise, _moving(s)
+    ratio, moving = np.hypot(*s.residual.T) / noise, _moving(s)
     everywhere = np.ones_like(moving)
     panels: tuple[tuple[str, str, Array, NDArray[np.bool_]], ...] = (
         ("Time since the start", "time [s]", s.time, everywhere),
@@ -218,7 +218,7 @@ def dependence_svg(comparison: Comparison) -> str | None:
 
 def _draw_signed(ax: Any, s: Samples, use: NDArray[np.bool_]) -> None:
     """Miss along and across the way of the ball against time."""
-    (x, y), cos, sin = s.miss[use].T, np.cos(s.heading[use]), np.sin(s.heading[use])
+    (x, y), cos, sin = s.residual[use].T, np.cos(s.heading[use]), np.sin(s.heading[use])
     for label, colour, value in (
         ("along: + model ahead", "#17806d", x * cos + y * sin),
         ("across: + model left", "#9c3f8f", y * cos - x * sin),

@@ -9,7 +9,7 @@ import numpy as np
 
 from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, WIDTH, svg
 from sysid.report.plots import draw_table
-from sysid.residuals.bins import CELLS, Variable, variables
+from sysid.residuals.bins import TABLE_CELLS, Variable, variables
 from sysid.residuals.comparison import Comparison
 from sysid.residuals.significance import Departure
 
@@ -24,19 +24,19 @@ def _of(comparison: Comparison) -> dict[tuple[str, str, str], Departure]:
 
 
 def _variables(comparison: Comparison) -> tuple[Variable, ...]:
-    return variables(comparison.stretches, comparison.clip_set.table, len(comparison.clips))
+    return variables(comparison.segment_samples, comparison.clip_set.table, len(comparison.clips))
 
 
 def missing_map_svg(comparison: Comparison) -> str | None:
     """Acceleration of rolling balls that the model lacks as arrows, its z as colour; None without a cell."""
     known, table = _of(comparison), comparison.clip_set.table
     place = next(v for v in _variables(comparison) if v.name == "place")
-    size = np.array([table.length, table.width]) / CELLS
-    pull, z, at = [], np.full(CELLS, np.nan), []
+    size = np.array([table.length, table.width]) / TABLE_CELLS
+    pull, z, at = [], np.full(TABLE_CELLS, np.nan), []
     for k, words in enumerate(place.words):
         own = [known.get(("place", f"rolling balls {words}", f"acceleration {axis}")) for axis in "xy"]
         if own[0] is not None and own[1] is not None:
-            cell = divmod(k, CELLS[1])
+            cell = divmod(k, TABLE_CELLS[1])
             z[cell] = max(abs(own[0].z), abs(own[1].z))
             pull.append([1e3 * own[0].value, 1e3 * own[1].value])
             at.append((np.array(cell) + 0.5) * size - [table.length / 2, table.width / 2])
@@ -50,7 +50,9 @@ def missing_map_svg(comparison: Comparison) -> str | None:
     def draw(fig: Any) -> None:
         ax = fig.subplots()
         draw_table(ax, table, dark=False)
-        x, y = (np.linspace(-h, h, n + 1) for h, n in zip((table.length / 2, table.width / 2), CELLS, strict=True))
+        x, y = (
+            np.linspace(-h, h, n + 1) for h, n in zip((table.length / 2, table.width / 2), TABLE_CELLS, strict=True)
+        )
         mesh = ax.pcolormesh(x, y, z.T, cmap="YlOrRd", vmin=0, vmax=TOP, alpha=0.85, zorder=2)
         own = {"angles": "xy", "scale_units": "xy", "scale": few / (0.7 * size.min()), "width": 0.003}
         shown = np.array(pull) * np.minimum(1.0, 1.3 * few / np.maximum(sizes, 1e-12))[:, None]

@@ -1,4 +1,7 @@
-"""Variables that a departure may depend on, and their groups in plain words."""
+"""Variables that residuals may depend on, and their groups in plain words.
+
+In: samples, or values with edges. Out: a `Variable`: the group of every sample, with a description of each group.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +17,16 @@ from sysid.residuals.samples import Array, Samples
 
 Index = NDArray[np.int64]
 
-SPEEDS = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, np.inf)  # [m/s]
-SIDESPINS = (-np.inf, -20.0, -5.0, 5.0, 20.0, np.inf)  # [rad/s]
-SLIPS = (0.0, 0.5, 1.0, 2.0, np.inf)  # [m/s]
-TIMES = (0.0, 0.5, 1.0, 2.0, 4.0, np.inf)  # [s]
-SINCE = (0.0, 0.25, 0.5, 1.0, 2.0, np.inf)  # [s]
-APPROACHES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, np.inf)  # [m/s]
-ANGLES = (0.0, 20.0, 45.0, 90.0)  # from the normal [degrees]
-CELLS = (6, 3)  # over the table
-HEADINGS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
-THIRDS = 6  # least clips that are told apart by their order
+SPEED_EDGES_M_S = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, np.inf)
+SIDESPIN_EDGES_RAD_S = (-np.inf, -20.0, -5.0, 5.0, 20.0, np.inf)
+SLIP_EDGES_M_S = (0.0, 0.5, 1.0, 2.0, np.inf)
+TIME_EDGES_S = (0.0, 0.5, 1.0, 2.0, 4.0, np.inf)
+SINCE_EVENT_EDGES_S = (0.0, 0.25, 0.5, 1.0, 2.0, np.inf)
+APPROACH_EDGES_M_S = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, np.inf)
+ANGLE_EDGES_DEG = (0.0, 20.0, 45.0, 90.0)  # from the normal
+TABLE_CELLS = (6, 3)  # along and across the table
+TABLE_HEADINGS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
+MIN_CLIPS_FOR_ORDER = 6  # from which thirds of the clips are compared
 
 
 @dataclass(frozen=True)
@@ -38,17 +41,18 @@ class Variable:
 
 
 def variables(samples: Samples, table: Table, clips: int) -> tuple[Variable, ...]:
-    """What the samples of moving balls can depend on."""
+    """Variables that the residuals of moving balls may depend on."""
     s = samples
-    eighth = np.round(s.heading / (np.pi / 4)).astype(np.int64) % 8
+    octant = np.round(s.heading / (np.pi / 4)).astype(np.int64) % 8
     found = [
         Variable("everywhere", ("",), np.zeros(len(s.time), dtype=np.int64), np.full(1, np.nan)),
-        Variable("heading", tuple(f"heading {h}" for h in HEADINGS), eighth, np.linspace(0.0, 315.0, 8), "degrees"),
-        cut("speed", s.speed, SPEEDS, "at {} m/s", "m/s"),
-        cut("sidespin", s.spin, SIDESPINS, "with sidespin {} rad/s", "rad/s"),
-        cut("slip", s.slip, SLIPS, "slipping at {} m/s", "m/s"),
-        cut("time", s.time, TIMES, "{} s after the clip's start", "s"),
-        cut("time since event", s.since, SINCE, "{} s after the event before", "s"),
+        Variable("heading", tuple(f"heading {h}" for h in TABLE_HEADINGS), octant,
+                 np.linspace(0.0, 315.0, 8), "degrees"),
+        cut("speed", s.speed, SPEED_EDGES_M_S, "at {} m/s", "m/s"),
+        cut("sidespin", s.spin, SIDESPIN_EDGES_RAD_S, "with sidespin {} rad/s", "rad/s"),
+        cut("slip", s.slip, SLIP_EDGES_M_S, "slipping at {} m/s", "m/s"),
+        cut("time", s.time, TIME_EDGES_S, "{} s after the clip's start", "s"),
+        cut("time since event", s.since, SINCE_EVENT_EDGES_S, "{} s after the event before", "s"),
         place(s.xy, table),
         chosen("ball", ("the struck ball", "another ball"), np.where(s.struck, 0, 1)),
         chosen("event before", ("after the strike", "after a ball", "after a cushion"),
@@ -76,19 +80,19 @@ def chosen(name: str, words: tuple[str, ...], group: NDArray[np.int_]) -> Variab
 def place(xy: Array, table: Table) -> Variable:
     """Cells of the table."""
     size = np.array([table.length, table.width])
-    cells = np.array(CELLS)
+    cells = np.array(TABLE_CELLS)
     at = np.clip(((xy / size + 0.5) * cells).astype(np.int64), 0, cells - 1)
     words = []
-    for i in range(CELLS[0]):
-        for j in range(CELLS[1]):
+    for i in range(TABLE_CELLS[0]):
+        for j in range(TABLE_CELLS[1]):
             low, high = (np.array([i, j]) / cells - 0.5) * size, (np.array([i + 1, j + 1]) / cells - 0.5) * size
             words.append(f"at x {low[0]:.2f} to {high[0]:.2f} m, y {low[1]:.2f} to {high[1]:.2f} m")
-    return Variable("place", tuple(words), at[:, 0] * CELLS[1] + at[:, 1], np.full(len(words), np.nan))
+    return Variable("place", tuple(words), at[:, 0] * TABLE_CELLS[1] + at[:, 1], np.full(len(words), np.nan))
 
 
 def order(clip: Index, clips: int) -> list[Variable]:
     """Thirds of the clips, in their order; none of few clips."""
-    if clips < THIRDS:
+    if clips < MIN_CLIPS_FOR_ORDER:
         return []
     edges = [round(clips * k / 3) for k in range(4)]
     words = tuple(f"in clips {a + 1} to {b}" for a, b in pairwise(edges))

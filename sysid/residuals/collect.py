@@ -1,4 +1,7 @@
-"""What the model missed, sample by sample: of whole shots, and of stretches whose motion begins anew at each event."""
+"""Residuals sample by sample: of whole shots, and of segments, whose motion begins anew at each event.
+
+In: a problem with its fitted tracks, or fitted segments. Out: `Samples`.
+"""
 
 from __future__ import annotations
 
@@ -9,96 +12,86 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shot import Shot, Track
-from models.simulation.simulate import simulate
+from models.shot import Track
 from sysid.clips import ClipSet
-from sysid.estimation.problem import Array, turn
-from sysid.estimation.segment_problem import SegmentProblem
+from sysid.estimation.problem import Array, values_of
 from sysid.estimation.shot_problem import ShotProblem, residual
 from sysid.residuals.samples import Samples
+from sysid.residuals.segment_fits import SegmentFits
 
-SLIPS = 0.01  # slip speed above which a ball slides [m/s]
-STILL = 0.003  # speed below which it rests [m/s]
-SPINS = 1.0  # sidespin above which a resting ball spins [rad/s]
+MIN_SLIP_M_S = 0.01  # slip speed above which a ball slides
+REST_SPEED_M_S = 0.003  # below which it rests
+SPINNING_RAD_S = 1.0  # sidespin above which a resting ball spins
 
 
 def motions(velocity: Array, spin: Array, radius: float) -> tuple[Array, NDArray[np.str_]]:
-    """Slip speed (n,) [m/s] and what the ball does, from velocity (n, 2) [m/s] and spin (n, 3) [rad/s]."""
+    """Slip speed (n,) [m/s] and phase of motion, from velocity (n, 2) [m/s] and spin (n, 3) [rad/s]."""
     slip = np.hypot(velocity[:, 0] - radius * spin[:, 1], velocity[:, 1] + radius * spin[:, 0])
     speed = np.hypot(*velocity.T)
-    resting = np.where(np.abs(spin[:, 2]) > SPINS, "spin", "rest")
-    return slip, np.where(slip > SLIPS, "slide", np.where(speed > STILL, "roll", resting))
+    resting = np.where(np.abs(spin[:, 2]) > SPINNING_RAD_S, "spin", "rest")
+    return slip, np.where(slip > MIN_SLIP_M_S, "slide", np.where(speed > REST_SPEED_M_S, "roll", resting))
 
 
-def of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) -> Samples:
-    """Every trusted sample of moving balls with what the model says of that moment."""
+def samples_of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) -> Samples:
+    """Every trusted sample of moving balls, with the modelled state of the ball there."""
     parts: list[Samples] = []
-    stretches = 0
+    segments = 0
     for k, track in enumerate(tracks):
         clip = clip_set.clips[k]
         for b, name in enumerate(track.names):
             seen = clip.balls[name]
-            miss, angle = residual(track, b, seen, len(seen.time))
+            error, angle = residual(track, b, seen, len(seen.time))
             index = np.searchsorted(track.times, seen.time)
             v, w = track.velocity[index, b], track.spin[index, b]
-            own = [e for e in track.events if name in e.balls]
-            when = np.array([0.0, *[e.time for e in own]])
+            events = [e for e in track.events if name in e.balls]
+            when = np.array([0.0, *[e.time for e in events]])
             count = np.searchsorted(when[1:], seen.time)
-            keep = problem.trusted[k][name] & np.isfinite(v[:, 0]) & ((count > 0) | (b == 0))
+            use = problem.trusted[k][name] & np.isfinite(v[:, 0]) & ((count > 0) | (b == 0))
             slip, motion = motions(v, w, clip_set.ball.radius)
-            kinds = np.array(["strike", *[e.kind for e in own]])
-            rails = np.array(["", *[e.rail for e in own]])
-            n, count = int(keep.sum()), count[keep]
+            kinds = np.array(["strike", *[e.kind for e in events]])
+            rails = np.array(["", *[e.rail for e in events]])
+            n, count = int(use.sum()), count[use]
             parts.append(Samples(
-                np.full(n, k, dtype=np.int64), (name,) * n, np.full(n, b == 0), seen.time[keep], seen.xy[keep],
-                miss[keep], np.hypot(*v[keep].T), np.arctan2(v[keep, 1], v[keep, 0]), w[keep, 2],
-                _words(motion[keep]), _words(kinds[count]), count.astype(np.int64), angle[keep], slip[keep],
-                _words(rails[count]), seen.time[keep] - when[count], stretches + count.astype(np.int64),
+                np.full(n, k, dtype=np.int64), (name,) * n, np.full(n, b == 0), seen.time[use], seen.xy[use],
+                error[use], np.hypot(*v[use].T), np.arctan2(v[use, 1], v[use, 0]), w[use, 2],
+                _words(motion[use]), _words(kinds[count]), count.astype(np.int64), angle[use], slip[use],
+                _words(rails[count]), seen.time[use] - when[count], segments + count.astype(np.int64),
             ))  # fmt: skip
-            stretches += len(own) + 1
+            segments += len(events) + 1
     return joined(parts)
 
 
-def of_stretches(problem: SegmentProblem, x: Array, good: NDArray[np.bool_], tracks: Sequence[Track]) -> Samples:
-    """Every sample of the stretches between events, each with its own unknowns x (n, 7), where `good` (n,).
+def samples_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Samples:
+    """Every sample of the good segments, each with its initial state.
 
-    A stretch by itself does not tell its sidespin: that is taken from the whole shots' tracks.
+    A segment by itself does not determine its sidespin: that is taken from the whole shots' tracks.
     """
-    radius = problem.model.ball.radius
-    which = np.arange(len(x))
-    c = np.tile([float(problem.model.parameters()[n]) for n in problem.names], (len(x), 1))
-    missed = problem.evaluate(x, c, which) * problem.noise
+    problem, x = fits.problem, fits.initial_states
+    c = np.tile(values_of(problem.model, problem.names), (len(x), 1))
+    errors = problem.evaluate(x, c, np.arange(len(x))) * problem.noise
     parts: list[Samples] = []
     seen: dict[tuple[int, str], int] = {}
-    played = simulate(problem.model, begin(problem, x))
-    for k, (s, track) in enumerate(zip(problem.segments, played, strict=True)):
-        met = seen.get((s.clip, s.ball), 0 if s.before == "strike" else 1)
-        seen[s.clip, s.ball] = met + 1
-        if not good[k]:
+    for k, (s, track) in enumerate(zip(problem.segments, fits.tracks, strict=True)):
+        events = seen.get((s.clip, s.ball), 0 if s.before == "strike" else 1)
+        seen[s.clip, s.ball] = events + 1
+        if not fits.good[k]:
             continue
         n = len(s.time)
         v, w = track.velocity[:, 0], track.spin[:, 0]
-        slip, motion = motions(v, w, radius)
-        whole = tracks[s.clip]
-        b = whole.names.index(s.ball)
-        sidespin = np.interp(s.time, whole.times, np.nan_to_num(whole.spin[:, b, 2]))
+        slip, motion = motions(v, w, problem.model.ball.radius)
+        shot = tracks[s.clip]
+        b = shot.names.index(s.ball)
         parts.append(Samples(
-            np.full(n, s.clip), (s.ball,) * n, np.full(n, b == 0), s.time, s.xy, missed[k, : 2 * n].reshape(n, 2),
-            np.hypot(*v.T), np.arctan2(v[:, 1], v[:, 0]), sidespin, _words(motion), (s.before,) * n, np.full(n, met),
-            np.full(n, np.nan), slip, (s.rail,) * n, s.time - s.time[0], np.full(n, k),
+            np.full(n, s.clip), (s.ball,) * n, np.full(n, b == 0), s.time, s.xy, errors[k, : 2 * n].reshape(n, 2),
+            np.hypot(*v.T), np.arctan2(v[:, 1], v[:, 0]), sidespin(shot, b, s.time), _words(motion), (s.before,) * n,
+            np.full(n, events), np.full(n, np.nan), slip, (s.rail,) * n, s.time - s.time[0], np.full(n, k),
         ))  # fmt: skip
     return joined(parts)
 
 
-def begin(problem: SegmentProblem, x: Array) -> list[Shot]:
-    """The stretches' own unknowns (n, 7) as shots of one ball."""
-    radius = problem.model.ball.radius
-    shots = []
-    for row, azimuth, s in zip(x, problem.azimuth, problem.segments, strict=True):
-        q = turn(azimuth)
-        spin = np.array([[*(q @ row[4:6]), row[6]]]) / radius
-        shots.append(Shot(("ball",), row[None, :2], (q @ row[2:4])[None], spin, s.time - s.time[0]))
-    return shots
+def sidespin(track: Track, ball: int, time: Array) -> Array:
+    """Of a ball at times of a track [rad/s]."""
+    return np.interp(time, track.times, np.nan_to_num(track.spin[:, ball, 2]))
 
 
 def joined(parts: Sequence[Samples]) -> Samples:

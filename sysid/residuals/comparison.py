@@ -1,4 +1,7 @@
-"""What a comparison of model and measurement says: values only, and their JSON form, billiard-comparison/1."""
+"""The result of a comparison of model and measurement.
+
+In: what sysid/residuals/compare.py has computed. Out: a `Comparison`: values only, and its JSON, billiard-comparison/1.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ClipRow:
-    """One clip's error over the whole clip, its own unknowns fitted."""
+    """One clip's error over the whole clip, its initial state fitted."""
 
     file: str
     struck_rms_m: float  # square root of the mean squared distance of the struck ball
@@ -32,7 +35,7 @@ class ClipRow:
 
 @dataclass(frozen=True)
 class SegmentRow:
-    """One segment between events, its own unknowns fitted."""
+    """One segment between events, its initial state fitted."""
 
     file: str
     ball: str
@@ -45,7 +48,7 @@ class SegmentRow:
 
 @dataclass(frozen=True)
 class Group:
-    """A group of samples or segments, and how far the model misses there: position errors, accumulated as they are."""
+    """A group of samples or segments, and the model's position error there, which accumulates from event to event."""
 
     by: str  # "phase", "event", "speed", "clip", "ball", "rail", ...
     where: str  # the group in plain words
@@ -67,15 +70,17 @@ class Comparison:
     samples: Samples  # of whole shots
     tracks: tuple[Track, ...]  # whole shots of the model, at the measured times
     shots: tuple[Clip, ...]  # the clips compared, in the order of `tracks`
-    own: Array  # (n, p) the clips' own unknowns, see sysid/problem.py
-    stretches: Samples  # the same with motion that begins anew at each event
+    initial_states: Array  # (n, p) of the clips, see sysid/estimation/shot_problem.py
+    segment_samples: Samples  # of segments, whose motion begins anew at each event
     impacts: Impacts
-    local: Findings  # what departs there and then, see sysid/residuals/localise.py
+    local: Findings  # significant departures, see sysid/residuals/localise.py
     white: Whiteness
-    mujoco: tuple[ClipRow, ...] = ()  # the same constants and unknowns played in MuJoCo; empty where MuJoCo played all
+    mujoco: tuple[
+        ClipRow, ...
+    ] = ()  # the same constants and initial states played in MuJoCo; empty where MuJoCo played all
 
     def summary(self) -> dict[str, float]:
-        """Medians a person asks for first; NaN where there is nothing to take one of."""
+        """Medians of the main figures; NaN where there are none."""
 
         def median(values: list[float]) -> float:
             return float(np.median(values)) if values else float("nan")

@@ -1,4 +1,7 @@
-"""Position errors of whole shots by group: how far, not why, for they add up from the first event on."""
+"""Position errors of whole shots by group: their size, not their cause, since they accumulate from the first event on.
+
+In: samples of whole shots, figures of segments and clips. Out: `Group`s: rms error of each, by phase, event and so on.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +11,19 @@ import numpy as np
 
 from sysid.clips import ClipSet
 from sysid.estimation.open_cloth import UNSEEN_EVENT_RATIO
-from sysid.residuals.bins import SPEEDS, Variable, span, variables
+from sysid.residuals.bins import SPEED_EDGES_M_S, Variable, span, variables
 from sysid.residuals.comparison import ClipRow, Group, SegmentRow
 from sysid.residuals.samples import Samples
 
-LEAST = 12  # samples of a group worth naming
-SIDESPINS = (0.0, 5.0, 20.0, 50.0, np.inf)  # [rad/s]
-PHASES = {"slide": "while sliding", "roll": "while rolling", "spin": "spinning in place", "rest": "at rest"}
-AFTER = {
+MIN_GROUP_SAMPLES = 12  # from which a group is listed
+ABS_SIDESPIN_EDGES_RAD_S = (0.0, 5.0, 20.0, 50.0, np.inf)
+PHASE_WORDS = {"slide": "while sliding", "roll": "while rolling", "spin": "spinning in place", "rest": "at rest"}
+EVENT_WORDS = {
     "strike": "before the first event", "ball": "after one ball-ball impact", "cushion": "after one cushion impact",
     "ball again": "after several, the last with a ball", "cushion again": "after several, the last with a cushion",
     "pocket": "after a pocket", "pocket again": "after several, the last a pocket",
 }  # fmt: skip
-SHOWN = {
+SHOWN_VARIABLES = {  # name of a variable: the name of its groups
     "heading": "heading", "time": "time", "time since event": "since event", "place": "place", "rail before": "rail",
     "clip order": "order",
 }  # fmt: skip
@@ -30,35 +33,38 @@ def groups(
     samples: Samples, segments: Sequence[SegmentRow], rows: Sequence[ClipRow], clip_set: ClipSet, sigma: float,
     sd_theta: float,
 ) -> tuple[Group, ...]:  # fmt: skip
-    """Groups of samples by what the ball did, met and was, the worst of each kind first."""
-    square = np.sum(samples.miss**2, axis=1)
+    """Groups of samples by phase, last event, speed and other variables, the worst of each kind first."""
+    square = np.sum(samples.residual**2, axis=1)
     found: list[Group] = []
 
     def group(by: str, labels: Sequence[str]) -> None:
         known = {label: k for k, label in enumerate(sorted(set(labels) - {""}))}
         number = np.array([known.get(label, -1) for label in labels], dtype=np.int64)
-        own = []
+        listed = []
         for label, k in known.items():
             pick = number == k
-            if pick.sum() >= LEAST:
+            if pick.sum() >= MIN_GROUP_SAMPLES:
                 mean = float(square[pick].mean())
-                own.append(Group(by, label, float(np.sqrt(mean)), float(np.sqrt(mean / 2) / sigma), int(pick.sum())))
-        found.extend(sorted(own, key=lambda d: -d.ratio))
+                listed.append(Group(by, label, float(np.sqrt(mean)), float(np.sqrt(mean / 2) / sigma), int(pick.sum())))
+        found.extend(sorted(listed, key=lambda d: -d.ratio))
 
-    group("phase", [PHASES[m] for m in samples.motion])
+    group("phase", [PHASE_WORDS[m] for m in samples.motion])
     again = samples.events > 1
-    group("event", [AFTER[f"{last} again" if more else last] for last, more in zip(samples.last, again, strict=True)])
-    speeds = [f"at {span(SPEEDS, k)} m/s" for k in range(len(SPEEDS) - 1)]
-    group("speed", [speeds[k] for k in np.digitize(samples.speed, SPEEDS) - 1])
-    spins = [f"at {span(SIDESPINS, k)} rad/s" for k in range(len(SIDESPINS) - 1)]
-    group("sidespin", [spins[k] for k in np.digitize(np.abs(samples.spin), SIDESPINS) - 1])
+    group(
+        "event",
+        [EVENT_WORDS[f"{last} again" if more else last] for last, more in zip(samples.last, again, strict=True)],
+    )
+    speeds = [f"at {span(SPEED_EDGES_M_S, k)} m/s" for k in range(len(SPEED_EDGES_M_S) - 1)]
+    group("speed", [speeds[k] for k in np.digitize(samples.speed, SPEED_EDGES_M_S) - 1])
+    spins = [f"at {span(ABS_SIDESPIN_EDGES_RAD_S, k)} rad/s" for k in range(len(ABS_SIDESPIN_EDGES_RAD_S) - 1)]
+    group("sidespin", [spins[k] for k in np.digitize(np.abs(samples.spin), ABS_SIDESPIN_EDGES_RAD_S) - 1])
     group("ball", ["the struck ball" if s else "the object ball" for s in samples.struck])
     names = {name: f"ball {name}" for name in samples.ball}
     if len(names) > 2:
         group("ball", [names[name] for name in samples.ball])
     for v in variables(samples, clip_set.table, len(clip_set.clips)):
-        if v.name in SHOWN:
-            group(SHOWN[v.name], _words(v))
+        if v.name in SHOWN_VARIABLES:
+            group(SHOWN_VARIABLES[v.name], _words(v))
     found += _marks(samples, clip_set.ball.radius, sd_theta)
     by_start: dict[str, list[float]] = {}
     for s in segments:
@@ -78,14 +84,14 @@ def _words(variable: Variable) -> list[str]:
 
 
 def _marks(samples: Samples, radius: float, sd_theta: float) -> list[Group]:
-    """How far the marks' angles are missed, as way on the ball's surface, by sidespin."""
+    """Errors of the marks' angles, as path on the ball's surface, by sidespin."""
     found = []
     seen = np.isfinite(samples.angle)
-    band = np.digitize(np.abs(samples.spin), SIDESPINS) - 1
+    band = np.digitize(np.abs(samples.spin), ABS_SIDESPIN_EDGES_RAD_S) - 1
     for k in sorted(set(band[seen].tolist())):
         pick = seen & (band == k)
-        if pick.sum() >= LEAST:
+        if pick.sum() >= MIN_GROUP_SAMPLES:
             rms = float(np.sqrt(np.mean(samples.angle[pick] ** 2)))
-            words = f"the mark's angle at {span(SIDESPINS, k)} rad/s"
+            words = f"the mark's angle at {span(ABS_SIDESPIN_EDGES_RAD_S, k)} rad/s"
             found.append(Group("mark", words, rms * radius, rms / sd_theta, int(pick.sum())))
     return sorted(found, key=lambda d: -d.ratio)

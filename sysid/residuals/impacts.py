@@ -1,54 +1,57 @@
-"""What an impact does beyond the model: each stretch is played on through the event that ended it.
+"""Velocities after impacts that a model lacks: each segment is simulated on through the event that ended it.
 
-The state with which a stretch ends is fitted to that stretch alone, so neither earlier impacts nor the cloth carry
-their errors over: the velocity with which the next stretch begins, less the one that the model gives it, is the
-impact's own. It is split along the normal (out of the cushion, or along the line of centres) and the tangent
-(to where the ball was going), and divided by the speed of approach.
+In: fitted segments, and the tracks of whole shots. Out: `Impacts`.
 
-Left out: sidespin, which a stretch by itself does not tell, is that of the whole shot's track. An impact is passed
-over where a stretch beside it is short, where the other ball of a pair was moving, and where the model meets
-something else, or nothing.
+The state at the end of a segment is fitted to that segment alone, so that neither earlier impacts nor the cloth add
+their errors: the velocity with which the next segment begins, less the one that the model predicts, is the error of the
+impact alone. It is resolved along the normal (out of the cushion, or along the line of centres) and the tangent (in the
+direction of motion), and divided by the speed of approach.
+
+Left out: sidespin, which a segment by itself does not determine, is that of the whole shot's track. An impact is
+skipped where a segment beside it is short, where the other ball of a pair was moving, and where the model predicts
+another event, or none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shot import Shot, Track
+from models.shot import Event, Shot, Track
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, Observation
 from sysid.clips.segments import Segment
 from sysid.estimation.problem import Array
-from sysid.estimation.segment_problem import SegmentProblem
 from sysid.estimation.shot_problem import ShotProblem
-from sysid.residuals.collect import SLIPS, begin, motions
+from sysid.residuals.collect import MIN_SLIP_M_S, motions, sidespin
+from sysid.residuals.segment_fits import SegmentFits
 
-LATER = 2  # sample of the next stretch at which velocities are compared: a hit may be seen a frame early
-SHORT = 8  # samples of a stretch that tell a velocity
-GAP = 0.15  # longest time between two stretches beside an impact [s]
-SLOW = 0.05  # approach below which nothing is said [m/s]
-LAIN = 0.003  # how far a ball that lies may seem to move [m]
-ROLLED = 12  # samples of rolling before an impact with which the spin is known
-MISFIT = 1.2  # rms of a stretch over the median of all from which its own unknowns are doubtful
-DOUBT = 0.05  # of the approach: how well a velocity is known where spin or stretch are doubtful [1]
-WINDOW = 0.25  # of a stretch that tells the velocity at its end [s]
+COMPARED_SAMPLE = 2  # of the next segment, at which velocities are compared: an event may be seen a frame early
+MIN_SEGMENT_SAMPLES = 8  # that determine a velocity
+MAX_GAP_S = 0.15  # longest time between two segments beside an impact
+MIN_APPROACH_M_S = 0.05
+RESTING_MOTION_M = 0.003  # apparent motion of a ball at rest
+ROLLED_SAMPLES = 12  # of rolling before an impact with which the spin is known
+DOUBTFUL_RATIO = 1.2  # rms of a segment over the median of all from which its initial state is doubtful
+DOUBTFUL_SD = 0.05  # of the approach: sd of a velocity where spin or segment are doubtful [1]
+VELOCITY_WINDOW_S = 0.25  # of a segment that determines the velocity at its end
 
 
 @dataclass(frozen=True)
 class Impacts:
-    """Impacts whose stretches before and after were seen, one row each, of the ball that goes on."""
+    """Impacts whose segments before and after were seen, one row for each ball that moves after."""
 
     clip: NDArray[np.int64]  # (n,) index into the clip set
     time: Array  # (n,) [s]
-    xy: Array  # (n, 2) where the ball goes on [m]
+    xy: Array  # (n, 2) position of the ball [m]
     kind: tuple[str, ...]  # (n,) "cushion", "hitting ball", "hit ball"
     rail: tuple[str, ...]  # (n,) "" of a pair of balls
     approach: Array  # (n,) speed along the normal before [m/s]
-    angle: Array  # (n,) of the way in from the normal [rad]
+    angle: Array  # (n,) of incidence, from the normal [rad]
     spin: Array  # (n,) sidespin before [rad/s]
     jump: Array  # (n, 2) velocity after, measured minus modelled, over the approach: along normal and tangent [1]
     sd: Array  # (n,) of each [1]
@@ -62,66 +65,33 @@ def no_impacts() -> Impacts:
 
 @dataclass(frozen=True)
 class _Case:
-    """An impact to be played: the stretch before, and what goes on after it (ball, stretch)."""
+    """An impact to be simulated: the segment before, and those after it (ball, segment)."""
 
     before: int
     shot: Shot
     after: tuple[tuple[int, int], ...]
 
 
-def impacts(
-    segments: SegmentProblem, x: Array, good: NDArray[np.bool_], ratio: Array, shots: ShotProblem,
-    tracks: Sequence[Track], clip_set: ClipSet,
-) -> Impacts:  # fmt: skip
-    """Play every stretch on through the event that ended it; x (n, 7) are the stretches' unknowns.
+def impacts(fits: SegmentFits, shots: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) -> Impacts:
+    """Simulate every good segment on through the event that ended it.
 
-    `ratio` (n,) is their rms residual over the noise.
+    Args:
+        fits: the segments.
+        shots: the whole shots, whose model has cushions.
+        tracks: theirs.
+        clip_set: their clips.
     """
-    played = simulate(segments.model, begin(segments, x))
-    sigma, radius = segments.noise, clip_set.ball.radius
-    usual = np.median(ratio[good]) if good.any() else 1.0
     cases = []
-    for k, s in enumerate(segments.segments):
-        if good[k] and len(s.time) >= SHORT and s.after in ("ball", "cushion"):
-            case = _case(k, segments, x, good, played[k], shots, tracks[s.clip], clip_set)
+    for k, s in enumerate(fits.problem.segments):
+        if fits.good[k] and len(s.time) >= MIN_SEGMENT_SAMPLES and s.after in ("ball", "cushion"):
+            case = _case(k, fits, tracks[s.clip], clip_set)
             if case is not None:
                 cases.append(case)
     rows = []
     for case, track in zip(cases, simulate(shots.model, [c.shot for c in cases]), strict=True):
-        s = segments.segments[case.before]
-        met = [e for e in track.events if track.names[0] in e.balls]
-        if len(track.events) != 1 or len(met) != 1 or met[0].kind != s.after:
-            continue
-        way = case.shot.velocity[0]
-        place = _place_at(track, case.shot, met[0].time, 2 * radius if s.after == "ball" else None)
-        if s.after == "cushion":
-            axis = "xy".index(met[0].rail[1])
-            normal = np.zeros(2)
-            normal[axis] = -1.0 if met[0].rail[0] == "+" else 1.0
-            v_in = -float(way @ normal)
-        else:
-            normal = (case.shot.position[1] - place) / (2 * radius)
-            v_in = float(way @ normal)
-        if v_in < SLOW:
-            continue
-        tangent = way - (way @ normal) * normal
-        size = float(np.hypot(*tangent))
-        tangent = tangent / size if size > 0.05 * v_in else np.array([-normal[1], normal[0]])
-        for ball, after in case.after:
-            t = segments.segments[after].time
-            index = int(np.searchsorted(track.times, t[LATER] - s.time[-1] - 1e-9))
-            jump = (played[after].velocity[LATER, 0] - track.velocity[index, ball]) / v_in
-            if not np.isfinite(jump).all():
-                continue
-            sd = float(np.hypot(_velocity_sd(t, sigma), _velocity_sd(s.time[::-1], sigma))) / v_in
-            slip, _ = motions(played[case.before].velocity[:, 0], played[case.before].spin[:, 0], radius)
-            if (slip[-ROLLED:] > SLIPS).any() or max(ratio[after], ratio[case.before]) > MISFIT * usual:
-                sd = float(np.hypot(sd, DOUBT))
-            kind = "cushion" if s.after == "cushion" else ("hitting ball", "hit ball")[ball]
-            rows.append((
-                s.clip, s.time[-1] + met[0].time, place if ball == 0 else case.shot.position[1], kind, met[0].rail,
-                v_in, np.arctan2(size, v_in), case.shot.spin[0, 2], [jump @ normal, jump @ tangent], sd,
-            ))  # fmt: skip
+        events = [e for e in track.events if track.names[0] in e.balls]
+        if len(track.events) == len(events) == 1 and events[0].kind == fits.problem.segments[case.before].after:
+            rows += _rows(case, track, events[0], fits)
     if not rows:
         return no_impacts()
     clip, time, xy, kinds, rails, approach, angle, spin, jumps, sds = zip(*rows, strict=True)
@@ -131,33 +101,31 @@ def impacts(
     )  # fmt: skip
 
 
-def _case(
-    k: int, problem: SegmentProblem, x: Array, good: NDArray[np.bool_], played: Track, shots: ShotProblem, whole: Track,
-    clip_set: ClipSet,
-) -> _Case | None:  # fmt: skip
-    """The shot that goes on where a stretch ended; None where nothing can be learnt of it."""
-    s = problem.segments[k]
+def _case(k: int, fits: SegmentFits, whole: Track, clip_set: ClipSet) -> _Case | None:
+    """The shot that continues where a segment ended; None where nothing follows that could be compared."""
+    segments, played = fits.problem.segments, fits.tracks[k]
+    s = segments[k]
     end = float(s.time[-1])
 
     def following(ball: str) -> int | None:
-        for j, other in enumerate(problem.segments):
-            if (other.clip, other.ball) == (s.clip, ball) and end < other.time[0] < end + GAP:
-                return j if good[j] and len(other.time) >= SHORT and other.before == s.after else None
+        for j, other in enumerate(segments):
+            if (other.clip, other.ball) == (s.clip, ball) and end < other.time[0] < end + MAX_GAP_S:
+                usable = fits.good[j] and len(other.time) >= MIN_SEGMENT_SAMPLES and other.before == s.after
+                return j if usable else None
         return None
 
-    own = following(s.ball)
-    after = [] if own is None else [(0, own)]
+    first = following(s.ball)
+    after = [] if first is None else [(0, first)]
     position, velocity, spin = played.position[-1:, 0], played.velocity[-1:, 0], played.spin[-1:, 0].copy()
-    b = whole.names.index(s.ball)
-    spin[0, 2] = np.interp(end, whole.times, np.nan_to_num(whole.spin[:, b, 2]))
+    spin[0, 2] = sidespin(whole, whole.names.index(s.ball), s.time[-1:])[0]
     names: tuple[str, ...] = ("ball",)
     if s.after == "ball":
-        other = _met(clip_set.clips[s.clip].balls, s, position[0])
+        other = _resting_ball(clip_set.clips[s.clip].balls, s, position[0])
         if other is None:
             return None
         name, place = other
         if float(np.hypot(*(place - position[0]))) < clip_set.ball.diameter:
-            return None  # the stretch's noisy end lies inside the other ball
+            return None  # the noisy end of the segment overlaps the other ball
         hit = following(name)
         after += [] if hit is None else [(1, hit)]
         names = ("ball", "other")
@@ -165,12 +133,51 @@ def _case(
         velocity, spin = np.concatenate([velocity, np.zeros((1, 2))]), np.concatenate([spin, np.zeros((1, 3))])
     if not after:
         return None
-    times = np.unique([0.0, *[float(problem.segments[j].time[LATER]) - end for _, j in after]])
+    times = np.unique([0.0, *[float(segments[j].time[COMPARED_SAMPLE]) - end for _, j in after]])
     return _Case(k, Shot(names, position, velocity, spin, times), tuple(after))
 
 
-def _met(balls: Mapping[str, Observation], s: Segment, place: Array) -> tuple[str, Array] | None:
-    """The ball nearest to where a stretch ended, and where it lay; None if it did not lie."""
+def _rows(case: _Case, track: Track, event: Event, fits: SegmentFits) -> list[tuple[Any, ...]]:
+    """Rows of `Impacts` of a case that was simulated, one for each ball that moves after."""
+    segments, sigma, radius = fits.problem.segments, fits.problem.noise, fits.problem.model.ball.radius
+    s, before = segments[case.before], fits.tracks[case.before]
+    velocity = case.shot.velocity[0]
+    place = _position_at(case.shot, event.time, 2 * radius if s.after == "ball" else None)
+    if s.after == "cushion":
+        normal = np.zeros(2)
+        normal["xy".index(event.rail[1])] = -1.0 if event.rail[0] == "+" else 1.0
+        approach = -float(velocity @ normal)
+    else:
+        normal = (case.shot.position[1] - place) / (2 * radius)
+        approach = float(velocity @ normal)
+    if approach < MIN_APPROACH_M_S:
+        return []
+    tangent = velocity - (velocity @ normal) * normal
+    size = float(np.hypot(*tangent))
+    tangent = tangent / size if size > 0.05 * approach else np.array([-normal[1], normal[0]])
+    slip, _ = motions(before.velocity[:, 0], before.spin[:, 0], radius)
+    usual = np.median(fits.ratio[fits.good])
+    rows = []
+    for ball, after in case.after:
+        t = segments[after].time
+        index = int(np.searchsorted(track.times, t[COMPARED_SAMPLE] - s.time[-1] - 1e-9))
+        jump = (fits.tracks[after].velocity[COMPARED_SAMPLE, 0] - track.velocity[index, ball]) / approach
+        if not np.isfinite(jump).all():
+            continue
+        sd = float(np.hypot(_velocity_sd(t, sigma), _velocity_sd(s.time[::-1], sigma))) / approach
+        slides = (slip[-ROLLED_SAMPLES:] > MIN_SLIP_M_S).any()
+        if slides or max(fits.ratio[after], fits.ratio[case.before]) > DOUBTFUL_RATIO * usual:
+            sd = float(np.hypot(sd, DOUBTFUL_SD))
+        kind = "cushion" if s.after == "cushion" else ("hitting ball", "hit ball")[ball]
+        rows.append((
+            s.clip, s.time[-1] + event.time, place if ball == 0 else case.shot.position[1], kind, event.rail,
+            approach, np.arctan2(size, approach), case.shot.spin[0, 2], [jump @ normal, jump @ tangent], sd,
+        ))  # fmt: skip
+    return rows
+
+
+def _resting_ball(balls: Mapping[str, Observation], s: Segment, end: Array) -> tuple[str, Array] | None:
+    """The ball nearest to the end of a segment, and its position; None if it was not at rest."""
     best: tuple[float, str, Array] | None = None
     for name, seen in balls.items():
         if name == s.ball:
@@ -178,28 +185,28 @@ def _met(balls: Mapping[str, Observation], s: Segment, place: Array) -> tuple[st
         before = seen.xy[seen.time <= s.time[-1]]
         if len(before) < 1:
             before = seen.xy[:1]
-        far = float(np.hypot(*(before[-1] - place)))
-        if best is None or far < best[0]:
-            still = bool(np.ptp(before, axis=0).max() < LAIN)
-            best = (far, name if still else "", before.mean(axis=0))
+        distance = float(np.hypot(*(before[-1] - end)))
+        if best is None or distance < best[0]:
+            still = bool(np.ptp(before, axis=0).max() < RESTING_MOTION_M)
+            best = (distance, name if still else "", before.mean(axis=0))
     return (best[1], best[2]) if best is not None and best[1] else None
 
 
-def _place_at(track: Track, shot: Shot, time: float, contact: float | None) -> Array:
-    """Where the first ball was at its impact: straight on; touching the other ball where there is one."""
-    start, way = shot.position[0], shot.velocity[0]
+def _position_at(shot: Shot, time: float, contact: float | None) -> Array:
+    """Position of the first ball at its impact: straight on, at the distance of contact from the other ball if any."""
+    start, velocity = shot.position[0], shot.velocity[0]
     if contact is None:
-        return np.asarray(start + time * way)
-    unit = way / np.hypot(*way)
+        return np.asarray(start + time * velocity)
+    unit = velocity / np.hypot(*velocity)
     to = shot.position[1] - start
     along = float(to @ unit)
-    aside = float(to @ to) - along**2
-    return np.asarray(start + unit * (along - np.sqrt(max(contact**2 - aside, 0.0))))
+    across_squared = float(to @ to) - along**2
+    return np.asarray(start + unit * (along - np.sqrt(max(contact**2 - across_squared, 0.0))))
 
 
 def _velocity_sd(time: Array, sigma: float) -> float:
-    """Of the velocity at the first of these times, from a straight line through a window [m/s]."""
-    part = time[np.abs(time - time[0]) <= WINDOW] if abs(time[-1] - time[0]) > WINDOW else time
+    """Standard deviation of the velocity at the first of these times, from a straight line through a window [m/s]."""
+    part = time[np.abs(time - time[0]) <= VELOCITY_WINDOW_S] if abs(time[-1] - time[0]) > VELOCITY_WINDOW_S else time
     if len(part) < 2:
         part = time[:2]
     return float(sigma / np.sqrt(np.sum((part - part.mean()) ** 2)))

@@ -1,4 +1,7 @@
-"""What a model missed, sample by sample, and what the ball was doing there."""
+"""Residuals sample by sample, with the state of the ball there.
+
+In: what sysid/residuals/collect.py gathers. Out: `Samples`: one row for each sample of the compared clips.
+"""
 
 from __future__ import annotations
 
@@ -12,22 +15,22 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Samples:
-    """Every trusted sample of the compared clips, one row each: what the model missed, and where."""
+    """Every trusted sample of the compared clips, one row each: its residual, and the state of the ball."""
 
     clip: NDArray[np.int64]  # (n,) index into the clip set
     ball: tuple[str, ...]  # (n,)
     struck: NDArray[np.bool_]  # (n,)
     time: Array  # (n,) [s]
     xy: Array  # (n, 2) measured [m]
-    miss: Array  # (n, 2) model minus measurement [m]
+    residual: Array  # (n, 2) model minus measurement [m]
     speed: Array  # (n,) modelled [m/s]
     heading: Array  # (n,) modelled [rad]
     spin: Array  # (n,) modelled sidespin [rad/s]
-    motion: tuple[str, ...]  # (n,) "slide", "roll", "spin", "rest": what the ball does
-    last: tuple[str, ...]  # (n,) what the ball met last: "strike", "ball", "cushion"
-    events: NDArray[np.int64]  # (n,) how many events the ball has had so far
+    motion: tuple[str, ...]  # (n,) "slide", "roll", "spin", "rest": the phase of its motion
+    last: tuple[str, ...]  # (n,) kind of its last event: "strike", "ball", "cushion"
+    events: NDArray[np.int64]  # (n,) number of its events so far
     angle: Array  # (n,) turned angle of the mark, model minus measurement [rad]; NaN where unseen
     slip: Array  # (n,) modelled slip speed of the point of contact [m/s]
-    rail: tuple[str, ...]  # (n,) the cushion met last, "+x", "-x", "+y", "-y"; "" where the last event was none
+    rail: tuple[str, ...]  # (n,) cushion of the last event, "+x", "-x", "+y", "-y"; "" where it was another kind
     since: Array  # (n,) time since the ball's last event [s]
-    stretch: NDArray[np.int64]  # (n,) number of the stretch between two events of one ball
+    segment: NDArray[np.int64]  # (n,) number of the segment between two events of one ball

@@ -1,8 +1,10 @@
-"""Whether what is left is noise: autocorrelation of standardised residuals, and their runs of one sign.
+"""Whether residuals are white noise: their autocorrelation, and the number of their sign changes.
 
-r_k = sum of e_i e_(i+k) / sum of e_i^2 over all pairs of one ball's stretch; of white noise it lies within 1.96 over
+In: samples and the noise per axis. Out: a `Whiteness`.
+
+r_k = sum of e_i e_(i+k) / sum of e_i^2 over all pairs of one ball's segment; of white noise it lies within 1.96 over
 the square root of the number of pairs in 95 % of cases. Signs of white noise change with probability one half: the
-number of changes is binomial. Both axes count. A little less than 0 is usual: fitted unknowns take noise up.
+number of changes is binomial. Both axes count. A little less than 0 is usual: fitted unknowns absorb noise.
 """
 
 from __future__ import annotations
@@ -15,9 +17,9 @@ from numpy.typing import NDArray
 
 from sysid.residuals.samples import Array, Samples
 
-LAGS = 40
-WHITE = 0.1  # autocorrelation that is too small to matter
-SURE = 4.0  # standard deviations
+MAX_LAG = 40
+NEGLIGIBLE_CORRELATION = 0.1  # too small to matter
+SIGNIFICANT_SD = 4.0  # standard deviations
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,8 @@ class Whiteness:
     def white(self) -> bool:
         """No autocorrelation of the first lags and no lack of sign changes beyond chance."""
         first = zip(self.autocorrelation[:10], self.band[:10], strict=True)
-        return not any(r > max(SURE / 1.96 * b, WHITE) for r, b in first) and not (
-            self.z < -SURE and self.changes < 1 - WHITE
+        return not any(r > max(SIGNIFICANT_SD / 1.96 * b, NEGLIGIBLE_CORRELATION) for r, b in first) and not (
+            self.z < -SIGNIFICANT_SD and self.changes < 1 - NEGLIGIBLE_CORRELATION
         )
 
     def in_words(self) -> str:
@@ -56,22 +58,22 @@ class Whiteness:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """The figures, and what they say."""
+        """The figures, and their meaning in words."""
         return {**vars(self), "white": self.white, "words": self.in_words()}
 
 
 def whiteness(samples: Samples, sigma: float) -> Whiteness:
     """Of moving balls' residuals; sigma is the noise per axis [m]."""
-    moving = np.array([m != "rest" for m in samples.motion], dtype=bool) & np.isfinite(samples.miss).all(axis=1)
-    e: Array = samples.miss[moving] / sigma
-    label: NDArray[np.int64] = samples.stretch[moving]
+    moving = np.array([m != "rest" for m in samples.motion], dtype=bool) & np.isfinite(samples.residual).all(axis=1)
+    e: Array = samples.residual[moving] / sigma
+    label: NDArray[np.int64] = samples.segment[moving]
     n = len(e)
     total = float(np.sum(e**2))
     if n < 2 or not total > 0:
-        nan = (float("nan"),) * LAGS
+        nan = (float("nan"),) * MAX_LAG
         return Whiteness(float("nan"), nan, nan, float("nan"), float("nan"), 0)
     found, band = [], []
-    for lag in range(1, LAGS + 1):
+    for lag in range(1, MAX_LAG + 1):
         pair = label[lag:] == label[:-lag]
         count = int(pair.sum())
         cross = float(np.sum(e[lag:][pair] * e[:-lag][pair]))

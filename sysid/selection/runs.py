@@ -55,9 +55,7 @@ def _without_unseen_impacts(part: ShotProblem, model: Model) -> ShotProblem:
     problem = shot_problem(model, (), segments, part.noise, part.known)
     if not segments.clips:
         return problem
-    x, _ = fit_each(
-        problem.evaluate, problem.start, none, problem.steps, problem.prior, START_CAUCHY_SD, SEGMENT_FIT_STEPS
-    )
+    x, _ = fit_each(problem.objective(START_CAUCHY_SD), problem.start, none, SEGMENT_FIT_STEPS)
     miss = ratios(problem, x, none)
     return problem.only(np.flatnonzero(miss < max(UNSEEN_EVENT_RATIO, MAX_RATIO_TO_MEDIAN * float(np.median(miss)))))
 

@@ -20,7 +20,8 @@ import numpy as np
 
 from models.effect import Effect
 from sysid.estimation.fitted import Point
-from sysid.estimation.least_squares import differences, eliminated, weights
+from sysid.estimation.joint_fit import eliminated
+from sysid.estimation.least_squares import differences, weights
 from sysid.estimation.normal_equations import from_jacobian
 from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_steps
 from sysid.estimation.shot_problem import ShotProblem

@@ -20,7 +20,7 @@ from models.mjcf.native import TUNING_SOURCE, Native
 from models.model_file import Estimate, Model
 from models.shot import Array, Shot, Track
 from models.simulation.simulate import simulate
-from sysid.estimation.least_squares import Prior, fit_each
+from sysid.estimation.least_squares import Objective, Prior, fit_each
 from sysid.validation.match import SETTLING_TIME_S
 from sysid.validation.shots import (
     ANALYTIC_MODEL,
@@ -93,7 +93,7 @@ def tune(case: str, native: Native, report: Callable[[str], None] | None = None)
 
     start = np.log([[getattr(native, name) for name in names]])
     none = Prior(start, np.full_like(start, np.inf))
-    x, _ = fit_each(evaluate, start, np.zeros(0), np.full(len(names), RELATIVE_STEP), none, CAUCHY_SCALE, 25)
+    x, _ = fit_each(Objective(evaluate, np.full(len(names), RELATIVE_STEP), none, CAUCHY_SCALE), start, np.zeros(0), 25)
     found = np.exp(np.clip(x[0], bounds[:, 0], bounds[:, 1]))
     return dataclasses.replace(native, **{n: float(v) for n, v in zip(names, found, strict=True)})
 

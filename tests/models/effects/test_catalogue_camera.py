@@ -18,9 +18,10 @@ from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, Observation
 from sysid.clips.segments import split_all
 from sysid.estimation.initial_states import grown_states
-from sysid.estimation.least_squares import fit_each, fit_joint
+from sysid.estimation.joint_fit import fit_joint
+from sysid.estimation.least_squares import fit_each
 from sysid.estimation.open_cloth import cloth_constants
-from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, constant_bounds, constant_steps, values_of
+from sysid.estimation.problem import CAUCHY_SD, shared_constants, values_of
 from sysid.estimation.segment_problem import segment_problem
 from sysid.estimation.shot_problem import shot_problem
 from tests.sysid.estimation.test_fit import changed, make, truth_of
@@ -238,11 +239,8 @@ def recovered(clip_set: ClipSet, model: Model, names: tuple[str, ...]) -> tuple[
     segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, SIGMA, clip_set.fps)
     problem = segment_problem(model, names, segments, SIGMA)
     c = values_of(model, names)
-    x, _ = fit_each(problem.evaluate, problem.start, c, STATE_STEPS, problem.prior, 10.0, 8)
-    joint = fit_joint(
-        problem.evaluate, x, c, STATE_STEPS, constant_steps(model, names), problem.prior, constant_bounds(model, names),
-        CAUCHY_SD, 20,
-    )  # fmt: skip
+    x, _ = fit_each(problem.objective(10.0), problem.start, c, 8)
+    joint = fit_joint(problem.objective(CAUCHY_SD), x, c, shared_constants(model, names))
     assert joint.converged
     return joint.constants, np.sqrt(np.diag(joint.covariance))
 

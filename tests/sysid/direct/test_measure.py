@@ -15,8 +15,12 @@ from models.model_file import Estimate, full_model, read_model, write_model
 from models.shot import GRAVITY, Ball, Table
 from sysid.cli.measure import measure as cli_measure
 from sysid.clips import read_clip_set
-from sysid.direct.measure import RATIO, ROLL, SLIDE, measure
-from sysid.direct.measured import Measured, Measurements, Single, combine, fit_run, path, regress, slowing
+from sysid.direct.cushion import CUSHION_RATIO
+from sysid.direct.deceleration import fit_deceleration
+from sysid.direct.friction import ROLL_FRICTION, SLIDE_FRICTION
+from sysid.direct.measure import measure
+from sysid.direct.measured import Measured, Measurements, Single, combine, regress
+from sysid.direct.slide_roll import fit_slide_roll, positions
 from tests.support.clip_samples import make, refusal
 from tests.truth import physics
 from tests.truth.__main__ import main as generate
@@ -71,46 +75,46 @@ def test_a_run_is_the_closed_form_of_sliding_and_rolling() -> None:
     ):
         slip = np.array([v[0] - radius * w[1], v[1] + radius * w[0]])
         p = np.array([0, 0, *v, *(-2 / 7 * slip), np.log(slide), np.log(0.0127 * GRAVITY), 0.0])
-        at = path(p[None], np.array([last, last + 1e-6]))[0]
+        at = positions(p[None], np.array([last, last + 1e-6]))[0]
         assert at[0] == pytest.approx(place, abs=2e-6)
         assert np.diff(at, axis=0)[0] / 1e-6 == pytest.approx(then, abs=1e-5)
         t = np.linspace(0, 1.5, 120)
-        run = fit_run(t, path(p[None], t)[0], 1e-5)
-        assert run.p == pytest.approx(p, abs=1e-4)
-        assert run.slid()[0] == pytest.approx(last, abs=1e-4)
-    still = path(p[None], np.array([20.0, 30.0]))[0]
+        run = fit_slide_roll(t, positions(p[None], t)[0], 1e-5)
+        assert run.parameters == pytest.approx(p, abs=1e-4)
+        assert run.slide_duration()[0] == pytest.approx(last, abs=1e-4)
+    still = positions(p[None], np.array([20.0, 30.0]))[0]
     assert still[0] == pytest.approx(still[1])  # it has come to rest
 
 
-def test_a_slowing_ends_in_a_stop() -> None:
+def test_a_deceleration_ends_in_a_stop() -> None:
     t = np.linspace(0.2, 6.0, 600)
     u = np.minimum(t - 0.2, 0.6 / 0.125)
-    found = slowing(t, 3.0 + 0.6 * u - 0.0625 * u**2, 1e-5, 1e-3)
+    found = fit_deceleration(t, 3.0 + 0.6 * u - 0.0625 * u**2, 1e-5, 1e-3)
     assert found is not None
     assert (found.speed, found.rate, found.slope) == pytest.approx((0.6, 0.125, 0.0), abs=1e-6)
-    assert slowing(t, 0.3 * t**2, 1e-5, 1e-3) is None
-    assert slowing(t, np.full_like(t, 2.0), 1e-5, 1e-3) is None
+    assert fit_deceleration(t, 0.3 * t**2, 1e-5, 1e-3) is None
+    assert fit_deceleration(t, np.full_like(t, 2.0), 1e-5, 1e-3) is None
 
 
 def test_values_that_disagree_widen_the_sd_and_a_stray_one_is_left_out() -> None:
     rng = np.random.default_rng(4)
     s = np.full(20, 0.01)
 
-    def told(y: np.ndarray[Any, Any]) -> Measured:
-        return combine(SLIDE, [Single("c", "b", 0.0, float(v), float(k)) for v, k in zip(y, s, strict=True)])
+    def combined(y: np.ndarray[Any, Any]) -> Measured:
+        return combine(SLIDE_FRICTION, [Single("c", "b", 0.0, float(v), float(k)) for v, k in zip(y, s, strict=True)])
 
-    agreeing, wild = told(2.0 + s * rng.normal(size=20)), told(2.0 + 0.1 * rng.normal(size=20))
+    agreeing, wild = combined(2.0 + s * rng.normal(size=20)), combined(2.0 + 0.1 * rng.normal(size=20))
     assert agreeing.sd == pytest.approx(0.01 / np.sqrt(20) / GRAVITY, rel=0.3)
     assert wild.sd == pytest.approx(0.1 / np.sqrt(20) / GRAVITY, rel=0.5)
     assert wild.scatter == pytest.approx(0.1 / GRAVITY, rel=0.5)
     assert any("differ by more than their errors" in w for w in wild.warnings)
-    stray = told(np.concatenate([2.0 + s[1:] * rng.normal(size=19), [3.0]]))
+    stray = combined(np.concatenate([2.0 + s[1:] * rng.normal(size=19), [3.0]]))
     check(stray, 2.0 / GRAVITY, 0.01)
     assert stray.count == 19
     assert any("1 of 20 segments lie far off" in w for w in stray.warnings)
-    two = combine(SLIDE, stray.singles[:2])
+    two = combine(SLIDE_FRICTION, stray.singles[:2])
     assert any("only 2 segments" in w for w in two.warnings)
-    none = combine(SLIDE, [])
+    none = combine(SLIDE_FRICTION, [])
     assert (none.value, none.sd, none.count) == (None, None, 0)
     assert "do not tell" in none.warnings[0]
 
@@ -127,11 +131,11 @@ def test_a_regression_covers_the_truth() -> None:
     assert inside > 0.85 * 200
 
 
-def test_a_push_of_the_table_is_told_from_friction() -> None:
+def test_the_slope_of_the_table_is_separated_from_friction() -> None:
     rng = np.random.default_rng(2)
     way = rng.uniform(-np.pi, np.pi, 20)
     y = 0.12 - 0.01 * np.cos(way - 1.0) + 0.0005 * rng.normal(size=20)
-    one = combine(ROLL, [Single("c", "b", 0.0, v, 0.0005, 0.5, w) for v, w in zip(y, way, strict=True)])
+    one = combine(ROLL_FRICTION, [Single("c", "b", 0.0, v, 0.0005, 0.5, w) for v, w in zip(y, way, strict=True)])
     check(one, 0.12 / GRAVITY, 0.005)
     (told,) = (w for w in one.warnings if "varies with heading by 0.01" in w)
     toward = float(told.partition("towards ")[2].partition(" deg")[0])
@@ -168,7 +172,7 @@ def test_cushions_apparent_and_energetic(rails: Path) -> None:
     found = named(measure(clip_set))
     check(found["cushion_impact.restitution"], truth["parameters"]["ec"], 0.02)
     check(found["cushion_impact.friction"], truth["parameters"]["muc"], 0.1)
-    ratio = found[RATIO.name]
+    ratio = found[CUSHION_RATIO.name]
     own = np.array([true_ratio(truth, clip_set.table, s) for s in ratio.singles])
     assert len(own) >= 3
     assert ratio.value == pytest.approx(float(own.mean()), rel=0.02)
@@ -191,7 +195,7 @@ def true_ratio(truth: dict[str, Any], table: Table, single: Single) -> float:
     return -float(after / before)
 
 
-def test_a_deceleration_that_grows_with_speed_is_told(tmp_path: Path) -> None:
+def test_a_deceleration_that_grows_with_speed_is_reported(tmp_path: Path) -> None:
     folder = clips(tmp_path / "set", 65, 8, "--effect", "speed_drag=0.035", "--kind", "roll,follow,stun,cushion")
     roll = named(measure(read_clip_set(folder)))["decoupled_cloth.roll"]
     assert any("varies with speed" in w and "speed_drag" in w for w in roll.warnings)
@@ -202,7 +206,7 @@ def test_a_deceleration_that_grows_with_speed_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_else_grows_with_speed_is_told(tmp_path: Path) -> None:
+def test_other_constants_that_grow_with_speed_are_reported(tmp_path: Path) -> None:
     for k, (effect, words, name) in enumerate((
         ("cushion_restitution_speed=0.09", ("--kind", "cushion,cushion_side"), "cushion_impact.restitution"),
         ("spin_decay_speed=0.4", ("--kind", "side,spin", "--marked"), "decoupled_cloth.spin"),
@@ -300,7 +304,7 @@ def test_nothing_to_measure_and_bad_input(cloth: Path, tmp_path: Path, capsys: p
 
 
 def test_the_shipped_example() -> None:
-    """A tilted table: friction is found beside the tilt, which is told, as balls are pushed downhill."""
+    """A tilted table: friction is found beside the tilt, which is reported, as balls are pushed downhill."""
     found = named(measure(read_clip_set(EXAMPLE)))
     truth = json.loads((EXAMPLE.parent / "example.truth.json").read_text())["parameters"]
     check(found["decoupled_cloth.roll"], truth["mur"], 0.01)

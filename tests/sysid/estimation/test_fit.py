@@ -18,7 +18,7 @@ from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation import ClipFit, fit_clips
 from sysid.estimation.fitting import widened_covariance
-from sysid.estimation.least_squares import Solution
+from sysid.estimation.joint_fit import Solution
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.split import HELD_OUT_EVERY, training_clips
 from sysid.residuals.compare import compare

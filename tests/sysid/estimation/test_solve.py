@@ -1,4 +1,4 @@
-"""Least squares over many problems at once: known answers, known covariance, outliers, what the data do not tell."""
+"""Least squares over many problems: known answers, known covariance, outliers, what the data do not determine."""
 
 from __future__ import annotations
 
@@ -8,17 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sysid.estimation.least_squares import (
-    Evaluate,
-    Prior,
-    Solution,
-    covariance,
-    differences,
-    fit_each,
-    fit_joint,
-    loss,
-    weights,
-)
+from sysid.estimation.joint_fit import SharedConstants, Solution, StoppingRule, covariance, fit_joint
+from sysid.estimation.least_squares import Evaluate, Objective, Prior, differences, fit_each, loss, weights
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -39,7 +30,8 @@ def joint(
     p, q = x.shape[1], c.size
     bounds = more.get("bounds", np.tile(WIDE, (q, 1)))
     steps, steps_c = np.full(p, 1e-5), np.full(q, 1e-5)
-    return fit_joint(evaluate, x, c, steps, steps_c, free(p), bounds, robust, iterations)
+    objective = Objective(evaluate, steps, free(p), robust)
+    return fit_joint(objective, x, c, SharedConstants(steps_c, bounds), StoppingRule(iterations))
 
 
 def linear(rng: np.random.Generator, noise: float = 1.0) -> tuple[Evaluate, Array, Array, Array]:
@@ -127,7 +119,7 @@ def test_a_nonlinear_problem_finds_the_truth_and_its_covariance() -> None:
     np.testing.assert_allclose(found.covariance, schur(a, b), rtol=1e-2)
 
 
-def test_own_unknowns_of_every_problem_at_given_constants() -> None:
+def test_initial_states_of_every_problem_at_given_constants() -> None:
     """Rosenbrock's valley, each problem with a minimum of its own."""
     low = np.array([[1.0], [-0.5], [2.0]])
 
@@ -135,7 +127,8 @@ def test_own_unknowns_of_every_problem_at_given_constants() -> None:
         return np.column_stack([low[which, 0] - x[:, 0], c[:, 0] * (x[:, 1] - x[:, 0] ** 2)])
 
     start = np.array([[-1.2, 1.0], [1.0, 1.0], [0.0, 0.0]])
-    x, cost = fit_each(evaluate, start, np.array([10.0]), np.full(2, 1e-7), free(2), np.inf, 200, tolerance=1e-12)
+    objective = Objective(evaluate, np.full(2, 1e-7), free(2), np.inf)
+    x, cost = fit_each(objective, start, np.array([10.0]), 200, tolerance=1e-12)
     np.testing.assert_allclose(x, np.column_stack([low, low**2]), atol=1e-4)
     assert np.all(cost < 1e-6)
     assert start[0, 0] == -1.2, "the start is left alone"
@@ -144,23 +137,22 @@ def test_own_unknowns_of_every_problem_at_given_constants() -> None:
 def test_a_problem_does_not_depend_on_its_neighbours() -> None:
     evaluate, _ = decays(np.array([0.8, 0.2]), np.array([[1.0], [2.0], [0.5]]), 0.01)
     c = np.array([0.7, 0.2])
-    settings = (np.full(1, 1e-5), free(1), 4.0, 30)
-    together, cost = fit_each(evaluate, np.ones((3, 1)), c, *settings)
+    objective = Objective(evaluate, np.full(1, 1e-5), free(1), 4.0)
+    together, cost = fit_each(objective, np.ones((3, 1)), c, 30)
     for k in range(3):
-        alone, one = fit_each(evaluate, np.ones((1, 1)), c, *settings, np.array([k]))
+        alone, one = fit_each(objective, np.ones((1, 1)), c, 30, np.array([k]))
         np.testing.assert_allclose(alone[0], together[k], rtol=1e-12)
         assert one[0] == pytest.approx(cost[k], rel=1e-12)
 
 
-def test_a_prior_is_worth_a_measurement() -> None:
+def test_a_prior_counts_as_a_measurement() -> None:
     """One datum y with sd 1 and a prior of sd 2 about 0 meet at 4/5 y."""
 
     def evaluate(x: Array, c: Array, which: Index) -> Array:
         return x - np.array([[1.0], [5.0]])[which]
 
-    x, cost = fit_each(
-        evaluate, np.zeros((2, 1)), np.zeros(0), np.full(1, 1e-6), Prior(np.zeros(1), np.full(1, 2.0)), np.inf, 20
-    )
+    objective = Objective(evaluate, np.full(1, 1e-6), Prior(np.zeros(1), np.full(1, 2.0)), np.inf)
+    x, cost = fit_each(objective, np.zeros((2, 1)), np.zeros(0), 20)
     np.testing.assert_allclose(x[:, 0], [0.8, 4.0], atol=1e-3)
     np.testing.assert_allclose(cost, [0.1, 2.5], atol=1e-4)
 
@@ -274,10 +266,9 @@ def test_a_short_step_in_a_bent_valley_is_not_convergence(start: tuple[float, fl
 def test_steps_are_logged(caplog: pytest.LogCaptureFixture) -> None:
     evaluate, *_ = linear(np.random.default_rng(9))
     with caplog.at_level("INFO", logger="sysid"):
-        fit_joint(
-            evaluate, np.zeros((PROBLEMS, 2)), np.zeros(2), np.full(2, 1e-5), np.full(2, 1e-5), free(2),
-            np.tile(WIDE, (2, 1)), np.inf, what="lines",
-        )  # fmt: skip
+        objective = Objective(evaluate, np.full(2, 1e-5), free(2), np.inf)
+        shared = SharedConstants(np.full(2, 1e-5), np.tile(WIDE, (2, 1)))
+        fit_joint(objective, np.zeros((PROBLEMS, 2)), np.zeros(2), shared, what="lines")
     steps = [record.args for record in caplog.records]
     assert [k for _, k, _ in steps] == list(range(len(steps))) and len(steps) >= 1  # type: ignore[misc]
     assert all(later <= earlier for (*_, earlier), (*_, later) in itertools.pairwise(steps))  # type: ignore[misc]

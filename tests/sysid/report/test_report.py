@@ -101,9 +101,9 @@ def comparison(count: int = 3, size: float = 0.002, file: str = "clips/{}.csv") 
     clip_set = ClipSet(TABLE, BALL, 50.0, tuple(shots), NOISE)
     return Comparison(
         clip_set=clip_set, model=model, noise_m=NOISE, clips=tuple(rows), segments=tuple(segments),
-        where=where if n else (), samples=samples, tracks=tuple(tracks), shots=tuple(shots), own=np.zeros((count, 7)),
-        stretches=samples, impacts=no_impacts(), local=find(samples, samples, no_impacts(), TABLE, count, NOISE, 1.0),
-        white=whiteness(samples, NOISE),
+        where=where if n else (), samples=samples, tracks=tuple(tracks), shots=tuple(shots),
+        initial_states=np.zeros((count, 7)), segment_samples=samples, impacts=no_impacts(),
+        local=find(samples, samples, no_impacts(), TABLE, count, NOISE, 1.0), white=whiteness(samples, NOISE),
     )  # fmt: skip
 
 
@@ -225,9 +225,11 @@ def test_a_picture_without_its_values_is_none(tmp_path: Path) -> None:
     assert spread_svg(dataclasses.replace(found, segments=(), clips=())) is None
     assert "0 segments" in words(spread_svg(dataclasses.replace(found, segments=())) or "")
     assert ladder_svg([Rung("a", math.nan)], NOISE) is None
-    gone = dataclasses.replace(s, miss=np.where(s.time[:, None] < 1, np.nan, s.miss), heading=s.heading * np.nan)
+    gone = dataclasses.replace(
+        s, residual=np.where(s.time[:, None] < 1, np.nan, s.residual), heading=s.heading * np.nan
+    )
     assert dependence_svg(dataclasses.replace(found, samples=gone))
-    assert map_svg(dataclasses.replace(found, samples=dataclasses.replace(s, miss=0 * s.miss)))
+    assert map_svg(dataclasses.replace(found, samples=dataclasses.replace(s, residual=0 * s.residual)))
     rows = tuple(dataclasses.replace(r, struck_rms_m=math.nan, chi2_reduced=math.inf) for r in found.clips)
     broken = dataclasses.replace(found, clips=rows, samples=comparison(0).samples, segments=())
     _, seen = page(tmp_path, [("a", broken)])

@@ -44,7 +44,7 @@ def fair(clip_set: ClipSet, right: Model) -> Comparison:
 
 def wrong(clip_set: ClipSet, right: Model, fair: Comparison, name: str, factor: float) -> Comparison:
     """One constant off; the initial states start from those of the right model, which saves the time to find them."""
-    return compare(clip_set, right.with_values({name: factor * right.parameters()[name]}), start=fair.own)
+    return compare(clip_set, right.with_values({name: factor * right.parameters()[name]}), start=fair.initial_states)
 
 
 def worst(comparison: Comparison, by: str) -> Group:
@@ -121,7 +121,7 @@ def test_groups_come_worst_first(clip_set: ClipSet, right: Model, fair: Comparis
 def test_finding_the_shots_from_nothing_or_from_known_ones_is_the_same(
     clip_set: ClipSet, right: Model, fair: Comparison
 ) -> None:
-    again = compare(clip_set, right, start=fair.own)
+    again = compare(clip_set, right, start=fair.initial_states)
     for one, other in zip(fair.clips, again.clips, strict=True):
         assert one.rms_m == pytest.approx(other.rms_m, rel=0.01)
 
@@ -141,7 +141,7 @@ def test_samples_say_what_the_ball_did(fair: Comparison) -> None:
     assert {"slide", "roll"} <= set(s.motion) and set(s.last) <= {"strike", "ball", "cushion"}
     n = len(s.clip)
     assert {len(getattr(s, field.name)) for field in dataclasses.fields(s)} == {n}
-    assert np.all(np.isfinite(s.miss)) and np.all(s.speed >= 0)
+    assert np.all(np.isfinite(s.residual)) and np.all(s.speed >= 0)
     before = np.array(s.last) == "strike"
     np.testing.assert_array_equal(before, s.events == 0)
 

@@ -22,7 +22,7 @@ STEP = 1 / 120
 
 
 def samples(seed: int, push: Any = None, clips: int = CLIPS, twist: float = 0.0) -> Samples:
-    """Two stretches a clip that roll straight; `push(xy, v, t, clip)` (n, 2) [m/s^2] is what the model lacks."""
+    """Two segments a clip that roll straight; `push(xy, v, t, clip)` (n, 2) [m/s^2] is what the model lacks."""
     rng = np.random.default_rng(seed)
     parts: list[dict[str, Any]] = []
     for clip in range(clips):
@@ -37,11 +37,11 @@ def samples(seed: int, push: Any = None, clips: int = CLIPS, twist: float = 0.0)
             line = rng.normal(0, 1e-3, 2) + t[:, None] * rng.normal(0, 1e-3, 2)
             parts.append({
                 "clip": np.full(n, clip), "ball": ("cue",) * n, "struck": np.full(n, leg == 0), "time": t + 2.0 * leg,
-                "xy": xy, "miss": line - gone + rng.normal(0, NOISE, (n, 2)), "speed": speed,
+                "xy": xy, "residual": line - gone + rng.normal(0, NOISE, (n, 2)), "speed": speed,
                 "heading": np.full(n, heading), "spin": np.full(n, rng.uniform(-40, 40)), "motion": ("roll",) * n,
                 "last": (("strike", "cushion")[leg],) * n, "events": np.full(n, leg),
                 "angle": rng.normal(0, TURN, n), "slip": np.zeros(n), "rail": (("", "+x")[leg],) * n, "since": t,
-                "stretch": np.full(n, 2 * clip + leg),
+                "segment": np.full(n, 2 * clip + leg),
             })  # fmt: skip
             sign = np.sign(parts[-1]["spin"])
             parts[-1]["angle"] = parts[-1]["angle"] - sign * twist * t**2 / 2
@@ -143,11 +143,11 @@ def test_the_same_samples_give_the_same_findings() -> None:
 
 def test_noise_is_white_and_a_drift_is_not() -> None:
     s = samples(9)
-    plain = dataclasses.replace(s, miss=np.random.default_rng(9).normal(0, NOISE, s.miss.shape))
+    plain = dataclasses.replace(s, residual=np.random.default_rng(9).normal(0, NOISE, s.residual.shape))
     white = whiteness(plain, NOISE)
     assert white.white and white.in_words().startswith("Residuals are white")
     assert white.ratio == pytest.approx(1.0, abs=0.03) and abs(white.z) < 4
-    drift = whiteness(dataclasses.replace(plain, miss=plain.miss + 2e-3 * np.sin(3 * s.since)[:, None]), NOISE)
+    drift = whiteness(dataclasses.replace(plain, residual=plain.residual + 2e-3 * np.sin(3 * s.since)[:, None]), NOISE)
     assert not drift.white and "not white" in drift.in_words()
 
 

@@ -37,7 +37,7 @@ def at_the_truth(folder: Path, *words: str) -> Point:
     model = full_model(clip_set.table, clip_set.ball).with_values(values)
     problem = shot_problem(model, NAMES, clip_set, SIGMA)
     at = np.array([values[n] for n in NAMES])
-    x, _ = fit_each(problem.evaluate, problem.start, at, problem.steps, problem.prior, 4.0, 40)
+    x, _ = fit_each(problem.objective(4.0), problem.start, at, 40)
     return Point(problem, x, at, 0.0)
 
 

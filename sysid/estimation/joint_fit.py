@@ -1,0 +1,267 @@
+"""Least squares over many small problems that share constants: initial states and constants together.
+
+In: an `Objective`, `SharedConstants` and where to begin. Out: a `Solution`: initial states, constants, covariance of
+the constants, whether it converged.
+
+Levenberg-Marquardt for the constants with the initial states eliminated. With J^T W J in blocks of initial states x and
+constants c, and the gradient J^T W r,
+
+    information = A_cc - A_cx A_xx^-1 A_xc        (Schur complement)
+    gradient    = g_c  - A_cx A_xx^-1 g_x,
+
+each summed over the problems.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.estimation.least_squares import MIN_DAMPING, Array, Objective, Prior, fit_each, loss, moved
+from sysid.estimation.normal_equations import NormalEquations, from_differences, from_jacobian
+
+MAX_STALLED_STEPS = 2  # in a row that improve nothing
+MAX_ATTEMPTS = 8  # at a step of the constants, ten times the damping each
+FIRST_DAMPING = 1e-4
+MORE_STATE_STEPS = 6  # times as many, where no step of the constants helps
+NEGLIGIBLE_LOSS = 0.5  # less than a standard deviation along a direction that the data hardly determine
+ROUGH_LOSS = 10.0  # times the tolerance: what a step may still predict where the loss is rough
+ARRIVED_SD = 0.02  # of a standard deviation: a predicted step that is small enough
+STUCK_SD = 0.1  # the same where no step lowers the loss
+MIN_WIDTH_SD = 4.0  # standard deviations of a constant that must fit into its bounds, or the data do not determine it
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class SharedConstants:
+    """How the constants (q,) that all problems share may move."""
+
+    steps: Array  # (q,) finite differences
+    bounds: Array  # (q, 2)
+    known: Prior | None = None  # (q,) known beside the data
+
+    @property
+    def width(self) -> Array:
+        """Of the bounds: (q,)."""
+        return np.maximum(self.bounds[:, 1] - self.bounds[:, 0], 1e-12)
+
+    def prior(self, start: Array) -> Prior:
+        """What is known of the constants; the bounds' width is the sd of one of which nothing is known.
+
+        So a constant that the data do not determine stays near its start.
+        """
+        mean, sd = start.copy(), self.width
+        if self.known is not None:
+            known = np.isfinite(self.known.sd)
+            mean[known], sd[known] = self.known.mean[known], self.known.sd[known]
+        return Prior(mean, sd)
+
+
+@dataclass(frozen=True)
+class StoppingRule:
+    """When a fit of constants ends."""
+
+    steps: int = 20  # of the constants, at most
+    state_steps: int = 2  # of the initial states, for every step of the constants
+    tolerance: float = 1e-5  # share of the loss
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A joint fit: initial states (n, p), constants (q,), their covariance (q, q), and whether it converged."""
+
+    initial_states: Array
+    constants: Array
+    covariance: Array  # of the constants; NaN where it could not be computed
+    cost: float
+    converged: bool
+    information: Array  # (n, q, q) of each problem on the constants, its initial state eliminated
+    gradient: Array  # (n, q) of each problem's loss by the constants, its initial state eliminated
+
+
+class ReducedSystem(NamedTuple):
+    """Normal equations of the constants, the initial states eliminated."""
+
+    information: Array  # (n, q, q) Schur complement
+    gradient: Array  # (n, q)
+    state_by_constant: Array  # (n, p, q) A_xx^-1 A_xc: a step d of the constants moves initial states by its -d
+    state_step: Array  # (n, p) A_xx^-1 g_x, less which initial states are at their best
+
+
+def eliminated(r: Array, jx: Array, jc: Array, x: Array, prior: Prior, cauchy_sd: float) -> ReducedSystem:
+    """From residuals (n, m) and their derivatives by initial states x (n, m, p) and constants (n, m, q)."""
+    return _eliminated(from_jacobian(r, np.concatenate([jx, jc], axis=2), cauchy_sd), x, prior)
+
+
+def _eliminated(normal: NormalEquations, x: Array, prior: Prior) -> ReducedSystem:
+    n, p = x.shape
+    sd = np.broadcast_to(prior.sd, (n, p))
+    axx = normal.matrix[:, :p, :p] + np.einsum("np,pq->npq", 1 / sd**2 + 1e-9, np.eye(p))
+    axc, acc = normal.matrix[:, :p, p:], normal.matrix[:, p:, p:]
+    gx, gc = normal.gradient[:, :p] + prior.residuals(x) / sd, normal.gradient[:, p:]
+    solved = np.linalg.solve(axx, np.concatenate([axc, gx[..., None]], axis=2))
+    state_by_constant, state_step = solved[..., :-1], solved[..., -1]
+    information = acc - np.swapaxes(axc, 1, 2) @ state_by_constant
+    gradient = gc - np.einsum("npq,np->nq", axc, state_step)
+    return ReducedSystem(information, gradient, state_by_constant, state_step)
+
+
+def fit_joint(
+    objective: Objective, x: Array, c: Array, shared: SharedConstants, rule: StoppingRule | None = None,
+    what: str = "fit",
+) -> Solution:  # fmt: skip
+    """Shared constants (q,) with every problem's initial state fitted beside them.
+
+    Converged means that the last full (undamped) step asked to change no constant by more than 2 % of its standard
+    deviation, or predicted to lower the loss by less than the tolerance, or by less than ten times that after steps
+    that improved nothing. The covariance is the larger of the inverse information and the sandwich over problems, which
+    holds where the model is not quite right.
+
+    Args:
+        objective: of all problems.
+        x: (n, p) where the initial states begin.
+        c: (q,) where the constants begin.
+        shared: how the constants may move.
+        rule: when to stop.
+        what: is fitted, for the log.
+    """
+    rule = rule or StoppingRule()
+    joint = _Joint(objective, shared, shared.prior(c), rule)
+    x, costs = fit_each(objective, x, c, 3 * rule.state_steps)
+    at = _Iterate(x, c, joint.cost(costs, c), FIRST_DAMPING)
+    converged, stalled = False, 0
+    for step in range(rule.steps):
+        log.info("%s, step %d: loss %.0f", what, step, at.cost)
+        reduced = joint.reduced(at.x, at.c)
+        newton = joint.newton(reduced, at.c)
+        arrived = joint.arrived(newton, at)
+        new = joint.lower(at, reduced, newton, 1 if arrived else 2 * MAX_ATTEMPTS)
+        if new is None:
+            # No step lowers the loss: at the optimum if the full step is small against the uncertainty.
+            converged = arrived or bool(np.all(np.abs(newton.full) < STUCK_SD * newton.sd + 1e-12))
+            break
+        # A loss that is rough at the scale of what is left to improve has no better optimum to offer.
+        threshold = rule.tolerance * at.cost
+        stalled = stalled + 1 if at.cost - new.cost < threshold else 0
+        rough = stalled >= MAX_STALLED_STEPS and newton.predicted < max(ROUGH_LOSS * threshold, NEGLIGIBLE_LOSS)
+        at = new
+        if arrived or rough:
+            converged = True
+            break
+        if stalled > MAX_STALLED_STEPS:
+            break
+    reduced, sd, width = joint.reduced(at.x, at.c), joint.prior.sd, shared.width
+    found = covariance(reduced.information, reduced.gradient, width, np.where(sd < width, 1 / sd**2, 0.0))
+    return Solution(at.x, at.c, found, at.cost, converged, reduced.information, reduced.gradient)
+
+
+@dataclass(frozen=True)
+class _Iterate:
+    """Where a joint fit is."""
+
+    x: Array  # (n, p)
+    c: Array  # (q,)
+    cost: float
+    damping: float
+
+
+class _Newton(NamedTuple):
+    """The quadratic model of the loss over the constants, their prior included."""
+
+    hessian: Array  # (q, q)
+    gradient: Array  # (q,)
+    full: Array  # (q,) the undamped step, with its sign reversed
+    sd: Array  # (q,) of the constants
+    predicted: float  # improvement of the loss by the full step
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """A joint fit's problem, and a step of it."""
+
+    objective: Objective
+    shared: SharedConstants
+    prior: Prior  # of the constants
+    rule: StoppingRule
+
+    def cost(self, each: Array, c: Array) -> float:
+        """Loss of all problems (n,) and of the constants."""
+        return float(each.sum()) + 0.5 * float(np.sum(self.prior.residuals(c) ** 2))
+
+    def reduced(self, x: Array, c: Array) -> ReducedSystem:
+        """`eliminated`, from finite differences."""
+        o, steps = self.objective, self.shared.steps
+        rows = moved(o.evaluate, x, c, np.arange(len(x)), o.steps, steps)
+        return _eliminated(from_differences(rows, np.concatenate([o.steps, steps]), o.cauchy_sd), x, o.prior)
+
+    def newton(self, reduced: ReducedSystem, c: Array) -> _Newton:
+        """The full step and the improvement that it predicts."""
+        h = reduced.information.sum(axis=0) + np.diag(1 / self.prior.sd**2)
+        g = reduced.gradient.sum(axis=0) + (c - self.prior.mean) / self.prior.sd**2
+        full = np.linalg.lstsq(h, g, rcond=None)[0]
+        sd = np.sqrt(np.maximum(np.diag(np.linalg.pinv(h)), 0))
+        return _Newton(h, g, full, sd, 0.5 * float(g @ full))
+
+    def arrived(self, newton: _Newton, at: _Iterate) -> bool:
+        """Whether the full step is negligible; a constant at its bound that would leave it does not count."""
+        low, high = self.shared.bounds.T
+        inside = ((at.c > low) | (newton.full < 0)) & ((at.c < high) | (newton.full > 0))
+        small = bool(np.all(np.abs(newton.full[inside]) < ARRIVED_SD * newton.sd[inside]))
+        return small or newton.predicted < self.rule.tolerance * at.cost
+
+    def lower(self, at: _Iterate, reduced: ReducedSystem, newton: _Newton, attempts: int) -> _Iterate | None:
+        """A step that lowers the loss, damped as much as it takes; None where none is found."""
+        damping, state_steps, h = at.damping, self.rule.state_steps, newton.hessian
+        low, high = self.shared.bounds.T
+        for attempt in range(attempts):
+            if attempt == MAX_ATTEMPTS:  # perhaps the initial states do not get to where a step would lead them
+                damping, state_steps = FIRST_DAMPING, MORE_STATE_STEPS * self.rule.state_steps
+            damped = h + damping * np.diag(np.diag(h)) + 1e-12 * np.eye(at.c.size)
+            c = np.clip(at.c - np.linalg.solve(damped, newton.gradient), low, high)
+            x, costs = fit_each(self.objective, self._best_start(at, reduced, c), c, state_steps)
+            cost = self.cost(costs, c)
+            if cost < at.cost:
+                return _Iterate(x, c, cost, max(damping / 10, MIN_DAMPING))
+            damping *= 10
+        return None
+
+    def _best_start(self, at: _Iterate, reduced: ReducedSystem, c: Array) -> Array:
+        """Initial states for other constants: unchanged, moved with them, or by Newton's step; each problem's best."""
+        o, n = self.objective, len(at.x)
+        along = at.x - np.einsum("npq,q->np", reduced.state_by_constant, c - at.c)
+        starts = np.stack([at.x, along, along - reduced.state_step])
+        r = o.evaluate(starts.reshape(3 * n, -1), np.tile(c, (3 * n, 1)), np.tile(np.arange(n), 3)).reshape(3, n, -1)
+        squares = np.stack([o.prior.residuals(s) for s in starts]) ** 2
+        costs = loss(r, o.cauchy_sd) + 0.5 * np.sum(squares, axis=-1)
+        return np.asarray(starts[np.argmin(costs, axis=0), np.arange(n)])
+
+
+def covariance(information: Array, gradient: Array, width: Array, known: Array | None = None) -> Array:
+    """Covariance of the constants: (q, q); NaN for those known no better than a quarter of their bounds' width.
+
+    Args:
+        information: (n, q, q) of each problem.
+        gradient: (n, q) of each problem's loss.
+        width: (q,) of the bounds.
+        known: (q,) information on each constant beside the problems, 1 / sd^2.
+    """
+    h = information.sum(axis=0)
+    q = len(h)
+    if known is not None:
+        h = h + np.diag(known)
+    determined = np.diag(h) > (MIN_WIDTH_SD / width) ** 2
+    out = np.full((q, q), np.nan)
+    if not determined.any():
+        return out
+    k = np.ix_(determined, determined)
+    inverse = np.linalg.pinv(h[k])
+    g = gradient[:, determined]
+    n = max(int(np.sum(np.any(g != 0, axis=1))), 1)
+    sandwich = inverse @ (g.T @ g) @ inverse * (n / max(n - determined.sum(), 1))
+    # Correlations are those of the information; standard deviations are the larger ones of both.
+    grow = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300)))
+    out[k] = inverse * np.outer(grow, grow)
+    return out

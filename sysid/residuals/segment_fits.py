@@ -1,0 +1,56 @@
+"""Segments between events, each with its fitted initial state.
+
+In: a clip set, a model and the noise of the camera. Out: a `SegmentFits`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.model_file import Model
+from models.shot import Track
+from models.simulation.simulate import simulate
+from sysid.clips import ClipSet
+from sysid.clips.segments import split_all
+from sysid.estimation.least_squares import fit_each
+from sysid.estimation.open_cloth import START_CAUCHY_SD, UNSEEN_EVENT_RATIO, cloth_constants, ratios
+from sysid.estimation.problem import Array, values_of
+from sysid.estimation.segment_problem import SegmentProblem, segment_problem
+
+MAX_FIT_STEPS = 10
+
+
+@dataclass(frozen=True)
+class SegmentFits:
+    """Segments between events, each with its fitted initial state."""
+
+    problem: SegmentProblem
+    initial_states: Array  # (n, 7)
+    ratio: Array  # (n,) rms residual per axis over the noise
+
+    @property
+    def good(self) -> NDArray[np.bool_]:
+        """(n,) Those without an unseen event."""
+        return np.asarray(self.ratio < UNSEEN_EVENT_RATIO)
+
+    @cached_property
+    def tracks(self) -> list[Track]:
+        """The segments as the model plays them from their initial states."""
+        x = self.initial_states
+        return simulate(self.problem.model, [self.problem.shot(row, k) for k, row in enumerate(x)])
+
+
+def fit_segments(clip_set: ClipSet, model: Model, sigma: float) -> SegmentFits | None:
+    """Fit the initial state of every segment at the model's constants; None without segments."""
+    segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, sigma, clip_set.fps)
+    if not segments:
+        return None
+    names = cloth_constants(model)
+    problem = segment_problem(model, names, segments, sigma)
+    c = values_of(model, names)
+    x, _ = fit_each(problem.objective(START_CAUCHY_SD), problem.start, c, MAX_FIT_STEPS)
+    return SegmentFits(problem, x, ratios(problem, x, c))
