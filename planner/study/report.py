@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 from models.console import table
 from models.files import write_whole
 from models.recording.shots import ball_colour
+from models.report.axes import draw_table
+from models.report.figure import HELD_OUT_COLOUR, INK_COLOUR, MODEL_COLOUR, NOISE_COLOUR, png
 from models.shot import Ball, Table
 from planner.evaluation.outcome import FOULS
-from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, png
-from sysid.report.plots import draw_table
 
 Array = NDArray[np.float64]
 Told = Mapping[str, Any]
 OWN, PAPER = "risk", "ga"
 TITLES = {OWN: "ours", PAPER: "baseline", "ceiling": "ceiling"}
-COLOURS = {OWN: MODEL, PAPER: HELD_OUT, "ceiling": INK}
+COLOURS = {OWN: MODEL_COLOUR, PAPER: HELD_OUT_COLOUR, "ceiling": INK_COLOUR}
 BINS, ENOUGH = 10, 5  # of probability; scenes that a bin needs to count in the largest gap
 WORST = 6  # scenes named
 
@@ -289,7 +289,7 @@ def draw_study(scenes: Sequence[Told], told: Told) -> bytes:
 
 
 def _draw_calibration(ax: Any, scenes: Sequence[Told], told: Told) -> None:
-    ax.plot([0, 100], [0, 100], color=NOISE, lw=1.0, ls="--", label="as promised")
+    ax.plot([0, 100], [0, 100], color=NOISE_COLOUR, lw=1.0, ls="--", label="as promised")
     for m in told["methods"]:
         ax.plot(*(100 * _pairs(scenes, m).T), ".", color=COLOURS[m], ms=3, alpha=0.35, mec="none")
         bins = told["calibration"][m]["bins"]
@@ -307,7 +307,7 @@ def _draw_pots(ax: Any, scenes: Sequence[Told], told: Told) -> None:
     first = next(iter(told["methods"]))
     ranked = sorted(scenes, key=lambda s: (_seen(s, first)["made"], s["ceiling"]["made"], s["number"]))
     x = np.arange(1, len(ranked) + 1)
-    ax.plot(x, [100 * s["ceiling"]["made"] for s in ranked], "_", color=INK, ms=5, mew=1.4, label="ceiling")
+    ax.plot(x, [100 * s["ceiling"]["made"] for s in ranked], "_", color=INK_COLOUR, ms=5, mew=1.4, label="ceiling")
     for m in reversed(told["methods"]):
         style = {"ls": "-" if m == first else "none", "marker": "" if m == first else ".", "lw": 1.8, "ms": 4}
         ax.plot(x, [100 * _seen(s, m)["made"] for s in ranked], color=COLOURS[m], label=TITLES[m], **style)
@@ -346,7 +346,7 @@ def _draw_scene(ax: Any, told: Told, study: Told) -> None:
         colour = [c / 255 for c in ball_colour(track["ball"])]
         ax.plot(*np.array(track["xy"]).reshape(-1, 2).T, color=colour, lw=1.3, zorder=5)
     for name, xy in scene["balls"].items():
-        ax.add_patch(Circle(xy, ball.radius, fc=[c / 255 for c in ball_colour(name)], ec=INK, lw=0.6, zorder=6))
+        ax.add_patch(Circle(xy, ball.radius, fc=[c / 255 for c in ball_colour(name)], ec=INK_COLOUR, lw=0.6, zorder=6))
     ax.plot(*scene["goal"]["rest"], "x", color="white", ms=8, mew=2.0, zorder=7)
     promised = told["methods"][method]["predicted"]
     text = f"promised {share(promised['pot_probability']['value'])}" if promised else "no stroke"

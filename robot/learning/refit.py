@@ -32,7 +32,8 @@ from sysid.clips.outliers import set_aside
 from sysid.estimation.initial_states import fit_states, grown_by_stage
 from sysid.estimation.problem import turn
 from sysid.estimation.shot_problem import shot_problem
-from sysid.report.findings import model_of, result_of
+from sysid.report.outcome import model_of
+from sysid.report.result_json import result_of
 from sysid.selection.discover import discover
 
 FEWEST = 8  # strokes from which the map is fitted anew; the start map holds what they do not tell

@@ -55,12 +55,11 @@ def diagnose(args: argparse.Namespace, progress: Progress) -> int:
     from sysid.estimation.split import begin
     from sysid.report.findings import (
         cut_line,
-        judgement_told,
         round_rows,
-        sections,
         shot_lines,
         verdict_lines,
     )
+    from sysid.report.result_json import judgement_json
     from sysid.selection.discover import best_next
     from sysid.selection.formula import describe
     from sysid.selection.judge import judge
@@ -87,7 +86,7 @@ def diagnose(args: argparse.Namespace, progress: Progress) -> int:
     lines = [*([cut_line(parts)] if parts.cut else []), *verdict_lines(judged, told)]
     print("\n" + "\n".join([*lines, *shot_lines(shot)]))
     if args.json:
-        write_json(args.json, judgement_told(parts, judged, told, shot))
+        write_json(args.json, judgement_json(parts, judged, told, shot))
     if args.report:
         from sysid.report.html import write_report
         from sysid.residuals.compare import compare
@@ -97,7 +96,7 @@ def diagnose(args: argparse.Namespace, progress: Progress) -> int:
         comparison = compare(clip_set, whole_shots.model, progress, start=own)
         progress.close()
         notes = [*lines, *shot_lines(shot)]
-        write_report(args.report, "What is missing", [("base", comparison)], notes=notes, sections=sections((seen,)))
+        write_report(args.report, "What is missing", [("base", comparison)], notes=notes, rounds=(seen,))
         print(f"report: {args.report}")
     return DONE if seen.base.converged else FOUND
 

@@ -26,6 +26,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "engine": ("analytic",),
         "simulation": ("analytic", "engine", "mjcf"),
         "recording": ("mjcf",),
+        "report": ("recording",),
     },
     "sysid": {
         "clips": (),

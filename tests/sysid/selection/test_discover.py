@@ -15,7 +15,7 @@ from models.simulation.simulate import simulate
 from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation import FittedModel, begin
-from sysid.report.findings import result_of
+from sysid.report.result_json import result_of
 from sysid.selection.discover import Discovery, discover, needed
 from sysid.selection.score import score_all
 from sysid.selection.screening import candidates_for, try_one
