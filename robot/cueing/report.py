@@ -32,7 +32,7 @@ from robot.cueing.map_fit import fit_map
 from robot.cueing.networks import Contest, Score, Told, average, compare_maps
 
 Array = NDArray[np.float64]
-TEMPLATE = Path(__file__).with_name("templates") / "cueing_map.html.j2"
+REPORT_TEMPLATE = Path(__file__).with_name("templates") / "cueing_map.html.j2"
 CONSTANT_UNITS = {"tip_restitution": "1", "cue_mass": "kg", "end_mass": "kg", "slate_friction": "1",
                   "contact_time": "s", "side_zero": "m", "height_zero": "m", "aim_zero": "rad"}  # fmt: skip
 EXECUTION_UNITS = {"speed_sd": "1", "azimuth_sd": "rad", "side_sd": "m", "height_sd": "m"}
@@ -65,7 +65,7 @@ def write_report(
     figures = [(name, svg(name, height, draw)) for name, height, draw in _figures(shots, contest, string)]
     write_page(
         path,
-        TEMPLATE,
+        REPORT_TEMPLATE,
         title=title,
         count=len(shots),
         miscues=sum(s.miscue for s in shots),

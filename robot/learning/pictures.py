@@ -1,15 +1,14 @@
 """Figures of a series of shots: how far the cue ball missed, what was learnt when, and the misses on the table.
 
-Shots are grouped in blocks between refits, all of one block planned with the same model. A block's figure is the median
-of its shots: the miss of a single shot is one sample of launcher and scene, and an in-off has none. The same series
-gives the same bytes. Left out: how well the films are fitted, which is in the discovery's own report.
+Shots are grouped in blocks (robot/learning/blocks.py), shown by their medians: the miss of a single shot is one sample
+of launcher and scene, and an in-off has none. The same series gives the same bytes. Left out: how well the films are
+fitted, which is in the report of the discovery.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -27,10 +26,9 @@ from models.report.figure import (
 )
 from models.report.numbers import number
 from models.shot import Table
+from robot.learning.blocks import block_size, blocks, changes, ends, of_block, pot_count
 from robot.learning.history import Shot, Story
 from sysid.clips.faults import one_line
-
-Block = tuple[int, int]  # first and last shot, counted from 1
 
 SINGLE_SHOT_COLOUR = "#9dbfe0"  # behind the medians
 LOST_SHOT_COLOUR = "#ff9f1c"  # of a cue ball that fell or was not seen
@@ -39,49 +37,6 @@ LETTER_WIDTH_IN = 0.056  # about
 MIN_ARROW_M = 0.08  # a shorter miss leaves no room for an arrow's head
 PANELS_ACROSS = 4  # of the figure of constants
 MAX_BLOCK_LABELS = 12  # under the bars of pots
-DEFAULT_BLOCK_SHOTS = 10  # where the series has no setting
-
-
-@dataclass(frozen=True)
-class Change:
-    """Effects that a refit added and dropped."""
-
-    shots: int  # that it was fitted to
-    added: tuple[str, ...]
-    dropped: tuple[str, ...]
-
-
-def every(story: Story) -> int:
-    """Shots between refits."""
-    return max(int(story.course.get("every") or DEFAULT_BLOCK_SHOTS), 1)
-
-
-def blocks(story: Story) -> list[Block]:
-    """The shots between one refit and the next; the last block may be cut short."""
-    count, step = len(story.shots), every(story)
-    return [(first, min(first + step - 1, count)) for first in range(1, count + 1, step)]
-
-
-def ends(story: Story) -> list[Block]:
-    """The first block and the last that holds half of its shots or more; one of them, or none, in a short series."""
-    all_blocks, step = blocks(story), every(story)
-    whole = [(first, last) for first, last in all_blocks if 2 * (last - first + 1) >= step] or all_blocks[:1]
-    return [whole[0], whole[-1]] if len(whole) > 1 else whole
-
-
-def changes(story: Story) -> list[Change]:
-    """Effects that every refit added to those of the one before, and dropped."""
-    out, before = [], set[str]()
-    for refit in story.refits:
-        added = tuple(name for name in refit.verdict if name not in before)
-        out.append(Change(refit.shots, added, tuple(sorted(before - set(refit.verdict)))))
-        before = set(refit.verdict)
-    return out
-
-
-def of_block(story: Story, block: Block) -> list[Shot]:
-    """Its shots."""
-    return [shot for shot in story.shots if block[0] <= shot.number <= block[1]]
 
 
 def misses(story: Story) -> tuple[float, Draw]:
@@ -96,10 +51,10 @@ def misses(story: Story) -> tuple[float, Draw]:
             ("one shot, potted", SINGLE_SHOT_COLOUR, [bool(shot.potted) for shot in shots]),
             ("one shot, not potted", "white", [not shot.potted for shot in shots]),
         ):
-            own = np.array(use, bool) & (miss > 0)
-            if own.any():
-                x = np.array([shot.number for shot in shots])[own]
-                ax.plot(x, miss[own], "o", ms=5, mfc=face, mec=MODEL_COLOUR, mew=0.8, alpha=0.8, label=label)
+            shown = np.array(use, bool) & (miss > 0)
+            if shown.any():
+                x = np.array([shot.number for shot in shots])[shown]
+                ax.plot(x, miss[shown], "o", ms=5, mfc=face, mec=MODEL_COLOUR, mew=0.8, alpha=0.8, label=label)
         fallen = [shot.number for shot in shots if not shot.miss > 0]
         if fallen:
             mark = {"transform": ax.get_xaxis_transform(), "clip_on": False, "color": INK_COLOUR, "mew": 1.3}
@@ -163,7 +118,7 @@ def constants(story: Story) -> tuple[float, Draw] | None:
             )
             ax.plot(at[~known], value[~known], "o", ms=3.5, mfc="white", color=colour)
             ax.set_title(one_line(name), fontsize=7.5, parse_math=False)
-            ax.set_xlim(0, max(r.shots for r in story.refits) + every(story) / 2)
+            ax.set_xlim(0, max(r.shots for r in story.refits) + block_size(story) / 2)
             ax.set_ylim(*_limits(value, np.where(known, 2 * sd, 0.0)))
             ax.ticklabel_format(axis="y", useOffset=False, style="sci", scilimits=(-3, 4))
             ax.locator_params(axis="y", nbins=4)
@@ -213,7 +168,7 @@ def pots(story: Story) -> tuple[float, Draw] | None:
     def draw(fig: Any) -> None:
         left, right = fig.subplots(1, 2)
         middle = np.array([(first + last) / 2 for first, last in all_blocks])
-        bar = 0.36 * every(story)
+        bar = 0.36 * block_size(story)
         tallest = 0.0
         for k, block in enumerate(all_blocks):
             predicted, potted, seen = pot_count(story, block)
@@ -247,12 +202,6 @@ def pots(story: Story) -> tuple[float, Draw] | None:
                 ax.legend(handles, labels, loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0))
 
     return 3.3, draw
-
-
-def pot_count(story: Story, block: Block) -> tuple[float, int, int]:
-    """Of the shots whose end was seen: expected number of pots by the plans, pots, shots."""
-    seen = [shot for shot in of_block(story, block) if shot.potted is not None]
-    return sum(shot.promised for shot in seen), sum(bool(shot.potted) for shot in seen), len(seen)
 
 
 def _median_away(story: Story, first: int, last: int) -> float:

@@ -21,10 +21,11 @@ from models.report.numbers import NO_VALUE, millimetres, number
 from models.report.page import printable, write_page
 from models.shot import Array
 from planner.scene import pocket_name
+from robot.learning.blocks import Block, blocks, changes, ends, pot_count
 from robot.learning.history import Refit, Shot, Story
-from robot.learning.pictures import Block, above, blocks, changes, constants, ends, misses, pot_count, pots
+from robot.learning.pictures import above, constants, misses, pots
 
-TEMPLATE = Path(__file__).with_name("templates") / "series.html.j2"
+REPORT_TEMPLATE = Path(__file__).with_name("templates") / "series.html.j2"
 
 
 def write_report(path: Path | str, story: Story, title: str) -> None:
@@ -32,7 +33,7 @@ def write_report(path: Path | str, story: Story, title: str) -> None:
     figures = {"misses": misses(story), "constants": constants(story), "above": above(story), "pots": pots(story)}
     write_page(
         path,
-        TEMPLATE,
+        REPORT_TEMPLATE,
         title=title,
         sentences=sentences(story),
         refits=_refit_rows(story),
@@ -61,17 +62,17 @@ def sentences(story: Story) -> list[str]:
     ]
     shown = ends(story)
     misses_m = [story.median_miss(*block) for block in shown]
-    said = f"In the first block ({_range(shown[0])}) the cue ball missed by {millimetres(misses_m[0])}"
+    first = f"In the first block ({_range(shown[0])}) the cue ball missed by {millimetres(misses_m[0])}"
     if not math.isfinite(misses_m[0]):
-        said = f"In the first block ({_range(shown[0])}) the cue ball was not seen to stop"
+        first = f"In the first block ({_range(shown[0])}) the cue ball was not seen to stop"
     if len(shown) == 1:
-        out.append(f"{said} (median); there is no later block to compare with.")
-    elif not all(map(math.isfinite, misses_m)):
-        out.append(f"{said} (median), in the last ({_range(shown[1])}) {millimetres(misses_m[1])}.")
+        out.append(f"{first} (median); there is no later block to compare with.")
     else:
-        first, last = misses_m
-        less = f"{first / last:.1f} times less" if first >= last else f"{last / first:.1f} times more"
-        out.append(f"{said} (median), in the last ({_range(shown[1])}) {millimetres(last)}: {less}.")
+        change = ""
+        if all(miss > 0 for miss in misses_m):
+            ratio = misses_m[0] / misses_m[1]
+            change = f": {ratio:.1f} times less" if ratio >= 1 else f": {1 / ratio:.1f} times more"
+        out.append(f"{first} (median), in the last ({_range(shown[1])}) by {millimetres(misses_m[1])}{change}.")
     return [*out, *_floor(story, shown[-1]), *_effects(story), *_pots(story, shown[-1]), *_ended(story)]
 
 
@@ -101,9 +102,11 @@ def _effects(story: Story) -> list[str]:
         parts += [f"{', '.join(change.dropped)} dropped"] * bool(change.dropped)
         if parts:
             found.append(f"after {_many(change.shots, 'shot')} {', '.join(parts)}")
-    said = f"Found: {'; '.join(found)}." if found else "No effect beyond the base was found."
-    left = story.refits[-1].unexplained
-    return [said, f"Left unexplained: {left}." if left else "Nothing is left unexplained by the last refit."]
+    rest = story.refits[-1].unexplained
+    return [
+        f"Found: {'; '.join(found)}." if found else "No effect beyond the base was found.",
+        f"Left unexplained: {rest}." if rest else "Nothing is left unexplained by the last refit.",
+    ]
 
 
 def _pots(story: Story, block: Block) -> list[str]:
@@ -245,5 +248,5 @@ def _range(block: Block) -> str:
 
 
 def _lines(text: str) -> str:
-    """Text for the recording: printable, its line breaks kept."""
+    """Text for the recording: printable, with its line breaks."""
     return "\n".join(printable(line) for line in text.split("\n"))

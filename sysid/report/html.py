@@ -24,7 +24,7 @@ from sysid.selection.screening import Round
 
 __all__ = ["Rung", "write_report"]
 
-TEMPLATE = Path(__file__).with_name("templates") / "comparison.html.j2"
+REPORT_TEMPLATE = Path(__file__).with_name("templates") / "comparison.html.j2"
 MAX_GROUPS_LISTED = 10  # of one kind
 GROUP_TITLES = {
     "phase": "By the ball's motion",
@@ -87,7 +87,7 @@ def write_report(
                  "missing_map": missing_map_svg(comparisons[0][1])}  # fmt: skip
     write_page(
         path,
-        TEMPLATE,
+        REPORT_TEMPLATE,
         title=title,
         label=label,
         notes_on_top=notes,

@@ -18,7 +18,7 @@ CELLS_ALONG = 20  # of the map of misses, along the longer side of the table
 PLOTTED_VARIABLES = ("speed", "heading", "sidespin", "time", "time since event", "clip order")
 PHASE_COLOURS = (("rolling balls", MODEL_COLOUR), ("sliding balls", HELD_OUT_COLOUR))
 MAX_Z = 8.0  # at which the map's colours end [standard deviations]
-LINEAR_TO_MM_S2 = 10  # the axis of accelerations is linear up to this and logarithmic beyond
+LINEAR_TO_MM_S2 = 10  # an axis of accelerations is linear up to this and logarithmic beyond
 
 
 def map_svg(comparison: Comparison) -> str | None:
@@ -139,7 +139,8 @@ def missing_svg(comparison: Comparison) -> str | None:
                         at, value, sd = np.array(rows).T
                         ax.errorbar(at, value, sd, fmt="o", ms=3.5, lw=1.2, capsize=2.5, color=colour, label=who)
                 ax.axhline(0, color=NOISE_COLOUR, lw=1, ls="--")
-                ax.set_yscale("symlog", linthresh=LINEAR_TO_MM_S2)
+                if np.abs(ax.get_ylim()).max() > LINEAR_TO_MM_S2:
+                    ax.set_yscale("symlog", linthresh=LINEAR_TO_MM_S2)
                 ax.set_xticks(range(len(v.words)), [_tick(v, w) for w in v.words])
                 ax.set_xlim(-0.5, len(v.words) - 0.5)
                 ax.set(title=f"{v.name.capitalize()}: {quantity} the motion", xlabel=f"{v.name} [{_unit(v)}]")

@@ -15,8 +15,8 @@ import pytest
 
 from models.errors import BadInput
 from models.recording.story import CURVES, Recording, Scene, write_story
+from robot.learning.blocks import blocks, changes, ends
 from robot.learning.history import Refit, Story
-from robot.learning.pictures import blocks, changes, ends
 from robot.learning.report import recording_of, sentences, write_picture, write_recording, write_report
 from tests.models.recording.test_view import column, read, seconds
 from tests.support.story_samples import FAR, FELL, FOUND, NEAR, NO_FILM, UNSEEN, long_story, sample_story
@@ -87,7 +87,7 @@ def test_sentences_tell_the_medians() -> None:
     last = 1e3 * np.median([NEAR * (0.5 + 0.1 * k) for k in range(7, 13) if k != UNSEEN])
     floor = 1e3 * np.median([0.02 + 0.001 * k for k in (10, 11, 12)])
     assert f"(shots 1 to 6) the cue ball missed by {first:.0f} mm" in said
-    assert f"(shots 7 to 12) {last:.1f} mm: {first / last:.1f} times less" in said
+    assert f"(shots 7 to 12) by {last:.1f} mm: {first / last:.1f} times less" in said
     assert f"is {floor:.1f} mm: the cue ball misses by {last / floor:.2f} times that" in said
     promised = sum(0.5 + 0.03 * k for k in range(1, 13) if k != UNSEEN)
     assert f"{promised:.1f} predicted and 7 seen, of 11 shots" in said
