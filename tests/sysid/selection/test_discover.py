@@ -216,7 +216,7 @@ def test_diagnose_ranks_and_names_the_margin(tmp_path: Path, capsys: pytest.Capt
     assert shot["separates_sd"] > 3
     assert 0.5 < shot["cue"]["speed"] < 2.8
     assert np.hypot(shot["cue"]["side"], shot["cue"]["height"]) < 0.0121
-    assert "What could be missing" in (tmp_path / "r.html").read_text()
+    assert "could be missing" in (tmp_path / "r.html").read_text()
 
 
 def test_the_simulator_is_the_one_that_is_fitted() -> None:
