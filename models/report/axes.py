@@ -14,7 +14,7 @@ from models.shot import POCKET_MOUTH, Table
 TABLE_MARGIN_M = 0.11  # of cushions and rail around the playing surface, as drawn
 CUSHION_DRAWN_M = 0.05
 LIGHT_TABLE = ("#d9cfc6", "#c3d2c8", "#f3f6f4")  # rail, cushion and bed under a map's colours
-LONG_RANGE = 300.0  # of a logarithmic axis, highest over lowest, from which only decades are labelled
+LONG_RANGE = 300.0  # highest over lowest of a logarithmic axis, above which a small figure has room for decades alone
 
 
 def draw_table(ax: Any, table: Table, *, dark: bool) -> None:
@@ -49,12 +49,12 @@ def rgb(colour: Sequence[int]) -> tuple[float, ...]:
     return tuple(c / 255 for c in colour)
 
 
-def plain_log_ticks(axis: Any) -> None:
-    """Plain numbers on a logarithmic axis: every decade, or 1, 2 and 5 of it where it spans few."""
+def plain_log_ticks(axis: Any, long_range: float = LONG_RANGE) -> None:
+    """Plain numbers on a logarithmic axis: 1, 2 and 5 of every decade; decades alone on an axis of a longer range."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     low, high = axis.get_view_interval()
-    axis.set_major_locator(LogLocator(subs=(1.0,) if high > LONG_RANGE * low else (1.0, 2.0, 5.0)))
+    axis.set_major_locator(LogLocator(subs=(1.0,) if high > long_range * low else (1.0, 2.0, 5.0)))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(lambda value, _: f"{value:g}")
 

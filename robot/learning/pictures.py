@@ -72,7 +72,7 @@ def misses(story: Story) -> tuple[float, Draw]:
         low, high = (min(seen) / 1.6, max(seen) * 2.2) if seen else (1.0, 1e3)
         ax.set(yscale="log", ylim=(low, high), xlim=(0.3, _last(story) + 0.7))
         ax.set(xlabel="shot", ylabel="cue ball, from its predicted position [mm]")
-        plain_log_ticks(ax.yaxis)
+        plain_log_ticks(ax.yaxis, math.inf)
         ax.xaxis.get_major_locator().set_params(integer=True)
         for first, last in blocks(story):
             value = 1e3 * story.median_miss(first, last)
