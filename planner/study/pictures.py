@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from models.recording.palette import ball_colour
+from models.report.axes import draw_table
+from models.report.figure import HELD_OUT_COLOUR, INK_COLOUR, MODEL_COLOUR, NOISE_COLOUR, png
 from models.shot import Ball, Table
 from planner.study.figures import BASELINE, SEARCH, Record, calibration_pairs, observed
-from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, png
-from sysid.report.plots import draw_table
 
 METHOD_TITLES = {SEARCH: "ours", BASELINE: "baseline", "ceiling": "ceiling"}
-METHOD_COLOURS = {SEARCH: MODEL, BASELINE: HELD_OUT, "ceiling": INK}
+METHOD_COLOURS = {SEARCH: MODEL_COLOUR, BASELINE: HELD_OUT_COLOUR, "ceiling": INK_COLOUR}
 
 
 def share(value: Mapping[str, float | None] | float | None) -> str:
@@ -49,7 +49,7 @@ def draw_study(scenes: Sequence[Record], study: Record) -> bytes:
 
 
 def _draw_calibration(ax: Any, scenes: Sequence[Record], study: Record) -> None:
-    ax.plot([0, 100], [0, 100], color=NOISE, lw=1.0, ls="--", label="as predicted")
+    ax.plot([0, 100], [0, 100], color=NOISE_COLOUR, lw=1.0, ls="--", label="as predicted")
     for m in study["methods"]:
         ax.plot(*(100 * calibration_pairs(scenes, m).T), ".", color=METHOD_COLOURS[m], ms=3, alpha=0.35, mec="none")
         bins = study["calibration"][m]["bins"]
@@ -67,7 +67,7 @@ def _draw_pots(ax: Any, scenes: Sequence[Record], study: Record) -> None:
     first = next(iter(study["methods"]))
     ranked = sorted(scenes, key=lambda s: (observed(s, first)["made"], s["ceiling"]["made"], s["number"]))
     x = np.arange(1, len(ranked) + 1)
-    ax.plot(x, [100 * s["ceiling"]["made"] for s in ranked], "_", color=INK, ms=5, mew=1.4, label="ceiling")
+    ax.plot(x, [100 * s["ceiling"]["made"] for s in ranked], "_", color=INK_COLOUR, ms=5, mew=1.4, label="ceiling")
     for m in reversed(study["methods"]):
         style = {"ls": "-" if m == first else "none", "marker": "" if m == first else ".", "lw": 1.8, "ms": 4}
         ax.plot(
@@ -108,7 +108,7 @@ def _draw_scene(ax: Any, result: Record, study: Record) -> None:
         colour = [c / 255 for c in ball_colour(track["ball"])]
         ax.plot(*np.array(track["xy"]).reshape(-1, 2).T, color=colour, lw=1.3, zorder=5)
     for name, xy in scene["balls"].items():
-        ax.add_patch(Circle(xy, ball.radius, fc=[c / 255 for c in ball_colour(name)], ec=INK, lw=0.6, zorder=6))
+        ax.add_patch(Circle(xy, ball.radius, fc=[c / 255 for c in ball_colour(name)], ec=INK_COLOUR, lw=0.6, zorder=6))
     ax.plot(*scene["goal"]["rest"], "x", color="white", ms=8, mew=2.0, zorder=7)
     predicted = result["methods"][method]["predicted"]
     text = f"predicted {share(predicted['pot_probability']['value'])}" if predicted else "no stroke"

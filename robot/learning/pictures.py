@@ -1,81 +1,46 @@
-"""Pictures of a series of shots: how far the cue ball missed, what was learnt when, and what it came to on the table.
+"""Figures of a series of shots: how far the cue ball missed, what was learnt when, and the misses on the table.
 
-Shots are taken in blocks between refits, all of one block planned in the same model. A block's figure is the median of
-its shots: the miss of a single shot is one draw of launcher and scene, and an in-off has none. The same series gives
-the same bytes. Left out: how the films themselves fit, which is the discovery's own report.
+Shots are grouped in blocks (robot/learning/blocks.py), shown by their medians: the miss of a single shot is one sample
+of launcher and scene, and an in-off has none. The same series gives the same bytes. Left out: how well the films are
+fitted, which is in the report of the discovery.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from models.recording.palette import CLOTH_COLOUR
+from models.report.axes import TABLE_MARGIN_M, draw_table, legend_on_cloth, plain_log_ticks
+from models.report.figure import (
+    FIGURE_WIDTH_IN,
+    HELD_OUT_COLOUR,
+    INK_COLOUR,
+    MODEL_COLOUR,
+    NOISE_COLOUR,
+    PATH_COLOUR,
+    Draw,
+)
+from models.report.numbers import number
 from models.shot import Table
+from robot.learning.blocks import block_size, blocks, changes, ends, of_block, pot_count
 from robot.learning.history import History, PlayedShot
 from sysid.clips.faults import one_line
-from sysid.report.drawing import HELD_OUT, INK, MODEL, NOISE, SHOWN, WIDTH
-from sysid.report.plots import draw_table, number
 
-Draw = Callable[[Any], None]
-Block = tuple[int, int]  # first and last shot, counted from 1
-
-PALE = "#9dbfe0"  # single shots, behind their medians
-LINE = 0.135  # of text in a picture [inch]
-LETTER = 0.056  # width of one, about [inch]
-SHORT = 0.08  # miss that leaves no room for an arrow's head [m]
-COLUMNS = 4  # of small pictures
-EVERY = 10  # shots of a block where the series does not tell
-
-
-@dataclass(frozen=True)
-class Change:
-    """What a refit did to the list of effects."""
-
-    shots: int  # that it was fitted to
-    added: tuple[str, ...]
-    dropped: tuple[str, ...]
-
-
-def every(story: History) -> int:
-    """Shots between refits."""
-    return max(int(story.course.get("every") or EVERY), 1)
-
-
-def blocks(story: History) -> list[Block]:
-    """The shots between one refit and the next; the last block may be cut short."""
-    count, step = len(story.shots), every(story)
-    return [(first, min(first + step - 1, count)) for first in range(1, count + 1, step)]
-
-
-def ends(story: History) -> list[Block]:
-    """The first block and the last that holds half of its shots or more; one of them, or none, in a short series."""
-    all_blocks, step = blocks(story), every(story)
-    whole = [(first, last) for first, last in all_blocks if 2 * (last - first + 1) >= step] or all_blocks[:1]
-    return [whole[0], whole[-1]] if len(whole) > 1 else whole
-
-
-def changes(story: History) -> list[Change]:
-    """What every refit added to the effects of the one before, and what it dropped."""
-    out, before = [], set[str]()
-    for refit in story.refits:
-        added = tuple(name for name in refit.verdict if name not in before)
-        out.append(Change(refit.shots, added, tuple(sorted(before - set(refit.verdict)))))
-        before = set(refit.verdict)
-    return out
-
-
-def of_block(story: History, block: Block) -> list[PlayedShot]:
-    """Its shots."""
-    return [shot for shot in story.shots if block[0] <= shot.number <= block[1]]
+SINGLE_SHOT_COLOUR = "#9dbfe0"  # behind the medians
+LOST_SHOT_COLOUR = "#ff9f1c"  # of a cue ball that fell or was not seen
+LINE_HEIGHT_IN = 0.135  # of a note over the figure
+LETTER_WIDTH_IN = 0.056  # about
+MIN_ARROW_M = 0.08  # a shorter miss leaves no room for an arrow's head
+PANELS_ACROSS = 4  # of the figure of constants
+MAX_BLOCK_LABELS = 12  # under the bars of pots
 
 
 def misses(story: History) -> tuple[float, Draw]:
-    """The main picture: miss of every shot and its blocks' medians, the plans' own forecast, the launcher's floor."""
+    """The main figure: miss of every shot, medians of blocks, the miss predicted, the launcher's repeatability."""
     notes, rows = _placed_notes(story)
 
     def draw(fig: Any) -> None:
@@ -83,21 +48,21 @@ def misses(story: History) -> tuple[float, Draw]:
         shots = story.shots
         miss = 1e3 * np.array([shot.miss for shot in shots])
         for label, face, use in (
-            ("one shot, potted", PALE, [bool(shot.potted) for shot in shots]),
+            ("one shot, potted", SINGLE_SHOT_COLOUR, [bool(shot.potted) for shot in shots]),
             ("one shot, not potted", "white", [not shot.potted for shot in shots]),
         ):
-            own = np.array(use, bool) & (miss > 0)
-            if own.any():
-                x = np.array([shot.number for shot in shots])[own]
-                ax.plot(x, miss[own], "o", ms=5, mfc=face, mec=MODEL, mew=0.8, alpha=0.8, label=label)
+            shown = np.array(use, bool) & (miss > 0)
+            if shown.any():
+                x = np.array([shot.number for shot in shots])[shown]
+                ax.plot(x, miss[shown], "o", ms=5, mfc=face, mec=MODEL_COLOUR, mew=0.8, alpha=0.8, label=label)
         fallen = [shot.number for shot in shots if not shot.miss > 0]
         if fallen:
-            mark = {"transform": ax.get_xaxis_transform(), "clip_on": False, "color": INK, "mew": 1.3}
+            mark = {"transform": ax.get_xaxis_transform(), "clip_on": False, "color": INK_COLOUR, "mew": 1.3}
             ax.plot(fallen, [0.975] * len(fallen), "x", ms=5.5, **mark, label="no miss: in a pocket, or not seen")
         curves = (
-            ("median miss of a block", story.median_miss, {"color": MODEL, "lw": 2.6}),
-            ("what the plans foresaw", story.median_spread, {"color": HELD_OUT, "lw": 1.6}),
-            ("the launcher's own scatter (repeats)", story.floor, {"color": INK, "lw": 1.3, "ls": "--"}),
+            ("median miss of a block", story.median_miss, {"color": MODEL_COLOUR, "lw": 2.6}),
+            ("miss that the plans predicted", story.median_spread, {"color": HELD_OUT_COLOUR, "lw": 1.6}),
+            ("launcher's repeatability (repeats)", story.floor, {"color": INK_COLOUR, "lw": 1.3, "ls": "--"}),
         )
         for label, of, style in curves:
             _steps(ax, story, of, label, style)
@@ -106,26 +71,31 @@ def misses(story: History) -> tuple[float, Draw]:
         ]
         low, high = (min(seen) / 1.6, max(seen) * 2.2) if seen else (1.0, 1e3)
         ax.set(yscale="log", ylim=(low, high), xlim=(0.3, _last(story) + 0.7))
-        ax.set(xlabel="shot", ylabel="cue ball, from where it was told to stop [mm]")
-        _plain_log(ax.yaxis)
+        ax.set(xlabel="shot", ylabel="cue ball, from its predicted position [mm]")
+        plain_log_ticks(ax.yaxis, math.inf)
         ax.xaxis.get_major_locator().set_params(integer=True)
         for first, last in blocks(story):
             value = 1e3 * story.median_miss(first, last)
             if value > 0:
                 text = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "weight": "bold"}
                 box = {"fc": "white", "ec": "none", "pad": 0.2, "alpha": 0.65}
-                ax.annotate(number(value), ((first + last) / 2, value), **text, color=MODEL, bbox=box, zorder=6)
+                ax.annotate(number(value), ((first + last) / 2, value), **text, color=MODEL_COLOUR, bbox=box, zorder=6)
         for refit in story.refits:
-            ax.axvline(refit.shots + 0.5, color=NOISE, lw=0.9, ls=":", zorder=0)
+            ax.axvline(refit.shots + 0.5, color=NOISE_COLOUR, lw=0.9, ls=":", zorder=0)
         for at, row, side, word in notes:
-            place = {"xytext": (0, 4 + 72 * LINE * row), "textcoords": "offset points", "ha": side, "va": "bottom"}
+            place = {
+                "xytext": (0, 4 + 72 * LINE_HEIGHT_IN * row),
+                "textcoords": "offset points",
+                "ha": side,
+                "va": "bottom",
+            }
             ax.annotate(word, (at, 1.0), xycoords=("data", "axes fraction"), **place, fontsize=8, parse_math=False)
         ax.grid(axis="y")
         ax.set_axisbelow(True)
         if ax.get_legend_handles_labels()[1]:
             fig.legend(loc="outside lower center", ncols=3)
 
-    return 4.4 + LINE * rows, draw
+    return 4.4 + LINE_HEIGHT_IN * rows, draw
 
 
 def constants(story: History) -> tuple[float, Draw] | None:
@@ -133,14 +103,14 @@ def constants(story: History) -> tuple[float, Draw] | None:
     names = [(kind, name) for kind in ("values", "launcher") for name in _names(story, kind)]
     if not names:
         return None
-    rows = math.ceil(len(names) / COLUMNS)
+    rows = math.ceil(len(names) / PANELS_ACROSS)
 
     def draw(fig: Any) -> None:
-        axes = fig.subplots(rows, COLUMNS, squeeze=False).ravel()
+        axes = fig.subplots(rows, PANELS_ACROSS, squeeze=False).ravel()
         for ax, (kind, name) in zip(axes, names, strict=False):
             found = [(r.shots, *getattr(r, kind)[name]) for r in story.refits if name in getattr(r, kind)]
             at, value, sd = np.array(found, float).T
-            colour = MODEL if kind == "values" else HELD_OUT
+            colour = MODEL_COLOUR if kind == "values" else HELD_OUT_COLOUR
             known = np.isfinite(sd)
             ax.plot(at, value, "-", color=colour, lw=0.8, alpha=0.6)
             ax.errorbar(
@@ -148,7 +118,7 @@ def constants(story: History) -> tuple[float, Draw] | None:
             )
             ax.plot(at[~known], value[~known], "o", ms=3.5, mfc="white", color=colour)
             ax.set_title(one_line(name), fontsize=7.5, parse_math=False)
-            ax.set_xlim(0, max(r.shots for r in story.refits) + every(story) / 2)
+            ax.set_xlim(0, max(r.shots for r in story.refits) + block_size(story) / 2)
             ax.set_ylim(*_limits(value, np.where(known, 2 * sd, 0.0)))
             ax.ticklabel_format(axis="y", useOffset=False, style="sci", scilimits=(-3, 4))
             ax.locator_params(axis="y", nbins=4)
@@ -165,13 +135,13 @@ def constants(story: History) -> tuple[float, Draw] | None:
 
 
 def above(story: History) -> tuple[float, Draw] | None:
-    """First and last block from above, told place to resting place; None without a shot."""
+    """First and last block from above, predicted to actual resting position; None without a shot."""
     shown = ends(story)
     if not shown:
         return None
     table = story.shots[0].scene.table
-    wide = (WIDTH - 0.8) / 2
-    height = 0.9 + wide * (table.width + 0.22) / (table.length + 0.22)
+    wide = (FIGURE_WIDTH_IN - 0.8) / 2
+    height = 0.9 + wide * (table.width + 2 * TABLE_MARGIN_M) / (table.length + 2 * TABLE_MARGIN_M)
 
     def draw(fig: Any) -> None:
         axes = fig.subplots(1, 2)
@@ -184,14 +154,13 @@ def above(story: History) -> tuple[float, Draw] | None:
         handles: dict[str, Any] = {}
         for ax in axes:
             handles |= {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-        style = {"facecolor": _rgb(CLOTH_COLOUR), "edgecolor": "none", "labelcolor": "white", "framealpha": 1.0}
-        fig.legend(handles.values(), handles, loc="outside lower center", ncols=4, frameon=True, **style)
+        legend_on_cloth(fig, list(handles.values()), list(handles), 4)
 
     return height, draw
 
 
 def pots(story: History) -> tuple[float, Draw] | None:
-    """Pots promised and seen, and the distance from the wanted place, block by block; None without a shot."""
+    """Pots predicted and seen, and the distance from the wanted position, by block; None without a shot."""
     all_blocks = blocks(story)
     if not all_blocks:
         return None
@@ -199,39 +168,31 @@ def pots(story: History) -> tuple[float, Draw] | None:
     def draw(fig: Any) -> None:
         left, right = fig.subplots(1, 2)
         middle = np.array([(first + last) / 2 for first, last in all_blocks])
-        bar = 0.36 * every(story)
+        bar = 0.36 * block_size(story)
         tallest = 0.0
         for k, block in enumerate(all_blocks):
-            promised, potted, seen = pot_count(story, block)
+            predicted, potted, seen = pot_count(story, block)
             if not seen:
                 continue
-            tall = 100 * np.array([promised, potted]) / seen
+            tall = 100 * np.array([predicted, potted]) / seen
             tallest = max(tallest, *tall)
             first = k == 0 or not left.patches
-            left.bar(middle[k] - bar / 2, tall[0], bar, color=PALE, label="promised" if first else None)
-            left.bar(middle[k] + bar / 2, tall[1], bar, color=MODEL, label="seen" if first else None)
+            left.bar(middle[k] - bar / 2, tall[0], bar, color=SINGLE_SHOT_COLOUR, label="predicted" if first else None)
+            left.bar(middle[k] + bar / 2, tall[1], bar, color=MODEL_COLOUR, label="seen" if first else None)
             text = {"ha": "center", "va": "bottom", "fontsize": 7}
             left.text(middle[k], max(tall) + 2, f"{potted} of {seen}", **text)
         names = [f"{first}–{last}" if last > first else f"{first}" for first, last in all_blocks]
         left.set(ylim=(0, max(105.0, tallest + 12)), ylabel="pots, of shots whose end was seen [%]", xlabel="shots")
         away = [(shot.number, 1e3 * shot.from_wanted) for shot in story.shots if math.isfinite(shot.from_wanted)]
         if away:
-            right.plot(*np.array(away).T, "o", ms=4, mfc=PALE, mec="none", label="one shot")
-        label = "median of a block"
-        _steps(
-            right,
-            story,
-            lambda a, b: _median([s.from_wanted for s in of_block(story, (a, b))]),
-            label,
-            {"color": MODEL, "lw": 2.4},
-        )
-        right.set(ylim=(0, None), ylabel="cue ball, from the wanted place [mm]", xlabel="shot")
+            right.plot(*np.array(away).T, "o", ms=4, mfc=SINGLE_SHOT_COLOUR, mec="none", label="one shot")
+        _steps(right, story, partial(_median_away, story), "median of a block", {"color": MODEL_COLOUR, "lw": 2.4})
+        right.set(ylim=(0, None), ylabel="cue ball, from the wanted position [mm]", xlabel="shot")
         right.set_xlim(0.3, len(story.shots) + 0.7)
         right.xaxis.get_major_locator().set_params(integer=True)
         left.set_xlim(right.get_xlim())
-        few = len(names) <= 12
-        left.set_xticks(middle if few else middle[:: math.ceil(len(names) / 12)])
-        left.set_xticklabels(names if few else names[:: math.ceil(len(names) / 12)])
+        step = math.ceil(len(names) / MAX_BLOCK_LABELS)
+        left.set_xticks(middle[::step], names[::step])
         left.tick_params(axis="x", length=0)
         for ax in (left, right):
             ax.grid(axis="y")
@@ -243,14 +204,9 @@ def pots(story: History) -> tuple[float, Draw] | None:
     return 3.3, draw
 
 
-def pot_count(story: History, block: Block) -> tuple[float, int, int]:
-    """Of the shots whose end was seen: pots that were promised, pots, shots."""
-    seen = [shot for shot in of_block(story, block) if shot.potted is not None]
-    return sum(shot.pot_probability for shot in seen), sum(bool(shot.potted) for shot in seen), len(seen)
-
-
-def _median(values: list[float]) -> float:
-    known = [v for v in values if math.isfinite(v)]
+def _median_away(story: History, first: int, last: int) -> float:
+    """Median distance from the wanted position of shots first to last [m]; nan without any."""
+    known = [shot.from_wanted for shot in of_block(story, (first, last)) if math.isfinite(shot.from_wanted)]
     return float(np.median(known)) if known else math.nan
 
 
@@ -269,8 +225,8 @@ def _last(story: History) -> int:
 
 
 def _placed_notes(story: History) -> tuple[list[tuple[float, int, str, str]], int]:
-    """What refits found, set over the picture so that no two overlap: x, row from below, side, text; and the rows."""
-    inch = (WIDTH - 1.0) / _last(story)  # of one shot
+    """What refits found, placed over the figure without overlap: x, row from below, side, text; and the rows."""
+    inch = (FIGURE_WIDTH_IN - 1.0) / _last(story)  # of one shot
     taken: list[list[tuple[float, float]]] = []
     notes = []
     for change in changes(story):
@@ -278,7 +234,7 @@ def _placed_notes(story: History) -> tuple[list[tuple[float, int, str, str]], in
         words += [f"− {one_line(name)}" for name in change.dropped]
         if not words:
             continue
-        x, wide = change.shots + 0.5, [(LETTER * len(word) + 0.06) / inch for word in reversed(words)]
+        x, wide = change.shots + 0.5, [(LETTER_WIDTH_IN * len(word) + 0.06) / inch for word in reversed(words)]
         side = "left" if x + max(wide) < _last(story) + 0.7 else "right"
         spans = [(x, x + w) if side == "left" else (x - w, x) for w in wide]
         row = next(
@@ -306,17 +262,17 @@ def _names(story: History, kind: str) -> list[str]:
 
 
 def _limits(value: Any, bar: Any) -> tuple[float, float]:
-    """Of an axis: all values, and their bars as far as these leave the values apart."""
+    """Limits of an axis: all values, and their bars as far as the values remain distinct."""
     value, bar = value[np.isfinite(value)], bar[np.isfinite(value)]
     span = float(np.ptp(value))
     typical = float(np.median(bar)) if len(bar) else 0.0
-    reach = 1.25 * max(span / 2, typical) or 0.05 * abs(float(value[0])) or 1.0
+    half = 1.25 * max(span / 2, typical) or 0.05 * abs(float(value[0])) or 1.0
     middle = (float(value.max()) + float(value.min())) / 2
-    return middle - 1.2 * reach, middle + 1.2 * reach
+    return middle - 1.2 * half, middle + 1.2 * half
 
 
 def _arrows(ax: Any, table: Table, shots: list[PlayedShot]) -> None:
-    """Told place, arrow, resting place of each shot on the cloth."""
+    """Predicted position, arrow and resting position of each shot on the table."""
     draw_table(ax, table, dark=True)
     known = [shot for shot in shots if np.isfinite(shot.planned_end).all()]
     stopped = [(shot, shot.cue_end) for shot in known if shot.cue_end is not None]
@@ -325,30 +281,21 @@ def _arrows(ax: Any, table: Table, shots: list[PlayedShot]) -> None:
         (
             [shot for shot, _ in stopped],
             {"marker": "o", "ms": 4, "mfc": "none", "mec": "white", "mew": 0.8},
-            "told to stop here",
+            "predicted to stop here",
         ),
-        (lost, {"marker": "x", "ms": 6, "mew": 1.6, "mec": "#ff9f1c"}, "told to stop here; fell, or not seen"),
+        (
+            lost,
+            {"marker": "x", "ms": 6, "mew": 1.6, "mec": LOST_SHOT_COLOUR},
+            "predicted to stop here; fell, or not seen",
+        ),
     ):
         if chosen:
             ax.plot(*np.array([shot.planned_end for shot in chosen]).T, ls="none", **mark, zorder=6, label=label)
     for k, (shot, end) in enumerate(stopped):
-        head = "-|>" if shot.miss > SHORT else "-"
-        style = {"arrowstyle": head, "color": SHOWN, "lw": 1.3, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
+        head = "-|>" if shot.miss > MIN_ARROW_M else "-"
+        style = {"arrowstyle": head, "color": PATH_COLOUR, "lw": 1.3, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
         ax.annotate("", tuple(end), tuple(shot.planned_end), arrowprops=style, zorder=5)
-        ax.plot(*end, ".", ms=4, color=SHOWN, zorder=5, label="" if k else "stopped here")
+        ax.plot(*end, ".", ms=4, color=PATH_COLOUR, zorder=5, label="" if k else "stopped here")
     for shot in known:
         text = {"xytext": (4, 4), "textcoords": "offset points", "fontsize": 6.5, "color": "white", "zorder": 7}
         ax.annotate(str(shot.number), shot.planned_end, **text)
-
-
-def _plain_log(axis: Any) -> None:
-    """Plain numbers at 1, 2 and 5 of every decade."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(lambda value, _: f"{value:g}")
-
-
-def _rgb(colour: tuple[int, int, int]) -> tuple[float, ...]:
-    return tuple(c / 255 for c in colour)

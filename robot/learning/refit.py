@@ -35,7 +35,8 @@ from sysid.clips.outliers import remove_outliers
 from sysid.estimation.initial_states import fit_states, grown_by_stage
 from sysid.estimation.problem import turn
 from sysid.estimation.shot_problem import shot_problem
-from sysid.report.findings import model_of, result_of
+from sysid.report.outcome import model_of
+from sysid.report.result_json import result_of
 from sysid.selection.discover import discover
 
 MIN_STROKES = 8  # from which the map is fitted anew; the start map is its prior

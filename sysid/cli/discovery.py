@@ -59,12 +59,11 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
     from sysid.estimation.split import begin
     from sysid.report.findings import (
         cut_line,
-        judgement_told,
         round_rows,
-        sections,
         shot_lines,
         verdict_lines,
     )
+    from sysid.report.result_json import judgement_json
     from sysid.selection.discover import propose_next
     from sysid.selection.formula import describe
     from sysid.selection.judge import diagnose_fit
@@ -92,7 +91,7 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
     notes = [*([cut_line(parts)] if parts.cut else []), *verdict_lines(judged, unexplained), *shot_lines(shot)]
     print("\n" + "\n".join(notes))
     if json_file:
-        write_json(json_file, judgement_told(parts, judged, unexplained, shot))
+        write_json(json_file, judgement_json(parts, judged, unexplained, shot))
     if report_file:
         from sysid.report.html import write_report
         from sysid.residuals.compare import compare
@@ -101,7 +100,7 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
         initial_states = parts.states_of(fitted, [c.file for c in clip_set.clips])
         comparison = compare(clip_set, fitted.model, start=initial_states)
         progress.close()
-        write_report(report_file, "What is missing", [("base", comparison)], notes=notes, sections=sections((seen,)))
+        write_report(report_file, "What is missing", [("base", comparison)], notes=notes, rounds=(seen,))
         print(f"report: {report_file}")
     return Status.DONE if seen.base.converged else Status.FINDING
 

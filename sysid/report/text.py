@@ -1,4 +1,7 @@
-"""A comparison in plain words, for the terminal and the report."""
+"""A comparison in plain words, for the terminal and the report.
+
+In: a `Comparison`. Out: lines of text, which nothing is read back from.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +12,17 @@ from models.console import table
 from sysid.residuals.comparison import Comparison
 from sysid.residuals.significance import Dependence
 
-OF = {"motion": "Between events", "turning": "Of the marks' turning", "impacts": "At impacts"}
-WORST = 5  # clips listed
-NEARLY = 0.9
-LARGE = 1.1  # ratio above which whole shots are not followed to the noise
+RESIDUAL_KINDS = {"motion": "Between impacts", "turning": "Of the balls' rotation", "impacts": "At impacts"}
+MAX_WORST_CLIPS = 5  # listed
+NEARLY_AS_MUCH = 0.9  # of the largest share of chi-square: then the simpler variable is named
+MAX_NOISE_RATIO = 1.1  # rms over noise above which whole shots are not followed to the noise
 
 
 def in_words(comparison: Comparison) -> list[str]:
-    """What departs, the most evident first, what it depends on, and whether the rest is noise; or that nothing does."""
+    """Departures, the most significant first, what the error depends on, and whether the residuals are white."""
     found, white = comparison.local, comparison.white
     lines = [d.where[0].upper() + d.where[1:] + "." for d in found.named]
-    for of, words in OF.items():
+    for of, words in RESIDUAL_KINDS.items():
         named = [d for d in found.named if d.of == of]
         rows = [d for d in found.dependence if d.of == of and math.isfinite(d.share)]
         if named and rows:
@@ -29,22 +32,24 @@ def in_words(comparison: Comparison) -> list[str]:
             )
     if not found.named:
         lines = [
-            f"Nothing stands out: none of {found.tests} groups departs beyond what chance does to as many, "
+            f"Nothing stands out: none of {found.tests} groups departs by more than chance explains among as many, "
             f"with noise of {comparison.noise_m * 1e3:.2f} mm."
         ]
-        if white.samples and white.ratio > LARGE:
-            lines.append(f"Yet whole shots miss by {white.ratio:.1f} times the noise: these clips do not tell where.")
+        if white.samples and white.ratio > MAX_NOISE_RATIO:
+            lines.append(
+                f"Yet whole shots miss by {white.ratio:.1f} times the noise; these clips cannot locate the cause."
+            )
     return [*lines, white.in_words()]
 
 
 def simplest(rows: Sequence[Dependence]) -> Dependence:
     """Of the variables that explain nearly as much as any, the one with the fewest groups."""
     most = max(d.share for d in rows)
-    return min((d for d in rows if d.share >= NEARLY * most), key=lambda d: (d.groups, -d.share))
+    return min((d for d in rows if d.share >= NEARLY_AS_MUCH * most), key=lambda d: (d.groups, -d.share))
 
 
 def engines_line(comparison: Comparison) -> str:
-    """The error of the engine that was fitted in beside that of MuJoCo with the same constants."""
+    """The error of the engine that the model was fitted in, and that of MuJoCo with the same constants."""
     s = comparison.summary()
     here, there = (f"{1e3 * s[k]:.3f} mm" for k in ("rms_median_m", "mujoco_rms_median_m"))
     if not comparison.mujoco:
@@ -53,13 +58,12 @@ def engines_line(comparison: Comparison) -> str:
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """What `compare` tells on the terminal."""
+    """What `compare` prints."""
     s, mm = comparison.summary(), 1e3
     names = ", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact"
     print(f"{len(comparison.clips)} clips, noise {comparison.noise_m * mm:.2f} mm an axis, model: {names}")
-    print(
-        f"segments between events: median rms {s['segment_ratio_median']:.2f} of the noise ({len(comparison.segments)})"
-    )
+    count = len(comparison.segments)
+    print(f"{count} segments between impacts: median rms {s['segment_ratio_median']:.2f} times the noise")
     print(f"struck ball, whole clip: median {s['struck_rms_median_m'] * mm:.1f} mm rms")
     held = sum(c.held_out for c in comparison.clips)
     if held:
@@ -67,7 +71,7 @@ def print_comparison(comparison: Comparison) -> None:
     print(engines_line(comparison))
     print("\nWorst clips")
     rows = [("", "struck ball, mm", "all balls, mm", "chi2")]
-    for c in sorted(comparison.clips, key=lambda c: -c.rms_m)[:WORST]:
+    for c in sorted(comparison.clips, key=lambda c: -c.rms_m)[:MAX_WORST_CLIPS]:
         where = f"  {c.file}" + (" (held out)" if c.held_out else "")
         rows.append((where, f"{c.struck_rms_m * mm:.2f}", f"{c.rms_m * mm:.2f}", f"{c.chi2_reduced:.2f}"))
     print(table(rows))

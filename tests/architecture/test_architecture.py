@@ -27,6 +27,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "simulation": ("analytic", "engine", "mjcf"),
         "recording": ("mjcf",),
         "environment": ("mjcf",),
+        "report": ("recording",),
     },
     "sysid": {
         "clips": (),

@@ -205,7 +205,7 @@ def test_the_figures_of_the_plan_are_on_paper(page: str) -> None:
         "073p", "-3.0 mm", "+5.0 mm", "22.70°", "0.3962", "-0.12° to +0.10°", "1.86 m/s", "2.31 m/s", "6.5°",
         "87 % (84 to 90)", "5 % (3 to 7)", "touches pink", "3.6 %", "in-off", "1.0 %", "6 mm of yaw", "0.074°", "1.2 %",
         "0.5 mm", "0.8 mm", "fitted.toml", "ball_impact", "0.83", "61 % (50 to 70)", "120p", "3.50 m/s",
-        "40 drawn as lines, 500 as resting places", "strike the white 3 mm left and 5 mm above centre",
+        "40 drawn as lines, 500 as resting positions", "strike the white 3 mm left and 5 mm above centre",
         "the red goes into the corner pocket +x +y, in about 87 plays of a hundred", "3.569 m × 1.778 m",
     ):  # fmt: skip
         assert figure in words, figure
@@ -222,13 +222,13 @@ def test_the_page_is_whole_and_needs_nothing_else(page: str) -> None:
     assert len(page) < 1_000_000
 
 
-def test_pictures_count_draws_by_what_became_of_them(page: str, plan: dict[str, Any]) -> None:
+def test_figures_count_samples_by_outcome(page: str, plan: dict[str, Any]) -> None:
     _, above, rest, *_ = Page(page).pictures()
     count = [sum(fate(draw) == word for draw in plan["fan"]) for word in ("potted", "missed", "foul")]
     assert sum(count) == 40
     assert min(count) > 0
     for word, number in zip(("potted", "missed", "foul"), count, strict=True):
-        assert f"{word} in {number} of 40 draws" in above
+        assert f"{word} in {number} of 40 samples" in above
     far = 1e3 * np.hypot(*(np.array(plan["places"]["cue"]) - REST).T)
     assert f"50 % within {np.median(far):#.3g} mm" in rest
     assert "red, object ball" in above

@@ -15,8 +15,8 @@ import pytest
 
 from models.errors import BadInput
 from models.recording.story import STORY_CURVES, SeriesRecording, SeriesShot, write_story
+from robot.learning.blocks import blocks, changes, ends
 from robot.learning.history import History, Refit
-from robot.learning.pictures import blocks, changes, ends
 from robot.learning.report import recording_of, sentences, write_picture, write_recording, write_report
 from tests.models.recording.test_view import column, read, seconds
 from tests.support.story_samples import FAR, FELL, FOUND, NEAR, NO_FILM, UNSEEN, long_story, sample_story
@@ -86,15 +86,15 @@ def test_sentences_tell_the_medians() -> None:
     first = 1e3 * np.median([FAR * (0.5 + 0.1 * k) for k in range(1, 7) if k != FELL])
     last = 1e3 * np.median([NEAR * (0.5 + 0.1 * k) for k in range(7, 13) if k != UNSEEN])
     floor = 1e3 * np.median([0.02 + 0.001 * k for k in (10, 11, 12)])
-    assert f"(shots 1 to 6) the cue ball stopped {first:.0f} mm" in said
-    assert f"(shots 7 to 12) {last:.1f} mm: {first / last:.1f} times less" in said
+    assert f"(shots 1 to 6) the cue ball missed by {first:.0f} mm" in said
+    assert f"(shots 7 to 12) by {last:.1f} mm: {first / last:.1f} times less" in said
     assert f"is {floor:.1f} mm: the cue ball misses by {last / floor:.2f} times that" in said
     promised = sum(0.5 + 0.03 * k for k in range(1, 13) if k != UNSEEN)
-    assert f"{promised:.1f} promised and 7 seen, of 11 shots" in said
+    assert f"{promised:.1f} predicted and 7 seen, of 11 shots" in said
     assert "12 shots played, 1 refit" in said
     assert f"after 6 shots {', '.join(FOUND)}." in said
     assert "Left unexplained: after the cushion +x." in said
-    assert "It ended: all 12 shots are played." in said
+    assert "The series ended: all 12 shots are played." in said
 
 
 def test_without_repeats_the_plans_say_what_to_expect() -> None:
@@ -102,9 +102,9 @@ def test_without_repeats_the_plans_say_what_to_expect() -> None:
     shots = tuple(dataclasses.replace(shot, floor=math.nan) for shot in story.shots)
     spread = 1e3 * np.median([0.05 / k for k in range(7, 13)])
     said = " ".join(sentences(dataclasses.replace(story, shots=shots)))
-    assert f"No stroke was repeated; the plans of shots 7 to 12 foresaw a miss of {spread:.2f} mm" in said
+    assert f"No stroke was repeated; the plans of shots 7 to 12 predicted a miss of {spread:.2f} mm" in said
     blind = tuple(dataclasses.replace(shot, spread=math.nan) for shot in shots)
-    assert "the plans tell no miss to expect" in " ".join(sentences(dataclasses.replace(story, shots=blind)))
+    assert "the plans predict no miss" in " ".join(sentences(dataclasses.replace(story, shots=blind)))
 
 
 def test_a_series_that_gets_worse_is_told_so() -> None:
@@ -160,7 +160,7 @@ def test_tables_tell_every_shot_and_refit(page: str) -> None:
     assert noted[1] == "–"
     assert noted[NO_FILM] == "no film; the film is lost: the disk is &lt;full&gt;"
     assert noted[FELL] == "in-off"
-    assert "nobody knows whether it was struck; no film; not seen where the cue ball ended" in noted[UNSEEN]
+    assert "not known whether it was struck; no film; not seen where the cue ball ended" in noted[UNSEEN]
 
 
 def test_what_is_not_known_is_a_dash(tmp_path: Path) -> None:
@@ -185,8 +185,8 @@ def test_what_is_not_known_is_a_dash(tmp_path: Path) -> None:
     assert rows_of(page, 0) == [["6", "none", "–", "–", "–", "–", "–"]]
     assert all(row[2:7] == ["–"] * 5 for row in rows_of(page, 1))
     said = " ".join(sentences(story))
-    assert "nobody saw the cue ball stop" in said
-    assert "Nobody saw how the shots ended." in said
+    assert "the cue ball was not seen to stop" in said
+    assert "No shot was seen to its end." in said
 
 
 @pytest.mark.parametrize(("count", "refits"), ((0, 0), (0, 1), (1, 1)))
@@ -198,7 +198,7 @@ def test_a_series_that_has_just_begun_is_drawn(count: int, refits: int, tmp_path
     write_recording(tmp_path / "a.rrd", story)
     page = (tmp_path / "a.html").read_text(encoding="utf-8")
     assert Page(page).open == []
-    assert "It has not ended." in page
+    assert "The series has not ended." in page
     assert ("No shot was played yet." in page) is (count == 0)
     assert "times less" not in page  # there is one block at most
     assert cv2.imread(str(tmp_path / "a.png")).shape[1] > 1400

@@ -113,7 +113,7 @@ def study_one(entry: Entry, out: Path = OUT) -> dict[str, Any] | None:
     try:
         from models.model_file import full_model
         from sysid.clips import read_clip_set
-        from sysid.report.findings import result_of
+        from sysid.report.result_json import result_of
         from sysid.selection.discover import discover
 
         folder = made(entry, out)

@@ -323,7 +323,7 @@ def test_the_demo_writes_its_files(demo: tuple[Path, str]) -> None:
         assert name in said
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "<html" in page and "decoupled_cloth" in page and "table_tilt" in page
-    assert page.index("fails</h2>") < page.index("What could be missing")
+    assert page.index("fails</h2>") < page.index("could be missing")
 
 
 @pytest.mark.slow
@@ -337,7 +337,7 @@ def test_the_demo_names_what_the_example_hides(demo: tuple[Path, str]) -> None:
     first, last = result["rounds"][0], result["rounds"][-1]
     assert first[0]["effect"] == hidden[0] and first[0]["delta_bic"] > 10 * first[1]["delta_bic"] > 0
     assert max(row["delta_bic"] for row in last) < 10
-    told = [f"missing: {hidden[0]}", "are pulled by", "promises", "look alike", "Nothing stands out", "next shot"]
+    told = [f"missing: {hidden[0]}", "are pulled by", "is predicted", "confounded", "Nothing stands out", "next shot"]
     assert all(words in said for words in told)
     assert said.index("are pulled by") < said.index(hidden[0]) < said.index(TRUTH.name), "what it knows, and when"
 

@@ -19,7 +19,8 @@ from models.model_file import Estimate, Model, full_model
 from models.shot import Ball, Table, Track
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.report.html import Rung, write_report
-from sysid.report.plots import dependence_svg, ladder_svg, map_svg, spread_svg, tracks_svg
+from sysid.report.plots import dependence_svg, ladder_svg, spread_svg, tracks_svg
+from sysid.report.plots_where import map_svg
 from sysid.residuals.comparison import ClipRow, Comparison, Group, SegmentRow
 from sysid.residuals.impacts import no_impacts
 from sysid.residuals.localise import find
@@ -133,11 +134,8 @@ def test_page_is_whole_and_self_contained(tmp_path: Path) -> None:
         assert re.findall(r'(?:href|src)="(?!#|data:)[^"]*"|@import|url\((?!#)', picture) == []
         assert "<dc:date>" not in picture
     labels = [words(p) for p in pictures]
-    for label, units in zip(
-        labels,
-        ("[mm]", "x [m]", "rms miss in the cell [mm]", "speed [m/s]", "missing [mm/s²]", "lag [samples]", "[count]"),
-        strict=True,
-    ):
+    marks = ("[mm]", "x [m]", "rms miss in the cell [mm]", "speed [m/s]", "missing [mm/s²]", "lag [samples]", "[count]")
+    for label, units in zip(labels, marks, strict=True):
         assert units in label
 
 
@@ -159,7 +157,7 @@ def test_text_of_users_is_escaped(tmp_path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     seen = Page(text)
     assert "script" not in {tag for tag, _ in seen.seen}
-    assert text.count("&lt;script&gt;alert(&#x27;$x$&#x27;)") >= 5
+    assert text.count("&lt;script&gt;alert(&#39;$x$&#39;)") >= 5
     assert "behind the &lt;sofa&gt;" in text
     assert "$x$" in words(seen.pictures()[0])
     assert "$x$" in words(seen.pictures()[1])
@@ -197,7 +195,7 @@ def test_numbers_are_those_of_the_comparison(tmp_path: Path) -> None:
 def test_a_rung_stands_in_for_the_comparison_of_its_label(tmp_path: Path) -> None:
     rungs = [Rung("base", 0.0111), Rung("last", 0.0044)]
     text, _ = page(tmp_path, [("first", comparison(0)), ("last", comparison(0))], ladder=rungs)
-    table = text[text.index("<h2>Error ladder") :]
+    table = text[text.index("<h2>How far each model") :]
     labels = re.findall(r"<tr[^>]*><td>(.*?)</td>", table[: table.index("</table>")])
     assert labels == ["first", "base", "last"]
     assert "4.40 mm" in table

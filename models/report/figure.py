@@ -1,4 +1,4 @@
-"""Pictures as bytes: nothing in them depends on the clock, the user's settings or earlier pictures."""
+"""Figures as bytes: nothing in them depends on the clock, the user's settings or earlier figures."""
 
 from __future__ import annotations
 
@@ -7,9 +7,16 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-INK, MODEL, HELD_OUT, NOISE, SHOWN = "#1f2933", "#2563a8", "#d9730d", "#8a94a0", "#00dcf5"
-WIDTH = 10.6  # of every picture [inch of 72 points]
-STYLE = {
+Draw = Callable[[Any], None]  # draws into a matplotlib figure
+
+FIGURE_WIDTH_IN = 10.6  # of every figure that spans the page [inch of 72 points]
+INK_COLOUR = "#1f2933"  # text, axes, reference lines
+MODEL_COLOUR = "#2563a8"
+HELD_OUT_COLOUR = "#d9730d"
+NOISE_COLOUR = "#8a94a0"
+PATH_COLOUR = "#00dcf5"  # a model's path on the cloth
+PERFECT_COLOUR = "#d5dade"  # band of a perfect model, or of white noise
+RC_PARAMS = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial"],
@@ -17,14 +24,14 @@ STYLE = {
     "axes.titlesize": 9,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # where it is anyway, without a look at every tick for one in its way
-    "axes.edgecolor": NOISE,
-    "axes.labelcolor": INK,
+    "axes.titley": 1.0,  # as by default, but matplotlib need not search all ticks for one in its way
+    "axes.edgecolor": NOISE_COLOUR,
+    "axes.labelcolor": INK_COLOUR,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
+    "text.color": INK_COLOUR,
+    "xtick.color": INK_COLOUR,
+    "ytick.color": INK_COLOUR,
     "grid.color": "#e3e7eb",
     "grid.linewidth": 0.7,
     "legend.frameon": False,
@@ -32,37 +39,37 @@ STYLE = {
 }
 
 
-def svg(name: str, height: float, draw: Callable[[Any], None]) -> str:
-    """A picture as SVG; `name` makes its ids its own, `height` in inches, `draw` is given the figure."""
+def svg(name: str, height: float, draw: Draw) -> str:
+    """A figure as SVG; its ids are made from `name`, `height` in inches."""
     text: str = _drawn(
         height, draw, {"svg.hashsalt": name}, io.StringIO(), format="svg", metadata={"Date": None, "Creator": None}
     )
     return text
 
 
-def png(height: float, draw: Callable[[Any], None], dpi: int) -> bytes:
-    """A picture as PNG, of so many dots an inch."""
+def png(height: float, draw: Draw, dpi: int) -> bytes:
+    """A figure as PNG; `height` in inches."""
     data: bytes = _drawn(height, draw, {}, io.BytesIO(), format="png", dpi=dpi, metadata={"Software": None})
     return data
 
 
-def _drawn(height: float, draw: Callable[[Any], None], more: dict[str, Any], out: Any, **rest: Any) -> Any:
+def _drawn(height: float, draw: Draw, more: dict[str, Any], out: Any, **options: Any) -> Any:
     import matplotlib
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # a browser has more fonts
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update({**STYLE, **more})
-        figure = Figure(figsize=(WIDTH, height), layout="constrained")
+        matplotlib.rcParams.update({**RC_PARAMS, **more})
+        figure = Figure(figsize=(FIGURE_WIDTH_IN, height), layout="constrained")
         draw(figure)
-        _lay_out(figure, rest["format"], rest.get("dpi", 72))
-        figure.savefig(out, facecolor="white", **rest)
+        _lay_out(figure, options["format"], options.get("dpi", 72))
+        figure.savefig(out, facecolor="white", **options)
     return out.getvalue()
 
 
 def _lay_out(figure: Any, kind: str, dpi: int) -> None:
-    """Place what a figure holds as saving it would, which draws it whole a first time for that and throws it away."""
+    """Run the layout engine once; savefig would draw the whole figure an extra time for it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 

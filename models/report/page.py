@@ -1,0 +1,62 @@
+"""A report as one HTML file: self-contained, escaped, the same bytes for the same values.
+
+A template extends `page.html.j2`, which holds the style, and imports figures, tables and notes from `macros.html.j2`.
+Every value is escaped, characters that cannot be shown are spelt out, and a name that no value was given for is an
+error. jinja2 is imported only when a report is written: commands that write none start without it.
+"""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+
+from models.files import write_whole
+from models.report.numbers import millimetres, number, value_with_sd
+
+SHARED_TEMPLATES = Path(__file__).with_name("templates")
+
+
+def write_page(path: Path | str, template: Path, **values: object) -> None:
+    """Render a template and write it, whole or not at all.
+
+    Args:
+        path: the HTML file.
+        template: the report's own template; others in its folder may be included from it.
+        values: what the template names; `title` always.
+
+    Raises:
+        BadInput: the file cannot be written there.
+    """
+    write_whole(path, render(template, **values).encode())
+
+
+def render(template: Path, **values: object) -> str:
+    """The text of a page; jinja2.UndefinedError where the template names a value that is not given."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader([template.parent, SHARED_TEMPLATES]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_finalize,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"svg_uri": svg_uri, "number": number, "mm": millimetres, "with_sd": value_with_sd}
+    return environment.get_template(template.name).render(values)
+
+
+def printable(text: object) -> str:
+    """Any text on one line; characters that cannot be shown are spelt out."""
+    return "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in str(text))
+
+
+def svg_uri(picture: str) -> str:
+    """An SVG as the address of an image, so that the page needs no other file."""
+    return "data:image/svg+xml;base64," + base64.b64encode(picture.encode()).decode()
+
+
+def _finalize(value: object) -> object:
+    """A plain string made printable; what is HTML already stays."""
+    return printable(value) if type(value) is str else value
