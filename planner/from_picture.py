@@ -24,7 +24,7 @@ from sysid.clips.faults import closest, listed, one_line
 from sysid.clips.plausibility import OVERLAP, POCKET_REACH, START_FRAMES
 
 if TYPE_CHECKING:
-    from sysid.vision.balls.detect import Detector, Seen
+    from sysid.vision.balls.detect import Detection, Detector
     from sysid.vision.camera.projection import Camera
     from sysid.vision.frames import Picture
 
@@ -124,7 +124,7 @@ def balls_in_picture(
     detector = Detector.learn(camera, footage, palette, progress)
     progress("looking at the last frame")
     pictures = deque((frame.picture for frame in footage), maxlen=LAST)
-    told = list(detector.told)
+    told = list(detector.notes)
     all_seen = detector.find(pictures[-1])
     told += _not_known(detector, camera, pictures[-1], all_seen)
     seen = _numbered(all_seen, dict(zip(palette.names, palette.counts, strict=True)), told)
@@ -184,9 +184,9 @@ def _chosen(clips: Sequence[Clip], clip: str | int | None, folder: Path | str) -
     return clips[same[0]]
 
 
-def _numbered(seen: Sequence[Seen], counts: Mapping[str, int], told: list[str]) -> dict[str, Seen]:
+def _numbered(seen: Sequence[Detection], counts: Mapping[str, int], told: list[str]) -> dict[str, Detection]:
     """Sightings, the surest first, by names of their own: red, red 2, red 3 from left to right."""
-    named: dict[str, Seen] = {}
+    named: dict[str, Detection] = {}
     for name in sorted({one.name for one in seen}, key=list(counts).index):
         same = [one for one in seen if one.name == name]
         if len(same) > (most := counts[name]):
@@ -204,11 +204,11 @@ def _numbered(seen: Sequence[Seen], counts: Mapping[str, int], told: list[str]) 
     return named
 
 
-def _not_known(detector: Detector, camera: Camera, picture: Picture, seen: Sequence[Seen]) -> list[str]:
+def _not_known(detector: Detector, camera: Camera, picture: Picture, seen: Sequence[Detection]) -> list[str]:
     """What lies on the cloth, has not its colour however lit, and was not found to be a ball, in plain words."""
     import cv2
 
-    bed = detector.backdrop.scene.bed
+    bed = detector.background.geometry.bed
     cloth = np.median(picture[bed], axis=0)
     share = (picture @ cloth / (cloth @ cloth)).clip(*LIT)
     odd = (bed & (np.abs(picture - share[..., None] * cloth).max(axis=2) > OFF * cloth.max())).astype(np.uint8)
@@ -218,7 +218,7 @@ def _not_known(detector: Detector, camera: Camera, picture: Picture, seen: Seque
     _, _, stats, middles = cv2.connectedComponentsWithStats(odd)
     told = []
     for middle, area in zip(middles[1:], stats[1:, cv2.CC_STAT_AREA], strict=True):
-        size = area / (np.pi * detector.backdrop.scene.radius(middle) ** 2)
+        size = area / (np.pi * detector.background.geometry.radius(middle) ** 2)
         if size > PART:
             much = "a ball" if size < 1.5 else f"{size:.0f} balls"
             x, y = camera.on_plane(middle[None], camera.radius)[0]

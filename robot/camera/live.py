@@ -39,7 +39,7 @@ from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.palette import default_palette, read_palette
 from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
 from sysid.vision.details import details
-from sysid.vision.frames import Clock, Footage, Picture, Video, quiet
+from sysid.vision.frames import Footage, FrameTimes, Picture, Video, quiet
 from sysid.vision.tracks.track import Extra, Tracked, clip_set, track
 
 LOOKS = 8  # pictures that a look at resting balls is the mean of
@@ -263,9 +263,9 @@ class _Stamped(Video):
             k = min(round(stamp * self.rate), len(self._numbers) - 1)
             yield float(self._numbers[k]) * self._period, picture
 
-    def clock(self, fps: float | None) -> Clock:
+    def frame_times(self, fps: float | None) -> FrameTimes:
         """The camera's own."""
-        return Clock(self._period, True, 1.0, (f"frame times from the camera's stamps, {1 / self._period:.6g}/s",))
+        return FrameTimes(self._period, True, 1.0, (f"frame times from the camera's stamps, {1 / self._period:.6g}/s",))
 
 
 class _Still:

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     result, seen = details(result, footage, camera, progress)
     progress.close()
     mass = args.mass if args.mass is not None else USUAL * camera.diameter**3
-    told = [*footage.assumed, *detector.told, *result.told]
+    told = [*footage.assumed, *detector.notes, *result.told]
     if args.mass is None:
         told.append(f"mass {mass:.4f} kg, that of a snooker ball of this size: give yours with --mass")
     _print(result, told)

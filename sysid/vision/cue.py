@@ -41,7 +41,7 @@ SHAKEN = math.radians(0.3)  # swing of the line that is told
 
 
 @dataclass(frozen=True)
-class CueSeen:
+class CueMotion:
     """What the cue did, up to the strike. Values are NaN where the pictures did not tell."""
 
     speed: float  # of its tip at contact [m/s]
@@ -88,7 +88,7 @@ class _Line:
 
 def watch_cue(
     frames: Sequence[tuple[float, Picture]], camera: Camera, ball_xy: Array, backdrop: Picture | None = None
-) -> CueSeen | None:
+) -> CueMotion | None:
     """The cue that is about to strike a ball; None where there is none.
 
     Args:
@@ -330,7 +330,9 @@ def _onsets(seen: Array, pixel: int) -> tuple[Array, Array]:
     return place, empty
 
 
-def _summary(camera: Camera, line: _Line, fits: Array, time: Array, away: Array, touch: float, scale: float) -> CueSeen:
+def _summary(
+    camera: Camera, line: _Line, fits: Array, time: Array, away: Array, touch: float, scale: float
+) -> CueMotion:
     """What lines (k, 6) and places of the tip (n,) come to."""
     foot = line.points(touch + away, np.zeros(1))[:, 0]
     seen, rows = np.flatnonzero(np.isfinite(away)), _pixels(camera, np.nan_to_num(foot)[None])[0, :, 1]
@@ -351,7 +353,7 @@ def _summary(camera: Camera, line: _Line, fits: Array, time: Array, away: Array,
     told.append(
         f"raised by {turned:.0f} degrees, a cue is seen turned by {lean * turned:+.2f} degrees and {fast:+.1f} % faster"
     )
-    return CueSeen(
+    return CueMotion(
         *speed[:3], math.remainder(line.azimuth, 2 * math.pi), float(sd[1]), line.side, float(sd[0]), *speed[3:],
         time[seen], foot[seen], lean, tuple(told),
     )  # fmt: skip

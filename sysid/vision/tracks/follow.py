@@ -25,7 +25,7 @@ from models.shot import NOSE_COSINE
 from sysid.vision.camera.projection import Array, Camera
 
 if TYPE_CHECKING:
-    from sysid.vision.balls.detect import Seen
+    from sysid.vision.balls.detect import Detection
 
 PUSH = 3.0  # acceleration that the cloth may give [m/s^2]
 LEVEL = 0.2  # least standard deviation of a sighting, beside its own [pixels]
@@ -174,7 +174,7 @@ class Row(NamedTuple):
     change: float
 
 
-def _row(frame: int, time: float, seen: Seen) -> Row:
+def _row(frame: int, time: float, seen: Detection) -> Row:
     return Row(frame, time, float(seen.xy[0]), float(seen.xy[1]), float(seen.sd), float(seen.radius), seen.change)
 
 
@@ -241,7 +241,7 @@ class Follower:
         """How many balls the last frame showed."""
         return sum(ball.sure and not ball.missed for ball in self.balls)
 
-    def take(self, index: int, time: float, seen: Sequence[Seen]) -> None:
+    def take(self, index: int, time: float, seen: Sequence[Detection]) -> None:
         """Give what was seen in a frame to the balls."""
         if self._forecast != time:
             self._predict(time)
@@ -283,7 +283,7 @@ class Follower:
         """When a row of the picture is exposed, after the middle one [s]."""
         return self.camera.readout * (row / max(self.camera.size[1] - 1, 1) - 0.5)
 
-    def _places(self, seen: Sequence[Seen]) -> Places:
+    def _places(self, seen: Sequence[Detection]) -> Places:
         """The sightings that lie on the table."""
         if not seen:
             return {}
@@ -361,7 +361,7 @@ class Follower:
             else:
                 ball.sure = len(mine) < self.counts.get(ball.name, len(mine) + 1)
 
-    def _appear(self, index: int, seen: Sequence[Seen], places: Places, found: dict[int, _Ball]) -> None:
+    def _appear(self, index: int, seen: Sequence[Detection], places: Places, found: dict[int, _Ball]) -> None:
         """Begin a ball with every sighting left, unless it lies in one that was seen, or should have been."""
         there = [places[k][1:3] for k in found] + [(b.smooth.x, b.smooth.y) for b in self.balls if b.smooth and b.sure]
         for k in sorted(places.keys() - found.keys(), key=lambda k: -float(seen[k].score)):

@@ -28,7 +28,7 @@ from sysid.vision.tracks.spins import change, spins
 from sysid.vision.tracks.strikes import Shot, split
 
 if TYPE_CHECKING:
-    from sysid.vision.balls.detect import Detector, Seen
+    from sysid.vision.balls.detect import Detection, Detector
     from sysid.vision.frames import Footage, Picture
 
 WHOLE = 0.2  # between two searches of the whole picture [s]
@@ -46,7 +46,7 @@ ROUGH = 0.15  # noise that is not to be trusted, in radii
 BEYOND = 0.004  # over the nose line [m]
 EMPTY = "no shot was found that begins with a ball at rest and a clean stroke"
 
-Found = Mapping[str, tuple[Path, NDArray[np.int64]]]  # ball -> its path, and which of its sightings
+ClipTracks = Mapping[str, tuple[Path, NDArray[np.int64]]]  # ball -> its path, and which of its sightings
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Tracked:
 
     scene: Scene
     shots: tuple[Shot, ...]
-    found: tuple[Found, ...]  # of each shot
+    found: tuple[ClipTracks, ...]  # of each shot
     left_out: tuple[str, ...]
     noise: Noise
     doubts: tuple[str, ...]  # why the result is not to be trusted
@@ -114,7 +114,7 @@ def track(
 
 def _look(
     detector: Detector, picture: Picture, expected: Sequence[tuple[str, Array]], whole: bool
-) -> list[Seen]:  # fmt: skip
+) -> list[Detection]:  # fmt: skip
     """The balls expected, and with them all others where the whole picture is searched."""
     seen = list(detector.find(picture, expected)) if expected else []
     for one in detector.find(picture) if whole else ():
@@ -175,7 +175,7 @@ def without(result: Tracked, bad: Sequence[bool]) -> Tracked:
     return replace(result, shots=shots, found=found, doubts=doubts)
 
 
-def _sightings(shot: Shot, scene: Scene) -> Found:
+def _sightings(shot: Shot, scene: Scene) -> ClipTracks:
     """What goes into a shot's clip."""
     found = {}
     for path in scene.paths:
@@ -296,7 +296,7 @@ def _third(scene: Scene, *, resting: bool) -> float:
     return float(np.median(values)) / 0.6745 if values.size >= ENOUGH else math.nan
 
 
-def overlap(found: Found, radius: float) -> float:
+def overlap(found: ClipTracks, radius: float) -> float:
     """Least distance of two balls' first places in a clip [m]."""
     places = np.array([path.xy[rows[0]] for path, rows in found.values() if rows.size])
     far = np.linalg.norm(places[:, None] - places[None], axis=2) + 1e3 * radius * np.eye(len(places))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.shot import Table
 from sysid.vision.camera.projection import Array, Camera, overhead
-from sysid.vision.cue import CueSeen, watch_cue
+from sysid.vision.cue import CueMotion, watch_cue
 from tests.footage.film import Look, film
 from tests.footage.motion import Cue, Motion
 
@@ -60,7 +60,7 @@ class Scene:
     def pictures(self, look: Look = LOOK) -> list[Picture]:
         return list(film(self.camera, self.motion(self.cue), self.times, look, seed=4))
 
-    def seen(self, pictures: list[Picture], backdrop: Picture | None = None) -> CueSeen | None:
+    def seen(self, pictures: list[Picture], backdrop: Picture | None = None) -> CueMotion | None:
         return watch_cue(list(zip(self.times.tolist(), pictures, strict=True)), self.camera, self.ball, backdrop)
 
 
@@ -78,7 +78,7 @@ def scene(
     return Scene(camera, ball, cue, (np.arange(-frames, after) + 0.4) / fps)
 
 
-def turned(seen: CueSeen, cue: Cue) -> float:
+def turned(seen: CueMotion, cue: Cue) -> float:
     """Error of the azimuth [degrees]."""
     return math.degrees(seen.off(cue.azimuth))
 

@@ -13,7 +13,7 @@ import pytest
 from models.model_file import full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
-from sysid.vision.balls.detect import Seen
+from sysid.vision.balls.detect import Detection
 from sysid.vision.camera.projection import Camera, overhead
 from sysid.vision.tracks.follow import Follower, Path, State, ahead
 
@@ -115,23 +115,23 @@ def at_rest_first(position: Array, frames: int) -> Array:
 def sightings(
     position: Array, names: Sequence[str], rng: np.random.Generator, *, drop: float = 0.0, false: float = 0.0,
     camera: Camera = CAMERA, noise: float = NOISE,
-) -> Iterator[list[Seen]]:  # fmt: skip
+) -> Iterator[list[Detection]]:  # fmt: skip
     """What a detector would see of places (m, n, 2), NaN where there is no ball, in any order."""
     m, n, _ = position.shape
     outlines = camera.outline(np.nan_to_num(position).reshape(-1, 2)).reshape(m, n, 2)
     for xy, pixels in zip(position, outlines, strict=True):
         seen = [
-            Seen(name, px + noise * rng.standard_normal(2), 13.0, noise, 1.0, 1.0)
+            Detection(name, px + noise * rng.standard_normal(2), 13.0, noise, 1.0, 1.0)
             for name, px, there in zip(names, pixels, np.isfinite(xy).all(axis=1), strict=True)
             if there and rng.random() >= drop
         ]
         if rng.random() < false:
             name = names[int(rng.integers(len(names)))]
-            seen.append(Seen(name, rng.uniform((100, 100), (1180, 860)), 13.0, noise, 1.0, 1.0))
+            seen.append(Detection(name, rng.uniform((100, 100), (1180, 860)), 13.0, noise, 1.0, 1.0))
         yield [seen[k] for k in rng.permutation(len(seen))]
 
 
-def followed(seen: Iterator[list[Seen]], fps: float = FPS, camera: Camera = CAMERA) -> tuple[Path, ...]:
+def followed(seen: Iterator[list[Detection]], fps: float = FPS, camera: Camera = CAMERA) -> tuple[Path, ...]:
     follower = Follower(camera)
     for index, some in enumerate(seen):
         follower.expected(index / fps)

@@ -21,7 +21,7 @@ from models.shot import Array, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.cli import track as cli_track
 from sysid.clips import read_clip_set
-from sysid.vision.balls.detect import Detector, Seen
+from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.camera.projection import overhead, write_camera
 from sysid.vision.frames import Footage, Frame, Picture
 from sysid.vision.preview import write_previews
@@ -65,7 +65,7 @@ class Knowing:
         self.seen = list(sightings(position, NAMES, np.random.default_rng(0)))
         self.asked = [0, 0]
 
-    def find(self, picture: Picture, expected: Sequence[tuple[str, Array]] = ()) -> list[Seen]:
+    def find(self, picture: Picture, expected: Sequence[tuple[str, Array]] = ()) -> list[Detection]:
         index = 256 * int(picture[0, 0, 0]) + int(picture[0, 0, 1])
         self.asked[bool(expected)] += 1
         if not expected:
