@@ -120,7 +120,7 @@ def _detail(one: Details) -> dict[str, Any]:
     c = one.cue
     cue = None if c is None else {
         "speed": c.speed, "speed_sd": c.speed_sd, "azimuth": c.azimuth, "azimuth_sd": c.azimuth_sd, "side": c.side,
-        "side_sd": c.side_sd, "contact": c.contact, "told": list(c.told),
+        "side_sd": c.side_sd, "contact": c.contact, "told": list(c.notes),
     }  # fmt: skip
     marks = {}
     for name, t in one.turned.items():
@@ -142,7 +142,7 @@ def _print_details(seen: Sequence[Details]) -> None:
     for number, one in enumerate(seen, 1):
         if one.tip:
             print(f"clip {number}: {one.tip}")
-        for text in one.cue.told if one.cue else ():
+        for text in one.cue.notes if one.cue else ():
             print(f"clip {number}: cue: {text}")
         for name, turned in one.turned.items():
             count, kept = _count(turned.theta), _count(turned.steady)

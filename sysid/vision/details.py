@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.cue import CueMotion, watch_cue
+from sysid.vision.cue.motion import CueMotion, watch_cue
 from sysid.vision.frames import Footage
 from sysid.vision.rotation.spin import turning
 from sysid.vision.rotation.spots import Spots, find_spots

@@ -164,7 +164,7 @@ def _unmarked(grey: Array, normals: Array) -> NDArray[np.bool_]:
 
 
 def find_edges(view: View, optics: Optics, rim: Array, normals: Array, heights: Array, smears: Array) -> Edges:
-    """Find edges along normals at points (m, n, 2) of outlines that move by `smears` (m, 2) in the exposure [pixels]."""
+    """Find edges along normals at points (m, n, 2) of outlines that move by `smears` (m, 2) in exposure [pixels]."""
     h, w = view.picture.shape[:2]
     m, n = len(rim), len(SAMPLE_OFFSETS_PX)
     radii = np.linalg.norm(rim - rim.mean(axis=1, keepdims=True), axis=2).mean(axis=1)
