@@ -40,7 +40,8 @@ from sysid.vision.balls.palette import default_palette, read_palette
 from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
 from sysid.vision.details import details
 from sysid.vision.frames import Footage, FrameTimes, Picture, Video, quiet
-from sysid.vision.tracks.track import Extra, Tracked, clip_set, track
+from sysid.vision.tracks.clips import Extra, clip_set
+from sysid.vision.tracks.track import Tracked, track
 
 LOOKS = 8  # pictures that a look at resting balls is the mean of
 PLACE = 0.1  # error of a place, unless told [pixels]

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     result, seen = details(result, footage, camera, progress)
     progress.close()
     mass = args.mass if args.mass is not None else USUAL * camera.diameter**3
-    told = [*footage.assumed, *detector.notes, *result.told]
+    told = [*footage.assumed, *detector.notes, *result.notes]
     if args.mass is None:
         told.append(f"mass {mass:.4f} kg, that of a snooker ball of this size: give yours with --mass")
     _print(result, told)
@@ -161,7 +161,7 @@ def _print(result: Tracked, told: Sequence[str]) -> None:
     for text in told:
         print(text)
     noise = result.noise
-    print(f"{len(result.scene.frames)} frames, {result.rate:.0f} frames/s, {len(result.scene.paths)} balls")
+    print(f"{len(result.scene.frames)} frames, {result.rate:.0f} frames/s, {len(result.scene.tracks)} balls")
     print(f"noise {1e3 * noise.moving:.3f} mm moving, {1e3 * noise.resting:.3f} mm resting\n")
     lines = [HEAD]
     for row in rows(result):
@@ -182,7 +182,7 @@ def _write(
 ) -> None:  # fmt: skip
     """The clip set, and pictures and recording where asked."""
     from sysid.clips import write_clip_set
-    from sysid.vision.tracks.track import Extra, clip_set
+    from sysid.vision.tracks.clips import Extra, clip_set
 
     if result.shots:
         extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
@@ -204,11 +204,14 @@ def _write(
 def _record(args: argparse.Namespace, result: Tracked, footage: Footage, camera: Camera) -> None:
     """The recording for Rerun."""
     from models.recording.video import Sightings, write_track
-    from sysid.vision.tracks.track import note, rough
+    from sysid.vision.tracks.clips import note
+    from sysid.vision.tracks.noise import residuals
 
     scene = result.scene
-    balls = {p.name: Sightings(p.frame, p.time, p.pixels, p.radius, p.xy, rough(p.time, p.xy)) for p in scene.paths}
-    shots = [(scene.when(s.first), scene.when(s.last), note(k, s)) for k, s in enumerate(result.shots, 1)]
+    balls = {
+        p.name: Sightings(p.frame, p.time, p.pixels, p.radius, p.xy, residuals(p.time, p.xy)) for p in scene.tracks
+    }
+    shots = [(scene.time_of(s.first), scene.time_of(s.last), note(k, s)) for k, s in enumerate(result.shots, 1)]
     try:
         write_track(
             args.rrd, args.video, (scene.frames, scene.times), lambda: (frame.picture for frame in footage), balls,

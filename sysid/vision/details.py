@@ -20,7 +20,7 @@ from sysid.vision.frames import Footage
 from sysid.vision.rotation.spin import turning
 from sysid.vision.rotation.spots import Spots, find_spots
 from sysid.vision.rotation.turned import Turning
-from sysid.vision.tracks.track import Tracked, without
+from sysid.vision.tracks.track import Tracked, without_shots
 
 Picture = NDArray[np.uint8]
 CUE_LEAD_S = 0.35  # pictures before a strike in which the cue is measured
@@ -101,7 +101,7 @@ def details(
     bad = [
         shot.spun and not _is_turning(one.turned.get(shot.struck)) for shot, one in zip(result.shots, out, strict=True)
     ]
-    return without(result, bad), tuple(one for one, off in zip(out, bad, strict=True) if not off)
+    return without_shots(result, bad), tuple(one for one, off in zip(out, bad, strict=True) if not off)
 
 
 def _is_turning(turned: Turning | None) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path as File
 
 import cv2
@@ -12,7 +12,8 @@ from models.errors import BadInput
 from models.files import write_whole
 from models.recording.shots import ball_colour
 from sysid.vision.frames import Footage, Picture
-from sysid.vision.tracks.track import ClipTracks, Tracked, lost_frames, note, pictures
+from sysid.vision.tracks.clips import note
+from sysid.vision.tracks.track import ClipTracks, Tracked, lost_frames
 
 SUBPIXEL_BITS = 4  # fractional bits of positions in OpenCV's drawing functions
 DIMMING_FRACTION = 0.75  # brightness of the frame under the tracks
@@ -30,7 +31,7 @@ def write_previews(
     for k, shot in enumerate(result.shots):
         begins.setdefault(shot.first, []).append(k)
     written = []
-    for index, picture in pictures(footage, set(begins)):
+    for index, picture in _pictures(footage, set(begins)):
         for k in begins.get(index, ()):
             progress(f"picture of clip {k + 1}")
             png_path = folder / f"{k + 1:04d}.png"
@@ -87,3 +88,13 @@ def _draw_track(out: Picture, result: Tracked, found: ClipTracks, name: str) -> 
         )
     at = (points[0] / 2**SUBPIXEL_BITS + [radius / 2**SUBPIXEL_BITS + 3, 0]).astype(int).tolist()
     cv2.putText(out, name, at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, colour, 1, cv2.LINE_AA)
+
+
+def _pictures(footage: Footage, wanted: set[int]) -> Iterator[tuple[int, Picture]]:
+    """The pictures of some frames, from a further pass through the footage."""
+    last = max(wanted, default=-1)
+    for frame in footage:
+        if frame.index in wanted:
+            yield frame.index, frame.picture
+        if frame.index >= last:
+            return

@@ -61,7 +61,7 @@ class Detection:
     sd: float  # standard deviation of the centre, per axis [pixels]
     coverage: float  # fraction of the outline that was seen
     score: float  # how well outline and colour fit, 0 to 1
-    change: float = float("nan")  # of its face since the previous picture, 1 for noise alone
+    face_change: float = float("nan")  # of its face since the previous picture, 1 for noise alone
 
 
 @dataclass(frozen=True)
