@@ -124,7 +124,7 @@ def _detail(one: Details) -> dict[str, Any]:
     }  # fmt: skip
     marks = {}
     for name, t in one.turned.items():
-        marks[name] = {"angles": _count(t.theta), "kept": _count(t.steady), "told": list(t.told), "sidespin": None}
+        marks[name] = {"angles": _count(t.theta), "kept": _count(t.steady), "told": list(t.notes), "sidespin": None}
         if (first := t.sidespin) is not None:
             marks[name]["sidespin"] = {
                 "from": first.start, "to": first.end, "value": first.spin, "sd": first.spin_sd,
@@ -152,7 +152,7 @@ def _print_details(seen: Sequence[Details]) -> None:
             if kept < count:
                 why = f"rolling may lead it astray, by {np.nanmax(turned.drift):.2f} rad at the end"
                 print(f"clip {number}: {name}: {kept or 'none'} of these angles go into the clip: {why}")
-            for text in turned.told:
+            for text in turned.notes:
                 print(f"clip {number}: {name}: {text}")
 
 
