@@ -57,7 +57,7 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     import numpy as np
 
     from models.shot import Table
-    from sysid.vision.camera.calibrate import calibrate
+    from sysid.vision.camera.calibrate import CameraHints, calibrate
     from sysid.vision.camera.projection import write_camera
 
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
@@ -72,8 +72,8 @@ def run(args: argparse.Namespace, progress: Progress) -> int:
     stack = np.stack(list(frames(args.input, FRAMES)))
     picture = np.median(stack, axis=0) if len(stack) > 1 else stack[0]
     found = calibrate(
-        picture, Table(args.length, args.width, not args.no_pockets), args.diameter, fov=args.fov, lens=lens,
-        corners=corners, sees=sees, source=str(args.input), progress=progress,
+        picture, Table(args.length, args.width, not args.no_pockets), args.diameter,
+        CameraHints(args.fov, lens, corners, sees), source=str(args.input), progress=progress,
     )  # fmt: skip
     progress.close()
     write_camera(args.out, found.camera)

@@ -14,9 +14,9 @@ from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.palette import default_palette
-from sysid.vision.camera.projection import overhead
 from sysid.vision.frames import Footage, FrameTimes, Pictures
 from sysid.vision.tracks.track import track
+from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import motion_of
 

@@ -17,7 +17,8 @@ from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
 from robot.camera.live import Device, LiveCamera, Recording, frame_numbers
 from robot.play import Camera as Watcher
-from sysid.vision.camera.projection import overhead, write_camera
+from sysid.vision.camera.projection import write_camera
+from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import Motion, motion_of
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.shot import NOSE_HEIGHT
-from sysid.vision.camera.projection import OUTLINE, Camera
+from sysid.vision.camera.projection import OUTLINE_POINTS, Camera
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -97,15 +97,15 @@ def _outlines(camera: Camera) -> Array:
     places = np.clip(np.nan_to_num(camera.centres(nodes), nan=1e3), -limit, limit)
     rims = camera.rims(places)
     ray, centre = camera.rays(rims.reshape(-1, 2)), np.column_stack([places, np.full(len(places), camera.radius)])
-    sight = np.repeat(centre - camera.eye, OUTLINE, axis=0)
-    heights = (camera.eye[2] + np.sum(ray * sight, axis=1) * ray[:, 2]).reshape(-1, OUTLINE)
+    sight = np.repeat(centre - camera.eye, OUTLINE_POINTS, axis=0)
+    heights = (camera.eye[2] + np.sum(ray * sight, axis=1) * ray[:, 2]).reshape(-1, OUTLINE_POINTS)
     # Fourier series through the points, which are evenly spaced on the circle of contact of the cone of sight.
-    order = np.fft.fftfreq(OUTLINE, 1 / OUTLINE)
+    order = np.fft.fftfreq(OUTLINE_POINTS, 1 / OUTLINE_POINTS)
     inverse = np.exp(2j * np.pi * np.outer(np.arange(OUTLINE_NORMALS) / OUTLINE_NORMALS, order))
-    transform = np.exp(-2j * np.pi * np.outer(order, np.arange(OUTLINE) / OUTLINE)) / OUTLINE
+    transform = np.exp(-2j * np.pi * np.outer(order, np.arange(OUTLINE_POINTS) / OUTLINE_POINTS)) / OUTLINE_POINTS
     series, tangent_series = (
         (inverse @ transform).real,
-        ((inverse * (1j * order * (np.abs(order) < OUTLINE / 2))) @ transform).real,
+        ((inverse * (1j * order * (np.abs(order) < OUTLINE_POINTS / 2))) @ transform).real,
     )
     rims = rims - rims.mean(axis=1, keepdims=True)
     offsets, tangents = series @ rims, tangent_series @ rims

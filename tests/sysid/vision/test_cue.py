@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.shot import Table
-from sysid.vision.camera.projection import Array, Camera, overhead
+from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.cue.motion import CueMotion, watch_cue
+from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import Cue, Motion
 

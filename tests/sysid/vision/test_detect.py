@@ -16,8 +16,9 @@ from models.errors import BadInput
 from models.shot import NOSE_COSINE, Table
 from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.palette import default_palette, name_colours, read_palette
-from sysid.vision.camera.projection import Camera, overhead
+from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Footage, Picture, open_footage
+from tests.footage.cameras import overhead
 from tests.footage.film import Look, Spot, film
 from tests.footage.motion import Cue, Motion
 

@@ -14,9 +14,10 @@ from models.model_file import full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
 from sysid.vision.balls.detect import Detection
-from sysid.vision.camera.projection import Camera, overhead
+from sysid.vision.camera.projection import Camera
 from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.prediction import State, predict_impacts
+from tests.footage.cameras import overhead
 
 TABLE, BALL = Table(2.0, 1.0), Ball(0.0525, 0.1406)
 FLAT = overhead(TABLE, BALL.diameter, (1280, 960), 2.6, 2.5, (0.02, -0.05))

@@ -22,12 +22,13 @@ from models.simulation.simulate import simulate
 from sysid.cli import track as cli_track
 from sysid.clips import read_clip_set
 from sysid.vision.balls.detect import Detection, Detector
-from sysid.vision.camera.projection import overhead, write_camera
+from sysid.vision.camera.projection import write_camera
 from sysid.vision.frames import Footage, Frame, Picture
 from sysid.vision.preview import write_previews
 from sysid.vision.tracks.clips import note
 from sysid.vision.tracks.noise import residuals
 from sysid.vision.tracks.track import Tracked, track
+from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import motion_of
 from tests.sysid.vision.test_follow import (
