@@ -37,7 +37,7 @@ LEARNING_FRAMES = 30  # spread over the footage
 MIN_FRAME_FRACTION = 0.1  # of these, that show a ball
 OPTICS_OUTLINES = 16  # the clearest ones, from which the optics are learnt
 TRIED_BLURS_PX = (0.6, 0.72, 0.85, 1.0, 1.25, 1.6, 2.0, 2.6)  # of edges
-BLUR_TEST_SPACING = 1.5  # of samples along normals, long enough to tell the blurs apart
+BLUR_TEST_SPACING = 1.5  # of samples along normals, long enough to distinguish the blurs
 # Before learning. Colour is often stored at half the resolution; a blur set too small for it would bias outlines.
 INITIAL_EDGE_NOISE = (4.0, 6.0)  # in brightness and in colour [grey levels]
 INITIAL_BLUR_PX = (0.85, 1.0)

@@ -35,7 +35,7 @@ class CueMotion:
     azimuth_sd: float
     side: float  # offset of its axis from the centre of the ball, positive to the right as the player sees it [m]
     side_sd: float
-    contact: float  # when the tip reaches the ball [s]
+    contact: float  # when the tip touches the ball [s]
     contact_sd: float
     time: Array  # (k,) of the pictures that show the tip [s]
     tip: Array  # (k, 2) position of the tip [m], table frame

@@ -199,8 +199,8 @@ class Follower:
         self._forecast = time
         since = max((b.state.time for b in recent), default=time)
         until = max((b.smooth.time for b in recent if b.smooth), default=time)
-        reach = np.array([self.camera.table.length, self.camera.table.width]) / 2 - self.camera.radius * NOSE_COSINE
-        after_impact = predict_impacts([b.state.predicted(since) for b in recent], until, reach, self.camera.diameter)
+        limits = np.array([self.camera.table.length, self.camera.table.width]) / 2 - self.camera.radius * NOSE_COSINE
+        after_impact = predict_impacts([b.state.predicted(since) for b in recent], until, limits, self.camera.diameter)
         for ball, state in zip(recent, after_impact, strict=True):
             ball.impact = state
 

@@ -61,17 +61,17 @@ class State(NamedTuple):
         return position_cost + math.log(total / variance) if position_cost < MAX_POSITION_COST else math.inf
 
 
-def predict_impacts(states: Sequence[State], until: float, reach: Array, diameter: float) -> list[State | None]:
+def predict_impacts(states: Sequence[State], until: float, limits: Array, diameter: float) -> list[State | None]:
     """States at a time [s] of the balls that have an impact before it; None for the others.
 
-    `states` are those of all balls at one time; their centres stay within |x|, |y| = `reach` (2,) [m].
+    `states` are those of all balls at one time; their centres stay within |x|, |y| <= `limits` (2,) [m].
     """
     n, remaining = len(states), until - (states[0].time if states else 0.0)
     position = [[s.x, s.y] for s in states]
     velocities = [[s.u, s.v] if s.speed > MIN_MOVING_SPEED_M_S else [0.0, 0.0] for s in states]
     impact_speed, after_first = [0.0] * n, [0.0] * n  # of a ball's hardest impact; time left after its first
     for _ in range(MAX_IMPACTS):
-        delay, bodies = _next_impact(position, velocities, remaining, reach, diameter)
+        delay, bodies = _next_impact(position, velocities, remaining, limits, diameter)
         for place, velocity in zip(position, velocities, strict=True):
             place[0] += velocity[0] * delay
             place[1] += velocity[1] * delay
@@ -103,7 +103,7 @@ def predict_impacts(states: Sequence[State], until: float, reach: Array, diamete
 
 
 def _next_impact(
-    position: list[list[float]], velocities: list[list[float]], limit: float, reach: Array, diameter: float
+    position: list[list[float]], velocities: list[list[float]], limit: float, limits: Array, diameter: float
 ) -> tuple[float, tuple[int, int, int] | None]:
     """Time to the next impact, at most `limit` [s], and its balls (i, j, 0), or a ball and its axis (i, -1, axis)."""
     delay, bodies = limit, None
@@ -111,7 +111,7 @@ def _next_impact(
         moving = velocity[0] != 0.0 or velocity[1] != 0.0
         for axis in (0, 1) if moving else ():
             if velocity[axis]:
-                gap = float(reach[axis]) - math.copysign(place[axis], place[axis] * velocity[axis])
+                gap = float(limits[axis]) - math.copysign(place[axis], place[axis] * velocity[axis])
                 time = max(gap, 0.0) / abs(velocity[axis])
                 if time < delay:
                     delay, bodies = time, (i, -1, axis)
