@@ -171,9 +171,11 @@ def test_no_cue_is_none() -> None:
 
 
 def test_a_cue_that_hardly_moves_has_no_speed() -> None:
-    played = scene(20, 0.1, frames=4)
+    played = scene(20, 0.1, frames=3)
     seen = played.seen(played.pictures())
-    assert seen is None or math.isnan(seen.speed)
+    assert seen is not None
+    assert math.isnan(seen.speed) and math.isnan(seen.contact)
+    assert any("speed" in note and "pictures before contact" in note for note in seen.notes)
 
 
 def test_bad_input_is_named() -> None:
