@@ -27,7 +27,7 @@ from sysid.clips.faults import closest, listed, one_line
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH, START_FRAMES
 
 if TYPE_CHECKING:
-    from sysid.vision.balls.detect import Detector, Seen
+    from sysid.vision.balls.detect import Detection, Detector
     from sysid.vision.camera.projection import Camera
     from sysid.vision.frames import Picture
 
@@ -129,7 +129,7 @@ def balls_in_picture(
     detector = Detector.learn(camera, footage, palette, progress)
     progress("finding the balls in the last frame")
     pictures = deque((frame.picture for frame in footage), maxlen=LAST_FRAMES)
-    notes = list(detector.told)
+    notes = list(detector.notes)
     detections = detector.find(pictures[-1])
     notes += _unrecognised(detector, camera, pictures[-1], detections)
     balls = _numbered(detections, dict(zip(palette.names, palette.counts, strict=True)), notes)
@@ -189,9 +189,9 @@ def _chosen(clips: Sequence[Clip], clip: str | int | None, folder: Path | str) -
     return clips[same[0]]
 
 
-def _numbered(detections: Sequence[Seen], counts: Mapping[str, int], notes: list[str]) -> dict[str, Seen]:
+def _numbered(detections: Sequence[Detection], counts: Mapping[str, int], notes: list[str]) -> dict[str, Detection]:
     """Detections, given the most certain first, by unique names: red, red 2, red 3 from left to right."""
-    named: dict[str, Seen] = {}
+    named: dict[str, Detection] = {}
     for colour in sorted({one.name for one in detections}, key=list(counts).index):
         same = [one for one in detections if one.name == colour]
         if len(same) > (count := counts[colour]):
@@ -207,11 +207,11 @@ def _numbered(detections: Sequence[Seen], counts: Mapping[str, int], notes: list
     return named
 
 
-def _unrecognised(detector: Detector, camera: Camera, picture: Picture, detections: Sequence[Seen]) -> list[str]:
+def _unrecognised(detector: Detector, camera: Camera, picture: Picture, detections: Sequence[Detection]) -> list[str]:
     """Notes on what lies on the cloth, does not have its colour at any brightness, and is no detected ball."""
     import cv2
 
-    bed = detector.backdrop.scene.bed
+    bed = detector.background.geometry.bed
     cloth = np.median(picture[bed], axis=0)
     brightness = (picture @ cloth / (cloth @ cloth)).clip(*BRIGHTNESS_RANGE)
     difference = np.abs(picture - brightness[..., None] * cloth).max(axis=2)
@@ -223,7 +223,7 @@ def _unrecognised(detector: Detector, camera: Camera, picture: Picture, detectio
     _, _, stats, centroids = cv2.connectedComponentsWithStats(mask)
     notes = []
     for centroid, area in zip(centroids[1:], stats[1:, cv2.CC_STAT_AREA], strict=True):
-        size = area / (np.pi * detector.backdrop.scene.radius(centroid) ** 2)
+        size = area / (np.pi * detector.background.geometry.radius(centroid) ** 2)
         if size > MIN_AREA_BALLS:
             count = "a ball" if size < 1.5 else f"{size:.0f} balls"
             x, y = camera.on_plane(centroid[None], camera.radius)[0]

@@ -17,7 +17,7 @@ import numpy as np
 from models.errors import BadInput
 from robot.camera.cue_line import CUE_ELEVATION, CueLine, angle_between, cue_direction
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.cue import Picture
+from sysid.vision.frames import Picture
 
 ALIGNED_TOLERANCE = math.radians(0.1)  # of the azimuth, within which a stand is aligned [rad]
 AVERAGED_PICTURES, ALIGNED_PICTURES = 5, 5  # averaged; that must be aligned in succession

@@ -28,7 +28,8 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from models.errors import BadInput
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.cue import BIN, WIDTHS, Grey, Picture, _Line, _pixels, _sample, _straight
+from sysid.vision.cue.axis import CUE_WIDTHS_M, SECTION_LENGTH_M, CueAxis, Image, fit_axis, plane_pixels, sample_colours
+from sysid.vision.frames import Picture
 
 CUE_ELEVATION = math.radians(6.5)  # of the launcher's cue [rad] (Robotic Billiards 2015)
 SEARCH_LENGTH_M, EDGE_LENGTH_M = 0.8, 1.2  # behind the ball: where a cue is searched, where its edges are measured
@@ -64,7 +65,7 @@ class CueLine:
 class _Bar:
     """A strip with its edges measured."""
 
-    line: _Line
+    line: CueAxis
     sd: float  # of its slope
     count: int  # of sections
     width: float  # in the middle [m]
@@ -118,29 +119,29 @@ def cue_direction(
     azimuth, offset = _raised(line, camera, elevation)
     lean = _raised(line, camera, elevation + math.radians(1))[0] - azimuth
     noted.append(f"an elevation 1 degree higher would turn it by {math.degrees(lean):+.2f} degrees")
-    length = BIN * best.count
+    length = SECTION_LENGTH_M * best.count
     return CueLine(azimuth, math.hypot(best.sd, LIGHT_SHIFT_PX * scale / length), offset, length, tuple(noted))
 
 
-def angle_between(one: CueLine | _Line, other: CueLine | _Line) -> float:
+def angle_between(one: CueLine | CueAxis, other: CueLine | CueAxis) -> float:
     """Angle between two cues [rad]."""
     return abs(math.remainder(one.azimuth - other.azimuth, 2 * math.pi))
 
 
-def _strips(picture: Picture, camera: Camera, ball: Array, scale: float, near: float | None) -> list[_Line]:
+def _strips(picture: Picture, camera: Camera, ball: Array, scale: float, near: float | None) -> list[CueAxis]:
     """Lines to the ball along which a narrow strip stands out, the longest first."""
     step = max(scale, 0.0015)
     side = SEARCH_LENGTH_M + MAX_AXIS_OFFSET_M + LANE_OFFSET_M + step
     ticks = np.arange(-side, side + step / 2, step)
     pixels = _between(camera, ball + np.stack(np.meshgrid(ticks, ticks), axis=-1), 16)
-    view = cv2.GaussianBlur(np.nan_to_num(_sample(picture, pixels), nan=0.0), (0, 0), 0.8)
+    view = cv2.GaussianBlur(np.nan_to_num(sample_colours(picture, pixels), nan=0.0), (0, 0), 0.8)
     view = np.asarray(view, np.float32).reshape(len(ticks), len(ticks), -1)
     behind = np.arange(camera.radius + 0.015, SEARCH_LENGTH_M, STATION_STEP_M)
     angles, sides = np.radians(np.arange(0, 360, 0.5)), np.arange(-MAX_AXIS_OFFSET_M, MAX_AXIS_OFFSET_M + 1e-9, 0.006)
     if near is not None:
         angles = near + np.arange(-NEAR_ANGLE, NEAR_ANGLE, angles[1])
     score = _standing(view, step, angles, sides, behind)
-    found: list[_Line] = []
+    found: list[CueAxis] = []
     for _ in range(MAX_STRIPS):
         a, s = np.unravel_index(int(np.argmax(score)), score.shape)
         if score[a, s] * STATION_STEP_M < MIN_STRIP_LENGTH_M:
@@ -148,7 +149,7 @@ def _strips(picture: Picture, camera: Camera, ball: Array, scale: float, near: f
         about, fine = angles[a] + np.radians(np.arange(-0.8, 0.81, 0.1)), sides[s] + np.arange(-8, 8.1, 1.0) * 1e-3
         closer = _standing(view, step, about, fine, behind)
         i, j = np.nonzero(closer > 0.97 * closer.max())
-        found.append(_Line(ball, float(about[i].mean()), float(fine[j].mean())))
+        found.append(CueAxis(ball, float(about[i].mean()), float(fine[j].mean())))
         score[np.abs(np.angle(np.exp(1j * (angles - angles[a])))) < math.radians(2)] = 0
     return found
 
@@ -160,11 +161,11 @@ def _between(camera: Camera, points: Array, every: int) -> Array:
         np.stack([np.interp(np.arange(n), at, one) for one in np.eye(len(at))], axis=1)
         for n, at in zip(points.shape[:2], some, strict=True)
     )
-    coarse = _pixels(camera, points[np.ix_(*some)])
+    coarse = plane_pixels(camera, points[np.ix_(*some)])
     return np.asarray(np.stack([rows @ coarse[..., k] @ columns.T for k in (0, 1)], axis=-1))
 
 
-def _standing(view: Grey, step: float, angles: Array, sides: Array, behind: Array) -> Array:
+def _standing(view: Image, step: float, angles: Array, sides: Array, behind: Array) -> Array:
     """Number of stations at which strips at angles (n,) and offsets (m,) stand out from both sides alike: (n, m)."""
     middle = (view.shape[0] - 1) / 2
     direction = np.exp(1j * angles)[:, None, None, None]
@@ -179,33 +180,33 @@ def _standing(view: Grey, step: float, angles: Array, sides: Array, behind: Arra
     return np.asarray(np.clip(stand / MIN_CONTRAST - 1, 0, 1).sum(axis=2))
 
 
-def _measured(line: _Line, picture: Picture, camera: Camera, scale: float) -> _Bar | None:
+def _measured(line: CueAxis, picture: Picture, camera: Camera, scale: float) -> _Bar | None:
     """The line through the middles of a bar, as seen on the plane of the balls' centres."""
     step = max(scale / SAMPLES_PER_PIXEL, 1e-4)
     across = np.arange(-SECTION_HALF_WIDTH_M, SECTION_HALF_WIDTH_M + step / 2, step)
-    behind = np.arange(camera.radius + 0.008, EDGE_LENGTH_M, BIN / 4)
+    behind = np.arange(camera.radius + 0.008, EDGE_LENGTH_M, SECTION_LENGTH_M / 4)
     bar = None
     for _ in range(4):
-        seen = _sample(picture, _between(camera, line.points(behind, across), 8))
+        seen = sample_colours(picture, _between(camera, line.points(behind, across), 8))
         place, middle, width, steep = _sides(seen, behind, across, scale)
-        fit = _straight(place, middle, width, scale)
+        fit = fit_axis(place, middle, width, scale)
         if fit is None:
             return None
-        line = line.moved(fit[0], fit[1])
+        line = line.shifted(fit[0], fit[1])
         bar = _Bar(line, fit[3], fit[4], float(np.median(width)), float(np.median(steep)))
         if abs(fit[0]) < 1e-5 and abs(fit[1]) < 1e-5:
             break
     return bar
 
 
-def _sides(seen: Grey, behind: Array, across: Array, scale: float) -> tuple[Array, Array, Array, Array]:
+def _sides(seen: Image, behind: Array, across: Array, scale: float) -> tuple[Array, Array, Array, Array]:
     """Where sections of a strip (n, m, c) are steepest on both sides.
 
     How far behind (k,), their middle and width [m], and how steep [grey levels a pixel]. Halfway from the colour
     within to that without would err where one side of the shaft is lit and the other is not; the steepest place does
     not, since shades change slowly within.
     """
-    count = max(1, round(BIN / (behind[1] - behind[0])))
+    count = max(1, round(SECTION_LENGTH_M / (behind[1] - behind[0])))
     n = len(behind) // count
     block = seen[: n * count].reshape(n, count, len(across), -1).mean(axis=1)
     place = behind[: n * count].reshape(n, count).mean(axis=1)
@@ -222,7 +223,7 @@ def _sides(seen: Grey, behind: Array, across: Array, scale: float) -> tuple[Arra
     rows, columns = np.arange(len(place)), np.arange(len(across))
     edges, steep = [], []
     for sign in (-1, 1):
-        size = np.linalg.norm(usual, axis=2) * (sign * across > 0.3 * WIDTHS[0])
+        size = np.linalg.norm(usual, axis=2) * (sign * across > 0.3 * CUE_WIDTHS_M[0])
         peak = size.argmax(axis=1)
         colour = usual[rows, peak] / np.maximum(size.max(axis=1), 1e-9)[:, None]
         along = np.einsum("nmc,nc->nm", rise, colour)
@@ -233,11 +234,11 @@ def _sides(seen: Grey, behind: Array, across: Array, scale: float) -> tuple[Arra
         edges.append(across[peak] + (across[1] - across[0]) * np.clip(0.5 * (below - above) / bend, -1, 1))
         steep.append(top)
     middle, width, least = 0.5 * (edges[0] + edges[1]), edges[1] - edges[0], np.minimum(*steep)
-    good = (width > WIDTHS[0]) & (width < WIDTHS[1]) & (least > MIN_EDGE_SLOPE)
+    good = (width > CUE_WIDTHS_M[0]) & (width < CUE_WIDTHS_M[1]) & (least > MIN_EDGE_SLOPE)
     return place[good], middle[good], width[good], least[good]
 
 
-def _raised(line: _Line, camera: Camera, elevation: float) -> tuple[float, float]:
+def _raised(line: CueAxis, camera: Camera, elevation: float) -> tuple[float, float]:
     """Azimuth [rad] and offset to the left [m] of the raised cue that is seen as a line on the balls' plane."""
     eye = camera.eye
     ends = np.column_stack([line.points(np.array([0.0, 1.0]), np.zeros(1))[:, 0], np.full(2, camera.radius)])

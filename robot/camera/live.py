@@ -30,7 +30,8 @@ from sysid.vision.balls.palette import default_palette, read_palette
 from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
 from sysid.vision.details import details
 from sysid.vision.frames import Footage, Picture
-from sysid.vision.tracks.track import Extra, Tracked, clip_set, track
+from sysid.vision.tracks.clips import Extra, clip_set
+from sysid.vision.tracks.track import Tracked, track
 
 LOOK_PICTURES = 8  # averaged to find the resting balls
 PLACE_ERROR_PX = 0.1  # sd of a place, unless it is given

@@ -28,7 +28,7 @@ from models.files import write_whole
 from models.shot import Array
 from robot.camera.source import Source
 from sysid.vision.camera.projection import Camera
-from sysid.vision.frames import Clock, Footage, Picture, Video, quiet
+from sysid.vision.frames import Footage, FrameTimes, Picture, Video, quiet
 
 MAX_RECORDING_S = 300.0
 BUFFER_PICTURES = 64  # that may wait to be written
@@ -130,9 +130,9 @@ class _Stamped(Video):
             k = min(round(stamp * self.rate), len(self._numbers) - 1)
             yield float(self._numbers[k]) * self._period, picture
 
-    def clock(self, fps: float | None) -> Clock:
+    def frame_times(self, fps: float | None) -> FrameTimes:
         """The camera's own."""
-        return Clock(self._period, True, 1.0, (f"frame times from the camera's stamps, {1 / self._period:.6g}/s",))
+        return FrameTimes(self._period, True, 1.0, (f"frame times from the camera's stamps, {1 / self._period:.6g}/s",))
 
 
 class _Still:

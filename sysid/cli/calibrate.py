@@ -137,6 +137,7 @@ def calibrate(progress: Progress, source: Path, size: TableSize, view: View, boa
     import cv2
     import numpy as np
 
+    from sysid.vision.camera.calibrate import CameraHints
     from sysid.vision.camera.calibrate import calibrate as calibrate_picture
     from sysid.vision.camera.calibration_report import draw, rows, to_json
     from sysid.vision.camera.projection import write_camera
@@ -156,7 +157,7 @@ def calibrate(progress: Progress, source: Path, size: TableSize, view: View, boa
     stack = np.stack(list(frames(source, MEDIAN_FRAMES)))
     picture = np.median(stack, axis=0) if len(stack) > 1 else stack[0]
     found = calibrate_picture(
-        picture, cushions, size.diameter, fov=view.fov, lens=lens, corners=crossings, sees=sides, source=str(source),
+        picture, cushions, size.diameter, CameraHints(view.fov, lens, crossings, sides), source=str(source),
         progress=progress,
     )  # fmt: skip
     progress.close()

@@ -93,14 +93,14 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
     result, seen = details(result, footage, camera, progress)
     progress.close()
     mass = filmed.mass if filmed.mass is not None else MASS_PER_CUBED_DIAMETER * camera.diameter**3
-    remarks = [*footage.assumed, *detector.told, *result.told]
+    remarks = [*footage.assumed, *detector.notes, *result.notes]
     if filmed.mass is None:
         remarks.append(f"mass {mass:.4f} kg, that of a snooker ball of this size: give yours with --mass")
     _print(result, remarks)
     _print_details(seen)
     if result.shots:
         from sysid.clips import write_clip_set
-        from sysid.vision.tracks.track import Extra, clip_set
+        from sysid.vision.tracks.clips import Extra, clip_set
 
         extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
         write_clip_set(clip_set(result, camera, mass, footage.fps, extras), outputs.out)
@@ -143,11 +143,11 @@ def _detail(one: Details) -> dict[str, Any]:
     c = one.cue
     cue = None if c is None else {
         "speed": c.speed, "speed_sd": c.speed_sd, "azimuth": c.azimuth, "azimuth_sd": c.azimuth_sd, "side": c.side,
-        "side_sd": c.side_sd, "contact": c.contact, "told": list(c.told),
+        "side_sd": c.side_sd, "contact": c.contact, "told": list(c.notes),
     }  # fmt: skip
     marks = {}
     for name, t in one.turned.items():
-        marks[name] = {"angles": _count(t.theta), "kept": _count(t.steady), "told": list(t.told), "sidespin": None}
+        marks[name] = {"angles": _count(t.theta), "kept": _count(t.steady), "told": list(t.notes), "sidespin": None}
         if (first := t.sidespin) is not None:
             marks[name]["sidespin"] = {
                 "from": first.start, "to": first.end, "value": first.spin, "sd": first.spin_sd,
@@ -165,7 +165,7 @@ def _print_details(seen: Sequence[Details]) -> None:
     for number, one in enumerate(seen, 1):
         if one.tip:
             print(f"clip {number}: {one.tip}")
-        for text in one.cue.told if one.cue else ():
+        for text in one.cue.notes if one.cue else ():
             print(f"clip {number}: cue: {text}")
         for name, turned in one.turned.items():
             count, used = _count(turned.theta), _count(turned.steady)
@@ -178,7 +178,7 @@ def _print_details(seen: Sequence[Details]) -> None:
                     f"clip {number}: {name}: {used or 'none'} of these angles are written into the clip: rolling may "
                     f"falsify the others, by {drift:.2f} rad at the end"
                 )
-            for text in turned.told:
+            for text in turned.notes:
                 print(f"clip {number}: {name}: {text}")
 
 
@@ -187,7 +187,7 @@ def _print(result: Tracked, remarks: Sequence[str]) -> None:
     for text in remarks:
         print(text)
     noise = result.noise
-    print(f"{len(result.scene.frames)} frames, {result.rate:.0f} frames/s, {len(result.scene.paths)} balls")
+    print(f"{len(result.scene.frames)} frames, {result.rate:.0f} frames/s, {len(result.scene.tracks)} balls")
     print(f"noise {1e3 * noise.moving:.3f} mm moving, {1e3 * noise.resting:.3f} mm resting\n")
     lines = [TABLE_HEAD]
     for row in rows(result):
@@ -222,11 +222,14 @@ def _draw(
 def _record(path: Path, video: str, result: Tracked, footage: Footage, camera: Camera) -> None:
     """The recording for Rerun."""
     from models.recording.video import Sightings, write_track
-    from sysid.vision.tracks.track import note, rough
+    from sysid.vision.tracks.clips import note
+    from sysid.vision.tracks.noise import residuals
 
     scene = result.scene
-    balls = {p.name: Sightings(p.frame, p.time, p.pixels, p.radius, p.xy, rough(p.time, p.xy)) for p in scene.paths}
-    shots = [(scene.when(s.first), scene.when(s.last), note(k, s)) for k, s in enumerate(result.shots, 1)]
+    balls = {
+        p.name: Sightings(p.frame, p.time, p.pixels, p.radius, p.xy, residuals(p.time, p.xy)) for p in scene.tracks
+    }
+    shots = [(scene.time_of(s.first), scene.time_of(s.last), note(k, s)) for k, s in enumerate(result.shots, 1)]
     try:
         write_track(
             path, video, (scene.frames, scene.times), lambda: (frame.picture for frame in footage), balls,

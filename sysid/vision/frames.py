@@ -1,7 +1,7 @@
-"""Footage: pictures and when they were taken, from a video or from a folder of pictures.
+"""Footage: from a video or a folder of pictures to frames, which are pictures and the times they were taken at.
 
-Times come from the container's stamps. Those that keep to the container's rate, but for the rounding of some formats to
-a millisecond, are put on that rate exactly; others are taken as they are. Missing frames leave a gap in time.
+Times come from the container's time stamps. Stamps that keep to the container's rate, up to the rounding of some
+formats to a millisecond, are put on that rate exactly; others are used as they are. Missing frames leave a gap in time.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it is read once, when a
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-KINDS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")  # of pictures
-STAMPS = ("times.csv", "timestamps.txt")  # beside the pictures
-PROBE = 60  # frames that show how a container keeps time
-ROUNDED = 0.6e-3  # off the even rate by the millisecond that some containers round to [s]
-UNEVEN = 0.05  # of a period: more than this off the even rate is a variable one
-AGREE = 0.003  # by which a rate may differ from the one it was given without a word
-GAP = 1.75  # periods from one frame to the next from which on frames are missing
-SEEK = 1500  # frames from which on a sample jumps rather than reads through
-SLOWEST = 1.0  # frame rate below which the times of pictures cannot be seconds [1/s]
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+TIME_FILES = ("times.csv", "timestamps.txt")  # looked for beside the pictures
+PROBED_FRAMES = 60  # first frames of a container, from which its frame rate is judged
+STAMP_ROUNDING_S = 0.6e-3  # some containers round stamps to a millisecond: half of that and a little more
+MAX_JITTER_PERIODS = 0.05  # stamps farther off the even rate than this make it a variable rate
+RATE_TOLERANCE = 0.003  # relative difference from the rate given by the user that needs no note
+GAP_PERIODS = 1.75  # time between two frames from which on frames are missing
+SEEK_FRAMES = 1500  # longer videos are sampled by seeking, shorter ones by reading them through
+MIN_RATE_HZ = 1.0  # below this frame rate the times of pictures cannot be in seconds
 
 
 @dataclass(frozen=True)
@@ -47,49 +47,49 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Clock:
-    """How stamps become times: on an even rate, or as they are, stretched."""
+class FrameTimes:
+    """How time stamps become times: put on an even rate or used as they are, then scaled."""
 
     period: float  # between frames, by the stamps [s]
     even: bool  # whether frames keep to that period
-    stretch: float  # seconds of the scene in a second of the stamps
-    told: tuple[str, ...]
+    time_scale: float  # seconds of the scene per second of the stamps
+    notes: tuple[str, ...]  # for the user
 
     def steps(self, before: float, now: float) -> int:
         """Periods between two stamps [s], at least one."""
-        way = (now - before) / self.period
-        return max(1, round(way)) if self.even or way >= GAP else 1
+        periods = (now - before) / self.period
+        return max(1, round(periods)) if self.even or periods >= GAP_PERIODS else 1
 
 
 class Footage:
-    """Frames in order, as often as wanted; never more than one is held."""
+    """Frames in order, read anew on every iteration; only one is in memory at a time."""
 
     def __init__(self, source: Video | Pictures, fps: float | None) -> None:
-        """Look at the first frames; `fps` is the rate at which they were taken, if the container cannot know [1/s]."""
+        """Read the first frames; `fps` is the rate at which they were taken, if the container cannot know it [1/s]."""
         self._source = source
-        self._clock = source.clock(fps)
+        self._frame_times = source.frame_times(fps)
         self._broken = self._missing = 0
         self._whole = False
         self.count = source.count
         first = next((picture for _, picture in source.read() if picture is not None), None)
         if first is None:
-            raise BadInput(f"{source.name}: holds no picture that can be read; record it anew or convert it")
+            raise BadInput(f"{source.name}: holds no readable picture; record it anew or convert it")
         self.size: tuple[int, int] = (first.shape[1], first.shape[0])
 
     @property
     def fps(self) -> float:
-        """Rate at which the frames were taken [1/s]; of a variable one the middle."""
-        return 1.0 / (self._clock.period * self._clock.stretch)
+        """Rate at which the frames were taken [1/s]; the median of a variable one."""
+        return 1.0 / (self._frame_times.period * self._frame_times.time_scale)
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """What was assumed, in plain words; what is missing is known for as much as has been read."""
-        far = "" if self._whole else " so far"
-        lines = [*self._clock.told]
+        """What was assumed, for the user; missing frames are counted in what has been read so far."""
+        so_far = "" if self._whole else " so far"
+        lines = [*self._frame_times.notes]
         if self._missing:
-            lines.append(f"{self._missing} frame{'s' * (self._missing > 1)} missing{far}: left as gaps in time")
+            lines.append(f"{self._missing} frame{'s' * (self._missing > 1)} missing{so_far}: left as gaps in time")
         if self._broken:
-            lines.append(f"{self._broken} frame{'s' * (self._broken > 1)} unreadable{far}: left out")
+            lines.append(f"{self._broken} frame{'s' * (self._broken > 1)} unreadable{so_far}: left out")
         return tuple(lines)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -97,41 +97,41 @@ class Footage:
         return self._frames(None)
 
     def sample(self, n: int) -> list[Frame]:
-        """Up to n frames, spread over the whole."""
+        """Up to n frames, evenly spread over the footage."""
         if n < 1:
             return []
         count = self.count
-        if isinstance(self._source, Video) and (count is None or count > SEEK):
+        if isinstance(self._source, Video) and (count is None or count > SEEK_FRAMES):
             if count is not None and len(found := self._jump(n, count)) > n / 2:
                 return found
             total = sum(1 for _ in self._frames(set()))
             self.count = count = total
         wanted = set(np.linspace(0, max((count or 1) - 1, 0), n).round().astype(int).tolist())
         found = list(self._frames(wanted))
-        if self._whole and self.count is not None and self.count < (count or 0):  # the container promised more
+        if self._whole and self.count is not None and self.count < (count or 0):  # the container announced more
             return self.sample(n) if len(found) < min(n, self.count) else found
         return found
 
     def _jump(self, n: int, count: int) -> list[Frame]:
-        found: dict[float, Frame] = {}
+        frames: dict[float, Frame] = {}
         first = math.nan
         for stamp, picture in self._source.read(np.linspace(0, count - 1, n).round().astype(int).tolist()):
             first = stamp if math.isnan(first) else first
             if picture is not None and (picture.shape[1], picture.shape[0]) == self.size:
-                place = round((stamp - first) / self._clock.period)
-                time = place * self._clock.period if self._clock.even else stamp - first
-                found[stamp] = Frame(place, time * self._clock.stretch, picture)
-        return [found[stamp] for stamp in sorted(found)]
+                index = round((stamp - first) / self._frame_times.period)
+                time = index * self._frame_times.period if self._frame_times.even else stamp - first
+                frames[stamp] = Frame(index, time * self._frame_times.time_scale, picture)
+        return [frames[stamp] for stamp in sorted(frames)]
 
     def _frames(self, wanted: set[int] | None) -> Iterator[Frame]:
-        """Read through, and hand out those of these numbers, or all."""
-        clock, steps, before = self._clock, 0, math.nan
+        """Read through and yield the frames with these indices, or all."""
+        frame_times, steps, before = self._frame_times, 0, math.nan
         missing = broken = read = 0
         first = math.nan
         for index, (stamp, picture) in enumerate(self._source.read(wanted=wanted)):
             read = index + 1
             if not math.isnan(before):
-                step = clock.steps(before, stamp)
+                step = frame_times.steps(before, stamp)
                 steps, missing = steps + step, missing + step - 1
             else:
                 first = stamp
@@ -142,8 +142,8 @@ class Footage:
             broken += unread
             self._missing, self._broken = max(self._missing, missing), max(self._broken, broken)
             if picture is not None:
-                time = steps * clock.period if clock.even else stamp - first
-                yield Frame(index, time * clock.stretch, picture)
+                time = steps * frame_times.period if frame_times.even else stamp - first
+                yield Frame(index, time * frame_times.time_scale, picture)
         self._whole, self.count = True, read
 
 
@@ -151,7 +151,7 @@ class Video:
     """A file that OpenCV reads."""
 
     def __init__(self, path: Path) -> None:
-        """Open it once to see that it can be read."""
+        """Open it once to check that it can be read."""
         self.path, self.name = path, str(path)
         with quiet():
             capture = cv2.VideoCapture(self.name)
@@ -160,13 +160,13 @@ class Video:
             opened = capture.isOpened()
             capture.release()
         if not opened:
-            raise BadInput(f"{self.name}: is no video that can be read; convert it to MP4 (H.264) or to pictures")
+            raise BadInput(f"{self.name}: is not a readable video; convert it to MP4 (H.264) or to pictures")
         self.count = int(counted) if 0 < counted < 1e9 else None
 
     def read(
         self, jumps: Sequence[int] | None = None, wanted: set[int] | None = None, most: int | None = None
     ) -> Iterator[tuple[float, Picture | None]]:
-        """Stamps [s] and pictures: of all frames (those not `wanted` undeveloped), or of those to jump to."""
+        """Stamps [s] and pictures of all frames, or of those to seek to; those not `wanted` are not decoded."""
         with quiet():
             capture = cv2.VideoCapture(self.name)
         try:
@@ -181,65 +181,70 @@ class Video:
                 picture = None
                 if wanted is None or index in wanted:
                     done, found = capture.retrieve()
-                    picture = _colour(found) if done else None
+                    picture = _as_colour(found) if done else None
                 yield stamp, picture
         finally:
             capture.release()
 
-    def clock(self, fps: float | None) -> Clock:
-        """How it keeps time, by its first frames."""
-        stamps = np.array([stamp for stamp, _ in self.read(wanted=set(), most=PROBE)])
+    def frame_times(self, fps: float | None) -> FrameTimes:
+        """Its frame times, judged by the first frames."""
+        stamps = np.array([stamp for stamp, _ in self.read(wanted=set(), most=PROBED_FRAMES)])
         rate = self.rate if 0.1 < self.rate < 1e6 else math.nan
         steps = np.diff(stamps)
         if len(steps) == 0 or not (steps > 0).all():
             if len(steps) and not (math.isfinite(rate) or fps):
-                raise BadInput(f"{self.name}: has no frame times and no rate; give the rate it was taken at: --fps")
-            # Every frame is then taken to follow the one before: `steps` counts at least one.
+                raise BadInput(
+                    f"{self.name}: has neither frame times nor a rate; give the rate at which it was taken with --fps"
+                )
+            # Every frame is then assumed to follow the one before: `steps` counts at least one.
             period = 1.0 / (rate if math.isfinite(rate) else fps or 1.0)
-            return _stretched(Clock(period, True, 1.0, (f"frame times from the rate {1 / period:.6g}/s",)), fps)
+            return _retimed(FrameTimes(period, True, 1.0, (f"frame times from the rate {1 / period:.6g}/s",)), fps)
         if math.isfinite(rate):
-            # Stamps may be rounded to the millisecond: the rate that the container tells is tried as it is.
-            period, since = 1.0 / rate, stamps - stamps[0]
-            off = since - period * np.round(since / period)
-            each = np.median(steps) / period  # some containers tell the finest rate that they can hold
-            if np.abs(off).max() < max(ROUNDED, UNEVEN * period) and 0.5 < each < GAP:
-                return _stretched(Clock(period, True, 1.0, (f"frame times from the container, {rate:.6g}/s",)), fps)
-        told = f"frame times from the container, a variable rate of about {1 / np.median(steps):.4g}/s"
-        return _stretched(Clock(float(np.median(steps)), False, 1.0, (told,)), fps)
+            # Stamps may be rounded to a millisecond: the nominal rate of the container is tried first.
+            period, elapsed = 1.0 / rate, stamps - stamps[0]
+            residual = elapsed - period * np.round(elapsed / period)
+            step_periods = np.median(steps) / period  # some containers give the finest rate that they can hold
+            if (
+                np.abs(residual).max() < max(STAMP_ROUNDING_S, MAX_JITTER_PERIODS * period)
+                and 0.5 < step_periods < GAP_PERIODS
+            ):
+                return _retimed(FrameTimes(period, True, 1.0, (f"frame times from the container, {rate:.6g}/s",)), fps)
+        notes = f"frame times from the container, a variable rate of about {1 / np.median(steps):.4g}/s"
+        return _retimed(FrameTimes(float(np.median(steps)), False, 1.0, (notes,)), fps)
 
 
 class Pictures:
-    """Pictures in order, with times beside them or none."""
+    """A sequence of pictures, with or without a file of times beside them."""
 
     def __init__(self, name: str, paths: Sequence[Path]) -> None:
         """`name` is what the user gave."""
         self.name, self.paths, self.count = name, list(paths), len(paths)
-        self._stamps = np.arange(len(paths), dtype=float)
+        self._read_times = np.arange(len(paths), dtype=float)
         self._timed = False
 
-    def clock(self, fps: float | None) -> Clock:
-        """Times from the file beside them, from the numbers in their names, or evenly."""
-        beside = next((p for n in STAMPS if (p := self.paths[0].parent / n).is_file()), None)
-        if beside is not None:
-            self._stamps = _stamps(beside, len(self.paths))
-            if len(self._stamps) > 1:
-                period = float(np.median(np.diff(self._stamps)))
-                return _stretched(
-                    Clock(period, False, 1.0, (f"frame times from {beside.name}, {1 / period:.6g}/s",)), fps
+    def frame_times(self, fps: float | None) -> FrameTimes:
+        """Times from the file beside the pictures, from the numbers in their names, or at an even rate."""
+        time_file = next((p for n in TIME_FILES if (p := self.paths[0].parent / n).is_file()), None)
+        if time_file is not None:
+            self._read_times = _read_times(time_file, len(self.paths))
+            if len(self._read_times) > 1:
+                period = float(np.median(np.diff(self._read_times)))
+                return _retimed(
+                    FrameTimes(period, False, 1.0, (f"frame times from {time_file.name}, {1 / period:.6g}/s",)), fps
                 )
         if fps is None and len(self.paths) > 1:
             raise BadInput(
-                f"{self.name}: pictures carry no times; give their rate (--fps) or put times.csv beside them"
+                f"{self.name}: pictures have no times; give their rate with --fps or put times.csv beside them"
             )
         numbers = [int(found[-1]) if (found := re.findall(r"\d+", p.stem)) else -1 for p in self.paths]
         steps = np.diff(numbers)
-        told = f"pictures taken at an even {fps or 1.0:.6g}/s"
+        notes = f"pictures taken at an even {fps or 1.0:.6g}/s"
         if len(steps) and (steps > 0).all():
             step = float(np.median(steps))
             if (steps % step == 0).all():
-                self._stamps = (np.array(numbers) - numbers[0]) / step
-                told += ", numbers missing from their names counted as frames missing" if (steps > step).any() else ""
-        return Clock(1.0, True, 1.0 / (fps or 1.0), (told,))
+                self._read_times = (np.array(numbers) - numbers[0]) / step
+                notes += ", numbers missing from their names counted as frames missing" if (steps > step).any() else ""
+        return FrameTimes(1.0, True, 1.0 / (fps or 1.0), (notes,))
 
     def read(
         self, jumps: Sequence[int] | None = None, wanted: set[int] | None = None, most: int | None = None
@@ -249,52 +254,51 @@ class Pictures:
             picture = None
             if wanted is None or index in wanted:
                 with quiet():
-                    picture = _colour(cv2.imread(str(self.paths[index]), cv2.IMREAD_COLOR))
-            yield float(self._stamps[index]), picture
+                    picture = _as_colour(cv2.imread(str(self.paths[index]), cv2.IMREAD_COLOR))
+            yield float(self._read_times[index]), picture
 
 
 def open_footage(path: Path | str, fps: float | None = None) -> Footage:
     """Footage of a video, a picture, a folder of pictures, or a pattern of their names (`%04d` or `*`).
 
     Args:
-        path: what to read.
-        fps: rate at which the frames were taken, where the container does not know it or is re-timed [1/s].
+        path: video, picture, folder or pattern.
+        fps: rate at which the frames were taken, where the container does not know it or was re-timed [1/s].
 
     Raises:
-        BadInput: nothing there can be read, in one line.
+        BadInput: nothing there can be read.
     """
     name = str(path)
     if fps is not None and not 0 < fps < math.inf:
         raise BadInput(f"--fps {fps:g}: must be the number of frames taken in a second, above 0")
-    place = Path(path)
-    if place.is_dir():
-        found = [p for p in place.iterdir() if p.suffix.lower() in KINDS and not p.name.startswith(".")]
+    location = Path(path)
+    if location.is_dir():
+        found = [p for p in location.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES and not p.name.startswith(".")]
         if not found:
-            raise BadInput(
-                f"{name}: holds no pictures ({', '.join(k[1:] for k in KINDS)}); name a video or such a folder"
-            )
-    elif place.is_file():
-        if place.stat().st_size == 0:
+            kinds = ", ".join(suffix[1:] for suffix in PICTURE_SUFFIXES)
+            raise BadInput(f"{name}: holds no pictures ({kinds}); name a video or such a folder")
+    elif location.is_file():
+        if location.stat().st_size == 0:
             raise BadInput(f"{name}: is empty; record or copy it anew")
-        if place.suffix.lower() not in KINDS:
-            return Footage(Video(place), fps)
-        found = [place]
-    elif re.search(r"%0?\d*d", place.name):
-        shape = re.compile(re.sub(r"%0?\d*d", r"\\d+", re.escape(place.name)))
-        found = [p for p in place.parent.iterdir() if shape.fullmatch(p.name)] if place.parent.is_dir() else []
+        if location.suffix.lower() not in PICTURE_SUFFIXES:
+            return Footage(Video(location), fps)
+        found = [location]
+    elif re.search(r"%0?\d*d", location.name):
+        pattern = re.compile(re.sub(r"%0?\d*d", r"\\d+", re.escape(location.name)))
+        found = [p for p in location.parent.iterdir() if pattern.fullmatch(p.name)] if location.parent.is_dir() else []
     else:
         found = [Path(p) for p in glob.glob(name)] if glob.has_magic(name) else []
     if not found:
-        raise BadInput(f"{name}: is not there; name a video, a folder of pictures or a pattern of their names")
+        raise BadInput(f"{name}: does not exist; name a video, a folder of pictures or a pattern of their names")
     return Footage(Pictures(name, sorted(found, key=_natural)), fps)
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
-    """Order in which 2 comes before 10."""
+    """Sort key with which 2 comes before 10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
-def _colour(picture: NDArray[np.uint8] | None) -> Picture | None:
+def _as_colour(picture: NDArray[np.uint8] | None) -> Picture | None:
     if picture is None or picture.size == 0:
         return None
     if picture.ndim == 2 or picture.shape[2] == 1:
@@ -302,18 +306,23 @@ def _colour(picture: NDArray[np.uint8] | None) -> Picture | None:
     return picture[..., :3]
 
 
-def _stretched(clock: Clock, fps: float | None) -> Clock:
-    """The clock of frames that were really taken at another rate than their stamps say."""
+def _retimed(frame_times: FrameTimes, fps: float | None) -> FrameTimes:
+    """The times of frames that were taken at another rate than their stamps give."""
     if fps is None:
-        return clock
-    by = 1.0 / (fps * clock.period)
-    shown = f"{1 / by:.6g} times slower" if by < 1 else f"{by:.6g} times faster"
-    told = f"taken at {fps:.6g}/s as given: the container, with {1 / clock.period:.6g}/s, shows it {shown}"
-    return Clock(clock.period, clock.even, by, (*clock.told, told) if abs(by - 1) > AGREE else clock.told)
+        return frame_times
+    scale = 1.0 / (fps * frame_times.period)
+    effect = f"{1 / scale:.6g} times slower" if scale < 1 else f"{scale:.6g} times faster"
+    notes = f"taken at {fps:.6g}/s as given: the container, with {1 / frame_times.period:.6g}/s, shows it {effect}"
+    return FrameTimes(
+        frame_times.period,
+        frame_times.even,
+        scale,
+        (*frame_times.notes, notes) if abs(scale - 1) > RATE_TOLERANCE else frame_times.notes,
+    )
 
 
-def _stamps(path: Path, count: int) -> Array:
-    """Times of pictures [s] from a text file: one on a line, the column headed time or t, else the last."""
+def _read_times(path: Path, count: int) -> Array:
+    """Times of pictures [s] from a text file, one per line: the column headed time or t, else the last."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -322,8 +331,8 @@ def _stamps(path: Path, count: int) -> Array:
     rows = [row for row in lines if row != [""] and not row[0].startswith("#")]
     column = -1
     if rows and not _number(rows[0][-1]):
-        heads = [head.lower() for head in rows.pop(0)]
-        column = next((k for k, head in enumerate(heads) if head in ("t", "time", "timestamp", "time_s")), -1)
+        columns = [head.lower() for head in rows.pop(0)]
+        column = next((k for k, head in enumerate(columns) if head in ("t", "time", "timestamp", "time_s")), -1)
     for number, row in enumerate(rows, 1):
         if column >= len(row) or not _number(row[column]):
             raise BadInput(f"{path}: time {number} is {' '.join(row)!r}; write one time in seconds on a line")
@@ -333,7 +342,7 @@ def _stamps(path: Path, count: int) -> Array:
     steps = np.diff(times)
     if not np.isfinite(times).all() or (len(steps) and steps.min() <= 0):
         raise BadInput(f"{path}: times must increase; put them in the order of the pictures' names")
-    if len(steps) and np.median(steps) > 1 / SLOWEST:
+    if len(steps) and np.median(steps) > 1 / MIN_RATE_HZ:
         raise BadInput(f"{path}: pictures {np.median(steps):g} apart; times must be in seconds")
     return times
 
@@ -348,7 +357,7 @@ def _number(text: str) -> bool:
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Keep OpenCV and FFmpeg from writing what is about to be told in one line."""
+    """Silence OpenCV and FFmpeg: their failures are reported by our own messages."""
     logging = cv2.utils.logging
     before = logging.getLogLevel()
     logging.setLogLevel(logging.LOG_LEVEL_SILENT)

@@ -43,6 +43,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
     "sysid.vision": {
         "camera": (),
         "balls": ("camera",),
+        "cue": ("camera",),
         "tracks": ("camera", "balls"),
         "rotation": ("camera",),
     },

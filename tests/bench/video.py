@@ -14,9 +14,9 @@ from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.palette import default_palette
-from sysid.vision.camera.projection import overhead
-from sysid.vision.frames import Clock, Footage, Pictures
+from sysid.vision.frames import Footage, FrameTimes, Pictures
 from sysid.vision.tracks.track import track
+from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import motion_of
 
@@ -33,9 +33,9 @@ class Held:
     def __init__(self, pictures: Sequence[np.ndarray]) -> None:
         self.pictures, self.count = pictures, len(pictures)
 
-    def clock(self, fps: float | None) -> Clock:
+    def frame_times(self, fps: float | None) -> FrameTimes:
         """Evenly."""
-        return Clock(1.0 / FPS, True, 1.0, ())
+        return FrameTimes(1.0 / FPS, True, 1.0, ())
 
     def read(
         self, jumps: Sequence[int] | None = None, wanted: set[int] | None = None, most: int | None = None

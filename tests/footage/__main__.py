@@ -18,7 +18,8 @@ import numpy as np
 
 from models.console import Progress
 from models.shot import Table
-from sysid.vision.camera.projection import Camera, overhead, write_camera
+from sysid.vision.camera.projection import Camera, write_camera
+from tests.footage.cameras import overhead
 from tests.footage.film import Look, Picture, Spot, film
 from tests.footage.scenes import LEAD, Scene, scenes
 

@@ -35,9 +35,9 @@ from planner.scene import (
     write_scene,
 )
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set, write_clip_set
-from sysid.vision.camera.projection import overhead, write_camera
-from sysid.vision.frames import Picture
-from tests.footage.film import Look, film
+from sysid.vision.camera.projection import write_camera
+from tests.footage.cameras import overhead
+from tests.footage.film import Look, Picture, film
 from tests.footage.motion import Motion
 from tests.support.clip_samples import refusal
 

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.shot import Table
-from sysid.vision.camera.projection import Array, Camera, overhead
+from sysid.vision.camera.projection import Array, Camera
+from tests.footage.cameras import overhead
 from tests.footage.film import Look, _picture, table_picture
 from tests.footage.motion import Motion
 

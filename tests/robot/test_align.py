@@ -12,7 +12,7 @@ from models.errors import BadInput
 from robot.camera.align import align, turn_for
 from robot.camera.cue_line import CueLine, _raised, cue_direction
 from sysid.vision.camera.projection import Array
-from sysid.vision.cue import _Line
+from sysid.vision.cue.axis import CueAxis
 from tests.robot.align_pictures import RAISED, Light, Picture, Stick, bare, camera_over, cases, empty, picture
 
 CAMERA = camera_over()
@@ -47,7 +47,7 @@ def test_a_raised_axis_is_got_back_from_what_is_seen_of_it(elevation: float) -> 
         (one, two) = CAMERA.on_plane(CAMERA.project(np.array([tip, tip + 0.6 * way])), CAMERA.radius)
         seen = np.arctan2(*(one - two)[::-1])
         beside = (one - np.array(stick.ball)) @ [math.sin(seen), -math.cos(seen)]
-        got, left = _raised(_Line(np.array(stick.ball), float(seen), float(beside)), CAMERA, elevation)
+        got, left = _raised(CueAxis(np.array(stick.ball), float(seen), float(beside)), CAMERA, elevation)
         assert math.remainder(got - azimuth, 2 * math.pi) == pytest.approx(0, abs=1e-7)
         assert left == pytest.approx(stick.left, abs=1e-7)
 

@@ -19,7 +19,8 @@ from robot.camera.live import CameraOptions, LiveCamera
 from robot.camera.recorder import FilmRecorder, frame_numbers
 from robot.camera.source import Device
 from robot.play import ShotCamera
-from sysid.vision.camera.projection import overhead, write_camera
+from sysid.vision.camera.projection import write_camera
+from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import Motion, motion_of
 

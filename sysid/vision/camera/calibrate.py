@@ -1,9 +1,11 @@
-"""A camera from a picture of the table itself: its four nose lines, three of them, or four corners given by hand.
+"""Calibration of a camera from a picture of the table: four nose lines, three of them, or corners given by hand.
 
-A view from straight above does not tell the focal length: from twice as high, with twice the focal length, a plane
-looks the same. Tracks need the plane of the balls' centres, 2/5 of a radius below that of the noses, so little depends
-on it; how little is computed. A tilted view tells the focal length by the table's aspect, as well as its length and
-width are known: so it is believed only when its standard deviation, these doubts included, is small.
+In: a picture, the sizes of table and balls, and what is known of the camera. Out: `Calibration`, the camera with its
+uncertainty. A view from straight above does not determine the focal length: from twice the height, with twice the focal
+length, a plane looks the same. Tracks need the plane of the balls' centres, 2/5 of a radius below that of the noses, so
+little depends on it; how little is computed. A tilted view determines the focal length by the aspect of the table, as
+well as its length and width are known; it is accepted only if its standard deviation, including that of the table, is
+small.
 """
 
 from __future__ import annotations
@@ -19,13 +21,13 @@ from models.errors import BadInput
 from models.shot import RAIL_NAMES, Table
 from sysid.vision.camera import table_edges, table_lines
 from sysid.vision.camera.board import Lens
-from sysid.vision.camera.first_view import first_view, lens_only, sides_of
-from sysid.vision.camera.pose import Fit, Rails, fit
+from sysid.vision.camera.first_view import first_view, initial_camera, sides_of
+from sysid.vision.camera.pose import CameraFit, Rails, fit_camera
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.camera.table_edges import Edge
 from sysid.vision.camera.trust import (
-    K1,
-    REMEDY,
+    K1_PRIOR,
+    TABLE_SIZE_REMEDY,
     corner_doubts,
     doubts,
     outline_doubts,
@@ -34,29 +36,29 @@ from sysid.vision.camera.trust import (
     with_focal,
 )
 
-TOLD = 0.2  # standard deviation of the focal length from which it is rather assumed [fraction]
-REACHES = (5.0, 3.0, 2.0)  # within which edges are sought, round by round [pixels]
-NEAR = 0.02  # of corners given by hand that edges are sought [m]
-ALIKE = 6e-3  # spread of the cushions' widths up to which edges look like noses [m]
-LEAST_POINTS = 8  # of a side
-K2_GAIN = 0.8  # what k2 must do to the scatter to be believed
-ONLY = "the end of the cloth, the only edge seen"
+MAX_FITTED_FOCAL_SD = 0.2  # relative; above, the focal length is assumed rather than fitted
+EDGE_SEARCH_PX = (5.0, 3.0, 2.0)  # about an expected edge, round by round
+CORNER_SEARCH_M = 0.02  # about corners given by hand
+MAX_CUSHION_SPREAD_M = 6e-3  # of the widths of the cushions, up to which edges may be noses
+MIN_SIDE_POINTS = 8  # of a side
+MAX_K2_ERROR_RATIO = 0.8  # of the reprojection errors with and without k2, up to which k2 is used
+ONLY_EDGE = "the end of the cloth, the only edge seen"
 BY_HAND = "none: from the corners given alone"
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A camera, and how far it is to be trusted."""
+    """A camera, its uncertainty, and doubts about it."""
 
     camera: Camera
-    lines: Fit
+    lines: CameraFit
     focal_from: str  # "found", "assumed", "given" or "board"
-    focal_sd: float  # [fraction]; NaN where it was not measured
-    edge: str  # which edge of the cushions was taken
+    focal_sd: float  # relative; NaN where it was not measured
+    edge: str  # which edge of the cushions was used
     spread: tuple[float, float]  # rms and worst standard deviation of places on the balls' plane [m]
     parallax: tuple[float, float]  # rms and worst error there if the focal length is 10 % off [m]
     notes: tuple[str, ...]
-    doubts: tuple[str, ...]  # why not to trust it
+    doubts: tuple[str, ...]  # reasons not to trust it
 
     @property
     def fov(self) -> float:
@@ -70,7 +72,7 @@ class Calibration:
 
     @property
     def edges(self) -> bool:
-        """Whether edges were seen; if not, all is from corners given by hand, and no uncertainty is known."""
+        """Whether edges were seen; otherwise all is from corners given by hand, and no uncertainty is known."""
         return self.edge != BY_HAND
 
     @property
@@ -79,10 +81,31 @@ class Calibration:
         return {RAIL_NAMES[k]: self.lines.rms_of(k) for k in range(4) if (self.lines.rails == k).any()}
 
 
+@dataclass(frozen=True)
+class CameraHints:
+    """What is known of a camera before its calibration."""
+
+    fov: float | None = None  # field of view across the longer side of the picture [degrees]
+    lens: Lens | None = None  # from a board
+    corners: Array | None = None  # (4, 2) intersections of the nose lines, in any order [pixels]; see `calibrate`
+    sees: Sequence[str] = RAIL_NAMES  # rails in the picture
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Intrinsic parameters to fit."""
+        if self.lens:
+            return ()
+        return ("k1",) if self.fov else ("k1", "focal")
+
+    @property
+    def focal_from(self) -> str:
+        """Origin of a focal length that was not fitted."""
+        return "board" if self.lens else "given" if self.fov else "assumed"
+
+
 def calibrate(
-    picture: NDArray[np.generic], table: Table, diameter: float, *, fov: float | None = None, lens: Lens | None = None,
-    corners: Array | None = None, sees: Sequence[str] = RAIL_NAMES, source: str = "",
-    progress: Callable[[str], None] = lambda line: None,
+    picture: NDArray[np.generic], table: Table, diameter: float, hints: CameraHints = CameraHints(), *,
+    source: str = "", progress: Callable[[str], None] = lambda line: None,
 ) -> Calibration:  # fmt: skip
     """Calibrate a camera from a picture of the table.
 
@@ -90,129 +113,135 @@ def calibrate(
         picture: (height, width, 3), blue, green, red, 0 to 255; best the median of several frames.
         table: nose to nose.
         diameter: of the balls [m].
-        fov: field of view across the longer side of the picture, where it is known [degrees].
-        lens: from a board, where there was one.
-        corners: (4, 2) where the nose lines cross, in any order [pixels]; where three sides are seen a point of the
-            first, the two corners, and a point of the last. The sides are found if not given.
-        sees: rails that are in the picture.
-        source: what the picture is, for the camera's file.
-        progress: is told what is being done.
+        hints: what is known of the camera. Its corners are found if not given; where three sides are seen they are a
+            point of the first, the two corners, and a point of the last.
+        source: what the picture is, for the camera file.
+        progress: receives a line on what is being done.
 
     Raises:
         BadInput: no table is found, or too few of its sides.
     """
-    start = lens_only((picture.shape[1], picture.shape[0]), table, diameter, fov, lens)
-    light = np.asarray(picture, np.float32)
-    own: tuple[str, ...] = () if lens else ("k1",) if fov else ("k1", "focal")
+    start = initial_camera((picture.shape[1], picture.shape[0]), table, diameter, hints.fov, hints.lens)
+    light, unknown, by_hand = np.asarray(picture, np.float32), hints.unknown, hints.corners is not None
     progress("looking for the table")
-    by_hand = corners is not None
-    if corners is not None:
-        sides = sides_of(np.asarray(corners, float), len(sees))
+    if hints.corners is not None:
+        sides = sides_of(np.asarray(hints.corners, float), len(hints.sees))
     else:
         sides = table_lines.sides(table_lines.cloth(np.rint(light).astype(np.uint8)))
-    first = first_view(start, sides, sees, own if not by_hand else own[:1], by_hand)
+    first = first_view(start, sides, hints.sees, unknown[:1] if by_hand else unknown, by_hand)
     progress("looking for the noses")
-    noses, edge, said = _noses(light, first, "focal" not in own, by_hand)
+    noses, edge, warnings = _noses(light, first, "focal" not in unknown, by_hand)
     if len(noses) < 3:
-        return _by_hand(first, _source_of(fov, lens), source)
-    expected = {"focal": (0.0, 0.3), **K1}
-    lines = first
-    for k, reach in enumerate(REACHES):
-        progress(f"edge points, round {k + 1} of {len(REACHES)}")
-        camera = lines.camera
-        pixels, rails = _points(light, camera, noses, reach)
-        free = own if len(set(rails.tolist())) == 4 else tuple(n for n in own if n != "focal")
-        expected["focal"] = (float(np.log(start.matrix[0, 0] / camera.matrix[0, 0])), 0.3)
-        lines = fit(camera, pixels, rails, free, prior=expected)
-        noses = {rail: dataclasses.replace(nose, offset=0.0) for rail, nose in noses.items()}
+        return _by_hand(first, hints.focal_from, source)
+    lines = _fitted_to_edges(light, first, noses, unknown, start, progress)
     progress("least squares")
-    lines, focal_sd = _with_lens(lines, start, own)
+    lines, focal_sd = _with_lens(lines, start, unknown)
     found = bool(np.isfinite(focal_sd))
-    left = next((rail for rail in set(first.rails.tolist()) if rail not in lines.rails), None)
-    notes = () if left is None else (f"no edge at {RAIL_NAMES[left]} goes with the others: that side is left out",)
-    said = [*said, *doubts(lines, found, edge == ONLY)]
-    if left is not None and not by_hand:
-        said += outline_doubts(lines, first, left)
-    count = len(set(lines.rails.tolist()))
-    text = f"{count} cushion lines, {int(lines.kept.sum())} edge points, from {source}"
-    text += "; not to be trusted" if said else ""
+    left_out = next((rail for rail in set(first.rails.tolist()) if rail not in lines.rails), None)
+    notes = (
+        () if left_out is None else (f"no edge at {RAIL_NAMES[left_out]} goes with the others: that side is left out",)
+    )
+    warnings = [*warnings, *doubts(lines, found, edge == ONLY_EDGE)]
+    if left_out is not None and not by_hand:
+        warnings += outline_doubts(lines, first, left_out)
+    text = f"{len(set(lines.rails.tolist()))} cushion lines, {int(lines.kept.sum())} edge points, from {source}"
+    text += "; not to be trusted" if warnings else ""
     return Calibration(
         dataclasses.replace(lines.camera, residual_m=lines.rms, source=text), lines,
-        "found" if found else _source_of(fov, lens), lens.focal_sd if lens else focal_sd, edge,
-        uncertainty(lines), parallax(lines), notes, tuple(said),
+        "found" if found else hints.focal_from, hints.lens.focal_sd if hints.lens else focal_sd, edge,
+        uncertainty(lines), parallax(lines), notes, tuple(warnings),
     )  # fmt: skip
 
 
-def _by_hand(first: Fit, focal_from: str, source: str) -> Calibration:
-    """The result where no edges are found beside corners given by hand."""
+def _fitted_to_edges(
+    light: NDArray[np.float32], first: CameraFit, noses: dict[int, Edge], unknown: tuple[str, ...], start: Camera,
+    progress: Callable[[str], None],
+) -> CameraFit:  # fmt: skip
+    """The camera fitted to edge points of the noses, searched within ever smaller distances."""
+    prior, lines = {"focal": (0.0, 0.3), **K1_PRIOR}, first
+    for k, search in enumerate(EDGE_SEARCH_PX):
+        progress(f"edge points, round {k + 1} of {len(EDGE_SEARCH_PX)}")
+        camera = lines.camera
+        pixels, rails = _points(light, camera, noses, search)
+        free = unknown if len(set(rails.tolist())) == 4 else tuple(n for n in unknown if n != "focal")
+        prior["focal"] = (float(np.log(start.matrix[0, 0] / camera.matrix[0, 0])), 0.3)
+        lines = fit_camera(camera, pixels, rails, free, prior=prior)
+        noses = {rail: dataclasses.replace(nose, offset=0.0) for rail, nose in noses.items()}
+    return lines
+
+
+def _by_hand(first: CameraFit, focal_from: str, source: str) -> Calibration:
+    """The result where no edges are found near corners given by hand."""
     camera = dataclasses.replace(first.camera, residual_m=first.rms, source=f"4 corners by hand, from {source}")
     pixel = 1e3 * camera.eye[2] / camera.matrix[0, 0]
     note = f"no edges beside the corners: places are as good as those are, a pixel being {pixel:.1f} mm"
-    unknown, said = (np.nan, np.nan), tuple(corner_doubts(first))
-    return Calibration(camera, first, focal_from, np.nan, BY_HAND, unknown, parallax(first), (note,), said)
+    unknown, warnings = (np.nan, np.nan), tuple(corner_doubts(first))
+    return Calibration(camera, first, focal_from, np.nan, BY_HAND, unknown, parallax(first), (note,), warnings)
 
 
-def _source_of(fov: float | None, lens: Lens | None) -> str:
-    """Where a focal length is from that is not found."""
-    return "board" if lens else "given" if fov else "assumed"
-
-
-def _with_lens(lines: Fit, start: Camera, own: tuple[str, ...]) -> tuple[Fit, float]:
-    """The last fit, with as much of the lens as the lines tell; the focal length's uncertainty, NaN if not told."""
+def _with_lens(lines: CameraFit, start: Camera, unknown: tuple[str, ...]) -> tuple[CameraFit, float]:
+    """The final fit, with the intrinsic parameters that the lines determine; relative sd of the focal length or NaN."""
     pixels, rails, focal_sd = lines.pixels, lines.rails, np.nan
-    free = tuple(name for name in own if name != "focal")
-    if "focal" in own:
+    free = tuple(name for name in unknown if name != "focal")
+    if "focal" in unknown:
         if "focal" in lines.free:
-            lines = fit(lines.camera, pixels, rails, own, prior={"focal": (0.0, 1.0), **K1})
-            focal_sd = lines.wide["focal"]
-        if focal_sd < TOLD:
-            free = own
+            lines = fit_camera(lines.camera, pixels, rails, unknown, prior={"focal": (0.0, 1.0), **K1_PRIOR})
+            focal_sd = lines.total_sd["focal"]
+        if focal_sd < MAX_FITTED_FOCAL_SD:
+            free = unknown
         else:
             focal_sd = np.nan
-            lines = fit(with_focal(lines.camera, start.matrix[0, 0]), pixels, rails, free, prior=K1)
-    if "k1" in own:
-        more = fit(lines.camera, pixels, rails, (*free, "k2"), prior=K1)
-        if more.noise < K2_GAIN * lines.noise and more.kept.sum() >= 0.98 * lines.kept.sum():
+            lines = fit_camera(with_focal(lines.camera, start.matrix[0, 0]), pixels, rails, free, prior=K1_PRIOR)
+    if "k1" in unknown:
+        more = fit_camera(lines.camera, pixels, rails, (*free, "k2"), prior=K1_PRIOR)
+        if (
+            more.reprojection_error < MAX_K2_ERROR_RATIO * lines.reprojection_error
+            and more.kept.sum() >= 0.98 * lines.kept.sum()
+        ):
             return more, focal_sd
     return lines, focal_sd
 
 
 def _noses(
-    light: NDArray[np.float32], first: Fit, fixed: bool, by_hand: bool
+    light: NDArray[np.float32], first: CameraFit, fixed: bool, by_hand: bool
 ) -> tuple[dict[int, Edge], str, list[str]]:
-    """The noses by rail, which edges they are, and what speaks against them."""
+    """The noses by rail, a description of the edges used, and doubts about them."""
     outline, found = first.margin, {}
     for rail in dict.fromkeys(first.rails.tolist()):
-        low, high = outline - table_edges.INWARD, outline + table_edges.OUTWARD
+        low, high = outline - table_edges.INWARD_SEARCH_M, outline + table_edges.OUTWARD_SEARCH_M
         seen = table_edges.strip(light, first.camera, rail, low, high)
         found[rail] = table_edges.edges(seen) if seen is not None else []
     if by_hand:
-        near = {rail: [e for e in some if abs(e.offset) < NEAR] for rail, some in found.items()}
-        best = {r: max(e, key=lambda e: e.strength * np.exp(-abs(e.offset) / (NEAR / 2))) for r, e in near.items() if e}
+        near = {rail: [e for e in some if abs(e.offset) < CORNER_SEARCH_M] for rail, some in found.items()}
+        best = {
+            r: max(e, key=lambda e: e.strength * np.exp(-abs(e.offset) / (CORNER_SEARCH_M / 2)))
+            for r, e in near.items()
+            if e
+        }
         return best, "those nearest to the corners given", []
     tilt = np.arccos(np.clip(-first.camera.axes[2, 2], -1, 1))
     aspect_sd = 0.006 if fixed else float(np.hypot(0.006, 0.3 * tilt**2))  # a wrong focal length distorts it
     table = first.camera.table
     lengths = (table.length, table.width)
-    chosen = table_edges.choose(found, outline, lengths, aspect_sd)
+    chosen = table_edges.choose_noses(found, outline, lengths, aspect_sd)
     if len(chosen) < 3:
         raise BadInput("the cushions' noses do not show against the bed; give --corners, or light the table evenly")
     inward = outline - float(np.mean([e.offset for e in chosen.values()]))
-    if inward >= table_edges.LAST:
+    if inward >= table_edges.CLOTH_EDGE_M:
         return chosen, f"bed/cushion; the cloth goes on {1e3 * inward:.0f} mm behind it", []
-    farther = {rail: [e for e in some if e.offset < outline - table_edges.LAST] for rail, some in found.items()}
-    inner = [outline - e.offset for e in table_edges.choose(farther, outline, lengths, np.inf).values()]
-    if len(inner) < 3 or np.ptp(inner) > ALIKE:
-        return chosen, ONLY, []
+    farther = {rail: [e for e in some if e.offset < outline - table_edges.CLOTH_EDGE_M] for rail, some in found.items()}
+    inner = [outline - e.offset for e in table_edges.choose_noses(farther, outline, lengths, np.inf).values()]
+    if len(inner) < 3 or np.ptp(inner) > MAX_CUSHION_SPREAD_M:
+        return chosen, ONLY_EDGE, []
     text = f"edges {1e3 * float(np.mean(inner)):.0f} mm farther in do not fit the table's aspect"
-    return chosen, "the end of the cloth", [f"{text}, though they look like the noses: {REMEDY}"]
+    return chosen, "the end of the cloth", [f"{text}, though they look like the noses: {TABLE_SIZE_REMEDY}"]
 
 
-def _points(light: NDArray[np.float32], camera: Camera, noses: dict[int, Edge], reach: float) -> tuple[Array, Rails]:
-    """Edge points (n, 2) along the rails, and whose they are (n,)."""
-    pixels = {rail: table_edges.edge_points(light, camera, rail, edge, reach) for rail, edge in noses.items()}
-    pixels = {rail: own for rail, own in pixels.items() if len(own) >= LEAST_POINTS}
+def _points(light: NDArray[np.float32], camera: Camera, noses: dict[int, Edge], search: float) -> tuple[Array, Rails]:
+    """Edge points (n, 2) along the rails, and the rail of each (n,)."""
+    pixels = {rail: table_edges.edge_points(light, camera, rail, edge, search) for rail, edge in noses.items()}
+    pixels = {rail: points for rail, points in pixels.items() if len(points) >= MIN_SIDE_POINTS}
     if len(pixels) < 3:
         raise BadInput("the cushions' edges are too faint to be followed; film with more light, or more frames")
-    rails = np.repeat(np.array(list(pixels)), [len(own) for own in pixels.values()])
+    rails = np.repeat(np.array(list(pixels)), [len(points) for points in pixels.values()])
     return np.concatenate(list(pixels.values())), rails.astype(np.intp)

@@ -1,8 +1,8 @@
-"""The camera over the table: table coordinates to pixels and back, and its file.
+"""The calibrated camera over the table: table coordinates to pixels and back, and the camera's file.
 
 Pinhole with the distortion of Brown and Conrady as OpenCV has it. Table frame as in models/shot.py, z = 0 on the cloth;
-pixel (0, 0) is the centre of the first pixel. Balls are seen against the plane of their centres, z = R: at one radius
-of height, a point on the cloth seen at 45 degrees lies a radius away from where the ball's centre is.
+pixel (0, 0) is the centre of the first pixel. Positions of balls are those on the plane of their centres, z = R: seen
+at 45 degrees, the point of the cloth behind a centre is a radius away from the ball.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from models.files import read_toml, write_whole
 from models.shot import Ball, Table
 
 Array = NDArray[np.float64]
-FORMAT = "billiard-camera/1"
-OUTLINE = 24  # points of a ball's outline
-ROUNDS = 3  # from the centre of an outline to the ball's
+FILE_FORMAT = "billiard-camera/1"
+OUTLINE_POINTS = 24  # of a ball
+CENTRE_ROUNDS = 3  # of the fixed-point iteration from the centre of an outline to that of the ball
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A calibrated camera."""
+    """A calibrated camera: intrinsic parameters, pose, and the table and balls that it was calibrated with."""
 
     size: tuple[int, int]  # width, height [pixels]
     matrix: Array  # (3, 3) focal lengths and principal point [pixels]
@@ -54,7 +54,7 @@ class Camera:
 
     @property
     def eye(self) -> Array:
-        """Where the camera is: (3,) [m], table frame."""
+        """Position of the camera: (3,) [m], table frame."""
         return np.asarray(-self.axes.T @ self.translation)
 
     def project(self, points: Array) -> Array:
@@ -66,7 +66,7 @@ class Camera:
         return np.asarray(pixels, float).reshape(-1, 2)
 
     def rays(self, pixels: Array) -> Array:
-        """Unit directions (n, 3), table frame, in which pixels (n, 2) look."""
+        """Unit vectors (n, 3), table frame, along the lines of sight of pixels (n, 2)."""
         pixels = np.asarray(pixels, float).reshape(-1, 1, 2)
         if len(pixels) == 0:
             return np.zeros((0, 3))
@@ -76,12 +76,12 @@ class Camera:
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
     def on_plane(self, pixels: Array, height: float) -> Array:
-        """Where pixels (n, 2) meet the plane z = height [m]: (n, 2) [m]; NaN for those that look elsewhere."""
+        """Where lines of sight of pixels (n, 2) meet the plane z = height [m]: (n, 2) [m]; NaN where they do not."""
         rays, eye = self.rays(pixels), self.eye
         with np.errstate(divide="ignore", invalid="ignore"):
-            far = (height - eye[2]) / rays[:, 2]
-        far = np.where(far > 0, far, np.nan)
-        return np.asarray(eye[:2] + far[:, None] * rays[:, :2])
+            distance = (height - eye[2]) / rays[:, 2]
+        distance = np.where(distance > 0, distance, np.nan)
+        return np.asarray(eye[:2] + distance[:, None] * rays[:, :2])
 
     def outline(self, xy: Array) -> Array:
         """Centres of the outlines of balls at (n, 2) [m], as a circle fit sees them: (n, 2) [pixels].
@@ -92,28 +92,28 @@ class Camera:
         return np.asarray(rim.mean(axis=1))
 
     def rims(self, xy: Array) -> Array:
-        """Points on the outlines of balls at (n, 2) [m]: (n, OUTLINE, 2) [pixels]."""
+        """Points on the outlines of balls at (n, 2) [m]: (n, OUTLINE_POINTS, 2) [pixels]."""
         centres = np.column_stack([np.asarray(xy, float).reshape(-1, 2), np.full(len(xy), self.radius)])
-        sight = centres - self.eye
-        away = np.linalg.norm(sight, axis=1, keepdims=True)
-        along = sight / away
+        line_of_sight = centres - self.eye
+        away = np.linalg.norm(line_of_sight, axis=1, keepdims=True)
+        along = line_of_sight / away
         # The cone of sight touches the sphere in a circle, R^2 / d before its centre.
         middle = centres - along * self.radius**2 / away
         spread = self.radius * np.sqrt(1.0 - (self.radius / away) ** 2)
         across = np.cross(along, [1.0, 0.0, 0.0])
         across /= np.linalg.norm(across, axis=1, keepdims=True)
         up = np.cross(along, across)
-        angle = np.linspace(0, 2 * np.pi, OUTLINE, endpoint=False)
+        angle = np.linspace(0, 2 * np.pi, OUTLINE_POINTS, endpoint=False)
         ring = across[:, None] * np.cos(angle)[:, None] + up[:, None] * np.sin(angle)[:, None]
         points = middle[:, None] + spread[:, None] * ring
-        return self.project(points.reshape(-1, 3)).reshape(len(centres), OUTLINE, 2)
+        return self.project(points.reshape(-1, 3)).reshape(len(centres), OUTLINE_POINTS, 2)
 
     def centres(self, pixels: Array) -> Array:
-        """Where balls are whose outlines are centred at pixels (n, 2): (n, 2) [m]."""
+        """Positions of balls whose outlines are centred at pixels (n, 2): (n, 2) [m]."""
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         straight = self.on_plane(pixels, self.radius)
         found = straight
-        for _ in range(ROUNDS):
+        for _ in range(CENTRE_ROUNDS):
             found = found + straight - self.on_plane(self.outline(found), self.radius)
         return np.asarray(found)
 
@@ -124,9 +124,9 @@ class Camera:
 
 
 def write_camera(path: Path | str, camera: Camera) -> None:
-    """Write a camera's file, whole or not at all."""
+    """Write a camera file, whole or not at all."""
     known: dict[str, Any] = {
-        "format": FORMAT,
+        "format": FILE_FORMAT,
         "size": list(camera.size),
         "matrix": np.asarray(camera.matrix, float).tolist(),
         "distortion": np.asarray(camera.distortion, float).tolist(),
@@ -145,11 +145,11 @@ def write_camera(path: Path | str, camera: Camera) -> None:
 
 
 def read_camera(path: Path | str) -> Camera:
-    """Read a camera's file; BadInput names the entry that is missing or wrong, and the remedy."""
+    """Read a camera file; BadInput names the entry that is missing or wrong, and the remedy."""
     remedy = "make a camera file with: sysid calibrate"
     data = read_toml(path, remedy, remedy)
-    if data.get("format") != FORMAT:
-        raise BadInput(f'{path}: format is {data.get("format")!r}, not "{FORMAT}": make it with sysid calibrate')
+    if data.get("format") != FILE_FORMAT:
+        raise BadInput(f'{path}: format is {data.get("format")!r}, not "{FILE_FORMAT}": make it with sysid calibrate')
     table, ball = _section(path, data, "table"), _section(path, data, "ball")
     width, height = (int(v) for v in _numbers(path, data, "size", (2,)))
     if min(width, height) < 1:
@@ -191,28 +191,3 @@ def _numbers(path: Path | str, data: dict[str, Any], name: str, shape: tuple[int
 def ball_of(camera: Camera, mass: float) -> Ball:
     """The ball that the camera was calibrated for."""
     return Ball(camera.diameter, mass)
-
-
-def overhead(
-    table: Table, diameter: float, size: tuple[int, int], height: float, span: float, tilt: tuple[float, float] = (0, 0)
-) -> Camera:
-    """An ideal camera over the table's centre.
-
-    Args:
-        table: the table below.
-        diameter: of the balls [m].
-        size: width and height of its pictures [pixels].
-        height: of the camera over the cloth [m].
-        span: how much of the table's length the width of a picture shows at the cloth [m].
-        tilt: by which it looks past the table's centre along x and y [rad].
-    """
-    focal = size[0] * height / span
-    matrix = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
-    look = np.array([math.tan(tilt[0]), math.tan(tilt[1]), -1.0])
-    z = look / np.linalg.norm(look)
-    x = np.array([1.0, 0.0, 0.0]) - z[0] * z
-    x /= np.linalg.norm(x)
-    axes = np.stack([x, np.cross(z, x), z])
-    return Camera(
-        size, matrix, np.zeros(5), cv2.Rodrigues(axes)[0].ravel(), -axes @ np.array([0, 0, height]), table, diameter
-    )

@@ -1,8 +1,9 @@
-"""Where the table is in a picture: the region of its cloth, and the straight sides of that region.
+"""The region of the cloth in a picture, and its straight sides.
 
-The cloth's colour is the one that most saturated pixels in the middle of the picture have; what has its hue is cloth,
-bed and cushions alike. A side is a line, straight but for the bow of a lens, that a good part of the region's outline
-follows and that hardly anything of it lies beyond: a hand, a cue or a pocket makes a dent, never a side.
+In: a picture. Out: the mask of the cloth, then `Side` of each of its sides. The colour of the cloth is that of most
+saturated pixels in the middle of the picture; what has its hue is cloth, on the bed and on the cushions. A side is a
+line, straight up to the distortion of the lens, that much of the outline of the region follows and hardly anything of
+it exceeds: a hand, a cue or a pocket makes a dent, never a side.
 """
 
 from __future__ import annotations
@@ -16,16 +17,17 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from sysid.vision.camera.projection import Array
 
-REMEDY = "film the whole table, or give --corners or a board"
-SHARE = 0.25  # of the middle of the picture that the cloth must fill
-LEAST = 0.04  # and of the whole picture
-GAP = 0.025  # widest dent that is closed, of the picture's width: a cue, a projected line
-BOW = 0.01  # how far a side may leave a straight line, of the picture's width
-SHORTEST = 0.12  # side, of the picture's width
-COVER = 0.5  # of its length that the outline must follow it
-BEYOND = 0.04  # of the outline that may lie beyond a side
-PAIRS = 800  # of outline points that are tried as sides
-APART = np.radians(30)  # least angle between two sides' normals
+NO_TABLE_REMEDY = "film the whole table, or give --corners or a board"
+MIN_CORE_FRACTION = 0.25  # of the middle of the picture, that the cloth fills
+MIN_CLOTH_FRACTION = 0.04  # of the whole picture
+# Lengths below are in widths of the picture.
+MAX_DENT_WIDTHS = 0.025  # that is closed: a cue, a projected line
+MAX_BOW_WIDTHS = 0.01  # of a side, by the distortion of the lens
+MIN_SIDE_WIDTHS = 0.12  # length of a side
+MIN_SIDE_COVERAGE = 0.5  # fraction of its length that the outline follows
+MAX_OUTSIDE_FRACTION = 0.04  # of the outline, beyond a side
+TRIED_PAIRS = 800  # of outline points, as candidates of sides
+MIN_NORMAL_ANGLE_RAD = np.radians(30)  # between the normals of two sides
 
 
 @dataclass(frozen=True)
@@ -38,11 +40,11 @@ class Side:
 
     @property
     def bearing(self) -> float:
-        """Where it lies, counter-clockwise from the picture's right [rad]."""
+        """Direction of its normal, counter-clockwise from the right of the picture [rad]."""
         return float(np.arctan2(-self.normal[1], self.normal[0]))
 
     def meets(self, other: Side) -> Array:
-        """Where two sides cross: (2,) [pixels]."""
+        """Intersection of two sides: (2,) [pixels]."""
         return np.asarray(np.linalg.solve(np.stack([self.normal, other.normal]), [self.offset, other.offset]))
 
 
@@ -60,19 +62,21 @@ def cloth(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     vivid = core & (saturation > 50) & (value > 25)
     votes = np.bincount(hue[vivid].astype(int), saturation[vivid], 180)
     smooth = sum(np.roll(votes, k) * np.exp(-((k / 3) ** 2) / 2) for k in range(-8, 9))
-    away = np.abs((hue - np.argmax(smooth) + 90) % 180 - 90)
-    like = vivid & (away < 12)
-    if like.sum() < SHARE * core.sum():
-        raise BadInput(f"no table found: no saturated colour fills the middle of the picture; {REMEDY}")
-    usual, bright = np.median(saturation[like]), np.median(value[like])
-    spread = float(np.clip(6 * np.median(away[like]), 8, 18))
-    mask = ((away < spread) & (saturation > 0.45 * usual) & (value > 0.25 * bright)).astype(np.uint8) * 255
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(GAP * width / 2) + 1,) * 2)
+    hue_distance = np.abs((hue - np.argmax(smooth) + 90) % 180 - 90)
+    similar = vivid & (hue_distance < 12)
+    if similar.sum() < MIN_CORE_FRACTION * core.sum():
+        raise BadInput(f"no table found: no saturated colour fills the middle of the picture; {NO_TABLE_REMEDY}")
+    saturation_level, value_level = np.median(saturation[similar]), np.median(value[similar])
+    spread = float(np.clip(6 * np.median(hue_distance[similar]), 8, 18))
+    mask = ((hue_distance < spread) & (saturation > 0.45 * saturation_level) & (value > 0.25 * value_level)).astype(
+        np.uint8
+    ) * 255
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(MAX_DENT_WIDTHS * width / 2) + 1,) * 2)
     mask = cv2.morphologyEx(cv2.medianBlur(mask, 5), cv2.MORPH_CLOSE, kernel)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     largest = max(outlines, key=cv2.contourArea)
-    if cv2.contourArea(largest) < LEAST * mask.size:
-        raise BadInput(f"no table found: the largest region of the cloth's colour is small; {REMEDY}")
+    if cv2.contourArea(largest) < MIN_CLOTH_FRACTION * mask.size:
+        raise BadInput(f"no table found: the largest region of the cloth's colour is small; {NO_TABLE_REMEDY}")
     region = np.zeros_like(mask)
     cv2.drawContours(region, [largest], -1, 255, cv2.FILLED)
     return np.asarray(region)
@@ -85,14 +89,14 @@ def sides(region: NDArray[np.uint8]) -> list[Side]:
     outline = max(outlines, key=cv2.contourArea).reshape(-1, 2).astype(float)
     outline = outline[:: max(1, len(outline) // 1600)]
     middle = outline.mean(axis=0)
-    # Where the picture ends the cloth does not.
+    # The border of the picture is no side of the cloth.
     inside = ((outline > 4) & (outline < np.array([width, height]) - 5)).all(axis=1)
     points = outline[inside]
-    bow, shortest = BOW * width, SHORTEST * width
+    bow, shortest = MAX_BOW_WIDTHS * width, MIN_SIDE_WIDTHS * width
     rng = np.random.default_rng(0)
     found: list[Side] = []
     while len(found) < 4 and len(points) > 20:
-        best = _line(points, outline, middle, bow, shortest, [s.normal for s in found], rng)
+        best = _consensus_line(points, outline, middle, bow, shortest, [s.normal for s in found], rng)
         if best is None:
             break
         normal, offset = best
@@ -102,36 +106,36 @@ def sides(region: NDArray[np.uint8]) -> list[Side]:
     return sorted(found, key=lambda side: side.bearing % (2 * np.pi))
 
 
-def _line(
+def _consensus_line(
     points: Array, outline: Array, middle: Array, bow: float, shortest: float, taken: list[Array],
     rng: np.random.Generator,
 ) -> tuple[Array, float] | None:  # fmt: skip
-    """The line that most points follow, all else on its inner side: normal (2,) and offset."""
-    first, second = points[rng.integers(len(points), size=(2, PAIRS))]
+    """The line that most points follow with the others inside (random sample consensus): normal (2,), offset."""
+    first, second = points[rng.integers(len(points), size=(2, TRIED_PAIRS))]
     along = second - first
-    reach = np.linalg.norm(along, axis=1)
-    far = reach > shortest / 2
-    along = along[far] / reach[far, None]
+    distance = np.linalg.norm(along, axis=1)
+    distant = distance > shortest / 2
+    along = along[distant] / distance[distant, None]
     normals = np.column_stack([-along[:, 1], along[:, 0]])
-    offsets = np.sum(normals * first[far], axis=1)
+    offsets = np.sum(normals * first[distant], axis=1)
     inner = np.sign(offsets - normals @ middle)[:, None]
     normals, offsets = normals * inner, offsets * inner[:, 0]
     beyond = (outline @ normals.T - offsets > bow).mean(axis=0)
-    on = np.abs(points @ normals.T - offsets) < bow
-    good = beyond < BEYOND
+    near = np.abs(points @ normals.T - offsets) < bow
+    good = beyond < MAX_OUTSIDE_FRACTION
     for other in taken:
-        good &= normals @ other < np.cos(APART)
-    order = np.argsort(-(on.sum(axis=0) * good), kind="stable")
+        good &= normals @ other < np.cos(MIN_NORMAL_ANGLE_RAD)
+    order = np.argsort(-(near.sum(axis=0) * good), kind="stable")
     for k in order[:20]:
         if not good[k]:
             break
-        own = points[on[:, k]]
-        along_it = own @ np.array([-normals[k, 1], normals[k, 0]])
+        inliers = points[near[:, k]]
+        along_it = inliers @ np.array([-normals[k, 1], normals[k, 0]])
         covered = np.histogram(along_it, 24)[0] > 0
-        if np.ptp(along_it) < shortest or covered.mean() < COVER:
+        if np.ptp(along_it) < shortest or covered.mean() < MIN_SIDE_COVERAGE:
             continue
-        centre = own.mean(axis=0)
-        refined = np.linalg.svd(own - centre, full_matrices=False)[2][1]
+        centre = inliers.mean(axis=0)
+        refined = np.linalg.svd(inliers - centre, full_matrices=False)[2][1]
         refined = refined * np.sign(refined @ normals[k])
         return refined, float(refined @ centre)
     return None

@@ -1,4 +1,7 @@
-"""How far a calibration from a table's sides is to be trusted: what is uncertain, and what speaks against it."""
+"""Uncertainty of a calibration from the sides of a table, and doubts about it.
+
+In: the fit of the camera. Out: standard deviations of places on the balls' plane, and messages on what contradicts it.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +10,21 @@ import dataclasses
 import numpy as np
 
 from models.shot import RAIL_NAMES
-from sysid.vision.camera.pose import Fit, distances, fit, moved
+from sysid.vision.camera.pose import CameraFit, distances, fit_camera, moved
 from sysid.vision.camera.projection import Array, Camera
 
-BEND = 2e-3, 0.75  # by which sides may leave their lines: [m], or [pixels] if that is more
-LIKE = 6e-3  # by which they may fit a wider table better [m]
-OUTLINE = 0.015  # by which the cloth may end farther out at one side than at the others [m]
-VAGUE = 3e-3  # standard deviation of a place that is not trusted [m]
-CLICK = 2.0  # rms by which corners given by hand may miss [pixels]
-FLAT = 70.0  # tilt from which a table is hardly seen from above [degrees]
-LOST = 0.4  # of the points that may be set aside
-WRONG = 0.1  # error of the focal length whose effect is told [fraction]
-K1 = {"k1": (0.0, 0.2)}  # what is expected of lenses
-BINS = 12  # of a side
-REMEDY = "check --length and --width, or give --corners"
+MAX_BEND_M = 2e-3  # of a side from its line,
+MAX_BEND_PX = 0.75  # or this if it is more
+MAX_MARGIN_M = 6e-3  # by which another size of the table may fit better
+MAX_OUTLINE_STEP_M = 0.015  # of the end of the cloth behind one nose relative to the others
+MAX_PLACE_SD_M = 3e-3  # of a place on the table
+MAX_CORNER_RMS_PX = 2.0  # of corners given by hand
+MAX_TILT_DEG = 70.0  # beyond which the table is hardly seen from above
+MAX_OUTLIER_FRACTION = 0.4  # of the edge points
+FOCAL_ERROR = 0.1  # relative, whose effect is reported
+K1_PRIOR = {"k1": (0.0, 0.2)}  # mean and standard deviation of the distortion of lenses
+SIDE_BINS = 12  # averages along a side
+TABLE_SIZE_REMEDY = "check --length and --width, or give --corners"
 
 
 def with_focal(camera: Camera, focal: float) -> Camera:
@@ -33,95 +37,95 @@ def with_focal(camera: Camera, focal: float) -> Camera:
     return dataclasses.replace(camera, matrix=matrix, translation=translation, distortion=distortion)
 
 
-def parallax(lines: Fit) -> tuple[float, float]:
-    """Error on the balls' plane if the focal length is 10 % off, all else fitted anew: rms and worst [m]."""
-    grid, pixels = _seen(lines.camera)
+def parallax(lines: CameraFit) -> tuple[float, float]:
+    """Error on the balls' plane if the focal length is 10 % off, the rest fitted again: rms and worst [m]."""
+    grid, pixels = _visible_places(lines.camera)
     free = ("k1",) if "k1" in lines.free else ()
     errors = []
-    for factor in (1 - WRONG, 1 + WRONG):
+    for factor in (1 - FOCAL_ERROR, 1 + FOCAL_ERROR):
         other = with_focal(lines.camera, lines.camera.matrix[0, 0] * factor)
-        other = fit(other, lines.pixels[lines.kept], lines.rails[lines.kept], free, prior=K1).camera
+        other = fit_camera(other, lines.pixels[lines.kept], lines.rails[lines.kept], free, prior=K1_PRIOR).camera
         errors.append(np.linalg.norm(other.centres(pixels) - grid, axis=1))
     return float(np.sqrt(np.mean(np.square(errors)))), float(np.max(errors))
 
 
-def uncertainty(lines: Fit) -> tuple[float, float]:
+def uncertainty(lines: CameraFit) -> tuple[float, float]:
     """Standard deviation of places on the balls' plane, from the scatter of the edge points: rms and worst [m]."""
-    grid, pixels = _seen(lines.camera)
+    grid, pixels = _visible_places(lines.camera)
     names = tuple(name for name in lines.free if name != "margin")
     rows = [*range(6), *(6 + lines.free.index(name) for name in names)]
-    sizes, ways = np.linalg.eigh(lines.covariance[np.ix_(rows, rows)])
-    square = np.zeros(len(grid))
-    for size, way in zip(sizes, ways.T, strict=True):
-        other = moved(lines.camera, np.sqrt(max(size, 0.0)) * way, names)
-        square += np.sum((other.centres(pixels) - grid) ** 2, axis=1)
-    return float(np.sqrt(square.mean())), float(np.sqrt(square.max()))
+    variances, directions = np.linalg.eigh(lines.covariance[np.ix_(rows, rows)])
+    total = np.zeros(len(grid))
+    for variance, direction in zip(variances, directions.T, strict=True):
+        other = moved(lines.camera, np.sqrt(max(variance, 0.0)) * direction, names)
+        total += np.sum((other.centres(pixels) - grid) ** 2, axis=1)
+    return float(np.sqrt(total.mean())), float(np.sqrt(total.max()))
 
 
-def doubts(lines: Fit, found_focal: bool, only_edge: bool) -> list[str]:
-    """What speaks against a fit to edge points.
+def doubts(lines: CameraFit, found_focal: bool, only_edge: bool) -> list[str]:
+    """Doubts about a fit to edge points.
 
     Args:
         lines: the fit.
-        found_focal: whether its focal length was fitted too.
-        only_edge: whether the edge taken is the end of the cloth, none lying farther in.
+        found_focal: whether its focal length was fitted, too.
+        only_edge: whether the edge used is the end of the cloth, as there is none farther in.
     """
-    said = []
+    messages = []
     table, drift = lines.camera.table, _drift(lines)
-    limit = max(BEND[0], BEND[1] * lines.rms / lines.noise)
+    limit = max(MAX_BEND_M, MAX_BEND_PX * lines.rms / lines.reprojection_error)
     if drift > limit:
-        said.append(f"the sides leave their lines by {1e3 * drift:.1f} mm, {1e3 * limit:.1f} would pass: {REMEDY}")
+        messages.append(
+            f"the sides leave their lines by {1e3 * drift:.1f} mm, more than {1e3 * limit:.1f} mm: {TABLE_SIZE_REMEDY}"
+        )
     if len(set(lines.rails.tolist())) == 4:
         free = ("margin", *(("k1",) if "k1" in lines.free else ()), *(("focal",) if found_focal else ()))
-        wider = fit(lines.camera, lines.pixels, lines.rails, free, prior={"focal": (0.0, 0.3), **K1})
-        sure = max(LIKE, 4 * wider.wide["margin"])
-        if abs(wider.margin) > sure and wider.noise < 0.8 * lines.noise:
-            said.append(
+        wider = fit_camera(lines.camera, lines.pixels, lines.rails, free, prior={"focal": (0.0, 0.3), **K1_PRIOR})
+        limit_m = max(MAX_MARGIN_M, 4 * wider.total_sd["margin"])
+        if abs(wider.margin) > limit_m and wider.reprojection_error < 0.8 * lines.reprojection_error:
+            messages.append(
                 f"a table {2e3 * wider.margin:.0f} mm longer and wider than {table.length:g} x {table.width:g} m would"
-                f" fit the sides better: {REMEDY}"
+                f" fit the sides better: {TABLE_SIZE_REMEDY}"
             )
-        elif only_edge and found_focal and wider.wide["margin"] > 0.01:
-            said.append(
-                "the only edge seen may be the cushions' outer one, this view cannot tell: give --fov or --corners"
-            )
-    vague = uncertainty(lines)[1]
-    if vague > VAGUE:
-        said.append(f"places are known to {1e3 * vague:.0f} mm only: show more of the sides, or film a board")
-    lost = 1 - float(lines.kept.mean())
-    if lost > LOST:
-        said.append(f"{100 * lost:.0f} % of the edge points lie off the lines: give --corners")
-    return said
+        elif only_edge and found_focal and wider.total_sd["margin"] > 0.01:
+            messages.append("the only edge seen may be the outer edge of the cushions: give --fov or --corners")
+    place_sd = uncertainty(lines)[1]
+    if place_sd > MAX_PLACE_SD_M:
+        messages.append(f"places are known to {1e3 * place_sd:.0f} mm only: show more of the sides, or film a board")
+    outliers = 1 - float(lines.kept.mean())
+    if outliers > MAX_OUTLIER_FRACTION:
+        messages.append(f"{100 * outliers:.0f} % of the edge points lie off the lines: give --corners")
+    return messages
 
 
-def corner_doubts(first: Fit) -> list[str]:
-    """What speaks against corners given by hand, beside which no edges were found."""
-    axis = float(np.degrees(np.arccos(np.clip(-first.camera.axes[2, 2], -1, 1))))
-    missed = float(np.sqrt(np.mean(first.away**2)))  # with the points that the fit has set aside
-    if missed < CLICK * first.camera.eye[2] / first.camera.matrix[0, 0] and axis < FLAT:
+def corner_doubts(first: CameraFit) -> list[str]:
+    """Doubts about corners given by hand, beside which no edges were found."""
+    tilt = float(np.degrees(np.arccos(np.clip(-first.camera.axes[2, 2], -1, 1))))
+    error = float(np.sqrt(np.mean(first.away**2)))  # including outliers
+    if error < MAX_CORNER_RMS_PX * first.camera.eye[2] / first.camera.matrix[0, 0] and tilt < MAX_TILT_DEG:
         return []
-    text = f"the corners given miss those of such a table by {1e3 * missed:.0f} mm"
-    return [f"{text}, seen at a tilt of {axis:.0f} degrees: give them anew"]
+    text = f"the corners given miss those of such a table by {1e3 * error:.0f} mm"
+    return [f"{text}, seen at a tilt of {tilt:.0f} degrees: give them anew"]
 
 
-def outline_doubts(lines: Fit, first: Fit, left: int) -> list[str]:
-    """Whether the cloth ends as far behind the nose that was left out as behind the others.
+def outline_doubts(lines: CameraFit, first: CameraFit, left: int) -> list[str]:
+    """Doubts about a nose that was left out, by where the cloth ends behind it.
 
     Args:
         lines: the fit to the noses.
         first: the one to the outline of the cloth.
         left: the rail that was left out.
     """
-    away = distances(lines.camera, first.pixels, first.rails)
-    behind = {rail: float(np.median(away[first.rails == rail])) for rail in set(first.rails.tolist())}
-    farther = behind.pop(left) - float(np.mean(list(behind.values())))
-    if abs(farther) < OUTLINE:
+    distance = distances(lines.camera, first.pixels, first.rails)
+    behind = {rail: float(np.median(distance[first.rails == rail])) for rail in set(first.rails.tolist())}
+    step = behind.pop(left) - float(np.mean(list(behind.values())))
+    if abs(step) < MAX_OUTLINE_STEP_M:
         return []
     at = f"at {RAIL_NAMES[left]}, which is left out,"
-    return [f"{at} the cloth ends {1e3 * farther:+.0f} mm farther out than at the other sides: {REMEDY}"]
+    return [f"{at} the cloth ends {1e3 * step:+.0f} mm farther out than at the other sides: {TABLE_SIZE_REMEDY}"]
 
 
-def _seen(camera: Camera) -> tuple[Array, Array]:
-    """Places on the table that are in the picture (n, 2) [m], and where they show a ball (n, 2) [pixels]."""
+def _visible_places(camera: Camera) -> tuple[Array, Array]:
+    """Places on the table in the picture (n, 2) [m], and outline centres of balls there (n, 2) [pixels]."""
     half = np.array([camera.table.length, camera.table.width]) / 2 - camera.radius
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, 13), np.linspace(-1, 1, 9)), axis=-1).reshape(-1, 2) * half
     pixels = camera.outline(grid)
@@ -129,12 +133,12 @@ def _seen(camera: Camera) -> tuple[Array, Array]:
     return grid[inside], pixels[inside]
 
 
-def _drift(lines: Fit) -> float:
-    """How far the sides leave their lines, the scatter of single points left out: rms [m]."""
+def _drift(lines: CameraFit) -> float:
+    """Distance of the sides from their lines, averaged over bins to remove the scatter of points: rms [m]."""
     means = []
     for rail in set(lines.rails.tolist()):
-        own = lines.kept & (lines.rails == rail)
-        if own.any():
-            order = np.argsort(lines.pixels[own][:, int(np.argmax(np.ptp(lines.pixels[own], axis=0)))])
-            means += [part.mean() for part in np.array_split(lines.away[own][order], BINS) if part.size > 2]
+        inliers = lines.kept & (lines.rails == rail)
+        if inliers.any():
+            order = np.argsort(lines.pixels[inliers][:, int(np.argmax(np.ptp(lines.pixels[inliers], axis=0)))])
+            means += [part.mean() for part in np.array_split(lines.away[inliers][order], SIDE_BINS) if part.size > 2]
     return float(np.sqrt(np.mean(np.square(means)))) if means else lines.rms

@@ -1,4 +1,8 @@
-"""What is known of how a ball turned: the angle about the vertical, its rate, and which angles are fit for a fit."""
+"""The measured rotation of a ball: its angle about the vertical, its sidespin, and which angles a fit may use.
+
+In: angles, their standard deviations and their drift (spin.py). Out: `Turning`, and `Rate`, the sidespin in an
+interval.
+"""
 
 from __future__ import annotations
 
@@ -9,28 +13,29 @@ import numpy as np
 from models.errors import BadInput
 from sysid.vision.camera.projection import Array
 
-FIRST, LEAST = 0.25, 8  # stretch from which a shot's sidespin is told [s], and its frames at least
+SIDESPIN_WINDOW_S = 0.25  # from the first known angle, from which the sidespin of a shot is estimated
+MIN_SIDESPIN_FRAMES = 8  # in that window
 
 
 @dataclass(frozen=True)
 class Turning:
-    """How a ball turned. Values are NaN where its marks did not tell."""
+    """The rotation of a ball. Values are NaN where its marks do not determine them."""
 
     time: Array  # (n,) [s]
     theta: Array  # (n,) turned angle about the vertical, the integral of omega_z, unwrapped [rad]
     sd: Array  # (n,) of each angle [rad]
-    drift: Array  # (n,) how far the angle may have gone astray since the first that is told: one sd [rad]
-    spin: Array  # (n, 3) mean angular velocity since the frame before, table frame [rad/s]
+    drift: Array  # (n,) standard deviation accumulated since the first known angle [rad]
+    spin: Array  # (n, 3) mean angular velocity since the previous frame, table frame [rad/s]
     spin_sd: Array  # (n, 3) [rad/s]
-    quaternion: Array  # (n, 4) w, x, y, z: turned since the first frame that is told
-    told: tuple[str, ...] = ()  # what a user should know
+    quaternion: Array  # (n, 4) w, x, y, z: rotation since the first frame with a known orientation
+    notes: tuple[str, ...] = ()  # for the user
 
     @property
     def steady(self) -> Array:
-        """The angle where a fit may have it, else NaN: (n,) [rad].
+        """The angle where a fit may use it, else NaN: (n,) [rad].
 
-        A fit takes the errors of angles for independent; those of a rolling ball add up, all one way. So it has them
-        for as long as what adds up is no more than noise, and none if that is less than half of them.
+        A fit assumes independent errors; those of a rolling ball accumulate. So angles are used as long as the drift
+        does not exceed the standard deviation, and none if these are less than half of all.
         """
         known = np.isfinite(self.theta)
         good = known & (self.drift <= self.sd)
@@ -38,20 +43,20 @@ class Turning:
 
     @property
     def sidespin(self) -> Rate | None:
-        """About the vertical, over the first FIRST seconds in which the angle is known; None where they are too few."""
+        """Spin about the vertical in the first SIDESPIN_WINDOW_S of known angles; None where they are too few."""
         known = self.time[np.isfinite(self.theta)]
-        if len(known) == 0 or (known <= known[0] + FIRST).sum() < LEAST:
+        if len(known) == 0 or (known <= known[0] + SIDESPIN_WINDOW_S).sum() < MIN_SIDESPIN_FRAMES:
             return None
-        return rate(self, float(known[0]), float(known[0]) + FIRST)
+        return rate(self, float(known[0]), float(known[0]) + SIDESPIN_WINDOW_S)
 
 
 @dataclass(frozen=True)
 class Rate:
-    """A spin about the vertical, and how it changes."""
+    """Spin about the vertical, and its change."""
 
-    start: float  # of the frames it comes from [s]
-    end: float  # and their end [s]
-    spin: float  # omega_z in the middle [rad/s]
+    start: float  # of the interval [s]
+    end: float  # of the interval [s]
+    spin: float  # omega_z in its middle [rad/s]
     spin_sd: float
     change: float  # [rad/s^2], below 0 where a positive spin slows down
     change_sd: float
@@ -68,18 +73,20 @@ def rate(turned: Turning, start: float, end: float) -> Rate:
     use = (turned.time >= start) & (turned.time <= end) & np.isfinite(turned.theta)
     count = int(use.sum())
     if count < 4:
-        raise BadInput(f"from {start:g} to {end:g} s the turned angle is known in {count} frames: choose a longer time")
+        raise BadInput(
+            f"from {start:g} to {end:g} s the turned angle is known in {count} frames: choose a longer interval"
+        )
     time, theta, sd = turned.time[use], turned.theta[use], turned.sd[use]
     middle = 0.5 * float(time[0] + time[-1])
     basis = np.vander(time - middle, 3, increasing=True) * np.array([1.0, 1.0, 0.5])
     weighted = basis / sd[:, None]
     value, *_ = np.linalg.lstsq(weighted, theta / sd, rcond=None)
-    rest = (theta - basis @ value) / sd
-    # Errors that hang together from frame to frame average out more slowly.
-    alike = float(np.clip(rest[1:] @ rest[:-1] / max(rest @ rest, 1e-12), 0.0, 0.9))
-    scatter = max(float(rest @ rest) / (count - 3), 1.0) * (1 + alike) / (1 - alike)
+    residual = (theta - basis @ value) / sd
+    # Autocorrelated errors average out more slowly: first-order autoregressive factor (1 + r) / (1 - r).
+    correlation = float(np.clip(residual[1:] @ residual[:-1] / max(residual @ residual, 1e-12), 0.0, 0.9))
+    scatter = max(float(residual @ residual) / (count - 3), 1.0) * (1 + correlation) / (1 - correlation)
     inverse = np.linalg.inv(weighted.T @ weighted)
-    strays = inverse @ weighted.T @ (turned.drift[use] / sd)
-    spread = np.sqrt(np.diag(inverse) * scatter + strays**2)
+    drifts = inverse @ weighted.T @ (turned.drift[use] / sd)
+    spread = np.sqrt(np.diag(inverse) * scatter + drifts**2)
     ends = float(time[0]), float(time[-1])
     return Rate(*ends, float(value[1]), float(spread[1]), float(value[2]), float(spread[2]), count)

@@ -1,4 +1,7 @@
-"""Balls that are elsewhere from one sighting to the next: footage that was cut, or a ball moved by hand unseen."""
+"""Jumps of balls from one detection to the next: cut footage, or a ball that was moved unseen.
+
+In: tracks and a range of frames. Out: the last frame before the first jump, and the ball that jumps.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +9,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.vision.tracks.follow import Path
+from sysid.vision.tracks.follow import BallTrack
 
-FASTER = 3.0  # times the steps before and after it
-SLACK = 0.5  # and this much [m/s]
+JUMP_SPEED_RATIO = 3.0  # of a step to the steps before and after it
+JUMP_SPEED_M_S = 0.5  # in addition to that [m/s]
 
 
-def first_jump(paths: Sequence[Path], first: int, last: int) -> tuple[int, str]:
+def first_jump(tracks: Sequence[BallTrack], first: int, last: int) -> tuple[int, str]:
     """The last frame before a ball jumps, and which; `last` and "" where none does between two frames."""
     found = (last, "")
-    for path in paths:
-        part = np.flatnonzero((path.frame >= first) & (path.frame <= last))
-        if part.size < 3:
+    for track in tracks:
+        rows = np.flatnonzero((track.frame >= first) & (track.frame <= last))
+        if rows.size < 3:
             continue
-        step = np.hypot(*np.diff(path.xy[part], axis=0).T) / np.diff(path.time[part])
-        beside = np.maximum(np.append(0.0, step[:-1]), np.append(step[1:], 0.0))
-        fast = np.flatnonzero(step > FASTER * beside + SLACK)
-        if fast.size and (frame := int(path.frame[part[fast[0]]])) < found[0]:
-            found = (frame, path.name)
+        speed = np.hypot(*np.diff(track.xy[rows], axis=0).T) / np.diff(track.time[rows])
+        neighbours = np.maximum(np.append(0.0, speed[:-1]), np.append(speed[1:], 0.0))
+        fast = np.flatnonzero(speed > JUMP_SPEED_RATIO * neighbours + JUMP_SPEED_M_S)
+        if fast.size and (frame := int(track.frame[rows[fast[0]]])) < found[0]:
+            found = (frame, track.name)
     return found

@@ -1,6 +1,7 @@
-"""From paths to moves: where each ball rests, when it goes, and where it drops.
+"""From tracks to rests and moves: where each ball is at rest, when it moves, and whether it drops into a pocket.
 
-A ball rests where its sightings keep to one place; a move is its way from one rest to the next.
+In: the tracks of a footage. Out: `TrackedScene`, with the rests and the moves of all balls. A ball is at rest while its
+detections stay in one place; a move is what it does from one rest to the next.
 """
 
 from __future__ import annotations
@@ -15,26 +16,26 @@ from numpy.typing import NDArray
 
 from models.shot import Table
 from sysid.vision.camera.projection import Array
-from sysid.vision.tracks.follow import Path
+from sysid.vision.tracks.follow import BallTrack
 
-REST = 0.15  # in which a ball that rests keeps its place [s]
-FEWEST = 4  # sightings of a rest
-UNSEEN = 0.1  # a ball that was hidden for so long was set in motion unseen [s]
-POTTED = 0.1  # after its last sighting within which a ball drops [s]
+MIN_REST_S = 0.15  # in which a ball at rest stays in its place
+MIN_REST_DETECTIONS = 4  # of a rest
+MAX_UNSEEN_S = 0.1  # a ball hidden for longer was set in motion unseen
+MAX_DROP_S = 0.1  # after its last detection, within which a ball drops into a pocket
 
 
 @dataclass(frozen=True)
-class Scene:
-    """All that was seen, and on what."""
+class TrackedScene:
+    """All tracks of a footage, and the table they are on."""
 
-    paths: Sequence[Path]
+    tracks: Sequence[BallTrack]
     frames: NDArray[np.int64]  # (m,) indices of the frames that were read
     times: Array  # (m,) [s]
     table: Table
     radius: float  # of the balls [m]
-    sigma: float  # of a sighting, one standard deviation per axis [m]
+    sigma: float  # standard deviation of a detection, per axis [m]
 
-    def when(self, frame: int) -> float:
+    def time_of(self, frame: int) -> float:
         """Time of a frame [s]."""
         return float(self.times[np.searchsorted(self.frames, frame)])
 
@@ -45,149 +46,150 @@ class Scene:
 
     @cached_property
     def resting(self) -> dict[str, list[tuple[int, int]]]:
-        """First and last sighting of every rest of every ball."""
-        return {path.name: rests(self, path) for path in self.paths}
+        """First and last detection of every rest of every ball."""
+        return {track.name: rests(self, track) for track in self.tracks}
 
     @cached_property
     def moves(self) -> list[Move]:
-        """What all balls do between their rests."""
-        return [move for path in self.paths for move in moves_of(self, path, self.resting[path.name])]
+        """Moves of all balls."""
+        return [move for track in self.tracks for move in moves_of(self, track, self.resting[track.name])]
 
-    def lies(self, path: Path) -> NDArray[np.bool_]:
-        """Which sightings of a ball are of it at rest: (n,)."""
-        found = np.zeros(len(path.time), bool)
-        for first, last in self.resting[path.name]:
+    def at_rest(self, track: BallTrack) -> NDArray[np.bool_]:
+        """Which detections of a ball are at rest: (n,)."""
+        found = np.zeros(len(track.time), bool)
+        for first, last in self.resting[track.name]:
             found[first : last + 1] = True
         return found
 
 
 @dataclass(frozen=True)
 class Move:
-    """A ball's way from one rest to the next."""
+    """Motion of a ball from one rest to the next."""
 
-    path: Path
-    first: int  # its first sighting away from where it rested
-    stop: int  # sighting that begins the next rest; that after the last one, if there is none
-    place: Array | None  # where it rested (2,) [m]; None if that was not seen
+    track: BallTrack
+    first: int  # its first detection away from its rest
+    stop: int  # detection that begins the next rest; the number of detections if there is none
+    place: Array | None  # of its rest (2,) [m]; None if that was not seen
     before: int  # frame in which it was last seen at rest
 
     @property
     def name(self) -> str:
         """The ball."""
-        return self.path.name
+        return self.track.name
 
     @property
     def began(self) -> int:
         """The first frame in which it had moved."""
-        return int(self.path.frame[self.first])
+        return int(self.track.frame[self.first])
 
     @property
     def onset(self) -> float:
-        """When it began to move, by its first sightings on the way [s]; those before may have been too near to tell."""
-        path, first = self.path, self.first
+        """Time at which it began to move, extrapolated from its first detections in motion [s]."""
+        track, first = self.track, self.first
         if self.place is None:
-            return float(path.time[first])
-        speed = float(np.linalg.norm(speed_of(path, first, self.stop)))
-        way = float(np.linalg.norm(path.xy[first] - self.place))
-        return max(float(path.time[first]) - way / max(speed, 1e-6), float(path.time[max(first - 3, 0)]))
+            return float(track.time[first])
+        speed = float(np.linalg.norm(mean_velocity(track, first, self.stop)))
+        distance = float(np.linalg.norm(track.xy[first] - self.place))
+        return max(float(track.time[first]) - distance / max(speed, 1e-6), float(track.time[max(first - 3, 0)]))
 
     @property
     def lost(self) -> bool:
-        """Whether it was seen no more."""
-        return self.stop == len(self.path.frame)
+        """Whether it was not seen again."""
+        return self.stop == len(self.track.frame)
 
     @property
     def ended(self) -> int:
         """The last frame in which it moved."""
-        return int(self.path.frame[self.stop - 1])
+        return int(self.track.frame[self.stop - 1])
 
 
-def rests(scene: Scene, path: Path) -> list[tuple[int, int]]:
-    """First and last sighting of every rest."""
-    count = max(FEWEST, math.ceil(REST / scene.period) + 1)
-    if len(path.frame) < count:
+def rests(scene: TrackedScene, track: BallTrack) -> list[tuple[int, int]]:
+    """First and last detection of every rest."""
+    count = max(MIN_REST_DETECTIONS, math.ceil(MIN_REST_S / scene.period) + 1)
+    if len(track.frame) < count:
         return []
     room = 2 * max(4 * scene.sigma, 0.025 * scene.radius)
-    windows = np.lib.stride_tricks.sliding_window_view(path.xy, count, axis=0)
+    windows = np.lib.stride_tricks.sliding_window_view(track.xy, count, axis=0)
     still = (np.ptp(windows, axis=2) < room).all(axis=1)
-    joined = np.zeros(len(path.frame) - 1, bool)  # a sighting and the next one, at rest in one place
+    joined = np.zeros(len(track.frame) - 1, bool)  # whether a detection and the next are of one rest
     for k in range(count - 1):
         joined[k : k + len(still)] |= still
     edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(int)))
     found: list[tuple[int, int]] = []
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         if found:
-            old = place_of(path, *found[-1])
-            back = np.linalg.norm(place_of(path, first, last) - old) < max(6 * scene.sigma, 0.1 * scene.radius)
-            between = np.linalg.norm(path.xy[found[-1][1] : first] - old, axis=1)
-            if back and (between > scene.radius / 2).sum() < 3:  # the cue or a hand was over it
+            previous = rest_place(track, *found[-1])
+            moved = np.linalg.norm(rest_place(track, first, last) - previous)
+            returned = moved < max(6 * scene.sigma, 0.1 * scene.radius)
+            between = np.linalg.norm(track.xy[found[-1][1] : first] - previous, axis=1)
+            if returned and (between > scene.radius / 2).sum() < 3:  # the cue or a hand covered it
                 found[-1] = (found[-1][0], last)
                 continue
         found.append((first, last))
     return found
 
 
-def place_of(path: Path, first: int, last: int) -> Array:
-    return np.asarray(np.median(path.xy[first : last + 1], axis=0))
+def rest_place(track: BallTrack, first: int, last: int) -> Array:
+    return np.asarray(np.median(track.xy[first : last + 1], axis=0))
 
 
-def moves_of(scene: Scene, path: Path, resting: Sequence[tuple[int, int]]) -> list[Move]:
-    """What a ball does between its rests, but for less than half a radius, or where it was put elsewhere unseen."""
-    n = len(path.frame)
+def moves_of(scene: TrackedScene, track: BallTrack, resting: Sequence[tuple[int, int]]) -> list[Move]:
+    """Moves of a ball between its rests, by half a radius or more."""
+    n = len(track.frame)
     found = []
     bounds = [None, *resting]
     for k, rest in enumerate(bounds):
         stop = resting[k][0] if k < len(resting) else n
         if rest is None:
-            if stop > FEWEST:
-                found.append(Move(path, 0, stop, None, -1))
+            if stop > MIN_REST_DETECTIONS:
+                found.append(Move(track, 0, stop, None, -1))
             continue
-        count = max(FEWEST, math.ceil(REST / scene.period) + 1)
-        place = place_of(path, max(rest[0], rest[1] - 30 - count), max(rest[1] - count, rest[0] + 1))
-        away = np.linalg.norm(path.xy - place, axis=1) > max(5 * scene.sigma, 0.02 * scene.radius)
+        count = max(MIN_REST_DETECTIONS, math.ceil(MIN_REST_S / scene.period) + 1)
+        place = rest_place(track, max(rest[0], rest[1] - 30 - count), max(rest[1] - count, rest[0] + 1))
+        away = np.linalg.norm(track.xy - place, axis=1) > max(5 * scene.sigma, 0.02 * scene.radius)
         first = max(rest[0] + 1, rest[1] - count)
         while first < stop and not away[first : first + 3].all():
             first += 1
-        far = np.linalg.norm(path.xy[first:stop] - place, axis=1) > scene.radius / 2
-        if far.sum() < 2:  # a shadow or the cue beside it moves what is seen of a ball, too
+        far = np.linalg.norm(track.xy[first:stop] - place, axis=1) > scene.radius / 2
+        if far.sum() < 2:  # a shadow or the cue beside a ball shifts its detections, too
             continue
-        hidden = path.time[first] - path.time[first - 1] > max(UNSEEN, 3.5 * scene.period)
-        found.append(Move(path, first, stop, None if hidden else place, int(path.frame[first - 1])))
+        hidden = track.time[first] - track.time[first - 1] > max(MAX_UNSEEN_S, 3.5 * scene.period)
+        found.append(Move(track, first, stop, None if hidden else place, int(track.frame[first - 1])))
     return found
 
 
-def speed_of(path: Path, first: int, stop: int, most: int = 4) -> Array:
-    """Mean velocity over the first few sightings (2,) [m/s]."""
-    last = min(first + most, stop, len(path.frame)) - 1
+def mean_velocity(track: BallTrack, first: int, stop: int, most: int = 4) -> Array:
+    """Mean velocity over the first few detections (2,) [m/s]."""
+    last = min(first + most, stop, len(track.frame)) - 1
     if last <= first:
         first, last = max(first - 1, 0), max(last, 1)
-    return np.asarray((path.xy[last] - path.xy[first]) / (path.time[last] - path.time[first]))
+    return np.asarray((track.xy[last] - track.xy[first]) / (track.time[last] - track.time[first]))
 
 
-def pocketed(scene: Scene, path: Path, part: NDArray[np.int64]) -> int | None:
-    """The last frame before a ball is in a pocket, of these sightings of it; None if it does not drop."""
-    if not scene.table.pockets or part.size < 2:
+def pocketed(scene: TrackedScene, track: BallTrack, rows: NDArray[np.int64]) -> int | None:
+    """The last frame before a ball drops into a pocket, among these detections of it; None if it does not."""
+    if not scene.table.pockets or rows.size < 2:
         return None
-    # A ball that drops is seen no more, or elsewhere and later.
-    breaks = [*np.flatnonzero(np.diff(path.time[part]) > max(POTTED, 3.5 * scene.period)).tolist(), part.size - 1]
+    # A ball that drops is not seen again, or later and elsewhere.
+    breaks = [*np.flatnonzero(np.diff(track.time[rows]) > max(MAX_DROP_S, 3.5 * scene.period)).tolist(), rows.size - 1]
     for k in breaks:
-        last = int(part[k])
-        if last + 1 < len(path.time) and path.time[last + 1] - path.time[last] < POTTED:
+        last = int(rows[k])
+        if last + 1 < len(track.time) and track.time[last + 1] - track.time[last] < MAX_DROP_S:
             continue
-        ways = np.linspace(0, max(POTTED, 3 * scene.period), 40)
-        if scene.times[-1] - path.time[last] < ways[-1] / 2:
-            ways = ways[:1]
-        onwards = path.xy[last] + ways[:, None] * speed_of(path, max(last - 2, 0), last + 1)
-        if _in_mouth(scene, onwards, scene.radius / 2).any():
-            kept = part[: k + 1][~_in_mouth(scene, path.xy[part[: k + 1]], 0.0)]
-            return int(path.frame[kept[-1]]) if kept.size else None
+        delays = np.linspace(0, max(MAX_DROP_S, 3 * scene.period), 40)
+        if scene.times[-1] - track.time[last] < delays[-1] / 2:
+            delays = delays[:1]
+        onwards = track.xy[last] + delays[:, None] * mean_velocity(track, max(last - 2, 0), last + 1)
+        if _in_pocket_mouth(scene, onwards, scene.radius / 2).any():
+            outside = rows[: k + 1][~_in_pocket_mouth(scene, track.xy[rows[: k + 1]], 0.0)]
+            return int(track.frame[outside[-1]]) if outside.size else None
     return None
 
 
-def _in_mouth(scene: Scene, xy: Array, room: float) -> NDArray[np.bool_]:
-    """Whether places (n, 2) lie beyond the noses' lines, less some room [m], where there is a pocket."""
+def _in_pocket_mouth(scene: TrackedScene, xy: Array, margin: float) -> NDArray[np.bool_]:
+    """Whether places (n, 2) lie beyond the nose lines, less a margin [m], at a pocket."""
     corner, middle, capture = scene.table.mouths()
     over = np.abs(xy) - np.array([scene.table.length, scene.table.width]) / 2
-    end, side = over[:, 0] > -room, over[:, 1] > -room
+    end, side = over[:, 0] > -margin, over[:, 1] > -margin
     across = (over[:, 0] > -corner) | (np.abs(xy[:, 0]) < middle)
     return np.asarray((end & (over[:, 1] > -corner)) | (side & across) | (np.hypot(*over.T) < capture))

@@ -16,7 +16,7 @@ from models.shot import NOSE_HEIGHT, RAIL_NAMES, Table
 from sysid.cli.calibrate import calibrate as cli_calibrate
 from sysid.cli.calibrate import frames
 from sysid.vision.camera.board import lens_of
-from sysid.vision.camera.calibrate import Calibration, calibrate
+from sysid.vision.camera.calibrate import Calibration, CameraHints, calibrate
 from sysid.vision.camera.projection import Array, Camera, read_camera
 from tests.footage import film
 from tests.footage.film import Look, Picture, developed, table_picture
@@ -66,7 +66,7 @@ def rms(values: Array) -> float:
 
 
 def calibrated(camera: Camera, picture: Picture, **options: object) -> Calibration:
-    return calibrate(picture, camera.table, camera.diameter, **options)  # type: ignore[arg-type]
+    return calibrate(picture, camera.table, camera.diameter, CameraHints(**options))  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +170,7 @@ def test_the_cloths_end_alone_is_not_trusted(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize("width", [0.97, 1.05, 1.1])
 def test_a_wrong_width_is_not_trusted(straight: tuple[Camera, Picture], width: float) -> None:
     camera, picture = straight
-    found = calibrate(picture, Table(2.0, width), DIAMETER, fov=fov(camera))
+    found = calibrate(picture, Table(2.0, width), DIAMETER, CameraHints(fov=fov(camera)))
     assert found.doubts, "at 1.05 m the cushions' outer edges have the aspect of such a table"
     assert all("--width" in doubt for doubt in found.doubts)
 
@@ -254,12 +254,12 @@ def test_a_board_tells_the_lens(board: list[Picture]) -> None:
     assert found.focal_from == "board"
     assert rms(errors(camera, found)) < 1.5, "6.5 mm are a pixel"
     with pytest.raises(BadInput, match="film both alike"):
-        calibrate(np.zeros((100, 100, 3), np.uint8), camera.table, DIAMETER, lens=lens)
+        calibrate(np.zeros((100, 100, 3), np.uint8), camera.table, DIAMETER, CameraHints(lens=lens))
 
 
 def test_a_board_seen_from_one_side_or_not_at_all_is_refused(board: list[Picture]) -> None:
     camera = over_table(size=(400, 260))
-    with pytest.raises(BadInput, match="not tell the focal length"):
+    with pytest.raises(BadInput, match="focal length"):
         lens_of(board_views(camera, [(0.0, 0.0)]), (7, 5), 0.04)
     with pytest.raises(BadInput, match="no 6x4 chessboard"):
         lens_of([np.full((260, 400, 3), 90, np.uint8)], (6, 4), 0.04)

@@ -14,10 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from models.errors import BadInput
 from models.shot import NOSE_COSINE, Table
-from sysid.vision.balls.detect import Detector, Seen
+from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.palette import default_palette, name_colours, read_palette
-from sysid.vision.camera.projection import Camera, overhead
+from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Footage, Picture, open_footage
+from tests.footage.cameras import overhead
 from tests.footage.film import Look, Spot, film
 from tests.footage.motion import Cue, Motion
 
@@ -82,7 +83,7 @@ def errors(
     names: Sequence[str],
     places: Array,
     off: float = 1.0,
-) -> tuple[Array, list[Seen]]:
+) -> tuple[Array, list[Detection]]:
     """Errors (k, n, 2) [pixels] of balls expected `off` from where they are, and what was seen."""
     rng = np.random.default_rng(1)
     out, seen = np.full((*places.shape[:2], 2), np.nan), []
@@ -154,7 +155,7 @@ def test_all_colours_are_named_in_uneven_light_of_any_colour(tmp_path: Path, tin
     pictures = shown(camera, ALL, places, Look(uneven=0.6))
     pictures = [np.clip(p * np.array(tint[::-1]), 0, 255).astype(np.uint8) for p in pictures]
     detector = learnt(tmp_path / "f", camera, pictures)
-    assert sorted(name for name, _ in detector.looks) == sorted(ALL)
+    assert sorted(name for name, _ in detector.ball_colours) == sorted(ALL)
     for picture, row in zip(pictures, places, strict=True):
         for s in detector.find(picture):
             far = np.hypot(*(camera.outline(row) - s.xy).T)
@@ -202,7 +203,7 @@ def test_balls_at_rest_all_along_do_not_hide_in_the_backdrop(tmp_path: Path) -> 
     off, _ = errors(detector, camera, pictures, THREE, places)
     assert np.isfinite(off).all()
     assert rms(off) < 0.1
-    assert any("at rest" in line for line in detector.told)
+    assert any("at rest" in line for line in detector.notes)
     empty = shown(camera, (), np.zeros((1, 0, 2)))[0]
     assert detector.find(empty) == [], "what is painted below them looks like the table"
     single = learnt(tmp_path / "one", camera, pictures[:1])
@@ -239,7 +240,7 @@ def test_changing_light_is_allowed_for(tmp_path: Path) -> None:
     detector = learnt(tmp_path / "f", camera, pictures)
     off, _ = errors(detector, camera, pictures, THREE, places)
     assert rms(off) < 0.08
-    assert any("light changes" in line for line in detector.told)
+    assert any("light changes" in line for line in detector.notes)
 
 
 @pytest.mark.slow
@@ -247,13 +248,13 @@ def test_learning_is_deterministic_and_minds_the_size(tmp_path: Path) -> None:
     camera, rng = camera_of(10), np.random.default_rng(8)
     pictures = shown(camera, THREE, np.array([scattered(camera, 3, rng) for _ in range(4)]))
     one, two = (learnt(tmp_path / "f", camera, pictures) for _ in range(2))
-    assert one.told == two.told
+    assert one.notes == two.notes
     assert [s.xy.tolist() for s in one.find(pictures[0])] == [s.xy.tolist() for s in two.find(pictures[0])]
     with pytest.raises(BadInput, match=r"480 x 360 .* 560 x 420"):
         learnt(tmp_path / "f", camera_of(20), pictures)
     bare = learnt(tmp_path / "bare", camera, shown(camera, (), np.zeros((3, 0, 2))))
     assert bare.find(pictures[0]) == []
-    assert "no ball was found" in bare.told[0]
+    assert "no ball was found" in bare.notes[0]
 
 
 def test_a_palette_of_ones_own(tmp_path: Path) -> None:

@@ -13,9 +13,11 @@ import pytest
 from models.model_file import full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
-from sysid.vision.balls.detect import Seen
-from sysid.vision.camera.projection import Camera, overhead
-from sysid.vision.tracks.follow import Follower, Path, State, ahead
+from sysid.vision.balls.detect import Detection
+from sysid.vision.camera.projection import Camera
+from sysid.vision.tracks.follow import BallTrack, Follower
+from sysid.vision.tracks.prediction import State, predict_impacts
+from tests.footage.cameras import overhead
 
 TABLE, BALL = Table(2.0, 1.0), Ball(0.0525, 0.1406)
 FLAT = overhead(TABLE, BALL.diameter, (1280, 960), 2.6, 2.5, (0.02, -0.05))
@@ -115,31 +117,31 @@ def at_rest_first(position: Array, frames: int) -> Array:
 def sightings(
     position: Array, names: Sequence[str], rng: np.random.Generator, *, drop: float = 0.0, false: float = 0.0,
     camera: Camera = CAMERA, noise: float = NOISE,
-) -> Iterator[list[Seen]]:  # fmt: skip
+) -> Iterator[list[Detection]]:  # fmt: skip
     """What a detector would see of places (m, n, 2), NaN where there is no ball, in any order."""
     m, n, _ = position.shape
     outlines = camera.outline(np.nan_to_num(position).reshape(-1, 2)).reshape(m, n, 2)
     for xy, pixels in zip(position, outlines, strict=True):
         seen = [
-            Seen(name, px + noise * rng.standard_normal(2), 13.0, noise, 1.0, 1.0)
+            Detection(name, px + noise * rng.standard_normal(2), 13.0, noise, 1.0, 1.0)
             for name, px, there in zip(names, pixels, np.isfinite(xy).all(axis=1), strict=True)
             if there and rng.random() >= drop
         ]
         if rng.random() < false:
             name = names[int(rng.integers(len(names)))]
-            seen.append(Seen(name, rng.uniform((100, 100), (1180, 860)), 13.0, noise, 1.0, 1.0))
+            seen.append(Detection(name, rng.uniform((100, 100), (1180, 860)), 13.0, noise, 1.0, 1.0))
         yield [seen[k] for k in rng.permutation(len(seen))]
 
 
-def followed(seen: Iterator[list[Seen]], fps: float = FPS, camera: Camera = CAMERA) -> tuple[Path, ...]:
+def followed(seen: Iterator[list[Detection]], fps: float = FPS, camera: Camera = CAMERA) -> tuple[BallTrack, ...]:
     follower = Follower(camera)
     for index, some in enumerate(seen):
         follower.expected(index / fps)
-        follower.take(index, index / fps, some)
-    return follower.paths()
+        follower.update(index, index / fps, some)
+    return follower.tracks()
 
 
-def whose(path: Path, position: Array) -> tuple[set[int], float]:
+def whose(path: BallTrack, position: Array) -> tuple[set[int], float]:
     """The true balls that a path follows, and how far from them it gets [m]."""
     off = np.linalg.norm(position[path.frame] - path.xy[:, None], axis=2)
     off = np.where(np.isfinite(off), off, np.inf)
@@ -245,8 +247,8 @@ def test_no_more_balls_of_a_name_than_there_are() -> None:
     position[:10, 1] = np.nan
     follower = Follower(CAMERA, {"white": 1})
     for index, some in enumerate(sightings(position, ("white", "white"), np.random.default_rng(0))):
-        follower.take(index, index / FPS, some)
-    (white,) = follower.paths()
+        follower.update(index, index / FPS, some)
+    (white,) = follower.tracks()
     assert white.xy[:, 0] == pytest.approx(0.5, abs=2e-3)
 
 
@@ -257,8 +259,8 @@ def test_missing_frames_are_gaps_in_time() -> None:
     rng = np.random.default_rng(1)
     for index, some in enumerate(sightings(position, ("white", "red", "yellow"), rng)):
         if rng.random() > 0.2:
-            follower.take(index, index / FPS, some)
-    for path in follower.paths():
+            follower.update(index, index / FPS, some)
+    for path in follower.tracks():
         assert len(whose(path, position)[0]) == 1
         assert path.time == pytest.approx(path.frame / FPS)
 
@@ -278,11 +280,11 @@ def test_impacts_are_foreseen() -> None:
         return State(0.0, x, y, u, 0.0, 1e-8, 0.0, 1e-6)
 
     reach = np.array([1.0, 0.5])
-    one, two, three = ahead([ball(0, 0, 2.0), ball(0.1, 0, 0.0), ball(0.99, 0.3, 1.0)], 0.1, reach, 0.05)
+    one, two, three = predict_impacts([ball(0, 0, 2.0), ball(0.1, 0, 0.0), ball(0.99, 0.3, 1.0)], 0.1, reach, 0.05)
     assert one is not None
     assert two is not None
     assert three is not None
     assert (one.u, two.u) == (pytest.approx(0.05), pytest.approx(1.95))
     assert two.x == pytest.approx(0.1 + 1.95 * 0.075)
     assert three.x == pytest.approx(1.0 - 0.8 * 0.09)
-    assert ahead([ball(0, 0, 1.0), ball(0.1, 0.06, 0.0)], 0.04, reach, 0.05) == [None, None]
+    assert predict_impacts([ball(0, 0, 1.0), ball(0.1, 0.06, 0.0)], 0.04, reach, 0.05) == [None, None]

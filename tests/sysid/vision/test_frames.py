@@ -95,7 +95,7 @@ def test_a_sample_is_spread_over_all(tmp_path: Path) -> None:
 
 
 def test_a_long_video_is_sampled_by_jumps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sysid.vision.frames.SEEK", 20)
+    monkeypatch.setattr("sysid.vision.frames.SEEK_FRAMES", 20)
     sample = open_footage(video(tmp_path / "a.avi", 50)).sample(5)
     assert [(f.index, int(f.picture[0, 0, 0])) for f in sample] == [(k, 2 * k) for k in (0, 12, 24, 37, 49)]
 

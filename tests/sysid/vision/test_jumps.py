@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from sysid.vision.tracks.follow import Path
+from sysid.vision.tracks.follow import BallTrack
 from sysid.vision.tracks.jumps import first_jump
 
 
-def path(xy: np.ndarray) -> Path:
+def path(xy: np.ndarray) -> BallTrack:
     n = len(xy)
-    return Path(
+    return BallTrack(
         "white", np.arange(n), np.arange(n) / 120, xy * 400, xy, np.ones(n), np.full(n, 11.0), np.full(n, np.nan)
     )
 
@@ -28,10 +28,10 @@ def test_strokes_collisions_and_gaps_are_no_jumps() -> None:
     turned = np.where(time < 0.25, time, 0.5 - time) * [3.0, 3.0]
     gap = path(time * [2.0, 0.0])
     keep = (gap.frame < 20) | (gap.frame > 35)
-    sparse = Path(
+    sparse = BallTrack(
         "white",
         gap.frame[keep],
         gap.time[keep],
-        *(v[keep] for v in (gap.pixels, gap.xy, gap.sd, gap.radius, gap.change)),
+        *(v[keep] for v in (gap.pixels, gap.xy, gap.sd, gap.radius, gap.face_change)),
     )
     assert first_jump([path(struck), path(turned), sparse], 0, 59) == (59, "")

@@ -11,9 +11,9 @@ from models.shot import Table
 from sysid import cli
 from sysid.clips import read_clip_set
 from sysid.direct.measure import measure
-from sysid.vision.tracks.follow import Path
-from sysid.vision.tracks.moves import Scene
-from sysid.vision.tracks.spins import change, spins
+from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.moves import TrackedScene
+from sysid.vision.tracks.spins import face_change, spins
 from tests.footage.__main__ import main as film
 from tests.truth.__main__ import main as generate
 
@@ -21,18 +21,18 @@ FPS, NOISE = 120, 5.0
 TRUE = 22.0  # deceleration of sidespin [rad/s^2]
 
 
-def path(name: str, place: tuple[float, float], turns: tuple[float, float] | None, n: int = 240) -> Path:
+def path(name: str, place: tuple[float, float], turns: tuple[float, float] | None, n: int = 240) -> BallTrack:
     """A ball at rest, whose face changes between two times [s]."""
     rng, time = np.random.default_rng(0), np.arange(n) / FPS
     xy = np.array(place) + rng.normal(0, 1e-4, (n, 2))
     alive = np.zeros(n, bool) if turns is None else (time >= turns[0]) & (time <= turns[1])
     face = np.where(alive, 2.5, 1.0) + rng.normal(0, 0.05, n)
-    return Path(name, np.arange(n), time, xy * 400, xy, np.full(n, 0.1), np.full(n, 11.0), face)
+    return BallTrack(name, np.arange(n), time, xy * 400, xy, np.full(n, 0.1), np.full(n, 11.0), face)
 
 
-def scene(*paths: Path) -> Scene:
+def scene(*paths: BallTrack) -> TrackedScene:
     """What was seen of these balls."""
-    return Scene(paths, paths[0].frame, paths[0].time, Table(2.0, 1.0), 0.026, 1e-4)
+    return TrackedScene(paths, paths[0].frame, paths[0].time, Table(2.0, 1.0), 0.026, 1e-4)
 
 
 def test_a_face_that_turns_is_told_from_noise_and_from_light() -> None:
@@ -45,12 +45,12 @@ def test_a_face_that_turns_is_told_from_noise_and_from_light() -> None:
         return np.clip(np.rint(light + NOISE * rng.standard_normal(light.shape)), 0, 255).astype(np.uint8)
 
     def of(one: np.ndarray, two: np.ndarray) -> float:
-        return change(taken(one), taken(two), np.array([20.0, 20.0]), 12.0, NOISE)
+        return face_change(taken(one), taken(two), np.array([20.0, 20.0]), 12.0, NOISE)
 
     assert of(plain, plain) == pytest.approx(1.0, abs=0.1)
     assert of(plain, plain + 12) == pytest.approx(1.0, abs=0.1)
     assert of(plain, moved) > 2
-    assert np.isnan(change(taken(plain), taken(plain), np.array([3.0, 20.0]), 12.0, NOISE))
+    assert np.isnan(face_change(taken(plain), taken(plain), np.array([3.0, 20.0]), 12.0, NOISE))
 
 
 def test_a_spin_in_place_is_a_clip_of_the_time_it_lasts() -> None:
@@ -74,10 +74,10 @@ def test_what_hides_or_moves_cuts_a_spin() -> None:
     assert found.balls == ("white",) or found.balls == ("white", "red")
 
 
-def _without(whole: Path, begin: float, end: float) -> Path:
+def _without(whole: BallTrack, begin: float, end: float) -> BallTrack:
     keep = (whole.time < begin) | (whole.time > end)
-    columns = (whole.frame, whole.time, whole.pixels, whole.xy, whole.sd, whole.radius, whole.change)
-    return Path(whole.name, *(column[keep] for column in columns))
+    columns = (whole.frame, whole.time, whole.pixels, whole.xy, whole.sd, whole.radius, whole.face_change)
+    return BallTrack(whole.name, *(column[keep] for column in columns))
 
 
 @pytest.mark.slow

@@ -11,8 +11,10 @@ import pytest
 from models.errors import BadInput
 from sysid.clips import check_clip_set, read_clip_set, write_clip_set
 from sysid.vision.camera.projection import Camera
+from sysid.vision.tracks.clips import Extra, clip_set
 from sysid.vision.tracks.follow import Follower
-from sysid.vision.tracks.track import Extra, Tracked, clip_set, rough, tracked
+from sysid.vision.tracks.noise import residuals
+from sysid.vision.tracks.track import Tracked, tracked
 from tests.sysid.vision.test_follow import (
     BALL,
     CAMERA,
@@ -37,9 +39,9 @@ def tracked_of(
     for index, some in enumerate(
         sightings(position, NAMES, np.random.default_rng(0), drop=drop, noise=noise, camera=camera)
     ):
-        follower.take(index, index / made.fps, some)
+        follower.update(index, index / made.fps, some)
     frames = np.arange(len(position))
-    return tracked(follower.paths(), frames, frames / made.fps, camera)
+    return tracked(follower.tracks(), frames, frames / made.fps, camera)
 
 
 def test_several_shots_are_split(tmp_path: File) -> None:
@@ -85,9 +87,9 @@ def test_fifty_random_shots_of_three_balls() -> None:
         position = np.concatenate([np.repeat(true.position[:1], 40, axis=0), true.position])
         follower = Follower(CAMERA)
         for index, some in enumerate(sightings(position, ("white", "red", "red"), rng, drop=0.02)):
-            follower.take(index, index / FPS, some)
+            follower.update(index, index / FPS, some)
         frames = np.arange(len(position))
-        found = tracked(follower.paths(), frames, frames / FPS, CAMERA)
+        found = tracked(follower.tracks(), frames, frames / FPS, CAMERA)
         assert [shot.struck for shot in found.shots] == ["white"], (found.left_out, true.events)
         assert found.shots[0].time == pytest.approx(40 / FPS, abs=1.01 / FPS)
         assert len(found.shots[0].balls) == 3
@@ -232,7 +234,7 @@ def test_residuals_are_the_noise() -> None:
     rng = np.random.default_rng(0)
     time = np.arange(2000) / FPS
     xy = np.column_stack([0.5 * time, 0.1 * time**2]) + 1e-4 * rng.standard_normal((2000, 2))
-    off = rough(time, xy)
+    off = residuals(time, xy)
     assert np.sqrt(np.nanmean(off**2)) == pytest.approx(1e-4 * np.sqrt(2 * (1 + 34 / 36)), rel=0.05)
     late = np.delete(time, 1000)
-    assert np.isnan(rough(late, np.delete(xy, 1000, axis=0))[998:1002]).all()
+    assert np.isnan(residuals(late, np.delete(xy, 1000, axis=0))[998:1002]).all()

@@ -20,11 +20,14 @@ from models.shot import Array, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.cli.track import track as cli_track
 from sysid.clips import read_clip_set
-from sysid.vision.balls.detect import Detector, Seen
-from sysid.vision.camera.projection import overhead, write_camera
+from sysid.vision.balls.detect import Detection, Detector
+from sysid.vision.camera.projection import write_camera
 from sysid.vision.frames import Footage, Frame, Picture
 from sysid.vision.preview import write_previews
-from sysid.vision.tracks.track import Tracked, note, rough, track
+from sysid.vision.tracks.clips import note
+from sysid.vision.tracks.noise import residuals
+from sysid.vision.tracks.track import Tracked, track
+from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import motion_of
 from tests.sysid.vision.test_follow import (
@@ -64,7 +67,7 @@ class Knowing:
         self.seen = list(sightings(position, NAMES, np.random.default_rng(0)))
         self.asked = [0, 0]
 
-    def find(self, picture: Picture, expected: Sequence[tuple[str, Array]] = ()) -> list[Seen]:
+    def find(self, picture: Picture, expected: Sequence[tuple[str, Array]] = ()) -> list[Detection]:
         index = 256 * int(picture[0, 0, 0]) + int(picture[0, 0, 1])
         self.asked[bool(expected)] += 1
         if not expected:
@@ -85,7 +88,7 @@ def shown() -> tuple[Drawn, Tracked]:
 def test_the_whole_picture_is_searched_now_and_then(shown: tuple[Drawn, Tracked]) -> None:
     """Or a ball that is put on the table would not be found."""
     _, result = shown
-    assert [path.name for path in result.scene.paths if path.frame[-1] == len(result.scene.frames) - 1] != []
+    assert [path.name for path in result.scene.tracks if path.frame[-1] == len(result.scene.frames) - 1] != []
     assert len(result.shots) == 2
     assert all(len(shot.balls) == 3 for shot in result.shots)
     assert result.rate > 100
@@ -108,8 +111,10 @@ def test_a_recording_of_the_footage(tmp_path: File, shown: tuple[Drawn, Tracked]
 
     footage, result = shown
     scene = result.scene
-    balls = {p.name: Sightings(p.frame, p.time, p.pixels, p.radius, p.xy, rough(p.time, p.xy)) for p in scene.paths}
-    shots = [(scene.when(s.first), scene.when(s.last), note(k, s)) for k, s in enumerate(result.shots, 1)]
+    balls = {
+        p.name: Sightings(p.frame, p.time, p.pixels, p.radius, p.xy, residuals(p.time, p.xy)) for p in scene.tracks
+    }
+    shots = [(scene.time_of(s.first), scene.time_of(s.last), note(k, s)) for k, s in enumerate(result.shots, 1)]
     (tmp_path / "fake.mp4").write_bytes(b"no video")
     write_track(
         tmp_path / "t.rrd", tmp_path / "fake.mp4", (scene.frames, scene.times),
@@ -119,7 +124,7 @@ def test_a_recording_of_the_footage(tmp_path: File, shown: tuple[Drawn, Tracked]
     for chunk in RrdReader(tmp_path / "t.rrd").stream().to_chunks():
         rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.to_record_batch().num_rows
     assert rows["/picture/video"] == footage.count + 1
-    for path in scene.paths:
+    for path in scene.tracks:
         assert rows[f"/picture/{path.name}"] > len(path.time)
         assert rows[f"/top/path/{path.name}"] == 3
         assert rows[f"/residual/{path.name}"] == len(path.time) + 1

@@ -1,0 +1,1 @@
+"""The cue before a strike: its axis, its tip, its motion."""
