@@ -73,7 +73,7 @@ def improve(environment: ShotEnvironment, mean: Array, spread: Array, rng: np.ra
         found = environment.expected(actions, PLAYS if k else 1)
         best = actions[np.argsort(-found, kind="stable")[:BEST]]
         mean, spread = best.mean(axis=0), np.maximum(best.std(axis=0), LEAST)
-    return environment.task.bounds.clipped(mean[None])[0]
+    return environment.task.bounds.clip(mean[None])[0]
 
 
 @lone_command("planner.example_environment")

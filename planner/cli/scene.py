@@ -44,7 +44,7 @@ class Wanted:
 
 
 @dataclass(frozen=True)
-class Source:
+class SceneSource:
     """Where the balls are seen, with what is known of a picture, or which clip of a set."""
 
     source: Path = given(click.argument("source", metavar="SOURCE", type=FILE_PATH))
@@ -55,12 +55,12 @@ class Source:
 
 
 @click.command()
-@gathered("source", Source)
+@gathered("source", SceneSource)
 @gathered("wanted", Wanted)
 @out_option("SCENE.toml", "Where the scene file goes.")
 @effects_option()
 @click.pass_obj
-def scene(progress: Progress, source: Source, wanted: Wanted, out: Path) -> int:
+def scene(progress: Progress, source: SceneSource, wanted: Wanted, out: Path) -> int:
     """Write a scene: where the balls are, and which shot is wanted.
 
     SOURCE is a picture, a folder of pictures, a video (its last frame), or a clip set (the end of a clip). A picture or

@@ -34,7 +34,7 @@ CPU_COUNT = os.cpu_count() or 1
 
 
 @dataclass(frozen=True)
-class Settings:
+class StudyOptions:
     """What is planned in every scene, how often, and by how many processes."""
 
     model_file: Path | None = given(
@@ -66,7 +66,7 @@ class Settings:
 
 @click.command()
 @click.option("--out", metavar="DIR", type=FILE_PATH, required=True, help="Folder of the study; an old one continues.")
-@gathered("settings", Settings)
+@gathered("settings", StudyOptions)
 @output_option("report", "FILE.md", "Write the figures as Markdown, with pictures in a PNG beside it.")
 @json_option
 @click.option(
@@ -76,7 +76,7 @@ class Settings:
 @effects_option(exposed=True)
 @click.pass_obj
 def study(
-    progress: Progress, out: Path, settings: Settings, report_file: Path | None, json_file: Path | None,
+    progress: Progress, out: Path, settings: StudyOptions, report_file: Path | None, json_file: Path | None,
     scene: tuple[str, Path] | None, effect_folders: tuple[str, ...],
 ) -> int:  # fmt: skip
     """Study how plans fare over many random scenes.

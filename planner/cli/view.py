@@ -56,7 +56,7 @@ class GivenStroke:
 
 
 @dataclass(frozen=True)
-class Pictures:
+class PictureOptions:
     """Pictures instead of the viewer."""
 
     frames: int | None = given(
@@ -76,10 +76,10 @@ class Pictures:
 @click.option(
     "--pace", metavar="P", type=Number(0.001, 100), default=1.0, show_default=True, help="0.2 is five times slower."
 )
-@gathered("pictures", Pictures)
+@gathered("pictures", PictureOptions)
 @effects_option()
 @click.pass_obj
-def view(progress: Progress, shown: Shown, stroke: GivenStroke, pace: float, pictures: Pictures) -> int:
+def view(progress: Progress, shown: Shown, stroke: GivenStroke, pace: float, pictures: PictureOptions) -> int:
     """View a table in MuJoCo's viewer, and play strokes there by keys.
 
     SOURCE is a scene file, a plan file or a clip set; without it all balls of snooker are on their spots. With --frames

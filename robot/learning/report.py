@@ -135,8 +135,8 @@ def _refit_rows(story: History) -> list[list[str]]:
 def _shot_rows(story: History) -> list[list[str]]:
     """Number, pocket, pot predicted, potted, miss, miss predicted, distance from the wanted position and remarks."""
     return [
-        [str(s.number), _pocket(s), _percent(s.pot_probability), _yes_no(s.potted), millimetres(s.miss), millimetres(s.spread),
-         millimetres(s.from_wanted), "; ".join(_remarks(s)) or NO_VALUE]
+        [str(s.number), _pocket(s), _percent(s.pot_probability), _yes_no(s.potted), millimetres(s.miss),
+         millimetres(s.spread), millimetres(s.from_wanted), "; ".join(_remarks(s)) or NO_VALUE]
         for s in story.shots
     ]  # fmt: skip
 
@@ -177,11 +177,12 @@ def _film(shot: PlayedShot, median: float) -> Film:
     remarks = _remarks(shot)
     words = f"shot {shot.number}: {pot} ({_percent(shot.pot_probability)} predicted), {miss}"
     words += f"; {'; '.join(remarks)}" if remarks else ""
-    rows = [("pocket", _pocket(shot)), ("pot predicted", _percent(shot.pot_probability)), ("potted", _yes_no(shot.potted)),
-            ("miss", millimetres(shot.miss)), ("miss predicted", millimetres(shot.spread)),
+    rows = [("pocket", _pocket(shot)), ("pot predicted", _percent(shot.pot_probability)),
+            ("potted", _yes_no(shot.potted)), ("miss", millimetres(shot.miss)),
+            ("miss predicted", millimetres(shot.spread)),
             ("launcher's repeatability", millimetres(shot.floor)),
-            ("from the wanted position", millimetres(shot.from_wanted)), ("model fitted to", _many(shot.learnt, "shot")),
-            ("remarks", "; ".join(remarks) or NO_VALUE)]  # fmt: skip
+            ("from the wanted position", millimetres(shot.from_wanted)),
+            ("model fitted to", _many(shot.learnt, "shot")), ("remarks", "; ".join(remarks) or NO_VALUE)]  # fmt: skip
     page = "\n".join(
         [f"# Shot {shot.number}", str(shot.plan.get("kind") or ""), "", "| | |", "|---|---|"]
         + [f"| {a} | {' '.join(b.replace('|', '/').split())} |" for a, b in rows]

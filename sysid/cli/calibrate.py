@@ -72,7 +72,7 @@ class Board:
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """What is known of the picture: field of view, where the nose lines cross, which cushions are seen."""
 
     fov: float | None = given(
@@ -122,11 +122,11 @@ class Files:
 @click.command()
 @click.argument("source", metavar="VIDEO", type=FILE_PATH)
 @gathered("size", TableSize)
-@gathered("view", View)
+@gathered("view", CameraView)
 @gathered("board", Board)
 @gathered("files", Files)
 @click.pass_obj
-def calibrate(progress: Progress, source: Path, size: TableSize, view: View, board: Board, files: Files) -> int:
+def calibrate(progress: Progress, source: Path, size: TableSize, view: CameraView, board: Board, files: Files) -> int:
     """Calibrate a camera from the table itself, or from a chessboard.
 
     VIDEO is a video, a picture, or a folder of pictures of the table. Writes the camera file: lens, position and

@@ -1,6 +1,6 @@
 """What a discovery leaves in its folder: model.toml, result.json, report.html and review.rrd.
 
-In: a `DiscoveryResult`. Out: files, each written by the module of this room that knows its form; nothing is worded here.
+In: a `DiscoveryResult`. Out: files, each written by the module of this room that knows its form; nothing is worded.
 """
 
 from __future__ import annotations

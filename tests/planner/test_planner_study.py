@@ -16,7 +16,7 @@ import pytest
 from models.console import Progress, Status
 from models.model_file import Estimate, effect_class, full_model, read_model
 from models.shot import Ball, Table
-from planner.cli.study import Settings
+from planner.cli.study import StudyOptions
 from planner.cli.study import study as cli_study
 from planner.evaluation.play import Player
 from planner.launcher.stroke import LauncherModel
@@ -184,7 +184,7 @@ def test_ctrl_c_keeps_what_is_done(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("planner.study.runs.study_scene", stopped)
-    monkeypatch.setattr(Settings, "study", lambda self: STUDY)
+    monkeypatch.setattr(StudyOptions, "study", lambda self: STUDY)
     assert run(folder, "--scenes", "4", "--jobs", "1") == Status.INTERRUPTED
     assert f"3 of 4 scenes are kept in {folder}" in capsys.readouterr().err
 
@@ -292,7 +292,7 @@ def run(out: Path, *more: str) -> int:
 def test_the_verb_tells_and_writes(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(Settings, "study", lambda self: STUDY)
+    monkeypatch.setattr(StudyOptions, "study", lambda self: STUDY)
     wanted = [tmp_path / name for name in ("r.md", "f.json")]
     words = (folder, "--scenes", "3", "--report", str(wanted[0]), "--json", str(wanted[1]))
     assert run(*words) == 0
