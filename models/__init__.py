@@ -1,1 +1,42 @@
-"""The table as physics: effects, a world that plays them, and nothing of measurements."""
+"""The table as physics: effects, engines that play them, and nothing of measurements.
+
+from models import Ball, Shot, Table, full_model, load_model, save_model, simulate
+
+model = load_model("model.toml")                      # or full_model(Table(2.84, 1.42), Ball(0.0615, 0.21))
+track = simulate(model, [Shot(("white",), places, velocity, spin, times)])[0]
+"""
+
+from typing import TYPE_CHECKING
+
+from models.lazy import lazy
+
+if TYPE_CHECKING:
+    from models.errors import BadInput
+    from models.model_file import Model, catalogue, full_model
+    from models.model_file import read_model as load_model
+    from models.model_file import write_model as save_model
+    from models.shot import Ball, Shot, Table, Track
+    from models.simulation.simulate import simulate
+    from models.simulation.step import World
+
+__all__ = [
+    "BadInput", "Ball", "Model", "Shot", "Table", "Track", "World", "catalogue", "full_model", "load_model",
+    "save_model", "simulate",
+]  # fmt: skip
+__getattr__, __dir__ = lazy(
+    __name__,
+    {
+        "BadInput": "models.errors:BadInput",
+        "Ball": "models.shot:Ball",
+        "Model": "models.model_file:Model",
+        "Shot": "models.shot:Shot",
+        "Table": "models.shot:Table",
+        "Track": "models.shot:Track",
+        "World": "models.simulation.step:World",
+        "catalogue": "models.model_file:catalogue",
+        "full_model": "models.model_file:full_model",
+        "load_model": "models.model_file:read_model",
+        "save_model": "models.model_file:write_model",
+        "simulate": "models.simulation.simulate:simulate",
+    },
+)

@@ -61,13 +61,15 @@ class Progress(logging.Handler):
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
-def show_progress(logger: str = "sysid") -> Progress:
-    """Progress that shows what a logger gets, in place of any earlier one."""
-    log, shown = logging.getLogger(logger), Progress()
-    for old in [h for h in log.handlers if isinstance(h, Progress)]:
-        log.removeHandler(old)
-    log.addHandler(shown)
-    log.setLevel(logging.INFO)
+def show_progress() -> Progress:
+    """Progress that shows what the packages log, in place of any earlier one."""
+    shown = Progress()
+    for name in ("models", "sysid", "planner", "robot"):
+        log = logging.getLogger(name)
+        for old in [h for h in log.handlers if isinstance(h, Progress)]:
+            log.removeHandler(old)
+        log.addHandler(shown)
+        log.setLevel(logging.INFO)
     return shown
 
 

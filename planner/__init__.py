@@ -1,1 +1,29 @@
-"""Shots planned in a fitted model: scenes, strokes and their errors, the search, plans, reports and studies."""
+"""Shots planned in a fitted model: scenes, strokes and their errors, the search, plans, reports and studies.
+
+from planner import plan, read_scene
+
+made = plan(read_scene("scene.toml"), model)        # billiard-plan/1 as plain values; made["stroke"]
+"""
+
+from typing import TYPE_CHECKING
+
+from models.lazy import lazy
+
+if TYPE_CHECKING:
+    from planner.evaluation.value import UtilityWeights
+    from planner.launcher.execution import Execution
+    from planner.planning import make_plan as plan
+    from planner.scene import Goal, Scene, read_scene
+
+__all__ = ["Execution", "Goal", "Scene", "UtilityWeights", "plan", "read_scene"]
+__getattr__, __dir__ = lazy(
+    __name__,
+    {
+        "Execution": "planner.launcher.execution:Execution",
+        "Goal": "planner.scene:Goal",
+        "Scene": "planner.scene:Scene",
+        "UtilityWeights": "planner.evaluation.value:UtilityWeights",
+        "plan": "planner.planning:make_plan",
+        "read_scene": "planner.scene:read_scene",
+    },
+)

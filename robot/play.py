@@ -28,7 +28,7 @@ import numpy as np
 from models.console import write_json
 from models.errors import BadInput
 from models.shot import Array, Ball, Table
-from planner.plan import read_plan
+from planner.planning import read_plan
 from planner.scene import POCKETS, Pocket, Scene, pocket_name, pocket_places, scene_from
 from robot.device.launcher import Launcher
 from robot.device.outcome import Done, StrokeUnknown

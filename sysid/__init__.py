@@ -1,0 +1,42 @@
+"""From tracked shots to a fitted model: the verbs of the `sysid` command as functions.
+
+    from sysid import compare, diagnose, discover, fit, read_clips
+
+    clips = read_clips("clips")
+    comparison = compare(clips)         # the base model as it is, or compare(clips, model)
+    fitted = fit(clips)                 # .model, .constants, .converged
+    diagnosis = diagnose(clips)         # .verdict, .ranking, .unexplained, .next_shot
+    found = discover(clips)             # .verdict, .model, .last, .unexplained
+
+All results are frozen values; arrays are NumPy's, in SI. What goes wrong with a file or a value raises
+`models.BadInput`. Long work reports to the logger "sysid".
+"""
+
+from typing import TYPE_CHECKING
+
+from models.lazy import lazy
+
+if TYPE_CHECKING:
+    from sysid.clips import Clip, ClipSet
+    from sysid.clips import check_clip_set as check_clips
+    from sysid.clips import read_clip_set as read_clips
+    from sysid.clips import write_clip_set as write_clips
+    from sysid.interface import compare, diagnose, discover, fit
+
+__all__ = [
+    "Clip", "ClipSet", "check_clips", "compare", "diagnose", "discover", "fit", "read_clips", "write_clips",
+]  # fmt: skip
+__getattr__, __dir__ = lazy(
+    __name__,
+    {
+        "Clip": "sysid.clips:Clip",
+        "ClipSet": "sysid.clips:ClipSet",
+        "check_clips": "sysid.clips:check_clip_set",
+        "compare": "sysid.interface:compare",
+        "diagnose": "sysid.interface:diagnose",
+        "discover": "sysid.interface:discover",
+        "fit": "sysid.interface:fit",
+        "read_clips": "sysid.clips:read_clip_set",
+        "write_clips": "sysid.clips:write_clip_set",
+    },
+)

@@ -125,7 +125,7 @@ def plan(
 
     Example: planner plan scene.toml --model fitted.toml --out plan.json
     """
-    from planner.plan import make_plan
+    from planner.planning import make_plan
     from planner.scene import read_scene
 
     asked = read_scene(scene)
@@ -134,14 +134,7 @@ def plan(
     execution = execution or load_execution(hardware.execution_file, model)
     started = time.monotonic()
     made = make_plan(
-        asked,
-        model,
-        execution,
-        utility.weights(),
-        method=search.method,
-        seed=search.seed,
-        launcher=launcher,
-        report=progress,
+        asked, model, execution, utility.weights(), method=search.method, seed=search.seed, launcher=launcher
     )
     progress.close()
     made["model"]["file"] = model_file.name if model_file else None

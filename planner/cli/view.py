@@ -162,7 +162,7 @@ def _source(shown: Shown) -> tuple[Table, Ball, dict[str, Array], dict[str, floa
         raise BadInput(f"--clip {shown.clip}: {source} is no clip set; leave it out")
     known: dict[str, float] = {}
     if source.suffix == ".json":
-        from planner.plan import read_plan
+        from planner.planning import read_plan
 
         plan = read_plan(source)
         scene = scene_from(plan.get("scene"), str(source))

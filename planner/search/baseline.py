@@ -12,8 +12,8 @@ difficult is taken.
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable
 from itertools import count
 
 import numpy as np
@@ -33,9 +33,10 @@ MAX_GENERATIONS = 40
 SAMPLE_PERIOD_S = 0.02  # between the points of a path: 44 mm at the fastest
 IN_OFF_COST_M2 = 99.0  # of an in-off, which satisfies the paper's constraints but has no final position
 VIOLATION_COST_M2 = 100.0  # least cost of a violated constraint, above any table's squared diagonal
+log = logging.getLogger(__name__)
 
 
-def search(player: Player, *, seed: int = 0, report: Callable[[str], None] | None = None) -> tuple[Route, Array, float]:
+def search(player: Player, *, seed: int = 0) -> tuple[Route, Array, float]:
     """The paper's stroke: its route, q (4,), and its cost [m^2]; above VIOLATION_COST_M2 no stroke is feasible."""
     scene, launcher = player.scene, player.launcher
     route = min((r for r in all_routes(scene) if r.direct), key=lambda r: (bool(r.obstacle), r.difficulty))
@@ -66,8 +67,7 @@ def search(player: Player, *, seed: int = 0, report: Callable[[str], None] | Non
     generations = count(1)
 
     def progress(_: Array, convergence: float) -> None:
-        if report:
-            report(f"generation {next(generations)} of {MAX_GENERATIONS}")
+        log.info("generation %d of %d", next(generations), MAX_GENERATIONS)
 
     found = differential_evolution(
         cost, bounds, popsize=POPULATION_PER_UNKNOWN, maxiter=MAX_GENERATIONS, vectorized=True, updating="deferred",

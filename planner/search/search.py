@@ -17,8 +17,9 @@ Everything else is played in the event engine, with all of the model's effects.
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +33,7 @@ from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED
 from planner.search.candidates import Route, all_routes, open_routes, starting_strokes
 
 Array = NDArray[np.float64]
-Report = Callable[[str], None]
+log = logging.getLogger(__name__)
 NO_SPIN_OFFSET = 0.15  # contact offset over radius below which a stroke is described as without spin
 MIN_MADE_PROBABILITY = 0.05  # of a shot that is offered
 
@@ -63,8 +64,7 @@ class RankedStroke:
 
 
 def search(
-    player: Player, execution: Execution, weights: UtilityWeights, *, seed: int = 0, effort: Effort | None = None,
-    report: Report | None = None,
+    player: Player, execution: Execution, weights: UtilityWeights, *, seed: int = 0, effort: Effort | None = None
 ) -> list[RankedStroke]:  # fmt: skip
     """The best stroke of every kind, the best first; empty if none is made often enough.
 
@@ -74,16 +74,15 @@ def search(
         weights: of the utility.
         seed: of all random numbers.
         effort: how much to compute.
-        report: receives messages about the progress.
     """
-    effort, log = effort or Effort(), report or (lambda line: None)
+    effort = effort or Effort()
     routes = open_routes(player.scene)
-    log(f"{len(routes)} open routes; fans of aims along them")
+    log.info("%d open routes; fans of aims along them", len(routes))
     start = starting_strokes(player, routes, execution, weights, effort.starts)
     if len(start.q) == 0:
         return []
     samples = draw_errors(player.model, execution, effort.closely, seed)
-    log(f"refining {len(start.q)} strokes over {effort.hands} plays each, then more")
+    log.info("refining %d strokes over %d plays each, then more", len(start.q), effort.hands)
     stages = [samples.first(effort.hands << k) for k in range(effort.halved + 1)]
     q, live = _Refinement(player, weights, effort, np.random.default_rng(seed)).run(stages, start.q)
     q, route = playable(player, q, start.route[live])
@@ -92,7 +91,7 @@ def search(
     close = evaluate(player, samples, q, weights)
     order = np.argsort([-e.value for e in close], kind="stable")[: effort.finalists]
     fresh = draw_errors(player.model, execution, effort.fresh, seed + 1)
-    log(f"evaluating {len(order)} strokes over {len(fresh)} plays, {effort.checked} of them in MuJoCo too")
+    log.info("evaluating %d strokes over %d plays, %d of them in MuJoCo too", len(order), len(fresh), effort.checked)
     final, engines, shift = in_both_engines(player, fresh, q[order], weights, effort.checked)
     ranking = sorted(range(len(order)), key=lambda k: -(final[k].value + shift[k]))
     offered = [

@@ -27,7 +27,7 @@ from planner.evaluation.risk import draw_errors
 from planner.evaluation.value import UtilityWeights
 from planner.launcher.execution import Execution
 from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel
-from planner.plan import METHODS
+from planner.planning import METHODS
 from planner.scene import POCKETS, Goal, Scene
 from planner.search.candidates import Route, aimed_along, all_routes, fan_half_width
 from planner.search.search import Effort

@@ -28,7 +28,7 @@ from planner.evaluation.play import Player
 from planner.evaluation.risk import ErrorSamples, draw_errors, evaluate
 from planner.evaluation.value import UtilityWeights, rest_distance
 from planner.launcher.stroke import LauncherModel, stroke_terms
-from planner.plan import moving
+from planner.planning import moving
 from planner.scene import Scene, scene_dict
 from planner.search import baseline
 from planner.search.search import playable, search

@@ -228,7 +228,7 @@ def align(filming: RequiredFilming, plan_file: Path | None, azimuth: float | Non
 
     Example: robot align --camera cam.toml --video 0 --plan plan.json
     """
-    from planner.plan import read_plan
+    from planner.planning import read_plan
     from planner.scene import scene_from
 
     if (plan_file is None) == (azimuth is None):

@@ -24,7 +24,7 @@ import numpy as np
 
 from models.errors import BadInput
 from models.shot import Array
-from planner.plan import read_plan
+from planner.planning import read_plan
 from planner.scene import Scene, scene_from
 from robot.play import PLAYED_FORMAT, played_file
 from sysid.clips import Clip, read_clip_set

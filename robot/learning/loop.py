@@ -34,7 +34,7 @@ from planner.evaluation.value import UtilityWeights
 from planner.launcher.cueing_map import CueingMap, read_map, write_map
 from planner.launcher.mapped import execution_of, with_map
 from planner.launcher.stroke import LauncherModel as Strokes
-from planner.plan import make_plan
+from planner.planning import make_plan
 from planner.scene import Scene
 from planner.search.search import Effort
 from planner.study.draws import Study, draw_scene
@@ -208,7 +208,7 @@ def _play(folder: Path, config: LearningConfig, rig: Rig, number: int, learnt: i
         scene = dataclasses.replace(asked, position=np.array([seen[name] for name in asked.names]))
         plan = make_plan(
             scene, model, execution_of(cueing_map), config.wish, seed=config.study.number(number, 2),
-            launcher=strokes, effort=config.effort, report=lambda line: report(f"shot {number}: {line}"),
+            launcher=strokes, effort=config.effort,
         )  # fmt: skip
         if plan["stroke"] is not None:
             break

@@ -35,7 +35,6 @@ from sysid.clips.outliers import remove_outliers
 from sysid.estimation.initial_states import fit_states, grown_by_stage
 from sysid.estimation.problem import turn
 from sysid.estimation.shot_problem import shot_problem
-from sysid.report.outcome import model_of
 from sysid.report.result_json import result_of
 from sysid.selection.discover import discover
 
@@ -76,7 +75,7 @@ def relearn(
     log.info("first velocities of all films")
     rough = learn_launcher(short, played, known, start_map)
     found = discover(with_commands(short, played, rough), start)
-    model = model_of(found, found.last, "robot learn")
+    model = found.model_of(found.last, "robot learn")
     model = dataclasses.replace(model, effects=tuple(e for e in model.effects if SQUIRT_NAME not in (e.slot, e.name())))
     return Learnt(model, learn_launcher(short, played, model, start_map), result_of(found, math.nan))
 

@@ -116,13 +116,11 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
 
 def _fit_json(found: ClipFit, comparison: Comparison, share: float) -> dict[str, Any]:
     """Format billiard-fit/1."""
-    fitted, values = found.fitted, found.model.parameters()
     constants = {
-        n: {"value": values[n], "sd": sd if fitted.converged else float("nan"), "unit": found.model.meta(n)["unit"]}
-        for n, sd in fitted.sds.items()
+        n: {"value": value, "sd": sd, "unit": found.model.meta(n)["unit"]} for n, (value, sd) in found.constants.items()
     }
     return {
-        "format": "billiard-fit/1", "converged": fitted.converged, "error_rate": fitted.discrepancy_rate,
+        "format": "billiard-fit/1", "converged": found.converged, "error_rate": found.fitted.discrepancy_rate,
         "band_rate": found.band_rate, "segment_ratio": found.segment_ratio, "held_out_coverage": share,
         "parameters": constants, "comparison": comparison.to_json(),
     }  # fmt: skip

@@ -5,9 +5,8 @@ from __future__ import annotations
 import hashlib
 import pickle
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -56,28 +55,13 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
     Example: sysid diagnose CLIPS --model fitted.toml
     """
     from sysid.clips.pieces import parent_clip
-    from sysid.estimation.split import begin
-    from sysid.report.findings import (
-        cut_line,
-        round_rows,
-        shot_lines,
-        verdict_lines,
-    )
+    from sysid.report.findings import cut_line, round_rows, shot_lines, verdict_lines
     from sysid.report.result_json import judgement_json
-    from sysid.selection.discover import propose_next
-    from sysid.selection.formula import describe
-    from sysid.selection.judge import diagnose_fit
-    from sysid.selection.remainder import remainder
+    from sysid.selection.diagnose import diagnose as diagnose_clips
 
     clip_set, model = start.load()
-    parts, base = begin(clip_set, model)
-    judged = diagnose_fit(parts, base)
-    unexplained: Mapping[str, Any] | None = None
-    if judged.formula is not None and judged.fitted_formula is not None:
-        unexplained = describe(judged.formula, judged.fitted_formula.fitted, judged.fitted_formula.evidence)
-    elif judged.name is None:
-        unexplained = remainder(judged.screening.base)
-    shot = propose_next(parts, base, (judged.screening,), (judged.name,) if judged.name else ())
+    found = diagnose_clips(clip_set, model)
+    parts, base, judged = found.parts, found.fitted, found.diagnosis
     progress.close()
     seen = judged.screening
     held_out = len({parent_clip(c.file) for c in parts.held_out.clips}) if parts.held_out else 0
@@ -88,10 +72,11 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
         )
     print(f"base: {seen.base.rms * 1e3:.3f} mm rms, held out {seen.base.held_rms * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
-    notes = [*([cut_line(parts)] if parts.cut else []), *verdict_lines(judged, unexplained), *shot_lines(shot)]
+    notes = [*([cut_line(parts)] if parts.cut else []), *verdict_lines(judged, found.unexplained)]
+    notes += shot_lines(found.next_shot)
     print("\n" + "\n".join(notes))
     if json_file:
-        write_json(json_file, judgement_json(parts, judged, unexplained, shot))
+        write_json(json_file, judgement_json(parts, judged, found.unexplained, found.next_shot))
     if report_file:
         from sysid.report.html import write_report
         from sysid.residuals.compare import compare

@@ -11,6 +11,7 @@ events.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -35,6 +36,17 @@ class ClipFit:
     model: Model  # with values and estimates
     segment_ratio: float  # median rms of the segments over noise
     band_rate: float  # discrepancy rate for 95 % of the residuals, those of shots in false optima included
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit ended at an optimum; standard deviations are valid only then."""
+        return self.fitted.converged
+
+    @property
+    def constants(self) -> dict[str, tuple[float, float]]:
+        """Value and standard deviation of each fitted constant, SI; nan where the fit did not converge."""
+        values = self.model.parameters()
+        return {n: (values[n], sd if self.converged else math.nan) for n, sd in self.fitted.sds.items()}
 
 
 def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> ClipFit:

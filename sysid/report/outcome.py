@@ -5,16 +5,13 @@ In: a `DiscoveryResult`. Out: files, each written by the module of this room tha
 
 from __future__ import annotations
 
-import dataclasses
 import logging
 import math
 from pathlib import Path
 
 from models.console import Progress, write_json
-from models.model_file import Model, write_model
+from models.model_file import write_model
 from sysid.clips import ClipSet
-from sysid.clips.pieces import parent_clip
-from sysid.estimation.fitted import FittedModel, as_model
 from sysid.report.findings import discovery_lines, label, labelled_models
 from sysid.report.html import Rung, write_report
 from sysid.report.recording import write_rrd
@@ -28,27 +25,13 @@ AXES_FACTOR = math.sqrt(2.0)  # rms distance in the plane over rms per axis
 log = logging.getLogger(__name__)
 
 
-def model_of(found: DiscoveryResult, now: FittedModel, command: str) -> Model:
-    """The model of one step of the ladder, with uncertainties, correlations and sources.
-
-    With a formula for what no effect explains, the constants are those of the fit that included it: without the
-    formula they bend to make up for what is missing.
-    """
-    if now is found.last and found.explained is not None:
-        now = dataclasses.replace(
-            found.explained, problem=found.explained.problem.with_model(now.model, found.explained.names)
-        )
-    files = list(dict.fromkeys(parent_clip(c.file) for c in found.parts.training.clips))
-    return as_model(now, command, files)
-
-
 def compare_at(number: int, clip_set: ClipSet, found: DiscoveryResult, command: str) -> tuple[str, Comparison]:
     """The label of one step of the ladder, and the comparison of its model with all clips."""
     fitted = found.ladder[number]
     initial_states = found.parts.states_of(fitted, [c.file for c in clip_set.clips])
     name = label(found.verdicts[number])
     log.info("comparing %s", name)
-    return name, compare(clip_set, model_of(found, fitted, command), initial_states)
+    return name, compare(clip_set, found.model_of(fitted, command), initial_states)
 
 
 def write_outcome(

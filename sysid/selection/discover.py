@@ -16,7 +16,8 @@ import numpy as np
 
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.estimation.fitted import FittedModel
+from sysid.clips.pieces import parent_clip
+from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.split import Split, begin, fit_on
 from sysid.selection.evidence import MAX_LOSS_RATIO, compare_fits, loss_ratio_without, remove_effect
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe
@@ -55,6 +56,23 @@ class DiscoveryResult:
     def last(self) -> FittedModel:
         """The fit that was found."""
         return self.ladder[-1]
+
+    @property
+    def model(self) -> Model:
+        """The model that was found, with values, standard deviations, correlations and sources."""
+        return self.model_of(self.last)
+
+    def model_of(self, fitted: FittedModel, command: str = "sysid discover") -> Model:
+        """The model of one step of the ladder.
+
+        With a formula for what no effect explains, the constants of the last step are those of the fit that included
+        it: without the formula they bend to make up for what is missing.
+        """
+        if fitted is self.last and self.explained is not None:
+            problem = self.explained.problem.with_model(fitted.model, self.explained.names)
+            fitted = dataclasses.replace(self.explained, problem=problem)
+        files = list(dict.fromkeys(parent_clip(c.file) for c in self.parts.training.clips))
+        return as_model(fitted, command, files)
 
     @property
     def confounded(self) -> tuple[tuple[str, str], ...]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import planner.plan
+import planner.planning
 from models.analytic.cue_impulse import Geometry
 from models.effects.cue.squirt import Squirt
 from models.model_file import full_model, write_model
@@ -19,7 +19,7 @@ from models.shot import Ball, Table
 from planner.cli.verbs import main
 from planner.launcher.cueing_map import CueingMap, write_map
 from planner.launcher.execution import Execution
-from planner.plan import make_plan, read_plan
+from planner.planning import make_plan, read_plan
 from planner.scene import read_scene, write_scene
 from planner.search.search import Effort
 from tests.planner.test_mapped_launcher import TRUE
@@ -38,7 +38,7 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     def quick(*args: Any, **kwargs: Any) -> dict[str, Any]:
         return make_plan(*args, **kwargs | {"effort": QUICK})
 
-    monkeypatch.setattr(planner.plan, "make_plan", quick)
+    monkeypatch.setattr(planner.planning, "make_plan", quick)
 
     def play(*words: str | Path) -> Said:
         return said_by(main, words, capsys)

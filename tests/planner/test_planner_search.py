@@ -23,7 +23,7 @@ from planner.evaluation.risk import draw_errors, evaluate
 from planner.evaluation.value import UtilityWeights, rest_distance
 from planner.launcher.execution import Execution
 from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel, launch
-from planner.plan import make_plan, read_plan
+from planner.planning import make_plan, read_plan
 from planner.scene import POCKETS, Goal, Scene, pocket_places, scene_from
 from planner.search import baseline
 from planner.search.candidates import (

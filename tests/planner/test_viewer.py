@@ -21,7 +21,7 @@ from models.shot import Table
 from planner.cli.verbs import main
 from planner.cli.view import GivenStroke, Shown, setup, view
 from planner.example_environment import example_scene
-from planner.plan import FORMAT
+from planner.planning import FORMAT
 from planner.scene import scene_dict
 from planner.viewer import RESET_KEY, STRIKE_KEY, Session, Setup, watch
 from sysid.cli.demo import EXAMPLE_FOLDER as CLIPS

@@ -10,8 +10,9 @@ kinds; and the reasons in words.
 from __future__ import annotations
 
 import json
+import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -53,26 +54,26 @@ TURNS_DEG = np.concatenate([np.arange(0.0, 0.2, 0.01), np.arange(0.2, 1.0, 0.02)
 YAW_SAMPLES = 256  # plays that estimate the pots at one turn of the yaw
 COARSE_STRIDE = 7  # of the turns that are tried first, before the interval with the limit is refined
 MAX_ALTERNATIVES = 4
+log = logging.getLogger(__name__)
 
 
 def make_plan(
-    scene: Scene, model: Model, execution: Execution, weights: UtilityWeights, *, method: str = "risk", seed: int = 0,
-    launcher: LauncherModel | None = None, effort: Effort | None = None, threads: int = 0,
-    report: Callable[[str], None] | None = None,
+    scene: Scene, model: Model, execution: Execution | None = None, weights: UtilityWeights | None = None, *,
+    method: str = "risk", seed: int = 0, launcher: LauncherModel | None = None, effort: Effort | None = None,
+    threads: int = 0,
 ) -> dict[str, Any]:  # fmt: skip
     """Plan a shot.
 
     Args:
         scene: balls and goal.
         model: fitted to the same table and ball.
-        execution: how well the launcher repeats.
-        weights: of the utility.
+        execution: how well the launcher repeats; the usual launcher if not given.
+        weights: of the utility; the usual ones if not given.
         method: "risk", the search under errors, or "ga", the paper's on the nominal model.
         seed: of all random numbers; the same seed gives the same plan at any number of threads.
         launcher: the default one if not given.
         effort: how much to compute.
         threads: at most; 0 for all.
-        report: receives messages about the progress.
 
     Returns:
         The plan as plain values; "stroke" is None if no shot is reasonable.
@@ -82,7 +83,7 @@ def make_plan(
     """
     if method not in METHODS:
         raise BadInput(f"method is {method!r}; choose from {', '.join(METHODS)}")
-    log, effort = report or (lambda line: None), effort or Effort()
+    execution, weights, effort = execution or Execution(), weights or UtilityWeights(), effort or Effort()
     player = Player(model, scene, launcher or LauncherModel(), threads)
     head: dict[str, Any] = {
         "format": FORMAT, "method": method, "seed": seed, "scene": scene_dict(scene),
@@ -90,13 +91,13 @@ def make_plan(
         "execution": asdict(execution), "wish": asdict(weights),
     }  # fmt: skip
     if method == "ga":
-        strokes, why = _baseline_stroke(player, execution, weights, seed, effort, log)
+        strokes, why = _baseline_stroke(player, execution, weights, seed, effort)
     else:
-        strokes = search(player, execution, weights, seed=seed, effort=effort, report=log)
+        strokes = search(player, execution, weights, seed=seed, effort=effort)
         why = _reasons(player, strokes, weights)
     if not strokes:
         return head | {"stroke": None, "launcher": None, "alternatives": [], "why": why}
-    log("tracks, and the tolerance of the yaw")
+    log.info("tracks, and the tolerance of the yaw")
     best = strokes[0].evaluation
     plan = _stroke_entries(player, strokes[0]) | {"why": why}
     plan["launcher"]["theta_tolerance_deg"] = yaw_tolerance(player, best.q, execution, seed + 2)
@@ -110,10 +111,10 @@ def make_plan(
 
 
 def _baseline_stroke(
-    player: Player, execution: Execution, weights: UtilityWeights, seed: int, effort: Effort, log: Callable[[str], None]
+    player: Player, execution: Execution, weights: UtilityWeights, seed: int, effort: Effort
 ) -> tuple[list[RankedStroke], str]:
     """The paper's stroke, evaluated under errors although it was chosen without them; and why, or why there is none."""
-    route, q, cost = baseline.search(player, seed=seed, report=log)
+    route, q, cost = baseline.search(player, seed=seed)
     pocket = pocket_name(POCKETS[route.pocket])
     if cost > baseline.VIOLATION_COST_M2:
         reason = f": {route.obstacle}" if route.obstacle else ""

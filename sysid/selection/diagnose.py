@@ -1,0 +1,56 @@
+"""One diagnosis from clips: fit the model, and say which effect it lacks.
+
+In: a `ClipSet` and a `Model`. Out: a `ClipDiagnosis`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from models.model_file import Model
+from sysid.clips import ClipSet
+from sysid.estimation.fitted import FittedModel
+from sysid.estimation.split import Split, begin
+from sysid.selection.discover import propose_next
+from sysid.selection.formula import describe
+from sysid.selection.judge import Diagnosis, diagnose_fit
+from sysid.selection.next_shot import NextShot
+from sysid.selection.remainder import remainder
+
+
+@dataclass(frozen=True)
+class ClipDiagnosis:
+    """What a model lacks by a set of clips."""
+
+    parts: Split
+    fitted: FittedModel  # the model whose residuals are explained, on whole shots
+    diagnosis: Diagnosis
+    unexplained: Mapping[str, Any] | None  # a formula or a remark on what no effect explains, as result.json has it
+    next_shot: NextShot | None
+
+    @property
+    def verdict(self) -> str | None:
+        """The effect to add; None if none is named."""
+        return self.diagnosis.name
+
+    @property
+    def ranking(self) -> tuple[tuple[str, float], ...]:
+        """Candidates that were fitted, best first, each with its delta BIC over the model."""
+        return tuple((one.name, one.evidence.delta_bic) for one in self.diagnosis.screening.fits)
+
+
+def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
+    """Fit the model to the clips and search what it lacks; every fifth clip is held out."""
+    parts, base = begin(clip_set, model)
+    diagnosis = diagnose_fit(parts, base)
+    unexplained: Mapping[str, Any] | None = None
+    if diagnosis.formula is not None and diagnosis.fitted_formula is not None:
+        fitted = diagnosis.fitted_formula
+        unexplained = describe(diagnosis.formula, fitted.fitted, fitted.evidence)
+    elif diagnosis.name is None:
+        unexplained = remainder(diagnosis.screening.base)
+    named = (diagnosis.name,) if diagnosis.name else ()
+    shot = propose_next(parts, base, (diagnosis.screening,), named)
+    return ClipDiagnosis(parts, base, diagnosis, unexplained, shot)
