@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,19 +59,13 @@ def test_a_fit_from_python_is_that_of_the_command(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_hidden_effect_is_found_from_python() -> None:
-    clips = sysid.read_clips(EXAMPLE_FOLDER)
-    diagnosis = sysid.diagnose(clips)
-    assert diagnosis.verdict == "table_tilt"
-    assert diagnosis.ranking[0][0] == "table_tilt"
-    found = sysid.discover(clips)
-    assert found.verdict == ("table_tilt",)
-    assert "table_tilt.slope_x" in found.model.estimates
-
-
-@pytest.mark.slow
-def test_a_plan_from_python() -> None:
-    asked = planner.read_scene(ROOT / "planner" / "example.toml")
-    made = planner.plan(asked, models.full_model(asked.table, asked.ball))
-    assert made["format"] == "billiard-plan/1"
-    assert made["stroke"] is not None
+def test_the_python_of_the_readme_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    names: dict[str, Any] = {}
+    for block in re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.DOTALL | re.MULTILINE):
+        exec(block, names)
+    assert names["found"].verdict == ("table_tilt",)
+    assert "table_tilt.slope_x" in names["found"].model.estimates
+    assert names["made"]["stroke"] is not None
+    diagnosis = sysid.diagnose(names["clips"])
+    assert diagnosis.verdict == diagnosis.ranking[0][0] == "table_tilt"
