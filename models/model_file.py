@@ -25,6 +25,7 @@ from models.effect import Effect
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf.native import Native
+from models.pocket_shape import read_pockets
 from models.shot import Ball, Table
 
 MODEL_FORMAT = "billiard-model/1"
@@ -281,9 +282,10 @@ def read_model(path: Path | str) -> Model:
             )
     length, width = (_size(data, path, "table", key) for key in ("length", "width"))
     diameter, mass = (_size(data, path, "ball", key) for key in ("diameter", "mass"))
-    pockets = data["table"].get("pockets")
-    if not isinstance(pockets, bool):
-        raise BadInput(f"{path} [table]: pockets is {pockets!r}; give true or false")
+    try:
+        pockets = read_pockets(data["table"].get("pockets"))
+    except BadInput as error:
+        raise BadInput(f"{path} [table]: {error}") from error
     table, ball = Table(length, width, pockets), Ball(diameter, mass)
     values, estimates = _numbers(data.get("native", {}), f"{path} [native]", Native)
     model = Model(

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from models.pocket_shape import SNOOKER_POCKETS, PocketShapes
+
 Array = NDArray[np.float64]
 
 GRAVITY = 9.81  # [m/s^2]
 RAIL_NAMES = ("+x", "-x", "+y", "-y")  # the cushions, by the side of the table they stand on
-POCKET_MOUTH = 0.090  # of all six pockets [m] (Robotic Billiards 2015)
-MIDDLE_ACCEPTANCE = 0.055  # half width that the jaws of a middle pocket let in [m] (Robotic Billiards 2015)
 NOSE_HEIGHT = 1.4  # cushion nose over ball radius: 7R/5 (Mathavan, Jackson, Parkin 2010)
 NOSE_SINE = NOSE_HEIGHT - 1.0  # sine of the contact normal's elevation at the nose
 NOSE_COSINE = float(np.sqrt(1.0 - NOSE_SINE**2))
@@ -29,7 +29,12 @@ class Table:
 
     length: float  # along x [m]
     width: float  # along y [m]
-    pockets: bool = True
+    pockets: bool | PocketShapes = True  # True for those of snooker, False for none
+
+    @property
+    def shapes(self) -> PocketShapes:
+        """The shapes of its pockets, if it has any."""
+        return self.pockets if isinstance(self.pockets, PocketShapes) else SNOOKER_POCKETS
 
     def centre_limits(self, ball: Ball) -> Array:
         """Largest |x|, |y| of a ball's centre, touching the noses: (2,) [m]."""
@@ -37,7 +42,8 @@ class Table:
 
     def mouths(self) -> Array:
         """Where a rail takes no ball but a pocket does: from a corner, from a middle; capture at a corner: (3,) [m]."""
-        return np.array([POCKET_MOUTH / np.sqrt(2), MIDDLE_ACCEPTANCE, POCKET_MOUTH / 2]) * self.pockets
+        corner, middle = self.shapes.corner.acceptance, self.shapes.middle.acceptance
+        return np.array([2 * corner / np.sqrt(2), middle, corner]) * bool(self.pockets)
 
     def to_pocket(self, xy: Array) -> Array:
         """From places (..., 2) to where the nose lines meet, or to the middle of a long one, the nearest: (...) [m]."""

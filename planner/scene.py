@@ -22,7 +22,8 @@ import tomli_w
 
 from models.errors import BadInput
 from models.files import read_toml, write_whole
-from models.shot import MIDDLE_ACCEPTANCE, Array, Ball, Table
+from models.pocket_shape import read_pockets
+from models.shot import Array, Ball, Table
 from sysid.clips.faults import CLIPS_TOML, Faults, closest, listed, name_fault, one_line, shown
 from sysid.clips.header import MAX_BALL_DENSITY_KG_M3, MIN_BALL_DENSITY_KG_M3, MIN_BALLS_ACROSS_TABLE
 from sysid.clips.keys import NUMBER_BOUNDS, Place, read_numbers
@@ -80,9 +81,13 @@ def pocket_name(pocket: Pocket) -> str:
 
 def pocket_of(xy: Array, table: Table, ball: Ball) -> Pocket | None:
     """The pocket that a ball at (2,) [m] has fallen into; None for one on the table, on the brink too."""
+    corner = table.shapes.corner
+    beyond = corner.edge_depth(corner=True) / math.sqrt(2)
     for pocket, place in pocket_places(table).items():
-        past = abs(xy[1]) > table.centre_limits(ball)[1] + MAX_OVERLAP_M and abs(xy[0]) < MIDDLE_ACCEPTANCE
-        if np.hypot(*(xy - place)) < table.mouths()[2] and (pocket[0] or past):
+        if pocket[0] and np.hypot(*(xy - place - beyond * np.array(pocket))) < corner.edge_radius:
+            return pocket
+        past = abs(xy[1]) > table.centre_limits(ball)[1] + MAX_OVERLAP_M and abs(xy[0]) < table.mouths()[1]
+        if not pocket[0] and past and np.hypot(*(xy - place)) < table.shapes.middle.mouth / 2:
             return pocket
     return None
 
@@ -203,8 +208,10 @@ def _sizes(data: Mapping[str, Any], where: str) -> tuple[Table, Ball]:
             _refuse(f"{where} [{name}]", faults.lines()[0].removeprefix(f"{CLIPS_TOML}: "))
     length, width = sizes["table"]["length"], sizes["table"]["width"]
     diameter, mass = sizes["ball"]["diameter"], sizes["ball"]["mass"]
-    if not isinstance(pockets := data["table"].get("pockets", True), bool):
-        _refuse(f"{where} [table]", f"pockets = {shown(pockets)} is not true or false: write one of them")
+    try:
+        pockets = read_pockets(data["table"].get("pockets", True))
+    except BadInput as error:
+        _refuse(f"{where} [table]", str(error))
     if not pockets:
         _refuse(f"{where} [table]", "pockets = false leaves no pocket to play for: write true, or remove it")
     if width > length:

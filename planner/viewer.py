@@ -53,7 +53,9 @@ class Session:
     def __init__(self, model: Model, setup: Setup, timestep: float = STEP_S) -> None:
         """Compile the table with its furniture, and place the balls."""
         self.setup = setup
-        self.world = World(model, setup.names, timestep=timestep, jaws=model.table.pockets, furnished=True, marked=True)
+        self.world = World(
+            model, setup.names, timestep=timestep, jaws=bool(model.table.pockets), furnished=True, marked=True
+        )
         self.velocity, self.spin = launch(np.array([setup.stroke]), setup.elevation, model.ball)
         self.data = mujoco.MjData(self.world.mj_model)
         self.reset()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from models import record as rec
 from models.analytic.events import DEAD_SPEED, in_mouth
-from models.analytic.pocket import JAW_RAILS, outward
+from models.analytic.pocket import JAW_RAILS, is_facing, outward
 from models.compiled import compiled, compiled_in_place
 from models.engine.motion import POTTED
 from models.hooks import STROKE_FIELDS, Table, call_hook
@@ -160,6 +160,10 @@ def part(b, i, j, rail, jaws, radius, limits):  # type: ignore[no-untyped-def]
     elif rail < 4:
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
         b[i, k] = sign * min(sign * b[i, k], limits[k])
+    elif is_facing(jaws[rail - 4]):
+        x, y = jaws[rail - 4, 3], jaws[rail - 4, 4]
+        more = max(x * (b[i, 0] - jaws[rail - 4, 0]) + y * (b[i, 1] - jaws[rail - 4, 1]), 0.0)
+        b[i, 0], b[i, 1] = b[i, 0] - more * x, b[i, 1] - more * y
     else:
         x, y = jaws[rail - 4, 0] - b[i, 0], jaws[rail - 4, 1] - b[i, 1]
         d = math.sqrt(x * x + y * y)

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from models.analytic.events import CLOSED_GAP_M, MIN_IMPACT_SPEED, in_mouth, line, meeting
-from models.analytic.pocket import straight
+from models.analytic.pocket import is_facing, meet_jaw, straight
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
 from models.engine.motion import CURVE, POTTED, REST, place, pull
@@ -35,18 +35,17 @@ def _wait(gap, closing, bound):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _to_line(b, m, kind, k, sign, level, t, end):  # type: ignore[no-untyped-def]
-    """When a ball on a curve comes to the line sign * coordinate k = level; inf for not before the end."""
+def _to_line(b, m, kind, nx, ny, level, t, end):  # type: ignore[no-untyped-def]
+    """When a ball on a curve comes to the line nx x + ny y = level; inf for not before the end."""
     first = True
     for _ in range(MOST_STEPS):
         x, y, vx, vy = place(b, m, kind, t)
-        gap = level - sign * (x if k == 0 else y)
-        closing = sign * (vx if k == 0 else vy)
+        gap, closing = level - (nx * x + ny * y), nx * vx + ny * vy
         if gap <= CLOSED_GAP_M and closing > MIN_IMPACT_SPEED:
             return t
         if gap <= CLOSED_GAP_M and closing >= -MIN_IMPACT_SPEED and first:
             ax, ay = pull(b, m, kind, t)
-            if sign * (ax if k == 0 else ay) > 0.0:
+            if nx * ax + ny * ay > 0.0:
                 return -1.0
         first = False
         wait = _wait(gap, closing, b[col.BOUND])
@@ -143,8 +142,11 @@ def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, un
     if bent:
         for k in range(jaws.shape[0] + falls.shape[0]):
             fall = k >= jaws.shape[0]
-            at = falls[k - jaws.shape[0]] if fall else jaws[k]
-            t = meeting(b[col.X] - at[0], b[col.Y] - at[1], b[col.VX], b[col.VY], b[col.AX], b[col.AY], at[2], h)
+            if fall:
+                at = falls[k - jaws.shape[0]]
+                t = meeting(b[col.X] - at[0], b[col.Y] - at[1], b[col.VX], b[col.VY], b[col.AX], b[col.AY], at[2], h)
+            else:
+                t = meet_jaw(jaws[k], b[col.X], b[col.Y], b[col.VX], b[col.VY], b[col.AX], b[col.AY], h)
             if t == -1.0:
                 if not fall:
                     _look_again(b, what, i)
@@ -175,6 +177,28 @@ def _look_again(b, what, i):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
+def _meet_facing_on_curve(b, m, what, i, jaw, number, now, end):  # type: ignore[no-untyped-def]
+    nx, ny = jaw[3], jaw[4]
+    level = nx * jaw[0] + ny * jaw[1]
+    if level - (nx * b[col.X] + ny * b[col.Y]) < -CLOSED_GAP_M:
+        # Behind its line, elsewhere: once it has come out, it is looked at again.
+        t = _to_line(b, m, CURVE, -nx, -ny, -level, now, end)
+        if t != -1.0 and t < b[col.MEET]:
+            b[col.MEET], what[i, 0] = t, SWITCH
+        return
+    t = _to_line(b, m, CURVE, nx, ny, level, now, end)
+    if t == np.inf:
+        return
+    x, y, _, _ = place(b, m, CURVE, max(t, now))
+    if abs(nx * (y - jaw[1]) - ny * (x - jaw[0])) > jaw[2]:
+        return
+    if t < 0.0:
+        _look_again(b, what, i)
+    elif t < b[col.MEET]:
+        b[col.MEET], what[i, 0], what[i, 1] = t, CUSHION, number
+
+
+@compiled_in_place
 def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
     now, end = b[col.CLOCK], min(b[col.END], until)
     if end <= now:
@@ -186,15 +210,16 @@ def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays
     for rail in range(4):
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
         o, gap = 1 - k, limits[k] - sign * b[k]
+        nx, ny = (sign, 0.0) if k == 0 else (0.0, sign)
         if gap > CLOSED_GAP_M and min(gap, limits[k] - sign * (ex if k == 0 else ey)) > sagitta:
             continue
         if bent and gap < -CLOSED_GAP_M and in_mouth(b[o], rail, half, mouths):
             # Between the jaws, beyond the line: once it has come out, it is looked at again.
-            t = _to_line(b, m, CURVE, k, -sign, -limits[k], now, end)
+            t = _to_line(b, m, CURVE, -nx, -ny, -limits[k], now, end)
             if t != np.inf and t != -1.0 and t < b[col.MEET]:
                 b[col.MEET], what[i, 0] = t, SWITCH
             continue
-        t = _to_line(b, m, CURVE, k, sign, limits[k], now, end)
+        t = _to_line(b, m, CURVE, nx, ny, limits[k], now, end)
         if t == np.inf:
             continue
         if t < 0.0:
@@ -207,7 +232,7 @@ def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays
             if bent:
                 continue
             found = POCKET
-            t = _to_line(b, m, CURVE, k, sign, half[k], now, end)
+            t = _to_line(b, m, CURVE, nx, ny, half[k], now, end)
         if t >= 0.0 and t < b[col.MEET]:
             b[col.MEET], what[i, 0], what[i, 1] = t, found, rail
     if bent:
@@ -215,6 +240,9 @@ def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays
             fall = k >= jaws.shape[0]
             at = falls[k - jaws.shape[0]] if fall else jaws[k]
             if _apart(at[0] - b[col.X], at[1] - b[col.Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED_GAP_M + sagitta:
+                continue
+            if not fall and is_facing(at):
+                _meet_facing_on_curve(b, m, what, i, at, 4 + k, now, end)
                 continue
             t = _to_point(b, m, at[0], at[1], at[2], now, end)
             if t == -1.0:

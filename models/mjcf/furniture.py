@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from models.mjcf.snooker import D_RADIUS_M, FULL_LENGTH, spots
+from models.pocket_shape import SNOOKER_POCKETS
 from models.shot import NOSE_HEIGHT, Array, Table
 
 RUBBER_END_M, FRAME_END_M = 0.05, 0.13  # where the rubber ends and the frame ends, from the nose line [m]
@@ -21,9 +22,10 @@ BEVEL_M = 0.008  # of the frame [m]
 LIP_HEIGHT_M = 0.006  # of the frame over the nose [m]
 FRAME_DEPTH_M = 0.16  # depth of the frame [m]
 TABLE_HEIGHT_M = 0.86  # of the playing surface over the floor [m]
-CORNER_POCKET, MIDDLE_POCKET = (0.012, 0.052), (0.040, 0.048)  # pockets: centre beyond the nose line, radius [m]
+CORNER_POCKET, MIDDLE_POCKET = (0.012, 0.052), (0.040, 0.048)  # of snooker: centre beyond the nose line, radius [m]
 LEATHER_THICKNESS_M = 0.007  # thickness [m]
-JAW_ROUNDING = {"corner": (0.055, 0.95), "middle": (0.022, 1.3), "": (0.0, 0.0)}  # radius [m], angle [rad]
+CORNER_ROUNDING, MIDDLE_ROUNDING = (0.055, 0.95), (0.022, 1.3)  # of snooker's jaws: radius [m], angle [rad]
+MIN_ROUNDING_M = 0.002  # of a sharp nose, as drawn
 ARC_PIECES = 24  # pieces of a rounding
 
 
@@ -94,11 +96,15 @@ def _disc(spec: mujoco.MjSpec, name: str, material: str, xy: Array, radius: floa
     )
 
 
-def _jaw(table: Table, point: Array) -> str:
-    """What a cushion's end belongs to."""
+def _rounding(table: Table, point: Array) -> tuple[float, float]:
+    """Radius [m] and angle [rad] by which a cushion's end is rounded, in proportion to those of snooker."""
     if not table.pockets:
-        return ""
-    return "middle" if abs(point[0]) < table.length / 4 else "corner"
+        return 0.0, 0.0
+    middle = abs(point[0]) < table.length / 4
+    (radius, angle), own = (MIDDLE_ROUNDING, table.shapes.middle) if middle else (CORNER_ROUNDING, table.shapes.corner)
+    usual = SNOOKER_POCKETS.middle if middle else SNOOKER_POCKETS.corner
+    turn = (np.pi - own.cut_angle) / (np.pi - usual.cut_angle)
+    return max(radius * (own.nose_radius / usual.nose_radius), MIN_ROUNDING_M), angle * turn
 
 
 def _cushion(spec: mujoco.MjSpec, number: int, table: Table, ends: Array, outward: Array, nose: float) -> None:
@@ -106,7 +112,7 @@ def _cushion(spec: mujoco.MjSpec, number: int, table: Table, ends: Array, outwar
     along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     path, normals = [], []
     for point, forward in ((ends[0], -along), (ends[1], along)):
-        radius, angle = JAW_ROUNDING[_jaw(table, point)]
+        radius, angle = _rounding(table, point)
         turn = np.linspace(0.0, angle, ARC_PIECES if radius else 1)[:, None]
         centre = point - forward * radius * np.sin(angle) + radius * outward
         normal = outward * np.cos(turn) - forward * np.sin(turn) if radius else (outward + forward)[None]
@@ -127,7 +133,9 @@ def _cushion(spec: mujoco.MjSpec, number: int, table: Table, ends: Array, outwar
 def _hole(table: Table, x: float, y: float) -> tuple[Array, float]:
     """Centre (2,) and radius of the opening of the pocket at (x, y) [m]."""
     beyond, radius = CORNER_POCKET if x else MIDDLE_POCKET
-    return np.array([x, y]) + beyond * np.sign([x, y]), radius
+    shape = table.shapes.corner if x else table.shapes.middle
+    scale = shape.mouth / (SNOOKER_POCKETS.corner if x else SNOOKER_POCKETS.middle).mouth
+    return np.array([x, y]) + scale * beyond * np.sign([x, y]), scale * radius
 
 
 def _frame(spec: mujoco.MjSpec, table: Table, pockets: Array, top: float) -> None:

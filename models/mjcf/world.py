@@ -18,7 +18,7 @@ import numpy as np
 from models.analytic.spring import NOSE_RADIUS
 from models.effect import Effect
 from models.mjcf.furniture import furnish
-from models.shot import NOSE_COSINE, NOSE_SINE, POCKET_MOUTH, Array, Ball, Table
+from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball, Table
 
 BASE_FILE = Path(__file__).with_name("base.xml")
 BED_DEPTH = 0.05  # [m]
@@ -59,8 +59,8 @@ class Rail:
 def rails(table: Table) -> tuple[Rail, ...]:
     """The cushions of a table: four, or six between the pockets."""
     lx, ly = table.length / 2, table.width / 2
-    corner = POCKET_MOUTH / np.sqrt(2) if table.pockets else 0.0
-    middle = POCKET_MOUTH / 2
+    corner = table.shapes.corner.mouth / np.sqrt(2) if table.pockets else 0.0
+    middle = table.shapes.middle.mouth / 2
     found = []
     for s, sign in (("+", 1.0), ("-", -1.0)):
         found.append(Rail(f"{s}x", (sign * lx, corner - ly), (sign * lx, ly - corner)))

@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
+from models.pocket_shape import read_pockets
 from models.recording.file import whole_recording
 from models.recording.palette import FLOOR_COLOUR, Colour, ball_colour
 from models.recording.shots import PATH_HEIGHT_M, Out, draw_table, lift
-from models.shot import NOSE_COSINE, POCKET_MOUTH, Array, Ball, Table
+from models.shot import NOSE_COSINE, Array, Ball, Table
 
 PLAN_APPLICATION, PLAN_FORMAT = "cuelab_plan", "billiard-plan/1"
 OUTCOME_COLOURS: Mapping[str, Colour] = {"potted": (86, 190, 255), "missed": (255, 159, 28), "foul": (255, 122, 217)}
@@ -47,7 +48,8 @@ def scene_of(plan: Mapping[str, Any]) -> tuple[Table, Ball, dict[str, Array]]:
         raise BadInput(f"format = {plan.get('format')!r} is no plan; give what `planner plan` writes ({PLAN_FORMAT!r})")
     try:
         scene = plan["scene"]
-        table = Table(**{key: scene["table"][key] for key in ("length", "width", "pockets") if key in scene["table"]})
+        given = scene["table"]
+        table = Table(given["length"], given["width"], read_pockets(given.get("pockets", True)))
         ball = Ball(float(scene["ball"]["diameter"]), float(scene["ball"]["mass"]))
         return table, ball, {name: np.array(xy, float).reshape(2) for name, xy in scene["balls"].items()}
     except (KeyError, TypeError, ValueError) as error:
@@ -65,8 +67,10 @@ def dropped(table: Table, ball: Ball, xy: Array) -> bool:
     if not table.pockets:
         return False
     over = np.array([table.length, table.width]) / 2 - np.abs(xy)
-    beyond = bool(np.any(over < ball.radius * NOSE_COSINE - FALL_SLACK_M) and table.to_pocket(xy) < POCKET_MOUTH)
-    return beyond or float(np.hypot(*over)) < POCKET_MOUTH / 2 + FALL_SLACK_M
+    corner, middle = table.shapes.corner.mouth, table.shapes.middle.mouth
+    mouth = corner if abs(xy[0]) > table.length / 4 else middle
+    beyond = bool(np.any(over < ball.radius * NOSE_COSINE - FALL_SLACK_M) and table.to_pocket(xy) < mouth)
+    return beyond or float(np.hypot(*over)) < corner / 2 + FALL_SLACK_M
 
 
 def fate(draw: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from models.recording.palette import CLOTH_COLOUR, CUSHION_COLOUR, POCKET_COLOUR, RAIL_COLOUR
-from models.shot import POCKET_MOUTH, Table
+from models.shot import Table
 
 TABLE_MARGIN_M = 0.11  # of cushions and rail around the playing surface, as drawn
 CUSHION_DRAWN_M = 0.05
@@ -30,7 +30,8 @@ def draw_table(ax: Any, table: Table, *, dark: bool) -> None:
         centres = [(sx * half[0], sy * half[1]) for sx in (-1, 0, 1) for sy in (-1, 1)]
         for x, y in centres:
             deeper = (x + 0.015 * np.sign(x), y + (0.015 if x else 0.03) * np.sign(y))
-            ax.add_patch(circle(deeper, POCKET_MOUTH / 2, fc=rgb(POCKET_COLOUR), ec="none", zorder=3))
+            radius = (table.shapes.corner if x else table.shapes.middle).mouth / 2
+            ax.add_patch(circle(deeper, radius, fc=rgb(POCKET_COLOUR), ec="none", zorder=3))
     edge = half + TABLE_MARGIN_M
     ax.set(xlim=(-edge[0], edge[0]), ylim=(-edge[1], edge[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     ax.spines[["left", "bottom"]].set_visible(False)

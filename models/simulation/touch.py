@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.events import LEAN_SPEED, in_mouth, line, meeting
-from models.analytic.pocket import straight
+from models.analytic.pocket import meet_jaw, outward, straight
 from models.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ def next_touch(
 
     Positions (nsim, nball, 3); `limits` and `half` (2,): where centres meet the cushions, and the nose lines;
     `mouths` (corner, middle, capture) [m], zeros on a table without pockets; where pockets have jaws the ends of
-    the straight cushions, `jaws` the arcs and `edges` the falls of models/analytic/pocket.py, otherwise of no rows;
+    the straight cushions, `jaws` and `edges` the falls of models/analytic/pocket.py, otherwise of no rows;
     `falls` (nsim, nball): which balls a pocket takes; `what`: balls?, cushions?
     `quiet` (nsim, nball, nball + 4 + jaws): for how long bodies that lean on each other need no other look [s].
     """
@@ -93,14 +93,13 @@ def next_touch(
                     if 0.0 <= t < h:
                         h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, k
                 for k in range(jaws.shape[0]):
-                    x, y = p[0] - jaws[k, 0], p[1] - jaws[k, 1]
-                    t = meeting(x, y, v[0], v[1], a[0], a[1], jaws[k, 2], h)
+                    t = meet_jaw(jaws[k], p[0], p[1], v[0], v[1], a[0], a[1], h)
                     if t == -1.0:
                         push = min(push, PUSH_STEP)
                         continue
                     if quiet[s, i, nball + 4 + k] > t:
-                        x, y = x + v[0] * t, y + v[1] * t
-                        closing = -(x * (v[0] + a[0] * t) + y * (v[1] + a[1] * t)) / jaws[k, 2]
+                        x, y = outward(4 + k, p[0] + v[0] * t, p[1] + v[1] * t, jaws)
+                        closing = x * (v[0] + a[0] * t) + y * (v[1] + a[1] * t)
                         t = quiet[s, i, nball + 4 + k] if closing < LEAN_SPEED else t
                     if t < h or (t == h and hit[s, 0] == 0):
                         h, hit[s, 0], hit[s, 1], hit[s, 2] = t, CUSHION, i, 4 + k

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from models.errors import BadInput
+from models.pocket_shape import PocketShapes, read_pockets
 from models.shot import Ball, Table
 from sysid.clips.faults import CLIPS_TOML, Faults, find_file, name_fault, path_fault, read_text, shown
 from sysid.clips.keys import NUMBER_BOUNDS, Place, read_numbers, slips, unknown_keys
@@ -112,17 +114,19 @@ def _section(
 def _table(values: Mapping[str, float], document: Mapping[str, Any], text: str, faults: Faults) -> Table | None:
     if not {"length", "width"} <= values.keys():
         return None
-    place, pockets = Place(text, "table"), document["table"].get("pockets", True)
-    if not isinstance(pockets, bool):
-        faults.add(
-            CLIPS_TOML, f"pockets = {shown(pockets)} is not true or false: write one of them", place.line("pockets")
-        )
+    place = Place(text, "table")
+    pockets: bool | PocketShapes = True
+    try:
+        pockets = read_pockets(document["table"].get("pockets", True))
+    except BadInput as error:
+        line = Place(text, "table.pockets").line()
+        faults.add(CLIPS_TOML, str(error), place.line("pockets") if line is None else line)
     if values["width"] > values["length"]:
         problem = (
             f"width = {values['width']:g} exceeds length = {values['length']:g}: exchange them, x is along the table"
         )
         faults.add(CLIPS_TOML, problem, place.line("width"))
-    return Table(values["length"], values["width"], pockets is not False)
+    return Table(values["length"], values["width"], pockets)
 
 
 def _ball(values: Mapping[str, float], text: str, faults: Faults) -> Ball | None:

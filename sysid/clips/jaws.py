@@ -12,7 +12,7 @@ import dataclasses
 
 import numpy as np
 
-from models.analytic.pocket import pockets_of
+from models.analytic.pocket import jaw_gaps, pockets_of
 from models.errors import BadInput
 from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet, Observation
@@ -26,7 +26,7 @@ def before_jaws(clip_set: ClipSet) -> ClipSet:
     """Cut every clip at the first touch of a jaw; leave out clips of which too few samples remain."""
     try:
         jaws = pockets_of(clip_set.table, clip_set.ball).jaws
-    except BadInput:  # other pockets than snooker's: nothing is known of their jaws
+    except BadInput:  # pockets that do not take these balls
         return clip_set
     if len(jaws) == 0:
         return clip_set
@@ -56,7 +56,7 @@ def _before(clip: Clip, clip_set: ClipSet, jaws: Array) -> Clip:
 
 def _touched(seen: Observation, jaws: Array) -> float | None:
     """When a ball that moves first meets a jaw [s]."""
-    gap = np.hypot(*(seen.xy[:, None] - jaws[None, :, :2]).transpose(2, 0, 1)) - jaws[:, 2]
+    gap = jaw_gaps(seen.xy, jaws)
     met = np.flatnonzero((gap < JAW_MARGIN_M).any(axis=1))
     if met.size == 0 or np.ptp(seen.xy, axis=0).max() < JAW_MARGIN_M:
         return None

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shot import NOSE_HEIGHT, POCKET_MOUTH
+from models.shot import NOSE_HEIGHT
 from sysid.vision.camera.projection import Array, Camera
 from tests.footage.motion import Cue, Motion
 
@@ -144,7 +144,7 @@ def _ground(camera: Camera, pixels: Array) -> Array:
     out[beyond > RUBBER] = WOOD
     out[beyond > RUBBER + FRAME] = FLOOR
     if table.pockets:
-        back = POCKET_MOUTH / 2
+        back = table.shapes.corner.mouth / 2
         for sx in (-1, 0, 1):
             for sy in (-1, 1):
                 middle = np.array([sx * half[0], sy * half[1]]) + (0.3 if sx else 1.0) * back * np.array([sx, sy])

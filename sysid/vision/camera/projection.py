@@ -7,6 +7,7 @@ at 45 degrees, the point of the cloth behind a centre is a radius away from the 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.files import read_toml, write_whole
+from models.pocket_shape import PocketShapes, read_pockets
 from models.shot import Ball, Table
 
 Array = NDArray[np.float64]
@@ -134,7 +136,7 @@ def write_camera(path: Path | str, camera: Camera) -> None:
         "translation": np.asarray(camera.translation, float).tolist(),
         "readout": float(camera.readout),
         "source": camera.source,
-        "table": {"length": camera.table.length, "width": camera.table.width, "pockets": camera.table.pockets},
+        "table": dataclasses.asdict(camera.table),
         "ball": {"diameter": camera.diameter},
     }
     if math.isfinite(camera.residual_m):
@@ -157,10 +159,17 @@ def read_camera(path: Path | str) -> Camera:
     return Camera(
         (width, height), _numbers(path, data, "matrix", (3, 3)), _numbers(path, data, "distortion", (5,)),
         _numbers(path, data, "rotation", (3,)), _numbers(path, data, "translation", (3,)),
-        Table(_positive(path, table, "length"), _positive(path, table, "width"), bool(table.get("pockets", True))),
+        Table(_positive(path, table, "length"), _positive(path, table, "width"), _pockets(path, table)),
         _positive(path, ball, "diameter"), float(data.get("residual_m", math.nan)), float(data.get("readout", 0.0)),
         str(data.get("source", "")),
     )  # fmt: skip
+
+
+def _pockets(path: Path | str, table: dict[str, Any]) -> bool | PocketShapes:
+    try:
+        return read_pockets(table.get("pockets", True))
+    except BadInput as error:
+        raise BadInput(f"{path} [table]: {error}") from error
 
 
 def _section(path: Path | str, data: dict[str, Any], name: str) -> dict[str, Any]:

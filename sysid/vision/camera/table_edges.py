@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, grey_opening
 from scipy.signal import find_peaks
 
-from models.shot import NOSE_HEIGHT, POCKET_MOUTH
+from models.shot import NOSE_HEIGHT
 from sysid.vision.camera.projection import Array, Camera
 
 Image = NDArray[np.float32]
@@ -87,7 +87,8 @@ def strip(picture: Image, camera: Camera, rail: int, low: float, high: float, fi
     Pockets are left out, as is what lies outside the picture.
     """
     half = (camera.table.length, camera.table.width)[1 - rail // 2] / 2
-    ends = half - (CORNER_MARGIN_MOUTHS * POCKET_MOUTH if camera.table.pockets else BARE_CORNER_MARGIN_M)
+    shapes = camera.table.shapes
+    ends = half - (CORNER_MARGIN_MOUTHS * shapes.corner.mouth if camera.table.pockets else BARE_CORNER_MARGIN_M)
     coarse = np.linspace(-ends, ends, 400)
     coarse = coarse[_visible(camera, rail, coarse, low, high)]
     if len(coarse) < 20:
@@ -101,7 +102,7 @@ def strip(picture: Image, camera: Camera, rail: int, low: float, high: float, fi
     along = np.arange(coarse[0], coarse[-1], size)
     along = along[_visible(camera, rail, along, low, high)]
     if camera.table.pockets and rail >= 2:
-        along = along[np.abs(along) > MIDDLE_MARGIN_MOUTHS * POCKET_MOUTH]
+        along = along[np.abs(along) > MIDDLE_MARGIN_MOUTHS * shapes.middle.mouth]
     if len(along) < 4 * SIDE_PARTS:
         return None
     across = np.arange(low, high, fine * size)

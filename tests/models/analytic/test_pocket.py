@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from models.analytic.events import in_mouth
-from models.analytic.pocket import CORNER_JAW, JAW_RAILS, outward, pockets_of, rail_of, straight
+from models.analytic.pocket import JAW_RAILS, outward, pockets_of, rail_of, straight
 from models.engine.play import Result, finish, play
 from models.errors import BadInput
 from models.model_file import full_model
+from models.pocket_shape import SNOOKER_POCKETS
 from models.shot import NOSE_COSINE, Ball, Shot, Table
 
 Array = NDArray[np.float64]
@@ -81,13 +82,13 @@ def near_pockets(n: int, seed: int = 2, nball: int = 4) -> tuple[Array, Array, A
 
 def clear(xy: Array) -> Array:
     """How far centres (n, 2) are from the nearest jaw or edge: (n,) [m]."""
-    round_ = np.vstack([POCKETS.jaws, POCKETS.falls])
+    round_ = np.vstack([POCKETS.jaws[:, :3], POCKETS.falls])
     return (np.linalg.norm(xy[:, None] - round_[:, :2], axis=-1) - round_[:, 2]).min(axis=1)
 
 
 def test_jaws_go_on_from_the_cushions_and_leave_a_clean_way() -> None:
     corner, middle, _ = POCKETS.ends
-    for number, (x, y, rho) in enumerate(POCKETS.jaws):
+    for number, (x, y, rho, *_) in enumerate(POCKETS.jaws):
         k, o = JAW_RAILS[number] // 2, 1 - JAW_RAILS[number] // 2
         at = np.abs([x, y])
         assert at[k] - rho == pytest.approx(REACH[k], abs=2e-10)
@@ -104,7 +105,7 @@ def test_jaws_go_on_from_the_cushions_and_leave_a_clean_way() -> None:
 def test_edges_close_the_way_between_the_jaws_and_no_more() -> None:
     for x, y, edge in POCKETS.falls:
         jaws = POCKETS.jaws[np.argsort(np.hypot(*(POCKETS.jaws[:, :2] - [x, y]).T))[:2]]
-        for px, py, rho in jaws:
+        for px, py, rho, *_ in jaws:
             assert np.hypot(px - x, py - y) < rho + edge
     # A ball on the table that touches a nose, or would without the pocket, lies clear of every edge but a corner's.
     along = np.linspace(0, HALF[0] - 0.045, 200)
@@ -228,7 +229,7 @@ def test_an_impact_at_a_jaw_is_one_of_its_rail() -> None:
 
 def test_normals_point_into_what_is_met() -> None:
     assert [outward(rail, 0.3, 0.2, POCKETS.jaws) for rail in range(4)] == [(1, 0), (-1, 0), (0, 1), (0, -1)]
-    for number, (x, y, rho) in enumerate(POCKETS.jaws):
+    for number, (x, y, rho, *_) in enumerate(POCKETS.jaws):
         assert outward(4 + number, x - 0.6 * rho, y + 0.8 * rho, POCKETS.jaws) == pytest.approx((0.6, -0.8))
 
 
@@ -278,4 +279,4 @@ def test_a_table_without_pockets_has_no_jaws() -> None:
     assert with_.position.tobytes() == without.position.tobytes()
     assert not with_.potted.any()
     assert pockets_of(open_, BALL).ends.tolist() == [0, 0, 0]
-    assert POCKETS.jaws[0, 2] == pytest.approx(CORNER_JAW + R * NOSE_COSINE)
+    assert POCKETS.jaws[0, 2] == pytest.approx(SNOOKER_POCKETS.corner.nose_radius + R * NOSE_COSINE)
