@@ -85,6 +85,7 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
     from models.model_file import write_model
     from sysid.estimation.clip_fit import fit_clips
     from sysid.estimation.fitting import CHAOS_RATE
+    from sysid.report.health import print_health
     from sysid.report.text import in_words, print_comparison
     from sysid.residuals.compare import compare as compare_clips
     from sysid.residuals.compare import coverage
@@ -108,6 +109,7 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
     share = coverage(comparison, found.band_rate)
     if share == share:
         print(f"Held-out residuals inside the predicted 95 % band: {100 * share:.0f} %.")
+    print_health(found.model)
     if outputs.json_file:
         write_json(outputs.json_file, _fit_json(found, comparison, share))
     outputs.write([("fitted", comparison)], in_words(comparison))
@@ -116,6 +118,8 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
 
 def _fit_json(found: ClipFit, comparison: Comparison, share: float) -> dict[str, Any]:
     """Format billiard-fit/1."""
+    from sysid.report.health import health_lines
+
     fitted, values = found.fitted, found.model.parameters()
     constants = {
         n: {"value": values[n], "sd": sd if fitted.converged else float("nan"), "unit": found.model.meta(n)["unit"]}
@@ -125,4 +129,5 @@ def _fit_json(found: ClipFit, comparison: Comparison, share: float) -> dict[str,
         "format": "billiard-fit/1", "converged": fitted.converged, "error_rate": fitted.discrepancy_rate,
         "band_rate": found.band_rate, "segment_ratio": found.segment_ratio, "held_out_coverage": share,
         "parameters": constants, "comparison": comparison.to_json(),
+        "health": health_lines(found.model),
     }  # fmt: skip
