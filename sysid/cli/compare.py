@@ -20,19 +20,20 @@ if TYPE_CHECKING:
 @clips_argument
 @json_option
 def check(clips: Path, json_file: Path | None) -> int:
-    """Read a clip set and name every fault in it.
+    """Read a clip set and name every fault in it, and what its tracks contradict.
 
     Reads CLIPS/clips.toml and the clips that it lists. Status 2 if there are faults.
 
     Example: sysid check CLIPS
     """
-    from sysid.clips import check_clip_set, read_clip_set
+    from sysid.clips import check_clip_set, read_clip_set, warnings_of
 
     faults = check_clip_set(clips)
-    for fault in faults:
-        print(fault)
+    warnings = [] if faults else warnings_of(read_clip_set(clips))
+    for line in [*faults, *(f"warning: {warning}" for warning in warnings)]:
+        print(line)
     if json_file:
-        write_json(json_file, {"clips": str(clips), "faults": faults})
+        write_json(json_file, {"clips": str(clips), "faults": faults, "warnings": warnings})
     if faults:
         print(f"{len(faults)} fault{'s' if len(faults) > 1 else ''}")
         return Status.BAD_INPUT
