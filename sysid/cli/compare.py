@@ -20,19 +20,20 @@ if TYPE_CHECKING:
 @clips_argument
 @json_option
 def check(clips: Path, json_file: Path | None) -> int:
-    """Read a clip set and name every fault in it.
+    """Read a clip set and name every fault in it, and what its tracks contradict.
 
     Reads CLIPS/clips.toml and the clips that it lists. Status 2 if there are faults.
 
     Example: sysid check CLIPS
     """
-    from sysid.clips import check_clip_set, read_clip_set
+    from sysid.clips import check_clip_set, read_clip_set, warnings_of
 
     faults = check_clip_set(clips)
-    for fault in faults:
-        print(fault)
+    warnings = [] if faults else warnings_of(read_clip_set(clips))
+    for line in [*faults, *(f"warning: {warning}" for warning in warnings)]:
+        print(line)
     if json_file:
-        write_json(json_file, {"clips": str(clips), "faults": faults})
+        write_json(json_file, {"clips": str(clips), "faults": faults, "warnings": warnings})
     if faults:
         print(f"{len(faults)} fault{'s' if len(faults) > 1 else ''}")
         return Status.BAD_INPUT
@@ -85,6 +86,7 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
     from models.model_file import write_model
     from sysid.estimation.clip_fit import fit_clips
     from sysid.estimation.fitting import CHAOS_RATE
+    from sysid.report.health import print_health
     from sysid.report.text import in_words, print_comparison
     from sysid.residuals.compare import compare as compare_clips
     from sysid.residuals.compare import coverage
@@ -108,6 +110,7 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
     share = coverage(comparison, found.band_rate)
     if share == share:
         print(f"Held-out residuals inside the predicted 95 % band: {100 * share:.0f} %.")
+    print_health(found.model)
     if outputs.json_file:
         write_json(outputs.json_file, _fit_json(found, comparison, share))
     outputs.write([("fitted", comparison)], in_words(comparison))
@@ -116,6 +119,8 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
 
 def _fit_json(found: ClipFit, comparison: Comparison, share: float) -> dict[str, Any]:
     """Format billiard-fit/1."""
+    from sysid.report.health import health_lines
+
     constants = {
         n: {"value": value, "sd": sd, "unit": found.model.meta(n)["unit"]} for n, (value, sd) in found.constants.items()
     }
@@ -123,4 +128,5 @@ def _fit_json(found: ClipFit, comparison: Comparison, share: float) -> dict[str,
         "format": "billiard-fit/1", "converged": found.converged, "error_rate": found.fitted.discrepancy_rate,
         "band_rate": found.band_rate, "segment_ratio": found.segment_ratio, "held_out_coverage": share,
         "parameters": constants, "comparison": comparison.to_json(),
+        "health": health_lines(found.model),
     }  # fmt: skip

@@ -10,6 +10,7 @@ from models.console import Progress, Status, table
 from models.model_file import Model, full_model
 from sysid.clips import ClipSet, read_clip_set
 from sysid.report.findings import label, print_ladder, round_rows, shot_lines, verdict_lines
+from sysid.report.health import print_health
 from sysid.report.outcome import compare_at, write_outcome
 from sysid.report.text import in_words
 from sysid.selection.discover import DiscoveryResult, discover
@@ -56,6 +57,7 @@ def run(out: Path, progress: Progress) -> int:
     _print_indented(in_words(last))
     _print_indented(shot_lines(found.next_shot))
     _compare_with_truth(last.model, found)
+    print_health(last.model)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     print(f"open {out / 'report.html'} in a browser, and the shots with: .venv/bin/rerun {out / 'review.rrd'}")
     return Status.DONE if found.last.converged else Status.FINDING

@@ -5,6 +5,8 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
     clip_set        the values: Observation, CueCommand, Clip, ClipSet
     read, write     whole or not at all; header, rows and keys of their files, faults in one line each
     plausibility    times increase, balls are on the table and do not overlap
+    units           of coordinates and times, origin and axes, where all clips have them wrong
+    contradictions  what the tracks of a set contradict: diameter, table, commands, frame rate
     noise, clock    of the camera, estimated from the tracks
     outliers        single samples that the tracker placed elsewhere
     segments        motion between two impacts
@@ -13,7 +15,17 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
 """
 
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
+from sysid.clips.contradictions import warnings_of
 from sysid.clips.read import check_clip_set, read_clip_set
 from sysid.clips.write import write_clip_set
 
-__all__ = ["Clip", "ClipSet", "CueCommand", "Observation", "check_clip_set", "read_clip_set", "write_clip_set"]
+__all__ = [
+    "Clip",
+    "ClipSet",
+    "CueCommand",
+    "Observation",
+    "check_clip_set",
+    "read_clip_set",
+    "warnings_of",
+    "write_clip_set",
+]

@@ -1,4 +1,4 @@
-"""Plausibility of the rows of a clip: times increase, balls are on the table and do not overlap.
+"""Plausibility of the rows of one clip: times increase, balls are on the table and do not overlap.
 
 In: the `Rows` of a clip with its table, ball and camera. Out: faults, collected in `Faults`.
 
@@ -9,16 +9,17 @@ A ball's centre stays a radius from the cushion noses, so the limit at the nose 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection
 from itertools import combinations
 
 import numpy as np
 
 from models.shot import Ball, Table
 from sysid.clips.faults import CLIPS_TOML, Faults, closest, listed, shown
-from sysid.clips.header import Entry
+from sysid.clips.header import Entry, Header
 from sysid.clips.rows import Rows
 
+PLACES, TIMES = "places", "times"  # what may be wrong in all clips alike
 MIN_STRUCK_SAMPLES = 3  # samples of the struck ball
 MAX_CLIP_S = 600.0  # no shot lasts so long, but one with times in milliseconds would
 MAX_BEYOND_NOSE_M = 0.005  # of a centre: cushions yield, trackers err
@@ -29,17 +30,22 @@ DEFAULT_FPS = 50.0  # where the frame rate of the set is missing or wrong
 START_FRAMES = 3.5  # a ball first seen in so many frames was there at the start
 
 
-def check_rows(
-    rows: Rows, file: str, table: Table | None, ball: Ball | None, camera: Mapping[str, float], faults: Faults
-) -> None:
-    """Collect the faults of times and places; places are not checked where table or ball is missing."""
+def check_rows(rows: Rows, file: str, told: Header, faults: Faults, doubted: Collection[str] = ()) -> None:
+    """Collect the faults of times and places of one clip.
+
+    Places are not checked where table or ball is missing. `doubted` may hold PLACES and TIMES, which are known to be
+    wrong in all clips.
+    """
+    table, ball, camera = told.table, told.ball, told.camera
     fps, noise = camera.get("fps", DEFAULT_FPS), 6 * camera.get("sigma", 0.0)
-    _check_times(rows, file, faults)
+    _check_times(rows, file, math.inf if TIMES in doubted else MAX_CLIP_S, faults)
+    if PLACES in doubted:
+        return
     if table is not None and ball is not None and _check_places(rows, file, table, ball, noise, faults):
         _check_overlap(rows, file, ball, fps, noise, faults)
 
 
-def _check_times(rows: Rows, file: str, faults: Faults) -> None:
+def _check_times(rows: Rows, file: str, longest: float, faults: Faults) -> None:
     time, line = rows.time, rows.line
     back = time[1:] < time[:-1]
     for i in np.flatnonzero(back).tolist():
@@ -51,9 +57,9 @@ def _check_times(rows: Rows, file: str, faults: Faults) -> None:
             one, other = int(of_ball[i]), int(of_ball[i + 1])
             problem = f"t = {time[one]:.9g} of ball {shown(name)} is that of row {line[one]} as well"
             faults.add(file, f"{problem}: keep one row of a ball at one time", line[other])
-    if not back.any() and len(time) and float(time[-1]) - float(time[0]) > MAX_CLIP_S:
+    if not back.any() and len(time) and float(time[-1]) - float(time[0]) > longest:
         problem = (
-            f"t = {time[-1]:.9g} lies more than {MAX_CLIP_S:g} s after the first row: write seconds, not milliseconds"
+            f"t = {time[-1]:.9g} lies more than {longest:g} s after the first row: write seconds, not milliseconds"
         )
         faults.add(file, problem, line[-1])
 

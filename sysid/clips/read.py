@@ -5,17 +5,21 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`, or the list of 
 
 from __future__ import annotations
 
+import dataclasses
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from models.errors import BadInput
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
+from sysid.clips.contradictions import ALL_CLIPS, contradictions, is_sound
 from sysid.clips.faults import Faults, one_line, read_text
 from sysid.clips.header import Entry, read_header
-from sysid.clips.plausibility import check_rows, check_struck
+from sysid.clips.plausibility import PLACES, TIMES, check_rows, check_struck
 from sysid.clips.rows import Rows, parse_rows
+from sysid.clips.units import coordinates_fault, times_fault
 
 SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
 
@@ -50,19 +54,40 @@ def _read(folder: Path, faults: Faults) -> ClipSet | None:
     header = read_header(root, faults)
     if header is None:
         return None
-    clips = []
+    parsed = []
     last = max(len(header.entries) - 1, 1)
     for number, entry in enumerate(header.entries):
         text = read_text(entry.path, entry.file, faults)
         rows = None if text is None else parse_rows(text, entry.file, faults)
         if rows is not None:
-            check_rows(rows, entry.file, header.table, header.ball, header.camera, faults)
-            check_struck(rows, entry, faults)
-            clips.append(_clip(entry, rows, number / last))
-    if faults or header.table is None or header.ball is None:
-        return None
-    camera = header.camera
-    return ClipSet(header.table, header.ball, camera["fps"], tuple(clips), camera.get("sigma"), folder, header.extra)
+            parsed.append((entry, rows, _clip(entry, rows, number / last)))
+    table, ball, camera = header.table, header.ball, header.camera
+    clip_set = None
+    if table is not None and ball is not None and "fps" in camera:
+        clips = tuple(clip for _, _, clip in parsed)
+        clip_set = ClipSet(table, ball, camera["fps"], clips, camera.get("sigma"), folder, header.extra)
+    doubted = () if clip_set is None else _doubted(clip_set, [rows for _, rows, _ in parsed], faults)
+    for entry, rows, _ in parsed:
+        check_rows(rows, entry.file, header, faults, doubted)
+        check_struck(rows, entry, faults)
+    return None if faults else clip_set
+
+
+def _doubted(clip_set: ClipSet, rows: Sequence[Rows], faults: Faults) -> tuple[str, ...]:
+    """Collect what is wrong with all clips in the same way; what of single rows would be wrong only because of that."""
+    wrong = {PLACES: coordinates_fault(rows, clip_set.table, clip_set.ball), TIMES: times_fault(rows, clip_set.fps)}
+    doubted = []
+    for what, fault in wrong.items():
+        if fault is not None:
+            faults.add(ALL_CLIPS, fault)
+            doubted.append(what)
+    if doubted:
+        return tuple(doubted)
+    sound = dataclasses.replace(clip_set, clips=tuple(clip for clip in clip_set.clips if is_sound(clip)))
+    certain = [one for one in contradictions(sound) if one.certain]
+    for one in certain:
+        faults.add(one.where, one.text)
+    return (PLACES,) if any(one.places for one in certain) else ()
 
 
 def _clip(entry: Entry, rows: Rows, order: float) -> Clip:

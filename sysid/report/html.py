@@ -16,6 +16,7 @@ from models.model_file import Estimate, Model
 from models.report.numbers import millimetres, number, value_with_sd
 from models.report.page import write_page
 from sysid.report.findings import NOTHING_MISSING, confounded_lines, round_rows
+from sysid.report.health import HealthLine, health, health_lines
 from sysid.report.plots import Rung, dependence_svg, ladder_svg, spread_svg, tracks_svg, white_svg
 from sysid.report.plots_where import map_svg, missing_map_svg, missing_svg
 from sysid.report.text import in_words
@@ -96,6 +97,7 @@ def write_report(
         first=first,
         rounds=[_round(number, seen) for number, seen in enumerate(rounds, 1)],
         constants=_constants(listed) if listed else None,
+        health=_health(listed) if listed else None,
         **values,
     )
 
@@ -193,6 +195,14 @@ def _round(number: int, seen: Screening) -> dict[str, object]:
         "rows": [(row, 100 * math.log1p(v) / math.log1p(top)) for row, v in zip(rows, delta_bic, strict=True)],
         "lines": [*([] if seen.best else [NOTHING_MISSING]), *confounded_lines(seen)],
     }
+
+
+def _health(model: Model) -> dict[str, object] | None:
+    """Rows of constants beside typical values, or why there are none; None for a model that was not fitted."""
+    lines: list[HealthLine] = health(model)
+    rows = [(one.what, one.measured, one.typical, one.source, one.verdict) for one in lines]
+    notes = [] if rows else health_lines(model)
+    return {"rows": rows, "notes": notes} if rows or notes else None
 
 
 def _constants(model: Model) -> list[tuple[str, ...]]:

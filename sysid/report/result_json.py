@@ -13,6 +13,7 @@ import numpy as np
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.split import Split
 from sysid.report.findings import predicted_delta_bic, unfitted
+from sysid.report.health import health_lines
 from sysid.residuals.comparison import Comparison
 from sysid.selection.discover import DiscoveryResult
 from sysid.selection.judge import Diagnosis
@@ -44,6 +45,7 @@ def result_of(
         "pruned": list(found.pruned), "converged": now.converged,
         "doubtful": sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict)), "elapsed_s": elapsed,
         "engines": {name: engines_json(one) for name, one in compared},
+        "health": health_lines(compared[-1][1].model) if compared else [],
     }  # fmt: skip
 
 

@@ -1,0 +1,266 @@
+"""What a fitted model says about the table, the balls and the camera, in plain words for people who own them.
+
+In: a fitted `Model` with its estimates. Out: `HealthLine`s, each a constant beside typical values and a verdict.
+
+A constant is judged by its interval of two standard deviations to either side, and only where that is narrower than
+the range of typical values; slopes, cushions and the camera, whose typical value is zero, only where they differ from
+zero by more than three standard deviations. A fit that did not converge has no standard deviations and says nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from models.model_file import Model
+from models.report.numbers import value_with_sd
+from models.shot import GRAVITY, RAIL_NAMES
+from sysid.report.typical import (
+    AT_FAST_SLIP,
+    AT_LOW_SPEED,
+    AT_ONE_METRE_PER_SECOND,
+    BALL_HEIGHT_STRETCH,
+    FAST_CLOTH_ROLL,
+    FITTERS_SLOPE_RAD,
+    TYPICAL,
+    TypicalRange,
+)
+
+INTERVAL_SDS = 2.0  # to either side: 95 %
+SIGNIFICANT_SDS = 3.0  # from zero, of what is usually zero
+NOT_TOLD = "these clips do not tell"
+NOT_CONVERGED_LINE = "the fit did not converge: it says nothing about the table"
+RAIL_EFFECTS: Final = {
+    f"cushion_restitution_{letter}": rail for letter, rail in zip(("px", "mx", "py", "my"), RAIL_NAMES, strict=True)
+}
+
+
+@dataclass(frozen=True)
+class HealthLine:
+    """One constant beside typical values."""
+
+    what: str  # the constant in plain words
+    measured: str  # with its standard deviation and unit
+    typical: str  # with its unit
+    source: str
+    verdict: str
+    told: bool  # whether the clips determine it well enough for a verdict
+
+    def text(self) -> str:
+        """As one line, without the source."""
+        return f"{self.what}: {self.measured} (typical: {self.typical}): {self.verdict}"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A constant, its standard deviation, and the model that it belongs to."""
+
+    value: float
+    sd: float
+    model: Model
+
+    @property
+    def significant(self) -> bool:
+        """Whether it differs from zero."""
+        return abs(self.value) > SIGNIFICANT_SDS * self.sd
+
+    def narrower_than(self, width: float) -> bool:
+        """Whether its interval is narrower than a range."""
+        return 2 * INTERVAL_SDS * self.sd < width
+
+
+def health(model: Model) -> list[HealthLine]:
+    """A line for every constant that was fitted and that something is known of, those with a verdict first."""
+    if not model.fitted.get("converged", False):
+        return []
+    found = []
+    for name, value in model.parameters().items():
+        known = model.estimates.get(name)
+        if known is None or np.ndim(value) or not math.isfinite(known.sd) or known.sd <= 0:
+            continue
+        line = _line(name, Finding(float(value), known.sd, model))
+        if line is not None:
+            found.append(line)
+    return sorted(found, key=lambda line: not line.told)
+
+
+def health_lines(model: Model) -> list[str]:
+    """The same in words, and what these clips do not tell; for the terminal and result.json."""
+    if model.fitted and not model.fitted.get("converged", False):
+        return [NOT_CONVERGED_LINE]
+    lines = health(model)
+    untold = [line.what for line in lines if not line.told]
+    return [line.text() for line in lines if line.told] + ([f"{NOT_TOLD}: {', '.join(untold)}"] if untold else [])
+
+
+def print_health(model: Model) -> None:
+    """The block at the end of `fit` and `discover`."""
+    if lines := health_lines(model):
+        print("\nThe table's health\n" + "\n".join(f"  {line}" for line in lines))
+
+
+def _line(name: str, found: Finding) -> HealthLine | None:
+    effect, key = name.split(".")
+    if name in TYPICAL:
+        return _in_range(name, TYPICAL[name], found)
+    if effect in RAIL_EFFECTS and key == "change":
+        return _cushion(RAIL_EFFECTS[effect], found)
+    return JUDGES[name](found) if name in JUDGES else None
+
+
+def _in_range(name: str, usual: TypicalRange, found: Finding) -> HealthLine:
+    """A constant with a published range."""
+    scale = usual.shown_scale
+    measured = _measured(found.value * scale, found.sd * scale, usual.shown_unit)
+    typical = f"{usual.low * scale:.3g} to {usual.high * scale:.3g} {usual.shown_unit}".rstrip()
+    what = usual.what + _where_it_holds(name, found.model)
+    if not found.narrower_than(usual.high - usual.low):
+        return HealthLine(what, measured, typical, usual.source, NOT_TOLD, False)
+    low, high = found.value - INTERVAL_SDS * found.sd, found.value + INTERVAL_SDS * found.sd
+    if high < usual.low:
+        verdict = usual.below
+    elif low > usual.high:
+        verdict = usual.above
+    else:
+        verdict = usual.within
+    if name == "decoupled_cloth.roll":
+        verdict = "fast" if usual.low <= low and high < FAST_CLOTH_ROLL else verdict
+        verdict += f": a ball that rolls at 1 m/s runs {0.5 / (GRAVITY * found.value):.1f} m"
+    return HealthLine(what, measured, typical, usual.source, verdict, True)
+
+
+def _where_it_holds(name: str, model: Model) -> str:
+    """The speed at which a constant holds, where an effect of the model changes it with speed."""
+    acting = {effect.name() for effect in model.stack()}
+    kinds = ((AT_ONE_METRE_PER_SECOND, " at 1 m/s"), (AT_FAST_SLIP, " at fast slip"), (AT_LOW_SPEED, " at low speed"))
+    return next((words for effects, words in kinds if effects.get(name) in acting), "")
+
+
+def _measured(value: float, sd: float, unit: str) -> str:
+    return f"{value_with_sd(value, sd)} {unit}".rstrip()
+
+
+def _slope(axis: int) -> Callable[[Finding], HealthLine]:
+    """Judge of the slope along an axis; positive runs downhill towards +x, +y, so that this end is the low one."""
+
+    def judge(found: Finding) -> HealthLine:
+        letter, size = "xy"[axis], (found.model.table.length, found.model.table.width)[axis]
+        what, limit = f"slope along {letter}", FITTERS_SLOPE_RAD
+        measured = _measured(abs(found.value) * 1e3, found.sd * 1e3, "mm/m")
+        told = found.narrower_than(2 * limit)
+        towards = f"{'+' if found.value > 0 else '-'}{letter}"
+        clear = abs(found.value) - INTERVAL_SDS * found.sd > limit
+        if not told:
+            verdict = NOT_TOLD
+        elif clear:
+            lift = f"{abs(found.value) * size * 1e3:.1f} mm"
+            verdict = f"downhill towards {towards}: raise that end by {lift}"
+            if axis == 0:
+                verdict += "; nap along the table looks alike, so check with a level first"
+        elif abs(found.value) + INTERVAL_SDS * found.sd < limit:
+            verdict = "level, as fitters aim at"
+        else:
+            verdict = f"at the limit, downhill towards {towards}: check with a level"
+        return HealthLine(
+            what, measured, "up to 0.4 mm/m", "fitters' aim; players notice 1.7 mm/m (AzBilliards)", verdict, told
+        )
+
+    return judge
+
+
+def _cushion(rail: str, found: Finding) -> HealthLine:
+    """One cushion beside the others."""
+    what, measured = f"cushion {rail}, change of restitution", _measured(100 * found.value, 100 * found.sd, "%")
+    verdict = NOT_TOLD
+    if found.significant:
+        more = "more" if found.value > 0 else "less"
+        verdict = f"cushion {rail} returns {abs(100 * found.value):.2g} % {more} than the others"
+        verdict += "" if found.value > 0 else ": look for loose bolts, old rubber or a gap behind it"
+    return HealthLine(
+        what, measured, "0", "all cushions alike, as Mathavan 2010 takes them", verdict, found.significant
+    )
+
+
+def _nap(found: Finding) -> HealthLine:
+    towards = "+x" if found.value > 0 else "-x"
+    verdict = f"pushes balls towards {towards}, as a slope would: check with a level" if found.significant else NOT_TOLD
+    measured = _measured(found.value * 1e3, found.sd * 1e3, "mm/s^2")
+    return HealthLine("cloth, push of the nap", measured, "0 to 3 mm/s^2", "estimate", verdict, found.significant)
+
+
+def _clock(found: Finding) -> HealthLine:
+    off = Finding(found.value - 1.0, found.sd, found.model)
+    way = "too long" if off.value > 0 else "too short"
+    verdict = f"time stamps are {abs(100 * off.value):.2g} % {way}: divide t by {found.value:.4f}, or correct fps"
+    return HealthLine(
+        "camera, clock", _measured(found.value, found.sd, ""), "0.995 to 1.005",
+        "frame rates are off by 0.01 to 0.5 %", verdict if off.significant else NOT_TOLD, off.significant,
+    )  # fmt: skip
+
+
+def _lens(found: Finding) -> HealthLine:
+    table = found.model.table
+    corner = math.hypot(table.length, table.width) / 2
+    way = "inwards" if found.value > 0 else "outwards"
+    shift = abs(found.value) * corner**3 * 1e3
+    verdict = f"the lens shifts a ball in a corner {shift:.0f} mm {way}: calibrate it (sysid calibrate --board)"
+    measured = _measured(100 * found.value * corner**2, 100 * found.sd * corner**2, "% at the corner")
+    return HealthLine(
+        "camera, lens", measured, "0.5 to 2 % uncalibrated, 0 calibrated", "estimate",
+        verdict if found.significant else NOT_TOLD, found.significant,
+    )  # fmt: skip
+
+
+def _scale(found: Finding) -> HealthLine:
+    way = "large" if found.value > 0 else "small"
+    verdict = f"positions are {abs(100 * found.value):.2g} % too {way}: "
+    if found.value - INTERVAL_SDS * found.sd > 0 and found.value < BALL_HEIGHT_STRETCH + INTERVAL_SDS * found.sd:
+        verdict += "calibrate at the height of the balls' centres, not of the cloth (sysid calibrate --diameter)"
+    else:
+        verdict += "check the table's length and width, and calibrate again"
+    return HealthLine(
+        "camera, scale", _measured(100 * found.value, 100 * found.sd, "%"), "0, up to 1.3 % if calibrated on the cloth",
+        "parallax of the balls' height, R / (H - R)", verdict if found.significant else NOT_TOLD, found.significant,
+    )  # fmt: skip
+
+
+def _camera_tilt(axis: int) -> Callable[[Finding], HealthLine]:
+    def judge(found: Finding) -> HealthLine:
+        smaller = "+" if found.value > 0 else "-"
+        verdict = f"the picture is too small towards {smaller}{'xy'[axis]}: calibrate the camera again"
+        return HealthLine(
+            f"camera, gradient of the scale along {'xy'[axis]}", _measured(100 * found.value, 100 * found.sd, "%/m"),
+            "0; 0.7 %/m for 1 degree at 2.5 m", "pinhole", verdict if found.significant else NOT_TOLD,
+            found.significant,
+        )  # fmt: skip
+
+    return judge
+
+
+def _shutter(found: Finding) -> HealthLine:
+    readout = abs(found.value) * found.model.table.width * 1e3
+    end = "+y" if found.value > 0 else "-y"
+    verdict = (
+        f"rows towards {end} are read late, {readout:.1f} ms over the table's width: keep this effect in the model"
+    )
+    return HealthLine(
+        "camera, rolling shutter", _measured(found.value * 1e3, found.sd * 1e3, "ms/m"), "0; 3.3 ms/m for a telephone",
+        "estimate: 5 ms over 1.52 m", verdict if found.significant else NOT_TOLD, found.significant,
+    )  # fmt: skip
+
+
+JUDGES: Final[dict[str, Callable[[Finding], HealthLine]]] = {
+    "table_tilt.slope_x": _slope(0),
+    "table_tilt.slope_y": _slope(1),
+    "cloth_nap.push": _nap,
+    "clock_scale.factor": _clock,
+    "lens_distortion.barrel": _lens,
+    "image_scale.stretch": _scale,
+    "camera_tilt.along_x": _camera_tilt(0),
+    "camera_tilt.along_y": _camera_tilt(1),
+    "rolling_shutter.delay": _shutter,
+}

@@ -1,0 +1,165 @@
+"""Clip sets that contradict what is told of them: spoiled one way at a time, each is named; sound ones are not."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.errors import BadInput
+from sysid.clips import check_clip_set, read_clip_set, warnings_of
+from sysid.clips.contradictions import contact_distance, contradictions, rebounds
+from tests.truth.__main__ import main as generate
+from tests.truth.sizes import options as size_options
+
+EXAMPLE = Path(__file__).parents[3] / "sysid" / "example"
+LENGTH, WIDTH = 3.569, 1.778
+Row = tuple[float, float, float]  # t, x, y
+
+
+def spoiled(folder: Path, rows: Callable[[float, float, float], Row] | None = None, **told: float) -> Path:
+    """The shipped example with other numbers in its rows, or other ones in clips.toml."""
+    shutil.copytree(EXAMPLE, folder)
+    settings = (folder / "clips.toml").read_text()
+    for key, value in told.items():
+        settings, count = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}", settings)
+        assert count == 1
+    (folder / "clips.toml").write_text(settings)
+    for file in sorted((folder / "clips").glob("*.csv")) if rows else []:
+        with file.open(newline="") as text:
+            head, *body = csv.reader(text)
+        with file.open("w", newline="") as text:
+            out = csv.writer(text)
+            out.writerow(head)
+            for t, ball, x, y, theta in body:
+                assert rows is not None
+                t2, x2, y2 = rows(float(t), float(x), float(y))
+                out.writerow([f"{t2:.9g}", ball, f"{x2:.9g}", f"{y2:.9g}", theta])
+    return folder
+
+
+def only_fault(folder: Path) -> str:
+    """The one fault of a clip set, which every reader of it refuses."""
+    faults = check_clip_set(folder)
+    assert len(faults) == 1, faults
+    with pytest.raises(BadInput, match=re.escape(faults[0])):
+        read_clip_set(folder)
+    return faults[0]
+
+
+FRAME_FAULTS: dict[str, tuple[Callable[[float, float, float], Row], str, str]] = {
+    "mm": (lambda t, x, y: (t, 1e3 * x, 1e3 * y), "look like mm: ", "divide them by 1000"),
+    "cm": (lambda t, x, y: (t, 100 * x, 100 * y), "look like cm: ", "divide them by 100"),
+    "inches": (lambda t, x, y: (t, x / 0.0254, y / 0.0254), "look like inches: ", "multiply them by 0.0254"),
+    "corner": (lambda t, x, y: (t, x + LENGTH / 2, y + WIDTH / 2), "metres from a corner: ", "subtract half"),
+    "mm from a corner": (
+        lambda t, x, y: (t, 1e3 * (x + LENGTH / 2), 1e3 * (y + WIDTH / 2)),
+        "mm from a corner: ",
+        "divide them by 1000, then subtract half",
+    ),
+    "exchanged": (lambda t, x, y: (t, y, x), "x and y exchanged: ", "exchange the columns"),
+    "y downwards": (lambda t, x, y: (t, x, -y), "beside the commanded azimuth", "change the sign of y"),
+    "x from the right": (lambda t, x, y: (t, -x, y), "beside the commanded azimuth", "change the sign of x"),
+    "half turn": (lambda t, x, y: (t, -x, -y), "beside the commanded azimuth", "signs of x and y"),
+    "frames": (lambda t, x, y: (round(120 * t), x, y), "t counts frames: ", "divide it by the frame rate"),
+    "milliseconds": (lambda t, x, y: (1e3 * t, x, y), "t looks like milliseconds: ", "divide it by 1000"),
+}
+
+
+@pytest.mark.parametrize("name", FRAME_FAULTS)
+def test_coordinates_and_times_that_are_all_wrong_are_one_line(tmp_path: Path, name: str) -> None:
+    rows, says, remedy = FRAME_FAULTS[name]
+    fault = only_fault(spoiled(tmp_path / "set", rows))
+    assert fault.startswith("all clips: ")
+    assert says in fault
+    assert remedy in fault
+
+
+def test_coordinates_of_one_clip_are_a_matter_of_its_rows(tmp_path: Path) -> None:
+    folder = spoiled(tmp_path / "set")
+    shutil.copy(spoiled(tmp_path / "mm", FRAME_FAULTS["mm"][0]) / "clips/0003.csv", folder / "clips/0003.csv")
+    assert all(fault.startswith("clips/0003.csv") for fault in check_clip_set(folder))
+
+
+def test_another_diameter_is_found_by_where_balls_meet(tmp_path: Path) -> None:
+    fault = only_fault(spoiled(tmp_path / "set", diameter=0.0615))
+    assert fault.startswith("clips.toml: diameter = 0.0615 m, but balls meet with their centres 0.052")
+    for number, diameter in enumerate((0.0525 * 1.005, 0.0525 * 0.995)):
+        folder = spoiled(tmp_path / f"set{number}", diameter=diameter)
+        assert check_clip_set(folder) == []
+        assert warnings_of(read_clip_set(folder)) == []
+
+
+def test_the_diameter_is_measured_to_two_per_cent() -> None:
+    assert contact_distance(read_clip_set(EXAMPLE)).value == pytest.approx(0.0525, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "rails"),
+    [("length", 3.2, "-x"), ("length", 4.0, "-x"), ("width", 1.6, "+y"), ("width", 2.0, "-y")],
+)
+def test_another_table_is_found_by_where_balls_turn(tmp_path: Path, key: str, value: float, rails: str) -> None:
+    folder = spoiled(tmp_path / "set", **{key: value})
+    faults = check_clip_set(folder)
+    lines = [*faults, *(warnings_of(read_clip_set(folder)) if not faults else [])]
+    assert any(line.startswith(f"clips.toml: {key} = {value:g}") and f"{rails} at" in line for line in lines)
+    assert any("from nose to nose" in line for line in lines)
+
+
+def test_cushions_are_measured_to_a_thousandth() -> None:
+    limits = read_clip_set(EXAMPLE).table.centre_limits(read_clip_set(EXAMPLE).ball)
+    found = rebounds(read_clip_set(EXAMPLE))
+    for rail in ("-x", "+y", "-y"):
+        assert found[rail].value == pytest.approx(limits["xy".index(rail[1])], rel=1e-3)
+
+
+@pytest.mark.parametrize(("fps", "factor"), [(60.0, "2"), (240.0, "0.5"), (100.0, "1.2"), (25.0, "4.8")])
+def test_another_frame_rate_is_a_warning(tmp_path: Path, fps: float, factor: str) -> None:
+    (warning,) = warnings_of(read_clip_set(spoiled(tmp_path / "set", fps=fps)))
+    assert warning.startswith(f"clips.toml: fps = {fps:g}, but rows are 0.008333 s apart, as at 120 frames")
+    assert warning.endswith(f"multiply t by {factor}")
+
+
+def test_speeds_that_no_cue_gives(tmp_path: Path) -> None:
+    folder = spoiled(tmp_path / "fast", lambda t, x, y: (t / 10, x, y), fps=1200.0)
+    assert any("no cue gives more than 13" in warning for warning in warnings_of(read_clip_set(folder)))
+    faster = spoiled(tmp_path / "faster", lambda t, x, y: (t / 20, x, y), fps=2400.0)
+    assert "no cue gives more than 13" in only_fault(faster)
+
+
+def test_azimuths_that_fit_no_other_reading_are_a_warning(tmp_path: Path) -> None:
+    folder = spoiled(tmp_path / "set")
+    text = (folder / "clips.toml").read_text()
+    rng = np.random.default_rng(1)
+    text = re.sub(r"(?m)^azimuth = .*$", lambda _: f"azimuth = {rng.uniform(-3, 3):.4f}", text)
+    (folder / "clips.toml").write_text(text)
+    (warning,) = warnings_of(read_clip_set(folder))
+    assert "correct cue.azimuth" in warning
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--soiled", "--outliers", "0.004", "--clips", "12"],
+        ["--soiled", "--no-cue", "--no-sigma", "--fps", "60", "--clips", "12"],
+        *([*size_options(effect), "--clips", "8"] for effect in ("image_scale", "lens_distortion", "camera_tilt")),
+    ],
+    ids=lambda options: options[0] + options[1],
+)
+def test_soil_and_cameras_contradict_nothing(tmp_path: Path, options: list[str]) -> None:
+    assert generate([str(tmp_path / "set"), "--seed", "7", *options]) == 0
+    faults = check_clip_set(tmp_path / "set")
+    assert [fault for fault in faults if "lies outside the table" not in fault] == []  # wild samples do
+    if not faults:
+        assert contradictions(read_clip_set(tmp_path / "set")) == []
+
+
+@pytest.mark.slow
+def test_no_set_of_the_data_is_contradicted(data_folder: Path) -> None:
+    for toml in sorted(data_folder.glob("**/clips.toml")):
+        assert contradictions(read_clip_set(toml.parent)) == [], toml
