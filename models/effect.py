@@ -26,10 +26,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 STILL = 1e-6  # speed or slip below which there is none [m/s]
 STRUCK_BALL = 0  # number of the ball that the cue strikes
+RAIL_PX, RAIL_MX, RAIL_PY, RAIL_MY = range(4)  # numbers of the rails at +x, -x, +y, -y
 
 __all__ = [
-    "STILL", "STRUCK_BALL", "Array", "BallState", "Effect", "ImageState", "ImpactState", "StrokeState", "param",
-    "push_along", "push_rolling",
+    "RAIL_MX", "RAIL_MY", "RAIL_PX", "RAIL_PY", "STILL", "STRUCK_BALL", "Array", "BallState", "Effect", "ImageState",
+    "ImpactState", "StrokeState", "param", "push_along", "push_rolling",
 ]  # fmt: skip
 
 

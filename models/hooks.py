@@ -56,6 +56,7 @@ class BallState:
     by: float = 0.0
     bz: float = 0.0
     slide_factor: float = 1.0  # on the friction of a sliding ball
+    roll_factor: float = 1.0  # on the deceleration of a rolling ball
     spin_factor: float = 1.0  # on the deceleration of sidespin
 
 

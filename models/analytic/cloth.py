@@ -50,12 +50,13 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
         if need > most * most:
             need = most / math.sqrt(need)
             gx, gy = gx * need, gy * need
+        resistance = roll * r[rec.ROLL_FACTOR] * n
         if mode == ROLLING:
-            dx, dy = roll * n * vx, roll * n * vy
+            dx, dy = resistance * vx, resistance * vy
         else:
             # A ball at rest stays there until the push exceeds what rolling resistance can hold.
             px, py = r[rec.AX] + gx, r[rec.AY] + gy
-            held = px * px + py * py <= (roll * n) ** 2
+            held = px * px + py * py <= resistance * resistance
     if held:
         r[rec.AX] = r[rec.AY] = r[rec.BX] = r[rec.BY] = 0.0
     else:

@@ -12,6 +12,7 @@ from tests.truth.cloth import GRAVITY, Constants
 
 Truth = Mapping[str, float]
 WITHIN: Final = 1.96  # standard deviations of a 95 % interval
+RAILS: Final = ("px", "mx", "py", "my")
 NEAR: Final = 0.4  # of a place that counts as right [m]
 
 BASE: Final = {  # parameter of the models: constant of the generator
@@ -60,6 +61,16 @@ EFFECT_TRUTH: Final[dict[str, tuple[Known, ...]]] = {  # the first of each is th
     "camera_tilt": (Known("along_x", _plain("camera_tilt")), Known("along_y", lambda t: t["camera_tilt"] / 2)),
     "image_scale": (Known("stretch", _plain("image_scale")),),
     "rolling_shutter": (Known("delay", _plain("shutter")),),
+    **{f"cushion_restitution_{rail}": (Known("change", _plain(f"ec_{rail}")),) for rail in RAILS},
+    **{f"cushion_friction_{rail}": (Known("change", _plain(f"muc_{rail}")),) for rail in RAILS},
+    "struck_ball_slide": (Known("change", _plain("cue_mus")),),
+    "struck_ball_roll": (Known("change", _plain("cue_mur")),),
+    "cloth_grain": (
+        Known("along", lambda t: t["ripple"] * math.cos(2 * t["ripple_phi"])),
+        Known("diagonal", lambda t: t["ripple"] * math.sin(2 * t["ripple_phi"])),
+    ),
+    "slide_curve": (Known("rate", _plain("slide_swerve")),),
+    "lens_distortion_r4": (Known("fourth", _plain("lens4")),),
 }
 
 
@@ -89,15 +100,9 @@ def _in_patch(told: Mapping[str, Any], truth: Truth) -> bool:
     return math.hypot(place[0] - truth["patch_x"], place[1] - truth["patch_y"]) <= NEAR
 
 
-def _dead_rail(told: Mapping[str, Any], truth: Truth) -> bool:
-    return _where(told, "cushion") and _where(told, ("+x", "-x", "+y", "-y")[int(truth["dead_rail"])])
-
-
 RIGHT: Final[dict[str, Place]] = {
     "worn_patch": Place(f"on the cloth, within {NEAR:g} m of the patch's centre", _in_patch),
-    "dead_cushion": Place("names the rail", _dead_rail),
     "crowned_slate": Place("on the cloth, by place", lambda u, t: _where(u, "cloth") and _on(u, "place")),
-    "cloth_grain": Place("on the cloth, by heading", lambda u, t: _where(u, "cloth") and _on(u, "heading")),
     "drying_cloth": Place(
         "on the cloth, by the order of the clips", lambda u, t: _where(u, "cloth") and _on(u, "order")
     ),

@@ -76,10 +76,11 @@ PAIRS: Final = (
     ("rolling_shutter", "cue_hop"),
     ("table_tilt", "speed_drag"),
     ("side_curve", "image_scale"),
+    ("cushion_restitution_px", "cushion_restitution_my"),
+    ("cushion_restitution_py", "cushion_friction_mx"),
 )
 ELSEWHERE: Final[dict[str, tuple[str, ...]]] = {  # the second set of a structure has it at another place
     "worn_patch": ("--constant", "patch_x=-0.6", "--constant", "patch_y=0.3"),
-    "dead_cushion": ("--constant", "dead_rail=3"),
 }
 
 

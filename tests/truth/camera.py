@@ -2,7 +2,9 @@
 
 The reported place of a ball truly at x is the chain of scale, tilt, lens and shake, each exact by itself:
 
-    x (1 + image_scale)    x / (1 + k x + k/2 y)    x (1 - lens r^2)    x + shake sin(2 pi f t + phase) along x
+    x (1 + image_scale)    x / (1 + k x + k/2 y)    x (1 - lens r^2 - lens4 r^4)
+
+and then x + shake sin(2 pi f t + phase) along x.
 
 A rolling shutter reads a ball at the time t + shutter y, y its place at t. Before the stroke the balls lie still.
 """
@@ -38,7 +40,8 @@ def image(xy: Array, times: Array, c: Constants, clip: int = 1) -> Array:
     """Where balls at xy [m] at times [s] are reported in the clip of that number; xy and back: (n, nball, 2)."""
     xy = xy * (1.0 + c.image_scale)
     xy = xy / (1.0 + c.camera_tilt * (xy[..., :1] + 0.5 * xy[..., 1:]))
-    xy = xy * (1.0 - c.lens * np.sum(xy**2, axis=-1, keepdims=True))
+    squared = np.sum(xy**2, axis=-1, keepdims=True)
+    xy = xy * (1.0 - c.lens * squared - c.lens4 * squared**2)
     swing = c.shake * np.sin(2 * np.pi * c.shake_hz * times + PHASE * clip)
     return np.asarray(xy + np.stack([swing, np.zeros_like(swing)], axis=-1)[:, None])
 

@@ -76,14 +76,25 @@ class Constants(NamedTuple):
     camera_tilt: float = 0.0  # image is divided by 1 + k x + k/2 y [1/m]
     image_scale: float = 0.0  # image is larger by this share [1]
     shutter: float = 0.0  # a row is read later by this time per y [s/m]
+    ripple: float = 0.0  # mur times 1 + ripple cos(2 (heading - ripple_phi)) [1]
+    ripple_phi: float = 0.0  # [rad]
+    slide_swerve: float = 0.0  # lateral acceleration of a sliding ball per sidespin and speed [1]
+    cue_mus: float = 0.0  # mus of the struck ball is higher by this share [1]
+    cue_mur: float = 0.0  # mur of the struck ball is higher by this share [1]
+    lens4: float = 0.0  # image shrinks by a further lens4 r^4 [1/m^4]
     patch: float = 0.0  # share by which rolling and sliding friction is higher on a worn patch [1]
     patch_x: float = 0.4  # its centre [m]
     patch_y: float = -0.2  # [m]
     patch_r: float = 0.35  # its radius [m]
-    dead: float = 0.0  # restitution that one cushion lacks [1]
-    dead_rail: float = 2.0  # which: 0 to 3 are +x, -x, +y, -y
+    ec_px: float = 0.0  # ec of the rail at +x is more by this [1]
+    ec_mx: float = 0.0  # of the rail at -x [1]
+    ec_py: float = 0.0  # at +y [1]
+    ec_my: float = 0.0  # at -y [1]
+    muc_px: float = 0.0  # muc of the rail at +x is more by this [1]
+    muc_mx: float = 0.0  # of the rail at -x [1]
+    muc_py: float = 0.0  # at +y [1]
+    muc_my: float = 0.0  # at -y [1]
     crown: float = 0.0  # slope away from the table's centre per distance from it [rad/m]
-    ripple: float = 0.0  # mur times 1 + ripple cos(2 heading) [1]
     wear: float = 0.0  # share by which mur has grown from the first clip to the last [1]
     cling: float = 0.0  # share by which friction is higher where a ball meets the one named "red" [1]
     cling_share: float = 1.0  # share of the clips where it is so [1]
@@ -119,7 +130,8 @@ def _worn(s: Array, c: Constants) -> float:
 @njit(cache=True)
 def _rolling_friction(s: Array, nx: float, ny: float, c: Constants) -> float:
     """Rolling deceleration over g where the ball is, towards the direction (nx, ny), at its speed [1]."""
-    mur = c.mur * _worn(s, c) * (1.0 + c.ripple * (nx * nx - ny * ny))
+    along = np.cos(2.0 * (np.arctan2(ny, nx) - c.ripple_phi))
+    mur = c.mur * _worn(s, c) * (1.0 + c.ripple * along) * (1.0 + s[STRUCK] * c.cue_mur)
     if c.slow != 0.0:
         mur *= 1.0 + c.slow * np.exp(-np.hypot(s[VX], s[VY]) / c.slow_v)
     return mur
@@ -143,8 +155,10 @@ def _slide_rates(s: Array, c: Constants) -> tuple[float, float, float, float, fl
     twist = c.contensou * s[WZ]
     total = np.sqrt(ux * ux + uy * uy + twist * twist)
     mus = max(0.05 * c.mus, c.mus * (1.0 - c.mus_v * (np.hypot(ux, uy) - 1.0))) * _worn(s, c)
+    mus *= 1.0 + s[STRUCK] * c.cue_mus
     friction = mus * GRAVITY / total if total > 0.0 else 0.0
-    fx, fy = friction * ux, friction * uy
+    side = c.slide_swerve * s[WZ]
+    fx, fy = friction * ux + side * s[VY], friction * uy - side * s[VX]
     decay = _spin_decay(s, c)
     if c.contensou > 0.0 and total > 0.0:
         decay *= abs(twist) / total

@@ -32,12 +32,23 @@ EFFECTS: Final[dict[str, tuple[str, ...]]] = {
     "camera_tilt": ("camera_tilt",),
     "image_scale": ("image_scale",),
     "rolling_shutter": ("shutter",),
+    "cushion_restitution_px": ("ec_px",),
+    "cushion_restitution_mx": ("ec_mx",),
+    "cushion_restitution_py": ("ec_py",),
+    "cushion_restitution_my": ("ec_my",),
+    "cushion_friction_px": ("muc_px",),
+    "cushion_friction_mx": ("muc_mx",),
+    "cushion_friction_py": ("muc_py",),
+    "cushion_friction_my": ("muc_my",),
+    "struck_ball_slide": ("cue_mus",),
+    "struck_ball_roll": ("cue_mur",),
+    "cloth_grain": ("ripple", "ripple_phi"),
+    "slide_curve": ("slide_swerve",),
+    "lens_distortion_r4": ("lens4",),
 }
 STRUCTURES: Final[dict[str, tuple[str, ...]]] = {
     "worn_patch": ("patch", "patch_x", "patch_y", "patch_r"),
-    "dead_cushion": ("dead", "dead_rail"),
     "crowned_slate": ("crown",),
-    "cloth_grain": ("ripple",),
     "drying_cloth": ("wear",),
     "ball_cling": ("cling", "cling_share"),
     "soft_rail_ends": ("ends",),
@@ -45,4 +56,12 @@ STRUCTURES: Final[dict[str, tuple[str, ...]]] = {
     "camera_shake": ("shake", "shake_hz"),
 }
 HIDDEN: Final = {**EFFECTS, **STRUCTURES}
-CAMERA: Final = ("clock_scale", "lens_distortion", "camera_tilt", "image_scale", "rolling_shutter", "camera_shake")
+CAMERA: Final = (
+    "clock_scale",
+    "lens_distortion",
+    "lens_distortion_r4",
+    "camera_tilt",
+    "image_scale",
+    "rolling_shutter",
+    "camera_shake",
+)

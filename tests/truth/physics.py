@@ -129,13 +129,18 @@ def cushion_restitution(speed: float, c: Constants, rail: int = -1, along: float
 
     A dead rail has less, and so has every rail towards its ends: along goes from -1 at one end to 1 at the other.
     """
-    e = c.ec - c.ec_v * (speed - 1.0) - (c.dead if rail == c.dead_rail else 0.0) - c.ends * along**2
+    own = (c.ec_px, c.ec_mx, c.ec_py, c.ec_my)[rail] if rail >= 0 else 0.0
+    e = c.ec + own - c.ec_v * (speed - 1.0) - c.ends * along**2
     return float(np.clip(e, 0.0, 1.0))
 
 
-def cushion_friction(speed: float, c: Constants) -> float:
-    """Friction at an approach speed [m/s]: muc - muc_v (v_n - 1), at least 0 and never so high that balls climb."""
-    return float(np.clip(c.muc - c.muc_v * (speed - 1.0), 0.0, max(c.muc, MOST_GRIP)))
+def cushion_friction(speed: float, c: Constants, rail: int = -1) -> float:
+    """Friction at an approach speed [m/s]: muc - muc_v (v_n - 1), at least 0 and never so high that balls climb.
+
+    Every rail may have more or less of its own.
+    """
+    own = (c.muc_px, c.muc_mx, c.muc_py, c.muc_my)[rail] if rail >= 0 else 0.0
+    return float(np.clip(c.muc + own - c.muc_v * (speed - 1.0), 0.0, max(c.muc, MOST_GRIP)))
 
 
 def ball_restitution(speed: float, c: Constants) -> float:
@@ -172,7 +177,7 @@ def _rebound(state: Array, i: int, rail: int, table: Table, c: Constants, n: int
     q[:1] = _turned(state[[i], VX : WZ + 1], x, y)
     speed = float(q[0, 0])
     along = float(state[i, 1 - rail // 2]) / ((table.width if rail < 2 else table.length) / 2)
-    e, mu = cushion_restitution(speed, c, rail, along), (cushion_friction(speed, c), 0.0, 0.0)
+    e, mu = cushion_restitution(speed, c, rail, along), (cushion_friction(speed, c, rail), 0.0, 0.0)
     q = impact(NOSE, q, e, mu, c.mus, _masses(state[[i, i]], c), c.radius, n)
     state[[i], VX : WZ + 1] = _turned(q[:1], x, -y)
 

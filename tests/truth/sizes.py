@@ -35,17 +35,28 @@ NATURAL: Final[dict[str, Sizes]] = {
     "camera_tilt": {"camera_tilt": 0.007},
     "image_scale": {"image_scale": 0.01},
     "rolling_shutter": {"shutter": 0.0066},
+    "cushion_restitution_px": {"ec_px": -0.08},
+    "cushion_restitution_mx": {"ec_mx": -0.08},
+    "cushion_restitution_py": {"ec_py": -0.08},
+    "cushion_restitution_my": {"ec_my": -0.08},
+    "cushion_friction_px": {"muc_px": 0.06},
+    "cushion_friction_mx": {"muc_mx": 0.06},
+    "cushion_friction_py": {"muc_py": 0.06},
+    "cushion_friction_my": {"muc_my": 0.06},
+    "struck_ball_slide": {"cue_mus": 0.1},
+    "struck_ball_roll": {"cue_mur": 0.1},
+    "cloth_grain": {"ripple": 0.1, "ripple_phi": 0.3},
+    "slide_curve": {"slide_swerve": 0.002},
+    "lens_distortion_r4": {"lens4": 0.0012},
     "worn_patch": {"patch": 0.4},
-    "dead_cushion": {"dead": 0.08},
     "crowned_slate": {"crown": 0.0008},
-    "cloth_grain": {"ripple": 0.1},
     "drying_cloth": {"wear": 0.15},
     "ball_cling": {"cling": 1.0, "cling_share": 0.4},
     "soft_rail_ends": {"ends": 0.1},
     "slow_drag": {"slow": 0.3},
     "camera_shake": {"shake": 0.001},
 }
-KEPT: Final = {"nap_phi", "mubb", "mubb_c", "cling_share"}  # they say where or how, not how much
+KEPT: Final = {"nap_phi", "ripple_phi", "mubb", "mubb_c", "cling_share"}  # they say where or how, not how much
 SCALES: Final = (1.0, 1 / 4, 1 / 16)
 
 

@@ -33,6 +33,12 @@ def play(c: Constants, balls: Mapping[str, Start], until: float, table: Table = 
     return simulate(table, c, balls, np.array([0.0, until]))
 
 
+def turned(ball: Start) -> Start:
+    """The same ball, turned half a circle about the table's centre, to the other two rails."""
+    (x, y), (vx, vy), (wx, wy, wz) = ball.xy, ball.velocity, ball.omega
+    return Start((-x, -y), (-vx, -vy), (-wx, -wy, wz))
+
+
 def rolling(speed: float, spin: float = 0.0) -> dict[str, Start]:
     return {"cue": Start((0.0, 0.0), (speed, 0.0), (0.0, speed / R, spin))}
 
@@ -88,8 +94,9 @@ def test_every_effect_changes_a_shot_and_off_is_absent(name: str) -> None:
     table = Table(pockets=False)
     assert set(HIDDEN[name]) <= set(Constants._fields)
     c = BASE._replace(mubb=NATURAL["ball_friction_speed"]["mubb"], patch_y=0.3)
-    plain = play(c, BUSY, 3.0, table).xy[-1]
-    on, little, off = (play(c._replace(**scaled(name, scale)), BUSY, 3.0, table).xy[-1] for scale in (1, 1 / 16, 0))
+    balls = {k: turned(b) for k, b in BUSY.items()} if name.endswith(("_mx", "_my")) else BUSY
+    plain = play(c, balls, 3.0, table).xy[-1]
+    on, little, off = (play(c._replace(**scaled(name, scale)), balls, 3.0, table).xy[-1] for scale in (1, 1 / 16, 0))
     assert np.max(np.abs(on - plain)) > 1e-3
     assert np.max(np.abs(little - plain)) < np.max(np.abs(on - plain)) / 4
     np.testing.assert_array_equal(off, plain)
@@ -149,13 +156,16 @@ def test_cushion_constants_that_follow_the_approach() -> None:
     np.testing.assert_allclose(rebound(c._replace(muc_v=0.5), (2.0, 0.3)), rebound(c._replace(muc=0.0), (2.0, 0.3)))
 
 
-def test_one_dead_cushion() -> None:
+def test_one_rail_unlike_the_others() -> None:
     places = {0: ((0.9, 0.0), (1.0, 0.2)), 1: ((-0.9, 0.0), (-1.0, 0.2)), 2: ((0.0, 0.9), (0.2, 1.0))}
+    places[3] = ((0.0, -0.9), (0.2, -1.0))
     for rail, (xy, v) in places.items():
-        for dead in (0.0, 1.0, 2.0, 3.0):
-            lower = BASE.ec - (0.1 if dead == rail else 0.0)
-            made = rebound(BASE._replace(dead=0.1, dead_rail=dead), v, xy)
-            np.testing.assert_array_equal(made, rebound(BASE._replace(ec=lower), v, xy))
+        for other, name in enumerate(("px", "mx", "py", "my")):
+            here = float(other == rail)
+            made = rebound(BASE._replace(**{f"ec_{name}": -0.1}), v, xy)
+            np.testing.assert_array_equal(made, rebound(BASE._replace(ec=BASE.ec - 0.1 * here), v, xy))
+            made = rebound(BASE._replace(**{f"muc_{name}": 0.05}), v, xy)
+            np.testing.assert_array_equal(made, rebound(BASE._replace(muc=BASE.muc + 0.05 * here), v, xy))
 
 
 def test_cushions_soft_at_their_ends() -> None:
@@ -226,16 +236,39 @@ def test_squirt_throws_the_ball_to_the_other_side() -> None:
     assert math.hypot(*ball.velocity) == pytest.approx(2.0) and ball.omega[2] > 0.0
 
 
+def test_cloth_that_resists_by_heading() -> None:
+    for way, phi, sign in ((0.0, 0.0, 1.0), (math.pi / 4, 0.0, 0.0), (math.pi / 2, 0.0, -1.0), (0.6, 0.6, 1.0)):
+        v = np.array([math.cos(way), math.sin(way)])
+        start = {"cue": Start((0.0, 0.0), (v[0], v[1]), (-v[1] / R, v[0] / R, 0.0))}
+        brake = -0.1 * sign * BASE.mur * GRAVITY * v
+        np.testing.assert_allclose(gain(start, ripple=0.1, ripple_phi=phi), brake, atol=1e-9)
+
+
+def test_a_struck_ball_that_the_cloth_brakes_more() -> None:
+    roll, slide = rolling(1.0), {"cue": Start((0.0, 0.0), (1.0, 0.0))}
+    np.testing.assert_allclose(gain(roll, cue_mur=0.1), (-0.1 * BASE.mur * GRAVITY, 0), atol=1e-9)
+    np.testing.assert_allclose(gain(slide, cue_mus=0.1), (-0.1 * BASE.mus * GRAVITY, 0), atol=1e-9)
+    for start in (roll, slide):
+        pair = {"cue": Start((5.0, 5.0)), "red": start["cue"]}
+        made, plain = (play(c, pair, 0.5).xy for c in (BASE._replace(cue_mur=0.1, cue_mus=0.1), BASE))
+        np.testing.assert_array_equal(made, plain)
+
+
+def test_sidespin_bends_a_slide() -> None:
+    """A force at the lowest point: it pushes to the left by k omega_z v, and turns the ball by 5/2 of that over R."""
+    slide = {"cue": Start((0.0, 0.0), (1.0, 0.0), (0.0, 0.0, 60.0))}
+    np.testing.assert_allclose(gain(slide, slide_swerve=0.002), (0, 0.12), atol=0.01)
+    on, off = (play(c, slide, 0.01).omega[-1, 0] for c in (BASE._replace(slide_swerve=0.002), BASE))
+    assert (on - off)[0] / 0.01 == pytest.approx(2.5 * 0.12 / R, rel=0.08)
+    assert np.all(gain(rolling(1.0, 60.0), slide_swerve=0.002) == 0.0)
+
+
 def test_structures_on_the_cloth() -> None:
     roll, slide = rolling(1.0), {"cue": Start((0.0, 0.0), (1.0, 0.0))}
     here = {"patch": 0.5, "patch_x": 0.0, "patch_y": 0.1, "patch_r": 0.2}
     np.testing.assert_allclose(gain(roll, **here), (-0.5 * BASE.mur * GRAVITY, 0), atol=1e-9)
     np.testing.assert_allclose(gain(slide, **here), (-0.5 * BASE.mus * GRAVITY, 0), atol=1e-9)
     assert np.all(gain(roll, **{**here, "patch_y": 0.3}) == 0.0)
-    for way, sign in ((0.0, 1.0), (math.pi / 4, 0.0), (math.pi / 2, -1.0)):
-        v = np.array([math.cos(way), math.sin(way)])
-        start = {"cue": Start((0.0, 0.0), (v[0], v[1]), (-v[1] / R, v[0] / R, 0.0))}
-        np.testing.assert_allclose(gain(start, ripple=0.1), -0.1 * sign * BASE.mur * GRAVITY * v, atol=1e-9)
     brake = 0.3 * math.exp(-1.0 / 0.25) * BASE.mur * GRAVITY
     np.testing.assert_allclose(gain(roll, slow=0.3), (-brake, 0), rtol=0.01, atol=1e-12)
 
@@ -276,6 +309,7 @@ def test_the_camera_on_numbers() -> None:
     assert stamps(t, BASE._replace(clock=1.012))[0] == pytest.approx(2.024)
     for effect, factors in (
         ({"lens": 0.006}, (1 - 0.006 * 2.89, 1 - 0.006 * 0.25)),
+        ({"lens": 0.006, "lens4": 0.001}, (1 - 0.006 * 2.89 - 0.001 * 2.89**2, 1 - 0.006 * 0.25 - 0.001 * 0.25**2)),
         ({"camera_tilt": 0.01}, (1 / (1 + 0.015 - 0.004), 1 / (1 + 0.0025))),
         ({"image_scale": 0.01}, (1.01, 1.01)),
     ):

@@ -136,7 +136,7 @@ def test_clips_without_commands(tmp_path: Path) -> None:
         (["--constant", "mus=-0.1"], "mus=-0.1: expected 0"),
         (["--constant", "ec=nan"], "finite"),
         (["--hidden", "wornpatch=0.1"], "did you mean 'worn_patch'"),
-        (["--hidden", "dead_cushion=0.1,1.5"], "dead_rail=1.5"),
+        (["--hidden", "dead_cushion=0.1"], "unknown effect 'dead_cushion'"),
         (["--outliers", "0.7"], "--outliers 0.7"),
         (["--clips", "0"], "--clips 0"),
         (["--diameter", "5"], "--diameter 5"),

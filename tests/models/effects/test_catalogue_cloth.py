@@ -23,12 +23,18 @@ CASES = [
     ("spin_decay_speed", {"rate": 0.8}, {"spin_v": 0.8}),
     ("off_centre_ball", {"offset": 0.003}, {"off_centre": 0.003}),
     ("cue_hop", {"time_per_speed": 0.02}, {"hop": 0.02}),
+    ("struck_ball_slide", {"change": 0.2}, {"cue_mus": 0.2}),
+    ("struck_ball_roll", {"change": -0.2}, {"cue_mur": -0.2}),
+    ("cloth_grain", {"along": 0.2, "diagonal": 0.0}, {"ripple": 0.2}),
+    ("cloth_grain", {"along": 0.0, "diagonal": -0.2}, {"ripple": 0.2, "ripple_phi": -np.pi / 4}),
+    ("slide_curve", {"rate": 0.003}, {"slide_swerve": 0.003}),
 ]
 VARYING = [
     ("table_tilt", {"slope_x": 0.0007, "slope_y": -0.0016}), ("cloth_nap", {"push": 0.03}),
     ("speed_drag", {"rate": 0.035}), ("air_drag", {"rate": 0.02}), ("side_curve", {"rate": 0.002}),
     ("spin_slide_coupling", {"lever": 0.005}), ("slide_friction_speed", {"rate": 0.1}),
     ("spin_decay_speed", {"rate": 0.3}), ("off_centre_ball", {"offset": 0.002}),
+    ("cloth_grain", {"along": 0.2, "diagonal": 0.1}), ("slide_curve", {"rate": 0.003}),
 ]  # fmt: skip
 
 

@@ -1,0 +1,44 @@
+"""Rails that are not alike, against an independent program that has the same rail hidden."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from models.model_file import effect_class, full_model
+from models.shot import Array, Shot
+from models.simulation.simulate import simulate
+from tests.models.effects.test_catalogue import BALL, BASE, ENGINES, TABLE
+from tests.models.effects.test_catalogue_cloth import apart, truth
+
+RAILS = {"px": (1.0, 0.0), "mx": (-1.0, 0.0), "py": (0.0, 1.0), "my": (0.0, -1.0)}
+CASES = [
+    (f"cushion_{what}_{rail}", c, rail) for what, c in (("restitution", "ec"), ("friction", "muc")) for rail in RAILS
+]
+CHANGE = {"ec": -0.12, "muc": 0.1}
+
+
+def at_rails() -> list[Shot]:
+    """One ball with spin at each rail, in their order, off its normal."""
+    limits: Array = np.array([TABLE.length, TABLE.width]) / 2
+    found = []
+    for way in map(np.array, RAILS.values()):
+        across = np.array([-way[1], way[0]])
+        place, v = way * (limits - 0.3), 1.5 * way + 0.5 * across
+        found.append(Shot(("white",), place[None], v[None], np.array([[5.0, -10.0, 30.0]]), np.linspace(0, 1, 21)))
+    return found
+
+
+@ENGINES
+@pytest.mark.parametrize(("name", "constant", "rail"), CASES, ids=[c[0] for c in CASES])
+def test_a_rail_differs_as_the_hidden_one_does_and_no_other(name: str, constant: str, rail: str, engine: str) -> None:
+    played, change = at_rails(), CHANGE[constant]
+    base = dataclasses.replace(full_model(TABLE, BALL).with_values(BASE), engine=engine)
+    plain, seen = simulate(base, played), simulate(base.add(effect_class(name)(change=change)), played)
+    assert [t.events[0].rail for t in plain] == ["+x", "-x", "+y", "-y"] and all(len(t.events) == 1 for t in plain)
+    moved, here = apart(plain, seen), list(RAILS).index(rail)
+    assert moved[here] > 5e-3 and (np.delete(moved, here) == 0.0).all()
+    off = np.abs(truth(played[here], {f"{constant}_{rail}": change}) - seen[here].position).max()
+    assert off < 5e-4 * moved[here] + 1e-5
