@@ -60,6 +60,7 @@ EFFECT_TRUTH: Final[dict[str, tuple[Known, ...]]] = {  # the first of each is th
     "camera_tilt": (Known("along_x", _plain("camera_tilt")), Known("along_y", lambda t: t["camera_tilt"] / 2)),
     "image_scale": (Known("stretch", _plain("image_scale")),),
     "rolling_shutter": (Known("delay", _plain("shutter")),),
+    "image_aspect": (Known("aspect", _plain("image_aspect")),),
 }
 
 

@@ -32,6 +32,7 @@ EFFECTS: Final[dict[str, tuple[str, ...]]] = {
     "camera_tilt": ("camera_tilt",),
     "image_scale": ("image_scale",),
     "rolling_shutter": ("shutter",),
+    "image_aspect": ("image_aspect",),
 }
 STRUCTURES: Final[dict[str, tuple[str, ...]]] = {
     "worn_patch": ("patch", "patch_x", "patch_y", "patch_r"),
@@ -45,4 +46,12 @@ STRUCTURES: Final[dict[str, tuple[str, ...]]] = {
     "camera_shake": ("shake", "shake_hz"),
 }
 HIDDEN: Final = {**EFFECTS, **STRUCTURES}
-CAMERA: Final = ("clock_scale", "lens_distortion", "camera_tilt", "image_scale", "rolling_shutter", "camera_shake")
+CAMERA: Final = (
+    "clock_scale",
+    "lens_distortion",
+    "camera_tilt",
+    "image_scale",
+    "rolling_shutter",
+    "image_aspect",
+    "camera_shake",
+)

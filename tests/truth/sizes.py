@@ -35,6 +35,7 @@ NATURAL: Final[dict[str, Sizes]] = {
     "camera_tilt": {"camera_tilt": 0.007},
     "image_scale": {"image_scale": 0.01},
     "rolling_shutter": {"shutter": 0.0066},
+    "image_aspect": {"image_aspect": 0.005},
     "worn_patch": {"patch": 0.4},
     "dead_cushion": {"dead": 0.08},
     "crowned_slate": {"crown": 0.0008},
