@@ -25,7 +25,7 @@ class CueCommand:
 class Observation:
     """The track of one ball."""
 
-    time: Array  # (n,) [s], increasing
+    time: Array  # (n,) [s], increasing; as read, 0 at the first sample of the clip
     xy: Array  # (n, 2) [m], table frame
     theta: Array  # (n,) [rad], turned angle of the mark about the vertical, unwrapped; NaN where unseen
     extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # n cells of each column that is not known here
@@ -43,6 +43,7 @@ class Clip:
     extra: Mapping[str, Any] = field(default_factory=dict)  # keys of its [[clip]] that are not known here
     order: float = 0.0  # place in the session, 0 for the first clip of the set, 1 for the last
     running: bool = False  # a part of a shot that begins with a moving ball
+    origin: float = 0.0  # stamp of the camera's clock at the clip's time 0 [s]
 
 
 @dataclass(frozen=True)

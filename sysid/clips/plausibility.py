@@ -3,7 +3,8 @@
 In: the `Rows` of a clip with its table, ball and camera. Out: faults, collected in `Faults`.
 
 A ball's centre stays a radius from the cushion noses, so the limit at the nose line tolerates errors of the camera
-(scale, tilt, lens). Beyond it a ball may only be where a pocket is.
+(scale, tilt, lens). Beyond it a ball may only be where a pocket is; a rare single sample somewhat beyond is an outlier
+of the tracker (sysid/clips/outliers.py), no fault.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from collections.abc import Collection
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from models.shot import Ball, Table
+from models.shot import Array, Ball, Table
 from sysid.clips.faults import CLIPS_TOML, Faults, closest, listed, shown
 from sysid.clips.header import Entry, Header
 from sysid.clips.rows import Rows
@@ -23,6 +25,8 @@ PLACES, TIMES = "places", "times"  # what may be wrong in all clips alike
 MIN_STRUCK_SAMPLES = 3  # samples of the struck ball
 MAX_CLIP_S = 600.0  # no shot lasts so long, but one with times in milliseconds would
 MAX_BEYOND_NOSE_M = 0.005  # of a centre: cushions yield, trackers err
+MAX_WILD_M = 0.1  # beyond a nose, of a single sample that the tracker placed elsewhere
+MAX_WILD_SHARE = 0.02  # of a ball's samples
 POCKET_REACH = 2.0  # distance from the corner of the noses to a ball that drops, in ball diameters
 MAX_OVERLAP_M = 0.003  # of touching balls at the start
 RECORD_AGAIN = "record the shot again or remove the clip"
@@ -93,10 +97,12 @@ def _check_places(rows: Rows, file: str, table: Table, ball: Ball, noise: float,
     half = np.array([table.length, table.width]) / 2
     limit = half + MAX_BEYOND_NOSE_M + noise
     outside = np.flatnonzero((np.abs(rows.xy) > limit).any(axis=1))
-    good = True
+    reach = POCKET_REACH * ball.diameter + noise
+    outside = np.array([i for i in outside.tolist() if not table.to_pocket(rows.xy[i]) <= reach], np.int64)
+    good, wild = True, _wild(rows, outside, half + MAX_WILD_M)
     for i in outside.tolist():
         x, y = (float(v) for v in rows.xy[i])
-        if table.to_pocket(rows.xy[i]) <= POCKET_REACH * ball.diameter + noise:
+        if i in wild:
             continue
         good = False
         axis = 0 if abs(x) > limit[0] else 1
@@ -104,6 +110,20 @@ def _check_places(rows: Rows, file: str, table: Table, ball: Ball, noise: float,
         remedy = "correct it, in metres from the table's centre"
         faults.add(file, f"{problem} (nose at {half[axis]:g} m): {remedy}", rows.line[i])
     return good
+
+
+def _wild(rows: Rows, outside: NDArray[np.int64], limit: Array) -> set[int]:
+    """Which of the rows outside the table are single samples that a tracker placed elsewhere."""
+    found: set[int] = set()
+    beyond = np.zeros(len(rows.ball), bool)
+    beyond[outside] = True
+    for k in range(len(rows.names)):
+        of_ball = np.flatnonzero(rows.ball == k)
+        away = np.concatenate([[True], beyond[of_ball], [True]])
+        single = of_ball[away[1:-1] & ~away[:-2] & ~away[2:]]
+        if single.size == away[1:-1].sum() <= MAX_WILD_SHARE * len(of_ball):
+            found |= {i for i in single.tolist() if (np.abs(rows.xy[i]) <= limit).all()}
+    return found
 
 
 def _check_overlap(rows: Rows, file: str, ball: Ball, fps: float, noise: float, faults: Faults) -> None:

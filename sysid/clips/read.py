@@ -21,6 +21,7 @@ from sysid.clips.plausibility import PLACES, TIMES, check_rows, check_struck
 from sysid.clips.rows import Rows, parse_rows
 from sysid.clips.units import coordinates_fault, times_fault
 
+STAMP_DECIMALS = 9  # of seconds: differences of stamps are rounded to them, so that the clock's origin leaves no trace
 SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
 
 
@@ -91,10 +92,13 @@ def _doubted(clip_set: ClipSet, rows: Sequence[Rows], faults: Faults) -> tuple[s
 
 
 def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
+    """A clip, its time from its first sample on: a camera's clock may begin anywhere."""
     balls = {}
+    origin = float(rows.time[0]) if len(rows.time) else 0.0
+    time = np.round(rows.time - origin, STAMP_DECIMALS)
     for k, name in enumerate(rows.names):
         of_ball = np.flatnonzero(rows.ball == k)
         extra = {key: tuple(cells[i] for i in of_ball.tolist()) for key, cells in rows.extra.items()}
-        balls[name] = Observation(rows.time[of_ball], rows.xy[of_ball], rows.theta[of_ball], extra)
+        balls[name] = Observation(time[of_ball], rows.xy[of_ball], rows.theta[of_ball], extra)
     cue = None if entry.cue is None else CueCommand(**entry.cue)
-    return Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order)
+    return Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order, origin=origin)

@@ -118,7 +118,8 @@ def _csv(clip: Clip) -> str:
         # Adding 0 turns -0 into 0.
         xy = (np.round(seen.xy, 6) + 0.0).tolist()
         quoted = _cell(name)
-        for t, (x, y), theta, cells in zip(seen.time.tolist(), xy, seen.theta.tolist(), others, strict=True):
+        stamps = (seen.time + clip.origin).tolist()
+        for t, (x, y), theta, cells in zip(stamps, xy, seen.theta.tolist(), others, strict=True):
             angle = "" if math.isnan(theta) else f"{theta:.6f}"
             tail = "".join("," + _cell(cell) for cell in cells)
             rows.append((t, f"{t:.6f},{quoted},{x:.6f},{y:.6f},{angle}{tail}\n"))

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.estimation.least_squares import MIN_DAMPING, Array, Objective, Prior, fit_each, loss, moved
+from sysid.estimation.least_squares import MIN_DAMPING, Array, Objective, Prior, fit_each, loss, moved, solve_each
 from sysid.estimation.normal_equations import NormalEquations, from_differences, from_jacobian
 
 MAX_STALLED_STEPS = 2  # in a row that improve nothing
@@ -102,7 +102,7 @@ def _eliminated(normal: NormalEquations, x: Array, prior: Prior) -> ReducedSyste
     axx = normal.matrix[:, :p, :p] + np.einsum("np,pq->npq", 1 / sd**2 + 1e-9, np.eye(p))
     axc, acc = normal.matrix[:, :p, p:], normal.matrix[:, p:, p:]
     gx, gc = normal.gradient[:, :p] + prior.residuals(x) / sd, normal.gradient[:, p:]
-    solved = np.linalg.solve(axx, np.concatenate([axc, gx[..., None]], axis=2))
+    solved = solve_each(axx, np.concatenate([axc, gx[..., None]], axis=2))
     state_by_constant, state_step = solved[..., :-1], solved[..., -1]
     information = acc - np.swapaxes(axc, 1, 2) @ state_by_constant
     gradient = gc - np.einsum("npq,np->nq", axc, state_step)
@@ -118,7 +118,8 @@ def fit_joint(
     Converged means that the last full (undamped) step asked to change no constant by more than 2 % of its standard
     deviation, or predicted to lower the loss by less than the tolerance, or by less than ten times that after steps
     that improved nothing. The covariance is the larger of the inverse information and the sandwich over problems, which
-    holds where the model is not quite right.
+    holds where the model is not quite right. Noise that is correlated from sample to sample gives less information than
+    independent samples, by its correlation time.
 
     Args:
         objective: of all problems.
@@ -154,7 +155,8 @@ def fit_joint(
         if stalled > MAX_STALLED_STEPS:
             break
     reduced, sd, width = joint.reduced(at.x, at.c), joint.prior.sd, shared.width
-    found = covariance(reduced.information, reduced.gradient, width, np.where(sd < width, 1 / sd**2, 0.0))
+    known = np.where(sd < width, 1 / sd**2, 0.0)
+    found = covariance(reduced.information, reduced.gradient, width, known, objective.correlation_time)
     return Solution(at.x, at.c, found, at.cost, converged, reduced.information, reduced.gradient)
 
 
@@ -232,14 +234,16 @@ class _Joint:
         """Initial states for other constants: unchanged, moved with them, or by Newton's step; each problem's best."""
         o, n = self.objective, len(at.x)
         along = at.x - np.einsum("npq,q->np", reduced.state_by_constant, c - at.c)
-        starts = np.stack([at.x, along, along - reduced.state_step])
+        starts = o.inside(np.stack([at.x, along, along - reduced.state_step]))
         r = o.evaluate(starts.reshape(3 * n, -1), np.tile(c, (3 * n, 1)), np.tile(np.arange(n), 3)).reshape(3, n, -1)
         squares = np.stack([o.prior.residuals(s) for s in starts]) ** 2
         costs = loss(r, o.cauchy_sd) + 0.5 * np.sum(squares, axis=-1)
         return np.asarray(starts[np.argmin(costs, axis=0), np.arange(n)])
 
 
-def covariance(information: Array, gradient: Array, width: Array, known: Array | None = None) -> Array:
+def covariance(
+    information: Array, gradient: Array, width: Array, known: Array | None = None, correlation_time: float = 1.0
+) -> Array:
     """Covariance of the constants: (q, q); NaN for those known no better than a quarter of their bounds' width.
 
     Args:
@@ -247,8 +251,9 @@ def covariance(information: Array, gradient: Array, width: Array, known: Array |
         gradient: (n, q) of each problem's loss.
         width: (q,) of the bounds.
         known: (q,) information on each constant beside the problems, 1 / sd^2.
+        correlation_time: of the noise [samples]; the residuals hold as much less information.
     """
-    h = information.sum(axis=0)
+    h = information.sum(axis=0) / correlation_time
     q = len(h)
     if known is not None:
         h = h + np.diag(known)
@@ -258,7 +263,7 @@ def covariance(information: Array, gradient: Array, width: Array, known: Array |
         return out
     k = np.ix_(determined, determined)
     inverse = np.linalg.pinv(h[k])
-    g = gradient[:, determined]
+    g = gradient[:, determined] / correlation_time
     n = max(int(np.sum(np.any(g != 0, axis=1))), 1)
     sandwich = inverse @ (g.T @ g) @ inverse * (n / max(n - determined.sum(), 1))
     # Correlations are those of the information; standard deviations are the larger ones of both.

@@ -11,7 +11,7 @@ c^2/2 log(1 + (r/c)^2), by reweighting.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ FIRST_STATE_DAMPING = 1e-3
 MIN_DAMPING = 1e-9
 MAX_STATE_ATTEMPTS = 6  # at a step of the initial states, ten times the damping each
 BATCH_PROBLEMS = 256  # whose residuals are in memory at a time, once for each finite difference
+NO_BOUNDS = np.array([[-np.inf, np.inf]])
+SINGULAR_SHARE = 1e-9  # eigenvalue of a scaled matrix up to which nothing is determined
 Evaluate = Callable[[Array, Array, NDArray[np.int64]], Array]
 """(k, p) initial states, (k, q) constants, (k,) problem numbers -> (k, m) residuals in units of noise, NaN unused."""
 
@@ -51,6 +53,12 @@ class Objective:
     steps: Array  # (p,) finite differences of the initial state
     prior: Prior  # of the initial states
     cauchy_sd: float  # Cauchy's constant, in standard deviations; inf is least squares
+    correlation_time: float = 1.0  # of the noise [samples]: so many count as one
+    bounds: Array = field(default_factory=NO_BOUNDS.copy)  # (p, 2) of the initial state, or (1, 2)
+
+    def inside(self, x: Array) -> Array:
+        """Initial states (..., p), moved to where they may be."""
+        return np.clip(x, self.bounds[:, 0], self.bounds[:, 1])
 
 
 def loss(residuals: Array, c: float) -> Array:
@@ -88,6 +96,31 @@ def differences(
     return r[0], np.moveaxis(d[:p], 0, -1), np.moveaxis(d[p:], 0, -1)
 
 
+def solve_each(matrix: Array, right: Array) -> Array:
+    """Solutions (n, p, k) of symmetric systems (n, p, p) with right-hand sides (n, p, k); singular ones regularised.
+
+    A singular matrix is scaled by the root of its diagonal and solved by its pseudoinverse: what it does not determine
+    does not move. What is not finite gives 0.
+    """
+    try:
+        found = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        found = np.full_like(right, np.nan)
+    if np.isfinite(found).all():
+        return np.asarray(found)
+    diagonal = np.abs(np.einsum("npp->np", matrix))
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    scaled = matrix / (scale[:, :, None] * scale[:, None, :])
+    finite = np.isfinite(scaled).all(axis=(1, 2)) & np.isfinite(right).all(axis=(1, 2))
+    values, vectors = np.linalg.eigh(scaled[finite])
+    turned = np.swapaxes(vectors, 1, 2) @ (right[finite] / scale[finite][:, :, None])
+    out = np.zeros_like(right)
+    inverse = np.where(values > SINGULAR_SHARE, 1 / np.maximum(values, SINGULAR_SHARE), 0.0)
+    solved = vectors @ (inverse[:, :, None] * turned)
+    out[finite] = solved / scale[finite][:, :, None]
+    return out
+
+
 def fit_each(
     objective: Objective,
     x: Array,
@@ -109,7 +142,7 @@ def fit_each(
     n, p = x.shape
     which = np.arange(n) if which is None else which
     prior = objective.prior.only(which)
-    x, damping, cost = x.copy(), np.full(n, FIRST_STATE_DAMPING), np.full(n, np.inf)
+    x, damping, cost = objective.inside(x), np.full(n, FIRST_STATE_DAMPING), np.full(n, np.inf)
     active = np.arange(n)
     means, sds = np.broadcast_to(prior.mean, (n, p)), np.broadcast_to(prior.sd, (n, p))
     for _step in range(iterations):
@@ -122,8 +155,8 @@ def fit_each(
             lhs = a[todo] + np.einsum(
                 "np,pq->npq", 1 / here.sd[todo] ** 2 + damping[active[todo], None] * diagonal[todo] + 1e-12, np.eye(p)
             )
-            step = -np.linalg.solve(lhs, g[todo][..., None])[..., 0]
-            new = x[active[todo]] + step
+            step = -solve_each(lhs, g[todo][..., None])[..., 0]
+            new = objective.inside(x[active[todo]] + step)
             r_new = objective.evaluate(new, np.broadcast_to(c, (todo.size, c.size)), which[active[todo]])
             new_cost = loss(r_new, objective.cauchy_sd) + 0.5 * np.sum(here.only(todo).residuals(new) ** 2, axis=1)
             better = new_cost < cost[active[todo]]

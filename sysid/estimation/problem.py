@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from models.engine.play import lacking
 from models.model_file import Model
-from models.shot import Table
+from models.shot import Ball, Table
 from sysid.estimation.joint_fit import SharedConstants
 from sysid.estimation.least_squares import Prior
 
@@ -26,6 +26,8 @@ Index = NDArray[np.int64]
 
 STATE_STEPS = np.array([1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4])  # finite differences, [m] and [m/s]
 CONSTANT_STEP, VARIED_CONSTANT_STEP = 1e-5, 1e-3  # the same of constants, of their bounds' width
+MAX_SPEED_M_S = 15.0  # of a ball: no break shot is faster
+MAX_SPIN_M_S = 20.0  # surface speed of its spin: the miscue limit at that speed, and a little more
 OPEN_TABLE_M = 1e3  # length and width of a table whose cushions are out of range
 CAUCHY_SD = 4.0  # Cauchy's constant, in standard deviations
 
@@ -64,6 +66,11 @@ def turn(azimuth: float) -> Array:
     """Rotation that takes (along, across) to table axes: (2, 2)."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     return np.array([[c, -s], [s, c]])
+
+
+def state_bounds(table: Table, ball: Ball) -> Array:
+    """Largest absolute values of the initial state of a moving ball: (7,)."""
+    return np.array([*table.centre_limits(ball), *[MAX_SPEED_M_S] * 2, *[MAX_SPIN_M_S] * 3])
 
 
 def open_table(table: Table) -> Table:

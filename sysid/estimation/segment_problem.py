@@ -18,7 +18,7 @@ from models.shot import Shot
 from models.simulation.observe import observed
 from sysid.clips.segments import Segment
 from sysid.estimation.least_squares import Objective, Prior
-from sysid.estimation.problem import STATE_STEPS, Array, Index, ball_of, by_events, open_table
+from sysid.estimation.problem import STATE_STEPS, Array, Index, ball_of, by_events, open_table, state_bounds
 from sysid.estimation.residual_rows import MeasuredShot, ShotData, Weighting, packed, residuals
 from sysid.estimation.start_values import running_sd, straight
 
@@ -47,7 +47,8 @@ class SegmentProblem:
 
     def objective(self, cauchy_sd: float) -> Objective:
         """For a fit of the initial states, with Cauchy's constant in standard deviations."""
-        return Objective(self.evaluate, STATE_STEPS, self.prior, cauchy_sd)
+        high = state_bounds(self.model.table, self.model.ball)
+        return Objective(self.evaluate, STATE_STEPS, self.prior, cauchy_sd, bounds=np.column_stack([-high, high]))
 
     @cached_property
     def layout(self) -> Layout | None:

@@ -32,7 +32,7 @@ from sysid.clips.plausibility import POCKET_REACH
 from sysid.clips.segments import CLAMP_MARGIN_M, free_from, moving_from
 from sysid.estimation.discrepancy import discrepancy_rate, events_and_paths
 from sysid.estimation.least_squares import Objective, Prior
-from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, Array, Index, ball_of, by_events, turn
+from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, Array, Index, ball_of, by_events, state_bounds, turn
 from sysid.estimation.residual_rows import RESIDUALS_PER_SAMPLE, MeasuredShot, ShotData, Weighting, packed, residuals
 from sysid.estimation.start_values import shot_start, theta_noise
 
@@ -66,6 +66,7 @@ class ShotProblem:
     sd_theta: Array  # (n,) of a marked ball's angle [rad]
     end: Array  # (n,) of each clip [s]
     horizon: Array  # (n,) after which a shot counts no more [s]
+    correlation_time: float = 1.0  # of the noise [samples], see sysid/clips/noise.py
 
     @property
     def clips(self) -> tuple[Clip, ...]:
@@ -124,7 +125,15 @@ class ShotProblem:
 
     def objective(self, cauchy_sd: float = CAUCHY_SD) -> Objective:
         """For a fit of the initial states, with Cauchy's constant in standard deviations."""
-        return Objective(self.evaluate, self.steps, self.prior, cauchy_sd)
+        return Objective(self.evaluate, self.steps, self.prior, cauchy_sd, self.correlation_time, self.bounds)
+
+    @property
+    def bounds(self) -> Array:
+        """Where a ball can be, and how fast it can move and spin: (p, 2)."""
+        others = self.start.shape[1] - len(STATE_STEPS)
+        at_rest = np.full(others, self.model.ball.diameter / 2)
+        high = np.concatenate([state_bounds(self.model.table, self.model.ball), at_rest])
+        return np.column_stack([-high, high])
 
     def balls(self, clip: int) -> tuple[str, ...]:
         """Names, the struck ball first."""
@@ -229,7 +238,7 @@ def residual(track: Track, ball: int, seen: Observation, n: int) -> tuple[Array,
 
 def shot_problem(
     model: Model, names: Sequence[str], clip_set: ClipSet, noise: float,
-    known: Mapping[str, tuple[float, float]] | None = None,
+    known: Mapping[str, tuple[float, float]] | None = None, correlation_time: float = 1.0,
 ) -> ShotProblem:  # fmt: skip
     """Set up whole shots: starting values and their spread from the cue's command, or from the first samples."""
     clips, n, moving = clip_set.clips, len(clip_set.clips), len(STATE_STEPS)
@@ -253,7 +262,7 @@ def shot_problem(
     return ShotProblem(
         model, tuple(names), clip_set, noise, dict(known or {}), start, azimuth, Prior(mean, sd),
         tuple(shot.rest for shot in shots), tuple(staying), tuple(trusted), tuple(events), path, data,
-        np.full(path.shape, noise), np.full(n, theta_noise(clips)), end, end,
+        np.full(path.shape, noise), np.full(n, theta_noise(clips)), end, end, correlation_time,
     )  # fmt: skip
 
 

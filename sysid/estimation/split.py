@@ -15,7 +15,7 @@ import numpy as np
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.clips.clock import stamp_scale
-from sysid.clips.noise import position_noise
+from sysid.clips.noise import noise_correlation, position_noise
 from sysid.clips.outliers import remove_outliers
 from sysid.clips.pieces import cut_clips
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
@@ -77,6 +77,7 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
     """
     noise = position_noise(clip_set)
     clip_set, spikes = remove_outliers(clip_set, noise)
+    correlation = noise_correlation(clip_set)
     scale, sd = stamp_scale(clip_set)
     known = {CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {}
     rows = training_clips(clip_set)
@@ -85,7 +86,7 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
     model = model.with_values(cloth.known)
 
     def problem_of(part: ClipSet) -> ShotProblem:
-        return shot_problem(model, tuple(model.parameters()), part, noise, known)
+        return shot_problem(model, tuple(model.parameters()), part, noise, known, correlation)
 
     problem = problem_of(training)
     shots = 0

@@ -53,7 +53,7 @@ def compare_fits(one: Point, two: Point, by: Point | None = None, tau: float | N
         better = two if b < a else one
         r = better.residuals(better.problem.with_discrepancy(rate))
         spread = max(1.0, (float(np.nanmedian(np.abs(r))) / 0.6745) ** 2)
-        tau = correlation_time(better, rate) * spread
+        tau = max(correlation_time(better, rate), better.problem.correlation_time) * spread
     more = two.constants.size - one.constants.size
     return Evidence((a - b) / tau - more * float(np.log(max(count / tau, 2))), a - b, tau)
 

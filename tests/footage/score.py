@@ -103,7 +103,7 @@ def _places(found: Score, shot: Scene, clip: Clip, frames: Sequence[int], fps: f
         if name not in shot.track.names:
             found.swapped += len(seen.time)
             continue
-        at = begin + seen.time
+        at = begin + clip.origin + seen.time
         true = shot.places(name, at)
         off = seen.xy - true
         wrong = ~(np.hypot(*off.T) < camera.radius)

@@ -71,6 +71,7 @@ EFFECT_TRUTH: Final[dict[str, tuple[Known, ...]]] = {  # the first of each is th
     ),
     "slide_curve": (Known("rate", _plain("slide_swerve")),),
     "lens_distortion_r4": (Known("fourth", _plain("lens4")),),
+    "image_aspect": (Known("aspect", _plain("image_aspect")),),
 }
 
 

@@ -1,8 +1,9 @@
 """What the camera makes of the motion: stamps, image, readout, noise and lost frames.
 
-The reported place of a ball truly at x is the chain of scale, tilt, lens and shake, each exact by itself:
+The reported place of a ball truly at x is the chain of scale, aspect, tilt, lens and shake, each exact by itself:
 
-    x (1 + image_scale)    x / (1 + k x + k/2 y)    x (1 - lens r^2 - lens4 r^4)
+    x (1 + image_scale)    x (1 + aspect), y (1 - aspect)
+    x / (1 + k x + k/2 y)    x (1 - lens r^2 - lens4 r^4)
 
 and then x + shake sin(2 pi f t + phase) along x.
 
@@ -39,6 +40,7 @@ class Camera:
 def image(xy: Array, times: Array, c: Constants, clip: int = 1) -> Array:
     """Where balls at xy [m] at times [s] are reported in the clip of that number; xy and back: (n, nball, 2)."""
     xy = xy * (1.0 + c.image_scale)
+    xy = xy * np.array([1.0 + c.image_aspect, 1.0 - c.image_aspect])
     xy = xy / (1.0 + c.camera_tilt * (xy[..., :1] + 0.5 * xy[..., 1:]))
     squared = np.sum(xy**2, axis=-1, keepdims=True)
     xy = xy * (1.0 - c.lens * squared - c.lens4 * squared**2)

@@ -75,6 +75,7 @@ class Constants(NamedTuple):
     lens: float = 0.0  # image shrinks by lens r^2 at distance r from the table's centre [1/m^2]
     camera_tilt: float = 0.0  # image is divided by 1 + k x + k/2 y [1/m]
     image_scale: float = 0.0  # image is larger by this share [1]
+    image_aspect: float = 0.0  # image is longer along x, and shorter along y, by this share [1]
     shutter: float = 0.0  # a row is read later by this time per y [s/m]
     ripple: float = 0.0  # mur times 1 + ripple cos(2 (heading - ripple_phi)) [1]
     ripple_phi: float = 0.0  # [rad]

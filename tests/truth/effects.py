@@ -45,6 +45,7 @@ EFFECTS: Final[dict[str, tuple[str, ...]]] = {
     "cloth_grain": ("ripple", "ripple_phi"),
     "slide_curve": ("slide_swerve",),
     "lens_distortion_r4": ("lens4",),
+    "image_aspect": ("image_aspect",),
 }
 STRUCTURES: Final[dict[str, tuple[str, ...]]] = {
     "worn_patch": ("patch", "patch_x", "patch_y", "patch_r"),
@@ -63,5 +64,6 @@ CAMERA: Final = (
     "camera_tilt",
     "image_scale",
     "rolling_shutter",
+    "image_aspect",
     "camera_shake",
 )

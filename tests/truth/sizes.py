@@ -48,6 +48,7 @@ NATURAL: Final[dict[str, Sizes]] = {
     "cloth_grain": {"ripple": 0.1, "ripple_phi": 0.3},
     "slide_curve": {"slide_swerve": 0.002},
     "lens_distortion_r4": {"lens4": 0.0012},
+    "image_aspect": {"image_aspect": 0.005},
     "worn_patch": {"patch": 0.4},
     "crowned_slate": {"crown": 0.0008},
     "drying_cloth": {"wear": 0.15},

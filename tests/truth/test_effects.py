@@ -312,9 +312,10 @@ def test_the_camera_on_numbers() -> None:
         ({"lens": 0.006, "lens4": 0.001}, (1 - 0.006 * 2.89 - 0.001 * 2.89**2, 1 - 0.006 * 0.25 - 0.001 * 0.25**2)),
         ({"camera_tilt": 0.01}, (1 / (1 + 0.015 - 0.004), 1 / (1 + 0.0025))),
         ({"image_scale": 0.01}, (1.01, 1.01)),
+        ({"image_aspect": 0.01}, ((1.01, 0.99), (1.01, 0.99))),
     ):
         made = image(xy, t, BASE._replace(**effect))
-        np.testing.assert_allclose(made, xy * np.array(factors)[:, None], rtol=1e-12)
+        np.testing.assert_allclose(made, xy * np.reshape(factors, (2, -1)), rtol=1e-12)
     shaken = image(xy, t, BASE._replace(shake=0.001, shake_hz=2.0), clip=3) - xy
     np.testing.assert_allclose(shaken[0], [[0.001 * math.sin(8 * math.pi + 7.2), 0.0]] * 2, atol=1e-12)
 

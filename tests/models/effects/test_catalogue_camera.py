@@ -90,6 +90,11 @@ def test_image_scale(plain: Track) -> None:
     np.testing.assert_allclose(seen(effect("image_scale", stretch=0.01)).position, 1.01 * plain.position, atol=1e-14)
 
 
+def test_image_aspect(plain: Track) -> None:
+    made = seen(effect("image_aspect", aspect=0.01)).position
+    np.testing.assert_allclose(made, np.array([1.01, 0.99]) * plain.position, atol=1e-14)
+
+
 def test_clock_scale(plain: Track) -> None:
     track = seen(effect("clock_scale", factor=1.012), played=shot(1.012 * STAMPS))
     np.testing.assert_allclose(track.position, plain.position, atol=1e-12)
@@ -125,7 +130,8 @@ def test_effects_act_in_the_order_of_the_stack(plain: Track) -> None:
     [
         ("lens_distortion", {"barrel": [0.0, 0.003, -0.01]}), ("clock_scale", {"factor": [1.0, 0.99, 1.02]}),
         ("camera_tilt", {"along_x": [0.0, 0.01, -0.01], "along_y": [0.0, 0.02, 0.0]}),
-        ("image_scale", {"stretch": [0.0, 0.01, -0.03]}), ("rolling_shutter", {"delay": [0.0, 0.003, -0.003]}),
+        ("image_scale", {"stretch": [0.0, 0.01, -0.03]}), ("image_aspect", {"aspect": [0.0, 0.01, -0.03]}),
+        ("rolling_shutter", {"delay": [0.0, 0.003, -0.003]}),
         ("squirt", {"per_offset": [0.0, 3.0, -2.0]}), ("lens_distortion_r4", {"fourth": [0.0, 0.001, -0.002]}),
     ],
 )  # fmt: skip
@@ -176,6 +182,7 @@ def test_exposures_that_run_backwards_are_refused(monkeypatch: pytest.MonkeyPatc
         ("lens_distortion", {"barrel": 0.006}, {"lens": 0.006}),
         ("lens_distortion_r4", {"fourth": 0.0012}, {"lens4": 0.0012}),
         ("image_scale", {"stretch": 0.01}, {"image_scale": 0.01}),
+        ("image_aspect", {"aspect": 0.01}, {"image_aspect": 0.01}),
         ("camera_tilt", {"along_x": 0.004, "along_y": 0.002}, {"camera_tilt": 0.004}),
     ],
 )  # fmt: skip

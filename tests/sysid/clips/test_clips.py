@@ -25,17 +25,19 @@ def folder(tmp_path: Path) -> Path:
     return make(tmp_path / "set")
 
 
-def assert_same(one: ClipSet, other: ClipSet) -> None:
+def assert_same(one: ClipSet, two: ClipSet) -> None:
     """Equal but for the folder and rounding to 6 decimals."""
-    assert (one.table, one.ball, one.fps, one.sigma) == (other.table, other.ball, other.fps, other.sigma)
-    assert one.extra == other.extra
-    assert len(one.clips) == len(other.clips)
-    for a, b in zip(one.clips, other.clips, strict=True):
+    assert (one.table, one.ball, one.fps, one.sigma) == (two.table, two.ball, two.fps, two.sigma)
+    assert one.extra == two.extra
+    assert len(one.clips) == len(two.clips)
+    for a, b in zip(one.clips, two.clips, strict=True):
         assert (a.file, a.struck, a.note, a.cue, a.extra) == (b.file, b.struck, b.note, b.cue, b.extra)
         assert a.balls.keys() == b.balls.keys()
         for name, seen in a.balls.items():
-            for key in ("time", "xy", "theta"):
-                np.testing.assert_allclose(getattr(seen, key), getattr(b.balls[name], key), rtol=0, atol=1e-6)
+            other = b.balls[name]
+            np.testing.assert_allclose(a.origin + seen.time, b.origin + other.time, rtol=0, atol=1e-6)
+            np.testing.assert_allclose(seen.xy, other.xy, rtol=0, atol=1e-6)
+            np.testing.assert_allclose(seen.theta, other.theta, rtol=0, atol=1e-6)
             assert seen.extra == b.balls[name].extra
 
 
@@ -237,3 +239,18 @@ def test_shared_data_has_no_faults_and_reads_fast(data_folder: Path) -> None:
     assert len(carom.clips) == 123
     assert sum(len(seen.time) for clip in carom.clips for seen in clip.balls.values()) == 50984 - 123
     assert asdict(carom.table) == {"length": 2.84, "width": 1.42, "pockets": False}
+
+
+# Clock
+
+
+@pytest.mark.parametrize("origin", [-10.0, -0.01, 100.0, 1000.0])
+def test_a_clock_may_begin_anywhere(folder: Path, tmp_path: Path, origin: float) -> None:
+    plain = read_clip_set(folder)
+    late = replace(plain, clips=tuple(replace(c, origin=origin) for c in plain.clips))
+    write_clip_set(late, tmp_path / "late")
+    assert f"{origin:.6f},cue" in (tmp_path / "late/clips/1.csv").read_text()
+    for a, b in zip(plain.clips, read_clip_set(tmp_path / "late").clips, strict=True):
+        assert b.origin == origin
+        for name, seen in a.balls.items():
+            np.testing.assert_array_equal(seen.time, b.balls[name].time)

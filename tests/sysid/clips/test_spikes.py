@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from models.shot import Ball, Table
 from sysid.clips import Clip, ClipSet, Observation
-from sysid.clips.outliers import find_outliers, remove_outliers
+from sysid.clips.noise import noise_correlation, position_noise
+from sysid.clips.outliers import find_outliers, find_swaps, remove_outliers
 
 SIGMA = 0.0005
 
@@ -50,3 +52,55 @@ def test_what_is_set_aside_is_counted_and_the_rest_kept() -> None:
     assert np.array_equal(part.clips[0].balls["cue"].time, np.delete(seen.time, 60))
     assert part.clips[0].balls["red"] is clip.balls["red"]
     assert remove_outliers(part, SIGMA) == (part, 0)
+
+
+def meeting() -> tuple[Observation, Observation]:
+    """A ball that meets one at rest and stops, and the one that goes on."""
+    rng = np.random.default_rng(7)
+    time = np.arange(60) / 60
+    first = np.where(time < 0.5, 1.5 * time, 0.75 - 0.02 * (time - 0.5))
+    second = 0.75 + 0.0525 + np.where(time < 0.5, 0.0, 1.4 * (time - 0.5))
+    one, two = (np.column_stack([x, np.zeros(60)]) + rng.normal(0, SIGMA, (60, 2)) for x in (first, second))
+    nothing = np.full(60, np.nan)
+    return Observation(time, one, nothing), Observation(time, two, nothing)
+
+
+@pytest.mark.parametrize(("begin", "end"), [(28, 30), (29, 33), (31, 34)])
+def test_exchanged_balls_are_found(begin: int, end: int) -> None:
+    one, two = meeting()
+    assert [rows.tolist() for rows in find_swaps(one, two)] == [[], []]
+    part = slice(begin, end)
+    one.xy[part], two.xy[part] = two.xy[part].copy(), one.xy[part].copy()
+    assert [rows.tolist() for rows in find_swaps(one, two)] == [list(range(begin, end))] * 2
+    clip = Clip("a.csv", "one", {"one": one, "two": two})
+    whole = ClipSet(Table(3.569, 1.778), Ball(0.0525, 0.1406), 60.0, (clip,), SIGMA)
+    assert remove_outliers(whole, SIGMA)[1] == 2 * (end - begin)
+
+
+def test_a_sample_beyond_a_cushion_is_an_outlier() -> None:
+    seen = path()
+    seen.xy[1] = (1.0, 0.93)
+    whole = ClipSet(Table(3.569, 1.778), Ball(0.0525, 0.1406), 120.0, (Clip("a.csv", "cue", {"cue": seen}),), SIGMA)
+    assert 1 / 120 not in remove_outliers(whole, SIGMA)[0].clips[0].balls["cue"].time
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_size_and_correlation_of_the_noise(share: float) -> None:
+    """White noise, and with a part of its variance a first-order process, correlated by 0.4 from sample to sample."""
+    rng, clips = np.random.default_rng(3), []
+    for k in range(60):
+        noise = rng.normal(size=(150, 2))
+        hanging = noise.copy()
+        for i in range(1, 150):
+            hanging[i] = 0.4 * hanging[i - 1] + np.sqrt(1 - 0.4**2) * noise[i]
+        time = np.arange(150) / 120
+        smooth = np.column_stack([1.2 * time - 0.1 * time**2, 0.3 * time])
+        white = rng.normal(size=(150, 2))
+        xy = smooth + SIGMA * (np.sqrt(1 - share) * white + np.sqrt(share) * hanging)
+        clips.append(Clip(f"{k}.csv", "cue", {"cue": Observation(time, xy, np.full(150, np.nan))}))
+    clip_set = ClipSet(Table(3.569, 1.778), Ball(0.0525, 0.1406), 120.0, tuple(clips))
+    assert abs(position_noise(clip_set) / SIGMA - 1) < 0.03
+    if share:
+        assert 1 + 2 * 0.3 * 0.3 < noise_correlation(clip_set) < 1 + 2 * 0.3 * 0.4 / 0.6  # low by the lags left out
+    else:
+        assert noise_correlation(clip_set) == 1.0

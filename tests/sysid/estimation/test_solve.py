@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sysid.estimation.joint_fit import SharedConstants, Solution, StoppingRule, covariance, fit_joint
-from sysid.estimation.least_squares import Evaluate, Objective, Prior, differences, fit_each, loss, weights
+from sysid.estimation.least_squares import Evaluate, Objective, Prior, differences, fit_each, loss, solve_each, weights
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -272,3 +272,22 @@ def test_steps_are_logged(caplog: pytest.LogCaptureFixture) -> None:
     steps = [record.args for record in caplog.records]
     assert [k for _, k, _ in steps] == list(range(len(steps))) and len(steps) >= 1  # type: ignore[misc]
     assert all(later <= earlier for (*_, earlier), (*_, later) in itertools.pairwise(steps))  # type: ignore[misc]
+
+
+def test_singular_systems_are_regularised() -> None:
+    """What is determined is solved, what is not stays, and the other systems are not touched."""
+    good, right = np.array([[2.0, 1.0], [1.0, 3.0]]), np.ones((3, 2, 1))
+    found = solve_each(np.array([good, [[1e-4, 0.0], [0.0, 0.0]], [[np.nan, 0.0], [0.0, 1.0]]]), right)[..., 0]
+    np.testing.assert_allclose(found[0], np.linalg.solve(good, np.ones(2)), rtol=1e-6)
+    assert found[1, 0] == pytest.approx(1e4, rel=1e-6)
+    assert np.isfinite(found).all() and (found[2] == 0).all()
+    twins = solve_each(np.ones((1, 2, 2)), np.ones((1, 2, 1)))[0, :, 0]
+    np.testing.assert_allclose(twins, 0.5, rtol=1e-6)
+
+
+def test_unknowns_stay_within_their_bounds() -> None:
+    evaluate, _, _, own = linear(np.random.default_rng(5), noise=0.0)
+    bounds = np.array([[-0.5, 0.5], [-np.inf, np.inf]])
+    objective = Objective(evaluate, np.full(2, 1e-5), free(2), np.inf, bounds=bounds)
+    found, _ = fit_each(objective, np.full((PROBLEMS, 2), 3.0), TRUE, 20)
+    assert np.abs(found[:, 0]).max() <= 0.5 and np.abs(own[:, 0]).max() > 0.5

@@ -12,7 +12,7 @@ import pytest
 
 from models.console import write_json
 from models.model_file import Model, full_model
-from sysid.clips import ClipSet, read_clip_set
+from sysid.clips import ClipSet, read_clip_set, write_clip_set
 from sysid.report.text import in_words, print_comparison
 from sysid.residuals.compare import compare
 from sysid.residuals.comparison import Comparison, Group
@@ -49,6 +49,18 @@ def wrong(clip_set: ClipSet, right: Model, fair: Comparison, name: str, factor: 
 
 def worst(comparison: Comparison, by: str) -> Group:
     return next(d for d in comparison.where if d.by == by)
+
+
+def test_the_origin_of_the_clock_changes_nothing(clip_set: ClipSet, right: Model, tmp_path: Path) -> None:
+    few = dataclasses.replace(clip_set, clips=clip_set.clips[:3])
+    write_clip_set(few, tmp_path / "plain")
+    plain = compare(read_clip_set(tmp_path / "plain"), right)
+    for origin in (-10.0, -0.01, 100.0, 1000.0):
+        clips = tuple(dataclasses.replace(c, origin=origin) for c in few.clips)
+        write_clip_set(dataclasses.replace(few, clips=clips), tmp_path / "late")
+        late = compare(read_clip_set(tmp_path / "late"), right)
+        assert json.dumps(late.to_json()) == json.dumps(plain.to_json())  # NaN equals NaN
+        np.testing.assert_array_equal(late.initial_states, plain.initial_states)
 
 
 def test_nothing_stands_out_with_the_right_constants(fair: Comparison) -> None:
