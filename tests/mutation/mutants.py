@@ -1,10 +1,11 @@
 """Every way to break a formula of `models/` by one small change, found in the syntax tree.
 
-A change is a sign, a factor, a comparison, a swapped axis or function, a constant doubled. What only says how finely or
-how fast something is computed is no physics, and is left out, since no observable can tell it from another choice:
-functions of step lengths (STEP_LENGTHS), iteration limits (`range`), conditions that end an iteration (`if ...: break`),
-literals that are rounding or no bound at all (outside SMALLEST to LARGEST), and what such a literal or a named tolerance
-is added to or multiplied with (TOLERANCES). A comparison with a tolerance stays in: it decides between sliding and rolling.
+A change is a sign, a factor, a comparison, a swapped axis or function, a constant doubled. What only says how finely
+or fast something is computed is no physics and is left out, since no observable should tell it from another choice:
+functions of step lengths (STEP_LENGTHS), iteration limits (`range`), conditions that end an iteration (`if ...:
+break`), literals that are rounding or no bound at all (outside SMALLEST to LARGEST), and what these or a named
+tolerance (TOLERANCES) are added to or multiplied with. Comparisons with a tolerance stay in: they tell sliding from
+rolling.
 """
 
 from __future__ import annotations

@@ -88,7 +88,9 @@ class Workshop:
 
     def imports_itself(self) -> bool:
         """Whether what runs here is this copy, not an installed checkout."""
-        _, text = self.run(["-c", "import models, tests; print(models.__file__, tests.__path__)"], PLAIN_LIMIT_S)
+        _, text = self.run(
+            ["-c", "import models, tests.mutation as m; print(models.__file__, m.__file__)"], PLAIN_LIMIT_S
+        )
         return text.count(str(self.folder.resolve()) + "/") == 2
 
     def unfit_as_plain_python(self) -> tuple[str, ...]:
