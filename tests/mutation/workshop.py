@@ -19,10 +19,12 @@ from tests.mutation.mutants import Mutant
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("models", "sysid", "planner", "robot", "tests", "pyproject.toml", "README.md")
-PLAIN_TESTS = ("tests/models/analytic",)
+PLAIN_TESTS = ("tests/models/analytic", "tests/models/engine/test_impacts.py")
+PLAIN_SOURCES = ("models/analytic/", "models/engine/impacts.py")  # compiled ones that these are about
 LATE_TESTS = ("tests/models/mjcf", "tests/models/recording", "tests/models/report", "tests/models/test_command_line.py")
 PLAIN_LIMIT_S, STAGE_LIMIT_S = 120, 1200
 SLOW_PLAIN_S = 1.5  # of a test as plain Python, from which on it is left to compiled code
+NO_TESTS = 5  # pytest's exit status where none is chosen
 FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+?(?:\[.*?\])?)(?: - .*)?$", re.MULTILINE)
 SLOW = re.compile(r"^([\d.]+)s call +(\S.*)$", re.MULTILINE)
 
@@ -39,12 +41,15 @@ def test_files(folder: str) -> list[str]:
 
 
 def near_tests(file: str) -> list[str]:
-    """The files of tests that name a source, its module or its effect: those of models/, or else of what uses it."""
+    """The files of tests that name a source, its module or its effect: those of the lowest package that has any."""
     stem = Path(file).stem
     word = stem if file.startswith("models/effects") else ".".join(Path(file).with_suffix("").parts)
     sought = re.compile(rf"\b{re.escape(word)}\b")
     found = [name for name in test_files("tests") if sought.search((ROOT / name).read_text(encoding="utf-8"))]
-    return [name for name in found if name.startswith("tests/models")] or found
+    for package in ("models", "sysid", "planner", "robot"):
+        if near := [name for name in found if name.startswith(f"tests/{package}/")]:
+            return near
+    return []
 
 
 @dataclass(frozen=True)
@@ -108,10 +113,14 @@ class Workshop:
         others = [name for name in test_files("tests") if name not in near and name not in models]
         try:
             path.write_text(mutant.text, encoding="utf-8")
-            if is_compiled(mutant.file) and mutant.file.startswith("models/analytic"):
+            if is_compiled(mutant.file) and mutant.file.startswith(PLAIN_SOURCES):
                 status, text = self.pytest([*PLAIN_TESTS], PLAIN_LIMIT_S, "-x", plain=True)
                 if status:
                     return "plain", culprit(text)
+            if mutant.file.startswith("models/effects"):
+                status, text = self.pytest(near, STAGE_LIMIT_S, "-x", "-k", Path(mutant.file).stem)
+                if status not in (0, NO_TESTS):
+                    return "named", culprit(text)
             # One run for both: what is near comes first, and nothing is compiled twice.
             for stage, paths in (("models", near + models), ("all", others))[:stages]:
                 status, text = self.pytest(paths, STAGE_LIMIT_S, "-x")
