@@ -92,8 +92,11 @@ def meeting(x, y, vx, vy, ax, ay, distance, h):  # type: ignore[no-untyped-def]
     v2, a2 = vx * vx + vy * vy, ax * ax + ay * ay
     if c0 > CLOSED_GAP_M:
         v, a = math.sqrt(v2), math.sqrt(a2)
-        if abs(vx * ay - vy * ax) <= STRAIGHT_SINE * v * a and (
-            a == 0.0 or v + a * h * math.copysign(1.0, vx * ax + vy * ay) >= -1e-9 * v
+        # What sets off from rest is left to the quartic: the line it takes is that of its acceleration.
+        if (
+            (v > 0.0 or a == 0.0)
+            and abs(vx * ay - vy * ax) <= STRAIGHT_SINE * v * a
+            and (a == 0.0 or v + a * h * math.copysign(1.0, vx * ax + vy * ay) >= -1e-9 * v)
         ):
             if c1 >= 0.0:
                 return np.inf

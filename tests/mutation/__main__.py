@@ -1,88 +1,74 @@
 """Break formulas one at a time, run the tests, and list what no test noticed: `python -m tests.mutation`.
 
-Each mutant lives in a copy of the checkout. The tests of the formulas run first, as plain Python, which takes seconds;
-a mutant that survives them is compiled, and meets the tests of `models/`, then all that `make test` runs. Results are
-kept as they come (results.jsonl); the same command goes on where it was interrupted.
+Each mutant lives in a copy of the checkout. A compiled formula first meets its tests as plain Python, which takes
+seconds; a mutant that survives is compiled, and meets the tests that name its file, then all others of `models/`
+(--stages 1), then all that `make test` runs (--stages 2). Results are kept as they come (results.jsonl); the same
+command goes on where it was interrupted, and --again tries once more what had survived. What is broken, and what is
+left out and why: mutants.py; mutants that change nothing that can be seen: equivalents.py.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
-import os
-import shutil
-import subprocess
 import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from tests.mutation.equivalents import EQUIVALENTS
 from tests.mutation.mutants import Mutant, sample
+from tests.mutation.workshop import COPIED, ROOT, STAGE_LIMIT_S, Workshop, is_compiled
 
-ROOT = Path(__file__).resolve().parents[2]
-COPIED = ("models", "sysid", "planner", "robot", "tests", "pyproject.toml", "README.md")
-PLAIN_TESTS = ("tests/models/analytic", "tests/models/effects/test_effects.py")
-STAGES = (("tests/models",), ("tests",))  # compiled, one after another
-PLAIN_LIMIT_S, STAGE_LIMIT_S = 300, 1800
 SCORE_WANTED = 0.9
 
 
-class Workshop:
-    """A copy of the checkout in which formulas are broken and tests run."""
-
-    def __init__(self, folder: Path, skipped: tuple[str, ...]) -> None:
-        self.folder, self.skipped = folder, skipped
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
-        for name in COPIED:
-            source = ROOT / name
-            if source.is_dir():
-                shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-            else:
-                shutil.copy(source, folder / name)
-
-    def pytest(self, paths: tuple[str, ...], limit: float, *, plain: bool, first_only: bool = True) -> tuple[int, str]:
-        """Run tests here: exit status, and what was printed; 1 when time is up."""
-        words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "0", "-m", "not slow", *paths]
-        words += [f"--deselect={test}" for test in self.skipped if plain]
-        env = os.environ | {
-            "PYTHONPATH": str(self.folder), "NUMBA_CACHE_DIR": str(self.folder / ".numba"), "OPENBLAS_NUM_THREADS": "1",
-            "CUELAB_DATA": os.environ.get("CUELAB_DATA", str(ROOT.parent / "shared" / "data")),
-        }  # fmt: skip
-        if plain:
-            env["NUMBA_DISABLE_JIT"] = "1"
-        try:
-            done = subprocess.run(
-                [*words, *(["-x"] if first_only else [])], cwd=self.folder, env=env, text=True, timeout=limit,
-                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired:
-            return 1, "time is up"
-        return done.returncode, done.stdout
-
-    def try_out(self, mutant: Mutant, stages: int) -> tuple[str, str]:
-        """Which stage caught a mutant ("" if none), and by which test."""
-        path = self.folder / mutant.file
-        whole = path.read_text(encoding="utf-8")
-        try:
-            path.write_text(mutant.text, encoding="utf-8")
-            status, text = self.pytest(PLAIN_TESTS, PLAIN_LIMIT_S, plain=True)
-            if status:
-                return "plain", culprit(text)
-            for paths in STAGES[:stages]:
-                status, text = self.pytest(paths, STAGE_LIMIT_S, plain=False)
-                if status:
-                    return paths[0], culprit(text)
-            return "", ""
-        finally:
-            path.write_text(whole, encoding="utf-8")
+def digest() -> str:
+    """Of all that is copied."""
+    found = hashlib.sha256()
+    for path in sorted(path for name in COPIED for path in (ROOT / name).rglob("*.py")):
+        found.update(str(path).encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()
 
 
-def culprit(text: str) -> str:
-    """The first test that failed."""
-    failed = [line.split(" - ")[0] for line in text.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    return failed[0] if failed else text.splitlines()[-1] if text else ""
+def prepared(out: Path) -> Workshop:
+    """A compiled copy in which nothing is broken."""
+    note = out / "unbroken.json"
+    known = json.loads(note.read_text()) if note.exists() else {}
+    if known.get("digest") == digest():
+        return Workshop(out / "unbroken", tuple(known["skipped"]))
+    print("compiling, and which tests need compiled code", flush=True)
+    shop = Workshop(out / "unbroken")
+    shop.fill(ROOT)
+    if not shop.imports_itself():
+        raise SystemExit(f"{shop.folder}: Python imports another checkout; is it installed in front of PYTHONPATH?")
+    shop.run(["-m", "sysid.prepare"], STAGE_LIMIT_S)
+    shop = Workshop(shop.folder, shop.unfit_as_plain_python())
+    note.write_text(json.dumps({"digest": digest(), "skipped": shop.skipped}))
+    return shop
+
+
+def prove(shop: Workshop, judged: list[dict[str, str]]) -> None:
+    """See that the tests that caught something pass where nothing is broken."""
+    tests = sorted({one["test"] for one in judged if one["caught"] and "::" in one["test"]} - set(shop.skipped))
+    if tests:
+        status, text = shop.pytest(tests, STAGE_LIMIT_S)
+        if status:
+            raise SystemExit(f"tests that caught mutants fail before anything is broken:\n{text[-2000:]}")
+
+
+def report(judged: list[dict[str, str]]) -> float:
+    """Print the score and what survived; the score."""
+    counted = [one for one in judged if one["mutant"] not in EQUIVALENTS]
+    caught = sum(bool(one["caught"]) for one in counted)
+    score = caught / max(len(counted), 1)
+    print(f"\n{caught} of {len(counted)} caught: {100 * score:.0f} %, and {len(judged) - len(counted)} equivalent")
+    for one in counted:
+        if not one["caught"]:
+            print(f"survived: {one['mutant']}")
+    return score
 
 
 def main() -> int:
@@ -91,20 +77,26 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=80, help="mutants (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2, help="side by side (default: %(default)s)")
-    parser.add_argument(
-        "--stages", type=int, default=2, choices=(0, 1, 2), help="after plain Python: models, all tests"
-    )
+    parser.add_argument("--stages", type=int, default=2, choices=(1, 2), help="1: tests of models/; 2: all tests")
+    parser.add_argument("--again", action="store_true", help="try once more what had survived")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "mutation", help="results and copies")
     args = parser.parse_args()
+    args.out = args.out.resolve()
     args.out.mkdir(parents=True, exist_ok=True)
     results = args.out / "results.jsonl"
-    known = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
-    print("which tests need compiled code", flush=True)
-    first = Workshop(args.out / "copy0", ())
-    _, text = first.pytest(PLAIN_TESTS, 3 * PLAIN_LIMIT_S, plain=True, first_only=False)
-    skipped = tuple(line.split()[1] for line in text.splitlines() if line.startswith(("FAILED", "ERROR")))
-    free = [Workshop(args.out / f"copy{k}", skipped) for k in range(args.jobs)]
+    lines = results.read_text().splitlines() if results.exists() else []
+    known = {one["mutant"]: one for one in map(json.loads, lines)}  # the last word counts
+    wanted = sample(ROOT, args.count, args.seed)
+    todo = [one for one in wanted if one.name not in EQUIVALENTS]
+    todo = [one for one in todo if one.name not in known or (args.again and not known[one.name]["caught"])]
+    todo.sort(key=lambda one: is_compiled(one.file))  # the quick ones first
     lock = threading.Lock()
+    free: list[Workshop] = []
+    if todo:
+        unbroken = prepared(args.out)
+        free = [Workshop(args.out / f"copy{k}", unbroken.skipped) for k in range(args.jobs)]
+        for shop in free:
+            shop.fill(unbroken.folder)
 
     def run(mutant: Mutant) -> None:
         with lock:
@@ -113,23 +105,17 @@ def main() -> int:
         stage, test = shop.try_out(mutant, args.stages)
         with lock:
             free.append(shop)
-            known.append({"mutant": mutant.name, "caught": stage, "test": test})
+            known[mutant.name] = {"mutant": mutant.name, "caught": stage, "test": test}
             with results.open("a") as file:
-                file.write(json.dumps(known[-1]) + "\n")
-            print(f"{time.monotonic() - began:5.0f} s  {stage or 'SURVIVED':14s} {mutant.name[:110]}", flush=True)
+                file.write(json.dumps(known[mutant.name]) + "\n")
+            print(f"{time.monotonic() - began:5.0f} s  {stage or 'SURVIVED':9s} {mutant.name[:150]}", flush=True)
 
-    wanted = sample(ROOT, args.count, args.seed)
-    names = {one["mutant"] for one in known}
     with ThreadPoolExecutor(args.jobs) as pool:
-        list(pool.map(run, [mutant for mutant in wanted if mutant.name not in names]))
-    ours = {mutant.name for mutant in wanted}
-    judged = [one for one in known if one["mutant"] in ours]
-    caught = sum(bool(one["caught"]) for one in judged)
-    print(f"\n{caught} of {len(judged)} caught: {100 * caught / len(judged):.0f} %")
-    for one in judged:
-        if not one["caught"]:
-            print(f"survived: {one['mutant']}")
-    return 0 if caught >= SCORE_WANTED * len(judged) else 1
+        list(pool.map(run, todo))
+    if todo:
+        prove(unbroken, [known[one.name] for one in todo])
+    judged = [known.get(one.name, {"mutant": one.name, "caught": ""}) for one in wanted]
+    return 0 if report(judged) >= SCORE_WANTED else 1
 
 
 if __name__ == "__main__":

@@ -1,10 +1,21 @@
-"""Every way to break a formula of `models/` by one small change, found in the syntax tree."""
+"""Every way to break a formula of `models/` by one small change, found in the syntax tree.
+
+A change is a sign, a factor, a comparison, a swapped axis or function, a constant doubled. What only says how finely
+or fast something is computed is no physics and is left out, since no observable should tell it from another choice:
+functions of step lengths (STEP_LENGTHS), iteration limits (`range`), conditions that end an iteration (`if ...:
+break`), literals that are rounding or no bound at all (outside SMALLEST to LARGEST), and what these or a named
+tolerance (TOLERANCES) are added to or multiplied with. Comparisons with a tolerance stay in: they tell sliding from
+rolling.
+"""
 
 from __future__ import annotations
 
 import ast
 import copy
+import dataclasses
 import random
+import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,23 +27,32 @@ FACTORS: dict[type[ast.operator], type[ast.operator]] = {ast.Mult: ast.Div, ast.
 ORDERS: dict[type[ast.cmpop], type[ast.cmpop]] = {ast.Lt: ast.Gt, ast.Gt: ast.Lt, ast.LtE: ast.GtE, ast.GtE: ast.LtE}
 FUNCTIONS = {"sin": "cos", "cos": "sin", "min": "max", "max": "min"}
 AXES = {"x": "y", "y": "x"}
+STEP_LENGTHS = ("horizon", "_reach", "_fade")  # functions of how long a step may be
+TOLERANCES = re.compile(
+    r"SETTLED|TOLERANCE|STILL|SNAP|ALIGNED|CLOSED_GAP|STRAIGHT_SINE|SETBACK|MARGIN|MAX_STEPS|MAX_SLIP|LAST_SLIP"
+    r"|^none$|^fine$"
+)  # names that hold one
+SMALLEST, LARGEST = 1e-5, 1e5  # of literals that are physics
 AXIS_ENDINGS = ("vx", "vy", "wx", "wy", "_x", "_y", ".x", ".y")  # of names that have another axis
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change: in which file and line, what it was and what it became, and the file's new text."""
+    """One change: in which file and function, what it was and what it became, and the file's new text."""
 
     file: str
-    line: int
+    function: str
     before: str
     after: str
     text: str
+    line: int
+    copy: int = 0  # which of the same changes in the function
 
     @property
     def name(self) -> str:
-        """Where and what, as one line."""
-        return f"{self.file}:{self.line}: {self.before}  ->  {self.after}"
+        """Where and what, as one line that knows no line numbers."""
+        again = f" ({self.copy + 1})" if self.copy else ""
+        return f"{self.file} {self.function}: {self.before}  ->  {self.after}{again}"
 
 
 def formula_files(root: Path) -> list[Path]:
@@ -78,28 +98,47 @@ def _changed(node: ast.AST) -> Iterator[ast.AST]:
         yield axis
 
 
-def _formulas(tree: ast.Module) -> Iterator[ast.AST]:
-    """Nodes of function bodies, without docstrings, annotations, checks that raise, and declarations."""
-    stack: list[ast.AST] = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-    seen: set[int] = set()
+def _is_tolerance(node: ast.AST) -> bool:
+    """Whether a value is about rounding or iterations, or a multiple of such a one."""
+    if isinstance(node, ast.BinOp):
+        return _is_tolerance(node.left) or _is_tolerance(node.right)
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, float) and node.value != 0.0 and not SMALLEST < abs(node.value) < LARGEST
+    name = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
+    return bool(TOLERANCES.search(name))
+
+
+def _is_left_out(node: ast.AST) -> bool:
+    """What is no formula, or only about steps, iterations and rounding."""
+    if isinstance(node, ast.Raise | ast.Assert | ast.JoinedStr | ast.arguments):
+        return True
+    if isinstance(node, ast.FunctionDef):
+        return node.name in STEP_LENGTHS
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        return node.func.id == "range"
+    if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+        return bool(TOLERANCES.search(node.targets[0].id))
+    return isinstance(node, ast.BinOp | ast.Constant) and _is_tolerance(node)
+
+
+def _formulas(function: ast.FunctionDef) -> Iterator[ast.AST]:
+    """Nodes of a function's body, without docstrings, annotations, checks that raise, and what `_is_left_out`."""
+    stack: list[ast.AST] = [] if _is_left_out(function) else list(function.body)
     while stack:
         node = stack.pop()
-        if id(node) in seen or isinstance(node, ast.Raise | ast.Assert | ast.JoinedStr | ast.arguments):
+        if _is_left_out(node):
             continue
-        seen.add(id(node))
         yield node
-        if isinstance(node, ast.FunctionDef):
-            stack.extend(node.body)
-        elif isinstance(node, ast.If) and any(isinstance(inner, ast.Raise) for inner in node.body):
+        if isinstance(node, ast.If) and any(isinstance(inner, ast.Raise | ast.Break) for inner in node.body):
             stack.extend(node.orelse)
         elif isinstance(node, ast.AnnAssign):
             stack.extend([node.value] if node.value else [])
-        else:
+        elif not isinstance(node, ast.FunctionDef):
             stack.extend(ast.iter_child_nodes(node))
 
 
 def mutants(root: Path, path: Path) -> list[Mutant]:
-    """All of one file."""
+    """All of one file, in the order of its lines."""
     source = path.read_text(encoding="utf-8")
     lines = source.splitlines(keepends=True)
     starts = [0]
@@ -107,7 +146,8 @@ def mutants(root: Path, path: Path) -> list[Mutant]:
         starts.append(starts[-1] + len(line.encode()))
     raw = source.encode()
     found = []
-    for node in _formulas(ast.parse(source)):
+    functions = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef)]
+    for function, node in ((one, node) for one in functions for node in _formulas(one)):
         for other in _changed(node):
             begin = starts[node.lineno - 1] + node.col_offset  # type: ignore[attr-defined]
             end = starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
@@ -115,8 +155,14 @@ def mutants(root: Path, path: Path) -> list[Mutant]:
             inside = after if isinstance(node, ast.AugAssign) else f"({after})"
             text = (raw[:begin] + inside.encode() + raw[end:]).decode()
             line = int(node.lineno)  # type: ignore[attr-defined]
-            found.append(Mutant(str(path.relative_to(root)), line, " ".join(before.split()), after, text))
-    return sorted(found, key=lambda m: (m.line, m.before, m.after))
+            file = str(path.relative_to(root))
+            found.append((begin, Mutant(file, function.name, " ".join(before.split()), after, text, line)))
+    counts: Counter[str] = Counter()
+    numbered = []
+    for _, one in sorted(found, key=lambda pair: (pair[0], pair[1].before, pair[1].after)):
+        numbered.append(dataclasses.replace(one, copy=counts[one.name]))
+        counts[one.name] += 1
+    return numbered
 
 
 def sample(root: Path, count: int, seed: int) -> list[Mutant]:

@@ -212,6 +212,14 @@ def test_a_tilted_ball_rolls_its_parabola() -> None:
         assert end.position[k, 0] == pytest.approx([sign * speed**2 / (2 * brake), 0.0], abs=2e-6)
 
 
+@pytest.mark.parametrize("speed", [0.0, 1e-9])
+def test_a_ball_that_sets_off_from_rest_by_its_spin_meets_what_lies_ahead(speed: float) -> None:
+    place, velocity, spin = np.array([[0.0, 0.0], [0.1, 0.0]]), np.zeros((2, 2)), np.zeros((2, 3))
+    velocity[0, 0], spin[0, 1] = speed, 60.0
+    first = simulate(world(), [Shot(("white", "red"), place, velocity, spin, np.linspace(0, 1, 5))])[0].events[0]
+    assert first.time == pytest.approx(np.sqrt(2 * (0.1 - 2 * R) / (0.2 * 9.81)), abs=1e-7)
+
+
 def test_the_ball_turns_at_the_nose() -> None:
     end = run(np.array([[[1.0, 0.0]]]), np.array([[[2.0, 0.0]]]), np.array([[[0.0, 2 / R, 0.0]]]), 1.0)
     v0 = 2.0
