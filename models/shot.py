@@ -8,9 +8,12 @@ counter-clockwise from above (right side).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+
+from models.decode import Allowed
 
 Array = NDArray[np.float64]
 
@@ -27,8 +30,8 @@ NOSE_COSINE = float(np.sqrt(1.0 - NOSE_SINE**2))
 class Table:
     """A table's playing surface, cushion nose to cushion nose."""
 
-    length: float  # along x [m]
-    width: float  # along y [m]
+    length: Annotated[float, Allowed(0.2, 10.0, "m")]  # along x
+    width: Annotated[float, Allowed(0.1, 10.0, "m")]  # along y
     pockets: bool = True
 
     def centre_limits(self, ball: Ball) -> Array:
@@ -52,8 +55,8 @@ class Table:
 class Ball:
     """A solid homogeneous ball."""
 
-    diameter: float  # [m]
-    mass: float  # [kg]
+    diameter: Annotated[float, Allowed(0.02, 0.1, "m")]
+    mass: Annotated[float, Allowed(2e-4, 6.0, "kg")]
 
     @property
     def radius(self) -> float:

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import BadInput
+from models.faults import one_line
 from models.files import write_whole
 from models.model_file import catalogue
-from sysid.clips.faults import one_line
 from sysid.selection.formula import source_from
 
 EFFECT_TEMPLATE = '''"""{title}: say in one line what it is.

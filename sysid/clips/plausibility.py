@@ -14,8 +14,8 @@ from itertools import combinations
 
 import numpy as np
 
+from models.faults import Faults, closest, listed, shown
 from models.shot import Ball, Table
-from sysid.clips.faults import CLIPS_TOML, Faults, closest, listed, shown
 from sysid.clips.header import Entry
 from sysid.clips.rows import Rows
 
@@ -69,7 +69,7 @@ def check_struck(rows: Rows, entry: Entry, faults: Faults) -> None:
             problem = (
                 f"struck = {shown(entry.struck)} is not in {entry.file}, which holds {listed(rows.names)}: {remedy}"
             )
-            faults.add(CLIPS_TOML, problem, entry.place.line("struck"))
+            entry.place.fault(problem, "struck")
         else:
             faults.add(
                 entry.file,

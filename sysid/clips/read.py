@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from models.errors import BadInput
+from models.faults import Faults, one_line
+from models.files import read_text
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
-from sysid.clips.faults import Faults, one_line, read_text
-from sysid.clips.header import Entry, read_header
+from sysid.clips.header import SET_REMEDY, Entry, read_header
 from sysid.clips.plausibility import check_rows, check_struck
 from sysid.clips.rows import Rows, parse_rows
 
+MAX_CLIP_BYTES = 1 << 30  # of one clip
 SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
 
 
@@ -53,7 +55,7 @@ def _read(folder: Path, faults: Faults) -> ClipSet | None:
     clips = []
     last = max(len(header.entries) - 1, 1)
     for number, entry in enumerate(header.entries):
-        text = read_text(entry.path, entry.file, faults)
+        text = read_text(entry.path, entry.file, faults, SET_REMEDY, MAX_CLIP_BYTES)
         rows = None if text is None else parse_rows(text, entry.file, faults)
         if rows is not None:
             check_rows(rows, entry.file, header.table, header.ball, header.camera, faults)
