@@ -51,26 +51,21 @@ class Place:
     text: str = ""  # of the file, for line numbers in messages; without it they name the table
     name: str = ""
     index: int | None = None
-    within: str = ""  # key of this table that holds the inline table meant
+    within: str = ""  # key of this table, and a dot, that holds the inline table meant
 
     def fault(self, text: str, key: str = "") -> None:
         """Add a fault of a key, or of the table."""
         named = f" [{self.name}]" if self.index is None else f" [[{self.name}]] {self.index + 1}"
         if self.text or not self.name:
-            self.faults.add(self.file, text, self.line(self.within or key) if self.text else None)
+            self.faults.add(self.file, text, self.line(self.within.removesuffix(".") or key) if self.text else None)
         else:
             self.faults.add(self.file + named, text)
 
     def below(self, key: str, index: int | None = None) -> Place:
         """The table of a key."""
         if self.name and self.text:
-            return dataclasses.replace(self, within=key)
+            return dataclasses.replace(self, within=f"{key}.")
         return dataclasses.replace(self, name=f"{self.name}.{key}" if self.name else key, index=index)
-
-    @property
-    def prefix(self) -> str:
-        """What comes before its keys in messages."""
-        return f"{self.within}." if self.within else ""
 
     def line(self, key: str = "") -> int | None:
         """Line number of a key, else of the table; None when neither is found."""
@@ -91,12 +86,12 @@ def _assigns(line: str, key: str) -> bool:
     return bool(key) and re.match(rf"""\s*["']?{re.escape(key)}["']?\s*=""", line) is not None
 
 
-def of_format(data: object, form: str, kind: type[Any], place: Place) -> Mapping[str, Any] | None:
+def of_format(data: object, form: str, kind: Any, place: Place) -> Mapping[str, Any] | None:
     """The keys of a file beside its format; None, with the fault noted, where that is another: it may mean anything."""
     if not isinstance(data, Mapping):
         place.fault(f'{shown(data)} is no {form}: give format = "{form}" and its tables')
         return None
-    keys, version = ("format", *(f.name for f in dataclasses.fields(kind))), data.get("format")
+    keys, version = ("format", *_taken(kind)), data.get("format")
     if version == form:
         return {key: value for key, value in data.items() if key != "format"}
     if version is not None or "format" not in check_keys(data, keys, place, {}):
@@ -132,18 +127,18 @@ def usable(
         extra: gets the unknown keys that are no slips of known ones; without it they are faults.
         needs: keys with defaults that must be there as well.
     """
-    fields, taken = {f.name: f for f in dataclasses.fields(kind)}, _taken(kind)
+    taken, values = _taken(kind), dict[str, Any]()
     if not isinstance(data, Mapping):
         place.fault(f"{place.name} = {shown(data)} is not a table: write {_form(place.name, kind, Allowed())}")
         return {}
-    values, slips = dict[str, Any](), check_keys(data, fields, place, extra)
-    for key, field in fields.items():
+    slips = check_keys(data, taken, place, extra)
+    for key, (hint, allowed) in taken.items():
         if key in data:
-            value = read_value(key, data[key], *taken[key], place, extra)
+            value = read_value(key, data[key], hint, allowed, place, extra)
             values |= {} if value is None else {key: value}
-        elif (key in needs or _required(field)) and key not in slips:
-            named = f"[{key}]" if _is_table(taken[key][0]) else f"{place.prefix}{key}"
-            place.fault(f"{named} is missing: add {_form(key, *taken[key])}")
+        elif (key in needs or key in _required(kind)) and key not in slips:
+            named = f"[{key}]" if _is_table(hint) else f"{place.within}{key}"
+            place.fault(f"{named} is missing: add {_form(key, hint, allowed)}")
     return values
 
 
@@ -171,16 +166,11 @@ def read_value(
     """The value of a key by its type and what is allowed; None, with the fault noted, for a wrong one."""
     kind: Any = (get_args(hint) or (hint,))[0]  # of the table, or of those of a list
     if dataclasses.is_dataclass(hint):
-        inner = None if extra is None else dict[str, Any]()
-        found = decode(kind, value, place.below(key), inner, needs=allowed.needs)
-        if extra is not None and inner:
-            extra[key] = inner
-        return found
+        return decode(kind, value, place.below(key), None if extra is None else {}, needs=allowed.needs)
     if _is_list_of_tables(hint) and isinstance(value, list) and all(isinstance(v, Mapping) for v in value):
         if get_origin(kind) is Mapping:
             return tuple(value)
-        tables = [decode(kind, v, place.below(key, k)) for k, v in enumerate(value)]
-        return tuple(table for table in tables if table is not None)
+        return tuple(decode(kind, table, place.below(key, k)) for k, table in enumerate(value))
     if get_origin(hint) is Mapping and isinstance(value, Mapping):
         inside = get_args(hint)[1]
         return {
@@ -189,9 +179,9 @@ def read_value(
     try:
         return _plain(value, hint, allowed)
     except _Unfit as problem:
-        place.fault(f"{place.prefix}{key} = {shown(value)} {problem}: write {_form(key, hint, allowed)}", key)
+        place.fault(f"{place.within}{key} = {shown(value)} {problem}: write {_form(key, hint, allowed)}", key)
     except BadInput as problem:
-        place.fault(f"{place.prefix}{key} = {shown(value)} {problem}", key)
+        place.fault(f"{place.within}{key} = {shown(value)} {problem}", key)
     return None
 
 
@@ -203,23 +193,16 @@ def _plain(value: Any, hint: Any, allowed: Allowed) -> Any:
     """A value that is no table; _Unfit, or BadInput with a remedy of its own."""
     if hint is Any:
         return value
-    if hint is bool or hint is str:
-        if not isinstance(value, hint):
-            raise _Unfit("is not text" if hint is str else "is not true or false")
-        return value
     if hint in (float, int):
         return _number(value, allowed, whole=hint is int)
-    if _is_list_of_tables(hint):
-        raise _Unfit("is not a list of tables")
-    if get_origin(hint) is Mapping:
-        raise _Unfit("is not a table")
-    item = get_args(hint)[0]  # of a tuple or an array
-    if item is str:
-        if not isinstance(value, list | tuple) or not all(isinstance(v, str) for v in value):
-            raise _Unfit("is not a list of texts")
+    if allowed.shape:
+        found = _numbers(value, allowed.shape, allowed, whole=get_args(hint)[0] is int)
+        return tuple(found) if get_origin(hint) is tuple else np.array(found, float)
+    if hint in (bool, str) and isinstance(value, hint):
+        return value
+    if hint == tuple[str, ...] and isinstance(value, list | tuple) and all(isinstance(v, str) for v in value):
         return tuple(value)
-    found = _numbers(value, allowed.shape, allowed, whole=item is int)
-    return tuple(found) if get_origin(hint) is tuple else np.array(found, float)
+    raise _Unfit("is not " + {bool: "true or false", str: "text"}.get(hint, "a table" if _is_table(hint) else "a list"))
 
 
 def _numbers(value: Any, shape: tuple[int | None, ...], allowed: Allowed, whole: bool) -> Any:
@@ -261,14 +244,9 @@ def _form(key: str, hint: Any, allowed: Allowed) -> str:
     if allowed.form:
         return allowed.form
     if dataclasses.is_dataclass(hint):
-        keys = [f.name for f in dataclasses.fields(hint) if _required(f)] or [f.name for f in dataclasses.fields(hint)]
-        return f"[{key}] with {', '.join(keys)}"
-    if _is_table(hint):
-        return f"[{key}]"
-    if _is_list_of_tables(hint):
-        return f"[[{key}]] for each"
-    if hint in (bool, str) or get_args(hint)[:1] == (str,):
-        return {bool: "true or false", str: f'{key} = "..."'}.get(hint, f'{key} = ["...", "..."]')
+        return f"[{key}] with {', '.join(_required(hint) or (f.name for f in dataclasses.fields(hint)))}"
+    if hint in (bool, str) or not (hint in (float, int) or allowed.shape):
+        return {bool: "true or false", str: f'{key} = "..."'}.get(hint, f"[{key}]" if _is_table(hint) else "a list")
     low, high, unit = allowed.low, allowed.high, allowed.unit
     what = _size(allowed.shape) if allowed.shape else f"a {'whole ' * (hint is int)}number"
     within = f", {low:.6g} to {high:.6g}" if math.isfinite(low + high) else ""
@@ -280,8 +258,9 @@ def _size(shape: tuple[int | None, ...]) -> str:
     return f"{' x '.join(str(n) for n in shape)} numbers" if None not in shape else "a list of numbers"
 
 
-def _required(field: dataclasses.Field[Any]) -> bool:
-    return field.default is MISSING and field.default_factory is MISSING
+def _required(kind: Any) -> list[str]:
+    """Keys without defaults."""
+    return [f.name for f in dataclasses.fields(kind) if f.default is MISSING and f.default_factory is MISSING]
 
 
 def _is_table(hint: Any) -> bool:

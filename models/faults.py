@@ -5,12 +5,13 @@ In: texts and values. Out: `Faults`, and the parts of their messages.
 
 from __future__ import annotations
 
-import contextlib
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from typing import TypeVar
 
 from models.errors import BadInput
 
+Kind = TypeVar("Kind")
 MAX_LINE_CHARS = 400  # of a message: a damaged file must not flood the screen
 MAX_VALUE_CHARS = 60  # of a value in a message
 MAX_FAULT_LINES = 20  # that a refusal lists
@@ -31,14 +32,6 @@ class Faults:
         # Faults of a whole file come last: they often follow from those of its rows.
         self._found.setdefault(file, []).append((float("inf") if row is None else row, f"{file}{where}: {text}"))
 
-    @contextlib.contextmanager
-    def collect(self, file: str, row: int | None = None) -> Iterator[None]:
-        """Add the fault that the block is refused with, and go on after it."""
-        try:
-            yield
-        except BadInput as error:
-            self.add(file, str(error), row)
-
     def lines(self, per_file: int | None = None) -> list[str]:
         """All faults, one line each; with `per_file`, at most so many of a file and how many more there are."""
         lines = []
@@ -49,16 +42,16 @@ class Faults:
                 lines.append(one_line(f"{file}: {len(ordered) - per_file} more faults: correct those above first"))
         return lines
 
-    def refuse(self) -> None:
-        """BadInput with the first fault, if there is one, and the others as its notes."""
+    def settle(self, value: Kind | None) -> Kind:
+        """The value, where there are no faults; BadInput with the first otherwise, and the others as notes."""
         lines = self.lines()
-        if lines:
-            error = BadInput(lines[0])
-            for line in lines[1:MAX_FAULT_LINES]:
-                error.add_note(line)
-            if len(lines) > MAX_FAULT_LINES:
-                error.add_note(f"{len(lines) - MAX_FAULT_LINES} more faults: correct those above first")
-            raise error
+        if value is not None and not lines:
+            return value
+        error = BadInput(lines[0] if lines else "nothing can be read: name another file")
+        more = len(lines) - MAX_FAULT_LINES
+        for line in lines[1:MAX_FAULT_LINES] + [f"{more} more faults: correct those above first"] * (more > 0):
+            error.add_note(line)
+        raise error
 
 
 def one_line(text: str) -> str:

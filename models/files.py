@@ -38,11 +38,7 @@ def read_toml(path: Path | str, kind: type[Kind], form: str, remedy: str, *, mor
     place = Place(str(path), faults)
     data = read_document(path, str(path), faults, remedy)
     body = data if data is None or not form else of_format(data, form, kind, place)
-    value = None if body is None else decode(kind, body, place, {} if more else None)
-    faults.refuse()
-    if value is None:  # cannot be: what is no value has a fault
-        raise BadInput(f"{path}: cannot be read; {remedy}")
-    return value
+    return faults.settle(None if body is None else decode(kind, body, place, {} if more else None))
 
 
 def read_json(path: Path | str, form: str, remedy: str) -> dict[str, Any]:
@@ -52,8 +48,7 @@ def read_json(path: Path | str, form: str, remedy: str) -> dict[str, Any]:
     if data is not None and not (isinstance(data, dict) and data.get("format") == form):
         found = data.get("format") if isinstance(data, dict) else type(data).__name__
         faults.add(str(path), f"format is {shown(found)}, this version reads {form}; {remedy}")
-    faults.refuse()
-    return dict(data)
+    return dict(faults.settle(data))
 
 
 def read_document(

@@ -222,7 +222,6 @@ class ParameterEntry:
     value: Any
     sd: Annotated[float, Allowed(math.ulp(0.0), nan=True)] = math.nan
     source: str = ""
-    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -234,9 +233,7 @@ class ModelFile:
     native: Mapping[str, Any] = field(default_factory=dict)
     effect: Annotated[tuple[Mapping[str, Any], ...], Allowed(form="[[effect]] with a name and parameters")] = ()
     fit: Mapping[str, Any] = field(default_factory=dict)
-    execution: Annotated[Mapping[str, float], Allowed(0.0)] = field(
-        default_factory=dict
-    )  # the planner knows them by name
+    execution: Annotated[Mapping[str, float], Allowed(0.0)] = field(default_factory=dict)  # by their names there
 
 
 def _parameters(
@@ -246,14 +243,12 @@ def _parameters(
     values, estimates = {}, {}
     known = kind.parameters()
     check_keys(given, known, place)
-    for key in known.keys() & given.keys():
+    for key in (key for key in given if key in known):
         item = given[key] if isinstance(given[key], Mapping) else {"value": given[key]}
         found = usable(ParameterEntry, item, place.below(key), {})
-        value = found.get("value")
-        low, high = known[key]["bounds"]
-        allowed = Allowed(low, high, known[key]["unit"])
-        if value is None or type(value) not in (int, float) or value != known[key]["off"]:
-            value = None if value is None else read_value(key, value, float, allowed, place)
+        value, (low, high) = found.get("value"), known[key]["bounds"]
+        if value is not None and (isinstance(value, bool) or value != known[key]["off"]):
+            value = read_value(key, value, float, Allowed(low, high, known[key]["unit"]), place)
         if value is not None:
             values[key] = float(value)
             estimates[f"{kind.name()}.{key}"] = Estimate(found.get("sd", math.nan), found.get("source", ""))
@@ -267,14 +262,16 @@ def read_model(path: Path | str) -> Model:
     values, estimates = _parameters(file.native, Native, Place(str(path), faults, name="native"))
     model = Model(file.table, file.ball, Native(**values), fitted=file.fit, execution=file.execution)
     for given in file.effect:
-        with faults.collect(str(path)):
+        try:
             kind = effect_class(str(given.get("name", "")))
-            rest = {key: value for key, value in given.items() if key != "name"}
-            values, known = _parameters(rest, kind, Place(str(path), faults, name=f"effect {kind.name()}"))
-            estimates |= known
-            model = model.add(kind(**values))
-    faults.refuse()
-    return dataclasses.replace(model, estimates=estimates)
+        except BadInput as error:
+            faults.add(str(path), str(error))
+            continue
+        rest = {key: value for key, value in given.items() if key != "name"}
+        values, known = _parameters(rest, kind, Place(str(path), faults, name=f"effect {kind.name()}"))
+        estimates |= known
+        model = model.add(kind(**values))
+    return faults.settle(dataclasses.replace(model, estimates=estimates))
 
 
 def write_model(model: Model, path: Path | str) -> None:

@@ -21,7 +21,6 @@ import numpy as np
 import tomli_w
 
 from models.decode import Allowed, Place, decode, of_format, read_value
-from models.errors import BadInput
 from models.faults import Faults, closest, listed, shown
 from models.files import read_document, write_whole
 from models.shot import MIDDLE_ACCEPTANCE, Array, Ball, Table
@@ -142,8 +141,7 @@ def read_scene(path: Path | str) -> Scene:
     """Read a scene file; BadInput names what is wrong in it."""
     faults = Faults()
     data = read_document(path, str(path), faults, "name a scene file")
-    faults.refuse()
-    return scene_from(data, str(path))
+    return scene_from(faults.settle(data), str(path))
 
 
 def write_scene(scene: Scene, path: Path | str) -> None:
@@ -181,20 +179,15 @@ def scene_from(data: Any, where: str) -> Scene:
     faults = Faults()
     top = Place(where, faults)
     body = of_format(data, FORMAT, SceneFile, top)
-    file = None if body is None else decode(SceneFile, body, top)
-    if file is None:
-        faults.refuse()
-        raise BadInput(f"{where}: is no scene")
+    file = faults.settle(None if body is None else decode(SceneFile, body, top))
     table, ball = file.table, file.ball
     for section, _, problem in size_faults(table, ball):
         top.below(section).fault(problem)
     if not table.pockets:
         top.below("table").fault("pockets = false leaves no pocket to play for: write true, or remove it")
-    faults.refuse()
-    places = _places(file.balls, table, ball, top.below("balls"))
-    faults.refuse()
-    goal = _goal(file.goal, tuple(places), table, ball, top.below("goal"))
-    faults.refuse()
+    faults.settle(table)  # places and names go by what comes before them
+    places = faults.settle(_places(file.balls, table, ball, top.below("balls")))
+    goal = faults.settle(_goal(file.goal, tuple(places), table, ball, top.below("goal")))
     names = (goal.cue, goal.object, *(n for n in places if n not in (goal.cue, goal.object)))
     return Scene(table, ball, names, separate_overlaps(np.array([places[n] for n in names]), table, ball), goal)
 

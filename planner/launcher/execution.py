@@ -57,9 +57,7 @@ class ExecutionFile:
 def execution_from(data: Any, where: str) -> Execution:
     """Execution errors from the table [execution] of a file; BadInput names what is wrong in it."""
     faults = Faults()
-    found = decode(Execution, data, Place(where, faults, name="execution"))
-    faults.refuse()
-    return found or Execution()
+    return faults.settle(decode(Execution, data, Place(where, faults, name="execution")))
 
 
 def read_execution(path: Path | str) -> Execution:

@@ -15,6 +15,7 @@ from models.decode import Allowed, Place, of_format, usable
 from models.faults import Faults, shown
 from models.files import parse, read_text
 from models.shot import Ball, Table
+from sysid.clips.clip_set import CueCommand
 from sysid.clips.names import CLIPS_TOML, find_file, name_fault, path_fault
 
 CLIP_SET_FORMAT = "billiard-clips/1"
@@ -29,17 +30,6 @@ class CameraEntries:
 
     fps: Annotated[float, Allowed(1.0, 1e6, "1/s")]
     sigma: Annotated[float, Allowed(1e-9, 0.02, "m", form="it in m, such as 0.0005, or leave it out")] = math.nan
-
-
-@dataclass(frozen=True)
-class CueEntries:
-    """The keys of a clip's `cue`."""
-
-    speed: Annotated[float, Allowed(0.0, 30.0, "m/s")]
-    azimuth: Annotated[float, Allowed(-4 * math.pi, 4 * math.pi, "rad")]
-    side: Annotated[float, Allowed(-0.05, 0.05, "m")] = 0.0
-    height: Annotated[float, Allowed(-0.05, 0.05, "m")] = 0.0
-    elevation: Annotated[float, Allowed(-math.pi / 2, math.pi / 2, "rad")] = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,10 +92,8 @@ def read_header(root: Path, faults: Faults) -> Header | None:
         return None
     extra: dict[str, Any] = {}
     found = usable(HeaderEntries, body, top, extra)
-    table, ball, camera = (
-        _section(kind, found, name, top, extra)
-        for name, kind in (("table", Table), ("ball", Ball), ("camera", CameraEntries))
-    )
+    kinds = {"table": Table, "ball": Ball, "camera": CameraEntries}
+    table, ball, camera = (_inner(kind, found, name, top, extra) for name, kind in kinds.items())
     # A table with a fault elsewhere, or a ball without a mass, still judges the clips.
     of_table = Table(**table) if {"length", "width"} <= table.keys() else None
     of_ball = Ball(**{"mass": math.nan} | ball) if "diameter" in ball else None
@@ -114,12 +102,11 @@ def read_header(root: Path, faults: Faults) -> Header | None:
     return Header(of_table, of_ball, camera, _entries(found.get("clip", ()), root, of_ball, top), extra)
 
 
-def _section(kind: type[Any], found: Mapping[str, Any], name: str, top: Place, extra: dict[str, Any]) -> dict[str, Any]:
-    """The usable keys of a table; its unknown ones go to `extra`."""
+def _inner(kind: type[Any], found: Mapping[str, Any], name: str, at: Place, extra: dict[str, Any]) -> dict[str, Any]:
+    """The usable keys of a table in another; its unknown ones go to `extra`."""
     left: dict[str, Any] = {}
-    values = usable(kind, found[name], top.below(name), left) if name in found else {}
-    if left:
-        extra[name] = left
+    values = usable(kind, found[name], at.below(name), left) if name in found else {}
+    extra |= {name: left} if left else {}
     return values
 
 
@@ -161,24 +148,16 @@ def _entry(clip: Mapping[str, Any], root: Path, ball: Ball | None, place: Place)
     found = usable(ClipEntries, clip, place, extra)
     if "struck" in found and (problem := name_fault(found["struck"])):
         place.fault(f"struck = {shown(found['struck'])} {problem}", "struck")
-    cue = _cue(found["cue"], ball, place.below("cue"), extra) if "cue" in found else None
+    cue = _inner(CueCommand, found, "cue", place, extra)
+    offset = math.hypot(cue.get("side", 0.0), cue.get("height", 0.0))
+    if ball is not None and offset > ball.radius:
+        problem = f"cue.side, cue.height: {offset:g} m off centre misses the ball (radius {ball.radius:g} m)"
+        place.fault(f"{problem}: write them in m", "cue")
     if "file" not in found:
         return None
-    file = found["file"]
+    file, whole = found["file"], cue if {"speed", "azimuth"} <= cue.keys() else None
     path = path_fault(file) or find_file(root, file)
     if isinstance(path, str):
         place.fault(f"file = {shown(file)} {path}", "file")
         return None
-    return Entry(file, path, found.get("struck", ""), place, found.get("note", ""), cue, extra)
-
-
-def _cue(data: Mapping[str, Any], ball: Ball | None, place: Place, extra: dict[str, Any]) -> Mapping[str, float] | None:
-    left: dict[str, Any] = {}
-    values = usable(CueEntries, data, place, left)
-    if left:
-        extra["cue"] = left
-    offset = math.hypot(values.get("side", 0.0), values.get("height", 0.0))
-    if ball is not None and offset > ball.radius:
-        problem = f"cue.side, cue.height: {offset:g} m off centre misses the ball (radius {ball.radius:g} m)"
-        place.fault(f"{problem}: write them in m")
-    return values if {"speed", "azimuth"} <= values.keys() else None
+    return Entry(file, path, found.get("struck", ""), place, found.get("note", ""), whole, extra)

@@ -73,11 +73,6 @@ class PaletteBall:
     rgb: Annotated[tuple[float, float, float], Allowed(0, 255, shape=(3,))]  # 0 to 1, or to 255
     count: Annotated[int, Allowed(1, 1000)] = 1
 
-    def __post_init__(self) -> None:
-        """BadInput without a name."""
-        if not self.name.strip():
-            raise BadInput('has no name: write name = "..."')
-
 
 @dataclass(frozen=True)
 class PaletteFile:
@@ -88,8 +83,8 @@ class PaletteFile:
     def __post_init__(self) -> None:
         """BadInput without balls, and for one that is there twice."""
         names = [ball.name.strip() for ball in self.ball]
-        if not names:
-            raise BadInput("names no ball: write [[ball]] name, rgb for each ball")
+        if not all(names) or not names:
+            raise BadInput("names no ball, or one by blanks: write [[ball]] name, rgb for each ball")
         if twice := [name for name in names if names.count(name) > 1]:
             raise BadInput(f"{shown(twice[0])} is there twice: give its count instead")
 
