@@ -218,7 +218,7 @@ def run(
     path = f"{name} {words[0]}" if words and words[0] in verbs else name
     progress = show_progress()
     reported: tuple[type[Exception], ...] = (BadInput, *failures)
-    status, fault = Status.DONE, ""
+    status, fault, more = Status.DONE, "", list[str]()
     try:
         with program.make_context(name if verbs else f"python -m {name}", words, obj=progress) as context:
             status = program.invoke(context)
@@ -229,6 +229,7 @@ def run(
         status, fault = Status.BAD_INPUT, _usage_fault(error, path, verbs)
     except reported as error:
         status, fault = Status.BAD_INPUT if isinstance(error, BadInput) else Status.FINDING, str(error)
+        more = getattr(error, "__notes__", more)  # further faults of a file
     except KeyboardInterrupt:
         status, fault = Status.INTERRUPTED, f"interrupted{interrupted}"
     except BrokenPipeError:
@@ -237,7 +238,8 @@ def run(
         status = Status.BROKEN_PIPE
     if fault:
         progress.close()
-        print(f"{path}: {fault}", file=sys.stderr)
+        for line in (fault, *more):
+            print(f"{path}: {line}", file=sys.stderr)
     return int(status)
 
 

@@ -8,7 +8,6 @@ import importlib
 import math
 import pkgutil
 import sys
-import tomllib
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,20 +15,20 @@ from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Annotated, Any
 
 import tomli_w
 
 import models.effects
+from models.decode import Allowed, Place, check_keys, read_value, usable
 from models.effect import Effect
 from models.errors import BadInput
-from models.files import write_whole
+from models.faults import Faults
+from models.files import read_toml, write_whole
 from models.mjcf.native import Native
-from models.pocket_shape import read_pockets
 from models.shot import Ball, Table
 
 MODEL_FORMAT = "billiard-model/1"
-MODEL_SECTIONS = ("format", "table", "ball", "native", "effect", "fit", "execution")
 
 
 @cache
@@ -216,94 +215,63 @@ def full_model(table: Table, ball: Ball) -> Model:
     return Model(table, ball, effects=tuple(effect_class(n)() for n in names))
 
 
-def _numbers(entry: Any, where: str, kind: type[Effect]) -> tuple[dict[str, float], dict[str, Estimate]]:
+@dataclass(frozen=True)
+class ParameterEntry:
+    """The keys of a parameter of a model file; its value is bounded as the effect says."""
+
+    value: Any
+    sd: Annotated[float, Allowed(math.ulp(0.0), nan=True)] = math.nan
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """The keys of a model file."""
+
+    table: Annotated[Table, Allowed(needs=("pockets",))]
+    ball: Ball
+    native: Mapping[str, Any] = field(default_factory=dict)
+    effect: Annotated[tuple[Mapping[str, Any], ...], Allowed(form="[[effect]] with a name and parameters")] = ()
+    fit: Mapping[str, Any] = field(default_factory=dict)
+    execution: Annotated[Mapping[str, float], Allowed(0.0)] = field(default_factory=dict)  # by their names there
+
+
+def _parameters(
+    given: Mapping[str, Any], kind: type[Effect], place: Place
+) -> tuple[dict[str, float], dict[str, Estimate]]:
+    """Values and estimates of an effect's constants."""
     values, estimates = {}, {}
     known = kind.parameters()
-    if not isinstance(entry, dict):
-        raise BadInput(f"{where} is {entry!r}; give a table of parameters")
-    for key, given in entry.items():
-        if key not in known:
-            near = get_close_matches(key, known, 1)
-            hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"
-            raise BadInput(f"{where}: unknown parameter {key!r}; {hint}")
-        item = given if isinstance(given, dict) else {"value": given}
-        value: Any = item.get("value")
-        sd: Any = item.get("sd", math.nan)
-        for number in (value, sd):
-            if not isinstance(number, int | float) or isinstance(number, bool):
-                raise BadInput(f"{where}: {key} is {number!r}; give a number [{known[key]['unit']}]")
-        low, high = known[key]["bounds"]
-        if value != known[key]["off"] and not low <= value <= high:
-            raise BadInput(f"{where}: {key} = {value} lies outside {low} to {high} [{known[key]['unit']}]; correct it")
-        if sd <= 0 or math.isinf(sd):
-            raise BadInput(f"{where}: the sd of {key} is {sd}; give a positive number, or leave it out")
-        values[key] = float(value)
-        estimates[f"{kind.name()}.{key}"] = Estimate(float(sd), str(item.get("source", "")))
+    check_keys(given, known, place)
+    for key in (key for key in given if key in known):
+        item = given[key] if isinstance(given[key], Mapping) else {"value": given[key]}
+        found = usable(ParameterEntry, item, place.below(key), {})
+        value, (low, high) = found.get("value"), known[key]["bounds"]
+        if value is not None and (isinstance(value, bool) or value != known[key]["off"]):
+            value = read_value(key, value, float, Allowed(low, high, known[key]["unit"]), place)
+        if value is not None:
+            values[key] = float(value)
+            estimates[f"{kind.name()}.{key}"] = Estimate(found.get("sd", math.nan), found.get("source", ""))
     return values, estimates
-
-
-def _size(data: Mapping[str, Any], path: Path, section: str, key: str) -> float:
-    """A length [m] or mass [kg] of the table or the ball."""
-    entry = data.get(section, {})
-    value: Any = entry.get(key) if isinstance(entry, dict) else None
-    if not isinstance(value, int | float) or isinstance(value, bool) or not 0 < value < math.inf:
-        raise BadInput(
-            f"{path} [{section}]: {key} is {value!r}; give a positive number [{'kg' if key == 'mass' else 'm'}]"
-        )
-    return float(value)
-
-
-def _execution(entry: Any, path: Path) -> dict[str, float]:
-    """The launcher's standard deviations, which the planner knows by name."""
-    if not isinstance(entry, dict):
-        raise BadInput(f"{path}: execution is {entry!r}; write it as a table [execution]")
-    for key, value in entry.items():
-        if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value < math.inf:
-            raise BadInput(f"{path} [execution]: {key} is {value!r}; give a number of 0 or more")
-    return {key: float(value) for key, value in entry.items()}
 
 
 def read_model(path: Path | str) -> Model:
     """Read a model file; BadInput names what is wrong in it."""
-    path = Path(path)
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: cannot be read ({type(error).__name__}); name a model file") from error
-    except tomllib.TOMLDecodeError as error:
-        raise BadInput(f"{path}: not TOML ({error}); correct that line") from error
-    if data.get("format") != MODEL_FORMAT:
-        raise BadInput(f"{path}: format is {data.get('format')!r}; this version reads {MODEL_FORMAT}")
-    for key in data:
-        if key not in MODEL_SECTIONS:
-            near = get_close_matches(key, MODEL_SECTIONS, 1)
-            raise BadInput(
-                f"{path}: unknown section {key!r}; did you mean {near[0] if near else ', '.join(MODEL_SECTIONS)}?"
-            )
-    length, width = (_size(data, path, "table", key) for key in ("length", "width"))
-    diameter, mass = (_size(data, path, "ball", key) for key in ("diameter", "mass"))
-    try:
-        pockets = read_pockets(data["table"].get("pockets"))
-    except BadInput as error:
-        raise BadInput(f"{path} [table]: {error}") from error
-    table, ball = Table(length, width, pockets), Ball(diameter, mass)
-    values, estimates = _numbers(data.get("native", {}), f"{path} [native]", Native)
-    model = Model(
-        table, ball, Native(**values), fitted=data.get("fit", {}), execution=_execution(data.get("execution", {}), path)
-    )
-    entries = data.get("effect", [])
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise BadInput(f"{path}: effects are written as [[effect]] with a name and parameters; correct [effect]")
-    for entry in entries:
+    file = read_toml(path, ModelFile, MODEL_FORMAT, "name a model file")
+    faults = Faults()
+    values, estimates = _parameters(file.native, Native, Place(str(path), faults, name="native"))
+    model = Model(file.table, file.ball, Native(**values), fitted=file.fit, execution=file.execution)
+    for given in file.effect:
         try:
-            kind = effect_class(str(entry.get("name", "")))
+            kind = effect_class(str(given.get("name", "")))
         except BadInput as error:
-            raise BadInput(f"{path}: {error}") from error
-        where = f"{path} effect {kind.name()}"
-        values, known = _numbers({k: v for k, v in entry.items() if k != "name"}, where, kind)
+            faults.add(str(path), str(error))
+            continue
+        rest = {key: value for key, value in given.items() if key != "name"}
+        values, known = _parameters(rest, kind, Place(str(path), faults, name=f"effect {kind.name()}"))
         estimates |= known
         model = model.add(kind(**values))
-    return dataclasses.replace(model, estimates=estimates)
+    return faults.settle(dataclasses.replace(model, estimates=estimates))
 
 
 def write_model(model: Model, path: Path | str) -> None:

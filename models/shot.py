@@ -8,11 +8,13 @@ counter-clockwise from above (right side).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.pocket_shape import SNOOKER_POCKETS, PocketShapes
+from models.decode import Allowed
+from models.pocket_shape import SNOOKER_POCKETS, PocketShapes, read_pockets
 
 Array = NDArray[np.float64]
 
@@ -27,9 +29,9 @@ NOSE_COSINE = float(np.sqrt(1.0 - NOSE_SINE**2))
 class Table:
     """A table's playing surface, cushion nose to cushion nose."""
 
-    length: float  # along x [m]
-    width: float  # along y [m]
-    pockets: bool | PocketShapes = True  # True for those of snooker, False for none
+    length: Annotated[float, Allowed(0.2, 10.0, "m")]  # along x
+    width: Annotated[float, Allowed(0.1, 10.0, "m")]  # along y
+    pockets: Annotated[bool | PocketShapes, Allowed(reader=read_pockets)] = True  # True: those of snooker; False: none
 
     @property
     def shapes(self) -> PocketShapes:
@@ -58,8 +60,8 @@ class Table:
 class Ball:
     """A solid homogeneous ball."""
 
-    diameter: float  # [m]
-    mass: float  # [kg]
+    diameter: Annotated[float, Allowed(0.02, 0.1, "m")]
+    mass: Annotated[float, Allowed(2e-4, 6.0, "kg")]
 
     @property
     def radius(self) -> float:

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.errors import BadInput
+from models.faults import closest, listed, one_line
 from models.shot import Array, Ball, Table
 from planner.scene import FORMAT, Scene, largest_overlap, pocket_name, pocket_of, scene_from, separate_overlaps
 from sysid.clips import Clip, read_clip_set
-from sysid.clips.faults import closest, listed, one_line
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH, START_FRAMES
 
 if TYPE_CHECKING:

@@ -9,7 +9,6 @@ kinds; and the reasons in words.
 
 from __future__ import annotations
 
-import json
 import logging
 import math
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
+from models.files import read_json
 from models.model_file import Model
 from models.shot import Track
 from planner.evaluation.outcome import FOULS
@@ -263,13 +263,4 @@ def _comparison(best: dict[str, Any], other: dict[str, Any]) -> str:
 
 def read_plan(path: Path | str) -> dict[str, Any]:
     """The values of a plan file; BadInput if it is none."""
-    try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; name a plan file (planner plan SCENE --out PLAN.json)") from None
-    except ValueError as error:
-        raise BadInput(f"{path}: is not JSON ({error}); make the plan again") from None
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        got = data.get("format") if isinstance(data, dict) else type(data).__name__
-        raise BadInput(f"{path}: format is {got!r}; this version reads {FORMAT}")
-    return data
+    return read_json(path, FORMAT, "name a plan file (planner plan SCENE --out PLAN.json)")

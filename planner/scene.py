@@ -12,32 +12,31 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
 
-from models.errors import BadInput
-from models.files import read_toml, write_whole
-from models.pocket_shape import read_pockets
+from models.decode import Allowed, Place, decode, of_format, read_value
+from models.faults import Faults, closest, listed, shown
+from models.files import read_document, write_whole
 from models.shot import Array, Ball, Table
-from sysid.clips.faults import CLIPS_TOML, Faults, closest, listed, name_fault, one_line, shown
-from sysid.clips.header import MAX_BALL_DENSITY_KG_M3, MIN_BALL_DENSITY_KG_M3, MIN_BALLS_ACROSS_TABLE
-from sysid.clips.keys import NUMBER_BOUNDS, Place, read_numbers
+from sysid.clips.header import size_faults
+from sysid.clips.names import name_fault
 
 FORMAT = "billiard-scene/1"
-SECTIONS = ("table", "ball", "balls", "goal")
 REST_KEYS = ("rest", "rest_region", "rest_for")
-GOAL_KEYS = ("cue", "object", "pocket", *REST_KEYS, "avoid")
 MAX_BALLS = 22  # balls of snooker
 MAX_OVERLAP_M = 5e-4  # that rounding of positions to about a tenth of a millimetre explains
 TOUCH_GAP_M = 1e-9  # between balls that touch; balls that are moved apart end with up to this gap
 MAX_ITERATIONS = 2000  # of moving apart
 MAX_PLACE_M = 10.0  # of a coordinate; a larger one must be in mm
 PLACE_FORM = "in m from the table's centre, x along the length"
+PLACE = Allowed(unit="m", shape=(2,), form=f"[x, y] {PLACE_FORM}")
+POCKET_FORM = '[sx, sy], the sides it stands on: sx of -1, 0, 1 and sy of -1, 1; or "any"'
 
 Pocket = tuple[int, int]
 POCKETS: tuple[Pocket, ...] = ((1, 1), (0, 1), (-1, 1), (-1, -1), (0, -1), (1, -1))
@@ -54,6 +53,29 @@ class Goal:
     rest_radius: float = 0.0  # about `rest`, within which every position is as good [m]
     rest_for: str = ""  # the cue ball should leave a shot on this ball
     avoid: tuple[str, ...] = ()  # balls that nothing may touch
+
+
+@dataclass(frozen=True)
+class GoalEntries:
+    """The keys of a scene file's [goal]."""
+
+    cue: Annotated[str, Allowed(form="cue, the name of a ball")]
+    object: Annotated[str, Allowed(form="object, the name of a ball")]
+    pocket: Annotated[Any, Allowed(form=f"pocket = {POCKET_FORM}")]
+    rest: Any = None
+    rest_region: Annotated[Array | None, Allowed(shape=(3,), form=f"[x, y, radius] {PLACE_FORM}")] = None
+    rest_for: Annotated[str | None, Allowed(form="the name of a ball")] = None
+    avoid: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """The keys of a scene file."""
+
+    table: Table
+    ball: Ball
+    balls: Mapping[str, Any]
+    goal: GoalEntries
 
 
 @dataclass(frozen=True)
@@ -120,15 +142,10 @@ def largest_overlap(position: Array, ball: Ball) -> tuple[float, int, int]:
 
 
 def read_scene(path: Path | str) -> Scene:
-    """Read a scene file; BadInput names what is wrong in it, in one line."""
-    form = f'a scene begins with format = "{FORMAT}"'
-    try:
-        data = read_toml(path, "name a scene file", f"correct that line; {form}")
-    except BadInput as error:
-        raise BadInput(one_line(str(error))) from None
-    except (ValueError, RecursionError):  # dates that do not exist, endless digits, a thousand brackets
-        _refuse(path, "holds a value that cannot be read: correct the TOML")
-    return scene_from(data, str(path))
+    """Read a scene file; BadInput names what is wrong in it."""
+    faults = Faults()
+    data = read_document(path, str(path), faults, "name a scene file")
+    return scene_from(faults.settle(data), str(path))
 
 
 def write_scene(scene: Scene, path: Path | str) -> None:
@@ -161,176 +178,105 @@ def scene_from(data: Any, where: str) -> Scene:
         where: the source that messages name.
 
     Raises:
-        BadInput: the first thing that is wrong, in one line.
+        BadInput: the first thing that is wrong, in one line; the others are its notes.
     """
-    if not isinstance(data, Mapping):
-        _refuse(where, f"{shown(data)} is no scene: give a table with {', '.join(SECTIONS)}")
-    if (version := data.get("format")) != FORMAT:
-        if version is None:
-            _only(data, ("format", *SECTIONS), where)
-        fault = "format is missing" if version is None else f"format = {shown(version)} is unknown"
-        _refuse(where, f'{fault}: this program reads format = "{FORMAT}"')
-    _only(data, ("format", *SECTIONS), where)
-    for name in SECTIONS:
-        if not isinstance(data.get(name, {}), Mapping):
-            _refuse(where, f"{name} = {shown(data[name])} is not a table: write [{name}]")
-        if name not in data:
-            _refuse(where, f"[{name}] is missing: add it")
-    table, ball = _sizes(data, where)
-    places = _places(data["balls"], table, ball, f"{where} [balls]")
-    goal = _goal(data["goal"], tuple(places), table, ball, f"{where} [goal]")
+    faults = Faults()
+    top = Place(where, faults)
+    body = of_format(data, FORMAT, SceneFile, top)
+    file = faults.settle(None if body is None else decode(SceneFile, body, top))
+    table, ball = file.table, file.ball
+    for section, _, problem in size_faults(table, ball):
+        top.below(section).fault(problem)
+    if not table.pockets:
+        top.below("table").fault("pockets = false leaves no pocket to play for: write true, or remove it")
+    faults.settle(table)  # places and names go by what comes before them
+    places = faults.settle(_places(file.balls, table, ball, top.below("balls")))
+    goal = faults.settle(_goal(file.goal, tuple(places), table, ball, top.below("goal")))
     names = (goal.cue, goal.object, *(n for n in places if n not in (goal.cue, goal.object)))
     return Scene(table, ball, names, separate_overlaps(np.array([places[n] for n in names]), table, ball), goal)
 
 
-def _refuse(where: object, text: str) -> NoReturn:
-    raise BadInput(one_line(f"{where}: {text}"))
-
-
-def _only(data: Mapping[str, Any], known: Iterable[str], where: str) -> None:
-    """Refuse unknown keys: a misspelt goal would be ignored."""
-    known = tuple(known)
-    for key in data:
-        if key not in known:
-            meant = closest(str(key), known)
-            remedy = f"did you mean {meant!r}?" if meant else f"remove it, or choose from {', '.join(known)}"
-            _refuse(where, f"unknown key {shown(key)}: {remedy}")
-
-
-def _sizes(data: Mapping[str, Any], where: str) -> tuple[Table, Ball]:
-    """Table and ball, checked as those of a clip set."""
-    sizes: dict[str, dict[str, float]] = {}
-    for name, more in (("table", ("pockets",)), ("ball", ())):
-        _only(data[name], (*NUMBER_BOUNDS[name], *more), f"{where} [{name}]")
-        faults = Faults()
-        sizes[name], _ = read_numbers(data[name], name, Place(""), faults, more)
-        if faults:
-            _refuse(f"{where} [{name}]", faults.lines()[0].removeprefix(f"{CLIPS_TOML}: "))
-    length, width = sizes["table"]["length"], sizes["table"]["width"]
-    diameter, mass = sizes["ball"]["diameter"], sizes["ball"]["mass"]
-    try:
-        pockets = read_pockets(data["table"].get("pockets", True))
-    except BadInput as error:
-        _refuse(f"{where} [table]", str(error))
-    if not pockets:
-        _refuse(f"{where} [table]", "pockets = false leaves no pocket to play for: write true, or remove it")
-    if width > length:
-        _refuse(f"{where} [table]", f"width = {width:g} exceeds length = {length:g}: exchange them, x is the long axis")
-    if diameter > width / MIN_BALLS_ACROSS_TABLE:
-        _refuse(f"{where} [ball]", f"diameter = {diameter:g} m does not fit a table {width:g} m wide: correct one")
-    low, high = (density * math.pi / 6 * diameter**3 for density in (MIN_BALL_DENSITY_KG_M3, MAX_BALL_DENSITY_KG_M3))
-    if not low <= mass <= high:
-        _refuse(f"{where} [ball]", f"mass = {mass:g} kg does not fit its diameter: write {low:.2g} to {high:.2g} (kg)")
-    return Table(length, width, pockets), Ball(diameter, mass)
-
-
-def _places(data: Mapping[str, Any], table: Table, ball: Ball, where: str) -> dict[str, Array]:
-    """Positions (2,) [m] of the balls, by name."""
+def _places(data: Mapping[str, Any], table: Table, ball: Ball, at: Place) -> dict[str, Array]:
+    """Positions (2,) [m] of the balls, by name; those without faults."""
     places = {}
     for name, value in data.items():
         if fault := name_fault(name):
-            _refuse(where, f"ball {shown(name)} {fault}")
-        if name == "world" or "/" in name:
-            _refuse(where, f"ball {shown(name)} has a reserved name: choose one without slashes that is not world")
-        places[name] = _on_table(value, shown(name), table, ball, where)
-    if len(places) > MAX_BALLS:
-        _refuse(where, f"{len(places)} balls are more than the {MAX_BALLS} of snooker: remove some")
+            at.fault(f"ball {shown(name)} {fault}")
+        elif name == "world" or "/" in name:
+            at.fault(f"ball {shown(name)} has a reserved name: choose one without slashes that is not world")
+        elif (xy := _on_table(value, shown(name), table, ball, at)) is not None:
+            places[name] = xy
+    if len(data) > MAX_BALLS:
+        at.fault(f"{len(data)} balls are more than the {MAX_BALLS} of snooker: remove some")
     depth, i, j = largest_overlap(np.array(list(places.values())).reshape(-1, 2), ball)
     if depth > MAX_OVERLAP_M:
         one, other = (shown(list(places)[k]) for k in (i, j))
         text = f"{one} and {other} overlap: centres {1e3 * (ball.diameter - depth):.1f} mm apart"
-        _refuse(where, f"{text}, diameter {1e3 * ball.diameter:.1f} mm: move one of them")
+        at.fault(f"{text}, diameter {1e3 * ball.diameter:.1f} mm: move one of them")
     return places
 
 
-def _on_table(value: Any, name: str, table: Table, ball: Ball, where: str) -> Array:
-    """A position (2,) [m] where a ball can lie."""
-    xy = _numbers(value, 2, name, f"[x, y] {PLACE_FORM}", where)
+def _on_table(value: Any, name: str, table: Table, ball: Ball, at: Place) -> Array | None:
+    """A position (2,) [m] where a ball can lie; None, with the fault noted, for another."""
+    xy = read_value(name, value, Array, PLACE, at)
+    if xy is None:
+        return None
     given, limit = f"{name} = {shown(value)}", table.centre_limits(ball)
     if (np.abs(xy) > MAX_PLACE_M).any() and (np.abs(xy) <= 1e3 * limit).all():
         in_m = [float(f"{v / 1e3:.6g}") for v in xy]
-        _refuse(where, f"{given} looks like mm: write {in_m} (m)")
-    if (pocket := pocket_of(xy, table, ball)) is not None:
-        _refuse(where, f"{given} lies in the pocket {pocket_name(pocket)}: move it onto the table")
-    for axis in np.flatnonzero(np.abs(xy) > limit + MAX_OVERLAP_M):
-        bound = f"|{'xy'[axis]}| is at most {limit[axis]:.4f} m with the ball at the cushion"
-        _refuse(where, f"{given} lies outside the playing surface: {bound}; write it {PLACE_FORM}")
-    return np.clip(xy, -limit, limit)
+        at.fault(f"{given} looks like mm: write {in_m} (m)")
+    elif (pocket := pocket_of(xy, table, ball)) is not None:
+        at.fault(f"{given} lies in the pocket {pocket_name(pocket)}: move it onto the table")
+    elif len(over := np.flatnonzero(np.abs(xy) > limit + MAX_OVERLAP_M)):
+        bound = f"|{'xy'[over[0]]}| is at most {limit[over[0]]:.4f} m with the ball at the cushion"
+        at.fault(f"{given} lies outside the playing surface: {bound}; write it {PLACE_FORM}")
+    else:
+        return np.clip(xy, -limit, limit)
+    return None
 
 
-def _numbers(value: Any, count: int, name: str, form: str, where: str) -> Array:
-    """`count` finite numbers: (count,)."""
-    is_list = isinstance(value, list | tuple) and len(value) == count
-    if not is_list or any(isinstance(v, bool) or not isinstance(v, int | float) for v in value):
-        _refuse(where, f"{name} = {shown(value)} is not {count} numbers: write {form}")
-    numbers = [float(v) if abs(v) < 1e300 else math.inf for v in value]
-    if not np.isfinite(numbers).all():
-        _refuse(where, f"{name} = {shown(value)} is not finite: write {form}")
-    return np.array(numbers)
-
-
-def _goal(data: Mapping[str, Any], names: tuple[str, ...], table: Table, ball: Ball, where: str) -> Goal:
-    """The goal, of balls of these names."""
-    _only(data, GOAL_KEYS, where)
-    cue = _named(data, "cue", names, where)
-    target = _named(data, "object", tuple(n for n in names if n != cue), where, {cue: "is the cue ball"})
-    if "pocket" not in data:
-        _refuse(where, 'pocket is missing: add pocket = [sx, sy], the sides it stands on, or pocket = "any"')
-    if len(given := [key for key in REST_KEYS if key in data]) > 1:
-        _refuse(where, f"{' and '.join(given)} exclude each other: keep one")
-    rest, radius, next_ball = None, 0.0, ""
-    if "rest" in data:
-        rest = _on_table(data["rest"], "rest", table, ball, where)
-    if "rest_region" in data:
-        form = f"[x, y, radius] {PLACE_FORM}"
-        *centre, radius = (float(v) for v in _numbers(data["rest_region"], 3, "rest_region", form, where))
-        rest = _on_table(centre, "the middle of rest_region", table, ball, where)
+def _goal(given: GoalEntries, names: tuple[str, ...], table: Table, ball: Ball, at: Place) -> Goal:
+    """The goal, of balls of these names; its faults are noted."""
+    cue, target = given.cue, given.object
+    _check_named("cue", cue, names, {}, at)
+    _check_named("object", target, names, {cue: "is the cue ball"}, at)
+    if len(keys := [key for key in REST_KEYS if getattr(given, key) is not None]) > 1:
+        at.fault(f"{' and '.join(keys)} exclude each other: keep one")
+    rest, radius = None, 0.0
+    if given.rest is not None:
+        rest = _on_table(given.rest, "rest", table, ball, at)
+    if given.rest_region is not None:
+        *centre, radius = (float(v) for v in given.rest_region)
+        rest = _on_table(centre, "the middle of rest_region", table, ball, at)
         if radius > table.length:
-            _refuse(where, f"rest_region: radius {radius:g} m exceeds the table: write it in m")
+            at.fault(f"rest_region: radius {radius:g} m exceeds the table: write it in m")
         if radius <= 0:
-            _refuse(where, f"rest_region: radius {radius:g} is not positive: write it in m, or rest = [x, y]")
-    if "rest_for" in data:
+            at.fault(f"rest_region: radius {radius:g} is not positive: write it in m, or rest = [x, y]")
+    if given.rest_for is not None:
         gone = {cue: "is the cue ball", target: "is the object ball, which is gone by then"}
-        next_ball = _named(data, "rest_for", tuple(n for n in names if n not in gone), where, gone)
-    avoid = data.get("avoid", [])
-    if not isinstance(avoid, list | tuple):
-        _refuse(where, f"avoid = {shown(avoid)} is not a list: write the names of balls in brackets")
-    played = {cue: "is the cue ball", target: "is the object ball"}
-    others = tuple(n for n in names if n not in played)
-    avoided = [_named({"avoid": name}, "avoid", others, where, played) for name in avoid]
-    pocket = _pocket(data["pocket"], where)
-    return Goal(cue, target, pocket, rest, radius, next_ball, tuple(dict.fromkeys(avoided)))
+        _check_named("rest_for", given.rest_for, names, gone, at)
+    for name in given.avoid:
+        _check_named("avoid", name, names, {cue: "is the cue ball", target: "is the object ball"}, at)
+    pocket = _pocket(given.pocket, at)
+    return Goal(cue, target, pocket, rest, radius, given.rest_for or "", tuple(dict.fromkeys(given.avoid)))
 
 
-def _named(
-    data: Mapping[str, Any], key: str, names: tuple[str, ...], where: str, barred: Mapping[str, str] | None = None
-) -> str:
-    """The ball that a key names, one of `names`; `barred` gives the reasons why others are not allowed."""
-    choice = f"choose from {listed(names)}" if names else "add a ball to [balls]"
-    if key not in data:
-        _refuse(where, f"{key} is missing: {choice}")
-    value = data[key]
-    if not isinstance(value, str):
-        _refuse(where, f"{key} = {shown(value)} is not the name of a ball: {choice}")
-    if value in names:
-        return value
-    if barred and value in barred:
-        _refuse(where, f"{key} = {shown(value)} {barred[value]}: {choice}")
-    meant = closest(value, names)
-    remedy = f"did you mean {meant!r}?" if meant else choice
-    _refuse(where, f"{key} = {shown(value)} is not among the balls: {remedy}")
+def _check_named(key: str, name: str, names: tuple[str, ...], barred: Mapping[str, str], at: Place) -> None:
+    """Note a ball that is not there; `barred` gives the reasons why others are not allowed."""
+    free = [n for n in names if n not in barred]
+    if name not in free:
+        meant = None if name in barred else closest(name, free)
+        choice = f"choose from {listed(free)}" if free else "add a ball to [balls]"
+        remedy = f"did you mean {meant!r}?" if meant else choice
+        at.fault(f"{key} = {shown(name)} {barred.get(name, 'is not among the balls')}: {remedy}", key)
 
 
-def _pocket(value: Any, where: str) -> Pocket | None:
-    """The pocket; None for any."""
-    if value == "any":
-        return None
-    form = 'write [sx, sy] with sx of -1, 0, 1 and sy of -1, 1, or "any"'
-    if not isinstance(value, list | tuple) or len(value) != 2 or any(type(v) not in (int, float) for v in value):
-        _refuse(where, f"pocket = {shown(value)} is no pocket: {form}")
-    for pocket in POCKETS:
-        if tuple(value) == pocket:
-            return pocket
-    why = "there is none in the middle of the end cushions" if list(value) in ([1, 0], [-1, 0]) else ""
-    why = "there is none in the middle of the table" if list(value) == [0, 0] else why
-    _refuse(where, f"pocket = {shown(value)} is no pocket{', ' * bool(why)}{why}: {form}")
+def _pocket(value: Any, at: Place) -> Pocket | None:
+    """The pocket; None for any, and with the fault noted for another."""
+    numbers = isinstance(value, list | tuple) and len(value) == 2 and all(type(v) in (int, float) for v in value)
+    found = next((pocket for pocket in POCKETS if numbers and tuple(value) == pocket), None)
+    if found is None and value != "any":
+        why = ", there is none in the middle of the end cushions" if value in ([1, 0], [-1, 0]) else ""
+        why = ", there is none in the middle of the table" if value == [0, 0] else why
+        at.fault(f"pocket = {shown(value)} is no pocket{why}: write {POCKET_FORM}", "pocket")
+    return found

@@ -6,12 +6,11 @@ import json
 import keyword
 import re
 from pathlib import Path
-from typing import Any
 
 from models.errors import BadInput
-from models.files import write_whole
+from models.faults import Faults, one_line
+from models.files import read_document, write_whole
 from models.model_file import catalogue
-from sysid.clips.faults import one_line
 from sysid.selection.formula import source_from
 
 EFFECT_TEMPLATE = '''"""{title}: say in one line what it is.
@@ -173,16 +172,9 @@ def write(name: str, folder: Path | str, source: str | None = None) -> tuple[Pat
 
 def source_of(path: Path | str, name: str) -> str:
     """The text of an effect that does what a result's unexplained structure says."""
-    path = Path(path)
+    path, faults = Path(path), Faults()
     where = one_line(str(path))
-    try:
-        result: Any = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{where}: cannot be read ({type(error).__name__}); name a result.json") from error
-    except json.JSONDecodeError as error:
-        raise BadInput(f"{where}: not JSON (line {error.lineno}: {error.msg}); name a result.json") from error
-    except (ValueError, RecursionError) as error:  # a number too long, or brackets without end
-        raise BadInput(f"{where}: not JSON that can be read ({type(error).__name__}); name a result.json") from error
+    result = faults.settle(read_document(path, where, faults, "name a result.json", json.loads))
     found = result.get("unexplained") if isinstance(result, dict) else None
     if not isinstance(found, dict):
         raise BadInput(f"{where}: leaves nothing unexplained; begin with the template: sysid new-effect {name}")

@@ -15,11 +15,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 import tomli_w
@@ -27,15 +25,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.analytic import cueing
 from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, ball_speed_and_squirt, launch
+from models.decode import Allowed
 from models.errors import BadInput
+from models.faults import shown
 from models.files import read_toml, write_whole
 from models.shot import Ball
-from planner.launcher.execution import Execution, execution_from
+from planner.launcher.execution import Execution
 from planner.launcher.stroke import LauncherModel
 
 Array = NDArray[np.float64]
 FORMAT = "billiard-cueing-map/1"
-SECTIONS = ("format", "ball", "cue", "constants", "uncertainty", "execution", "fit")
 MAX_OFFSET = cueing.SEED_LIMIT  # greatest contact offset over radius that is commanded
 INVERSE_ITERATIONS = 12  # each leaves a tenth of the error
 USUAL_GAIN = 1.3  # ball speed over cue speed of a plain stroke, where the inverse starts
@@ -179,72 +178,56 @@ def write_map(path: Path | str, cueing_map: CueingMap) -> None:
     write_whole(path, tomli_w.dumps(data).encode())
 
 
+@dataclass(frozen=True)
+class CueShape:
+    """The keys of a map file's [cue]."""
+
+    tip_radius: Annotated[float, Allowed(0.002, 0.03, "m")]
+    elevation: Annotated[float, Allowed(0.0, 1.5, "rad")]
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """The keys of a map file's [uncertainty]."""
+
+    names: tuple[str, ...]
+    covariance: Annotated[Array, Allowed(shape=(len(CONSTANT_NAMES), len(CONSTANT_NAMES)), nan=True)]
+
+    def __post_init__(self) -> None:
+        """BadInput for other constants, and for what is no covariance; nan where it was not computed."""
+        found = self.covariance
+        if self.names != CONSTANT_NAMES:
+            raise BadInput(f"names = {shown(list(self.names))}: give names = {list(CONSTANT_NAMES)}")
+        if not np.isnan(found).all() and not (np.allclose(found, found.T) and (np.diag(found) >= 0).all()):
+            raise BadInput("covariance is not symmetric with a diagonal of 0 or more: write it anew")
+
+
+@dataclass(frozen=True)
+class FitQuality:
+    """The keys of a map file's [fit], as `CueingMap` has them."""
+
+    shots: Annotated[int, Allowed(0, 1e9)] = 0
+    left_out: Annotated[int, Allowed(0, 1e9)] = 0
+    chi2_reduced: Annotated[float, Allowed(nan=True)] = math.nan
+
+
+@dataclass(frozen=True)
+class CueingMapFile:
+    """The keys of a map file."""
+
+    ball: Ball
+    cue: CueShape
+    constants: Annotated[Constants, Allowed(needs=CONSTANT_NAMES)]
+    execution: Annotated[Execution, Allowed(form="[execution] with speed_sd, azimuth_sd, side_sd, height_sd")]
+    uncertainty: Uncertainty | None = None
+    fit: FitQuality = FitQuality()
+
+
 def read_map(path: Path | str) -> CueingMap:
     """A map from its file; BadInput names what is wrong in it."""
-    data = read_toml(path, "name a cueing map", "correct that line")
-    if data.get("format") != FORMAT:
-        raise BadInput(f"{path}: format is {data.get('format')!r}; a cueing map says {FORMAT!r}")
-    _known(path, "", data, SECTIONS)
-    bounds = {f.name: f.metadata["bounds"] for f in dataclasses.fields(Constants)}
-    ball = _numbers(path, data, "ball", {"diameter": (0.02, 0.1), "mass": (0.02, 1.0)})
-    cue = _numbers(path, data, "cue", {"tip_radius": (0.002, 0.03), "elevation": (0.0, 1.5)})
-    constants = _numbers(path, data, "constants", bounds)
-    rest = data.get("uncertainty", {})
-    covariance = np.full((len(CONSTANT_NAMES), len(CONSTANT_NAMES)), math.nan)
-    if rest:
-        covariance = _covariance(path, rest)
-    fit = data.get("fit", {})
-    shots, left_out, chi2 = (
-        fit.get(k, default) for k, default in (("shots", 0), ("left_out", 0), ("chi2_reduced", math.nan))
-    )
-    if not isinstance(shots, int) or not isinstance(left_out, int) or not isinstance(chi2, int | float):
-        raise BadInput(f"{path} [fit]: is {fit!r}; give whole numbers shots, left_out and a number chi2_reduced")
-    if "execution" not in data:
-        raise BadInput(f"{path}: has no [execution]; write speed_sd, azimuth_sd, side_sd, height_sd below it")
+    file = read_toml(path, CueingMapFile, FORMAT, "name a cueing map")
+    unknown = np.full((len(CONSTANT_NAMES), len(CONSTANT_NAMES)), math.nan)
     return CueingMap(
-        Constants(**constants), Geometry(Ball(**ball), **cue), covariance,
-        execution_from(data["execution"], str(path)), shots, left_out, float(chi2),
+        file.constants, Geometry(file.ball, **vars(file.cue)),
+        file.uncertainty.covariance if file.uncertainty else unknown, file.execution, **vars(file.fit),
     )  # fmt: skip
-
-
-def _known(path: Path | str, where: str, data: Mapping[str, Any], names: Any) -> None:
-    for key in data:
-        if key not in names:
-            near = get_close_matches(key, list(names), 1)
-            hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(names)}"
-            raise BadInput(f"{path}{where}: unknown key {key!r}; {hint}")
-
-
-def _numbers(
-    path: Path | str, data: Mapping[str, Any], section: str, bounds: Mapping[str, tuple[float, float]]
-) -> dict[str, float]:
-    """All numbers of a section, each within its bounds."""
-    table = data.get(section)
-    if not isinstance(table, Mapping):
-        raise BadInput(f"{path}: [{section}] is {table!r}; give {', '.join(bounds)} below it")
-    _known(path, f" [{section}]", table, bounds)
-    for name, (low, high) in bounds.items():
-        value = table.get(name)
-        if not isinstance(value, int | float) or isinstance(value, bool) or not low <= value <= high:
-            raise BadInput(f"{path} [{section}]: {name} is {value!r}; give a number from {low:g} to {high:g}")
-    return {name: float(table[name]) for name in bounds}
-
-
-def _covariance(path: Path | str, table: Any) -> Array:
-    """The covariance of the constants (8, 8); nan if it was not computed."""
-    names, rows = (table.get("names"), table.get("covariance")) if isinstance(table, Mapping) else (None, None)
-    try:
-        found = np.array(rows, float)
-    except (TypeError, ValueError):
-        found = np.zeros(0)
-    if names != list(CONSTANT_NAMES) or found.shape != (len(CONSTANT_NAMES), len(CONSTANT_NAMES)):
-        raise BadInput(
-            f"{path} [uncertainty]: give names = {list(CONSTANT_NAMES)} and their covariance, "
-            f"{len(CONSTANT_NAMES)} rows"
-        )
-    fault = not np.all(np.isnan(found)) and (
-        not np.all(np.isfinite(found)) or not np.allclose(found, found.T) or np.any(np.diag(found) < 0)
-    )
-    if fault:
-        raise BadInput(f"{path} [uncertainty]: covariance is not symmetric with a diagonal of 0 or more; write it anew")
-    return found

@@ -12,20 +12,18 @@ probability with fewer plays than independent ones. Leaves out errors that are c
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from models.errors import BadInput
+from models.decode import Allowed, Place, decode
+from models.faults import Faults
 from models.files import read_toml
 
 Array = NDArray[np.float64]
@@ -36,10 +34,10 @@ MAX_SD = {"speed_sd": 0.3, "azimuth_sd": 0.2, "side_sd": 0.01, "height_sd": 0.01
 class Execution:
     """One standard deviation of each part of a stroke."""
 
-    speed_sd: float = 0.012  # fraction of the ball's speed [1]
-    azimuth_sd: float = 0.001  # [rad]
-    side_sd: float = 0.0005  # of the contact point [m]
-    height_sd: float = 0.0005  # [m]
+    speed_sd: Annotated[float, Allowed(0, MAX_SD["speed_sd"])] = 0.012  # fraction of the ball's speed
+    azimuth_sd: Annotated[float, Allowed(0, MAX_SD["azimuth_sd"], "rad")] = 0.001
+    side_sd: Annotated[float, Allowed(0, MAX_SD["side_sd"], "m")] = 0.0005  # of the contact point
+    height_sd: Annotated[float, Allowed(0, MAX_SD["height_sd"], "m")] = 0.0005
 
     def perturb(self, q: Array, normal: Array) -> Array:
         """Strokes as played (n, m, 4), from commanded ones (n, 4) and standard normal numbers (m, 4)."""
@@ -49,26 +47,22 @@ class Execution:
         return np.asarray(q[:, None, :] + size * normal[None])
 
 
+@dataclass(frozen=True)
+class ExecutionFile:
+    """What is read of a file with execution errors."""
+
+    execution: Annotated[Execution, Allowed(form="[execution] with speed_sd, azimuth_sd, side_sd, height_sd")]
+
+
 def execution_from(data: Any, where: str) -> Execution:
     """Execution errors from the table [execution] of a file; BadInput names what is wrong in it."""
-    if not isinstance(data, Mapping):
-        raise BadInput(f"{where} [execution] is {data!r}; give speed_sd, azimuth_sd, side_sd, height_sd")
-    names = [f.name for f in dataclasses.fields(Execution)]
-    for key, value in data.items():
-        if key not in names:
-            near = get_close_matches(key, names, 1)
-            raise BadInput(f"{where} [execution]: unknown key {key!r}; did you mean {near[0] if near else names}?")
-        if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value <= MAX_SD[key]:
-            raise BadInput(f"{where} [execution]: {key} is {value!r}; give a number from 0 to {MAX_SD[key]}")
-    return Execution(**{key: float(value) for key, value in data.items()})
+    faults = Faults()
+    return faults.settle(decode(Execution, data, Place(where, faults, name="execution")))
 
 
 def read_execution(path: Path | str) -> Execution:
     """Execution errors from a TOML file with a table [execution], such as a model file."""
-    data = read_toml(path, "name a TOML file with [execution]", "correct that line")
-    if "execution" not in data:
-        raise BadInput(f"{path}: has no [execution]; write speed_sd, azimuth_sd, side_sd, height_sd below it")
-    return execution_from(data["execution"], str(path))
+    return read_toml(path, ExecutionFile, "", "name a TOML file with [execution]", more=True).execution
 
 
 def normal_samples(count: int, columns: int, seed: int) -> Array:

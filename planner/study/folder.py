@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Any
 
 from models.console import Progress, plain
 from models.errors import BadInput
-from models.files import write_whole
+from models.faults import Faults
+from models.files import read_document, write_whole
 
 if TYPE_CHECKING:
     from planner.study.draws import Study
@@ -90,10 +91,7 @@ def _differing(was: Any, new: Any) -> tuple[str, str]:
 
 def read_object(path: Path) -> dict[str, Any] | None:
     """The object that a JSON file holds; None where there is none."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
+    data = read_document(path, str(path), Faults(), "", json.loads)
     return data if isinstance(data, dict) else None
 
 

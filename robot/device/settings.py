@@ -16,30 +16,22 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 import tomli_w
 
+from models.decode import Allowed
 from models.errors import BadInput
+from models.faults import shown
 from models.files import read_toml, write_whole
 from robot.device.protocol import FIRST_STRING, LAST_STRING
 
 SETTINGS_FORMAT = "cuelab-launcher/1"
-
-
-def bounded(default: float, low: float, high: float, unit: str) -> Any:
-    """A number with its bounds and unit."""
-    return field(default=default, metadata={"bounds": (low, high), "unit": unit})
-
-
-def span(default: tuple[float, float], low: float, high: float, unit: str) -> Any:
-    """A range [least, most] with the bounds and unit of its ends."""
-    return field(default=default, metadata={"bounds": (low, high), "unit": unit})
+PAPER_SOURCE = "the line through the two figures of Robotic Billiards (2015), section V"
 
 
 @dataclass(frozen=True)
@@ -47,18 +39,23 @@ class PortSettings:
     """Where the launcher is."""
 
     device: str = "/dev/ttyUSB0"
-    baud: int = bounded(19200, 1200, 921600, "bit/s")  # the paper names none
+    baud: Annotated[int, Allowed(1200, 921600, "bit/s")] = 19200  # the paper names none
+
+    def __post_init__(self) -> None:
+        """BadInput where it is no name."""
+        if not self.device or "\0" in self.device:
+            raise BadInput(f"device = {shown(self.device)} is no port: write the name of one")
 
 
 @dataclass(frozen=True)
 class Timing:
     """Time-outs and numbers of retries."""
 
-    reply_s: float = bounded(0.25, 0.01, 10, "s")  # of silence until a request is sent again
-    retries: int = bounded(5, 0, 50, "1")  # of one request, and of one stroke line
-    poll_s: float = bounded(0.02, 0.001, 1, "s")  # between questions while something moves
-    motion_s: float = bounded(30, 0.1, 600, "s")  # after which a motion counts as hung
-    reconnect_s: float = bounded(5, 0, 600, "s")  # for a disconnected cable to come back
+    reply_s: Annotated[float, Allowed(0.01, 10, "s")] = 0.25  # of silence until a request is sent again
+    retries: Annotated[int, Allowed(0, 50, "1")] = 5  # of one request, and of one stroke line
+    poll_s: Annotated[float, Allowed(0.001, 1, "s")] = 0.02  # between questions while something moves
+    motion_s: Annotated[float, Allowed(0.1, 600, "s")] = 30  # after which a motion counts as hung
+    reconnect_s: Annotated[float, Allowed(0, 600, "s")] = 5  # for a disconnected cable to come back
 
 
 class Clock(Protocol):
@@ -84,33 +81,42 @@ class RealClock:
 class Limits:
     """Limits of what may be commanded."""
 
-    x_mm: tuple[float, float] = span((-20.0, 20.0), -25, 25, "mm")  # of the stage, from home
-    y_mm: tuple[float, float] = span((-20.0, 20.0), -25, 25, "mm")
-    cue_speed: tuple[float, float] = span((0.30, 2.75), 0.05, 5, "m/s")
-    offset: float = bounded(0.5, 0, 0.6, "1")  # of the contact point over the radius; beyond, the tip slips
-    yaw_deg: tuple[float, float] = span((-180.0, 180.0), -180, 180, "deg")  # that the stand can be turned to, by hand
+    x_mm: Annotated[tuple[float, float], Allowed(-25, 25, "mm", shape=(2,))] = (-20.0, 20.0)  # of the stage, from home
+    y_mm: Annotated[tuple[float, float], Allowed(-25, 25, "mm", shape=(2,))] = (-20.0, 20.0)
+    cue_speed: Annotated[tuple[float, float], Allowed(0.05, 5, "m/s", shape=(2,))] = (0.30, 2.75)
+    offset: Annotated[float, Allowed(0, 0.6, "1")] = 0.5  # of the contact point over the radius; beyond, the tip slips
+    yaw_deg: Annotated[tuple[float, float], Allowed(-180, 180, "deg", shape=(2,))] = (-180.0, 180.0)  # by hand
+
+    def __post_init__(self) -> None:
+        """BadInput for a range that ends before it begins."""
+        for key in ("x_mm", "y_mm", "cue_speed", "yaw_deg"):
+            low, high = getattr(self, key)
+            if low > high:
+                raise BadInput(f"{key} = [{low}, {high}] is no range: give the smaller one first")
 
 
 @dataclass(frozen=True)
 class Stage:
     """How the tip is placed."""
 
-    zero_x_mm: float = bounded(0.0, -25, 25, "mm")  # stage position at which the axis meets the ball's centre
-    zero_y_mm: float = bounded(0.0, -25, 25, "mm")
-    takeup_mm: float = bounded(0.4, 0, 5, "mm")  # passed below the target before going up to it: more than the backlash
-    step_um: float = bounded(10, 0.1, 1000, "um")  # requested and reported positions agree within this
-    tilt_deg: float = bounded(6.5, 0, 30, "deg")  # of the cue (Robotic Billiards 2015)
-    ball_radius_mm: float = bounded(26.25, 10, 50, "mm")
-    tip_radius_mm: float = bounded(10.0, 2, 30, "mm")  # of the dome (Robotic Billiards 2015)
+    zero_x_mm: Annotated[float, Allowed(-25, 25, "mm")] = (
+        0.0  # stage position at which the axis meets the ball's centre
+    )
+    zero_y_mm: Annotated[float, Allowed(-25, 25, "mm")] = 0.0
+    takeup_mm: Annotated[float, Allowed(0, 5, "mm")] = 0.4  # passed below the target: more than the backlash
+    step_um: Annotated[float, Allowed(0.1, 1000, "um")] = 10  # requested and reported positions agree within this
+    tilt_deg: Annotated[float, Allowed(0, 30, "deg")] = 6.5  # of the cue (Robotic Billiards 2015)
+    ball_radius_mm: Annotated[float, Allowed(10, 50, "mm")] = 26.25
+    tip_radius_mm: Annotated[float, Allowed(2, 30, "mm")] = 10.0  # of the dome (Robotic Billiards 2015)
 
 
 @dataclass(frozen=True)
 class SpeedTable:
     """Cue speeds of strings: rising strings, falling speeds [m/s]."""
 
-    strings: tuple[int, ...] = (FIRST_STRING, LAST_STRING)
-    speeds: tuple[float, ...] = (2.75, 0.30)
-    source: str = "the line through the two figures of Robotic Billiards (2015), section V"
+    strings: Annotated[tuple[int, ...], Allowed(shape=(None,))] = (FIRST_STRING, LAST_STRING)
+    speeds: Annotated[tuple[float, ...], Allowed(unit="m/s", shape=(None,))] = (2.75, 0.30)
+    source: str = ""
 
     def __post_init__(self) -> None:
         """BadInput where it is no falling table."""
@@ -153,7 +159,7 @@ class Settings:
     timing: Timing = field(default_factory=Timing)
     limits: Limits = field(default_factory=Limits)
     stage: Stage = field(default_factory=Stage)
-    calibration: SpeedTable = field(default_factory=SpeedTable)
+    calibration: Annotated[SpeedTable, Allowed(needs=("strings", "speeds"))] = SpeedTable(source=PAPER_SOURCE)
 
     def with_table(self, strings: Sequence[int], speeds: Sequence[float], source: str) -> Settings:
         """The settings with a calibrated table; speeds [m/s]."""
@@ -204,92 +210,9 @@ class Settings:
         return 1e-3 * x_um - self.stage.zero_x_mm, (1e-3 * y_um - self.stage.zero_y_mm) * tilt
 
 
-SETTINGS_SECTIONS = {"port": PortSettings, "timing": Timing, "limits": Limits, "stage": Stage}
-
-
-def _near(key: str, names: Sequence[str]) -> str:
-    close = get_close_matches(key, names, 1)
-    return f"did you mean {close[0]}?" if close else f"choose from {', '.join(names)}"
-
-
-def _number(value: Any, where: str, meta: Mapping[str, Any], whole: bool) -> Any:
-    low, high = meta["bounds"]
-    right = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
-    if not right or not low <= value <= high:
-        raise BadInput(f"{where} is {value!r}; give a {'whole ' * whole}number from {low} to {high} [{meta['unit']}]")
-    return int(value) if whole else float(value)
-
-
-def _section(kind: type[Any], data: Any, where: str) -> Any:
-    """One section of the file as its dataclass."""
-    known = {f.name: f for f in dataclasses.fields(kind)}
-    if not isinstance(data, dict):
-        raise BadInput(f"{where} is {data!r}; write it as a table")
-    values: dict[str, Any] = {}
-    for key, value in data.items():
-        if key not in known:
-            raise BadInput(f"{where}: unknown key {key!r}; {_near(key, list(known))}")
-        declared, place = known[key], f"{where}: {key}"
-        if isinstance(declared.default, str):
-            if not isinstance(value, str) or not value or "\0" in value:
-                raise BadInput(f"{place} is {value!r}; give a text")
-            values[key] = value
-        elif isinstance(declared.default, tuple):
-            if not isinstance(value, list) or len(value) != 2:
-                raise BadInput(f"{place} is {value!r}; give [least, most]")
-            low, high = (_number(v, place, declared.metadata, whole=False) for v in value)
-            if not low <= high:
-                raise BadInput(f"{place} is {value!r}; give the smaller one first")
-            values[key] = (low, high)
-        else:
-            values[key] = _number(
-                value, place, declared.metadata, whole=isinstance(declared.default, int) and declared.type == "int"
-            )
-    return kind(**values)
-
-
-def _table(data: Any, where: str) -> SpeedTable:
-    """The calibration of the file."""
-    names = ("strings", "speeds", "source")
-    if not isinstance(data, dict):
-        raise BadInput(f"{where} is {data!r}; write it as a table")
-    for key in data:
-        if key not in names:
-            raise BadInput(f"{where}: unknown key {key!r}; {_near(key, names)}")
-    strings, speeds, source = (data.get(name) for name in names)
-    for key, value, kind in (("strings", strings, int), ("speeds", speeds, int | float)):
-        if not isinstance(value, list) or not all(isinstance(v, kind) and not isinstance(v, bool) for v in value):
-            raise BadInput(f"{where}: {key} is {value!r}; give a list of numbers")
-    if source is not None and not isinstance(source, str):
-        raise BadInput(f"{where}: source is {source!r}; give a text")
-    try:
-        return SpeedTable(tuple(strings or ()), tuple(float(v) for v in speeds or ()), source or "")
-    except BadInput as error:
-        raise BadInput(f"{where}: {error}") from None
-
-
-def settings_from(data: Mapping[str, Any], where: str) -> Settings:
-    """Settings from what a TOML file holds; BadInput names what is wrong in it."""
-    if data.get("format") != SETTINGS_FORMAT:
-        raise BadInput(f'{where}: format is {data.get("format")!r}; write format = "{SETTINGS_FORMAT}"')
-    names = ("format", *SETTINGS_SECTIONS, "calibration")
-    for key in data:
-        if key not in names:
-            raise BadInput(f"{where}: unknown section {key!r}; {_near(key, names)}")
-    values = {
-        name: _section(kind, data[name], f"{where} [{name}]")
-        for name, kind in SETTINGS_SECTIONS.items()
-        if name in data
-    }
-    if "calibration" in data:
-        values["calibration"] = _table(data["calibration"], f"{where} [calibration]")
-    return Settings(**values)
-
-
 def read_settings(path: Path | str) -> Settings:
     """Read a launcher's file; BadInput names what is wrong in it."""
-    data = read_toml(path, "name a launcher's TOML file", "correct that line")
-    return settings_from(data, str(path))
+    return read_toml(path, Settings, SETTINGS_FORMAT, "name a launcher's TOML file")
 
 
 def write_settings(settings: Settings, path: Path | str) -> None:

@@ -14,7 +14,6 @@ of the plays by which the plan was judged. The launcher's own scatter is the flo
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import BadInput
+from models import files
 from models.shot import Array
 from planner.planning import read_plan
 from planner.scene import Scene, scene_from
@@ -115,15 +114,7 @@ def fit_folder(folder: Path | str, shots: int) -> Path:
 
 def read_json(path: Path, form: str) -> dict[str, Any]:
     """A JSON file of a format; BadInput where it cannot be read or has another format."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; name a folder of robot learn") from None
-    except ValueError as error:
-        raise BadInput(f"{path}: is not JSON ({error}); remove it and run robot learn again") from None
-    if not isinstance(data, dict) or data.get("format") != form:
-        raise BadInput(f"{path}: is not of format {form}; remove it and run robot learn again")
-    return data
+    return files.read_json(path, form, "name a folder of robot learn, or remove the file and run robot learn again")
 
 
 def count_played(folder: Path | str) -> int:

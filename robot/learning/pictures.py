@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from models.faults import one_line
 from models.report.axes import TABLE_MARGIN_M, draw_table, legend_on_cloth, plain_log_ticks
 from models.report.figure import (
     FIGURE_WIDTH_IN,
@@ -28,7 +29,6 @@ from models.report.numbers import number
 from models.shot import Table
 from robot.learning.blocks import block_size, blocks, changes, ends, of_block, pot_count
 from robot.learning.history import History, PlayedShot
-from sysid.clips.faults import one_line
 
 SINGLE_SHOT_COLOUR = "#9dbfe0"  # behind the medians
 LOST_SHOT_COLOUR = "#ff9f1c"  # of a cue ball that fell or was not seen

@@ -3,7 +3,7 @@
 In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
 
     clip_set        the values: Observation, CueCommand, Clip, ClipSet
-    read, write     whole or not at all; header, rows and keys of their files, faults in one line each
+    read, write     whole or not at all; header and rows of their files, names of balls and clips
     plausibility    times increase, balls are on the table and do not overlap
     units           of coordinates and times, origin and axes, where all clips have them wrong
     contradictions  what the tracks of a set contradict: diameter, table, commands, frame rate

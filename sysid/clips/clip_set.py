@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from models.decode import Allowed
 from models.shot import Array, Ball, Table
 
 
@@ -14,11 +16,11 @@ from models.shot import Array, Ball, Table
 class CueCommand:
     """The commanded stroke; the real one differs from it a little."""
 
-    speed: float  # of the ball [m/s]
-    azimuth: float  # of the aim [rad]
-    side: float = 0.0  # contact point, positive to the right as the player sees it [m]
-    height: float = 0.0  # contact point above the centre [m]
-    elevation: float = 0.0  # of the cue [rad]
+    speed: Annotated[float, Allowed(0.0, 30.0, "m/s")]  # of the ball
+    azimuth: Annotated[float, Allowed(-4 * math.pi, 4 * math.pi, "rad")]  # of the aim
+    side: Annotated[float, Allowed(-0.05, 0.05, "m")] = 0.0  # contact point, > 0 to the right as the player sees it
+    height: Annotated[float, Allowed(-0.05, 0.05, "m")] = 0.0  # contact point above the centre
+    elevation: Annotated[float, Allowed(-math.pi / 2, math.pi / 2, "rad")] = 0.0  # of the cue
 
 
 @dataclass(frozen=True)

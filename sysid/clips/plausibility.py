@@ -16,8 +16,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from models.faults import Faults, closest, listed, shown
 from models.shot import Array, Ball, Table
-from sysid.clips.faults import CLIPS_TOML, Faults, closest, listed, shown
 from sysid.clips.header import Entry, Header
 from sysid.clips.rows import Rows
 
@@ -79,7 +79,7 @@ def check_struck(rows: Rows, entry: Entry, faults: Faults) -> None:
             problem = (
                 f"struck = {shown(entry.struck)} is not in {entry.file}, which holds {listed(rows.names)}: {remedy}"
             )
-            faults.add(CLIPS_TOML, problem, entry.place.line("struck"))
+            entry.place.fault(problem, "struck")
         else:
             faults.add(
                 entry.file,

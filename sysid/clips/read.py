@@ -13,15 +13,17 @@ from pathlib import Path
 import numpy as np
 
 from models.errors import BadInput
+from models.faults import Faults, one_line
+from models.files import read_text
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.contradictions import ALL_CLIPS, contradictions, is_sound
-from sysid.clips.faults import Faults, one_line, read_text
-from sysid.clips.header import Entry, read_header
+from sysid.clips.header import SET_REMEDY, Entry, read_header
 from sysid.clips.plausibility import PLACES, TIMES, check_rows, check_struck
 from sysid.clips.rows import Rows, parse_rows
 from sysid.clips.units import coordinates_fault, times_fault
 
 STAMP_DECIMALS = 9  # of seconds: differences of stamps are rounded to them, so that the clock's origin leaves no trace
+MAX_CLIP_BYTES = 1 << 30  # of one clip
 SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
 
 
@@ -58,7 +60,7 @@ def _read(folder: Path, faults: Faults) -> ClipSet | None:
     parsed = []
     last = max(len(header.entries) - 1, 1)
     for number, entry in enumerate(header.entries):
-        text = read_text(entry.path, entry.file, faults)
+        text = read_text(entry.path, entry.file, faults, SET_REMEDY, MAX_CLIP_BYTES)
         rows = None if text is None else parse_rows(text, entry.file, faults)
         if rows is not None:
             parsed.append((entry, rows, _clip(entry, rows, number / last)))

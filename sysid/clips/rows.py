@@ -14,8 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.faults import Faults, closest, listed, shown
 from models.shot import Array
-from sysid.clips.faults import Faults, closest, listed, name_fault, shown
+from sysid.clips.header import SET_REMEDY
+from sysid.clips.names import name_fault
 
 COLUMN_NAMES = ("t", "ball", "x", "y", "theta")
 NUMBER_REMEDIES = {
@@ -41,6 +43,9 @@ class Rows:
 
 def parse_rows(text: str, file: str, faults: Faults) -> Rows | None:
     """The rows of a clip; None, with the fault noted, where its header cannot be used."""
+    if not text.strip():
+        faults.add(file, f"is empty: {SET_REMEDY}")
+        return None
     cells: list[list[str]] = []
     lines: list[int] = []
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import os
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -20,9 +19,11 @@ import numpy as np
 import tomli_w
 
 from models.errors import BadInput
+from models.faults import Faults, one_line, shown
+from models.files import read_document
 from sysid.clips.clip_set import Clip, ClipSet
-from sysid.clips.faults import CLIPS_TOML, name_fault, one_line, path_fault, shown
 from sysid.clips.header import CLIP_SET_FORMAT
+from sysid.clips.names import CLIPS_TOML, name_fault, path_fault
 from sysid.clips.read import check_clip_set
 from sysid.clips.rows import COLUMN_NAMES
 
@@ -193,11 +194,8 @@ def _refuse_foreign(folder: Path, target: Path) -> None:
 
 def _own_files(target: Path) -> set[str]:
     """The files of the clip set in `target`; none if it is not one."""
-    try:
-        document = tomllib.loads((target / CLIPS_TOML).read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError):
-        return set()
-    if not str(document.get("format")).startswith("billiard-clips/"):
+    document = read_document(target / CLIPS_TOML, CLIPS_TOML, Faults(), "")
+    if document is None or not str(document.get("format")).startswith("billiard-clips/"):
         return set()
     clips = document.get("clip")
     files = [clip.get("file") for clip in clips if isinstance(clip, dict)] if isinstance(clips, list) else []

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.faults import one_line
 from models.recording.palette import ball_colour
 from models.report.axes import circle, draw_table, plain_log_ticks, rgb
 from models.report.figure import (
@@ -30,7 +31,6 @@ from models.report.figure import (
     svg,
 )
 from models.report.numbers import number
-from sysid.clips.faults import one_line
 from sysid.residuals.comparison import Comparison
 from sysid.residuals.samples import Samples
 

@@ -19,9 +19,9 @@ from typing import Any
 from models import formula as kinds
 from models.effect import Effect
 from models.errors import BadInput
+from models.faults import shown
 from models.formula import Part, formula
 from models.shot import Table
-from sysid.clips.faults import shown
 
 CLOTH_CELLS = (6, 3)  # cells of the cloth with a drag of their own, along and across
 RAIL_NAMES = ("+x", "-x", "+y", "-y")

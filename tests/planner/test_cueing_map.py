@@ -260,11 +260,19 @@ def test_the_file_holds_the_map_and_the_planner_reads_it(tmp_path: Path, fitted:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (FORMAT, "billiard-model/1", r"format is 'billiard-model/1'; a cueing map says 'billiard-cueing-map/1'"),
-        ("cue_mass = ", "cue_mas = ", r"\[constants\]: unknown key 'cue_mas'; did you mean cue_mass\?"),
-        ("tip_radius = 0.01", "tip_radius = true", r"tip_radius is True; give a number from 0\.002 to 0\.03"),
-        ("[execution]", "[executio]", r"unknown key 'executio'; did you mean execution\?"),
-        ('"cue_mass",', '"cue_mess",', r"\[uncertainty\]: give names"),
+        (
+            FORMAT,
+            "billiard-model/1",
+            r"format = 'billiard-model/1' is unknown: this version reads format = \"billiard-cueing-map/1\"",
+        ),
+        ("cue_mass = ", "cue_mas = ", r"\[constants\]: unknown key 'cue_mas': did you mean 'cue_mass'\?"),
+        (
+            "tip_radius = 0.01",
+            "tip_radius = true",
+            r"tip_radius = True is not a number: write a number in m, 0\.002 to 0\.03",
+        ),
+        ("[execution]", "[executio]", r"unknown key 'executio': did you mean 'execution'\?"),
+        ('"cue_mass",', '"cue_mess",', r"\[uncertainty\]: names = .*: give names"),
         ("shots = ", "shots = 0.5 # ", r"\[fit\]"),
     ],
 )

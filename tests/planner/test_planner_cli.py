@@ -194,7 +194,7 @@ def test_bad_files_of_plan(run: Any, asked: Path, model: Path, tmp_path: Path) -
     assert "absent.toml" in line(source=tmp_path / "absent.toml")
     assert "nowhere" in line(out="nowhere/p.json")
     (tmp_path / "e.toml").write_text(RUBBISH)
-    assert "unknown key 'speed'; did you mean speed_sd?" in line("--execution", tmp_path / "e.toml")
+    assert "unknown key 'speed': did you mean 'speed_sd'?" in line("--execution", tmp_path / "e.toml")
     write_model(full_model(Table(2.54, 1.27), Ball(0.05715, 0.17)), tmp_path / "pool.toml")
     text = line("--model", tmp_path / "pool.toml")
     assert "3.569 x 1.778 m" in text and "2.54 x 1.27 m" in text

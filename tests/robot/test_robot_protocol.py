@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
@@ -17,7 +18,7 @@ from models.errors import BadInput
 from planner.launcher import stroke as planned
 from robot.device import protocol
 from robot.device.protocol import Message, Reader, Status, StopByte, StrokeLine, frame, stroke_line, unframe
-from robot.device.settings import Settings, SpeedTable, read_settings, settings_from, write_settings
+from robot.device.settings import Settings, SpeedTable, read_settings, write_settings
 from robot.emulator import firmware as fw
 from robot.emulator.firmware import Firmware
 from robot.emulator.stroke_motion import RUN_UP_M, paper_law
@@ -353,31 +354,33 @@ def test_the_stage_follows_tilt_and_limits() -> None:
 
 
 BAD = {
-    "format": ({"format": "x"}, "format is 'x'"),
-    "section": ({"prot": {}}, "did you mean port"),
-    "no table": ({"port": 3}, "write it as a table"),
-    "key": ({"port": {"bau": 3}}, "did you mean baud"),
+    "format": ({"format": "x"}, "format = 'x'"),
+    "section": ({"prot": {}}, "did you mean 'port'"),
+    "no table": ({"port": 3}, r"write \[port\]"),
+    "key": ({"port": {"bau": 3}}, "did you mean 'baud'"),
     "baud": ({"port": {"baud": 19200.5}}, "whole number"),
-    "device": ({"port": {"device": ""}}, "give a text"),
+    "device": ({"port": {"device": ""}}, "write the name"),
     "bool": ({"timing": {"retries": True}}, "whole number"),
-    "bounds": ({"timing": {"reply_s": 1000}}, "from 0.01 to 10"),
-    "nan": ({"limits": {"offset": math.nan}}, "from 0 to 0.6"),
+    "bounds": ({"timing": {"reply_s": 1000}}, "outside 0.01 to 10"),
+    "nan": ({"limits": {"offset": math.nan}}, "not finite.* 0 to 0.6"),
     "order": ({"limits": {"x_mm": [5, -5]}}, "smaller one first"),
-    "pair": ({"limits": {"x_mm": [5]}}, "least, most"),
+    "pair": ({"limits": {"x_mm": [5]}}, "2 numbers in mm"),
     "count": ({"calibration": {"strings": [1, 2, 3], "speeds": [2, 1]}}, "as many"),
     "rising": ({"calibration": {"strings": [1, 2], "speeds": [1, 2]}}, "fall"),
     "range": ({"calibration": {"strings": [0, 2], "speeds": [2, 1]}}, "rising, 1 to 200"),
-    "kind": ({"calibration": {"strings": "1", "speeds": [2, 1]}}, "list of numbers"),
-    "missing": ({"calibration": {}}, "list of numbers"),
+    "kind": ({"calibration": {"strings": "1", "speeds": [2, 1]}}, "a list of numbers"),
+    "missing": ({"calibration": {}}, "strings is missing: add a list of numbers"),
 }
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_settings_are_named_in_one_line(name: str) -> None:
+def test_bad_settings_are_named_in_one_line(name: str, tmp_path: Path) -> None:
     data, says = BAD[name]
+    path = tmp_path / "launcher.toml"
+    path.write_text(tomli_w.dumps({"format": "cuelab-launcher/1"} | data))
     with pytest.raises(BadInput, match=says) as told:
-        settings_from({"format": "cuelab-launcher/1"} | data, "launcher.toml")
-    assert str(told.value).startswith("launcher.toml")
+        read_settings(path)
+    assert str(told.value).startswith(str(path))
     assert "\n" not in str(told.value)
 
 

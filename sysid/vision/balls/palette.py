@@ -10,13 +10,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from models.decode import Allowed
 from models.errors import BadInput
+from models.faults import shown
 from models.files import read_toml
 from sysid.vision.balls.view_geometry import Array
 from sysid.vision.frames import Picture
@@ -63,37 +65,35 @@ def default_palette() -> Palette:
     return Palette(tuple(known), np.array(list(known.values())), tuple(15 if name == "red" else 1 for name in known))
 
 
+@dataclass(frozen=True)
+class PaletteBall:
+    """The keys of a [[ball]] of a palette."""
+
+    name: str
+    rgb: Annotated[tuple[float, float, float], Allowed(0, 255, shape=(3,))]  # 0 to 1, or to 255
+    count: Annotated[int, Allowed(1, 1000)] = 1
+
+
+@dataclass(frozen=True)
+class PaletteFile:
+    """The keys of a palette."""
+
+    ball: Annotated[tuple[PaletteBall, ...], Allowed(form="[[ball]] name, rgb for each ball")] = ()
+
+    def __post_init__(self) -> None:
+        """BadInput without balls, and for one that is there twice."""
+        names = [ball.name.strip() for ball in self.ball]
+        if not all(names) or not names:
+            raise BadInput("names no ball, or one by blanks: write [[ball]] name, rgb for each ball")
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise BadInput(f"{shown(twice[0])} is there twice: give its count instead")
+
+
 def read_palette(path: Path | str) -> Palette:
     """Read a palette: `[[ball]]` with `name`, `rgb` (0 to 1, or to 255) and, if there are more than one, `count`."""
-    form = "[[ball]] name, rgb"
-    data = read_toml(path, f"name a TOML file with {form}", f"write {form} for each ball")
-    balls = data.get("ball")
-    if not isinstance(balls, list) or not balls:
-        raise BadInput(f"{path}: names no ball; write [[ball]] name, rgb for each ball")
-    names, colours, counts = [], [], []
-    for number, ball in enumerate(balls, 1):
-        name, colour, count = _ball(path, number, ball)
-        if name in names:
-            raise BadInput(f"{path}: ball {number}: {name!r} is there twice; give its count instead")
-        names.append(name)
-        colours.append(colour)
-        counts.append(count)
-    return Palette(tuple(names), np.array(colours), tuple(counts))
-
-
-def _ball(path: Path | str, number: int, ball: Any) -> tuple[str, list[float], int]:
-    where = f"{path}: ball {number}"
-    if not isinstance(ball, dict) or not isinstance(ball.get("name"), str) or not ball["name"].strip():
-        raise BadInput(f'{where}: has no name; write name = "..."')
-    unknown = set(ball) - {"name", "rgb", "count"}
-    if unknown:
-        raise BadInput(f"{where}: {sorted(unknown)[0]!r} is unknown; a ball has name, rgb and count")
-    rgb, count = ball.get("rgb"), ball.get("count", 1)
-    if not isinstance(rgb, list) or len(rgb) != 3 or not all(type(v) in (int, float) and 0 <= v <= 255 for v in rgb):
-        raise BadInput(f"{where}: rgb = {rgb!r} must be three numbers, 0 to 1 or 0 to 255")
-    if not isinstance(count, int) or isinstance(count, bool) or count < 1:
-        raise BadInput(f"{where}: count = {count!r} must be a whole number above 0")
-    return ball["name"].strip(), [v / (255 if max(rgb) > 1 else 1) for v in rgb], count
+    balls = read_toml(path, PaletteFile, "", "name a TOML file with [[ball]] name, rgb", more=True).ball
+    colours = [np.divide(ball.rgb, 255 if max(ball.rgb) > 1 else 1) for ball in balls]
+    return Palette(tuple(ball.name.strip() for ball in balls), np.array(colours), tuple(ball.count for ball in balls))
 
 
 def colour_distance(one: Array, other: Array) -> Array:

@@ -11,16 +11,15 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from models.errors import BadInput
+from models.decode import Allowed
 from models.files import read_toml, write_whole
-from models.pocket_shape import PocketShapes, read_pockets
 from models.shot import Ball, Table
 
 Array = NDArray[np.float64]
@@ -146,55 +145,33 @@ def write_camera(path: Path | str, camera: Camera) -> None:
     write_whole(path, tomli_w.dumps(scalars | sections).encode())
 
 
+@dataclass(frozen=True)
+class BallSize:
+    """The keys of a camera file's [ball]."""
+
+    diameter: Annotated[float, Allowed(0.02, 0.1, "m")]
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """The keys of a camera file, as `Camera` has them."""
+
+    size: Annotated[tuple[int, int], Allowed(1, 1e5, "pixels", shape=(2,))]
+    matrix: Annotated[Array, Allowed(shape=(3, 3))]
+    distortion: Annotated[Array, Allowed(shape=(5,))]
+    rotation: Annotated[Array, Allowed(shape=(3,))]
+    translation: Annotated[Array, Allowed(shape=(3,))]
+    table: Table
+    ball: BallSize
+    residual_m: Annotated[float, Allowed(nan=True)] = math.nan
+    readout: float = 0.0
+    source: str = ""
+
+
 def read_camera(path: Path | str) -> Camera:
     """Read a camera file; BadInput names the entry that is missing or wrong, and the remedy."""
-    remedy = "make a camera file with: sysid calibrate"
-    data = read_toml(path, remedy, remedy)
-    if data.get("format") != FILE_FORMAT:
-        raise BadInput(f'{path}: format is {data.get("format")!r}, not "{FILE_FORMAT}": make it with sysid calibrate')
-    table, ball = _section(path, data, "table"), _section(path, data, "ball")
-    width, height = (int(v) for v in _numbers(path, data, "size", (2,)))
-    if min(width, height) < 1:
-        raise BadInput(f"{path}: size = {[width, height]} must be two positive counts of pixels")
-    return Camera(
-        (width, height), _numbers(path, data, "matrix", (3, 3)), _numbers(path, data, "distortion", (5,)),
-        _numbers(path, data, "rotation", (3,)), _numbers(path, data, "translation", (3,)),
-        Table(_positive(path, table, "length"), _positive(path, table, "width"), _pockets(path, table)),
-        _positive(path, ball, "diameter"), float(data.get("residual_m", math.nan)), float(data.get("readout", 0.0)),
-        str(data.get("source", "")),
-    )  # fmt: skip
-
-
-def _pockets(path: Path | str, table: dict[str, Any]) -> bool | PocketShapes:
-    try:
-        return read_pockets(table.get("pockets", True))
-    except BadInput as error:
-        raise BadInput(f"{path} [table]: {error}") from error
-
-
-def _section(path: Path | str, data: dict[str, Any], name: str) -> dict[str, Any]:
-    found = data.get(name)
-    if not isinstance(found, dict):
-        raise BadInput(f"{path}: the section [{name}] is missing; make the file anew with sysid calibrate")
-    return found
-
-
-def _positive(path: Path | str, section: dict[str, Any], name: str) -> float:
-    value = section.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
-        raise BadInput(f"{path}: {name} = {value!r} must be a length in metres, above 0")
-    return float(value)
-
-
-def _numbers(path: Path | str, data: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:
-    try:
-        found = np.asarray(data[name], float)
-    except (KeyError, TypeError, ValueError):
-        found = np.zeros(0)
-    if found.shape != shape or not np.isfinite(found).all():
-        size = " x ".join(map(str, shape))
-        raise BadInput(f"{path}: {name} must hold {size} finite numbers; make the file anew with sysid calibrate")
-    return found
+    found = dict(vars(read_toml(path, CameraFile, FILE_FORMAT, "make a camera file with: sysid calibrate", more=True)))
+    return Camera(diameter=found.pop("ball").diameter, **found)
 
 
 def ball_of(camera: Camera, mass: float) -> Ball:

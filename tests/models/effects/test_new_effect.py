@@ -122,9 +122,9 @@ def test_the_verb(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "says"),
-    [("{", "not JSON (line 1"), ('{"unexplained": null}', "leaves nothing unexplained"), ("[]", "nothing unexplained"),
-     ('{"unexplained": {"form": "odd"}}', "comes without a formula"), ("[" * 100_000, "not JSON that can be read"),
-     ("1" * 5000, "not JSON that can be read"), ('{"unexplained": {"terms": "drag"}}', "no list of 1 to 5 terms"),
+    [("{", "is not JSON ("), ('{"unexplained": null}', "leaves nothing unexplained"), ("[]", "nothing unexplained"),
+     ('{"unexplained": {"form": "odd"}}', "comes without a formula"), ("[" * 100_000, "correct the JSON"),
+     ("1" * 5000, "correct the JSON"), ('{"unexplained": {"terms": "drag"}}', "no list of 1 to 5 terms"),
      ('{"unexplained": {"terms": [{"name": "x"}]}}', "a term has no name, door or factor")],
 )  # fmt: skip
 def test_results_that_cannot_be_written_as_an_effect(

@@ -151,8 +151,8 @@ def test_a_clip_set_too_short_to_fit(run: Any, clips: Path, tmp_path: Path) -> N
     ("text", "says"),
     [
         ("not toml = = 1", "not TOML"),
-        ('format = "billiard-model/9"', "this version reads billiard-model/1"),
-        ("", "format is None"),
+        ('format = "billiard-model/9"', 'this version reads format = "billiard-model/1"'),
+        ("", "format is missing"),
     ],
 )
 def test_a_bad_model_file(run: Any, clips: Path, tmp_path: Path, text: str, says: str) -> None:
@@ -167,8 +167,8 @@ def test_slips_in_a_model_file_are_guessed(run: Any, clips: Path, model: Path) -
     whole = model.read_text()
     for old, new, says in (
         ('"decoupled_cloth"', '"decoupled_clot"', "did you mean decoupled_cloth"),
-        ("roll =", "rol =", "did you mean roll"),
-        ("[table]", "[tabel]", "did you mean table"),
+        ("roll =", "rol =", "did you mean 'roll'"),
+        ("[table]", "[tabel]", "did you mean 'table'"),
     ):
         model.write_text(whole)
         edit(model, old, new) if old in whole else edit(model, old.replace(" =", "]"), new.replace(" =", "]"))

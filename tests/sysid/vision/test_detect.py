@@ -282,8 +282,9 @@ def test_doubtful_names_are_told() -> None:
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("", "names no ball"), ("[[ball]]\nrgb = [1, 1, 1]\n", "no name"),
-        ('[[ball]]\nname = "a"\nrgb = [1, 2]\n', "three"),
+        ("", "names no ball"), ('[[ball]]\nname = " "\nrgb = [1, 1, 1]\n', "blanks"),
+        ("[[ball]]\nrgb = [1, 1, 1]\n", "name is missing"),
+        ('[[ball]]\nname = "a"\nrgb = [1, 2]\n', "3 numbers"),
         ('[[ball]]\nname = "a"\nrgb = [1, 1, 1]\ncount = 0\n', "count"), ("[[ball\n", "TOML"),
         ('[[ball]]\nname = "a"\nrgb = [1, 1, 1]\nsize = 3\n', "size"),
         ('[[ball]]\nname = "a"\nrgb = [1, 1, 1]\n' * 2, "twice"),

@@ -1,0 +1,294 @@
+"""Files decoded into dataclasses: every fault in one line that names the key, its place, the value and the remedy.
+
+In: parsed TOML or JSON, and a dataclass whose fields are the keys. Out: its value; faults in those of the `Place`.
+
+A field's type says what a key takes: a number, text, true or false, numbers in brackets (of a `shape`), another
+dataclass, a table (Mapping) or a list of tables; `Allowed` says more of it, or the `param` of an effect. What a
+dataclass refuses in its __post_init__ is a fault of its table. Leaves out what keys of different tables have to do with
+each other: the readers check it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import MISSING, dataclass
+from functools import cache
+from types import NoneType, UnionType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from models.errors import BadInput
+from models.faults import Faults, closest, shown
+
+Kind = TypeVar("Kind")
+LIKELY_UNITS = {"m": ("mm", 1e-3), "m/s": ("mm/s", 1e-3), "kg": ("g", 1e-3), "rad": ("degrees", math.pi / 180)}
+TABLE_HEADING = re.compile(r"\s*\[\[?\s*([^\[\]]*?)\s*\]\]?\s*(#.*)?$")
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What a key of a file takes, beside its type: `Annotated[float, Allowed(0.2, 10.0, "m")]`."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = "1"
+    shape: tuple[int | None, ...] = ()  # of numbers in brackets, None where their count is free
+    form: str = ""  # what messages tell to write
+    nan: bool = False  # a number may be nan
+    needs: tuple[str, ...] = ()  # keys with defaults that must be in a table
+    reader: Callable[[Any], Any] | None = None  # of a value of several forms; BadInput names what is wrong in it
+
+
+@dataclass(frozen=True)
+class Place:
+    """A table of a file: the top level, `[name]`, or the `[[name]]` of an `index` from 0; and where its faults go."""
+
+    file: str
+    faults: Faults
+    text: str = ""  # of the file, for line numbers in messages; without it they name the table
+    name: str = ""
+    index: int | None = None
+    within: str = ""  # key of this table, and a dot, that holds the inline table meant
+
+    def fault(self, text: str, key: str = "") -> None:
+        """Add a fault of a key, or of the table."""
+        named = f" [{self.name}]" if self.index is None else f" [[{self.name}]] {self.index + 1}"
+        if self.text or not self.name:
+            self.faults.add(self.file, text, self.line(self.within.removesuffix(".") or key) if self.text else None)
+        else:
+            self.faults.add(self.file + named, text)
+
+    def below(self, key: str, index: int | None = None) -> Place:
+        """The table of a key."""
+        if self.name and self.text:
+            return dataclasses.replace(self, within=f"{key}.")
+        return dataclasses.replace(self, name=f"{self.name}.{key}" if self.name else key, index=index)
+
+    def line(self, key: str = "") -> int | None:
+        """Line number of a key, else of the table; None when neither is found."""
+        here, seen, table = not self.name, -1, None
+        for number, line in enumerate(self.text.split("\n"), 1):
+            if found := TABLE_HEADING.match(line):
+                seen += found[1] == self.name
+                here = found[1] == self.name and seen == (self.index or 0)
+                table = number if here else table
+            elif here and _assigns(line, key):
+                return number
+            elif seen < 0 and table is None and _assigns(line, self.name):
+                table = number  # written as name = { ... }
+        return table or (self.below(key).line() if key and not self.name else None)
+
+
+def _assigns(line: str, key: str) -> bool:
+    return bool(key) and re.match(rf"""\s*["']?{re.escape(key)}["']?\s*=""", line) is not None
+
+
+def of_format(data: object, form: str, kind: Any, place: Place) -> Mapping[str, Any] | None:
+    """The keys of a file beside its format; None, with the fault noted, where that is another: it may mean anything."""
+    if not isinstance(data, Mapping):
+        place.fault(f'{shown(data)} is no {form}: give format = "{form}" and its tables')
+        return None
+    keys, version = ("format", *_taken(kind)), data.get("format")
+    if version == form:
+        return {key: value for key, value in data.items() if key != "format"}
+    if version is not None or "format" not in check_keys(data, keys, place, {}):
+        problem = "format is missing" if version is None else f"format = {shown(version)} is unknown"
+        place.fault(f'{problem}: this version reads format = "{form}"', "format")
+    return None
+
+
+def decode(
+    kind: type[Kind], data: object, place: Place, extra: dict[str, Any] | None = None, *, needs: Sequence[str] = ()
+) -> Kind | None:
+    """The value of a table; None, with the faults noted, where there are any. Arguments as of `usable`."""
+    before = len(place.faults)
+    values = usable(kind, data, place, extra, needs=needs)
+    if len(place.faults) > before:
+        return None
+    try:
+        return kind(**values)
+    except BadInput as error:
+        place.fault(str(error))
+        return None
+
+
+def usable(
+    kind: Any, data: object, place: Place, extra: dict[str, Any] | None = None, *, needs: Sequence[str] = ()
+) -> dict[str, Any]:
+    """The usable values of a table, by key.
+
+    Args:
+        kind: a dataclass whose fields are the keys.
+        data: the table.
+        place: where it is, and where faults go.
+        extra: gets the unknown keys that are no slips of known ones; without it they are faults.
+        needs: keys with defaults that must be there as well.
+    """
+    taken, values = _taken(kind), dict[str, Any]()
+    if not isinstance(data, Mapping):
+        place.fault(f"{place.name} = {shown(data)} is not a table: write {_form(place.name, kind, Allowed())}")
+        return {}
+    slips = check_keys(data, taken, place, extra)
+    for key, (hint, allowed) in taken.items():
+        if key in data:
+            value = read_value(key, data[key], hint, allowed, place, extra)
+            values |= {} if value is None else {key: value}
+        elif (key in needs or key in _required(kind)) and key not in slips:
+            named = f"[{key}]" if _is_table(hint) else f"{place.within}{key}"
+            place.fault(f"{named} is missing: add {_form(key, hint, allowed)}")
+    return values
+
+
+def check_keys(
+    data: Mapping[str, Any], known: Iterable[str], place: Place, extra: dict[str, Any] | None = None
+) -> set[str]:
+    """The known keys that unknown ones of a table are slips of; `extra` as of `usable`."""
+    slips = set()
+    for key in data:
+        if key in known:
+            continue
+        if meant := closest(key, known):
+            slips.add(meant)
+            place.fault(f"unknown key {shown(key)}: did you mean {meant!r}?", key)
+        elif extra is None:
+            place.fault(f"unknown key {shown(key)}: remove it, or choose from {', '.join(known)}", key)
+        else:
+            extra[key] = data[key]
+    return slips
+
+
+def read_value(
+    key: str, value: Any, hint: Any, allowed: Allowed, place: Place, extra: dict[str, Any] | None = None
+) -> Any:
+    """The value of a key by its type and what is allowed; None, with the fault noted, for a wrong one."""
+    if allowed.reader is not None:
+        try:
+            return allowed.reader(value)
+        except BadInput as problem:
+            place.fault(str(problem), key)
+            return None
+    kind: Any = (get_args(hint) or (hint,))[0]  # of the table, or of those of a list
+    if dataclasses.is_dataclass(hint):
+        return decode(kind, value, place.below(key), None if extra is None else {}, needs=allowed.needs)
+    if _is_list_of_tables(hint) and isinstance(value, list) and all(isinstance(v, Mapping) for v in value):
+        if get_origin(kind) is Mapping:
+            return tuple(value)
+        return tuple(decode(kind, table, place.below(key, k)) for k, table in enumerate(value))
+    if get_origin(hint) is Mapping and isinstance(value, Mapping):
+        inside = get_args(hint)[1]
+        return {
+            k: v for k, x in value.items() if (v := read_value(k, x, inside, allowed, place.below(key))) is not None
+        }
+    try:
+        return _plain(value, hint, allowed)
+    except _Unfit as problem:
+        place.fault(f"{place.within}{key} = {shown(value)} {problem}: write {_form(key, hint, allowed)}", key)
+    except BadInput as problem:
+        place.fault(f"{place.within}{key} = {shown(value)} {problem}", key)
+    return None
+
+
+class _Unfit(ValueError):
+    """What is wrong with a value; the remedy is to write what its key takes."""
+
+
+def _plain(value: Any, hint: Any, allowed: Allowed) -> Any:
+    """A value that is no table; _Unfit, or BadInput with a remedy of its own."""
+    if hint is Any:
+        return value
+    if hint in (float, int):
+        return _number(value, allowed, whole=hint is int)
+    if allowed.shape:
+        found = _numbers(value, allowed.shape, allowed, whole=get_args(hint)[0] is int)
+        return tuple(found) if get_origin(hint) is tuple else np.array(found, float)
+    if hint in (bool, str) and isinstance(value, hint):
+        return value
+    if hint == tuple[str, ...] and isinstance(value, list | tuple) and all(isinstance(v, str) for v in value):
+        return tuple(value)
+    raise _Unfit("is not " + {bool: "true or false", str: "text"}.get(hint, "a table" if _is_table(hint) else "a list"))
+
+
+def _numbers(value: Any, shape: tuple[int | None, ...], allowed: Allowed, whole: bool) -> Any:
+    if not shape:
+        try:
+            return _number(value, allowed, whole)
+        except (_Unfit, BadInput) as problem:
+            raise type(problem)(f"holds {shown(value)}, which {problem}") from None
+    if not isinstance(value, list | tuple) or shape[0] not in (None, len(value)):
+        raise _Unfit(f"is not {_size(shape)}")
+    return [_numbers(v, shape[1:], allowed, whole) for v in value]
+
+
+def _number(value: Any, allowed: Allowed, whole: bool) -> float:
+    """A number within its bounds."""
+    if isinstance(value, bool) or not isinstance(value, int if whole else int | float):
+        raise _Unfit(f"is {'text in quotes, ' * isinstance(value, str)}not a {'whole ' * whole}number")
+    low, high = allowed.low, allowed.high
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if low <= number <= high and math.isfinite(number):
+        return value if whole else number
+    if not math.isfinite(number):
+        if math.isnan(number) and allowed.nan:
+            return number
+        raise _Unfit("is not finite")
+    if number <= 0 <= low:
+        raise _Unfit("is not positive" if low > 0 else "is negative")
+    unit, factor = LIKELY_UNITS.get(allowed.unit, ("", math.nan))
+    if low <= number * factor <= high:
+        raise BadInput(f"looks like {unit}: write {number * factor:.6g} ({allowed.unit})")
+    raise _Unfit(f"lies outside {low:.6g} to {high:.6g}")
+
+
+def _form(key: str, hint: Any, allowed: Allowed) -> str:
+    """What a message tells the user to write."""
+    if allowed.form:
+        return allowed.form
+    if dataclasses.is_dataclass(hint):
+        return f"[{key}] with {', '.join(_required(hint) or (f.name for f in dataclasses.fields(hint)))}"
+    if hint in (bool, str) or not (hint in (float, int) or allowed.shape):
+        return {bool: "true or false", str: f'{key} = "..."'}.get(hint, f"[{key}]" if _is_table(hint) else "a list")
+    low, high, unit = allowed.low, allowed.high, allowed.unit
+    what = _size(allowed.shape) if allowed.shape else f"a {'whole ' * (hint is int)}number"
+    within = f", {low:.6g} to {high:.6g}" if math.isfinite(low + high) else ""
+    within = within or (f", {low:.6g} or more" if low > math.ulp(0.0) or low == 0 else ", above 0" * (low > 0))
+    return f"{what}{f' in {unit}' * (unit != '1')}{within}"
+
+
+def _size(shape: tuple[int | None, ...]) -> str:
+    return f"{' x '.join(str(n) for n in shape)} numbers" if None not in shape else "a list of numbers"
+
+
+def _required(kind: Any) -> list[str]:
+    """Keys without defaults."""
+    return [f.name for f in dataclasses.fields(kind) if f.default is MISSING and f.default_factory is MISSING]
+
+
+def _is_table(hint: Any) -> bool:
+    return dataclasses.is_dataclass(hint) or get_origin(hint) is Mapping
+
+
+def _is_list_of_tables(hint: Any) -> bool:
+    return get_origin(hint) is tuple and _is_table(get_args(hint)[0])
+
+
+@cache
+def _taken(kind: Any) -> dict[str, tuple[Any, Allowed]]:
+    """Type and what is allowed, by field."""
+    found = {}
+    for key, hint in get_type_hints(kind, include_extras=True).items():
+        notes = [note for note in getattr(hint, "__metadata__", ()) if isinstance(note, Allowed)]
+        hint = hint.__origin__ if notes else hint
+        of = [h for h in get_args(hint) if h is not NoneType] if get_origin(hint) is UnionType else [hint]
+        found[key] = (of[0], notes[0] if notes else Allowed())
+    for f in dataclasses.fields(kind):
+        if "bounds" in f.metadata:  # the parameter of an effect
+            low, high = f.metadata["bounds"]
+            found[f.name] = (found[f.name][0], Allowed(low, high, f.metadata["unit"]))
+    return found

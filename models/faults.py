@@ -1,0 +1,82 @@
+"""Faults of what a user wrote: one line each, naming the file, the place, the value and the remedy.
+
+In: texts and values. Out: `Faults`, and the parts of their messages.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import TypeVar
+
+from models.errors import BadInput
+
+Kind = TypeVar("Kind")
+MAX_LINE_CHARS = 400  # of a message: a damaged file must not flood the screen
+MAX_VALUE_CHARS = 60  # of a value in a message
+MAX_FAULT_LINES = 20  # that a refusal lists
+
+
+class Faults:
+    """Collects faults, so that one reading can name them all; those of one file come in the order of its rows."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, list[tuple[float, str]]] = {}
+
+    def __len__(self) -> int:
+        return sum(len(found) for found in self._found.values())
+
+    def add(self, file: str, text: str, row: int | None = None) -> None:
+        """Add one fault; `row` is the line number in the file, from 1."""
+        where = "" if row is None else f", {'line' if file.endswith('.toml') else 'row'} {row}"
+        # Faults of a whole file come last: they often follow from those of its rows.
+        self._found.setdefault(file, []).append((float("inf") if row is None else row, f"{file}{where}: {text}"))
+
+    def lines(self, per_file: int | None = None) -> list[str]:
+        """All faults, one line each; with `per_file`, at most so many of a file and how many more there are."""
+        lines = []
+        for file, found in self._found.items():
+            ordered = sorted(found, key=lambda fault: fault[0])
+            lines += [one_line(text) for _, text in ordered[:per_file]]
+            if per_file is not None and len(ordered) > per_file:
+                lines.append(one_line(f"{file}: {len(ordered) - per_file} more faults: correct those above first"))
+        return lines
+
+    def settle(self, value: Kind | None) -> Kind:
+        """The value, where there are no faults; BadInput with the first otherwise, and the others as notes."""
+        lines = self.lines()
+        if value is not None and not lines:
+            return value
+        error = BadInput(lines[0] if lines else "nothing can be read: name another file")
+        more = len(lines) - MAX_FAULT_LINES
+        for line in lines[1:MAX_FAULT_LINES] + [f"{more} more faults: correct those above first"] * (more > 0):
+            error.add_note(line)
+        raise error
+
+
+def one_line(text: str) -> str:
+    """The text without line breaks or other unprintable characters, not too long."""
+    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    return line if len(line) <= MAX_LINE_CHARS else line[: MAX_LINE_CHARS - 4] + " ..."
+
+
+def shown(value: object) -> str:
+    """A value as a message shows it: quoted text, numbers as they are, shortened."""
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        text = "a number too long to show"
+    return text if len(text) <= MAX_VALUE_CHARS else text[: MAX_VALUE_CHARS - 4] + " ..."
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names for a message, quoted, the first few."""
+    quoted = [shown(name) for name in names]
+    return ", ".join(quoted[:8]) + (f" and {len(quoted) - 8} more" if len(quoted) > 8 else "")
+
+
+def closest(name: str, known: Iterable[str]) -> str | None:
+    """The known name that `name` is probably a slip of."""
+    by_lower = {k.lower(): k for k in known}
+    found = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.75)
+    return by_lower[found[0]] if found else None
