@@ -19,9 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.faults import CLIPS_TOML, one_line
+from models.faults import one_line
 from models.shot import Array, Ball, Table
 from sysid.clips.clip_set import Clip, ClipSet, Observation
+from sysid.clips.names import CLIPS_TOML
 
 ALL_CLIPS = "all clips"
 MIN_COMMANDS, MIN_IMPACTS = 4, 2  # below which nothing is said
