@@ -97,6 +97,8 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
     progress.close()
     print_constants(found.model)
     fitted = found.fitted
+    for line in found.parts.aside:
+        print(line)
     if not fitted.converged:
         print("\nNOT converged: the constants are those at which the fit stopped; they have no standard deviations.")
     if fitted.discrepancy_rate > CHAOS_RATE:

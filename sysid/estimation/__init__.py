@@ -10,6 +10,7 @@ rate, whether it converged, and the error on held-out clips. In the order of a f
     segment_problem   segments between events, on open cloth; open_cloth fits them
     initial_states    the initial state of every shot at given constants
     discrepancy       discrepancy of the model, which grows along a shot
+    lost_shots        shots that are not followed from any start, set aside by name
     fitting           `fit(start)` and `fit_from_nothing(problem)`: constants and initial states together
     split             a clip set's training and held-out shots; fits evaluated on both
     commands          how far shots scatter about the cue's commands

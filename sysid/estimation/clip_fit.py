@@ -22,7 +22,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.fitting import fit_from_nothing, widened
 from sysid.estimation.open_cloth import OpenCloth
-from sysid.estimation.split import Split, split, tried
+from sysid.estimation.split import Split, split, tried, without_lost
 
 BAND_SHARE = 0.95  # of the residuals inside the predicted band
 
@@ -58,8 +58,14 @@ def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> Cl
     parts, cloth, model = split(clip_set, model, cut=False)
     held = () if cloth.follows else tuple(cloth.known)
     names = [n for n in model.parameters() if n not in held]
-    found = widened(fit_from_nothing(parts.training.with_model(model, names), "whole shots"))
-    found = tried(parts, _with_cloth(found, cloth, held), None)
+    found = fit_from_nothing(parts.training.with_model(model, names), "whole shots")
+    rest = without_lost(parts, found)
+    if rest is not parts:
+        parts, found = rest, fit_from_nothing(rest.training.with_model(model, names), "whole shots but those set aside")
+    found = tried(parts, _with_cloth(widened(found), cloth, held), None)
+    rest = without_lost(parts, found)
+    if rest is not parts:
+        parts, found = rest, tried(rest, dataclasses.replace(found, held_out=None), None)
     band = found.problem.discrepancy_rate(found.initial_states, found.constants, BAND_SHARE)
     files = [c.file for c in parts.training.clips]
     made = as_model(found, command, files, {"segment_ratio": cloth.ratio, "band_rate": band})

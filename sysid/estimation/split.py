@@ -20,6 +20,7 @@ from sysid.clips.outliers import remove_outliers
 from sysid.clips.pieces import cut_clips
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out
+from sysid.estimation.lost_shots import lost_shots, said, shot_errors, typical_error
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
@@ -38,6 +39,7 @@ class Split:
     held_out: ShotProblem | None
     spikes: int  # samples left out as outliers
     cut: int = 0  # shots that were cut into pieces of one impact each; 0 where whole shots are fitted
+    aside: tuple[str, ...] = ()  # shots that were set aside, a line each
 
     @property
     def noise(self) -> float:
@@ -49,8 +51,8 @@ class Split:
         return not self.cut and found.discrepancy_rate <= UNFOLLOWED_RATE
 
     def states_of(self, found: FittedModel, files: Sequence[str]) -> Array | None:
-        """Initial states of all clips, in the order of `files`: (n, p); None where only pieces of them were fitted."""
-        if self.cut:
+        """Initial states of all clips, in the order of `files`: (n, p); None where some were not fitted."""
+        if self.cut or self.aside:
             return None
         known = {c.file: x for c, x in zip(self.training.clips, found.initial_states, strict=True)}
         if self.held_out and found.held_out:
@@ -101,7 +103,35 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
 def begin(clip_set: ClipSet, model: Model) -> tuple[Split, FittedModel]:
     """The clips split, and the model with every constant of its stack fitted to them."""
     parts, _, model = split(clip_set, model)
-    return parts, fit_anew(parts, model, "base")
+    found = fit_anew(parts, model, "base")
+    rest = without_lost(parts, found)
+    return rest, found if rest is parts else fit_anew(rest, model, "base, without lost shots")
+
+
+def without_lost(parts: Split, found: FittedModel) -> Split:
+    """The split without the shots that a fit from nothing does not follow; the same one where there are none.
+
+    Raises:
+        BadInput: where most shots are lost.
+    """
+    errors = shot_errors(found.problem, found.initial_states, found.constants)
+    typical = typical_error(errors)
+    lost = lost_shots(errors, typical)
+    training, held, aside = parts.training, parts.held_out, said(found.problem, lost, errors)
+    if lost.size:
+        training = training.only(np.setdiff1d(np.arange(len(errors)), lost))
+    if held is not None and found.held_out is not None:
+        seen = held.with_model(found.problem.model, found.names)
+        errors = shot_errors(seen, found.held_out.initial_states, found.constants)
+        lost = lost_shots(errors, typical)
+        aside += said(seen, lost, errors)
+        kept = np.setdiff1d(np.arange(len(errors)), lost)
+        held = (held.only(kept) if kept.size else None) if lost.size else held
+    if not aside:
+        return parts
+    for line in aside:
+        log.info("%s", line)
+    return dataclasses.replace(parts, training=training, held_out=held, aside=(*parts.aside, *aside))
 
 
 def fit_anew(parts: Split, model: Model, what: str) -> FittedModel:

@@ -75,6 +75,9 @@ EFFECT_TRUTH: Final[dict[str, tuple[Known, ...]]] = {  # the first of each is th
 }
 
 
+TABLE_MEASURED_WRONG: Final = ("image_scale", "image_aspect")  # what explains the tables of soiled sets
+
+
 @dataclass(frozen=True)
 class Place:
     """What counts as the right place of a structure."""
@@ -163,7 +166,7 @@ class Row:
     @property
     def exact(self) -> bool:
         """The verdict names what is hidden, and nothing else."""
-        return not self.error and set(self.verdict) == set(self.hidden)
+        return self.all_named and not self.wrong
 
     @property
     def all_named(self) -> bool:
@@ -172,8 +175,9 @@ class Row:
 
     @property
     def wrong(self) -> tuple[str, ...]:
-        """Effects named that are not hidden."""
-        return tuple(v for v in self.verdict if v not in self.hidden)
+        """Effects named that are not hidden; a table that was measured wrong is an error of the picture's scale."""
+        right = {*self.hidden, *(TABLE_MEASURED_WRONG if self.group == "soiled" else ())}
+        return tuple(v for v in self.verdict if v not in right)
 
     @property
     def alarm(self) -> bool:

@@ -16,11 +16,17 @@ from tests.truth.sizes import options
 
 CLIPS: Final = 12
 SIGMA: Final = 0.0005  # [m]
-GROUPS: Final = ("none", "natural", "quarter", "sixteenth", "two", "outside")
+GROUPS: Final = ("none", "natural", "quarter", "sixteenth", "two", "outside", "soiled")
 SCALES: Final = {"natural": 1.0, "quarter": 1 / 4, "sixteenth": 1 / 16}
 TIMES: Final = {"natural": 3, "quarter": 3, "sixteenth": 2}  # sets per effect
 OUTSIDE: Final = 2  # sets per structure
 NONE: Final = 30
+SOILED: Final = (  # what the soiled sets hide
+    *("", "", "", "", "table_tilt", "speed_drag", "cushion_restitution_speed", "spin_slide_coupling"),
+    *("slide_friction_speed", "cloth_nap", "side_curve", "camera_tilt"),
+)
+SOILED_CLIPS: Final = 16
+SOILED_OPTIONS: Final = ("--soiled", "--fps", "60", "--outliers", "0.005", "--no-cue", "--no-sigma")
 FIRST_SEED: Final = {group: 10000 * k for k, group in enumerate(GROUPS, 1)}
 PER_EFFECT: Final = 10  # seeds kept for each
 
@@ -106,7 +112,8 @@ class Entry:
         """All options of `python -m tests.truth OUT`."""
         basis = ("--seed", str(self.seed), "--clips", str(self.clips), "--sigma", repr(SIGMA), "--missing", "0.01")
         kinds = ("--kind", ",".join(self.kinds)) if self.kinds else ()
-        return (*basis, "--seconds", "4", *kinds, *self.options, *VARIATIONS.get(self.variation, ()))
+        return (*basis, "--seconds", "4", *kinds, *self.options, *VARIATIONS.get(self.variation, ()),
+                *(SOILED_OPTIONS if self.group == "soiled" else ()))  # fmt: skip
 
 
 def _none() -> list[Entry]:
@@ -147,7 +154,17 @@ def _outside() -> list[Entry]:
     ]  # fmt: skip
 
 
+def _soiled() -> list[Entry]:
+    return [
+        Entry(
+            f"soiled-{name or 'none'}-{k + 1:02d}", "soiled", (name,) if name else (), FIRST_SEED["soiled"] + k,
+            tuple(options(name)) if name else (), "soiled clips", SOILED_CLIPS,
+        )
+        for k, name in enumerate(SOILED)
+    ]  # fmt: skip
+
+
 def plan() -> list[Entry]:
     """Every set, the groups in turn, so that a part of the study already gives a picture."""
-    groups = [_none(), *(_single(g) for g in SCALES), _two(), _outside()]
+    groups = [_none(), *(_single(g) for g in SCALES), _two(), _outside(), _soiled()]
     return [entry for turn in zip_longest(*groups) for entry in turn if entry is not None]

@@ -284,3 +284,28 @@ def test_a_constant_the_first_events_do_not_tell_leaves_the_others_their_uncerta
     assert arrived
     assert np.sqrt(covariance[0, 0]) == pytest.approx(np.hypot(0.1, 0.02))
     assert np.isnan(covariance[1, 1])
+
+
+def test_a_shot_that_cannot_be_followed_is_set_aside_and_named(case: Case, start: Model, found: ClipFit) -> None:
+    """The samples of one clip in the wrong order are no shot of any table."""
+
+    def shuffled(clip: Clip) -> Clip:
+        if clip.file != odd:
+            return clip
+        rng = np.random.default_rng(1)
+        half = np.array([case[0].table.length, case[0].table.width]) / 2 - 0.1
+        balls = {
+            name: dataclasses.replace(seen, xy=np.vstack([seen.xy[:1], rng.uniform(-half, half, seen.xy[1:].shape)]))
+            for name, seen in clip.balls.items()
+        }
+        return dataclasses.replace(clip, balls=balls)
+
+    odd = case[0].clips[3].file
+    damaged = dataclasses.replace(case[0], clips=tuple(shuffled(c) for c in case[0].clips))
+    fit = fit_clips(damaged, start)
+    assert len(fit.parts.aside) == 1 and fit.parts.aside[0].startswith(f"{odd}: set aside")
+    assert odd not in [c.file for c in fit.parts.training.clips] and fit.fitted.converged
+    for name in fit.fitted.names:
+        (value, sd), (other, _) = fit.fitted.value(name), found.fitted.value(name)
+        assert abs(value - other) < 4 * sd, name
+    assert fit.parts.states_of(fit.fitted, [c.file for c in damaged.clips]) is None
