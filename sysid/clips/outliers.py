@@ -3,7 +3,9 @@
 In: a ball's `Observation`, two of them, or a `ClipSet`. Out: which samples are outliers; the clip set without them.
 
 A sample is an outlier if it lies far from three linear predictions: from the two samples before it, from the two after
-it, and from its two neighbours. At an impact one of the three holds. A sample beyond the cushions is one, too.
+it, and from its two neighbours. At an impact one of the three holds. The second sample has none before
+it to tell: it is an outlier if the first and the two after it lie on a line, and it does not. So is the last but one,
+the other way round. A sample beyond the cushions is one, too.
 
 Two balls are exchanged for some samples if from one sample to the next the squared steps of both are at most half as
 large, once each ball is continued with the other's place, and as soon again. Balls that do not overlap cannot pass each
@@ -43,10 +45,21 @@ def find_outliers(seen: Observation, sigma: float) -> np.ndarray[tuple[int], np.
         slope = (xy[b] - xy[a]) / (t[b] - t[a])[:, None]
         return np.asarray(xy[a] + slope * (t[k] - t[a])[:, None])
 
+    limit = max(MAX_EXTRAPOLATION_SD * EXTRAPOLATION_GAIN * sigma, MIN_OUTLIER_M)
     away = np.min([np.hypot(*(xy[k] - line(*pair)).T) for pair in ((k - 2, k - 1), (k + 1, k + 2), (k - 1, k + 1))], 0)
     near = (t[k + 2] - t[k - 2]) < MAX_NEIGHBOUR_INTERVALS * 4 * np.median(np.diff(t))
-    found[k] = near & (away > max(MAX_EXTRAPOLATION_SD * EXTRAPOLATION_GAIN * sigma, MIN_OUTLIER_M))
+    found[k] = near & (away > limit)
+    for at, inner in (([0, 1, 2, 3], near[0]), ([n - 1, n - 2, n - 3, n - 4], near[-1])):
+        found[at[1]] = inner and _alone_off_line(t[at], xy[at], limit)
     return found
+
+
+def _alone_off_line(time: Array, xy: Array, limit: float) -> bool:
+    """Whether the second of samples (4,), (4, 2) is off a line on which the others lie, by more than a limit [m]."""
+    slope = (xy[3] - xy[2]) / (time[3] - time[2])
+    away = np.hypot(*(xy[:2] - xy[2] - slope * (time[:2] - time[2])[:, None]).T)
+    between = xy[0] + (xy[2] - xy[0]) * (time[1] - time[0]) / (time[2] - time[0])
+    return bool(away[0] < limit and min(away[1], float(np.hypot(*(xy[1] - between)))) > limit)
 
 
 def find_swaps(one: Observation, two: Observation) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

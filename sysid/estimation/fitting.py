@@ -45,6 +45,7 @@ NO_STEP = StoppingRule(0, 1, 1e-5)  # information and gradient where the constan
 MIN_LONGER_SHOTS = 4  # shots that must have grown for the constants to be fitted at a stage
 ASTRAY_LOSS = 1.5  # loss per residual over the shots' median from which a shot is grown again
 ODD_LOSS = 1.15  # the same where shots are followed to the noise
+MAX_ALONE_SHARE = 0.5  # of the shots that may be astray for other spins to be tried
 NOISE_LOSS = 0.5  # loss per residual of noise
 COARSE_STATE_STEPS = 6  # of a shot that is grown again while the fit is coarse
 MAX_OUTLIER_TRIALS = 3  # times that shots which stand out are tried anew, while it helps
@@ -117,6 +118,10 @@ def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE) -> Fitted
         if astray.size:
             regrow = False
             x, count = regrown(seen, astray, x, c, COARSE_STATE_STEPS if coarse else REGROWN_STEPS)
+            alone = _astray(seen, x, c)
+            if 0 < alone.size <= MAX_ALONE_SHARE * len(x):  # the model follows the others: it is their spin
+                before, x = x, from_other_spins(seen, alone, x, c)
+                count += int(np.any(x != before))
             if count:
                 better, new = True, problem.discrepancy_rate(x, c)
         if new <= doubt_below and trials:

@@ -142,6 +142,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
         lines = ["verdict: no effect of the catalogue"]
     if found.unexplained:
         lines += unexplained_lines(found.unexplained)
+    lines += table_lines(found)
     if found.parts.cut:
         lines.append(cut_line(found.parts))
     if found.parts.spikes:
@@ -156,6 +157,20 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
     if not found.last.converged:
         lines.append("the last fit did not converge: its constants have no uncertainty")
     return lines + shot_lines(found.next_shot)
+
+
+def table_lines(found: DiscoveryResult) -> list[str]:
+    """What a picture of another scale, or longer one way than the other, says of a table that was measured wrong."""
+    values, table = found.last.model.parameters(), found.last.model.table
+    if not {"image_scale", "image_aspect"} & set(found.verdict):
+        return []
+    scale, aspect = values.get("image_scale.stretch", 0.0), values.get("image_aspect.aspect", 0.0)
+    length, width = (size * (1 + scale) * (1 + sign * aspect) for size, sign in ((table.length, 1), (table.width, -1)))
+    return [
+        f"the cushions are seen {length:.4f} m by {width:.4f} m apart, not {table.length:g} m by {table.width:g} m as "
+        "clips.toml has it: measure the table again; if the picture is right, write what was measured into clips.toml "
+        "and run this again, since friction is wrong by as much"
+    ]
 
 
 def print_ladder(found: DiscoveryResult) -> None:

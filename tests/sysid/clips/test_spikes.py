@@ -34,6 +34,15 @@ def test_thrown_samples_are_found_and_no_others() -> None:
     assert np.flatnonzero(find_outliers(seen, SIGMA)).tolist() == bad.tolist()
 
 
+@pytest.mark.parametrize("at", [1, 148])
+def test_the_second_and_the_last_but_one_may_be_thrown(at: int) -> None:
+    seen = path()
+    seen.xy[at] += (0.03, 0.02)
+    assert np.flatnonzero(find_outliers(seen, SIGMA)).tolist() == [at]
+    struck = np.where(np.arange(150) < 2, 0.0, 0.02)[:, None] + path().xy  # it leaps where the cue meets it
+    assert not find_outliers(Observation(seen.time, struck, seen.theta), SIGMA).any()
+
+
 def test_missing_frames_do_not_make_spikes() -> None:
     seen = path()
     keep = np.random.default_rng(1).random(150) > 0.3
