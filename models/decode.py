@@ -19,8 +19,6 @@ from functools import cache
 from types import NoneType, UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-import numpy as np
-
 from models.errors import BadInput
 from models.faults import Faults, closest, shown
 
@@ -204,7 +202,11 @@ def _plain(value: Any, hint: Any, allowed: Allowed) -> Any:
         return _number(value, allowed, whole=hint is int)
     if allowed.shape:
         found = _numbers(value, allowed.shape, allowed, whole=get_args(hint)[0] is int)
-        return tuple(found) if get_origin(hint) is tuple else np.array(found, float)
+        if get_origin(hint) is tuple:
+            return tuple(found)
+        import numpy as np  # here, so that help starts without it
+
+        return np.array(found, float)
     if hint in (bool, str) and isinstance(value, hint):
         return value
     if hint == tuple[str, ...] and isinstance(value, list | tuple) and all(isinstance(v, str) for v in value):

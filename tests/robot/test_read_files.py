@@ -15,7 +15,6 @@ import pytest
 import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from planner.plan import read_plan
 
 from models.analytic.cue_impulse import Constants, Geometry
 from models.command_line import lone_command, run
@@ -26,6 +25,7 @@ from models.model_file import full_model, read_model, write_model
 from models.shot import Ball
 from planner.launcher.cueing_map import CueingMap, read_map, write_map
 from planner.launcher.execution import Execution, read_execution
+from planner.planning import read_plan
 from planner.scene import read_scene
 from robot.device.settings import Settings, read_settings, write_settings
 from sysid.clips import read_clip_set

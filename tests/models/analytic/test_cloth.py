@@ -19,8 +19,8 @@ def pushed(
     """Acceleration (3,) [m/s^2] and angular one (3,) [rad/s^2] with the cloth's, and whether the ball moves."""
     r = np.zeros(rec.BALL_FIELDS)
     r[rec.RADIUS] = R
-    r[rec.WEIGHT], r[rec.SLIDE_FACTOR], r[rec.SPIN_FACTOR] = (
-        factors.get(k, 1.0) for k in ("weight", "slide_factor", "spin_factor")
+    r[rec.WEIGHT], r[rec.SLIDE_FACTOR], r[rec.ROLL_FACTOR], r[rec.SPIN_FACTOR] = (
+        factors.get(k, 1.0) for k in ("weight", "slide_factor", "roll_factor", "spin_factor")
     )
     r[rec.AX], r[rec.AY], r[rec.BX], r[rec.BY] = *push, *torque
     u, v = float(np.hypot(*slip)), float(np.hypot(*velocity))

@@ -95,13 +95,13 @@ def test_balls_that_overlap_part_to_a_touch_about_their_middle(angle: float) -> 
     way = np.array([np.cos(angle), np.sin(angle)])
     b = np.array([[0.1, 0.2] + 0 * way, [0.1, 0.2] + 1.9 * R * way])
     middle = b.mean(axis=0)
-    part(b, 0, 1, 0, np.zeros((0, 3)), R, REACH)
+    part(b, 0, 1, 0, np.zeros((0, 5)), R, REACH)
     assert b[1] - b[0] == pytest.approx(2 * R * way, rel=1e-12)
     assert b.mean(axis=0) == pytest.approx(middle, rel=1e-12)
     apart = b.copy()
     apart[1] += 0.1 * way
     still = apart.copy()
-    part(apart, 0, 1, 0, np.zeros((0, 3)), R, REACH)
+    part(apart, 0, 1, 0, np.zeros((0, 5)), R, REACH)
     assert np.array_equal(apart, still)
 
 
@@ -111,10 +111,10 @@ def test_a_ball_beyond_a_rail_or_in_a_jaw_is_put_back(rail: int) -> None:
     for depth in (1e-3, -1e-3):
         b = np.array([[0.3, 0.2]])
         b[0, axis] = sign * (REACH[axis] + depth)
-        part(b, 0, -1, rail, np.zeros((0, 3)), R, REACH)
+        part(b, 0, -1, rail, np.zeros((0, 5)), R, REACH)
         assert b[0, axis] == pytest.approx(sign * (REACH[axis] + min(depth, 0.0)), rel=1e-12)
         assert b[0, 1 - axis] == (0.3, 0.2)[1 - axis]
-    jaw = np.array([[0.5, 0.4, 0.1]])
+    jaw = np.array([[0.5, 0.4, 0.1, 0.0, 0.0]])
     way = np.array([np.cos(rail + 0.3), np.sin(rail + 0.3)])
     for distance in (0.09, 0.12):
         b = jaw[:, :2] + distance * way
