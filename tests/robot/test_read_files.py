@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import shutil
 import tempfile
@@ -144,7 +145,7 @@ def test_any_key_may_hold_anything_or_be_gone(name: str, data: st.DataObject) ->
             for key in above:
                 table = table[key]
             if data.draw(st.booleans()):
-                table[last] = data.draw(VALUES)
+                table[last] = copy.deepcopy(data.draw(VALUES))  # one of them may be put into another
             elif places(content):
                 del table[last]
         path.write_text(tomli_w.dumps(content), encoding="utf-8")
