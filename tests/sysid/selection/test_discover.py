@@ -178,7 +178,7 @@ def test_an_interrupted_discovery_goes_on(
     monkeypatch.setattr(room, "begin", stop)  # the base is not fitted again
     capsys.readouterr()
     assert cli.main(["discover", str(folder), "--out", str(parted)]) == 0
-    assert "going on from" in capsys.readouterr().out
+    assert "continuing from" in capsys.readouterr().out
     assert not (parted / "unfinished.pickle").exists()
     one, two = (json.loads((out / "result.json").read_text()) for out in (whole, parted))
     assert one.pop("elapsed_s") > 0
