@@ -112,9 +112,9 @@ def main() -> int:
 
     with ThreadPoolExecutor(args.jobs) as pool:
         list(pool.map(run, todo))
-    if todo:
-        prove(unbroken, [known[one.name] for one in todo])
     judged = [known.get(one.name, {"mutant": one.name, "caught": ""}) for one in wanted]
+    if todo:
+        prove(unbroken, judged)
     return 0 if report(judged) >= SCORE_WANTED else 1
 
 

@@ -114,6 +114,15 @@ def test_without_friction_restitution_is_the_ratio_of_speeds(cushion: bool, e: f
         assert (after[1] if cushion else after[0] - after[5]) == pytest.approx(-e * speed, abs=1e-12)
 
 
+@pytest.mark.parametrize("angle", [20, 70, 90, 120])
+@pytest.mark.parametrize("e", [0.0, 0.6, 1.0])
+@pytest.mark.parametrize("cloth", [0.7, 3.0])
+def test_a_cloth_that_grips_keeps_a_rolling_ball_rolling(angle: float, e: float, cloth: float) -> None:
+    """Held at no slip, the ball takes 2/7 of the push in spin and keeps e of speed and spin across the cushion."""
+    state = approaching(True, angle, 1.0, 0.5)
+    assert impact(True, state, e, 0.0, cloth) == pytest.approx(state * [1, -e, -e, 1, 1], abs=1e-9)
+
+
 @KINDS
 def test_balls_that_part_are_left_alone(cushion: bool) -> None:
     state = -random_states(cushion, 1)[0]

@@ -94,6 +94,17 @@ def test_the_slate_rubs_against_the_slip_by_no_more_than_its_friction(height: fl
     assert 0.3 * most < np.linalg.norm(after - slip) < 1.1 * most
 
 
+@pytest.mark.parametrize("friction", [0.05, 0.21, 0.6])
+def test_a_stroke_scales_with_its_speed(friction: float) -> None:
+    """Impulses and Coulomb friction know no speed, but for the tip that is carried outwards meanwhile."""
+    made = dataclasses.replace(PLAIN, slate_friction=friction)
+    speed, place = np.array([0.2, 1.0, 5.0]), np.full(3, 0.004)
+    for height in (0.009, 0.0, -0.009):
+        v, w = launch(made, Geometry(BALL), speed, place, np.full(3, height))
+        assert v / speed[:, None] == pytest.approx(np.tile(v[1], (3, 1)), abs=1e-12)
+        assert w / speed[:, None] == pytest.approx(np.tile(w[1], (3, 1)), abs=1e-9)
+
+
 def test_contact_time_carries_the_tip_outwards() -> None:
     """The offset grows by 5/2 V c T / (8 (R + r_t)) of itself: the stroke is that of the larger offset."""
     level = Geometry(BALL, elevation=0.0)

@@ -25,7 +25,7 @@ def compressed(cushion: bool, state: Array, mu: tuple[float, float, float], rati
     own, s = ratio * MASS, state.copy()
     moved = own / NOSE_COSINE if cushion else own / (1.0 + ratio)
     dp = moved * (s[1] if cushion else s[0] - s[5]) / STEPS
-    while True:
+    for _ in range(10 * STEPS):
         after = s.copy()
         if cushion:
             cushion_step(s, dp, (mu[0], CLOTH, own, R), after)
@@ -35,6 +35,7 @@ def compressed(cushion: bool, state: Array, mu: tuple[float, float, float], rati
         if v <= 0.0:
             return s + u / (u - v) * (after - s)
         s = after
+    pytest.fail("the approach does not end")
 
 
 @pytest.mark.parametrize("mu", [0.05, 0.14, 0.4])
