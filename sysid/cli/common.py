@@ -52,11 +52,12 @@ class Start:
     def load(self) -> tuple[ClipSet, Model]:
         """The clip set, and the model named or the base: decoupled cloth with frictional impacts."""
         from models.model_file import full_model, read_model
-        from sysid.clips import read_clip_set, warnings_of
+        from sysid.clips import inspect_clip_set
         from sysid.prepare import prepare
 
-        clip_set = read_clip_set(self.clips)
-        for warning in warnings_of(clip_set):
+        inspection = inspect_clip_set(self.clips)
+        clip_set = inspection.sound()
+        for warning in inspection.warnings:
             print(f"warning: {warning}", file=sys.stderr, flush=True)
         if self.jaws:
             from sysid.clips.jaws import before_jaws

@@ -26,18 +26,18 @@ def check(clips: Path, json_file: Path | None) -> int:
 
     Example: sysid check CLIPS
     """
-    from sysid.clips import check_clip_set, read_clip_set, warnings_of
+    from sysid.clips import inspect_clip_set
 
-    faults = check_clip_set(clips)
-    warnings = [] if faults else warnings_of(read_clip_set(clips))
-    for line in [*faults, *(f"warning: {warning}" for warning in warnings)]:
+    found = inspect_clip_set(clips)
+    faults = found.fault_lines()
+    for line in [*faults, *(f"warning: {warning}" for warning in found.warnings)]:
         print(line)
     if json_file:
-        write_json(json_file, {"clips": str(clips), "faults": faults, "warnings": warnings})
-    if faults:
+        write_json(json_file, {"clips": str(clips), "faults": faults, "warnings": list(found.warnings)})
+    if found.clip_set is None:
         print(f"{len(faults)} fault{'s' if len(faults) > 1 else ''}")
         return Status.BAD_INPUT
-    clip_set = read_clip_set(clips)
+    clip_set = found.clip_set
     samples = sum(len(o.time) for c in clip_set.clips for o in c.balls.values())
     print(f"{clips}: {len(clip_set.clips)} clips, {samples} samples, no faults")
     return Status.DONE

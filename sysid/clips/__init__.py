@@ -15,17 +15,17 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
 """
 
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
-from sysid.clips.contradictions import warnings_of
-from sysid.clips.read import check_clip_set, read_clip_set
+from sysid.clips.read import Inspection, check_clip_set, inspect_clip_set, read_clip_set
 from sysid.clips.write import write_clip_set
 
 __all__ = [
     "Clip",
     "ClipSet",
     "CueCommand",
+    "Inspection",
     "Observation",
     "check_clip_set",
+    "inspect_clip_set",
     "read_clip_set",
-    "warnings_of",
     "write_clip_set",
 ]

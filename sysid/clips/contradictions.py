@@ -19,7 +19,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.faults import one_line
 from models.shot import Array, Ball, Table
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.names import CLIPS_TOML
@@ -96,11 +95,6 @@ def is_sound(clip: Clip) -> bool:
         and bool((np.diff(seen.time) > MIN_STEP_S).all())
         for seen in clip.balls.values()
     )
-
-
-def warnings_of(clip_set: ClipSet) -> list[str]:
-    """Contradictions that leave a doubt, one line each; the others are faults."""
-    return [one_line(f"{one.where}: {one.text}") for one in contradictions(clip_set) if not one.certain]
 
 
 def _typical(values: list[float], least_count: int, least_spread: float = 0.0) -> Typical:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from models.errors import BadInput
 from models.faults import Faults, one_line
 from models.files import read_text
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
-from sysid.clips.contradictions import ALL_CLIPS, contradictions, is_sound
+from sysid.clips.contradictions import ALL_CLIPS, Contradiction, contradictions, is_sound
 from sysid.clips.header import SET_REMEDY, Entry, read_header
 from sysid.clips.plausibility import PLACES, TIMES, check_rows, check_struck
 from sysid.clips.rows import Rows, parse_rows
@@ -27,36 +28,60 @@ MAX_CLIP_BYTES = 1 << 30  # of one clip
 SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
 
 
+@dataclass(frozen=True)
+class Inspection:
+    """What reading a clip set finds."""
+
+    folder: Path
+    clip_set: ClipSet | None  # None if there are faults
+    faults: Faults
+    warnings: tuple[str, ...] = ()  # contradictions that leave a doubt, one line each; none beside faults
+
+    def fault_lines(self) -> list[str]:
+        """Every fault, one line each; of a file with very many the first ones and their number."""
+        return self.faults.lines(SHOWN_PER_FILE)
+
+    def sound(self) -> ClipSet:
+        """The clip set that was read; BadInput names its first fault and how many more there are."""
+        if self.clip_set is None:
+            first, others = self.faults.lines()[0], len(self.faults) - 1
+            raise BadInput(first + (one_line(f" ({others} more: sysid check {self.folder})") if others else ""))
+        return self.clip_set
+
+
+def inspect_clip_set(folder: Path | str) -> Inspection:
+    """Read a clip set, and name its faults or what its tracks contradict."""
+    faults = Faults()
+    clip_set, found = _read(Path(folder), faults)
+    if faults or clip_set is None:
+        return Inspection(Path(folder), None, faults)
+    doubts = tuple(one_line(f"{one.where}: {one.text}") for one in found if not one.certain)
+    return Inspection(Path(folder), clip_set, faults, doubts)
+
+
 def read_clip_set(folder: Path | str) -> ClipSet:
     """Read a clip set; BadInput names its first fault and how many more there are."""
-    faults = Faults()
-    clip_set = _read(Path(folder), faults)
-    if faults or clip_set is None:
-        first, others = faults.lines()[0], len(faults) - 1
-        raise BadInput(first + (one_line(f" ({others} more: sysid check {folder})") if others else ""))
-    return clip_set
+    return inspect_clip_set(folder).sound()
 
 
 def check_clip_set(folder: Path | str) -> list[str]:
     """Every fault of a clip set, one line each; of a file with very many the first ones and their number."""
-    faults = Faults()
-    _read(Path(folder), faults)
-    return faults.lines(SHOWN_PER_FILE)
+    return inspect_clip_set(folder).fault_lines()
 
 
-def _read(folder: Path, faults: Faults) -> ClipSet | None:
-    """The clip set, None if there are faults that leave none."""
+def _read(folder: Path, faults: Faults) -> tuple[ClipSet | None, Sequence[Contradiction]]:
+    """The clip set, None if there are faults that leave none, and what its tracks contradict."""
     try:
         root = Path(os.path.realpath(folder, strict=True))
     except (OSError, ValueError):
         faults.add(str(folder), "no such folder: name the folder that holds clips.toml and its clips")
-        return None
+        return None, ()
     if not root.is_dir():
         faults.add(str(folder), "is not a folder: name the folder that holds clips.toml and its clips")
-        return None
+        return None, ()
     header = read_header(root, faults)
     if header is None:
-        return None
+        return None, ()
     parsed = []
     last = max(len(header.entries) - 1, 1)
     for number, entry in enumerate(header.entries):
@@ -69,15 +94,17 @@ def _read(folder: Path, faults: Faults) -> ClipSet | None:
     if table is not None and ball is not None and "fps" in camera:
         clips = tuple(clip for _, _, clip in parsed)
         clip_set = ClipSet(table, ball, camera["fps"], clips, camera.get("sigma"), folder, header.extra)
-    doubted = () if clip_set is None else _doubted(clip_set, [rows for _, rows, _ in parsed], faults)
+    doubted, found = ((), ()) if clip_set is None else _doubted(clip_set, [rows for _, rows, _ in parsed], faults)
     for entry, rows, _ in parsed:
         check_rows(rows, entry.file, header, faults, doubted)
         check_struck(rows, entry, faults)
-    return None if faults else clip_set
+    return clip_set, found
 
 
-def _doubted(clip_set: ClipSet, rows: Sequence[Rows], faults: Faults) -> tuple[str, ...]:
-    """Collect what is wrong with all clips in the same way; what of single rows would be wrong only because of that."""
+def _doubted(
+    clip_set: ClipSet, rows: Sequence[Rows], faults: Faults
+) -> tuple[tuple[str, ...], Sequence[Contradiction]]:
+    """What of single rows is wrong only because it is so in all clips, as a fault says; and all contradictions."""
     wrong = {PLACES: coordinates_fault(rows, clip_set.table, clip_set.ball), TIMES: times_fault(rows, clip_set.fps)}
     doubted = []
     for what, fault in wrong.items():
@@ -85,12 +112,12 @@ def _doubted(clip_set: ClipSet, rows: Sequence[Rows], faults: Faults) -> tuple[s
             faults.add(ALL_CLIPS, fault)
             doubted.append(what)
     if doubted:
-        return tuple(doubted)
-    sound = dataclasses.replace(clip_set, clips=tuple(clip for clip in clip_set.clips if is_sound(clip)))
-    certain = [one for one in contradictions(sound) if one.certain]
-    for one in certain:
-        faults.add(one.where, one.text)
-    return (PLACES,) if any(one.places for one in certain) else ()
+        return tuple(doubted), ()
+    found = contradictions(dataclasses.replace(clip_set, clips=tuple(c for c in clip_set.clips if is_sound(c))))
+    for one in found:
+        if one.certain:
+            faults.add(one.where, one.text)
+    return (PLACES,) if any(one.places for one in found if one.certain) else (), found
 
 
 def _clip(entry: Entry, rows: Rows, order: float) -> Clip:

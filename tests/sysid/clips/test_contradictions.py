@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from sysid.clips import check_clip_set, read_clip_set, warnings_of
+from sysid.clips import check_clip_set, inspect_clip_set, read_clip_set
 from sysid.clips.contradictions import contact_distance, contradictions, rebounds
 from tests.truth.__main__ import main as generate
 from tests.truth.sizes import options as size_options
@@ -92,7 +92,7 @@ def test_another_diameter_is_found_by_where_balls_meet(tmp_path: Path) -> None:
     for number, diameter in enumerate((0.0525 * 1.005, 0.0525 * 0.995)):
         folder = spoiled(tmp_path / f"set{number}", diameter=diameter)
         assert check_clip_set(folder) == []
-        assert warnings_of(read_clip_set(folder)) == []
+        assert inspect_clip_set(folder).warnings == ()
 
 
 def test_the_diameter_is_measured_to_two_per_cent() -> None:
@@ -106,7 +106,7 @@ def test_the_diameter_is_measured_to_two_per_cent() -> None:
 def test_another_table_is_found_by_where_balls_turn(tmp_path: Path, key: str, value: float, rails: str) -> None:
     folder = spoiled(tmp_path / "set", **{key: value})
     faults = check_clip_set(folder)
-    lines = [*faults, *(warnings_of(read_clip_set(folder)) if not faults else [])]
+    lines = [*faults, *inspect_clip_set(folder).warnings]
     assert any(line.startswith(f"clips.toml: {key} = {value:g}") and f"{rails} at" in line for line in lines)
     assert any("from nose to nose" in line for line in lines)
 
@@ -120,14 +120,14 @@ def test_cushions_are_measured_to_a_thousandth() -> None:
 
 @pytest.mark.parametrize(("fps", "factor"), [(60.0, "2"), (240.0, "0.5"), (100.0, "1.2"), (25.0, "4.8")])
 def test_another_frame_rate_is_a_warning(tmp_path: Path, fps: float, factor: str) -> None:
-    (warning,) = warnings_of(read_clip_set(spoiled(tmp_path / "set", fps=fps)))
+    (warning,) = inspect_clip_set(spoiled(tmp_path / "set", fps=fps)).warnings
     assert warning.startswith(f"clips.toml: fps = {fps:g}, but rows are 0.008333 s apart, as at 120 frames")
     assert warning.endswith(f"multiply t by {factor}")
 
 
 def test_speeds_that_no_cue_gives(tmp_path: Path) -> None:
     folder = spoiled(tmp_path / "fast", lambda t, x, y: (t / 10, x, y), fps=1200.0)
-    assert any("no cue gives more than 13" in warning for warning in warnings_of(read_clip_set(folder)))
+    assert any("no cue gives more than 13" in warning for warning in inspect_clip_set(folder).warnings)
     faster = spoiled(tmp_path / "faster", lambda t, x, y: (t / 20, x, y), fps=2400.0)
     assert "no cue gives more than 13" in only_fault(faster)
 
@@ -138,7 +138,7 @@ def test_azimuths_that_fit_no_other_reading_are_a_warning(tmp_path: Path) -> Non
     rng = np.random.default_rng(1)
     text = re.sub(r"(?m)^azimuth = .*$", lambda _: f"azimuth = {rng.uniform(-3, 3):.4f}", text)
     (folder / "clips.toml").write_text(text)
-    (warning,) = warnings_of(read_clip_set(folder))
+    (warning,) = inspect_clip_set(folder).warnings
     assert "correct cue.azimuth" in warning
 
 
