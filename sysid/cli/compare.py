@@ -97,7 +97,7 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
     progress.close()
     print_constants(found.model)
     fitted = found.fitted
-    for line in found.parts.aside:
+    for line in found.parts.excluded:
         print(line)
     if not fitted.converged:
         print("\nNOT converged: the constants are those at which the fit stopped; they have no standard deviations.")

@@ -72,7 +72,7 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
         )
     print(f"base: {seen.base.rms * 1e3:.3f} mm rms, held out {seen.base.held_rms * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
-    notes = [*([cut_line(parts)] if parts.cut else []), *parts.aside, *verdict_lines(judged, found.unexplained)]
+    notes = [*([cut_line(parts)] if parts.cut else []), *parts.excluded, *verdict_lines(judged, found.unexplained)]
     notes += shot_lines(found.next_shot)
     print("\n" + "\n".join(notes))
     if json_file:

@@ -8,12 +8,10 @@ rate, whether it converged, and the error on held-out clips. In the order of a f
     problem           unknowns and steps that all problems have in common
     shot_problem      whole shots: residuals from initial states and constants (residual_rows, compiled)
     segment_problem   segments between events, on open cloth; open_cloth fits them
-    initial_states    the initial state of every shot at given constants
+    initial_states    the initial state of every shot at given constants; how far shots scatter about their commands
     discrepancy       discrepancy of the model, which grows along a shot
-    lost_shots        shots that are not followed from any start, set aside by name
     fitting           `fit(start)` and `fit_from_nothing(problem)`: constants and initial states together
-    split             a clip set's training and held-out shots; fits evaluated on both
-    commands          how far shots scatter about the cue's commands
+    split             a clip set's training and held-out shots, those excluded that are lost; fits evaluated on both
     start_values      where initial states begin
     clip_fit          a model fitted to a clip set: `sysid fit`
 """

@@ -22,7 +22,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.fitting import fit_from_nothing, widened
 from sysid.estimation.open_cloth import OpenCloth
-from sysid.estimation.split import Split, split, tried, without_lost
+from sysid.estimation.split import Split, fit_followed, split
 
 BAND_SHARE = 0.95  # of the residuals inside the predicted band
 
@@ -58,14 +58,12 @@ def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> Cl
     parts, cloth, model = split(clip_set, model, cut=False)
     held = () if cloth.follows else tuple(cloth.known)
     names = [n for n in model.parameters() if n not in held]
-    found = fit_from_nothing(parts.training.with_model(model, names), "whole shots")
-    rest = without_lost(parts, found)
-    if rest is not parts:
-        parts, found = rest, fit_from_nothing(rest.training.with_model(model, names), "whole shots but those set aside")
-    found = tried(parts, _with_cloth(widened(found), cloth, held), None)
-    rest = without_lost(parts, found)
-    if rest is not parts:
-        parts, found = rest, tried(rest, dataclasses.replace(found, held_out=None), None)
+
+    def fit_training(parts: Split) -> FittedModel:
+        found = fit_from_nothing(parts.training.with_model(model, names), "whole shots")
+        return _with_cloth(widened(found), cloth, held)
+
+    parts, found = fit_followed(parts, fit_training)
     band = found.problem.discrepancy_rate(found.initial_states, found.constants, BAND_SHARE)
     files = [c.file for c in parts.training.clips]
     made = as_model(found, command, files, {"segment_ratio": cloth.ratio, "band_rate": band})

@@ -15,7 +15,6 @@ import logging
 
 import numpy as np
 
-from sysid.estimation.commands import with_scatter
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
 from sysid.estimation.initial_states import (
     REGROWN_STEPS,
@@ -26,6 +25,7 @@ from sysid.estimation.initial_states import (
     losses_per_residual,
     regrown,
     shot_losses,
+    with_scatter,
 )
 from sysid.estimation.joint_fit import Solution, StoppingRule, fit_joint
 from sysid.estimation.problem import Array, Index, shared_constants, values_of

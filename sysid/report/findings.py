@@ -147,7 +147,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
         lines.append(cut_line(found.parts))
     if found.parts.spikes:
         lines.append(f"{found.parts.spikes} outliers of the tracker were left out")
-    lines += found.parts.aside
+    lines += found.parts.excluded
     if found.pruned:
         lines.append(f"added in an early round, and not needed in the end: {', '.join(found.pruned)}")
     lines += list(dict.fromkeys(line for r in found.rounds for line in confounded_lines(r)))

@@ -286,7 +286,10 @@ def test_a_constant_the_first_events_do_not_tell_leaves_the_others_their_uncerta
     assert np.isnan(covariance[1, 1])
 
 
-def test_a_shot_that_cannot_be_followed_is_set_aside_and_named(case: Case, start: Model, found: ClipFit) -> None:
+@pytest.mark.parametrize("row", [3, 4], ids=["training", "held out"])
+def test_a_shot_that_cannot_be_followed_is_set_aside_and_named(
+    case: Case, start: Model, found: ClipFit, row: int
+) -> None:
     """The samples of one clip in the wrong order are no shot of any table."""
 
     def shuffled(clip: Clip) -> Clip:
@@ -300,11 +303,13 @@ def test_a_shot_that_cannot_be_followed_is_set_aside_and_named(case: Case, start
         }
         return dataclasses.replace(clip, balls=balls)
 
-    odd = case[0].clips[3].file
+    odd = case[0].clips[row].file
     damaged = dataclasses.replace(case[0], clips=tuple(shuffled(c) for c in case[0].clips))
     fit = fit_clips(damaged, start)
-    assert len(fit.parts.aside) == 1 and fit.parts.aside[0].startswith(f"{odd}: set aside")
-    assert odd not in [c.file for c in fit.parts.training.clips] and fit.fitted.converged
+    assert len(fit.parts.excluded) == 1 and fit.parts.excluded[0].startswith(f"{odd}: set aside")
+    assert fit.parts.held_out is not None and fit.fitted.held_out is not None and fit.fitted.converged
+    assert odd not in [c.file for c in (*fit.parts.training.clips, *fit.parts.held_out.clips)]
+    assert fit.fitted.held_out.rms < 2 * fit.parts.noise
     for name in fit.fitted.names:
         (value, sd), (other, _) = fit.fitted.value(name), found.fitted.value(name)
         assert abs(value - other) < 4 * sd, name
