@@ -20,11 +20,11 @@ from typing import Annotated, Any
 import tomli_w
 
 import models.effects
-from models.decode import Allowed, Place, check_keys, read_value, usable
 from models.effect import Effect
 from models.errors import BadInput
-from models.faults import Faults
 from models.files import read_toml, write_whole
+from models.files.decode import Allowed, Place, check_keys, read_value, usable
+from models.files.faults import Faults
 from models.mjcf.native import Native
 from models.shot import Ball, Table
 

@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from models.decode import Allowed
+from models.files.decode import Allowed
 from models.pocket_shape import SNOOKER_POCKETS, PocketShapes, read_pockets
 
 Array = NDArray[np.float64]

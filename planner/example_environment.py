@@ -1,10 +1,12 @@
 """A policy that finds a shot from rewards alone: python -m planner.example_environment
 
-The environment of planner/environment.py on one scene, and the cross-entropy method (Rubinstein 1999): actions are
-drawn about a mean, the best of them say where and how wide to draw next. After a wide first round every action is
-judged over several hands of the launcher's errors and the model's uncertainty, the one found over hands not yet seen.
-It begins with a plain stroke at the middle of the object ball, and knows of no pocket, angle or spin:
-planner/search/search.py does, and finds better shots sooner.
+In: a scene and a model, or the built-in ones. Out: a stroke, with its mean reward before and after the optimisation.
+
+On the environment of planner/environment.py runs the cross-entropy method (Rubinstein 1999): actions are drawn from a
+normal distribution, whose mean and spread follow the best of them. After a wide first iteration every action is
+evaluated over several samples of execution errors and model uncertainty, and the final one over new samples. It starts
+from a stroke without spin at the middle of the object ball and has no knowledge of pockets, angles or spin;
+planner/search/search.py has, and finds better shots sooner.
 """
 
 from __future__ import annotations
@@ -28,14 +30,14 @@ from planner.environment import load
 from planner.scene import Goal, Scene, read_scene
 
 Array = NDArray[np.float64]
-FIRST = 1200  # actions of the first round, which must hit upon a pot
-DRAWN, BEST = 100, 10  # of the later ones
-ROUNDS = 12
-PLAYS = 16  # that an action is judged over
-FRESH = 256  # for the figures that are told
-LEAST = np.array([0.02, 2e-4, 2e-4, 3e-4])  # spread below which nothing is told apart: as q
-# How well a fit of some fifty shots knows the constants: one standard deviation each.
-KNOWN = {
+FIRST_ACTIONS = 1200  # of the first iteration, which must contain a pot
+LATER_ACTIONS, ELITE_ACTIONS = 100, 10  # of the later iterations; of these that mean and spread follow
+ITERATIONS = 12
+SAMPLES_PER_ACTION = 16
+FINAL_SAMPLES = 256  # for the printed figures
+MIN_SPREAD = np.array([0.02, 2e-4, 2e-4, 3e-4])  # of an action (4,) [m/s, m, m, rad]
+# Standard deviations of the constants after a fit of some fifty shots.
+CONSTANT_SD = {
     "decoupled_cloth.slide": 0.005, "decoupled_cloth.roll": 0.0003, "decoupled_cloth.spin": 1.0,
     "ball_impact.restitution": 0.01, "ball_impact.friction": 0.01,
     "cushion_impact.restitution": 0.015, "cushion_impact.friction": 0.02,
@@ -43,36 +45,36 @@ KNOWN = {
 
 
 def example_scene() -> Scene:
-    """A red to be cut into a corner 0.6 m away, a blue that must stay, the white wanted on the other side."""
+    """A red to be cut into a corner 0.6 m away, a blue to be avoided, a goal region for the white on the other side."""
     places = np.array([[0.9, 0.35], [1.35, 0.45], [1.45, -0.3]])
     goal = Goal("white", "red", (1, 1), rest=np.array([0.9, -0.2]), rest_radius=0.1, avoid=("blue",))
     return Scene(SNOOKER_TABLE, SNOOKER_BALL, ("white", "red", "blue"), places, goal)
 
 
 def example_model() -> Model:
-    """The base model with usual constants, as uncertain as a fit leaves them."""
+    """The base model with usual constants, as uncertain as after a fit."""
     base = full_model(SNOOKER_TABLE, SNOOKER_BALL)
-    known = {name: Estimate(sd, "assumed for the example") for name, sd in KNOWN.items()}
-    return Model(base.table, base.ball, effects=base.effects, estimates=known)
+    estimates = {name: Estimate(sd, "assumed for the example") for name, sd in CONSTANT_SD.items()}
+    return Model(base.table, base.ball, effects=base.effects, estimates=estimates)
 
 
-def plain(environment: ShotEnvironment, diameter: float) -> tuple[Array, Array]:
-    """A plain stroke at the middle of the object ball, `diameter` [m], and how far about it to look: (4,), (4,)."""
+def initial_distribution(environment: ShotEnvironment, diameter: float) -> tuple[Array, Array]:
+    """Mean (4,), a stroke without spin at the middle of the object ball of `diameter` [m], and spread (4,)."""
     observed, spec = environment.reset().observation, environment.action_spec()
-    way = observed["position"][1] - observed["position"][0]
-    mean = np.array([0.5 * (spec.minimum[0] + spec.maximum[0]), 0.0, 0.0, math.atan2(way[1], way[0])])
-    width = math.asin(min(diameter / float(np.hypot(*way)), 1.0))
+    line = observed["position"][1] - observed["position"][0]
+    mean = np.array([0.5 * (spec.minimum[0] + spec.maximum[0]), 0.0, 0.0, math.atan2(line[1], line[0])])
+    width = math.asin(min(diameter / float(np.hypot(*line)), 1.0))
     return mean, np.array([*(spec.maximum - spec.minimum)[:3] / 4, width / 2])
 
 
-def improve(environment: ShotEnvironment, mean: Array, spread: Array, rng: np.random.Generator) -> Array:
-    """The action that the cross-entropy method arrives at: (4,)."""
-    for k in range(ROUNDS):
-        count = DRAWN if k else FIRST
+def optimise(environment: ShotEnvironment, mean: Array, spread: Array, rng: np.random.Generator) -> Array:
+    """The action (4,) at which the cross-entropy method ends."""
+    for k in range(ITERATIONS):
+        count = LATER_ACTIONS if k else FIRST_ACTIONS
         actions = np.concatenate([mean[None], mean + spread * rng.normal(size=(count, 4))])
-        found = environment.expected(actions, PLAYS if k else 1)
-        best = actions[np.argsort(-found, kind="stable")[:BEST]]
-        mean, spread = best.mean(axis=0), np.maximum(best.std(axis=0), LEAST)
+        values = environment.expected(actions, SAMPLES_PER_ACTION if k else 1)
+        elite = actions[np.argsort(-values, kind="stable")[:ELITE_ACTIONS]]
+        mean, spread = elite.mean(axis=0), np.maximum(elite.std(axis=0), MIN_SPREAD)
     return environment.task.bounds.clip(mean[None])[0]
 
 
@@ -87,13 +89,12 @@ def command(scene_file: Path | None, model_file: Path | None, seed: int) -> int:
     scene = read_scene(scene_file) if scene_file else example_scene()
     environment = load(scene, read_model(model_file) if model_file else example_model(), seed=seed)
     began = time.perf_counter()
-    mean, spread = plain(environment, scene.ball.diameter)
-    found = improve(environment, mean, spread, np.random.default_rng(seed))
-    before, after = environment.expected([mean, found], FRESH)
+    mean, spread = initial_distribution(environment, scene.ball.diameter)
+    found = optimise(environment, mean, spread, np.random.default_rng(seed))
+    before, after = environment.expected([mean, found], FINAL_SAMPLES)
     speed, side, height, theta = found
-    print(
-        f"mean reward over {FRESH} plays: {before:.3f} before, {after:.3f} after ({time.perf_counter() - began:.0f} s)"
-    )
+    seconds = time.perf_counter() - began
+    print(f"mean reward over {FINAL_SAMPLES} plays: {before:.3f} before, {after:.3f} after ({seconds:.0f} s)")
     print(f"cue speed {speed:.2f} m/s, x'0 {1e3 * side:+.1f} mm, y'0 {1e3 * height:+.1f} mm, theta {theta:+.4f} rad")
     return Status.DONE
 

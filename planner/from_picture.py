@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.errors import BadInput
-from models.faults import closest, listed, one_line
+from models.files.faults import closest, listed, one_line
 from models.shot import Array, Ball, Table
 from planner.scene import FORMAT, Scene, largest_overlap, pocket_name, pocket_of, scene_from, separate_overlaps
 from sysid.clips import Clip, read_clip_set

@@ -237,8 +237,10 @@ def _reasons(player: Player, strokes: Sequence[RankedStroke], weights: UtilityWe
     parts = "the pot counts alone"
     if goal.rest is not None or goal.rest_for:
         place = f"a shot on {goal.rest_for}" if goal.rest_for else "the wanted place"
-        parts = f"{100 * (1 - weights.rest):.0f} % of the worth is the pot, {100 * weights.rest:.0f} % {place}"
-    text = f"The highest expected worth, {best.evaluation.value:.3f} ({parts}; a foul costs {weights.foul:g})"
+        parts = (
+            f"{100 * (1 - weights.rest):.0f} % of the expected utility is the pot, {100 * weights.rest:.0f} % {place}"
+        )
+    text = f"The highest expected utility, {best.evaluation.value:.3f} ({parts}; a foul costs {weights.foul:g})"
     if len(strokes) > 1:
         second = strokes[1]
         text += f"; the best of another kind, {describe_route(second.route)}, has {second.evaluation.value:.3f}"
@@ -258,7 +260,7 @@ def _comparison(best: dict[str, Any], other: dict[str, Any]) -> str:
     first, second = best["rest"]["distance_median"], other["rest"]["distance_median"]
     if first is not None and second is not None:
         parts.append(f"the cue ball {abs(1e3 * (second - first)):.0f} mm {'farther' if second > first else 'nearer'}")
-    return f"worth {other['value']:.3f}: " + (", ".join(parts) or "as many pots and fouls")
+    return f"utility {other['value']:.3f}: " + (", ".join(parts) or "as many pots and fouls")
 
 
 def read_plan(path: Path | str) -> dict[str, Any]:

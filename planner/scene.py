@@ -20,9 +20,9 @@ from typing import Annotated, Any
 import numpy as np
 import tomli_w
 
-from models.decode import Allowed, Place, decode, of_format, read_value
-from models.faults import Faults, closest, listed, shown
 from models.files import read_document, write_whole
+from models.files.decode import Allowed, Place, decode, of_format, read_value
+from models.files.faults import Faults, closest, listed, shown
 from models.shot import Array, Ball, Table
 from sysid.clips.header import size_faults
 from sysid.clips.names import name_fault

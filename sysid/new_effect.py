@@ -8,8 +8,8 @@ import re
 from pathlib import Path
 
 from models.errors import BadInput
-from models.faults import Faults, one_line
 from models.files import read_document, write_whole
+from models.files.faults import Faults, one_line
 from models.model_file import catalogue
 from sysid.selection.formula import source_from
 

@@ -53,9 +53,13 @@ class Constants:
     contact_time: float = param(
         8e-4, off=0.0, unit="s", bounds=(0.0, 3e-3), source="about 1 ms (Shepard 2001); 0.7 to 0.8 acts at e = 0.75"
     )
-    side_zero: float = param(0.0, off=0.0, unit="m", bounds=(-5e-3, 5e-3), source="true less told; how it was zeroed")
-    height_zero: float = param(0.0, off=0.0, unit="m", bounds=(-5e-3, 5e-3), source="true less told; how it was zeroed")
-    aim_zero: float = param(0.0, off=0.0, unit="rad", bounds=(-0.1, 0.1), source="true less told, to the left")
+    side_zero: float = param(
+        0.0, off=0.0, unit="m", bounds=(-5e-3, 5e-3), source="true less commanded; how it was zeroed"
+    )
+    height_zero: float = param(
+        0.0, off=0.0, unit="m", bounds=(-5e-3, 5e-3), source="true less commanded; how it was zeroed"
+    )
+    aim_zero: float = param(0.0, off=0.0, unit="rad", bounds=(-0.1, 0.1), source="true less commanded, to the left")
 
 
 CONSTANT_NAMES = tuple(f.name for f in dataclasses.fields(Constants))

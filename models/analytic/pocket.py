@@ -126,9 +126,9 @@ def pockets_of(table: Table, ball: Ball) -> Pockets:
         along += [(1.0, 0.0), (-1.0, 0.0), (-1.0, 0.0), (1.0, 0.0)]
     jaws = [(*arc, 0.0, 0.0) for arc in arcs]
     if corner.facing or middle.facing:
-        for k, (x, y, reach) in enumerate(arcs):
+        for k, (x, y, arc_radius) in enumerate(arcs):
             mouth = middle if k in MIDDLE_ARCS else corner
-            jaws.append(_facing((x, y), along[k], ARC_RAILS[k], reach + ARC_SETBACK_M, mouth))
+            jaws.append(_facing((x, y), along[k], ARC_RAILS[k], arc_radius + ARC_SETBACK_M, mouth))
     slant = corner.beyond / math.sqrt(2)
     falls = [
         (sx * (lx + slant), sy * (ly + slant), shapes.corner.edge_radius)
@@ -141,7 +141,7 @@ def pockets_of(table: Table, ball: Ball) -> Pockets:
 
 
 def _facing(
-    centre: tuple[float, float], along: tuple[float, float], rail: int, reach: float, mouth: _Mouth
+    centre: tuple[float, float], along: tuple[float, float], rail: int, arc_radius: float, mouth: _Mouth
 ) -> tuple[float, float, float, float, float]:
     """The row of the facing behind an arc about `centre`, of a rail that runs `along` (2,) towards the pocket."""
     sign = 1.0 - 2.0 * (rail % 2)
@@ -149,8 +149,8 @@ def _facing(
     c, s = math.cos(mouth.turn), math.sin(mouth.turn)
     nx, ny = out[0] * c - along[0] * s, out[1] * c - along[1] * s
     half = mouth.facing / 2 if mouth.facing else 0.0
-    x = centre[0] - reach * nx + half * (along[0] * c + out[0] * s)
-    y = centre[1] - reach * ny + half * (along[1] * c + out[1] * s)
+    x = centre[0] - arc_radius * nx + half * (along[0] * c + out[0] * s)
+    y = centre[1] - arc_radius * ny + half * (along[1] * c + out[1] * s)
     return x, y, half if mouth.facing else NO_FACING_M, nx, ny
 
 

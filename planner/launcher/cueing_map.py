@@ -25,10 +25,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.analytic import cueing
 from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, ball_speed_and_squirt, launch
-from models.decode import Allowed
 from models.errors import BadInput
-from models.faults import shown
 from models.files import read_toml, write_whole
+from models.files.decode import Allowed
+from models.files.faults import shown
 from models.shot import Ball
 from planner.launcher.execution import Execution
 from planner.launcher.stroke import LauncherModel

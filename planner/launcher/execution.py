@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from models.decode import Allowed, Place, decode
-from models.faults import Faults
 from models.files import read_toml
+from models.files.decode import Allowed, Place, decode
+from models.files.faults import Faults
 
 Array = NDArray[np.float64]
 MAX_SD = {"speed_sd": 0.3, "azimuth_sd": 0.2, "side_sd": 0.01, "height_sd": 0.01}  # refused above: surely a wrong unit

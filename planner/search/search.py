@@ -47,7 +47,7 @@ class Effort:
     best: int = 6  # of them that mean and spread follow
     rounds: int = 2  # iterations before the worse half of the starts is dropped
     halved: int = 3  # times that it is dropped
-    hands: int = 16  # samples that a stroke is evaluated over; twice as many after each halving
+    plays: int = 16  # samples that a stroke is evaluated over; twice as many after each halving
     finalists: int = 6  # strokes that are evaluated over new samples
     closely: int = 256  # samples that the finalists are chosen by
     fresh: int = 1024  # new samples for the finalists
@@ -82,8 +82,8 @@ def search(
     if len(start.q) == 0:
         return []
     samples = draw_errors(player.model, execution, effort.closely, seed)
-    log.info("refining %d strokes over %d plays each, then more", len(start.q), effort.hands)
-    stages = [samples.first(effort.hands << k) for k in range(effort.halved + 1)]
+    log.info("refining %d strokes over %d plays each, then more", len(start.q), effort.plays)
+    stages = [samples.first(effort.plays << k) for k in range(effort.halved + 1)]
     q, live = _Refinement(player, weights, effort, np.random.default_rng(seed)).run(stages, start.q)
     q, route = playable(player, q, start.route[live])
     if len(q) == 0:

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any
 
 from models.console import Progress, plain
 from models.errors import BadInput
-from models.faults import Faults
 from models.files import read_document, write_whole
+from models.files.faults import Faults
 
 if TYPE_CHECKING:
     from planner.study.draws import Study

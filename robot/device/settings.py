@@ -24,10 +24,10 @@ from typing import Annotated, Protocol
 import numpy as np
 import tomli_w
 
-from models.decode import Allowed
 from models.errors import BadInput
-from models.faults import shown
 from models.files import read_toml, write_whole
+from models.files.decode import Allowed
+from models.files.faults import shown
 from robot.device.protocol import FIRST_STRING, LAST_STRING
 
 SETTINGS_FORMAT = "cuelab-launcher/1"

@@ -94,7 +94,7 @@ class LearningConfig:
     seed: int = 0
     balls: int = 2  # in a scene
     stops: bool = True  # by itself, where nothing improves
-    wish: UtilityWeights = field(default_factory=UtilityWeights)
+    weights: UtilityWeights = field(default_factory=UtilityWeights)
     effort: Effort = field(default_factory=Effort)
 
     def __post_init__(self) -> None:
@@ -110,7 +110,7 @@ class LearningConfig:
     def to_dict(self) -> dict[str, Any]:
         """The settings that must not change during a series; whether and when it stops may."""
         rest = {"every": self.every, "seed": self.seed, "balls": self.balls}
-        return {"format": SERIES_FORMAT, **rest, "wish": asdict(self.wish), "effort": asdict(self.effort)}
+        return {"format": SERIES_FORMAT, **rest, "wish": asdict(self.weights), "effort": asdict(self.effort)}
 
 
 def begin(folder: Path | str, config: LearningConfig) -> None:
@@ -207,7 +207,7 @@ def _play(folder: Path, config: LearningConfig, rig: Rig, number: int, learnt: i
             raise BadInput(f"shot {number}: ball {lacking[0]} is not seen; put it there and run the same command again")
         scene = dataclasses.replace(asked, position=np.array([seen[name] for name in asked.names]))
         plan = make_plan(
-            scene, model, execution_of(cueing_map), config.wish, seed=config.study.number(number, 2),
+            scene, model, execution_of(cueing_map), config.weights, seed=config.study.number(number, 2),
             launcher=strokes, effort=config.effort,
         )  # fmt: skip
         if plan["stroke"] is not None:

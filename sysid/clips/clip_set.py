@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from models.decode import Allowed
+from models.files.decode import Allowed
 from models.shot import Array, Ball, Table
 
 

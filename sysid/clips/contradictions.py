@@ -49,7 +49,7 @@ REBOUND_SAMPLES = 4  # before and after a rebound
 MIN_TURN_RATIO = 2.0  # change of velocity over what the cloth may cause: a ball drawn back turns as well
 POCKET_M = 0.15  # from a pocket, within which jaws may turn a ball
 MIN_TOWARDS, MIN_AWAY = 0.2, 0.1  # speeds at a cushion [m/s]
-NEAR_CUSHION = 0.3  # of half the table, from where a cushion is told to be
+NEAR_CUSHION = 0.3  # of half the table, from where the stated table has a cushion
 MAX_PLACE_M, MIN_STEP_S = 100.0, 1e-6  # of rows that can be computed with
 AIMED_M = 0.08  # along which the first direction is measured
 
@@ -58,10 +58,10 @@ AIMED_M = 0.08  # along which the first direction is measured
 class Contradiction:
     """One line with its remedy."""
 
-    where: str  # the file that tells what the tracks contradict, or all clips
+    where: str  # the file whose statement the tracks contradict, or all clips
     text: str
     certain: bool  # beyond doubt: a fault, else a warning
-    places: bool = False  # whether many balls must lie off the table that is told
+    places: bool = False  # whether many balls must lie off the stated table
 
 
 @dataclass(frozen=True)
@@ -113,14 +113,14 @@ def contact_distance(clip_set: ClipSet) -> Typical:
 
 
 def _diameter(clip_set: ClipSet) -> Contradiction | None:
-    told, seen = clip_set.ball.diameter, contact_distance(clip_set)
-    if not seen.departs(told, SOUND_DIAMETER * told):
+    stated, seen = clip_set.ball.diameter, contact_distance(clip_set)
+    if not seen.departs(stated, SOUND_DIAMETER * stated):
         return None
     text = (
-        f"diameter = {told:g} m, but balls meet with their centres {seen.value:.4f} m apart "
+        f"diameter = {stated:g} m, but balls meet with their centres {seen.value:.4f} m apart "
         f"({seen.count} impacts): correct the diameter, or the scale of the tracks"
     )
-    return Contradiction(CLIPS_TOML, text, seen.departs(told, CERTAIN_DIAMETER * told))
+    return Contradiction(CLIPS_TOML, text, seen.departs(stated, CERTAIN_DIAMETER * stated))
 
 
 def _distances(clip: Clip) -> Iterator[float]:
@@ -214,7 +214,7 @@ def _turns(clip: Clip, name: str, out: Array, least: float) -> Iterator[tuple[fl
 
 
 def _cushions(clip_set: ClipSet) -> Iterator[Contradiction]:
-    """Cushions of an axis that are not where the told table has them."""
+    """Cushions of an axis that are not where the stated table has them."""
     seen, limits = rebounds(clip_set), clip_set.table.centre_limits(clip_set.ball)
     for axis, (letter, key) in enumerate((("x", "length"), ("y", "width"))):
         limit = float(limits[axis])
@@ -240,10 +240,10 @@ def _table_remedy(ball: Ball, plus: Typical, minus: Typical, letter: str, key: s
     """What would make both cushions of an axis fit."""
     if min(plus.count, minus.count) == 0:
         return f"correct {key}, measured from nose to nose, or calibrate the camera"
-    shift, reach = (plus.value - minus.value) / 2, (plus.value + minus.value) / 2
-    if abs(shift) > SOUND_TABLE * limit / 2 and abs(reach - limit) < abs(shift):
+    shift, half_size = (plus.value - minus.value) / 2, (plus.value + minus.value) / 2
+    if abs(shift) > SOUND_TABLE * limit / 2 and abs(half_size - limit) < abs(shift):
         return f"the origin lies off the table's centre: subtract {shift:.3f} from {letter}"
-    size = 2 * (reach + ball.radius)
+    size = 2 * (half_size + ball.radius)
     return f"correct {key}, measured from nose to nose (about {size:.2f} m), or calibrate the camera"
 
 
@@ -262,10 +262,10 @@ def _azimuths(clip_set: ClipSet) -> Contradiction | None:
     aims = [(c.cue.azimuth, went) for c in clip_set.clips if c.cue and (went := _first_direction(c)) is not None]
     if len(aims) < MIN_COMMANDS:
         return None
-    told, went = np.array(aims).T
+    stated, went = np.array(aims).T
 
     def off(factor: float, offset: float) -> float:
-        return float(np.median(np.abs((went - factor * told - offset + np.pi) % (2 * np.pi) - np.pi)))
+        return float(np.median(np.abs((went - factor * stated - offset + np.pi) % (2 * np.pi) - np.pi)))
 
     here = off(1.0, 0.0)
     if here < SOUND_TURN:
@@ -290,7 +290,7 @@ def _first_direction(clip: Clip) -> float | None:
 
 
 def _frame_rate(clip_set: ClipSet) -> Contradiction | None:
-    """Stamps whose interval is not that of the told frame rate."""
+    """Stamps whose interval is not that of the stated frame rate."""
     steps = [np.diff(np.unique(np.concatenate([o.time for o in c.balls.values()]))) for c in clip_set.clips]
     pooled = np.concatenate([np.zeros(0), *steps])
     if len(pooled) < MIN_INTERVALS:

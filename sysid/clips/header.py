@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from models.decode import Allowed, Place, of_format, usable
-from models.faults import Faults, shown
 from models.files import parse, read_text
+from models.files.decode import Allowed, Place, of_format, usable
+from models.files.faults import Faults, shown
 from models.shot import Ball, Table
 from sysid.clips.clip_set import CueCommand
 from sysid.clips.names import CLIPS_TOML, find_file, name_fault, path_fault

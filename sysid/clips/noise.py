@@ -23,7 +23,7 @@ from sysid.clips.clip_set import ClipSet, Observation
 THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # of white noise: root of 1 + 9 + 9 + 1
 
 WINDOW_SAMPLES, WINDOW_DEGREE = 15, 3  # evenly timed, and the polynomial that motion follows over them
-MAX_LAG = 2  # samples, of the autocovariance: more are hardly told from the motion
+MAX_LAG = 2  # samples, of the autocovariance: more are hardly distinguished from the motion
 MAX_WINDOW_RATIO = 2.5  # of a window's variance to the median: beyond it holds an impact, or the end of a slide
 MIN_WINDOWS = 20
 MIN_SIGNIFICANCE = 2.0  # standard errors, for the noise to count as correlated

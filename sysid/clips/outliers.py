@@ -3,8 +3,8 @@
 In: a ball's `Observation`, two of them, or a `ClipSet`. Out: which samples are outliers; the clip set without them.
 
 A sample is an outlier if it lies far from three linear predictions: from the two samples before it, from the two after
-it, and from its two neighbours. At an impact one of the three holds. The second sample has none before
-it to tell: it is an outlier if the first and the two after it lie on a line, and it does not. So is the last but one,
+it, and from its two neighbours. At an impact one of the three holds. The second sample has only one
+before it: it is an outlier if the first and the two after it lie on a line, and it does not. So is the last but one,
 the other way round. A sample beyond the cushions is one, too.
 
 Two balls are exchanged for some samples if from one sample to the next the squared steps of both are at most half as

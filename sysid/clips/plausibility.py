@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.faults import Faults, closest, listed, shown
+from models.files.faults import Faults, closest, listed, shown
 from models.shot import Array, Ball, Table
 from sysid.clips.header import Entry, Header
 from sysid.clips.rows import Rows
@@ -34,13 +34,13 @@ DEFAULT_FPS = 50.0  # where the frame rate of the set is missing or wrong
 START_FRAMES = 3.5  # a ball first seen in so many frames was there at the start
 
 
-def check_rows(rows: Rows, file: str, told: Header, faults: Faults, doubted: Collection[str] = ()) -> None:
+def check_rows(rows: Rows, file: str, header: Header, faults: Faults, doubted: Collection[str] = ()) -> None:
     """Collect the faults of times and places of one clip.
 
     Places are not checked where table or ball is missing. `doubted` may hold PLACES and TIMES, which are known to be
     wrong in all clips.
     """
-    table, ball, camera = told.table, told.ball, told.camera
+    table, ball, camera = header.table, header.ball, header.camera
     fps, noise = camera.get("fps", DEFAULT_FPS), 6 * camera.get("sigma", 0.0)
     _check_times(rows, file, math.inf if TIMES in doubted else MAX_CLIP_S, faults)
     if PLACES in doubted:
@@ -97,8 +97,8 @@ def _check_places(rows: Rows, file: str, table: Table, ball: Ball, noise: float,
     half = np.array([table.length, table.width]) / 2
     limit = half + MAX_BEYOND_NOSE_M + noise
     outside = np.flatnonzero((np.abs(rows.xy) > limit).any(axis=1))
-    reach = POCKET_REACH * ball.diameter + noise
-    outside = np.array([i for i in outside.tolist() if not table.to_pocket(rows.xy[i]) <= reach], np.int64)
+    margin = POCKET_REACH * ball.diameter + noise
+    outside = np.array([i for i in outside.tolist() if not table.to_pocket(rows.xy[i]) <= margin], np.int64)
     good, wild = True, _wild(rows, outside, half + MAX_WILD_M)
     for i in outside.tolist():
         x, y = (float(v) for v in rows.xy[i])

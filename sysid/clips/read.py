@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from models.errors import BadInput
-from models.faults import Faults, one_line
 from models.files import read_text
+from models.files.faults import Faults, one_line
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.contradictions import ALL_CLIPS, Contradiction, contradictions, is_sound
 from sysid.clips.header import SET_REMEDY, Entry, read_header

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.faults import Faults, closest, listed, shown
+from models.files.faults import Faults, closest, listed, shown
 from models.shot import Array
 from sysid.clips.header import SET_REMEDY
 from sysid.clips.names import name_fault

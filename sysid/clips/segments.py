@@ -72,12 +72,12 @@ def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: fl
 
     A fast impact shows from one frame to the next, a slow one in the velocities fitted before and after.
     """
-    reach = table.centre_limits(ball)
+    limits = table.centre_limits(ball)
     cuts = []
     step = np.diff(xy, axis=0)
     for axis, letter in enumerate("xy"):
         for sign, mark in ((1.0, "+"), (-1.0, "-")):
-            gap = reach[axis] - sign * xy[:, axis]
+            gap = limits[axis] - sign * xy[:, axis]
             inward = sign * step[:, axis]
             size = np.abs(step[:, axis])
             room = MAX_TURN_GAP_M + 0.5 * np.maximum(size[:-1], size[1:])

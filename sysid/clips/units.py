@@ -1,6 +1,6 @@
 """Units, origin and axes of a whole clip set: coordinates and times that are all wrong in the same way.
 
-In: the `Rows` of all clips with the table and the frame rate that clips.toml tells. Out: one fault in place of one for
+In: the `Rows` of all clips with the table and the frame rate that clips.toml states. Out: one fault in place of one for
 every row. A reading is tried where many rows lie off the table: other units, the origin in a corner, x and y exchanged;
 the one that puts all rows on the table and covers most of it is named.
 """

@@ -19,8 +19,8 @@ import numpy as np
 import tomli_w
 
 from models.errors import BadInput
-from models.faults import Faults, one_line, shown
 from models.files import read_document
+from models.files.faults import Faults, one_line, shown
 from sysid.clips.clip_set import Clip, ClipSet
 from sysid.clips.header import CLIP_SET_FORMAT
 from sysid.clips.names import CLIPS_TOML, name_fault, path_fault

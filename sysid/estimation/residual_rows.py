@@ -154,7 +154,7 @@ def residuals(
 @compiled
 def residual_rows(  # type: ignore[no-untyped-def]
     first, last, x, which, stamps, begun, azimuth, order, struck, balls, rest, stays, count, at, xy, theta, trusted, sd,
-    sd_theta, horizon, own, forces, support, horizons, impact, strike, observe, exposures, cloth, mass, radius, reach,
+    sd_theta, horizon, own, forces, support, horizons, impact, strike, observe, exposures, cloth, mass, radius, span,
     half, mouths, jaws, falls, table, out, faults,
 ):  # fmt: skip
     """See `residuals`. Flat arguments, since compiled code takes no objects."""
@@ -205,7 +205,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
         # Where the engine ends a shot early, its balls stay where they were.
         play_shot(
             work, start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row],
-            mass, radius, reach, half, mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS, looked,
+            mass, radius, span, half, mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS, looked,
             track[:seen, :n], log, who, counts, potted[:n],
         )  # fmt: skip
         for i in range(n):

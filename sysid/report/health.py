@@ -32,7 +32,7 @@ from sysid.report.typical import (
 
 INTERVAL_SDS = 2.0  # to either side: 95 %
 SIGNIFICANT_SDS = 3.0  # from zero, of what is usually zero
-NOT_TOLD = "these clips do not tell"
+UNDETERMINED = "these clips do not tell"
 NOT_CONVERGED_LINE = "the fit did not converge: it says nothing about the table"
 RAIL_EFFECTS: Final = {
     f"cushion_restitution_{letter}": rail for letter, rail in zip(("px", "mx", "py", "my"), RAIL_NAMES, strict=True)
@@ -48,7 +48,7 @@ class HealthLine:
     typical: str  # with its unit
     source: str
     verdict: str
-    told: bool  # whether the clips determine it well enough for a verdict
+    determined: bool  # whether the clips determine it well enough for a verdict
 
     def text(self) -> str:
         """As one line, without the source."""
@@ -85,7 +85,7 @@ def health(model: Model) -> list[HealthLine]:
         line = _line(name, Finding(float(value), known.sd, model))
         if line is not None:
             found.append(line)
-    return sorted(found, key=lambda line: not line.told)
+    return sorted(found, key=lambda line: not line.determined)
 
 
 def health_lines(model: Model) -> list[str]:
@@ -93,8 +93,10 @@ def health_lines(model: Model) -> list[str]:
     if model.fitted and not model.fitted.get("converged", False):
         return [NOT_CONVERGED_LINE]
     lines = health(model)
-    untold = [line.what for line in lines if not line.told]
-    return [line.text() for line in lines if line.told] + ([f"{NOT_TOLD}: {', '.join(untold)}"] if untold else [])
+    undetermined = [line.what for line in lines if not line.determined]
+    return [line.text() for line in lines if line.determined] + (
+        [f"{UNDETERMINED}: {', '.join(undetermined)}"] if undetermined else []
+    )
 
 
 def print_health(model: Model) -> None:
@@ -119,7 +121,7 @@ def _in_range(name: str, usual: TypicalRange, found: Finding) -> HealthLine:
     typical = f"{usual.low * scale:.3g} to {usual.high * scale:.3g} {usual.shown_unit}".rstrip()
     what = usual.what + _where_it_holds(name, found.model)
     if not found.narrower_than(usual.high - usual.low):
-        return HealthLine(what, measured, typical, usual.source, NOT_TOLD, False)
+        return HealthLine(what, measured, typical, usual.source, UNDETERMINED, False)
     low, high = found.value - INTERVAL_SDS * found.sd, found.value + INTERVAL_SDS * found.sd
     if high < usual.low:
         verdict = usual.below
@@ -151,11 +153,11 @@ def _slope(axis: int) -> Callable[[Finding], HealthLine]:
         letter, size = "xy"[axis], (found.model.table.length, found.model.table.width)[axis]
         what, limit = f"slope along {letter}", FITTERS_SLOPE_RAD
         measured = _measured(abs(found.value) * 1e3, found.sd * 1e3, "mm/m")
-        told = found.narrower_than(2 * limit)
+        determined = found.narrower_than(2 * limit)
         towards = f"{'+' if found.value > 0 else '-'}{letter}"
         clear = abs(found.value) - INTERVAL_SDS * found.sd > limit
-        if not told:
-            verdict = NOT_TOLD
+        if not determined:
+            verdict = UNDETERMINED
         elif clear:
             lift = f"{abs(found.value) * size * 1e3:.1f} mm"
             verdict = f"downhill towards {towards}: raise that end by {lift}"
@@ -166,7 +168,7 @@ def _slope(axis: int) -> Callable[[Finding], HealthLine]:
         else:
             verdict = f"at the limit, downhill towards {towards}: check with a level"
         return HealthLine(
-            what, measured, "up to 0.4 mm/m", "fitters' aim; players notice 1.7 mm/m (AzBilliards)", verdict, told
+            what, measured, "up to 0.4 mm/m", "fitters' aim; players notice 1.7 mm/m (AzBilliards)", verdict, determined
         )
 
     return judge
@@ -175,7 +177,7 @@ def _slope(axis: int) -> Callable[[Finding], HealthLine]:
 def _cushion(rail: str, found: Finding) -> HealthLine:
     """One cushion beside the others."""
     what, measured = f"cushion {rail}, change of restitution", _measured(100 * found.value, 100 * found.sd, "%")
-    verdict = NOT_TOLD
+    verdict = UNDETERMINED
     if found.significant:
         more = "more" if found.value > 0 else "less"
         verdict = f"cushion {rail} returns {abs(100 * found.value):.2g} % {more} than the others"
@@ -187,7 +189,9 @@ def _cushion(rail: str, found: Finding) -> HealthLine:
 
 def _nap(found: Finding) -> HealthLine:
     towards = "+x" if found.value > 0 else "-x"
-    verdict = f"pushes balls towards {towards}, as a slope would: check with a level" if found.significant else NOT_TOLD
+    verdict = (
+        f"pushes balls towards {towards}, as a slope would: check with a level" if found.significant else UNDETERMINED
+    )
     measured = _measured(found.value * 1e3, found.sd * 1e3, "mm/s^2")
     return HealthLine("cloth, push of the nap", measured, "0 to 3 mm/s^2", "estimate", verdict, found.significant)
 
@@ -198,7 +202,7 @@ def _clock(found: Finding) -> HealthLine:
     verdict = f"time stamps are {abs(100 * off.value):.2g} % {way}: divide t by {found.value:.4f}, or correct fps"
     return HealthLine(
         "camera, clock", _measured(found.value, found.sd, ""), "0.995 to 1.005",
-        "frame rates are off by 0.01 to 0.5 %", verdict if off.significant else NOT_TOLD, off.significant,
+        "frame rates are off by 0.01 to 0.5 %", verdict if off.significant else UNDETERMINED, off.significant,
     )  # fmt: skip
 
 
@@ -211,7 +215,7 @@ def _lens(found: Finding) -> HealthLine:
     measured = _measured(100 * found.value * corner**2, 100 * found.sd * corner**2, "% at the corner")
     return HealthLine(
         "camera, lens", measured, "0.5 to 2 % uncalibrated, 0 calibrated", "estimate",
-        verdict if found.significant else NOT_TOLD, found.significant,
+        verdict if found.significant else UNDETERMINED, found.significant,
     )  # fmt: skip
 
 
@@ -224,7 +228,7 @@ def _scale(found: Finding) -> HealthLine:
         verdict += "check the table's length and width, and calibrate again"
     return HealthLine(
         "camera, scale", _measured(100 * found.value, 100 * found.sd, "%"), "0, up to 1.3 % if calibrated on the cloth",
-        "parallax of the balls' height, R / (H - R)", verdict if found.significant else NOT_TOLD, found.significant,
+        "parallax of the balls' height, R / (H - R)", verdict if found.significant else UNDETERMINED, found.significant,
     )  # fmt: skip
 
 
@@ -234,7 +238,7 @@ def _camera_tilt(axis: int) -> Callable[[Finding], HealthLine]:
         verdict = f"the picture is too small towards {smaller}{'xy'[axis]}: calibrate the camera again"
         return HealthLine(
             f"camera, gradient of the scale along {'xy'[axis]}", _measured(100 * found.value, 100 * found.sd, "%/m"),
-            "0; 0.7 %/m for 1 degree at 2.5 m", "pinhole", verdict if found.significant else NOT_TOLD,
+            "0; 0.7 %/m for 1 degree at 2.5 m", "pinhole", verdict if found.significant else UNDETERMINED,
             found.significant,
         )  # fmt: skip
 
@@ -249,7 +253,7 @@ def _shutter(found: Finding) -> HealthLine:
     )
     return HealthLine(
         "camera, rolling shutter", _measured(found.value * 1e3, found.sd * 1e3, "ms/m"), "0; 3.3 ms/m for a telephone",
-        "estimate: 5 ms over 1.52 m", verdict if found.significant else NOT_TOLD, found.significant,
+        "estimate: 5 ms over 1.52 m", verdict if found.significant else UNDETERMINED, found.significant,
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.faults import one_line
+from models.files.faults import one_line
 from models.recording.palette import ball_colour
 from models.report.axes import circle, draw_table, plain_log_ticks, rgb
 from models.report.figure import (

@@ -19,7 +19,7 @@ from typing import Any
 from models import formula as kinds
 from models.effect import Effect
 from models.errors import BadInput
-from models.faults import shown
+from models.files.faults import shown
 from models.formula import Part, formula
 from models.shot import Table
 

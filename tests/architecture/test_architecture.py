@@ -20,6 +20,7 @@ from tests.architecture.source import FLOW, ROOT, imports, sources
 
 ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which others of it each may import
     "models": {
+        "files": (),
         "analytic": (),
         "effects": (),
         "mjcf": ("analytic",),

@@ -237,7 +237,7 @@ def test_the_mean_reward_falls_for_a_bad_stroke_and_an_unsteady_hand() -> None:
     values = environment.expected([good, fair, bad, good], 128)
     assert 1.0 >= values[0] > values[1] + 0.05
     assert values[1] > values[2]
-    assert values[0] == values[3]  # one set of hands for all
+    assert values[0] == values[3]  # one set of samples for all
     unsteady = load(scene(), model(unsure=True), Execution(azimuth_sd=0.01), seed=12).expected([good], 128)
     assert unsteady[0] < values[0] - 0.1
 

@@ -370,7 +370,7 @@ def test_intervals_of_the_tables(hits: int, count: int, low: float, high: float)
 
 
 def test_a_probability_is_that_of_independent_plays() -> None:
-    """Common hands against plain draws with their own errors of stroke and table, 4000 of them."""
+    """Common samples against plain draws with their own errors of stroke and table, 4000 of them."""
     execution, model = Execution(0.02, 0.006, 0.001, 0.001), fitted(0.8, 3.0)
     player, q = ready(straight(0.9, 0.7, rest=[0.5, 0.0]), model), stroke(1.4, side=0.1, height=-0.2)
     told = evaluate(player, draw_errors(model, execution, 1024, 9), q, UtilityWeights())[0]

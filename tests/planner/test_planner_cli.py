@@ -27,7 +27,7 @@ from tests.planner.test_planner import BALL, HALF, MODEL, TABLE, R, scene, strai
 from tests.support.clip_samples import contents, edit
 from tests.sysid.cli.test_cli import EXAMPLE, Said, said_by
 
-QUICK = Effort(starts=6, strokes=12, best=4, rounds=3, halved=1, hands=16, finalists=3, closely=64, fresh=128)
+QUICK = Effort(starts=6, strokes=12, best=4, rounds=3, halved=1, plays=16, finalists=3, closely=64, fresh=128)
 RUBBISH = "[execution]\nspeed = 0.1\n"
 
 

@@ -42,7 +42,7 @@ from tests.planner.test_planner import AWAY, BALL, HALF, MODEL, TABLE, R, fitted
 from tests.support.clip_samples import refusal
 
 QUICK = Effort(
-    starts=6, strokes=12, best=4, rounds=3, halved=1, hands=16, finalists=3, closely=64, fresh=256,
+    starts=6, strokes=12, best=4, rounds=3, halved=1, plays=16, finalists=3, closely=64, fresh=256,
 )  # fmt: skip
 EXACT = Execution(0.0, 0.0, 0.0, 0.0)
 REACH = TABLE.centre_limits(BALL)
@@ -244,8 +244,8 @@ def test_a_tilted_table_is_aimed_off_for() -> None:
     )
     asked = scene([0.9, 0.2], [1.5, 0.55], pocket=(1, 1), rest=[0.2, 0.2])
     q = [search(ready(asked, model), launcher, wish, effort=QUICK)[0].evaluation.q for model in (MODEL, tilted)]
-    hands = draw_errors(tilted, launcher, 128, 98)
-    level, aware = evaluate(ready(asked, tilted), hands, np.array(q), wish, mujoco=True)
+    samples = draw_errors(tilted, launcher, 128, 98)
+    level, aware = evaluate(ready(asked, tilted), samples, np.array(q), wish, mujoco=True)
     assert aware.value > level.value + 0.02
     assert np.median(rest_distance(asked, aware.outcomes)) < np.median(rest_distance(asked, level.outcomes))
 

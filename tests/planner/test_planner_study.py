@@ -44,7 +44,7 @@ from planner.study.runs import study_scene
 from tests.support.clip_samples import refusal
 
 QUICK = Effort(
-    starts=3, strokes=6, best=2, rounds=1, halved=1, hands=8, finalists=2, closely=16, fresh=64,
+    starts=3, strokes=6, best=2, rounds=1, halved=1, plays=8, finalists=2, closely=16, fresh=64,
 )  # fmt: skip
 MODEL = usual_model()
 STUDY = Study(MODEL, method="risk", plays=24, effort=QUICK)

@@ -34,7 +34,7 @@ from tests.sysid.cli.test_cli import Said
 
 Run = Callable[..., Said]
 QUICK = Effort(
-    starts=3, strokes=6, best=2, rounds=1, halved=1, hands=8, finalists=2, closely=16, fresh=64,
+    starts=3, strokes=6, best=2, rounds=1, halved=1, plays=8, finalists=2, closely=16, fresh=64,
 )  # fmt: skip
 ENDED = ("ended.txt", "hidden.toml", "hidden_cue.json", "report.html", "story.png", "story.rrd")
 STAND = EmulatedRig(draw_hidden_table(MODEL, np.random.default_rng(3), "table_tilt"), TRUE)

@@ -2,8 +2,8 @@
 
 Sliding friction mu_s (1 + change), or rolling resistance mu_r (1 + change), of ball number 0. Source: an engineer's
 estimate; the cue ball bears chalk and is played most, and balls of two polishes differ by some 10 % in friction. Clips
-in which other balls move too tell it from the base's own. Leaves out the cloth's reaction during impacts, and that
-chalk wears off during a shot.
+in which other balls move too distinguish it from the base's own. Leaves out the cloth's reaction during impacts, and
+that chalk wears off during a shot.
 """
 
 from __future__ import annotations

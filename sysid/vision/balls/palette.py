@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from models.decode import Allowed
 from models.errors import BadInput
-from models.faults import shown
 from models.files import read_toml
+from models.files.decode import Allowed
+from models.files.faults import shown
 from sysid.vision.balls.view_geometry import Array
 from sysid.vision.frames import Picture
 

@@ -18,8 +18,8 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from models.decode import Allowed
 from models.files import read_toml, write_whole
+from models.files.decode import Allowed
 from models.shot import Ball, Table
 
 Array = NDArray[np.float64]

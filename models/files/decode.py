@@ -20,7 +20,7 @@ from types import NoneType, UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from models.errors import BadInput
-from models.faults import Faults, closest, shown
+from models.files.faults import Faults, closest, shown
 
 Kind = TypeVar("Kind")
 LIKELY_UNITS = {"m": ("mm", 1e-3), "m/s": ("mm/s", 1e-3), "kg": ("g", 1e-3), "rad": ("degrees", math.pi / 180)}
@@ -35,7 +35,7 @@ class Allowed:
     high: float = math.inf
     unit: str = "1"
     shape: tuple[int | None, ...] = ()  # of numbers in brackets, None where their count is free
-    form: str = ""  # what messages tell to write
+    form: str = ""  # what messages ask for
     nan: bool = False  # a number may be nan
     needs: tuple[str, ...] = ()  # keys with defaults that must be in a table
     reader: Callable[[Any], Any] | None = None  # of a value of several forms; BadInput names what is wrong in it
@@ -249,7 +249,7 @@ def _number(value: Any, allowed: Allowed, whole: bool) -> float:
 
 
 def _form(key: str, hint: Any, allowed: Allowed) -> str:
-    """What a message tells the user to write."""
+    """What a message asks the user to write."""
     if allowed.form:
         return allowed.form
     if dataclasses.is_dataclass(hint):

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from models.decode import Place, decode, of_format
 from models.errors import BadInput
-from models.faults import Faults, shown
+from models.files.decode import Place, decode, of_format
+from models.files.faults import Faults, shown
 
 Kind = TypeVar("Kind")
 MAX_FILE_BYTES = 32 << 20  # of TOML and JSON
@@ -26,7 +26,7 @@ def read_toml(path: Path | str, kind: type[Kind], form: str, remedy: str, *, mor
 
     Args:
         path: the file.
-        kind: the dataclass whose fields are its keys (models/decode.py).
+        kind: the dataclass whose fields are its keys (models/files/decode.py).
         form: its format; "" for files that name none.
         remedy: what to do where there is no such file.
         more: unknown keys are left alone, unless they are slips.

@@ -1,0 +1,10 @@
+"""Files of users and of our own: read within bounds, decoded, their faults collected; written whole or not at all.
+
+documents   TOML, JSON and text, read and written
+decode      parsed data into dataclasses, with every fault by its place
+faults      faults of an input, one line each, with the remedy
+"""
+
+from models.files.documents import parse, read_document, read_json, read_text, read_toml, write_whole
+
+__all__ = ["parse", "read_document", "read_json", "read_text", "read_toml", "write_whole"]
