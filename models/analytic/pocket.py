@@ -172,6 +172,16 @@ def is_facing(jaw):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
+def _out_and_back(gap, speed, acceleration, h):  # type: ignore[no-untyped-def]
+    """Time in [0, h] at which a centre behind a line, by -`gap`, comes back to it from in front; inf for none."""
+    disc = speed * speed + 2.0 * acceleration * gap
+    if speed >= 0.0 or acceleration <= 0.0 or disc <= 0.0:
+        return np.inf
+    t = (math.sqrt(disc) - speed) / acceleration
+    return t if t <= h else np.inf
+
+
+@compiled_in_place
 def meet_jaw(jaw, x, y, vx, vy, ax, ay, h):  # type: ignore[no-untyped-def]
     """First time in [0, h] at which a centre meets an arc or a facing; inf for none, -1 where pressed."""
     x, y = x - jaw[0], y - jaw[1]
@@ -180,16 +190,11 @@ def meet_jaw(jaw, x, y, vx, vy, ax, ay, h):  # type: ignore[no-untyped-def]
     nx, ny = jaw[3], jaw[4]
     gap, speed, faster = -(nx * x + ny * y), nx * vx + ny * vy, nx * ax + ny * ay
     if gap < -CLOSED_GAP_M:  # behind its line, elsewhere: it may come out, and back here
-        disc = speed * speed + 2.0 * faster * gap
-        if speed >= 0.0 or faster <= 0.0 or disc <= 0.0:
-            return np.inf
-        t = (math.sqrt(disc) - speed) / faster
-        if t > h:
-            return np.inf
+        t = _out_and_back(gap, speed, faster, h)
     else:
         t = line(gap, speed, faster, h)
-        if t == np.inf:
-            return t
+    if t == np.inf:
+        return t
     s = max(t, 0.0)
     x, y = x + vx * s + 0.5 * ax * s * s, y + vy * s + 0.5 * ay * s * s
     return t if abs(nx * y - ny * x) <= jaw[2] else np.inf
@@ -215,15 +220,10 @@ def straight(rail, limits, p, v, a, half, ends, h):  # type: ignore[no-untyped-d
     gap, speed, faster = limits[k] - sign * p[k], sign * v[k], sign * a[k]
     if gap < -CLOSED_GAP_M and in_mouth(p[o], rail, half, ends):
         # Between the jaws, beyond the line: it may come out, and back to the line elsewhere.
-        disc = speed * speed + 2.0 * faster * gap
-        if speed >= 0.0 or faster <= 0.0 or disc <= 0.0:
-            return np.inf
-        t = (math.sqrt(disc) - speed) / faster
-        if t > h:
-            return np.inf
+        t = _out_and_back(gap, speed, faster, h)
     else:
         t = line(gap, speed, faster, h)
-        if t == np.inf:
-            return t
+    if t == np.inf:
+        return t
     s = max(t, 0.0)
     return np.inf if in_mouth(p[o] + v[o] * s + 0.5 * a[o] * s * s, rail, half, ends) else t

@@ -176,11 +176,12 @@ def _slope(axis: int) -> Callable[[Finding], HealthLine]:
 
 def _cushion(rail: str, found: Finding) -> HealthLine:
     """One cushion beside the others."""
-    what, measured = f"cushion {rail}, change of restitution", _measured(100 * found.value, 100 * found.sd, "%")
+    what, measured = f"cushion {rail}, change of restitution", _measured(found.value, found.sd, "")
     verdict = UNDETERMINED
     if found.significant:
+        share = 100 * found.value / found.model.parameters()["cushion_impact.restitution"]
         more = "more" if found.value > 0 else "less"
-        verdict = f"cushion {rail} returns {abs(100 * found.value):.2g} % {more} than the others"
+        verdict = f"cushion {rail} returns {abs(share):.2g} % {more} of a ball's speed than the others"
         verdict += "" if found.value > 0 else ": look for loose bolts, old rubber or a gap behind it"
     return HealthLine(
         what, measured, "0", "all cushions alike, as Mathavan 2010 takes them", verdict, found.significant

@@ -13,7 +13,7 @@ from models.effects.camera.image_scale import ImageScale
 from models.effects.cloth.table_tilt import TableTilt
 from models.model_file import Estimate, Model, catalogue, full_model
 from models.shot import Ball, Table
-from sysid.report.health import JUDGES, NOT_CONVERGED_LINE, NOT_TOLD, health, health_lines
+from sysid.report.health import JUDGES, NOT_CONVERGED_LINE, UNDETERMINED, health, health_lines
 from sysid.report.html import write_report
 from sysid.report.typical import AT_FAST_SLIP, AT_LOW_SPEED, AT_ONE_METRE_PER_SECOND, TYPICAL
 
@@ -42,7 +42,7 @@ def test_a_slope_names_the_end_to_raise_and_by_how_much() -> None:
 
 def test_a_slope_that_the_clips_do_not_tell_has_no_verdict() -> None:
     lines = health_lines(fitted((TableTilt(),), table_tilt__slope_y=(0.0017, 0.0003)))
-    assert lines == [f"{NOT_TOLD}: slope along y"]
+    assert lines == [f"{UNDETERMINED}: slope along y"]
 
 
 @pytest.mark.parametrize(
@@ -62,8 +62,8 @@ def test_a_range_judges_only_what_is_known_better_than_the_range(name: str) -> N
     key = name.replace(".", "__")
     middle = usual.low + 0.4 * width  # not where an effect is off
     assert usual.source
-    assert health(fitted(effect, **{key: (middle, width / 10)}))[0].told
-    assert not health(fitted(effect, **{key: (middle, width / 3)}))[0].told
+    assert health(fitted(effect, **{key: (middle, width / 10)}))[0].determined
+    assert not health(fitted(effect, **{key: (middle, width / 3)}))[0].determined
     for value, words in ((usual.low - 0.2 * width, usual.below), (usual.high + 0.2 * width, usual.above)):
         assert health(fitted(effect, **{key: (value, width / 100)}))[0].verdict.startswith(words)
 
@@ -99,10 +99,18 @@ class CushionRestitutionMx(Effect):
 
 @pytest.mark.parametrize(
     ("change", "sd", "says"),
-    [(-0.04, 0.005, "returns 4 % less than the others"), (0.03, 0.005, "returns 3 % more"), (-0.04, 0.02, NOT_TOLD)],
+    [
+        (-0.04, 0.005, "returns 5 % less of a ball's speed than the others"),
+        (0.02, 0.004, "returns 2.5 % more"),
+        (-0.04, 0.02, UNDETERMINED),
+    ],
 )
 def test_one_cushion_beside_the_others(change: float, sd: float, says: str) -> None:
-    (line,) = health(fitted((CushionRestitutionMx(),), cushion_restitution_mx__change=(change, sd)))
+    (line,) = health(
+        fitted(
+            (CushionRestitutionMx(),), cushion_restitution_mx__change=(change, sd), cushion_impact__restitution=(0.8, 0)
+        )
+    )
     assert line.what.startswith("cushion -x")
     assert says in line.verdict
 
