@@ -163,8 +163,10 @@ def discover(
         found = found.with_step(now, (*found.verdict, best.name))
         if formula is None:
             save(found)
-    found = prune(parts, found) if formula is None else _beside_formula(parts, found, now, formula)
+    if formula is not None:
+        found = _beside_formula(parts, found, now, formula)
     if found.unexplained is None:
+        found = prune(parts, found)
         found = dataclasses.replace(found, unexplained=remainder(found.last))
     return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
 
