@@ -23,6 +23,8 @@ from models.hooks import BallState, ImageState, ImpactState, StrokeState, push_a
 if TYPE_CHECKING:
     import mujoco
 
+    from models.shot import Table
+
 Array = NDArray[np.float64]
 STILL = 1e-6  # speed or slip below which there is none [m/s]
 STRUCK_BALL = 0  # number of the ball that the cue strikes
@@ -86,6 +88,11 @@ class Effect:
     def layout(cls) -> tuple[str, ...]:
         """Names of the numbers that its hooks find in `self`: its parameters, and after them what else they need."""
         return tuple(cls.parameters())
+
+    @classmethod
+    def starts(cls, table: Table) -> tuple[Effect, ...]:
+        """Where a search for the effect starts: itself at usual values; more than one where it acts in some place."""
+        return (cls(),)
 
     def row(self, count: int) -> Array:
         """Those numbers in `count` simulations: (count, k)."""

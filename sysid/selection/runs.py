@@ -70,7 +70,7 @@ def screen_segments(parts: Split, now: FittedModel) -> Screening | None:
         return None
     log.info("%d segments between impacts", count)
     base = fit_anew(segments, model, "segments")
-    candidates = [one for one in candidates_for(model) if _acts_between_impacts(type(one.effect))]
+    candidates = [one for one in candidates_for(now.model) if _acts_between_impacts(type(one.effect))]
     seen = screen(segments, base, candidates)
     fits = tuple(dataclasses.replace(one, fitted=_fit_with_table(one.fitted, table)) for one in seen.fits)
     return dataclasses.replace(seen, base=_fit_with_table(seen.base, table), fits=fits, segments=count)

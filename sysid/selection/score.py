@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -215,7 +216,7 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
 
     Args:
         point: a converged fit; candidates are scored at the standard deviations of its discrepancy rate.
-        candidates: what may be missing.
+        candidates: what may be missing; of several with one name only the best is kept.
         quick: see `signature`.
     """
     log.info("scoring %d candidates beside %s", len(candidates), ", ".join(point.names) or "nothing")
@@ -225,8 +226,11 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
     steps_c = constant_steps(problem.model, problem.names)
     r, jx, jc = differences(problem.evaluate, x, point.constants, np.arange(n), problem.steps, steps_c)
 
+    several = Counter(one.name for one in candidates)
     signatures = [
-        strike_signature(point, jx, one) if acts_at_strike_only(one.effect) else signature(point, r, one, quick)
+        strike_signature(point, jx, one)
+        if acts_at_strike_only(one.effect)
+        else signature(point, r, one, quick or several[one.name] > 1)
         for one in candidates
     ]
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
@@ -237,17 +241,34 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
     marginal = from_jacobian(r, j, CAUCHY_SD).matrix.sum(axis=0).diagonal()[q:]
     _add_known(information, gradient, point, signatures)
     schur, projected = _without_constants(information, gradient, q)
-    rows, blocks, start = [], {}, 0
-    for s in signatures:
-        part = slice(start, start + len(s.probe))
-        rows.append(_score(s, schur[part, part], projected[part], marginal[part]))
-        blocks[s.candidate.name] = part
-        start = part.stop
+    ends = np.cumsum([0, *(len(one.probe) for one in signatures)])
+    columns = [np.arange(*ends[k : k + 2]) for k in range(len(signatures))]
+    every = [
+        _score(one, schur[np.ix_(at, at)], projected[at], marginal[at])
+        for one, at in zip(signatures, columns, strict=True)
+    ]
+    kept = _best_of_each(every)
+    chosen = np.concatenate([np.zeros(0, np.int64), *(columns[k] for k in kept)])
+    schur, projected, marginal = schur[np.ix_(chosen, chosen)], projected[chosen], marginal[chosen]
+    rows, start, blocks = [every[k] for k in kept], 0, {}
+    for row in rows:
+        blocks[row.candidate.name] = slice(start, start + len(row.values))
+        start += len(row.values)
     chi2 = float(np.sum(weights(r, CAUCHY_SD) * np.nan_to_num(r) ** 2))
-    probes = np.concatenate([s.probe for s in signatures]) if signatures else np.zeros(0)
+    probes = np.concatenate([np.zeros(0), *(signatures[k].probe for k in kept)])
     order = tuple(sorted(rows, key=lambda row: -row.predicted_improvement))
     correlations = _canonical_correlations(schur, blocks)
     return Scores(order, correlations, chi2, int(np.isfinite(r).sum()), schur, projected, marginal, blocks, probes)
+
+
+def _best_of_each(rows: Sequence[Score]) -> list[int]:
+    """Indices of the best row of each name, in order."""
+    best: dict[str, int] = {}
+    for k, row in enumerate(rows):
+        before = best.setdefault(row.candidate.name, k)
+        if row.predicted_improvement > rows[before].predicted_improvement:
+            best[row.candidate.name] = k
+    return sorted(best.values())
 
 
 def _without_constants(information: Array, gradient: Array, q: int) -> tuple[Array, Array]:

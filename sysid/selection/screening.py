@@ -106,10 +106,10 @@ def is_enough(evidence: Evidence, count: int) -> bool:
 
 
 def candidates_for(model: Model, extra: Sequence[type[Effect]] = ()) -> list[Candidate]:
-    """Effects that the model lacks and that replace none of its own."""
+    """Effects that the model lacks and that replace none of its own; one that acts in some place at several of them."""
     active, slots = {e.name() for e in model.effects}, {e.slot for e in model.effects if e.slot}
     found = [k for n, k in catalogue().items() if n not in active and k.slot not in slots]
-    return [candidate(k) for k in [*found, *extra]]
+    return [candidate(start) for k in [*found, *extra] for start in k.starts(model.table)]
 
 
 def screen(

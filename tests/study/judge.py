@@ -13,7 +13,6 @@ from tests.truth.cloth import GRAVITY, Constants
 Truth = Mapping[str, float]
 WITHIN: Final = 1.96  # standard deviations of a 95 % interval
 RAILS: Final = ("px", "mx", "py", "my")
-NEAR: Final = 0.4  # of a place that counts as right [m]
 
 BASE: Final = {  # parameter of the models: constant of the generator
     "decoupled_cloth.slide": "mus",
@@ -72,6 +71,13 @@ EFFECT_TRUTH: Final[dict[str, tuple[Known, ...]]] = {  # the first of each is th
     "slide_curve": (Known("rate", _plain("slide_swerve")),),
     "lens_distortion_r4": (Known("fourth", _plain("lens4")),),
     "image_aspect": (Known("aspect", _plain("image_aspect")),),
+    "worn_patch": (
+        Known("roll", _plain("patch")),
+        Known("slide", _plain("patch")),
+        Known("x", _plain("patch_x")),
+        Known("y", _plain("patch_y")),
+        Known("radius", _plain("patch_r")),
+    ),
 }
 
 
@@ -97,15 +103,7 @@ def _on(told: Mapping[str, Any], *words: str) -> bool:
     return any(w in said for said in told.get("depends_on") or () for w in words)
 
 
-def _in_patch(told: Mapping[str, Any], truth: Truth) -> bool:
-    place = told.get("place_m")
-    if not place or not _where(told, "cloth"):
-        return False
-    return math.hypot(place[0] - truth["patch_x"], place[1] - truth["patch_y"]) <= NEAR
-
-
 RIGHT: Final[dict[str, Place]] = {
-    "worn_patch": Place(f"on the cloth, within {NEAR:g} m of the patch's centre", _in_patch),
     "crowned_slate": Place("on the cloth, by place", lambda u, t: _where(u, "cloth") and _on(u, "place")),
     "drying_cloth": Place(
         "on the cloth, by the order of the clips", lambda u, t: _where(u, "cloth") and _on(u, "order")

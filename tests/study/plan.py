@@ -20,11 +20,9 @@ GROUPS: Final = ("none", "natural", "quarter", "sixteenth", "two", "outside", "s
 SCALES: Final = {"natural": 1.0, "quarter": 1 / 4, "sixteenth": 1 / 16}
 TIMES: Final = {"natural": 3, "quarter": 3, "sixteenth": 2}  # sets per effect
 OUTSIDE: Final = 2  # sets per structure
-NONE: Final = 30
-SOILED: Final = (  # what the soiled sets hide
-    *("", "", "", "", "table_tilt", "speed_drag", "cushion_restitution_speed", "spin_slide_coupling"),
-    *("slide_friction_speed", "cloth_nap", "side_curve", "camera_tilt"),
-)
+NONE: Final = 40
+SOILED_NONE: Final = 12
+SOILED_PAIRS: Final = 6  # the first of PAIRS
 SOILED_CLIPS: Final = 16
 SOILED_OPTIONS: Final = ("--soiled", "--fps", "60", "--outliers", "0.005", "--no-cue", "--no-sigma")
 FIRST_SEED: Final = {group: 10000 * k for k, group in enumerate(GROUPS, 1)}
@@ -84,8 +82,9 @@ PAIRS: Final = (
     ("side_curve", "image_scale"),
     ("cushion_restitution_px", "cushion_restitution_my"),
     ("cushion_restitution_py", "cushion_friction_mx"),
+    ("worn_patch", "table_tilt"),
 )
-ELSEWHERE: Final[dict[str, tuple[str, ...]]] = {  # the second set of a structure has it at another place
+ELSEWHERE: Final[dict[str, tuple[str, ...]]] = {  # every second set of an effect has it at another place
     "worn_patch": ("--constant", "patch_x=-0.6", "--constant", "patch_y=0.3"),
 }
 
@@ -129,7 +128,8 @@ def _single(group: str) -> list[Entry]:
     return [
         Entry(
             f"{group}-{effect}-{time + 1}", group, (effect,),
-            FIRST_SEED[group] + PER_EFFECT * k + time, tuple(options(effect, SCALES[group])),
+            FIRST_SEED[group] + PER_EFFECT * k + time,
+            (*options(effect, SCALES[group]), *(ELSEWHERE.get(effect, ()) if time % 2 else ())),
         )
         for time in range(TIMES[group])
         for k, effect in enumerate(EFFECTS)
@@ -147,7 +147,7 @@ def _outside() -> list[Entry]:
     return [
         Entry(
             f"outside-{name}-{time + 1}", "outside", (name,), FIRST_SEED["outside"] + PER_EFFECT * k + time,
-            (*options(name), *(ELSEWHERE.get(name, ()) if time else ())),
+            tuple(options(name)),
         )
         for time in range(OUTSIDE)
         for k, name in enumerate(STRUCTURES)
@@ -155,12 +155,15 @@ def _outside() -> list[Entry]:
 
 
 def _soiled() -> list[Entry]:
+    """Nothing hidden, every effect once, some pairs; in turns, so that a part already gives a picture."""
+    groups = ([()] * SOILED_NONE, [(effect,) for effect in EFFECTS], PAIRS[:SOILED_PAIRS])
+    hidden = [one for turn in zip_longest(*groups) for one in turn if one is not None]
     return [
         Entry(
-            f"soiled-{name or 'none'}-{k + 1:02d}", "soiled", (name,) if name else (), FIRST_SEED["soiled"] + k,
-            tuple(options(name)) if name else (), "soiled clips", SOILED_CLIPS,
+            f"soiled-{'-'.join(names) or 'none'}-{k + 1:02d}", "soiled", tuple(names), FIRST_SEED["soiled"] + k,
+            tuple(word for name in names for word in options(name)), "soiled clips", SOILED_CLIPS,
         )
-        for k, name in enumerate(SOILED)
+        for k, names in enumerate(hidden)
     ]  # fmt: skip
 
 

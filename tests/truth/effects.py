@@ -46,9 +46,9 @@ EFFECTS: Final[dict[str, tuple[str, ...]]] = {
     "slide_curve": ("slide_swerve",),
     "lens_distortion_r4": ("lens4",),
     "image_aspect": ("image_aspect",),
+    "worn_patch": ("patch", "patch_x", "patch_y", "patch_r"),
 }
 STRUCTURES: Final[dict[str, tuple[str, ...]]] = {
-    "worn_patch": ("patch", "patch_x", "patch_y", "patch_r"),
     "crowned_slate": ("crown",),
     "drying_cloth": ("wear",),
     "ball_cling": ("cling", "cling_share"),

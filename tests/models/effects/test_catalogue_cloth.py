@@ -28,6 +28,12 @@ CASES = [
     ("cloth_grain", {"along": 0.2, "diagonal": 0.0}, {"ripple": 0.2}),
     ("cloth_grain", {"along": 0.0, "diagonal": -0.2}, {"ripple": 0.2, "ripple_phi": -np.pi / 4}),
     ("slide_curve", {"rate": 0.003}, {"slide_swerve": 0.003}),
+    ("worn_patch", {"roll": 0.9, "slide": 0.9, "radius": 0.35}, {"patch": 0.9, "patch_x": 0.0, "patch_y": 0.0}),
+    (
+        "worn_patch",
+        {"roll": -0.3, "slide": -0.3, "x": 0.3, "y": 0.1, "radius": 0.2},
+        {"patch": -0.3, "patch_x": 0.3, "patch_y": 0.1, "patch_r": 0.2},
+    ),
 ]
 VARYING = [
     ("table_tilt", {"slope_x": 0.0007, "slope_y": -0.0016}), ("cloth_nap", {"push": 0.03}),
@@ -35,6 +41,7 @@ VARYING = [
     ("spin_slide_coupling", {"lever": 0.005}), ("slide_friction_speed", {"rate": 0.1}),
     ("spin_decay_speed", {"rate": 0.3}), ("off_centre_ball", {"offset": 0.002}),
     ("cloth_grain", {"along": 0.2, "diagonal": 0.1}), ("slide_curve", {"rate": 0.003}),
+    ("worn_patch", {"roll": 0.5, "slide": 0.2, "x": 0.2}),
 ]  # fmt: skip
 
 
