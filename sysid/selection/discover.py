@@ -19,6 +19,7 @@ from sysid.clips import ClipSet
 from sysid.clips.pieces import parent_clip
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.split import Split, begin, fit_on
+from sysid.selection.departures import without_departing
 from sysid.selection.evidence import MAX_LOSS_RATIO, compare_fits, loss_ratio_without, remove_effect
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe
 from sysid.selection.judge import diagnose_fit
@@ -93,8 +94,17 @@ def fit_without(parts: Split, found: FittedModel, name: str) -> FittedModel:
 
 def prune(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
     """Drop effects that the fit does not need: they may have been named beside a fit in a false optimum."""
-    now, verdict = found.last, found.verdict
-    while len(verdict) > 1:
+    if len(found.verdict) < 2:
+        return found
+    now, verdict = _pruned(parts, found.last, found.verdict, 1)
+    return found if verdict == found.verdict else _ending_with(found, now, verdict)
+
+
+def _pruned(
+    parts: Split, now: FittedModel, verdict: tuple[str, ...], least: int
+) -> tuple[FittedModel, tuple[str, ...]]:
+    """The fit without those of the named effects that it does not need; at least so many stay."""
+    while len(verdict) > least:
         log.info("whether all of them are needed")
         ratios = [loss_ratio_without(now, name) for name in verdict]
         k = int(np.argmin(ratios))
@@ -105,7 +115,7 @@ def prune(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
             break
         log.info("%s is not needed", verdict[k])
         now, verdict = less, (*verdict[:k], *verdict[k + 1 :])
-    return found if verdict == found.verdict else _ending_with(found, now, verdict)
+    return now, verdict
 
 
 def _ending_with(found: DiscoveryResult, now: FittedModel, verdict: tuple[str, ...]) -> DiscoveryResult:
@@ -157,7 +167,13 @@ def discover(
             continue
         best = diagnosis.screening.best
         if best is None:
-            break
+            fewer = without_departing(parts, found.ladder) if formula is None else None
+            if fewer is None:
+                break
+            parts, ladder = fewer
+            now, found = ladder[-1], dataclasses.replace(found, parts=parts, ladder=ladder)
+            save(found)
+            continue
         log.info("found %s", best.name)
         now = best.fitted
         found = found.with_step(now, (*found.verdict, best.name))
@@ -174,11 +190,13 @@ def discover(
 def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, formula: SparseFormula) -> DiscoveryResult:
     """The result where a formula is in the last fit, `now`; the model file holds named effects only.
 
-    Effects that were named beside the formula may explain what it was found for: then it is dropped.
+    Effects that were named before the formula may have stood in for it, or explain what it was found for: then they, or
+    it, are dropped.
     """
+    now, verdict = _pruned(parts, now, found.verdict, 0)
     plain = fit_without(parts, now, EFFECT_NAME)
     evidence = compare_fits(plain, now)
-    found = _ending_with(found, plain, found.verdict)
+    found = _ending_with(found, plain, verdict)
     if not is_enough(evidence, found.rounds[-1].count):
         log.info("the formula is no longer needed")
         return dataclasses.replace(found, unexplained=None)

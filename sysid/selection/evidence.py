@@ -10,6 +10,7 @@ delta BIC = (fall of chi-square) / tau - (constants more) log(residuals / tau).
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,11 +18,13 @@ import numpy as np
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.fitting import loss_soon
 from sysid.estimation.initial_states import fit_states, shot_losses
+from sysid.estimation.problem import Array
 
 MAX_LOSS_RATIO = 1.5  # of the loss a few iterations after an effect was removed, if the effect is to be doubted
 MAX_LAG = 40  # samples, of the autocorrelation
 MIN_CORRELATION = 0.02  # at which the sum of the autocorrelation stops
 MAX_RESIDUAL_SD = 4.0  # at which residuals are clipped
+MAX_HELD_OUT_LOG_RATIO = math.log(1.5)  # of mean squares of held-out clips, summed over them, for a fit to generalise
 COMPARED_STEPS = 5  # iterations of the initial states before two fits are compared
 
 
@@ -32,6 +35,8 @@ class Evidence:
     delta_bic: float  # positive speaks for the second
     improvement: float  # fall of chi-square
     tau: float  # integrated autocorrelation time of the residuals [samples]
+    others_delta_bic: float  # without the shot that the second improves most
+    top_shot_ratio: float  # loss per residual of that shot in the second, over the median of all
 
 
 def compare_fits(one: Point, two: Point, by: Point | None = None, tau: float | None = None) -> Evidence:
@@ -42,20 +47,33 @@ def compare_fits(one: Point, two: Point, by: Point | None = None, tau: float | N
     by = min((one, two), key=lambda s: s.discrepancy_rate) if by is None else by
     rate = by.discrepancy_rate
 
-    def cost(at: Point) -> tuple[float, int]:
+    def cost(at: Point) -> tuple[Array, Array]:
         seen = dataclasses.replace(at.problem, prior=by.problem.prior).with_discrepancy(rate)
         x = fit_states(seen, at.initial_states, at.constants, COMPARED_STEPS)
         total, count = shot_losses(seen, x, at.constants)
-        return 2 * float(total.sum()) + _chi2_of_known(at), int(count.sum())
+        return 2 * total, count
 
-    (a, count), (b, _) = cost(one), cost(two)
+    (first, count), (second, _) = cost(one), cost(two)
+    a, b = (float(part.sum()) + _chi2_of_known(at) for part, at in ((first, one), (second, two)))
     if tau is None:
         better = two if b < a else one
         r = better.residuals(better.problem.with_discrepancy(rate))
         spread = max(1.0, (float(np.nanmedian(np.abs(r))) / 0.6745) ** 2)
         tau = max(correlation_time(better, rate), better.problem.correlation_time) * spread
-    more = two.constants.size - one.constants.size
-    return Evidence((a - b) / tau - more * float(np.log(max(count / tau, 2))), a - b, tau)
+    penalty = (two.constants.size - one.constants.size) * float(np.log(max(count.sum() / tau, 2)))
+    top = int(np.argmax(first - second))
+    share = second / np.maximum(count, 1)
+    others = a - b - float((first - second)[top])
+    ratio = float(share[top] / max(float(np.median(share)), 1e-12))
+    return Evidence((a - b) / tau - penalty, a - b, tau, others / tau - penalty, ratio)
+
+
+def generalises(one: FittedModel, two: FittedModel) -> bool:
+    """Whether the second fit does not follow the held-out clips worse than the first."""
+    if one.held_out is None or two.held_out is None:
+        return True
+    old, new = (np.maximum(at.mean_squares, 1.0) for at in (one.held_out, two.held_out))
+    return float(np.sum(np.log(new / old))) < MAX_HELD_OUT_LOG_RATIO
 
 
 def _chi2_of_known(at: Point) -> float:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.split import Split
-from sysid.selection.evidence import excess_variance
+from sysid.selection.evidence import excess_variance, generalises
 from sysid.selection.formula import SparseFormula, score_terms, select_terms
 from sysid.selection.runs import confirm, screen_segments, screen_whole_shots
 from sysid.selection.screening import (
@@ -23,6 +23,7 @@ from sysid.selection.screening import (
     Screening,
     candidates_for,
     fit_candidate,
+    is_enough,
     screen,
 )
 
@@ -94,7 +95,7 @@ def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments:
         return Diagnosis(seen, segments=by_segments)
     log.info("a formula: %s", ", ".join(t.name for t in structure.terms))
     fitted = fit_candidate(parts, now, structure.score())
-    if fitted.evidence.delta_bic <= 0:
+    if not is_enough(fitted.evidence, seen.count) or not generalises(now, fitted.fitted):
         return Diagnosis(seen, segments=by_segments)
     return Diagnosis(seen, structure, fitted, segments=by_segments)
 

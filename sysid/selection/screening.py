@@ -23,7 +23,14 @@ from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
-from sysid.selection.evidence import MAX_LOSS_RATIO, Evidence, compare_fits, excess_variance, loss_ratio_without
+from sysid.selection.evidence import (
+    MAX_LOSS_RATIO,
+    Evidence,
+    compare_fits,
+    excess_variance,
+    generalises,
+    loss_ratio_without,
+)
 from sysid.selection.score import Candidate, Score, Scores, candidate, score_all, with_candidate
 
 # Predicted improvement: fall of chi-square that the linear model predicts for a candidate (sysid/selection/score.py).
@@ -34,6 +41,7 @@ MAX_EXCESS_VARIANCE = 0.01  # over the noise's variance, of a fit that leaves no
 MAX_FITS = 3  # candidates fitted in one screening
 MIN_DELTA_BIC = 10.0  # for an effect to be named ("very strong", Kass and Raftery 1995)
 MIN_IMPROVEMENT_PER_RESIDUAL = 1e-3  # and its fall of chi-square per residual
+MAX_TOP_SHOT_RATIO = 1.5  # loss per residual of the only shot that speaks for an effect, over the median of all
 CONFOUNDED_CORRELATION = 0.9  # of two signatures, from which on candidates count as confounded
 TRIAL_STEPS = 3  # iterations of the initial states at each trial start of a fit
 WARM_START_STEPS = 5  # iterations of the initial states from the optimum of another fit
@@ -50,6 +58,7 @@ class FittedCandidate:
     score: Score
     fitted: FittedModel
     evidence: Evidence  # over the base
+    generalises: bool = True  # whether it follows held-out clips no worse than the base
 
     @property
     def name(self) -> str:
@@ -76,8 +85,8 @@ class Screening:
 
     @property
     def best(self) -> FittedCandidate | None:
-        """The effect to name: the best fit that converged, with evidence enough; None if there is none."""
-        best = next((one for one in self.fits if one.converged), None)
+        """The effect to name: the best fit that converged and generalises, if its evidence suffices."""
+        best = next((one for one in self.fits if one.converged and one.generalises), None)
         return best if best is not None and is_enough(best.evidence, self.count) else None
 
     @property
@@ -85,6 +94,11 @@ class Screening:
         """Delta BIC of the best fit over the next; infinite where no other candidate was fitted."""
         fitted = [t.evidence.delta_bic for t in self.fits if t.converged]
         return fitted[0] - fitted[1] if len(fitted) > 1 else float("inf")
+
+    @property
+    def refuted(self) -> tuple[str, ...]:
+        """Candidates with evidence in the training clips whose fit follows the held-out ones worse."""
+        return tuple(t.name for t in self.fits if not t.generalises and is_enough(t.evidence, self.count))
 
     @property
     def doubtful(self) -> tuple[str, ...]:
@@ -101,8 +115,14 @@ class PartialScreening:
 
 
 def is_enough(evidence: Evidence, count: int) -> bool:
-    """Whether the evidence suffices to name an effect, for so many residuals."""
-    return evidence.delta_bic > MIN_DELTA_BIC and evidence.improvement > MIN_IMPROVEMENT_PER_RESIDUAL * count
+    """Whether the evidence suffices to name an effect, for so many residuals.
+
+    A single shot does not suffice, unless the effect explains it as well as the others: it may depart for a reason of
+    its own.
+    """
+    supported = evidence.others_delta_bic > MIN_DELTA_BIC or evidence.top_shot_ratio < MAX_TOP_SHOT_RATIO
+    large = evidence.improvement > MIN_IMPROVEMENT_PER_RESIDUAL * count
+    return supported and large and evidence.delta_bic > MIN_DELTA_BIC
 
 
 def candidates_for(model: Model, extra: Sequence[type[Effect]] = ()) -> list[Candidate]:
@@ -147,7 +167,12 @@ def screen(
         by = min((one.fitted for one in fits), key=lambda s: s.discrepancy_rate)
         first = max(fits, key=lambda one: one.evidence.improvement)
         tau = compare_fits(base, first.fitted, by).tau
-        fits = [dataclasses.replace(one, evidence=compare_fits(base, one.fitted, by, tau)) for one in fits]
+        fits = [
+            dataclasses.replace(
+                one, evidence=compare_fits(base, one.fitted, by, tau), generalises=generalises(base, one.fitted)
+            )
+            for one in fits
+        ]
     return Screening(base, scores, tuple(rank_fits(fits)), *_confounded_and_tied(scores, fits), scores.count)
 
 
