@@ -56,8 +56,7 @@ class HeldOut:
 
     initial_states: Array  # (n, p)
     rms: float  # per axis [m]
-    mean_squares: Array  # (n,) of the residuals of each clip [variances of the noise]
-    counts: Array  # (n,) of residuals of each clip
+    residuals: Array  # (n, m) [standard deviations of the noise]
 
 
 @dataclass(frozen=True)

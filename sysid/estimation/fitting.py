@@ -241,5 +241,4 @@ def fit_held_out(found: Point, problem: ShotProblem, before: HeldOut | None, pie
             x = from_other_spins(seen, astray, x, c)
     x = fit_states(problem, x, c, steps)
     r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
-    squares, counts = np.nansum(r**2, axis=1), np.isfinite(r).sum(axis=1)
-    return HeldOut(x, problem.noise * float(np.sqrt(np.nanmean(r**2))), squares / np.maximum(counts, 1), counts)
+    return HeldOut(x, problem.noise * float(np.sqrt(np.nanmean(r**2))), r)

@@ -19,25 +19,25 @@ from sysid.estimation.fitting import fit
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, tried
-from sysid.selection.evidence import correlation_time
+from sysid.selection.evidence import MAX_RESIDUAL_SD, correlation_time, mean_squares
 
-MIN_RATIO = 1.4  # of a shot's mean square over the median of all, for it to depart
+MIN_RATIO = 1.7  # of a shot's mean square over the median of all, for it to depart
 MIN_RATIO_SD = 6.0  # and standard deviations above it
-MAX_SHARE = 0.1  # of the shots, more of which are no exceptions
+MIN_ALLOWED, MAX_SHARE = 2, 0.1  # shots, and share of all, more of which are no exceptions
 MAX_MEDIAN = 1.3  # of the mean squares, for the model to follow the others
 log = logging.getLogger(__name__)
 
 
-def departing(mean_squares: Array, counts: Array, tau: float, median: float) -> Index:
+def departing(squares: Array, counts: Array, tau: float, median: float) -> Index:
     """Shots that depart.
 
     Args:
-        mean_squares: (n,) of the residuals of each shot.
+        squares: (n,) mean square of the residuals of each shot.
         counts: (n,) how many residuals it has.
         tau: integrated autocorrelation time of residuals [samples].
         median: of the mean squares of the training shots.
     """
-    ratio = mean_squares / median
+    ratio = squares / median
     sd = np.sqrt(2.0 * tau / np.maximum(counts, 1))
     return np.flatnonzero((ratio > MIN_RATIO) & (ratio - 1.0 > MIN_RATIO_SD * sd))
 
@@ -54,24 +54,23 @@ def departure_lines(problem: ShotProblem, rows: Index, ratios: Array) -> tuple[s
 def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Split, tuple[FittedModel, ...]] | None:
     """The clips without shots that depart from the last fit, and all fits anew; None where none or too many depart."""
     last, held = ladder[-1], ladder[-1].held_out
-    r = last.residuals()
-    counts = np.isfinite(r).sum(axis=1)
-    mean_squares = np.nansum(r**2, axis=1) / np.maximum(counts, 1)
-    median = float(np.median(mean_squares))
+    squares, counts = mean_squares(last.residuals(), MAX_RESIDUAL_SD)
+    median = float(np.median(squares))
     if parts.cut or median > MAX_MEDIAN:
         return None
     tau = correlation_time(last, last.discrepancy_rate)
-    odd = departing(mean_squares, counts, tau, median)
-    odd_held = departing(held.mean_squares, held.counts, tau, median) if held else np.zeros(0, np.int64)
-    total = len(counts) + (len(held.counts) if held else 0)
-    if not 0 < odd.size + odd_held.size <= max(1, int(MAX_SHARE * total)):
+    odd = departing(squares, counts, tau, median)
+    held_squares, held_counts = mean_squares(held.residuals, MAX_RESIDUAL_SD) if held else (np.zeros(0), np.zeros(0))
+    odd_held = departing(held_squares, held_counts, tau, median)
+    total = len(counts) + len(held_counts)
+    if not 0 < odd.size + odd_held.size <= max(MIN_ALLOWED, int(MAX_SHARE * total)):
         return None
-    lines = departure_lines(last.problem, odd, mean_squares / median)
+    lines = departure_lines(last.problem, odd, squares / median)
     kept = np.setdiff1d(np.arange(len(counts)), odd)
     held_out = parts.held_out
-    if held_out is not None and held is not None and odd_held.size:
-        lines += departure_lines(held_out, odd_held, held.mean_squares / median)
-        rest = np.setdiff1d(np.arange(len(held.counts)), odd_held)
+    if held_out is not None and odd_held.size:
+        lines += departure_lines(held_out, odd_held, held_squares / median)
+        rest = np.setdiff1d(np.arange(len(held_counts)), odd_held)
         held_out = held_out.only(rest) if rest.size else None
     fewer = parts.excluding(lines, parts.training.only(kept), held_out)
     return fewer, tuple(_fit_again(fewer, one, kept) for one in ladder)

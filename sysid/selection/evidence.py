@@ -68,11 +68,17 @@ def compare_fits(one: Point, two: Point, by: Point | None = None, tau: float | N
     return Evidence((a - b) / tau - penalty, a - b, tau, others / tau - penalty, ratio)
 
 
+def mean_squares(r: Array, limit: float = math.inf) -> tuple[Array, Array]:
+    """Mean square of the residuals (n, m) of each shot, those beyond `limit` clipped, and their number: (n,), (n,)."""
+    counts = np.isfinite(r).sum(axis=1)
+    return np.nansum(np.minimum(r**2, limit**2), axis=1) / np.maximum(counts, 1), counts
+
+
 def generalises(one: FittedModel, two: FittedModel) -> bool:
     """Whether the second fit does not follow the held-out clips worse than the first."""
     if one.held_out is None or two.held_out is None:
         return True
-    old, new = (np.maximum(at.mean_squares, 1.0) for at in (one.held_out, two.held_out))
+    old, new = (np.maximum(mean_squares(at.residuals)[0], 1.0) for at in (one.held_out, two.held_out))
     return float(np.sum(np.log(new / old))) < MAX_HELD_OUT_LOG_RATIO
 
 

@@ -1,0 +1,75 @@
+"""Shots that depart alone, and evidence that rests on one shot or does not hold for others."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.model_file import full_model
+from sysid.clips import Clip, read_clip_set
+from sysid.estimation.fitted import FittedModel, HeldOut
+from sysid.selection.departures import departing
+from sysid.selection.discover import discover
+from sysid.selection.evidence import Evidence, generalises, mean_squares
+from sysid.selection.screening import is_enough
+from tests.truth.__main__ import main as generate
+
+
+def test_a_shot_departs_by_size_and_significance() -> None:
+    squares, counts = np.array([1.0, 1.05, 2.0, 2.0, 0.95]), np.array([900, 900, 900, 20, 900])
+    assert departing(squares, counts, 1.0, 1.0).tolist() == [2]  # twenty residuals may be that large by chance
+    assert departing(squares, counts, 60.0, 1.0).size == 0
+    assert departing(squares, counts, 1.0, 2.0).size == 0
+
+
+def test_mean_squares_leave_out_what_is_missing_and_clip_what_is_wild() -> None:
+    squares, counts = mean_squares(np.array([[1.0, -1.0, np.nan], [3.0, 100.0, 0.0]]), 4.0)
+    assert counts.tolist() == [2, 3]
+    assert squares == pytest.approx([1.0, (9 + 16) / 3])
+    assert mean_squares(np.array([[2.0, 4.0]]))[0] == pytest.approx([10.0])
+
+
+@pytest.mark.parametrize(
+    ("others", "ratio", "named"), [(50.0, 9.0, True), (-5.0, 9.0, False), (-5.0, 1.1, True)]
+)  # of the other shots' delta BIC, and the shot's loss over the median
+def test_one_shot_alone_names_an_effect_only_if_that_explains_it(others: float, ratio: float, named: bool) -> None:
+    assert is_enough(Evidence(80.0, 90.0, 1.0, others, ratio), 1000) is named
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "holds"),
+    [([1.0, 1.0], [1.1, 1.1], True), ([1.0, 1.0], [1.0, 4.0], False), ([9.0, 1.0], [1.0, 4.0], True)],
+)
+def test_a_fit_must_hold_for_other_clips(old: list[float], new: list[float], holds: bool) -> None:
+    def fitted(squares: list[float]) -> FittedModel:
+        residuals = np.sqrt(np.array(squares))[:, None] * np.ones((2, 100))
+        held = HeldOut(np.zeros((2, 5)), math.nan, residuals)
+        return dataclasses.replace(blank, held_out=held)
+
+    blank = FittedModel(None, np.zeros(0), np.zeros(0), 0.0, np.zeros((0, 0)), True, 1.0, 1.0)  # type: ignore[arg-type]
+    assert generalises(fitted(old), fitted(new)) is holds
+    assert generalises(blank, fitted(new))
+
+
+@pytest.mark.slow
+def test_a_clip_with_a_wrong_clock_is_named_and_no_effect_is(tmp_path: Path) -> None:
+    assert (
+        generate([str(tmp_path / "set"), "--seed", "51", "--clips", "15", "--sigma", "0.0005", "--seconds", "3"]) == 0
+    )
+    clip_set = read_clip_set(tmp_path / "set")
+
+    def slowed(clip: Clip) -> Clip:
+        balls = {name: dataclasses.replace(seen, time=1.03 * seen.time) for name, seen in clip.balls.items()}
+        return dataclasses.replace(clip, balls=balls) if clip.file == odd else clip
+
+    odd = clip_set.clips[5].file
+    spoiled = dataclasses.replace(clip_set, clips=tuple(slowed(c) for c in clip_set.clips))
+    found = discover(spoiled, full_model(clip_set.table, clip_set.ball))
+    assert found.verdict == () and found.unexplained is None
+    assert [line.split(":")[0] for line in found.parts.excluded] == [odd]
+    assert "departs alone" in found.parts.excluded[0]
+    assert len(found.parts.training.clips) == 11 and found.last.rms < 1.05 * 0.0005
