@@ -198,12 +198,17 @@ def draw_table(out: Out, table: Table, ball: Ball) -> None:
     colours = [CLOTH_COLOUR] + [CUSHION_COLOUR] * 4
     out.fixed("space/table", rr.Boxes3D(centers=centres, half_sizes=halves, colors=colours, fill_mode="solid"))
     if table.pockets:
-        r = 0.85 * d  # mouths of about 86 mm for balls of 52.5 mm
-        corners = [(sx * (u + 0.3 * r), sy * (v + 0.3 * r)) for sx in (-1, 1) for sy in (-1, 1)]
-        discs = np.array([*corners, (0, v + 0.8 * r), (0, -v - 0.8 * r)])
+        discs, r = pocket_discs(table)
         out.fixed("top/table/pockets", rr.Points2D(discs, radii=r, colors=POCKET_COLOUR, draw_order=-50))
         holes = {"lengths": 1.1 * nose, "radii": r, "centers": lift(discs, nose / 2), "fill_mode": "solid"}
         out.fixed("space/table/pockets", rr.Cylinders3D(**holes, colors=POCKET_COLOUR))
+
+
+def pocket_discs(table: Table) -> tuple[Array, Array]:
+    """Discs as wide as the mouths, for orientation: centres (6, 2) and radii (6,) [m]."""
+    u, v, r, q = table.length / 2, table.width / 2, table.shapes.corner.mouth / 2, table.shapes.middle.mouth / 2
+    corners = [(sx * (u + 0.3 * r), sy * (v + 0.3 * r)) for sx in (-1, 1) for sy in (-1, 1)]
+    return np.array([*corners, (0, v + 0.8 * q), (0, -v - 0.8 * q)]), np.array([r] * 4 + [q] * 2)
 
 
 def lift(xy: Array, height: float) -> Array:

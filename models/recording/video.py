@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from models.recording.file import whole_recording
 from models.recording.palette import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour
+from models.recording.shots import pocket_discs
 from models.shot import Array, Table
 
 TRACK_APPLICATION = "cuelab_track"
@@ -131,10 +132,9 @@ def _table(rr: Any, stream: Any, table: Table) -> None:
     cloth = rr.Image(np.full((2, 2, 3), CLOTH_COLOUR, dtype=np.uint8), draw_order=-100)
     stream.log("top/table/cloth", place, cloth, static=True)
     if table.pockets:
-        discs = np.array([(sx * half[0], sy * half[1]) for sx in (-1, 0, 1) for sy in (-1, 1)])
-        stream.log(
-            "top/table/pockets", rr.Points2D(discs, radii=0.045, colors=POCKET_COLOUR, draw_order=-50), static=True
-        )
+        discs, radii = pocket_discs(table)
+        points = rr.Points2D(discs, radii=radii, colors=POCKET_COLOUR, draw_order=-50)
+        stream.log("top/table/pockets", points, static=True)
 
 
 def _ball(rr: Any, stream: Any, name: str, one: Sightings, period: float, diameter: float) -> None:

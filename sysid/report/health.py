@@ -197,6 +197,20 @@ def _nap(found: Finding) -> HealthLine:
     return HealthLine("cloth, push of the nap", measured, "0 to 3 mm/s^2", "estimate", verdict, found.significant)
 
 
+def _worn(found: Finding) -> HealthLine:
+    values = found.model.parameters()
+    x, y, radius = (values[f"worn_patch.{key}"] for key in ("x", "y", "radius"))
+    verdict = UNDETERMINED
+    if found.significant:
+        more = "more" if found.value > 0 else "less"
+        verdict = (
+            f"within {radius:.2f} m of x = {x:.2f}, y = {y:.2f} m rolling balls are braked {abs(100 * found.value):.2g} % "
+            f"{more} than elsewhere: look for wear, dirt or a seam there"
+        )
+    measured = _measured(100 * found.value, 100 * found.sd, "%")
+    return HealthLine("cloth, a patch of its own friction", measured, "0", "an even cloth", verdict, found.significant)
+
+
 def _clock(found: Finding) -> HealthLine:
     off = Finding(found.value - 1.0, found.sd, found.model)
     way = "too long" if off.value > 0 else "too short"
@@ -264,6 +278,7 @@ JUDGES: Final[dict[str, Callable[[Finding], HealthLine]]] = {
     "cloth_nap.push": _nap,
     "clock_scale.factor": _clock,
     "lens_distortion.barrel": _lens,
+    "worn_patch.roll": _worn,
     "image_scale.stretch": _scale,
     "camera_tilt.along_x": _camera_tilt(0),
     "camera_tilt.along_y": _camera_tilt(1),

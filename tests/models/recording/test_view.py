@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
+from models.pocket_shape import POCKET_SETS
 from models.recording import palette
 from models.recording import shots as view
 from models.recording.palette import ball_colour
@@ -170,6 +171,15 @@ def test_pockets_only_when_the_table_has_them(tmp_path: Path, written: tuple[Pat
     write_review(tmp_path / "no.rrd", Table(2.0, 1.0, pockets=False), BALL, [clip("a")], title="t")
     assert "/top/table/pockets" in written[1]
     assert not [path for path in read(tmp_path / "no.rrd") if "pockets" in path]
+
+
+@pytest.mark.parametrize("name", ["snooker", "pool 9 ft", "pool 7 ft"])
+def test_pockets_are_drawn_as_wide_as_they_are(name: str) -> None:
+    table = Table(2.54, 1.27, POCKET_SETS[name])
+    discs, radii = view.pocket_discs(table)
+    corner, middle = POCKET_SETS[name].corner.mouth, POCKET_SETS[name].middle.mouth
+    assert 2 * radii == pytest.approx([corner] * 4 + [middle] * 2)
+    assert np.all(table.to_pocket(discs) < radii)
 
 
 def test_a_potted_ball_goes_and_has_no_error_from_then_on(tmp_path: Path) -> None:

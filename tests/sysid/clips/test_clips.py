@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from models.pocket_shape import POCKET_SETS
 from models.shot import Ball, Table
 from sysid.clips import Clip, ClipSet, CueCommand, Observation, check_clip_set, read_clip_set, write_clip_set
 from tests.support.clip_samples import ROWS, contents, edit, make, refusal
@@ -239,6 +240,22 @@ def test_shared_data_has_no_faults_and_reads_fast(data_folder: Path) -> None:
     assert len(carom.clips) == 123
     assert sum(len(seen.time) for clip in carom.clips for seen in clip.balls.values()) == 50984 - 123
     assert asdict(carom.table) == {"length": 2.84, "width": 1.42, "pockets": False}
+
+
+# Pockets
+
+
+@pytest.mark.parametrize("name", ["snooker", "pool 9 ft", "pool 8 ft", "pool 7 ft"])
+def test_pockets_by_name_and_by_measure(folder: Path, tmp_path: Path, name: str) -> None:
+    edit(folder / "clips.toml", "width = 1.778", f'width = 1.778\npockets = "{name}"')
+    named = read_clip_set(folder)
+    assert named.table.shapes == POCKET_SETS[name]
+    write_clip_set(named, tmp_path / "again")
+    assert read_clip_set(tmp_path / "again").table == named.table
+    mouth = POCKET_SETS[name].corner.mouth
+    wide = replace(POCKET_SETS[name], corner=replace(POCKET_SETS[name].corner, mouth=mouth + 0.002))
+    write_clip_set(replace(named, table=replace(named.table, pockets=wide)), tmp_path / "wide")
+    assert read_clip_set(tmp_path / "wide").table.shapes.corner.mouth == pytest.approx(mouth + 0.002)
 
 
 # Clock

@@ -11,6 +11,7 @@ import pytest
 from models.effect import Effect, param
 from models.effects.camera.image_scale import ImageScale
 from models.effects.cloth.table_tilt import TableTilt
+from models.effects.cloth.worn_patch import WornPatch
 from models.model_file import Estimate, Model, catalogue, full_model
 from models.shot import Ball, Table
 from sysid.report.health import JUDGES, NOT_CONVERGED_LINE, UNDETERMINED, health, health_lines
@@ -113,6 +114,13 @@ def test_one_cushion_beside_the_others(change: float, sd: float, says: str) -> N
     )
     assert line.what.startswith("cushion -x")
     assert says in line.verdict
+
+
+def test_a_worn_patch_is_named_by_its_place() -> None:
+    patch = WornPatch(x=0.55, y=-0.2, radius=0.35)
+    (line,) = health(fitted((patch,), worn_patch__roll=(0.9, 0.01)))
+    assert line.verdict.startswith("within 0.35 m of x = 0.55, y = -0.20 m rolling balls are braked 90 % more")
+    assert health(fitted((patch,), worn_patch__roll=(-0.1, 0.1)))[0].verdict == UNDETERMINED
 
 
 def test_the_camera_s_scale_names_the_height_of_the_balls_where_that_explains_it() -> None:
