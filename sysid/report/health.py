@@ -204,8 +204,8 @@ def _worn(found: Finding) -> HealthLine:
     if found.significant:
         more = "more" if found.value > 0 else "less"
         verdict = (
-            f"within {radius:.2f} m of x = {x:.2f}, y = {y:.2f} m rolling balls are braked {abs(100 * found.value):.2g} % "
-            f"{more} than elsewhere: look for wear, dirt or a seam there"
+            f"within {radius:.2f} m of x = {x:.2f}, y = {y:.2f} m rolling balls are braked "
+            f"{abs(100 * found.value):.2g} % {more} than elsewhere: look for wear, dirt or a seam there"
         )
     measured = _measured(100 * found.value, 100 * found.sd, "%")
     return HealthLine("cloth, a patch of its own friction", measured, "0", "an even cloth", verdict, found.significant)
