@@ -9,23 +9,27 @@ that bend only its own track.
 
 from __future__ import annotations
 
-import logging
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from models.shot import Event
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.fitting import fit
+from sysid.estimation.initial_states import fit_states
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, tried
-from sysid.selection.evidence import MAX_RESIDUAL_SD, correlation_time, mean_squares
+from sysid.selection.evidence import MAX_RESIDUAL_SD, mean_squares
 
 MIN_RATIO = 1.7  # of a shot's mean square over the median of all, for it to depart
 MIN_RATIO_SD = 6.0  # and standard deviations above it
 MIN_ALLOWED, MAX_SHARE = 2, 0.1  # shots, and share of all, more of which are no exceptions
 MAX_MEDIAN = 1.3  # of the mean squares, for the model to follow the others
-log = logging.getLogger(__name__)
+LOCATING_STEPS = 15  # iterations of the initial states up to each event
+MIN_SHARED, MIN_SHARED_SHARE = 2, 0.7  # shots, and share of those that depart, that do so after one kind of event
 
 
 def departing(squares: Array, counts: Array, tau: float, median: float) -> Index:
@@ -34,7 +38,7 @@ def departing(squares: Array, counts: Array, tau: float, median: float) -> Index
     Args:
         squares: (n,) mean square of the residuals of each shot.
         counts: (n,) how many residuals it has.
-        tau: integrated autocorrelation time of residuals [samples].
+        tau: integrated autocorrelation time of the noise [samples].
         median: of the mean squares of the training shots.
     """
     ratio = squares / median
@@ -42,13 +46,57 @@ def departing(squares: Array, counts: Array, tau: float, median: float) -> Index
     return np.flatnonzero((ratio > MIN_RATIO) & (ratio - 1.0 > MIN_RATIO_SD * sd))
 
 
-def departure_lines(problem: ShotProblem, rows: Index, ratios: Array) -> tuple[str, ...]:
-    """One line for each shot that departs; ratios (n,) of mean squares."""
-    return tuple(
-        f"{problem.clips[k].file}: set aside, it departs alone, with {np.sqrt(ratios[k]):.2g} times the error of the "
-        "others, and no effect explains it: look at its film"
-        for k in rows.tolist()
-    )
+@dataclass(frozen=True)
+class Departure:
+    """A shot that departs, and after what."""
+
+    row: int
+    size: float  # rms of its residuals over that of the others
+    event: Event | None  # after which it departs; None for a shot that does so from its start
+
+    def text(self, file: str) -> str:
+        """As a line that says that it was set aside."""
+        since = "from its start"
+        if self.event is not None:
+            with_ = f"its impact at the cushion {self.event.rail}" if self.event.rail else "its impact with a ball"
+            since = f"from {with_} at {self.event.time:.2f} s on"
+        return (
+            f"{file}: set aside, it departs alone, with {self.size:.2g} times the error of the others, {since}, and no "
+            "effect explains it: look at its film"
+        )
+
+
+def located(at: Point, rows: Index, sizes: Array, tau: float, median: float) -> list[Departure]:
+    """After which event each of these shots departs: the first up to which alone it is not followed.
+
+    Args:
+        at: the fit.
+        rows: of shots that depart.
+        sizes: of those, rms of the residuals over that of the others.
+        tau: see `departing`.
+        median: see `departing`.
+    """
+    few, x = at.problem.only(rows), at.initial_states[rows]
+    c, every = np.tile(at.constants, (len(rows), 1)), np.arange(len(rows))
+    events: dict[int, Event | None] = {}
+    for stage in range(few.stages):
+        before, seen = x, few.until(few.horizon_at(stage))
+        x = fit_states(seen, x, at.constants, LOCATING_STEPS)
+        lost = departing(*mean_squares(seen.evaluate(x, c, every), MAX_RESIDUAL_SD), tau, median)
+        for k in lost.tolist():
+            if k not in events:
+                events[k] = _nearest(few, before, c, k, few.events[k][stage - 1]) if stage else None
+    return [
+        Departure(row, size, events.get(k))
+        for k, (row, size) in enumerate(zip(rows.tolist(), sizes.tolist(), strict=True))
+    ]
+
+
+def _nearest(problem: ShotProblem, x: Array, c: Array, row: int, time: float) -> Event | None:
+    """The modelled event of the struck ball that is nearest to a time."""
+    (track,) = problem.tracks(x[row : row + 1], c[row : row + 1], np.array([row]))
+    own = [event for event in track.events if problem.clips[row].struck in event.balls]
+    return min(own, key=lambda event: abs(event.time - time), default=None)
 
 
 def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Split, tuple[FittedModel, ...]] | None:
@@ -58,22 +106,49 @@ def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Spli
     median = float(np.median(squares))
     if parts.cut or median > MAX_MEDIAN:
         return None
-    tau = correlation_time(last, last.discrepancy_rate)
+    tau = last.problem.correlation_time
     odd = departing(squares, counts, tau, median)
     held_squares, held_counts = mean_squares(held.residuals, MAX_RESIDUAL_SD) if held else (np.zeros(0), np.zeros(0))
     odd_held = departing(held_squares, held_counts, tau, median)
-    total = len(counts) + len(held_counts)
-    if not 0 < odd.size + odd_held.size <= max(MIN_ALLOWED, int(MAX_SHARE * total)):
+    allowed = max(MIN_ALLOWED, int(MAX_SHARE * (len(counts) + len(held_counts))))
+    if not 0 < odd.size + odd_held.size <= allowed:
         return None
-    lines = departure_lines(last.problem, odd, squares / median)
-    kept = np.setdiff1d(np.arange(len(counts)), odd)
+    found = located(last, odd, np.sqrt(squares[odd] / median), tau, median)
+    lines = tuple(one.text(last.problem.clips[one.row].file) for one in found)
     held_out = parts.held_out
-    if held_out is not None and odd_held.size:
-        lines += departure_lines(held_out, odd_held, held_squares / median)
+    if held_out is not None and held is not None and odd_held.size:
+        seen = Point(
+            held_out.with_model(last.problem.model, last.names),
+            held.initial_states,
+            last.constants,
+            last.discrepancy_rate,
+        )
+        others = located(seen, odd_held, np.sqrt(held_squares[odd_held] / median), tau, median)
+        found, lines = found + others, lines + tuple(one.text(held_out.clips[one.row].file) for one in others)
         rest = np.setdiff1d(np.arange(len(held_counts)), odd_held)
         held_out = held_out.only(rest) if rest.size else None
+    if common_event(found) is not None:
+        return None
+    kept = np.setdiff1d(np.arange(len(counts)), odd)
     fewer = parts.excluding(lines, parts.training.only(kept), held_out)
     return fewer, tuple(_fit_again(fewer, one, kept) for one in ladder)
+
+
+def shared_cause(now: Point) -> str | None:
+    """The kind of event after which the shots that depart do so; None where they share none, or none departs."""
+    squares, counts = mean_squares(now.residuals(), MAX_RESIDUAL_SD)
+    tau, median = now.problem.correlation_time, float(np.median(squares))
+    rows = departing(squares, counts, tau, median)
+    if median > MAX_MEDIAN or not rows.size:
+        return None
+    return common_event(located(now, rows, np.sqrt(squares[rows] / median), tau, median))
+
+
+def common_event(found: Sequence[Departure]) -> str | None:
+    """The kind of event after which several shots depart: they share a cause; None where they do not."""
+    kinds = Counter(one.event.kind if one.event else "start" for one in found)
+    kind, count = kinds.most_common(1)[0] if kinds else ("", 0)
+    return kind if count >= MIN_SHARED and count >= MIN_SHARED_SHARE * len(found) else None
 
 
 def _fit_again(parts: Split, found: FittedModel, kept: Index) -> FittedModel:

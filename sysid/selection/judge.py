@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.split import Split
+from sysid.selection.departures import shared_cause
 from sysid.selection.evidence import excess_variance, generalises
 from sysid.selection.formula import SparseFormula, score_terms, select_terms
 from sysid.selection.runs import confirm, screen_segments, screen_whole_shots
@@ -32,6 +33,7 @@ MIN_TERM_ADVANTAGE = 1.2  # the same over that of the best named effect, for the
 MIN_SHARE_BESIDE_FORMULA = (
     0.05  # of chi-square beyond noise, that an effect beside a formula must be predicted to explain
 )
+MAX_FORMULA_EXCESS = 0.1  # variance beyond noise that a formula may leave where only a few shots depart, of one cause
 log = logging.getLogger(__name__)
 
 
@@ -74,6 +76,7 @@ def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments:
             if confirmation.fitted is not None:
                 return Diagnosis(by_segments, confirmed=confirmation.fitted)
             partial = confirmation.partial
+    first = now
     searched: list[SparseFormula | None] = []  # the terms are scored once at most, and only where it is needed
 
     def outside(base: FittedModel) -> SparseFormula | None:
@@ -96,6 +99,8 @@ def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments:
     log.info("a formula: %s", ", ".join(t.name for t in structure.terms))
     fitted = fit_candidate(parts, now, structure.score())
     if not is_enough(fitted.evidence, seen.count) or not generalises(now, fitted.fitted):
+        return Diagnosis(seen, segments=by_segments)
+    if excess_variance(fitted.fitted) > MAX_FORMULA_EXCESS and shared_cause(first) is not None:
         return Diagnosis(seen, segments=by_segments)
     return Diagnosis(seen, structure, fitted, segments=by_segments)
 

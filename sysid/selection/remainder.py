@@ -18,11 +18,13 @@ from scipy.special import chdtrc
 
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array
+from sysid.selection.departures import shared_cause
 from sysid.selection.evidence import MAX_RESIDUAL_SD, correlation_time, excess_variance
 
 MIN_EXCESS_VARIANCE = 0.1  # over the noise's variance, for anything to be reported
 MIN_CORRELATION_TIME = 1.5  # samples; of residuals that are less correlated the noise is larger, or has heavier tails
 MAX_CHANCE = 1e-6  # that noise alone shows such an oscillation
+EVENT_PLACES = {"ball": "collisions of balls", "cushion": "impacts at cushions", "start": "from the start of shots on"}
 FREQUENCIES_PER_PERIOD = 4  # resolution, over one period in the longest clip
 MAX_FREQUENCY_HZ = 60.0
 MIN_PERIODS = 2  # in the longest clip
@@ -37,8 +39,9 @@ def remainder(now: Point) -> Mapping[str, Any] | None:
     tau = correlation_time(now, now.discrepancy_rate)
     if excess < MIN_EXCESS_VARIANCE or tau < MIN_CORRELATION_TIME:
         return None
+    where = EVENT_PLACES.get(shared_cause(now) or "", "not located")
     return oscillation(now) or {
-        "where": "not located", "depends_on": [], "size": now.problem.noise * float(np.sqrt(excess)), "unit": "m",
+        "where": where, "depends_on": [], "size": now.problem.noise * float(np.sqrt(excess)), "unit": "m",
         "what": f"error beyond the noise, rms, {tau:.0f} samples of which hang together", "form": None,
         "delta_bic": None, "terms": [],
     }  # fmt: skip

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from models.model_file import full_model
+from models.shot import Event
 from sysid.clips import Clip, read_clip_set
 from sysid.estimation.fitted import FittedModel, HeldOut
-from sysid.selection.departures import departing
+from sysid.selection.departures import Departure, common_event, departing
 from sysid.selection.discover import discover
 from sysid.selection.evidence import Evidence, generalises, mean_squares
 from sysid.selection.screening import is_enough
@@ -53,6 +54,41 @@ def test_a_fit_must_hold_for_other_clips(old: list[float], new: list[float], hol
     blank = FittedModel(None, np.zeros(0), np.zeros(0), 0.0, np.zeros((0, 0)), True, 1.0, 1.0)  # type: ignore[arg-type]
     assert generalises(fitted(old), fitted(new)) is holds
     assert generalises(blank, fitted(new))
+
+
+def departure(kind: str | None) -> Departure:
+    return Departure(0, 2.0, None if kind is None else Event(0.5, kind, ("cue",), "+x" if kind == "cushion" else ""))
+
+
+@pytest.mark.parametrize(
+    ("kinds", "cause"),
+    [((), None), (("ball",), None), (("ball", "ball"), "ball"), ((None, None), "start"), (("ball", "cushion"), None),
+     (("cushion",) * 3 + ("ball",), "cushion")],
+)  # fmt: skip
+def test_several_shots_share_a_cause_if_they_depart_after_one_kind_of_event(
+    kinds: tuple[str | None, ...], cause: str | None
+) -> None:
+    assert common_event([departure(kind) for kind in kinds]) == cause
+
+
+def test_a_departure_says_after_what() -> None:
+    assert "2 times the error of the others, from its impact at the cushion +x at 0.50 s on" in departure(
+        "cushion"
+    ).text("clips/0004.csv")
+    assert "from its start" in departure(None).text("clips/0004.csv")
+
+
+@pytest.mark.slow
+def test_balls_that_cling_now_and_then_are_located(tmp_path: Path) -> None:
+    """By chance, in some collisions: no effect or formula says in which, and no clip departs alone."""
+    words = ("--seed", "71", "--clips", "12", "--sigma", "0.0005", "--missing", "0.01", "--seconds", "4")
+    cling = ("--constant", "cling=1.0", "--constant", "cling_share=0.4")
+    cuts = ("--kind", "cut,roll,cut_side,cushion,cut,side,cut_side,draw,cut,cushion_side,cut_side,long")
+    assert generate([str(tmp_path / "set"), *words, *cuts, *cling]) == 0
+    clip_set = read_clip_set(tmp_path / "set")
+    found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
+    assert found.verdict == () and not found.parts.excluded
+    assert found.unexplained is not None and found.unexplained["where"] == "collisions of balls"
 
 
 @pytest.mark.slow
