@@ -157,6 +157,10 @@ def screen(
         return known.get(score.candidate.name) or fit_candidate(parts, base, score)
 
     fits = _fit_chosen(scores, shortlist(scores, share), fit, competing)
+    if fits and not any(one.converged for one in fits):  # candidates that predict less were left out for no verdict
+        tried = {one.name for one in fits}
+        others = [row for row in scores.rows if row.candidate.name not in tried]
+        fits += [fit(row) for row in others[:MAX_FITS] if row.predicted_improvement >= least_improvement(scores, share)]
     if fits:
         fits = _exchange_optima(parts, base, fits)
         best = max(fits, key=lambda one: one.evidence.delta_bic)
@@ -205,11 +209,16 @@ def shortlist(scores: Scores, share: float = 0.0) -> list[Score]:
     """Candidates to fit, the largest predicted improvement first; then those for which it is rough (`sudden`)."""
     if not scores.rows:
         return []
-    beyond = share * (scores.chi2 - scores.count)
-    least = max(MIN_IMPROVEMENT, MIN_IMPROVEMENT_OF_BEST * scores.rows[0].predicted_improvement, beyond)
+    any_fit = least_improvement(scores, share)
+    least = max(any_fit, MIN_IMPROVEMENT_OF_BEST * scores.rows[0].predicted_improvement)
     chosen = [row for row in scores.rows if row.predicted_improvement >= least][:MAX_FITS]
-    rough = [row for row in scores.rows if row.sudden and row.predicted_improvement >= max(MIN_IMPROVEMENT, beyond)]
+    rough = [row for row in scores.rows if row.sudden and row.predicted_improvement >= any_fit]
     return chosen + [row for row in rough if all(row is not one for one in chosen)]
+
+
+def least_improvement(scores: Scores, share: float) -> float:
+    """Predicted improvement below which no candidate is fitted; for `share` see `screen`."""
+    return max(MIN_IMPROVEMENT, share * (scores.chi2 - scores.count))
 
 
 def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedCandidate:
