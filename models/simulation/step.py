@@ -86,6 +86,7 @@ class World:
         if why := lacking(model):
             remedy = "add decoupled_cloth, ball_impact, cushion_impact, or play it with models.simulation.simulate"
             raise BadInput(f"this model cannot be stepped: {why}; {remedy}")
+        model = model.as_played()
         self.model, self.names = model, tuple(names)
         spec = build_spec(model.table, model.ball, self.names, model.stack(), furnished=furnished)
         spec.option.timestep = timestep
@@ -101,8 +102,8 @@ class World:
         hooks, pockets = game.hooks, game.pockets
         self._own = hooks.own[0]
         self._rest = (
-            hooks.forces, hooks.support, hooks.horizon, hooks.impact, game.cloth[0], game.mass, game.radius,
-            game.limits, game.half, pockets.ends, pockets.jaws, pockets.falls, damping_table(),
+            hooks.forces, hooks.support, hooks.horizon, hooks.impact, game.cloth[0], game.mass, game.radius[0],
+            game.limits[0], game.half[0], pockets.ends, pockets.jaws, pockets.falls, damping_table(),
         )  # fmt: skip
 
     def place(self, places: Mapping[str, ArrayLike], data: mujoco.MjData | None = None) -> mujoco.MjData:
@@ -135,7 +136,7 @@ class World:
         if not (np.isfinite(v).all() and np.isfinite(w).all()):
             raise ValueError(f"velocity {v[0, 0]}, spin {w[0, 0]}: give finite numbers")
         game, at, to = self._game, self._qpos[0], self._qvel[0]
-        strike_rows(game.hooks.own, game.hooks.strike, game.radius, game.mass, np.ones(1, np.bool_), v, w)
+        strike_rows(game.hooks.own, game.hooks.strike, game.radius[0], game.mass, np.ones(1, np.bool_), v, w)
         local = np.zeros(3)
         turn = data.qpos[at + 3 : at + 7] * [1.0, -1.0, -1.0, -1.0]
         mujoco.mju_rotVecQuat(local, w[0, 0], turn)

@@ -29,6 +29,7 @@ from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
+from sysid.estimation.sizes import known_sizes, with_free_sizes
 
 HELD_OUT_EVERY = 5  # clips, of which the last is held out
 MAX_EVENTS = 4  # of a whole shot, in the middle of the set, where the model does not follow the open cloth
@@ -94,7 +95,8 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
     clip_set, spikes = remove_outliers(clip_set, noise)
     correlation = noise_correlation(clip_set)
     scale, sd = stamp_scale(clip_set)
-    known = {CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {}
+    model = with_free_sizes(model)
+    known = known_sizes(model) | ({CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {})
     rows = training_clips(clip_set)
     training, held = subset(clip_set, rows), subset(clip_set, [k for k in range(len(clip_set.clips)) if k not in rows])
     cloth = fit_open_cloth(model, training, noise)

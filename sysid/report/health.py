@@ -106,7 +106,7 @@ def print_health(model: Model) -> None:
 
 
 def _line(name: str, found: Finding) -> HealthLine | None:
-    effect, key = name.split(".")
+    effect, _, key = name.partition(".")
     if name in TYPICAL:
         return _in_range(name, TYPICAL[name], found)
     if effect in RAIL_EFFECTS and key == "change":

@@ -59,11 +59,14 @@ def compare_fits(one: Point, two: Point, by: Point | None = None, tau: float | N
 
 
 def _chi2_of_known(at: Point) -> float:
-    """Chi-square of constants against prior knowledge of them; one that the model lacks counts at its off value."""
+    """Chi-square of constants against prior knowledge of them; one that the model lacks counts at its off value, if any.
+
+    Sizes have none: segments lack them, in both fits that are compared.
+    """
     values, total = dict(zip(at.names, at.constants.tolist(), strict=True)), 0.0
     for name, (mean, sd) in at.problem.known.items():
         value = values[name] if name in values else at.model.meta(name)["off"]
-        total += ((value - mean) / sd) ** 2
+        total += 0.0 if value is None else ((value - mean) / sd) ** 2
     return float(total)
 
 
