@@ -162,7 +162,9 @@ class Model:
     execution: Mapping[str, float] = field(
         default_factory=dict
     )  # how well the launcher repeats, for the planner to read
-    sizes: Mapping[str, Any] = field(default_factory=dict)  # of table and ball, as fitted; what is played, see models/sizes.py
+    sizes: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # of table and ball, as fitted; what is played, see models/sizes.py
     engine: str = "events"  # what plays it: "events", the compiled event engine, or "mujoco"; not part of a file
 
     def stack(self) -> tuple[Effect, ...]:

@@ -28,6 +28,7 @@ from sysid.estimation.initial_states import (
     with_scatter,
 )
 from sysid.estimation.joint_fit import Solution, StoppingRule, fit_joint
+from sysid.estimation.lone_shots import from_other_optima
 from sysid.estimation.problem import Array, Index, shared_constants, values_of
 from sysid.estimation.shot_problem import ShotProblem
 
@@ -70,7 +71,7 @@ def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False)
     problem = with_scatter(problem, x)
     start = Point(problem, x, c, problem.discrepancy_rate(x, c))
     if not pieces:
-        return fit(start, what, UNFOLLOWED_RATE)
+        return _from_better_optima(fit(start, what, UNFOLLOWED_RATE), what)
     for _ in range(2):
         log.info("%s, other spins", what)
         seen = problem.with_discrepancy(start.discrepancy_rate)
@@ -78,6 +79,22 @@ def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False)
         start = Point(problem, x, start.constants, problem.discrepancy_rate(x, start.constants))
         start = found = fit(start, what, UNFOLLOWED_RATE)
     return found
+
+
+def _from_better_optima(found: FittedModel, what: str) -> FittedModel:
+    """The fit again where shots that determine constants nearly alone have a better optimum; see `from_other_optima`."""
+    if found.discrepancy_rate > CLOSE_RATE:  # what the model lacks would decide between them
+        return found
+    problem, x, c = found.weighted, found.initial_states, found.constants
+    information = _solve(problem, x, c, NO_STEP, f"{what}, other optima").information
+    moved = from_other_optima(problem, x, c, information)
+    if moved is None:
+        return found
+    log.info("%s, from another optimum of single shots", what)
+    other = fit(Point(found.problem, *moved, found.discrepancy_rate), what, UNFOLLOWED_RATE)
+    seen = found.problem.with_discrepancy(min(found.discrepancy_rate, other.discrepancy_rate))
+    losses = [shot_losses(seen, one.initial_states, one.constants)[0].sum() for one in (found, other)]
+    return other if losses[1] < losses[0] else found
 
 
 def _grown(problem: ShotProblem, what: str) -> tuple[Array, Array]:
