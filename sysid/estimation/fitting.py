@@ -28,7 +28,7 @@ from sysid.estimation.initial_states import (
     with_scatter,
 )
 from sysid.estimation.joint_fit import Solution, StoppingRule, fit_joint
-from sysid.estimation.lone_shots import from_other_optima
+from sysid.estimation.lone_shots import SpinScan, scan_lone_shots
 from sysid.estimation.problem import Array, Index, shared_constants, values_of
 from sysid.estimation.shot_problem import ShotProblem
 
@@ -71,7 +71,7 @@ def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False)
     problem = with_scatter(problem, x)
     start = Point(problem, x, c, problem.discrepancy_rate(x, c))
     if not pieces:
-        return _from_better_optima(fit(start, what, UNFOLLOWED_RATE), what)
+        return settled(fit(start, what, UNFOLLOWED_RATE), what)
     for _ in range(2):
         log.info("%s, other spins", what)
         seen = problem.with_discrepancy(start.discrepancy_rate)
@@ -81,20 +81,36 @@ def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False)
     return found
 
 
-def _from_better_optima(found: FittedModel, what: str) -> FittedModel:
-    """The fit again where shots that determine constants nearly alone have a better optimum; see `from_other_optima`."""
-    if found.discrepancy_rate > CLOSE_RATE:  # what the model lacks would decide between them
+def settled(found: FittedModel, what: str) -> FittedModel:
+    """The fit with the shots that determine constants nearly alone at the best of their sidespins, of which all count.
+
+    It is fitted again where a shot fits better with another sidespin; then standard deviations are widened to hold the
+    constants of all sidespins that fit about as well.
+    """
+    if not found.converged or found.discrepancy_rate > CLOSE_RATE:  # what the model lacks would decide between spins
         return found
+    scans = _scans(found, what)
+    if any(scan.best for scan in scans):
+        x, c = found.initial_states.copy(), found.constants.copy()
+        for scan in scans:
+            if scan.best:
+                x[scan.row], c[scan.some] = scan.states[scan.best], scan.constants[scan.best]
+        other = fit(Point(found.problem, x, c, found.discrepancy_rate), what, UNFOLLOWED_RATE)
+        seen = found.problem.with_discrepancy(min(found.discrepancy_rate, other.discrepancy_rate))
+        before, after = (shot_losses(seen, one.initial_states, one.constants)[0].sum() for one in (found, other))
+        if after < before:
+            found, scans = other, _scans(other, what)
+    variance = np.diag(found.covariance).copy()
+    for scan in scans:
+        variance[scan.some] = np.maximum(variance[scan.some], scan.variance)
+    grown = np.sqrt(variance / np.diag(found.covariance))
+    return dataclasses.replace(found, covariance=found.covariance * np.outer(grown, grown))
+
+
+def _scans(found: FittedModel, what: str) -> list[SpinScan]:
     problem, x, c = found.weighted, found.initial_states, found.constants
-    information = _solve(problem, x, c, NO_STEP, f"{what}, other optima").information
-    moved = from_other_optima(problem, x, c, information)
-    if moved is None:
-        return found
-    log.info("%s, from another optimum of single shots", what)
-    other = fit(Point(found.problem, *moved, found.discrepancy_rate), what, UNFOLLOWED_RATE)
-    seen = found.problem.with_discrepancy(min(found.discrepancy_rate, other.discrepancy_rate))
-    losses = [shot_losses(seen, one.initial_states, one.constants)[0].sum() for one in (found, other)]
-    return other if losses[1] < losses[0] else found
+    information = _solve(problem, x, c, NO_STEP, f"{what}, other sidespins").information
+    return scan_lone_shots(problem, x, c, information)
 
 
 def _grown(problem: ShotProblem, what: str) -> tuple[Array, Array]:

@@ -1,31 +1,61 @@
-"""Shots that determine a constant nearly alone, tried from other spins with that constant fitted along.
+"""Shots that determine a constant nearly alone: their sidespin scanned with that constant fitted along.
 
-In: a problem, where its fit has ended, and the information of every shot. Out: a better start, if there is one.
+In: a problem, where its fit has ended, and the information of every shot. Out: a `SpinScan` of each such shot.
 
-Where a single clip shows two balls meeting, its unknown sidespin and the impact's restitution and friction imitate each
-other: there are several optima, and at the constants of a false one every other spin fits worse. So such a shot is
-fitted from other spins with the constants that hang on it as unknowns of its own. What the other shots say of these
-is their prior.
+Where a single clip shows two balls meeting and nobody knows its sidespin, that spin and the impact's restitution and
+friction imitate each other. The loss then has several optima, since a sidespin that is gone before the impact changes
+nothing, and none of them is a parabola. At the constants of a false optimum every other spin fits worse. So such a shot
+is fitted at each of many sidespins, with the constants that hang on it as unknowns of its own; what the other shots say
+of these is their prior. The best of them is a better start; and with losses L the constants c scatter about the best by
+
+    var = sum w (c - c_best)^2 / sum w,    w = exp(-(L - L_best) / tau),    tau the noise's correlation time.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from sysid.estimation.initial_states import OTHER_SPINS
 from sysid.estimation.least_squares import Objective, Prior, fit_each
 from sysid.estimation.problem import Array, Index, constant_bounds, constant_steps
 from sysid.estimation.shot_problem import ShotProblem
+from sysid.estimation.start_values import MISCUE_SPIN
 
-LONE_SHARE = 0.3  # of the information on a constant, from which a shot is tried
-TRIAL_STEPS, TRIAL_TOLERANCE = 25, 1e-6
-MIN_LOSS_GAIN = 1.0  # of a shot, for which it is moved
+LONE_SHARE = 0.3  # of the information on a constant, from which a shot is scanned
+SPINS = 41  # sidespins between the miscue limits
+SPIN = 6  # number of the sidespin in an initial state
+HELD_SPIN_SD = 1e-3  # of the distance of two sidespins: how firmly each is held
+SCAN_STEPS, SCAN_TOLERANCE = 20, 1e-5
+MIN_GAIN = 1.0  # of a shot's loss, for which it is moved
 
 
-def from_other_optima(problem: ShotProblem, x: Array, c: Array, information: Array) -> tuple[Array, Array] | None:
-    """Initial states (n, p) and constants (q,) with the shots that determine constants nearly alone at better optima.
+@dataclass(frozen=True)
+class SpinScan:
+    """One shot at many sidespins, the first as fitted."""
 
-    None where none of them has a better one.
+    row: int  # number of the shot
+    some: Index  # (m,) numbers of the constants that hang on it
+    states: Array  # (k, p)
+    constants: Array  # (k, m)
+    loss: Array  # (k,)
+    correlation_time: float  # of the noise [samples]
+
+    @property
+    def best(self) -> int:
+        """Which of them fits best; 0 where none is clearly better than the first."""
+        k = int(np.argmin(self.loss))
+        return k if self.loss[k] < self.loss[0] - MIN_GAIN else 0
+
+    @property
+    def variance(self) -> Array:
+        """Of the constants about the first, over all sidespins that fit about as well: (m,)."""
+        weight = np.exp(-np.maximum(self.loss[1:] - self.loss[1:].min(), 0.0) / self.correlation_time)
+        return np.asarray(weight @ (self.constants[1:] - self.constants[0]) ** 2 / weight.sum())
+
+
+def scan_lone_shots(problem: ShotProblem, x: Array, c: Array, information: Array) -> list[SpinScan]:
+    """Scans of the shots that determine constants nearly alone and whose stroke nobody knows.
 
     Args:
         problem: whole shots.
@@ -35,47 +65,36 @@ def from_other_optima(problem: ShotProblem, x: Array, c: Array, information: Arr
     """
     each = np.einsum("nqq->nq", information)
     share = each / np.maximum(each.sum(axis=0), 1e-300)
-    x, c, better = x.copy(), c.copy(), False
+    scans = []
     for row in np.flatnonzero((share > LONE_SHARE).any(axis=1)).tolist():
         if problem.clips[row].cue is None:
             some = np.flatnonzero(share[row] > LONE_SHARE)
-            best = _best_of_shot(problem, row, some, (x, c), each[:, some].sum(axis=0) - each[row, some])
-            if best is not None:
-                better, x[row], c[some] = True, *best
-    return (x, c) if better else None
+            scans.append(_scan(problem, row, some, (x[row], c), each[:, some].sum(axis=0) - each[row, some]))
+    return scans
 
 
-def _best_of_shot(
-    problem: ShotProblem, row: int, some: Index, at: tuple[Array, Array], others: Array
-) -> tuple[Array, Array] | None:
-    """The state (p,) of one shot and constants number `some`, of which other shots have information `others`.
-
-    None where they are at their best.
-    """
+def _scan(problem: ShotProblem, row: int, some: Index, at: tuple[Array, Array], others: Array) -> SpinScan:
+    """One shot from its state and all constants, `at`; other shots have information `others` on constants `some`."""
     x, c = at
-    p, names = x.shape[1], [problem.names[k] for k in some]
+    p, names = x.size, [problem.names[k] for k in some]
     bounds = constant_bounds(problem.model, names)
     sd = np.minimum(1.0 / np.sqrt(np.maximum(others, 1e-300)), bounds[:, 1] - bounds[:, 0])
-    plain, prior = problem.objective(), problem.prior
+    plain, own = problem.objective(), problem.prior.only(np.array([row]))
 
     def evaluate(both: Array, fixed: Array, which: Index) -> Array:
         values = np.array(np.broadcast_to(fixed, (len(both), c.size)))
         values[:, some] = both[:, p:]
-        return problem.evaluate(np.ascontiguousarray(both[:, :p]), values, which)
+        return problem.evaluate(np.ascontiguousarray(both[:, :p]), values, np.full(len(which), row))
 
-    start = np.concatenate([x[row], c[some]])
-    trials = np.tile(start, (1 + len(OTHER_SPINS), 1))
-    for trial, (unknown, shift) in zip(trials[1:], OTHER_SPINS, strict=True):
-        trial[unknown] += shift * np.hypot(start[2], start[3])
-    n = len(x)
-    known = Prior(
-        np.concatenate([prior.mean, np.tile(c[some], (n, 1))], axis=1),
-        np.concatenate([np.broadcast_to(prior.sd, (n, p)), np.tile(sd, (n, 1))], axis=1),
-    )
+    spins = np.linspace(-1.0, 1.0, SPINS) * MISCUE_SPIN * np.hypot(x[2], x[3])
+    trials = np.tile(np.concatenate([x, c[some]]), (1 + SPINS, 1))
+    trials[1:, SPIN] = spins
+    mean = np.tile(np.concatenate([own.mean.ravel(), c[some]]), (1 + SPINS, 1))
+    spread = np.tile(np.concatenate([own.sd.ravel(), sd]), (1 + SPINS, 1))
+    mean[1:, SPIN], spread[1:, SPIN] = spins, HELD_SPIN_SD * (spins[1] - spins[0])
     objective = Objective(
-        evaluate, np.concatenate([plain.steps, constant_steps(problem.model, names)]), known, plain.cauchy_sd,
-        plain.correlation_time, np.concatenate([plain.bounds, bounds]),
+        evaluate, np.concatenate([plain.steps, constant_steps(problem.model, names)]), Prior(mean, spread),
+        plain.cauchy_sd, plain.correlation_time, np.concatenate([plain.bounds, bounds]),
     )  # fmt: skip
-    found, cost = fit_each(objective, trials, c, TRIAL_STEPS, np.full(len(trials), row), TRIAL_TOLERANCE)
-    k = int(np.argmin(cost))
-    return (found[k, :p], found[k, p:]) if cost[k] < cost[0] - MIN_LOSS_GAIN else None
+    found, loss = fit_each(objective, trials, c, SCAN_STEPS, tolerance=SCAN_TOLERANCE)
+    return SpinScan(row, some, found[:, :p], found[:, p:], loss, problem.correlation_time)
