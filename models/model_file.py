@@ -197,7 +197,7 @@ class Model:
     def meta(self, name: str) -> dict[str, Any]:
         """Unit, bounds, source and off value of a constant."""
         if name in SIZE_NAMES:
-            return size_meta(stated_size(name, self.table, self.ball))
+            return size_meta(name, stated_size(name, self.table, self.ball))
         effect, key = name.split(".")
         own = next((e for e in (self.native, *self.effects) if e.name() == effect), None)
         return (effect_class(effect) if own is None else own).parameters()[key]

@@ -14,8 +14,10 @@ from models.shot import Ball, Table
 
 TABLE_LENGTH, TABLE_WIDTH, BALL_DIAMETER = "table.length", "table.width", "ball.diameter"
 SIZE_NAMES = (TABLE_LENGTH, TABLE_WIDTH, BALL_DIAMETER)
-MAX_SIZE_ERROR = 0.03  # of a stated size, to either side of it: `sysid check` finds what is further off
-SIZE_SOURCE = "as stated, 3 % to either side"
+# Of a stated size, to either side: three standard deviations of how a tape and a caliper measure it. A fit that lacks
+# an effect would bend a size further; what is further off is seen as a camera's scale, or found by `sysid check`.
+MAX_SIZE_ERRORS = {TABLE_LENGTH: 0.01, TABLE_WIDTH: 0.01, BALL_DIAMETER: 0.015}
+SIZE_SOURCE = "as stated, give or take three standard deviations of a tape or a caliper"
 
 
 def stated_size(name: str, table: Table, ball: Ball) -> float:
@@ -23,9 +25,9 @@ def stated_size(name: str, table: Table, ball: Ball) -> float:
     return {TABLE_LENGTH: table.length, TABLE_WIDTH: table.width, BALL_DIAMETER: ball.diameter}[name]
 
 
-def size_meta(stated: float) -> dict[str, Any]:
+def size_meta(name: str, stated: float) -> dict[str, Any]:
     """Unit, bounds and source of a size, as effects declare theirs; a size is never off."""
-    bounds = ((1 - MAX_SIZE_ERROR) * stated, (1 + MAX_SIZE_ERROR) * stated)
+    bounds = ((1 - MAX_SIZE_ERRORS[name]) * stated, (1 + MAX_SIZE_ERRORS[name]) * stated)
     return {"default": stated, "off": None, "unit": "m", "bounds": bounds, "source": SIZE_SOURCE}
 
 

@@ -82,7 +82,7 @@ def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False)
 
 
 def settled(found: FittedModel, what: str) -> FittedModel:
-    """The fit with the shots that determine constants nearly alone at the best of their sidespins, of which all count.
+    """The fit with the shots that determine constants nearly alone at the best of their sidespins.
 
     It is fitted again where a shot fits better with another sidespin; then standard deviations are widened to hold the
     constants of all sidespins that fit about as well.

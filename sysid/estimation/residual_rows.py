@@ -205,8 +205,8 @@ def residual_rows(  # type: ignore[no-untyped-def]
         # Where the engine ends a shot early, its balls stay where they were.
         play_shot(
             work, start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row],
-            mass, radius[row], span[row], half[row], mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS, looked,
-            track[:seen, :n], log, who, counts, potted[:n],
+            mass, radius[row], span[row], half[row], mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS,
+            looked, track[:seen, :n], log, who, counts, potted[:n],
         )  # fmt: skip
         for i in range(n):
             last_seen = 0

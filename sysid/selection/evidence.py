@@ -59,9 +59,9 @@ def compare_fits(one: Point, two: Point, by: Point | None = None, tau: float | N
 
 
 def _chi2_of_known(at: Point) -> float:
-    """Chi-square of constants against prior knowledge of them; one that the model lacks counts at its off value, if any.
+    """Chi-square of constants against prior knowledge of them; one that the model lacks counts at its off value.
 
-    Sizes have none: segments lack them, in both fits that are compared.
+    Sizes, which segments lack in both fits that are compared, have none and count nothing.
     """
     values, total = dict(zip(at.names, at.constants.tolist(), strict=True)), 0.0
     for name, (mean, sd) in at.problem.known.items():
