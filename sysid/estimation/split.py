@@ -25,7 +25,7 @@ from sysid.clips.noise import noise_correlation, position_noise
 from sysid.clips.outliers import remove_outliers
 from sysid.clips.pieces import cut_clips
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
-from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out
+from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out, settled
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
@@ -202,6 +202,14 @@ def _fit_training(parts: Split, model: Model, what: str) -> FittedModel:
 def fit_on(parts: Split, start: Point, before: FittedModel, what: str) -> FittedModel:
     """A fit from a start, see `fit`, evaluated on the held-out clips; `before` has nearly right states of these."""
     return tried(parts, fit(start, what), before)
+
+
+def settled_on(parts: Split, found: FittedModel) -> FittedModel:
+    """A fit of whole shots, see `settled`, evaluated on the held-out clips."""
+    if parts.cut:
+        return found
+    now = settled(found, "the last model")
+    return now if now.initial_states is found.initial_states else tried(parts, now, found)
 
 
 def tried(parts: Split, found: FittedModel, before: FittedModel | None) -> FittedModel:
