@@ -159,7 +159,7 @@ class World:
             begin, end = data.time, data.time + self.mj_model.opt.timestep
             qpos, qvel, kept = data.qpos, data.qvel, data.userdata
             take_over(qpos, qvel, data.xfrc_applied, begin, end - begin, self._qpos, self._qvel, self._bodies, kept,
-                  self._game.mass, self._game.radius, self._game.half)  # fmt: skip
+                  self._game.mass, self._game.radius[0], self._game.half[0])  # fmt: skip
             if not play_step(kept, end, self._qpos, self._qvel, qpos, qvel, self._own.ctypes.data, *self._rest):
                 raise RuntimeError(
                     f"the step from {begin:.6f} s has not come to its end after {MAX_STEP_EVENTS} events"
@@ -175,7 +175,7 @@ class World:
     def in_play(self, data: Any) -> tuple[str, ...]:
         """Names of the balls that are on the table."""
         places = self._places(getattr(data, "ptr", data))
-        inside = (np.abs(places[:, :2]) <= self._game.half).all(axis=1) & (places[:, 2] > 0.0)
+        inside = (np.abs(places[:, :2]) <= self._game.half[0]).all(axis=1) & (places[:, 2] > 0.0)
         return tuple(name for name, there in zip(self.names, inside, strict=True) if there)
 
     def _places(self, data: mujoco.MjData) -> Array:

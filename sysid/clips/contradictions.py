@@ -244,8 +244,8 @@ def size_notes(clip_set: ClipSet) -> list[str]:
         if min(plus.count, minus.count) and abs(size - stated) > max(REBOUND_BIAS_M, NOTED_ERRORS * error):
             found.append(
                 f"{CLIPS_TOML}: {key} = {stated:g} m, but rebounds put the cushions {size:.3f} m apart, give or take "
-                f"{error * 1e3:.0f} mm: measure it again from nose to nose, or calibrate the camera; sysid discover says "
-                "which of them is off"
+                f"{error * 1e3:.0f} mm: measure it again from nose to nose, or calibrate the camera; "
+                "sysid discover says which of them is off"
             )
     return found
 

@@ -168,9 +168,9 @@ def table_lines(found: DiscoveryResult) -> list[str]:
     scale, aspect = values.get("image_scale.stretch", 0.0), values.get("image_aspect.aspect", 0.0)
     length, width = (size * (1 + scale) * (1 + sign * aspect) for size, sign in ((table.length, 1), (table.width, -1)))
     return [
-        f"the cushions are seen {length:.4f} m by {width:.4f} m apart, not {stated.length:g} m by {stated.width:g} m "
-        "as clips.toml has it: measure the table again; if the picture is right, write what was measured into clips.toml "
-        "and run this again, since friction is wrong by as much"
+        f"the cushions are seen {length:.4f} m by {width:.4f} m apart, not {stated.length:g} m by "
+        f"{stated.width:g} m as clips.toml has it: measure the table again; if the picture is right, write what was "
+        "measured into clips.toml and run this again, since friction is wrong by as much"
     ]
 
 
