@@ -49,9 +49,14 @@ class SpinScan:
 
     @property
     def variance(self) -> Array:
-        """Of the constants about the first, over all sidespins that fit about as well: (m,)."""
-        weight = np.exp(-np.maximum(self.loss[1:] - self.loss[1:].min(), 0.0) / self.correlation_time)
-        return np.asarray(weight @ (self.constants[1:] - self.constants[0]) ** 2 / weight.sum())
+        """Of the constants about the first, over all sidespins that fit about as well: (m,).
+
+        At least that of the first and any other one alone: many sidespins that change nothing do not outvote one.
+        """
+        weight = np.exp(-np.maximum(self.loss[1:] - self.loss.min(), 0.0) / self.correlation_time)
+        square = (self.constants[1:] - self.constants[0]) ** 2
+        alone = (weight / (1.0 + weight))[:, None] * square
+        return np.asarray(np.maximum(weight @ square / max(float(weight.sum()), 1e-300), alone.max(axis=0)))
 
 
 def scan_lone_shots(problem: ShotProblem, x: Array, c: Array, information: Array) -> list[SpinScan]:
@@ -77,7 +82,8 @@ def _scan(problem: ShotProblem, row: int, some: Index, at: tuple[Array, Array], 
     """One shot from its state and all constants, `at`; other shots have information `others` on constants `some`."""
     x, c = at
     p, names = x.size, [problem.names[k] for k in some]
-    bounds = constant_bounds(problem.model, names)
+    bounds, steps = constant_bounds(problem.model, names), constant_steps(problem.model, names)
+    steps = np.where(c[some] + steps > bounds[:, 1], -steps, steps)
     sd = np.minimum(1.0 / np.sqrt(np.maximum(others, 1e-300)), bounds[:, 1] - bounds[:, 0])
     plain, own = problem.objective(), problem.prior.only(np.array([row]))
 
@@ -93,7 +99,7 @@ def _scan(problem: ShotProblem, row: int, some: Index, at: tuple[Array, Array], 
     spread = np.tile(np.concatenate([own.sd.ravel(), sd]), (1 + SPINS, 1))
     mean[1:, SPIN], spread[1:, SPIN] = spins, HELD_SPIN_SD * (spins[1] - spins[0])
     objective = Objective(
-        evaluate, np.concatenate([plain.steps, constant_steps(problem.model, names)]), Prior(mean, spread),
+        evaluate, np.concatenate([plain.steps, steps]), Prior(mean, spread),
         plain.cauchy_sd, plain.correlation_time, np.concatenate([plain.bounds, bounds]),
     )  # fmt: skip
     found, loss = fit_each(objective, trials, c, SCAN_STEPS, tolerance=SCAN_TOLERANCE)

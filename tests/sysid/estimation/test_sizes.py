@@ -90,5 +90,8 @@ def test_spins_that_fit_as_well_widen_and_worse_ones_do_not() -> None:
     scan = SpinScan(0, np.array([0]), np.zeros((4, 7)), constants, np.array([10.0, 10.0, 10.0, 60.0]), 1.0)
     assert scan.best == 0
     assert scan.variance == pytest.approx([0.5 * 0.02**2], rel=1e-6)
+    rows = [0, *[1] * 20, 2, 3]  # many that change nothing do not outvote one
+    many = SpinScan(0, scan.some, scan.states[rows], scan.constants[rows], scan.loss[rows], 1.0)
+    assert many.variance == pytest.approx([0.5 * 0.02**2], rel=1e-6)
     better = dataclasses.replace(scan, loss=np.array([10.0, 10.0, 8.5, 60.0]))
     assert better.best == 2
