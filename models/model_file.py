@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any
 
+import numpy as np
 import tomli_w
 
 import models.effects
@@ -27,6 +28,7 @@ from models.files.decode import Allowed, Place, check_keys, read_value, usable
 from models.files.faults import Faults
 from models.mjcf.native import Native
 from models.shot import Ball, Table
+from models.sizes import SIZE_NAMES, size_meta, stated_size, with_sizes
 
 MODEL_FORMAT = "billiard-model/1"
 
@@ -160,6 +162,9 @@ class Model:
     execution: Mapping[str, float] = field(
         default_factory=dict
     )  # how well the launcher repeats, for the planner to read
+    sizes: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # of table and ball, as fitted; what is played, see models/sizes.py
     engine: str = "events"  # what plays it: "events", the compiled event engine, or "mujoco"; not part of a file
 
     def stack(self) -> tuple[Effect, ...]:
@@ -177,31 +182,46 @@ class Model:
             for key in effect.parameters():
                 if effect is not self.native or not key.startswith(gone or ("\0",)):
                     found[f"{effect.name()}.{key}"] = getattr(effect, key)
-        return found
+        return found | dict(self.sizes)
+
+    def as_played(self) -> Model:
+        """The model with the sizes that were fitted as those of its table and ball."""
+        if not self.sizes:
+            return self
+        several = [name for name, value in self.sizes.items() if np.ndim(value)]
+        if several:
+            raise ValueError(f"{several[0]} has one value per simulation; give one number for a single table")
+        table, ball = with_sizes(self.table, self.ball, self.sizes)
+        return dataclasses.replace(self, table=table, ball=ball, sizes={})
 
     def meta(self, name: str) -> dict[str, Any]:
         """Unit, bounds, source and off value of a constant."""
+        if name in SIZE_NAMES:
+            return size_meta(name, stated_size(name, self.table, self.ball))
         effect, key = name.split(".")
         own = next((e for e in (self.native, *self.effects) if e.name() == effect), None)
         return (effect_class(effect) if own is None else own).parameters()[key]
 
     def with_values(self, values: Mapping[str, Any]) -> Model:
         """The model with other values of its constants: numbers, or one per simulation."""
-        native, effects = self.native, list(self.effects)
+        native, effects, sizes = self.native, list(self.effects), dict(self.sizes)
         for name, value in values.items():
             owner, key = name.split(".")
-            if owner == "native":
+            if name in SIZE_NAMES:
+                sizes[name] = value
+            elif owner == "native":
                 native = dataclasses.replace(native, **{key: value})
             else:
                 k = [e.name() for e in effects].index(owner)
                 effects[k] = dataclasses.replace(effects[k], **{key: value})
-        return dataclasses.replace(self, native=native, effects=tuple(effects))
+        return dataclasses.replace(self, native=native, effects=tuple(effects), sizes=sizes)
 
     def select(self, index: Any) -> Model:
         """The model with per-simulation parameters narrowed to some simulations."""
         chosen = tuple(e.select(index) for e in self.effects)
         native = dataclasses.replace(self.native, **vars(self.native.select(index)))
-        return dataclasses.replace(self, native=native, effects=chosen)
+        sizes = {name: v[index] if np.ndim(v) else v for name, v in self.sizes.items()}
+        return dataclasses.replace(self, native=native, effects=chosen, sizes=sizes)
 
     def add(self, effect: Effect) -> Model:
         """The model with one more effect; one of the same slot or name gives way."""
@@ -232,16 +252,16 @@ class ModelFile:
     ball: Ball
     native: Mapping[str, Any] = field(default_factory=dict)
     effect: Annotated[tuple[Mapping[str, Any], ...], Allowed(form="[[effect]] with a name and parameters")] = ()
+    size: Mapping[str, Any] = field(default_factory=dict)  # of table and ball, as fitted
     fit: Mapping[str, Any] = field(default_factory=dict)
     execution: Annotated[Mapping[str, float], Allowed(0.0)] = field(default_factory=dict)  # by their names there
 
 
 def _parameters(
-    given: Mapping[str, Any], kind: type[Effect], place: Place
+    given: Mapping[str, Any], owner: str, known: Mapping[str, Mapping[str, Any]], place: Place
 ) -> tuple[dict[str, float], dict[str, Estimate]]:
-    """Values and estimates of an effect's constants."""
+    """Values, by key, and estimates, by `owner` and key, of constants of which unit, bounds and off are known."""
     values, estimates = {}, {}
-    known = kind.parameters()
     check_keys(given, known, place)
     for key in (key for key in given if key in known):
         item = given[key] if isinstance(given[key], Mapping) else {"value": given[key]}
@@ -251,7 +271,7 @@ def _parameters(
             value = read_value(key, value, float, Allowed(low, high, known[key]["unit"]), place)
         if value is not None:
             values[key] = float(value)
-            estimates[f"{kind.name()}.{key}"] = Estimate(found.get("sd", math.nan), found.get("source", ""))
+            estimates[f"{owner}{key}"] = Estimate(found.get("sd", math.nan), found.get("source", ""))
     return values, estimates
 
 
@@ -259,8 +279,12 @@ def read_model(path: Path | str) -> Model:
     """Read a model file; BadInput names what is wrong in it."""
     file = read_toml(path, ModelFile, MODEL_FORMAT, "name a model file")
     faults = Faults()
-    values, estimates = _parameters(file.native, Native, Place(str(path), faults, name="native"))
+    place = Place(str(path), faults, name="native")
+    values, estimates = _parameters(file.native, "native.", Native.parameters(), place)
     model = Model(file.table, file.ball, Native(**values), fitted=file.fit, execution=file.execution)
+    metas = {name: model.meta(name) for name in SIZE_NAMES}
+    sizes, known = _parameters(file.size, "", metas, Place(str(path), faults, name="size"))
+    model, estimates = model.with_values(sizes), estimates | known
     for given in file.effect:
         try:
             kind = effect_class(str(given.get("name", "")))
@@ -268,7 +292,8 @@ def read_model(path: Path | str) -> Model:
             faults.add(str(path), str(error))
             continue
         rest = {key: value for key, value in given.items() if key != "name"}
-        values, known = _parameters(rest, kind, Place(str(path), faults, name=f"effect {kind.name()}"))
+        place = Place(str(path), faults, name=f"effect {kind.name()}")
+        values, known = _parameters(rest, f"{kind.name()}.", kind.parameters(), place)
         estimates |= known
         model = model.add(kind(**values))
     return faults.settle(dataclasses.replace(model, estimates=estimates))
@@ -278,13 +303,14 @@ def write_model(model: Model, path: Path | str) -> None:
     """Write a model file, whole or not at all."""
     path = Path(path)
 
+    def item(name: str, value: float, meta: Mapping[str, Any]) -> dict[str, Any]:
+        known = model.estimates.get(name, Estimate(source=meta["source"]))
+        out = {"value": float(value), "unit": meta["unit"], "source": known.source}
+        return out | ({"sd": known.sd} if math.isfinite(known.sd) else {})
+
     def entry(effect: Effect) -> dict[str, Any]:
-        out: dict[str, Any] = {}
-        for key, meta in effect.parameters().items():
-            known = model.estimates.get(f"{effect.name()}.{key}", Estimate(source=meta["source"]))
-            item = {"value": float(getattr(effect, key)), "unit": meta["unit"], "source": known.source}
-            out[key] = item | ({"sd": known.sd} if math.isfinite(known.sd) else {})
-        return out
+        known = effect.parameters()
+        return {key: item(f"{effect.name()}.{key}", getattr(effect, key), meta) for key, meta in known.items()}
 
     data: dict[str, Any] = {
         "format": MODEL_FORMAT,
@@ -293,6 +319,8 @@ def write_model(model: Model, path: Path | str) -> None:
         "native": entry(model.native),
         "effect": [{"name": e.name(), **entry(e)} for e in model.effects],
     }
+    if model.sizes:
+        data["size"] = {name: item(name, value, model.meta(name)) for name, value in model.sizes.items()}
     if model.fitted:
         data["fit"] = dict(model.fitted)
     if model.execution:

@@ -260,16 +260,19 @@ def play_rows(  # type: ignore[no-untyped-def]
     first, last, start, stays, struck, order, own, forces, support, horizon, impact, strike, cloth, mass, radius,
     limits, half, mouths, jaws, falls, table, clusters, until, most, times, out, log, who, count, end, potted,
 ):  # fmt: skip
-    """Play shots number `first` to `last`: `start` (n, nball, 8) in and out, `times` (n, m), `out` (n, m, nball, 8)."""
+    """Play shots number `first` to `last`: `start` (n, nball, 8) in and out, `times` (n, m), `out` (n, m, nball, 8).
+
+    `radius` (n,), `limits` (n, 2) and `half` (n, 2) are those of each shot's balls and table.
+    """
     cue, work = np.zeros(STROKE_FIELDS), workspace(start.shape[1], forces.shape[0] > 0)
     for s in range(first, last):
         at = own[s].ctypes.data
         launch = 0.0
         if struck[s]:
             b = start[s, 0]
-            launch = deliver(b[col.VX : col.WX], b[col.WX : ROW_SIZE], at, strike, radius, mass, cue)
+            launch = deliver(b[col.VX : col.WX], b[col.WX : ROW_SIZE], at, strike, radius[s], mass, cue)
         end[s] = play_shot(
-            work, start[s], stays[s], launch, order[s], at, forces, support, horizon, impact, cloth[s], mass, radius,
-            limits, half, mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s], log[s], who[s],
+            work, start[s], stays[s], launch, order[s], at, forces, support, horizon, impact, cloth[s], mass, radius[s],
+            limits[s], half[s], mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s], log[s], who[s],
             count[s], potted[s],
         )  # fmt: skip

@@ -18,7 +18,8 @@ from models.analytic.spring import damping_table
 from models.engine.loop import ROW_SIZE, play_rows
 from models.engine.touch import BALL, POCKET
 from models.hooks import Array, Hooks, hooks_of
-from models.shot import Event, Shot, Track
+from models.shot import NOSE_COSINE, Event, Shot, Track
+from models.sizes import SIZE_NAMES, stated_size
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -67,10 +68,10 @@ class Game:
     hooks: Hooks
     cloth: Array  # (n, 3): friction of sliding and rolling, deceleration of sidespin [rad/s^2]
     pockets: Pockets
-    limits: Array
-    half: Array
-    mass: float
-    radius: float
+    limits: Array  # (n, 2) largest |x|, |y| of a ball's centre [m]
+    half: Array  # (n, 2) of length and width [m]
+    mass: float  # [kg]
+    radius: Array  # (n,) [m]
 
 
 def lacking(model: Model) -> str:
@@ -88,21 +89,26 @@ def lay_out(model: Model, count: int, jaws: bool = False) -> Game:
     """A model for `count` shots; its parameters are numbers or (count,) arrays.
 
     Raises:
-        ValueError: for a model that the engine does not play.
+        ValueError: for a model that the engine does not play, and for tables of several sizes with jaws.
     """
     if why := lacking(model):
         raise ValueError(f"the event engine does not play this model: {why}")
     stack = model.stack()[1:]
     cloth = next(e for e in stack if e.slot == "cloth")
     laws = np.stack([np.broadcast_to(np.asarray(getattr(cloth, k), float), (count,)) for k in CLOTH_CONSTANTS])
-    return _game(model, hooks_of([e for e in stack if e is not cloth], count), np.ascontiguousarray(laws.T), jaws)
+    sizes = np.empty((count, len(SIZE_NAMES)))
+    for k, name in enumerate(SIZE_NAMES):
+        sizes[:, k] = model.sizes.get(name, stated_size(name, model.table, model.ball))
+    hooks = hooks_of([e for e in stack if e is not cloth], count)
+    return _game(model, hooks, np.ascontiguousarray(laws.T), sizes, jaws)
 
 
-def _game(model: Model, hooks: Hooks, cloth: Array, jaws: bool) -> Game:
-    table, ball = model.table, model.ball
-    pockets = pockets_of(table, ball) if jaws else Pockets(table.mouths(), NO_ARCS, NO_ARCS)
-    half = np.array([table.length, table.width]) / 2
-    return Game(hooks, cloth, pockets, table.centre_limits(ball), half, ball.mass, ball.radius)
+def _game(model: Model, hooks: Hooks, cloth: Array, sizes: Array, jaws: bool) -> Game:
+    """A game on tables of these sizes (n, 3), in the order of SIZE_NAMES [m]."""
+    played = model.as_played() if jaws else model
+    pockets = pockets_of(played.table, played.ball) if jaws else Pockets(model.table.mouths(), NO_ARCS, NO_ARCS)
+    half, radius = sizes[:, :2] / 2, sizes[:, 2] / 2
+    return Game(hooks, cloth, pockets, half - NOSE_COSINE * radius[:, None], half, model.ball.mass, radius)
 
 
 class Layout:
@@ -112,39 +118,43 @@ class Layout:
         """Find where in a row of parameters each of the constants `names` stands."""
         self.model, self.effects = model, [e for e in model.effects if e.slot != "cloth"]
         cloth = next(e for e in model.effects if e.slot == "cloth")
+        stated = {name: stated_size(name, model.table, model.ball) for name in SIZE_NAMES}
+        self.sizes = np.array([[float((stated | dict(model.sizes))[name]) for name in SIZE_NAMES]])
         self.cloth = np.array([[float(getattr(cloth, k)) for k in CLOTH_CONSTANTS]])
         rows = [e.row(1) for e in self.effects]
         self.own = np.concatenate([*rows, np.zeros((1, 0))], axis=1)
         self.begins = np.cumsum([0, *(r.shape[1] for r in rows)])
-        self.places: list[tuple[bool, int]] = []  # of each constant: whether it is the cloth's, and its column
+        self.places: list[tuple[str, int]] = []  # of each constant: whether of cloth, sizes or effects, and its column
         self.offs: list[list[tuple[int, float]]] = [[] for _ in self.effects]  # column and off value of its switches
         owners = [e.name() for e in self.effects]
         for name in names:
             owner, key = name.split(".")
-            if owner == cloth.name():
-                self.places.append((True, CLOTH_CONSTANTS.index(key)))
+            if name in SIZE_NAMES:
+                self.places.append(("sizes", SIZE_NAMES.index(name)))
+            elif owner == cloth.name():
+                self.places.append(("cloth", CLOTH_CONSTANTS.index(key)))
             else:
                 n = owners.index(owner)
-                self.places.append((False, int(self.begins[n]) + list(self.effects[n].parameters()).index(key)))
+                self.places.append(("own", int(self.begins[n]) + list(self.effects[n].parameters()).index(key)))
         for n, effect in enumerate(self.effects):
             for k, meta in enumerate(effect.parameters().values()):
                 if meta["off"] is not None:
                     self.offs[n].append((int(self.begins[n]) + k, meta["off"]))
-        self.games: dict[tuple[bool, ...], Game] = {}  # by which effects are on
+        self.hooks: dict[tuple[bool, ...], Hooks] = {}  # by which effects are on
 
     def game(self, c: Array) -> Game:
         """The model with constants c (n, q) for n shots; effects that are off in all of them are left out."""
         n = len(c)
-        own, cloth = np.repeat(self.own, n, axis=0), np.repeat(self.cloth, n, axis=0)
-        for k, (is_cloth, column) in enumerate(self.places):
-            (cloth if is_cloth else own)[:, column] = c[:, k]
+        rows = {name: np.repeat(getattr(self, name), n, axis=0) for name in ("own", "cloth", "sizes")}
+        for k, (name, column) in enumerate(self.places):
+            rows[name][:, column] = c[:, k]
+        own = rows["own"]
         on = tuple(not offs or any(bool((own[:, column] != off).any()) for column, off in offs) for offs in self.offs)
-        if on not in self.games:
+        if on not in self.hooks:
             some = [e for e, here in zip(self.effects, on, strict=True) if here]
             begins = [int(b) for b, here in zip(self.begins, on, strict=False) if here]
-            self.games[on] = _game(self.model, hooks_of(some, 1, begins), self.cloth, False)
-        found = self.games[on]
-        return dataclasses.replace(found, hooks=dataclasses.replace(found.hooks, own=own), cloth=cloth)
+            self.hooks[on] = hooks_of(some, 1, begins)
+        return _game(self.model, dataclasses.replace(self.hooks[on], own=own), rows["cloth"], rows["sizes"], False)
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ class Sizes:
             if value is not None and model_file:
                 raise BadInput(f"--{name} beside --model, which has its own; leave one of them out")
         if model_file:
-            return read_model(model_file)
+            return read_model(model_file).as_played()
         table, ball = SNOOKER_TABLE, SNOOKER_BALL
         return Model(
             Table(self.length or table.length, self.width or table.width, not self.no_pockets),

@@ -25,11 +25,11 @@ def _check(model: Model, shots: Sequence[Shot], jaws: bool) -> None:
                 f"jaws need effects that take over cloth, balls and cushions; this model has none for "
                 f"{', '.join(missing)}: add decoupled_cloth, ball_impact, cushion_impact"
             )
-    for effect in model.stack():
-        for key in effect.parameters():
-            shape, name = np.shape(getattr(effect, key)), f"{effect.name()}.{key}"
-            if shape not in ((), (len(shots),)):
-                raise ValueError(f"{name} has shape {shape}; give one number, or one for each of {len(shots)} shots")
+    own = {f"{e.name()}.{key}": getattr(e, key) for e in model.stack() for key in e.parameters()}
+    for name, value in (own | dict(model.sizes)).items():
+        shape = np.shape(value)
+        if shape not in ((), (len(shots),)):
+            raise ValueError(f"{name} has shape {shape}; give one number, or one for each of {len(shots)} shots")
     for k, shot in enumerate(shots):
         n, times = len(shot.names), np.asarray(shot.times, float)
         if n == 0:
@@ -89,13 +89,16 @@ def simulate(
                 progress(done)
         return tracks_found
     tracks: list[Track | None] = [None] * len(shots)
-    sizes = np.array([len(s.names) for s in shots])
+    # A world has one number of balls, and one size of table and ball.
+    sizes = [np.broadcast_to(np.asarray(v, float), (len(shots),)) for v in model.sizes.values()]
+    worlds = np.column_stack([np.array([len(s.names) for s in shots], float), *sizes])
     done = 0
-    for size in np.unique(sizes):
-        rows = np.flatnonzero(sizes == size)
+    for world in np.unique(worlds, axis=0):
+        rows = np.flatnonzero((worlds == world).all(axis=1))
+        own = model.with_values(dict(zip(model.sizes, world[1:].tolist(), strict=True))).as_played()
         for start in range(0, rows.size, CHUNK_SIZE):
             part = rows[start : start + CHUNK_SIZE]
-            batch = Rollout(model, [shots[int(r)] for r in part], part, threads, contacts, jaws)
+            batch = Rollout(own, [shots[int(r)] for r in part], part, threads, contacts, jaws)
             for k, track in zip(part, batch.run(), strict=True):
                 tracks[k] = track
             done += part.size

@@ -86,6 +86,7 @@ class World:
         if why := lacking(model):
             remedy = "add decoupled_cloth, ball_impact, cushion_impact, or play it with models.simulation.simulate"
             raise BadInput(f"this model cannot be stepped: {why}; {remedy}")
+        model = model.as_played()
         self.model, self.names = model, tuple(names)
         spec = build_spec(model.table, model.ball, self.names, model.stack(), furnished=furnished)
         spec.option.timestep = timestep
@@ -101,8 +102,8 @@ class World:
         hooks, pockets = game.hooks, game.pockets
         self._own = hooks.own[0]
         self._rest = (
-            hooks.forces, hooks.support, hooks.horizon, hooks.impact, game.cloth[0], game.mass, game.radius,
-            game.limits, game.half, pockets.ends, pockets.jaws, pockets.falls, damping_table(),
+            hooks.forces, hooks.support, hooks.horizon, hooks.impact, game.cloth[0], game.mass, game.radius[0],
+            game.limits[0], game.half[0], pockets.ends, pockets.jaws, pockets.falls, damping_table(),
         )  # fmt: skip
 
     def place(self, places: Mapping[str, ArrayLike], data: mujoco.MjData | None = None) -> mujoco.MjData:
@@ -135,7 +136,7 @@ class World:
         if not (np.isfinite(v).all() and np.isfinite(w).all()):
             raise ValueError(f"velocity {v[0, 0]}, spin {w[0, 0]}: give finite numbers")
         game, at, to = self._game, self._qpos[0], self._qvel[0]
-        strike_rows(game.hooks.own, game.hooks.strike, game.radius, game.mass, np.ones(1, np.bool_), v, w)
+        strike_rows(game.hooks.own, game.hooks.strike, game.radius[0], game.mass, np.ones(1, np.bool_), v, w)
         local = np.zeros(3)
         turn = data.qpos[at + 3 : at + 7] * [1.0, -1.0, -1.0, -1.0]
         mujoco.mju_rotVecQuat(local, w[0, 0], turn)
@@ -158,7 +159,7 @@ class World:
             begin, end = data.time, data.time + self.mj_model.opt.timestep
             qpos, qvel, kept = data.qpos, data.qvel, data.userdata
             take_over(qpos, qvel, data.xfrc_applied, begin, end - begin, self._qpos, self._qvel, self._bodies, kept,
-                  self._game.mass, self._game.radius, self._game.half)  # fmt: skip
+                  self._game.mass, self._game.radius[0], self._game.half[0])  # fmt: skip
             if not play_step(kept, end, self._qpos, self._qvel, qpos, qvel, self._own.ctypes.data, *self._rest):
                 raise RuntimeError(
                     f"the step from {begin:.6f} s has not come to its end after {MAX_STEP_EVENTS} events"
@@ -174,7 +175,7 @@ class World:
     def in_play(self, data: Any) -> tuple[str, ...]:
         """Names of the balls that are on the table."""
         places = self._places(getattr(data, "ptr", data))
-        inside = (np.abs(places[:, :2]) <= self._game.half).all(axis=1) & (places[:, 2] > 0.0)
+        inside = (np.abs(places[:, :2]) <= self._game.half[0]).all(axis=1) & (places[:, 2] > 0.0)
         return tuple(name for name, there in zip(self.names, inside, strict=True) if there)
 
     def _places(self, data: mujoco.MjData) -> Array:

@@ -53,9 +53,10 @@ class ErrorSamples:
 
 
 def draw_errors(model: Model, execution: Execution, count: int, seed: int) -> ErrorSamples:
-    """Draw `count` samples from a seed; constants without a known uncertainty keep their values."""
+    """Draw `count` samples from a seed; sizes, and constants without a known uncertainty, keep their values."""
     known = model.parameters()
-    names = [n for n in known if n in model.estimates and 0 < model.estimates[n].sd < math.inf]
+    drawn = [n for n in known if n not in model.sizes]  # sizes are known to tenths of a millimetre
+    names = [n for n in drawn if n in model.estimates and 0 < model.estimates[n].sd < math.inf]
     normal = normal_samples(count, 4 + len(names), seed)
     values = {}
     if names:

@@ -27,13 +27,18 @@ def check(clips: Path, json_file: Path | None) -> int:
     Example: sysid check CLIPS
     """
     from sysid.clips import inspect_clip_set
+    from sysid.clips.contradictions import size_notes
 
     found = inspect_clip_set(clips)
     faults = found.fault_lines()
     for line in [*faults, *(f"warning: {warning}" for warning in found.warnings)]:
         print(line)
+    notes = size_notes(found.clip_set) if found.clip_set else []
+    for line in notes:
+        print(f"note: {line}")
     if json_file:
-        write_json(json_file, {"clips": str(clips), "faults": faults, "warnings": list(found.warnings)})
+        said = {"faults": faults, "warnings": list(found.warnings), "notes": notes}
+        write_json(json_file, {"clips": str(clips), **said})
     if found.clip_set is None:
         print(f"{len(faults)} fault{'s' if len(faults) > 1 else ''}")
         return Status.BAD_INPUT

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.shot import Array, Ball, Table
+from models.shot import NOSE_COSINE, Array, Ball, Table
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.names import CLIPS_TOML
 
@@ -36,6 +36,8 @@ SOUND_INTERVAL = 0.1  # relative departure of the stamps' interval from a frame'
 MAX_CUE_SPEED, MAX_SPEED = 13.0, 30.0  # of a hard break, and beyond doubt [m/s]
 SPEED_STEPS = 5  # of which the median is a speed: single samples may be wild
 REST_M = 0.003  # of a ball that has not moved
+REBOUND_BIAS_M = 0.004  # of the cushions' distance: lines through samples cut the corner of a rebound by some mm
+NOTED_ERRORS = 2.0  # standard errors of it, which REBOUND_ERROR makes generous
 BEGINNING_S = 0.03  # of a track, whose median is where the ball rests
 ALONE_M = 0.15  # from others, for an impact of two balls
 SLIDE_M_S2 = 2.0  # deceleration of a ball that has just been struck, 0.2 g
@@ -230,6 +232,22 @@ def _cushions(clip_set: ClipSet) -> Iterator[Contradiction]:
             seen[r].value > _told(clip_set.table, axis) / 2 for r in off
         )  # then single rows are faults as well
         yield Contradiction(CLIPS_TOML, text, beyond or count >= MIN_CERTAIN_REBOUNDS, True)
+
+
+def size_notes(clip_set: ClipSet) -> list[str]:
+    """Cushions that stand noticeably closer or farther apart than stated: the table or the camera is a little off."""
+    seen, found = rebounds(clip_set), []
+    for axis, (letter, key) in enumerate((("x", "length"), ("y", "width"))):
+        plus, minus, stated = seen["+" + letter], seen["-" + letter], _told(clip_set.table, axis)
+        size = plus.value + minus.value + 2 * NOSE_COSINE * clip_set.ball.radius
+        error = float(np.hypot(plus.error, minus.error))
+        if min(plus.count, minus.count) and abs(size - stated) > max(REBOUND_BIAS_M, NOTED_ERRORS * error):
+            found.append(
+                f"{CLIPS_TOML}: {key} = {stated:g} m, but rebounds put the cushions {size:.3f} m apart, give or take "
+                f"{error * 1e3:.0f} mm: measure it again from nose to nose, or calibrate the camera; "
+                "sysid discover says which of them is off"
+            )
+    return found
 
 
 def _told(table: Table, axis: int) -> float:

@@ -9,6 +9,8 @@ rate, whether it converged, and the error on held-out clips. In the order of a f
     shot_problem      whole shots: residuals from initial states and constants (residual_rows, compiled)
     segment_problem   segments between events, on open cloth; open_cloth fits them
     initial_states    the initial state of every shot at given constants; how far shots scatter about their commands
+    sizes             length, width and diameter as constants, known as well as a tape and a caliper measure them
+    lone_shots        shots that determine a constant nearly alone, at every sidespin they may have had
     discrepancy       discrepancy of the model, which grows along a shot
     fitting           `fit(start)` and `fit_from_nothing(problem)`: constants and initial states together
     split             a clip set's training and held-out shots, those excluded that are lost; fits evaluated on both

@@ -3,9 +3,11 @@
 In: a `ShotProblem`, or a `Point`: a problem with values for its unknowns. Out: a `FittedModel`.
 
 From nothing, the horizon of the shots grows from event to event with the constants fitted along, so that each impact is
-simulated with constants that are already nearly right. The discrepancy rate, which sets how much a late sample counts,
-is estimated in turn with the constants until both have settled. Shots that fit much worse than the rest are grown again
-from their strike with the new constants, since a model that lacked an effect may have left them in a false optimum.
+simulated with constants that are already nearly right; sizes of table and ball are held as stated until then. Where
+the model lacks something, sizes are also freed only after all else was fitted, and the better fit is kept. The
+discrepancy rate, which sets how much a late sample counts, is estimated in turn with the constants until both have
+settled. Shots that fit much worse than the rest are grown again from their strike with the new constants, since a model
+that lacked an effect may have left them in a false optimum.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from sysid.estimation.initial_states import (
     with_scatter,
 )
 from sysid.estimation.joint_fit import Solution, StoppingRule, fit_joint
+from sysid.estimation.lone_shots import SpinScan, scan_lone_shots
 from sysid.estimation.problem import Array, Index, shared_constants, values_of
 from sysid.estimation.shot_problem import ShotProblem
 
@@ -66,11 +69,18 @@ def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False)
         what: is fitted, for the log.
         pieces: shots begin in motion, so that nothing is known of their spins, and other ones are tried.
     """
-    x, c = _grown(problem, what)
-    problem = with_scatter(problem, x)
-    start = Point(problem, x, c, problem.discrepancy_rate(x, c))
+    held = problem.with_model(problem.model, [n for n in problem.names if n not in problem.model.sizes])
+    x, c = _grown(held, what)
+    problem, held = with_scatter(problem, x), with_scatter(held, x)
+    start = _freed(problem, held, x, c)
     if not pieces:
-        return fit(start, what, UNFOLLOWED_RATE)
+        found = fit(start, what, UNFOLLOWED_RATE)
+        if held.names != problem.names and found.discrepancy_rate > CLOSE_RATE:
+            # What the model lacks may have bent the sizes before the other constants were near their best.
+            alone = fit(Point(held, x, c, held.discrepancy_rate(x, c)), f"{what}, sizes as stated", UNFOLLOWED_RATE)
+            other = fit(_freed(problem, held, alone.initial_states, alone.constants), what, UNFOLLOWED_RATE)
+            found = _better(found, other)
+        return settled(found, what)
     for _ in range(2):
         log.info("%s, other spins", what)
         seen = problem.with_discrepancy(start.discrepancy_rate)
@@ -78,6 +88,50 @@ def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False)
         start = Point(problem, x, start.constants, problem.discrepancy_rate(x, start.constants))
         start = found = fit(start, what, UNFOLLOWED_RATE)
     return found
+
+
+def _freed(problem: ShotProblem, held: ShotProblem, x: Array, c: Array) -> Point:
+    """A start with sizes as stated, from initial states and the constants of a problem that held them."""
+    values = values_of(problem.model, problem.names)
+    values[[problem.names.index(name) for name in held.names]] = c
+    return Point(problem, x, values, problem.discrepancy_rate(x, values))
+
+
+def _better(one: FittedModel, other: FittedModel) -> FittedModel:
+    """The fit of less loss, at the same standard deviations."""
+    seen = one.problem.with_discrepancy(min(one.discrepancy_rate, other.discrepancy_rate))
+    losses = [shot_losses(seen, at.initial_states, at.constants)[0].sum() for at in (one, other)]
+    return other if losses[1] < losses[0] else one
+
+
+def settled(found: FittedModel, what: str) -> FittedModel:
+    """The fit with the shots that determine constants nearly alone at the best of their sidespins.
+
+    It is fitted again where a shot fits better with another sidespin; then standard deviations are widened to hold the
+    constants of all sidespins that fit about as well.
+    """
+    if not found.converged or found.discrepancy_rate > CLOSE_RATE:  # what the model lacks would decide between spins
+        return found
+    scans = _scans(found, what)
+    if any(scan.best for scan in scans):
+        x, c = found.initial_states.copy(), found.constants.copy()
+        for scan in scans:
+            if scan.best:
+                x[scan.row], c[scan.some] = scan.states[scan.best], scan.constants[scan.best]
+        other = fit(Point(found.problem, x, c, found.discrepancy_rate), what, UNFOLLOWED_RATE)
+        if _better(found, other) is other:
+            found, scans = other, _scans(other, what)
+    variance = np.diag(found.covariance).copy()
+    for scan in scans:
+        variance[scan.some] = np.maximum(variance[scan.some], scan.variance)
+    grown = np.sqrt(variance / np.diag(found.covariance))
+    return dataclasses.replace(found, covariance=found.covariance * np.outer(grown, grown))
+
+
+def _scans(found: FittedModel, what: str) -> list[SpinScan]:
+    problem, x, c = found.weighted, found.initial_states, found.constants
+    information = _solve(problem, x, c, NO_STEP, f"{what}, other sidespins").information
+    return scan_lone_shots(problem, x, c, information)
 
 
 def _grown(problem: ShotProblem, what: str) -> tuple[Array, Array]:

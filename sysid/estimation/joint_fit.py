@@ -48,6 +48,10 @@ class SharedConstants:
         """Of the bounds: (q,)."""
         return np.maximum(self.bounds[:, 1] - self.bounds[:, 0], 1e-12)
 
+    def steps_from(self, c: Array) -> Array:
+        """Finite differences at constants (q,), inwards at an upper bound: what lies beyond it may change nothing."""
+        return np.where(c + self.steps > self.bounds[:, 1], -self.steps, self.steps)
+
     def prior(self, start: Array) -> Prior:
         """What is known of the constants; the bounds' width is the sd of one of which nothing is known.
 
@@ -195,7 +199,7 @@ class _Joint:
 
     def reduced(self, x: Array, c: Array) -> ReducedSystem:
         """`eliminated`, from finite differences."""
-        o, steps = self.objective, self.shared.steps
+        o, steps = self.objective, self.shared.steps_from(c)
         rows = moved(o.evaluate, x, c, np.arange(len(x)), o.steps, steps)
         return _eliminated(from_differences(rows, np.concatenate([o.steps, steps]), o.cauchy_sd), x, o.prior)
 

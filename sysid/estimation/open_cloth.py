@@ -58,6 +58,8 @@ def cloth_constants(model: Model) -> tuple[str, ...]:
     """Constants that act on open cloth: of effects with forces, and the native cloth terms."""
     found = []
     for name in model.parameters():
+        if name in model.sizes:
+            continue
         owner, key = name.split(".")
         effect = next(e for e in model.stack() if e.name() == owner)
         native = effect is model.native and key in ("slide", "roll", "spin")

@@ -73,9 +73,10 @@ def state_bounds(table: Table, ball: Ball) -> Array:
     return np.array([*table.centre_limits(ball), *[MAX_SPEED_M_S] * 2, *[MAX_SPIN_M_S] * 3])
 
 
-def open_table(table: Table) -> Table:
-    """A table so large that its cushions are out of range."""
-    return dataclasses.replace(table, length=OPEN_TABLE_M, width=OPEN_TABLE_M, pockets=False)
+def on_open_table(model: Model) -> Model:
+    """The model on a table so large that its cushions are out of range; sizes are no constants there."""
+    table = dataclasses.replace(model.table, length=OPEN_TABLE_M, width=OPEN_TABLE_M, pockets=False)
+    return dataclasses.replace(model, table=table, sizes={})
 
 
 def shared_constants(

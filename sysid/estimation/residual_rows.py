@@ -172,8 +172,8 @@ def residual_rows(  # type: ignore[no-untyped-def]
         start[:] = 0.0
         start[0, 0], start[0, 1] = u[0], u[1]
         start[0, 2], start[0, 3] = cs * u[2] - sn * u[3], sn * u[2] + cs * u[3]
-        start[0, 4], start[0, 5] = (cs * u[4] - sn * u[5]) / radius, (sn * u[4] + cs * u[5]) / radius
-        start[0, 6] = u[6] / radius
+        start[0, 4], start[0, 5] = (cs * u[4] - sn * u[5]) / radius[row], (sn * u[4] + cs * u[5]) / radius[row]
+        start[0, 6] = u[6] / radius[row]
         for i in range(1, n):
             place[i, 0], place[i, 1] = rest[w, i, 0] + u[5 + 2 * i], rest[w, i, 1] + u[6 + 2 * i]
         if observe.shape[0] > 0 and n > 1:
@@ -182,7 +182,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
             start[i, 0], start[i, 1] = place[i, 0], place[i, 1]
         launch = 0.0
         if struck[w]:
-            launch = deliver(start[0, 2:4], start[0, 4:7], here, strike, radius, mass, cue)
+            launch = deliver(start[0, 2:4], start[0, 4:7], here, strike, radius[row], mass, cue)
         seen = 0
         while seen < stamps.shape[1] and stamps[w, seen] <= horizon[w] + 1e-9:
             seen += 1
@@ -205,8 +205,8 @@ def residual_rows(  # type: ignore[no-untyped-def]
         # Where the engine ends a shot early, its balls stay where they were.
         play_shot(
             work, start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row],
-            mass, radius, span, half, mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS, looked,
-            track[:seen, :n], log, who, counts, potted[:n],
+            mass, radius[row], span[row], half[row], mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS,
+            looked, track[:seen, :n], log, who, counts, potted[:n],
         )  # fmt: skip
         for i in range(n):
             last_seen = 0

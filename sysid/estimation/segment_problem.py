@@ -18,7 +18,7 @@ from models.shot import Shot
 from models.simulation.observe import observed
 from sysid.clips.segments import Segment
 from sysid.estimation.least_squares import Objective, Prior
-from sysid.estimation.problem import STATE_STEPS, Array, Index, ball_of, by_events, open_table, state_bounds
+from sysid.estimation.problem import STATE_STEPS, Array, Index, ball_of, by_events, on_open_table, state_bounds
 from sysid.estimation.residual_rows import MeasuredShot, ShotData, Weighting, packed, residuals
 from sysid.estimation.start_values import running_sd, straight
 
@@ -86,7 +86,7 @@ class SegmentProblem:
 
 def segment_problem(model: Model, names: Sequence[str], segments: Sequence[Segment], noise: float) -> SegmentProblem:
     """Set up segments with starting values: straight through the first samples, rolling."""
-    open_cloth = dataclasses.replace(model, table=open_table(model.table))
+    open_cloth = on_open_table(model)
     start, azimuth = np.zeros((len(segments), 7)), np.zeros(len(segments))
     for k, s in enumerate(segments):
         n = min(START_SAMPLES, len(s.time))

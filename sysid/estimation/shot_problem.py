@@ -27,6 +27,7 @@ from models.hooks import hooks_of
 from models.model_file import Model
 from models.shot import Shot, Track
 from models.simulation.observe import observed, undone
+from models.sizes import BALL_DIAMETER, stated_size
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 from sysid.clips.segments import CLAMP_MARGIN_M, free_from, moving_from
@@ -140,11 +141,14 @@ class ShotProblem:
         c = self.clips[clip]
         return (c.struck, *[b for b in c.balls if b != c.struck])
 
-    def shot(self, x: Array, clip: int, times: Array) -> Shot:
-        """The shot that an initial state (p,) stands for; the others rest where they are reported, see `undone`."""
+    def shot(self, x: Array, clip: int, times: Array, radius: float) -> Shot:
+        """The shot that an initial state (p,) stands for with balls of a radius [m].
+
+        The others rest where they are reported, see `undone`.
+        """
         others = self.rest[clip]
         rest = others + x[len(STATE_STEPS) : len(STATE_STEPS) + others.size].reshape(others.shape)
-        position, velocity, spin = ball_of(x, self.azimuth[clip], self.model.ball.radius)
+        position, velocity, spin = ball_of(x, self.azimuth[clip], radius)
         still = np.zeros_like(rest)
         return Shot(
             self.balls(clip), np.vstack([position, rest]), np.vstack([velocity, still]),
@@ -182,8 +186,10 @@ class ShotProblem:
 
     def tracks(self, x: Array, c: Array, which: Index) -> list[Track]:
         """What the model predicts that the camera reports of these shots; constants (k, q)."""
-        shots = [self.shot(row, w, self.times(w)) for row, w in zip(x, which, strict=True)]
         model = self.model.with_values({n: c[:, k] for k, n in enumerate(self.names)})
+        stated = stated_size(BALL_DIAMETER, model.table, model.ball)
+        radius = np.broadcast_to(np.asarray(model.sizes.get(BALL_DIAMETER, stated), float) / 2, (len(x),))
+        shots = [self.shot(row, w, self.times(w), float(r)) for row, w, r in zip(x, which, radius, strict=True)]
         return observed(model, undone(model, shots))
 
     @cached_property

@@ -25,10 +25,11 @@ from sysid.clips.noise import noise_correlation, position_noise
 from sysid.clips.outliers import remove_outliers
 from sysid.clips.pieces import cut_clips
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
-from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out
+from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out, settled
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
+from sysid.estimation.sizes import known_sizes, with_free_sizes
 
 HELD_OUT_EVERY = 5  # clips, of which the last is held out
 MAX_EVENTS = 4  # of a whole shot, in the middle of the set, where the model does not follow the open cloth
@@ -94,7 +95,8 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
     clip_set, spikes = remove_outliers(clip_set, noise)
     correlation = noise_correlation(clip_set)
     scale, sd = stamp_scale(clip_set)
-    known = {CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {}
+    model = with_free_sizes(model)
+    known = known_sizes(model) | ({CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {})
     rows = training_clips(clip_set)
     training, held = subset(clip_set, rows), subset(clip_set, [k for k in range(len(clip_set.clips)) if k not in rows])
     cloth = fit_open_cloth(model, training, noise)
@@ -200,6 +202,14 @@ def _fit_training(parts: Split, model: Model, what: str) -> FittedModel:
 def fit_on(parts: Split, start: Point, before: FittedModel, what: str) -> FittedModel:
     """A fit from a start, see `fit`, evaluated on the held-out clips; `before` has nearly right states of these."""
     return tried(parts, fit(start, what), before)
+
+
+def settled_on(parts: Split, found: FittedModel) -> FittedModel:
+    """A fit of whole shots, see `settled`, evaluated on the held-out clips."""
+    if parts.cut:
+        return found
+    now = settled(found, "the last model")
+    return now if now.initial_states is found.initial_states else tried(parts, now, found)
 
 
 def tried(parts: Split, found: FittedModel, before: FittedModel | None) -> FittedModel:

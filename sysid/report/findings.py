@@ -161,15 +161,16 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
 
 def table_lines(found: DiscoveryResult) -> list[str]:
     """What a picture of another scale, or longer one way than the other, says of a table that was measured wrong."""
-    values, table = found.last.model.parameters(), found.last.model.table
+    model = found.last.model
+    values, table, stated = model.parameters(), model.as_played().table, model.table
     if not {"image_scale", "image_aspect"} & set(found.verdict):
         return []
     scale, aspect = values.get("image_scale.stretch", 0.0), values.get("image_aspect.aspect", 0.0)
     length, width = (size * (1 + scale) * (1 + sign * aspect) for size, sign in ((table.length, 1), (table.width, -1)))
     return [
-        f"the cushions are seen {length:.4f} m by {width:.4f} m apart, not {table.length:g} m by {table.width:g} m as "
-        "clips.toml has it: measure the table again; if the picture is right, write what was measured into clips.toml "
-        "and run this again, since friction is wrong by as much"
+        f"the cushions are seen {length:.4f} m by {width:.4f} m apart, not {stated.length:g} m by "
+        f"{stated.width:g} m as clips.toml has it: measure the table again; if the picture is right, write what was "
+        "measured into clips.toml and run this again, since friction is wrong by as much"
     ]
 
 

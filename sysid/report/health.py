@@ -19,6 +19,8 @@ import numpy as np
 from models.model_file import Model
 from models.report.numbers import value_with_sd
 from models.shot import GRAVITY, RAIL_NAMES
+from models.sizes import BALL_DIAMETER, TABLE_LENGTH, TABLE_WIDTH
+from sysid.estimation.sizes import SIZE_SDS
 from sysid.report.typical import (
     AT_FAST_SLIP,
     AT_LOW_SPEED,
@@ -30,6 +32,12 @@ from sysid.report.typical import (
     TypicalRange,
 )
 
+SIZES: Final = {
+    TABLE_LENGTH: ("table, length from nose to nose", "length"),
+    TABLE_WIDTH: ("table, width from nose to nose", "width"),
+    BALL_DIAMETER: ("balls, diameter", "diameter"),
+}
+DETERMINED_SHARE = 0.5  # of the standard deviation with which a size was stated: a smaller one is the clips'
 INTERVAL_SDS = 2.0  # to either side: 95 %
 SIGNIFICANT_SDS = 3.0  # from zero, of what is usually zero
 UNDETERMINED = "these clips do not tell"
@@ -49,10 +57,11 @@ class HealthLine:
     source: str
     verdict: str
     determined: bool  # whether the clips determine it well enough for a verdict
+    beside: str = "typical"  # what it stands beside
 
     def text(self) -> str:
         """As one line, without the source."""
-        return f"{self.what}: {self.measured} (typical: {self.typical}): {self.verdict}"
+        return f"{self.what}: {self.measured} ({self.beside}: {self.typical}): {self.verdict}"
 
 
 @dataclass(frozen=True)
@@ -111,7 +120,25 @@ def _line(name: str, found: Finding) -> HealthLine | None:
         return _in_range(name, TYPICAL[name], found)
     if effect in RAIL_EFFECTS and key == "change":
         return _cushion(RAIL_EFFECTS[effect], found)
+    if name in SIZES:
+        return _size(name, found)
     return JUDGES[name](found) if name in JUDGES else None
+
+
+def _size(name: str, found: Finding) -> HealthLine:
+    """A size of table or ball beside what was stated."""
+    stated, (what, key) = found.model.meta(name)["default"], SIZES[name]
+    off = Finding(found.value - stated, found.sd, found.model)
+    determined = found.sd < DETERMINED_SHARE * SIZE_SDS[name] * stated
+    verdict = "as stated"
+    if not determined:
+        verdict = UNDETERMINED
+    elif off.significant:
+        more = f"{abs(off.value) * 1e3:.1f} mm {'more' if off.value > 0 else 'less'}"
+        verdict = f"{more} than stated: measure it again, and correct {key} in clips.toml"
+    measured = _measured(found.value, found.sd, "m")
+    source = "clips.toml, as well as a tape or a caliper measures"
+    return HealthLine(what, measured, f"{stated:g} m", source, verdict, determined, "stated")
 
 
 def _in_range(name: str, usual: TypicalRange, found: Finding) -> HealthLine:

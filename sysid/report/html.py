@@ -207,10 +207,10 @@ def _health(model: Model) -> dict[str, object] | None:
 
 def _constants(model: Model) -> list[tuple[str, ...]]:
     """Name, value with standard deviation, unit and source of every constant that acts."""
-    known = {f"{e.name()}.{key}": meta for e in model.stack() for key, meta in e.parameters().items()}
     rows: list[tuple[str, ...]] = []
     for name, value in model.parameters().items():
         estimate = model.estimates.get(name, Estimate())
         shown = "one per simulation" if np.ndim(value) else value_with_sd(float(value), estimate.sd)
-        rows.append((name, shown, str(known[name]["unit"]), estimate.source or str(known[name]["source"])))
+        meta = model.meta(name)
+        rows.append((name, shown, str(meta["unit"]), estimate.source or str(meta["source"])))
     return rows

@@ -18,7 +18,7 @@ from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.clips.pieces import parent_clip
 from sysid.estimation.fitted import FittedModel, as_model
-from sysid.estimation.split import Split, begin, fit_on
+from sysid.estimation.split import Split, begin, fit_on, settled_on
 from sysid.selection.departures import without_departing
 from sysid.selection.evidence import MAX_LOSS_RATIO, compare_fits, loss_ratio_without, remove_effect
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe
@@ -184,6 +184,9 @@ def discover(
     if found.unexplained is None:
         found = prune(parts, found)
         found = dataclasses.replace(found, unexplained=remainder(found.last))
+    if found.verdict and found.explained is None:
+        last = settled_on(parts, found.last)
+        found = dataclasses.replace(found, ladder=(*found.ladder[:-1], last))
     return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
 
 

@@ -83,11 +83,14 @@ def generalises(one: FittedModel, two: FittedModel) -> bool:
 
 
 def _chi2_of_known(at: Point) -> float:
-    """Chi-square of constants against prior knowledge of them; one that the model lacks counts at its off value."""
+    """Chi-square of constants against prior knowledge of them; one that the model lacks counts at its off value.
+
+    Sizes, which segments lack in both fits that are compared, have none and count nothing.
+    """
     values, total = dict(zip(at.names, at.constants.tolist(), strict=True)), 0.0
     for name, (mean, sd) in at.problem.known.items():
         value = values[name] if name in values else at.model.meta(name)["off"]
-        total += ((value - mean) / sd) ** 2
+        total += 0.0 if value is None else ((value - mean) / sd) ** 2
     return float(total)
 
 

@@ -18,12 +18,11 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model
-from models.shot import Table
 from sysid.clips.pieces import cut_clips
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.least_squares import fit_each
 from sysid.estimation.open_cloth import MIN_SEGMENTS, START_CAUCHY_SD, UNSEEN_EVENT_RATIO, ratios
-from sysid.estimation.problem import open_table
+from sysid.estimation.problem import on_open_table
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.split import Split, fit_anew
 from sysid.selection.evidence import compare_fits
@@ -62,8 +61,7 @@ def _without_unseen_impacts(part: ShotProblem, model: Model) -> ShotProblem:
 
 def screen_segments(parts: Split, now: FittedModel) -> Screening | None:
     """Which effect of cloth or camera is missing in the segments; None where there are too few of them."""
-    table = now.model.table
-    model = _with_table(now.model, open_table(table))
+    model = on_open_table(now.model)
     segments = segments_of(parts, model)
     count = len(segments.training.clips)
     if count < MIN_SEGMENTS:
@@ -72,8 +70,8 @@ def screen_segments(parts: Split, now: FittedModel) -> Screening | None:
     base = fit_anew(segments, model, "segments")
     candidates = [one for one in candidates_for(now.model) if _acts_between_impacts(type(one.effect))]
     seen = screen(segments, base, candidates)
-    fits = tuple(dataclasses.replace(one, fitted=_fit_with_table(one.fitted, table)) for one in seen.fits)
-    return dataclasses.replace(seen, base=_fit_with_table(seen.base, table), fits=fits, segments=count)
+    fits = tuple(dataclasses.replace(one, fitted=_on_table_of(now.model, one.fitted)) for one in seen.fits)
+    return dataclasses.replace(seen, base=_on_table_of(now.model, seen.base), fits=fits, segments=count)
 
 
 @dataclass(frozen=True)
@@ -119,12 +117,7 @@ def _acts_between_impacts(kind: type[Effect]) -> bool:
     return kind.opens("forces", "observe", "exposures")
 
 
-def _with_table(model: Model, table: Table) -> Model:
-    return dataclasses.replace(model, table=table)
-
-
-def _fit_with_table(found: FittedModel, table: Table) -> FittedModel:
-    """The fit, its model on the given table."""
-    return dataclasses.replace(
-        found, problem=found.problem.with_model(_with_table(found.problem.model, table), found.names)
-    )
+def _on_table_of(model: Model, found: FittedModel) -> FittedModel:
+    """The fit, its model on the table of another."""
+    own = dataclasses.replace(found.problem.model, table=model.table, sizes=model.sizes)
+    return dataclasses.replace(found, problem=found.problem.with_model(own, found.names))

@@ -13,7 +13,7 @@ import pytest
 
 from models.errors import BadInput
 from sysid.clips import check_clip_set, inspect_clip_set, read_clip_set
-from sysid.clips.contradictions import contact_distance, contradictions, rebounds
+from sysid.clips.contradictions import contact_distance, contradictions, rebounds, size_notes
 from tests.truth.__main__ import main as generate
 from tests.truth.sizes import options as size_options
 
@@ -116,6 +116,15 @@ def test_cushions_are_measured_to_a_thousandth() -> None:
     found = rebounds(read_clip_set(EXAMPLE))
     for rail in ("-x", "+y", "-y"):
         assert found[rail].value == pytest.approx(limits["xy".index(rail[1])], rel=1e-3)
+
+
+def test_a_table_that_is_a_little_off_is_a_note_and_no_contradiction(tmp_path: Path) -> None:
+    assert size_notes(read_clip_set(EXAMPLE)) == []
+    folder = spoiled(tmp_path / "set", width=1.7886)
+    assert not inspect_clip_set(folder).warnings
+    (note,) = size_notes(read_clip_set(folder))
+    assert note.startswith("clips.toml: width = 1.7886 m, but rebounds put the cushions 1.77")
+    assert "from nose to nose" in note
 
 
 @pytest.mark.parametrize(("fps", "factor"), [(60.0, "2"), (240.0, "0.5"), (100.0, "1.2"), (25.0, "4.8")])

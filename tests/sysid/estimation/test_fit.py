@@ -14,6 +14,7 @@ from models.errors import BadInput
 from models.model_file import Model, full_model, read_model, write_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
+from models.sizes import BALL_DIAMETER, SIZE_NAMES, TABLE_LENGTH, TABLE_WIDTH
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation import ClipFit, fit_clips
@@ -24,6 +25,7 @@ from sysid.estimation.split import HELD_OUT_EVERY, training_clips
 from sysid.residuals.compare import compare
 from tests.bench.accuracy import CONSTANTS
 from tests.truth.__main__ import main as make_truth
+from tests.truth.physics import Table as TruthTable
 
 KINDS = "stun,draw,side,spin,swerve,cushion,cushion_side,cut,cut_side"
 Truth = dict[str, float]
@@ -40,7 +42,8 @@ def make(folder: Path, seed: int, *more: str, kinds: str = KINDS) -> Case:
 def truth_of(folder: Path) -> Truth:
     """The constants beside a clip set, by the names that a model gives them."""
     truth = json.loads(folder.with_name(folder.name + ".truth.json").read_text())["parameters"]
-    return {name: truth[short] for name, short in CONSTANTS.items()}
+    sizes = {TABLE_LENGTH: TruthTable.length, TABLE_WIDTH: TruthTable.width, BALL_DIAMETER: 2 * truth["R"]}
+    return {name: truth[short] for name, short in CONSTANTS.items()} | sizes
 
 
 def miss(found: ClipFit, truth: Truth) -> dict[str, float]:
@@ -75,13 +78,13 @@ def found(case: Case, start: Model) -> ClipFit:
 
 def test_all_constants_are_recovered(case: Case, start: Model, found: ClipFit) -> None:
     assert found.fitted.converged
-    assert set(found.fitted.names) == set(CONSTANTS)
+    assert set(found.fitted.names) == {*CONSTANTS, *SIZE_NAMES}
     off = miss(found, case[1])
     assert max(map(abs, off.values())) < 4, off
     roll = "decoupled_cloth.roll"
     assert found.model.parameters()[roll] == pytest.approx(case[1][roll], rel=0.01)
-    worse = [abs(start.parameters()[n] / v - 1) for n, v in case[1].items()]
-    better = [abs(found.model.parameters()[n] / v - 1) for n, v in case[1].items()]
+    worse = [abs(start.parameters()[n] / case[1][n] - 1) for n in CONSTANTS]
+    better = [abs(found.model.parameters()[n] / case[1][n] - 1) for n in CONSTANTS]
     assert max(better) < 0.2 * max(worse)
 
 
@@ -90,7 +93,7 @@ def test_the_uncertainty_is_neither_absurdly_small_nor_large(case: Case, found: 
     relative = {n: found.model.estimates[n].sd / values[n] for n in found.fitted.names}
     assert all(1e-5 < r < 0.1 for r in relative.values()), relative
     assert 0 < relative["decoupled_cloth.roll"] < 0.05
-    # Of seven constants, not all lie absurdly close to the truth either.
+    # Of ten constants, not all lie absurdly close to the truth either.
     assert np.sqrt(np.mean(np.square(list(miss(found, case[1]).values())))) > 0.15
     np.testing.assert_allclose(found.fitted.covariance, found.fitted.covariance.T)
     assert np.all(np.linalg.eigvalsh(found.fitted.covariance) > 0)

@@ -291,3 +291,15 @@ def test_unknowns_stay_within_their_bounds() -> None:
     objective = Objective(evaluate, np.full(2, 1e-5), free(2), np.inf, bounds=bounds)
     found, _ = fit_each(objective, np.full((PROBLEMS, 2), 3.0), TRUE, 20)
     assert np.abs(found[:, 0]).max() <= 0.5 and np.abs(own[:, 0]).max() > 0.5
+
+
+def test_a_constant_leaves_an_upper_bound_beyond_which_nothing_changes() -> None:
+    evaluate, _, _, own = linear(np.random.default_rng(5))
+    bounds = np.array([[-2.0, 1.0], [-2.0, 1.0]])
+
+    def clipped(x: Array, c: Array, which: Index) -> Array:
+        return evaluate(x, np.minimum(c, 1.0), which)
+
+    found = joint(clipped, own, np.ones(2), bounds=bounds)
+    assert found.converged
+    np.testing.assert_allclose(found.constants, TRUE, atol=0.2)

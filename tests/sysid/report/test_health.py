@@ -138,3 +138,14 @@ def test_every_name_is_one_of_the_catalogue() -> None:
     changed = AT_FAST_SLIP | AT_LOW_SPEED | AT_ONE_METRE_PER_SECOND
     assert set(changed) <= names
     assert set(changed.values()) <= set(catalogue())
+
+
+def test_a_table_that_was_measured_wrong_is_told_in_plain_words() -> None:
+    sizes = {"table.length": (3.5583, 4e-4), "table.width": (1.7785, 4e-4), "ball.diameter": (0.0525, 2.5e-4)}
+    lines = health_lines(fitted(**{name.replace(".", "__"): pair for name, pair in sizes.items()}))
+    assert lines == [
+        "table, length from nose to nose: 3.55830 ± 0.00040 m (stated: 3.569 m): 10.7 mm less than stated: measure it "
+        "again, and correct length in clips.toml",
+        "table, width from nose to nose: 1.77850 ± 0.00040 m (stated: 1.778 m): as stated",
+        f"{UNDETERMINED}: balls, diameter",
+    ]

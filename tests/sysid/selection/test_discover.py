@@ -45,7 +45,8 @@ HIDDEN: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
     ("speed_drag", ("--effect", "speed_drag=0.035", "--kind", "roll,follow,stun,cushion"), {"rate": "drag1"}),
     ("cushion_restitution_speed", ("--effect", "cushion_restitution_speed=0.09", "--kind", "cushion,cushion_side,roll"),
      {"rate": "ec_v"}),
-    ("lens_distortion", ("--effect", "lens_distortion=0.006", "--kind", "roll,cushion,stun"), {"barrel": "lens"}),
+    ("lens_distortion",  # seven training clips would not part it from the sizes well enough to predict the eighth
+     ("--effect", "lens_distortion=0.006", "--kind", "roll,cushion,stun", "--clips", "10"), {"barrel": "lens"}),
     ("clock_scale", ("--effect", "clock_scale=1.012", "--kind", "roll,stun,cushion"), {"factor": "clock"}),
     ("cushion_restitution_my",  # these clips meet -y five times, +x three, +y never
      ("--effect", "cushion_restitution_my=-0.08", "--kind", "cushion,cushion_side,roll"), {"change": "ec_my"}),

@@ -144,6 +144,6 @@ def test_a_problem_with_other_balls_has_their_places_as_unknowns(tmp_path: Path)
     assert len(problem.steps) == 9
     moved = problem.start.copy()
     moved[:, 7] += 0.001
-    one, two = (problem.shot(x[0], 0, np.array([0.0])) for x in (problem.start, moved))
+    one, two = (problem.shot(x[0], 0, np.array([0.0]), clip_set.ball.radius) for x in (problem.start, moved))
     assert two.position[1] - one.position[1] == pytest.approx([0.001, 0.0])
     assert dataclasses.replace(one, position=two.position).velocity is one.velocity
