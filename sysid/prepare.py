@@ -19,9 +19,9 @@ from models.shot import Shot
 from models.simulation.observe import observed
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.segments import Segment
-from sysid.estimation.least_squares import fit_each
 from sysid.estimation.segment_problem import segment_problem
 from sysid.estimation.shot_problem import shot_problem
+from sysid.estimation.solver.least_squares import fit_each
 
 COMPILING_NOTE = "compiling the engine, once on this machine: about a minute"
 NOISE_SD_M = 5e-4  # of the clip that is fitted

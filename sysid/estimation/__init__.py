@@ -3,8 +3,7 @@
 In: a clip set (sysid/clips) and a model. Out: a `FittedModel`: constants, initial states, covariance, discrepancy
 rate, whether it converged, and the error on held-out clips. In the order of a fit:
 
-    least_squares     many small problems at given constants: Levenberg-Marquardt, robust loss
-    joint_fit         the constants that they share: Schur complement, covariance
+    solver/           least squares of many small problems that share constants
     problem           unknowns and steps that all problems have in common
     shot_problem      whole shots: residuals from initial states and constants (residual_rows, compiled)
     segment_problem   segments between events, on open cloth; open_cloth fits them

@@ -29,10 +29,10 @@ from sysid.estimation.initial_states import (
     shot_losses,
     with_scatter,
 )
-from sysid.estimation.joint_fit import Solution, StoppingRule, fit_joint
 from sysid.estimation.lone_shots import SpinScan, scan_lone_shots
 from sysid.estimation.problem import Array, Index, shared_constants, values_of
 from sysid.estimation.shot_problem import ShotProblem
+from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint
 
 CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
 NO_RATE = 1e-5  # and which counts as none

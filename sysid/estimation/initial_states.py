@@ -20,9 +20,9 @@ import logging
 
 import numpy as np
 
-from sysid.estimation.least_squares import Prior, fit_each, loss
 from sysid.estimation.problem import CAUCHY_SD, Array, Index
 from sysid.estimation.shot_problem import ShotProblem
+from sysid.estimation.solver.least_squares import Prior, fit_each, loss
 
 STAGE_STEPS, RETRY_STEPS = 6, 4  # steps of a stage, and of a trial from another spin
 RETRY_LOSS = 4.0  # times the loss of noise beyond which a shot is tried from other spins

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.estimation.least_squares import Objective, Prior, fit_each
 from sysid.estimation.problem import Array, Index, constant_bounds, constant_steps
 from sysid.estimation.shot_problem import ShotProblem
+from sysid.estimation.solver.least_squares import Objective, Prior, fit_each
 from sysid.estimation.start_values import MISCUE_SPIN
 
 LONE_SHARE = 0.3  # of the information on a constant, from which a shot is scanned

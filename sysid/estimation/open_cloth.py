@@ -15,11 +15,11 @@ from models.errors import BadInput
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.clips.segments import split_all
-from sysid.estimation.joint_fit import Solution, StoppingRule, fit_joint
-from sysid.estimation.least_squares import fit_each
 from sysid.estimation.problem import CAUCHY_SD, Array, shared_constants, values_of
 from sysid.estimation.segment_problem import SegmentProblem, segment_problem
 from sysid.estimation.shot_problem import ShotProblem
+from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint
+from sysid.estimation.solver.least_squares import fit_each
 
 UNSEEN_EVENT_RATIO = 25.0  # a segment that misses by so many times the noise holds an event that was not seen
 FOLLOWED_RATIO = 1.5  # median rms over noise up to which the cloth is taken to follow the data

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from models.engine.play import lacking
 from models.model_file import Model
 from models.shot import Ball, Table
-from sysid.estimation.joint_fit import SharedConstants
-from sysid.estimation.least_squares import Prior
+from sysid.estimation.solver.joint_fit import SharedConstants
+from sysid.estimation.solver.least_squares import Prior
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -17,9 +17,9 @@ from models.model_file import Model
 from models.shot import Shot
 from models.simulation.observe import observed
 from sysid.clips.segments import Segment
-from sysid.estimation.least_squares import Objective, Prior
 from sysid.estimation.problem import STATE_STEPS, Array, Index, ball_of, by_events, on_open_table, state_bounds
 from sysid.estimation.residual_rows import MeasuredShot, ShotData, Weighting, packed, residuals
+from sysid.estimation.solver.least_squares import Objective, Prior
 from sysid.estimation.start_values import running_sd, straight
 
 START_SAMPLES = 6  # a straight line through so many is where a segment begins

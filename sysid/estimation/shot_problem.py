@@ -32,9 +32,9 @@ from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 from sysid.clips.segments import CLAMP_MARGIN_M, free_from, moving_from
 from sysid.estimation.discrepancy import discrepancy_rate, events_and_paths
-from sysid.estimation.least_squares import Objective, Prior
 from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, Array, Index, ball_of, by_events, state_bounds, turn
 from sysid.estimation.residual_rows import RESIDUALS_PER_SAMPLE, MeasuredShot, ShotData, Weighting, packed, residuals
+from sysid.estimation.solver.least_squares import Objective, Prior
 from sysid.estimation.start_values import shot_start, theta_noise
 
 REST_STEP = 1e-6  # finite difference of a resting ball's position [m]

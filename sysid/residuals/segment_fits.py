@@ -16,10 +16,10 @@ from models.shot import Track
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet
 from sysid.clips.segments import split_all
-from sysid.estimation.least_squares import fit_each
 from sysid.estimation.open_cloth import START_CAUCHY_SD, UNSEEN_EVENT_RATIO, cloth_constants, ratios
 from sysid.estimation.problem import Array, values_of
 from sysid.estimation.segment_problem import SegmentProblem, segment_problem
+from sysid.estimation.solver.least_squares import fit_each
 
 MAX_FIT_STEPS = 10
 

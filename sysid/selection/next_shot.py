@@ -22,9 +22,9 @@ from models.shot import Shot, Track
 from models.simulation.observe import observed
 from sysid.clips import Clip, ClipSet, CueCommand, Observation
 from sysid.estimation.fitted import Point
-from sysid.estimation.least_squares import Prior, differences
 from sysid.estimation.problem import Array, constant_steps, turn
 from sysid.estimation.shot_problem import shot_problem
+from sysid.estimation.solver.least_squares import Prior, differences
 
 TRIED_SHOTS = 64  # a power of two, as Sobol sequences need
 SHOT_DURATION_S = 4.0

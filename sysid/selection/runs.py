@@ -20,10 +20,10 @@ from models.effect import Effect
 from models.model_file import Model
 from sysid.clips.pieces import cut_clips
 from sysid.estimation.fitted import FittedModel
-from sysid.estimation.least_squares import fit_each
 from sysid.estimation.open_cloth import MIN_SEGMENTS, START_CAUCHY_SD, UNSEEN_EVENT_RATIO, ratios
 from sysid.estimation.problem import on_open_table
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
+from sysid.estimation.solver.least_squares import fit_each
 from sysid.estimation.split import Split, fit_anew
 from sysid.selection.evidence import compare_fits
 from sysid.selection.score import score_all

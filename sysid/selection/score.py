@@ -21,11 +21,11 @@ import numpy as np
 
 from models.effect import Effect
 from sysid.estimation.fitted import Point
-from sysid.estimation.joint_fit import eliminated
-from sysid.estimation.least_squares import differences, weights
-from sysid.estimation.normal_equations import from_jacobian
 from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_steps
 from sysid.estimation.shot_problem import ShotProblem
+from sysid.estimation.solver.joint_fit import eliminated
+from sysid.estimation.solver.least_squares import differences, weights
+from sysid.estimation.solver.normal_equations import from_jacobian
 
 PROBE_CHANGE_SD = 0.5  # change of the residuals that a probe aims at, median over shots
 FIRST_PROBE_OF_RANGE = 1e-3  # of the bounds' width

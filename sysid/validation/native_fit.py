@@ -3,7 +3,7 @@
 In: nothing but the analytic models' constants. Out: a `Model` with native terms; models/mjcf/native.py holds what was
 found. `sysid match --tune M.toml` runs it.
 
-The unknowns are the terms, the solver is that of the workbench (sysid/estimation/least_squares.py). Cloth: positions
+The unknowns are the terms, the solver is that of the workbench (sysid/estimation/solver/least_squares.py). Cloth: positions
 and sidespin over 3 s; impacts: velocity and R omega after them, over the speed before.
 """
 
@@ -20,7 +20,7 @@ from models.mjcf.native import TUNING_SOURCE, Native
 from models.model_file import Estimate, Model
 from models.shot import Array, Shot, Track
 from models.simulation.simulate import simulate
-from sysid.estimation.least_squares import Objective, Prior, fit_each
+from sysid.estimation.solver.least_squares import Objective, Prior, fit_each
 from sysid.validation.match import SETTLING_TIME_S
 from sysid.validation.shots import (
     ANALYTIC_MODEL,

@@ -17,10 +17,10 @@ from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.clips import read_clip_set
 from sysid.clips.noise import position_noise
-from sysid.estimation.least_squares import differences
 from sysid.estimation.open_cloth import values_of
 from sysid.estimation.problem import constant_steps
 from sysid.estimation.shot_problem import shot_problem
+from sysid.estimation.solver.least_squares import differences
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 COUNT = 256

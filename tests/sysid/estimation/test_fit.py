@@ -19,8 +19,8 @@ from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation import ClipFit, fit_clips
 from sysid.estimation.fitting import widened_covariance
-from sysid.estimation.joint_fit import Solution
 from sysid.estimation.shot_problem import shot_problem
+from sysid.estimation.solver.joint_fit import Solution
 from sysid.estimation.split import HELD_OUT_EVERY, training_clips
 from sysid.residuals.compare import compare
 from tests.bench.accuracy import CONSTANTS

@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sysid.estimation.joint_fit import SharedConstants, Solution, StoppingRule, covariance, fit_joint
-from sysid.estimation.least_squares import Evaluate, Objective, Prior, differences, fit_each, loss, solve_each, weights
+from sysid.estimation.solver.joint_fit import SharedConstants, Solution, StoppingRule, covariance, fit_joint
+from sysid.estimation.solver.least_squares import (
+    Evaluate,
+    Objective,
+    Prior,
+    differences,
+    fit_each,
+    loss,
+    solve_each,
+    weights,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -14,8 +14,8 @@ from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.clock import stamp_scale
 from sysid.estimation.fitted import Point
 from sysid.estimation.initial_states import with_scatter
-from sysid.estimation.least_squares import fit_each
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
+from sysid.estimation.solver.least_squares import fit_each
 from sysid.selection.next_shot import BALL_SPEEDS_M_S, MAX_TIP_OFFSET_M, propose_shot
 from sysid.selection.score import candidate, score_all
 from tests.truth.__main__ import jittered

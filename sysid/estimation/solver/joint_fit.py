@@ -20,8 +20,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.estimation.least_squares import MIN_DAMPING, Array, Objective, Prior, fit_each, loss, moved, solve_each
-from sysid.estimation.normal_equations import NormalEquations, from_differences, from_jacobian
+from sysid.estimation.solver.least_squares import (
+    MIN_DAMPING,
+    Array,
+    Objective,
+    Prior,
+    fit_each,
+    loss,
+    moved,
+    solve_each,
+)
+from sysid.estimation.solver.normal_equations import NormalEquations, from_differences, from_jacobian
 
 MAX_STALLED_STEPS = 2  # in a row that improve nothing
 MAX_ATTEMPTS = 8  # at a step of the constants, ten times the damping each
