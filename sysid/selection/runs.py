@@ -36,6 +36,8 @@ from sysid.selection.screening import (
     candidates_for,
     fit_candidate,
     screen,
+    warm_started,
+    with_better_states,
 )
 
 MAX_RATIO_TO_MEDIAN = 6.0  # of a segment's residuals, over the median of all: beyond it holds an unseen impact
@@ -102,7 +104,9 @@ def confirm(parts: Split, now: FittedModel, best: FittedCandidate, partial: Part
         partial: the screening of whole shots, with its best candidates fitted.
     """
     new = fit_anew(parts, best.fitted.model, f"with {best.name}")
-    evidence = compare_fits(now, new)
+    new = warm_started(parts, new, now, f"with {best.name}") or new
+    # A shot that one of both fits has in a false optimum must not decide.
+    evidence = compare_fits(with_better_states(now, new)[0], new)
     if evidence.delta_bic <= MIN_DELTA_BIC:
         return Confirmation(partial=partial)
     for rival in partial.fitted:
