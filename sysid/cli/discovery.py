@@ -106,7 +106,7 @@ def discover(progress: Progress, start: Start, out: Path) -> int:
     from sysid.report.findings import discovery_lines, print_ladder, round_rows
     from sysid.report.health import print_health
     from sysid.report.outcome import write_outcome
-    from sysid.report.text import engines_line
+    from sysid.report.text import engines_line, held_out_line
     from sysid.selection.discover import discover as discover_effects
 
     clip_set, model = start.load()
@@ -141,6 +141,8 @@ def discover(progress: Progress, start: Start, out: Path) -> int:
     outcome = write_outcome(out, clip_set, found, progress, elapsed, f"sysid discover {start.clips}")
     print_constants(outcome.model)
     print("\n" + engines_line(outcome))
+    if whole := found.whole.get(found.verdict):
+        print(held_out_line(outcome, whole.band_rate))
     print_health(outcome.model)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     checkpoint.unlink(missing_ok=True)

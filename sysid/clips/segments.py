@@ -23,6 +23,8 @@ from sysid.clips.clip_set import Clip, Observation
 MAX_TURN_GAP_M = 0.03  # from the cushion, beyond a frame's travel, for a turn to be an impact
 SLOPE_SAMPLES = 5  # on each side of a slow impact, for the velocities before and after
 MAX_SLOW_HIT_GAP_M = 0.006  # from the cushion, of the nearest sample of a slow impact
+MAX_EVEN_FRAMES = 1.5  # between samples of a tracker that left out none
+MAX_ONSET_ERROR_FRAMES = 2.0  # of the moment at which a ball began to move
 CLAMP_MARGIN_M = 0.002  # samples closer to a cushion may be clamped by the tracker: they are not used
 
 
@@ -56,15 +58,30 @@ def moving_from(seen: Observation, sigma: float) -> int:
 
 
 def onset(seen: Observation, sigma: float, fps: float) -> Observation:
-    """The track without what precedes its motion, but for one rest sample a frame before it."""
+    """The track without what precedes its motion, but for one rest sample when it began.
+
+    That is a frame before the first sample in motion. Of a tracker that writes no samples of resting and slow balls it
+    is where the ball's first speed leads back to its place.
+    """
     first = moving_from(seen, sigma)
     if first == len(seen.time):
         return Observation(seen.time[:1], seen.xy[:1], seen.theta[:1])
-    if first <= 1 or np.hypot(*(seen.xy[first - 1] - seen.xy[0])) > 4 * sigma:  # it moves from the start
+    silent = seen.time[first] - seen.time[first - 1] > MAX_EVEN_FRAMES / fps
+    # It moves from the start, unless so fast a ball would have been seen before.
+    if not silent and (first == 1 or np.hypot(*(seen.xy[first - 1] - seen.xy[0])) > 4 * sigma):
         return seen
     time = seen.time[first - 1 :].copy()
-    time[0] = max(time[0], time[1] - 1 / fps)
+    began = _back_to_rest(time, seen.xy[first - 1 :]) if silent else time[1] - 1 / fps
+    time[0] = max(time[0], began)
     return Observation(time, seen.xy[first - 1 :], seen.theta[first - 1 :])
+
+
+def _back_to_rest(time: Array, xy: Array) -> float:
+    """When a ball left its first place, from its speed between the next two samples [s]."""
+    if len(time) < 3:
+        return float(time[0])
+    first, second = np.hypot(*(xy[1] - xy[0])), np.hypot(*(xy[2] - xy[1]))
+    return float(time[1] - (time[2] - time[1]) * first / second) if second > 0 else float(time[0])
 
 
 def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: float) -> list[Cut]:
@@ -99,8 +116,14 @@ def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: fl
 
 
 def ball_cuts(name: str, time: Array, others: dict[str, Observation], xy: Array, ball: BallSize) -> list[Cut]:
-    """Samples at which the distance to another ball has a minimum near one diameter."""
+    """Samples at which the distance to another ball has a minimum near one diameter.
+
+    Of a ball that begins to move just then it need not be as near, since the moment is known to a frame or two only.
+    """
     cuts = []
+    step = np.hypot(*np.diff(xy, axis=0).T)
+    way = np.maximum(np.concatenate([[0.0], step]), np.concatenate([step, [0.0]]))
+    frame = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     for other, track in others.items():
         if other == name:
             continue
@@ -109,7 +132,9 @@ def ball_cuts(name: str, time: Array, others: dict[str, Observation], xy: Array,
         change = np.abs(np.diff(distance))
         around = np.concatenate([[np.inf], distance, [np.inf]])
         travel = np.maximum(np.concatenate([[0.0], change]), np.concatenate([change, [0.0]]))
-        near = (distance <= np.minimum(around[:-2], around[2:])) & (distance < ball.diameter + 0.6 * travel + 0.003)
+        begins = (np.abs(time - track.time[0]) < MAX_ONSET_ERROR_FRAMES * frame) & (len(track.time) > 1)
+        reach = np.where(begins, way, 0.6 * travel) + 0.003
+        near = (distance <= np.minimum(around[:-2], around[2:])) & (distance < ball.diameter + reach)
         cuts += [Cut(int(k), "ball", other) for k in np.flatnonzero(near)]
     return cuts
 

@@ -147,7 +147,8 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
         lines.append(cut_line(found.parts))
     if found.parts.spikes:
         lines.append(f"{found.parts.spikes} outliers of the tracker were left out")
-    lines += found.parts.excluded
+    excluded = [*found.parts.excluded, *(line for one in found.whole.values() for line in one.parts.excluded)]
+    lines += list(dict.fromkeys(excluded))
     if found.pruned:
         lines.append(f"added in an early round, and not needed in the end: {', '.join(found.pruned)}")
     lines += list(dict.fromkeys(line for r in found.rounds for line in confounded_lines(r)))

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from sysid.estimation.clip_fit import ClipFit
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.split import Split
 from sysid.report.findings import predicted_delta_bic, unfitted
 from sysid.report.health import health_lines
+from sysid.residuals.compare import coverage
 from sysid.residuals.comparison import Comparison
 from sysid.selection.discover import DiscoveryResult
 from sysid.selection.judge import Diagnosis
@@ -31,10 +33,9 @@ def result_of(
          "converged": s.converged}
         for s, v in zip(found.ladder, found.verdicts, strict=True)
     ]  # fmt: skip
-    best = found.explained or now
-    parameters = {
-        n: {"value": best.value(n)[0], "sd": best.value(n)[1], "unit": now.model.meta(n)["unit"]} for n in now.names
-    }
+    best, whole = found.explained or now, found.whole.get(found.verdict)
+    values = whole.constants if whole else {n: best.value(n) for n in now.names}
+    parameters = {n: {"value": v, "sd": sd, "unit": now.model.meta(n)["unit"]} for n, (v, sd) in values.items()}
     return {
         "format": "billiard-discovery/1", "verdict": list(found.verdict),
         "unexplained": dict(found.unexplained) if found.unexplained else None,
@@ -44,8 +45,23 @@ def result_of(
         "spikes_set_aside": found.parts.spikes, "shots_cut": found.parts.cut,
         "pruned": list(found.pruned), "converged": now.converged,
         "doubtful": sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict)), "elapsed_s": elapsed,
+        "whole_shots": [
+            whole_json(verdict, one, comparison)
+            for (verdict, one), (_, comparison) in zip(found.whole.items(), compared, strict=False)
+        ],
         "engines": {name: engines_json(one) for name, one in compared},
         "health": health_lines(compared[-1][1].model) if compared else [],
+    }  # fmt: skip
+
+
+def whole_json(verdict: Sequence[str], whole: ClipFit, comparison: Comparison) -> dict[str, Any]:
+    """A model of the ladder fitted to whole shots, where pieces of them have named the effects."""
+    return {
+        "effects": list(verdict), "rms_m": whole.fitted.rms, "held_out_rms_m": whole.fitted.held_rms,
+        "converged": whole.converged, "band_rate": whole.band_rate,
+        "held_out_coverage": coverage(comparison, whole.band_rate),
+        "struck_rms_median_held_out_m": comparison.summary()["struck_rms_median_held_out_m"],
+        "segment_ratio_median": comparison.summary()["segment_ratio_median"],
     }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 
 from models.console import table
+from sysid.residuals.compare import coverage
 from sysid.residuals.comparison import Comparison
 from sysid.residuals.significance import Dependence
 
@@ -55,6 +56,15 @@ def engines_line(comparison: Comparison) -> str:
     if not comparison.mujoco:
         return f"all balls, whole clip, played in MuJoCo: median {there} rms"
     return f"all balls, whole clip: median {here} rms in the event engine, {there} with the same constants in MuJoCo"
+
+
+def held_out_line(comparison: Comparison, rate: float) -> str:
+    """How whole held-out shots are followed, and how many residuals the band of a discrepancy rate holds."""
+    rms, share = comparison.summary()["struck_rms_median_held_out_m"], coverage(comparison, rate)
+    return (
+        f"whole shots held out, only their initial states fitted: struck ball median {rms * 1e3:.1f} mm rms; "
+        f"{100 * share:.0f} % of residuals inside the predicted 95 % band"
+    )
 
 
 def print_comparison(comparison: Comparison) -> None:

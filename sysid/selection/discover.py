@@ -2,6 +2,9 @@
 
 In: a `ClipSet` and a `Model` to start from. Out: a `DiscoveryResult`: the ladder of fits, one effect more on each step,
 the screenings on the way, what stays unexplained, and the next shot to film.
+
+Where shots were cut, pieces have named the effects. Constants at impacts that pieces hardly show are those of whole
+shots, to which the first and the last model are fitted in the end.
 """
 
 from __future__ import annotations
@@ -9,14 +12,16 @@ from __future__ import annotations
 import dataclasses
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from models.errors import BadInput
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.clips.pieces import parent_clip
+from sysid.estimation.clip_fit import ClipFit, fit_clips
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.split import Split, begin, fit_on, settled_on
 from sysid.selection.departures import without_departing
@@ -47,6 +52,7 @@ class DiscoveryResult:
     explained: FittedModel | None = None  # the last fit with the formula for it
     next_shot: NextShot | None = None
     pruned: tuple[str, ...] = ()  # effects that were named and later dropped
+    whole: Mapping[tuple[str, ...], ClipFit] = field(default_factory=dict)  # by effects; whole shots, where pieces led
 
     @property
     def verdict(self) -> tuple[str, ...]:
@@ -64,11 +70,16 @@ class DiscoveryResult:
         return self.model_of(self.last)
 
     def model_of(self, fitted: FittedModel, command: str = "sysid discover") -> Model:
-        """The model of one step of the ladder.
+        """The model of one step of the ladder, with constants of whole shots where they were fitted.
 
         With a formula for what no effect explains, the constants of the last step are those of the fit that included
         it: without the formula they bend to make up for what is missing.
         """
+        for step, verdict in zip(self.ladder, self.verdicts, strict=True):
+            if step is not fitted or verdict not in self.whole:
+                continue
+            made = self.whole[verdict].model
+            return dataclasses.replace(made, fitted={**(made.fitted or {}), "command": command})
         if fitted is self.last and self.explained is not None:
             problem = self.explained.problem.with_model(fitted.model, self.explained.names)
             fitted = dataclasses.replace(self.explained, problem=problem)
@@ -187,7 +198,22 @@ def discover(
     if found.verdict and found.explained is None:
         last = settled_on(parts, found.last)
         found = dataclasses.replace(found, ladder=(*found.ladder[:-1], last))
+    found = dataclasses.replace(found, whole=fit_whole_shots(clip_set, found))
     return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
+
+
+def fit_whole_shots(clip_set: ClipSet, found: DiscoveryResult) -> dict[tuple[str, ...], ClipFit]:
+    """The first and the last model of the ladder fitted to whole shots, by their effects; none where none was cut."""
+    fits: dict[tuple[str, ...], ClipFit] = {}
+    if not found.parts.cut:
+        return fits
+    for verdict, fitted in {found.verdicts[0]: found.ladder[0], found.verdict: found.last}.items():
+        log.info("whole shots with %s", ", ".join(verdict) or "the base")
+        try:
+            fits[verdict] = fit_clips(clip_set, found.model_of(fitted), "sysid discover")
+        except BadInput as error:  # most shots are lost: pieces are all that can be fitted
+            log.info("%s", error)
+    return fits
 
 
 def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, formula: SparseFormula) -> DiscoveryResult:

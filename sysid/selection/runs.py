@@ -19,12 +19,12 @@ import numpy as np
 from models.effect import Effect
 from models.model_file import Model
 from sysid.clips.pieces import cut_clips
-from sysid.estimation.fitted import FittedModel
+from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.open_cloth import MIN_SEGMENTS, START_CAUCHY_SD, UNSEEN_EVENT_RATIO, ratios
-from sysid.estimation.problem import on_open_table
+from sysid.estimation.problem import on_open_table, values_of
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.solver.least_squares import fit_each
-from sysid.estimation.split import Split, fit_anew
+from sysid.estimation.split import Split, fit_anew, fit_on
 from sysid.selection.evidence import compare_fits
 from sysid.selection.score import score_all
 from sysid.selection.screening import (
@@ -35,6 +35,7 @@ from sysid.selection.screening import (
     candidates_for,
     fit_candidate,
     screen,
+    with_better_states,
 )
 
 MAX_RATIO_TO_MEDIAN = 6.0  # of a segment's residuals, over the median of all: beyond it holds an unseen impact
@@ -91,7 +92,8 @@ def screen_whole_shots(parts: Split, now: FittedModel) -> PartialScreening:
 def confirm(parts: Split, now: FittedModel, best: FittedCandidate, partial: PartialScreening) -> Confirmation:
     """Confirm an effect if whole shots are followed better with it, and not better still with a candidate of theirs.
 
-    An effect that segments hardly show, since their initial spins imitate it, would else lose to a minor one.
+    An effect that segments hardly show, since their initial spins imitate it, would else lose to a minor one. One that
+    acts at impacts alone does not compete: segments do not show it, so both may be missing.
 
     Args:
         parts: whole shots.
@@ -99,17 +101,28 @@ def confirm(parts: Split, now: FittedModel, best: FittedCandidate, partial: Part
         best: the effect, fitted to the segments.
         partial: the screening of whole shots, with its best candidates fitted.
     """
-    new = fit_anew(parts, best.fitted.model, f"with {best.name}")
-    evidence = compare_fits(now, new)
+    new = _fit_whole(parts, best.fitted.model, now, f"with {best.name}")
+    # A shot that one of both fits has in a false optimum must not decide.
+    evidence = compare_fits(with_better_states(now, new)[0], with_better_states(new, now)[0])
     if evidence.delta_bic <= MIN_DELTA_BIC:
         return Confirmation(partial=partial)
     for rival in partial.fitted:
-        other = rival.name != best.name and rival.converged
+        acts = _acts_between_impacts(type(rival.score.candidate.effect))
+        other = rival.name != best.name and rival.converged and acts
         if other and compare_fits(new, rival.fitted).delta_bic > MIN_DELTA_BIC:
             score = next(row for row in partial.scores.rows if row.candidate.name == best.name)
             known = PartialScreening(partial.scores, (rival, FittedCandidate(score, new, evidence)))
             return Confirmation(partial=known)
     return Confirmation(new)
+
+
+def _fit_whole(parts: Split, model: Model, now: FittedModel, what: str) -> FittedModel:
+    """A model fitted to whole shots from nothing, as the fit without it may be astray; to pieces of one impact on."""
+    if not parts.cut:
+        return fit_anew(parts, model, what)
+    problem = now.problem.with_model(model, tuple(model.parameters()))
+    start = Point(problem, now.initial_states, values_of(model, problem.names), now.discrepancy_rate)
+    return fit_on(parts, start, now, what)
 
 
 def _acts_between_impacts(kind: type[Effect]) -> bool:

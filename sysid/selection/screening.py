@@ -46,7 +46,7 @@ CONFOUNDED_CORRELATION = 0.9  # of two signatures, from which on candidates coun
 TRIAL_STEPS = 3  # iterations of the initial states at each trial start of a fit
 WARM_START_STEPS = 5  # iterations of the initial states from the optimum of another fit
 TIED_DELTA_BIC = 10.0  # difference below which the evidence does not separate two candidates
-MIN_WARM_START_IMPROVEMENT = 2.0  # of the loss, for another optimum to be taken
+MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE = 2.0, 1e-3  # of the loss, for another optimum to be taken
 MAX_EXCHANGE_EXCESS = 0.3  # excess variance of fits that may differ by the optimum of single shots only
 log = logging.getLogger(__name__)
 
@@ -254,19 +254,26 @@ def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:
     return x, values
 
 
+def with_better_states(one: FittedModel, other: FittedModel) -> tuple[FittedModel, float]:
+    """`one` with the initial states of `other` in the shots where they give less loss, and by how much it falls."""
+    seen = one.weighted
+    x = fit_states(seen, other.initial_states, one.constants, WARM_START_STEPS)
+    old, new = (shot_losses(seen, at, one.constants)[0] for at in (one.initial_states, x))
+    better = new < old
+    mixed = np.where(better[:, None], x, one.initial_states)
+    return dataclasses.replace(one, initial_states=mixed), float(np.sum((old - new)[better]))
+
+
 def warm_started(parts: Split, one: FittedModel, other: FittedModel, what: str) -> FittedModel | None:
     """Fit `one` again, from the initial states of `other` in the shots where they give less loss.
 
     None where that does not lower its loss noticeably.
     """
-    seen = one.weighted
-    x = fit_states(seen, other.initial_states, one.constants, WARM_START_STEPS)
-    old, new = (shot_losses(seen, at, one.constants)[0] for at in (one.initial_states, x))
-    better = new < old
-    if float(np.sum((old - new)[better])) < max(MIN_WARM_START_IMPROVEMENT, 1e-3 * float(old.sum())):
+    mixed, gain = with_better_states(one, other)
+    loss = float(shot_losses(one.weighted, one.initial_states, one.constants)[0].sum())
+    if gain < max(MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE * loss):
         return None
     log.info("%s again, from another optimum", what)
-    mixed = Point(one.problem, np.where(better[:, None], x, one.initial_states), one.constants, one.discrepancy_rate)
     return fit_on(parts, mixed, one, what)
 
 

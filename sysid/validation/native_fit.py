@@ -3,8 +3,8 @@
 In: nothing but the analytic models' constants. Out: a `Model` with native terms; models/mjcf/native.py holds what was
 found. `sysid match --tune M.toml` runs it.
 
-The unknowns are the terms, the solver is that of the workbench (sysid/estimation/solver/least_squares.py). Cloth: positions
-and sidespin over 3 s; impacts: velocity and R omega after them, over the speed before.
+The unknowns are the terms, the solver is that of the workbench (sysid/estimation/solver). Cloth: positions and sidespin
+over 3 s; impacts: velocity and R omega after them, over the speed before.
 """
 
 from __future__ import annotations

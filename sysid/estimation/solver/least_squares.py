@@ -1,7 +1,7 @@
 """Least squares over many small problems at once, each with an initial state, at given constants.
 
 In: an `Objective`: residuals as a function of initial states and constants, finite-difference steps, prior, loss.
-Out: the initial states with the lowest loss. sysid/estimation/solver/joint_fit.py fits the constants that problems share.
+Out: the initial states with the lowest loss. joint_fit.py beside it fits the constants that problems share.
 
 Every iteration asks for all residuals and their finite differences in one call, which is one batch of simulations.
 Levenberg-Marquardt with Marquardt's scaling and a damping for every problem. The loss is Cauchy's,

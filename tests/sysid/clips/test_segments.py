@@ -248,6 +248,33 @@ def test_measured_carom_shots_are_cut(data_folder: Path) -> None:
         assert speed.max() < 15.0
 
 
+def without_short_moves(seen: Observation, least: float) -> Observation:
+    """What a tracker writes that leaves out balls until they have moved so far [m] from where it last saw them."""
+    kept = [0]
+    for k in range(1, len(seen.time)):
+        if np.hypot(*(seen.xy[k] - seen.xy[kept[-1]])) > least:
+            kept.append(k)
+    return Observation(seen.time[kept], seen.xy[kept], seen.theta[kept])
+
+
+def test_balls_meet_where_a_tracker_left_out_the_resting_one(carom: list[Filmed]) -> None:
+    """The ball that is hit has one sample at the start, and its next one only when it is far on its way."""
+    total = 0
+    for shot in carom:
+        balls = {b: without_short_moves(o, 0.014) for b, o in shot.clip.balls.items()}
+        rare = replace(shot, clip=replace(shot.clip, balls=balls))
+        meetings = [e.time for e in shot.motion.events if e.kind == "ball" and shot.clip.struck in e.balls]
+        for first in meetings[:1]:
+            time = balls[shot.clip.struck].time
+            k = int(np.searchsorted(time, first))
+            span = time[min(k + 1, len(time) - 1)] - time[max(k - 2, 0)]  # as near as two samples, some being left out
+            assert np.abs(rare.cut_times(shot.clip.struck) - first).min(initial=np.inf) < max(2 / FPS, span)
+            hit = onset(balls[next(b for b in balls if b != shot.clip.struck)], SIGMA, FPS)
+            assert len(hit.time) < 3 or abs(hit.time[0] - first) < 3 / FPS
+            total += 1
+    assert total > 8
+
+
 def test_a_ball_on_its_way_keeps_the_time_of_its_first_sample() -> None:
     """Only one that lay still until then may be said to start a frame before it is seen elsewhere."""
     keep = np.array([0, 2, 3, 4, 5, 6])

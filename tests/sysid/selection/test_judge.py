@@ -64,6 +64,16 @@ def test_a_candidate_that_explains_more_overrules_and_both_fits_are_kept(drag: M
     assert found.partial.fitted[0] is drag[3]["speed_drag"]
 
 
+def test_an_effect_at_impacts_alone_does_not_overrule_one_between_them(drag: Made) -> None:
+    """However much it explains: segments do not show it, so both may be missing."""
+    parts, base, partial, fits = drag
+    better = fits["speed_drag"]
+    at_impacts = replace(better.score, candidate=candidate(effect_class("cushion_restitution_speed")))
+    known = replace(partial, fitted=(replace(better, score=at_impacts),))
+    found = confirm(parts, base, fits["air_drag"], known)
+    assert found.fitted is not None and "air_drag.rate" in found.fitted.names
+
+
 def test_an_effect_that_does_not_help_whole_shots_is_not_confirmed(drag: Made) -> None:
     found = confirmed(drag, "side_curve", "speed_drag")
     assert found.fitted is None and found.partial is not None
