@@ -81,9 +81,6 @@ EFFECT_TRUTH: Final[dict[str, tuple[Known, ...]]] = {  # the first of each is th
 }
 
 
-TABLE_MEASURED_WRONG: Final = ("image_scale", "image_aspect")  # what explains the tables of soiled sets
-
-
 @dataclass(frozen=True)
 class Place:
     """What counts as the right place of a structure."""
@@ -173,9 +170,8 @@ class Row:
 
     @property
     def wrong(self) -> tuple[str, ...]:
-        """Effects named that are not hidden; a table that was measured wrong is an error of the picture's scale."""
-        right = {*self.hidden, *(TABLE_MEASURED_WRONG if self.group == "soiled" else ())}
-        return tuple(v for v in self.verdict if v not in right)
+        """Effects named that are not hidden."""
+        return tuple(v for v in self.verdict if v not in self.hidden)
 
     @property
     def alarm(self) -> bool:
