@@ -155,6 +155,11 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
     doubtful = sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict))
     if doubtful:
         lines.append(f"did not converge, and gave no verdict: {', '.join(doubtful)}")
+    refuted = sorted({n for r in found.rounds for n in r.refuted} - set(found.verdict))
+    if refuted:
+        lines.append(
+            f"explains the clips used, but follows those held out worse, and so is not named: {', '.join(refuted)}"
+        )
     if not found.last.converged:
         lines.append("the last fit did not converge: its constants have no uncertainty")
     return lines + shot_lines(found.next_shot)
