@@ -89,14 +89,14 @@ def subset(clip_set: ClipSet, rows: Sequence[int]) -> ClipSet:
 def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, OpenCloth, Model]:
     """The clips split, the constants of the open cloth from their segments, and the model with those constants.
 
-    Where the model does not follow the open cloth, long shots are cut into pieces, unless `cut` forbids it.
+    Where the model does not follow the open cloth, long shots are cut into pieces, unless `cut` forbids it, and sizes
+    are held as stated.
     """
     noise = position_noise(clip_set)
     clip_set, spikes = remove_outliers(clip_set, noise)
     correlation = noise_correlation(clip_set)
     scale, sd = stamp_scale(clip_set)
-    model = with_free_sizes(model)
-    known = known_sizes(model) | ({CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {})
+    known = {CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {}
     rows = training_clips(clip_set)
     training, held = subset(clip_set, rows), subset(clip_set, [k for k in range(len(clip_set.clips)) if k not in rows])
     cloth = fit_open_cloth(model, training, noise)
@@ -107,7 +107,12 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
 
     problem = problem_of(training)
     shots = 0
-    if cut and not cloth.follows and np.median([len(e) for e in problem.events]) > MAX_EVENTS:
+    if cloth.follows or np.median([len(e) for e in problem.events]) <= MAX_EVENTS:
+        # Sizes of shots that are followed: others would bend them to make up for what the model lacks.
+        model = with_free_sizes(model)
+        known |= known_sizes(model)
+        problem = problem_of(training)
+    elif cut:
         shots = len(clip_set.clips)
         training, held = cut_clips(training, noise), cut_clips(held, noise)
         log.info("%d shots cut into %d pieces of one impact each", shots, len(training.clips) + len(held.clips))

@@ -25,6 +25,7 @@ MAX_LAG = 40  # samples, of the autocorrelation
 MIN_CORRELATION = 0.02  # at which the sum of the autocorrelation stops
 MAX_RESIDUAL_SD = 4.0  # at which residuals are clipped
 MAX_HELD_OUT_LOG_RATIO = math.log(1.5)  # of mean squares of held-out clips, summed over them, for a fit to generalise
+MANY_HELD_OUT_CLIPS, MAX_HELD_OUT_RATIO = 30, 1.02  # from which their rms counts too, and by how much it may rise
 COMPARED_STEPS = 5  # iterations of the initial states before two fits are compared
 
 
@@ -75,9 +76,15 @@ def mean_squares(r: Array, limit: float = math.inf) -> tuple[Array, Array]:
 
 
 def generalises(one: FittedModel, two: FittedModel) -> bool:
-    """Whether the second fit does not follow the held-out clips worse than the first."""
+    """Whether the second fit does not follow the held-out clips worse than the first.
+
+    By the mean squares of single clips, as one may be in a false optimum; where there are many, by that of all as well.
+    """
     if one.held_out is None or two.held_out is None:
         return True
+    many = len(one.held_out.residuals) >= MANY_HELD_OUT_CLIPS
+    if many and two.held_out.rms > MAX_HELD_OUT_RATIO * one.held_out.rms:
+        return False
     old, new = (np.maximum(mean_squares(at.residuals)[0], 1.0) for at in (one.held_out, two.held_out))
     return float(np.sum(np.log(new / old))) < MAX_HELD_OUT_LOG_RATIO
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from pathlib import Path
 
 import numpy as np
@@ -43,12 +42,13 @@ def test_one_shot_alone_names_an_effect_only_if_that_explains_it(others: float, 
 
 @pytest.mark.parametrize(
     ("old", "new", "holds"),
-    [([1.0, 1.0], [1.1, 1.1], True), ([1.0, 1.0], [1.0, 4.0], False), ([9.0, 1.0], [1.0, 4.0], True)],
-)
+    [([1.0, 1.0], [1.1, 1.1], True), ([1.0, 1.0], [1.0, 4.0], False), ([9.0, 1.0], [1.0, 4.0], True),
+     ([4.0] * 30, [3.8] * 29 + [20.0], False), ([4.0] * 28, [3.8] * 27 + [20.0], True)],
+)  # fmt: skip
 def test_a_fit_must_hold_for_other_clips(old: list[float], new: list[float], holds: bool) -> None:
     def fitted(squares: list[float]) -> FittedModel:
-        residuals = np.sqrt(np.array(squares))[:, None] * np.ones((2, 100))
-        held = HeldOut(np.zeros((2, 5)), math.nan, residuals)
+        residuals = np.sqrt(np.array(squares))[:, None] * np.ones((len(squares), 100))
+        held = HeldOut(np.zeros((len(squares), 5)), float(np.sqrt(np.mean(squares))), residuals)
         return dataclasses.replace(blank, held_out=held)
 
     blank = FittedModel(None, np.zeros(0), np.zeros(0), 0.0, np.zeros((0, 0)), True, 1.0, 1.0)  # type: ignore[arg-type]
