@@ -37,8 +37,8 @@ def check(clips: Path, json_file: Path | None) -> int:
     for line in notes:
         print(f"note: {line}")
     if json_file:
-        said = {"faults": faults, "warnings": list(found.warnings), "notes": notes}
-        write_json(json_file, {"clips": str(clips), **said})
+        lines = {"faults": faults, "warnings": list(found.warnings), "notes": notes}
+        write_json(json_file, {"clips": str(clips), **lines})
     if found.clip_set is None:
         print(f"{len(faults)} fault{'s' if len(faults) > 1 else ''}")
         return Status.BAD_INPUT

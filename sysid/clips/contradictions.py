@@ -225,11 +225,11 @@ def _cushions(clip_set: ClipSet) -> Iterator[Contradiction]:
             continue
         where = " and ".join(f"{r} at {r[0]}{seen[r].value:.3f} m (rebounds: {seen[r].count})" for r in off)
         count = sum(seen[r].count for r in off if seen[r].departs(limit, CERTAIN_TABLE * limit))
-        text = f"{key} = {_told(clip_set.table, axis):g} m puts the turn of a ball's centre at {limit:.3f} m"
+        text = f"{key} = {_stated(clip_set.table, axis):g} m puts the turn of a ball's centre at {limit:.3f} m"
         remedy = _table_remedy(clip_set.ball, seen["+" + letter], seen["-" + letter], letter, key, limit)
         text = f"{text}, but balls turn at {where}: {remedy}"
         beyond = any(
-            seen[r].value > _told(clip_set.table, axis) / 2 for r in off
+            seen[r].value > _stated(clip_set.table, axis) / 2 for r in off
         )  # then single rows are faults as well
         yield Contradiction(CLIPS_TOML, text, beyond or count >= MIN_CERTAIN_REBOUNDS, True)
 
@@ -238,7 +238,7 @@ def size_notes(clip_set: ClipSet) -> list[str]:
     """Cushions that stand noticeably closer or farther apart than stated: the table or the camera is a little off."""
     seen, found = rebounds(clip_set), []
     for axis, (letter, key) in enumerate((("x", "length"), ("y", "width"))):
-        plus, minus, stated = seen["+" + letter], seen["-" + letter], _told(clip_set.table, axis)
+        plus, minus, stated = seen["+" + letter], seen["-" + letter], _stated(clip_set.table, axis)
         size = plus.value + minus.value + 2 * NOSE_COSINE * clip_set.ball.radius
         error = float(np.hypot(plus.error, minus.error))
         if min(plus.count, minus.count) and abs(size - stated) > max(REBOUND_BIAS_M, NOTED_ERRORS * error):
@@ -250,7 +250,7 @@ def size_notes(clip_set: ClipSet) -> list[str]:
     return found
 
 
-def _told(table: Table, axis: int) -> float:
+def _stated(table: Table, axis: int) -> float:
     return (table.length, table.width)[axis]
 
 

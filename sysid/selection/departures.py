@@ -47,7 +47,7 @@ def departing(squares: Array, counts: Array, tau: float, median: float) -> Index
 
 
 @dataclass(frozen=True)
-class Departure:
+class ShotDeparture:
     """A shot that departs, and after what."""
 
     row: int
@@ -66,7 +66,7 @@ class Departure:
         )
 
 
-def located(at: Point, rows: Index, sizes: Array, tau: float, median: float) -> list[Departure]:
+def located(at: Point, rows: Index, sizes: Array, tau: float, median: float) -> list[ShotDeparture]:
     """After which event each of these shots departs: the first up to which alone it is not followed.
 
     Args:
@@ -87,7 +87,7 @@ def located(at: Point, rows: Index, sizes: Array, tau: float, median: float) -> 
             if k not in events:
                 events[k] = _nearest(few, before, c, k, few.events[k][stage - 1]) if stage else None
     return [
-        Departure(row, size, events.get(k))
+        ShotDeparture(row, size, events.get(k))
         for k, (row, size) in enumerate(zip(rows.tolist(), sizes.tolist(), strict=True))
     ]
 
@@ -144,7 +144,7 @@ def shared_cause(now: Point) -> str | None:
     return common_event(located(now, rows, np.sqrt(squares[rows] / median), tau, median))
 
 
-def common_event(found: Sequence[Departure]) -> str | None:
+def common_event(found: Sequence[ShotDeparture]) -> str | None:
     """The kind of event after which several shots depart: they share a cause; None where they do not."""
     kinds = Counter(one.event.kind if one.event else "start" for one in found)
     kind, count = kinds.most_common(1)[0] if kinds else ("", 0)

@@ -12,7 +12,7 @@ from models.model_file import full_model
 from models.shot import Event
 from sysid.clips import Clip, read_clip_set
 from sysid.estimation.fitted import FittedModel, HeldOut
-from sysid.selection.departures import Departure, common_event, departing
+from sysid.selection.departures import ShotDeparture, common_event, departing
 from sysid.selection.discover import discover
 from sysid.selection.evidence import Evidence, generalises, mean_squares
 from sysid.selection.screening import is_enough
@@ -56,8 +56,10 @@ def test_a_fit_must_hold_for_other_clips(old: list[float], new: list[float], hol
     assert generalises(blank, fitted(new))
 
 
-def departure(kind: str | None) -> Departure:
-    return Departure(0, 2.0, None if kind is None else Event(0.5, kind, ("cue",), "+x" if kind == "cushion" else ""))
+def departure(kind: str | None) -> ShotDeparture:
+    return ShotDeparture(
+        0, 2.0, None if kind is None else Event(0.5, kind, ("cue",), "+x" if kind == "cushion" else "")
+    )
 
 
 @pytest.mark.parametrize(
