@@ -76,6 +76,8 @@ def located(at: Point, rows: Index, sizes: Array, tau: float, median: float) -> 
         tau: see `departing`.
         median: see `departing`.
     """
+    if not rows.size:
+        return []
     few, x = at.problem.only(rows), at.initial_states[rows]
     c, every = np.tile(at.constants, (len(rows), 1)), np.arange(len(rows))
     events: dict[int, Event | None] = {}

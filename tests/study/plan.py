@@ -24,7 +24,8 @@ NONE: Final = 40
 SOILED_NONE: Final = 12
 SOILED_PAIRS: Final = 6  # the first of PAIRS
 SOILED_CLIPS: Final = 16
-SOILED_OPTIONS: Final = ("--soiled", "--fps", "60", "--outliers", "0.005", "--no-cue", "--no-sigma")
+SOILED_OPTIONS: Final = ("--soiled", "--fps", "60", "--outliers", "0.005", "--no-sigma")
+NEEDS_CUE: Final = "squirt"  # which shows against commands alone; other soiled sets have none
 FIRST_SEED: Final = {group: 10000 * k for k, group in enumerate(GROUPS, 1)}
 PER_EFFECT: Final = 10  # seeds kept for each
 
@@ -112,7 +113,12 @@ class Entry:
         basis = ("--seed", str(self.seed), "--clips", str(self.clips), "--sigma", repr(SIGMA), "--missing", "0.01")
         kinds = ("--kind", ",".join(self.kinds)) if self.kinds else ()
         return (*basis, "--seconds", "4", *kinds, *self.options, *VARIATIONS.get(self.variation, ()),
-                *(SOILED_OPTIONS if self.group == "soiled" else ()))  # fmt: skip
+                *self._soiling())  # fmt: skip
+
+    def _soiling(self) -> tuple[str, ...]:
+        if self.group != "soiled":
+            return ()
+        return SOILED_OPTIONS if NEEDS_CUE in self.hidden else (*SOILED_OPTIONS, "--no-cue")
 
 
 def _none() -> list[Entry]:
