@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from models.compiled import callback, compiled
 from models.errors import BadInput
+from models.shot import NOSE_SINE
 
 Array = NDArray[np.float64]
 Table = NDArray[np.int64]
@@ -81,6 +82,7 @@ class ImpactState:
     decay: float = 0.0  # [s/m], at the slip of every moment of the impact
     mass_first: float = 1.0  # of the two bodies over the table's ball, the inertia with it
     mass_second: float = 1.0  # not used of a rail
+    nose: float = NOSE_SINE  # sine of the elevation at which a rail meets the ball: its height over the radius, less 1
 
 
 @dataclass

@@ -17,13 +17,15 @@ the first to the second, for a cushion b points into it.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.coulomb import MIN_STEPS, integrate
 from models.analytic.pocket import outward
 from models.compiled import compiled, compiled_in_place
-from models.shot import NOSE_COSINE, NOSE_SINE
+from models.shot import NOSE_SINE
 
 Array = NDArray[np.float64]
 
@@ -31,13 +33,14 @@ Array = NDArray[np.float64]
 @compiled_in_place
 def collide(
     cushion: bool, state: Array, e: float, law: tuple[float, float, float, float], steps: int = MIN_STEPS,
-    gain: float = 0.0, decay: float = 0.0, ratio: float = 1.0,
+    gain: float = 0.0, decay: float = 0.0, ratio: float = 1.0, sine: float = NOSE_SINE,
 ) -> None:  # fmt: skip
     """Carry a state (5 for a cushion, 10 for two balls) through an impact, in place.
 
     `law`: friction of the contact, friction of the cloth, mass [kg], radius [m]. `steps`: of a whole impact, at least.
     `gain` [1], `decay` [s/m]: friction of the contact is more by gain exp(-decay slip), at the slip of the moment.
     `ratio`: mass of the first ball over that of the second, the inertia with it; a cushion does not know it.
+    `sine`: of the elevation at which a cushion's nose meets the ball; two balls do not know it.
     """
     friction, cloth, _, r = law
     mu = (friction, 1.0 * gain, 1.0 * decay)
@@ -45,7 +48,7 @@ def collide(
         if state[1] <= 0.0:
             return
         va, vb, wa, wb, wz = state[0], state[1], r * state[2], r * state[3], r * state[4]
-        sn, cs = NOSE_SINE, NOSE_COSINE
+        sn, cs = 1.0 * sine, math.sqrt(1.0 - sine * sine)
         nose = (
             sn * cs, -cs, 3.5, 2.5 + sn * sn, 1.0 - 2.5 * sn, 2.5 - sn, sn, -cs, -cs * cs, -sn * cs, cs
         )  # fmt: skip
@@ -87,12 +90,12 @@ def collide(
 def collide_rows(
     cushion: bool, hit: NDArray[np.int64], p: Array, v: Array, w: Array, e: Array, mu: Array, cloth: Array,
     m: float, r: float, gain: Array | None = None, decay: Array | None = None, ratio: Array | None = None,
-    jaws: Array | None = None,
+    sine: Array | None = None, jaws: Array | None = None,
 ) -> None:  # fmt: skip
     """Carry the balls of every simulation through its impact, in place.
 
     `hit` (n, 3): kind, ball, and other ball or rail (+x, -x, +y, -y), or 4 + jaw; p, v, w (n, nball, 3);
-    e, mu, cloth (n,). gain, decay, ratio (n,), as in `collide`; `jaws` as models/analytic/pocket.py has them.
+    e, mu, cloth (n,). gain, decay, ratio, sine (n,), as in `collide`; `jaws` as models/analytic/pocket.py has them.
     """
     state = np.zeros(5 if cushion else 10)
     for k in range(hit.shape[0]):
@@ -120,7 +123,8 @@ def collide_rows(
         more = 0.0 if gain is None else gain[k]
         fade = 0.0 if decay is None else decay[k]
         heavier = 1.0 if ratio is None else ratio[k]
-        collide(cushion, state, e[k], (mu[k], cloth[k], m, r), MIN_STEPS, more, fade, heavier)
+        nose = NOSE_SINE if sine is None else sine[k]
+        collide(cushion, state, e[k], (mu[k], cloth[k], m, r), MIN_STEPS, more, fade, heavier, nose)
         for n in range(1 if cushion else 2):
             b = i if n == 0 else j
             o = 5 * n

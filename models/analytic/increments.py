@@ -13,7 +13,7 @@ import math
 
 from models.analytic.coulomb import friction_at
 from models.compiled import compiled, compiled_in_place
-from models.shot import NOSE_COSINE, NOSE_SINE, Array
+from models.shot import NOSE_SINE, Array
 
 MAX_SWEEPS = 12  # at most, over the friction of both contacts, which depend on each other
 SETTLED_CHANGE = 1e-7  # change of the friction between sweeps over the normal impulse that ends them
@@ -38,31 +38,34 @@ def _friction(
 
 
 @compiled_in_place
-def cushion_step(s: Array, dp: float, law: tuple[float, float, float, float], out: Array) -> None:
-    """One step of normal impulse dp at the nose."""
+def cushion_step(
+    s: Array, dp: float, law: tuple[float, float, float, float], out: Array, sine: float = NOSE_SINE
+) -> None:
+    """One step of normal impulse dp at the nose, which meets the ball at an elevation of this sine."""
+    cosine = math.sqrt(1.0 - sine * sine)
     mu, mu_cloth, m, r = law
     k = 5.0 / (2.0 * m * r)
-    nose, bed = (3.5 / m, (2.5 + NOSE_SINE**2) / m), (3.5 / m, 3.5 / m)  # v_z stays zero
-    va, vb, wa, wb, wz = s[0], s[1] - dp * NOSE_COSINE / m, s[2], s[3], s[4]
-    x0, y0 = s[0] + r * (wb * NOSE_SINE - wz * NOSE_COSINE), -s[1] * NOSE_SINE + r * wa
+    nose, bed = (3.5 / m, (2.5 + sine**2) / m), (3.5 / m, 3.5 / m)  # v_z stays zero
+    va, vb, wa, wb, wz = s[0], s[1] - dp * cosine / m, s[2], s[3], s[4]
+    x0, y0 = s[0] + r * (wb * sine - wz * cosine), -s[1] * sine + r * wa
     c0, d0 = s[0] - r * wb, s[1] + r * wa
     fx = fy = ga = gb = 0.0
     for _ in range(MAX_SWEEPS):
-        x1 = va + ga / m + r * ((wb - k * ga) * NOSE_SINE - wz * NOSE_COSINE)
-        y1 = -(vb + gb / m) * NOSE_SINE + r * (wa + k * gb)
+        x1 = va + ga / m + r * ((wb - k * ga) * sine - wz * cosine)
+        y1 = -(vb + gb / m) * sine + r * (wa + k * gb)
         fx, fy = _friction(mu * dp, nose, x0, y0, x1, y1, fx, fy)
-        c1 = va + fx / m - r * (wb + k * fx * NOSE_SINE)
-        d1 = vb - fy * NOSE_SINE / m + r * (wa + k * fy)
-        press = max(0.0, dp * NOSE_SINE - fy * NOSE_COSINE)
+        c1 = va + fx / m - r * (wb + k * fx * sine)
+        d1 = vb - fy * sine / m + r * (wa + k * fy)
+        press = max(0.0, dp * sine - fy * cosine)
         a, b = ga, gb
         ga, gb = _friction(mu_cloth * press, bed, c0, d0, c1, d1, ga, gb)
         if abs(ga - a) + abs(gb - b) <= SETTLED_CHANGE * dp:
             break
     out[0] = va + (fx + ga) / m
-    out[1] = vb + (gb - fy * NOSE_SINE) / m
+    out[1] = vb + (gb - fy * sine) / m
     out[2] = wa + k * (fy + gb)
-    out[3] = wb + k * (fx * NOSE_SINE - ga)
-    out[4] = wz - k * fx * NOSE_COSINE
+    out[3] = wb + k * (fx * sine - ga)
+    out[4] = wz - k * fx * cosine
 
 
 @compiled_in_place

@@ -32,7 +32,7 @@ from models.engine.curve import push
 from models.engine.impacts import ask, describe
 from models.engine.motion import POTTED
 from models.engine.touch import BALL, CUSHION
-from models.shot import GRAVITY, NOSE_COSINE
+from models.shot import GRAVITY
 
 CONTACT_RANGE_M = 1e-3  # gap up to which a contact is looked at in every step [m]
 CROWD_GAP_M = 1e-6  # gap of a third body that makes a cluster at any speed [m]
@@ -116,13 +116,13 @@ def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # t
         out[x] = s[x]
     for _ in range(SLIP_PARTS):
         if cushion:
-            cushion_step(out, dp / SLIP_PARTS, (mu[0], cloth, own, radius), after)
+            cushion_step(out, dp / SLIP_PARTS, (mu[0], cloth, own, radius), after, mu[3])
         else:
             ball_step(out, dp / SLIP_PARTS, (mu[0], mu[1], mu[2]), (cloth, own, other, radius), after)
         for x in range(10):
             out[x] = after[x]
     if cushion:
-        out[1] += dp * (NOSE_COSINE - level) / own
+        out[1] += dp * (math.sqrt(1.0 - mu[3] * mu[3]) - level) / own
     for q in range(1 if cushion else 2):
         ball, o = (i if q == 0 else j), 5 * q
         va, vb, wa, wb = out[o] - s[o], out[o + 1] - s[o + 1], out[o + 2] - s[o + 2], out[o + 3] - s[o + 3]
@@ -195,7 +195,7 @@ def through(  # type: ignore[no-untyped-def]
     n = b.shape[0]
     contacts = n * (n - 1) // 2 + 4 * n
     bodies = np.empty(contacts, np.int64), np.empty(contacts, np.int64), np.empty(contacts, np.int64)
-    springs = np.zeros(contacts), np.zeros((contacts, 3)), np.zeros(contacts), np.zeros(contacts)
+    springs = np.zeros(contacts), np.zeros((contacts, 4)), np.zeros(contacts), np.zeros(contacts)
     work = bodies, springs, np.zeros(contacts, np.bool_), np.ones(n), np.zeros((n, 5)), np.zeros((4, 10))
     return _through(
         work, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths,
@@ -251,6 +251,7 @@ def _through(  # type: ignore[no-untyped-def]
                 ask(hit, hit.ctypes.data, own, impact)
                 damping[c] = damping_of(cushion, hit[rec.RESTITUTION], table)
                 mu[c, 0], mu[c, 1], mu[c, 2] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY]
+                mu[c, 3] = hit[rec.NOSE]
                 heavier[i] = hit[rec.MASS_FIRST]
                 if not cushion:
                     heavier[j] = hit[rec.MASS_SECOND]

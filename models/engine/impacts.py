@@ -18,6 +18,7 @@ from models.shot import NOSE_COSINE, NOSE_SINE, Array
 CLIMB_FRICTION = (
     0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
 )
+MAX_NOSE_SINE = 0.8  # of a cushion's nose over a ball's centre: higher ones press it down more than back
 RAIL_OF_JAW = np.array(JAW_RAILS)
 
 
@@ -44,6 +45,7 @@ def describe(h, cushion, i, j, one, two, nx, ny, radius, order, time):  # type: 
     h[rec.HIT_ORDER], h[rec.HIT_TIME] = order, time
     h[rec.RESTITUTION] = h[rec.FRICTION] = h[rec.GAIN] = h[rec.DECAY] = 0.0
     h[rec.MASS_FIRST] = h[rec.MASS_SECOND] = 1.0
+    h[rec.NOSE] = NOSE_SINE
 
 
 @compiled_in_place
@@ -55,6 +57,7 @@ def ask(h, at, own, hooks):  # type: ignore[no-untyped-def]
     h[rec.FRICTION] = max(h[rec.FRICTION], 0.0)
     if h[rec.CUSHION_HIT] > 0.0:
         h[rec.FRICTION] = min(h[rec.FRICTION], CLIMB_FRICTION)
+        h[rec.NOSE] = min(max(h[rec.NOSE], 0.0), MAX_NOSE_SINE)
     if h[rec.APPROACH] < DEAD_SPEED:
         h[rec.RESTITUTION] = 0.0
 

@@ -60,7 +60,7 @@ def collide_alone(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, ma
         state[o + 4] = q[col.WZ]
     collide(
         j < 0, state, 0.0 if slow else hit[rec.RESTITUTION], (hit[rec.FRICTION], cloth[0], mass, radius), MIN_STEPS,
-        hit[rec.GAIN], hit[rec.DECAY], hit[rec.MASS_FIRST] / hit[rec.MASS_SECOND],
+        hit[rec.GAIN], hit[rec.DECAY], hit[rec.MASS_FIRST] / hit[rec.MASS_SECOND], hit[rec.NOSE],
     )  # fmt: skip
     for n in range(1 if j < 0 else 2):
         q, o = b[i] if n == 0 else b[j], 5 * n

@@ -14,6 +14,7 @@ them the straight cushions end, and a ball meets a jaw by its impulse once the o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -29,7 +30,7 @@ from models.analytic.spring import CONTACT_GAP_M, SLIP_PARTS, SPRING_STEP_S, dam
 from models.compiled import compiled
 from models.effect import Effect
 from models.mjcf.world import build_spec, rails
-from models.shot import NOSE_COSINE, RAIL_NAMES, Array
+from models.shot import RAIL_NAMES, Array
 from models.simulation.act import Balls
 
 if TYPE_CHECKING:
@@ -119,8 +120,8 @@ def press(
     """Set the springs of closed contacts, solref (n, ncontact, 2), and add the friction that goes with them.
 
     What a contact overlapped at the start, `given` (n, ncontact) [m], holds no energy; it shrinks as they part.
-    `mu` (n, ncontact, 3) as in `ball_step`; `heavier` (n, nball) is each ball's mass over m. Force and torque are
-    those that would move a ball of mass m like this.
+    `mu` (n, ncontact, 4) as in `ball_step`, then the sine of a nose; `heavier` (n, nball) is each ball's mass over m.
+    Force and torque are those that would move a ball of mass m like this.
     """
     one, two = np.zeros(5), np.zeros(10)
     one_out, two_out = np.zeros(5), np.zeros(10)
@@ -151,17 +152,17 @@ def press(
                 continue
             s, out, after = (one, one_out, one_after) if cushion else (two, two_out, two_after)
             ax, ay, bx, by = _local(p[n], v[n], w[n], cushion, i, j, x, y, s)
-            rub = (mu[n, c, 0], mu[n, c, 1], mu[n, c, 2])
+            rub, sine = (mu[n, c, 0], mu[n, c, 1], mu[n, c, 2]), mu[n, c, 3]
             out[:] = s
             for _ in range(SLIP_PARTS):
                 if cushion:
-                    cushion_step(out, dp / SLIP_PARTS, (rub[0], cloth[n], own, r), after)
+                    cushion_step(out, dp / SLIP_PARTS, (rub[0], cloth[n], own, r), after, sine)
                 else:
                     ball_step(out, dp / SLIP_PARTS, rub, (cloth[n], own, other, r), after)
                 out[:] = after
             # What the normal force itself does is MuJoCo's.
             if cushion:
-                out[1] += dp * NOSE_COSINE / own
+                out[1] += dp * math.sqrt(1.0 - sine * sine) / own
             else:
                 out[0] += dp / own
                 out[5] -= dp / other
@@ -247,7 +248,7 @@ class Contacts:
             else:
                 self.first[c], self.second[c] = min(bodies), max(bodies)
         self.damping = np.zeros((nsim, ncontact))
-        self.friction = np.zeros((nsim, ncontact, 3))
+        self.friction = np.zeros((nsim, ncontact, 4))
         self.peak = np.zeros((nsim, ncontact))
         self.given = np.zeros((nsim, ncontact))  # overlap that is nobody's doing in this cluster [m]
         self.first_time = np.ones((nsim, ncontact), bool)  # in this cluster
@@ -279,7 +280,7 @@ class Contacts:
     ) -> NDArray[np.bool_]:
         """Give contacts of `which` (k, 2) what impacts (k, IMPACT_FIELDS) say of them; returns which are new."""
         at = rows[which[:, 0]], which[:, 1]
-        self.friction[at] = impacts[:, [rec.FRICTION, rec.GAIN, rec.DECAY]]
+        self.friction[at] = impacts[:, [rec.FRICTION, rec.GAIN, rec.DECAY, rec.NOSE]]
         self.damping[at] = dampings(cushion, impacts[:, rec.RESTITUTION])
         for n in range(1 if cushion else 2):
             heavier, ball = impacts[:, rec.MASS_FIRST + n], impacts[:, rec.FIRST + n].astype(np.int64)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,7 +26,7 @@ from sysid.estimation.clip_fit import ClipFit, fit_clips
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.split import Split, begin, fit_on, settled_on
 from sysid.selection.departures import without_departing
-from sysid.selection.evidence import MAX_LOSS_RATIO, compare_fits, loss_ratio_without, remove_effect
+from sysid.selection.evidence import MAX_LOSS_RATIO, compare_fits, loss_ratio_without, mean_squares, remove_effect
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe
 from sysid.selection.judge import diagnose_fit
 from sysid.selection.next_shot import NextShot, propose_shot
@@ -198,7 +199,7 @@ def discover(
     if found.verdict and found.explained is None:
         last = settled_on(parts, found.last)
         found = dataclasses.replace(found, ladder=(*found.ladder[:-1], last))
-    found = dataclasses.replace(found, whole=fit_whole_shots(clip_set, found))
+    found = without_idle(parts, clip_set, dataclasses.replace(found, whole=fit_whole_shots(clip_set, found)))
     return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
 
 
@@ -214,6 +215,35 @@ def fit_whole_shots(clip_set: ClipSet, found: DiscoveryResult) -> dict[tuple[str
         except BadInput as error:  # most shots are lost: pieces are all that can be fitted
             log.info("%s", error)
     return fits
+
+
+def without_idle(parts: Split, clip_set: ClipSet, found: DiscoveryResult) -> DiscoveryResult:
+    """The result without effects that pieces named and that do not lower the error of whole shots held out.
+
+    Pieces of one impact show little of what an effect does to a whole shot.
+    """
+    base, best = found.whole.get(()), found.whole.get(found.verdict)
+    for name in reversed(found.verdict):
+        if base is None or best is None:
+            break
+        verdict = tuple(v for v in found.verdict if v != name)
+        log.info("whole shots without %s", name)
+        model = dataclasses.replace(best.model, effects=tuple(e for e in best.model.effects if e.name() != name))
+        less = fit_clips(clip_set, model, "sysid discover") if verdict else base
+        if _held_out_error(less) > _held_out_error(best):
+            continue
+        log.info("%s does not lower the error of whole shots held out", name)
+        best, pruned = less, (*found.pruned, name)
+        explained = fit_without(parts, found.explained, name) if found.explained else None
+        found = _ending_with(found, fit_without(parts, found.last, name), verdict)
+        found = dataclasses.replace(found, explained=explained, pruned=pruned, whole={(): base, verdict: best})
+    return found
+
+
+def _held_out_error(found: ClipFit) -> float:
+    """Mean logarithm of the mean squares of held-out shots, so that one in a false optimum does not outweigh them."""
+    held = found.fitted.held_out
+    return float(np.mean(np.log(np.maximum(mean_squares(held.residuals)[0], 1.0)))) if held else math.inf
 
 
 def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, formula: SparseFormula) -> DiscoveryResult:

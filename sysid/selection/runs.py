@@ -25,7 +25,7 @@ from sysid.estimation.problem import on_open_table, values_of
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.solver.least_squares import fit_each
 from sysid.estimation.split import Split, fit_anew, fit_on
-from sysid.selection.evidence import compare_fits, generalises
+from sysid.selection.evidence import compare_fits
 from sysid.selection.score import score_all
 from sysid.selection.screening import (
     MIN_DELTA_BIC,
@@ -92,8 +92,6 @@ def screen_whole_shots(parts: Split, now: FittedModel) -> PartialScreening:
 def confirm(parts: Split, now: FittedModel, best: FittedCandidate, partial: PartialScreening) -> Confirmation:
     """Confirm an effect if whole shots are followed better with it, and not better still with a candidate of theirs.
 
-    Held-out shots must be followed no worse.
-
     An effect that segments hardly show, since their initial spins imitate it, would else lose to a minor one. One that
     acts at impacts alone does not compete: segments do not show it, so both may be missing.
 
@@ -106,7 +104,7 @@ def confirm(parts: Split, now: FittedModel, best: FittedCandidate, partial: Part
     new = _fit_whole(parts, best.fitted.model, now, f"with {best.name}")
     # A shot that one of both fits has in a false optimum must not decide.
     evidence = compare_fits(with_better_states(now, new)[0], with_better_states(new, now)[0])
-    if evidence.delta_bic <= MIN_DELTA_BIC or not generalises(now, new):
+    if evidence.delta_bic <= MIN_DELTA_BIC:
         return Confirmation(partial=partial)
     for rival in partial.fitted:
         acts = _acts_between_impacts(type(rival.score.candidate.effect))

@@ -32,6 +32,7 @@ from sysid.selection.evidence import (
     loss_ratio_without,
 )
 from sysid.selection.score import Candidate, Score, Scores, candidate, score_all, with_candidate
+from sysid.selection.trials import fit_from_usual, most_promising
 
 # Predicted improvement: fall of chi-square that the linear model predicts for a candidate (sysid/selection/score.py).
 MIN_IMPROVEMENT = 15.0  # predicted, for a candidate to be fitted
@@ -161,6 +162,8 @@ def screen(
         tried = {one.name for one in fits}
         others = [row for row in scores.rows if row.candidate.name not in tried]
         fits += [fit(row) for row in others[:MAX_FITS] if row.predicted_improvement >= least_improvement(scores, share)]
+    if not any(one.converged and excess_variance(one.fitted) < MAX_EXCESS_VARIANCE for one in fits):
+        fits = _with_trial(parts, base, scores, fits)
     if fits:
         fits = _exchange_optima(parts, base, fits)
         best = max(fits, key=lambda one: one.evidence.delta_bic)
@@ -202,6 +205,27 @@ def _fit_chosen(
         bar = max(least, MIN_IMPROVEMENT_OF_SUFFICIENT * chosen[0].predicted_improvement if close else 0.0)
         if score.predicted_improvement > bar or (score.sudden and not sufficient):
             fits.append(fit(score))
+    return fits
+
+
+def _with_trial(parts: Split, base: FittedModel, scores: Scores, fits: list[FittedCandidate]) -> list[FittedCandidate]:
+    """The fits and, where none leaves only noise, one more: of the effect whose usual size lowers the loss most."""
+    if excess_variance(base) < MAX_EXCESS_VARIANCE:
+        return fits
+    rows = {row.candidate.name: row for row in scores.rows}
+    kinds = list(dict.fromkeys(type(row.candidate.effect) for row in scores.rows))
+    kind = most_promising(base, kinds, [one.fitted for one in fits]) if kinds else None
+    if kind is None:
+        return fits
+    found = fit_from_usual(parts, base, kind)
+    evidence, row = compare_fits(base, found), rows[kind.name()]
+    row = dataclasses.replace(row, predicted_improvement=max(row.predicted_improvement, evidence.improvement))
+    one = FittedCandidate(row, found, evidence)
+    same = next((k for k, other in enumerate(fits) if other.name == one.name), None)
+    if same is None:
+        return [*fits, one]
+    if one.evidence.improvement > fits[same].evidence.improvement:
+        fits[same] = one
     return fits
 
 

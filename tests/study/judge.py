@@ -62,6 +62,8 @@ EFFECT_TRUTH: Final[dict[str, tuple[Known, ...]]] = {  # the first of each is th
     "rolling_shutter": (Known("delay", _plain("shutter")),),
     **{f"cushion_restitution_{rail}": (Known("change", _plain(f"ec_{rail}")),) for rail in RAILS},
     **{f"cushion_friction_{rail}": (Known("change", _plain(f"muc_{rail}")),) for rail in RAILS},
+    "nose_height": (Known("change", _plain("nose")),),
+    **{f"nose_height_{rail}": (Known("change", _plain(f"nose_{rail}")),) for rail in RAILS},
     "struck_ball_slide": (Known("change", _plain("cue_mus")),),
     "struck_ball_roll": (Known("change", _plain("cue_mur")),),
     "cloth_grain": (

@@ -27,6 +27,8 @@ SIGNED = {"tilt_x", "tilt_y", "nap_phi", "swerve", "ec_v", "mubb_b", "mus_v", "s
 SIGNED |= {"squirt", "lens", "camera_tilt", "image_scale", "shutter", "patch_x", "patch_y", "crown", "ripple"}
 SIGNED |= {"ends", "shake", "image_aspect", "ripple_phi", "slide_swerve", "cue_mus", "cue_mur", "lens4"}
 SIGNED |= {f"{name}_{rail}" for name in ("ec", "muc") for rail in ("px", "mx", "py", "my")}
+LOWER |= {"nose": -0.25, **{f"nose_{rail}": -0.14 for rail in ("px", "mx", "py", "my")}}  # together above the centre
+UPPER |= {"nose": 0.3, **{f"nose_{rail}": 0.2 for rail in ("px", "mx", "py", "my")}}
 EXAMPLE_SEED = 20141
 EXAMPLE = (
     *("stun", "side", "cushion", "draw", "roll", "follow"),

@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 Law = tuple[float, float, float]  # (a, b, c): friction mu(s) = a + b exp(-c s) at slip s [m/s]
 
 NOSE_SINE: Final = 0.4  # nose at height 7R/5: sine of the contact point's elevation
-NOSE_COSINE: Final = float(np.sqrt(1.0 - NOSE_SINE**2))
 INCREMENTS: Final = 4000  # of impulse in an impact
 BALLS, NOSE = range(2)
 
@@ -77,54 +76,57 @@ def _press_balls(q: Array, dp: float, mu: Law, mus: float, mass: Array, radius: 
 
 
 @njit(cache=True)
-def _press_nose(q: Array, dp: float, mu: Law, mus: float, mass: Array, radius: float) -> None:
+def _press_nose(q: Array, dp: float, mu: Law, mus: float, mass: Array, radius: float, sine: float) -> None:
     """Increment dp [N s] of the impulse along the contact normal between q[0] and the cushion's nose.
 
     Contact point R (cos, 0, sin); friction along y and up the face e = (-sin, 0, cos). The cloth carries what the
     nose presses down: N = dp sin - f_e cos.
     """
-    b, m = q[0], mass[0]
-    sy = b[1] + radius * (b[4] * NOSE_COSINE - b[2] * NOSE_SINE)
-    se = -b[0] * NOSE_SINE - radius * b[3]
+    b, m, cosine = q[0], mass[0], np.sqrt(1.0 - sine * sine)
+    sy = b[1] + radius * (b[4] * cosine - b[2] * sine)
+    se = -b[0] * sine - radius * b[3]
     slip = np.hypot(sy, se)
     fy, fe = 0.0, 0.0
     if slip > 0.0:
         f = _stick(_friction(mu, slip) * dp, slip, 3.5 / m)
         fy, fe = -f * sy / slip, -f * se / slip
-    _cloth(b, dp * NOSE_SINE - fe * NOSE_COSINE, mus, m, radius)
-    b[0] += (-dp * NOSE_COSINE - fe * NOSE_SINE) / m
+    _cloth(b, dp * sine - fe * cosine, mus, m, radius)
+    b[0] += (-dp * cosine - fe * sine) / m
     b[1] += fy / m
     lever = 2.5 / (m * radius)
-    b[2] -= lever * NOSE_SINE * fy
+    b[2] -= lever * sine * fy
     b[3] -= lever * fe
-    b[4] += lever * NOSE_COSINE * fy
+    b[4] += lever * cosine * fy
 
 
 @njit(cache=True)
-def _press(kind: int, q: Array, dp: float, mu: Law, mus: float, mass: Array, radius: float) -> None:
+def _press(kind: int, q: Array, dp: float, mu: Law, mus: float, mass: Array, radius: float, sine: float) -> None:
     if kind == BALLS:
         _press_balls(q, dp, mu, mus, mass, radius)
     else:
-        _press_nose(q, dp, mu, mus, mass, radius)
+        _press_nose(q, dp, mu, mus, mass, radius, sine)
 
 
 @njit(cache=True)
-def impact(kind: int, q: Array, e: float, mu: Law, mus: float, mass: Array, radius: float, n: int) -> Array:
+def impact(
+    kind: int, q: Array, e: float, mu: Law, mus: float, mass: Array, radius: float, n: int, sine: float = NOSE_SINE
+) -> Array:
     """State after an impact of the given kind, in the local frame.
 
     q: (2, 5) rows (vx, vy, wx, wy, wz) [m/s, rad/s], the second a resting dummy at a cushion; mass: (2,) [kg];
-    e energetic restitution, mu friction law at the contact, mus on the cloth; n impulse increments.
+    e energetic restitution, mu friction law at the contact, mus on the cloth; n impulse increments; sine of the
+    elevation at which a nose meets the ball.
     """
     q = q.copy()
     closing = q[0, 0] - q[1, 0]
     if closing <= 0.0:
         return q
-    scale = 1.0 / (1.0 / mass[0] + 1.0 / mass[1]) if kind == BALLS else mass[0] / NOSE_COSINE
+    scale = 1.0 / (1.0 / mass[0] + 1.0 / mass[1]) if kind == BALLS else mass[0] / np.sqrt(1.0 - sine * sine)
     dp = (1.0 + e) * scale * closing / n
     stored, target, compressing = 0.0, 0.0, True
     for _ in range(20 * n):
         before = q.copy()
-        _press(kind, q, dp, mu, mus, mass, radius)
+        _press(kind, q, dp, mu, mus, mass, radius, sine)
         rest, now = before[0, 0] - before[1, 0], q[0, 0] - q[1, 0]
         work = 0.5 * dp * (rest + now)
         if (compressing and now > 0.0) or (not compressing and stored + work > target):
@@ -134,7 +136,7 @@ def impact(kind: int, q: Array, e: float, mu: Law, mus: float, mass: Array, radi
         for _ in range(50):
             part = 0.5 * (low + high)
             q = before.copy()
-            _press(kind, q, part, mu, mus, mass, radius)
+            _press(kind, q, part, mu, mus, mass, radius, sine)
             now = q[0, 0] - q[1, 0]
             work = 0.5 * part * (rest + now)
             if (compressing and now > 0.0) or (not compressing and stored + work > target):

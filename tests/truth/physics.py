@@ -30,7 +30,7 @@ from tests.truth.cloth import (
     Constants,
     advance,
 )
-from tests.truth.impact import BALLS, INCREMENTS, NOSE, NOSE_COSINE, impact
+from tests.truth.impact import BALLS, INCREMENTS, NOSE, NOSE_SINE, impact
 
 RAILS = ("+x", "-x", "+y", "-y")
 STEP = 5e-5  # [s]
@@ -48,9 +48,12 @@ class Table:
     corner_mouth: float = 64.0 / 52.5  # from the corner: a 90 mm opening at 45 degrees, over sqrt 2
     middle_mouth: float = 55.0 / 52.5  # to each side of the middle (Robotic Billiards, 2015)
 
-    def reach(self, radius: float) -> Array:
-        """Largest |x|, |y| of a ball's centre: touching, it is R cos(theta) from the nose line: (2,) [m]."""
-        return np.array([self.length / 2, self.width / 2]) - radius * NOSE_COSINE
+    def reach(self, radius: float, nose: float = 0.0) -> Array:
+        """Largest |x|, |y| of a ball's centre: touching, it is R cos(theta) from the nose line: (2,) [m].
+
+        Noses are higher than 7R/5 by nose [R].
+        """
+        return np.array([self.length / 2, self.width / 2]) - radius * np.sqrt(1.0 - (NOSE_SINE + nose) ** 2)
 
     def in_mouth(self, xy: Array, axis: int, radius: float) -> bool:
         """Whether a ball that meets the rail across axis (0: x, 1: y) at xy [m] finds a pocket there."""
@@ -178,7 +181,8 @@ def _rebound(state: Array, i: int, rail: int, table: Table, c: Constants, n: int
     speed = float(q[0, 0])
     along = float(state[i, 1 - rail // 2]) / ((table.width if rail < 2 else table.length) / 2)
     e, mu = cushion_restitution(speed, c, rail, along), (cushion_friction(speed, c, rail), 0.0, 0.0)
-    q = impact(NOSE, q, e, mu, c.mus, _masses(state[[i, i]], c), c.radius, n)
+    sine = NOSE_SINE + c.nose + (c.nose_px, c.nose_mx, c.nose_py, c.nose_my)[rail]
+    q = impact(NOSE, q, e, mu, c.mus, _masses(state[[i, i]], c), c.radius, n, sine)
     state[[i], VX : WZ + 1] = _turned(q[:1], x, -y)
 
 
@@ -202,7 +206,7 @@ def simulate(
     state[0, STRUCK] = 1.0
     state[0, AIR] = c.hop * np.hypot(*state[0, VX:WX])
     mode = np.where(np.any(state[:, VX:WZ] != 0.0, axis=1), SLIDE, REST).astype(np.int64)
-    reach = table.reach(c.radius)
+    reach = table.reach(c.radius, c.nose)
     seen = np.full((len(times), len(names), WIDTH), np.nan)
     resting = np.zeros(len(times))
     events: list[Event] = []
