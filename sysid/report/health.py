@@ -18,7 +18,7 @@ import numpy as np
 
 from models.model_file import Model
 from models.report.numbers import value_with_sd
-from models.shot import GRAVITY, RAIL_NAMES
+from models.shot import GRAVITY, NOSE_COSINE, NOSE_HEIGHT, NOSE_SINE, RAIL_NAMES
 from models.sizes import BALL_DIAMETER, TABLE_LENGTH, TABLE_WIDTH
 from sysid.estimation.sizes import SIZE_SDS
 from sysid.report.typical import (
@@ -42,9 +42,7 @@ INTERVAL_SDS = 2.0  # to either side: 95 %
 SIGNIFICANT_SDS = 3.0  # from zero, of what is usually zero
 UNDETERMINED = "these clips do not tell"
 NOT_CONVERGED_LINE = "the fit did not converge: it says nothing about the table"
-RAIL_EFFECTS: Final = {
-    f"cushion_restitution_{letter}": rail for letter, rail in zip(("px", "mx", "py", "my"), RAIL_NAMES, strict=True)
-}
+RAIL_OF: Final = dict(zip(("px", "mx", "py", "my"), RAIL_NAMES, strict=True))
 
 
 @dataclass(frozen=True)
@@ -118,8 +116,9 @@ def _line(name: str, found: Finding) -> HealthLine | None:
     effect, key = name.split(".")
     if name in TYPICAL:
         return _in_range(name, TYPICAL[name], found)
-    if effect in RAIL_EFFECTS and key == "change":
-        return _cushion(RAIL_EFFECTS[effect], found)
+    kind, _, letter = effect.rpartition("_")
+    if letter in RAIL_OF and kind in RAIL_JUDGES and key == "change":
+        return RAIL_JUDGES[kind](RAIL_OF[letter], found)
     if name in SIZES:
         return _size(name, found)
     return JUDGES[name](found) if name in JUDGES else None
@@ -128,6 +127,8 @@ def _line(name: str, found: Finding) -> HealthLine | None:
 def _size(name: str, found: Finding) -> HealthLine:
     """A size of table or ball beside what was stated."""
     stated, (what, key) = found.model.meta(name)["default"], SIZES[name]
+    if name != BALL_DIAMETER:
+        found = Finding(found.value + _met_nearer(found.model), found.sd, found.model)
     off = Finding(found.value - stated, found.sd, found.model)
     determined = found.sd < DETERMINED_SHARE * SIZE_SDS[name] * stated
     verdict = "as stated"
@@ -139,6 +140,32 @@ def _size(name: str, found: Finding) -> HealthLine:
     measured = _measured(found.value, found.sd, "m")
     source = "clips.toml, as well as a tape or a caliper measures"
     return HealthLine(what, measured, f"{stated:g} m", source, verdict, determined, "stated")
+
+
+def _met_nearer(model: Model) -> float:
+    """How much less the noses are apart as played, at 7R/5, than noses of the height that was found [m]."""
+    sine = NOSE_SINE + float(model.parameters().get("nose_height.change", 0.0))
+    return (math.sqrt(1.0 - sine**2) - NOSE_COSINE) * model.as_played().ball.diameter
+
+
+def _noses(found: Finding) -> HealthLine:
+    """Height of the noses, over the radius and above the slate."""
+    height, radius = NOSE_HEIGHT + found.value, found.model.as_played().ball.radius
+    return HealthLine(
+        "cushions, height of the noses", _measured(height, found.sd, "R"),
+        "1.4 R snooker, 1.25 to 1.29 R pool, 1.17 to 1.20 R carom", "Mathavan 2010; WPA; UMB",
+        f"{height * radius * 1e3:.1f} mm above the slate" if found.significant else UNDETERMINED, found.significant,
+    )  # fmt: skip
+
+
+def _nose(rail: str, found: Finding) -> HealthLine:
+    """One nose beside the others."""
+    off = abs(found.value) * found.model.as_played().ball.radius * 1e3
+    verdict = f"cushion {rail} stands {off:.1f} mm {'higher' if found.value > 0 else 'lower'} than the others"
+    return HealthLine(
+        f"cushion {rail}, height of its nose", _measured(found.value, found.sd, "R"), "0", "all cushions alike",
+        f"{verdict}: check its bolts and shims" if found.significant else UNDETERMINED, found.significant,
+    )  # fmt: skip
 
 
 def _in_range(name: str, usual: TypicalRange, found: Finding) -> HealthLine:
@@ -299,12 +326,14 @@ def _shutter(found: Finding) -> HealthLine:
     )  # fmt: skip
 
 
+RAIL_JUDGES: Final = {"cushion_restitution": _cushion, "nose_height": _nose}
 JUDGES: Final[dict[str, Callable[[Finding], HealthLine]]] = {
     "table_tilt.slope_x": _slope(0),
     "table_tilt.slope_y": _slope(1),
     "cloth_nap.push": _nap,
     "clock_scale.factor": _clock,
     "lens_distortion.barrel": _lens,
+    "nose_height.change": _noses,
     "worn_patch.roll": _worn,
     "image_scale.stretch": _scale,
     "camera_tilt.along_x": _camera_tilt(0),

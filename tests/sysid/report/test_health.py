@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from models.effect import Effect, param
 from models.effects.camera.image_scale import ImageScale
 from models.effects.cloth.table_tilt import TableTilt
 from models.effects.cloth.worn_patch import WornPatch
+from models.effects.impact.nose_height import NoseHeight, NoseHeightPy
 from models.model_file import Estimate, Model, catalogue, full_model
 from models.shot import Ball, Table
 from sysid.report.health import JUDGES, NOT_CONVERGED_LINE, UNDETERMINED, health, health_lines
@@ -114,6 +116,21 @@ def test_one_cushion_beside_the_others(change: float, sd: float, says: str) -> N
     )
     assert line.what.startswith("cushion -x")
     assert says in line.verdict
+
+
+def test_noses_stand_as_high_as_they_do_and_sizes_know_it() -> None:
+    """A lower nose meets the ball further out, which is no error of the table's width."""
+    nearer = (math.sqrt(1 - 0.27**2) - math.sqrt(1 - 0.4**2)) * BALL.diameter
+    found = {"nose_height__change": (-0.13, 0.001), "table__width": (TABLE.width - nearer, 1e-4)}
+    lines = health_lines(fitted((NoseHeight(),), **found))
+    assert lines[0].startswith("cushions, height of the noses: 1.2700 ± 0.0010 R") and "33.3 mm above" in lines[0]
+    assert lines[1] == "table, width from nose to nose: 1.77800 ± 0.00010 m (stated: 1.778 m): as stated"
+
+
+def test_one_nose_beside_the_others() -> None:
+    (line,) = health(fitted((NoseHeightPy(),), nose_height_py__change=(-0.06, 0.005)))
+    assert line.verdict == "cushion +y stands 1.6 mm lower than the others: check its bolts and shims"
+    assert health(fitted((NoseHeightPy(),), nose_height_py__change=(0.06, 0.05)))[0].verdict == UNDETERMINED
 
 
 def test_a_worn_patch_is_named_by_its_place() -> None:
