@@ -41,6 +41,10 @@ class SparseFormula:
     improvements: tuple[float, ...]  # predicted fall of chi-square by each, beside those before it
     values: Array  # (k,) coefficients of the linear model
 
+    def first(self) -> SparseFormula:
+        """The term that explains most, alone."""
+        return SparseFormula(self.terms[:1], self.improvements[:1], self.values[:1])
+
     def candidate(self) -> Candidate:
         """The formula as an effect to fit."""
         return candidate(effect_from_terms(EFFECT_NAME, self.terms, self.values.tolist()))

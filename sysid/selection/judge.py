@@ -94,7 +94,7 @@ def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments:
     if not formula or excess_variance(best.fitted if best else now) <= MAX_EXCESS_VARIANCE:
         return Diagnosis(seen, segments=by_segments)
     structure = outside(now)
-    if structure is None or (best is not None and not outdoes(structure, best)):
+    if structure is None or (best is not None and not outdoes(parts, now, structure, best)):
         return Diagnosis(seen, segments=by_segments)
     log.info("a formula: %s", ", ".join(t.name for t in structure.terms))
     fitted = fit_candidate(parts, now, structure.score())
@@ -105,6 +105,9 @@ def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments:
     return Diagnosis(seen, structure, fitted, segments=by_segments)
 
 
-def outdoes(structure: SparseFormula, best: FittedCandidate) -> bool:
-    """Whether the first term of a formula is predicted to explain clearly more than the best named effect."""
-    return structure.improvements[0] > MIN_TERM_ADVANTAGE * best.score.predicted_improvement
+def outdoes(parts: Split, now: FittedModel, structure: SparseFormula, best: FittedCandidate) -> bool:
+    """Whether the first term of a formula explains clearly more than the best named effect, predicted and fitted."""
+    if structure.improvements[0] <= MIN_TERM_ADVANTAGE * best.score.predicted_improvement:
+        return False
+    alone = fit_candidate(parts, now, structure.first().score())
+    return alone.evidence.delta_bic > MIN_TERM_ADVANTAGE * best.evidence.delta_bic
