@@ -51,6 +51,8 @@ HIDDEN: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
     ("clock_scale", ("--effect", "clock_scale=1.012", "--kind", "roll,stun,cushion"), {"factor": "clock"}),
     ("cushion_restitution_my",  # these clips meet -y five times, +x three, +y never
      ("--effect", "cushion_restitution_my=-0.08", "--kind", "cushion,cushion_side,roll"), {"change": "ec_my"}),
+    ("nose_height_px", ("--effect", "nose_height_px=-0.1", "--kind", "cushion,cushion_side,roll", "--clips", "12"),
+     {"change": "nose_px"}),
 ]  # fmt: skip
 
 

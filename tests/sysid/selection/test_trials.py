@@ -1,0 +1,35 @@
+"""Effects at their usual size, where a fit in a false optimum deceives their score."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from models.model_file import catalogue, full_model
+from sysid.clips import read_clip_set
+from sysid.estimation import begin
+from sysid.selection.score import candidate, score_all
+from sysid.selection.screening import MAX_FITS, candidates_for, screen
+from sysid.selection.trials import fit_from_usual, most_promising
+from tests.truth.__main__ import main as generate
+
+
+@pytest.mark.slow
+def test_low_noses_stand_out_at_their_usual_size_and_not_by_their_score(tmp_path: Path) -> None:
+    words = ("--seed", "20290", "--clips", "12", "--seconds", "4", "--missing", "0.01", "--constant", "nose=-0.13")
+    assert generate([str(tmp_path / "set"), *words]) == 0
+    clip_set = read_clip_set(tmp_path / "set")
+    parts, base = begin(clip_set, full_model(clip_set.table, clip_set.ball))
+    candidates = candidates_for(base.model)
+    kinds = list(dict.fromkeys(type(one.effect) for one in candidates))
+    by_score = [row.candidate.name for row in score_all(base, candidates).rows[:MAX_FITS]]
+    kind = most_promising(base, kinds, [])
+    assert kind is catalogue()["nose_height"] and "nose_height" not in by_score
+    found = fit_from_usual(parts, base, kind)
+    value, sd = found.value("nose_height.change")
+    assert abs(value + 0.13) < 4 * sd < 0.01
+    assert most_promising(base, kinds, [found]) in (None, kind)  # no other rivals the fit with it
+    assert most_promising(found, [k for k in kinds if k is not kind], []) is None  # it leaves nothing to find
+    seen = screen(parts, base, [candidate(k) for k in kinds])
+    assert seen.best is not None and seen.best.name == "nose_height"
