@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -141,6 +141,10 @@ class Layout:
                 if meta["off"] is not None:
                     self.offs[n].append((int(self.begins[n]) + k, meta["off"]))
         self.hooks: dict[tuple[bool, ...], Hooks] = {}  # by which effects are on
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For another process: addresses of compiled hooks mean nothing there."""
+        return {**vars(self), "hooks": {}}
 
     def game(self, c: Array) -> Game:
         """The model with constants c (n, q) for n shots; effects that are off in all of them are left out."""

@@ -106,8 +106,12 @@ def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments:
 
 
 def outdoes(parts: Split, now: FittedModel, structure: SparseFormula, best: FittedCandidate) -> bool:
-    """Whether the first term of a formula explains clearly more than the best named effect, predicted and fitted."""
+    """Whether the first term of a formula explains clearly more than the best named effect, predicted and fitted.
+
+    Nor may it follow held-out clips worse.
+    """
     if structure.improvements[0] <= MIN_TERM_ADVANTAGE * best.score.predicted_improvement:
         return False
     alone = fit_candidate(parts, now, structure.first().score())
-    return alone.evidence.delta_bic > MIN_TERM_ADVANTAGE * best.evidence.delta_bic
+    more = alone.evidence.delta_bic > MIN_TERM_ADVANTAGE * best.evidence.delta_bic
+    return more and generalises(best.fitted, alone.fitted)

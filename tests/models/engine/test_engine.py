@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from models.analytic.cloth import state_at
 from models.analytic.events import first_fall, meeting
-from models.engine.play import Result, finish, lacking, play
+from models.engine.play import Layout, Result, finish, lacking, play
 from models.mjcf.snooker import racked
 from models.model_file import Model, catalogue, full_model
 from models.shot import Ball, Shot, Table, Track
@@ -378,3 +379,13 @@ def test_meetings_are_neither_missed_nor_made_up(x: list[float], v: list[float],
     assert np.hypot(*path.T).min() > 2 * R - 1e-9
     if t <= h:
         assert np.hypot(*path[-1]) == pytest.approx(2 * R, abs=1e-9)
+
+
+def test_a_layout_that_goes_to_another_process_takes_no_addresses_along() -> None:
+    """Hooks are compiled anew there: addresses of this process would be read as code."""
+    model = full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406))
+    layout = Layout(model, ("decoupled_cloth.roll",))
+    here = layout.game(np.array([[0.01]]))
+    other = pickle.loads(pickle.dumps(layout))
+    assert layout.hooks and not other.hooks
+    assert np.array_equal(other.game(np.array([[0.01]])).cloth, here.cloth) and other.hooks
