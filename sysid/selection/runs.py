@@ -34,6 +34,7 @@ from sysid.selection.screening import (
     Screening,
     candidates_for,
     fit_candidate,
+    fit_most_promising,
     screen,
     with_better_states,
 )
@@ -93,7 +94,8 @@ def confirm(parts: Split, now: FittedModel, best: FittedCandidate, partial: Part
     """Confirm an effect if whole shots are followed better with it, and not better still with a candidate of theirs.
 
     An effect that segments hardly show, since their initial spins imitate it, would else lose to a minor one. One that
-    acts at impacts alone does not compete: segments do not show it, so both may be missing.
+    acts at impacts alone does not compete, since segments do not show it and both may be missing; but if at its usual
+    size it explains more, it comes first, and what segments name is seen more clearly after it.
 
     Args:
         parts: whole shots.
@@ -113,6 +115,11 @@ def confirm(parts: Split, now: FittedModel, best: FittedCandidate, partial: Part
             score = next(row for row in partial.scores.rows if row.candidate.name == best.name)
             known = PartialScreening(partial.scores, (rival, FittedCandidate(score, new, evidence)))
             return Confirmation(partial=known)
+    at_impacts = [row for row in partial.scores.rows if not _acts_between_impacts(type(row.candidate.effect))]
+    first = fit_most_promising(parts, now, at_impacts, [new])
+    usable = first is not None and first.converged and first.generalises
+    if first is not None and usable and compare_fits(new, first.fitted).delta_bic > MIN_DELTA_BIC:
+        return Confirmation(partial=PartialScreening(partial.scores, (first,)))
     return Confirmation(new)
 
 

@@ -208,19 +208,28 @@ def _fit_chosen(
     return fits
 
 
+def fit_most_promising(
+    parts: Split, base: FittedModel, rows: Sequence[Score], fits: Sequence[FittedModel]
+) -> FittedCandidate | None:
+    """Of some candidates the one whose usual size lowers the loss most, fitted; None where none rivals these fits."""
+    by_name = {row.candidate.name: row for row in rows}
+    kinds = list(dict.fromkeys(type(row.candidate.effect) for row in rows))
+    kind = most_promising(base, kinds, fits) if kinds else None
+    if kind is None:
+        return None
+    found = fit_from_usual(parts, base, kind)
+    evidence, row = compare_fits(base, found), by_name[kind.name()]
+    row = dataclasses.replace(row, predicted_improvement=max(row.predicted_improvement, evidence.improvement))
+    return FittedCandidate(row, found, evidence, generalises(base, found))
+
+
 def _with_trial(parts: Split, base: FittedModel, scores: Scores, fits: list[FittedCandidate]) -> list[FittedCandidate]:
     """The fits and, where none leaves only noise, one more: of the effect whose usual size lowers the loss most."""
     if excess_variance(base) < MAX_EXCESS_VARIANCE:
         return fits
-    rows = {row.candidate.name: row for row in scores.rows}
-    kinds = list(dict.fromkeys(type(row.candidate.effect) for row in scores.rows))
-    kind = most_promising(base, kinds, [one.fitted for one in fits]) if kinds else None
-    if kind is None:
+    one = fit_most_promising(parts, base, scores.rows, [other.fitted for other in fits])
+    if one is None:
         return fits
-    found = fit_from_usual(parts, base, kind)
-    evidence, row = compare_fits(base, found), rows[kind.name()]
-    row = dataclasses.replace(row, predicted_improvement=max(row.predicted_improvement, evidence.improvement))
-    one = FittedCandidate(row, found, evidence)
     same = next((k for k, other in enumerate(fits) if other.name == one.name), None)
     if same is None:
         return [*fits, one]
