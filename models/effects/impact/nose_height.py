@@ -21,7 +21,7 @@ class NoseHeight(Effect):
     """Height of all noses beside 7/5 of the radius."""
 
     change: float = param(
-        -0.13, off=0.0, unit="R", bounds=(-0.25, 0.2), source="WPA: pool 1.25 to 1.29 R; UMB: carom 1.17 to 1.20 R"
+        -0.13, off=0.0, unit="R", bounds=(-0.38, 0.3), source="WPA: pool 1.25 to 1.29 R; UMB: carom 1.17 to 1.20 R"
     )
 
     def impact(self, hit: ImpactState) -> None:
@@ -33,7 +33,7 @@ class NoseHeight(Effect):
 def height_change() -> Any:
     """The parameter of every rail."""
     return param(
-        -0.06, off=0.0, unit="R", bounds=(-0.2, 0.2), source="estimate: a rail 1 to 2 mm lower than the others"
+        -0.06, off=0.0, unit="R", bounds=(-0.3, 0.3), source="estimate: a rail 1 to 2 mm lower than the others"
     )
 
 
