@@ -27,12 +27,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 STILL = 1e-6  # speed or slip below which there is none [m/s]
+EDGE_OVERSHOOT_M = 1e-9  # this far beyond an edge a step ends, so that the next begins on the other side [m]
 STRUCK_BALL = 0  # number of the ball that the cue strikes
 RAIL_PX, RAIL_MX, RAIL_PY, RAIL_MY = range(4)  # numbers of the rails at +x, -x, +y, -y
 
 __all__ = [
-    "RAIL_MX", "RAIL_MY", "RAIL_PX", "RAIL_PY", "STILL", "STRUCK_BALL", "Array", "BallState", "Effect", "ImageState",
-    "ImpactState", "StrokeState", "param", "push_along", "push_rolling",
+    "EDGE_OVERSHOOT_M", "RAIL_MX", "RAIL_MY", "RAIL_PX", "RAIL_PY", "STILL", "STRUCK_BALL", "Array", "BallState",
+    "Effect", "ImageState", "ImpactState", "StrokeState", "param", "push_along", "push_rolling",
 ]  # fmt: skip
 
 

@@ -19,11 +19,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from models.compiled import compiled
-from models.effect import Array, BallState, Effect, ImageState, ImpactState, param, push_along
+from models.effect import EDGE_OVERSHOOT_M, Array, BallState, Effect, ImageState, ImpactState, param, push_along
 
 MAX_TERMS = 5
 MAX_CONSTANTS = 4
-EDGE_OVERSHOOT_M = 1e-9  # this far beyond an edge a step ends, so that the next begins on the other side [m]
 LEAST_GRIP = 0.05  # factor on the sliding friction that is left at least
 
 TERM_HOOKS = (

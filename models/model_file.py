@@ -228,6 +228,10 @@ class Model:
         kept = [e for e in self.effects if e.name() != effect.name() and (not e.slot or e.slot != effect.slot)]
         return dataclasses.replace(self, effects=(*kept, effect))
 
+    def without(self, name: str) -> Model:
+        """The model without an effect."""
+        return dataclasses.replace(self, effects=tuple(e for e in self.effects if e.name() != name))
+
 
 def full_model(table: Table, ball: Ball) -> Model:
     """The base that fits start from: decoupled cloth, and Coulomb friction and restitution at impacts."""

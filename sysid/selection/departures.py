@@ -104,18 +104,15 @@ def _nearest(problem: ShotProblem, x: Array, c: Array, row: int, time: float) ->
 def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Split, tuple[FittedModel, ...]] | None:
     """The clips without shots that depart from the last fit, and all fits anew; None where none or too many depart."""
     last, held = ladder[-1], ladder[-1].held_out
-    squares, counts = mean_squares(last.residuals(), MAX_RESIDUAL_SD)
-    median = float(np.median(squares))
+    odd, sizes, tau, median = _departing_from(last)
     if parts.cut or median > MAX_MEDIAN:
         return None
-    tau = last.problem.correlation_time
-    odd = departing(squares, counts, tau, median)
     held_squares, held_counts = mean_squares(held.residuals, MAX_RESIDUAL_SD) if held else (np.zeros(0), np.zeros(0))
     odd_held = departing(held_squares, held_counts, tau, median)
-    allowed = max(MIN_ALLOWED, int(MAX_SHARE * (len(counts) + len(held_counts))))
+    allowed = max(MIN_ALLOWED, int(MAX_SHARE * (len(last.initial_states) + len(held_counts))))
     if not 0 < odd.size + odd_held.size <= allowed:
         return None
-    found = located(last, odd, np.sqrt(squares[odd] / median), tau, median)
+    found = located(last, odd, sizes, tau, median)
     lines = tuple(one.text(last.problem.clips[one.row].file) for one in found)
     held_out = parts.held_out
     if held_out is not None and held is not None and odd_held.size:
@@ -131,19 +128,25 @@ def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Spli
         held_out = held_out.only(rest) if rest.size else None
     if common_event(found) is not None:
         return None
-    kept = np.setdiff1d(np.arange(len(counts)), odd)
+    kept = np.setdiff1d(np.arange(len(last.initial_states)), odd)
     fewer = parts.excluding(lines, parts.training.only(kept), held_out)
     return fewer, tuple(_fit_again(fewer, one, kept) for one in ladder)
 
 
 def shared_cause(now: Point) -> str | None:
     """The kind of event after which the shots that depart do so; None where they share none, or none departs."""
-    squares, counts = mean_squares(now.residuals(), MAX_RESIDUAL_SD)
-    tau, median = now.problem.correlation_time, float(np.median(squares))
-    rows = departing(squares, counts, tau, median)
+    rows, sizes, tau, median = _departing_from(now)
     if median > MAX_MEDIAN or not rows.size:
         return None
-    return common_event(located(now, rows, np.sqrt(squares[rows] / median), tau, median))
+    return common_event(located(now, rows, sizes, tau, median))
+
+
+def _departing_from(at: Point) -> tuple[Index, Array, float, float]:
+    """Shots that depart from a fit, their rms over that of the others, and `tau` and `median` as in `departing`."""
+    squares, counts = mean_squares(at.residuals(), MAX_RESIDUAL_SD)
+    tau, median = at.problem.correlation_time, float(np.median(squares))
+    rows = departing(squares, counts, tau, median)
+    return rows, np.sqrt(squares[rows] / median), tau, median
 
 
 def common_event(found: Sequence[ShotDeparture]) -> str | None:

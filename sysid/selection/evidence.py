@@ -129,9 +129,8 @@ def excess_variance(at: Point) -> float:
 def remove_effect(found: FittedModel, name: str) -> FittedModel:
     """The fit without an effect and its constants; nothing is fitted again."""
     keep = np.array([not n.startswith(name + ".") for n in found.names])
-    model = found.problem.model
-    model = dataclasses.replace(model, effects=tuple(e for e in model.effects if e.name() != name))
-    problem = found.problem.with_model(model, [n for n, k in zip(found.names, keep, strict=True) if k])
+    names = [n for n, k in zip(found.names, keep, strict=True) if k]
+    problem = found.problem.with_model(found.problem.model.without(name), names)
     covariance = found.covariance[np.ix_(keep, keep)]
     return dataclasses.replace(found, problem=problem, constants=found.constants[keep], covariance=covariance)
 

@@ -117,10 +117,11 @@ def confirm(parts: Split, now: FittedModel, best: FittedCandidate, partial: Part
             return Confirmation(partial=known)
     at_impacts = [row for row in partial.scores.rows if not _acts_between_impacts(type(row.candidate.effect))]
     first = fit_most_promising(parts, now, at_impacts, [new])
-    usable = first is not None and first.converged and first.generalises
-    if first is not None and usable and compare_fits(new, first.fitted).delta_bic > MIN_DELTA_BIC:
-        return Confirmation(partial=PartialScreening(partial.scores, (first,)))
-    return Confirmation(new)
+    if first is None or not (first.converged and first.generalises):
+        return Confirmation(new)
+    if compare_fits(new, first.fitted).delta_bic <= MIN_DELTA_BIC:
+        return Confirmation(new)
+    return Confirmation(partial=PartialScreening(partial.scores, (first,)))
 
 
 def _fit_whole(parts: Split, model: Model, now: FittedModel, what: str) -> FittedModel:

@@ -19,7 +19,7 @@ import numpy as np
 
 from models.effect import Effect
 from models.model_file import Model, catalogue
-from sysid.estimation.fitted import FittedModel, Point
+from sysid.estimation.fitted import FittedModel
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
@@ -32,7 +32,7 @@ from sysid.selection.evidence import (
     loss_ratio_without,
 )
 from sysid.selection.score import Candidate, Score, Scores, candidate, score_all, with_candidate
-from sysid.selection.trials import fit_from_usual, most_promising
+from sysid.selection.trials import fit_from_usual, fit_with, most_promising
 
 # Predicted improvement: fall of chi-square that the linear model predicts for a candidate (sysid/selection/score.py).
 MIN_IMPROVEMENT = 15.0  # predicted, for a candidate to be fitted
@@ -162,8 +162,7 @@ def screen(
         tried = {one.name for one in fits}
         others = [row for row in scores.rows if row.candidate.name not in tried]
         fits += [fit(row) for row in others[:MAX_FITS] if row.predicted_improvement >= least_improvement(scores, share)]
-    if not any(one.converged and excess_variance(one.fitted) < MAX_EXCESS_VARIANCE for one in fits):
-        fits = _with_trial(parts, base, scores, fits)
+    fits = _with_trial(parts, base, scores, fits)
     if fits:
         fits = _exchange_optima(parts, base, fits)
         best = max(fits, key=lambda one: one.evidence.delta_bic)
@@ -211,10 +210,15 @@ def _fit_chosen(
 def fit_most_promising(
     parts: Split, base: FittedModel, rows: Sequence[Score], fits: Sequence[FittedModel]
 ) -> FittedCandidate | None:
-    """Of some candidates the one whose usual size lowers the loss most, fitted; None where none rivals these fits."""
+    """Of some candidates the one whose usual size lowers the loss most, fitted.
+
+    None where the base or a fit leaves only noise, and where no candidate rivals these fits.
+    """
+    only_noise = any(at.converged and excess_variance(at) < MAX_EXCESS_VARIANCE for at in fits)
+    if only_noise or not rows or excess_variance(base) < MAX_EXCESS_VARIANCE:
+        return None
     by_name = {row.candidate.name: row for row in rows}
-    kinds = list(dict.fromkeys(type(row.candidate.effect) for row in rows))
-    kind = most_promising(base, kinds, fits) if kinds else None
+    kind = most_promising(base, list(dict.fromkeys(type(row.candidate.effect) for row in rows)), fits)
     if kind is None:
         return None
     found = fit_from_usual(parts, base, kind)
@@ -225,8 +229,6 @@ def fit_most_promising(
 
 def _with_trial(parts: Split, base: FittedModel, scores: Scores, fits: list[FittedCandidate]) -> list[FittedCandidate]:
     """The fits and, where none leaves only noise, one more: of the effect whose usual size lowers the loss most."""
-    if excess_variance(base) < MAX_EXCESS_VARIANCE:
-        return fits
     one = fit_most_promising(parts, base, scores.rows, [other.fitted for other in fits])
     if one is None:
         return fits
@@ -257,13 +259,9 @@ def least_improvement(scores: Scores, share: float) -> float:
 def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedCandidate:
     """Fit a candidate, all constants and initial states from the base's optimum."""
     one = score.candidate
-    keys = tuple(one.effect.parameters())
-    problem = with_candidate(base.problem, one, [f"{one.name}.{k}" for k in keys])
     x, added = _best_start(base, score)
-    known = dict(zip(one.keys, added, strict=True))
-    values = np.array([known.get(k, float(getattr(one.effect, k))) for k in keys])
-    start = Point(problem, x, np.concatenate([base.constants, values]), base.discrepancy_rate)
-    found = fit_on(parts, start, base, f"with {one.name}")
+    values = dict(zip(one.keys, added.tolist(), strict=True))
+    found = fit_with(parts, base, one, dataclasses.replace(base, initial_states=x), values)
     return FittedCandidate(score, found, compare_fits(base, found))
 
 

@@ -10,7 +10,7 @@ lowers the loss all the same.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from models.effect import Effect
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.fitting import fit, loss_soon
 from sysid.estimation.split import Split, fit_on
-from sysid.selection.score import candidate, with_candidate
+from sysid.selection.score import Candidate, candidate, with_candidate
 
 MAX_TRIAL_SHOTS = 60  # on which every candidate is tried
 MIN_TRIAL_SHARE = 0.02  # of the loss by which a trial must lower it
@@ -57,8 +57,21 @@ def fit_from_usual(parts: Split, base: FittedModel, kind: type[Effect]) -> Fitte
     one = candidate(kind)
     held = base.problem.with_model(base.model.add(one.effect), base.names)
     start = fit(Point(held, base.initial_states, base.constants, base.discrepancy_rate), f"beside {one.name}")
+    return fit_with(parts, base, one, start, {})
+
+
+def fit_with(parts: Split, base: FittedModel, one: Candidate, start: Point, values: Mapping[str, float]) -> FittedModel:
+    """All constants, those of a candidate among them, and all initial states.
+
+    Args:
+        parts: the clips.
+        base: their fit without the candidate.
+        one: the candidate.
+        start: initial states, the base's constants and the discrepancy rate to start from.
+        values: the candidate's parameters to start from, by key; others have their usual values.
+    """
     keys = tuple(one.effect.parameters())
     problem = with_candidate(base.problem, one, [f"{one.name}.{key}" for key in keys])
-    constants = np.concatenate([start.constants, [float(getattr(one.effect, key)) for key in keys]])
-    free = Point(problem, start.initial_states, constants, start.discrepancy_rate)
+    added = [values.get(key, float(getattr(one.effect, key))) for key in keys]
+    free = Point(problem, start.initial_states, np.concatenate([start.constants, added]), start.discrepancy_rate)
     return fit_on(parts, free, base, f"with {one.name}")
