@@ -22,6 +22,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from models.analytic.compliant import integrate_compliant
 from models.analytic.coulomb import MIN_STEPS, integrate
 from models.analytic.pocket import outward
 from models.compiled import compiled, compiled_in_place
@@ -34,6 +35,7 @@ Array = NDArray[np.float64]
 def collide(
     cushion: bool, state: Array, e: float, law: tuple[float, float, float, float], steps: int = MIN_STEPS,
     gain: float = 0.0, decay: float = 0.0, ratio: float = 1.0, sine: float = NOSE_SINE,
+    compliance: float = 0.0, sink: float = 0.0,
 ) -> None:  # fmt: skip
     """Carry a state (5 for a cushion, 10 for two balls) through an impact, in place.
 
@@ -41,6 +43,8 @@ def collide(
     `gain` [1], `decay` [s/m]: friction of the contact is more by gain exp(-decay slip), at the slip of the moment.
     `ratio`: mass of the first ball over that of the second, the inertia with it; a cushion does not know it.
     `sine`: of the elevation at which a cushion's nose meets the ball; two balls do not know it.
+    `compliance`: of the nose along its face, over that along its normal (models/analytic/compliant.py); 0 is rigid.
+    `sink`: share of a cushion's push on the slate that this does not return: 0 for rigid slate, 1 for none (Han 2005).
     """
     friction, cloth, _, r = law
     mu = (friction, 1.0 * gain, 1.0 * decay)
@@ -49,12 +53,16 @@ def collide(
             return
         va, vb, wa, wb, wz = state[0], state[1], r * state[2], r * state[3], r * state[4]
         sn, cs = 1.0 * sine, math.sqrt(1.0 - sine * sine)
+        firm = 1.0 - sink
         nose = (
-            sn * cs, -cs, 3.5, 2.5 + sn * sn, 1.0 - 2.5 * sn, 2.5 - sn, sn, -cs, -cs * cs, -sn * cs, cs
+            firm * sn * cs, -cs, 3.5, 2.5 + sn * sn + sink * cs * cs, 1.0 - 2.5 * sn, 2.5 - sn, firm * sn,
+            -firm * cs, -cs * cs - sink * sn * sn, -firm * sn * cs, cs,
         )  # fmt: skip
-        p, f1, f2, g1, g2 = integrate(
-            va + wb * sn - wz * cs, wa - vb * sn, va - wb, vb + wa, vb * cs, e, mu, cloth, nose, steps
-        )
+        s1, s2, c1, c2, u = va + wb * sn - wz * cs, wa - vb * sn, va - wb, vb + wa, vb * cs
+        if compliance > 0.0:
+            p, f1, f2, g1, g2 = integrate_compliant(s1, s2, c1, c2, u, e, mu, cloth, nose, compliance)
+        else:
+            p, f1, f2, g1, g2 = integrate(s1, s2, c1, c2, u, e, mu, cloth, nose, steps)
         state[0] = va + f1 + g1
         state[1] = vb - p * cs - f2 * sn + g2
         state[2] = (wa + 2.5 * (f2 + g2)) / r
@@ -90,12 +98,14 @@ def collide(
 def collide_rows(
     cushion: bool, hit: NDArray[np.int64], p: Array, v: Array, w: Array, e: Array, mu: Array, cloth: Array,
     m: float, r: float, gain: Array | None = None, decay: Array | None = None, ratio: Array | None = None,
-    sine: Array | None = None, jaws: Array | None = None,
+    sine: Array | None = None, compliance: Array | None = None, sink: Array | None = None,
+    jaws: Array | None = None,
 ) -> None:  # fmt: skip
     """Carry the balls of every simulation through its impact, in place.
 
     `hit` (n, 3): kind, ball, and other ball or rail (+x, -x, +y, -y), or 4 + jaw; p, v, w (n, nball, 3);
-    e, mu, cloth (n,). gain, decay, ratio, sine (n,), as in `collide`; `jaws` as models/analytic/pocket.py has them.
+    e, mu, cloth (n,). gain, decay, ratio, sine, compliance, sink (n,), as in `collide`; `jaws` as in
+    models/analytic/pocket.py.
     """
     state = np.zeros(5 if cushion else 10)
     for k in range(hit.shape[0]):
@@ -124,7 +134,9 @@ def collide_rows(
         fade = 0.0 if decay is None else decay[k]
         heavier = 1.0 if ratio is None else ratio[k]
         nose = NOSE_SINE if sine is None else sine[k]
-        collide(cushion, state, e[k], (mu[k], cloth[k], m, r), MIN_STEPS, more, fade, heavier, nose)
+        soft = 0.0 if compliance is None else compliance[k]
+        sunk = 0.0 if sink is None else sink[k]
+        collide(cushion, state, e[k], (mu[k], cloth[k], m, r), MIN_STEPS, more, fade, heavier, nose, soft, sunk)
         for n in range(1 if cushion else 2):
             b = i if n == 0 else j
             o = 5 * n

@@ -46,6 +46,7 @@ def describe(h, cushion, i, j, one, two, nx, ny, radius, order, time):  # type: 
     h[rec.RESTITUTION] = h[rec.FRICTION] = h[rec.GAIN] = h[rec.DECAY] = 0.0
     h[rec.MASS_FIRST] = h[rec.MASS_SECOND] = 1.0
     h[rec.NOSE] = NOSE_SINE
+    h[rec.COMPLIANCE] = h[rec.SINK] = 0.0
 
 
 @compiled_in_place
@@ -58,6 +59,7 @@ def ask(h, at, own, hooks):  # type: ignore[no-untyped-def]
     if h[rec.CUSHION_HIT] > 0.0:
         h[rec.FRICTION] = min(h[rec.FRICTION], CLIMB_FRICTION)
         h[rec.NOSE] = min(max(h[rec.NOSE], 0.0), MAX_NOSE_SINE)
+        h[rec.SINK] = min(max(h[rec.SINK], 0.0), 1.0)
     if h[rec.APPROACH] < DEAD_SPEED:
         h[rec.RESTITUTION] = 0.0
 

@@ -61,6 +61,7 @@ def collide_alone(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, ma
     collide(
         j < 0, state, 0.0 if slow else hit[rec.RESTITUTION], (hit[rec.FRICTION], cloth[0], mass, radius), MIN_STEPS,
         hit[rec.GAIN], hit[rec.DECAY], hit[rec.MASS_FIRST] / hit[rec.MASS_SECOND], hit[rec.NOSE],
+        hit[rec.COMPLIANCE], hit[rec.SINK],
     )  # fmt: skip
     for n in range(1 if j < 0 else 2):
         q, o = b[i] if n == 0 else b[j], 5 * n

@@ -317,7 +317,7 @@ class Rollout:
         collide_rows(
             kind == "cushion", hit, p, v, w, e, mu, self.slide[rows], ball.mass, ball.radius, impact[alone, rec.GAIN],
             impact[alone, rec.DECAY], impact[alone, rec.MASS_FIRST] / impact[alone, rec.MASS_SECOND],
-            impact[alone, rec.NOSE], self.pockets.jaws,
+            impact[alone, rec.NOSE], impact[alone, rec.COMPLIANCE], impact[alone, rec.SINK], self.pockets.jaws,
         )  # fmt: skip
         self.qvel[rows, :, :3] = v
         self.qvel[rows, :, 3:] = spin_to_world(quat, w, True)

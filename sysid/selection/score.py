@@ -64,6 +64,11 @@ class Candidate:
         known = self.effect.parameters()
         return np.array([known[k]["bounds"] for k in self.keys], float)
 
+    @property
+    def one_sided(self) -> bool:
+        """Whether it vanishes at a bound of one of its parameters."""
+        return bool(np.isclose(self.off()[:, None], self.bounds()).any())
+
     def usual(self) -> Array:
         """Usual values of the switching parameters, as distances from their off values: (k,)."""
         return np.array([getattr(self.effect, k) for k in self.keys], float) - self.off()

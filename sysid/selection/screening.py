@@ -257,12 +257,22 @@ def least_improvement(scores: Scores, share: float) -> float:
 
 
 def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedCandidate:
-    """Fit a candidate, all constants and initial states from the base's optimum."""
+    """Fit a candidate, all constants and initial states from the base's optimum.
+
+    One that grows from a bound may have another optimum far from it. Where the first leaves more than noise, it is
+    also fitted from its usual size, and the better of the two is kept.
+    """
     one = score.candidate
     x, added = _best_start(base, score)
     values = dict(zip(one.keys, added.tolist(), strict=True))
     found = fit_with(parts, base, one, dataclasses.replace(base, initial_states=x), values)
-    return FittedCandidate(score, found, compare_fits(base, found))
+    evidence = compare_fits(base, found)
+    if one.one_sided and excess_variance(found) > MAX_EXCESS_VARIANCE:
+        again = fit_from_usual(parts, base, type(one.effect))
+        other = compare_fits(base, again)
+        if other.improvement > evidence.improvement:
+            found, evidence = again, other
+    return FittedCandidate(score, found, evidence)
 
 
 def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:
@@ -270,8 +280,7 @@ def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:
     one, off = score.candidate, score.candidate.off()
     bounds, usual, step = one.bounds(), one.usual(), score.values - off
     trials = [step, 0.3 * step]
-    one_sided = np.any(np.isclose(off, bounds[:, 0])) or np.any(np.isclose(off, bounds[:, 1]))
-    if one_sided:  # such an effect may grow with the square of its parameter
+    if one.one_sided:  # such an effect may grow with the square of its parameter
         trials = [step, usual, 0.3 * usual]
     problem = with_candidate(base.problem, one).with_discrepancy(base.discrepancy_rate)
     found = []

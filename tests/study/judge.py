@@ -80,6 +80,8 @@ EFFECT_TRUTH: Final[dict[str, tuple[Known, ...]]] = {  # the first of each is th
         Known("y", _plain("patch_y")),
         Known("radius", _plain("patch_r")),
     ),
+    "cushion_compliance": (Known("ratio", _plain("compliance")),),
+    "soft_bed": (Known("share", _plain("bed")),),
 }
 
 

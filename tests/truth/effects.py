@@ -52,6 +52,8 @@ EFFECTS: Final[dict[str, tuple[str, ...]]] = {
     "lens_distortion_r4": ("lens4",),
     "image_aspect": ("image_aspect",),
     "worn_patch": ("patch", "patch_x", "patch_y", "patch_r"),
+    "cushion_compliance": ("compliance",),
+    "soft_bed": ("bed",),
 }
 STRUCTURES: Final[dict[str, tuple[str, ...]]] = {
     "crowned_slate": ("crown",),

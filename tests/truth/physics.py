@@ -30,7 +30,7 @@ from tests.truth.cloth import (
     Constants,
     advance,
 )
-from tests.truth.impact import BALLS, INCREMENTS, NOSE, NOSE_SINE, impact
+from tests.truth.impact import BALLS, INCREMENTS, NOSE, NOSE_SINE, impact, springs
 
 RAILS = ("+x", "-x", "+y", "-y")
 STEP = 5e-5  # [s]
@@ -182,7 +182,11 @@ def _rebound(state: Array, i: int, rail: int, table: Table, c: Constants, n: int
     along = float(state[i, 1 - rail // 2]) / ((table.width if rail < 2 else table.length) / 2)
     e, mu = cushion_restitution(speed, c, rail, along), (cushion_friction(speed, c, rail), 0.0, 0.0)
     sine = NOSE_SINE + c.nose + (c.nose_px, c.nose_mx, c.nose_py, c.nose_my)[rail]
-    q = impact(NOSE, q, e, mu, c.mus, _masses(state[[i, i]], c), c.radius, n, sine)
+    mass = _masses(state[[i, i]], c)
+    if c.compliance > 0.0:
+        q = springs(q, e, mu[0], c.mus, float(mass[0]), c.radius, n, sine, c.compliance, c.bed)
+    else:
+        q = impact(NOSE, q, e, mu, c.mus, mass, c.radius, n, sine, c.bed)
     state[[i], VX : WZ + 1] = _turned(q[:1], x, -y)
 
 

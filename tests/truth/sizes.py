@@ -55,6 +55,8 @@ NATURAL: Final[dict[str, Sizes]] = {
     "lens_distortion_r4": {"lens4": 0.0012},
     "image_aspect": {"image_aspect": 0.005},
     "worn_patch": {"patch": 0.4},
+    "cushion_compliance": {"compliance": 1.2},
+    "soft_bed": {"bed": 0.3},
     "crowned_slate": {"crown": 0.0008},
     "drying_cloth": {"wear": 0.15},
     "ball_cling": {"cling": 1.0, "cling_share": 0.4},

@@ -40,7 +40,13 @@ CUSHION_CASES: list[tuple[str, dict[str, float], dict[str, float]]] = [
     ("cushion_friction_speed", {"rate": 0.06}, {"muc_v": 0.06}),
     ("cushion_friction_speed", {"rate": -0.2}, {"muc_v": -0.2}),  # beyond what a ball climbs at
     ("cushion_restitution_speed", {"rate": -0.15}, {"ec_v": -0.15}),  # beyond 1
+    ("cushion_compliance", {"ratio": 0.3}, {"compliance": 0.3}),
+    ("cushion_compliance", {"ratio": 1.5}, {"compliance": 1.5}),
+    ("cushion_compliance", {"ratio": 4.0}, {"compliance": 4.0}),
+    ("soft_bed", {"share": 0.3}, {"bed": 0.3}),
+    ("soft_bed", {"share": 1.0}, {"bed": 1.0}),
 ]
+OF_BALLS = {name for name, _, _ in BALL_CASES}
 CASES = [*BALL_CASES, *CUSHION_CASES]
 ENGINES = pytest.mark.parametrize("engine", ["events", "mujoco"])
 
@@ -100,7 +106,7 @@ def truth(played: Shot, **hidden: float) -> Array:
 def test_an_effect_is_what_the_hidden_one_is(
     name: str, values: dict[str, float], hidden: dict[str, float], engine: str
 ) -> None:
-    played = at_cushions() if name.startswith("cushion") else at_balls()
+    played = at_balls() if name in OF_BALLS else at_cushions()
     plain, seen = simulate(world(engine=engine), played), simulate(world(name, engine, **values), played)
     moved = [np.abs(a.position - b.position).max() for a, b in zip(plain, seen, strict=True)]
     off = [np.abs(truth(s, **hidden) - t.position).max() for s, t in zip(played, seen, strict=True)]
@@ -204,7 +210,7 @@ def numbers(track: Track) -> bytes:
 def test_one_value_a_simulation(
     name: str, values: dict[str, float], hidden: dict[str, float], engine: str, contacts: str
 ) -> None:
-    played = (at_cushions() if name.startswith("cushion") else at_balls())[:3]
+    played = (at_balls() if name in OF_BALLS else at_cushions())[:3]
     kind: type[Effect] = effect_class(name)
     off = {k: m["default"] if m["off"] is None else m["off"] for k, m in kind.parameters().items()}
     rows = [values, off, {k: 0.5 * (values[k] + off[k]) for k in values}]
