@@ -48,7 +48,7 @@ HOOK_RANGES = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
     SPIN_SIN,  # omega_z sin(heading) [rad/s]
     POWER,  # x^a y^b (x^2 + y^2)^c
     RAIL,  # 1 at rail a
-    ALONG,  # distance from the middle of a rail [m]
+    ALONG,  # power of the distance from the middle of a rail [m]
     SLIP,  # slip at the contact, less a [m/s]
     WITH,  # 1 where ball a takes part
 ) = range(17)
@@ -104,7 +104,7 @@ def factor_value(
     if factor == RAIL:
         return 1.0 if second == a else 0.0
     if factor == ALONG:
-        return abs(y) if second < 2.0 else abs(x)
+        return (abs(y) if second < 2.0 else abs(x)) ** int(a)
     if factor == SLIP:
         return slip - a
     if factor == WITH:

@@ -27,17 +27,34 @@ from sysid.estimation.clip_fit import ClipFit, fit_clips
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.split import Split, begin, fit_on, settled_on
 from sysid.selection.departures import without_departing
-from sysid.selection.evidence import MAX_LOSS_RATIO, compare_fits, loss_ratio_without, mean_squares, remove_effect
-from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe
+from sysid.selection.evidence import (
+    MAX_LOSS_RATIO,
+    compare_fits,
+    excess_variance,
+    generalises,
+    loss_ratio_without,
+    mean_squares,
+    remove_effect,
+)
+from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, score_terms, select_terms
 from sysid.selection.judge import diagnose_fit
 from sysid.selection.next_shot import NextShot, propose_shot
 from sysid.selection.remainder import remainder
 from sysid.selection.score import Score
-from sysid.selection.screening import MIN_DELTA_BIC, Screening, is_enough, warm_started
+from sysid.selection.screening import (
+    MAX_EXCESS_VARIANCE,
+    MIN_DELTA_BIC,
+    Screening,
+    fit_candidate,
+    is_enough,
+    warm_started,
+)
 
 MAX_EFFECTS = 6  # diagnoses of one discovery, and so effects added
 MAX_SD_OF_RANGE = 0.05  # of the bounds' width: an effect of larger standard deviation is imitated by the active ones
 NEXT_SHOT_EFFECT_SD = 3.0  # standard deviations: size of the effect that the next shot is to show
+MAX_SHAPE_EXCESS = 0.05  # variance beyond noise that a formula's shape may leave
+MAX_SHAPE_SHARE = 0.01  # the same over what was left without it
 log = logging.getLogger(__name__)
 Save = Callable[["DiscoveryResult"], None]
 
@@ -253,6 +270,9 @@ def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, form
     it, are dropped.
     """
     now, verdict = _pruned(parts, now, found.verdict, 0)
+    earlier = _formula_earlier(parts, found, now, verdict)
+    if earlier is not None:
+        formula, now, verdict = earlier
     plain = fit_without(parts, now, EFFECT_NAME)
     evidence = compare_fits(plain, now)
     found = _ending_with(found, plain, verdict)
@@ -262,6 +282,30 @@ def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, form
     described = describe(formula, now, evidence)
     described |= {"rms_m": now.rms, "held_out_rms_m": now.held_rms, "chi2_reduced": now.chi2}
     return dataclasses.replace(found, unexplained=described, explained=now)
+
+
+def _formula_earlier(
+    parts: Split, found: DiscoveryResult, now: FittedModel, verdict: tuple[str, ...]
+) -> tuple[SparseFormula, FittedModel, tuple[str, ...]] | None:
+    """A formula, found with fewer named effects, that leaves little, or no more than all of these and theirs leave.
+
+    Effects that imitate parts of what is missing are named one after the other, and the formula for the rest then needs
+    each of them. Fitted before them, a formula may need none.
+    """
+    for step, before in zip(found.ladder, found.verdicts, strict=True):
+        if not set(before) < set(verdict) or any(e.name() == EFFECT_NAME for e in step.model.effects):
+            continue
+        structure = select_terms(*score_terms(step))
+        if structure is None:
+            continue
+        log.info("a formula beside %s: %s", ", ".join(before) or "nothing", ", ".join(t.name for t in structure.terms))
+        one = fit_candidate(parts, step, structure.score()).fitted
+        # What a formula's shape leaves where it is nearly right is no reason to name effects that fill the gap.
+        left = min(MAX_SHAPE_EXCESS, MAX_SHAPE_SHARE * excess_variance(step))
+        enough = excess_variance(one) <= max(MAX_EXCESS_VARIANCE, left)
+        if (enough or compare_fits(one, now).delta_bic <= MIN_DELTA_BIC) and generalises(now, one):
+            return structure, one, before
+    return None
 
 
 def propose_next(

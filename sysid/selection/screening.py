@@ -210,21 +210,22 @@ def _fit_chosen(
 def fit_most_promising(
     parts: Split, base: FittedModel, rows: Sequence[Score], fits: Sequence[FittedModel]
 ) -> FittedCandidate | None:
-    """Of some candidates the one whose usual size lowers the loss most, fitted.
+    """Of some candidates the one that is best fitted, of those whose usual size lowers the loss most.
 
-    None where the base or a fit leaves only noise, and where no candidate rivals these fits.
+    None where the base or a fit leaves only noise, and where no candidate rivals these fits. One that follows held-out
+    clips worse comes last.
     """
     only_noise = any(at.converged and excess_variance(at) < MAX_EXCESS_VARIANCE for at in fits)
     if only_noise or not rows or excess_variance(base) < MAX_EXCESS_VARIANCE:
         return None
     by_name = {row.candidate.name: row for row in rows}
-    kind = most_promising(base, list(dict.fromkeys(type(row.candidate.effect) for row in rows)), fits)
-    if kind is None:
-        return None
-    found = fit_from_usual(parts, base, kind)
-    evidence, row = compare_fits(base, found), by_name[kind.name()]
-    row = dataclasses.replace(row, predicted_improvement=max(row.predicted_improvement, evidence.improvement))
-    return FittedCandidate(row, found, evidence, generalises(base, found))
+    tried = []
+    for kind in most_promising(base, list(dict.fromkeys(type(row.candidate.effect) for row in rows)), fits):
+        found = fit_from_usual(parts, base, kind)
+        evidence, row = compare_fits(base, found), by_name[kind.name()]
+        row = dataclasses.replace(row, predicted_improvement=max(row.predicted_improvement, evidence.improvement))
+        tried.append(FittedCandidate(row, found, evidence, generalises(base, found)))
+    return max(tried, key=lambda one: (one.converged and one.generalises, one.evidence.delta_bic), default=None)
 
 
 def _with_trial(parts: Split, base: FittedModel, scores: Scores, fits: list[FittedCandidate]) -> list[FittedCandidate]:

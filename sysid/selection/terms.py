@@ -75,16 +75,17 @@ COEFFICIENT_WIDTHS = {  # half of the bounds that a term without variables has
 CELL_PATTERN = re.compile(  # the factor of a cell
     r"abs\(x ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4}) and abs\(y ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4})", re.ASCII
 )
+FADING_SPEEDS_M_S = (0.1, 0.14, 0.2, 0.28, 0.4, 0.57, 0.8, 1.1)  # over which an excess of friction falls by e
 FACTOR_CODES: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and constants
     "1.0": (kinds.ONE, ()), "cos(heading)": (kinds.COS, (1.0,)), "sin(heading)": (kinds.SIN, (1.0,)),
     "cos(2 * heading)": (kinds.COS, (2.0,)), "sin(2 * heading)": (kinds.SIN, (2.0,)), "order": (kinds.ORDER, ()),
     "other": (kinds.OTHER, ()), "time": (kinds.TIME, ()), "speed": (kinds.SPEED, ()),
-    "exp(-speed / 0.2)": (kinds.FADE, (0.2,)), "exp(-speed / 1.0)": (kinds.FADE, (1.0,)), "abs(wz)": (kinds.TWIST, ()),
+    **{f"exp(-speed / {fade})": (kinds.FADE, (fade,)) for fade in FADING_SPEEDS_M_S}, "abs(wz)": (kinds.TWIST, ()),
     "wz * cos(heading)": (kinds.SPIN_COS, ()), "wz * sin(heading)": (kinds.SPIN_SIN, ()),
     "x": (kinds.POWER, (1.0, 0.0, 0.0)), "y": (kinds.POWER, (0.0, 1.0, 0.0)), "x**2": (kinds.POWER, (2.0, 0.0, 0.0)),
     "y**2": (kinds.POWER, (0.0, 2.0, 0.0)), "x * y": (kinds.POWER, (1.0, 1.0, 0.0)),
     "x * (x**2 + y**2) ** 2": (kinds.POWER, (1.0, 0.0, 2.0)), "y * (x**2 + y**2) ** 2": (kinds.POWER, (0.0, 1.0, 2.0)),
-    "abs(along)": (kinds.ALONG, ()), "slip - 1.0": (kinds.SLIP, (1.0,)),
+    "abs(along)": (kinds.ALONG, (1.0,)), "along**2": (kinds.ALONG, (2.0,)), "slip - 1.0": (kinds.SLIP, (1.0,)),
 } | {f"rail == {k}": (kinds.RAIL, (float(k),)) for k in range(len(RAIL_NAMES))}  # fmt: skip
 
 
@@ -112,8 +113,9 @@ def library(table: Table, names: int = 2) -> list[Term]:
         add("order", quantity, "order", "", word, "order of the clips")
         add("other", quantity, "other", "", word + ", balls that are not struck", "ball")
         add("time", quantity, "time", "s", word, "time", width=0.2)
-    add("slow", "drag", "exp(-speed / 0.2)", "", "rolling slowly on the cloth", "speed")
-    add("fast", "drag", "exp(-speed / 1.0)", "", "rolling on the cloth", "speed")
+    for fade in FADING_SPEEDS_M_S:
+        where = "rolling slowly on the cloth" if fade < 0.5 else "rolling on the cloth"
+        add(f"fade_{round(1e3 * fade)}", "drag", f"exp(-speed / {fade})", "", where, "speed")
     add("spin", "drag", "abs(wz)", "rad/s", "rolling on the cloth", "spin", width=0.05)
     for axis in "xy":
         quantity = f"push_{axis}"
@@ -130,6 +132,7 @@ def library(table: Table, names: int = 2) -> list[Term]:
             add(f"rail_{k}", quantity, f"rail == {k}", "", f"the cushion at {rail}: its {word}", "rail")
         add("order", quantity, "order", "", "all cushions", "order of the clips")
         add("place", quantity, "abs(along)", "m", "all cushions, along their length", "place")
+        add("place_2", quantity, "along**2", "m^2", "all cushions, along their length", "place")
         add("other", quantity, "other", "", "cushions, balls that are not struck", "ball")
     add("slip", "cushion_mu", "slip - 1.0", "m/s", "all cushions", "slip", width=0.3)
     add("slip", "cushion_e", "slip - 1.0", "m/s", "all cushions", "slip", width=0.3)

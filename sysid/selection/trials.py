@@ -23,13 +23,12 @@ from sysid.selection.score import Candidate, candidate, with_candidate
 MAX_TRIAL_SHOTS = 60  # on which every candidate is tried
 MIN_TRIAL_SHARE = 0.02  # of the loss by which a trial must lower it
 MIN_TRIAL_OF_BEST = 0.5  # and of what the best fit lowers it by
+MAX_PROMISING = 2  # effects: of two that go together, one alone may be fitted into a false optimum
 log = logging.getLogger(__name__)
 
 
-def most_promising(
-    base: FittedModel, kinds: Sequence[type[Effect]], fits: Sequence[FittedModel]
-) -> type[Effect] | None:
-    """The effect that lowers the loss of a fit most at its usual size; None where none rivals those fitted already.
+def most_promising(base: FittedModel, kinds: Sequence[type[Effect]], fits: Sequence[FittedModel]) -> list[type[Effect]]:
+    """Effects that lower the loss of a fit most at their usual size, best first; those that rival the fits there are.
 
     Args:
         base: the fit without any of them.
@@ -47,9 +46,9 @@ def most_promising(
 
     before = soon(base)
     gains = [before - soon(base, kind()) for kind in kinds]
-    best = int(np.argmax(gains))
+    best = np.argsort(gains)[::-1][:MAX_PROMISING]
     least = max([MIN_TRIAL_SHARE * before, *(MIN_TRIAL_OF_BEST * (before - soon(one)) for one in fits)])
-    return kinds[best] if gains[best] > least else None
+    return [kinds[k] for k in best if gains[k] > least]
 
 
 def fit_from_usual(parts: Split, base: FittedModel, kind: type[Effect]) -> FittedModel:

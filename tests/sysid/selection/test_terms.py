@@ -142,7 +142,7 @@ def test_the_text_of_a_factor_says_what_its_code_does(term: Term) -> None:
 
 WRITTEN = [
     ("drag_at_3_1", "push_x_xy", "side_spin_cos", "cushion_e_rail_0", "grip_cos"),
-    ("drag_sin2", "drag_slow", "ball_e_with_2", "ball_mu_order", "image_x_r5"),
+    ("drag_sin2", "drag_fade_200", "ball_e_with_2", "ball_mu_order", "image_x_r5"),
     ("drag_at_3_1", "drag_at_4_1", "cushion_mu_slip", "cushion_e_place", "image_y_one"),
 ]
 
