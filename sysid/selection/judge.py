@@ -75,8 +75,12 @@ def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments:
             confirmation = confirm(parts, now, by_segments.best, screen_whole_shots(parts, now))
             if confirmation.fitted is not None:
                 return Diagnosis(by_segments, confirmed=confirmation.fitted)
+            if confirmation.instead is not None:
+                return Diagnosis(
+                    confirmation.instead, confirmed=confirmation.instead.fits[0].fitted, segments=by_segments
+                )
             partial = confirmation.partial
-    first = now
+    before = now
     searched: list[SparseFormula | None] = []  # the terms are scored once at most, and only where it is needed
 
     def outside(base: FittedModel) -> SparseFormula | None:
@@ -100,7 +104,7 @@ def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments:
     fitted = fit_candidate(parts, now, structure.score())
     if not is_enough(fitted.evidence, seen.count) or not generalises(now, fitted.fitted):
         return Diagnosis(seen, segments=by_segments)
-    if excess_variance(fitted.fitted) > MAX_FORMULA_EXCESS and shared_cause(first) is not None:
+    if excess_variance(fitted.fitted) > MAX_FORMULA_EXCESS and shared_cause(before) is not None:
         return Diagnosis(seen, segments=by_segments)
     return Diagnosis(seen, structure, fitted, segments=by_segments)
 

@@ -78,10 +78,11 @@ def screen_segments(parts: Split, now: FittedModel) -> Screening | None:
 
 @dataclass(frozen=True)
 class Confirmation:
-    """Whether whole shots confirm an effect that segments named; one of the two is None."""
+    """Whether whole shots confirm an effect that segments named; one of the three is given."""
 
     fitted: FittedModel | None = None  # whole shots with the effect, where they confirm it
     partial: PartialScreening | None = None  # what is known of their own screening, where they do not
+    instead: Screening | None = None  # of an effect at impacts that comes first
 
 
 def screen_whole_shots(parts: Split, now: FittedModel) -> PartialScreening:
@@ -121,6 +122,8 @@ def confirm(parts: Split, now: FittedModel, best: FittedCandidate, partial: Part
         return Confirmation(new)
     if compare_fits(new, first.fitted).delta_bic <= MIN_DELTA_BIC:
         return Confirmation(new)
+    if parts.cut:  # a loss so rough that what is right may only show after another, and what is wrong stand in for both
+        return Confirmation(instead=Screening(now, partial.scores, (first,), (), (), partial.scores.count))
     return Confirmation(partial=PartialScreening(partial.scores, (first,)))
 
 

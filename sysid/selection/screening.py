@@ -158,6 +158,7 @@ def screen(
         return known.get(score.candidate.name) or fit_candidate(parts, base, score)
 
     fits = _fit_chosen(scores, shortlist(scores, share), fit, competing)
+    fits += [one for one in partial.fitted if all(other.name != one.name for other in fits)]
     if fits and not any(one.converged for one in fits):  # candidates that predict less were left out for no verdict
         tried = {one.name for one in fits}
         others = [row for row in scores.rows if row.candidate.name not in tried]
@@ -258,22 +259,12 @@ def least_improvement(scores: Scores, share: float) -> float:
 
 
 def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedCandidate:
-    """Fit a candidate, all constants and initial states from the base's optimum.
-
-    One that grows from a bound may have another optimum far from it. Where the first leaves more than noise, it is
-    also fitted from its usual size, and the better of the two is kept.
-    """
+    """Fit a candidate, all constants and initial states from the base's optimum."""
     one = score.candidate
     x, added = _best_start(base, score)
     values = dict(zip(one.keys, added.tolist(), strict=True))
     found = fit_with(parts, base, one, dataclasses.replace(base, initial_states=x), values)
-    evidence = compare_fits(base, found)
-    if one.one_sided and excess_variance(found) > MAX_EXCESS_VARIANCE:
-        again = fit_from_usual(parts, base, type(one.effect))
-        other = compare_fits(base, again)
-        if other.improvement > evidence.improvement:
-            found, evidence = again, other
-    return FittedCandidate(score, found, evidence)
+    return FittedCandidate(score, found, compare_fits(base, found))
 
 
 def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:
