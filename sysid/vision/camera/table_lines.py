@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from sysid.vision.camera.projection import Array
 
+Mask = NDArray[np.bool_]
 NO_TABLE_REMEDY = "film the whole table, or give --corners or a board"
 MIN_CORE_FRACTION = 0.25  # of the middle of the picture, that the cloth fills
 MIN_CLOTH_FRACTION = 0.04  # of the whole picture
@@ -26,6 +27,9 @@ MAX_BOW_WIDTHS = 0.01  # of a side, by the distortion of the lens
 MIN_SIDE_WIDTHS = 0.12  # length of a side
 MIN_SIDE_COVERAGE = 0.5  # fraction of its length that the outline follows
 MAX_OUTSIDE_FRACTION = 0.04  # of the outline, beyond a side
+COLOUR_ROUNDS = 6  # of fitting the colour of the cloth
+COLOUR_OUTLIER_SD = 6.0  # robust standard deviations from which on a colour is not the cloth's
+COLOUR_LIMITS = (0.12, 0.35)  # of that distance, in logarithms of ratios of light
 TRIED_PAIRS = 800  # of outline points, as candidates of sides
 MIN_NORMAL_ANGLE_RAD = np.radians(30)  # between the normals of two sides
 
@@ -66,11 +70,7 @@ def cloth(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     similar = vivid & (hue_distance < 12)
     if similar.sum() < MIN_CORE_FRACTION * core.sum():
         raise BadInput(f"no table found: no saturated colour fills the middle of the picture; {NO_TABLE_REMEDY}")
-    saturation_level, value_level = np.median(saturation[similar]), np.median(value[similar])
-    spread = float(np.clip(6 * np.median(hue_distance[similar]), 8, 18))
-    mask = ((hue_distance < spread) & (saturation > 0.45 * saturation_level) & (value > 0.25 * value_level)).astype(
-        np.uint8
-    ) * 255
+    mask = np.where(_cloth_coloured(colours, picture, similar), 255, 0).astype(np.uint8)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(MAX_DENT_WIDTHS * width / 2) + 1,) * 2)
     mask = cv2.morphologyEx(cv2.medianBlur(mask, 5), cv2.MORPH_CLOSE, kernel)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -80,6 +80,33 @@ def cloth(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     region = np.zeros_like(mask)
     cv2.drawContours(region, [largest], -1, 255, cv2.FILLED)
     return np.asarray(region)
+
+
+def _cloth_coloured(colours: NDArray[np.uint8], picture: NDArray[np.uint8], similar: NDArray[np.bool_]) -> Mask:
+    """Which pixels have the colour that the cloth has there.
+
+    The light of lamps and projectors colours the cloth, here more than there: logarithms of green and blue over red are
+    fitted by a quadratic function of the place, in rounds, first to the pixels of the cloth's hue.
+
+    Args:
+        colours: hue, saturation, value: (height, width, 3).
+        picture: blue, green, red.
+        similar: where the hue is the cloth's, in the middle of the picture.
+    """
+    height, width = similar.shape
+    light = cv2.GaussianBlur(picture, (0, 0), 1.5).astype(np.float32) + 8.0
+    ratios = np.log(light[..., :2] / light[..., 2:])
+    u, v = np.meshgrid(np.linspace(-1, 1, width, dtype=np.float32), np.linspace(-1, 1, height, dtype=np.float32))
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    bright = colours[..., 2] > 0.25 * np.median(colours[..., 2][similar])
+    thin, good = (slice(None, None, 4),) * 2, similar
+    for _ in range(COLOUR_ROUNDS):
+        chosen = good[thin]
+        fit = np.linalg.lstsq(terms[thin][chosen], ratios[thin][chosen], rcond=None)[0]
+        off = np.abs(ratios - terms @ fit)
+        limit = np.clip(COLOUR_OUTLIER_SD * 1.4826 * np.median(off[good], axis=0), *COLOUR_LIMITS)
+        good = (off < limit).all(axis=-1) & bright
+    return np.asarray(good)
 
 
 def sides(region: NDArray[np.uint8]) -> list[Side]:
