@@ -65,6 +65,7 @@ class Calibration:
     doubts: tuple[str, ...]  # reasons not to trust it
     diamonds: Diamonds = NO_DIAMONDS
     balls: BallSizes = NO_BALLS
+    diamond_margin: float = np.nan  # of their rows outside the noses [m]
 
     @property
     def fov(self) -> float:
@@ -167,7 +168,7 @@ def calibrate(
         dataclasses.replace(lines.camera, residual_m=lines.rms, source=text), lines,
         "found" if found else hints.focal_from, hints.lens.focal_sd if hints.lens else focal_sd, edge,
         uncertainty(lines), parallax(lines), (*notes, *evidence(lines.camera, seen, reading)), tuple(warnings),
-        seen.diamonds, seen.balls,
+        seen.diamonds, seen.balls, reading.diamond_margin,
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from sysid.vision.camera.noses import RAIL_RISE_M, Reading, Seen, diamond_errors
 from sysid.vision.camera.projection import Camera
+from sysid.vision.camera.trust import TABLE_SIZE_REMEDY
 
 MIN_LEAD = 9.0  # of a reading over the next one that differs: three standard deviations
 MAX_DIAMOND_RMS_M = 5e-3  # of the diamonds along their rails
@@ -19,7 +20,6 @@ MAX_BALL_SD = 3.0  # of the size of the balls from that expected
 MAX_CHANGE_M = 8e-3  # of places between the reading and the final camera
 FOV_DEG = (5.0, 125.0)  # of lenses that are not fisheyes, across the longer side of a picture
 MAX_DISTORTION = 0.35  # of the distance from the middle, at the farthest corner of the table
-CORNERS_REMEDY = "give --corners"
 LENS_REMEDY = "give --corners, or take the lens from a --board"
 
 
@@ -27,7 +27,9 @@ def evidence(camera: Camera, seen: Seen, reading: Reading) -> list[str]:
     """What speaks for a camera, in lines."""
     found = []
     if len(seen.diamonds.pixels):
-        found.append(f"{len(seen.diamonds.pixels)} diamonds within {1e3 * _diamond_rms(camera, seen, reading):.1f} mm rms")
+        found.append(
+            f"{len(seen.diamonds.pixels)} diamonds within {1e3 * _diamond_rms(camera, seen, reading):.1f} mm rms"
+        )
     ratio, sd = seen.balls.ratio(camera)
     if np.isfinite(ratio):
         found.append(f"{len(seen.balls.radius)} outlines of balls {100 * (ratio - 1):+.0f} +- {100 * sd:.0f} % in size")
@@ -44,11 +46,12 @@ def evidence_doubts(camera: Camera, seen: Seen, reading: Reading) -> list[str]:
 def _reading_doubts(camera: Camera, reading: Reading) -> list[str]:
     """Doubts that the edges taken are the noses."""
     if reading.lead < MIN_LEAD:
-        return [f"other edges beside the bed could as well be the noses, as a shadow's: {CORNERS_REMEDY}"]
+        return [f"other edges beside the bed could as well be the noses, as a shadow's: {TABLE_SIZE_REMEDY}"]
     pixels = reading.camera.outline(_corners(camera))
     change = np.linalg.norm(camera.centres(pixels) - _corners(camera), axis=1)
     if not change.max() < MAX_CHANGE_M:
-        return [f"edge points and the rest of what is seen disagree by {1e3 * change.max():.0f} mm: {CORNERS_REMEDY}"]
+        text = f"edge points and the rest of what is seen disagree by {1e3 * change.max():.0f} mm"
+        return [f"{text}: {TABLE_SIZE_REMEDY}"]
     return []
 
 
@@ -59,15 +62,12 @@ def _size_doubts(camera: Camera, seen: Seen, reading: Reading) -> list[str]:
     if len(seen.diamonds.pixels):
         error = _diamond_rms(camera, seen, reading)
         if error > max(MAX_DIAMOND_RMS_M, MAX_DIAMOND_RMS_PX * pixel):
-            messages.append(
-                f"the diamonds lie {1e3 * error:.0f} mm off their eighths: check --length and --width, or "
-                + CORNERS_REMEDY
-            )
+            messages.append(f"the diamonds lie {1e3 * error:.0f} mm off the eighths of the table: {TABLE_SIZE_REMEDY}")
     ratio, sd = seen.balls.ratio(camera)
     if np.isfinite(ratio) and abs(np.log(ratio)) > MAX_BALL_SD * sd:
         messages.append(
-            f"the balls look {100 * (ratio - 1):+.0f} % larger than such on such a table: check --length, --width and "
-            f"--diameter, or {CORNERS_REMEDY}"
+            f"the balls' size is {100 * (ratio - 1):+.0f} % off that of such balls on such a table: "
+            "check --diameter, --length and --width, or give --corners"
         )
     return messages
 
@@ -84,7 +84,9 @@ def _lens_doubts(camera: Camera) -> list[str]:
     bend = k1 * squares + k2 * squares**2 + k3 * squares**3
     grows = 1 + 3 * k1 * squares + 5 * k2 * squares**2 + 7 * k3 * squares**3
     if np.abs(bend).max() > MAX_DISTORTION or grows.min() <= 0:
-        return [f"a distortion of {100 * bend[np.argmax(np.abs(bend))]:+.0f} % is not that of such a lens: {LENS_REMEDY}"]
+        return [
+            f"a distortion of {100 * bend[np.argmax(np.abs(bend))]:+.0f} % is not that of such a lens: {LENS_REMEDY}"
+        ]
     return []
 
 

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-from models.shot import NOSE_HEIGHT
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.camera.table_edges import Image, nose_points
 from sysid.vision.camera.table_lines import cloth_coloured
@@ -33,7 +32,8 @@ MAX_MISSING_DIAMONDS = 1  # of a long rail; of a short one none
 BALL_RAYS = 64  # along which the outline of a ball is looked for
 BALL_RADII = np.arange(0.75, 1.35, 0.01)  # [expected radii]
 MAX_BALL_SCATTER = 0.08  # of the radius over the rays, relative: rounder than a hand
-OUTLINE_SD_PX = 0.4  # of the radius of an outline, common to all
+OUTLINE_SD_PX = 0.8  # of the radius of an outline, common to all: balls are dark at their rims
+BALL_RATIOS = (0.8, 1.25)  # of outlines to those expected; others are not of balls
 OUTLINE_SCATTER = 0.03  # relative, of each
 MIN_BALL_RAYS = 0.7  # fraction of the rays that end on such a circle
 
@@ -57,7 +57,7 @@ class BallSizes:
     def ratio(self, camera: Camera) -> tuple[float, float]:
         """Size seen over that expected by a camera, and its standard deviation; NaN where no ball was seen.
 
-        The light on a ball, its shadow and the blur of the picture shift the outline by some tenths of a pixel.
+        The light on a ball, its shadow and the blur of the picture shift the outline by up to a pixel.
         """
         if len(self.radius) == 0:
             return np.nan, np.nan
@@ -156,8 +156,8 @@ def find_balls(pictures: Iterable[NDArray[np.uint8]], camera: Camera) -> BallSiz
     """Outlines of balls on the bed in pictures (height, width, 3), as a rough camera expects them."""
     centres, radii = [], []
     for picture in pictures:
-        other = ~cloth_coloured(picture)
-        count, labels, stats, middles = cv2.connectedComponentsWithStats(other.astype(np.uint8))
+        other = np.where(cloth_coloured(picture), 0, 1).astype(np.uint8)
+        count, _, stats, middles = cv2.connectedComponentsWithStats(other)
         places = camera.on_plane(middles, camera.radius)
         half = np.array([camera.table.length, camera.table.width]) / 2 - camera.diameter
         on_bed = (np.abs(np.nan_to_num(places, nan=9.0)) < half).all(axis=1)
@@ -168,27 +168,25 @@ def find_balls(pictures: Iterable[NDArray[np.uint8]], camera: Camera) -> BallSiz
             wide, high, area = stats[k, cv2.CC_STAT_WIDTH], stats[k, cv2.CC_STAT_HEIGHT], stats[k, cv2.CC_STAT_AREA]
             if not (0.4 < area / (np.pi * expected**2) < 2.0 and 0.7 < wide / high < 1.4):
                 continue
-            found = _outline(picture, middles[k], expected, np.asarray(labels == k))
+            found = _outline(picture, middles[k], expected)
             if found is not None:
                 centres.append(found[0])
                 radii.append(found[1])
     return BallSizes(np.array(centres).reshape(-1, 2), np.array(radii))
 
 
-def _outline(
-    picture: NDArray[np.uint8], middle: Array, expected: float, own: NDArray[np.bool_]
-) -> tuple[Array, float] | None:
+def _outline(picture: NDArray[np.uint8], middle: Array, expected: float) -> tuple[Array, float] | None:
     """Centre (2,) and radius of a ball [pixels], where its colour changes fastest to that of the cloth; None if none."""
     angle = np.linspace(0, 2 * np.pi, BALL_RAYS, endpoint=False)
     ways = np.column_stack([np.cos(angle), np.sin(angle)])
-    colour = np.median(picture[own], axis=0)
     centre, radius = np.asarray(middle, float), expected
     light = cv2.GaussianBlur(picture, (0, 0), 1.0).astype(np.float32)
     for _ in range(3):
         points = (centre + ways[:, None] * (expected * BALL_RADII)[:, None]).astype(np.float32)
         seen = cv2.remap(light, points[..., 0], points[..., 1], cv2.INTER_LINEAR).astype(float)
-        cloth = np.median(seen[:, -10:], axis=(0, 1))
-        level = (seen - cloth) @ (colour - cloth) / max(float(np.sum((colour - cloth) ** 2)), 1.0)
+        # Of each ray its own colours: a ball is darker at its rim, and its shadows lie on the cloth beside it.
+        inner, outer = seen[:, :10].mean(axis=1), seen[:, -10:].mean(axis=1)
+        level = np.einsum("nrc,nc->nr", seen - outer[:, None], inner - outer)
         slope = -np.diff(level, axis=1)
         away = expected * (BALL_RADII[:-1] + 0.005)[np.argmax(slope, axis=1)]
         good = np.abs(away - np.median(away)) < 0.15 * expected
@@ -201,6 +199,7 @@ def _outline(
         radius = float(np.sqrt(max(fit[2] + shift @ shift, 0.0)))
         centre = centre + shift
     scatter = np.linalg.norm(rim - shift, axis=1) / max(radius, 1e-6) - 1
-    if 1.4826 * np.median(np.abs(scatter)) > MAX_BALL_SCATTER:
+    round_enough = 1.4826 * np.median(np.abs(scatter)) < MAX_BALL_SCATTER
+    if not (round_enough and BALL_RATIOS[0] < radius / expected < BALL_RATIOS[1]):
         return None
     return centre, radius

@@ -1,7 +1,7 @@
 """Which edges beside the bed are the noses: readings of the cushions, weighed by everything that is seen.
 
-In: the edges along each side, and what else the picture shows. Out: `Reading`, the likeliest choice of an edge per side,
-with the camera that goes with it, and how much likelier it is than one that places balls elsewhere.
+In: the edges along each side, and what else the picture shows. Out: `Reading`, the likeliest choice of an edge per
+side, with the camera that goes with it, and how much likelier it is than one that places balls elsewhere.
 
 Beside the noses a picture shows the shadows that the cushions cast on the bed, and the end of the cloth on top of the
 cushions, a cushion's width outside the noses and the same at all sides. A reading is a least squares problem in the
@@ -165,7 +165,12 @@ def read_noses(rough: Camera, seen: Seen, outline: float, free: tuple[str, ...],
     readings = [c for c in itertools.product(*options.values()) if sum(edge is not None for edge, _ in c) >= 3]
     if not readings:
         return None
-    rails, camera, cost, extra = list(options), rough, 0.0, np.array([CUSHION_WIDTH_M[0], DIAMOND_MARGIN_M[0], RAIL_RISE_M[0]])
+    rails, camera, cost, extra = (
+        list(options),
+        rough,
+        0.0,
+        np.array([CUSHION_WIDTH_M[0], DIAMOND_MARGIN_M[0], RAIL_RISE_M[0]]),
+    )
     looks = np.array([sum(cost for _, cost in reading) for reading in readings])
     places = {rail: _line(rough, rail, [e.offset for e, _ in some if e]) for rail, some in options.items()}
     best, costs = 0, looks
@@ -199,7 +204,7 @@ def _rated(edges: Sequence[Edge], outline: float, sides: int) -> list[tuple[Edge
     strongest = max((e.strength for e in inner), default=0.0)
     rated: list[tuple[Edge | None, float]] = []
     for edge in edges:
-        if edge.offset > outline + CLOTH_EDGE_M:
+        if edge.offset > outline + CLOTH_END_SEARCH_M:
             continue
         is_outline = edge.offset > outline - CLOTH_EDGE_M
         below_gap = not edge.rises and any(e.rises and 0 < e.offset - edge.offset < MAX_GAP_WIDTH_M for e in inner)
