@@ -58,8 +58,7 @@ class Canvas:
 
     def circle(self, centre: Array, radius: float, colour: Bgr, filled: bool = False) -> None:
         """A circle, its radius in pixels of this picture."""
-        width = cv2.FILLED if filled else self.width
-        place = self.at(centre[None])[0].tolist()
+        width, place = cv2.FILLED if filled else self.width, self.at(centre[None])[0].tolist()
         cv2.circle(self.pixels, place, round(radius * 2**FRACTION_BITS), colour, width, cv2.LINE_AA, FRACTION_BITS)
 
 
@@ -83,7 +82,7 @@ def _zoomed(picture: Picture, zoom: float) -> Picture:
 
 
 def _projected(camera: Camera, points: Array) -> Array:
-    """Pixels (m, 2) of those points (n, 3) [m] that lie in view: far outside, the distortion folds them back into it."""
+    """Pixels (m, 2) of those points (n, 3) [m] in view: far outside it, the distortion folds them back."""
     back = camera.on_plane(camera.project(points), float(points[0, 2]))
     return camera.project(points[np.abs(back - points[:, :2]).max(axis=1) < 1e-3])
 

@@ -14,6 +14,8 @@ from sysid.vision.camera.projection import Camera
 from sysid.vision.camera.trust import TABLE_SIZE_REMEDY
 
 MIN_LEAD = 9.0  # of a reading over the next one that differs: three standard deviations
+MAX_COST = 16.0  # of a reading, sum of squares in standard deviations
+MAX_DIAMOND_COST = 1.0  # more for each diamond
 MAX_DIAMOND_RMS_M = 5e-3  # of the diamonds along their rails
 MAX_DIAMOND_RMS_PX = 1.5  # or this if it is more
 MAX_BALL_SD = 3.0  # of the size of the balls from that expected
@@ -40,13 +42,18 @@ def evidence(camera: Camera, seen: Seen, reading: Reading) -> list[str]:
 
 def evidence_doubts(camera: Camera, seen: Seen, reading: Reading) -> list[str]:
     """What speaks against a camera."""
-    return [*_reading_doubts(camera, reading), *_size_doubts(camera, seen, reading), *_lens_doubts(camera)]
+    limit = MAX_COST + MAX_DIAMOND_COST * len(seen.diamonds.pixels)
+    return [*_reading_doubts(camera, reading, limit), *_size_doubts(camera, seen, reading), *_lens_doubts(camera)]
 
 
-def _reading_doubts(camera: Camera, reading: Reading) -> list[str]:
+def _reading_doubts(camera: Camera, reading: Reading, max_cost: float) -> list[str]:
     """Doubts that the edges taken are the noses."""
     if reading.lead < MIN_LEAD:
         return [f"other edges beside the bed could as well be the noses, as a shadow's: {TABLE_SIZE_REMEDY}"]
+    if reading.cost > max_cost:
+        deviations = float(np.sqrt(reading.cost))
+        text = f"noses, end of the cloth, diamonds and balls do not go together ({deviations:.0f} standard deviations)"
+        return [f"{text}: {TABLE_SIZE_REMEDY}"]
     pixels = reading.camera.outline(_corners(camera))
     change = np.linalg.norm(camera.centres(pixels) - _corners(camera), axis=1)
     if not change.max() < MAX_CHANGE_M:

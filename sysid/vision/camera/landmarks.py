@@ -160,10 +160,8 @@ def find_balls(pictures: Iterable[NDArray[np.uint8]], camera: Camera) -> BallSiz
         count, _, stats, middles = cv2.connectedComponentsWithStats(other)
         places = camera.on_plane(middles, camera.radius)
         half = np.array([camera.table.length, camera.table.width]) / 2 - camera.diameter
-        on_bed = (np.abs(np.nan_to_num(places, nan=9.0)) < half).all(axis=1)
-        for k in range(1, count):
-            if not on_bed[k]:
-                continue
+        on_bed = np.all(np.abs(np.nan_to_num(places, nan=9.0)) < half, axis=1)
+        for k in np.flatnonzero(on_bed[1:count]) + 1:
             expected = float(camera.radius_px(places[k : k + 1])[0])
             wide, high, area = stats[k, cv2.CC_STAT_WIDTH], stats[k, cv2.CC_STAT_HEIGHT], stats[k, cv2.CC_STAT_AREA]
             if not (0.4 < area / (np.pi * expected**2) < 2.0 and 0.7 < wide / high < 1.4):
@@ -176,7 +174,7 @@ def find_balls(pictures: Iterable[NDArray[np.uint8]], camera: Camera) -> BallSiz
 
 
 def _outline(picture: NDArray[np.uint8], middle: Array, expected: float) -> tuple[Array, float] | None:
-    """Centre (2,) and radius of a ball [pixels], where its colour changes fastest to that of the cloth; None if none."""
+    """Centre (2,) and radius of a ball [pixels], where its colour changes fastest to the cloth's; None if none."""
     angle = np.linspace(0, 2 * np.pi, BALL_RAYS, endpoint=False)
     ways = np.column_stack([np.cos(angle), np.sin(angle)])
     centre, radius = np.asarray(middle, float), expected

@@ -69,8 +69,8 @@ class Reading:
 
     noses: Mapping[int, Edge]  # by rail, offsets from the noses of the rough camera
     camera: Camera
-    cost: float  # half of it is the negative logarithm of its likelihood
-    lead: float  # of the next one that differs, over this [the same]
+    cost: float  # sum of squares of what is seen, in standard deviations
+    lead: float  # of the cost of the next one that differs over this one's
     cushion_width: float  # from the noses to the end of the cloth [m]
     diamond_margin: float  # from the noses to the diamonds [m]
 
@@ -162,7 +162,7 @@ def read_noses(rough: Camera, seen: Seen, outline: float, free: tuple[str, ...],
         focal: expected focal length, if it is unknown [pixels].
     """
     options = {rail: _rated(some, outline, len(seen.edges)) for rail, some in seen.edges.items()}
-    readings = [c for c in itertools.product(*options.values()) if sum(edge is not None for edge, _ in c) >= 3]
+    readings = [c for c in itertools.product(*options.values()) if _conceivable(c, outline)]
     if not readings:
         return None
     rails, camera, cost, extra = (
@@ -184,18 +184,31 @@ def read_noses(rough: Camera, seen: Seen, outline: float, free: tuple[str, ...],
         camera, extra, cost = tried[k]
         if best == before:
             break
-    others = [
-        costs[k] for k, other in enumerate(readings)
-        if any(a and b and abs(a.offset - b.offset) > DIFFERENT_M for (a, _), (b, _) in zip(other, readings[best], strict=True))
-    ]  # fmt: skip
+    others = [costs[k] for k, other in enumerate(readings) if _differ(other, readings[best])]
     noses = {rail: edge for rail, (edge, _) in zip(rails, readings[best], strict=True) if edge is not None}
     lead = float(min(others, default=np.inf) - costs[best])
-    return Reading(noses, camera, float(cost + looks[best]), lead, float(extra[0]), float(extra[1]))
+    return Reading(noses, camera, cost, lead, float(extra[0]), float(extra[1]))
+
+
+def _differ(one: Sequence[tuple[Edge | None, float]], other: Sequence[tuple[Edge | None, float]]) -> bool:
+    """Whether two readings take different edges at a side that both of them see."""
+    return any(a and b and abs(a.offset - b.offset) > DIFFERENT_M for (a, _), (b, _) in zip(one, other, strict=True))
 
 
 def _at_end(reading: Sequence[tuple[Edge | None, float]], outline: float) -> bool:
     """Whether the noses of a reading are the end of the cloth, which then tells nothing of cushions behind them."""
     return all(edge is None or edge.offset > outline - CLOTH_EDGE_M for edge, _ in reading)
+
+
+def _conceivable(reading: Sequence[tuple[Edge | None, float]], outline: float) -> bool:
+    """Whether the sides go together.
+
+    Three must show a nose, or all where the noses are the end of the cloth, which is seen; and it is so at all sides or
+    at none.
+    """
+    edges = [edge for edge, _ in reading if edge is not None]
+    at_end = sum(edge.offset > outline - CLOTH_EDGE_M for edge in edges)
+    return len(edges) >= 3 and at_end in ((0, len(edges)) if len(edges) == len(reading) else (0,))
 
 
 def _rated(edges: Sequence[Edge], outline: float, sides: int) -> list[tuple[Edge | None, float]]:
