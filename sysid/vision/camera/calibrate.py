@@ -42,7 +42,7 @@ from sysid.vision.camera.trust import (
 MAX_FITTED_FOCAL_SD = 0.2  # relative; above, the focal length is assumed rather than fitted
 EDGE_SEARCH_PX = (5.0, 3.0, 2.0)  # about an expected edge, round by round
 CORNER_SEARCH_M = 0.02  # about corners given by hand
-CORNER_REACH_WIDTHS = 0.02  # of corners given from those found [widths of the picture]
+CORNER_REACH_WIDTHS = 0.03  # of corners given from those found [widths of the picture]
 MAX_CUSHION_SPREAD_M = 6e-3  # of the widths of the cushions, up to which edges may be noses
 MIN_SIDE_POINTS = 8  # of a side
 MAX_K2_ERROR_RATIO = 0.8  # of the reprojection errors with and without k2, up to which k2 is used
@@ -143,9 +143,7 @@ def calibrate(
         sides = table_lines.sides(table_lines.cloth(np.rint(light).astype(np.uint8)))
     first = first_view(start, sides, hints.sees, unknown[:1] if by_hand else unknown, by_hand)
     progress("looking for the noses")
-    seen = _seen(light, stills, first, by_hand)
-    focal = float(start.matrix[0, 0])
-    reading = read_noses(first.camera, seen, np.inf if by_hand else first.margin, unknown, focal)
+    first, seen, reading = _read(light, stills, first, unknown, float(start.matrix[0, 0]), by_hand)
     if reading is None:
         if by_hand:
             return _by_hand(first, hints.focal_from, source)
@@ -160,7 +158,9 @@ def calibrate(
         () if left_out is None else (f"no edge at {RAIL_NAMES[left_out]} goes with the others: that side is left out",)
     )
     warnings = [*warnings, *doubts(lines, found, edge == ONLY_EDGE), *evidence_doubts(lines.camera, seen, reading)]
-    if left_out is not None and not by_hand:
+    if left_out is not None and by_hand:
+        warnings.append(f"no edge near the corners given is a nose at {RAIL_NAMES[left_out]}: give them anew")
+    elif left_out is not None:
         warnings += outline_doubts(lines, first, left_out)
     text = f"{len(set(lines.rails.tolist()))} cushion lines, {int(lines.kept.sum())} edge points, from {source}"
     text += "; not to be trusted" if warnings else ""
@@ -193,6 +193,21 @@ def _unaided(
         return None
     note = f"the corners given lie {float(away.mean()):.1f} pixels from those found"
     return dataclasses.replace(found, notes=(*found.notes, note))
+
+
+def _read(
+    light: NDArray[np.float32], stills: Sequence[NDArray[np.uint8]], first: CameraFit, unknown: tuple[str, ...],
+    focal: float, by_hand: bool,
+) -> tuple[CameraFit, Seen, Reading | None]:  # fmt: skip
+    """The first view, what is seen from it, and the likeliest reading; rough corners are improved in rounds."""
+    outline = np.inf if by_hand else first.margin
+    for last in (False, False, True) if by_hand else (True,):
+        seen = _seen(light, stills if last else (), first, by_hand)
+        reading = read_noses(first.camera, seen, outline, unknown, focal)
+        if reading is None or last:
+            break
+        first = dataclasses.replace(first, camera=reading.camera)
+    return first, seen, reading
 
 
 def _seen(light: NDArray[np.float32], stills: Sequence[NDArray[np.uint8]], first: CameraFit, by_hand: bool) -> Seen:

@@ -72,7 +72,8 @@ def draw(path: Path, picture: Picture, found: Calibration) -> None:
     details = [np.hstack(parts[k : k + 4]) for k in range(0, len(parts), 4)]
     wide = whole.pixels.shape[1]
     details = [cv2.copyMakeBorder(d, 0, 0, 0, wide - d.shape[1], cv2.BORDER_CONSTANT) for d in details]
-    words = _text([f"{n}: {t}" for n, t in rows(found)] + [f"NOT to be trusted: {t}" for t in found.doubts], wide)
+    lines = [f"{name}: {text}" for name, text in rows(found)]
+    words = _text([*lines, *found.notes, *(f"NOT to be trusted: {doubt}" for doubt in found.doubts)], wide)
     write_whole(path, cv2.imencode(".png", np.vstack([whole.pixels, *details, words]))[1].tobytes())
 
 
