@@ -41,7 +41,8 @@ RAIL_RISE = 0.006  # of the wood over the noses [m]
 DIAMOND_ROW = 0.09  # of diamonds behind the noses [m]
 DIAMOND: Colour = (0.92, 0.90, 0.84)
 SHADE = (0.55, 0.80)  # of light that is left in a cushion's shadows: the dark one, and one twice as wide
-LAMP_COLOURS = np.array([[0.85, 0.95, 1.1], [1.05, 0.9, 0.85]])  # of the light at the left end and at the right
+TOP_LIGHT = np.array([0.85, 0.45, 1.1, 1.2])  # on the cloth of the cushions' tops, by rail
+LAMP_COLOURS = np.array([[0.85, 1.05, 1.15], [1.05, 0.95, 0.75]])  # of the light at the left end and at the right
 SLEEVE: Colour = (0.25, 0.10, 0.14)
 SKIN: Colour = (0.85, 0.60, 0.52)
 FINE = 4  # rays along the side of a pixel
@@ -74,7 +75,8 @@ class Look:
     spots: Mapping[str, Sequence[Spot]] = field(default_factory=dict)  # of balls by name
     colours: Mapping[str, Colour] = field(default_factory=dict)  # of balls by name, in place of the usual ones
     cushion_shadow: float = 0.0  # width of the shadow that the cushions cast on the bed [m]
-    cloth_tops: bool = False  # the cushions' tops have the colour of the bed
+    cloth: Colour = CLOTH
+    cloth_tops: bool = False  # the cushions' tops have the colour of the bed, lit as they lean
     diamonds: float = 0.0  # diameter of those on the rails [m]; none if 0
     lamps: float = 0.0  # how much the colour of the light changes across the table, 0 to 1
     player: bool = False  # an arm with a cue lies over the table
@@ -152,8 +154,12 @@ def _lit(camera: Camera, look: Look, pixels: Array) -> Array:
     bed, top, rail = (np.nan_to_num(camera.on_plane(pixels, z), nan=9.0) for z in (0.0, nose, nose + RAIL_RISE))
     beyond = (np.abs(top) - half).max(axis=1)
     hole = (out == HOLE).all(axis=1)
+    out[(beyond < 0) & ~hole] *= np.array(look.cloth) / CLOTH
     if look.cloth_tops:
-        out[(beyond > 0) & (beyond < RUBBER) & ~hole] = CLOTH
+        over = np.abs(top) - half
+        rail_seen = np.where(over[:, 0] > over[:, 1], (top[:, 0] < 0).astype(int), 2 + (top[:, 1] < 0))
+        tops = (beyond > 0) & (beyond < RUBBER) & ~hole
+        out[tops] = TOP_LIGHT[rail_seen[tops], None] * np.array(look.cloth)
     if look.cushion_shadow > 0:
         inside = (half - np.abs(bed)).min(axis=1)
         for width, left in zip((look.cushion_shadow, 2 * look.cushion_shadow), SHADE, strict=True):

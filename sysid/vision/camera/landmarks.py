@@ -32,7 +32,8 @@ MAX_MISSING_DIAMONDS = 1  # of a long rail; of a short one none
 BALL_RAYS = 64  # along which the outline of a ball is looked for
 BALL_RADII = np.arange(0.75, 1.35, 0.01)  # [expected radii]
 MAX_BALL_SCATTER = 0.08  # of the radius over the rays, relative: rounder than a hand
-OUTLINE_SD_PX = 0.8  # of the radius of an outline, common to all: balls are dark at their rims
+OUTLINE_LOSS_PX = 0.4  # of the radius of an outline: balls are dark at their rims, unless overexposed
+OUTLINE_SD_PX = 0.5  # of that loss, common to all
 BALL_RATIOS = (0.8, 1.25)  # of outlines to those expected; others are not of balls
 OUTLINE_SCATTER = 0.03  # relative, of each
 MIN_BALL_RAYS = 0.7  # fraction of the rays that end on such a circle
@@ -57,12 +58,12 @@ class BallSizes:
     def ratio(self, camera: Camera) -> tuple[float, float]:
         """Size seen over that expected by a camera, and its standard deviation; NaN where no ball was seen.
 
-        The light on a ball, its shadow and the blur of the picture shift the outline by up to a pixel.
+        The light on a ball shifts its outline by some tenths of a pixel, on white balls and dark ones differently.
         """
         if len(self.radius) == 0:
             return np.nan, np.nan
         expected = camera.radius_px(camera.centres(self.pixels))
-        ratios = self.radius / expected
+        ratios = (self.radius + OUTLINE_LOSS_PX) / expected
         common = OUTLINE_SD_PX / float(np.median(expected))
         return float(np.median(ratios)), float(np.hypot(common, OUTLINE_SCATTER / np.sqrt(len(ratios))))
 
@@ -164,7 +165,7 @@ def find_balls(pictures: Iterable[NDArray[np.uint8]], camera: Camera) -> BallSiz
         for k in np.flatnonzero(on_bed[1:count]) + 1:
             expected = float(camera.radius_px(places[k : k + 1])[0])
             wide, high, area = stats[k, cv2.CC_STAT_WIDTH], stats[k, cv2.CC_STAT_HEIGHT], stats[k, cv2.CC_STAT_AREA]
-            if not (0.4 < area / (np.pi * expected**2) < 2.0 and 0.7 < wide / high < 1.4):
+            if not (0.4 < area / (np.pi * expected**2) < 2.6 and 0.7 < wide / high < 1.4):
                 continue
             found = _outline(picture, middles[k], expected)
             if found is not None:

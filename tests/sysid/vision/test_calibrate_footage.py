@@ -1,4 +1,4 @@
-"""Calibration on footage with the difficulties of real films: cushions' shadows, cloth on their tops, lamps, a player."""
+"""Calibration on footage with the difficulties of real films: cushions' shadows, cloth tops, lamps, a player."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from tests.footage.motion import Motion
 from tests.sysid.vision.test_calibrate import DIAMETER, errors, over_table, rms, taken
 
 REAL = Look(
-    noise=3.0, uneven=0.3, cushion_shadow=0.012, cloth_tops=True, diamonds=0.012, lamps=1.0, player=True
+    noise=3.0, uneven=0.3, cushion_shadow=0.018, cloth=(0.40, 0.52, 0.46), cloth_tops=True, diamonds=0.012, lamps=1.0,
+    player=True,
 )  # fmt: skip
 SIZE = (960, 540)
 
@@ -70,7 +71,7 @@ def test_balls_of_another_size_are_refused() -> None:
     found = calibrate(picture, camera.table, DIAMETER)
     assert found.doubts == ()
     assert found.balls.ratio(found.camera)[0] == pytest.approx(1.0, abs=0.1)
-    wrong = calibrate(picture, camera.table, 1.22 * DIAMETER)
+    wrong = calibrate(picture, camera.table, 0.82 * DIAMETER)
     assert any("--diameter" in doubt for doubt in wrong.doubts)
 
 
@@ -81,7 +82,7 @@ def test_videos_of_one_camera_go_together(view: tuple[Camera, Picture]) -> None:
     def frames(base: Picture) -> list[Picture]:
         return [np.clip(base + rng.normal(0, 2, base.shape), 0, 255).astype(np.uint8) for _ in range(3)]
 
-    moved = taken(over_table((0.014, -0.02), size=SIZE, span=2.45, height=1.6, k1=0.01), REAL)
+    moved = taken(over_table((0.01, -0.02), size=SIZE, span=2.45, height=1.6, k1=0.01, aim=(0.008, 0.0)), REAL)
     seen = table_view({"a": frames(picture), "b": frames(picture), "c": frames(moved)})
     assert seen.used == ("a", "b")
     assert "c: the camera stands elsewhere" in seen.notes[0]
@@ -104,6 +105,6 @@ def test_the_picture_shows_model_details_and_figures(view: tuple[Camera, Picture
     drawn = cv2.imread(str(tmp_path / "cam.png"))
     assert drawn.shape[1] == 2 * SIZE[0]
     assert drawn.shape[0] > 2 * SIZE[1] + SIZE[0]
-    magenta = (drawn == [255, 0, 255]).all(axis=2)
+    magenta = (drawn[..., 0] > 150) & (drawn[..., 1] < 100) & (drawn[..., 2] > 150)
     assert magenta[: 2 * SIZE[1]].sum() > 2000
     assert magenta[2 * SIZE[1] : 2 * SIZE[1] + SIZE[0]].sum() > 1000, "the noses are in the details, too"
