@@ -31,9 +31,10 @@ MAX_BLOBS = 40  # of a rail, the clearest
 MAX_MISSING_DIAMONDS = 1  # of a long rail; of a short one none
 BALL_RAYS = 64  # along which the outline of a ball is looked for
 BALL_RADII = np.arange(0.75, 1.35, 0.01)  # [expected radii]
+CLEAR_EDGE = 0.6  # of the steepest along a ray
 MAX_BALL_SCATTER = 0.08  # of the radius over the rays, relative: rounder than a hand
-OUTLINE_LOSS_PX = 0.4  # of the radius of an outline: balls are dark at their rims, unless overexposed
-OUTLINE_SD_PX = 0.5  # of that loss, common to all
+OUTLINE_LOSS_PX = 0.5  # of the radius of an outline: balls are dark at their rims, unless overexposed
+OUTLINE_SD_PX = 0.4  # of that loss, common to all
 BALL_RATIOS = (0.8, 1.25)  # of outlines to those expected; others are not of balls
 OUTLINE_SCATTER = 0.03  # relative, of each
 MIN_BALL_RAYS = 0.7  # fraction of the rays that end on such a circle
@@ -183,11 +184,12 @@ def _outline(picture: NDArray[np.uint8], middle: Array, expected: float) -> tupl
     for _ in range(3):
         points = (centre + ways[:, None] * (expected * BALL_RADII)[:, None]).astype(np.float32)
         seen = cv2.remap(light, points[..., 0], points[..., 1], cv2.INTER_LINEAR).astype(float)
-        # Of each ray its own colours: a ball is darker at its rim, and its shadows lie on the cloth beside it.
-        inner, outer = seen[:, :10].mean(axis=1), seen[:, -10:].mean(axis=1)
-        level = np.einsum("nrc,nc->nr", seen - outer[:, None], inner - outer)
-        slope = -np.diff(level, axis=1)
-        away = expected * (BALL_RADII[:-1] + 0.005)[np.argmax(slope, axis=1)]
+        slope = np.linalg.norm(np.diff(seen, axis=1), axis=2)
+        # The outermost clear edge: inside a ball there are its shades, highlights and marks.
+        peak = (slope[:, 1:-1] >= slope[:, :-2]) & (slope[:, 1:-1] >= slope[:, 2:])
+        clear = peak & (slope[:, 1:-1] > CLEAR_EDGE * slope.max(axis=1, keepdims=True))
+        last = clear.shape[1] - np.argmax(clear[:, ::-1], axis=1)
+        away = expected * (BALL_RADII[:-1] + 0.005)[np.clip(last, 0, slope.shape[1] - 1)]
         good = np.abs(away - np.median(away)) < 0.15 * expected
         if good.mean() < MIN_BALL_RAYS:
             return None
