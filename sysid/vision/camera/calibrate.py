@@ -11,6 +11,7 @@ small.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -21,7 +22,7 @@ from models.errors import BadInput
 from models.shot import NOSE_HEIGHT, RAIL_NAMES, Table
 from sysid.vision.camera import table_edges, table_lines
 from sysid.vision.camera.board import Lens
-from sysid.vision.camera.evidence import evidence, evidence_doubts
+from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, evidence, evidence_doubts
 from sysid.vision.camera.first_view import CLOTH_MARGIN_M, first_view, initial_camera, sides_of
 from sysid.vision.camera.landmarks import NO_BALLS, NO_DIAMONDS, BallSizes, Diamonds, find_balls, find_diamonds
 from sysid.vision.camera.noses import CLOTH_EDGE_M, Reading, Seen, read_noses, what_is_seen, with_offsets
@@ -43,7 +44,8 @@ MAX_FITTED_FOCAL_SD = 0.2  # relative; above, the focal length is assumed rather
 EDGE_SEARCH_PX = (5.0, 3.0, 2.0)  # about an expected edge, round by round
 CORNER_SEARCH_M = 0.02  # about corners given by hand
 CORNER_REACH_WIDTHS = 0.03  # of corners given from those found [widths of the picture]
-MAX_CUSHION_SPREAD_M = 6e-3  # of the widths of the cushions, up to which edges may be noses
+MAX_CUSHION_SPREAD_M = 8e-3  # of the widths of the cushions, up to which edges may be noses
+HAND_ROUNDS = 3  # in which corners given by hand are improved
 MIN_SIDE_POINTS = 8  # of a side
 MAX_K2_ERROR_RATIO = 0.8  # of the reprojection errors with and without k2, up to which k2 is used
 ONLY_EDGE = "the end of the cloth, the only edge seen"
@@ -199,14 +201,19 @@ def _read(
     light: NDArray[np.float32], stills: Sequence[NDArray[np.uint8]], first: CameraFit, unknown: tuple[str, ...],
     focal: float, by_hand: bool,
 ) -> tuple[CameraFit, Seen, Reading | None]:  # fmt: skip
-    """The first view, what is seen from it, and the likeliest reading; rough corners are improved in rounds."""
-    outline = np.inf if by_hand else first.margin
-    for last in (False, False, True) if by_hand else (True,):
-        seen = _seen(light, stills if last else (), first, by_hand)
-        reading = read_noses(first.camera, seen, outline, unknown, focal)
-        if reading is None or last:
+    """The first view, what is seen from it, and the likeliest reading.
+
+    Rough corners are improved in rounds; and where a side shows no nose, it is looked for again, as the cloth may have
+    seemed to end elsewhere there.
+    """
+    for left in range(HAND_ROUNDS if by_hand else 2, 0, -1):
+        seen = _seen(light, stills, first, by_hand)
+        reading = read_noses(first.camera, seen, np.inf if by_hand else first.margin, unknown, focal)
+        if reading is None or left == 1 or not (by_hand or len(reading.noses) < len(seen.edges)):
             break
-        first = dataclasses.replace(first, camera=reading.camera)
+        first = dataclasses.replace(
+            first, camera=reading.camera, margin=first.margin if by_hand else reading.cushion_width
+        )
     return first, seen, reading
 
 
@@ -237,12 +244,13 @@ def _edge_taken(seen: Seen, reading: Reading, first: CameraFit) -> tuple[str, li
     if inward >= CLOTH_EDGE_M:
         width = reading.cushion_width if len(seen.cloth_rails) else inward
         return f"bed/cushion; the cloth goes on {1e3 * width:.0f} mm behind it", []
-    inner = [
-        outline - max(some, key=lambda e: e.strength).offset
-        for edges in seen.edges.values()
-        if (some := [e for e in edges if e.offset < outline - CLOTH_EDGE_M])
+    farther = [
+        [outline - e.offset for e in edges if e.offset < outline - CLOTH_EDGE_M] for edges in seen.edges.values()
     ]
-    if len(inner) < 3 or np.ptp(inner) > MAX_CUSHION_SPREAD_M:
+    widths = [w for w in itertools.chain(*farther) if CUSHION_WIDTHS_M[0] < w < CUSHION_WIDTHS_M[1]]
+    alike = [[w for w in widths if abs(w - middle) < MAX_CUSHION_SPREAD_M / 2] for middle in widths]
+    inner = max(alike, key=len, default=[])
+    if len(inner) < 3:
         return ONLY_EDGE, []
     text = f"edges {1e3 * float(np.mean(inner)):.0f} mm farther in do not fit the table's aspect"
     return "the end of the cloth", [f"{text}, though they look like the noses: {TABLE_SIZE_REMEDY}"]

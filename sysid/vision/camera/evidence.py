@@ -16,6 +16,7 @@ from sysid.vision.camera.trust import TABLE_SIZE_REMEDY
 MIN_LEAD = 9.0  # of a reading over the next one that differs: three standard deviations
 MAX_COST = 16.0  # of a reading, sum of squares in standard deviations
 MAX_DIAMOND_COST = 1.0  # more for each diamond
+CUSHION_WIDTHS_M = (0.02, 0.068)  # of the cloth on cushions: usually 38 to 58 mm
 MAX_DIAMOND_RMS_M = 5e-3  # of the diamonds along their rails
 MAX_DIAMOND_RMS_PX = 1.5  # or this if it is more
 MAX_BALL_SD = 2.5  # of the size of the balls from that expected
@@ -54,6 +55,11 @@ def _reading_doubts(camera: Camera, reading: Reading, max_cost: float) -> list[s
     if reading.cost > max_cost:
         deviations = float(np.sqrt(reading.cost))
         text = f"noses, end of the cloth, diamonds and balls do not go together ({deviations:.0f} standard deviations)"
+        return [f"{text}: {TABLE_SIZE_REMEDY}"]
+    if not CUSHION_WIDTHS_M[0] < reading.cushion_width < CUSHION_WIDTHS_M[1]:
+        text = (
+            f"the cloth on the cushions would be {1e3 * reading.cushion_width:.0f} mm wide, as behind a shadow's edge"
+        )
         return [f"{text}: {TABLE_SIZE_REMEDY}"]
     pixels = reading.camera.outline(_corners(camera))
     change = np.linalg.norm(camera.centres(pixels) - _corners(camera), axis=1)

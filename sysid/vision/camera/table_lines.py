@@ -27,10 +27,10 @@ MAX_BOW_WIDTHS = 0.01  # of a side, by the distortion of the lens
 MIN_SIDE_WIDTHS = 0.12  # length of a side
 MIN_SIDE_COVERAGE = 0.5  # fraction of its length that the outline follows
 MAX_OUTSIDE_FRACTION = 0.04  # of the outline, beyond a side
-DARK_GREY = 8.0  # added to the light, so that noise in the dark has no colour [grey levels]
+DARK_GREY = 4.0  # added to the light, so that noise in the dark has no colour [grey levels]
 COLOUR_ROUNDS = 6  # of fitting the colour of the cloth
 COLOUR_OUTLIER_SD = 6.0  # robust standard deviations from which on a colour is not the cloth's
-COLOUR_LIMITS = (0.12, 0.35)  # of that distance, in logarithms of ratios of light
+COLOUR_LIMITS = (0.15, 0.4)  # of that distance, in logarithms of ratios of light
 TRIED_PAIRS = 800  # of outline points, as candidates of sides
 MIN_NORMAL_ANGLE_RAD = np.radians(30)  # between the normals of two sides
 
