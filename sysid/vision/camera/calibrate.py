@@ -151,9 +151,9 @@ def calibrate(
             return _by_hand(first, hints.focal_from, source)
         raise BadInput("the cushions' noses do not show against the bed; give --corners, or light the table evenly")
     edge, warnings = ("those nearest to the corners given", []) if by_hand else _edge_taken(seen, reading, first)
-    lines = _fitted_to_edges(light, reading.camera, with_offsets(reading, first.camera), unknown, start, progress)
+    lines = _fitted_to_edges(light, reading.camera, with_offsets(reading, first.camera), unknown, progress)
     progress("least squares")
-    lines, focal_sd = _with_lens(lines, start, unknown)
+    lines, focal_sd = _with_lens(lines, float(reading.camera.matrix[0, 0]), unknown)
     found = bool(np.isfinite(focal_sd))
     left_out = next((rail for rail in set(first.rails.tolist()) if rail not in lines.rails), None)
     notes = (
@@ -257,16 +257,16 @@ def _edge_taken(seen: Seen, reading: Reading, first: CameraFit) -> tuple[str, li
 
 
 def _fitted_to_edges(
-    light: NDArray[np.float32], camera: Camera, noses: dict[int, Edge], unknown: tuple[str, ...], start: Camera,
+    light: NDArray[np.float32], camera: Camera, noses: dict[int, Edge], unknown: tuple[str, ...],
     progress: Callable[[str], None],
 ) -> CameraFit:  # fmt: skip
     """The camera fitted to edge points of the noses, searched within ever smaller distances."""
-    prior: dict[str, tuple[float, float]] = dict(K1_PRIOR)
+    prior, focal = dict(K1_PRIOR), float(camera.matrix[0, 0])
     for k, search in enumerate(EDGE_SEARCH_PX):
         progress(f"edge points, round {k + 1} of {len(EDGE_SEARCH_PX)}")
         pixels, rails = _points(light, camera, noses, search)
         free = unknown if len(set(rails.tolist())) == 4 else tuple(n for n in unknown if n != "focal")
-        prior["focal"] = (float(np.log(start.matrix[0, 0] / camera.matrix[0, 0])), 0.3)
+        prior["focal"] = (float(np.log(focal / camera.matrix[0, 0])), 0.3)
         lines = fit_camera(camera, pixels, rails, free, prior=prior)
         camera = lines.camera
         noses = {rail: dataclasses.replace(nose, offset=0.0) for rail, nose in noses.items()}
@@ -282,8 +282,11 @@ def _by_hand(first: CameraFit, focal_from: str, source: str) -> Calibration:
     return Calibration(camera, first, focal_from, np.nan, BY_HAND, unknown, parallax(first), (note,), warnings)
 
 
-def _with_lens(lines: CameraFit, start: Camera, unknown: tuple[str, ...]) -> tuple[CameraFit, float]:
-    """The final fit, with the intrinsic parameters that the lines determine; relative sd of the focal length or NaN."""
+def _with_lens(lines: CameraFit, focal: float, unknown: tuple[str, ...]) -> tuple[CameraFit, float]:
+    """The final fit, with the intrinsic parameters that the lines determine; relative sd of the focal length or NaN.
+
+    Where they do not determine the focal length, it is the one given, in pixels.
+    """
     pixels, rails, focal_sd = lines.pixels, lines.rails, np.nan
     free = tuple(name for name in unknown if name != "focal")
     if "focal" in unknown:
@@ -294,7 +297,7 @@ def _with_lens(lines: CameraFit, start: Camera, unknown: tuple[str, ...]) -> tup
             free = unknown
         else:
             focal_sd = np.nan
-            lines = fit_camera(with_focal(lines.camera, start.matrix[0, 0]), pixels, rails, free, prior=K1_PRIOR)
+            lines = fit_camera(with_focal(lines.camera, focal), pixels, rails, free, prior=K1_PRIOR)
     if "k1" in unknown:
         more = fit_camera(lines.camera, pixels, rails, (*free, "k2"), prior=K1_PRIOR)
         if (

@@ -20,7 +20,6 @@ CUSHION_WIDTHS_M = (0.02, 0.068)  # of the cloth on cushions: usually 38 to 58 m
 MAX_DIAMOND_RMS_M = 5e-3  # of the diamonds along their rails
 MAX_DIAMOND_RMS_PX = 1.5  # or this if it is more
 MAX_BALL_SD = 2.5  # of the size of the balls from that expected
-MIN_BALLS = 2  # whose size counts
 MAX_CHANGE_M = 8e-3  # of places between the reading and the final camera
 FOV_DEG = (5.0, 125.0)  # of lenses that are not fisheyes, across the longer side of a picture
 MAX_DISTORTION = 0.35  # of the distance from the middle, at the farthest corner of the table
@@ -78,7 +77,7 @@ def _size_doubts(camera: Camera, seen: Seen, reading: Reading) -> list[str]:
         if error > max(MAX_DIAMOND_RMS_M, MAX_DIAMOND_RMS_PX * pixel):
             messages.append(f"the diamonds lie {1e3 * error:.0f} mm off the eighths of the table: {TABLE_SIZE_REMEDY}")
     ratio, sd = seen.balls.ratio(camera)
-    if len(seen.balls.radius) >= MIN_BALLS and abs(np.log(ratio)) > MAX_BALL_SD * sd:
+    if np.isfinite(ratio) and abs(np.log(ratio)) > MAX_BALL_SD * sd:
         messages.append(
             f"the balls' size is {100 * (ratio - 1):+.0f} % off that of such balls on such a table: "
             "check --diameter, --length and --width, or give --corners"

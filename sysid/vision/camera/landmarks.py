@@ -36,6 +36,7 @@ MAX_BALL_SCATTER = 0.08  # of the radius over the rays, relative: rounder than a
 OUTLINE_LOSS_PX = 0.5  # of the radius of an outline: balls are dark at their rims, unless overexposed
 OUTLINE_SD_PX = 0.4  # of that loss, common to all
 BALL_RATIOS = (0.8, 1.25)  # of outlines to those expected; others are not of balls
+MIN_BALLS = 2  # whose size counts
 OUTLINE_SCATTER = 0.03  # relative, of each
 MIN_BALL_RAYS = 0.7  # fraction of the rays that end on such a circle
 
@@ -57,11 +58,11 @@ class BallSizes:
     radius: Array  # (n,) [pixels]
 
     def ratio(self, camera: Camera) -> tuple[float, float]:
-        """Size seen over that expected by a camera, and its standard deviation; NaN where no ball was seen.
+        """Size seen over that expected by a camera, and its standard deviation; NaN with fewer than two.
 
         The light on a ball shifts its outline by some tenths of a pixel, on white balls and dark ones differently.
         """
-        if len(self.radius) == 0:
+        if len(self.radius) < MIN_BALLS:
             return np.nan, np.nan
         expected = camera.radius_px(camera.centres(self.pixels))
         ratios = (self.radius + OUTLINE_LOSS_PX) / expected
