@@ -61,7 +61,7 @@ class Spot:
 
 @dataclass(frozen=True)
 class Look:
-    """What light and camera make of the scene."""
+    """What light and camera make of the scene; from `cushion_shadow` on, in pictures drawn without OpenGL."""
 
     exposure: float = 0.0  # during which a picture is taken [s]
     readout: float = 0.0  # from the first row to the last [s]

@@ -13,11 +13,11 @@ from models.shot import NOSE_HEIGHT, Table
 from sysid.vision.camera.calibrate import CameraHints, calibrate
 from sysid.vision.camera.calibration_picture import draw
 from sysid.vision.camera.footages import table_view
-from sysid.vision.camera.projection import Camera
+from sysid.vision.camera.projection import Camera, read_camera
 from tests.footage import film
 from tests.footage.film import Look, Picture
 from tests.footage.motion import Motion
-from tests.sysid.vision.test_calibrate import DIAMETER, errors, over_table, rms, taken
+from tests.sysid.vision.test_calibrate import DIAMETER, errors, over_table, rms, run, taken
 
 REAL = Look(
     noise=3.0, uneven=0.3, cushion_shadow=0.018, cloth=(0.40, 0.52, 0.46), cloth_tops=True, diamonds=0.012, lamps=1.0,
@@ -91,6 +91,21 @@ def test_videos_of_one_camera_go_together(view: tuple[Camera, Picture]) -> None:
         table_view({"a": frames(picture), "c": frames(moved)})
     with pytest.raises(BadInput, match="480x270"):
         table_view({"a": frames(picture), "small": [cv2.resize(picture, (480, 270))]})
+
+
+def test_the_command_takes_several_pictures(
+    view: tuple[Camera, Picture], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    camera, picture = view
+    paths = [tmp_path / name for name in ("a.png", "b.png", "c.png")]
+    for path, dy in zip(paths, (0, 0, 4), strict=True):
+        cv2.imwrite(str(path), np.roll(picture, dy, axis=0))
+    table = ("--length", "2.0", "--width", "1.0", "--diameter", str(DIAMETER), "--out", str(tmp_path / "cam.toml"))
+    assert run(*map(str, paths), *table) == 0
+    assert "c.png: the camera stands elsewhere in it; it is left out" in capsys.readouterr().out
+    found = read_camera(tmp_path / "cam.toml")
+    assert "a.png" in found.source and "b.png" in found.source
+    assert camera.size == found.size
 
 
 def test_a_camera_that_moves_is_told(view: tuple[Camera, Picture]) -> None:
