@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     Picture = NDArray[np.uint8]
 
 PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm"}
-MEDIAN_FRAMES = 15  # of the table, of which the median is taken
+MEDIAN_FRAMES = 15  # of a video, of which the median is taken
+MIN_MEDIAN_FRAMES = 5  # of each of several videos
+MAX_ALL_FRAMES = 60  # of all of them
 BOARD_FRAMES = 40  # that are searched for a board
 
 
@@ -79,7 +81,7 @@ class CameraView:
         "--fov", "DEG", "Field of view across the picture's longer side, if known.", Number(3, 150, unit="degrees")
     )
     corners: str | None = given(
-        "--corners", '"u,v u,v u,v u,v"', "Where the nose lines cross [pixels] if not found; with three sides "
+        "--corners", '"u,v u,v u,v u,v"', "Where about the nose lines cross [pixels] if not found; with three sides "
         "in view, four points along them.",
     )  # fmt: skip
     sees: str = given("--sees", "SIDES", "Cushions in view.", str, "+x,-x,+y,-y")
@@ -114,23 +116,25 @@ class Files:
 
     out: Path = given(out_option("CAM.toml", "Where the camera file goes."))
     report_file: Path | None = given(
-        output_option("report", "CAM.png", "Draw lines, edge points and a grid into the picture.")
+        output_option("report", "CAM.png", "Draw the model of the table over the picture, its corners magnified.")
     )
     json_file: Path | None = given(json_option)
 
 
 @click.command()
-@click.argument("source", metavar="VIDEO", type=FILE_PATH)
+@click.argument("sources", metavar="VIDEO...", type=FILE_PATH, nargs=-1, required=True)
 @gathered("size", TableSize)
 @gathered("view", CameraView)
 @gathered("board", Board)
 @gathered("files", Files)
 @click.pass_obj
-def calibrate(progress: Progress, source: Path, size: TableSize, view: CameraView, board: Board, files: Files) -> int:
+def calibrate(
+    progress: Progress, sources: tuple[Path, ...], size: TableSize, view: CameraView, board: Board, files: Files
+) -> int:
     """Calibrate a camera from the table itself, or from a chessboard.
 
-    VIDEO is a video, a picture, or a folder of pictures of the table. Writes the camera file: lens, position and
-    direction. Status 1 if the result is not to be trusted.
+    VIDEO is a video, a picture, or a folder of pictures of the table; several of one camera are calibrated together.
+    Writes the camera file: lens, position and direction. Status 1 if the result is not to be trusted.
 
     Example: sysid calibrate table.mp4 --length 3.569 --width 1.778 --diameter 0.0525 --out cam.toml
     """
@@ -139,7 +143,9 @@ def calibrate(progress: Progress, source: Path, size: TableSize, view: CameraVie
 
     from sysid.vision.camera.calibrate import CameraHints
     from sysid.vision.camera.calibrate import calibrate as calibrate_picture
-    from sysid.vision.camera.calibration_report import draw, rows, to_json
+    from sysid.vision.camera.calibration_picture import draw
+    from sysid.vision.camera.calibration_report import rows, to_json
+    from sysid.vision.camera.footages import table_view
     from sysid.vision.camera.projection import write_camera
 
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
@@ -150,15 +156,16 @@ def calibrate(progress: Progress, source: Path, size: TableSize, view: CameraVie
 
         if view.fov is not None:
             raise BadInput("--fov and --board both give the focal length: give one of them")
-        lens = lens_of(frames(board.lens or source, BOARD_FRAMES), pattern, board.square, progress)
+        lens = lens_of(frames(board.lens or sources[0], BOARD_FRAMES), pattern, board.square, progress)
         views = f"{lens.views} views" if lens.views > 1 else "one view"
-        notes.append(f"lens from {views} of the board in {board.lens or source}, corners to {lens.rms:.2f} pixels")
+        notes.append(f"lens from {views} of the board in {board.lens or sources[0]}, corners to {lens.rms:.2f} pixels")
     progress("reading")
-    stack = np.stack(list(frames(source, MEDIAN_FRAMES)))
-    picture = np.median(stack, axis=0) if len(stack) > 1 else stack[0]
+    each = max(MIN_MEDIAN_FRAMES, min(MEDIAN_FRAMES, MAX_ALL_FRAMES // len(sources)))
+    table_seen = table_view({str(source): list(frames(source, each)) for source in sources})
+    notes += table_seen.notes
     found = calibrate_picture(
-        picture, cushions, size.diameter, CameraHints(view.fov, lens, crossings, sides), source=str(source),
-        progress=progress,
+        table_seen.picture, cushions, size.diameter, CameraHints(view.fov, lens, crossings, sides),
+        stills=table_seen.stills, source=", ".join(table_seen.used), progress=progress,
     )  # fmt: skip
     progress.close()
     write_camera(files.out, found.camera)
@@ -168,7 +175,7 @@ def calibrate(progress: Progress, source: Path, size: TableSize, view: CameraVie
     for line in found.doubts:
         print(f"NOT to be trusted: {line}")
     if files.report_file:
-        draw(files.report_file, np.rint(picture).astype(np.uint8), found)
+        draw(files.report_file, np.rint(table_seen.picture).astype(np.uint8), found)
         print(f"report: {files.report_file}")
     if files.json_file:
         write_json(files.json_file, to_json(found))

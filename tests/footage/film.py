@@ -37,6 +37,14 @@ LEATHER: Colour = (0.25, 0.35, 0.60)
 MARK: Colour = (0.04, 0.04, 0.04)
 RUBBER = 0.05  # width of the cushions [m]
 FRAME = 0.10  # and of the wood behind them [m]
+RAIL_RISE = 0.006  # of the wood over the noses [m]
+DIAMOND_ROW = 0.09  # of diamonds behind the noses [m]
+DIAMOND: Colour = (0.92, 0.90, 0.84)
+SHADE = (0.55, 0.80)  # of light that is left in a cushion's shadows: the dark one, and one twice as wide
+TOP_LIGHT = np.array([0.85, 0.45, 1.1, 1.2])  # on the cloth of the cushions' tops, by rail
+LAMP_COLOURS = np.array([[0.85, 1.05, 1.15], [1.05, 0.95, 0.75]])  # of the light at the left end and at the right
+SLEEVE: Colour = (0.25, 0.10, 0.14)
+SKIN: Colour = (0.85, 0.60, 0.52)
 FINE = 4  # rays along the side of a pixel
 SHIFT = 8  # bits of sub-pixel positions in OpenCV's drawing
 CUE_FINE = 8  # finer pixels along the side of one, for the cue
@@ -53,7 +61,7 @@ class Spot:
 
 @dataclass(frozen=True)
 class Look:
-    """What light and camera make of the scene."""
+    """What light and camera make of the scene; from `cushion_shadow` on, in pictures drawn without OpenGL."""
 
     exposure: float = 0.0  # during which a picture is taken [s]
     readout: float = 0.0  # from the first row to the last [s]
@@ -66,6 +74,12 @@ class Look:
     parts: int = 5  # moments of an exposure that are drawn
     spots: Mapping[str, Sequence[Spot]] = field(default_factory=dict)  # of balls by name
     colours: Mapping[str, Colour] = field(default_factory=dict)  # of balls by name, in place of the usual ones
+    cushion_shadow: float = 0.0  # width of the shadow that the cushions cast on the bed [m]
+    cloth: Colour = CLOTH
+    cloth_tops: bool = False  # the cushions' tops have the colour of the bed, lit as they lean
+    diamonds: float = 0.0  # diameter of those on the rails [m]; none if 0
+    lamps: float = 0.0  # how much the colour of the light changes across the table, 0 to 1
+    player: bool = False  # an arm with a cue lies over the table
 
 
 def film(
@@ -125,9 +139,59 @@ def table_picture(camera: Camera, look: Look) -> Light:
     total = np.zeros((h * w, 3))
     for dx in offsets:
         for dy in offsets:
-            total += _ground(camera, grid + np.array([dx, dy]))
-    picture = total / offsets.size**2 * brightness(camera, look, grid)[:, None]
-    return np.asarray(picture.reshape(h, w, 3), np.float32)
+            total += _lit(camera, look, grid + np.array([dx, dy]))
+    light = brightness(camera, look, grid)[:, None] * _lamplight(camera, look, grid)
+    picture = np.asarray((total / offsets.size**2 * light).reshape(h, w, 3), np.float32)
+    if look.player:
+        _player(camera, look, picture)
+    return picture
+
+
+def _lit(camera: Camera, look: Look, pixels: Array) -> Array:
+    """Colour of the empty table with its diamonds, cloth tops and cushion shadows at pixels (n, 2): (n, 3)."""
+    out, nose = _ground(camera, pixels), NOSE_HEIGHT * camera.radius
+    half = np.array([camera.table.length, camera.table.width]) / 2
+    bed, top, rail = (np.nan_to_num(camera.on_plane(pixels, z), nan=9.0) for z in (0.0, nose, nose + RAIL_RISE))
+    beyond = (np.abs(top) - half).max(axis=1)
+    hole = (out == HOLE).all(axis=1)
+    out[(beyond < 0) & ~hole] *= np.array(look.cloth) / CLOTH
+    if look.cloth_tops:
+        over = np.abs(top) - half
+        rail_seen = np.where(over[:, 0] > over[:, 1], (top[:, 0] < 0).astype(int), 2 + (top[:, 1] < 0))
+        tops = (beyond > 0) & (beyond < RUBBER) & ~hole
+        out[tops] = TOP_LIGHT[rail_seen[tops], None] * np.array(look.cloth)
+    if look.cushion_shadow > 0:
+        inside = (half - np.abs(bed)).min(axis=1)
+        for width, left in zip((look.cushion_shadow, 2 * look.cushion_shadow), SHADE, strict=True):
+            out[(beyond < 0) & (inside < width) & ~hole] *= left
+    if look.diamonds > 0:
+        for axis, parts in ((0, 8), (1, 4)):
+            step = 2 * half[axis] / parts
+            near = np.rint(rail[:, axis] / step)
+            counts = (np.abs(near) < parts / 2) & ((axis == 1) | ~np.bool_(camera.table.pockets) | (near != 0))
+            away = np.hypot(
+                rail[:, axis] - near * step, np.abs(rail[:, 1 - axis]) - half[1 - axis] - DIAMOND_ROW
+            )  # fmt: skip
+            out[counts & (away < look.diamonds / 2)] = DIAMOND
+    return out
+
+
+def _lamplight(camera: Camera, look: Look, pixels: Array) -> Array:
+    """Colour of the light at pixels (n, 2): (n, 3)."""
+    part = look.lamps * pixels[:, :1] / camera.size[0]
+    return np.asarray((1 - look.lamps) + (look.lamps - part) * LAMP_COLOURS[0] + part * LAMP_COLOURS[1])
+
+
+def _player(camera: Camera, look: Look, picture: Light) -> None:
+    """An arm that reaches over a long cushion, with a cue in its hand."""
+    high, half = 0.12, camera.table.width / 2
+    for colour, outline in (
+        (SLEEVE, [(-0.12, half + 0.4), (0.02, half + 0.4), (0.0, 0.25 * half), (-0.06, 0.25 * half)]),
+        (SKIN, [(0.0, 0.26 * half), (0.01, 0.1 * half), (-0.07, 0.1 * half), (-0.06, 0.26 * half)]),
+    ):
+        points = camera.project(np.array([[x, y, high] for x, y in outline]))
+        cv2.fillPoly(picture, [np.rint(points).astype(np.int32)], colour, cv2.LINE_AA)
+    _cue(camera, Cue(1.0, (-0.03, -0.1 * half, 0.05), -np.pi / 2, 1.0, elevation=0.05), 0.9, look, picture)
 
 
 def _ground(camera: Camera, pixels: Array) -> Array:

@@ -11,6 +11,7 @@ small.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -18,10 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.shot import RAIL_NAMES, Table
+from models.shot import NOSE_HEIGHT, RAIL_NAMES, Table
 from sysid.vision.camera import table_edges, table_lines
 from sysid.vision.camera.board import Lens
-from sysid.vision.camera.first_view import first_view, initial_camera, sides_of
+from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, evidence, evidence_doubts
+from sysid.vision.camera.first_view import CLOTH_MARGIN_M, first_view, initial_camera, sides_of
+from sysid.vision.camera.landmarks import NO_BALLS, NO_DIAMONDS, BallSizes, Diamonds, find_balls, find_diamonds
+from sysid.vision.camera.noses import CLOTH_EDGE_M, Reading, Seen, read_noses, what_is_seen, with_offsets
 from sysid.vision.camera.pose import CameraFit, Rails, fit_camera
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.camera.table_edges import Edge
@@ -39,7 +43,9 @@ from sysid.vision.camera.trust import (
 MAX_FITTED_FOCAL_SD = 0.2  # relative; above, the focal length is assumed rather than fitted
 EDGE_SEARCH_PX = (5.0, 3.0, 2.0)  # about an expected edge, round by round
 CORNER_SEARCH_M = 0.02  # about corners given by hand
-MAX_CUSHION_SPREAD_M = 6e-3  # of the widths of the cushions, up to which edges may be noses
+CORNER_REACH_WIDTHS = 0.03  # of corners given from those found [widths of the picture]
+MAX_CUSHION_SPREAD_M = 8e-3  # of the widths of the cushions, up to which edges may be noses
+HAND_ROUNDS = 3  # in which corners given by hand are improved
 MIN_SIDE_POINTS = 8  # of a side
 MAX_K2_ERROR_RATIO = 0.8  # of the reprojection errors with and without k2, up to which k2 is used
 ONLY_EDGE = "the end of the cloth, the only edge seen"
@@ -59,6 +65,9 @@ class Calibration:
     parallax: tuple[float, float]  # rms and worst error there if the focal length is 10 % off [m]
     notes: tuple[str, ...]
     doubts: tuple[str, ...]  # reasons not to trust it
+    diamonds: Diamonds = NO_DIAMONDS
+    balls: BallSizes = NO_BALLS
+    diamond_margin: float = np.nan  # of their rows outside the noses [m]
 
     @property
     def fov(self) -> float:
@@ -105,7 +114,7 @@ class CameraHints:
 
 def calibrate(
     picture: NDArray[np.generic], table: Table, diameter: float, hints: CameraHints = CameraHints(), *,
-    source: str = "", progress: Callable[[str], None] = lambda line: None,
+    stills: Sequence[NDArray[np.uint8]] = (), source: str = "", progress: Callable[[str], None] = lambda line: None,
 ) -> Calibration:  # fmt: skip
     """Calibrate a camera from a picture of the table.
 
@@ -114,13 +123,19 @@ def calibrate(
         table: nose to nose.
         diameter: of the balls [m].
         hints: what is known of the camera. Its corners are found if not given; where three sides are seen they are a
-            point of the first, the two corners, and a point of the last.
+            point of the first, the two corners, and a point of the last. Corners are a start only: what is found
+            without them, beyond doubt and near them, is preferred.
+        stills: single frames in which balls rest, whose sizes are compared.
         source: what the picture is, for the camera file.
         progress: receives a line on what is being done.
 
     Raises:
         BadInput: no table is found, or too few of its sides.
     """
+    if hints.corners is not None and len(hints.sees) == 4:
+        alone = _unaided(picture, table, diameter, hints, stills, source, progress)
+        if alone is not None:
+            return alone
     start = initial_camera((picture.shape[1], picture.shape[0]), table, diameter, hints.fov, hints.lens)
     light, unknown, by_hand = np.asarray(picture, np.float32), hints.unknown, hints.corners is not None
     progress("looking for the table")
@@ -130,42 +145,130 @@ def calibrate(
         sides = table_lines.sides(table_lines.cloth(np.rint(light).astype(np.uint8)))
     first = first_view(start, sides, hints.sees, unknown[:1] if by_hand else unknown, by_hand)
     progress("looking for the noses")
-    noses, edge, warnings = _noses(light, first, "focal" not in unknown, by_hand)
-    if len(noses) < 3:
-        return _by_hand(first, hints.focal_from, source)
-    lines = _fitted_to_edges(light, first, noses, unknown, start, progress)
+    first, seen, reading = _read(light, stills, first, unknown, float(start.matrix[0, 0]), by_hand)
+    if reading is None:
+        if by_hand:
+            return _by_hand(first, hints.focal_from, source)
+        raise BadInput("the cushions' noses do not show against the bed; give --corners, or light the table evenly")
+    edge, warnings = ("those nearest to the corners given", []) if by_hand else _edge_taken(seen, reading, first)
+    lines = _fitted_to_edges(light, reading.camera, with_offsets(reading, first.camera), unknown, progress)
     progress("least squares")
-    lines, focal_sd = _with_lens(lines, start, unknown)
+    lines, focal_sd = _with_lens(lines, float(reading.camera.matrix[0, 0]), unknown)
     found = bool(np.isfinite(focal_sd))
     left_out = next((rail for rail in set(first.rails.tolist()) if rail not in lines.rails), None)
     notes = (
         () if left_out is None else (f"no edge at {RAIL_NAMES[left_out]} goes with the others: that side is left out",)
     )
-    warnings = [*warnings, *doubts(lines, found, edge == ONLY_EDGE)]
-    if left_out is not None and not by_hand:
+    warnings = [*warnings, *doubts(lines, found, edge == ONLY_EDGE), *evidence_doubts(lines.camera, seen, reading)]
+    if left_out is not None and by_hand:
+        warnings.append(f"no edge near the corners given is a nose at {RAIL_NAMES[left_out]}: give them anew")
+    elif left_out is not None:
         warnings += outline_doubts(lines, first, left_out)
     text = f"{len(set(lines.rails.tolist()))} cushion lines, {int(lines.kept.sum())} edge points, from {source}"
     text += "; not to be trusted" if warnings else ""
     return Calibration(
         dataclasses.replace(lines.camera, residual_m=lines.rms, source=text), lines,
         "found" if found else hints.focal_from, hints.lens.focal_sd if hints.lens else focal_sd, edge,
-        uncertainty(lines), parallax(lines), notes, tuple(warnings),
+        uncertainty(lines), parallax(lines), (*notes, *evidence(lines.camera, seen, reading)), tuple(warnings),
+        seen.diamonds, seen.balls, reading.diamond_margin,
     )  # fmt: skip
 
 
+def _unaided(
+    picture: NDArray[np.generic], table: Table, diameter: float, hints: CameraHints,
+    stills: Sequence[NDArray[np.uint8]], source: str, progress: Callable[[str], None],
+) -> Calibration | None:  # fmt: skip
+    """The calibration without the corners given, if it is beyond doubt and its corners are near those."""
+    try:
+        found = calibrate(
+            picture, table, diameter, dataclasses.replace(hints, corners=None), stills=stills, source=source,
+            progress=progress,
+        )  # fmt: skip
+    except BadInput:
+        return None
+    half = np.array([table.length, table.width]) / 2
+    signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1.0]])
+    nose = np.full((4, 1), NOSE_HEIGHT * found.camera.radius)
+    corners, given = found.camera.project(np.hstack([signs * half, nose])), np.asarray(hints.corners, float)
+    away = np.linalg.norm(corners[:, None] - given, axis=2).min(axis=1)
+    if found.doubts or away.max() > CORNER_REACH_WIDTHS * picture.shape[1]:
+        return None
+    note = f"the corners given lie {float(away.mean()):.1f} pixels from those found"
+    return dataclasses.replace(found, notes=(*found.notes, note))
+
+
+def _read(
+    light: NDArray[np.float32], stills: Sequence[NDArray[np.uint8]], first: CameraFit, unknown: tuple[str, ...],
+    focal: float, by_hand: bool,
+) -> tuple[CameraFit, Seen, Reading | None]:  # fmt: skip
+    """The first view, what is seen from it, and the likeliest reading.
+
+    Rough corners are improved in rounds; and where a side shows no nose, it is looked for again, as the cloth may have
+    seemed to end elsewhere there.
+    """
+    for left in range(HAND_ROUNDS if by_hand else 2, 0, -1):
+        seen = _seen(light, stills, first, by_hand)
+        reading = read_noses(first.camera, seen, np.inf if by_hand else first.margin, unknown, focal)
+        if reading is None or left == 1 or not (by_hand or len(reading.noses) < len(seen.edges)):
+            break
+        first = dataclasses.replace(
+            first, camera=reading.camera, margin=first.margin if by_hand else reading.cushion_width
+        )
+    return first, seen, reading
+
+
+def _seen(light: NDArray[np.float32], stills: Sequence[NDArray[np.uint8]], first: CameraFit, by_hand: bool) -> Seen:
+    """What the picture, and single frames of it, show of the table."""
+    low, high = (
+        (-CORNER_SEARCH_M, CORNER_SEARCH_M)
+        if by_hand
+        else (first.margin - table_edges.INWARD_SEARCH_M, first.margin + table_edges.OUTWARD_SEARCH_M)
+    )
+    edges: dict[int, list[Edge]] = {}
+    for rail in dict.fromkeys(first.rails.tolist()):
+        strip = table_edges.strip(light, first.camera, rail, low, high)
+        edges[rail] = table_edges.edges(strip) if strip is not None else []
+    margin = CLOTH_MARGIN_M if by_hand else first.margin
+    diamonds = find_diamonds(light, first.camera, margin)
+    try:
+        balls = find_balls([np.rint(light).astype(np.uint8), *stills], first.camera)
+    except BadInput:  # the corners were given, and there is no telling what is cloth
+        balls = NO_BALLS
+    return what_is_seen(first.camera, edges, margin, diamonds, balls)
+
+
+def _edge_taken(seen: Seen, reading: Reading, first: CameraFit) -> tuple[str, list[str]]:
+    """A description of the edges that are taken as noses, and doubts about them."""
+    outline = first.margin
+    inward = outline - float(np.mean([e.offset for e in reading.noses.values()]))
+    if inward >= CLOTH_EDGE_M:
+        width = reading.cushion_width if len(seen.cloth_rails) else inward
+        return f"bed/cushion; the cloth goes on {1e3 * width:.0f} mm behind it", []
+    farther = [
+        [outline - e.offset for e in edges if e.offset < outline - CLOTH_EDGE_M] for edges in seen.edges.values()
+    ]
+    widths = [w for w in itertools.chain(*farther) if CUSHION_WIDTHS_M[0] < w < CUSHION_WIDTHS_M[1]]
+    alike = [[w for w in widths if abs(w - middle) < MAX_CUSHION_SPREAD_M / 2] for middle in widths]
+    inner = max(alike, key=len, default=[])
+    if len(inner) < 3:
+        return ONLY_EDGE, []
+    text = f"edges {1e3 * float(np.mean(inner)):.0f} mm farther in do not fit the table's aspect"
+    return "the end of the cloth", [f"{text}, though they look like the noses: {TABLE_SIZE_REMEDY}"]
+
+
 def _fitted_to_edges(
-    light: NDArray[np.float32], first: CameraFit, noses: dict[int, Edge], unknown: tuple[str, ...], start: Camera,
+    light: NDArray[np.float32], camera: Camera, noses: dict[int, Edge], unknown: tuple[str, ...],
     progress: Callable[[str], None],
 ) -> CameraFit:  # fmt: skip
     """The camera fitted to edge points of the noses, searched within ever smaller distances."""
-    prior, lines = {"focal": (0.0, 0.3), **K1_PRIOR}, first
+    prior, focal = dict(K1_PRIOR), float(camera.matrix[0, 0])
     for k, search in enumerate(EDGE_SEARCH_PX):
         progress(f"edge points, round {k + 1} of {len(EDGE_SEARCH_PX)}")
-        camera = lines.camera
         pixels, rails = _points(light, camera, noses, search)
         free = unknown if len(set(rails.tolist())) == 4 else tuple(n for n in unknown if n != "focal")
-        prior["focal"] = (float(np.log(start.matrix[0, 0] / camera.matrix[0, 0])), 0.3)
+        prior["focal"] = (float(np.log(focal / camera.matrix[0, 0])), 0.3)
         lines = fit_camera(camera, pixels, rails, free, prior=prior)
+        camera = lines.camera
         noses = {rail: dataclasses.replace(nose, offset=0.0) for rail, nose in noses.items()}
     return lines
 
@@ -179,8 +282,11 @@ def _by_hand(first: CameraFit, focal_from: str, source: str) -> Calibration:
     return Calibration(camera, first, focal_from, np.nan, BY_HAND, unknown, parallax(first), (note,), warnings)
 
 
-def _with_lens(lines: CameraFit, start: Camera, unknown: tuple[str, ...]) -> tuple[CameraFit, float]:
-    """The final fit, with the intrinsic parameters that the lines determine; relative sd of the focal length or NaN."""
+def _with_lens(lines: CameraFit, focal: float, unknown: tuple[str, ...]) -> tuple[CameraFit, float]:
+    """The final fit, with the intrinsic parameters that the lines determine; relative sd of the focal length or NaN.
+
+    Where they do not determine the focal length, it is the one given, in pixels.
+    """
     pixels, rails, focal_sd = lines.pixels, lines.rails, np.nan
     free = tuple(name for name in unknown if name != "focal")
     if "focal" in unknown:
@@ -191,7 +297,7 @@ def _with_lens(lines: CameraFit, start: Camera, unknown: tuple[str, ...]) -> tup
             free = unknown
         else:
             focal_sd = np.nan
-            lines = fit_camera(with_focal(lines.camera, start.matrix[0, 0]), pixels, rails, free, prior=K1_PRIOR)
+            lines = fit_camera(with_focal(lines.camera, focal), pixels, rails, free, prior=K1_PRIOR)
     if "k1" in unknown:
         more = fit_camera(lines.camera, pixels, rails, (*free, "k2"), prior=K1_PRIOR)
         if (
@@ -200,41 +306,6 @@ def _with_lens(lines: CameraFit, start: Camera, unknown: tuple[str, ...]) -> tup
         ):
             return more, focal_sd
     return lines, focal_sd
-
-
-def _noses(
-    light: NDArray[np.float32], first: CameraFit, fixed: bool, by_hand: bool
-) -> tuple[dict[int, Edge], str, list[str]]:
-    """The noses by rail, a description of the edges used, and doubts about them."""
-    outline, found = first.margin, {}
-    for rail in dict.fromkeys(first.rails.tolist()):
-        low, high = outline - table_edges.INWARD_SEARCH_M, outline + table_edges.OUTWARD_SEARCH_M
-        seen = table_edges.strip(light, first.camera, rail, low, high)
-        found[rail] = table_edges.edges(seen) if seen is not None else []
-    if by_hand:
-        near = {rail: [e for e in some if abs(e.offset) < CORNER_SEARCH_M] for rail, some in found.items()}
-        best = {
-            r: max(e, key=lambda e: e.strength * np.exp(-abs(e.offset) / (CORNER_SEARCH_M / 2)))
-            for r, e in near.items()
-            if e
-        }
-        return best, "those nearest to the corners given", []
-    tilt = np.arccos(np.clip(-first.camera.axes[2, 2], -1, 1))
-    aspect_sd = 0.006 if fixed else float(np.hypot(0.006, 0.3 * tilt**2))  # a wrong focal length distorts it
-    table = first.camera.table
-    lengths = (table.length, table.width)
-    chosen = table_edges.choose_noses(found, outline, lengths, aspect_sd)
-    if len(chosen) < 3:
-        raise BadInput("the cushions' noses do not show against the bed; give --corners, or light the table evenly")
-    inward = outline - float(np.mean([e.offset for e in chosen.values()]))
-    if inward >= table_edges.CLOTH_EDGE_M:
-        return chosen, f"bed/cushion; the cloth goes on {1e3 * inward:.0f} mm behind it", []
-    farther = {rail: [e for e in some if e.offset < outline - table_edges.CLOTH_EDGE_M] for rail, some in found.items()}
-    inner = [outline - e.offset for e in table_edges.choose_noses(farther, outline, lengths, np.inf).values()]
-    if len(inner) < 3 or np.ptp(inner) > MAX_CUSHION_SPREAD_M:
-        return chosen, ONLY_EDGE, []
-    text = f"edges {1e3 * float(np.mean(inner)):.0f} mm farther in do not fit the table's aspect"
-    return chosen, "the end of the cloth", [f"{text}, though they look like the noses: {TABLE_SIZE_REMEDY}"]
 
 
 def _points(light: NDArray[np.float32], camera: Camera, noses: dict[int, Edge], search: float) -> tuple[Array, Rails]:

@@ -1,6 +1,7 @@
-"""The edges along the sides of a table: which of them is the nose of the cushion, and its sub-pixel edge points.
+"""The edges along the sides of a table, and their sub-pixel edge points.
 
-In: a picture and a rough camera. Out: `Edge` of every step along a side, the choice of the noses, and edge points.
+In: a picture and a rough camera. Out: `Edge` of every step along a side, and the points of one. Which of them is the
+nose of the cushion is told by noses.py.
 
 The noses hide what lies behind them, so the end of the visible bed is the image of the nose line, at the height of the
 noses. Beside it there may be the cushion's outer edge (cloth against wood, about 5 cm on), the shadow of a cushion on
@@ -11,8 +12,6 @@ only adds: a grey opening across the strip removes thin bright lines and keeps s
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -28,10 +27,8 @@ Image = NDArray[np.float32]
 INWARD_SEARCH_M = 0.11  # from the outline of the cloth, in which edges are looked for
 OUTWARD_SEARCH_M = 0.05
 MAX_LINE_WIDTH_M = 0.012  # narrower bright lines are removed as projected light
-MAX_GAP_WIDTH_M = 0.025  # of the dark gap under a nose
 SIDE_BLOCKS = 60  # averages along a side
 SIDE_PARTS = 6  # of a side, in each of which an edge may be brighter or darker
-CLOTH_EDGE_M = 0.008  # edges nearer than this to the outline of the cloth are that outline
 MIN_SIGNIFICANCE = 6.0  # of an edge [standard errors]
 MIN_STEP_GREY = 1.0  # of an edge [grey levels]
 MAX_STRIP_PX = 8000  # length
@@ -151,53 +148,6 @@ def edges(seen: Strip) -> list[Edge]:
         for k in peaks
         if strength[k] > MIN_SIGNIFICANCE / np.sqrt(SIDE_PARTS) * error[k] and seen_in[k] > 0.5
     ]
-
-
-def choose_noses(
-    found: Mapping[int, Sequence[Edge]], outline: float, lengths: tuple[float, float], aspect_sd: float
-) -> dict[int, Edge]:
-    """The noses among the edges of each rail; rails whose nose is not seen are left out.
-
-    The cushions of a table are alike, so noses lie equally far inside the cloth's outline; the bed between them has
-    the known aspect; the outline itself is the last to be taken; and where a dark gap lies under the nose, the nose is
-    its outer edge, since it hides what is behind.
-
-    Args:
-        found: edges by rail.
-        outline: of the cloth, distance out of the nominal noses [m].
-        lengths: of the table, nose to nose: along x and y [m].
-        aspect_sd: relative standard deviation of the aspect that the picture shows.
-    """
-    options: list[list[tuple[Edge | None, float]]] = []
-    for rail in found:
-        strongest = max((e.strength for e in found[rail] if e.offset < outline - CLOTH_EDGE_M), default=0.0)
-        rated: list[tuple[Edge | None, float]] = []
-        for edge in found[rail]:
-            is_outline = edge.offset > outline - CLOTH_EDGE_M
-            below_gap = any(
-                e.rises and 0 < e.offset - edge.offset < MAX_GAP_WIDTH_M and e.offset < outline - CLOTH_EDGE_M
-                for e in found[rail]
-            )
-            weakness = 0.0 if is_outline else 1.0 - edge.strength / strongest
-            rated.append((edge, weakness + 4.0 * (below_gap and not edge.rises) + 1.5 * (is_outline and strongest > 0)))
-        rated = sorted(rated, key=lambda pair: pair[1])[:4]
-        options.append([*rated, (None, 9.0 if len(found) == 4 else 30.0)])
-    rails, best, least_cost = list(found), {}, np.inf
-    for combination in itertools.product(*options):
-        chosen = {rail: edge for rail, (edge, _) in zip(rails, combination, strict=True) if edge is not None}
-        if len(chosen) < 3:
-            continue
-        inward = np.array([outline - edge.offset for edge in chosen.values()])
-        if len(chosen) < len(found) and inward.mean() < CLOTH_EDGE_M:
-            continue
-        cost = sum(c for _, c in combination) + float(np.sum((inward - inward.mean()) ** 2)) / 0.004**2
-        if len(chosen) == 4:
-            x = lengths[0] + chosen[0].offset + chosen[1].offset
-            y = lengths[1] + chosen[2].offset + chosen[3].offset
-            cost += (np.log((x / y) / (lengths[0] / lengths[1])) / aspect_sd) ** 2
-        if cost < least_cost:
-            best, least_cost = chosen, cost
-    return best
 
 
 def edge_points(picture: Image, camera: Camera, rail: int, edge: Edge, search: float) -> Array:

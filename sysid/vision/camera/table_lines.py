@@ -1,7 +1,7 @@
 """The region of the cloth in a picture, and its straight sides.
 
-In: a picture. Out: the mask of the cloth, then `Side` of each of its sides. The colour of the cloth is that of most
-saturated pixels in the middle of the picture; what has its hue is cloth, on the bed and on the cushions. A side is a
+In: a picture. Out: the mask of the cloth, then `Side` of each of its sides. What has the colour of most
+saturated pixels in the middle of the picture is cloth, on the bed and on the cushions. A side is a
 line, straight up to the distortion of the lens, that much of the outline of the region follows and hardly anything of
 it exceeds: a hand, a cue or a pocket makes a dent, never a side.
 """
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from sysid.vision.camera.projection import Array
 
+Mask = NDArray[np.bool_]
 NO_TABLE_REMEDY = "film the whole table, or give --corners or a board"
 MIN_CORE_FRACTION = 0.25  # of the middle of the picture, that the cloth fills
 MIN_CLOTH_FRACTION = 0.04  # of the whole picture
@@ -26,6 +27,10 @@ MAX_BOW_WIDTHS = 0.01  # of a side, by the distortion of the lens
 MIN_SIDE_WIDTHS = 0.12  # length of a side
 MIN_SIDE_COVERAGE = 0.5  # fraction of its length that the outline follows
 MAX_OUTSIDE_FRACTION = 0.04  # of the outline, beyond a side
+DARK_GREY = 4.0  # added to the light, so that noise in the dark has no colour [grey levels]
+COLOUR_ROUNDS = 6  # of fitting the colour of the cloth
+COLOUR_OUTLIER_SD = 6.0  # robust standard deviations from which on a colour is not the cloth's
+COLOUR_LIMITS = (0.15, 0.4)  # of that distance, in logarithms of ratios of light
 TRIED_PAIRS = 800  # of outline points, as candidates of sides
 MIN_NORMAL_ANGLE_RAD = np.radians(30)  # between the normals of two sides
 
@@ -54,23 +59,8 @@ def cloth(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     Raises:
         BadInput: no colour prevails in the middle, or the region is small.
     """
-    height, width = picture.shape[:2]
-    colours = cv2.cvtColor(cv2.GaussianBlur(picture, (0, 0), 1.5), cv2.COLOR_BGR2HSV)
-    hue, saturation, value = (channel.astype(float) for channel in cv2.split(colours))
-    core = np.zeros(hue.shape, bool)
-    core[height // 4 : height - height // 4, width // 4 : width - width // 4] = True
-    vivid = core & (saturation > 50) & (value > 25)
-    votes = np.bincount(hue[vivid].astype(int), saturation[vivid], 180)
-    smooth = sum(np.roll(votes, k) * np.exp(-((k / 3) ** 2) / 2) for k in range(-8, 9))
-    hue_distance = np.abs((hue - np.argmax(smooth) + 90) % 180 - 90)
-    similar = vivid & (hue_distance < 12)
-    if similar.sum() < MIN_CORE_FRACTION * core.sum():
-        raise BadInput(f"no table found: no saturated colour fills the middle of the picture; {NO_TABLE_REMEDY}")
-    saturation_level, value_level = np.median(saturation[similar]), np.median(value[similar])
-    spread = float(np.clip(6 * np.median(hue_distance[similar]), 8, 18))
-    mask = ((hue_distance < spread) & (saturation > 0.45 * saturation_level) & (value > 0.25 * value_level)).astype(
-        np.uint8
-    ) * 255
+    width = picture.shape[1]
+    mask = np.where(cloth_coloured(picture), 255, 0).astype(np.uint8)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(MAX_DENT_WIDTHS * width / 2) + 1,) * 2)
     mask = cv2.morphologyEx(cv2.medianBlur(mask, 5), cv2.MORPH_CLOSE, kernel)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -80,6 +70,41 @@ def cloth(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     region = np.zeros_like(mask)
     cv2.drawContours(region, [largest], -1, 255, cv2.FILLED)
     return np.asarray(region)
+
+
+def cloth_coloured(picture: NDArray[np.uint8]) -> Mask:
+    """Which pixels of a picture (height, width, 3) have the colour that the cloth has there: (height, width).
+
+    The hue of the cloth is that of most saturated pixels in the middle. The light of lamps and projectors colours it,
+    here more than there: logarithms of green and blue over red are fitted by a quadratic function of the place, in
+    rounds, first to the pixels of that hue.
+
+    Raises:
+        BadInput: no colour prevails in the middle.
+    """
+    height, width = picture.shape[:2]
+    blurred = cv2.GaussianBlur(picture, (0, 0), 1.5)
+    hue, saturation, value = (c.astype(float) for c in cv2.split(cv2.cvtColor(blurred, cv2.COLOR_BGR2HSV)))
+    core = np.zeros(hue.shape, bool)
+    core[height // 4 : height - height // 4, width // 4 : width - width // 4] = True
+    vivid = core & (saturation > 50) & (value > 25)
+    votes = np.bincount(hue[vivid].astype(int), saturation[vivid], 180)
+    smooth = sum(np.roll(votes, k) * np.exp(-((k / 3) ** 2) / 2) for k in range(-8, 9))
+    good = vivid & (np.abs((hue - np.argmax(smooth) + 90) % 180 - 90) < 12)
+    if good.sum() < MIN_CORE_FRACTION * core.sum():
+        raise BadInput(f"no table found: no saturated colour fills the middle of the picture; {NO_TABLE_REMEDY}")
+    bright = value > 0.25 * np.median(value[good])
+    light = blurred.astype(np.float32) + DARK_GREY
+    ratios = np.log(light[..., :2] / light[..., 2:])
+    u, v = np.meshgrid(np.linspace(-1, 1, width, dtype=np.float32), np.linspace(-1, 1, height, dtype=np.float32))
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    thin = (slice(None, None, 4),) * 2
+    for _ in range(COLOUR_ROUNDS):
+        fit = np.linalg.lstsq(terms[thin][good[thin]], ratios[thin][good[thin]], rcond=None)[0]
+        off = np.abs(ratios - terms @ fit)
+        limit = np.clip(COLOUR_OUTLIER_SD * 1.4826 * np.median(off[good], axis=0), *COLOUR_LIMITS)
+        good = (off < limit).all(axis=-1) & bright
+    return np.asarray(good)
 
 
 def sides(region: NDArray[np.uint8]) -> list[Side]:
