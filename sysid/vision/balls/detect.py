@@ -15,6 +15,8 @@ import numpy as np
 from models.errors import BadInput
 from sysid.vision.balls.background import Background, View, learn_background
 from sysid.vision.balls.candidates import candidates
+from sysid.vision.balls.cover import DiscFit
+from sysid.vision.balls.discs import MIN_BED_CONTRAST, Shutter, core_colour, known_disc, new_discs
 from sysid.vision.balls.edges import Optics
 from sysid.vision.balls.outline_fit import (
     MIN_FOREGROUND,
@@ -72,6 +74,7 @@ class Detector:
     optics: Optics
     ball_colours: tuple[tuple[str, Array], ...]  # names, and colours in white light (3,) red, green, blue
     notes: tuple[str, ...]  # what was found, and warnings, for the user
+    rough: bool = False  # whether edges are too rough for outlines, so that balls are measured by what they cover
 
     @property
     def noise(self) -> float:
@@ -112,16 +115,30 @@ class Detector:
         naming = name_colours(np.array(colours), palette)
         named = [(name, colour) for name, colour in zip(naming.names, colours, strict=True) if name is not None]
         counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
-        notes = [f"{name}: in {n} of {len(views)} frames" for name, n in counts]
-        notes += naming.doubts
         detector = Detector(background, optics, tuple(named), ())
+        if _rough(optics, background.noise):
+            detector = replace(detector, rough=True)
+            seen = [{one.name for one in detector.find(picture)} for picture in pictures]
+            counts = [(name, sum(name in names for names in seen)) for name, _ in named]
+            counts = [(name, n) for name, n in counts if n >= least]
+            detector = replace(detector, ball_colours=tuple((n, c) for n, c in named if n in dict(counts)))
+        notes = [f"{name}: in {n} of {len(views)} frames" for name, n in counts]
+        notes += [doubt for doubt in naming.doubts if len(named) == len(counts)]
         lights = np.array([view.gain.mean() for view in views])
         notes += _warnings(detector, [fit for _, fit in found], resting, lights)
         return replace(detector, notes=tuple(notes))
 
-    def find(self, picture: Picture, expected: Sequence[tuple[str, Array]] = ()) -> list[Detection]:
-        """Balls in a picture: all of them, or those expected by name near pixels (2,)."""
+    def find(
+        self, picture: Picture, expected: Sequence[tuple[str, Array]] = (), steps: Sequence[Array] = (),
+        shutter: Shutter | None = None,
+    ) -> list[Detection]:  # fmt: skip
+        """Balls in a picture: all of them, or those expected by name near pixels (2,).
+
+        `steps` (2,) [pixels] are what the expected balls move from frame to frame, and `shutter` for how much of that.
+        """
         view = self.background.view(picture)
+        if self.rough:
+            return self._discs(view, expected, steps, shutter or Shutter())
         if not expected:
             seen = [self._identified(view, fit) for fit in balls(view, self.optics)]
             return sorted((s for s in seen if s is not None), key=lambda s: -s.score)
@@ -135,6 +152,41 @@ class Detector:
             if ball is not None:
                 found.append(ball)
         return found
+
+    def _discs(
+        self, view: View, expected: Sequence[tuple[str, Array]], steps: Sequence[Array], shutter: Shutter
+    ) -> list[Detection]:  # fmt: skip
+        """As `find`, by what the balls cover."""
+        found: list[Detection] = []
+        if not expected:
+            for name, colour in self.ball_colours:
+                for fit in new_discs(view, self._in_picture(view, colour)):
+                    found += self._named_disc(view, name, fit, found)
+            return found
+        reach, colours = SEARCH_RADII[-1], dict(self.ball_colours)
+        for k, (name, pixel) in enumerate(expected):
+            if np.isfinite(pixel).all() and name in colours:
+                step = steps[k] if len(steps) else np.zeros(2)
+                radius = view.geometry.radius(pixel)
+                one = known_disc(view, self._in_picture(view, colours[name]), pixel, step, reach * radius, shutter)
+                found += self._named_disc(view, name, one, found)
+        return found
+
+    def _in_picture(self, view: View, colour: Array) -> Array:
+        """A colour in white light (3,) red, green, blue as pictures show it (3,) blue, green, red [grey levels]."""
+        return np.asarray((255 * colour[::-1] * view.gain).clip(0, 255))
+
+    def _named_disc(self, view: View, name: str, fit: DiscFit | None, found: Sequence[Detection]) -> list[Detection]:
+        """The detection of a disc if its colour is that of this ball and it overlaps none of those found."""
+        if fit is None or any(np.hypot(*(fit.xy - f.xy)) < MIN_SEPARATION_RADII * f.radius for f in found):
+            return []
+        light = self.background.light_at(view, fit.xy)
+        colours = np.array([colour for _, colour in self.ball_colours]).clip(0, 1 / light[::-1])
+        distances = colour_distance((core_colour(view, fit) / (255 * light))[::-1], colours)
+        k = int(distances.argmin())
+        if self.ball_colours[k][0] != name or distances[k] > MAX_COLOUR_DISTANCE:
+            return []
+        return [Detection(name, fit.xy, fit.radius, fit.sd, fit.rim, fit.rim * (1 - fit.residual))]
 
     def _identified(self, view: View, fit: OutlineFit) -> Detection | None:
         """The detection of this outline; None if its colour is that of no ball."""
@@ -170,6 +222,11 @@ def _colour(background: Background, view: View, fit: OutlineFit) -> Array:
     return ball_colour(view.picture, fit.xy, fit.radius, background.light_at(view, fit.xy))
 
 
+def _rough(optics: Optics, noise: float) -> bool:
+    """Whether edges are rougher than the noise explains, as compression and bloom make them."""
+    return max(optics.edge_noise) > SOFT_EDGE_RATIO * max(noise, INITIAL_EDGE_NOISE[0])
+
+
 def _warnings(detector: Detector, found: Sequence[OutlineFit], resting: int, lights: Array) -> list[str]:
     """Warnings for the user."""
     optics, notes = detector.optics, []
@@ -182,8 +239,7 @@ def _warnings(detector: Detector, found: Sequence[OutlineFit], resting: int, lig
         notes.append(f"outlines are {percent:+.0f} % off the expected radius: check ball diameter and camera file")
     if radius < SMALL_RADIUS_PX:
         notes.append(f"balls are only {radius:.1f} pixels in radius, so their centres are poor: film at more pixels")
-    noise = max(detector.noise, INITIAL_EDGE_NOISE[0])
-    if optics.blur[1] > SOFT_EDGE_RATIO * optics.blur[0] or max(optics.edge_noise) > SOFT_EDGE_RATIO * noise:
+    if optics.blur[1] > SOFT_EDGE_RATIO * optics.blur[0] or _rough(optics, detector.noise):
         notes.append(
             "edges are rougher than the noise, as compression makes them: true errors may be twice the estimated"
         )

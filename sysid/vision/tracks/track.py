@@ -18,6 +18,7 @@ from models.shot import Table
 from sysid.clips import Observation
 from sysid.clips.outliers import find_outliers
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
+from sysid.vision.balls.discs import Shutter
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
@@ -64,13 +65,14 @@ def track(
     follower = Follower(camera, counts)
     frames, times = [], []
     began = reported = clock.monotonic()
-    last_full_search, previous = -math.inf, None
+    last_full_search, previous, shutter = -math.inf, None, Shutter()
     for frame in footage:
         frames.append(frame.index)
         times.append(frame.time)
         expected = follower.expected(frame.time)
         full_search = not expected or follower.seeking or frame.time - last_full_search >= FULL_SEARCH_INTERVAL_S
-        seen = _detect(detector, frame.picture, expected, full_search)
+        steps = follower.steps(1.0 / footage.fps)
+        seen = _detect(detector, frame.picture, expected, steps, shutter, full_search)
         if previous is not None:
             changes = [face_change(previous, frame.picture, s.xy, s.radius, detector.noise) for s in seen]
             seen = [replace(s, face_change=change) for s, change in zip(seen, changes, strict=True)]
@@ -86,10 +88,11 @@ def track(
 
 
 def _detect(
-    detector: Detector, picture: Picture, expected: Sequence[tuple[str, Array]], full_search: bool
+    detector: Detector, picture: Picture, expected: Sequence[tuple[str, Array]], steps: Sequence[Array],
+    shutter: Shutter, full_search: bool,
 ) -> list[Detection]:  # fmt: skip
     """The expected balls, and all others where the whole picture is searched."""
-    detections = list(detector.find(picture, expected)) if expected else []
+    detections = list(detector.find(picture, expected, steps, shutter)) if expected else []
     for one in detector.find(picture) if full_search else ():
         if all(np.hypot(*(one.xy - other.xy)) > SAME_BALL_RADII * other.radius for other in detections):
             detections.append(one)
