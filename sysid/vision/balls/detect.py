@@ -37,6 +37,8 @@ SEARCH_RADII = (2.5, 6.0)  # of the windows searched otherwise
 MAX_COLOUR_DISTANCE = 0.22  # between colours of the same ball
 LEARNING_FRAMES = 30  # spread over the footage
 MIN_FRAME_FRACTION = 0.1  # of these, that show a ball
+STRAY_LIGHT = 0.05  # added to colours, whose dark channels compression falsifies
+MIN_DISC_FRACTION = 0.3  # of the frames in which outlines have its colour, that show a disc of that colour, too
 OPTICS_OUTLINES = 16  # the clearest ones, from which the optics are learnt
 TRIED_BLURS_PX = (0.6, 0.72, 0.85, 1.0, 1.25, 1.6, 2.0, 2.6)  # of edges
 BLUR_TEST_SPACING = 1.5  # of samples along normals, long enough to distinguish the blurs
@@ -116,11 +118,13 @@ class Detector:
         named = [(name, colour) for name, colour in zip(naming.names, colours, strict=True) if name is not None]
         counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
         detector = Detector(background, optics, tuple(named), ())
-        if _rough(optics, background.noise):
-            detector = replace(detector, rough=True)
+        if len(found) >= OPTICS_OUTLINES and _rough(optics, background.noise):
+            bed = np.median(background.picture[geometry.bed], axis=0)[::-1] / 255
+            named = [(name, colour) for name, colour in named if colour_distance(colour, bed) > MIN_BED_CONTRAST]
+            detector = replace(detector, rough=True, ball_colours=tuple(named))
             seen = [{one.name for one in detector.find(picture)} for picture in pictures]
-            counts = [(name, sum(name in names for names in seen)) for name, _ in named]
-            counts = [(name, n) for name, n in counts if n >= least]
+            outlines, counts = dict(counts), [(name, sum(name in names for names in seen)) for name, _ in named]
+            counts = [(name, n) for name, n in counts if n >= MIN_DISC_FRACTION * outlines[name]]
             detector = replace(detector, ball_colours=tuple((n, c) for n, c in named if n in dict(counts)))
         notes = [f"{name}: in {n} of {len(views)} frames" for name, n in counts]
         notes += [doubt for doubt in naming.doubts if len(named) == len(counts)]
@@ -161,7 +165,7 @@ class Detector:
         if not expected:
             for name, colour in self.ball_colours:
                 for fit in new_discs(view, self._in_picture(view, colour)):
-                    found += self._named_disc(view, name, fit, found)
+                    found += self._named_disc(view, name, fit, found) if self._on_bed(view, fit) else []
             return found
         reach, colours = SEARCH_RADII[-1], dict(self.ball_colours)
         for k, (name, pixel) in enumerate(expected):
@@ -171,6 +175,13 @@ class Detector:
                 one = known_disc(view, self._in_picture(view, colours[name]), pixel, step, reach * radius, shutter)
                 found += self._named_disc(view, name, one, found)
         return found
+
+    def _on_bed(self, view: View, fit: DiscFit) -> bool:
+        """Whether a disc lies on the bed, clear of the pockets, which are discs themselves."""
+        camera = view.geometry.camera
+        xy = camera.on_plane(fit.xy[None], camera.radius)
+        half = np.array([camera.table.length, camera.table.width]) / 2
+        return bool((np.abs(xy) < half).all() and camera.table.to_pocket(xy)[0] > camera.diameter)
 
     def _in_picture(self, view: View, colour: Array) -> Array:
         """A colour in white light (3,) red, green, blue as pictures show it (3,) blue, green, red [grey levels]."""
@@ -182,7 +193,8 @@ class Detector:
             return []
         light = self.background.light_at(view, fit.xy)
         colours = np.array([colour for _, colour in self.ball_colours]).clip(0, 1 / light[::-1])
-        distances = colour_distance((core_colour(view, fit) / (255 * light))[::-1], colours)
+        measured = (core_colour(view, fit) / (255 * light))[::-1]
+        distances = colour_distance(measured + STRAY_LIGHT, colours + STRAY_LIGHT)
         k = int(distances.argmin())
         if self.ball_colours[k][0] != name or distances[k] > MAX_COLOUR_DISTANCE:
             return []

@@ -19,7 +19,7 @@ from sysid.vision.camera.projection import Array
 from sysid.vision.tracks.follow import BallTrack
 
 MIN_REST_S = 0.15  # in which a ball at rest stays in its place
-MIN_REST_DETECTIONS = 4  # of a rest
+MIN_REST_DETECTIONS = 3  # of a rest
 MAX_UNSEEN_S = 0.1  # a ball hidden for longer was set in motion unseen
 MAX_DROP_S = 0.1  # after its last detection, within which a ball drops into a pocket
 
@@ -105,7 +105,7 @@ class Move:
 
 def rests(scene: TrackedScene, track: BallTrack) -> list[tuple[int, int]]:
     """First and last detection of every rest."""
-    count = max(MIN_REST_DETECTIONS, math.ceil(MIN_REST_S / scene.period) + 1)
+    count = max(MIN_REST_DETECTIONS, int(MIN_REST_S / scene.period) + 1)
     if len(track.frame) < count:
         return []
     room = 2 * max(4 * scene.sigma, 0.025 * scene.radius)
@@ -144,7 +144,7 @@ def moves_of(scene: TrackedScene, track: BallTrack, resting: Sequence[tuple[int,
             if stop > MIN_REST_DETECTIONS:
                 found.append(Move(track, 0, stop, None, -1))
             continue
-        count = max(MIN_REST_DETECTIONS, math.ceil(MIN_REST_S / scene.period) + 1)
+        count = max(MIN_REST_DETECTIONS, int(MIN_REST_S / scene.period) + 1)
         place = rest_place(track, max(rest[0], rest[1] - 30 - count), max(rest[1] - count, rest[0] + 1))
         away = np.linalg.norm(track.xy - place, axis=1) > max(5 * scene.sigma, 0.02 * scene.radius)
         first = max(rest[0] + 1, rest[1] - count)

@@ -24,6 +24,7 @@ from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.noise import Noise, difference_noise, estimate_noise
 from sysid.vision.tracks.spins import face_change, spins
+from sysid.vision.tracks.stamps import change, delays, doubled, later, missing
 from sysid.vision.tracks.strikes import TrackedShot, split_shots
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ DEFAULT_NOISE_RADII = 0.01  # standard deviation to use where it cannot be estim
 MAX_SD_RATIO = 5.0  # of a detection to the median; less accurate ones are not used
 MAX_LOST_FRACTION = 0.5  # of the struck ball's frames without a detection, above which a clip is doubtful
 MAX_NOISE_RADII = 0.15  # noise above which the result is doubtful, in ball radii
+MAX_LISTED = 8  # frames that are named
 MAX_BEYOND_NOSE_M = 0.004  # of a detection beyond the nose line
 NO_SHOT = "no shot was found that begins with a ball at rest and a clean stroke"
 
@@ -63,7 +65,7 @@ def track(
 ) -> Tracked:  # fmt: skip
     """Track all balls of a footage and split their motion into shots; `counts`: greatest number of balls by name."""
     follower = Follower(camera, counts)
-    frames, times = [], []
+    frames, times, changes = [], [], []
     began = reported = clock.monotonic()
     last_full_search, previous, shutter = -math.inf, None, Shutter()
     for frame in footage:
@@ -73,9 +75,10 @@ def track(
         full_search = not expected or follower.seeking or frame.time - last_full_search >= FULL_SEARCH_INTERVAL_S
         steps = follower.steps(1.0 / footage.fps)
         seen = _detect(detector, frame.picture, expected, steps, shutter, full_search)
+        changes.append(change(previous, frame.picture) if previous is not None else 0.0)
         if previous is not None:
-            changes = [face_change(previous, frame.picture, s.xy, s.radius, detector.noise) for s in seen]
-            seen = [replace(s, face_change=change) for s, change in zip(seen, changes, strict=True)]
+            turned = [face_change(previous, frame.picture, s.xy, s.radius, detector.noise) for s in seen]
+            seen = [replace(s, face_change=by) for s, by in zip(seen, turned, strict=True)]
         follower.update(frame.index, frame.time, seen)
         previous = frame.picture
         last_full_search = frame.time if full_search else last_full_search
@@ -84,7 +87,39 @@ def track(
             of = f" of {footage.count}" if footage.count else ""
             progress(f"{len(frames)}{of} frames, {rate:.0f} frames/s, {follower.in_sight} balls in sight")
     rate = len(frames) / max(clock.monotonic() - began, 1e-9)
-    return tracked(follower.tracks(), np.array(frames, np.int64), np.array(times), camera, rate)
+    found = follower.tracks(), np.array(frames, np.int64), np.array(times)
+    tracks, index, stamps, told = _stamped(*found, doubled(np.array(changes)), camera)
+    result = tracked(tracks, index, stamps, camera, rate)
+    return replace(result, notes=(*told, *result.notes))
+
+
+def _stamped(
+    tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array, twice: NDArray[np.bool_], camera: Camera
+) -> tuple[Sequence[BallTrack], NDArray[np.int64], Array, list[str]]:
+    """Tracks, frames and times without doubled frames, those after missing ones later; and what to tell of it."""
+    notes = []
+    if twice.any():
+        kept, again = frames[~twice], set(frames[twice].tolist())
+        tracks = [_dropping(t, np.isin(t.frame, frames[twice])) for t in tracks]
+        tracks = [t for t in tracks if len(t.frame)]
+        notes.append(f"{_listed(sorted(again))} the same picture as before: left out")
+        frames, times = kept, times[~twice]
+    if len(times) < 2 or not tracks:
+        return tracks, frames, times, notes
+    period = float(np.median(np.diff(times)))
+    scene = TrackedScene(tracks, frames, times, camera.table, camera.radius, 0.0)
+    sigma = difference_noise(scene, resting=True)
+    gaps = missing(tracks, frames, sigma if math.isfinite(sigma) else DEFAULT_NOISE_RADII * camera.radius)
+    for frame, count in gaps.items():
+        notes.append(f"before frame {frame} {count} missing, though stamps are even: later stamps set right")
+    return later(tracks, gaps, period), frames, times + delays(frames, gaps, period), notes
+
+
+def _listed(frames: Sequence[int]) -> str:
+    """Frames in words, the first few by number."""
+    first = ", ".join(str(f) for f in frames[:MAX_LISTED])
+    rest = f" and {len(frames) - MAX_LISTED} more" if len(frames) > MAX_LISTED else ""
+    return f"frame{'s' * (len(frames) > 1)} {first}{rest} show{'s' * (len(frames) == 1)}"
 
 
 def _detect(
