@@ -1,8 +1,8 @@
 """Balls in pictures whose edges are rough, as compression, bloom and motion make them: by what they cover.
 
 In: a picture beside the background, the colours of the balls, and where they are expected. Out: `DiscFit` of each
-(cover.py). A ball is first sought where its disc covers more than the ring around it does, then its disc is fitted, swept
-along its motion during the exposure. What is no disc of that colour, such as a hand, a cue or projected light, has
+(cover.py). A ball is first sought where its disc covers more than the ring around it does, then its disc is fitted,
+swept along its motion during the exposure. What is no disc of that colour, such as a hand, a cue or projected light, has
 too little rim.
 """
 
@@ -80,7 +80,8 @@ def peaks(view: View, colour: Array, centre: Array | None = None, reach: float =
     small = cv2.resize(view.picture[part], size, interpolation=cv2.INTER_AREA).astype(np.float32)
     table = cv2.resize(view.table[part], size, interpolation=cv2.INTER_AREA) * view.gain.astype(np.float32)
     found = np.maximum(cover(small, table, colour), 0.0)
-    score = cv2.filter2D(found, cv2.CV_32F, _kernel(view.geometry.radius(middle) / cell), borderType=cv2.BORDER_REPLICATE)
+    kernel = _kernel(view.geometry.radius(middle) / cell)
+    score = cv2.filter2D(found, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)
     is_peak = (score == cv2.dilate(score, np.ones((5, 5), np.uint8))) & (score > MIN_PEAK)
     down, across = np.nonzero(is_peak)
     order = np.argsort(-score[down, across], kind="stable")[:MAX_PEAKS]
@@ -137,7 +138,7 @@ def _best(view: View, colour: Array, at: Array, step: Array, radius: float, shut
 
 
 def core_colour(view: View, fit: DiscFit) -> Array:
-    """Colour of the ball in the middle of a fit (3,) blue, green, red, without the table that shows through its sweep."""
+    """Colour of the ball in the middle of a fit (3,) blue, green, red, less the table that shows through."""
     radius = CORE_RADII * fit.radius
     window, table, corner = view.window(fit.xy, radius)
     y, x = np.mgrid[: window.shape[0], : window.shape[1]]

@@ -6,7 +6,6 @@ detections stay in one place; a move is what it does from one rest to the next.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

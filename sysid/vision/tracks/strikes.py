@@ -29,7 +29,7 @@ from sysid.vision.tracks.moves import (
 MAX_CONTACT_S = 0.002  # longest contact of cue and ball
 CLIP_TAIL_S = 0.3  # of rest at the end of a clip
 MAX_LOST_S = 1.0  # a moving ball lost for longer was taken away and sets nothing in motion
-MIN_SPEED_RATIO = 0.75  # of the first speed to later ones; below it a ball was moved by hand
+MIN_SPEED_RATIO = 0.6  # of the first speed to later ones; below it a ball was moved by hand
 MAX_LULL_S = 1.0  # without motion, after which a shot is over
 SIMULTANEOUS_FRAMES = 1.5  # within which balls begin to move that may have been set in motion together
 MIN_BEHIND_COSINE = 0.87  # of the angle between the velocity of a ball and the line from the ball that pushed it
