@@ -1,8 +1,8 @@
 """Balls in pictures whose edges are rough, as compression, bloom and motion make them: by what they cover.
 
-In: a picture beside the background, the colours of the balls, and where they are expected. Out: `DiscFit` of each
+In: a picture beside the background, the colours of the balls, and where they are expected. Out: `DiscFit`s
 (cover.py). A ball is first sought where its disc covers more than the ring around it does, then its disc is fitted,
-swept along its motion during the exposure. What is no disc of that colour, such as a hand, a cue or projected light, has
+swept along its motion during the exposure. What is no disc of that colour, as a hand, a cue or projected light, has
 too little rim.
 """
 

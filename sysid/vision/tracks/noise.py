@@ -1,7 +1,7 @@
 """The noise of the detections, from the tracks themselves.
 
 In: the tracked scene. Out: `Noise`. Third differences of smooth motion give the noise: the motion of a ball vanishes in
-them except at impacts, which their median ignores. What a local quadratic leaves of several detections in a row is larger
+them except at impacts, which their median ignores. A local quadratic through several detections leaves more
 where errors last over some frames, as those of compressed pictures do; the larger of both is taken. The scatter of
 balls at rest is given beside it; it is smaller where the error of a detector depends on where a ball lies on the grid
 of pixels.

@@ -61,13 +61,14 @@ class Tracked:
 
 def track(
     footage: Footage, camera: Camera, detector: Detector, counts: Mapping[str, int],
-    progress: Callable[[str], None] = lambda line: None,
+    progress: Callable[[str], None] = lambda line: None, shutter: Shutter | None = None,
 ) -> Tracked:  # fmt: skip
     """Track all balls of a footage and split their motion into shots; `counts`: greatest number of balls by name."""
+    shutter = shutter or Shutter()
     follower = Follower(camera, counts)
     frames, times, changes = [], [], []
     began = reported = clock.monotonic()
-    last_full_search, previous, shutter = -math.inf, None, Shutter()
+    last_full_search, previous = -math.inf, None
     for frame in footage:
         frames.append(frame.index)
         times.append(frame.time)
