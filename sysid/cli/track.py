@@ -145,7 +145,7 @@ def _one(
     shutter = Shutter(None if filmed.exposure is None else min(filmed.exposure * footage.fps, 1.0))
     counts = dict(zip(palette.names, palette.counts, strict=True))
     result = track_balls(footage, camera, detector, counts, progress, shutter)
-    result, seen = details(result, footage, camera, progress)
+    result, seen = details(result, footage, camera, progress, not detector.rough)
     progress.close()
     mass = filmed.mass if filmed.mass is not None else MASS_PER_CUBED_DIAMETER * camera.diameter**3
     remarks = [*footage.assumed, *detector.notes, *result.notes]

@@ -255,6 +255,8 @@ def _warnings(detector: Detector, found: Sequence[OutlineFit], resting: int, lig
         notes.append(
             "edges are rougher than the noise, as compression makes them: true errors may be twice the estimated"
         )
+    if detector.rough:
+        notes.append("balls are measured by what they cover, and their marks are not followed")
     if resting:
         notes.append(
             f"{resting} ball{'s' * (resting > 1)} at rest most of the time: the cloth below is taken from around it"

@@ -26,6 +26,7 @@ MAX_PEAKS = 6  # of a colour in a picture
 MIN_RIM = {"new": 0.75, "known": 0.5}  # of a ball that is found, and of one that is followed
 MIN_HEIGHT = 0.6
 MAX_RESIDUAL = {"new": 0.3, "known": 0.4}  # of cover
+CLEAR_RESIDUAL = 0.2  # of a motion that needs no other to be tried
 EXPOSURES = (0.25, 0.5, 0.75, 1.0)  # of the time between two frames, tried until it is known
 MIN_SWEEP_RADII = 0.4  # of a motion from which the exposure can be told
 MIN_SHUTTER_FITS = 4  # from which it is known
@@ -128,8 +129,12 @@ def _best(view: View, colour: Array, at: Array, step: Array, radius: float, shut
     length = math.hypot(*step)
     if length < 0.1 * radius:
         return fit_disc(view, colour, at, radius, np.zeros(2))
-    fits = [fit_disc(view, colour, at, radius, part * step) for part in (*shutter.tried(), 0.0)]
-    known = [fit for fit in fits if fit is not None]
+    known: list[DiscFit] = []
+    for part in (*shutter.tried(), 0.0):
+        fit = fit_disc(view, colour, at, radius, part * step)
+        known += [fit] if fit is not None else []
+        if shutter.fraction is not None and fit is not None and fit.residual < CLEAR_RESIDUAL:
+            break
     best = min(known, key=lambda f: f.residual, default=None)
     swept = length > MIN_SWEEP_RADII * radius
     if best is not None and best.motion.any() and shutter.fraction is None and swept and acceptable(best, "known"):
