@@ -38,6 +38,8 @@ MAX_COLOUR_DISTANCE = 0.22  # between colours of the same ball
 LEARNING_FRAMES = 30  # spread over the footage
 MIN_FRAME_FRACTION = 0.1  # of these, that show a ball
 STRAY_LIGHT = 0.05  # added to colours, whose dark channels compression falsifies
+CLIPPED_GREY = 250  # from which on a channel is clipped
+CLIPPED_FACTOR = 1.4  # by which its true brightness may exceed that
 MIN_DISC_FRACTION = 0.3  # of the frames in which outlines have its colour, that show a disc of that colour, too
 OPTICS_OUTLINES = 16  # the clearest ones, from which the optics are learnt
 TRIED_BLURS_PX = (0.6, 0.72, 0.85, 1.0, 1.25, 1.6, 2.0, 2.6)  # of edges
@@ -47,6 +49,8 @@ INITIAL_EDGE_NOISE = (4.0, 6.0)  # in brightness and in colour [grey levels]
 INITIAL_BLUR_PX = (0.85, 1.0)
 INITIAL_SIZE_ERROR = 0.05  # of the radius, relative
 MIN_EDGE_NOISE_GREY = 1.0
+ROUGH_EDGE_RATIO = 4.0  # of edge noise to that of the pictures, from which on balls are measured by what they cover
+MIN_ROUGH_NOISE_GREY = 1.4  # that is assumed of pictures for this: compression removes noise
 # Limits of warnings.
 SIZE_WARNING_FRACTION = 0.04  # departure from the expected radius
 SMALL_RADIUS_PX = 6.0
@@ -119,15 +123,11 @@ class Detector:
         counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
         detector = Detector(background, optics, tuple(named), ())
         if len(found) >= OPTICS_OUTLINES and _rough(optics, background.noise):
-            bed = np.median(background.picture[geometry.bed], axis=0)[::-1] / 255
-            named = [(name, colour) for name, colour in named if colour_distance(colour, bed) > MIN_BED_CONTRAST]
-            detector = replace(detector, rough=True, ball_colours=tuple(named))
-            seen = [{one.name for one in detector.find(picture)} for picture in pictures]
-            outlines, counts = dict(counts), [(name, sum(name in names for names in seen)) for name, _ in named]
-            counts = [(name, n) for name, n in counts if n >= MIN_DISC_FRACTION * outlines[name]]
-            detector = replace(detector, ball_colours=tuple((n, c) for n, c in named if n in dict(counts)))
+            by_discs, disc_counts = _rough_detector(detector, pictures, counts)
+            if by_discs.ball_colours:
+                detector, counts = by_discs, disc_counts
         notes = [f"{name}: in {n} of {len(views)} frames" for name, n in counts]
-        notes += [doubt for doubt in naming.doubts if len(named) == len(counts)]
+        notes += [doubt for doubt in naming.doubts if len(detector.ball_colours) == len(named)]
         lights = np.array([view.gain.mean() for view in views])
         notes += _warnings(detector, [fit for _, fit in found], resting, lights)
         return replace(detector, notes=tuple(notes))
@@ -172,7 +172,8 @@ class Detector:
             if np.isfinite(pixel).all() and name in colours:
                 step = steps[k] if len(steps) else np.zeros(2)
                 radius = view.geometry.radius(pixel)
-                one = known_disc(view, self._in_picture(view, colours[name]), pixel, step, reach * radius, shutter)
+                shown = self._in_picture(view, colours[name], pixel)
+                one = known_disc(view, shown, pixel, step, reach * radius, shutter)
                 found += self._named_disc(view, name, one, found)
         return found
 
@@ -183,9 +184,13 @@ class Detector:
         half = np.array([camera.table.length, camera.table.width]) / 2
         return bool((np.abs(xy) < half).all() and camera.table.to_pocket(xy)[0] > camera.diameter)
 
-    def _in_picture(self, view: View, colour: Array) -> Array:
-        """A colour in white light (3,) red, green, blue as pictures show it (3,) blue, green, red [grey levels]."""
-        return np.asarray((255 * colour[::-1] * view.gain).clip(0, 255))
+    def _in_picture(self, view: View, colour: Array, pixel: Array | None = None) -> Array:
+        """A colour in white light (3,) red, green, blue as a picture shows it (3,) blue, green, red [grey levels].
+
+        In the light at a pixel (2,), or in that of the middle.
+        """
+        light = view.gain if pixel is None else self.background.light_at(view, pixel)
+        return np.asarray((255 * colour[::-1] * light).clip(0, 255))
 
     def _named_disc(self, view: View, name: str, fit: DiscFit | None, found: Sequence[Detection]) -> list[Detection]:
         """The detection of a disc if its colour is that of this ball and it overlaps none of those found."""
@@ -235,8 +240,37 @@ def _colour(background: Background, view: View, fit: OutlineFit) -> Array:
 
 
 def _rough(optics: Optics, noise: float) -> bool:
-    """Whether edges are rougher than the noise explains, as compression and bloom make them."""
-    return max(optics.edge_noise) > SOFT_EDGE_RATIO * max(noise, INITIAL_EDGE_NOISE[0])
+    """Whether edges are far rougher than the noise, as compression and bloom make them, so that outlines mislead."""
+    return max(optics.edge_noise) > ROUGH_EDGE_RATIO * max(noise, MIN_ROUGH_NOISE_GREY)
+
+
+def _rough_detector(
+    detector: Detector, pictures: Sequence[Picture], counts: Sequence[tuple[str, int]]
+) -> tuple[Detector, list[tuple[str, int]]]:
+    """A detector by what balls cover, of those colours that are seen as discs; and in how many pictures each is.
+
+    Of clipped channels only a least brightness is known: they are taken as brighter, so that they are clipped anywhere.
+    """
+    table, geometry = detector.background.picture, detector.background.geometry
+    bed = np.median(table[geometry.bed], axis=0)[::-1] / 255
+    named = tuple(
+        (name, colour) for name, colour in detector.ball_colours if colour_distance(colour, bed) > MIN_BED_CONTRAST
+    )
+    detector = replace(detector, rough=True, ball_colours=named)
+    seen: dict[str, list[Array]] = {name: [] for name, _ in named}
+    for picture in pictures:
+        view = detector.background.view(picture)
+        best = {one.name: one for one in detector.find(picture)[::-1]}
+        for name, one in best.items():
+            seen[name].append(core_colour(view, DiscFit(one.xy, one.radius, np.zeros(2), 1.0, one.sd, 0.0, 1.0))[::-1])
+    outlines = dict(counts)
+    kept, found = [], []
+    for name, colour in named:
+        if len(seen[name]) >= MIN_DISC_FRACTION * outlines[name]:
+            clipped = np.median(seen[name], axis=0) >= CLIPPED_GREY if seen[name] else np.zeros(3, bool)
+            kept.append((name, np.where(clipped, CLIPPED_FACTOR, 1.0) * colour))
+            found.append((name, len(seen[name])))
+    return replace(detector, ball_colours=tuple(kept)), found
 
 
 def _warnings(detector: Detector, found: Sequence[OutlineFit], resting: int, lights: Array) -> list[str]:
@@ -251,7 +285,8 @@ def _warnings(detector: Detector, found: Sequence[OutlineFit], resting: int, lig
         notes.append(f"outlines are {percent:+.0f} % off the expected radius: check ball diameter and camera file")
     if radius < SMALL_RADIUS_PX:
         notes.append(f"balls are only {radius:.1f} pixels in radius, so their centres are poor: film at more pixels")
-    if optics.blur[1] > SOFT_EDGE_RATIO * optics.blur[0] or _rough(optics, detector.noise):
+    noise = max(detector.noise, INITIAL_EDGE_NOISE[0])
+    if optics.blur[1] > SOFT_EDGE_RATIO * optics.blur[0] or max(optics.edge_noise) > SOFT_EDGE_RATIO * noise:
         notes.append(
             "edges are rougher than the noise, as compression makes them: true errors may be twice the estimated"
         )

@@ -20,6 +20,8 @@ from sysid.vision.tracks.follow import BallTrack
 MIN_REST_S = 0.15  # in which a ball at rest stays in its place
 MIN_REST_DETECTIONS = 3  # of a rest
 MAX_UNSEEN_S = 0.1  # a ball hidden for longer was set in motion unseen
+MAX_BRIDGED_S = 0.5  # a ball hidden for longer may have been moved by hand
+MAX_ASIDE_RADII = 0.3  # of its path from where it rested
 MAX_DROP_S = 0.1  # after its last detection, within which a ball drops into a pocket
 
 
@@ -70,6 +72,7 @@ class Move:
     stop: int  # detection that begins the next rest; the number of detections if there is none
     place: Array | None  # of its rest (2,) [m]; None if that was not seen
     before: int  # frame in which it was last seen at rest
+    hidden: float = 0.0  # for how long it was not seen before its first detection [s], if that is more than usual
 
     @property
     def name(self) -> str:
@@ -152,9 +155,23 @@ def moves_of(scene: TrackedScene, track: BallTrack, resting: Sequence[tuple[int,
         far = np.linalg.norm(track.xy[first:stop] - place, axis=1) > scene.radius / 2
         if far.sum() < 2:  # a shadow or the cue beside a ball shifts its detections, too
             continue
-        hidden = track.time[first] - track.time[first - 1] > max(MAX_UNSEEN_S, 3.5 * scene.period)
-        found.append(Move(track, first, stop, None if hidden else place, int(track.frame[first - 1])))
+        gap = float(track.time[first] - track.time[first - 1])
+        hidden = gap if gap > max(MAX_UNSEEN_S, 3.5 * scene.period) else 0.0
+        bridged = not hidden or _leads_back(scene, track, first, stop, place)
+        found.append(Move(track, first, stop, place if bridged else None, int(track.frame[first - 1]), hidden))
     return found
+
+
+def _leads_back(scene: TrackedScene, track: BallTrack, first: int, stop: int, place: Array) -> bool:
+    """Whether the path of a ball seen after a gap leads straight back to its rest, in less time than it was hidden."""
+    gap = float(track.time[first] - track.time[first - 1])
+    if gap > MAX_BRIDGED_S or stop - first < MIN_REST_DETECTIONS:
+        return False
+    velocity, offset = mean_velocity(track, first, stop), track.xy[first] - place
+    speed, distance = float(np.linalg.norm(velocity)), float(np.linalg.norm(offset))
+    aside = abs(float(velocity[0] * offset[1] - velocity[1] * offset[0])) / max(speed, 1e-9)
+    straight = aside < max(MAX_ASIDE_RADII * scene.radius, 5 * scene.sigma) and float(velocity @ offset) > 0
+    return straight and distance < speed * (gap + scene.period)
 
 
 def mean_velocity(track: BallTrack, first: int, stop: int, most: int = 4) -> Array:

@@ -20,13 +20,14 @@ from sysid.vision.camera.projection import Array
 from sysid.vision.tracks.follow import BallTrack
 from sysid.vision.tracks.moves import TrackedScene
 
-MIN_DIFFERENCES = 100  # that make an estimate of the noise
+MIN_DIFFERENCES = 50  # that make an estimate of the noise
 SWAY_TURNS = 2.0  # of a ball, over which correlated errors are estimated
 MIN_SWAY_FRAMES = 10  # of such a segment
 MIN_SWAY_SEGMENTS = 3  # of a ball
 IMPACT_FACTOR = 8.0  # third differences above this many times the noise are impacts
 CLEAR_QUANTILE = 0.25  # fraction of the segments that contain no impact, at least
-QUADRATIC_FRAMES = 9  # in a row, to which a quadratic is fitted
+QUADRATIC_FRAMES = 9  # in a row, to which a quadratic is fitted,
+QUADRATIC_STRIDE = 4  # from one of them to the next
 MIN_QUADRATICS = 4  # that make an estimate
 KNOT_POSITIONS = np.linspace(-0.8, 0.8, 9)  # at which a ball may cease to slide, in a segment from -1 to 1
 
@@ -89,7 +90,7 @@ def _quadratic_variances(scene: TrackedScene, track: BallTrack, quick: float) ->
         basis = np.vander(time / time[-1], 3)
         left = track.xy[part] - basis @ np.linalg.lstsq(basis, track.xy[part], rcond=None)[0]
         found.append(float(np.sum(left**2)) / freedom / (1 - 2 / (9 * freedom)) ** 3)
-        k += n
+        k += QUADRATIC_STRIDE
     return found
 
 

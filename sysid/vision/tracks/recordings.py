@@ -59,8 +59,8 @@ def of_video(clip_set: ClipSet, name: str, result: Tracked) -> ClipSet:
         clips.append(replace(clip, file=file, extra={**clip.extra, "video": name, "frames": [shot.first, shot.last]}))
         samples += sum(len(seen.time) for seen in clip.balls.values())
     told = {"name": name, "clips": len(clips), "samples": samples, "left_out": list(result.left_out)}
-    if clip_set.sigma is not None:
-        told["sigma"] = clip_set.sigma
+    if math.isfinite(result.noise.moving):  # the scatter at rest says too little of balls that move
+        told["sigma"] = result.noise.moving
     return replace(clip_set, clips=tuple(clips), extra={VIDEOS_KEY: [told]})
 
 
@@ -71,7 +71,7 @@ def joined(before: ClipSet | None, more: ClipSet) -> ClipSet:
     videos = [*before.extra[VIDEOS_KEY], *more.extra[VIDEOS_KEY]]
     weights = [(v["samples"], v["sigma"]) for v in videos if "sigma" in v]
     total = sum(count for count, _ in weights)
-    sigma = math.sqrt(sum(count * sd**2 for count, sd in weights) / total) if total else None
+    sigma = math.sqrt(sum(count * sd**2 for count, sd in weights) / total) if total else more.sigma
     return replace(
         before, clips=(*before.clips, *more.clips), sigma=sigma, extra={**before.extra, VIDEOS_KEY: videos}
     )  # fmt: skip

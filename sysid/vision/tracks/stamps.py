@@ -48,7 +48,7 @@ def doubled(changes: Array) -> NDArray[np.bool_]:
 
 def missing(tracks: Sequence[BallTrack], frames: NDArray[np.int64], sigma: float) -> dict[int, int]:
     """Frames before which pictures are missing, and how many, by the steps of all balls that move."""
-    steps: dict[int, list[float]] = {}
+    steps: dict[int, list[tuple[float, int]]] = {}  # by frame: multiple of the usual step, and frames stored
     place = {int(frame): k for k, frame in enumerate(frames)}
     for track in tracks:
         at = np.array([place[int(f)] for f in track.frame])
@@ -57,18 +57,20 @@ def missing(tracks: Sequence[BallTrack], frames: NDArray[np.int64], sigma: float
         for k in range(2, len(step) - 1):
             around = length[[k - 2, k - 1, k + 1]]
             usual = float(around[:2].mean())
-            if (count[k - 2 : k + 2] != 1).any() or usual < max(MIN_STEP_SD * sigma, MIN_STEP_M):
+            if (count[[k - 2, k - 1, k + 1]] != 1).any() or usual < max(MIN_STEP_SD * sigma, MIN_STEP_M):
                 continue
             even = abs(around[0] - around[1]) < MAX_STEP_CHANGE * usual
             even &= abs(around[2] - usual) < MAX_LATER_CHANGE * usual
             turn = abs(float(step[k, 0] * step[k - 1, 1] - step[k, 1] * step[k - 1, 0]))
             straight = turn < MAX_TURN_SINE * length[k] * around[1] and float(step[k] @ step[k - 1]) > 0
-            steps.setdefault(int(track.frame[k + 1]), []).append(length[k] / usual if even and straight else 1.0)
+            ratio = length[k] / usual if even and straight else float(count[k])
+            steps.setdefault(int(frames[at[k] + 1]), []).append((ratio, int(count[k])))
     found = {}
     for frame, ratios in sorted(steps.items()):
-        multiple = round(float(np.median(ratios)))
-        if 2 <= multiple <= MAX_MULTIPLE and all(abs(r - multiple) < MULTIPLE_TOLERANCE * multiple for r in ratios):
-            found[frame] = multiple - 1
+        multiple, stored = round(float(np.median([r for r, _ in ratios]))), min(c for _, c in ratios)
+        close = all(abs(r - multiple) < MULTIPLE_TOLERANCE * multiple for r, _ in ratios)
+        if stored < multiple <= MAX_MULTIPLE and close:
+            found[frame] = multiple - stored
     return found
 
 

@@ -35,9 +35,11 @@ FULL_SEARCH_INTERVAL_S = 0.2  # between two searches of the whole picture
 PROGRESS_INTERVAL_S = 0.2  # between two lines of progress
 SAME_BALL_RADII = 1.2  # within which two detections are of the same ball
 DEFAULT_NOISE_RADII = 0.01  # standard deviation to use where it cannot be estimated, in ball radii
-MAX_SD_RATIO = 5.0  # of a detection to the median; less accurate ones are not used
+MAX_SD_RATIO = 8.0  # of a detection to the median; less accurate ones are not used
 MAX_LOST_FRACTION = 0.5  # of the struck ball's frames without a detection, above which a clip is doubtful
 MAX_NOISE_RADII = 0.15  # noise above which the result is doubtful, in ball radii
+MAX_ASIDE_SD = 4.0  # of a place from the line between its neighbours, on which it may be early or late,
+MAX_ASIDE_M = 1e-3  # or this far
 MAX_LISTED = 8  # frames that are named
 MAX_BEYOND_NOSE_M = 0.004  # of a detection beyond the nose line
 NO_SHOT = "no shot was found that begins with a ball at rest and a clean stroke"
@@ -110,7 +112,8 @@ def _stamped(
     period = float(np.median(np.diff(times)))
     scene = TrackedScene(tracks, frames, times, camera.table, camera.radius, 0.0)
     sigma = difference_noise(scene, resting=True)
-    gaps = missing(tracks, frames, sigma if math.isfinite(sigma) else DEFAULT_NOISE_RADII * camera.radius)
+    sigma = sigma if math.isfinite(sigma) else DEFAULT_NOISE_RADII * camera.radius
+    gaps = missing([_without_outliers(track, sigma, []) for track in tracks], frames, sigma)
     for frame, count in gaps.items():
         notes.append(f"before frame {frame} {count} missing, though stamps are even: later stamps set right")
     return later(tracks, gaps, period), frames, times + delays(frames, gaps, period), notes
@@ -204,9 +207,23 @@ def _without_outliers(track: BallTrack, sigma: float, notes: list[str]) -> BallT
     inaccurate = track.sd > MAX_SD_RATIO * np.median(track.sd)
     track = _dropping(track, inaccurate) if inaccurate.any() else track
     outlying = find_outliers(Observation(track.time, track.xy, np.full(len(track.time), np.nan)), sigma)
+    outlying &= ~_on_the_way(track.xy, max(MAX_ASIDE_SD * sigma, MAX_ASIDE_M))
     if count := int(inaccurate.sum() + outlying.sum()):
         notes.append(f"{track.name}: {count} detection{'s' * (count > 1)} too inaccurate or outlying: not used")
     return _dropping(track, outlying)
+
+
+def _on_the_way(xy: Array, room: float) -> NDArray[np.bool_]:
+    """Which places (n, 2) lie between their neighbours, on the line that joins them: early or late, but of the ball."""
+    found = np.zeros(len(xy), bool)
+    if len(xy) < 3:
+        return found
+    chord, offset = xy[2:] - xy[:-2], xy[1:-1] - xy[:-2]
+    length = np.maximum(np.linalg.norm(chord, axis=1), 1e-9)
+    along = np.sum(offset * chord, axis=1) / length
+    aside = np.abs(offset[:, 0] * chord[:, 1] - offset[:, 1] * chord[:, 0]) / length
+    found[1:-1] = (along > 0) & (along < length) & (aside < room)
+    return found
 
 
 def _dropping(track: BallTrack, dropped: NDArray[np.bool_]) -> BallTrack:
