@@ -6,6 +6,7 @@ detections stay in one place; a move is what it does from one rest to the next.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,6 +22,7 @@ MIN_REST_S = 0.15  # in which a ball at rest stays in its place
 MIN_REST_DETECTIONS = 3  # of a rest
 MAX_UNSEEN_S = 0.1  # a ball hidden for longer was set in motion unseen
 MAX_BRIDGED_S = 0.5  # a ball hidden for longer may have been moved by hand
+BRIDGE_DETECTIONS = 12  # from which the way back over a gap is extrapolated
 MAX_ASIDE_RADII = 0.3  # of its path from where it rested
 MAX_DROP_S = 0.1  # after its last detection, within which a ball drops into a pocket
 
@@ -92,7 +94,20 @@ class Move:
             return float(track.time[first])
         speed = float(np.linalg.norm(mean_velocity(track, first, self.stop)))
         distance = float(np.linalg.norm(track.xy[first] - self.place))
+        if self.hidden:
+            return float(track.time[first]) - min(self._way_back(self.place, distance, speed), self.hidden)
         return max(float(track.time[first]) - distance / max(speed, 1e-6), float(track.time[max(first - 3, 0)]))
+
+    def _way_back(self, place: Array, distance: float, speed: float) -> float:
+        """Time since the ball left its rest at this distance [m], slowing as it does in its first detections [s]."""
+        part = slice(self.first, min(self.first + BRIDGE_DETECTIONS, self.stop))
+        time = self.track.time[part] - self.track.time[self.first]
+        along = (self.track.xy[part] - place) @ (self.track.xy[self.first] - place) / max(distance, 1e-9)
+        half_slowing, start_speed, start = np.polyfit(time, along, 2) if len(time) > 3 else (0.0, speed, distance)
+        inside = start_speed**2 - 4 * half_slowing * start
+        if half_slowing >= 0 or inside < 0:
+            return distance / max(speed, 1e-6)
+        return float((start_speed - math.sqrt(inside)) / (2 * half_slowing))
 
     @property
     def lost(self) -> bool:
