@@ -37,6 +37,7 @@ class TrackedScene:
     table: Table
     radius: float  # of the balls [m]
     sigma: float  # standard deviation of a detection, per axis [m]
+    rest_sigma: float = math.nan  # the same of balls of which many rest, where it is smaller [m]
 
     def time_of(self, frame: int) -> float:
         """Time of a frame [s]."""
@@ -125,7 +126,7 @@ def rests(scene: TrackedScene, track: BallTrack) -> list[tuple[int, int]]:
     count = max(MIN_REST_DETECTIONS, int(MIN_REST_S / scene.period) + 1)
     if len(track.frame) < count:
         return []
-    room = 2 * max(4 * scene.sigma, 0.025 * scene.radius)
+    room = 2 * max(4 * float(np.fmin(scene.sigma, scene.rest_sigma)), 0.025 * scene.radius)
     windows = np.lib.stride_tricks.sliding_window_view(track.xy, count, axis=0)
     still = (np.ptp(windows, axis=2) < room).all(axis=1)
     joined = np.zeros(len(track.frame) - 1, bool)  # whether a detection and the next are of one rest

@@ -149,7 +149,7 @@ def tracked(
     scene = replace(scene, tracks=[_without_outliers(track, scene.sigma, notes) for track in tracks])
     noise = estimate_noise(scene)
     if math.isfinite(noise.sigma):
-        scene = replace(scene, sigma=max(noise.sigma, 1e-6))
+        scene = replace(scene, sigma=max(noise.sigma, 1e-6), rest_sigma=initial_noise)
     shots, left_out = split_shots(scene) if len(frames) > 1 else ((), ())
     shots = tuple(sorted([*shots, *spins(scene, shots)], key=lambda shot: shot.time))
     kept, doubts, omitted = [], [], list(left_out)
