@@ -10,27 +10,37 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, json_option
+from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, json_option, output_option
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from sysid.cli.common import camera_option, mass_option, palette_option, print_recording, rrd_option
+from sysid.clips import write_clip_set
+from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
 
 if TYPE_CHECKING:
+    from sysid.clips import ClipSet
     from sysid.vision.camera.projection import Camera
     from sysid.vision.details import Details
     from sysid.vision.frames import Footage
     from sysid.vision.tracks.track import Tracked
 
+JSON_FORMAT = "billiard-track/1"
 TABLE_HEAD = ("clip", "time [s]", "struck", "balls", "samples", "lost", "speed [m/s]", "noise [mm]", "remark")
 
 
 @dataclass(frozen=True)
 class Filmed:
-    """A video with what is known of it."""
+    """Videos of one camera with what is known of them."""
 
-    video: str = given(click.argument("video", metavar="VIDEO"))
+    videos: tuple[str, ...] = given(click.argument("videos", metavar="VIDEO...", nargs=-1, required=True))
     camera_file: Path = given(camera_option(required=True))
     fps: float | None = given("--fps", "F", "Frames taken in a second, where the video does not say so.", ABOVE_ZERO)
+    exposure: float | None = given(
+        "--exposure",
+        "S",
+        "Exposure of a frame [s]; by default told from the sweep of moving balls.",
+        ABOVE_ZERO,
+    )
     palette_file: Path | None = given(palette_option)
     mass: float | None = given(mass_option)
 
@@ -39,16 +49,19 @@ class Filmed:
 class TrackOutputs:
     """What tracking writes."""
 
-    out: Path = given("--out", "CLIPS", "Folder for the clip set.", FILE_PATH, required=True)
+    out: Path = given("--out", "CLIPS", "Folder for the clip set; clips join those of finished videos.", FILE_PATH,
+                      required=True)  # fmt: skip
     force: bool = given("--force", "", "Replace a clip set that is there.", bool)
     json_file: Path | None = given(json_option)
     rrd_file: Path | None = given(rrd_option)
     preview: Path | None = given("--preview", "DIR", "Folder for a picture of each clip.", FILE_PATH)
+    sheet_file: Path | None = given(output_option("sheet", "SHEET.png", "Draw a contact sheet: a row a shot."))
 
     def check(self) -> None:
         """Refuse before the work what could not be written after it."""
         out = self.out
-        if out.exists() and not self.force and (not out.is_dir() or any(out.iterdir())):
+        begun = out.is_dir() and (out / "clips.toml").is_file() and finished(out) is not None
+        if out.exists() and not self.force and not begun and (not out.is_dir() or any(out.iterdir())):
             raise BadInput(f"{out}: is there already; choose another folder, or replace a clip set with --force")
         if out.is_dir() and any(out.iterdir()) and not (out / "clips.toml").is_file():
             raise BadInput(f"{out}: holds something else than a clip set; choose another folder")
@@ -61,36 +74,78 @@ class TrackOutputs:
 @gathered("outputs", TrackOutputs)
 @click.pass_obj
 def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
-    """Track the balls of a video, and write its shots as a clip set.
+    """Track the balls of videos of one camera, and write their shots as a clip set.
 
-    VIDEO is a video, a folder of pictures, or a pattern of their names (%04d or *). Reads it and the camera file, and
-    writes a clip for each shot. Status 1 if the tracks are not to be trusted.
+    VIDEO is a video, a folder of pictures, or a pattern of their names (%04d or *). Reads each and the camera file, and
+    writes a clip for each shot, named by video and time. Videos that the clip set holds already are not read again.
+    Status 1 if the tracks are not to be trusted.
 
     Example: sysid track match.mp4 --camera cam.toml --out CLIPS
     """
     outputs.check()
     import cv2
 
-    from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
-    from sysid.vision.balls.detect import Detector
-    from sysid.vision.balls.palette import default_palette, read_palette
     from sysid.vision.camera.projection import read_camera
-    from sysid.vision.details import details
-    from sysid.vision.frames import open_footage
-    from sysid.vision.tracks.track import track as track_balls
 
+    named = names_of(filmed.videos)
+    if outputs.rrd_file and len(named) > 1:
+        raise BadInput("--rrd: records one video; give one video, or leave it out")
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
     camera = read_camera(filmed.camera_file)
+    so_far = None if outputs.force else finished(outputs.out)
+    if so_far is not None:
+        check_camera(so_far, camera, outputs.out)
+    told, doubtful = [], False
+    for name, video in named.items():
+        if len(named) > 1:
+            print(f"\n{video}")
+        if name in videos_in(so_far):
+            print(f"{name}: its clips are in {outputs.out}, kept; track it anew with --force")
+            continue
+        result, clips, found = _one(progress, filmed, outputs, video, camera)
+        told.append(found)
+        doubtful |= bool(result.doubts)
+        if clips is not None:
+            so_far = joined(so_far, of_video(clips, name, result))
+            write_clip_set(so_far, outputs.out)
+            print(f"\nclips: {outputs.out}")
+        for doubt in result.doubts:
+            print(f"not to be trusted: {doubt}")
+    if outputs.json_file and told:
+        write_json(outputs.json_file, told[0] if len(named) == 1 else {"format": JSON_FORMAT, "videos": told})
+    if outputs.sheet_file and so_far is not None:
+        from sysid.vision.sheet import write_sheet
+
+        progress("drawing the contact sheet")
+        write_sheet(outputs.sheet_file, so_far, camera, named, filmed.fps)
+        progress.close()
+        print(f"contact sheet: {outputs.sheet_file}")
+    return Status.FINDING if doubtful else Status.DONE
+
+
+def _one(
+    progress: Progress, filmed: Filmed, outputs: TrackOutputs, video: str, camera: Camera
+) -> tuple[Tracked, ClipSet | None, dict[str, Any]]:
+    """Track one video: the result, its clips if there are any, and all figures."""
+    from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
+    from sysid.vision.balls.detect import Detector
+    from sysid.vision.balls.discs import Shutter
+    from sysid.vision.balls.palette import default_palette, read_palette
+    from sysid.vision.details import details
+    from sysid.vision.frames import open_footage
+    from sysid.vision.tracks.clips import Extra, clip_set
+    from sysid.vision.tracks.track import track as track_balls
+
     palette = read_palette(filmed.palette_file) if filmed.palette_file else default_palette()
-    footage = open_footage(filmed.video, filmed.fps)
+    footage = open_footage(video, filmed.fps)
     if footage.size != tuple(camera.size):
         sizes = " and ".join(f"{w} x {h}" for w, h in (footage.size, camera.size))
-        raise BadInput(
-            f"{filmed.video}: {sizes} pixels in video and {filmed.camera_file}; calibrate with this video's frames"
-        )
+        raise BadInput(f"{video}: {sizes} pixels in video and {filmed.camera_file}; calibrate with this video's frames")
     detector = Detector.learn(camera, footage, palette, progress)
-    result = track_balls(footage, camera, detector, dict(zip(palette.names, palette.counts, strict=True)), progress)
-    result, seen = details(result, footage, camera, progress)
+    shutter = Shutter(None if filmed.exposure is None else min(filmed.exposure * footage.fps, 1.0))
+    counts = dict(zip(palette.names, palette.counts, strict=True))
+    result = track_balls(footage, camera, detector, counts, progress, shutter)
+    result, seen = details(result, footage, camera, progress, not detector.rough)
     progress.close()
     mass = filmed.mass if filmed.mass is not None else MASS_PER_CUBED_DIAMETER * camera.diameter**3
     remarks = [*footage.assumed, *detector.notes, *result.notes]
@@ -98,19 +153,10 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
         remarks.append(f"mass {mass:.4f} kg, that of a snooker ball of this size: give yours with --mass")
     _print(result, remarks)
     _print_details(seen)
-    if result.shots:
-        from sysid.clips import write_clip_set
-        from sysid.vision.tracks.clips import Extra, clip_set
-
-        extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
-        write_clip_set(clip_set(result, camera, mass, footage.fps, extras), outputs.out)
-        print(f"\nclips: {outputs.out}")
-    _draw(outputs, filmed.video, result, footage, camera, progress)
-    if outputs.json_file:
-        write_json(outputs.json_file, to_json(filmed.video, result, remarks, seen))
-    for doubt in result.doubts:
-        print(f"not to be trusted: {doubt}")
-    return Status.FINDING if result.doubts else Status.DONE
+    extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
+    clips = clip_set(result, camera, mass, footage.fps, extras) if result.shots else None
+    _draw(outputs, video, result, footage, camera, progress)
+    return result, clips, to_json(video, result, remarks, seen)
 
 
 def rows(result: Tracked) -> list[dict[str, Any]]:
@@ -132,8 +178,9 @@ def to_json(video: str, result: Tracked, remarks: Sequence[str], seen: Sequence[
     """All figures."""
     clips = [{**row, **_detail(one)} for row, one in zip(rows(result), seen, strict=True)]
     return {
-        "format": "billiard-track/1", "video": video, "frames": len(result.scene.frames), "rate": result.rate,
-        "noise": {"moving": result.noise.moving, "resting": result.noise.resting, "sigma": result.noise.sigma},
+        "format": JSON_FORMAT, "video": video, "frames": len(result.scene.frames), "rate": result.rate,
+        "noise": {"moving": result.noise.moving, "resting": result.noise.resting, "sigma": result.noise.sigma,
+                  "balls": dict(result.noise.balls)},
         "clips": clips, "left_out": list(result.left_out), "told": list(remarks), "doubts": list(result.doubts),
     }  # fmt: skip
 
@@ -188,7 +235,9 @@ def _print(result: Tracked, remarks: Sequence[str]) -> None:
         print(text)
     noise = result.noise
     print(f"{len(result.scene.frames)} frames, {result.rate:.0f} frames/s, {len(result.scene.tracks)} balls")
-    print(f"noise {1e3 * noise.moving:.3f} mm moving, {1e3 * noise.resting:.3f} mm resting\n")
+    print(f"noise {1e3 * noise.moving:.3f} mm moving, {1e3 * noise.resting:.3f} mm resting")
+    each = ", ".join(f"{name} {1e3 * sd:.3f} mm" for name, sd in noise.balls.items())
+    print(f"moving: {each}\n" if each else "")
     lines = [TABLE_HEAD]
     for row in rows(result):
         lines.append((

@@ -66,10 +66,14 @@ class _Marked:
 
 
 def details(
-    result: Tracked, footage: Footage, camera: Camera, progress: Callable[[str], None] = lambda line: None
-) -> tuple[Tracked, tuple[Details, ...]]:
-    """Rotation and cue of every shot; a spin in place that no marks confirm is dropped from the result."""
-    marked = [{name: _Marked(name) for name in found} for found in result.found]
+    result: Tracked, footage: Footage, camera: Camera, progress: Callable[[str], None] = lambda line: None,
+    marks: bool = True,
+) -> tuple[Tracked, tuple[Details, ...]]:  # fmt: skip
+    """Rotation and cue of every shot; a spin in place that no marks confirm is dropped from the result.
+
+    Without `marks`, where pictures are too rough to show them, only the cue is measured.
+    """
+    marked = [{name: _Marked(name, plain=not marks) for name in found} for found in result.found]
     by_frame: dict[int, list[tuple[int, str, int]]] = {}
     for number, found in enumerate(result.found):
         for name, (track, rows) in found.items():

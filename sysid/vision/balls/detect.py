@@ -15,6 +15,8 @@ import numpy as np
 from models.errors import BadInput
 from sysid.vision.balls.background import Background, View, learn_background
 from sysid.vision.balls.candidates import candidates
+from sysid.vision.balls.cover import DiscFit
+from sysid.vision.balls.discs import MIN_BED_CONTRAST, Shutter, core_colour, known_disc, new_discs
 from sysid.vision.balls.edges import Optics
 from sysid.vision.balls.outline_fit import (
     MIN_FOREGROUND,
@@ -35,6 +37,10 @@ SEARCH_RADII = (2.5, 6.0)  # of the windows searched otherwise
 MAX_COLOUR_DISTANCE = 0.22  # between colours of the same ball
 LEARNING_FRAMES = 30  # spread over the footage
 MIN_FRAME_FRACTION = 0.1  # of these, that show a ball
+STRAY_LIGHT = 0.05  # added to colours, whose dark channels compression falsifies
+CLIPPED_GREY = 250  # from which on a channel is clipped
+CLIPPED_FACTOR = 1.4  # by which its true brightness may exceed that
+MIN_DISC_FRACTION = 0.3  # of the frames in which outlines have its colour, that show a disc of that colour, too
 OPTICS_OUTLINES = 16  # the clearest ones, from which the optics are learnt
 TRIED_BLURS_PX = (0.6, 0.72, 0.85, 1.0, 1.25, 1.6, 2.0, 2.6)  # of edges
 BLUR_TEST_SPACING = 1.5  # of samples along normals, long enough to distinguish the blurs
@@ -43,6 +49,8 @@ INITIAL_EDGE_NOISE = (4.0, 6.0)  # in brightness and in colour [grey levels]
 INITIAL_BLUR_PX = (0.85, 1.0)
 INITIAL_SIZE_ERROR = 0.05  # of the radius, relative
 MIN_EDGE_NOISE_GREY = 1.0
+ROUGH_EDGE_RATIO = 4.0  # of edge noise to that of the pictures, from which on balls are measured by what they cover
+MIN_ROUGH_NOISE_GREY = 1.4  # that is assumed of pictures for this: compression removes noise
 # Limits of warnings.
 SIZE_WARNING_FRACTION = 0.04  # departure from the expected radius
 SMALL_RADIUS_PX = 6.0
@@ -72,6 +80,7 @@ class Detector:
     optics: Optics
     ball_colours: tuple[tuple[str, Array], ...]  # names, and colours in white light (3,) red, green, blue
     notes: tuple[str, ...]  # what was found, and warnings, for the user
+    rough: bool = False  # whether edges are too rough for outlines, so that balls are measured by what they cover
 
     @property
     def noise(self) -> float:
@@ -112,16 +121,28 @@ class Detector:
         naming = name_colours(np.array(colours), palette)
         named = [(name, colour) for name, colour in zip(naming.names, colours, strict=True) if name is not None]
         counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
-        notes = [f"{name}: in {n} of {len(views)} frames" for name, n in counts]
-        notes += naming.doubts
         detector = Detector(background, optics, tuple(named), ())
+        if len(found) >= OPTICS_OUTLINES and _rough(optics, background.noise):
+            by_discs, disc_counts = _rough_detector(detector, pictures, counts)
+            if by_discs.ball_colours:
+                detector, counts = by_discs, disc_counts
+        notes = [f"{name}: in {n} of {len(views)} frames" for name, n in counts]
+        notes += [doubt for doubt in naming.doubts if len(detector.ball_colours) == len(named)]
         lights = np.array([view.gain.mean() for view in views])
         notes += _warnings(detector, [fit for _, fit in found], resting, lights)
         return replace(detector, notes=tuple(notes))
 
-    def find(self, picture: Picture, expected: Sequence[tuple[str, Array]] = ()) -> list[Detection]:
-        """Balls in a picture: all of them, or those expected by name near pixels (2,)."""
+    def find(
+        self, picture: Picture, expected: Sequence[tuple[str, Array]] = (), steps: Sequence[Array] = (),
+        shutter: Shutter | None = None,
+    ) -> list[Detection]:  # fmt: skip
+        """Balls in a picture: all of them, or those expected by name near pixels (2,).
+
+        `steps` (2,) [pixels] are what the expected balls move from frame to frame, and `shutter` for how much of that.
+        """
         view = self.background.view(picture)
+        if self.rough:
+            return self._discs(view, expected, steps, shutter or Shutter())
         if not expected:
             seen = [self._identified(view, fit) for fit in balls(view, self.optics)]
             return sorted((s for s in seen if s is not None), key=lambda s: -s.score)
@@ -135,6 +156,54 @@ class Detector:
             if ball is not None:
                 found.append(ball)
         return found
+
+    def _discs(
+        self, view: View, expected: Sequence[tuple[str, Array]], steps: Sequence[Array], shutter: Shutter
+    ) -> list[Detection]:  # fmt: skip
+        """As `find`, by what the balls cover."""
+        found: list[Detection] = []
+        if not expected:
+            for name, colour in self.ball_colours:
+                for fit in new_discs(view, self._in_picture(view, colour)):
+                    found += self._named_disc(view, name, fit, found) if self._on_bed(view, fit) else []
+            return found
+        reach, colours = SEARCH_RADII[-1], dict(self.ball_colours)
+        for k, (name, pixel) in enumerate(expected):
+            if np.isfinite(pixel).all() and name in colours:
+                step = steps[k] if len(steps) else np.zeros(2)
+                radius = view.geometry.radius(pixel)
+                shown = self._in_picture(view, colours[name], pixel)
+                one = known_disc(view, shown, pixel, step, reach * radius, shutter)
+                found += self._named_disc(view, name, one, found)
+        return found
+
+    def _on_bed(self, view: View, fit: DiscFit) -> bool:
+        """Whether a disc lies on the bed, clear of the pockets, which are discs themselves."""
+        camera = view.geometry.camera
+        xy = camera.on_plane(fit.xy[None], camera.radius)
+        half = np.array([camera.table.length, camera.table.width]) / 2
+        return bool((np.abs(xy) < half).all() and camera.table.to_pocket(xy)[0] > camera.diameter)
+
+    def _in_picture(self, view: View, colour: Array, pixel: Array | None = None) -> Array:
+        """A colour in white light (3,) red, green, blue as a picture shows it (3,) blue, green, red [grey levels].
+
+        In the light at a pixel (2,), or in that of the middle.
+        """
+        light = view.gain if pixel is None else self.background.light_at(view, pixel)
+        return np.asarray((255 * colour[::-1] * light).clip(0, 255))
+
+    def _named_disc(self, view: View, name: str, fit: DiscFit | None, found: Sequence[Detection]) -> list[Detection]:
+        """The detection of a disc if its colour is that of this ball and it overlaps none of those found."""
+        if fit is None or any(np.hypot(*(fit.xy - f.xy)) < MIN_SEPARATION_RADII * f.radius for f in found):
+            return []
+        light = self.background.light_at(view, fit.xy)
+        colours = np.array([colour for _, colour in self.ball_colours]).clip(0, 1 / light[::-1])
+        measured = (core_colour(view, fit) / (255 * light))[::-1]
+        distances = colour_distance(measured + STRAY_LIGHT, colours + STRAY_LIGHT)
+        k = int(distances.argmin())
+        if self.ball_colours[k][0] != name or distances[k] > MAX_COLOUR_DISTANCE:
+            return []
+        return [Detection(name, fit.xy, fit.radius, fit.sd, fit.rim, fit.rim * (1 - fit.residual))]
 
     def _identified(self, view: View, fit: OutlineFit) -> Detection | None:
         """The detection of this outline; None if its colour is that of no ball."""
@@ -170,6 +239,40 @@ def _colour(background: Background, view: View, fit: OutlineFit) -> Array:
     return ball_colour(view.picture, fit.xy, fit.radius, background.light_at(view, fit.xy))
 
 
+def _rough(optics: Optics, noise: float) -> bool:
+    """Whether edges are far rougher than the noise, as compression and bloom make them, so that outlines mislead."""
+    return max(optics.edge_noise) > ROUGH_EDGE_RATIO * max(noise, MIN_ROUGH_NOISE_GREY)
+
+
+def _rough_detector(
+    detector: Detector, pictures: Sequence[Picture], counts: Sequence[tuple[str, int]]
+) -> tuple[Detector, list[tuple[str, int]]]:
+    """A detector by what balls cover, of those colours that are seen as discs; and in how many pictures each is.
+
+    Of clipped channels only a least brightness is known: they are taken as brighter, so that they are clipped anywhere.
+    """
+    table, geometry = detector.background.picture, detector.background.geometry
+    bed = np.median(table[geometry.bed], axis=0)[::-1] / 255
+    named = tuple(
+        (name, colour) for name, colour in detector.ball_colours if colour_distance(colour, bed) > MIN_BED_CONTRAST
+    )
+    detector = replace(detector, rough=True, ball_colours=named)
+    seen: dict[str, list[Array]] = {name: [] for name, _ in named}
+    for picture in pictures:
+        view = detector.background.view(picture)
+        best = {one.name: one for one in detector.find(picture)[::-1]}
+        for name, one in best.items():
+            seen[name].append(core_colour(view, DiscFit(one.xy, one.radius, np.zeros(2), 1.0, one.sd, 0.0, 1.0))[::-1])
+    outlines = dict(counts)
+    kept, found = [], []
+    for name, colour in named:
+        if len(seen[name]) >= MIN_DISC_FRACTION * outlines[name]:
+            clipped = np.median(seen[name], axis=0) >= CLIPPED_GREY if seen[name] else np.zeros(3, bool)
+            kept.append((name, np.where(clipped, CLIPPED_FACTOR, 1.0) * colour))
+            found.append((name, len(seen[name])))
+    return replace(detector, ball_colours=tuple(kept)), found
+
+
 def _warnings(detector: Detector, found: Sequence[OutlineFit], resting: int, lights: Array) -> list[str]:
     """Warnings for the user."""
     optics, notes = detector.optics, []
@@ -187,6 +290,8 @@ def _warnings(detector: Detector, found: Sequence[OutlineFit], resting: int, lig
         notes.append(
             "edges are rougher than the noise, as compression makes them: true errors may be twice the estimated"
         )
+    if detector.rough:
+        notes.append("balls are measured by what they cover, and their marks are not followed")
     if resting:
         notes.append(
             f"{resting} ball{'s' * (resting > 1)} at rest most of the time: the cloth below is taken from around it"

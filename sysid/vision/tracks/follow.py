@@ -120,6 +120,15 @@ class Follower:
         pixels = self.camera.project(np.array([place for _, place in points]))
         return [(name, px) for (name, _), px in zip(points, pixels, strict=True)]
 
+    def steps(self, period: float) -> list[Array]:
+        """What the balls that `expected` names move in the picture in a period [s]: (2,) [pixels] each."""
+        radius, states = self.camera.radius, [s for b in self.balls if (s := b.impact or b.smooth) is not None]
+        if not states:
+            return []
+        ends = [(s.x - part * s.u * period, s.y - part * s.v * period, radius) for part in (0, 1) for s in states]
+        pixels = self.camera.project(np.array(ends))
+        return list(pixels[: len(states)] - pixels[len(states) :])
+
     @property
     def seeking(self) -> bool:
         """Whether a confirmed ball was missed in the last frames."""

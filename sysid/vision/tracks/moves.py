@@ -19,8 +19,11 @@ from sysid.vision.camera.projection import Array
 from sysid.vision.tracks.follow import BallTrack
 
 MIN_REST_S = 0.15  # in which a ball at rest stays in its place
-MIN_REST_DETECTIONS = 4  # of a rest
+MIN_REST_DETECTIONS = 3  # of a rest
 MAX_UNSEEN_S = 0.1  # a ball hidden for longer was set in motion unseen
+MAX_BRIDGED_S = 0.5  # a ball hidden for longer may have been moved by hand
+BRIDGE_DETECTIONS = 12  # from which the way back over a gap is extrapolated
+MAX_ASIDE_RADII = 0.3  # of its path from where it rested
 MAX_DROP_S = 0.1  # after its last detection, within which a ball drops into a pocket
 
 
@@ -34,6 +37,7 @@ class TrackedScene:
     table: Table
     radius: float  # of the balls [m]
     sigma: float  # standard deviation of a detection, per axis [m]
+    rest_sigma: float = math.nan  # the same of balls of which many rest, where it is smaller [m]
 
     def time_of(self, frame: int) -> float:
         """Time of a frame [s]."""
@@ -71,6 +75,7 @@ class Move:
     stop: int  # detection that begins the next rest; the number of detections if there is none
     place: Array | None  # of its rest (2,) [m]; None if that was not seen
     before: int  # frame in which it was last seen at rest
+    hidden: float = 0.0  # for how long it was not seen before its first detection [s], if that is more than usual
 
     @property
     def name(self) -> str:
@@ -90,7 +95,20 @@ class Move:
             return float(track.time[first])
         speed = float(np.linalg.norm(mean_velocity(track, first, self.stop)))
         distance = float(np.linalg.norm(track.xy[first] - self.place))
+        if self.hidden:
+            return float(track.time[first]) - min(self._way_back(self.place, distance, speed), self.hidden)
         return max(float(track.time[first]) - distance / max(speed, 1e-6), float(track.time[max(first - 3, 0)]))
+
+    def _way_back(self, place: Array, distance: float, speed: float) -> float:
+        """Time since the ball left its rest at this distance [m], slowing as it does in its first detections [s]."""
+        part = slice(self.first, min(self.first + BRIDGE_DETECTIONS, self.stop))
+        time = self.track.time[part] - self.track.time[self.first]
+        along = (self.track.xy[part] - place) @ (self.track.xy[self.first] - place) / max(distance, 1e-9)
+        half_slowing, start_speed, start = np.polyfit(time, along, 2) if len(time) > 3 else (0.0, speed, distance)
+        inside = start_speed**2 - 4 * half_slowing * start
+        if half_slowing >= 0 or inside < 0:
+            return distance / max(speed, 1e-6)
+        return float((start_speed - math.sqrt(inside)) / (2 * half_slowing))
 
     @property
     def lost(self) -> bool:
@@ -105,10 +123,10 @@ class Move:
 
 def rests(scene: TrackedScene, track: BallTrack) -> list[tuple[int, int]]:
     """First and last detection of every rest."""
-    count = max(MIN_REST_DETECTIONS, math.ceil(MIN_REST_S / scene.period) + 1)
+    count = max(MIN_REST_DETECTIONS, int(MIN_REST_S / scene.period) + 1)
     if len(track.frame) < count:
         return []
-    room = 2 * max(4 * scene.sigma, 0.025 * scene.radius)
+    room = 2 * max(4 * float(np.fmin(scene.sigma, scene.rest_sigma)), 0.025 * scene.radius)
     windows = np.lib.stride_tricks.sliding_window_view(track.xy, count, axis=0)
     still = (np.ptp(windows, axis=2) < room).all(axis=1)
     joined = np.zeros(len(track.frame) - 1, bool)  # whether a detection and the next are of one rest
@@ -144,7 +162,7 @@ def moves_of(scene: TrackedScene, track: BallTrack, resting: Sequence[tuple[int,
             if stop > MIN_REST_DETECTIONS:
                 found.append(Move(track, 0, stop, None, -1))
             continue
-        count = max(MIN_REST_DETECTIONS, math.ceil(MIN_REST_S / scene.period) + 1)
+        count = max(MIN_REST_DETECTIONS, int(MIN_REST_S / scene.period) + 1)
         place = rest_place(track, max(rest[0], rest[1] - 30 - count), max(rest[1] - count, rest[0] + 1))
         away = np.linalg.norm(track.xy - place, axis=1) > max(5 * scene.sigma, 0.02 * scene.radius)
         first = max(rest[0] + 1, rest[1] - count)
@@ -153,9 +171,23 @@ def moves_of(scene: TrackedScene, track: BallTrack, resting: Sequence[tuple[int,
         far = np.linalg.norm(track.xy[first:stop] - place, axis=1) > scene.radius / 2
         if far.sum() < 2:  # a shadow or the cue beside a ball shifts its detections, too
             continue
-        hidden = track.time[first] - track.time[first - 1] > max(MAX_UNSEEN_S, 3.5 * scene.period)
-        found.append(Move(track, first, stop, None if hidden else place, int(track.frame[first - 1])))
+        gap = float(track.time[first] - track.time[first - 1])
+        hidden = gap if gap > max(MAX_UNSEEN_S, 3.5 * scene.period) else 0.0
+        bridged = not hidden or _leads_back(scene, track, first, stop, place)
+        found.append(Move(track, first, stop, place if bridged else None, int(track.frame[first - 1]), hidden))
     return found
+
+
+def _leads_back(scene: TrackedScene, track: BallTrack, first: int, stop: int, place: Array) -> bool:
+    """Whether the path of a ball seen after a gap leads straight back to its rest, in less time than it was hidden."""
+    gap = float(track.time[first] - track.time[first - 1])
+    if gap > MAX_BRIDGED_S or stop - first < MIN_REST_DETECTIONS:
+        return False
+    velocity, offset = mean_velocity(track, first, stop), track.xy[first] - place
+    speed, distance = float(np.linalg.norm(velocity)), float(np.linalg.norm(offset))
+    aside = abs(float(velocity[0] * offset[1] - velocity[1] * offset[0])) / max(speed, 1e-9)
+    straight = aside < max(MAX_ASIDE_RADII * scene.radius, 5 * scene.sigma) and float(velocity @ offset) > 0
+    return straight and distance < speed * (gap + scene.period)
 
 
 def mean_velocity(track: BallTrack, first: int, stop: int, most: int = 4) -> Array:

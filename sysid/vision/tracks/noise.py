@@ -1,26 +1,34 @@
 """The noise of the detections, from the tracks themselves.
 
 In: the tracked scene. Out: `Noise`. Third differences of smooth motion give the noise: the motion of a ball vanishes in
-them except at impacts, which their median ignores. The scatter of balls at rest is given beside it; it is smaller where
-the error of a detector depends on where a ball lies on the grid of pixels.
+them except at impacts, which their median ignores. A local quadratic through several detections leaves more
+where errors last over some frames, as those of compressed pictures do; the larger of both is taken. The scatter of
+balls at rest is given beside it; it is smaller where the error of a detector depends on where a ball lies on the grid
+of pixels.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array
+from sysid.vision.tracks.follow import BallTrack
 from sysid.vision.tracks.moves import TrackedScene
 
-MIN_DIFFERENCES = 100  # that make an estimate of the noise
+MIN_DIFFERENCES = 50  # that make an estimate of the noise
 SWAY_TURNS = 2.0  # of a ball, over which correlated errors are estimated
 MIN_SWAY_FRAMES = 10  # of such a segment
 MIN_SWAY_SEGMENTS = 3  # of a ball
 IMPACT_FACTOR = 8.0  # third differences above this many times the noise are impacts
 CLEAR_QUANTILE = 0.25  # fraction of the segments that contain no impact, at least
+QUADRATIC_FRAMES = 9  # in a row, to which a quadratic is fitted,
+QUADRATIC_STRIDE = 4  # from one of them to the next
+MIN_QUADRATICS = 4  # that make an estimate
 KNOT_POSITIONS = np.linspace(-0.8, 0.8, 9)  # at which a ball may cease to slide, in a segment from -1 to 1
 
 
@@ -30,6 +38,7 @@ class Noise:
 
     moving: float  # [m]
     resting: float  # [m]
+    balls: Mapping[str, float] = field(default_factory=dict)  # of each ball that moves [m]
 
     @property
     def sigma(self) -> float:
@@ -48,7 +57,41 @@ def estimate_noise(scene: TrackedScene) -> Noise:
     values = np.abs(np.concatenate(scatter)) if scatter else np.zeros(0)
     resting = float(np.median(values)) / 0.6745 if values.size >= MIN_DIFFERENCES else math.nan
     uncorrelated = difference_noise(scene, resting=False)
-    return Noise(float(np.fmax(uncorrelated, _correlated_noise(scene, uncorrelated))), resting)
+    quadratics = {track.name: _quadratic_variances(scene, track, uncorrelated) for track in scene.tracks}
+    moving = np.fmax(
+        _typical_sd([v for values in quadratics.values() for v in values]), _correlated_noise(scene, uncorrelated)
+    )
+    each = {name: _typical_sd(values) for name, values in quadratics.items()}
+    known = {name: sd for name, sd in each.items() if math.isfinite(sd)}
+    return Noise(float(np.fmax(uncorrelated, moving)), resting, known)
+
+
+def _typical_sd(variances: list[float]) -> float:
+    """Root of the median variance [m]; NaN where there are few."""
+    return math.sqrt(float(np.median(variances))) if len(variances) >= MIN_QUADRATICS else math.nan
+
+
+def _quadratic_variances(scene: TrackedScene, track: BallTrack, quick: float) -> list[float]:
+    """Variance per axis that quadratics leave of some detections in a row of a moving ball [m^2].
+
+    Of chi squared of 2 (n - 3) degrees of freedom the median is 1 - 2 / 9 / (2 (n - 3)), cubed, of the mean.
+    """
+    n, found = QUADRATIC_FRAMES, []
+    moving = ~scene.at_rest(track) & ~_impacts(track, quick if math.isfinite(quick) else math.inf)
+    order = np.searchsorted(scene.frames, track.frame)
+    freedom = 2 * (n - 3)
+    k = 0
+    while k + n <= len(order):
+        part = slice(k, k + n)
+        if order[k + n - 1] - order[k] > n - 1 or not moving[part].all():
+            k += 1
+            continue
+        time = track.time[part] - track.time[k]
+        basis = np.vander(time / time[-1], 3)
+        left = track.xy[part] - basis @ np.linalg.lstsq(basis, track.xy[part], rcond=None)[0]
+        found.append(float(np.sum(left**2)) / freedom / (1 - 2 / (9 * freedom)) ** 3)
+        k += QUADRATIC_STRIDE
+    return found
 
 
 def _correlated_noise(scene: TrackedScene, quick: float) -> float:
@@ -61,11 +104,7 @@ def _correlated_noise(scene: TrackedScene, quick: float) -> float:
     residual: dict[str, list[float]] = {}
     for track in scene.tracks:
         at_rest = scene.at_rest(track)
-        impact = np.zeros(len(track.time), bool)
-        if len(track.time) >= 4:
-            difference = np.abs(_weighted_sums(track.time, track.xy, _difference_weights(track.time, 4))).max(axis=1)
-            for at in np.flatnonzero(~(difference < IMPACT_FACTOR * quick)):
-                impact[at : at + 4] = True
+        impact = _impacts(track, quick)
         path_length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track.xy, axis=0), axis=1))])
         k = 0
         while k < len(path_length):
@@ -82,6 +121,16 @@ def _correlated_noise(scene: TrackedScene, quick: float) -> float:
                 residual.setdefault(track.name, []).append(float(np.sqrt(best / 2 / (count - 5))))
     well_sampled = [values for values in residual.values() if len(values) >= MIN_SWAY_SEGMENTS]
     return max((float(np.quantile(values, CLEAR_QUANTILE)) for values in well_sampled), default=math.nan)
+
+
+def _impacts(track: BallTrack, quick: float) -> NDArray[np.bool_]:
+    """Which detections (n,) are near an impact, which exceeds the noise `quick` [m] of third differences."""
+    found = np.zeros(len(track.time), bool)
+    if len(track.time) >= 4:
+        difference = np.abs(_weighted_sums(track.time, track.xy, _difference_weights(track.time, 4))).max(axis=1)
+        for at in np.flatnonzero(~(difference < IMPACT_FACTOR * quick)):
+            found[at : at + 4] = True
+    return found
 
 
 def _parabola_residual(xy: Array, knot: float) -> float:

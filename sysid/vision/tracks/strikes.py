@@ -29,7 +29,8 @@ from sysid.vision.tracks.moves import (
 MAX_CONTACT_S = 0.002  # longest contact of cue and ball
 CLIP_TAIL_S = 0.3  # of rest at the end of a clip
 MAX_LOST_S = 1.0  # a moving ball lost for longer was taken away and sets nothing in motion
-MIN_SPEED_RATIO = 0.75  # of the first speed to later ones; below it a ball was moved by hand
+MIN_JUDGED_FRAMES = 2.5  # over which the first speed is taken: the strike may fall into the first of them
+MIN_SPEED_RATIO = 0.7  # of the first speed to later ones; below it a ball was moved by hand
 MAX_LULL_S = 1.0  # without motion, after which a shot is over
 SIMULTANEOUS_FRAMES = 1.5  # within which balls begin to move that may have been set in motion together
 MIN_BEHIND_COSINE = 0.87  # of the angle between the velocity of a ball and the line from the ball that pushed it
@@ -105,12 +106,20 @@ def _caused(scene: TrackedScene, move: Move, moves: Sequence[Move]) -> bool:
     """Whether a ball was set in motion by one that was moving already."""
     return any(
         other.name != move.name
-        and other.onset < move.onset - SIMULTANEOUS_FRAMES * scene.period
+        and (other.onset < move.onset - SIMULTANEOUS_FRAMES * scene.period or _well_before(scene, other, move))
         and other.began <= move.began
         and (other.ended >= move.before - 1 or other.lost)
         and _may_touch(scene, other, move)
         for other in moves
     )
+
+
+def _well_before(scene: TrackedScene, other: Move, move: Move) -> bool:
+    """Whether a ball had gone by half a radius when another was still seen at rest."""
+    if other.place is None or move.place is None:
+        return False
+    k = int(np.searchsorted(other.track.frame, move.before, side="right")) - 1
+    return k >= other.first and float(np.linalg.norm(other.track.xy[k] - other.place)) > scene.radius / 2
 
 
 def _groups(scene: TrackedScene, moves: Sequence[Move]) -> list[list[Move]]:
@@ -182,8 +191,9 @@ def _fault(scene: TrackedScene, move: Move) -> str:
     start, stop, first_speed = move.first, _first_contact(scene, move), math.nan
     for k in range(move.first + 1, stop):
         distance = float(np.linalg.norm(xy[k] - xy[start]))
-        if distance >= min_distance:
-            speed = distance / float(track.time[k] - track.time[start])
+        lasts = float(track.time[k] - track.time[start])
+        if distance >= min_distance and (lasts > MIN_JUDGED_FRAMES * scene.period or not math.isnan(first_speed)):
+            speed = distance / lasts
             if first_speed < MIN_SPEED_RATIO * speed:
                 return "gained speed slowly, as if moved by hand: left out"
             if math.isnan(first_speed):
@@ -222,7 +232,8 @@ def _shot(
         int(scene.frames[np.searchsorted(scene.times, scene.time_of(covered) + CLIP_TAIL_S, side="right") - 1]), limit
     )
     last, jumps = first_jump(scene.tracks, first, last)
-    remarks = [f"cut short at {scene.time_of(last):.2f} s, where {jumps} jumps"] if jumps else []
+    remarks = [f"hidden for {struck.hidden:.2f} s when struck: the time is where its path begins"] * bool(struck.hidden)
+    remarks += [f"cut short at {scene.time_of(last):.2f} s, where {jumps} jumps"] if jumps else []
     if last >= scene.frames[-1] and covered >= scene.frames[-1] - 1:
         remarks.append("cut off by the end of the video")
     potted = {}

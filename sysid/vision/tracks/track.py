@@ -18,11 +18,13 @@ from models.shot import Table
 from sysid.clips import Observation
 from sysid.clips.outliers import find_outliers
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
+from sysid.vision.balls.discs import Shutter
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.noise import Noise, difference_noise, estimate_noise
 from sysid.vision.tracks.spins import face_change, spins
+from sysid.vision.tracks.stamps import change, delays, doubled, later, missing
 from sysid.vision.tracks.strikes import TrackedShot, split_shots
 
 if TYPE_CHECKING:
@@ -33,9 +35,12 @@ FULL_SEARCH_INTERVAL_S = 0.2  # between two searches of the whole picture
 PROGRESS_INTERVAL_S = 0.2  # between two lines of progress
 SAME_BALL_RADII = 1.2  # within which two detections are of the same ball
 DEFAULT_NOISE_RADII = 0.01  # standard deviation to use where it cannot be estimated, in ball radii
-MAX_SD_RATIO = 5.0  # of a detection to the median; less accurate ones are not used
+MAX_SD_RATIO = 8.0  # of a detection to the median; less accurate ones are not used
 MAX_LOST_FRACTION = 0.5  # of the struck ball's frames without a detection, above which a clip is doubtful
 MAX_NOISE_RADII = 0.15  # noise above which the result is doubtful, in ball radii
+MAX_ASIDE_SD = 4.0  # of a place from the line between its neighbours, on which it may be early or late,
+MAX_ASIDE_M = 1e-3  # or this far
+MAX_LISTED = 8  # frames that are named
 MAX_BEYOND_NOSE_M = 0.004  # of a detection beyond the nose line
 NO_SHOT = "no shot was found that begins with a ball at rest and a clean stroke"
 
@@ -58,11 +63,12 @@ class Tracked:
 
 def track(
     footage: Footage, camera: Camera, detector: Detector, counts: Mapping[str, int],
-    progress: Callable[[str], None] = lambda line: None,
+    progress: Callable[[str], None] = lambda line: None, shutter: Shutter | None = None,
 ) -> Tracked:  # fmt: skip
     """Track all balls of a footage and split their motion into shots; `counts`: greatest number of balls by name."""
+    shutter = shutter or Shutter()
     follower = Follower(camera, counts)
-    frames, times = [], []
+    frames, times, changes = [], [], []
     began = reported = clock.monotonic()
     last_full_search, previous = -math.inf, None
     for frame in footage:
@@ -70,10 +76,12 @@ def track(
         times.append(frame.time)
         expected = follower.expected(frame.time)
         full_search = not expected or follower.seeking or frame.time - last_full_search >= FULL_SEARCH_INTERVAL_S
-        seen = _detect(detector, frame.picture, expected, full_search)
+        steps = follower.steps(1.0 / footage.fps)
+        seen = _detect(detector, frame.picture, expected, steps, shutter, full_search)
+        changes.append(change(previous, frame.picture) if previous is not None else 0.0)
         if previous is not None:
-            changes = [face_change(previous, frame.picture, s.xy, s.radius, detector.noise) for s in seen]
-            seen = [replace(s, face_change=change) for s, change in zip(seen, changes, strict=True)]
+            turned = [face_change(previous, frame.picture, s.xy, s.radius, detector.noise) for s in seen]
+            seen = [replace(s, face_change=by) for s, by in zip(seen, turned, strict=True)]
         follower.update(frame.index, frame.time, seen)
         previous = frame.picture
         last_full_search = frame.time if full_search else last_full_search
@@ -82,14 +90,48 @@ def track(
             of = f" of {footage.count}" if footage.count else ""
             progress(f"{len(frames)}{of} frames, {rate:.0f} frames/s, {follower.in_sight} balls in sight")
     rate = len(frames) / max(clock.monotonic() - began, 1e-9)
-    return tracked(follower.tracks(), np.array(frames, np.int64), np.array(times), camera, rate)
+    found = follower.tracks(), np.array(frames, np.int64), np.array(times)
+    tracks, index, stamps, told = _stamped(*found, doubled(np.array(changes)), camera)
+    result = tracked(tracks, index, stamps, camera, rate)
+    return replace(result, notes=(*told, *result.notes))
+
+
+def _stamped(
+    tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array, twice: NDArray[np.bool_], camera: Camera
+) -> tuple[Sequence[BallTrack], NDArray[np.int64], Array, list[str]]:
+    """Tracks, frames and times without doubled frames, those after missing ones later; and what to tell of it."""
+    notes = []
+    if twice.any():
+        kept, again = frames[~twice], set(frames[twice].tolist())
+        tracks = [_dropping(t, np.isin(t.frame, frames[twice])) for t in tracks]
+        tracks = [t for t in tracks if len(t.frame)]
+        notes.append(f"{_listed(sorted(again))} the same picture as before: left out")
+        frames, times = kept, times[~twice]
+    if len(times) < 2 or not tracks:
+        return tracks, frames, times, notes
+    period = float(np.median(np.diff(times)))
+    scene = TrackedScene(tracks, frames, times, camera.table, camera.radius, 0.0)
+    sigma = difference_noise(scene, resting=True)
+    sigma = sigma if math.isfinite(sigma) else DEFAULT_NOISE_RADII * camera.radius
+    gaps = missing([_without_outliers(track, sigma, []) for track in tracks], frames, sigma)
+    for frame, count in gaps.items():
+        notes.append(f"before frame {frame} {count} missing, though stamps are even: later stamps set right")
+    return later(tracks, gaps, period), frames, times + delays(frames, gaps, period), notes
+
+
+def _listed(frames: Sequence[int]) -> str:
+    """Frames in words, the first few by number."""
+    first = ", ".join(str(f) for f in frames[:MAX_LISTED])
+    rest = f" and {len(frames) - MAX_LISTED} more" if len(frames) > MAX_LISTED else ""
+    return f"frame{'s' * (len(frames) > 1)} {first}{rest} show{'s' * (len(frames) == 1)}"
 
 
 def _detect(
-    detector: Detector, picture: Picture, expected: Sequence[tuple[str, Array]], full_search: bool
+    detector: Detector, picture: Picture, expected: Sequence[tuple[str, Array]], steps: Sequence[Array],
+    shutter: Shutter, full_search: bool,
 ) -> list[Detection]:  # fmt: skip
     """The expected balls, and all others where the whole picture is searched."""
-    detections = list(detector.find(picture, expected)) if expected else []
+    detections = list(detector.find(picture, expected, steps, shutter)) if expected else []
     for one in detector.find(picture) if full_search else ():
         if all(np.hypot(*(one.xy - other.xy)) > SAME_BALL_RADII * other.radius for other in detections):
             detections.append(one)
@@ -107,7 +149,7 @@ def tracked(
     scene = replace(scene, tracks=[_without_outliers(track, scene.sigma, notes) for track in tracks])
     noise = estimate_noise(scene)
     if math.isfinite(noise.sigma):
-        scene = replace(scene, sigma=max(noise.sigma, 1e-6))
+        scene = replace(scene, sigma=max(noise.sigma, 1e-6), rest_sigma=initial_noise)
     shots, left_out = split_shots(scene) if len(frames) > 1 else ((), ())
     shots = tuple(sorted([*shots, *spins(scene, shots)], key=lambda shot: shot.time))
     kept, doubts, omitted = [], [], list(left_out)
@@ -165,9 +207,23 @@ def _without_outliers(track: BallTrack, sigma: float, notes: list[str]) -> BallT
     inaccurate = track.sd > MAX_SD_RATIO * np.median(track.sd)
     track = _dropping(track, inaccurate) if inaccurate.any() else track
     outlying = find_outliers(Observation(track.time, track.xy, np.full(len(track.time), np.nan)), sigma)
+    outlying &= ~_on_the_way(track.xy, max(MAX_ASIDE_SD * sigma, MAX_ASIDE_M))
     if count := int(inaccurate.sum() + outlying.sum()):
         notes.append(f"{track.name}: {count} detection{'s' * (count > 1)} too inaccurate or outlying: not used")
     return _dropping(track, outlying)
+
+
+def _on_the_way(xy: Array, room: float) -> NDArray[np.bool_]:
+    """Which places (n, 2) lie between their neighbours, on the line that joins them: early or late, but of the ball."""
+    found = np.zeros(len(xy), bool)
+    if len(xy) < 3:
+        return found
+    chord, offset = xy[2:] - xy[:-2], xy[1:-1] - xy[:-2]
+    length = np.maximum(np.linalg.norm(chord, axis=1), 1e-9)
+    along = np.sum(offset * chord, axis=1) / length
+    aside = np.abs(offset[:, 0] * chord[:, 1] - offset[:, 1] * chord[:, 0]) / length
+    found[1:-1] = (along > 0) & (along < length) & (aside < room)
+    return found
 
 
 def _dropping(track: BallTrack, dropped: NDArray[np.bool_]) -> BallTrack:

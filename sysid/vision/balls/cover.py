@@ -1,0 +1,194 @@
+"""How much of every pixel a ball of known colour covers, and discs swept along a path that are fitted to that.
+
+In: a picture beside the background, and the colour of a ball. Out: cover, and `DiscFit`. A pixel is taken as
+p T + a B, where T is the table there, B the colour of the ball, a the cover and p what of the table is seen: 1 - a,
+and less in shadows, which darken the table without covering it. Both follow by least squares over the three colours,
+with p + a = 1 as a prior. A ball that moves by m during the exposure covers
+(1 / |m|) integral of D(x - c - s m) ds over s in [-1/2, 1/2], D the disc with a blurred rim, so that cover stays
+linear in time where brightness is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.compiled import compiled
+from sysid.vision.balls.background import View
+from sysid.vision.balls.view_geometry import Array, Image
+
+SHADE_SD = 0.3  # of p + a, by shadows and light
+COLOUR_ERROR_GREY = 30.0  # of a ball's colour, by its shading and by the light of others [grey levels]
+COVER_LIMITS = (-0.2, 1.1)
+RIM_BLUR_PX = 1.0  # of the rim of a disc
+SURROUND_PX = 6.0  # beyond the disc that take part in a fit
+STEPS = 8  # of least squares, at most
+SETTLED_PX = 0.02
+RESIDUAL_LIMIT = 0.35  # of cover, from which on a pixel shows something else: the cue, a hand, a mark
+MIN_RESIDUAL = 0.02
+RIM_REACH = 3.5  # blurs from the rim, beyond which a disc covers all or nothing
+HEIGHT_SD = 0.1  # of the cover of a ball that is wholly seen
+RIDGE = 1e-6  # keeps the least squares solvable where the picture shows nothing
+CORRELATED_PX = 12.0  # pixels of a compressed picture whose errors are common
+SIZE_SD_FRACTION = 0.03  # of the radius, standard deviation
+SECTORS = 24  # of the rim, of which each is seen or not
+RING_RADII = (0.72, 1.32)  # within and beyond the rim where a sector is judged
+MIN_CONTRAST = 0.4  # of cover across the rim, of a sector that is seen
+MAX_SWEEP_PX = 4.0  # between two places of a disc on its path
+
+
+@dataclass(frozen=True)
+class DiscFit:
+    """A disc fitted to the cover of a ball."""
+
+    xy: Array  # (2,) centre, in the middle of the exposure [pixels]
+    radius: float  # [pixels]
+    motion: Array  # (2,) during the exposure [pixels]
+    height: float  # cover in the disc, 1 for a ball that is wholly seen
+    sd: float  # of the centre per axis [pixels]
+    residual: float  # of cover, root of the mean square within the disc and at its rim
+    rim: float  # fraction of the rim's sectors with contrast
+
+
+def cover(window: Image, table: Image, colour: Array) -> Image:
+    """Cover (rows, columns) of a picture beside the table (rows, columns, 3) by a ball of a `colour` (3,)."""
+    ball = np.asarray(colour, np.float32)
+    prior = (COLOUR_ERROR_GREY / SHADE_SD) ** 2
+    tt = np.einsum("ijk,ijk->ij", table, table) + prior
+    tb = table @ ball + prior
+    bb = float(ball @ ball) + prior
+    pt = np.einsum("ijk,ijk->ij", window, table) + prior
+    pb = window @ ball + prior
+    share = (tt * pb - tb * pt) / np.maximum(tt * bb - tb * tb, 1e-3 * bb)
+    return np.asarray(share.clip(*COVER_LIMITS), np.float32)
+
+
+@compiled
+def _swept(u: float, v: float, radius: float, du: float, dv: float, count: int) -> tuple[float, float, float, float]:
+    """Cover at an offset from the middle of a disc swept by (du, dv), and its derivatives by centre and radius."""
+    total = by_u = by_v = by_radius = 0.0
+    for k in range(count):
+        s = (k + 0.5) / count - 0.5
+        x, y = u - s * du, v - s * dv
+        distance = math.sqrt(x * x + y * y) + 1e-6
+        depth = (radius - distance) / RIM_BLUR_PX
+        if depth < -RIM_REACH:
+            continue
+        if depth > RIM_REACH:
+            total += 1.0
+            continue
+        disc = 0.5 + 0.5 * math.tanh(depth)
+        steep = 2 * disc * (1 - disc) / RIM_BLUR_PX
+        total += disc
+        by_u += steep * x / distance
+        by_v += steep * y / distance
+        by_radius += steep
+    return total / count, by_u / count, by_v / count, by_radius / count
+
+
+@compiled
+def _normal_equations(
+    seen: Image, x0: float, y0: float, radius: float, motion: Array, reach: float, count: int, limit: float
+) -> tuple[Array, Array, Array]:
+    """Least squares of a swept disc against cover (rows, columns), whose first pixel lies at (x0, y0) from its middle.
+
+    Returns the matrix (4, 4) and right side (4,) for steps of centre, radius and height, with Tukey's biweight, and the
+    weighted squares and weights of all residuals, the squares and number of those that the disc covers (4,).
+    """
+    matrix, right, sums, row = np.zeros((4, 4)), np.zeros(4), np.zeros(4), np.zeros(4)
+    du, dv = motion[0], motion[1]
+    length = math.sqrt(du * du + dv * dv)
+    for j in range(seen.shape[0]):
+        for i in range(seen.shape[1]):
+            u, v = i + x0, j + y0
+            along = min(max((u * du + v * dv) / (length + 1e-9), -length / 2), length / 2)
+            a, b = u - along * du / (length + 1e-9), v - along * dv / (length + 1e-9)
+            if a * a + b * b >= reach * reach:
+                continue
+            model, row[0], row[1], row[2] = _swept(u, v, radius, du, dv, count)
+            row[3] = model
+            residual = seen[j, i] - model
+            if model > 0.05:
+                sums[2] += residual * residual
+                sums[3] += 1.0
+            if abs(residual) >= limit:
+                continue
+            weight = (1 - (residual / limit) ** 2) ** 2
+            sums[0] += weight * residual * residual
+            sums[1] += weight
+            for m in range(4):
+                right[m] += weight * row[m] * residual
+                for n in range(m + 1):
+                    matrix[m, n] += weight * row[m] * row[n]
+                    matrix[n, m] = matrix[m, n]
+    return matrix, right, sums
+
+
+@compiled
+def _share(x: Array, y: Array, radius: float, motion: Array, count: int) -> Array:
+    out = np.empty(len(x))
+    for k in range(len(x)):
+        out[k] = _swept(x[k], y[k], radius, motion[0], motion[1], count)[0]
+    return out
+
+
+def swept_share(x: Array, y: Array, radius: float, motion: Array) -> Array:
+    """Cover (n,) at offsets (n,) from the middle of a swept disc [pixels]."""
+    return np.asarray(_share(x, y, radius, motion, _places(motion)))
+
+
+def _places(motion: Array) -> int:
+    """Number of places of a disc on its path."""
+    return 1 + 2 * math.ceil(math.hypot(*motion) / (2 * MAX_SWEEP_PX))
+
+
+def fit_disc(view: View, colour: Array, start: Array, radius: float, motion: Array) -> DiscFit | None:
+    """The disc of a ball near a pixel (2,) that moves by `motion` (2,) [pixels]; None where there is none."""
+    motion = np.asarray(motion, float)
+    reach, half = radius + SURROUND_PX, np.abs(motion) / 2 + radius + SURROUND_PX + 2
+    h, w = view.picture.shape[:2]
+    x0, y0 = (max(0, int(v)) for v in start - half)
+    x1, y1 = min(w, int(start[0] + half[0]) + 2), min(h, int(start[1] + half[1]) + 2)
+    if x1 - x0 < radius or y1 - y0 < radius:
+        return None
+    table = view.table[y0:y1, x0:x1] * view.gain.astype(np.float32)
+    seen = cover(view.picture[y0:y1, x0:x1].astype(np.float32), table, colour)
+    centre, grown, count = np.array(start, float), 0.0, _places(motion)
+    prior = CORRELATED_PX * MIN_RESIDUAL**2 * np.array([0, 0, 1 / (SIZE_SD_FRACTION * radius) ** 2, 1 / HEIGHT_SD**2])
+    for _ in range(STEPS):
+        matrix, right, sums = _normal_equations(
+            seen, x0 - centre[0], y0 - centre[1], radius + grown, motion, reach, count, RESIDUAL_LIMIT
+        )
+        matrix += np.diag(prior + RIDGE)
+        step = np.linalg.solve(matrix, right - prior * np.array([0, 0, grown, 0]))
+        move = step[:2].clip(-0.5 * radius, 0.5 * radius)
+        centre, grown = centre + move, float(np.clip(grown + step[2], -0.15 * radius, 0.15 * radius))
+        if np.abs(centre - start).max() > 1.2 * radius + np.abs(motion).max():
+            return None
+        if np.abs(move).max() < SETTLED_PX:
+            break
+    noise = max(math.sqrt(sums[0] / max(sums[1], 1e-9)), MIN_RESIDUAL)
+    covariance = np.linalg.inv(matrix) * CORRELATED_PX * noise**2
+    sd = math.sqrt((covariance[0, 0] + covariance[1, 1]) / 2)
+    misfit = math.sqrt(sums[2] / sums[3]) if sums[3] else math.inf
+    fit = DiscFit(centre, radius + grown, motion, 1.0 + float(step[3]), sd, misfit, 0.0)
+    return replace(fit, rim=_rim(view, colour, fit))
+
+
+def _rim(view: View, colour: Array, fit: DiscFit) -> float:
+    """Fraction of the sectors of a rim where cover falls outwards, weighed by how still the rim is there."""
+    angles = np.arange(SECTORS) * 2 * math.pi / SECTORS
+    ways = np.column_stack([np.cos(angles), np.sin(angles)])
+    ends = np.sign(ways @ fit.motion)[:, None] * fit.motion / 2
+    h, w = view.picture.shape[:2]
+    values = []
+    for part in RING_RADII:
+        # A swept disc covers its two ends less; the flanks of its path are as sharp as at rest.
+        places = np.rint(fit.xy + (ends if part > 1 else 0.5 * ends) + part * fit.radius * ways).astype(int)
+        column, row = places[:, 0].clip(0, w - 1), places[:, 1].clip(0, h - 1)
+        table = view.table[row, column][None] * view.gain.astype(np.float32)
+        values.append(cover(view.picture[row, column][None].astype(np.float32), table, colour)[0])
+    swept = 1.0 / (1.0 + math.hypot(*fit.motion) / (2 * fit.radius))
+    return float((values[0] - values[1] > MIN_CONTRAST * swept).mean())

@@ -1,0 +1,155 @@
+"""Balls in pictures whose edges are rough, as compression, bloom and motion make them: by what they cover.
+
+In: a picture beside the background, the colours of the balls, and where they are expected. Out: `DiscFit`s
+(cover.py). A ball is first sought where its disc covers more than the ring around it does, then its disc is fitted,
+swept along its motion during the exposure. What is no disc of that colour, as a hand, a cue or projected light, has
+too little rim.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from sysid.vision.balls.background import View
+from sysid.vision.balls.cover import DiscFit, cover, fit_disc, swept_share
+from sysid.vision.balls.view_geometry import Array, Image
+
+CELLS_PER_RADIUS = 4.0  # of the coarse picture in which balls are sought
+RING_WIDTH_RADII = 0.45  # about a disc, with which its cover is compared
+MIN_PEAK = 0.22  # cover of a disc less that of its ring; a ball swept by three radii still has a third
+MAX_PEAKS = 6  # of a colour in a picture
+MIN_RIM = {"new": 0.75, "known": 0.5}  # of a ball that is found, and of one that is followed
+MIN_HEIGHT = 0.6
+MAX_RESIDUAL = {"new": 0.3, "known": 0.4}  # of cover
+CLEAR_RESIDUAL = 0.2  # of a motion that needs no other to be tried
+EXPOSURES = (0.25, 0.5, 0.75, 1.0)  # of the time between two frames, tried until it is known
+MIN_SWEEP_RADII = 0.4  # of a motion from which the exposure can be told
+MIN_SHUTTER_FITS = 4  # from which it is known
+SWEEP_RATIO = 1.15  # of residuals, by which one motion explains a picture better than another
+NEAR_RADII = 0.6  # to the expected place, within which a ball is taken at once
+CORE_RADII = 0.55  # of a disc that shows the colour of the ball
+MIN_BED_CONTRAST = 0.12  # of colours, between a ball and the bed
+
+
+@dataclass
+class Shutter:
+    """How long the shutter is open, as a fraction of the time between frames, told from the sweep of moving balls."""
+
+    given: float | None = None
+    told: list[float] = field(default_factory=list)
+
+    @property
+    def fraction(self) -> float | None:
+        """The fraction; None while it is not known."""
+        if self.given is not None:
+            return self.given
+        return float(np.median(self.told)) if len(self.told) >= MIN_SHUTTER_FITS else None
+
+    def tried(self) -> Sequence[float]:
+        """Fractions to try."""
+        return EXPOSURES if self.fraction is None else (self.fraction,)
+
+
+def _kernel(radius: float) -> Image:
+    """A disc of weight 1 less the ring around it."""
+    outer = radius * (1 + RING_WIDTH_RADII)
+    n = math.ceil(outer)
+    y, x = np.mgrid[-n : n + 1, -n : n + 1]
+    distance = np.hypot(x, y)
+    disc = np.clip(radius - distance + 0.5, 0, 1)
+    ring = np.clip(outer - distance + 0.5, 0, 1) - np.clip(radius - distance + 1.5, 0, 1)
+    return np.asarray(disc / disc.sum() - np.maximum(ring, 0) / np.maximum(ring, 0).sum(), np.float32)
+
+
+def peaks(view: View, colour: Array, centre: Array | None = None, reach: float = math.inf) -> list[Array]:
+    """Pixels (2,) where a disc of this colour may be, best first: anywhere, or within `reach` of a pixel (2,)."""
+    x0, x1, y0, y1 = view.geometry.box
+    if centre is not None:
+        x0, y0 = (int(max(low, c - reach)) for low, c in zip((x0, y0), centre, strict=True))
+        x1, y1 = (int(min(high, c + reach)) for high, c in zip((x1, y1), centre, strict=True))
+    middle = np.array([x0 + x1, y0 + y1]) / 2
+    cell = max(1, int(view.geometry.radius(middle) / CELLS_PER_RADIUS))
+    size = columns, rows = (x1 - x0) // cell, (y1 - y0) // cell
+    if min(size) < 2:
+        return []
+    part = slice(y0, y0 + rows * cell), slice(x0, x0 + columns * cell)
+    small = cv2.resize(view.picture[part], size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    table = cv2.resize(view.table[part], size, interpolation=cv2.INTER_AREA) * view.gain.astype(np.float32)
+    found = np.maximum(cover(small, table, colour), 0.0)
+    kernel = _kernel(view.geometry.radius(middle) / cell)
+    score = cv2.filter2D(found, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)
+    is_peak = (score == cv2.dilate(score, np.ones((5, 5), np.uint8))) & (score > MIN_PEAK)
+    down, across = np.nonzero(is_peak)
+    order = np.argsort(-score[down, across], kind="stable")[:MAX_PEAKS]
+    corner = np.array([x0, y0])
+    return [corner + cell * (np.array([across[k], down[k]]) + 0.5) - 0.5 for k in order]
+
+
+def acceptable(fit: DiscFit | None, kind: str) -> bool:
+    """Whether a fit shows a ball, which is `new` or `known`."""
+    return (
+        fit is not None and fit.rim >= MIN_RIM[kind] and fit.height > MIN_HEIGHT and fit.residual < MAX_RESIDUAL[kind]
+    )
+
+
+def new_discs(view: View, colour: Array) -> list[DiscFit]:
+    """Balls of this colour anywhere in a picture, not moving fast."""
+    fits = [fit_disc(view, colour, at, view.geometry.radius(at), np.zeros(2)) for at in peaks(view, colour)]
+    found: list[DiscFit] = []
+    for fit in sorted((f for f in fits if f is not None and acceptable(f, "new")), key=lambda f: f.residual):
+        if all(np.hypot(*(fit.xy - other.xy)) > fit.radius for other in found):
+            found.append(fit)
+    return found
+
+
+def known_disc(
+    view: View, colour: Array, expected: Array, step: Array, reach: float, shutter: Shutter
+) -> DiscFit | None:
+    """A ball of this colour, expected at a pixel (2,) after a `step` (2,) since the last frame [pixels]."""
+    radius = view.geometry.radius(expected)
+    quick = _best(view, colour, expected, step, radius, shutter)
+    if quick is not None and acceptable(quick, "known") and np.hypot(*(quick.xy - expected)) < NEAR_RADII * radius:
+        return quick
+    last = expected - step
+    found = [quick] if quick is not None and acceptable(quick, "known") else []
+    for at in peaks(view, colour, expected, reach):
+        fit = _best(view, colour, at, at - last, radius, shutter)
+        if fit is not None and acceptable(fit, "known"):
+            found.append(fit)
+    return min(found, key=lambda f: float(np.hypot(*(f.xy - expected))) + radius * f.residual, default=None)
+
+
+def _best(view: View, colour: Array, at: Array, step: Array, radius: float, shutter: Shutter) -> DiscFit | None:
+    """The fit at a pixel (2,) with the motion that explains the picture best."""
+    length = math.hypot(*step)
+    if length < 0.1 * radius:
+        return fit_disc(view, colour, at, radius, np.zeros(2))
+    known: list[DiscFit] = []
+    for part in (*shutter.tried(), 0.0):
+        fit = fit_disc(view, colour, at, radius, part * step)
+        known += [fit] if fit is not None else []
+        if shutter.fraction is not None and fit is not None and fit.residual < CLEAR_RESIDUAL:
+            break
+    best = min(known, key=lambda f: f.residual, default=None)
+    swept = length > MIN_SWEEP_RADII * radius
+    if best is not None and best.motion.any() and shutter.fraction is None and swept and acceptable(best, "known"):
+        shutter.told.append(math.hypot(*best.motion) / length)
+    return best
+
+
+def core_colour(view: View, fit: DiscFit) -> Array:
+    """Colour of the ball in the middle of a fit (3,) blue, green, red, less the table that shows through."""
+    radius = CORE_RADII * fit.radius
+    window, table, corner = view.window(fit.xy, radius)
+    y, x = np.mgrid[: window.shape[0], : window.shape[1]]
+    x, y = x + corner[0] - fit.xy[0], y + corner[1] - fit.xy[1]
+    core = x * x + y * y < radius**2
+    if not core.any():
+        return np.full(3, np.nan)
+    share = np.maximum(swept_share(x[core], y[core], fit.radius, fit.motion), 0.2)[:, None]
+    return np.asarray(np.median((window[core] - (1 - share) * table[core]) / share, axis=0).clip(0, 255))

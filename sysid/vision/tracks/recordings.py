@@ -1,0 +1,88 @@
+"""Several recordings of one camera in one clip set: clips named by video and time, finished videos kept.
+
+In: the clip set so far and the clips of one more video. Out: a clip set that holds both, whose noise is the root of the
+mean square over all samples. `videos` in clips.toml lists what is finished, with what became no clip and why; each clip
+tells its video and frames.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from models.errors import BadInput
+from sysid.clips import ClipSet, read_clip_set
+from sysid.vision.camera.projection import Camera
+from sysid.vision.tracks.track import Tracked
+
+VIDEOS_KEY = "videos"  # of clips.toml
+MAX_SIZE_DIFFERENCE_M = 1e-6  # of tables and balls that are the same
+
+
+def finished(folder: Path) -> ClipSet | None:
+    """The clip set that tracking has begun in a folder; None if there is none."""
+    if not (folder / "clips.toml").is_file():
+        return None
+    found = read_clip_set(folder)
+    return found if VIDEOS_KEY in found.extra else None
+
+
+def video_name(video: str) -> str:
+    """A video as clips are named after it: its file name without suffix and without what names may not hold."""
+    return re.sub(r"[^\w.-]+", "_", Path(video).stem).strip("._") or "video"
+
+
+def names_of(videos: Sequence[str]) -> dict[str, str]:
+    """Video by name; BadInput where two have one name."""
+    named: dict[str, str] = {}
+    for video in videos:
+        if (name := video_name(video)) in named:
+            raise BadInput(f"{video}: has the name of {named[name]}, {name}: rename one of them, clips are named by it")
+        named[name] = video
+    return named
+
+
+def videos_in(clip_set: ClipSet | None) -> dict[str, dict[str, Any]]:
+    """What is told of each finished video, by name."""
+    return {v["name"]: v for v in clip_set.extra.get(VIDEOS_KEY, ())} if clip_set is not None else {}
+
+
+def of_video(clip_set: ClipSet, name: str, result: Tracked) -> ClipSet:
+    """The clips of one video, named by it and their time."""
+    clips, samples = [], 0
+    for clip, shot in zip(clip_set.clips, result.shots, strict=True):
+        file = f"clips/{name}-{round(1e3 * shot.time):06d}ms.csv"
+        clips.append(replace(clip, file=file, extra={**clip.extra, "video": name, "frames": [shot.first, shot.last]}))
+        samples += sum(len(seen.time) for seen in clip.balls.values())
+    told = {"name": name, "clips": len(clips), "samples": samples, "left_out": list(result.left_out)}
+    if math.isfinite(result.noise.moving):  # the scatter at rest says too little of balls that move
+        told["sigma"] = result.noise.moving
+    return replace(clip_set, clips=tuple(clips), extra={VIDEOS_KEY: [told]})
+
+
+def joined(before: ClipSet | None, more: ClipSet) -> ClipSet:
+    """Both clip sets in one."""
+    if before is None:
+        return more
+    videos = [*before.extra[VIDEOS_KEY], *more.extra[VIDEOS_KEY]]
+    weights = [(v["samples"], v["sigma"]) for v in videos if "sigma" in v]
+    total = sum(count for count, _ in weights)
+    sigma = math.sqrt(sum(count * sd**2 for count, sd in weights) / total) if total else more.sigma
+    return replace(
+        before, clips=(*before.clips, *more.clips), sigma=sigma, extra={**before.extra, VIDEOS_KEY: videos}
+    )  # fmt: skip
+
+
+def check_camera(before: ClipSet, camera: Camera, folder: Path) -> None:
+    """BadInput where a clip set was filmed on another table or with other balls."""
+    table = before.table
+    sizes = (table.length, table.width, before.ball.diameter), (
+        camera.table.length, camera.table.width, camera.diameter,
+    )  # fmt: skip
+    if max(abs(a - b) for a, b in zip(*sizes, strict=True)) > MAX_SIZE_DIFFERENCE_M:
+        texts = [" x ".join(f"{v:g}" for v in size) for size in sizes]
+        raise BadInput(f"{folder}: holds clips of {texts[0]} m, the camera's are {texts[1]} m: choose another folder")

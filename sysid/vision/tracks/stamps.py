@@ -1,0 +1,87 @@
+"""Frames that stamps do not tell of: the same picture twice, and pictures that were never stored.
+
+In: how much each picture differs from the one before, and the tracks. Out: which frames are doubled, to be left out;
+where frames are missing, and how many, to set the later stamps right. A doubled picture differs by far less than its
+neighbours. Where pictures are missing, every ball that rolls freely takes a step that is a multiple of those before and
+after it; no free ball can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.vision.camera.projection import Array
+from sysid.vision.frames import Picture
+from sysid.vision.tracks.follow import BallTrack
+
+PROBE_PX = 4  # every so many pixels are compared
+NEIGHBOURS = 5  # on either side, with whose changes that of a picture is compared
+USUAL_QUANTILE = 0.75  # of theirs, that is usual
+DOUBLED_FRACTION = 0.25  # of the usual change, below which a picture is the one before
+MIN_STEP_SD = 12.0  # of a ball that moves clearly, between frames
+MIN_STEP_M = 2.5e-3
+MAX_STEP_CHANGE = 0.2  # between the two steps before, relative, of a ball that rolls freely
+MAX_LATER_CHANGE = 0.5  # and to the one after
+MAX_TURN_SINE = 0.15  # between these steps
+MULTIPLE_TOLERANCE = 0.2  # of a step, relative to the usual one, from a whole multiple
+MAX_MULTIPLE = 12
+
+
+def change(before: Picture, picture: Picture) -> float:
+    """Mean difference of two pictures [grey levels]."""
+    one, two = (p[::PROBE_PX, ::PROBE_PX].astype(np.int16) for p in (before, picture))
+    return float(np.abs(one - two).mean())
+
+
+def doubled(changes: Array) -> NDArray[np.bool_]:
+    """Which pictures are the one before, stored once more, by their changes (n,); the first has none."""
+    n, found = len(changes), np.zeros(len(changes), bool)
+    for k in range(1, n):
+        around = np.concatenate([changes[max(1, k - NEIGHBOURS) : k], changes[k + 1 : k + 1 + NEIGHBOURS]])
+        found[k] = around.size > 2 and changes[k] < DOUBLED_FRACTION * np.quantile(around, USUAL_QUANTILE)
+    return found
+
+
+def missing(tracks: Sequence[BallTrack], frames: NDArray[np.int64], sigma: float) -> dict[int, int]:
+    """Frames before which pictures are missing, and how many, by the steps of all balls that move."""
+    steps: dict[int, list[tuple[float, int]]] = {}  # by frame: multiple of the usual step, and frames stored
+    place = {int(frame): k for k, frame in enumerate(frames)}
+    for track in tracks:
+        at = np.array([place[int(f)] for f in track.frame])
+        step = np.diff(track.xy, axis=0)
+        length, count = np.linalg.norm(step, axis=1), np.diff(at)
+        for k in range(2, len(step) - 1):
+            around = length[[k - 2, k - 1, k + 1]]
+            usual = float(around[:2].mean())
+            if (count[[k - 2, k - 1, k + 1]] != 1).any() or usual < max(MIN_STEP_SD * sigma, MIN_STEP_M):
+                continue
+            even = abs(around[0] - around[1]) < MAX_STEP_CHANGE * usual
+            even &= abs(around[2] - usual) < MAX_LATER_CHANGE * usual
+            turn = abs(float(step[k, 0] * step[k - 1, 1] - step[k, 1] * step[k - 1, 0]))
+            straight = turn < MAX_TURN_SINE * length[k] * around[1] and float(step[k] @ step[k - 1]) > 0
+            ratio = length[k] / usual if even and straight else float(count[k])
+            steps.setdefault(int(frames[at[k] + 1]), []).append((ratio, int(count[k])))
+    found = {}
+    for frame, ratios in sorted(steps.items()):
+        multiple, stored = round(float(np.median([r for r, _ in ratios]))), min(c for _, c in ratios)
+        close = all(abs(r - multiple) < MULTIPLE_TOLERANCE * multiple for r, _ in ratios)
+        if stored < multiple <= MAX_MULTIPLE and close:
+            found[frame] = multiple - stored
+    return found
+
+
+def later(tracks: Sequence[BallTrack], gaps: dict[int, int], period: float) -> tuple[BallTrack, ...]:
+    """The tracks with the times after every gap set right."""
+    return tuple(replace(t, time=t.time + delays(t.frame, gaps, period)) for t in tracks)
+
+
+def delays(frames: NDArray[np.int64], gaps: dict[int, int], period: float) -> Array:
+    """What is to be added to the stamps of frames (n,) [s]."""
+    total = np.zeros(len(frames))
+    for frame, count in gaps.items():
+        total[frames >= frame] += count * period
+    return total

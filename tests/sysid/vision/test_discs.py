@@ -1,0 +1,145 @@
+"""Balls in pictures as webcams make them: compressed, swept by motion, with a hand and projected light in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.shot import Array, Table
+from sysid.vision.balls.cover import cover, fit_disc, swept_share
+from sysid.vision.balls.detect import Detector
+from sysid.vision.balls.discs import Shutter, known_disc
+from sysid.vision.balls.palette import default_palette
+from sysid.vision.frames import Picture
+from sysid.vision.tracks.track import Tracked, track
+from tests.footage.cameras import overhead
+from tests.footage.film import Look, film
+from tests.footage.motion import Motion
+from tests.footage.webcam import Webcam, webcam
+from tests.sysid.vision.test_detect import footage_of
+
+TABLE = Table(1.2, 0.65)
+CAMERA = overhead(TABLE, 0.0523, (640, 380), 1.5, 1.36, (0.02, -0.02))
+FPS = 30.0
+EXPOSURE = 0.02
+# Several lamps: a single one from aside shifts what balls seem to cover by a pixel or two towards it.
+LOOK = Look(exposure=EXPOSURE, noise=2.0, parts=9, shadow=0.45, light=(0.05, 0.03, 1.0))
+NAMES = ("white", "red")
+
+Shot = tuple[Motion, list[Picture], Detector, Path]
+
+
+def rolling(places: Array, velocities: Sequence[tuple[float, float]], seconds: float, rest: float) -> Motion:
+    """Balls that rest for a while, then roll, slowing by 0.1 m/s^2."""
+    times = np.arange(0, seconds + 0.5, 1e-3)
+    v = np.array(velocities, float)
+    speed = np.linalg.norm(v, axis=1, keepdims=True)
+    ends = np.maximum(speed / 0.1, 1e-9)
+    t = np.clip(times - rest, 0, None)[:, None, None]
+    t = np.minimum(t, ends)
+    xy = places + v * t - 0.05 * v / np.maximum(speed, 1e-9) * t**2
+    turned = np.tile([1.0, 0, 0, 0], (*xy.shape[:2], 1))
+    return Motion(NAMES[: len(places)], times, xy, turned)
+
+
+def filmed(motion: Motion, seconds: float, how: Webcam) -> list[Picture]:
+    return list(webcam(film(CAMERA, motion, np.arange(0, seconds, 1 / FPS), LOOK), how))
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory: pytest.TempPathFactory) -> Shot:
+    folder = tmp_path_factory.mktemp("webcam")
+    motion = rolling(np.array([[-0.45, -0.2], [0.3, 0.2]]), [(0.9, 0.35), (0.0, 0.0)], 2.0, 0.5)
+    pictures = filmed(motion, 1.6, Webcam(quality=35, hand=(0.05, 0.95), ring=(0.1, -0.15), seed=1))
+    return motion, pictures, Detector.learn(CAMERA, footage_of(folder, pictures), default_palette()), folder
+
+
+def place(motion: Motion, time: float, ball: int) -> Array:
+    xy = motion.position[:, ball]
+    return np.array([np.interp(time, motion.times, xy[:, axis]) for axis in (0, 1)])
+
+
+def test_pixels_are_parts_of_ball_and_table_and_shadows_are_none() -> None:
+    table = np.full((4, 6, 3), (130.0, 160.0, 140.0), np.float32)
+    ball = np.array([60.0, 10.0, 230.0])
+    share = np.linspace(0, 1, 6)[None, :, None]
+    mixed = ((1 - share) * table + share * ball).astype(np.float32)
+    assert cover(mixed, table, ball) == pytest.approx(np.broadcast_to(share[..., 0], (4, 6)), abs=1e-3)
+    assert np.abs(cover(0.7 * table, table, ball)).max() < 0.15
+
+
+def test_a_swept_disc_covers_what_its_exposure_says() -> None:
+    """On its path the cover is the time for which the disc is there."""
+    x = np.arange(-60.0, 61.0)
+    share = swept_share(x, np.zeros_like(x), 10.0, np.array([40.0, 0.0]))
+    assert share[60] == pytest.approx(20 / 40, abs=0.04)
+    assert share.sum() == pytest.approx(20.0, abs=0.3)
+    assert share[0] == share[-1] == 0
+
+
+def test_a_webcam_s_pictures_are_known_to_be_rough(shot: Shot) -> None:
+    _, _, detector, _ = shot
+    assert detector.rough
+    assert {name for name, _ in detector.ball_colours} == set(NAMES), "neither the hand nor the ring is a ball"
+
+
+def test_a_shot_is_followed_and_its_noise_told(shot: Shot) -> None:
+    motion, pictures, detector, folder = shot
+    shutter = Shutter()
+    found = track(footage_of(folder, pictures), CAMERA, detector, {"white": 1, "red": 15}, shutter=shutter)
+    scale = 100.0 / FPS  # the folder's pictures are read as if taken at 100 frames a second
+    assert {t.name for t in found.scene.tracks} == set(NAMES)
+    off, pixel = [], CAMERA.radius / float(CAMERA.radius_px(np.zeros((1, 2)))[0])
+    for path in found.scene.tracks:
+        ball = NAMES.index(path.name)
+        error = path.xy - [place(motion, t * scale, ball) for t in path.time]
+        assert np.abs(np.median(error, axis=0)).max() < 0.6 * pixel, "shading shifts a ball, always the same way"
+        off.append(error - np.median(error, axis=0))
+        assert len(path.time) >= len(pictures) - 2
+    rms = float(np.sqrt(np.mean(np.concatenate(off) ** 2)))
+    assert rms < 0.4 * pixel
+    assert [s.struck for s in found.shots if not s.spun] == ["white"]
+    assert shutter.fraction == pytest.approx(EXPOSURE * FPS, abs=0.2)
+    assert moving_scatter(found, motion, scale) == pytest.approx(found.noise.moving, rel=0.35)
+
+
+def moving_scatter(found: Tracked, motion: Motion, scale: float) -> float:
+    """Standard deviation per axis of the struck ball's errors while it moves, without their slow part."""
+    path = next(t for t in found.scene.tracks if t.name == "white")
+    moving = path.time * scale > 0.6
+    off = (path.xy - np.array([place(motion, t * scale, 0) for t in path.time]))[moving]
+    trend = np.vander(np.linspace(-1, 1, len(off)), 5)
+    left = off - trend @ np.linalg.lstsq(trend, off, rcond=None)[0]
+    return float(np.sqrt(np.sum(left**2) / (2 * (len(off) - 5))))
+
+
+def test_the_sweep_says_where_a_fast_ball_is(shot: Shot) -> None:
+    """At 3 m/s a ball covers more than its radius during the exposure."""
+    _, _, detector, _ = shot
+    motion = rolling(np.array([[-0.5, 0.0]]), [(3.0, 0.6)], 0.3, 0.0)
+    pictures = filmed(motion, 0.2, Webcam(quality=50))
+    colour = detector._in_picture(detector.background.view(pictures[0]), dict(detector.ball_colours)["white"])
+    outline = [CAMERA.outline(place(motion, k / FPS, 0)[None])[0] for k in range(len(pictures))]
+    for k in range(2, 5):
+        view, step = detector.background.view(pictures[k]), outline[k] - outline[k - 1]
+        fit = known_disc(view, colour, outline[k] + [2.0, -1.0], step, 60.0, Shutter(EXPOSURE * FPS))
+        assert fit is not None
+        assert np.hypot(*(fit.xy - outline[k])) < 1.0
+        still = fit_disc(view, colour, outline[k], fit.radius, np.zeros(2))
+        assert still is None or still.residual > fit.residual
+
+
+def test_doubled_and_missing_frames_are_told(shot: Shot, tmp_path: Path) -> None:
+    _, pictures, detector, _ = shot
+    changed = [*pictures[:24], pictures[23], *pictures[24:32], *pictures[34:]]
+    found = track(footage_of(tmp_path / "changed", changed), CAMERA, detector, {"white": 1, "red": 15})
+    said = " ".join(found.notes)
+    assert "frame 24 shows the same picture as before: left out" in said
+    assert "before frame 33 2 missing" in said
+    path = next(t for t in found.scene.tracks if t.name == "white")
+    assert 24 not in path.frame
+    # After the doubled frame stamps are a frame late, after the missing ones right but for that.
+    assert float(path.time[-1]) == pytest.approx((len(pictures) - 1 + 1) / 100.0, abs=1e-9)

@@ -1,0 +1,77 @@
+"""Several videos in one clip set, strikes that were hidden, and stamps that are wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.errors import BadInput
+from sysid.clips import read_clip_set, write_clip_set
+from sysid.vision.tracks.clips import clip_set
+from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
+from sysid.vision.tracks.stamps import doubled, missing
+from tests.footage.cameras import overhead
+from tests.sysid.vision.test_follow import BALL, CAMERA, FPS, Recording
+from tests.sysid.vision.test_track import tracked_of
+
+
+def test_clips_of_two_videos_are_in_one_set(tmp_path: Path) -> None:
+    made = Recording().wait(0.5).shot((1.2, 0.45)).wait(0.6)
+    so_far = None
+    for name, noise in (("one", 0.1), ("two", 0.3)):
+        found = tracked_of(made, noise=noise)
+        clips = of_video(clip_set(found, CAMERA, BALL.mass, FPS), name, found)
+        so_far = joined(so_far, clips)
+        write_clip_set(so_far, tmp_path / "set")
+        so_far = finished(tmp_path / "set")
+    assert so_far is not None
+    assert set(videos_in(so_far)) == {"one", "two"}
+    assert [clip.file for clip in so_far.clips] == [f"clips/{name}-{round(1e3 * t):06d}ms.csv" for name, t in (
+        ("one", found_time(made, 0.1)), ("two", found_time(made, 0.3)))]  # fmt: skip
+    sigmas = [told["sigma"] for told in videos_in(so_far).values()]
+    assert so_far.sigma == pytest.approx(np.sqrt(np.mean(np.square(sigmas))), rel=0.05), "as many samples of each"
+    assert read_clip_set(tmp_path / "set").clips[1].extra["video"] == "two"
+    check_camera(so_far, CAMERA, tmp_path)
+    other = overhead(CAMERA.table, 0.06, (480, 320), 1.6, 1.2, (0.0, 0.0))
+    with pytest.raises(BadInput, match="choose another folder"):
+        check_camera(so_far, other, tmp_path)
+
+
+def found_time(made: Recording, noise: float) -> float:
+    return tracked_of(made, noise=noise).shots[0].time
+
+
+def test_videos_are_told_apart_by_name() -> None:
+    assert names_of(["a/game 1.mp4", "b/two.mkv"]) == {"game_1": "a/game 1.mp4", "two": "b/two.mkv"}
+    with pytest.raises(BadInput, match="rename one"):
+        names_of(["a/one.mp4", "b/one.mp4"])
+
+
+def test_a_strike_hidden_for_some_frames_is_bridged() -> None:
+    """The hand covers the ball until it has gone 15 cm: its path leads back to where it rested."""
+    made = Recording().wait(0.5).shot((1.2, 0.45)).wait(0.6)
+    made.rows[0][-6:, 0] = np.nan
+    made.rows[1][:14, 0] = np.nan
+    found = tracked_of(made)
+    assert [shot.struck for shot in found.shots] == ["white"], found.left_out
+    assert found.shots[0].time == pytest.approx(made.struck[0], abs=0.012)
+    assert any("hidden for" in text for text in found.shots[0].remarks)
+
+
+def test_a_picture_stored_twice_is_known_by_its_small_change() -> None:
+    changes = np.array([0.0, 1.0, 1.1, 0.9, 0.02, 1.2, 1.0, 1.1, 1.0])
+    assert doubled(changes).tolist() == [k == 4 for k in range(9)]
+    assert not doubled(np.full(20, 0.9)).any()
+
+
+def test_pictures_missing_at_even_stamps_are_counted() -> None:
+    made = Recording().wait(0.5).shot((0.8, 0.2), seconds=1.0)
+    true = tracked_of(made, noise=0.02)
+    assert missing(true.scene.tracks, true.scene.frames, true.scene.sigma) == {}
+    rows = made.rows[1]
+    made.rows[1] = np.concatenate([rows[:20], rows[23:]])
+    short = tracked_of(made, noise=0.02)
+    gaps = missing(short.scene.tracks, short.scene.frames, short.scene.sigma)
+    assert gaps == {len(made.rows[0]) + 20: 3}
