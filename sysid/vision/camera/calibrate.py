@@ -5,7 +5,7 @@ uncertainty. A view from straight above does not determine the focal length: fro
 length, a plane looks the same. Tracks need the plane of the balls' centres, 2/5 of a radius below that of the noses, so
 little depends on it; how little is computed. A tilted view determines the focal length by the aspect of the table, as
 well as its length and width are known; it is accepted only if its standard deviation, including that of the table, is
-small.
+small. Otherwise it is the likeliest in view of all that is seen (noses.py), about that of a usual lens.
 """
 
 from __future__ import annotations
