@@ -5,7 +5,7 @@ uncertainty. A view from straight above does not determine the focal length: fro
 length, a plane looks the same. Tracks need the plane of the balls' centres, 2/5 of a radius below that of the noses, so
 little depends on it; how little is computed. A tilted view determines the focal length by the aspect of the table, as
 well as its length and width are known; it is accepted only if its standard deviation, including that of the table, is
-small.
+small. Otherwise it is the likeliest in view of all that is seen (noses.py), about that of a usual lens.
 """
 
 from __future__ import annotations
@@ -25,7 +25,14 @@ from sysid.vision.camera.board import Lens
 from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, evidence, evidence_doubts
 from sysid.vision.camera.first_view import CLOTH_MARGIN_M, first_view, initial_camera, sides_of
 from sysid.vision.camera.landmarks import NO_BALLS, NO_DIAMONDS, BallSizes, Diamonds, find_balls, find_diamonds
-from sysid.vision.camera.noses import CLOTH_EDGE_M, Reading, Seen, read_noses, what_is_seen, with_offsets
+from sysid.vision.camera.noses import (
+    CLOTH_EDGE_M,
+    CushionReading,
+    TableEvidence,
+    read_noses,
+    what_is_seen,
+    with_offsets,
+)
 from sysid.vision.camera.pose import CameraFit, Rails, fit_camera
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.camera.table_edges import Edge
@@ -147,9 +154,7 @@ def calibrate(
     progress("looking for the noses")
     first, seen, reading = _read(light, stills, first, unknown, float(start.matrix[0, 0]), by_hand)
     if reading is None:
-        if by_hand:
-            return _by_hand(first, hints.focal_from, source)
-        raise BadInput("the cushions' noses do not show against the bed; give --corners, or light the table evenly")
+        return _by_hand(first, hints.focal_from, source)
     edge, warnings = ("those nearest to the corners given", []) if by_hand else _edge_taken(seen, reading, first)
     lines = _fitted_to_edges(light, reading.camera, with_offsets(reading, first.camera), unknown, progress)
     progress("least squares")
@@ -200,7 +205,7 @@ def _unaided(
 def _read(
     light: NDArray[np.float32], stills: Sequence[NDArray[np.uint8]], first: CameraFit, unknown: tuple[str, ...],
     focal: float, by_hand: bool,
-) -> tuple[CameraFit, Seen, Reading | None]:  # fmt: skip
+) -> tuple[CameraFit, TableEvidence, CushionReading | None]:  # fmt: skip
     """The first view, what is seen from it, and the likeliest reading.
 
     Rough corners are improved in rounds; and where a side shows no nose, it is looked for again, as the cloth may have
@@ -214,10 +219,14 @@ def _read(
         first = dataclasses.replace(
             first, camera=reading.camera, margin=first.margin if by_hand else reading.cushion_width
         )
+    if reading is None and not by_hand:
+        raise BadInput("the cushions' noses do not show against the bed; give --corners, or light the table evenly")
     return first, seen, reading
 
 
-def _seen(light: NDArray[np.float32], stills: Sequence[NDArray[np.uint8]], first: CameraFit, by_hand: bool) -> Seen:
+def _seen(
+    light: NDArray[np.float32], stills: Sequence[NDArray[np.uint8]], first: CameraFit, by_hand: bool
+) -> TableEvidence:
     """What the picture, and single frames of it, show of the table."""
     low, high = (
         (-CORNER_SEARCH_M, CORNER_SEARCH_M)
@@ -237,7 +246,7 @@ def _seen(light: NDArray[np.float32], stills: Sequence[NDArray[np.uint8]], first
     return what_is_seen(first.camera, edges, margin, diamonds, balls)
 
 
-def _edge_taken(seen: Seen, reading: Reading, first: CameraFit) -> tuple[str, list[str]]:
+def _edge_taken(seen: TableEvidence, reading: CushionReading, first: CameraFit) -> tuple[str, list[str]]:
     """A description of the edges that are taken as noses, and doubts about them."""
     outline = first.margin
     inward = outline - float(np.mean([e.offset for e in reading.noses.values()]))

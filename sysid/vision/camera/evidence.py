@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sysid.vision.camera.noses import RAIL_RISE_M, Reading, Seen, diamond_errors
+from sysid.vision.camera.noses import RAIL_RISE_M, CushionReading, TableEvidence, diamond_errors
 from sysid.vision.camera.projection import Camera
 from sysid.vision.camera.trust import TABLE_SIZE_REMEDY
 
@@ -26,7 +26,7 @@ MAX_DISTORTION = 0.35  # of the distance from the middle, at the farthest corner
 LENS_REMEDY = "give --corners, or take the lens from a --board"
 
 
-def evidence(camera: Camera, seen: Seen, reading: Reading) -> list[str]:
+def evidence(camera: Camera, seen: TableEvidence, reading: CushionReading) -> list[str]:
     """What speaks for a camera, in lines."""
     found = []
     if len(seen.diamonds.pixels):
@@ -41,13 +41,13 @@ def evidence(camera: Camera, seen: Seen, reading: Reading) -> list[str]:
     return ["no diamonds and no balls were seen: the noses alone tell the camera"]
 
 
-def evidence_doubts(camera: Camera, seen: Seen, reading: Reading) -> list[str]:
+def evidence_doubts(camera: Camera, seen: TableEvidence, reading: CushionReading) -> list[str]:
     """What speaks against a camera."""
     limit = MAX_COST + MAX_DIAMOND_COST * len(seen.diamonds.pixels)
     return [*_reading_doubts(camera, reading, limit), *_size_doubts(camera, seen, reading), *_lens_doubts(camera)]
 
 
-def _reading_doubts(camera: Camera, reading: Reading, max_cost: float) -> list[str]:
+def _reading_doubts(camera: Camera, reading: CushionReading, max_cost: float) -> list[str]:
     """Doubts that the edges taken are the noses."""
     if reading.lead < MIN_LEAD:
         return [f"other edges beside the bed could as well be the noses, as a shadow's: {TABLE_SIZE_REMEDY}"]
@@ -68,7 +68,7 @@ def _reading_doubts(camera: Camera, reading: Reading, max_cost: float) -> list[s
     return []
 
 
-def _size_doubts(camera: Camera, seen: Seen, reading: Reading) -> list[str]:
+def _size_doubts(camera: Camera, seen: TableEvidence, reading: CushionReading) -> list[str]:
     """Doubts that the table and the balls are as large as they were said to be."""
     messages = []
     pixel = camera.eye[2] / camera.matrix[0, 0]
@@ -103,7 +103,7 @@ def _lens_doubts(camera: Camera) -> list[str]:
     return []
 
 
-def _diamond_rms(camera: Camera, seen: Seen, reading: Reading) -> float:
+def _diamond_rms(camera: Camera, seen: TableEvidence, reading: CushionReading) -> float:
     """Of the diamonds along their rails, from eighths of its length and quarters of its width [m]."""
     along, _ = diamond_errors(camera, seen.diamonds, reading.diamond_margin, RAIL_RISE_M[0])
     return float(np.sqrt(np.mean(along**2)))

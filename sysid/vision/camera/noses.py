@@ -1,7 +1,7 @@
 """Which edges beside the bed are the noses: readings of the cushions, weighed by everything that is seen.
 
-In: the edges along each side, and what else the picture shows. Out: `Reading`, the likeliest choice of an edge per
-side, with the camera that goes with it, and how much likelier it is than one that places balls elsewhere.
+In: the edges along each side, and what else the picture shows. Out: `CushionReading`, the likeliest choice of an edge
+per side, with the camera that goes with it, and how much likelier it is than one that places balls elsewhere.
 
 Beside the noses a picture shows the shadows that the cushions cast on the bed, and the end of the cloth on top of the
 cushions, a cushion's width outside the noses and the same at all sides. A reading is a least squares problem in the
@@ -53,7 +53,7 @@ FAR_COST = 1e4  # of edges with which a camera is not over the table
 
 
 @dataclass(frozen=True)
-class Seen:
+class TableEvidence:
     """What is seen of the table."""
 
     edges: Mapping[int, Sequence[Edge]]  # by rail, offsets from the expected nose of the rough camera
@@ -64,7 +64,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Reading:
+class CushionReading:
     """A choice of edges as noses."""
 
     noses: Mapping[int, Edge]  # by rail, offsets from the noses of the rough camera
@@ -77,7 +77,7 @@ class Reading:
 
 def what_is_seen(
     rough: Camera, edges: Mapping[int, Sequence[Edge]], outline: float, diamonds: Diamonds, balls: BallSizes
-) -> Seen:
+) -> TableEvidence:
     """What is seen of the table.
 
     Args:
@@ -94,13 +94,15 @@ def what_is_seen(
             offset = max(near, key=lambda e: e.strength).offset
             pixels.append(_line(rough, rail, [offset])[offset])
             rails.append(rail)
-    return Seen(edges, np.concatenate(pixels), np.repeat(np.array(rails, np.intp), LINE_PLACES), diamonds, balls)
+    return TableEvidence(
+        edges, np.concatenate(pixels), np.repeat(np.array(rails, np.intp), LINE_PLACES), diamonds, balls
+    )
 
 
-class _Problem:
+class _ReadingProblem:
     """The least squares problem of all readings, about a camera."""
 
-    def __init__(self, rough: Camera, seen: Seen, free: tuple[str, ...], focal: float) -> None:
+    def __init__(self, rough: Camera, seen: TableEvidence, free: tuple[str, ...], focal: float) -> None:
         self.rough, self.seen, self.free, self.focal = rough, seen, free, focal
 
     def residuals(self, camera: Camera, extra: Array, pixels: Array, rails: Rails) -> Array:
@@ -151,7 +153,9 @@ def diamond_errors(camera: Camera, diamonds: Diamonds, margin: float, rise: floa
     return xy[k, 1 - axis] - diamonds.along, out
 
 
-def read_noses(rough: Camera, seen: Seen, outline: float, free: tuple[str, ...], focal: float) -> Reading | None:
+def read_noses(
+    rough: Camera, seen: TableEvidence, outline: float, free: tuple[str, ...], focal: float
+) -> CushionReading | None:
     """The likeliest reading of the cushions; None where fewer than three sides show an edge.
 
     Args:
@@ -175,7 +179,7 @@ def read_noses(rough: Camera, seen: Seen, outline: float, free: tuple[str, ...],
     places = {rail: _line(rough, rail, [e.offset for e, _ in some if e]) for rail, some in options.items()}
     best, costs = 0, looks
     for _ in range(RANKING_ROUNDS):
-        problem = _Problem(camera, seen, free, focal)
+        problem = _ReadingProblem(camera, seen, free, focal)
         costs = looks + _linear_costs(problem, readings, rails, places, extra, outline)
         ranked = np.argsort(costs, kind="stable")[:3]
         tried = [_fitted(problem, rails, readings[k], places, extra, outline) for k in ranked]
@@ -187,7 +191,7 @@ def read_noses(rough: Camera, seen: Seen, outline: float, free: tuple[str, ...],
     others = [costs[k] for k, other in enumerate(readings) if _differ(other, readings[best])]
     noses = {rail: edge for rail, (edge, _) in zip(rails, readings[best], strict=True) if edge is not None}
     lead = float(min(others, default=np.inf) - costs[best])
-    return Reading(noses, camera, cost, lead, float(extra[0]), float(extra[1]))
+    return CushionReading(noses, camera, cost, lead, float(extra[0]), float(extra[1]))
 
 
 def _differ(one: Sequence[tuple[Edge | None, float]], other: Sequence[tuple[Edge | None, float]]) -> bool:
@@ -235,7 +239,7 @@ def _line(camera: Camera, rail: int, offsets: Sequence[float]) -> dict[float, Ar
 
 
 def _linear_costs(
-    problem: _Problem, readings: Sequence[tuple[tuple[Edge | None, float], ...]], rails: list[int],
+    problem: _ReadingProblem, readings: Sequence[tuple[tuple[Edge | None, float], ...]], rails: list[int],
     places: Mapping[int, Mapping[float, Array]], extra: Array, outline: float,
 ) -> Array:  # fmt: skip
     """Costs of all readings (n,), about the camera of the problem."""
@@ -267,7 +271,7 @@ def _linear_costs(
 
 
 def _fitted(
-    problem: _Problem, rails: Sequence[int], reading: Sequence[tuple[Edge | None, float]],
+    problem: _ReadingProblem, rails: Sequence[int], reading: Sequence[tuple[Edge | None, float]],
     places: Mapping[int, Mapping[float, Array]], extra: Array, outline: float,
 ) -> tuple[Camera, Array, float]:  # fmt: skip
     """The camera of one reading, the extra unknowns, and the cost."""
@@ -287,7 +291,7 @@ def _fitted(
     return camera, fit.x[6 + len(problem.free) :], 2 * float(fit.cost)
 
 
-def with_offsets(reading: Reading, rough: Camera) -> dict[int, Edge]:
+def with_offsets(reading: CushionReading, rough: Camera) -> dict[int, Edge]:
     """The noses of a reading, offsets from the noses of its own camera."""
     found = {}
     for rail, edge in reading.noses.items():
