@@ -1,0 +1,254 @@
+"""Random films, calibrated and tracked as a newcomer would: `python -m tests.footage.study --films 200`.
+
+Each film is a few shots of the independent generator under a random camera, lens, lamp, cloth, wood, exposure, frame
+rate and codec. `sysid calibrate` and `sysid track` see the film alone, with the sizes of table and ball. Out: one line
+a film, and a table of rates and errors. A film is finished once its result lies in the folder, so a run can go on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+
+from models.console import table
+from models.shot import Array
+from sysid.cli.verbs import main as sysid
+from sysid.clips import Clip, read_clip_set
+from sysid.vision.camera.projection import Camera, read_camera, write_camera
+from tests.footage.__main__ import camera_over, pictures
+from tests.footage.film import Look
+from tests.footage.scenes import Scene, scenes
+from tests.truth.__main__ import main as generate
+
+MAX_CAMERA_RMS_M: Final = 3e-3  # over the balls' plane: a camera that is right
+MAX_SHOT_RMS_M: Final = 10e-3  # of the samples of a shot that is usable, beside the camera's own error
+SWAPPED_RADII: Final = 1.0  # from its ball, beyond which a sample is another's
+SAME_PLACE_M: Final = 0.2  # between first places of a clip and a shot
+RATES: Final = (25.0, 30.0, 50.0, 60.0, 120.0)  # [1/s]
+SIZES: Final = ((640, 360), (960, 540))  # [pixels]
+TABLES: Final = {  # as the generator takes them: length, width [m], ball [m]
+    "snooker": (3.569, 1.778, 0.0525), "pool 9 ft": (2.54, 1.27, 0.05715), "small": (1.881, 0.943, 0.0523),
+}  # fmt: skip
+SHOTS: Final = 2
+SECONDS: Final = 1.5
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """One film."""
+
+    number: int
+    table: str
+    fps: float
+    size: tuple[int, int]
+    tilt: float  # of the camera [rad]
+    lens: float  # first radial distortion
+    suffix: str  # of the video: lossless or compressed
+    look: Look
+
+    @property
+    def name(self) -> str:
+        """Of its files."""
+        return f"film-{self.number:03d}"
+
+
+def recipe(number: int) -> Recipe:
+    """A film at random."""
+    r = np.random.default_rng([2026, number])
+    fps = float(r.choice(RATES))
+    lamp = r.normal(0.0, 0.4, 2)
+    look = Look(
+        exposure=float(r.uniform(0.05, 0.5) / fps), noise=float(r.uniform(1, 8)), blur=float(r.uniform(0.4, 1.1)),
+        uneven=float(r.uniform(0, 0.35)), shadow=float(r.uniform(0.1, 0.5)), light=(*map(float, lamp), 1.0),
+        gloss=float(r.uniform(0.1, 0.6)), readout=float(r.choice([0.0, 0.5 / fps])),
+        cushion_shadow=float(r.choice([0.0, r.uniform(0.005, 0.02)])), cloth_tops=bool(r.random() < 0.5),
+        diamonds=float(r.choice([0.0, 0.012])), lamps=float(r.choice([0.0, r.uniform(0.2, 1.0)])),
+        player=bool(r.random() < 0.3),
+    )  # fmt: skip
+    return Recipe(
+        number, str(r.choice(list(TABLES))), fps, SIZES[int(r.integers(len(SIZES)))], float(r.uniform(0, 0.12)),
+        float(r.uniform(-0.12, 0.03)), str(r.choice([".mp4", ".mkv"])), look,
+    )  # fmt: skip
+
+
+def made(one: Recipe, folder: Path) -> tuple[Camera, list[Scene], Path]:
+    """The film, its camera and its shots."""
+    length, width, diameter = TABLES[one.table]
+    words = ["--seed", str(70_000 + one.number), "--clips", str(SHOTS), "--seconds", str(SECONDS), "--missing", "0"]
+    words += ["--fps", f"{one.fps:g}", "--length", str(length), "--width", str(width), "--diameter", str(diameter)]
+    with contextlib.redirect_stdout(io.StringIO()):
+        if generate([str(folder / "truth"), *words]):
+            raise RuntimeError(f"{one.name}: the generator refused {' '.join(words)}")
+    sized, _, fps, shots = scenes(folder / "truth")
+    camera = camera_over(sized, diameter, one.size, one.tilt, one.lens)
+    video = folder / f"film{one.suffix}"
+    code = cv2.VideoWriter.fourcc(*("FFV1" if one.suffix == ".mkv" else "mp4v"))
+    out = cv2.VideoWriter(str(video), code, fps, one.size)
+    for picture in pictures(camera, shots, fps, one.look, one.number):
+        out.write(picture)
+    out.release()
+    write_camera(folder / "true.toml", camera)
+    return camera, shots, video
+
+
+def camera_error(true: Camera, found: Camera) -> float:
+    """Between places on the balls' plane, over the table: rms [m]."""
+    half = np.array([true.table.length, true.table.width]) / 2 - true.radius
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 13), np.linspace(-1, 1, 9)), axis=-1).reshape(-1, 2) * half
+    pixels = true.outline(grid)
+    seen = found.on_plane(pixels, true.radius)
+    both = [seen, -seen]  # a table looks the same turned by half a circle
+    return float(min(np.sqrt(np.nanmean(np.sum((one - grid) ** 2, axis=1))) for one in both))
+
+
+def judged(one: Recipe, folder: Path) -> dict[str, Any]:
+    """What calibrate and track made of a film."""
+    length, width, diameter = TABLES[one.table]
+    camera, shots, video = made(one, folder)
+    row: dict[str, Any] = {"name": one.name, "table": one.table, "fps": one.fps, "size": one.size, "shots": len(shots)}
+    words = ["--length", length, "--width", width, "--diameter", diameter, "--out", folder / "camera.toml"]
+    row["calibrate"], row["said"] = _run(["calibrate", video, *words])
+    if (folder / "camera.toml").is_file():
+        row["camera_m"] = camera_error(camera, read_camera(folder / "camera.toml"))
+    if row["calibrate"]:  # tracking is judged all the same
+        shutil.copy(folder / "true.toml", folder / "camera.toml")
+    row["track"], said = _run(["track", video, "--camera", folder / "camera.toml", "--out", folder / "clips"])
+    row["said"] += said
+    row |= _tracks(folder, shots, diameter)
+    return row
+
+
+def _run(words: Sequence[object]) -> tuple[int, list[str]]:
+    """Exit status of a verb, and what it said of trust."""
+    out, error = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+        status = sysid([str(word) for word in words])
+    told = [line for line in out.getvalue().splitlines() if "trust" in line]
+    return status, [*told, *error.getvalue().splitlines()[-1:]] if status else []
+
+
+def _tracks(folder: Path, shots: Sequence[Scene], diameter: float) -> dict[str, Any]:
+    """Shots that are usable, samples that are another ball's, and noise told over true."""
+    if not (folder / "clips" / "clips.toml").is_file():
+        return {"usable": 0, "samples": 0, "swapped": 0}
+    clip_set = read_clip_set(folder / "clips")
+    usable = samples = swapped = 0
+    scatter: list[Array] = []
+    for clip in clip_set.clips:
+        shot = _shot_of(clip, shots)
+        if shot is None:
+            continue
+        errors = []
+        for name, seen in clip.balls.items():
+            if name not in shot.track.names:
+                continue
+            away = seen.xy - shot.places(name, shot.struck + seen.time)
+            flipped = -seen.xy - shot.places(name, shot.struck + seen.time)
+            errors.append(away if np.nanmedian(np.abs(away)) <= np.nanmedian(np.abs(flipped)) else flipped)
+        away = np.concatenate(errors)
+        away = away[np.isfinite(away).all(axis=1)]
+        far = np.linalg.norm(away, axis=1) > SWAPPED_RADII * diameter / 2
+        samples, swapped = samples + len(far), swapped + int(far.sum())
+        usable += bool(np.sqrt(np.mean(np.sum(away[~far] ** 2, axis=1))) < MAX_SHOT_RMS_M and far.mean() < 0.05)
+        scatter += [_scatter(e[np.isfinite(e).all(axis=1)]) for e in errors if len(e) > 9]
+    noise = float(np.sqrt(np.mean(np.concatenate(scatter)))) if scatter else np.nan
+    told = clip_set.sigma / noise if clip_set.sigma is not None and noise > 0 else np.nan
+    return {"usable": min(usable, len(shots)), "samples": samples, "swapped": swapped, "noise_ratio": told}
+
+
+def _scatter(errors: Array) -> Array:
+    """Squares of errors (n, 2) about their local quadratics: what is noise, and no error of the camera."""
+    third = np.diff(errors, n=3, axis=0) / np.sqrt(20.0)
+    return np.asarray(np.minimum(third**2, np.median(third**2) * 25).ravel())
+
+
+def _shot_of(clip: Clip, shots: Sequence[Scene]) -> Scene | None:
+    """The shot that a clip shows: by its balls' first places."""
+    best, least = None, SAME_PLACE_M
+    for shot in shots:
+        own = [n for n in clip.balls if n in shot.track.names]
+        if len(own) < len(clip.balls):
+            continue
+        first = np.array([clip.balls[n].xy[0] for n in own])
+        true = np.array([shot.places(n, np.array([shot.struck]))[0] for n in own])
+        away = min(float(np.abs(sign * first - true).max()) for sign in (1, -1))
+        if away < least:
+            best, least = shot, away
+    return best
+
+
+def _one(job: tuple[int, Path]) -> dict[str, Any]:
+    number, out = job
+    one = recipe(number)
+    file, work = out / f"{one.name}.json", out / one.name
+    if file.is_file():
+        found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        return found
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    row = judged(one, work)
+    for video in work.glob("film.*"):
+        video.unlink()
+    file.write_text(json.dumps(row, default=str), encoding="utf-8")
+    return row
+
+
+def rows(found: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
+    """The table of figures."""
+    passed = [r for r in found if r["calibrate"] == 0]
+    right = [r for r in passed if r["camera_m"] <= MAX_CAMERA_RMS_M]
+    shots, samples = sum(r["shots"] for r in found), sum(r["samples"] for r in found)
+    ratios = np.array([r["noise_ratio"] for r in found if np.isfinite(r.get("noise_ratio", np.nan))])
+    errors = np.array([1e3 * r["camera_m"] for r in passed])
+    return [
+        ("figure", "measured", "of"),
+        ("cameras passed and right", str(len(right)), str(len(found))),
+        ("cameras passed and wrong", str(len(passed) - len(right)), str(len(found))),
+        ("error of those passed, median; worst [mm]", _two(errors, np.median, np.max), str(len(errors))),
+        ("shots usable", str(sum(r["usable"] for r in found)), str(shots)),
+        ("samples of another ball", str(sum(r["swapped"] for r in found)), str(samples)),
+        ("noise told over true, median; worst", _two(ratios, np.median, np.max), str(len(ratios))),
+        ("of it from 0.8 to 1.25", str(int(((ratios > 0.8) & (ratios < 1.25)).sum())), str(len(ratios))),
+    ]
+
+
+def _two(values: Array, *figures: Callable[[Array], Any]) -> str:
+    return "; ".join(f"{figure(values):.2f}" for figure in figures) if values.size else "-"
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Film, calibrate, track, report."""
+    p = argparse.ArgumentParser(prog="python -m tests.footage.study", description="Random films, judged.")
+    p.add_argument("--films", type=int, default=200, metavar="N")
+    p.add_argument("--out", type=Path, default=Path("out/films"), metavar="DIR")
+    p.add_argument("--workers", type=int, default=2, metavar="N")
+    args = p.parse_args(words)
+    args.out.mkdir(parents=True, exist_ok=True)
+    found = []
+    with ProcessPoolExecutor(args.workers) as pool:
+        for row in pool.map(_one, [(k, args.out) for k in range(args.films)]):
+            found.append(row)
+            camera = f"{1e3 * row['camera_m']:.2f} mm" if row.get("camera_m") is not None else "none"
+            print(
+                f"{row['name']} {row['table']}, {row['fps']:g}/s: camera {camera}, status {row['calibrate']}; "
+                f"{row['usable']} of {row['shots']} shots; noise {row.get('noise_ratio', float('nan')):.2f}; "
+                + " | ".join(row["said"])[:160], flush=True,
+            )  # fmt: skip
+    print(table(rows(found)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
