@@ -14,8 +14,6 @@ from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, json_opt
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from sysid.cli.common import camera_option, mass_option, palette_option, print_recording, rrd_option
-from sysid.clips import write_clip_set
-from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
 
 if TYPE_CHECKING:
     from sysid.clips import ClipSet
@@ -59,6 +57,8 @@ class TrackOutputs:
 
     def check(self) -> None:
         """Refuse before the work what could not be written after it."""
+        from sysid.vision.tracks.recordings import finished
+
         out = self.out
         begun = out.is_dir() and (out / "clips.toml").is_file() and finished(out) is not None
         if out.exists() and not self.force and not begun and (not out.is_dir() or any(out.iterdir())):
@@ -85,7 +85,9 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
     outputs.check()
     import cv2
 
+    from sysid.clips import write_clip_set
     from sysid.vision.camera.projection import read_camera
+    from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
 
     named = names_of(filmed.videos)
     if outputs.rrd_file and len(named) > 1:
