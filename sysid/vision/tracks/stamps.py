@@ -46,14 +46,15 @@ def doubled(changes: Array) -> NDArray[np.bool_]:
     return found
 
 
-def missing(tracks: Sequence[BallTrack], frames: NDArray[np.int64], sigma: float) -> dict[int, int]:
-    """Frames before which pictures are missing, and how many, by the steps of all balls that move."""
-    steps: dict[int, list[tuple[float, int]]] = {}  # by frame: multiple of the usual step, and frames stored
+def missing(tracks: Sequence[BallTrack], frames: NDArray[np.int64], period: float, sigma: float) -> dict[int, int]:
+    """Frames before which pictures are missing that their stamps do not tell of, and how many, by the balls' steps."""
+    steps: dict[int, list[tuple[float, int]]] = {}  # by frame: multiple of the usual step, and periods by the stamps
     place = {int(frame): k for k, frame in enumerate(frames)}
     for track in tracks:
         at = np.array([place[int(f)] for f in track.frame])
         step = np.diff(track.xy, axis=0)
-        length, count = np.linalg.norm(step, axis=1), np.diff(at)
+        length = np.linalg.norm(step, axis=1)
+        count = np.maximum(np.rint(np.diff(track.time) / period), 1).astype(int)
         for k in range(2, len(step) - 1):
             around = length[[k - 2, k - 1, k + 1]]
             usual = float(around[:2].mean())
@@ -67,10 +68,10 @@ def missing(tracks: Sequence[BallTrack], frames: NDArray[np.int64], sigma: float
             steps.setdefault(int(frames[at[k] + 1]), []).append((ratio, int(count[k])))
     found = {}
     for frame, ratios in sorted(steps.items()):
-        multiple, stored = round(float(np.median([r for r, _ in ratios]))), min(c for _, c in ratios)
+        multiple, stamped = round(float(np.median([r for r, _ in ratios]))), min(c for _, c in ratios)
         close = all(abs(r - multiple) < MULTIPLE_TOLERANCE * multiple for r, _ in ratios)
-        if stored < multiple <= MAX_MULTIPLE and close:
-            found[frame] = multiple - stored
+        if stamped < multiple <= MAX_MULTIPLE and close:
+            found[frame] = multiple - stamped
     return found
 
 

@@ -113,7 +113,7 @@ def _stamped(
     scene = TrackedScene(tracks, frames, times, camera.table, camera.radius, 0.0)
     sigma = difference_noise(scene, resting=True)
     sigma = sigma if math.isfinite(sigma) else DEFAULT_NOISE_RADII * camera.radius
-    gaps = missing([_without_outliers(track, sigma, []) for track in tracks], frames, sigma)
+    gaps = missing([_without_outliers(track, sigma, []) for track in tracks], frames, period, sigma)
     for frame, count in gaps.items():
         notes.append(f"before frame {frame} {count} missing, though stamps are even: later stamps set right")
     return later(tracks, gaps, period), frames, times + delays(frames, gaps, period), notes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -69,9 +70,13 @@ def test_a_picture_stored_twice_is_known_by_its_small_change() -> None:
 def test_pictures_missing_at_even_stamps_are_counted() -> None:
     made = Recording().wait(0.5).shot((0.8, 0.2), seconds=1.0)
     true = tracked_of(made, noise=0.02)
-    assert missing(true.scene.tracks, true.scene.frames, true.scene.sigma) == {}
+    scene, period = true.scene, float(np.median(np.diff(true.scene.times)))
+    assert missing(scene.tracks, scene.frames, period, scene.sigma) == {}
     rows = made.rows[1]
     made.rows[1] = np.concatenate([rows[:20], rows[23:]])
     short = tracked_of(made, noise=0.02)
-    gaps = missing(short.scene.tracks, short.scene.frames, short.scene.sigma)
+    gaps = missing(short.scene.tracks, short.scene.frames, period, short.scene.sigma)
     assert gaps == {len(made.rows[0]) + 20: 3}
+    first = len(made.rows[0]) + 20
+    told = [replace(t, time=t.time + 3 * period * (t.frame >= first)) for t in short.scene.tracks]
+    assert missing(told, short.scene.frames, period, short.scene.sigma) == {}, "the stamps tell of them"
