@@ -15,7 +15,7 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,6 +41,7 @@ SIZES: Final = ((640, 360), (960, 540))  # [pixels]
 TABLES: Final = {  # as the generator takes them: length, width [m], ball [m]
     "snooker": (3.569, 1.778, 0.0525), "pool 9 ft": (2.54, 1.27, 0.05715), "small": (1.881, 0.943, 0.0523),
 }  # fmt: skip
+RAIL_WIDTH_M: Final = 0.12  # beside the noses: cushion and some wood, which are in view
 SHOTS: Final = 2
 SECONDS: Final = 1.5
 
@@ -54,6 +55,7 @@ class Recipe:
     fps: float
     size: tuple[int, int]
     tilt: float  # of the camera [rad]
+    aside: tuple[float, float]  # of the table's middle from the line of sight, in the camera's axes [m]
     lens: float  # first radial distortion
     suffix: str  # of the video: lossless or compressed
     look: Look
@@ -79,7 +81,8 @@ def recipe(number: int) -> Recipe:
     )  # fmt: skip
     return Recipe(
         number, str(r.choice(list(TABLES))), fps, SIZES[int(r.integers(len(SIZES)))], float(r.uniform(0, 0.12)),
-        float(r.uniform(-0.12, 0.03)), str(r.choice([".mp4", ".mkv"])), look,
+        (float(r.normal(0, 0.02)), float(r.normal(0, 0.02))), float(r.uniform(-0.12, 0.03)),
+        str(r.choice([".mp4", ".mkv"])), look,
     )  # fmt: skip
 
 
@@ -92,7 +95,7 @@ def made(one: Recipe, folder: Path) -> tuple[Camera, list[Scene], Path]:
         if generate([str(folder / "truth"), *words]):
             raise RuntimeError(f"{one.name}: the generator refused {' '.join(words)}")
     sized, _, fps, shots = scenes(folder / "truth")
-    camera = camera_over(sized, diameter, one.size, one.tilt, one.lens)
+    camera = _aimed(camera_over(sized, diameter, one.size, one.tilt, one.lens), one.aside)
     video = folder / f"film{one.suffix}"
     code = cv2.VideoWriter.fourcc(*("FFV1" if one.suffix == ".mkv" else "mp4v"))
     out = cv2.VideoWriter(str(video), code, fps, one.size)
@@ -101,6 +104,19 @@ def made(one: Recipe, folder: Path) -> tuple[Camera, list[Scene], Path]:
     out.release()
     write_camera(folder / "true.toml", camera)
     return camera, shots, video
+
+
+def _aimed(camera: Camera, aside: tuple[float, float]) -> Camera:
+    """The camera moved until all of the table, and so much beside it, is in its picture; it keeps its direction."""
+    frame = np.array([camera.table.length, camera.table.width]) / 2 + RAIL_WIDTH_M
+    corners = frame * [[1, 1], [1, -1], [-1, -1], [-1, 1]]
+    away = float(camera.eye[2])
+    while True:
+        camera = replace(camera, translation=np.array([*aside, away]))
+        seen = camera.outline(corners)
+        if (seen > 0).all() and (seen < np.array(camera.size) - 1).all():
+            return camera
+        away *= 1.01
 
 
 def camera_error(true: Camera, found: Camera) -> float:
