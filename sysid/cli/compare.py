@@ -34,6 +34,8 @@ def check(clips: Path, json_file: Path | None) -> int:
     for line in [*faults, *(f"warning: {warning}" for warning in found.warnings)]:
         print(line)
     notes = size_notes(found.clip_set) if found.clip_set else []
+    if found.clip_set and found.resting:
+        notes.append(f"{found.resting} clips begin before the strike; it is their time 0, what precedes it is left out")
     for line in notes:
         print(f"note: {line}")
     if json_file:

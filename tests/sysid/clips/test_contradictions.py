@@ -62,11 +62,21 @@ FRAME_FAULTS: dict[str, tuple[Callable[[float, float, float], Row], str, str]] =
         "mm from a corner: ",
         "divide them by 1000, then subtract half",
     ),
+    "feet": (lambda t, x, y: (t, x / 0.3048, y / 0.3048), "look like feet: ", "--unit ft"),
+    "pixels": (lambda t, x, y: (t, 400 * x + 960, 540 - 400 * y), "fit no unit of length", "--camera CAM.toml"),
+    "a corner, downwards": (
+        lambda t, x, y: (t, x + LENGTH / 2, WIDTH / 2 - y),
+        "corner with y downwards: ",
+        "--origin corner --y down",
+    ),
     "exchanged": (lambda t, x, y: (t, y, x), "x and y exchanged: ", "exchange the columns"),
     "y downwards": (lambda t, x, y: (t, x, -y), "beside the commanded azimuth", "change the sign of y"),
     "x from the right": (lambda t, x, y: (t, -x, y), "beside the commanded azimuth", "change the sign of x"),
     "half turn": (lambda t, x, y: (t, -x, -y), "beside the commanded azimuth", "signs of x and y"),
     "frames": (lambda t, x, y: (round(120 * t), x, y), "t counts frames: ", "divide it by the frame rate"),
+    "as played": (lambda t, x, y: (4 * t, x, y), "rolling balls slow down by 0.0076", "sysid import"),
+    "too fast": (lambda t, x, y: (t / 2, x, y), "of the commanded speed", "correct t and fps"),
+    "a tenth too small": (lambda t, x, y: (t, 0.9 * x, 0.9 * y), "everything is 0.9", "multiply x and y by 1.111"),
     "milliseconds": (lambda t, x, y: (1e3 * t, x, y), "t looks like milliseconds: ", "divide it by 1000"),
 }
 
@@ -80,6 +90,33 @@ def test_coordinates_and_times_that_are_all_wrong_are_one_line(tmp_path: Path, n
     assert remedy in fault
 
 
+def test_frames_are_told_even_where_the_frame_rate_is_said_to_be_one(tmp_path: Path) -> None:
+    fault = only_fault(spoiled(tmp_path / "set", FRAME_FAULTS["frames"][0], fps=1.0))
+    assert "t counts frames" in fault and "--time frames --fps F" in fault
+
+
+def test_a_clip_that_begins_before_the_strike_is_read_from_there(tmp_path: Path) -> None:
+    folder = spoiled(tmp_path / "set")
+    file = folder / "clips/0002.csv"
+    head, *body = file.read_text().splitlines()
+    cells = [row.split(",") for row in body]
+    still = [[f"{-k / 120:.6f}", *cells[0][1:]] for k in range(30, 0, -1)]
+    file.write_text("\n".join([head, *(",".join(row) for row in [*still, *cells])]) + "\n")
+    found, plain = inspect_clip_set(folder), inspect_clip_set(EXAMPLE)
+    assert (found.resting, plain.resting) == (1, 0)
+    clip, meant = found.sound().clips[1], plain.sound().clips[1]
+    assert abs(clip.origin) < 1.5 / 120
+    assert abs(len(clip.balls["cue"].time) - len(meant.balls["cue"].time)) <= 2
+
+
+def test_another_ball_that_moves_first_is_the_struck_one(tmp_path: Path) -> None:
+    assert generate([str(tmp_path / "set"), "--seed", "5", "--clips", "4", "--kind", "cut"]) == 0
+    toml = tmp_path / "set" / "clips.toml"
+    toml.write_text(toml.read_text().replace('struck = "cue"', 'struck = "red"'))
+    fault = only_fault(tmp_path / "set")
+    assert "struck = 'red' of clips/0001.csv, but 'cue' moves while that one rests (3 more clips are so)" in fault
+
+
 def test_coordinates_of_one_clip_are_a_matter_of_its_rows(tmp_path: Path) -> None:
     folder = spoiled(tmp_path / "set")
     shutil.copy(spoiled(tmp_path / "mm", FRAME_FAULTS["mm"][0]) / "clips/0003.csv", folder / "clips/0003.csv")
@@ -87,8 +124,9 @@ def test_coordinates_of_one_clip_are_a_matter_of_its_rows(tmp_path: Path) -> Non
 
 
 def test_another_diameter_is_found_by_where_balls_meet(tmp_path: Path) -> None:
-    fault = only_fault(spoiled(tmp_path / "set", diameter=0.0615))
-    assert fault.startswith("clips.toml: diameter = 0.0615 m, but balls meet with their centres 0.052")
+    for wrong in (0.0615, 0.05715):
+        fault = only_fault(spoiled(tmp_path / str(wrong), diameter=wrong))
+        assert fault.startswith(f"clips.toml: diameter = {wrong:g} m, but balls meet with their centres 0.052")
     for number, diameter in enumerate((0.0525 * 1.005, 0.0525 * 0.995)):
         folder = spoiled(tmp_path / f"set{number}", diameter=diameter)
         assert check_clip_set(folder) == []
