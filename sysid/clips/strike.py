@@ -20,15 +20,17 @@ from sysid.clips.names import CLIPS_TOML
 REST_M = 0.003  # of a ball that has not moved
 MIN_MISSED_M = 0.006  # way that a ball at rest would have gone at its first speed, above what noise imitates
 REST_SHARE = 0.5  # of that way, of a ball that was at rest
+MAX_RESTING_TURN_RAD = 0.3  # of a ball's mark
 STEPS = 3  # from sample to sample, of which a first speed is the mean
 MIN_MOVED_M = 0.02  # by another ball before the strike, for that one to be the struck
 MIN_CLIPS = 2  # that show another ball struck, for the set to be told so
 
 
 def first_moving(seen: Observation) -> int:
-    """Number of the first sample away from where the ball was first seen; that of its samples where it never is."""
-    moved = np.hypot(*(seen.xy - seen.xy[:1]).T) > REST_M
-    return int(np.argmax(moved)) if moved.any() else len(moved)
+    """Number of the first sample from which on it is away from where it was first seen; of all where it never is."""
+    away = np.hypot(*(seen.xy - seen.xy[:1]).T) > REST_M
+    lasting = np.lib.stride_tricks.sliding_window_view(np.append(away, [away[-1]] * STEPS), STEPS + 1).all(axis=1)
+    return int(np.argmax(lasting)) if lasting.any() else len(lasting)
 
 
 def strike_time(seen: Observation) -> float | None:
@@ -37,8 +39,12 @@ def strike_time(seen: Observation) -> float | None:
     last = min(first + STEPS, len(seen.time) - 1)
     if first < 2 or last <= first:
         return None
+    if np.nan_to_num(np.abs(seen.theta[:first] - seen.theta[0])).max() > MAX_RESTING_TURN_RAD:
+        return None  # it spins in place
     rest = np.median(seen.xy[:first], axis=0)
     speed = float(np.hypot(*(seen.xy[last] - seen.xy[first])) / (seen.time[last] - seen.time[first]))
+    if float(np.hypot(*(seen.xy[last] - rest))) < 2 * REST_M:
+        return None
     missed = speed * float(seen.time[first - 1] - seen.time[0])
     if missed < MIN_MISSED_M or float(np.hypot(*(seen.xy[first - 1] - seen.xy[0]))) > REST_SHARE * missed:
         return None
