@@ -28,9 +28,11 @@ MIN_CLIPS = 2  # that show another ball struck, for the set to be told so
 
 def first_moving(seen: Observation) -> int:
     """Number of the first sample from which on it is away from where it was first seen; of all where it never is."""
-    away = np.hypot(*(seen.xy - seen.xy[:1]).T) > REST_M
-    lasting = np.lib.stride_tricks.sliding_window_view(np.append(away, [away[-1]] * STEPS), STEPS + 1).all(axis=1)
-    return int(np.argmax(lasting)) if lasting.any() else len(lasting)
+    away = np.append(np.hypot(*(seen.xy - seen.xy[:1]).T) > REST_M, np.ones(STEPS, bool))
+    for k in np.flatnonzero(away[: len(seen.time)]).tolist():
+        if away[k : k + STEPS + 1].all():
+            return int(k)
+    return len(seen.time)
 
 
 def strike_time(seen: Observation) -> float | None:
