@@ -52,10 +52,10 @@ class Inspection:
         return self.clip_set
 
 
-def inspect_clip_set(folder: Path | str) -> Inspection:
-    """Read a clip set, and name its faults or what its tracks contradict."""
+def inspect_clip_set(folder: Path | str, named: Path | None = None) -> Inspection:
+    """Read a clip set, and name its faults or what its tracks contradict; messages name the folder as they are told."""
     faults = Faults()
-    clip_set, found, resting = _read(Path(folder), faults)
+    clip_set, found, resting = _read(Path(folder), faults, named or Path(folder))
     if faults or clip_set is None:
         return Inspection(Path(folder), None, faults)
     doubts = tuple(one_line(f"{one.where}: {one.text}") for one in found if not one.certain)
@@ -67,12 +67,12 @@ def read_clip_set(folder: Path | str) -> ClipSet:
     return inspect_clip_set(folder).sound()
 
 
-def check_clip_set(folder: Path | str) -> list[str]:
+def check_clip_set(folder: Path | str, named: Path | None = None) -> list[str]:
     """Every fault of a clip set, one line each; of a file with very many the first ones and their number."""
-    return inspect_clip_set(folder).fault_lines()
+    return inspect_clip_set(folder, named).fault_lines()
 
 
-def _read(folder: Path, faults: Faults) -> tuple[ClipSet | None, Sequence[Contradiction], int]:
+def _read(folder: Path, faults: Faults, named: Path) -> tuple[ClipSet | None, Sequence[Contradiction], int]:
     """The clip set, None if there are faults that leave none, what contradicts it, how many clips began too early."""
     try:
         root = Path(os.path.realpath(folder, strict=True))
@@ -96,7 +96,7 @@ def _read(folder: Path, faults: Faults) -> tuple[ClipSet | None, Sequence[Contra
     clip_set = None
     if table is not None and ball is not None and "fps" in camera:
         clips = tuple(clip for _, _, clip in parsed)
-        clip_set = ClipSet(table, ball, camera["fps"], clips, camera.get("sigma"), folder, header.extra)
+        clip_set = ClipSet(table, ball, camera["fps"], clips, camera.get("sigma"), named, header.extra)
     doubted, found = ((), ()) if clip_set is None else _doubted(clip_set, faults)
     for entry, rows, _ in parsed:
         check_rows(rows, entry.file, header, faults, doubted)

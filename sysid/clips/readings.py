@@ -86,7 +86,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class ReadingEvidence:
     """What speaks for a reading: turns of balls at and off cushions, diameter, spread over the table."""
 
     reading: Reading
@@ -136,7 +136,7 @@ def share_inside(xy: Array, table: Table, ball: Ball) -> float:
     return float(np.mean((np.abs(xy) <= limit).all(axis=1)))
 
 
-def weighed(clip_set: ClipSet, reading: Reading) -> Evidence | None:
+def weighed(clip_set: ClipSet, reading: Reading) -> ReadingEvidence | None:
     """The evidence for a reading; None where it does not put the rows on the table."""
     table, ball = clip_set.table, clip_set.ball
     xy = np.concatenate([np.zeros((0, 2)), *places(clip_set.clips)])
@@ -153,10 +153,10 @@ def weighed(clip_set: ClipSet, reading: Reading) -> Evidence | None:
     fits = 0
     if contact.count > 1:
         fits = -1 if contact.departs(ball.diameter, CERTAIN_DIAMETER * ball.diameter) else 1
-    return Evidence(reading, near, len(far) - near, fits, coverage)
+    return ReadingEvidence(reading, near, len(far) - near, fits, coverage)
 
 
-def likely_readings(clip_set: ClipSet, among: Sequence[Reading]) -> list[Evidence]:
+def likely_readings(clip_set: ClipSet, among: Sequence[Reading]) -> list[ReadingEvidence]:
     """Readings that nothing contradicts, the likeliest first."""
     found = [seen for reading in among if (seen := weighed(clip_set, reading)) is not None and seen.holds]
     return sorted(found, key=lambda seen: seen.rank, reverse=True)

@@ -34,7 +34,7 @@ def write_clip_set(clip_set: ClipSet, folder: Path | str) -> None:
     Times and positions keep 6 decimals. A clip set that is there is replaced; any other file is BadInput, and so is
     a clip set that `read_clip_set` would refuse.
     """
-    replace_folder(Path(folder), texts_of(clip_set), check_clip_set)
+    replace_folder(Path(folder), texts_of(clip_set), lambda new: check_clip_set(new, Path(folder)))
 
 
 def texts_of(clip_set: ClipSet) -> dict[str, str]:
