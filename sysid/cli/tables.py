@@ -56,4 +56,5 @@ def table_set(name: str, diameter: float | None, mass: float | None, no_pockets:
     size = diameter if diameter is not None else known.diameter if known else 0.0
     if mass is None:
         mass = known.mass if known is not None and known.diameter == size else MASS_PER_CUBED_DIAMETER * size**3
-    return TableSet(dataclasses.replace(table, pockets=table.pockets and not no_pockets), Ball(size, mass))
+    pockets = False if no_pockets else table.pockets
+    return TableSet(dataclasses.replace(table, pockets=pockets), Ball(size, mass))

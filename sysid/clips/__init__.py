@@ -4,6 +4,7 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
 
     clip_set        the values: Observation, CueCommand, Clip, ClipSet
     read, write     whole or not at all; header and rows of their files, names of balls and clips
+    template        a clip set to fill in
     plausibility    times increase, balls are on the table and do not overlap
     strike          when the struck ball sets off, and whether it is the one
     readings, units coordinates and times in other units, from elsewhere, along other axes

@@ -8,5 +8,4 @@ for granted, and a picture of it.
     times       seconds, frames or parts of a second
     convert     units, origin, axes; the struck ball and its strike
     picture     the tracks over the table
-    template    an empty clip set to fill in
 """
