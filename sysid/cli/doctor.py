@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given
-from models.console import Progress, Status
+from models.console import Progress, Status, as_called
 from sysid.cli.calibrate import calibrate
 from sysid.cli.common import mass_option, palette_option
 from sysid.cli.compare import check
@@ -86,8 +86,8 @@ def doctor(context: click.Context, videos: tuple[str, ...], filmed: FilmedTable,
         print("stopped: no shot was found that can be used; the lines above say why")
         return Status.FINDING
     if doubtful:
-        print(f"stopped: tracks are not to be trusted. Look at {folder / SHEET_FILE}; to go on with what there is: "
-              f"sysid discover {shlex.quote(str(clips))} --out {shlex.quote(str(folder / FOUND_FOLDER))}")  # fmt: skip
+        again = as_called(f"sysid discover {shlex.quote(str(clips))} --out {shlex.quote(str(folder / FOUND_FOLDER))}")
+        print(f"stopped: tracks are not to be trusted; see {folder / SHEET_FILE}; to go on with them: {again}")
         return Status.FINDING
     if status := _step(context, check, [clips]):
         return status

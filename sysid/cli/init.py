@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from models.command_line import FILE_PATH, gathered
-from models.console import Status
+from models.console import Status, as_called
 from models.errors import BadInput
 from sysid.cli.tables import TableOptions
 
@@ -33,5 +33,7 @@ def init(folder: Path, sizes: TableOptions) -> int:
     write_template(folder, known, names[0] if names else None)
     shown = shlex.quote(str(folder))
     print(f"{folder}: clips.toml and {EXAMPLE_FILE}")
-    print(f"next: write your shots beside the example, name them in clips.toml, then: sysid check {shown}")
+    print(
+        f"next: write your shots beside the example, name them in clips.toml, then: {as_called(f'sysid check {shown}')}"
+    )
     return Status.DONE

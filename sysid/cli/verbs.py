@@ -22,7 +22,7 @@ PROGRAM = Program(
         ),
         "Model from clips": (measure.measure, compare.compare, compare.fit),
         "What the model leaves out": (discovery.diagnose, discovery.discover, discovery.demo),
-        "Effects of the model": (effects.effects, effects.add, effects.new_effect),
+        "Effects of the model": (effects.effects, effects.add, effects.remove, effects.new_effect),
         "The engines themselves": (match.match,),
     },
 )

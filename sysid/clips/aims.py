@@ -9,6 +9,7 @@ import shlex
 
 import numpy as np
 
+from models.console import as_called
 from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet
 from sysid.clips.contradiction import ALL_CLIPS, Contradiction
@@ -35,7 +36,8 @@ IMPORT_OPTIONS = {  # of `sysid import`, for readings that turn the tracks
 
 def reading_command(clip_set: ClipSet, options: str) -> str:
     """The command that reads a clip set's files another way."""
-    return f"sysid import {shlex.quote(str(clip_set.folder))} {options} --out FIXED"
+    command = f"sysid import {shlex.quote(str(clip_set.folder))} {options} --out FIXED"
+    return as_called(command)
 
 
 def aims(clip_set: ClipSet) -> Array | None:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from models.console import as_called
 from models.errors import BadInput
 from models.files import read_text
 from models.files.faults import Faults, one_line
@@ -48,7 +49,9 @@ class Inspection:
         """The clip set that was read; BadInput names its first fault and how many more there are."""
         if self.clip_set is None:
             first, others = self.faults.lines()[0], len(self.faults) - 1
-            raise BadInput(first + (one_line(f" ({others} more: sysid check {self.folder})") if others else ""))
+            raise BadInput(
+                first + (one_line(f" ({others} more: {as_called(f'sysid check {self.folder}')})") if others else "")
+            )
         return self.clip_set
 
 

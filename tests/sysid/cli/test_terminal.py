@@ -1,0 +1,66 @@
+"""Small things of the terminal: effects taken off, figures on standard output, versions, hints that can be pasted."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from models.console import as_called
+from models.model_file import full_model, write_model
+from models.shot import Ball, Table
+from sysid.cli import main
+from tests.support.clip_samples import make
+from tests.sysid.cli.test_cli import one_line, said_by
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Any:
+    return lambda *words: said_by(main, words, capsys)
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """A model of a table."""
+    path = tmp_path / "m.toml"
+    write_model(full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406)), path)
+    return path
+
+
+def test_remove_takes_an_effect_off_the_stack(run: Any, model: Path, tmp_path: Path) -> None:
+    more, out = tmp_path / "m2.toml", tmp_path / "m3.toml"
+    run("add", "side_curve", "--model", model, "--out", more)
+    said = run("remove", "side_curve", "--model", more, "--out", out)
+    assert said.status == 0 and "side_curve" not in said.out
+    assert out.read_bytes() == model.read_bytes()
+    assert "did you mean side_curve" in one_line(run("remove", "side_curv", "--model", more, "--out", out))
+    assert "has no effect 'squirt'" in one_line(run("remove", "squirt", "--model", more, "--out", out))
+
+
+def test_figures_on_standard_output_stand_alone(run: Any, tmp_path: Path) -> None:
+    clips = make(tmp_path / "clips")
+    said = run("check", clips, "--json", "-")
+    assert said.status == 0 and json.loads(said.out)["faults"] == []
+    assert "no faults" in said.err
+
+
+def test_versions_of_what_results_depend_on(run: Any) -> None:
+    said = run("--version")
+    assert (said.status, said.err) == (0, "") and said.out.startswith("sysid: Python 3.")
+    assert "mujoco 3." in said.out and "numba " in said.out
+
+
+def test_hints_can_be_pasted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "bin" / "sysid"
+    program.parent.mkdir()
+    program.touch()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(program), "check"])
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert as_called("sysid check x") == "bin/sysid check x"
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(program.parent))
+    assert as_called("sysid check x") == "sysid check x"
