@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from models.model_file import full_model, write_model
 from models.shot import Ball, Table
 from sysid.cli import main
 from tests.support.clip_samples import make
-from tests.sysid.cli.test_cli import one_line, said_by
+from tests.sysid.cli.test_cli import ROOT, one_line, said_by
 
 
 @pytest.fixture
@@ -64,3 +65,20 @@ def test_hints_can_be_pasted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(program.parent))
     assert as_called("sysid check x") == "sysid check x"
+
+
+def test_a_model_with_an_effect_of_ones_own_names_its_folder(tmp_path: Path, model: Path) -> None:
+    """In a process of its own: an effect that was added stays in the catalogue."""
+
+    def said(*words: object) -> subprocess.CompletedProcess[str]:
+        base = [sys.executable, "-m", "sysid.cli", *map(str, words)]
+        return subprocess.run(base, cwd=ROOT, capture_output=True, text=True, check=False)
+
+    own, out = tmp_path / "own effects", tmp_path / "m2.toml"
+    assert said("new-effect", "warm_cloth", "--dir", own).returncode == 0
+    assert said("add", "warm_cloth", "--model", model, "--out", out, "--effects", own).returncode == 0
+    refused = said("remove", "warm_cloth", "--model", out, "--out", tmp_path / "m3.toml")
+    assert refused.returncode == 2 and len(refused.stderr.splitlines()) == 1
+    assert f"'warm_cloth' is one of your own: name its folder, --effects {own}" in refused.stderr
+    assert said("remove", "warm_cloth", "--model", out, "--out", tmp_path / "m3.toml", "--effects", own).returncode == 0
+    assert (tmp_path / "m3.toml").read_bytes() == model.read_bytes()
