@@ -56,13 +56,14 @@ def contradictions(clip_set: ClipSet) -> list[Contradiction]:
     """All of a clip set's, each once; its clips must be sound: `is_sound`."""
     if struck := struck_fault(clip_set):
         return [Contradiction(*struck, True)]
-    found = [frame_rate(clip_set), speeds(clip_set)]
-    if found[-1] is None:  # else all that is derived from speeds is wrong
-        times = _first_of(rolling(clip_set), speeds_of_cue(clip_set))
-        off_scale = _scale(clip_set)
-        diameter = None if times else _diameter(clip_set)  # impacts are dated by how balls slow down
-        sizes = [off_scale] if off_scale else [diameter, *_cushions(clip_set)]
-        found += [*sizes, azimuths(clip_set), times]
+    too_fast = speeds(clip_set)
+    if too_fast:  # all that is derived from speeds is wrong
+        return [one for one in (frame_rate(clip_set), too_fast) if one is not None]
+    times, off_scale = _first_of(rolling(clip_set), speeds_of_cue(clip_set)), _scale(clip_set)
+    rate = frame_rate(clip_set, times is not None)
+    diameter = None if times else _diameter(clip_set)  # impacts are dated by how balls slow down
+    sizes = [off_scale] if off_scale else [diameter, *_cushions(clip_set)]
+    found = [*sizes, azimuths(clip_set), rate or times]
     return [one for one in found if one is not None]
 
 

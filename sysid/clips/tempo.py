@@ -32,8 +32,8 @@ ROLLS_FROM = 0.4  # of a motion, after which balls have stopped to slide, mostly
 MIN_ROLLING_SEGMENTS = 4
 
 
-def frame_rate(clip_set: ClipSet) -> Contradiction | None:
-    """Stamps whose interval is not that of the stated frame rate."""
+def frame_rate(clip_set: ClipSet, times_are_wrong: bool = False) -> Contradiction | None:
+    """Stamps whose interval is not that of the stated frame rate; `times_are_wrong` where motions say so as well."""
     steps = [np.diff(np.unique(np.concatenate([o.time for o in c.balls.values()]))) for c in clip_set.clips]
     pooled = np.concatenate([np.zeros(0), *steps])
     if len(pooled) < MIN_INTERVALS:
@@ -43,9 +43,11 @@ def frame_rate(clip_set: ClipSet) -> Contradiction | None:
         return None
     text = (
         f"fps = {clip_set.fps:g}, but rows are {step:.4g} s apart, as at {1 / step:.4g} frames a second: "
-        f"correct fps if t is right, else multiply t by {1 / (step * clip_set.fps):.4g}"
+        f"{'' if times_are_wrong else 'correct fps if t is right, else '}multiply t by {1 / (step * clip_set.fps):.4g}"
     )
-    return Contradiction(CLIPS_TOML, text, False)
+    frames = step * clip_set.fps
+    skipped = frames > 1 and abs(frames / round(frames) - 1) < SOUND_INTERVAL  # as of a tracker that leaves out frames
+    return Contradiction(CLIPS_TOML, text, not skipped)
 
 
 def speeds(clip_set: ClipSet) -> Contradiction | None:

@@ -31,19 +31,16 @@ def coordinates_fault(clip_set: ClipSet) -> str | None:
     if sum(map(len, all_xy)) < MIN_ROWS or np.mean(suspect) < MIN_SHARE_SUSPECT:
         return None
     (x0, y0), (x1, y1) = np.percentile(np.concatenate(all_xy), (0, 100), axis=0)
-    head = (
-        f"x runs from {x0:.4g} to {x1:.4g} and y from {y0:.4g} to {y1:.4g} on a table {table.length:g} m long and "
-        f"{table.width:g} m wide"
-    )
+    head = f"x = {x0:.4g} to {x1:.4g}, y = {y0:.4g} to {y1:.4g} on a table of {table.length:g} x {table.width:g} m"
     fits = likely_readings(clip_set, [one for one in all_readings() if one.changes])
     if fits:
         best = directed(clip_set, fits[0].reading) or fits[0].reading
         command = reading_command(clip_set, best.options())
-        return f"{head}, and look like {best.looks()}: {best.remedy()}, or: {command}"
+        return f"{head} look like {best.looks()}: {command}, or {best.remedy()}"
     if max(x1 - x0, y1 - y0) < MIN_PIXELS * table.length:
         return None
     command = reading_command(clip_set, "--camera CAM.toml")
-    return f"{head}, and fit no unit of length; if they are pixels: sysid calibrate, then {command}"
+    return f"{head} fit no unit of length; if they are pixels, calibrate the camera, then: {command}"
 
 
 def steps_of(clip_set: ClipSet) -> Array:
@@ -67,8 +64,8 @@ def times_fault(clip_set: ClipSet) -> str | None:
     for unit, seconds in SECONDS_BY_UNIT.items():
         if abs(step * fps * seconds - 1) < MAX_OFF_UNIT:
             command = reading_command(clip_set, f"--time {unit}")
-            return f"{head}, and t looks like {unit}: divide it by {1 / seconds:.0f}, or: {command}"
+            return f"{head}, and t looks like {unit}: {command}, or divide it by {1 / seconds:.0f}"
     if are_whole(steps) and step < MIN_FRAMES_APART and step * min(fps, 1.0) >= 1:
         command = reading_command(clip_set, f"--time frames --fps {'F' if fps <= 1 else f'{fps:g}'}")
-        return f"{head}, and t counts frames: divide it by the frame rate, or: {command}"
+        return f"{head}, and t counts frames: {command}, or divide it by the frame rate"
     return None

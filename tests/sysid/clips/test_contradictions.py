@@ -74,8 +74,7 @@ FRAME_FAULTS: dict[str, tuple[Callable[[float, float, float], Row], str, str]] =
     "x from the right": (lambda t, x, y: (t, -x, y), "beside the commanded azimuth", "change the sign of x"),
     "half turn": (lambda t, x, y: (t, -x, -y), "beside the commanded azimuth", "signs of x and y"),
     "frames": (lambda t, x, y: (round(120 * t), x, y), "t counts frames: ", "divide it by the frame rate"),
-    "as played": (lambda t, x, y: (4 * t, x, y), "rolling balls slow down by 0.0076", "sysid import"),
-    "too fast": (lambda t, x, y: (t / 2, x, y), "of the commanded speed", "correct t and fps"),
+    "twice as fast": (lambda t, x, y: (t / 2, x, y), "fps = 120, but rows are 0.004167 s", ": multiply t by 2"),
     "a tenth too small": (lambda t, x, y: (t, 0.9 * x, 0.9 * y), "everything is 0.9", "multiply x and y by 1.111"),
     "milliseconds": (lambda t, x, y: (1e3 * t, x, y), "t looks like milliseconds: ", "divide it by 1000"),
 }
@@ -85,9 +84,16 @@ FRAME_FAULTS: dict[str, tuple[Callable[[float, float, float], Row], str, str]] =
 def test_coordinates_and_times_that_are_all_wrong_are_one_line(tmp_path: Path, name: str) -> None:
     rows, says, remedy = FRAME_FAULTS[name]
     fault = only_fault(spoiled(tmp_path / "set", rows))
-    assert fault.startswith("all clips: ")
+    assert fault.startswith(("all clips: ", "clips.toml: fps"))
     assert says in fault
     assert remedy in fault
+
+
+def test_times_as_a_film_is_played_are_told_by_how_balls_roll(tmp_path: Path) -> None:
+    fault = only_fault(spoiled(tmp_path / "slow", lambda t, x, y: (4 * t, x, y), fps=30.0))
+    assert "rolling balls slow down by 0.0076 m/s^2" in fault and "--fps F" in fault
+    fault = only_fault(spoiled(tmp_path / "fast", lambda t, x, y: (t / 2, x, y), fps=240.0))
+    assert "set off at 1.85 of the commanded speed" in fault and "correct t and fps" in fault
 
 
 def test_frames_are_told_even_where_the_frame_rate_is_said_to_be_one(tmp_path: Path) -> None:
@@ -166,10 +172,13 @@ def test_a_table_that_is_a_little_off_is_a_note_and_no_contradiction(tmp_path: P
 
 
 @pytest.mark.parametrize(("fps", "factor"), [(60.0, "2"), (240.0, "0.5"), (100.0, "1.2"), (25.0, "4.8")])
-def test_another_frame_rate_is_a_warning(tmp_path: Path, fps: float, factor: str) -> None:
-    (warning,) = inspect_clip_set(spoiled(tmp_path / "set", fps=fps)).warnings
-    assert warning.startswith(f"clips.toml: fps = {fps:g}, but rows are 0.008333 s apart, as at 120 frames")
-    assert warning.endswith(f"multiply t by {factor}")
+def test_another_frame_rate_is_a_fault_unless_every_other_frame_may_be_left_out(
+    tmp_path: Path, fps: float, factor: str
+) -> None:
+    folder = spoiled(tmp_path / "set", fps=fps)
+    line = inspect_clip_set(folder).warnings[0] if fps == 240.0 else only_fault(folder)
+    assert line.startswith(f"clips.toml: fps = {fps:g}, but rows are 0.008333 s apart, as at 120 frames")
+    assert line.endswith(f"multiply t by {factor}")
 
 
 def test_speeds_that_no_cue_gives(tmp_path: Path) -> None:

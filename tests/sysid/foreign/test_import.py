@@ -13,6 +13,7 @@ from sysid.clips import ClipSet, read_clip_set
 from sysid.clips.readings import Reading
 from sysid.foreign.columns import read_clip
 from sysid.foreign.records import read_columns
+from sysid.vision.camera.projection import write_camera
 from tests.support.foreign_files import (
     LENGTH,
     WIDTH,
@@ -24,6 +25,7 @@ from tests.support.foreign_files import (
     wide_inches,
     write_foreign,
 )
+from tests.sysid.vision.test_calibrate import over_table
 from tests.truth.__main__ import main as generate
 
 TABLE = ("--table", "3.569x1.778", "--ball-diameter", "0.0525")
@@ -95,6 +97,26 @@ def test_parquet(tmp_path: Path, source: Path) -> None:
     assert furthest(imported(files, tmp_path / "out"), read_clip_set(source)) < 1e-5
 
 
+def test_pixels_are_placed_by_the_camera_s_file(tmp_path: Path) -> None:
+    camera = over_table()
+    size = ["--length", "2.0", "--width", "1.0", "--diameter", str(camera.diameter)]
+    assert generate([str(tmp_path / "set"), "--seed", "2", "--clips", "4", "--kind", "cushion,roll", *size]) == 0
+    write_camera(tmp_path / "cam.toml", camera)
+    meant, files = read_clip_set(tmp_path / "set"), []
+    for clip in meant.clips:
+        files.append(tmp_path / Path(clip.file).name)
+        lines = ["frame;name;u;v"]
+        for name, seen in clip.balls.items():
+            frames = np.rint(seen.time * meant.fps).astype(int).tolist()
+            pixels = zip(frames, camera.outline(seen.xy).tolist(), strict=True)
+            lines += [f"{k};{name};{u:.3f};{v:.3f}" for k, (u, v) in pixels]
+        files[-1].write_text("\n".join(lines) + "\n")
+    words = ["--camera", str(tmp_path / "cam.toml"), "--fps", "120", "--out", str(tmp_path / "out")]
+    assert main(["import", *map(str, files), *words]) == 0
+    found = read_clip_set(tmp_path / "out")
+    assert found.table == camera.table and furthest(found, meant) < 1e-3
+
+
 def test_a_clip_set_with_wrong_entries_is_put_right_by_the_command_that_check_names(
     tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -106,7 +128,7 @@ def test_a_clip_set_with_wrong_entries_is_put_right_by_the_command_that_check_na
         (wrong / "clips" / file.name).write_text("\n".join(["t,ball,x,y,theta", *rows]) + "\n")
     assert main(["check", str(wrong)]) == 2
     line = capsys.readouterr().out.splitlines()[0]
-    words = line[line.index("sysid import") :].split()
+    words = line[line.index("sysid import") : line.index(" FIXED") + 6].split()
     assert words[2:-2] == [str(wrong), "--unit", "mm", "--origin", "corner", "--y", "down"]
     assert main([*words[1:-1], str(tmp_path / "fixed")]) == 0
     found, meant = read_clip_set(tmp_path / "fixed"), read_clip_set(source)
