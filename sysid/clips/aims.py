@@ -18,6 +18,7 @@ MIN_COMMANDS = 4  # below which nothing is said
 SOUND_TURN, FITTING_TURN = 0.25, 0.1  # of the first direction from the aim [rad]
 AIMED_M = 0.08  # along which the first direction is measured
 SOUND_PACE, CERTAIN_PACE = 0.12, 0.3  # of the first speed over the commanded one, as logarithms
+SLIDE_M_S2 = 2.5  # deceleration of a ball that slides, at most, 0.25 g
 MAX_PACE_SPREAD = 0.5  # of the departure: a common cause, not careless shots
 READINGS_OF_AZIMUTH = {  # (factor, offset) of the azimuth, and the remedy where tracks fit that
     (-1.0, 0.0): "y is counted downwards, or azimuths clockwise: change the sign of y",
@@ -86,7 +87,7 @@ def _first_way(clip: Clip) -> Array | None:
 def speeds_of_cue(clip_set: ClipSet) -> Contradiction | None:
     """Commanded speeds that differ from the tracks' by one factor."""
     pace = [
-        float(np.log(np.hypot(way[0], way[1]) / way[2] / c.cue.speed))
+        _pace(float(np.hypot(way[0], way[1]) / way[2]), float(way[2]), c.cue.speed)
         for c in clip_set.clips
         if c.cue and c.cue.speed > 0 and (way := _first_way(c)) is not None and way[2] > 0
     ]
@@ -101,3 +102,12 @@ def speeds_of_cue(clip_set: ClipSet) -> Contradiction | None:
         "or cue.speed, which is the speed of the ball, or leave cue out"
     )
     return Contradiction(ALL_CLIPS, text, abs(off) > CERTAIN_PACE)
+
+
+def _pace(mean: float, time: float, commanded: float) -> float:
+    """Logarithm of a ball's first speed over the commanded one, whether it slides or rolls at first; 0 if it fits.
+
+    Over a time it moves at a mean speed, and at first by half its deceleration times that time faster.
+    """
+    slowest, fastest = np.log(mean / commanded), np.log((mean + SLIDE_M_S2 * time / 2) / commanded)
+    return float(slowest if slowest > 0 else fastest if fastest < 0 else 0.0)
