@@ -8,7 +8,7 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
     plausibility    times increase, balls are on the table and do not overlap
     strike          when the struck ball sets off, and whether it is the one
     readings, units coordinates and times in other units, from elsewhere, along other axes
-    contradictions  what the tracks of a set contradict: diameter, table; commands (aims), times (tempo)
+    contradictions  what the tracks of a set contradict: diameter, table; commands (aims), times (tempo), marks
     noise, clock    of the camera, estimated from the tracks
     outliers        single samples that the tracker placed elsewhere
     segments        motion between two impacts

@@ -7,6 +7,7 @@ In: a `ClipSet`. Out: `Contradiction`s: beyond doubt, or to be looked at.
     cushions    lines through the samples before and after a rebound meet where the ball's centre turned
     scale       all these are off by one factor
     commands    sysid/clips/aims.py: azimuth and speed of the struck ball
+    marks       sysid/clips/marks.py: how fast they turn
     times       sysid/clips/tempo.py: frame rate, speeds, how balls slow down
 
 A camera may be off by as much as the catalogue's effects of it at their usual size; that is no contradiction.
@@ -22,6 +23,7 @@ from models.shot import NOSE_COSINE, Array, Ball, Table
 from sysid.clips.aims import azimuths, speeds_of_cue
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.contradiction import ALL_CLIPS, Contradiction, Typical, typical
+from sysid.clips.marks import marks
 from sysid.clips.names import CLIPS_TOML
 from sysid.clips.strike import struck_fault
 from sysid.clips.tempo import frame_rate, rolling, speeds
@@ -63,7 +65,7 @@ def contradictions(clip_set: ClipSet) -> list[Contradiction]:
     rate = frame_rate(clip_set, times is not None)
     diameter = None if times else _diameter(clip_set)  # impacts are dated by how balls slow down
     sizes = [off_scale] if off_scale else [diameter, *_cushions(clip_set)]
-    found = [*sizes, azimuths(clip_set), rate or times]
+    found = [*sizes, azimuths(clip_set), rate or times, marks(clip_set)]
     return [one for one in found if one is not None]
 
 

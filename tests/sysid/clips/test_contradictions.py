@@ -188,6 +188,21 @@ def test_speeds_that_no_cue_gives(tmp_path: Path) -> None:
     assert "no cue gives more than 13" in only_fault(faster)
 
 
+@pytest.mark.parametrize(
+    ("angle", "told"),
+    [(np.degrees, "write theta in radians"), (lambda a: (a + np.pi) % (2 * np.pi) - np.pi, "theta jumps by a whole")],
+)
+def test_angles_of_marks_in_degrees_or_counted_anew(tmp_path: Path, angle: Callable[[float], float], told: str) -> None:
+    kinds = ["--kind", "side,cushion_side", "--marked", "--clips", "6"]
+    assert generate([str(tmp_path / "set"), "--seed", "3", *kinds]) == 0
+    assert check_clip_set(tmp_path / "set") == []
+    for file in (tmp_path / "set" / "clips").glob("*.csv"):
+        head, *body = [row.split(",") for row in file.read_text().splitlines()]
+        rows = [[*row[:4], f"{angle(float(row[4])):.4f}" if row[4] else ""] for row in body]
+        file.write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
+    assert told in only_fault(tmp_path / "set")
+
+
 def test_azimuths_that_fit_no_other_reading_are_a_warning(tmp_path: Path) -> None:
     folder = spoiled(tmp_path / "set")
     text = (folder / "clips.toml").read_text()
