@@ -126,8 +126,10 @@ def _shots(files: tuple[Path, ...]) -> tuple[list[Path], list[ShotFile], Header 
     if len(files) == 1 and files[0].is_dir():
         faults = Faults()
         header = faults.settle(read_header(files[0].resolve(), faults))
-        cues = [None if one.cue is None else CueCommand(**one.cue) for one in header.entries]
-        shots = [ShotFile(one.file, one.struck, one.note, cue) for one, cue in zip(header.entries, cues, strict=True)]
+        shots = [
+            ShotFile(one.file, one.struck, one.note, None if one.cue is None else CueCommand(**one.cue), one.extra)
+            for one in header.entries
+        ]
         return [one.path for one in header.entries], shots, header
     names: dict[str, Path] = {}
     for file in files:

@@ -13,7 +13,7 @@ from sysid.clips.clip_set import ClipSet
 from sysid.clips.contradiction import ALL_CLIPS, Contradiction
 
 MAX_SPIN_RAD_S = 350.0
-MIN_STEPS = 5  # of one mark, of which the median is its rate
+MIN_STEPS = 10  # of one mark, of which the median is its rate
 LEAST_TURN_RAD_S = 1.0  # of a mark that turns
 TURN_TOLERANCE_RAD = 0.6  # of a jump from a whole turn, beside the steps about it
 MIN_JUMPS = 3

@@ -23,10 +23,9 @@ from sysid.clips.contradictions import contradictions
 from sysid.clips.header import SET_REMEDY, Entry, read_header
 from sysid.clips.plausibility import PLACES, TIMES, check_rows, check_struck
 from sysid.clips.rows import Rows, parse_rows
-from sysid.clips.strike import from_strike
+from sysid.clips.strike import STAMP_DECIMALS, from_strike
 from sysid.clips.units import coordinates_fault, times_fault
 
-STAMP_DECIMALS = 9  # of seconds: differences of stamps are rounded to them, so that the clock's origin leaves no trace
 MAX_CLIP_BYTES = 1 << 30  # of one clip
 SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
 

@@ -17,6 +17,7 @@ from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.contradiction import is_sound
 from sysid.clips.names import CLIPS_TOML
 
+STAMP_DECIMALS = 9  # of seconds: differences of stamps are rounded to them, so that the clock's origin leaves no trace
 REST_M = 0.003  # of a ball that has not moved
 MIN_MISSED_M = 0.006  # way that a ball at rest would have gone at its first speed, above what noise imitates
 REST_SHARE = 0.5  # of that way, of a ball that was at rest
@@ -71,7 +72,7 @@ def _after(seen: Observation, start: float) -> Observation:
     """The samples from a time on, which becomes 0."""
     keep = seen.time >= start
     extra = {key: tuple(np.array(cells, object)[keep]) for key, cells in seen.extra.items()}
-    return Observation(np.round(seen.time[keep] - start, 9), seen.xy[keep], seen.theta[keep], extra)
+    return Observation(np.round(seen.time[keep] - start, STAMP_DECIMALS), seen.xy[keep], seen.theta[keep], extra)
 
 
 def struck_fault(clip_set: ClipSet) -> tuple[str, str] | None:

@@ -21,6 +21,7 @@ from sysid.clips.segments import split_all
 
 MIN_INTERVALS = 20
 SOUND_INTERVAL = 0.1  # relative departure of the stamps' interval from a frame's; the clock's scale is fitted
+MIN_EVEN_SHARE = 0.7  # of the intervals, for stamps to have a rate at all
 MAX_CUE_SPEED, MAX_SPEED = 13.0, 30.0  # of a hard break, and beyond doubt [m/s]
 SPEED_STEPS = 5  # of which the median is a speed: single samples may be wild
 SOUND_ROLLING, CERTAIN_ROLLING = (0.035, 0.3), (0.02, 0.6)  # decelerations [m/s^2]
@@ -47,7 +48,8 @@ def frame_rate(clip_set: ClipSet, times_are_wrong: bool = False) -> Contradictio
     )
     frames = step * clip_set.fps
     skipped = frames > 1 and abs(frames / round(frames) - 1) < SOUND_INTERVAL  # as of a tracker that leaves out frames
-    return Contradiction(CLIPS_TOML, text, not skipped)
+    even = float(np.mean(np.abs(pooled / step - 1) < SOUND_INTERVAL)) > MIN_EVEN_SHARE
+    return Contradiction(CLIPS_TOML, text, even and not skipped)
 
 
 def speeds(clip_set: ClipSet) -> Contradiction | None:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,13 +31,12 @@ from sysid.clips.readings import (
     places,
     read_so,
 )
-from sysid.clips.strike import first_moving, from_strike
+from sysid.clips.strike import STAMP_DECIMALS, first_moving, from_strike
 from sysid.foreign.columns import RawClip, RawTrack, read_clip
 from sysid.foreign.records import read_columns
 from sysid.foreign.times import StampClock, read_clock
 
 RIVAL_COVERAGE = 0.5  # of the likeliest reading's, by one that may be right as well
-FILE_DECIMALS = 9  # of seconds
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,7 @@ class ShotFile:
     struck: str | None = None
     note: str = ""
     cue: CueCommand | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)  # other keys of its entry
 
 
 @dataclass(frozen=True)
@@ -127,14 +128,14 @@ def _clip(raw: RawClip, shot: ShotFile, clock: StampClock, struck: str | None) -
     start = min(float(one.time[0]) for one in raw.balls.values())
 
     def seen(one: RawTrack) -> Observation:
-        return Observation(np.round((one.time - start) * clock.seconds, FILE_DECIMALS), one.xy, one.theta)
+        return Observation(np.round((one.time - start) * clock.seconds, STAMP_DECIMALS), one.xy, one.theta)
 
     balls = {name: seen(one) for name, one in raw.balls.items()}
     struck = struck or shot.struck or ""
     if struck and struck not in balls:
         raise BadInput(f"{raw.file}: has no ball {struck!r} to be struck; it has {', '.join(balls)}")
     cue = shot.cue or (CueCommand(**raw.cue) if raw.cue else None)
-    return Clip(shot.file, struck, balls, cue, shot.note)
+    return Clip(shot.file, struck, balls, cue, shot.note, shot.extra)
 
 
 def _through(place: Callable[[Array], Array], clip_set: ClipSet) -> ClipSet:
