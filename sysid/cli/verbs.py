@@ -12,7 +12,7 @@ PROGRAM = Program(
     "sysid",
     "Identify a snooker table: from filmed or tracked shots to a fitted MuJoCo model, and to what it leaves out.",
     {
-        "Clips from a camera": (
+        "Clips of a table": (
             calibrate.calibrate,
             track.track,
             foreign.import_,

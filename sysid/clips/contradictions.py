@@ -19,6 +19,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from models.pocket_shape import PocketShapes
+from models.presets import TABLE_SETS
 from models.shot import NOSE_COSINE, Array, Ball, Table
 from sysid.clips.aims import azimuths, speeds_of_cue
 from sysid.clips.clip_set import Clip, ClipSet, Observation
@@ -34,6 +36,7 @@ IMPACT_ERROR = 0.02  # of the distance at one impact, over the diameter: scatter
 REBOUND_ERROR = 0.003  # of the place of one rebound, over half the table
 SOUND_DIAMETER, CERTAIN_DIAMETER = 0.04, 0.06  # relative departures: none, and one beyond doubt
 SOUND_TABLE, CERTAIN_TABLE = 0.025, 0.06  # of half the table; a lens at its usual size moves a cushion by 2 %
+SAME_SIZE = 0.015  # relative, of a table and its balls, to those of a name
 SAME_FACTOR = 0.04  # spread of factors by which diameter and cushions are off, for one cause
 REST_M = 0.003  # of a ball that has not moved
 REBOUND_BIAS_M = 0.004  # of the cushions' distance: lines through samples cut the corner of a rebound by some mm
@@ -251,6 +254,19 @@ def _scale(clip_set: ClipSet) -> Contradiction | None:
         f"turns at {limits[0]:.3f} and {limits[1]:.3f}): multiply x and y by {1 / factor:.4g}, or correct the table"
     )
     return Contradiction(ALL_CLIPS, text, certain, True)
+
+
+def pocket_note(clip_set: ClipSet) -> str | None:
+    """A table of the size of another game's whose pockets are those of snooker, as they are where none are told."""
+    table = clip_set.table
+    if table.pockets is not True:
+        return None
+    for name, known in TABLE_SETS.items():
+        sizes = np.array([table.length, table.width, clip_set.ball.diameter])
+        meant = np.array([known.table.length, known.table.width, known.ball.diameter])
+        if isinstance(known.table.pockets, PocketShapes) and (np.abs(sizes / meant - 1) < SAME_SIZE).all():
+            return f'{CLIPS_TOML}: pockets are those of snooker on a table of the size of {name}: pockets = "{name}"'
+    return None
 
 
 def _stated(table: Table, axis: int) -> float:

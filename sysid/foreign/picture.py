@@ -36,6 +36,7 @@ def tracks_png(clip_set: ClipSet, title: str) -> bytes:
     places = np.concatenate([seen.xy for clip in clip_set.clips for seen in clip.balls.values()])
     far = np.maximum(np.abs(places).max(axis=0), [table.length / 2, table.width / 2]) + MARGIN_M
     ax.set(xlim=(-far[0], far[0]), ylim=(-far[1], far[1]), xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    ax.spines[:].set_visible(False)
     ax.set_title(title, fontsize=9, loc="left")
     data = io.BytesIO()
     FigureCanvasAgg(figure).print_png(data, metadata={"Software": None})

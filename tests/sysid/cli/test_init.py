@@ -43,3 +43,12 @@ def test_what_is_there_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_no_pockets_beside_a_name(tmp_path: Path) -> None:
     assert main(["init", str(tmp_path / "new"), "--table", "8ft", "--no-pockets"]) == 0
     assert inspect_clip_set(tmp_path / "new").sound().table.pockets is False
+
+
+def test_pockets_of_snooker_on_a_table_of_pool_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    toml = tmp_path / "new" / "clips.toml"
+    assert main(["init", str(toml.parent), "--table", "8ft"]) == 0
+    assert main(["check", str(toml.parent)]) == 0 and "note" not in capsys.readouterr().out
+    toml.write_text(toml.read_text().replace('pockets = "pool 8 ft"', "pockets = true"))
+    assert main(["check", str(toml.parent)]) == 0
+    assert 'on a table of the size of pool 8 ft: pockets = "pool 8 ft"' in capsys.readouterr().out

@@ -16,6 +16,7 @@ from models.shot import Ball, Table
 from sysid.cli import main
 from tests.support.clip_samples import make
 from tests.sysid.cli.test_cli import ROOT, one_line, said_by
+from tests.truth.__main__ import main as make_truth
 
 
 @pytest.fixture
@@ -82,3 +83,12 @@ def test_a_model_with_an_effect_of_ones_own_names_its_folder(tmp_path: Path, mod
     assert f"'warm_cloth' is one of your own: name its folder, --effects {own}" in refused.stderr
     assert said("remove", "warm_cloth", "--model", out, "--out", tmp_path / "m3.toml", "--effects", own).returncode == 0
     assert (tmp_path / "m3.toml").read_bytes() == model.read_bytes()
+
+
+@pytest.mark.slow
+def test_discover_writes_its_figures_to_standard_output_too(run: Any, tmp_path: Path) -> None:
+    clips, kinds = tmp_path / "set", "stun,side,spin,cushion,cut"
+    assert make_truth([str(clips), "--seed", "8", "--clips", "7", "--seconds", "1.2", "--kind", kinds]) == 0
+    said = run("discover", clips, "--out", tmp_path / "out", "--json", "-")
+    assert json.loads(said.out) == json.loads((tmp_path / "out" / "result.json").read_text())
+    assert "result.json" in said.err
