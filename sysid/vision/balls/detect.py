@@ -50,6 +50,7 @@ INITIAL_BLUR_PX = (0.85, 1.0)
 INITIAL_SIZE_ERROR = 0.05  # of the radius, relative
 MIN_EDGE_NOISE_GREY = 1.0
 ROUGH_EDGE_RATIO = 4.0  # of edge noise to that of the pictures, from which on balls are measured by what they cover
+MIN_HELD_FRACTION = 0.8  # of the outlines that are seen again once the edges' noise is known; fewer are too rough, too
 MIN_ROUGH_NOISE_GREY = 1.4  # that is assumed of pictures for this: compression removes noise
 # Limits of warnings.
 SIZE_WARNING_FRACTION = 0.04  # departure from the expected radius
@@ -122,7 +123,11 @@ class Detector:
         named = [(name, colour) for name, colour in zip(naming.names, colours, strict=True) if name is not None]
         counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
         detector = Detector(background, optics, tuple(named), ())
-        if len(found) >= OPTICS_OUTLINES and _rough(optics, background.noise):
+        held = sum(len(detector.find(picture)) for picture in pictures)
+        vague = held < MIN_HELD_FRACTION * sum(
+            len(group) for (group, _), n in zip(frequent, naming.names, strict=True) if n
+        )
+        if len(found) >= OPTICS_OUTLINES and (vague or _rough(optics, background.noise)):
             by_discs, disc_counts = _rough_detector(detector, pictures, counts)
             if by_discs.ball_colours:
                 detector, counts = by_discs, disc_counts
