@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import pickle
 import time
 from pathlib import Path
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from sysid.clips import ClipSet
     from sysid.selection.discover import DiscoveryResult
 
-CHECKPOINT_FILE = "unfinished.pickle"
+CHECKPOINT_FILE, RESULT_FILE = "unfinished.pickle", "result.json"
 
 
 @click.command()
@@ -94,8 +95,9 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
 @gathered("start", Start)
 @click.option("--out", metavar="DIR", type=FILE_PATH, required=True, help="Folder of results.")
 @effects_option()
+@json_option
 @click.pass_obj
-def discover(progress: Progress, start: Start, out: Path) -> int:
+def discover(progress: Progress, start: Start, out: Path, json_file: Path | None) -> int:
     """Discover all that a model lacks: fit, diagnose and add effects.
 
     Reads the clip set CLIPS and the model to start from, and repeats until nothing significant remains. Writes
@@ -146,6 +148,8 @@ def discover(progress: Progress, start: Start, out: Path) -> int:
     print_health(outcome.model)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     checkpoint.unlink(missing_ok=True)
+    if json_file:
+        write_json(json_file, json.loads((out / RESULT_FILE).read_text(encoding="utf-8")))
     return Status.DONE if found.last.converged else Status.FINDING
 
 
