@@ -51,6 +51,11 @@ def catalogue() -> dict[str, type[Effect]]:
     return dict(sorted((_shipped() | own).items()))
 
 
+def own_texts() -> list[bytes]:
+    """The texts of the files of effects that were added."""
+    return [text for _, (text, _) in sorted(_added.items())]
+
+
 def _defined(module: ModuleType) -> list[type[Effect]]:
     """The effects that a module defines, not those it imports."""
     members = vars(module).values()
