@@ -11,6 +11,7 @@ import functools
 import math
 import os
 import select
+import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ import click
 
 from models.console import Status, show_progress
 from models.errors import BadInput
+from models.interrupts import SIGNAL_STATUS, Terminated, as_interrupts
 
 Verb = TypeVar("Verb", bound=Callable[..., Any])
 FILE_PATH = click.Path(path_type=Path)
@@ -205,7 +207,7 @@ def run(
 
     Args:
         words: the command line without the program's name; by default those of the process.
-        interrupted: what the message after an interrupt says of files or devices.
+        interrupted: what the message after an interrupt says of files or devices; notes of the exception follow it.
         failures: exceptions that are findings for the user to act on; status 1.
     """
     # Matrices are small here: threads of linear algebra wait for each other longer than they work. NumPy comes later.
@@ -216,13 +218,14 @@ def run(
     words = list(sys.argv[1:] if words is None else words)
     verbs = list(program.commands) if isinstance(program, click.Group) else []
     path = f"{name} {words[0]}" if words and words[0] in verbs else name
+    started = name if verbs else f"python -m {name}"
     progress = show_progress()
     reported: tuple[type[Exception], ...] = (BadInput, *failures)
-    status, fault, more = Status.DONE, "", list[str]()
+    status, fault, more = int(Status.DONE), "", list[str]()
     try:
-        with program.make_context(name if verbs else f"python -m {name}", words, obj=progress) as context:
+        with as_interrupts(), program.make_context(started, words, obj=progress) as context:
             status = program.invoke(context)
-        sys.stdout.flush()
+            sys.stdout.flush()
     except click.exceptions.Exit as end:
         status = Status(end.exit_code)
     except click.ClickException as error:
@@ -230,8 +233,10 @@ def run(
     except reported as error:
         status, fault = Status.BAD_INPUT if isinstance(error, BadInput) else Status.FINDING, str(error)
         more = getattr(error, "__notes__", more)  # further faults of a file
-    except KeyboardInterrupt:
-        status, fault = Status.INTERRUPTED, f"interrupted{interrupted}"
+    except KeyboardInterrupt as end:
+        number = end.number if isinstance(end, Terminated) else signal.SIGINT
+        status = SIGNAL_STATUS + number
+        fault = "; ".join([f"interrupted{interrupted}", *getattr(end, "__notes__", ())])  # what was kept
     except BrokenPipeError:
         if not _reader_left():
             raise
@@ -240,7 +245,7 @@ def run(
         progress.close()
         for line in (fault, *more):
             print(f"{path}: {line}", file=sys.stderr)
-    return int(status)
+    return status
 
 
 def _usage_fault(error: click.ClickException, path: str, verbs: Sequence[str]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +22,7 @@ from models.command_line import (
 )
 from models.console import Progress, Status, write_json
 from models.errors import BadInput
+from models.files import alone_in
 from planner.cli.common import execution_option, load_execution
 
 if TYPE_CHECKING:
@@ -96,17 +96,14 @@ def study(
     from planner.study.report import text_table, write_report
 
     asked = settings.study()
+    click.get_current_context().with_resource(alone_in(out))
     begin(out, asked)
     try:
         carry_out(out, asked, settings.scenes, settings.jobs, effect_folders, progress)
-    except KeyboardInterrupt:
-        progress.close()
+    except KeyboardInterrupt as end:
         count = len(read_scenes(out, settings.scenes))
-        print(
-            f"interrupted: {count} of {settings.scenes} scenes are kept in {out}; the same command continues from them",
-            file=sys.stderr,
-        )
-        return Status.INTERRUPTED
+        end.add_note(f"{count} of {settings.scenes} scenes are kept in {out}; the same command continues from them")
+        raise
     progress.close()
     scenes = read_scenes(out, settings.scenes)
     result = figures(scenes)

@@ -11,6 +11,7 @@ import click
 from models.command_line import FILE_PATH, effects_option, gathered, json_option
 from models.console import Progress, Status, print_constants, table, write_json
 from models.errors import BadInput
+from models.files import alone_in
 from sysid.cli.common import Start, report_option
 
 if TYPE_CHECKING:
@@ -108,7 +109,8 @@ def discover(progress: Progress, start: Start, out: Path) -> int:
     from sysid.selection.discover import discover as discover_effects
 
     clip_set, model = start.load()
-    journal = Journal(result_folder(out) / JOURNAL_FILE, _fingerprint(clip_set, model))
+    click.get_current_context().with_resource(alone_in(result_folder(out)))
+    journal = Journal(out / JOURNAL_FILE, _fingerprint(clip_set, model))
     if journal.found:
         print(f"continuing from {journal.path}: {journal.found} fits are known already", flush=True)
 
@@ -123,10 +125,9 @@ def discover(progress: Progress, start: Start, out: Path) -> int:
     try:
         with recorded_in(journal):
             found = discover_effects(clip_set, model, show)
-    except KeyboardInterrupt:
-        progress.close()
+    except KeyboardInterrupt as end:
         if journal.path.exists():
-            print(f"interrupted; {journal.path} is kept: the same command continues from there", flush=True)
+            end.add_note(f"{journal.path} is kept: the same command continues from there")
         raise
     progress.close()
     print(table(round_rows(found.rounds[-1])) + "\n")

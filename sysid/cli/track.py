@@ -13,6 +13,7 @@ import click
 from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, json_option, output_option
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
+from models.files import alone_in
 from sysid.cli.common import camera_option, mass_option, palette_option, print_recording, rrd_option
 
 if TYPE_CHECKING:
@@ -83,6 +84,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
     Example: sysid track match.mp4 --camera cam.toml --out CLIPS
     """
     outputs.check()
+    click.get_current_context().with_resource(alone_in(outputs.out))
     import cv2
 
     from sysid.clips import write_clip_set

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import planner.cli
 from models.console import Progress, Status
 from models.model_file import Estimate, effect_class, full_model, read_model
 from models.shot import Ball, Table
@@ -185,7 +186,8 @@ def test_ctrl_c_keeps_what_is_done(
 
     monkeypatch.setattr("planner.study.runs.study_scene", stopped)
     monkeypatch.setattr(StudyOptions, "study", lambda self: STUDY)
-    assert run(folder, "--scenes", "4", "--jobs", "1") == Status.INTERRUPTED
+    words = ["study", "--out", str(folder), "--scenes", "4", "--jobs", "1"]
+    assert planner.cli.main(words) == Status.INTERRUPTED
     assert f"3 of 4 scenes are kept in {folder}" in capsys.readouterr().err
 
 
