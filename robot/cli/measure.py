@@ -80,7 +80,11 @@ def campaign(progress: Progress, out: Path, most: int | None, seed: int) -> int:
     print("on the emulated launcher, with constants drawn from the seed")
     hidden = draw_hidden(np.random.default_rng(seed))
     striker = EmulatedStriker(hidden, Sloppiness(), seed, count_played(out))
-    shots = run_campaign(striker, out, seed, progress, most=most)
+    try:
+        shots = run_campaign(striker, out, seed, progress, most=most)
+    except KeyboardInterrupt as end:
+        end.add_note(f"{count_played(out)} shots are kept in {out}: the same command continues from there")
+        raise
     progress.close()
     print(f"{len(shots)} shots, {sum(s.miscue for s in shots)} miscues: {out}")
     return Status.DONE

@@ -106,7 +106,12 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
         if name in videos_in(so_far):
             print(f"{name}: its clips are in {outputs.out}, kept; track it anew with --force")
             continue
-        result, clips, found = _one(progress, filmed, outputs, video, camera)
+        try:
+            result, clips, found = _one(progress, filmed, outputs, video, camera)
+        except KeyboardInterrupt as end:
+            if so_far is not None:
+                end.add_note(f"{len(videos_in(so_far))} videos are kept in {outputs.out}: the same command continues")
+            raise
         told.append(found)
         doubtful |= bool(result.doubts)
         if clips is not None:
