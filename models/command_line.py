@@ -6,6 +6,7 @@ verbs by section, and `run` runs one of them. Options that several verbs share a
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -13,6 +14,7 @@ import os
 import select
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,6 +23,8 @@ import click
 
 from models.console import Status, show_progress
 from models.errors import BadInput
+from models.files.documents import MAX_PICTURE_PIXELS
+from models.files.faults import one_line
 from models.interrupts import SIGNAL_STATUS, Terminated, as_interrupts
 
 Verb = TypeVar("Verb", bound=Callable[..., Any])
@@ -212,6 +216,14 @@ def run(
     """
     # Matrices are small here: threads of linear algebra wait for each other longer than they work. NumPy comes later.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # OpenCV and FFmpeg: our own messages tell what they cannot read, and no picture may fill the memory.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
+    if words is None and not sys.warnoptions:  # a process of its own: what NumPy meets in bad input is told by ours
+        warnings.simplefilter("ignore", RuntimeWarning)
+    for stream in ("stdout", "stderr"):  # one that the shell has closed goes nowhere
+        if getattr(sys, stream) is None:
+            setattr(sys, stream, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     name = str(program.name)
     if f"_{name.upper()}_COMPLETE" in os.environ:
         program.main(prog_name=name)  # writes what the shell asks for, and exits
@@ -241,10 +253,18 @@ def run(
         if not _reader_left():
             raise
         status = Status.BROKEN_PIPE
+    except OSError as error:  # a disk that is full, a file that went away
+        where = error.filename or "standard output"
+        status, fault = Status.BAD_INPUT, f"{where}: {error.strerror or error}; look at the disk and at access rights"
+    except MemoryError:
+        status, fault = Status.BAD_INPUT, "the memory is full; give less input at a time"
+    if not _flushed():
+        status = status or Status.BAD_INPUT
     if fault:
-        progress.close()
-        for line in (fault, *more):
-            print(f"{path}: {line}", file=sys.stderr)
+        with contextlib.suppress(OSError):  # nobody listens: the status tells
+            progress.close()
+            for line in (fault, *more):
+                print(one_line(f"{path}: {line}"), file=sys.stderr)
     return status
 
 
@@ -254,6 +274,16 @@ def _usage_fault(error: click.ClickException, path: str, verbs: Sequence[str]) -
         return f"no verb is given; choose one of {', '.join(verbs)}"
     text = " ".join(error.format_message().split()).rstrip(".")
     return f"{text[:1].lower()}{text[1:]}" + ("" if text.endswith("?") else f"; see {path} --help")
+
+
+def _flushed() -> bool:
+    """Whether all that was printed has gone out; what has not goes nowhere, or the interpreter complains in the end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return False
+    return True
 
 
 def _reader_left() -> bool:

@@ -25,7 +25,7 @@ from models.effect import Effect
 from models.errors import BadInput
 from models.files import read_toml, write_whole
 from models.files.decode import Allowed, Place, check_keys, read_value, usable
-from models.files.faults import Faults
+from models.files.faults import Faults, shown
 from models.mjcf.native import Native
 from models.shot import Ball, Table
 from models.sizes import SIZE_NAMES, size_meta, stated_size, with_sizes
@@ -141,8 +141,8 @@ def effect_class(name: str) -> type[Effect]:
     known = catalogue()
     if name not in known:
         near = get_close_matches(name, known, 1)
-        hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}, or name its folder (--effects)"
-        raise BadInput(f"unknown effect {name!r}; {hint}")
+        hint = f"did you mean {near[0]}?" if near else "see sysid effects, or name its folder (--effects)"
+        raise BadInput(f"unknown effect {shown(name)}; {hint}")
     return known[name]
 
 

@@ -18,6 +18,7 @@ from models.files.faults import Faults, shown
 
 Kind = TypeVar("Kind")
 MAX_FILE_BYTES = 32 << 20  # of TOML and JSON
+MAX_PICTURE_PIXELS = 1 << 26  # of a picture or a film: twice those of 8K video
 MAX_DEPTH = 32  # of tables and lists in each other
 
 

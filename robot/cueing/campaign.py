@@ -54,6 +54,12 @@ class CueShot:
     order: int = 0  # in which it was played
 
 
+COLUMN_BOUNDS = {
+    "string": (1, 200), "cue_speed": (1e-3, 50.0), "x0_mm": (-100.0, 100.0), "y0_mm": (-100.0, 100.0),
+    "ball_speed": (1e-3, 50.0), "ball_speed_sd": (1e-9, 50.0), "ball_speed_unsure": (0.0, 50.0),
+    "squirt_rad": (-math.pi, math.pi), "squirt_sd": (1e-9, math.pi), "squirt_unsure": (0.0, math.pi),
+    "miscue": (0, 1), "order": (0, 1_000_000),
+}  # fmt: skip
 CAMPAIGN_COLUMNS = tuple(f.name for f in dataclasses.fields(CueShot))
 
 
@@ -183,10 +189,9 @@ def _shot(where: str, row: Sequence[str]) -> CueShot:
         whole = name in ("string", "miscue", "order")
         if not math.isfinite(values[name]) or (whole and values[name] != int(values[name])):
             raise BadInput(f"{where}: {name} is {shown(text)}; give a {'whole' if whole else 'finite'} number")
-        if name in ("cue_speed", "ball_speed", "ball_speed_sd", "squirt_sd") and values[name] <= 0:
-            raise BadInput(f"{where}: {name} is {shown(text)}; give a number above 0")
-        if name.endswith("_unsure") and values[name] < 0:
-            raise BadInput(f"{where}: {name} is {shown(text)}; give 0 or more")
+        low, high = COLUMN_BOUNDS[name]
+        if not low <= values[name] <= high:
+            raise BadInput(f"{where}: {name} is {shown(text)}; give a number from {low:g} to {high:g}")
     return CueShot(
         **{name: values[name] for name in CAMPAIGN_COLUMNS if name not in ("string", "miscue", "order")},
         string=int(values["string"]), miscue=bool(values["miscue"]), order=int(values["order"]),
