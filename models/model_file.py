@@ -23,7 +23,7 @@ import tomli_w
 import models.effects
 from models.effect import Effect
 from models.errors import BadInput
-from models.files import read_toml, write_whole
+from models.files import read_text, read_toml, write_whole
 from models.files.decode import Allowed, Place, check_keys, read_value, usable
 from models.files.faults import Faults, shown
 from models.mjcf.native import Native
@@ -97,10 +97,8 @@ def _file(kind: type[Effect]) -> str | None:
 
 def _read_effects(file: Path) -> tuple[bytes, tuple[type[Effect], ...]]:
     """A user's file: its text and its effects."""
-    try:
-        text = file.read_bytes()
-    except OSError as error:
-        raise BadInput(f"{file}: cannot be read ({type(error).__name__}); name a folder or a .py file") from error
+    faults = Faults()
+    text = faults.settle(read_text(file, str(file), faults, "name a folder or a .py file")).encode()
     if file in _added and _added[file][0] == text:
         return _added[file]
     name = f"own_effects_{hashlib.sha256(str(file.parent).encode()).hexdigest()[:8]}_{file.stem}"

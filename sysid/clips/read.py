@@ -24,7 +24,7 @@ from sysid.clips.rows import Rows, parse_rows
 from sysid.clips.units import coordinates_fault, times_fault
 
 STAMP_DECIMALS = 9  # of seconds: differences of stamps are rounded to them, so that the clock's origin leaves no trace
-MAX_CLIP_BYTES = 1 << 30  # of one clip
+MAX_CLIP_BYTES = 1 << 28  # of one clip
 SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
 
 

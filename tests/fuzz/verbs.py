@@ -45,7 +45,7 @@ VERBS = (
          PICTURES[:1], 2),
     Verb("planner scene pictures/0000.png --camera camera.toml --object red --out out.toml",
          (*PICTURES[:1], "camera.toml", "camera.toml"), 3),
-    Verb("planner scene clips --clip 3 --cue cue --object object --out out.toml", CLIPS, 3),
+    Verb("planner scene clips --clip 3 --cue cue --object red --out out.toml", CLIPS, 3),
     Verb("planner plan scene.toml --model model.toml --map map.toml --execution execution.toml --out out.json",
          ("scene.toml", "scene.toml", "model.toml", "map.toml", "execution.toml")),
     Verb("planner study --out study --scene 1 out.toml", ("study/scenes/0001.json",), 4),
