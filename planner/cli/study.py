@@ -22,7 +22,7 @@ from models.command_line import (
 )
 from models.console import Progress, Status, write_json
 from models.errors import BadInput
-from models.files import alone_in
+from models.files import alone_in, entries_of
 from planner.cli.common import execution_option, load_execution
 
 if TYPE_CHECKING:
@@ -106,7 +106,8 @@ def study(
         raise
     progress.close()
     scenes = read_scenes(out, settings.scenes)
-    result = figures(scenes)
+    with entries_of(out / "scenes", "remove the scene's file; the same command simulates it again"):
+        result = figures(scenes)
     print(text_table(result))
     print(f"scenes: {out}")
     if json_file:
