@@ -214,16 +214,7 @@ def run(
         interrupted: what the message after an interrupt says of files or devices; notes of the exception follow it.
         failures: exceptions that are findings for the user to act on; status 1.
     """
-    # Matrices are small here: threads of linear algebra wait for each other longer than they work. NumPy comes later.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # OpenCV and FFmpeg: our own messages tell what they cannot read, and no picture may fill the memory.
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
-    if words is None and not sys.warnoptions:  # a process of its own: what NumPy meets in bad input is told by ours
-        warnings.simplefilter("ignore", RuntimeWarning)
-    for stream in ("stdout", "stderr"):  # one that the shell has closed goes nowhere
-        if getattr(sys, stream) is None:
-            setattr(sys, stream, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    _prepare_process(own=words is None)
     name = str(program.name)
     if f"_{name.upper()}_COMPLETE" in os.environ:
         program.main(prog_name=name)  # writes what the shell asks for, and exits
@@ -245,10 +236,12 @@ def run(
     except reported as error:
         status, fault = Status.BAD_INPUT if isinstance(error, BadInput) else Status.FINDING, str(error)
         more = getattr(error, "__notes__", more)  # further faults of a file
-    except KeyboardInterrupt as end:
-        number = end.number if isinstance(end, Terminated) else signal.SIGINT
-        status = SIGNAL_STATUS + number
-        fault = "; ".join([f"interrupted{interrupted}", *getattr(end, "__notes__", ())])  # what was kept
+    except (KeyboardInterrupt, ImportError, SystemError) as error:  # compiled modules wrap what interrupts their start
+        stop = _interrupt_behind(error)
+        if stop is None:
+            raise
+        status = SIGNAL_STATUS + (stop.number if isinstance(stop, Terminated) else signal.SIGINT)
+        fault = "; ".join([f"interrupted{interrupted}", *getattr(stop, "__notes__", ())])  # what was kept
     except BrokenPipeError:
         if not _reader_left():
             raise
@@ -266,6 +259,28 @@ def run(
             for line in (fault, *more):
                 print(one_line(f"{path}: {line}"), file=sys.stderr)
     return status
+
+
+def _prepare_process(own: bool) -> None:
+    """Environment and streams of a command; warnings too, where it has its `own` process. NumPy comes later."""
+    # Matrices are small here: threads of linear algebra wait for each other longer than they work.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # OpenCV and FFmpeg: our own messages tell what they cannot read, and no picture may fill the memory.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
+    if own and not sys.warnoptions:  # what NumPy meets in bad input is told by our own messages
+        warnings.simplefilter("ignore", RuntimeWarning)
+    for stream in ("stdout", "stderr"):  # one that the shell has closed goes nowhere
+        if getattr(sys, stream) is None:
+            setattr(sys, stream, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+
+
+def _interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
+    """The interrupt that an exception is, or was raised from."""
+    before: BaseException | None = error
+    while before is not None and not isinstance(before, KeyboardInterrupt):
+        before = before.__cause__ or before.__context__
+    return before
 
 
 def _usage_fault(error: click.ClickException, path: str, verbs: Sequence[str]) -> str:
