@@ -19,10 +19,11 @@ import numpy as np
 
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.estimation.fitted import FittedModel, as_model
-from sysid.estimation.fitting import fit_from_nothing, widened
+from sysid.estimation.fitted import FittedModel, Point, as_model
+from sysid.estimation.fitting import fit, fit_from_nothing, widened
 from sysid.estimation.open_cloth import OpenCloth
-from sysid.estimation.split import Split, fit_followed, split
+from sysid.estimation.problem import values_of
+from sysid.estimation.split import Split, fit_followed, split, tried
 
 BAND_SHARE = 0.95  # of the residuals inside the predicted band
 
@@ -56,14 +57,36 @@ def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> Cl
         BadInput: where there are too few segments between events.
     """
     parts, cloth, model = split(clip_set, model, cut=False)
-    held = () if cloth.follows else tuple(cloth.known)
-    names = [n for n in model.parameters() if n not in held]
+    held, free = _held_and_free(cloth, model)
 
     def fit_training(parts: Split) -> FittedModel:
-        found = fit_from_nothing(parts.training.with_model(model, names), "whole shots")
+        found = fit_from_nothing(parts.training.with_model(model, free), "whole shots")
         return _with_cloth(widened(found), cloth, held)
 
-    parts, found = fit_followed(parts, fit_training)
+    return _clip_fit(*fit_followed(parts, fit_training), cloth, command)
+
+
+def refit_without(clip_set: ClipSet, before: ClipFit, effect: str, command: str = "sysid fit") -> ClipFit:
+    """The fit of `fit_clips` without an effect, whole shots from where they are with it.
+
+    Raises:
+        BadInput: see `fit_clips`.
+    """
+    _, cloth, model = split(clip_set, before.model.without(effect), cut=False)
+    held, free = _held_and_free(cloth, model)
+    problem = before.parts.training.with_model(model, free)
+    start = Point(problem, before.fitted.initial_states, values_of(model, free), before.fitted.discrepancy_rate)
+    found = _with_cloth(widened(fit(start, f"whole shots without {effect}")), cloth, held)
+    return _clip_fit(before.parts, tried(before.parts, found, before.fitted), cloth, command)
+
+
+def _held_and_free(cloth: OpenCloth, model: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Constants that whole shots leave as segments gave them, and those that are fitted to whole shots."""
+    held = () if cloth.follows else tuple(cloth.known)
+    return held, tuple(n for n in model.parameters() if n not in held)
+
+
+def _clip_fit(parts: Split, found: FittedModel, cloth: OpenCloth, command: str) -> ClipFit:
     band = found.problem.discrepancy_rate(found.initial_states, found.constants, BAND_SHARE)
     files = [c.file for c in parts.training.clips]
     made = as_model(found, command, files, {"segment_ratio": cloth.ratio, "band_rate": band})

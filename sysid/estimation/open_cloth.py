@@ -27,6 +27,7 @@ START_CAUCHY_SD = 10.0  # Cauchy's constant while start values are found
 SCANNED_SEGMENTS = 100  # the longest ones, for start values
 SCAN_FACTORS = (1.0, 0.25, 0.5, 2.0)  # of a constant's start value
 SCAN_STEPS, SEGMENT_STATE_STEPS, FIRST_FIT_STEPS, LAST_FIT_STEPS = 4, 8, 5, 20
+FINE_TOLERANCE, COARSE_TOLERANCE = 1e-5, 1e-4  # share of the loss, where the model follows the segments, or not
 MIN_SEGMENTS = 3
 TOO_FEW = "only {} smooth segments between events; film longer free runs, or check the table's size"
 log = logging.getLogger(__name__)
@@ -90,7 +91,8 @@ def fit_open_cloth(model: Model, clip_set: ClipSet, noise: float) -> OpenCloth:
             raise BadInput(TOO_FEW.format(good.size))
         part = problem.only(good)
         cauchy_sd = CAUCHY_SD * max(1.0, float(np.sqrt(np.mean(ratio[good] ** 2))))
-        rule = StoppingRule(iterations)
+        followed = float(np.median(ratio[good])) <= FOLLOWED_RATIO
+        rule = StoppingRule(iterations, tolerance=FINE_TOLERANCE if followed else COARSE_TOLERANCE)
         found = fit_joint(part.objective(cauchy_sd), x[good], c, shared, rule, f"{good.size} segments")
         c = found.constants
     x[good] = found.initial_states

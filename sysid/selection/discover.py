@@ -23,22 +23,20 @@ from models.errors import BadInput
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.clips.pieces import parent_clip
-from sysid.estimation.clip_fit import ClipFit, fit_clips
+from sysid.estimation.clip_fit import ClipFit, fit_clips, refit_without
 from sysid.estimation.fitted import FittedModel, as_model
-from sysid.estimation.split import Split, begin, fit_on, settled_on
+from sysid.estimation.split import Split, begin, settled_on
 from sysid.selection.departures import without_departing
 from sysid.selection.evidence import (
-    MAX_LOSS_RATIO,
     compare_fits,
     excess_variance,
     generalises,
-    loss_ratio_without,
     mean_squares,
-    remove_effect,
 )
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, score_terms, select_terms
 from sysid.selection.judge import diagnose_fit
 from sysid.selection.next_shot import NextShot, propose_shot
+from sysid.selection.pruning import fit_without, without_minor, without_needless
 from sysid.selection.remainder import remainder
 from sysid.selection.score import Score
 from sysid.selection.screening import (
@@ -47,7 +45,6 @@ from sysid.selection.screening import (
     Screening,
     fit_candidate,
     is_enough,
-    warm_started,
 )
 
 MAX_EFFECTS = 6  # diagnoses of one discovery, and so effects added
@@ -116,36 +113,20 @@ class DiscoveryResult:
         return dataclasses.replace(self, ladder=(*self.ladder, now), verdicts=(*self.verdicts, verdict))
 
 
-def fit_without(parts: Split, found: FittedModel, name: str) -> FittedModel:
-    """Fit again without an effect."""
-    plain = fit_on(parts, remove_effect(found, name), found, f"without {name}")
-    return warm_started(parts, plain, found, f"without {name}") or plain
-
-
 def prune(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
     """Drop effects that the fit does not need: they may have been named beside a fit in a false optimum."""
     if len(found.verdict) < 2:
         return found
-    now, verdict = _pruned(parts, found.last, found.verdict, 1)
+    now, verdict = without_needless(parts, found.last, found.verdict, 1)
     return found if verdict == found.verdict else _ending_with(found, now, verdict)
 
 
-def _pruned(
-    parts: Split, now: FittedModel, verdict: tuple[str, ...], least: int
-) -> tuple[FittedModel, tuple[str, ...]]:
-    """The fit without those of the named effects that it does not need; at least so many stay."""
-    while len(verdict) > least:
-        log.info("whether all of them are needed")
-        ratios = [loss_ratio_without(now, name) for name in verdict]
-        k = int(np.argmin(ratios))
-        if ratios[k] > MAX_LOSS_RATIO:
-            break
-        less = fit_without(parts, now, verdict[k])
-        if compare_fits(less, now).delta_bic > MIN_DELTA_BIC:
-            break
-        log.info("%s is not needed", verdict[k])
-        now, verdict = less, (*verdict[:k], *verdict[k + 1 :])
-    return now, verdict
+def _without_minor(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
+    """The result without effects that explain only a small part of what is unexplained."""
+    now, verdict = without_minor(parts, found.last, found.verdict)
+    if verdict == found.verdict:
+        return found
+    return dataclasses.replace(_ending_with(found, now, verdict), unexplained=remainder(now))
 
 
 def _ending_with(found: DiscoveryResult, now: FittedModel, verdict: tuple[str, ...]) -> DiscoveryResult:
@@ -154,7 +135,7 @@ def _ending_with(found: DiscoveryResult, now: FittedModel, verdict: tuple[str, .
     steps = [*steps[: len(verdict)], (now, verdict)]
     return dataclasses.replace(
         found, ladder=tuple(s for s, _ in steps), verdicts=tuple(v for _, v in steps),
-        pruned=tuple(v for v in found.verdict if v not in verdict),
+        pruned=(*found.pruned, *(v for v in found.verdict if v not in verdict)),
     )  # fmt: skip
 
 
@@ -208,6 +189,8 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
     if found.unexplained is None:
         found = prune(parts, found)
         found = dataclasses.replace(found, unexplained=remainder(found.last))
+        if found.unexplained is not None and not parts.cut:  # of cut shots, whole ones decide
+            found = _without_minor(parts, found)
     if found.verdict and found.explained is None:
         last = settled_on(parts, found.last)
         found = dataclasses.replace(found, ladder=(*found.ladder[:-1], last))
@@ -240,14 +223,14 @@ def without_idle(parts: Split, clip_set: ClipSet, found: DiscoveryResult) -> Dis
             break
         verdict = tuple(v for v in found.verdict if v != name)
         log.info("whole shots without %s", name)
-        less = fit_clips(clip_set, best.model.without(name), "sysid discover") if verdict else base
+        less = refit_without(clip_set, best, name, "sysid discover") if verdict else base
         if _held_out_error(less) > _held_out_error(best):
             continue
         log.info("%s does not lower the error of whole shots held out", name)
-        best, pruned = less, (*found.pruned, name)
+        best = less
         explained = fit_without(parts, found.explained, name) if found.explained else None
         found = _ending_with(found, fit_without(parts, found.last, name), verdict)
-        found = dataclasses.replace(found, explained=explained, pruned=pruned, whole={(): base, verdict: best})
+        found = dataclasses.replace(found, explained=explained, whole={(): base, verdict: best})
     return found
 
 
@@ -263,7 +246,7 @@ def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, form
     Effects that were named before the formula may have stood in for it, or explain what it was found for: then they, or
     it, are dropped.
     """
-    now, verdict = _pruned(parts, now, found.verdict, 0)
+    now, verdict = without_needless(parts, now, found.verdict, 0)
     earlier = _formula_earlier(parts, found, now, verdict)
     if earlier is not None:
         formula, now, verdict = earlier

@@ -15,7 +15,7 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,12 +35,13 @@ from tests.truth.__main__ import main as generate
 MAX_CAMERA_RMS_M: Final = 3e-3  # over the balls' plane: a camera that is right
 MAX_SHOT_RMS_M: Final = 10e-3  # of the samples of a shot that is usable, beside the camera's own error
 SWAPPED_RADII: Final = 1.0  # from its ball, beyond which a sample is another's
-SAME_PLACE_M: Final = 0.2  # between first places of a clip and a shot
+EARLY_S: Final = 0.1  # by which a clip may begin before its strike
 RATES: Final = (25.0, 30.0, 50.0, 60.0, 120.0)  # [1/s]
 SIZES: Final = ((640, 360), (960, 540))  # [pixels]
 TABLES: Final = {  # as the generator takes them: length, width [m], ball [m]
     "snooker": (3.569, 1.778, 0.0525), "pool 9 ft": (2.54, 1.27, 0.05715), "small": (1.881, 0.943, 0.0523),
 }  # fmt: skip
+RAIL_WIDTH_M: Final = 0.12  # beside the noses: cushion and some wood, which are in view
 SHOTS: Final = 2
 SECONDS: Final = 1.5
 
@@ -54,6 +55,7 @@ class Recipe:
     fps: float
     size: tuple[int, int]
     tilt: float  # of the camera [rad]
+    aside: tuple[float, float]  # of the table's middle from the line of sight, in the camera's axes [m]
     lens: float  # first radial distortion
     suffix: str  # of the video: lossless or compressed
     look: Look
@@ -79,7 +81,8 @@ def recipe(number: int) -> Recipe:
     )  # fmt: skip
     return Recipe(
         number, str(r.choice(list(TABLES))), fps, SIZES[int(r.integers(len(SIZES)))], float(r.uniform(0, 0.12)),
-        float(r.uniform(-0.12, 0.03)), str(r.choice([".mp4", ".mkv"])), look,
+        (float(r.normal(0, 0.02)), float(r.normal(0, 0.02))), float(r.uniform(-0.12, 0.03)),
+        str(r.choice([".mp4", ".mkv"])), look,
     )  # fmt: skip
 
 
@@ -92,7 +95,7 @@ def made(one: Recipe, folder: Path) -> tuple[Camera, list[Scene], Path]:
         if generate([str(folder / "truth"), *words]):
             raise RuntimeError(f"{one.name}: the generator refused {' '.join(words)}")
     sized, _, fps, shots = scenes(folder / "truth")
-    camera = camera_over(sized, diameter, one.size, one.tilt, one.lens)
+    camera = _aimed(camera_over(sized, diameter, one.size, one.tilt, one.lens), one.aside)
     video = folder / f"film{one.suffix}"
     code = cv2.VideoWriter.fourcc(*("FFV1" if one.suffix == ".mkv" else "mp4v"))
     out = cv2.VideoWriter(str(video), code, fps, one.size)
@@ -101,6 +104,19 @@ def made(one: Recipe, folder: Path) -> tuple[Camera, list[Scene], Path]:
     out.release()
     write_camera(folder / "true.toml", camera)
     return camera, shots, video
+
+
+def _aimed(camera: Camera, aside: tuple[float, float]) -> Camera:
+    """The camera moved until all of the table, and so much beside it, is in its picture; it keeps its direction."""
+    frame = np.array([camera.table.length, camera.table.width]) / 2 + RAIL_WIDTH_M
+    corners = frame * [[1, 1], [1, -1], [-1, -1], [-1, 1]]
+    away = float(camera.eye[2])
+    while True:
+        camera = replace(camera, translation=np.array([*aside, away]))
+        seen = camera.outline(corners)
+        if (seen > 0).all() and (seen < np.array(camera.size) - 1).all():
+            return camera
+        away *= 1.01
 
 
 def camera_error(true: Camera, found: Camera) -> float:
@@ -147,15 +163,15 @@ def _tracks(folder: Path, shots: Sequence[Scene], diameter: float) -> dict[str, 
     usable = samples = swapped = 0
     scatter: list[Array] = []
     for clip in clip_set.clips:
-        shot = _shot_of(clip, shots)
+        shot = _shot_of(clip, shots, clip_set.fps)
         if shot is None:
             continue
-        errors = []
+        errors, begins = [], _begins(clip, clip_set.fps)
         for name, seen in clip.balls.items():
             if name not in shot.track.names:
                 continue
-            away = seen.xy - shot.places(name, shot.struck + seen.time)
-            flipped = -seen.xy - shot.places(name, shot.struck + seen.time)
+            true = shot.places(name, begins + seen.time)
+            away, flipped = seen.xy - true, -seen.xy - true
             errors.append(away if np.nanmedian(np.abs(away)) <= np.nanmedian(np.abs(flipped)) else flipped)
         away = np.concatenate(errors)
         away = away[np.isfinite(away).all(axis=1)]
@@ -174,19 +190,15 @@ def _scatter(errors: Array) -> Array:
     return np.asarray(np.minimum(third**2, np.median(third**2) * 25).ravel())
 
 
-def _shot_of(clip: Clip, shots: Sequence[Scene]) -> Scene | None:
-    """The shot that a clip shows: by its balls' first places."""
-    best, least = None, SAME_PLACE_M
-    for shot in shots:
-        own = [n for n in clip.balls if n in shot.track.names]
-        if len(own) < len(clip.balls):
-            continue
-        first = np.array([clip.balls[n].xy[0] for n in own])
-        true = np.array([shot.places(n, np.array([shot.struck]))[0] for n in own])
-        away = min(float(np.abs(sign * first - true).max()) for sign in (1, -1))
-        if away < least:
-            best, least = shot, away
-    return best
+def _begins(clip: Clip, fps: float) -> float:
+    """Time in the video of a clip's first sample [s]."""
+    return float(clip.extra["frames"][0]) / fps
+
+
+def _shot_of(clip: Clip, shots: Sequence[Scene], fps: float) -> Scene | None:
+    """The shot during which a clip begins."""
+    begins = _begins(clip, fps)
+    return next((shot for shot in shots if shot.struck - EARLY_S < begins < shot.ends), None)
 
 
 def _one(job: tuple[int, Path]) -> dict[str, Any]:

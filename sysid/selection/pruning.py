@@ -1,0 +1,73 @@
+"""Effects that a fit does not need: they may have been named beside a fit in a false optimum.
+
+In: clips (`Split`), their fit and its named effects. Out: the fit without those that are not needed, and the others.
+
+Beside much that is not explained, any effect explains a little: it fits some part of what is missing. So one whose part
+is small is not named there, even if its evidence alone would suffice.
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from sysid.estimation.fitted import FittedModel
+from sysid.estimation.split import Split, fit_on
+from sysid.selection.evidence import (
+    MAX_LOSS_RATIO,
+    compare_fits,
+    excess_variance,
+    loss_ratio_without,
+    remove_effect,
+)
+from sysid.selection.screening import MIN_DELTA_BIC, warm_started
+
+MIN_SHARE_OF_EXCESS = 0.02  # of the variance beyond noise, that an effect must explain where most is not explained
+log = logging.getLogger(__name__)
+Pruned = tuple[FittedModel, tuple[str, ...]]  # a fit, and the effects that are named in it
+
+
+def fit_without(parts: Split, found: FittedModel, name: str) -> FittedModel:
+    """Fit again without an effect."""
+    plain = fit_on(parts, remove_effect(found, name), found, f"without {name}")
+    return warm_started(parts, plain, found, f"without {name}") or plain
+
+
+def without_needless(parts: Split, now: FittedModel, verdict: tuple[str, ...], least: int) -> Pruned:
+    """The fit without those of the named effects whose evidence, beside the others, is gone; at least so many stay."""
+    while len(verdict) > least:
+        log.info("whether all of them are needed")
+        name, ratio = _least_needed(now, verdict)
+        if ratio > MAX_LOSS_RATIO:
+            break
+        less = fit_without(parts, now, name)
+        if compare_fits(less, now).delta_bic > MIN_DELTA_BIC:
+            break
+        log.info("%s is not needed", name)
+        now, verdict = less, _others(verdict, name)
+    return now, verdict
+
+
+def without_minor(parts: Split, now: FittedModel, verdict: tuple[str, ...]) -> Pruned:
+    """The fit without those of the named effects that explain only a small part of what is still unexplained."""
+    while verdict:
+        name, _ = _least_needed(now, verdict)
+        less = fit_without(parts, now, name)
+        before, after = excess_variance(less), excess_variance(now)
+        if before - after > MIN_SHARE_OF_EXCESS * before:
+            break
+        log.info("%s explains %.1f %% of what is unexplained", name, 100 * max(1 - after / before, 0.0))
+        now, verdict = less, _others(verdict, name)
+    return now, verdict
+
+
+def _least_needed(now: FittedModel, verdict: tuple[str, ...]) -> tuple[str, float]:
+    """The named effect whose removal raises the loss least, and the ratio of the losses."""
+    ratios = [loss_ratio_without(now, name) for name in verdict]
+    k = int(np.argmin(ratios))
+    return verdict[k], ratios[k]
+
+
+def _others(verdict: tuple[str, ...], name: str) -> tuple[str, ...]:
+    return tuple(v for v in verdict if v != name)

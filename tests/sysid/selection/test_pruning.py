@@ -1,0 +1,35 @@
+"""Effects that a fit does not need, on data made by a program that shares no code with the model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from models.model_file import full_model
+from sysid.clips import read_clip_set
+from sysid.estimation import FittedModel, begin
+from sysid.selection.pruning import without_minor
+from sysid.selection.score import score_all
+from sysid.selection.screening import candidates_for, fit_candidate
+from tests.truth.__main__ import main as generate
+
+
+@pytest.mark.slow
+def test_what_explains_little_beside_much_is_not_named(tmp_path: Path) -> None:
+    """Air drag is missing: a rolling shutter fits a little of it, drag in proportion to the speed most of it."""
+    folder = str(tmp_path / "set")
+    words = ("--seed", "36", "--clips", "6", "--seconds", "2.5", "--kind", "roll,follow", "--effect", "air_drag=0.05")
+    assert generate([folder, *words]) == 0
+    clip_set = read_clip_set(Path(folder))
+    parts, base = begin(clip_set, full_model(clip_set.table, clip_set.ball))
+
+    def added(name: str) -> FittedModel:
+        [score] = [s for s in score_all(base, candidates_for(base.model)).rows if s.candidate.name == name]
+        return fit_candidate(parts, base, score).fitted
+
+    shutter, dragged = added("rolling_shutter"), added("speed_drag")
+    now, verdict = without_minor(parts, shutter, ("rolling_shutter",))
+    assert verdict == ()
+    assert "rolling_shutter.delay" not in now.names
+    assert without_minor(parts, dragged, ("speed_drag",)) == (dragged, ("speed_drag",))
