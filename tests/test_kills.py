@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 GONE_WITHIN_S = 10.0
 WITHOUT_TIMES = ("elapsed_s", "seconds")
-TOLD_BY_TIME = (".played.json", "fit.json")  # files that hold moments and durations throughout
+TOLD_BY_TIME = (".played.json", "fit.json", "clips/clips.toml")  # files that hold moments and durations throughout
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc"),
@@ -116,7 +116,7 @@ def results(place: Path) -> dict[str, Any]:
     """What a command came to, without what tells the time or draws."""
     found: dict[str, Any] = {}
     for path in [place] if place.is_file() else sorted(place.rglob("*")):
-        if path.name.endswith(TOLD_BY_TIME):
+        if str(path).endswith(TOLD_BY_TIME):
             continue
         if path.suffix == ".json":
             found[path.name] = plain(json.loads(path.read_text()))
