@@ -27,7 +27,7 @@ from models.files import read_text, read_toml, write_whole
 from models.files.decode import Allowed, Place, check_keys, read_value, usable
 from models.files.faults import Faults, shown
 from models.mjcf.native import Native
-from models.shot import Ball, Table
+from models.shot import Array, Ball, Table
 from models.sizes import SIZE_NAMES, size_meta, stated_size, with_sizes
 
 MODEL_FORMAT = "billiard-model/1"
@@ -252,6 +252,18 @@ class ParameterEntry:
 
 
 @dataclass(frozen=True)
+class FitEntries:
+    """Keys of a model file's [fit] that programs read; it may hold more."""
+
+    names: tuple[str, ...] = ()  # of the constants
+    correlation: Annotated[Array, Allowed(-1.1, 1.1, shape=(None, None), nan=True)] = field(
+        default_factory=lambda: np.zeros((0, 0))
+    )  # of them
+    clips: tuple[str, ...] = ()  # that gave them
+    converged: bool = False
+
+
+@dataclass(frozen=True)
 class ModelFile:
     """The keys of a model file."""
 
@@ -286,6 +298,7 @@ def read_model(path: Path | str) -> Model:
     """Read a model file; BadInput names what is wrong in it."""
     file = read_toml(path, ModelFile, MODEL_FORMAT, "name a model file")
     faults = Faults()
+    usable(FitEntries, file.fit, Place(str(path), faults, name="fit"), {})
     place = Place(str(path), faults, name="native")
     values, estimates = _parameters(file.native, "native.", Native.parameters(), place)
     model = Model(file.table, file.ball, Native(**values), fitted=file.fit, execution=file.execution)

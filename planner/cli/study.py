@@ -126,7 +126,10 @@ def _write_scene(out: Path, number: str, path: Path) -> int:
     result = read_object(scene_path(out, int(number))) if number.isdigit() else None
     if result is None or "scene" not in result:
         raise BadInput(f"--scene {number}: is not in {out}; give the number of one that its report names")
-    write_scene(scene_from(result["scene"], str(scene_path(out, int(number)))), path)
-    stroke = result["methods"].get("risk", {}).get("stroke")
+    source = scene_path(out, int(number))
+    with entries_of(source, "remove it; the study's command simulates it again"):
+        asked = scene_from(result["scene"], str(source))
+        stroke = result["methods"].get("risk", {}).get("stroke")
+    write_scene(asked, path)
     print(f"scene: {path}" + ("" if stroke else " (no stroke was found for it)"))
     return Status.DONE

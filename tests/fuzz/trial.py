@@ -52,7 +52,7 @@ class Ended:
     @property
     def defect(self) -> str:
         """What is wrong; "" for nothing."""
-        lines = [line for line in self.err.splitlines() if not PROGRESS.match(line)]
+        lines = [line for line in self.err.splitlines() if line.strip() and not PROGRESS.match(line)]
         long = [line for line in lines if len(line) > MAX_LINE_CHARS or not line.isprintable()]
         foreign = [line for line in lines if not OWN_LINE.match(line)]
         if self.status == TRACEBACK_STATUS or "Traceback" in self.err:
