@@ -9,8 +9,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import importlib.metadata
 import math
 import os
+import platform
 import select
 import signal
 import sys
@@ -21,7 +23,7 @@ from typing import Any, TypeVar
 
 import click
 
-from models.console import Status, show_progress
+from models.console import OUTPUT_KEY, STANDARD_OUTPUT, Status, show_progress
 from models.errors import BadInput
 from models.files.documents import MAX_PICTURE_PIXELS
 from models.files.faults import one_line
@@ -46,6 +48,19 @@ class OutputFile(click.ParamType[Path, str]):
         if path.is_dir():
             raise BadInput(f"{path}: is a folder; name a file")
         return path
+
+
+class JsonFile(OutputFile):
+    """A file to write, or - for standard output, which then holds nothing else: tables go to standard error."""
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Check that its folder exists, or make way on standard output."""
+        if str(value) != STANDARD_OUTPUT or ctx is None:
+            return super().convert(value, param, ctx)
+        if OUTPUT_KEY not in ctx.meta:
+            ctx.meta[OUTPUT_KEY] = sys.stdout
+            ctx.with_resource(contextlib.redirect_stdout(sys.stderr))
+        return Path(STANDARD_OUTPUT)
 
 
 OUTPUT_FILE = OutputFile()
@@ -91,7 +106,9 @@ NON_NEGATIVE = Number(0, whole=True)
 ABOVE_ZERO = Number(0, above=True)
 ANY_NUMBER = Number()
 
-json_option = click.option("--json", "json_file", metavar="FILE", type=OUTPUT_FILE, help="Write the figures as JSON.")
+json_option = click.option(
+    "--json", "json_file", metavar="FILE", type=JsonFile(), help="Write the figures as JSON; - for standard output."
+)
 
 
 def out_option(metavar: str, text: str, **more: Any) -> Callable[[Verb], Verb]:
@@ -179,6 +196,24 @@ def lone_command(name: str) -> Callable[[Callable[..., Any]], click.Command]:
     return click.command(name, context_settings=HELP_SETTINGS)
 
 
+def _print_versions(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
+    """The versions that results depend on."""
+    if not asked or ctx.resilient_parsing:
+        return
+    found = [f"Python {platform.python_version()}"]
+    for name in ("cuelab", *VERSIONS_OF):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found.append(f"{name} {importlib.metadata.version(name)}")
+    click.echo(f"{ctx.info_name}: {', '.join(found)}")
+    ctx.exit()
+
+
+VERSIONS_OF = ("mujoco", "numpy", "scipy", "numba", "opencv-python-headless", "rerun-sdk")
+VERSION_OPTION = click.Option(
+    ["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_print_versions, help="Print versions."
+)
+
+
 class Program(click.Group):
     """A command whose help lists the verbs by section, in the order of work."""
 
@@ -188,7 +223,7 @@ class Program(click.Group):
         epilog = f'Tab completion, in bash: eval "$(_{name.upper()}_COMPLETE=bash_source {name})"; zsh and fish alike.'
         super().__init__(
             name, help=text, epilog=epilog, commands=verbs, context_settings=HELP_SETTINGS, no_args_is_help=False,
-            subcommand_metavar="VERB [OPTIONS]", options_metavar="",
+            subcommand_metavar="VERB [OPTIONS]", options_metavar="", params=[VERSION_OPTION],
         )  # fmt: skip
         self.sections = sections
 

@@ -31,6 +31,7 @@ from models.shot import Array, Ball, Table
 from models.sizes import SIZE_NAMES, size_meta, stated_size, with_sizes
 
 MODEL_FORMAT = "billiard-model/1"
+OWN_FILE_KEY = "file"  # of a user's effect in a model file: where it was defined
 
 
 @cache
@@ -309,14 +310,24 @@ def read_model(path: Path | str) -> Model:
         try:
             kind = effect_class(str(given.get("name", "")))
         except BadInput as error:
-            faults.add(str(path), str(error))
+            own = given.get(OWN_FILE_KEY)
+            hint = (
+                f"effect {given.get('name')!r} is one of your own: name its folder, --effects {Path(str(own)).parent}"
+            )
+            faults.add(str(path), hint if own else str(error))
             continue
-        rest = {key: value for key, value in given.items() if key != "name"}
+        rest = {key: value for key, value in given.items() if key not in ("name", OWN_FILE_KEY)}
         place = Place(str(path), faults, name=f"effect {kind.name()}")
         values, known = _parameters(rest, f"{kind.name()}.", kind.parameters(), place)
         estimates |= known
         model = model.add(kind(**values))
     return faults.settle(dataclasses.replace(model, estimates=estimates))
+
+
+def _origin(effect: Effect) -> dict[str, str]:
+    """Where an effect of the user's own comes from; nothing for one of the catalogue."""
+    own = [str(file) for file, (_, kinds) in _added.items() if type(effect) in kinds]
+    return {OWN_FILE_KEY: own[0]} if own else {}
 
 
 def write_model(model: Model, path: Path | str) -> None:
@@ -337,7 +348,7 @@ def write_model(model: Model, path: Path | str) -> None:
         "table": dataclasses.asdict(model.table),
         "ball": dataclasses.asdict(model.ball),
         "native": entry(model.native),
-        "effect": [{"name": e.name(), **entry(e)} for e in model.effects],
+        "effect": [{"name": e.name(), **_origin(e), **entry(e)} for e in model.effects],
     }
     if model.sizes:
         data["size"] = {name: item(name, value, model.meta(name)) for name, value in model.sizes.items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from sysid.clips import ClipSet
     from sysid.selection.discover import DiscoveryResult
 
-JOURNAL_FILE = "unfinished.jsonl"
+JOURNAL_FILE, RESULT_FILE = "unfinished.jsonl", "result.json"
 
 
 @click.command()
@@ -92,8 +93,9 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
 @gathered("start", Start)
 @click.option("--out", metavar="DIR", type=FILE_PATH, required=True, help="Folder of results.")
 @effects_option()
+@json_option
 @click.pass_obj
-def discover(progress: Progress, start: Start, out: Path) -> int:
+def discover(progress: Progress, start: Start, out: Path, json_file: Path | None) -> int:
     """Discover all that a model lacks: fit, diagnose and add effects.
 
     Reads the clip set CLIPS and the model to start from, and repeats until nothing significant remains. Writes
@@ -141,6 +143,8 @@ def discover(progress: Progress, start: Start, out: Path) -> int:
     print_health(outcome.model)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     journal.path.unlink(missing_ok=True)
+    if json_file:
+        write_json(json_file, json.loads((out / RESULT_FILE).read_text(encoding="utf-8")))
     return Status.DONE if found.last.converged else Status.FINDING
 
 

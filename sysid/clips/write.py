@@ -37,7 +37,7 @@ def write_clip_set(clip_set: ClipSet, folder: Path | str) -> None:
     Times and positions keep 6 decimals. A clip set that is there is replaced; any other file is BadInput, and so is
     a clip set that `read_clip_set` would refuse.
     """
-    replace_folder(Path(folder), texts_of(clip_set), check_clip_set)
+    replace_folder(Path(folder), texts_of(clip_set), lambda new: check_clip_set(new, Path(folder)))
 
 
 def texts_of(clip_set: ClipSet) -> dict[str, str]:
@@ -60,9 +60,9 @@ def _settings(clip_set: ClipSet) -> str:
         "camera": {"fps": clip_set.fps} | ({} if clip_set.sigma is None else {"sigma": clip_set.sigma}),
     }
     top = {key: value for key, value in clip_set.extra.items() if key not in (*sections, "clip")}
-    text = _assignments({**top, "format": CLIP_SET_FORMAT})
+    text = assignments({**top, "format": CLIP_SET_FORMAT})
     for name, section in sections.items():
-        text += f"\n[{name}]\n" + _assignments({**clip_set.extra.get(name, {}), **section})
+        text += f"\n[{name}]\n" + assignments({**clip_set.extra.get(name, {}), **section})
     for clip in clip_set.clips:
         entry: dict[str, Any] = {"file": clip.file, "struck": clip.struck}
         if clip.note:
@@ -70,11 +70,12 @@ def _settings(clip_set: ClipSet) -> str:
         if clip.cue is not None:
             entry["cue"] = {**asdict(clip.cue), **clip.extra.get("cue", {})}
         others = {key: value for key, value in clip.extra.items() if key not in (*entry, "cue", "note")}
-        text += "\n[[clip]]\n" + _assignments({**entry, **others})
+        text += "\n[[clip]]\n" + assignments({**entry, **others})
     return text
 
 
-def _assignments(table: Mapping[str, Any]) -> str:
+def assignments(table: Mapping[str, Any]) -> str:
+    """Lines of TOML, a key each."""
     return "".join(f"{_key(key)} = {_literal(value)}\n" for key, value in table.items())
 
 
