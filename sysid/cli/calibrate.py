@@ -200,7 +200,9 @@ def frames(path: Path, count: int) -> Iterator[Picture]:
     import cv2
     import numpy as np
 
-    if not path.exists():
+    from sysid.vision.frames import check_size, quiet, read_picture
+
+    if not (path.is_file() or path.is_dir()):
         raise BadInput(f"{path}: does not exist; name a video, a picture, or a folder of pictures")
     if path.is_dir() or path.suffix.lower() in PICTURE_SUFFIXES:
         files = sorted(f for f in path.iterdir() if f.suffix.lower() in PICTURE_SUFFIXES) if path.is_dir() else [path]
@@ -210,7 +212,7 @@ def frames(path: Path, count: int) -> Iterator[Picture]:
             )
         shape: tuple[int, ...] | None = None
         for k in np.unique(np.linspace(0, len(files) - 1, min(count, len(files))).astype(int)):
-            picture = cv2.imread(str(files[k]), cv2.IMREAD_COLOR)
+            picture = read_picture(files[k])
             if picture is None:
                 raise BadInput(f"{files[k]}: is not a picture that can be read; take it away or convert it to PNG")
             if shape not in (None, picture.shape):
@@ -218,7 +220,9 @@ def frames(path: Path, count: int) -> Iterator[Picture]:
             shape = picture.shape
             yield picture
         return
-    video = cv2.VideoCapture(str(path))
+    with quiet():
+        video = cv2.VideoCapture(str(path))
+    check_size(path, video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT))
     try:
         total = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
         yielded = False

@@ -30,7 +30,7 @@ PROGRAM = Program(
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run a verb: 0 done, 1 a finding to act on, 2 bad input."""
-    return run(PROGRAM, words, interrupted="; files named above are complete, no other was written")
+    return run(PROGRAM, words, interrupted="; files named above are complete")
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from sysid.clips.rows import Rows, parse_rows
 from sysid.clips.strike import STAMP_DECIMALS, from_strike
 from sysid.clips.units import coordinates_fault, times_fault
 
-MAX_CLIP_BYTES = 1 << 30  # of one clip
+MAX_CLIP_BYTES = 1 << 28  # of one clip
 SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
 
 

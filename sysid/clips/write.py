@@ -7,6 +7,7 @@ The files are written and checked in a scratch folder beside the wanted one, whi
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import tempfile
@@ -26,6 +27,8 @@ from sysid.clips.header import CLIP_SET_FORMAT
 from sysid.clips.names import CLIPS_TOML, name_fault, path_fault
 from sysid.clips.read import check_clip_set
 from sysid.clips.rows import COLUMN_NAMES
+
+AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of renameat2: paths as they are, exchange them
 
 
 def write_clip_set(clip_set: ClipSet, folder: Path | str) -> None:
@@ -168,9 +171,11 @@ def _make_parents(target: Path, made: list[Path]) -> None:
 
 
 def _exchange(new: Path, target: Path, old: Path) -> None:
-    """Put `new` in the place of `target`, which moves to `old`."""
+    """Put `new` in the place of `target`, which moves to `old`, or to `new` where that can be done in one step."""
     if not target.exists():
         new.rename(target)
+        return
+    if _swapped(new, target):
         return
     target.rename(old)
     try:
@@ -178,6 +183,12 @@ def _exchange(new: Path, target: Path, old: Path) -> None:
     except BaseException:  # an interrupt as well must not leave the place empty
         old.rename(target)
         raise
+
+
+def _swapped(one: Path, other: Path) -> bool:
+    """Exchange two folders in one step, which no kill can interrupt; False where the system has none (renameat2)."""
+    swap = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    return swap is not None and swap(AT_FDCWD, bytes(one), AT_FDCWD, bytes(other), RENAME_EXCHANGE) == 0
 
 
 def _refuse_foreign(folder: Path, target: Path) -> None:
