@@ -181,6 +181,14 @@ def test_all_command_lines_are_looked_at() -> None:
     assert not missing, "verbs that no page tells of"
 
 
+def test_what_a_change_must_pass_is_told() -> None:
+    """`.ci/run` does nothing that the README does not name."""
+    told = {" ".join(w[:2]) for w in command_lines((ROOT / "README.md").read_text(encoding="utf-8")) if w[0] == "make"}
+    script = (ROOT / ".ci/run").read_text(encoding="utf-8")
+    lines = [line for line in script.splitlines() if line and not re.match(r"#|set -|cd ", line)]
+    assert lines and {line.removeprefix("exec ") for line in lines} <= told
+
+
 def test_the_readme_is_short() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= MAX_README_WORDS
 
