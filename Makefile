@@ -4,15 +4,17 @@ BIN := .venv/bin
 READY := .venv/.ready
 PYTHON ?=
 PYTEST_ARGS ?=
+FUZZ_ARGS ?= --seconds 600
 TESTS = $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow bench mutation study lint docs clean
+.PHONY: help demo test test-slow fuzz bench mutation study lint docs clean
 
 help:
 	@echo "make demo    the shipped example with a hidden effect, start to end, into out/demo"
 	@echo "make test    lint, then all tests but the slow ones (PYTEST_ARGS=\"-k name\" for some)"
 	@echo "make test-slow   the slow ones: whole discoveries, footage tracked from end to end"
+	@echo "make fuzz    damaged inputs of every verb for ten minutes (FUZZ_ARGS=\"--count 5000 --seed 3\")"
 	@echo "make bench   speed and accuracy figures"
 	@echo "make mutation    formulas broken one at a time: which of it the tests notice (an hour; resumable)"
 	@echo "make study   how reliably hidden effects are found, into tests/study/REPORT.md (hours; resumable)"
@@ -30,6 +32,9 @@ test: lint
 
 test-slow: $(READY)
 	@$(TESTS) -m slow $(PYTEST_ARGS)
+
+fuzz: $(READY)
+	@$(BIN)/python -m tests.fuzz $(FUZZ_ARGS)
 
 bench: $(READY)
 	@$(BIN)/python -m tests.bench

@@ -6,20 +6,28 @@ verbs by section, and `run` runs one of them. Options that several verbs share a
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
+import importlib.metadata
 import math
 import os
+import platform
 import select
+import signal
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
-from models.console import Status, show_progress
+from models.console import OUTPUT_KEY, STANDARD_OUTPUT, Status, show_progress
 from models.errors import BadInput
+from models.files.documents import MAX_PICTURE_PIXELS
+from models.files.faults import one_line
+from models.interrupts import SIGNAL_STATUS, Terminated, as_interrupts
 
 Verb = TypeVar("Verb", bound=Callable[..., Any])
 FILE_PATH = click.Path(path_type=Path)
@@ -40,6 +48,19 @@ class OutputFile(click.ParamType[Path, str]):
         if path.is_dir():
             raise BadInput(f"{path}: is a folder; name a file")
         return path
+
+
+class JsonFile(OutputFile):
+    """A file to write, or - for standard output, which then holds nothing else: tables go to standard error."""
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Check that its folder exists, or make way on standard output."""
+        if str(value) != STANDARD_OUTPUT or ctx is None:
+            return super().convert(value, param, ctx)
+        if OUTPUT_KEY not in ctx.meta:
+            ctx.meta[OUTPUT_KEY] = sys.stdout
+            ctx.with_resource(contextlib.redirect_stdout(sys.stderr))
+        return Path(STANDARD_OUTPUT)
 
 
 OUTPUT_FILE = OutputFile()
@@ -85,7 +106,9 @@ NON_NEGATIVE = Number(0, whole=True)
 ABOVE_ZERO = Number(0, above=True)
 ANY_NUMBER = Number()
 
-json_option = click.option("--json", "json_file", metavar="FILE", type=OUTPUT_FILE, help="Write the figures as JSON.")
+json_option = click.option(
+    "--json", "json_file", metavar="FILE", type=JsonFile(), help="Write the figures as JSON; - for standard output."
+)
 
 
 def out_option(metavar: str, text: str, **more: Any) -> Callable[[Verb], Verb]:
@@ -173,6 +196,24 @@ def lone_command(name: str) -> Callable[[Callable[..., Any]], click.Command]:
     return click.command(name, context_settings=HELP_SETTINGS)
 
 
+def _print_versions(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
+    """The versions that results depend on."""
+    if not asked or ctx.resilient_parsing:
+        return
+    found = [f"Python {platform.python_version()}"]
+    for name in ("cuelab", *VERSIONS_OF):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found.append(f"{name} {importlib.metadata.version(name)}")
+    click.echo(f"{ctx.info_name}: {', '.join(found)}")
+    ctx.exit()
+
+
+VERSIONS_OF = ("mujoco", "numpy", "scipy", "numba", "opencv-python-headless", "rerun-sdk")
+VERSION_OPTION = click.Option(
+    ["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_print_versions, help="Print versions."
+)
+
+
 class Program(click.Group):
     """A command whose help lists the verbs by section, in the order of work."""
 
@@ -182,7 +223,7 @@ class Program(click.Group):
         epilog = f'Tab completion, in bash: eval "$(_{name.upper()}_COMPLETE=bash_source {name})"; zsh and fish alike.'
         super().__init__(
             name, help=text, epilog=epilog, commands=verbs, context_settings=HELP_SETTINGS, no_args_is_help=False,
-            subcommand_metavar="VERB [OPTIONS]", options_metavar="",
+            subcommand_metavar="VERB [OPTIONS]", options_metavar="", params=[VERSION_OPTION],
         )  # fmt: skip
         self.sections = sections
 
@@ -205,24 +246,24 @@ def run(
 
     Args:
         words: the command line without the program's name; by default those of the process.
-        interrupted: what the message after an interrupt says of files or devices.
+        interrupted: what the message after an interrupt says of files or devices; notes of the exception follow it.
         failures: exceptions that are findings for the user to act on; status 1.
     """
-    # Matrices are small here: threads of linear algebra wait for each other longer than they work. NumPy comes later.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _prepare_process(own=words is None)
     name = str(program.name)
     if f"_{name.upper()}_COMPLETE" in os.environ:
         program.main(prog_name=name)  # writes what the shell asks for, and exits
     words = list(sys.argv[1:] if words is None else words)
     verbs = list(program.commands) if isinstance(program, click.Group) else []
     path = f"{name} {words[0]}" if words and words[0] in verbs else name
+    started = name if verbs else f"python -m {name}"
     progress = show_progress()
     reported: tuple[type[Exception], ...] = (BadInput, *failures)
-    status, fault, more = Status.DONE, "", list[str]()
+    status, fault, more = int(Status.DONE), "", list[str]()
     try:
-        with program.make_context(name if verbs else f"python -m {name}", words, obj=progress) as context:
+        with as_interrupts(), program.make_context(started, words, obj=progress) as context:
             status = program.invoke(context)
-        sys.stdout.flush()
+            sys.stdout.flush()
     except click.exceptions.Exit as end:
         status = Status(end.exit_code)
     except click.ClickException as error:
@@ -230,17 +271,51 @@ def run(
     except reported as error:
         status, fault = Status.BAD_INPUT if isinstance(error, BadInput) else Status.FINDING, str(error)
         more = getattr(error, "__notes__", more)  # further faults of a file
-    except KeyboardInterrupt:
-        status, fault = Status.INTERRUPTED, f"interrupted{interrupted}"
+    except (KeyboardInterrupt, ImportError, SystemError) as error:  # compiled modules wrap what interrupts their start
+        stop = _interrupt_behind(error)
+        if stop is None:
+            raise
+        status = SIGNAL_STATUS + (stop.number if isinstance(stop, Terminated) else signal.SIGINT)
+        fault = "; ".join([f"interrupted{interrupted}", *getattr(stop, "__notes__", ())])  # what was kept
     except BrokenPipeError:
         if not _reader_left():
             raise
         status = Status.BROKEN_PIPE
+    except OSError as error:  # a disk that is full, a file that went away
+        where = error.filename or "standard output"
+        status, fault = Status.BAD_INPUT, f"{where}: {error.strerror or error}; look at the disk and at access rights"
+    except MemoryError:
+        status, fault = Status.BAD_INPUT, "the memory is full; give less input at a time"
+    if not _flushed():
+        status = status or Status.BAD_INPUT
     if fault:
-        progress.close()
-        for line in (fault, *more):
-            print(f"{path}: {line}", file=sys.stderr)
-    return int(status)
+        with contextlib.suppress(OSError):  # nobody listens: the status tells
+            progress.close()
+            for line in (fault, *more):
+                print(one_line(f"{path}: {line}"), file=sys.stderr)
+    return status
+
+
+def _prepare_process(own: bool) -> None:
+    """Environment and streams of a command; warnings too, where it has its `own` process. NumPy comes later."""
+    # Matrices are small here: threads of linear algebra wait for each other longer than they work.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # OpenCV and FFmpeg: our own messages tell what they cannot read, and no picture may fill the memory.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
+    if own and not sys.warnoptions:  # what NumPy meets in bad input is told by our own messages
+        warnings.simplefilter("ignore", RuntimeWarning)
+    for stream in ("stdout", "stderr"):  # one that the shell has closed goes nowhere
+        if getattr(sys, stream) is None:
+            setattr(sys, stream, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+
+
+def _interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
+    """The interrupt that an exception is, or was raised from."""
+    before: BaseException | None = error
+    while before is not None and not isinstance(before, KeyboardInterrupt):
+        before = before.__cause__ or before.__context__
+    return before
 
 
 def _usage_fault(error: click.ClickException, path: str, verbs: Sequence[str]) -> str:
@@ -249,6 +324,16 @@ def _usage_fault(error: click.ClickException, path: str, verbs: Sequence[str]) -
         return f"no verb is given; choose one of {', '.join(verbs)}"
     text = " ".join(error.format_message().split()).rstrip(".")
     return f"{text[:1].lower()}{text[1:]}" + ("" if text.endswith("?") else f"; see {path} --help")
+
+
+def _flushed() -> bool:
+    """Whether all that was printed has gone out; what has not goes nowhere, or the interpreter complains in the end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return False
+    return True
 
 
 def _reader_left() -> bool:

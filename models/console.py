@@ -5,18 +5,24 @@ from __future__ import annotations
 import json
 import logging
 import math
+import os
+import shutil
 import sys
 import time
 from collections.abc import Sequence
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
+
+import click
 
 from models.files import write_whole
 
 if TYPE_CHECKING:
     from models.model_file import Model
 
+STANDARD_OUTPUT = "-"  # as a file to write
+OUTPUT_KEY = "models.standard_output"  # of a click context: where that is, while tables are printed elsewhere
 PIPED_INTERVAL_S = 5.0  # between progress lines that no terminal shows
 
 
@@ -85,8 +91,25 @@ def plain(value: Any) -> Any:
 
 
 def write_json(path: Path | str, data: Any) -> None:
-    """Write a JSON file whole or not at all; NaN becomes null."""
-    write_whole(path, (json.dumps(plain(data), indent=1) + "\n").encode())
+    """Write a JSON file whole or not at all, or to standard output for "-"; NaN becomes null."""
+    text = json.dumps(plain(data), indent=1) + "\n"
+    if str(path) == STANDARD_OUTPUT:
+        output: TextIO = click.get_current_context().meta[OUTPUT_KEY]
+        output.write(text)
+        output.flush()
+        return
+    write_whole(path, text.encode())
+
+
+def as_called(command: str) -> str:
+    """A command line that can be pasted: its program with its folder, where the shell would not find it."""
+    program, _, words = command.partition(" ")
+    if shutil.which(program) is None:
+        for beside in (Path(sys.argv[0]).with_name(program), Path(sys.executable).with_name(program)):
+            if beside.is_file():
+                near = os.path.relpath(beside)
+                return f"{beside if near.startswith('..') else near} {words}"
+    return command
 
 
 def table(rows: Sequence[Sequence[str]], right: int = 1) -> str:

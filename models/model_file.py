@@ -23,14 +23,15 @@ import tomli_w
 import models.effects
 from models.effect import Effect
 from models.errors import BadInput
-from models.files import read_toml, write_whole
+from models.files import read_text, read_toml, write_whole
 from models.files.decode import Allowed, Place, check_keys, read_value, usable
-from models.files.faults import Faults
+from models.files.faults import Faults, shown
 from models.mjcf.native import Native
-from models.shot import Ball, Table
+from models.shot import Array, Ball, Table
 from models.sizes import SIZE_NAMES, size_meta, stated_size, with_sizes
 
 MODEL_FORMAT = "billiard-model/1"
+OWN_FILE_KEY = "file"  # of a user's effect in a model file: where it was defined
 
 
 @cache
@@ -49,6 +50,11 @@ def catalogue() -> dict[str, type[Effect]]:
     """Every effect of the shipped folder and of the folders added, by name."""
     own = {kind.name(): kind for _, kinds in _added.values() for kind in kinds}
     return dict(sorted((_shipped() | own).items()))
+
+
+def own_texts() -> list[bytes]:
+    """The texts of the files of effects that were added."""
+    return [text for _, (text, _) in sorted(_added.items())]
 
 
 def _defined(module: ModuleType) -> list[type[Effect]]:
@@ -92,10 +98,8 @@ def _file(kind: type[Effect]) -> str | None:
 
 def _read_effects(file: Path) -> tuple[bytes, tuple[type[Effect], ...]]:
     """A user's file: its text and its effects."""
-    try:
-        text = file.read_bytes()
-    except OSError as error:
-        raise BadInput(f"{file}: cannot be read ({type(error).__name__}); name a folder or a .py file") from error
+    faults = Faults()
+    text = faults.settle(read_text(file, str(file), faults, "name a folder or a .py file")).encode()
     if file in _added and _added[file][0] == text:
         return _added[file]
     name = f"own_effects_{hashlib.sha256(str(file.parent).encode()).hexdigest()[:8]}_{file.stem}"
@@ -136,8 +140,8 @@ def effect_class(name: str) -> type[Effect]:
     known = catalogue()
     if name not in known:
         near = get_close_matches(name, known, 1)
-        hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}, or name its folder (--effects)"
-        raise BadInput(f"unknown effect {name!r}; {hint}")
+        hint = f"did you mean {near[0]}?" if near else "see sysid effects, or name its folder (--effects)"
+        raise BadInput(f"unknown effect {shown(name)}; {hint}")
     return known[name]
 
 
@@ -249,6 +253,18 @@ class ParameterEntry:
 
 
 @dataclass(frozen=True)
+class FitEntries:
+    """Keys of a model file's [fit] that programs read; it may hold more."""
+
+    names: tuple[str, ...] = ()  # of the constants
+    correlation: Annotated[Array, Allowed(-1.1, 1.1, shape=(None, None), nan=True)] = field(
+        default_factory=lambda: np.zeros((0, 0))
+    )  # of them
+    clips: tuple[str, ...] = ()  # that gave them
+    converged: bool = False
+
+
+@dataclass(frozen=True)
 class ModelFile:
     """The keys of a model file."""
 
@@ -283,6 +299,7 @@ def read_model(path: Path | str) -> Model:
     """Read a model file; BadInput names what is wrong in it."""
     file = read_toml(path, ModelFile, MODEL_FORMAT, "name a model file")
     faults = Faults()
+    usable(FitEntries, file.fit, Place(str(path), faults, name="fit"), {})
     place = Place(str(path), faults, name="native")
     values, estimates = _parameters(file.native, "native.", Native.parameters(), place)
     model = Model(file.table, file.ball, Native(**values), fitted=file.fit, execution=file.execution)
@@ -293,14 +310,24 @@ def read_model(path: Path | str) -> Model:
         try:
             kind = effect_class(str(given.get("name", "")))
         except BadInput as error:
-            faults.add(str(path), str(error))
+            own = given.get(OWN_FILE_KEY)
+            hint = (
+                f"effect {given.get('name')!r} is one of your own: name its folder, --effects {Path(str(own)).parent}"
+            )
+            faults.add(str(path), hint if own else str(error))
             continue
-        rest = {key: value for key, value in given.items() if key != "name"}
+        rest = {key: value for key, value in given.items() if key not in ("name", OWN_FILE_KEY)}
         place = Place(str(path), faults, name=f"effect {kind.name()}")
         values, known = _parameters(rest, f"{kind.name()}.", kind.parameters(), place)
         estimates |= known
         model = model.add(kind(**values))
     return faults.settle(dataclasses.replace(model, estimates=estimates))
+
+
+def _origin(effect: Effect) -> dict[str, str]:
+    """Where an effect of the user's own comes from; nothing for one of the catalogue."""
+    own = [str(file) for file, (_, kinds) in _added.items() if type(effect) in kinds]
+    return {OWN_FILE_KEY: own[0]} if own else {}
 
 
 def write_model(model: Model, path: Path | str) -> None:
@@ -321,7 +348,7 @@ def write_model(model: Model, path: Path | str) -> None:
         "table": dataclasses.asdict(model.table),
         "ball": dataclasses.asdict(model.ball),
         "native": entry(model.native),
-        "effect": [{"name": e.name(), **entry(e)} for e in model.effects],
+        "effect": [{"name": e.name(), **_origin(e), **entry(e)} for e in model.effects],
     }
     if model.sizes:
         data["size"] = {name: item(name, value, model.meta(name)) for name, value in model.sizes.items()}

@@ -4,13 +4,17 @@ Sources. Snooker: Official Rules of the Games of Snooker and English Billiards (
 Table and Equipment Specifications, sections 4 and 16: 100 by 50 in and 92 by 46 in, balls of 2.25 in and 5.5 to 6 oz.
 The WPA knows no table of 7 ft: 78 by 39 in as pooltool has it (models/pocket_shape.py).
 Carom: UMB, World Rules, chapter 1: 2.84 by 1.42 m, balls of 61 to 61.5 mm and 205 to 220 g.
+Left out: smaller tables of snooker. No body publishes their sizes, and makers differ by inches.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 
+from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.pocket_shape import INCH_M, POCKET_SETS
 from models.shot import Ball, Table
@@ -40,3 +44,43 @@ TABLE_SETS: Mapping[str, TableSet] = {
     "pool 7 ft": _pool(7, 78.0),
     "carom": TableSet(Table(2.84, 1.42, pockets=False), CAROM_BALL),
 }
+OTHER_NAMES: Mapping[str, str] = {"snooker 12 ft": "snooker", "carom 10 ft": "carom", "12 ft": "snooker"}
+MIN_LENGTH_M, MAX_LENGTH_M, MIN_WIDTH_M, MAX_WIDTH_M = 0.3, 6.0, 0.2, 3.0
+
+
+def find_table(text: str) -> TableSet | Table:
+    """A table and its balls by name, or a table by its size, such as 1.881x0.943; BadInput names what is near.
+
+    Names may be written in capitals, without spaces, and those of pool without "pool": 8ft is "pool 8 ft".
+    """
+    by_plain = {_plain(name): name for name in (*TABLE_SETS, *OTHER_NAMES)}
+    by_plain |= {_plain(name).removeprefix("pool"): name for name in TABLE_SETS if name.startswith("pool")}
+    name = by_plain.get(_plain(text))
+    if name is not None:
+        return TABLE_SETS[OTHER_NAMES.get(name, name)]
+    if re.match(r"[\d.]", text) and "x" in text.lower():
+        return _sized(text)
+    near = get_close_matches(_plain(text), by_plain, 1, cutoff=0.75)
+    feet = re.search(r"\d+", text)
+    if near and (feet is None or feet[0] in near[0]):
+        raise BadInput(f'{text}: is no table known here; did you mean "{by_plain[near[0]]}"?')
+    raise BadInput(
+        f"{text}: is no table known here; give one of {', '.join(TABLE_SETS)}, or length and width from nose to nose "
+        "in metres, such as 1.881x0.943"
+    )
+
+
+def _plain(name: str) -> str:
+    """A name without capitals, signs and ways to write feet."""
+    return re.sub(r"foot|feet|'", "ft", re.sub(r"[\s_.-]", "", name.lower()))
+
+
+def _sized(text: str) -> Table:
+    """A table of a size in metres, with the pockets of snooker."""
+    try:
+        length, width = (float(part) for part in text.lower().split("x"))
+    except ValueError:
+        length = width = 0.0
+    if not (MIN_LENGTH_M <= length <= MAX_LENGTH_M and MIN_WIDTH_M <= width <= min(MAX_WIDTH_M, length)):
+        raise BadInput(f"{text}: give length and width in metres, the longer first, such as 1.881x0.943")
+    return Table(length, width)

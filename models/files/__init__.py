@@ -2,9 +2,11 @@
 
 documents   TOML, JSON and text, read and written
 decode      parsed data into dataclasses, with every fault by its place
+alone       one run at a time in a place
 faults      faults of an input, one line each, with the remedy
 """
 
-from models.files.documents import parse, read_document, read_json, read_text, read_toml, write_whole
+from models.files.alone import alone_in
+from models.files.documents import entries_of, parse, read_document, read_json, read_text, read_toml, write_whole
 
-__all__ = ["parse", "read_document", "read_json", "read_text", "read_toml", "write_whole"]
+__all__ = ["alone_in", "entries_of", "parse", "read_document", "read_json", "read_text", "read_toml", "write_whole"]

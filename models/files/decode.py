@@ -206,7 +206,10 @@ def _plain(value: Any, hint: Any, allowed: Allowed) -> Any:
             return tuple(found)
         import numpy as np  # here, so that help starts without it
 
-        return np.array(found, float)
+        try:
+            return np.array(found, float)
+        except ValueError:
+            raise _Unfit("has rows of different lengths") from None
     if hint in (bool, str) and isinstance(value, hint):
         return value
     if hint == tuple[str, ...] and isinstance(value, list | tuple) and all(isinstance(v, str) for v in value):

@@ -8,16 +8,17 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
 from models.errors import BadInput
 from models.files.decode import Place, decode, of_format
-from models.files.faults import Faults, shown
+from models.files.faults import Faults, one_line, shown
 
 Kind = TypeVar("Kind")
 MAX_FILE_BYTES = 32 << 20  # of TOML and JSON
+MAX_PICTURE_PIXELS = 1 << 26  # of a picture or a film: twice those of 8K video
 MAX_DEPTH = 32  # of tables and lists in each other
 
 
@@ -49,6 +50,18 @@ def read_json(path: Path | str, form: str, remedy: str) -> dict[str, Any]:
         found = data.get("format") if isinstance(data, dict) else type(data).__name__
         faults.add(str(path), f"format is {shown(found)}, this version reads {form}; {remedy}")
     return dict(faults.settle(data))
+
+
+@contextlib.contextmanager
+def entries_of(path: Path | str, remedy: str) -> Iterator[None]:
+    """BadInput where an entry of a file that a program here wrote is missing, or of another kind."""
+    try:
+        yield
+    except BadInput:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        kind = "lacks" if isinstance(error, KeyError) else "has a wrong entry:"
+        raise BadInput(one_line(f"{path}: {kind} {error}; {remedy}")) from error
 
 
 def read_document(

@@ -12,7 +12,7 @@ from typing import TypeVar
 from models.errors import BadInput
 
 Kind = TypeVar("Kind")
-MAX_LINE_CHARS = 400  # of a message: a damaged file must not flood the screen
+MAX_LINE_CHARS = 600  # of a message: a damaged file must not flood the screen
 MAX_VALUE_CHARS = 60  # of a value in a message
 MAX_FAULT_LINES = 20  # that a refusal lists
 
@@ -57,7 +57,10 @@ class Faults:
 def one_line(text: str) -> str:
     """The text without line breaks or other unprintable characters, not too long."""
     line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
-    return line if len(line) <= MAX_LINE_CHARS else line[: MAX_LINE_CHARS - 4] + " ..."
+    if len(line) <= MAX_LINE_CHARS:
+        return line
+    half = (MAX_LINE_CHARS - 5) // 2  # the place comes first and the remedy last
+    return f"{line[:half]} ... {line[-half:]}"
 
 
 def shown(value: object) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +22,7 @@ from models.command_line import (
 )
 from models.console import Progress, Status, write_json
 from models.errors import BadInput
+from models.files import alone_in, entries_of
 from planner.cli.common import execution_option, load_execution
 
 if TYPE_CHECKING:
@@ -96,20 +96,18 @@ def study(
     from planner.study.report import text_table, write_report
 
     asked = settings.study()
+    click.get_current_context().with_resource(alone_in(out))
     begin(out, asked)
     try:
         carry_out(out, asked, settings.scenes, settings.jobs, effect_folders, progress)
-    except KeyboardInterrupt:
-        progress.close()
+    except KeyboardInterrupt as end:
         count = len(read_scenes(out, settings.scenes))
-        print(
-            f"interrupted: {count} of {settings.scenes} scenes are kept in {out}; the same command continues from them",
-            file=sys.stderr,
-        )
-        return Status.INTERRUPTED
+        end.add_note(f"{count} of {settings.scenes} scenes are kept in {out}; the same command continues from them")
+        raise
     progress.close()
     scenes = read_scenes(out, settings.scenes)
-    result = figures(scenes)
+    with entries_of(out / "scenes", "remove the scene's file; the same command simulates it again"):
+        result = figures(scenes)
     print(text_table(result))
     print(f"scenes: {out}")
     if json_file:
@@ -128,7 +126,10 @@ def _write_scene(out: Path, number: str, path: Path) -> int:
     result = read_object(scene_path(out, int(number))) if number.isdigit() else None
     if result is None or "scene" not in result:
         raise BadInput(f"--scene {number}: is not in {out}; give the number of one that its report names")
-    write_scene(scene_from(result["scene"], str(scene_path(out, int(number)))), path)
-    stroke = result["methods"].get("risk", {}).get("stroke")
+    source = scene_path(out, int(number))
+    with entries_of(source, "remove it; the study's command simulates it again"):
+        asked = scene_from(result["scene"], str(source))
+        stroke = result["methods"].get("risk", {}).get("stroke")
+    write_scene(asked, path)
     print(f"scene: {path}" + ("" if stroke else " (no stroke was found for it)"))
     return Status.DONE

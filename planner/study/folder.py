@@ -11,7 +11,6 @@ import hashlib
 import json
 import multiprocessing
 import pickle
-import signal
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -25,6 +24,7 @@ from models.console import Progress, plain
 from models.errors import BadInput
 from models.files import read_document, write_whole
 from models.files.faults import Faults
+from models.interrupts import work_for_parent
 
 if TYPE_CHECKING:
     from planner.study.draws import Study
@@ -130,7 +130,7 @@ def _simulated(study: Study, todo: Sequence[int], jobs: int, folders: Sequence[s
         return
     before = set(multiprocessing.active_children())
     packed, paths = pickle.dumps(study), tuple(str(Path(f).resolve()) for f in folders)
-    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_ignore_interrupts)
+    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=work_for_parent)
     try:
         # A few ahead: what waits is not pickled before it is needed.
         rest, running = iter(todo), set[Future[dict[str, Any]]]()
@@ -149,11 +149,6 @@ def _simulated(study: Study, todo: Sequence[int], jobs: int, folders: Sequence[s
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
-
-
-def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the process that writes the results, which ends this one."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _simulate(packed: bytes, folders: Sequence[str], number: int) -> dict[str, Any]:

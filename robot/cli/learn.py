@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +30,7 @@ from models.command_line import (
 )
 from models.console import Progress, Status, write_json
 from models.errors import BadInput
+from models.files import alone_in
 from robot.cli.common import Filming, Wire, confirmed, yes_option
 
 if TYPE_CHECKING:
@@ -161,6 +161,7 @@ def learn(
 
     at_most_one(hidden=truth.hidden, effect=truth.effect)
     folder = series.out
+    click.get_current_context().with_resource(alone_in(folder))
 
     def say(line: str) -> None:
         progress.close()
@@ -193,10 +194,9 @@ def learn(
         progress.close()
         hidden = ", hidden.toml, hidden_cue.json" if emulated else ""
         print(f"\nseries: {folder} (report.html, story.png, story.rrd{hidden})")
-    except KeyboardInterrupt:
-        progress.close()
-        print(f"robot learn: interrupted; {folder} is kept: the same command continues from there", file=sys.stderr)
-        return Status.INTERRUPTED
+    except KeyboardInterrupt as end:
+        end.add_note(f"{folder} is kept: the same command continues from there")
+        raise
     return Status.DONE
 
 

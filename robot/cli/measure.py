@@ -20,6 +20,7 @@ from models.command_line import (
 )
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
+from models.files import alone_in
 from robot.cli.common import Wire, confirmed, settings_option, yes_option
 
 
@@ -75,10 +76,15 @@ def campaign(progress: Progress, out: Path, most: int | None, seed: int) -> int:
     from robot.cueing.campaign import count_played, run_campaign
     from robot.cueing.striker import EmulatedStriker, Sloppiness, draw_hidden
 
+    click.get_current_context().with_resource(alone_in(out))
     print("on the emulated launcher, with constants drawn from the seed")
     hidden = draw_hidden(np.random.default_rng(seed))
     striker = EmulatedStriker(hidden, Sloppiness(), seed, count_played(out))
-    shots = run_campaign(striker, out, seed, progress, most=most)
+    try:
+        shots = run_campaign(striker, out, seed, progress, most=most)
+    except KeyboardInterrupt as end:
+        end.add_note(f"{count_played(out)} shots are kept in {out}: the same command continues from there")
+        raise
     progress.close()
     print(f"{len(shots)} shots, {sum(s.miscue for s in shots)} miscues: {out}")
     return Status.DONE

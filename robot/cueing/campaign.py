@@ -24,6 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
+from models.files import read_text, write_whole
+from models.files.faults import Faults, shown
 from planner.launcher.stroke import LauncherModel
 
 Array = NDArray[np.float64]
@@ -52,6 +54,12 @@ class CueShot:
     order: int = 0  # in which it was played
 
 
+COLUMN_BOUNDS = {
+    "string": (1, 200), "cue_speed": (1e-3, 50.0), "x0_mm": (-100.0, 100.0), "y0_mm": (-100.0, 100.0),
+    "ball_speed": (1e-3, 50.0), "ball_speed_sd": (1e-9, 50.0), "ball_speed_unsure": (0.0, 50.0),
+    "squirt_rad": (-math.pi, math.pi), "squirt_sd": (1e-9, math.pi), "squirt_unsure": (0.0, math.pi),
+    "miscue": (0, 1), "order": (0, 1_000_000),
+}  # fmt: skip
 CAMPAIGN_COLUMNS = tuple(f.name for f in dataclasses.fields(CueShot))
 
 
@@ -121,26 +129,23 @@ def run_campaign(
 def count_played(out: Path | str) -> int:
     """Whole rows that a campaign's file holds; 0 where there is none."""
     path = Path(out)
-    return max(path.read_bytes().count(b"\n") - 1, 0) if path.is_file() else 0
+    return max(_text(path).count("\n") - 1, 0) if path.exists() else 0
 
 
 def _begun(path: Path, todo: Sequence[tuple[int, float, float]]) -> list[CueShot]:
-    """Shots of a file that was begun; an incomplete last line is removed."""
+    """Shots of a file that was begun; an incomplete last line of this campaign is removed, no other file is touched."""
     if not path.exists():
         return []
-    try:
-        text = path.read_bytes()
-        whole = text[: text.rfind(b"\n") + 1]
-        if len(whole) < len(text):
-            with path.open("r+b") as file:
-                file.truncate(len(whole))
-    except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; choose another place") from error
-    done = read_campaign(path) if whole else []
+    text = _text(path)
+    head = ",".join(CAMPAIGN_COLUMNS)
+    whole = text[: text.rfind("\n") + 1]
+    done = _shots(whole, path) if whole or not head.startswith(text) else []
     for k, shot in enumerate(done):
         stroke = (shot.string, shot.x0_mm, shot.y0_mm)
         if k >= len(todo) or stroke != tuple(todo[k]) or shot.order != k:
             raise BadInput(f"{path}: row {k + 1} is stroke {stroke}, not of this grid and seed; choose another file")
+    if len(whole) < len(text):
+        write_whole(path, whole.encode())
     return done
 
 
@@ -151,15 +156,24 @@ def _row(shot: CueShot) -> str:
 
 def read_campaign(path: Path | str) -> list[CueShot]:
     """Shots of a campaign's CSV file; BadInput names the row and column that is wrong."""
+    return _shots(_text(Path(path)), Path(path))
+
+
+def _text(path: Path) -> str:
+    faults = Faults()
+    return faults.settle(read_text(path, str(path), faults, "name the CSV file of a campaign"))
+
+
+def _shots(text: str, path: Path) -> list[CueShot]:
     try:
-        rows = list(csv.reader(Path(path).read_text(encoding="utf-8").splitlines()))
-    except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; name the CSV file of a campaign") from None
-    except (UnicodeDecodeError, csv.Error) as error:
+        rows = list(csv.reader(text.splitlines()))
+    except csv.Error as error:
         raise BadInput(f"{path}: is no CSV text ({error}); name the CSV file of a campaign") from None
     if not rows or tuple(rows[0]) != CAMPAIGN_COLUMNS:
         head = ",".join(rows[0])[:80] if rows else ""
-        raise BadInput(f"{path}: begins with {head!r}; the first line of a campaign is {','.join(CAMPAIGN_COLUMNS)}")
+        raise BadInput(
+            f"{path}: begins with {shown(head)}; the first line of a campaign is {','.join(CAMPAIGN_COLUMNS)}"
+        )
     return [_shot(f"{path} row {k}", row) for k, row in enumerate(rows[1:], 1)]
 
 
@@ -171,14 +185,13 @@ def _shot(where: str, row: Sequence[str]) -> CueShot:
         try:
             values[name] = float(text)
         except ValueError:
-            raise BadInput(f"{where}: {name} is {text!r}; give a number") from None
+            raise BadInput(f"{where}: {name} is {shown(text)}; give a number") from None
         whole = name in ("string", "miscue", "order")
         if not math.isfinite(values[name]) or (whole and values[name] != int(values[name])):
-            raise BadInput(f"{where}: {name} is {text!r}; give a {'whole' if whole else 'finite'} number")
-        if name in ("cue_speed", "ball_speed", "ball_speed_sd", "squirt_sd") and values[name] <= 0:
-            raise BadInput(f"{where}: {name} is {text!r}; give a number above 0")
-        if name.endswith("_unsure") and values[name] < 0:
-            raise BadInput(f"{where}: {name} is {text!r}; give 0 or more")
+            raise BadInput(f"{where}: {name} is {shown(text)}; give a {'whole' if whole else 'finite'} number")
+        low, high = COLUMN_BOUNDS[name]
+        if not low <= values[name] <= high:
+            raise BadInput(f"{where}: {name} is {shown(text)}; give a number from {low:g} to {high:g}")
     return CueShot(
         **{name: values[name] for name in CAMPAIGN_COLUMNS if name not in ("string", "miscue", "order")},
         string=int(values["string"]), miscue=bool(values["miscue"]), order=int(values["order"]),

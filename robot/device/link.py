@@ -24,6 +24,7 @@ from types import FrameType, TracebackType
 from typing import Any
 
 from models.errors import BadInput
+from models.interrupts import Terminated
 from robot.device.exchange_log import ExchangeLog
 from robot.device.port import PORT_ERRORS, READ_SLICE_S, Port
 from robot.device.protocol import (
@@ -124,7 +125,7 @@ class Link:
         self.halt()
         if number == signal.SIGINT:
             raise KeyboardInterrupt
-        raise SystemExit(128 + number)
+        raise Terminated(number)
 
     def open(self) -> None:
         """Open the port and greet; BadInput when it cannot be opened, LinkLost when nobody answers."""

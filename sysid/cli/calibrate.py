@@ -12,6 +12,7 @@ import click
 from models.command_line import FILE_PATH, Number, gathered, given, json_option, out_option, output_option
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
+from sysid.cli.tables import TABLE_HELP, diameter_option, table_set
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,18 +38,29 @@ def _metres(name: str, metavar: str, low: float, high: float, text: str, *, requ
 class TableSize:
     """What must be known of the table and its balls [m]."""
 
-    length: float = given(_metres("length", "L", 0.3, 6.0, "Length of the table, nose to nose [m]."))
-    width: float = given(_metres("width", "W", 0.2, 3.0, "Width of the table, nose to nose [m]."))
-    diameter: float = given(_metres("diameter", "D", 0.015, 0.12, "Diameter of the balls [m]."))
+    table_name: str | None = given("--table", "NAME|LxW", TABLE_HELP)
+    length: float | None = given(_metres("length", "L", 0.3, 6.0, "Length, nose to nose [m].", required=False))
+    width: float | None = given(_metres("width", "W", 0.2, 3.0, "Width, nose to nose [m].", required=False))
+    diameter: float | None = given(diameter_option)
     no_pockets: bool = given("--no-pockets", "", "The table has no pockets.", bool)
 
-    def table(self) -> Table:
-        """The table; BadInput where it is wider than long."""
+    def known(self) -> tuple[Table, float]:
+        """The table, and the diameter of its balls [m]; BadInput where something is missing or does not fit."""
+        if self.table_name is not None:
+            if self.length is not None or self.width is not None:
+                raise BadInput("--table gives length and width: leave out --length and --width")
+            found = table_set(self.table_name, self.diameter, None, self.no_pockets)
+            return found.table, found.ball.diameter
         from models.shot import Table
 
+        if self.length is None or self.width is None or self.diameter is None:
+            missing = [f"--{name}" for name in ("length", "width", "diameter") if getattr(self, name) is None]
+            raise BadInput(
+                f'{", ".join(missing)} missing: give them in metres, or the table by name: --table "pool 8 ft"'
+            )
         if self.length < self.width:
             raise BadInput(f"--length {self.length:g} is less than --width {self.width:g}: exchange them")
-        return Table(self.length, self.width, not self.no_pockets)
+        return Table(self.length, self.width, not self.no_pockets), self.diameter
 
 
 @dataclass(frozen=True)
@@ -136,7 +148,7 @@ def calibrate(
     VIDEO is a video, a picture, or a folder of pictures of the table; several of one camera are calibrated together.
     Writes the camera file: lens, position and direction. Status 1 if the result is not to be trusted.
 
-    Example: sysid calibrate table.mp4 --length 3.569 --width 1.778 --diameter 0.0525 --out cam.toml
+    Example: sysid calibrate table.mp4 --table snooker --out cam.toml
     """
     import cv2
     import numpy as np
@@ -149,7 +161,7 @@ def calibrate(
     from sysid.vision.camera.projection import write_camera
 
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
-    cushions, sides, crossings = size.table(), view.sides(), view.crossings()
+    (cushions, diameter), sides, crossings = size.known(), view.sides(), view.crossings()
     lens, notes, pattern = None, [], board.pattern()
     if pattern is not None and board.square is not None:
         from sysid.vision.camera.board import lens_of
@@ -164,7 +176,7 @@ def calibrate(
     table_seen = table_view({str(source): list(frames(source, each)) for source in sources})
     notes += table_seen.notes
     found = calibrate_picture(
-        table_seen.picture, cushions, size.diameter, CameraHints(view.fov, lens, crossings, sides),
+        table_seen.picture, cushions, diameter, CameraHints(view.fov, lens, crossings, sides),
         stills=table_seen.stills, source=", ".join(table_seen.used), progress=progress,
     )  # fmt: skip
     progress.close()
@@ -188,7 +200,9 @@ def frames(path: Path, count: int) -> Iterator[Picture]:
     import cv2
     import numpy as np
 
-    if not path.exists():
+    from sysid.vision.frames import check_size, quiet, read_picture
+
+    if not (path.is_file() or path.is_dir()):
         raise BadInput(f"{path}: does not exist; name a video, a picture, or a folder of pictures")
     if path.is_dir() or path.suffix.lower() in PICTURE_SUFFIXES:
         files = sorted(f for f in path.iterdir() if f.suffix.lower() in PICTURE_SUFFIXES) if path.is_dir() else [path]
@@ -198,7 +212,7 @@ def frames(path: Path, count: int) -> Iterator[Picture]:
             )
         shape: tuple[int, ...] | None = None
         for k in np.unique(np.linspace(0, len(files) - 1, min(count, len(files))).astype(int)):
-            picture = cv2.imread(str(files[k]), cv2.IMREAD_COLOR)
+            picture = read_picture(files[k])
             if picture is None:
                 raise BadInput(f"{files[k]}: is not a picture that can be read; take it away or convert it to PNG")
             if shape not in (None, picture.shape):
@@ -206,7 +220,9 @@ def frames(path: Path, count: int) -> Iterator[Picture]:
             shape = picture.shape
             yield picture
         return
-    video = cv2.VideoCapture(str(path))
+    with quiet():
+        video = cv2.VideoCapture(str(path))
+    check_size(path, video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT))
     try:
         total = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
         yielded = False

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from models.command_line import ABOVE_ZERO, FILE_PATH, given, input_option, json_option, output_option
+from models.console import as_called
 from models.errors import BadInput
 
 if TYPE_CHECKING:
@@ -100,4 +101,4 @@ class Outputs:
 
 def print_recording(path: Path) -> None:
     """Say where a recording is, and how to open it."""
-    print(f"recording: {path} (open it with: rerun {path})")
+    print(f"recording: {path} (open it with: {as_called(f'rerun {path}')})")

@@ -27,13 +27,17 @@ def check(clips: Path, json_file: Path | None) -> int:
     Example: sysid check CLIPS
     """
     from sysid.clips import inspect_clip_set
-    from sysid.clips.contradictions import size_notes
+    from sysid.clips.contradictions import pocket_note, size_notes
 
     found = inspect_clip_set(clips)
     faults = found.fault_lines()
     for line in [*faults, *(f"warning: {warning}" for warning in found.warnings)]:
         print(line)
     notes = size_notes(found.clip_set) if found.clip_set else []
+    if found.clip_set and (pockets := pocket_note(found.clip_set)):
+        notes.append(pockets)
+    if found.clip_set and found.resting:
+        notes.append(f"{found.resting} clips begin before the strike; it is their time 0, what precedes it is left out")
     for line in notes:
         print(f"note: {line}")
     if json_file:

@@ -6,7 +6,7 @@ import json
 import time
 from pathlib import Path
 
-from models.console import Progress, Status, table
+from models.console import Progress, Status, as_called, table
 from models.model_file import Model, full_model
 from sysid.clips import ClipSet, read_clip_set
 from sysid.report.findings import label, print_ladder, round_rows, shot_lines, verdict_lines
@@ -59,7 +59,8 @@ def run(out: Path, progress: Progress) -> int:
     _compare_with_truth(last.model, found)
     print_health(last.model)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
-    print(f"open {out / 'report.html'} in a browser, and the shots with: .venv/bin/rerun {out / 'review.rrd'}")
+    viewer = as_called(f"rerun {out / 'review.rrd'}")
+    print(f"open {out / 'report.html'} in a browser, and the shots with: {viewer}")
     return Status.DONE if found.last.converged else Status.FINDING
 
 

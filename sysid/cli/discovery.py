@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import pickle
-import time
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ import click
 from models.command_line import FILE_PATH, effects_option, gathered, json_option
 from models.console import Progress, Status, print_constants, table, write_json
 from models.errors import BadInput
-from models.files import write_whole
+from models.files import alone_in
 from sysid.cli.common import Start, report_option
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from sysid.clips import ClipSet
     from sysid.selection.discover import DiscoveryResult
 
-CHECKPOINT_FILE = "unfinished.pickle"
+JOURNAL_FILE, RESULT_FILE = "unfinished.jsonl", "result.json"
 
 
 @click.command()
@@ -94,8 +93,9 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
 @gathered("start", Start)
 @click.option("--out", metavar="DIR", type=FILE_PATH, required=True, help="Folder of results.")
 @effects_option()
+@json_option
 @click.pass_obj
-def discover(progress: Progress, start: Start, out: Path) -> int:
+def discover(progress: Progress, start: Start, out: Path, json_file: Path | None) -> int:
     """Discover all that a model lacks: fit, diagnose and add effects.
 
     Reads the clip set CLIPS and the model to start from, and repeats until nothing significant remains. Writes
@@ -103,6 +103,7 @@ def discover(progress: Progress, start: Start, out: Path) -> int:
 
     Example: sysid discover CLIPS --out out/mine
     """
+    from sysid.estimation.solver.journal import Journal, recorded_in
     from sysid.report.findings import discovery_lines, print_ladder, round_rows
     from sysid.report.health import print_health
     from sysid.report.outcome import write_outcome
@@ -110,15 +111,12 @@ def discover(progress: Progress, start: Start, out: Path) -> int:
     from sysid.selection.discover import discover as discover_effects
 
     clip_set, model = start.load()
-    checkpoint = result_folder(out) / CHECKPOINT_FILE
-    began = time.monotonic()
-    fingerprint = _fingerprint(clip_set, model)
-    resumed, spent = _resume(checkpoint, fingerprint)
-    if resumed is not None:
-        print(f"continuing from {checkpoint}: {', '.join(resumed.verdict) or 'the base is fitted'}", flush=True)
+    click.get_current_context().with_resource(alone_in(result_folder(out)))
+    journal = Journal(out / JOURNAL_FILE, _fingerprint(clip_set, model))
+    if journal.found:
+        print(f"continuing from {journal.path}: {journal.found} fits are known already", flush=True)
 
-    def save(found: DiscoveryResult) -> None:
-        write_whole(checkpoint, pickle.dumps((fingerprint, spent + time.monotonic() - began, found)))
+    def show(found: DiscoveryResult) -> None:
         progress.close()
         if found.rounds:
             print(table(round_rows(found.rounds[-1])) + "\n")
@@ -127,25 +125,26 @@ def discover(progress: Progress, start: Start, out: Path) -> int:
         print(f"{name}: {last.rms * 1e3:.3f} mm rms, held out {last.held_rms * 1e3:.3f} mm\n", flush=True)
 
     try:
-        found = discover_effects(clip_set, model, save, resumed)
-    except KeyboardInterrupt:
-        progress.close()
-        if checkpoint.exists():
-            print(f"interrupted; {checkpoint} is kept: the same command continues from there", flush=True)
+        with recorded_in(journal):
+            found = discover_effects(clip_set, model, show)
+    except KeyboardInterrupt as end:
+        if journal.path.exists():
+            end.add_note(f"{journal.path} is kept: the same command continues from there")
         raise
     progress.close()
     print(table(round_rows(found.rounds[-1])) + "\n")
     print_ladder(found)
     print("\n" + "\n".join(discovery_lines(found)) + "\n")
-    elapsed = spent + time.monotonic() - began
-    outcome = write_outcome(out, clip_set, found, progress, elapsed, f"sysid discover {start.clips}")
+    outcome = write_outcome(out, clip_set, found, progress, journal.elapsed, f"sysid discover {start.clips}")
     print_constants(outcome.model)
     print("\n" + engines_line(outcome))
     if whole := found.whole.get(found.verdict):
         print(held_out_line(outcome, whole.band_rate))
     print_health(outcome.model)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
-    checkpoint.unlink(missing_ok=True)
+    journal.path.unlink(missing_ok=True)
+    if json_file:
+        write_json(json_file, json.loads((out / RESULT_FILE).read_text(encoding="utf-8")))
     return Status.DONE if found.last.converged else Status.FINDING
 
 
@@ -159,8 +158,8 @@ def result_folder(path: Path) -> Path:
 
 
 def _fingerprint(clip_set: ClipSet, model: Model) -> str:
-    """A digest of all that a checkpoint depends on: clips, the model to start from, the catalogue, the sources."""
-    from models.model_file import catalogue
+    """A digest of all that fits depend on: clips, the model to start from, the catalogue, the sources."""
+    from models.model_file import catalogue, own_texts
 
     digest = hashlib.sha256()
     root = Path(__file__).resolve().parents[2]
@@ -168,19 +167,11 @@ def _fingerprint(clip_set: ClipSet, model: Model) -> str:
         digest.update(path.read_bytes())
     digest.update(repr((clip_set.table, clip_set.ball, clip_set.fps, clip_set.sigma, sorted(catalogue()))).encode())
     digest.update(repr([(e.name(), sorted(vars(e).items())) for e in model.effects]).encode())
+    digest.update(repr((vars(model.native), model.sizes, model.engine)).encode())
+    for text in own_texts():
+        digest.update(text)
     for clip in clip_set.clips:
         digest.update(repr((clip.file, clip.struck, clip.cue)).encode())
         for name, seen in clip.balls.items():
             digest.update(name.encode() + seen.time.tobytes() + seen.xy.tobytes() + seen.theta.tobytes())
     return digest.hexdigest()
-
-
-def _resume(checkpoint: Path, fingerprint: str) -> tuple[DiscoveryResult | None, float]:
-    """The state and the time spent of an interrupted run of the same command; nothing if it was another."""
-    if not checkpoint.exists():
-        return None, 0.0
-    try:
-        known, spent, found = pickle.loads(checkpoint.read_bytes())
-    except Exception:  # noqa: BLE001 (whatever a damaged or foreign file raises, the work starts afresh)
-        return None, 0.0
-    return (found, float(spent)) if known == fingerprint else (None, 0.0)

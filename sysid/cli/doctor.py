@@ -6,21 +6,18 @@ import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from models.command_line import ABOVE_ZERO, FILE_PATH, Number, gathered, given
-from models.console import Progress, Status
-from models.errors import BadInput
+from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given
+from models.console import Progress, Status, as_called
 from sysid.cli.calibrate import calibrate
 from sysid.cli.common import mass_option, palette_option
 from sysid.cli.compare import check
 from sysid.cli.discovery import discover, result_folder
+from sysid.cli.tables import TABLE_HELP, diameter_option, table_set
 from sysid.cli.track import track
-
-if TYPE_CHECKING:
-    from models.presets import TableSet
 
 CAMERA_FILE, CAMERA_PICTURE, SHEET_FILE = "camera.toml", "camera.png", "shots.png"
 CLIPS_FOLDER, FOUND_FOLDER = "clips", "found"
@@ -30,34 +27,27 @@ CLIPS_FOLDER, FOUND_FOLDER = "clips", "found"
 class FilmedTable:
     """A table, its balls, and how it was filmed."""
 
-    table_name: str = given(
-        "--table",
-        "NAME|LxW",
-        "Table by name (snooker, pool 9 ft, carom, ...) or size, nose to nose [m].",
-        required=True,
-    )
-    diameter: float | None = given("--diameter", "D", "Diameter of the balls [m]; a named table knows it.",
-                                   Number(0.015, 0.12, unit="metres"))  # fmt: skip
-    no_pockets: bool = given("--no-pockets", "", "A table given by its size has no pockets.", bool)
+    table_name: str = given("--table", "NAME|LxW", TABLE_HELP, required=True)
+    diameter: float | None = given(diameter_option)
+    no_pockets: bool = given("--no-pockets", "", "The table has no pockets.", bool)
     corners: str | None = given("--corners", '"u,v u,v u,v u,v"', "Where about the nose lines cross [pixels].")
     fps: float | None = given("--fps", "F", "Frames taken in a second, where the video does not say so.", ABOVE_ZERO)
     palette_file: Path | None = given(palette_option)
     mass: float | None = given(mass_option)
 
-    def known(self) -> tuple[float, float, float, bool, float | None]:
-        """Length, width, diameter [m], whether it has pockets, mass of a ball [kg] where it is known."""
-        preset = _named(self.table_name)
-        if preset is not None:
-            table, ball = preset.table, preset.ball
-            same = self.diameter is None or self.diameter == ball.diameter
-            mass = self.mass if self.mass is not None else ball.mass if same else None
-            return table.length, table.width, self.diameter or ball.diameter, bool(table.pockets), mass
-        length, width = _size(self.table_name)
-        if self.diameter is None:
-            raise BadInput(
-                f"--table {self.table_name}: a size says nothing of the balls; give --diameter, such as 0.0525"
-            )
-        return length, width, self.diameter, not self.no_pockets, self.mass
+    def words(self) -> list[object]:
+        """Table and balls as `sysid calibrate` takes them; BadInput where they are not known."""
+        table_set(self.table_name, self.diameter, self.mass, self.no_pockets)
+        words: list[object] = ["--table", self.table_name]
+        words += ["--diameter", self.diameter] if self.diameter is not None else []
+        return words + ["--no-pockets"] * self.no_pockets
+
+    def known_mass(self) -> float | None:
+        """Of a ball [kg], where it was given or belongs to the table's name."""
+        from models.presets import TABLE_SETS
+
+        known = table_set(self.table_name, self.diameter, self.mass, self.no_pockets).ball
+        return known.mass if self.mass is not None or known in [one.ball for one in TABLE_SETS.values()] else None
 
 
 @click.command()
@@ -74,15 +64,14 @@ def doctor(context: click.Context, videos: tuple[str, ...], filmed: FilmedTable,
 
     Example: sysid doctor *.mp4 --table "pool 8 ft" --out out/mine
     """
-    length, width, diameter, pockets, mass = filmed.known()
+    sizes, mass = filmed.words(), filmed.known_mass()
     folder = result_folder(out)
     camera, clips = folder / CAMERA_FILE, folder / CLIPS_FOLDER
     progress: Progress = context.obj
     if camera.is_file():
         print(f"camera: {camera} is there, kept; delete it to calibrate anew")
     else:
-        words = [*videos, "--length", length, "--width", width, "--diameter", diameter, "--out", camera]
-        words += ["--report", folder / CAMERA_PICTURE, *(() if pockets else ("--no-pockets",))]
+        words = [*videos, *sizes, "--out", camera, "--report", folder / CAMERA_PICTURE]
         words += ["--corners", filmed.corners] if filmed.corners else []
         if _step(context, calibrate, words):
             camera.unlink(missing_ok=True)
@@ -97,8 +86,8 @@ def doctor(context: click.Context, videos: tuple[str, ...], filmed: FilmedTable,
         print("stopped: no shot was found that can be used; the lines above say why")
         return Status.FINDING
     if doubtful:
-        print(f"stopped: tracks are not to be trusted. Look at {folder / SHEET_FILE}; to go on with what there is: "
-              f"sysid discover {shlex.quote(str(clips))} --out {shlex.quote(str(folder / FOUND_FOLDER))}")  # fmt: skip
+        again = as_called(f"sysid discover {shlex.quote(str(clips))} --out {shlex.quote(str(folder / FOUND_FOLDER))}")
+        print(f"stopped: tracks are not to be trusted; see {folder / SHEET_FILE}; to go on with them: {again}")
         return Status.FINDING
     if status := _step(context, check, [clips]):
         return status
@@ -115,29 +104,3 @@ def _step(context: click.Context, verb: click.Command, words: Sequence[object]) 
     with verb.make_context(str(verb.name), texts, parent=context, obj=context.obj) as inner:
         run: Callable[[click.Context], Any] = verb.invoke
         return int(run(inner))
-
-
-def _named(text: str) -> TableSet | None:
-    """The table of a name, case and spaces aside; None where the text is a size."""
-    from models.presets import TABLE_SETS
-
-    def plain(name: str) -> str:
-        return "".join(c for c in name.lower() if c.isalnum())
-
-    found = [name for name in TABLE_SETS if plain(name) == plain(text) or plain(name) == "pool" + plain(text)]
-    if found:
-        return TABLE_SETS[found[0]]
-    if "x" in text.lower() and text[:1].isdigit():
-        return None
-    raise BadInput(f"--table {text}: give one of {', '.join(TABLE_SETS)}, or a size in metres such as 1.881x0.943")
-
-
-def _size(text: str) -> tuple[float, float]:
-    """Length and width [m] of a text such as 1.881x0.943."""
-    try:
-        length, width = (float(part) for part in text.lower().split("x"))
-    except ValueError:
-        length = width = 0.0
-    if not (0.3 <= length <= 6.0 and 0.2 <= width <= min(3.0, length)):
-        raise BadInput(f"--table {text}: give length and width in metres, the longer first, such as 1.881x0.943")
-    return length, width

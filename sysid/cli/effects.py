@@ -1,4 +1,4 @@
-"""`sysid effects`, `add` and `new-effect`: the catalogue, an effect added to a model, an effect of your own."""
+"""`sysid effects`, `add`, `remove` and `new-effect`: the catalogue, a model's effects, an effect of your own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 import click
 
 from models.command_line import FILE_PATH, effects_option, input_option, json_option, out_option
-from models.console import Progress, Status, write_json
+from models.console import Progress, Status, as_called, write_json
+from models.errors import BadInput
 
 
 @click.command()
@@ -27,11 +28,40 @@ def add(effect: str, model_file: Path, out: Path) -> int:
 
     added = effect_class(effect)()
     before = read_model(model_file)
+    if effect in [e.name() for e in before.effects]:
+        raise BadInput(f"{model_file}: has {effect} already; fit it with: sysid fit, or take it out with: sysid remove")
     model = before.add(added)
     write_model(model, out)
     names = [e.name() for e in model.effects]
     replaced = ", ".join(e.name() for e in before.effects if e.name() not in names)
     print(f"{out}: {', '.join(names)}" + (f" (instead of {replaced})" if replaced else ""))
+    return Status.DONE
+
+
+@click.command()
+@click.argument("effect", metavar="EFFECT")
+@input_option("model", "M.toml", "Model file to take it from.", required=True)
+@out_option("M2.toml", "Where the new model goes.")
+@effects_option()
+def remove(effect: str, model_file: Path, out: Path) -> int:
+    """Remove an effect from a model.
+
+    Reads a model file, and writes another without the effect.
+
+    Example: sysid remove table_tilt --model tilted.toml --out level.toml
+    """
+    from models.files.faults import closest
+    from models.model_file import read_model, write_model
+
+    before = read_model(model_file)
+    names = [e.name() for e in before.effects]
+    if effect not in names:
+        meant = closest(effect, names)
+        hint = f"did you mean {meant}?" if meant else f"it has {', '.join(names) or 'none'}"
+        raise BadInput(f"{model_file}: has no effect {effect!r}; {hint}")
+    write_model(before.without(effect), out)
+    names.remove(effect)
+    print(f"{out}: {', '.join(names) or 'no effects: what MuJoCo does by itself'}")
     return Status.DONE
 
 
@@ -98,5 +128,5 @@ def new_effect(name: str, folder: Path, from_file: Path | None) -> int:
     effect, test = write(name, folder, source_of(from_file, name) if from_file else None)
     print(f"{effect}: the effect, which runs as it is; replace its formula")
     print(f"{test}: its test; run it with: python -m pytest {test}")
-    print(f"check it with: sysid effects --check --effects {folder}")
+    print(f"check it with: {as_called(f'sysid effects --check --effects {folder}')}")
     return Status.DONE

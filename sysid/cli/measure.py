@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from models.command_line import effects_option, json_option, out_option, output_option
-from models.console import Progress, Status, table, write_json
+from models.console import Progress, Status, as_called, table, write_json
 from sysid.cli.common import Start, clips_argument, model_option
 
 if TYPE_CHECKING:
@@ -74,7 +74,8 @@ def measure(
         print(f"report: {report_file}")
     if out:
         write_model(starting_model(clip_set, found), out)
-        print(f"model: {out} (continue with: sysid fit {clips} --model {out} --out FITTED.toml)")
+        command = as_called(f"sysid fit {clips} --model {out} --out FITTED.toml")
+        print(f"model: {out} (continue with: {command})")
     return Status.DONE
 
 

@@ -13,6 +13,7 @@ import click
 from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, json_option, output_option
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
+from models.files import alone_in
 from sysid.cli.common import camera_option, mass_option, palette_option, print_recording, rrd_option
 
 if TYPE_CHECKING:
@@ -83,6 +84,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
     Example: sysid track match.mp4 --camera cam.toml --out CLIPS
     """
     outputs.check()
+    click.get_current_context().with_resource(alone_in(outputs.out))
     import cv2
 
     from sysid.clips import write_clip_set
@@ -104,7 +106,12 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
         if name in videos_in(so_far):
             print(f"{name}: its clips are in {outputs.out}, kept; track it anew with --force")
             continue
-        result, clips, found = _one(progress, filmed, outputs, video, camera)
+        try:
+            result, clips, found = _one(progress, filmed, outputs, video, camera)
+        except KeyboardInterrupt as end:
+            if so_far is not None:
+                end.add_note(f"{len(videos_in(so_far))} videos are kept in {outputs.out}: the same command continues")
+            raise
         told.append(found)
         doubtful |= bool(result.doubts)
         if clips is not None:

@@ -6,16 +6,23 @@ import sys
 from collections.abc import Sequence
 
 from models.command_line import Program, run
-from sysid.cli import calibrate, compare, discovery, doctor, effects, match, measure, track
+from sysid.cli import calibrate, compare, discovery, doctor, effects, foreign, init, match, measure, track
 
 PROGRAM = Program(
     "sysid",
     "Identify a snooker table: from filmed or tracked shots to a fitted MuJoCo model, and to what it leaves out.",
     {
-        "Clips from a camera": (calibrate.calibrate, track.track, compare.check, doctor.doctor),
+        "Clips of a table": (
+            calibrate.calibrate,
+            track.track,
+            foreign.import_,
+            init.init,
+            compare.check,
+            doctor.doctor,
+        ),
         "Model from clips": (measure.measure, compare.compare, compare.fit),
         "What the model leaves out": (discovery.diagnose, discovery.discover, discovery.demo),
-        "Effects of the model": (effects.effects, effects.add, effects.new_effect),
+        "Effects of the model": (effects.effects, effects.add, effects.remove, effects.new_effect),
         "The engines themselves": (match.match,),
     },
 )
@@ -23,7 +30,7 @@ PROGRAM = Program(
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run a verb: 0 done, 1 a finding to act on, 2 bad input."""
-    return run(PROGRAM, words, interrupted="; files named above are complete, no other was written")
+    return run(PROGRAM, words, interrupted="; files named above are complete")
 
 
 if __name__ == "__main__":

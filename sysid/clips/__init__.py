@@ -4,9 +4,11 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
 
     clip_set        the values: Observation, CueCommand, Clip, ClipSet
     read, write     whole or not at all; header and rows of their files, names of balls and clips
+    template        a clip set to fill in
     plausibility    times increase, balls are on the table and do not overlap
-    units           of coordinates and times, origin and axes, where all clips have them wrong
-    contradictions  what the tracks of a set contradict: diameter, table, commands, frame rate
+    strike          when the struck ball sets off, and whether it is the one
+    readings, units coordinates and times in other units, from elsewhere, along other axes
+    contradictions  what the tracks of a set contradict: diameter, table; commands (aims), times (tempo), marks
     noise, clock    of the camera, estimated from the tracks
     outliers        single samples that the tracker placed elsewhere
     segments        motion between two impacts

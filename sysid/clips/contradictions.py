@@ -1,13 +1,14 @@
-"""What the tracks of a whole clip set contradict: the ball's diameter, the table, the commands, the frame rate.
+"""What the tracks of a whole clip set contradict: the ball's diameter, the table, the commands, the times.
 
 In: a `ClipSet`. Out: `Contradiction`s: beyond doubt, or to be looked at.
 
     diameter    a resting ball that is struck moves off when the other's centre is a diameter away: where that one is,
                 extrapolated to the moment at which this one began to move, gives the distance
     cushions    lines through the samples before and after a rebound meet where the ball's centre turned
-    azimuths    the struck ball first moves where the cue was aimed
-    frame rate  intervals of the stamps are whole frames
-    speeds      no cue gives a ball more than some 13 m/s
+    scale       all these are off by one factor
+    commands    sysid/clips/aims.py: azimuth and speed of the struck ball
+    marks       sysid/clips/marks.py: how fast they turn
+    times       sysid/clips/tempo.py: frame rate, speeds, how balls slow down
 
 A camera may be off by as much as the catalogue's effects of it at their usual size; that is no contradiction.
 """
@@ -15,26 +16,28 @@ A camera may be off by as much as the catalogue's effects of it at their usual s
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
+from models.pocket_shape import PocketShapes
+from models.presets import TABLE_SETS
 from models.shot import NOSE_COSINE, Array, Ball, Table
+from sysid.clips.aims import azimuths, speeds_of_cue
 from sysid.clips.clip_set import Clip, ClipSet, Observation
+from sysid.clips.contradiction import ALL_CLIPS, Contradiction, Typical, typical
+from sysid.clips.marks import marks
 from sysid.clips.names import CLIPS_TOML
+from sysid.clips.strike import struck_fault
+from sysid.clips.tempo import frame_rate, rolling, speeds
 
-ALL_CLIPS = "all clips"
-MIN_COMMANDS, MIN_IMPACTS = 4, 2  # below which nothing is said
-MIN_CERTAIN_REBOUNDS, MIN_INTERVALS = 2, 20
+MIN_IMPACTS = 2  # below which nothing is said
+MIN_CERTAIN_REBOUNDS = 2
 IMPACT_ERROR = 0.02  # of the distance at one impact, over the diameter: scatter of few may be too small by chance
 REBOUND_ERROR = 0.003  # of the place of one rebound, over half the table
-MIN_SIGNIFICANCE = 5.0  # standard errors
-SOUND_DIAMETER, CERTAIN_DIAMETER = 0.04, 0.08  # relative departures: none, and one beyond doubt
+SOUND_DIAMETER, CERTAIN_DIAMETER = 0.04, 0.06  # relative departures: none, and one beyond doubt
 SOUND_TABLE, CERTAIN_TABLE = 0.025, 0.06  # of half the table; a lens at its usual size moves a cushion by 2 %
-SOUND_TURN, FITTING_TURN = 0.25, 0.1  # of the first direction from the aim [rad]
-SOUND_INTERVAL = 0.1  # relative departure of the stamps' interval from a frame's; the clock's scale is fitted
-MAX_CUE_SPEED, MAX_SPEED = 13.0, 30.0  # of a hard break, and beyond doubt [m/s]
-SPEED_STEPS = 5  # of which the median is a speed: single samples may be wild
+SAME_SIZE = 0.015  # relative, of a table and its balls, to those of a name
+SAME_FACTOR = 0.04  # spread of factors by which diameter and cushions are off, for one cause
 REST_M = 0.003  # of a ball that has not moved
 REBOUND_BIAS_M = 0.004  # of the cushions' distance: lines through samples cut the corner of a rebound by some mm
 NOTED_ERRORS = 2.0  # standard errors of it, which REBOUND_ERROR makes generous
@@ -52,66 +55,32 @@ MIN_TURN_RATIO = 2.0  # change of velocity over what the cloth may cause: a ball
 POCKET_M = 0.15  # from a pocket, within which jaws may turn a ball
 MIN_TOWARDS, MIN_AWAY = 0.2, 0.1  # speeds at a cushion [m/s]
 NEAR_CUSHION = 0.3  # of half the table, from where the stated table has a cushion
-MAX_PLACE_M, MIN_STEP_S = 100.0, 1e-6  # of rows that can be computed with
-AIMED_M = 0.08  # along which the first direction is measured
-
-
-@dataclass(frozen=True)
-class Contradiction:
-    """One line with its remedy."""
-
-    where: str  # the file whose statement the tracks contradict, or all clips
-    text: str
-    certain: bool  # beyond doubt: a fault, else a warning
-    places: bool = False  # whether many balls must lie off the stated table
-
-
-@dataclass(frozen=True)
-class Typical:
-    """The median of some values, and its standard error."""
-
-    value: float
-    error: float
-    count: int
-
-    def departs(self, from_value: float, tolerance: float) -> bool:
-        """Whether it differs by more than a tolerance, and by more than chance explains."""
-        off = abs(self.value - from_value)  # NaN of none
-        return off > max(tolerance, MIN_SIGNIFICANCE * self.error)
 
 
 def contradictions(clip_set: ClipSet) -> list[Contradiction]:
     """All of a clip set's, each once; its clips must be sound: `is_sound`."""
-    found = [_frame_rate(clip_set), _speeds(clip_set)]
-    if found[1] is None:  # else all that is derived from speeds is wrong
-        found += [_diameter(clip_set), *_cushions(clip_set), _azimuths(clip_set)]
+    if struck := struck_fault(clip_set):
+        return [Contradiction(*struck, True)]
+    too_fast = speeds(clip_set)
+    if too_fast:  # all that is derived from speeds is wrong
+        return [one for one in (frame_rate(clip_set), too_fast) if one is not None]
+    times, off_scale = _first_of(rolling(clip_set), speeds_of_cue(clip_set)), _scale(clip_set)
+    rate = frame_rate(clip_set, times is not None)
+    diameter = None if times else _diameter(clip_set)  # impacts are dated by how balls slow down
+    sizes = [off_scale] if off_scale else [diameter, *_cushions(clip_set)]
+    found = [*sizes, azimuths(clip_set), rate or times, marks(clip_set)]
     return [one for one in found if one is not None]
 
 
-def is_sound(clip: Clip) -> bool:
-    """Whether times increase and everything is finite and of a size that can be computed with."""
-    return bool(clip.balls) and all(
-        len(seen.time) > 0
-        and bool(np.isfinite(seen.time).all())
-        and bool((np.abs(seen.xy) < MAX_PLACE_M).all())
-        and bool((np.diff(seen.time) > MIN_STEP_S).all())
-        for seen in clip.balls.values()
-    )
-
-
-def _typical(values: list[float], least_count: int, least_spread: float = 0.0) -> Typical:
-    """Of too few values the standard error is infinite."""
-    if len(values) < least_count:
-        return Typical(np.nan, np.inf, len(values))
-    median = float(np.median(values))
-    spread = max(1.4826 * float(np.median(np.abs(np.array(values) - median))), least_spread)
-    return Typical(median, 1.2533 * spread / np.sqrt(len(values)), len(values))
+def _first_of(one: Contradiction | None, other: Contradiction | None) -> Contradiction | None:
+    """The more certain one of two that have the same cause."""
+    return other if one is None or (other is not None and other.certain > one.certain) else one
 
 
 def contact_distance(clip_set: ClipSet) -> Typical:
     """Distance of the centres at impacts of two balls, one of them at rest [m]."""
     found = [d for clip in clip_set.clips for d in _distances(clip)]
-    return _typical(found, MIN_IMPACTS, IMPACT_ERROR * clip_set.ball.diameter)
+    return typical(found, MIN_IMPACTS, IMPACT_ERROR * clip_set.ball.diameter)
 
 
 def _diameter(clip_set: ClipSet) -> Contradiction | None:
@@ -192,7 +161,22 @@ def rebounds(clip_set: ClipSet) -> dict[str, Typical]:
                     turns = _turns(clip, name, sign * seen.xy[:, axis], least)
                     found[mark + letter] += [far for far, place in turns if table.to_pocket(place) > POCKET_M]
     errors = {rail: REBOUND_ERROR * float(limits["xy".index(rail[1])]) for rail in found}
-    return {rail: _typical(values, 1, errors[rail]) for rail, values in found.items()}
+    return {rail: typical(values, 1, errors[rail]) for rail, values in found.items()}
+
+
+def turns_in_the_open(clip_set: ClipSet) -> Array:
+    """How far out balls turn back, away from others and from pockets, over where they would at cushions: (n,)."""
+    table, limits = clip_set.table, clip_set.table.centre_limits(clip_set.ball)
+    found = [
+        far / float(limits[axis])
+        for clip in clip_set.clips
+        for name, seen in clip.balls.items()
+        for axis in (0, 1)
+        for sign in (1.0, -1.0)
+        for far, place in _turns(clip, name, sign * seen.xy[:, axis], -np.inf)
+        if table.to_pocket(place) > POCKET_M
+    ]
+    return np.array(found)
 
 
 def _turns(clip: Clip, name: str, out: Array, least: float) -> Iterator[tuple[float, Array]]:
@@ -250,6 +234,41 @@ def size_notes(clip_set: ClipSet) -> list[str]:
     return found
 
 
+def _scale(clip_set: ClipSet) -> Contradiction | None:
+    """Diameter and cushions that are all off by one factor: that of the tracks."""
+    seen, limits = rebounds(clip_set), clip_set.table.centre_limits(clip_set.ball)
+    contact, stated = contact_distance(clip_set), clip_set.ball.diameter
+    factors = {f"balls meet {contact.value:.4f} m apart": contact.value / stated} if contact.count else {}
+    for axis, letter in enumerate("xy"):
+        turns = [seen[rail].value for rail in ("+" + letter, "-" + letter) if seen[rail].count]
+        if turns:
+            key = f"turn at |{letter}| = {np.mean(turns):.3f} m"
+            factors[key] = float(np.mean(turns) / limits[axis])
+    values = [value for value in factors.values() if np.isfinite(value)]
+    if len(values) < 2 or min(abs(v - 1) for v in values) < SOUND_TABLE or np.ptp(values) > SAME_FACTOR:
+        return None
+    factor = values[-1]  # cushions tell it better
+    certain = abs(factor - 1) > CERTAIN_TABLE
+    text = (
+        f"everything is {factor:.3f} of the size that {CLIPS_TOML} states ({', '.join(factors)}; diameter {stated:g}, "
+        f"turns at {limits[0]:.3f} and {limits[1]:.3f}): multiply x and y by {1 / factor:.4g}, or correct the table"
+    )
+    return Contradiction(ALL_CLIPS, text, certain, True)
+
+
+def pocket_note(clip_set: ClipSet) -> str | None:
+    """A table of the size of another game's whose pockets are those of snooker, as they are where none are told."""
+    table = clip_set.table
+    if table.pockets is not True:
+        return None
+    for name, known in TABLE_SETS.items():
+        sizes = np.array([table.length, table.width, clip_set.ball.diameter])
+        meant = np.array([known.table.length, known.table.width, known.ball.diameter])
+        if isinstance(known.table.pockets, PocketShapes) and (np.abs(sizes / meant - 1) < SAME_SIZE).all():
+            return f'{CLIPS_TOML}: pockets are those of snooker on a table of the size of {name}: pockets = "{name}"'
+    return None
+
+
 def _stated(table: Table, axis: int) -> float:
     return (table.length, table.width)[axis]
 
@@ -263,81 +282,3 @@ def _table_remedy(ball: Ball, plus: Typical, minus: Typical, letter: str, key: s
         return f"the origin lies off the table's centre: subtract {shift:.3f} from {letter}"
     size = 2 * (half_size + ball.radius)
     return f"correct {key}, measured from nose to nose (about {size:.2f} m), or calibrate the camera"
-
-
-READINGS_OF_AZIMUTH = {  # (factor, offset) of the azimuth, and the remedy where tracks fit that
-    (-1.0, 0.0): "y is counted downwards, or azimuths clockwise: change the sign of y",
-    (-1.0, np.pi): "x is counted from right to left: change the sign of x",
-    (1.0, np.pi): "both axes are reversed: change the signs of x and y",
-    (-1.0, np.pi / 2): "x and y are exchanged, or azimuths count from y: exchange the columns",
-    (1.0, np.pi / 2): "azimuths are counted from -y: add a quarter turn to them",
-    (1.0, -np.pi / 2): "azimuths are counted from +y: subtract a quarter turn from them",
-}
-
-
-def _azimuths(clip_set: ClipSet) -> Contradiction | None:
-    """Commands that point elsewhere than the tracks."""
-    aims = [(c.cue.azimuth, went) for c in clip_set.clips if c.cue and (went := _first_direction(c)) is not None]
-    if len(aims) < MIN_COMMANDS:
-        return None
-    stated, went = np.array(aims).T
-
-    def off(factor: float, offset: float) -> float:
-        return float(np.median(np.abs((went - factor * stated - offset + np.pi) % (2 * np.pi) - np.pi)))
-
-    here = off(1.0, 0.0)
-    if here < SOUND_TURN:
-        return None
-    best = min(READINGS_OF_AZIMUTH, key=lambda reading: off(*reading))
-    head = f"struck balls set off {here:.2f} rad beside the commanded azimuth (median of {len(aims)})"
-    if off(*best) < FITTING_TURN:
-        return Contradiction(ALL_CLIPS, f"{head}; {READINGS_OF_AZIMUTH[best]}", True)
-    return Contradiction(
-        ALL_CLIPS, f"{head}: correct cue.azimuth, counted from +x to +y in rad, or leave cue out", False
-    )
-
-
-def _first_direction(clip: Clip) -> float | None:
-    """The struck ball's first direction [rad]; None where it hardly moves."""
-    xy = clip.balls[clip.struck].xy if clip.struck in clip.balls else np.zeros((0, 2))
-    far = np.flatnonzero(np.hypot(*(xy - xy[:1]).T) > AIMED_M)
-    if not len(far):
-        return None
-    step = xy[far[0]] - xy[0]
-    return float(np.arctan2(step[1], step[0]))
-
-
-def _frame_rate(clip_set: ClipSet) -> Contradiction | None:
-    """Stamps whose interval is not that of the stated frame rate."""
-    steps = [np.diff(np.unique(np.concatenate([o.time for o in c.balls.values()]))) for c in clip_set.clips]
-    pooled = np.concatenate([np.zeros(0), *steps])
-    if len(pooled) < MIN_INTERVALS:
-        return None
-    step = float(np.median(pooled))
-    if abs(step * clip_set.fps - 1) < SOUND_INTERVAL:
-        return None
-    text = (
-        f"fps = {clip_set.fps:g}, but rows are {step:.4g} s apart, as at {1 / step:.4g} frames a second: "
-        f"correct fps if t is right, else multiply t by {1 / (step * clip_set.fps):.4g}"
-    )
-    return Contradiction(CLIPS_TOML, text, False)
-
-
-def _speeds(clip_set: ClipSet) -> Contradiction | None:
-    """Balls that are faster than any cue makes them."""
-    fastest = [(max(map(_top_speed, c.balls.values()), default=0.0), c.file) for c in clip_set.clips]
-    fast = [one for one in fastest if one[0] > MAX_CUE_SPEED]
-    if not fast:
-        return None
-    speed, file = max(fast)
-    more = f" ({len(fast) - 1} more clips have such)" if len(fast) > 1 else ""
-    text = f"a ball moves at {speed:.3g} m/s{more}, and no cue gives more than {MAX_CUE_SPEED:g}: correct t or fps"
-    return Contradiction(file, text, speed > MAX_SPEED)
-
-
-def _top_speed(seen: Observation) -> float:
-    """The largest median speed over some steps [m/s]."""
-    if len(seen.time) <= SPEED_STEPS:
-        return 0.0
-    step = np.hypot(*np.diff(seen.xy, axis=0).T) / np.diff(seen.time)
-    return float(np.median(np.lib.stride_tricks.sliding_window_view(step, SPEED_STEPS), axis=1).max())

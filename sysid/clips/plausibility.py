@@ -23,6 +23,7 @@ from sysid.clips.rows import Rows
 
 PLACES, TIMES = "places", "times"  # what may be wrong in all clips alike
 MIN_STRUCK_SAMPLES = 3  # samples of the struck ball
+MIN_GAP_S = 1e-6  # between two frames
 MAX_CLIP_S = 600.0  # no shot lasts so long, but one with times in milliseconds would
 MAX_BEYOND_NOSE_M = 0.005  # of a centre: cushions yield, trackers err
 MAX_WILD_M = 0.1  # beyond a nose, of a single sample that the tracker placed elsewhere
@@ -57,7 +58,8 @@ def _check_times(rows: Rows, file: str, longest: float, faults: Faults) -> None:
         faults.add(file, problem, line[i + 1])
     for k, name in enumerate(rows.names):
         of_ball = np.flatnonzero(rows.ball == k)
-        for i in np.flatnonzero(time[of_ball[1:]] == time[of_ball[:-1]]).tolist():
+        gaps = time[of_ball[1:]] - time[of_ball[:-1]]
+        for i in np.flatnonzero((gaps >= 0) & (gaps < MIN_GAP_S)).tolist():
             one, other = int(of_ball[i]), int(of_ball[i + 1])
             problem = f"t = {time[one]:.9g} of ball {shown(name)} is that of row {line[one]} as well"
             faults.add(file, f"{problem}: keep one row of a ball at one time", line[other])

@@ -13,18 +13,20 @@ from pathlib import Path
 
 import numpy as np
 
+from models.console import as_called
 from models.errors import BadInput
 from models.files import read_text
 from models.files.faults import Faults, one_line
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
-from sysid.clips.contradictions import ALL_CLIPS, Contradiction, contradictions, is_sound
+from sysid.clips.contradiction import ALL_CLIPS, Contradiction, is_sound
+from sysid.clips.contradictions import contradictions
 from sysid.clips.header import SET_REMEDY, Entry, read_header
 from sysid.clips.plausibility import PLACES, TIMES, check_rows, check_struck
 from sysid.clips.rows import Rows, parse_rows
+from sysid.clips.strike import STAMP_DECIMALS, from_strike
 from sysid.clips.units import coordinates_fault, times_fault
 
-STAMP_DECIMALS = 9  # of seconds: differences of stamps are rounded to them, so that the clock's origin leaves no trace
-MAX_CLIP_BYTES = 1 << 30  # of one clip
+MAX_CLIP_BYTES = 1 << 28  # of one clip
 SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
 
 
@@ -36,6 +38,7 @@ class Inspection:
     clip_set: ClipSet | None  # None if there are faults
     faults: Faults
     warnings: tuple[str, ...] = ()  # contradictions that leave a doubt, one line each; none beside faults
+    resting: int = 0  # clips that began before the strike, which is left out
 
     def fault_lines(self) -> list[str]:
         """Every fault, one line each; of a file with very many the first ones and their number."""
@@ -45,18 +48,20 @@ class Inspection:
         """The clip set that was read; BadInput names its first fault and how many more there are."""
         if self.clip_set is None:
             first, others = self.faults.lines()[0], len(self.faults) - 1
-            raise BadInput(first + (one_line(f" ({others} more: sysid check {self.folder})") if others else ""))
+            raise BadInput(
+                first + (one_line(f" ({others} more: {as_called(f'sysid check {self.folder}')})") if others else "")
+            )
         return self.clip_set
 
 
-def inspect_clip_set(folder: Path | str) -> Inspection:
-    """Read a clip set, and name its faults or what its tracks contradict."""
+def inspect_clip_set(folder: Path | str, named: Path | None = None) -> Inspection:
+    """Read a clip set, and name its faults or what its tracks contradict; messages name the folder as they are told."""
     faults = Faults()
-    clip_set, found = _read(Path(folder), faults)
+    clip_set, found, resting = _read(Path(folder), faults, named or Path(folder))
     if faults or clip_set is None:
         return Inspection(Path(folder), None, faults)
     doubts = tuple(one_line(f"{one.where}: {one.text}") for one in found if not one.certain)
-    return Inspection(Path(folder), clip_set, faults, doubts)
+    return Inspection(Path(folder), clip_set, faults, doubts, resting)
 
 
 def read_clip_set(folder: Path | str) -> ClipSet:
@@ -64,24 +69,24 @@ def read_clip_set(folder: Path | str) -> ClipSet:
     return inspect_clip_set(folder).sound()
 
 
-def check_clip_set(folder: Path | str) -> list[str]:
+def check_clip_set(folder: Path | str, named: Path | None = None) -> list[str]:
     """Every fault of a clip set, one line each; of a file with very many the first ones and their number."""
-    return inspect_clip_set(folder).fault_lines()
+    return inspect_clip_set(folder, named).fault_lines()
 
 
-def _read(folder: Path, faults: Faults) -> tuple[ClipSet | None, Sequence[Contradiction]]:
-    """The clip set, None if there are faults that leave none, and what its tracks contradict."""
+def _read(folder: Path, faults: Faults, named: Path) -> tuple[ClipSet | None, Sequence[Contradiction], int]:
+    """The clip set, None if there are faults that leave none, what contradicts it, how many clips began too early."""
     try:
         root = Path(os.path.realpath(folder, strict=True))
     except (OSError, ValueError):
         faults.add(str(folder), "no such folder: name the folder that holds clips.toml and its clips")
-        return None, ()
+        return None, (), 0
     if not root.is_dir():
         faults.add(str(folder), "is not a folder: name the folder that holds clips.toml and its clips")
-        return None, ()
+        return None, (), 0
     header = read_header(root, faults)
     if header is None:
-        return None, ()
+        return None, (), 0
     parsed = []
     last = max(len(header.entries) - 1, 1)
     for number, entry in enumerate(header.entries):
@@ -93,19 +98,18 @@ def _read(folder: Path, faults: Faults) -> tuple[ClipSet | None, Sequence[Contra
     clip_set = None
     if table is not None and ball is not None and "fps" in camera:
         clips = tuple(clip for _, _, clip in parsed)
-        clip_set = ClipSet(table, ball, camera["fps"], clips, camera.get("sigma"), folder, header.extra)
-    doubted, found = ((), ()) if clip_set is None else _doubted(clip_set, [rows for _, rows, _ in parsed], faults)
+        clip_set = ClipSet(table, ball, camera["fps"], clips, camera.get("sigma"), named, header.extra)
+    doubted, found = ((), ()) if clip_set is None else _doubted(clip_set, faults)
     for entry, rows, _ in parsed:
         check_rows(rows, entry.file, header, faults, doubted)
         check_struck(rows, entry, faults)
-    return clip_set, found
+    resting = sum(len(rows.time) > 0 and clip.origin > rows.time[0] for _, rows, clip in parsed)
+    return clip_set, found, resting
 
 
-def _doubted(
-    clip_set: ClipSet, rows: Sequence[Rows], faults: Faults
-) -> tuple[tuple[str, ...], Sequence[Contradiction]]:
+def _doubted(clip_set: ClipSet, faults: Faults) -> tuple[tuple[str, ...], Sequence[Contradiction]]:
     """What of single rows is wrong only because it is so in all clips, as a fault says; and all contradictions."""
-    wrong = {PLACES: coordinates_fault(rows, clip_set.table, clip_set.ball), TIMES: times_fault(rows, clip_set.fps)}
+    wrong = {PLACES: coordinates_fault(clip_set), TIMES: times_fault(clip_set)}
     doubted = []
     for what, fault in wrong.items():
         if fault is not None:
@@ -121,7 +125,7 @@ def _doubted(
 
 
 def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
-    """A clip, its time from its first sample on: a camera's clock may begin anywhere."""
+    """A clip, its time from the strike, or its first sample on: a camera's clock may begin anywhere."""
     balls = {}
     origin = float(rows.time[0]) if len(rows.time) else 0.0
     time = np.round(rows.time - origin, STAMP_DECIMALS)
@@ -130,4 +134,4 @@ def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
         extra = {key: tuple(cells[i] for i in of_ball.tolist()) for key, cells in rows.extra.items()}
         balls[name] = Observation(time[of_ball], rows.xy[of_ball], rows.theta[of_ball], extra)
     cue = None if entry.cue is None else CueCommand(**entry.cue)
-    return Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order, origin=origin)
+    return from_strike(Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order, origin=origin))

@@ -25,6 +25,8 @@ NUMBER_REMEDIES = {
     "x": "write metres, such as -0.34",
     "y": "write metres, such as -0.34",
 }
+MAX_COLUMNS, MAX_ROWS = 256, 1_000_000  # of one clip
+MAX_ANGLE_RAD = 1e6  # that a ball has turned
 ANGLE_REMEDY = "write radians, or leave it empty where the mark was not seen"
 
 
@@ -52,6 +54,11 @@ def parse_rows(text: str, file: str, faults: Faults) -> Rows | None:
     start = 1  # a quoted cell may span lines: a row is where it starts
     try:
         for row in reader:
+            if (not cells and len(row) > MAX_COLUMNS) or len(cells) > MAX_ROWS:
+                what = f"{len(row)} columns" if not cells else f"more than {MAX_ROWS} rows"
+                most = f"{MAX_COLUMNS} columns and {MAX_ROWS} rows"
+                faults.add(file, f"has {what}: a clip is one shot, of at most {most}", start)
+                return None
             if row:
                 cells.append(row)
                 lines.append(start)
@@ -141,6 +148,9 @@ def _angles(cells: Sequence[str], lines: Sequence[int], file: str, faults: Fault
         for i in seen:
             if cells[i].strip():
                 angles[i] = _number(cells[i], "theta", lines[i], file, faults)
+    for i in np.flatnonzero(np.abs(angles) > MAX_ANGLE_RAD).tolist():
+        faults.add(file, f"theta = {shown(cells[i])} is no angle of a ball: {ANGLE_REMEDY}", lines[i])
+        angles[i] = np.nan
     return angles
 
 

@@ -7,6 +7,7 @@ The files are written and checked in a scratch folder beside the wanted one, whi
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import tempfile
@@ -27,6 +28,8 @@ from sysid.clips.names import CLIPS_TOML, name_fault, path_fault
 from sysid.clips.read import check_clip_set
 from sysid.clips.rows import COLUMN_NAMES
 
+AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of renameat2: paths as they are, exchange them
+
 
 def write_clip_set(clip_set: ClipSet, folder: Path | str) -> None:
     """Write a clip set so that `folder` holds all of it or what it held before.
@@ -34,7 +37,7 @@ def write_clip_set(clip_set: ClipSet, folder: Path | str) -> None:
     Times and positions keep 6 decimals. A clip set that is there is replaced; any other file is BadInput, and so is
     a clip set that `read_clip_set` would refuse.
     """
-    replace_folder(Path(folder), texts_of(clip_set), check_clip_set)
+    replace_folder(Path(folder), texts_of(clip_set), lambda new: check_clip_set(new, Path(folder)))
 
 
 def texts_of(clip_set: ClipSet) -> dict[str, str]:
@@ -57,9 +60,9 @@ def _settings(clip_set: ClipSet) -> str:
         "camera": {"fps": clip_set.fps} | ({} if clip_set.sigma is None else {"sigma": clip_set.sigma}),
     }
     top = {key: value for key, value in clip_set.extra.items() if key not in (*sections, "clip")}
-    text = _assignments({**top, "format": CLIP_SET_FORMAT})
+    text = assignments({**top, "format": CLIP_SET_FORMAT})
     for name, section in sections.items():
-        text += f"\n[{name}]\n" + _assignments({**clip_set.extra.get(name, {}), **section})
+        text += f"\n[{name}]\n" + assignments({**clip_set.extra.get(name, {}), **section})
     for clip in clip_set.clips:
         entry: dict[str, Any] = {"file": clip.file, "struck": clip.struck}
         if clip.note:
@@ -67,11 +70,12 @@ def _settings(clip_set: ClipSet) -> str:
         if clip.cue is not None:
             entry["cue"] = {**asdict(clip.cue), **clip.extra.get("cue", {})}
         others = {key: value for key, value in clip.extra.items() if key not in (*entry, "cue", "note")}
-        text += "\n[[clip]]\n" + _assignments({**entry, **others})
+        text += "\n[[clip]]\n" + assignments({**entry, **others})
     return text
 
 
-def _assignments(table: Mapping[str, Any]) -> str:
+def assignments(table: Mapping[str, Any]) -> str:
+    """Lines of TOML, a key each."""
     return "".join(f"{_key(key)} = {_literal(value)}\n" for key, value in table.items())
 
 
@@ -167,9 +171,11 @@ def _make_parents(target: Path, made: list[Path]) -> None:
 
 
 def _exchange(new: Path, target: Path, old: Path) -> None:
-    """Put `new` in the place of `target`, which moves to `old`."""
+    """Put `new` in the place of `target`, which moves to `old`, or to `new` where that can be done in one step."""
     if not target.exists():
         new.rename(target)
+        return
+    if _swapped(new, target):
         return
     target.rename(old)
     try:
@@ -177,6 +183,12 @@ def _exchange(new: Path, target: Path, old: Path) -> None:
     except BaseException:  # an interrupt as well must not leave the place empty
         old.rename(target)
         raise
+
+
+def _swapped(one: Path, other: Path) -> bool:
+    """Exchange two folders in one step, which no kill can interrupt; False where the system has none (renameat2)."""
+    swap = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    return swap is not None and swap(AT_FDCWD, bytes(one), AT_FDCWD, bytes(other), RENAME_EXCHANGE) == 0
 
 
 def _refuse_foreign(folder: Path, target: Path) -> None:

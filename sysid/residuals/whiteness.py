@@ -19,6 +19,7 @@ from sysid.residuals.samples import Array, Samples
 
 MAX_LAG = 40
 NEGLIGIBLE_CORRELATION = 0.1  # too small to matter
+MAX_NOISE_RATIO = 2.0  # root mean square over the noise, beyond which residuals are more than noise
 SIGNIFICANT_SD = 4.0  # standard deviations
 
 
@@ -35,6 +36,11 @@ class Whiteness:
 
     @property
     def white(self) -> bool:
+        """Of the size of the noise, without autocorrelation of the first lags or lack of sign changes beyond chance."""
+        return self.uncorrelated and not self.ratio > MAX_NOISE_RATIO
+
+    @property
+    def uncorrelated(self) -> bool:
         """No autocorrelation of the first lags and no lack of sign changes beyond chance."""
         first = zip(self.autocorrelation[:10], self.band[:10], strict=True)
         return not any(r > max(SIGNIFICANT_SD / 1.96 * b, NEGLIGIBLE_CORRELATION) for r, b in first) and not (
@@ -48,6 +54,11 @@ class Whiteness:
         first = self.autocorrelation[0]
         if self.white:
             return f"Residuals are white: neighbours correlate by {first:+.2f}, {self.ratio:.2f} times the noise."
+        if self.uncorrelated:
+            return (
+                f"Residuals are {self.ratio:.2f} times the noise, though neighbours correlate by {first:+.2f} only: "
+                "single samples lie far off, or the noise is larger than stated."
+            )
         least = max(max(self.band), 0.2)
         last = next((k for k, r in enumerate(self.autocorrelation) if r < least), len(self.autocorrelation))
         more = "at least " if last == len(self.autocorrelation) else ""

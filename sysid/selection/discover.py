@@ -53,7 +53,7 @@ NEXT_SHOT_EFFECT_SD = 3.0  # standard deviations: size of the effect that the ne
 MAX_SHAPE_EXCESS = 0.05  # variance beyond noise that a formula's shape may leave
 MAX_SHAPE_SHARE = 0.01  # the same over what was left without it
 log = logging.getLogger(__name__)
-Save = Callable[["DiscoveryResult"], None]
+Show = Callable[["DiscoveryResult"], None]
 
 
 @dataclass(frozen=True)
@@ -139,23 +139,17 @@ def _ending_with(found: DiscoveryResult, now: FittedModel, verdict: tuple[str, .
     )  # fmt: skip
 
 
-def discover(
-    clip_set: ClipSet, model: Model, save: Save = lambda found: None, resumed: DiscoveryResult | None = None
-) -> DiscoveryResult:
+def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -> DiscoveryResult:
     """Add effects until no candidate is named; then drop those that are no longer needed.
 
     Args:
         clip_set: every fifth clip is held out.
         model: what to start from; all its constants are fitted.
-        save: called with the result so far, after each effect.
-        resumed: what an earlier, interrupted run saved.
+        show: called with the result so far, after each effect.
     """
-    if resumed is None:
-        parts, now = begin(clip_set, model)
-        found = DiscoveryResult(parts, (now,), ((),), ())
-        save(found)
-    else:
-        found, parts, now = resumed, resumed.parts, resumed.last
+    parts, now = begin(clip_set, model)
+    found = DiscoveryResult(parts, (now,), ((),), ())
+    show(found)
     formula: SparseFormula | None = None
     segments = True  # whether segments may still show what whole shots do not
     for _ in range(MAX_EFFECTS):
@@ -166,7 +160,7 @@ def discover(
             log.info("found %s", diagnosis.name)
             now = diagnosis.confirmed
             found = found.with_step(now, (*found.verdict, diagnosis.name))
-            save(found)
+            show(found)
             continue
         if diagnosis.screening.base is not now:
             now = diagnosis.screening.base
@@ -183,13 +177,13 @@ def discover(
                 break
             parts, ladder = fewer
             now, found = ladder[-1], dataclasses.replace(found, parts=parts, ladder=ladder)
-            save(found)
+            show(found)
             continue
         log.info("found %s", best.name)
         now = best.fitted
         found = found.with_step(now, (*found.verdict, best.name))
         if formula is None:
-            save(found)
+            show(found)
     if formula is not None:
         found = _beside_formula(parts, found, now, formula)
     if found.unexplained is None:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
+from models.files.documents import MAX_PICTURE_PIXELS
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it is read once, when a video is first opened or written
 
@@ -34,6 +35,7 @@ MAX_JITTER_PERIODS = 0.05  # stamps farther off the even rate than this make it 
 RATE_TOLERANCE = 0.003  # relative difference from the rate given by the user that needs no note
 GAP_PERIODS = 1.75  # time between two frames from which on frames are missing
 SEEK_FRAMES = 1500  # longer videos are sampled by seeking, shorter ones by reading them through
+STDERR = 2  # its descriptor
 MIN_RATE_HZ = 1.0  # below this frame rate the times of pictures cannot be in seconds
 
 
@@ -158,7 +160,9 @@ class Video:
             self.rate = float(capture.get(cv2.CAP_PROP_FPS)) if capture.isOpened() else 0.0
             counted = float(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0.0
             opened = capture.isOpened()
+            width, height = (float(capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
             capture.release()
+        check_size(path, width, height)
         if not opened:
             raise BadInput(f"{self.name}: is not a readable video; convert it to MP4 (H.264) or to pictures")
         self.count = int(counted) if 0 < counted < 1e9 else None
@@ -253,8 +257,7 @@ class Pictures:
         for index in jumps if jumps is not None else range(len(self.paths) if most is None else most):
             picture = None
             if wanted is None or index in wanted:
-                with quiet():
-                    picture = _as_colour(cv2.imread(str(self.paths[index]), cv2.IMREAD_COLOR))
+                picture = read_picture(self.paths[index])
             yield float(self._read_times[index]), picture
 
 
@@ -296,6 +299,24 @@ def open_footage(path: Path | str, fps: float | None = None) -> Footage:
 def _natural(path: Path) -> list[tuple[int, str]]:
     """Sort key with which 2 comes before 10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+
+
+def check_size(name: Path | str, width: float, height: float) -> None:
+    """BadInput for a film whose pictures have too many pixels."""
+    if width * height > MAX_PICTURE_PIXELS:
+        most = MAX_PICTURE_PIXELS >> 20
+        raise BadInput(f"{name}: has {width:.0f} x {height:.0f} pixels; convert it to {most} million at most")
+
+
+def read_picture(path: Path) -> Picture | None:
+    """A picture of a file; None where there is none that can be read, or one of too many pixels."""
+    if not path.is_file():
+        return None
+    with quiet():
+        try:
+            return _as_colour(cv2.imread(str(path), cv2.IMREAD_COLOR))
+        except cv2.error:
+            return None
 
 
 def _as_colour(picture: NDArray[np.uint8] | None) -> Picture | None:
@@ -357,11 +378,19 @@ def _number(text: str) -> bool:
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Silence OpenCV and FFmpeg: their failures are reported by our own messages."""
+    """Silence OpenCV and the libraries below it, which write to descriptor 2: our own messages tell what failed."""
     logging = cv2.utils.logging
-    before = logging.getLogLevel()
+    before, nowhere = logging.getLogLevel(), os.open(os.devnull, os.O_WRONLY)
+    try:
+        kept = os.dup(STDERR)
+    except OSError:  # it is closed
+        kept = nowhere
     logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    os.dup2(nowhere, STDERR)
     try:
         yield
     finally:
+        os.dup2(kept, STDERR)
         logging.setLogLevel(before)
+        for descriptor in {kept, nowhere}:
+            os.close(descriptor)

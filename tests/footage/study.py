@@ -35,7 +35,7 @@ from tests.truth.__main__ import main as generate
 MAX_CAMERA_RMS_M: Final = 3e-3  # over the balls' plane: a camera that is right
 MAX_SHOT_RMS_M: Final = 10e-3  # of the samples of a shot that is usable, beside the camera's own error
 SWAPPED_RADII: Final = 1.0  # from its ball, beyond which a sample is another's
-SAME_PLACE_M: Final = 0.2  # between first places of a clip and a shot
+EARLY_S: Final = 0.1  # by which a clip may begin before its strike
 RATES: Final = (25.0, 30.0, 50.0, 60.0, 120.0)  # [1/s]
 SIZES: Final = ((640, 360), (960, 540))  # [pixels]
 TABLES: Final = {  # as the generator takes them: length, width [m], ball [m]
@@ -163,15 +163,15 @@ def _tracks(folder: Path, shots: Sequence[Scene], diameter: float) -> dict[str, 
     usable = samples = swapped = 0
     scatter: list[Array] = []
     for clip in clip_set.clips:
-        shot = _shot_of(clip, shots)
+        shot = _shot_of(clip, shots, clip_set.fps)
         if shot is None:
             continue
-        errors = []
+        errors, begins = [], _begins(clip, clip_set.fps)
         for name, seen in clip.balls.items():
             if name not in shot.track.names:
                 continue
-            away = seen.xy - shot.places(name, shot.struck + seen.time)
-            flipped = -seen.xy - shot.places(name, shot.struck + seen.time)
+            true = shot.places(name, begins + seen.time)
+            away, flipped = seen.xy - true, -seen.xy - true
             errors.append(away if np.nanmedian(np.abs(away)) <= np.nanmedian(np.abs(flipped)) else flipped)
         away = np.concatenate(errors)
         away = away[np.isfinite(away).all(axis=1)]
@@ -190,19 +190,15 @@ def _scatter(errors: Array) -> Array:
     return np.asarray(np.minimum(third**2, np.median(third**2) * 25).ravel())
 
 
-def _shot_of(clip: Clip, shots: Sequence[Scene]) -> Scene | None:
-    """The shot that a clip shows: by its balls' first places."""
-    best, least = None, SAME_PLACE_M
-    for shot in shots:
-        own = [n for n in clip.balls if n in shot.track.names]
-        if len(own) < len(clip.balls):
-            continue
-        first = np.array([clip.balls[n].xy[0] for n in own])
-        true = np.array([shot.places(n, np.array([shot.struck]))[0] for n in own])
-        away = min(float(np.abs(sign * first - true).max()) for sign in (1, -1))
-        if away < least:
-            best, least = shot, away
-    return best
+def _begins(clip: Clip, fps: float) -> float:
+    """Time in the video of a clip's first sample [s]."""
+    return float(clip.extra["frames"][0]) / fps
+
+
+def _shot_of(clip: Clip, shots: Sequence[Scene], fps: float) -> Scene | None:
+    """The shot during which a clip begins."""
+    begins = _begins(clip, fps)
+    return next((shot for shot in shots if shot.struck - EARLY_S < begins < shot.ends), None)
 
 
 def _one(job: tuple[int, Path]) -> dict[str, Any]:

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import click
@@ -17,6 +22,7 @@ from models.command_line import (
     at_most_one,
     gathered,
     given,
+    lone_command,
     run,
 )
 from models.errors import BadInput
@@ -69,6 +75,49 @@ def test_options_reach_the_verb_as_one_value(capsys: pytest.CaptureFixture[str])
 def test_faults_are_one_line(words: list[str], status: int, line: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(PROGRAM, words, interrupted="; all is kept", failures=(OSError,)) == status
     assert capsys.readouterr().err == line + "\n"
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_signal_ends_a_verb_in_a_line(number: int, status: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also where a compiled module that was being imported has made another exception of it."""
+
+    @lone_command("wait")
+    def wait() -> None:
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(2)
+        except KeyboardInterrupt as end:
+            end.add_note("3 are kept")
+            raise ImportError("initialization failed") from end
+
+    assert run(wait, []) == status
+    assert capsys.readouterr().err == "wait: interrupted; 3 are kept\n"
+
+
+def test_an_import_that_fails_is_no_interrupt() -> None:
+    @lone_command("wait")
+    def wait() -> None:
+        raise ImportError("no such module")
+
+    with pytest.raises(ImportError):
+        run(wait, [])
+
+
+def test_a_full_disk_and_closed_streams_are_told_by_the_status() -> None:
+    words = [sys.executable, "-m", "sysid.cli", "effects", "squirt"]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, env=environment, text=True, check=False)
+        assert done.returncode == 2 and done.stderr.splitlines() == [
+            "sysid effects: standard output: No space left on device; look at the disk and at access rights"
+        ]
+        done = subprocess.run([*words, "none"], stderr=full, stdout=full, env=environment, check=False)
+        assert done.returncode == 2
+    for closed in (">&-", "2>&-", ">&- 2>&-"):
+        shell = f"{sys.executable} -m sysid.cli effects squirt {closed}"
+        assert (
+            subprocess.run(shell, shell=True, stdout=subprocess.DEVNULL, env=environment, check=False).returncode == 0
+        )
 
 
 def test_help_lists_sections_and_ends_well(capsys: pytest.CaptureFixture[str]) -> None:

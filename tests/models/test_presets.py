@@ -16,7 +16,7 @@ from models.engine.play import Result, finish, play
 from models.errors import BadInput
 from models.model_file import Model, effect_class, full_model
 from models.pocket_shape import CORNER_PARALLEL_RAD, INCH_M, MIDDLE_PARALLEL_RAD, PocketShape
-from models.presets import TABLE_SETS
+from models.presets import TABLE_SETS, find_table
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
 
@@ -100,6 +100,26 @@ def test_sizes_are_those_of_the_specifications() -> None:
     for name in POOLS:
         ball = TABLE_SETS[name].ball
         assert ball.diameter == pytest.approx(0.05715) and 0.156 <= ball.mass <= 0.1701
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [("8ft", "pool 8 ft"), ("Pool 9 FT", "pool 9 ft"), ("pool-7-foot", "pool 7 ft"), ("12ft", "snooker"),
+     ("snooker 12 ft", "snooker"), ("CAROM", "carom")],
+)  # fmt: skip
+def test_names_of_tables_may_be_written_several_ways(text: str, name: str) -> None:
+    assert find_table(text) is TABLE_SETS[name]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [("poll 8 ft", 'did you mean "pool 8 ft"'), ("pool 6 ft", "give one of"), ("snooker 10 ft", "give one of"),
+     ("1x2", "the longer first"), ("3.5x", "the longer first"), ("", "give one of")],
+)  # fmt: skip
+def test_a_table_that_is_not_known_names_what_is_near(text: str, told: str) -> None:
+    assert find_table("1.881x0.943") == Table(1.881, 0.943)
+    with pytest.raises(BadInput, match=told):
+        find_table(text)
 
 
 def test_facings_close_towards_the_throat() -> None:

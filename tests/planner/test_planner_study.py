@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import json
 import math
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import planner.cli
 from models.console import Progress, Status
 from models.model_file import Estimate, effect_class, full_model, read_model
 from models.shot import Ball, Table
@@ -185,7 +187,8 @@ def test_ctrl_c_keeps_what_is_done(
 
     monkeypatch.setattr("planner.study.runs.study_scene", stopped)
     monkeypatch.setattr(StudyOptions, "study", lambda self: STUDY)
-    assert run(folder, "--scenes", "4", "--jobs", "1") == Status.INTERRUPTED
+    words = ["study", "--out", str(folder), "--scenes", "4", "--jobs", "1"]
+    assert planner.cli.main(words) == Status.INTERRUPTED
     assert f"3 of 4 scenes are kept in {folder}" in capsys.readouterr().err
 
 
@@ -333,3 +336,15 @@ def test_bad_input_is_refused_in_a_line(tmp_path: Path) -> None:
     bare = full_model(Table(2.0, 1.0, pockets=False), Ball(0.0525, 0.1406))
     assert "no pockets" in refused(Study, bare)
     assert "'best'" in refused(Study, MODEL, method="best")
+
+
+@pytest.mark.parametrize("text", ["{}", '{"number": 1, "methods": 3}', '{"methods": {"risk": []}, "ceiling": null}'])
+def test_a_damaged_scene_is_named_in_a_line(
+    folder: Path, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(folder, tmp_path / "study")
+    study_folder.scene_path(tmp_path / "study", 1).write_text(text)
+    monkeypatch.setattr(StudyOptions, "study", lambda self: STUDY)
+    assert planner.cli.main(["study", "--out", str(tmp_path / "study"), "--scenes", "3"]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert "scenes" in line and "remove the scene's file" in line

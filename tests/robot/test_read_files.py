@@ -185,3 +185,14 @@ def test_all_faults_of_a_file_are_told_one_line_each(tmp_path: Path, capsys: pyt
         told, ("'baud'", "reply_s = 'x'", "retries = True", "0.9", "tilt_deg = inf", "rising"), strict=True
     ):
         assert str(path) in line and words in line
+
+
+@pytest.mark.parametrize(
+    "line", ["converged = 3", 'names = ["a", 1]', "correlation = [[{}]]", "correlation = [[1, 2], [3]]"]
+)
+def test_what_a_fit_says_of_itself_is_checked(line: str, tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    write_model(full_model(TABLE, BALL), path)
+    path.write_text(path.read_text() + f"\n[fit]\n{line}\n")
+    with pytest.raises(BadInput, match=rf"\[fit\]: {line.partition(' ')[0]} = "):
+        read_model(path)

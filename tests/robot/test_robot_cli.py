@@ -120,6 +120,26 @@ def test_a_campaign_is_gone_on_with_and_too_few_shots_make_no_map(run: Run, tmp_
     assert said.status == 2 and "robot map: 3 shots" in said.err and not (tmp_path / "map.toml").exists()
 
 
+@pytest.mark.parametrize("text", ["my notes", "my notes\n", "a,b\n1,2", CAMPAIGN_COLUMNS[0] + "\nrest", "\0"])
+def test_a_file_that_is_no_campaign_is_refused_and_left_as_it_is(run: Run, tmp_path: Path, text: str) -> None:
+    out = tmp_path / "notes.txt"
+    out.write_text(text, encoding="utf-8")
+    said = run("campaign", out, "--most", 1)
+    assert said.status == 2 and len(said.err.splitlines()) == 1
+    assert out.read_text(encoding="utf-8") == text
+
+
+def test_rows_of_another_seed_are_refused_before_the_torn_one_is_removed(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "c.csv"
+    assert run("campaign", out, "--most", 1).status == 0
+    whole = out.read_text()
+    out.write_text(whole + "17,0.5")
+    assert run("campaign", out, "--most", 1, "--seed", 2).status == 2
+    assert out.read_text() == whole + "17,0.5"
+    assert run("campaign", out, "--most", 1).status == 0
+    assert out.read_text().startswith(whole) and len(out.read_text().splitlines()) == 3
+
+
 @contextlib.contextmanager
 def at_a_port() -> Iterator[tuple[str, Firmware]]:
     """A launcher at the end of a pseudo-terminal."""

@@ -5,6 +5,7 @@ their covariance (`Solution`).
 
     least_squares      many small problems at given constants: Levenberg-Marquardt, robust loss
     normal_equations   their information matrices and gradients
+    journal            what an interrupted run had found already
     joint_fit          the constants that they share: Schur complement, covariance
 """
 

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sysid.estimation.solver.journal import recorded
 from sysid.estimation.solver.least_squares import (
     MIN_DAMPING,
     Array,
@@ -144,6 +145,23 @@ def fit_joint(
     """
     rule = rule or StoppingRule()
     joint = _Joint(objective, shared, shared.prior(c), rule)
+    low, high = shared.bounds.T
+
+    def fits(found: tuple[Array, ...]) -> bool:
+        return objective.holds(found[0]) and bool(np.all((found[1] >= low) & (found[1] <= high)))
+
+    limits = np.array([rule.steps, rule.state_steps, rule.tolerance, objective.cauchy_sd])
+    question, shapes = (x, c, shared.bounds, limits), (x.shape, c.shape, (), ())
+    x, c, cost, converged = recorded(lambda: _minimised(joint, x, c, what), question, shapes, fits)
+    reduced, sd, width = joint.reduced(x, c), joint.prior.sd, shared.width
+    known = np.where(sd < width, 1 / sd**2, 0.0)
+    found = covariance(reduced.information, reduced.gradient, width, known, objective.correlation_time)
+    return Solution(x, c, found, float(cost), bool(converged), reduced.information, reduced.gradient)
+
+
+def _minimised(joint: _Joint, x: Array, c: Array, what: str) -> tuple[Array, ...]:
+    """Initial states and constants of the least loss, that loss, and whether they converged (0 or 1)."""
+    objective, rule = joint.objective, joint.rule
     x, costs = fit_each(objective, x, c, 3 * rule.state_steps)
     at = _Iterate(x, c, joint.cost(costs, c), FIRST_DAMPING)
     converged, stalled = False, 0
@@ -167,10 +185,7 @@ def fit_joint(
             break
         if stalled > MAX_STALLED_STEPS:
             break
-    reduced, sd, width = joint.reduced(at.x, at.c), joint.prior.sd, shared.width
-    known = np.where(sd < width, 1 / sd**2, 0.0)
-    found = covariance(reduced.information, reduced.gradient, width, known, objective.correlation_time)
-    return Solution(at.x, at.c, found, at.cost, converged, reduced.information, reduced.gradient)
+    return at.x, at.c, np.array(at.cost), np.array(float(converged))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.estimation.solver.journal import recorded
 from sysid.estimation.solver.normal_equations import from_differences, robust_loss
 
 Array = NDArray[np.float64]
@@ -59,6 +60,10 @@ class Objective:
     def inside(self, x: Array) -> Array:
         """Initial states (..., p), moved to where they may be."""
         return np.clip(x, self.bounds[:, 0], self.bounds[:, 1])
+
+    def holds(self, x: Array) -> bool:
+        """Whether initial states (..., p) are where they may be."""
+        return bool(np.all(self.inside(x) == x))
 
 
 def loss(residuals: Array, c: float) -> Array:
@@ -139,8 +144,21 @@ def fit_each(
         which: (n,) numbers of the problems; None for all in order.
         tolerance: share of its loss by which a problem must improve in an iteration to be continued.
     """
+    which = np.arange(len(x)) if which is None else which
+
+    def work() -> tuple[Array, ...]:
+        return _fit_each(objective, x, c, iterations, which, tolerance)
+
+    question = (x, c, which.astype(float), np.array([iterations, tolerance, objective.cauchy_sd]))
+    states, cost = recorded(work, question, (x.shape, x.shape[:1]), lambda found: objective.holds(found[0]))
+    return states, cost
+
+
+def _fit_each(
+    objective: Objective, x: Array, c: Array, iterations: int, which: NDArray[np.int64], tolerance: float
+) -> tuple[Array, Array]:
+    """See `fit_each`."""
     n, p = x.shape
-    which = np.arange(n) if which is None else which
     prior = objective.prior.only(which)
     x, damping, cost = objective.inside(x), np.full(n, FIRST_STATE_DAMPING), np.full(n, np.inf)
     active = np.arange(n)

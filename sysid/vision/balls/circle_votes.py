@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.errors import BadInput
 from sysid.vision.balls.view_geometry import Array, Image, Mask, ViewGeometry
 
 MIN_RADIUS_CELLS = 5.0  # radius of the smallest outline in the coarse picture
@@ -34,7 +35,12 @@ def coarse_grid(geometry: ViewGeometry, table: Image) -> CoarseGrid:
     """A grid in which the smallest outline still has a radius of a few cells."""
     x0, x1, y0, y1 = geometry.box
     sizes = [geometry.radius(np.array([x, y])) for x in np.linspace(x0, x1, 9) for y in np.linspace(y0, y1, 9)]
-    cell = max(1, int(min(sizes) / MIN_RADIUS_CELLS))
+    smallest = float(np.min(sizes))
+    if not 0 < smallest < min(x1 - x0, y1 - y0):
+        raise BadInput(
+            f"balls of {smallest:.3g} pixels on a table of {x1 - x0} x {y1 - y0}: calibrate the camera again"
+        )
+    cell = max(1, int(smallest / MIN_RADIUS_CELLS))
     size = columns, rows = (x1 - x0) // cell, (y1 - y0) // cell
 
     def coarse(picture: NDArray[np.generic]) -> Image:

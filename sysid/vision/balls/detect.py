@@ -50,6 +50,7 @@ INITIAL_BLUR_PX = (0.85, 1.0)
 INITIAL_SIZE_ERROR = 0.05  # of the radius, relative
 MIN_EDGE_NOISE_GREY = 1.0
 ROUGH_EDGE_RATIO = 4.0  # of edge noise to that of the pictures, from which on balls are measured by what they cover
+MIN_HELD_FRACTION = 0.8  # of the balls that are seen as outlines, once the edges' noise is known, for these to be used
 MIN_ROUGH_NOISE_GREY = 1.4  # that is assumed of pictures for this: compression removes noise
 # Limits of warnings.
 SIZE_WARNING_FRACTION = 0.04  # departure from the expected radius
@@ -122,9 +123,13 @@ class Detector:
         named = [(name, colour) for name, colour in zip(naming.names, colours, strict=True) if name is not None]
         counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
         detector = Detector(background, optics, tuple(named), ())
-        if len(found) >= OPTICS_OUTLINES and _rough(optics, background.noise):
+        # How many outlines are seen again once the noise of edges is known.
+        held = sum(len(detector.find(picture)) for picture in pictures)
+        rough = len(found) >= OPTICS_OUTLINES and _rough(optics, background.noise)
+        if rough or held < max(MIN_HELD_FRACTION * sum(n for _, n in counts), OPTICS_OUTLINES):
             by_discs, disc_counts = _rough_detector(detector, pictures, counts)
-            if by_discs.ball_colours:
+            more = MIN_HELD_FRACTION * sum(n for _, n in disc_counts) > held
+            if by_discs.ball_colours and (rough or more):
                 detector, counts = by_discs, disc_counts
         notes = [f"{name}: in {n} of {len(views)} frames" for name, n in counts]
         notes += [doubt for doubt in naming.doubts if len(detector.ball_colours) == len(named)]

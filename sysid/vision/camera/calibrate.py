@@ -39,6 +39,7 @@ from sysid.vision.camera.table_edges import Edge
 from sysid.vision.camera.trust import (
     K1_PRIOR,
     TABLE_SIZE_REMEDY,
+    assumed_focal_doubts,
     corner_doubts,
     doubts,
     outline_doubts,
@@ -169,12 +170,15 @@ def calibrate(
         warnings.append(f"no edge near the corners given is a nose at {RAIL_NAMES[left_out]}: give them anew")
     elif left_out is not None:
         warnings += outline_doubts(lines, first, left_out)
+    shifts = parallax(lines)
+    if not found and hints.focal_from == "assumed" and not len(seen.diamonds.pixels):
+        warnings += assumed_focal_doubts(shifts[0])
     text = f"{len(set(lines.rails.tolist()))} cushion lines, {int(lines.kept.sum())} edge points, from {source}"
     text += "; not to be trusted" if warnings else ""
     return Calibration(
         dataclasses.replace(lines.camera, residual_m=lines.rms, source=text), lines,
         "found" if found else hints.focal_from, hints.lens.focal_sd if hints.lens else focal_sd, edge,
-        uncertainty(lines), parallax(lines), (*notes, *evidence(lines.camera, seen, reading)), tuple(warnings),
+        uncertainty(lines), shifts, (*notes, *evidence(lines.camera, seen, reading)), tuple(warnings),
         seen.diamonds, seen.balls, reading.diamond_margin,
     )  # fmt: skip
 

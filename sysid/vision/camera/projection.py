@@ -18,12 +18,14 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from models.errors import BadInput
 from models.files import read_toml, write_whole
 from models.files.decode import Allowed
 from models.shot import Ball, Table
 
 Array = NDArray[np.float64]
 FILE_FORMAT = "billiard-camera/1"
+MIN_FOCAL_PX = 10.0  # focal length of a camera
 OUTLINE_POINTS = 24  # of a ball
 CENTRE_ROUNDS = 3  # of the fixed-point iteration from the centre of an outline to that of the ball
 
@@ -157,15 +159,25 @@ class CameraFile:
     """The keys of a camera file, as `Camera` has them."""
 
     size: Annotated[tuple[int, int], Allowed(1, 1e5, "pixels", shape=(2,))]
-    matrix: Annotated[Array, Allowed(shape=(3, 3))]
-    distortion: Annotated[Array, Allowed(shape=(5,))]
-    rotation: Annotated[Array, Allowed(shape=(3,))]
-    translation: Annotated[Array, Allowed(shape=(3,))]
+    matrix: Annotated[Array, Allowed(-1e6, 1e6, shape=(3, 3))]
+    distortion: Annotated[Array, Allowed(-100.0, 100.0, shape=(5,))]
+    rotation: Annotated[Array, Allowed(-10.0, 10.0, "rad", shape=(3,))]
+    translation: Annotated[Array, Allowed(-100.0, 100.0, "m", shape=(3,))]
     table: Table
     ball: BallSize
     residual_m: Annotated[float, Allowed(nan=True)] = math.nan
-    readout: float = 0.0
+    readout: Annotated[float, Allowed(0.0, 1.0, "s")] = 0.0
     source: str = ""
+
+    def __post_init__(self) -> None:
+        """BadInput for what is no matrix of a camera, or one that does not look at the table."""
+        (fx, _, _), (below, fy, _), last = self.matrix.tolist()
+        if min(fx, fy) < MIN_FOCAL_PX or below != 0 or last != [0.0, 0.0, 1.0]:
+            raise BadInput("matrix is none of a camera: write [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels")
+        if not self.translation[2] > 0:
+            raise BadInput(
+                "translation has the table's centre behind the camera: make a camera file with: sysid calibrate"
+            )
 
 
 def read_camera(path: Path | str) -> Camera:

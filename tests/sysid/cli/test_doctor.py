@@ -46,10 +46,15 @@ def test_steps_follow_each_other_with_what_is_known(called: list[tuple[str, ...]
     assert main(["doctor", "a.mp4", "b.mp4", "--table", "8ft", "--fps", "50", "--out", str(tmp_path / "out")]) == 1
     assert [words[0] for words in called] == ["calibrate", "track", "check", "discover"]
     calibrate, track, _, discover = called
-    assert calibrate[1:3] == ("a.mp4", "b.mp4") and calibrate[4] == "2.3368" and "--no-pockets" not in calibrate
+    assert calibrate[1:5] == ("a.mp4", "b.mp4", "--table", "8ft") and "--no-pockets" not in calibrate
     assert track[1:3] == ("a.mp4", "b.mp4") and track[track.index("--fps") + 1] == "50"
     assert track[track.index("--mass") + 1] == "0.163"
     assert discover[1] == str(tmp_path / "out" / "clips")
+
+
+def test_a_table_by_name_may_be_said_to_have_no_pockets(called: list[tuple[str, ...]], tmp_path: Path) -> None:
+    assert main(["doctor", "a.mp4", "--table", "8ft", "--no-pockets", "--out", str(tmp_path)]) == 1
+    assert "--no-pockets" in called[0]
 
 
 def test_a_camera_that_is_there_is_kept(called: list[tuple[str, ...]], tmp_path: Path) -> None:
@@ -74,8 +79,9 @@ def test_it_stops_where_a_step_is_not_to_be_trusted(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--table", "11ft"), "--table 11ft: give one of snooker, pool 9 ft"),
-        (("--table", "1.881x0.943"), "give --diameter"),
+        (("--table", "11ft"), "--table 11ft: is no table known here; give one of snooker, pool 9 ft"),
+        (("--table", "snokker"), 'did you mean "snooker"?'),
+        (("--table", "1.881x0.943"), "give --ball-diameter"),
         (("--table", "0.9x1.8", "--diameter", "0.05"), "the longer first"),
     ],
 )

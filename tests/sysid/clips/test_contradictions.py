@@ -62,11 +62,20 @@ FRAME_FAULTS: dict[str, tuple[Callable[[float, float, float], Row], str, str]] =
         "mm from a corner: ",
         "divide them by 1000, then subtract half",
     ),
+    "feet": (lambda t, x, y: (t, x / 0.3048, y / 0.3048), "look like feet: ", "--unit ft"),
+    "pixels": (lambda t, x, y: (t, 400 * x + 960, 540 - 400 * y), "fit no unit of length", "--camera CAM.toml"),
+    "a corner, downwards": (
+        lambda t, x, y: (t, x + LENGTH / 2, WIDTH / 2 - y),
+        "corner with y downwards: ",
+        "--origin corner --y down",
+    ),
     "exchanged": (lambda t, x, y: (t, y, x), "x and y exchanged: ", "exchange the columns"),
     "y downwards": (lambda t, x, y: (t, x, -y), "beside the commanded azimuth", "change the sign of y"),
     "x from the right": (lambda t, x, y: (t, -x, y), "beside the commanded azimuth", "change the sign of x"),
     "half turn": (lambda t, x, y: (t, -x, -y), "beside the commanded azimuth", "signs of x and y"),
     "frames": (lambda t, x, y: (round(120 * t), x, y), "t counts frames: ", "divide it by the frame rate"),
+    "twice as fast": (lambda t, x, y: (t / 2, x, y), "fps = 120, but rows are 0.004167 s", ": multiply t by 2"),
+    "a tenth too small": (lambda t, x, y: (t, 0.9 * x, 0.9 * y), "everything is 0.9", "multiply x and y by 1.111"),
     "milliseconds": (lambda t, x, y: (1e3 * t, x, y), "t looks like milliseconds: ", "divide it by 1000"),
 }
 
@@ -75,9 +84,43 @@ FRAME_FAULTS: dict[str, tuple[Callable[[float, float, float], Row], str, str]] =
 def test_coordinates_and_times_that_are_all_wrong_are_one_line(tmp_path: Path, name: str) -> None:
     rows, says, remedy = FRAME_FAULTS[name]
     fault = only_fault(spoiled(tmp_path / "set", rows))
-    assert fault.startswith("all clips: ")
+    assert fault.startswith(("all clips: ", "clips.toml: fps"))
     assert says in fault
     assert remedy in fault
+
+
+def test_times_as_a_film_is_played_are_told_by_how_balls_roll(tmp_path: Path) -> None:
+    fault = only_fault(spoiled(tmp_path / "slow", lambda t, x, y: (4 * t, x, y), fps=30.0))
+    assert "rolling balls slow down by 0.0076 m/s^2" in fault and "--fps F" in fault
+    fault = only_fault(spoiled(tmp_path / "fast", lambda t, x, y: (t / 2, x, y), fps=240.0))
+    assert "set off at 1.85 of the commanded speed" in fault and "correct t and fps" in fault
+
+
+def test_frames_are_told_even_where_the_frame_rate_is_said_to_be_one(tmp_path: Path) -> None:
+    fault = only_fault(spoiled(tmp_path / "set", FRAME_FAULTS["frames"][0], fps=1.0))
+    assert "t counts frames" in fault and "--time frames --fps F" in fault
+
+
+def test_a_clip_that_begins_before_the_strike_is_read_from_there(tmp_path: Path) -> None:
+    folder = spoiled(tmp_path / "set")
+    file = folder / "clips/0002.csv"
+    head, *body = file.read_text().splitlines()
+    cells = [row.split(",") for row in body]
+    still = [[f"{-k / 120:.6f}", *cells[0][1:]] for k in range(30, 0, -1)]
+    file.write_text("\n".join([head, *(",".join(row) for row in [*still, *cells])]) + "\n")
+    found, plain = inspect_clip_set(folder), inspect_clip_set(EXAMPLE)
+    assert (found.resting, plain.resting) == (1, 0)
+    clip, meant = found.sound().clips[1], plain.sound().clips[1]
+    assert abs(clip.origin) < 1.5 / 120
+    assert abs(len(clip.balls["cue"].time) - len(meant.balls["cue"].time)) <= 2
+
+
+def test_another_ball_that_moves_first_is_the_struck_one(tmp_path: Path) -> None:
+    assert generate([str(tmp_path / "set"), "--seed", "5", "--clips", "4", "--kind", "cut"]) == 0
+    toml = tmp_path / "set" / "clips.toml"
+    toml.write_text(toml.read_text().replace('struck = "cue"', 'struck = "red"'))
+    fault = only_fault(tmp_path / "set")
+    assert "struck = 'red' of clips/0001.csv, but 'cue' moves while that one rests (3 more clips are so)" in fault
 
 
 def test_coordinates_of_one_clip_are_a_matter_of_its_rows(tmp_path: Path) -> None:
@@ -87,8 +130,9 @@ def test_coordinates_of_one_clip_are_a_matter_of_its_rows(tmp_path: Path) -> Non
 
 
 def test_another_diameter_is_found_by_where_balls_meet(tmp_path: Path) -> None:
-    fault = only_fault(spoiled(tmp_path / "set", diameter=0.0615))
-    assert fault.startswith("clips.toml: diameter = 0.0615 m, but balls meet with their centres 0.052")
+    for wrong in (0.0615, 0.05715):
+        fault = only_fault(spoiled(tmp_path / str(wrong), diameter=wrong))
+        assert fault.startswith(f"clips.toml: diameter = {wrong:g} m, but balls meet with their centres 0.052")
     for number, diameter in enumerate((0.0525 * 1.005, 0.0525 * 0.995)):
         folder = spoiled(tmp_path / f"set{number}", diameter=diameter)
         assert check_clip_set(folder) == []
@@ -128,10 +172,13 @@ def test_a_table_that_is_a_little_off_is_a_note_and_no_contradiction(tmp_path: P
 
 
 @pytest.mark.parametrize(("fps", "factor"), [(60.0, "2"), (240.0, "0.5"), (100.0, "1.2"), (25.0, "4.8")])
-def test_another_frame_rate_is_a_warning(tmp_path: Path, fps: float, factor: str) -> None:
-    (warning,) = inspect_clip_set(spoiled(tmp_path / "set", fps=fps)).warnings
-    assert warning.startswith(f"clips.toml: fps = {fps:g}, but rows are 0.008333 s apart, as at 120 frames")
-    assert warning.endswith(f"multiply t by {factor}")
+def test_another_frame_rate_is_a_fault_unless_every_other_frame_may_be_left_out(
+    tmp_path: Path, fps: float, factor: str
+) -> None:
+    folder = spoiled(tmp_path / "set", fps=fps)
+    line = inspect_clip_set(folder).warnings[0] if fps == 240.0 else only_fault(folder)
+    assert line.startswith(f"clips.toml: fps = {fps:g}, but rows are 0.008333 s apart, as at 120 frames")
+    assert line.endswith(f"multiply t by {factor}")
 
 
 def test_speeds_that_no_cue_gives(tmp_path: Path) -> None:
@@ -139,6 +186,21 @@ def test_speeds_that_no_cue_gives(tmp_path: Path) -> None:
     assert any("no cue gives more than 13" in warning for warning in inspect_clip_set(folder).warnings)
     faster = spoiled(tmp_path / "faster", lambda t, x, y: (t / 20, x, y), fps=2400.0)
     assert "no cue gives more than 13" in only_fault(faster)
+
+
+@pytest.mark.parametrize(
+    ("angle", "told"),
+    [(np.degrees, "write theta in radians"), (lambda a: (a + np.pi) % (2 * np.pi) - np.pi, "theta jumps by a whole")],
+)
+def test_angles_of_marks_in_degrees_or_counted_anew(tmp_path: Path, angle: Callable[[float], float], told: str) -> None:
+    kinds = ["--kind", "side,cushion_side", "--marked", "--clips", "6"]
+    assert generate([str(tmp_path / "set"), "--seed", "3", *kinds]) == 0
+    assert check_clip_set(tmp_path / "set") == []
+    for file in (tmp_path / "set" / "clips").glob("*.csv"):
+        head, *body = [row.split(",") for row in file.read_text().splitlines()]
+        rows = [[*row[:4], f"{angle(float(row[4])):.4f}" if row[4] else ""] for row in body]
+        file.write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
+    assert told in only_fault(tmp_path / "set")
 
 
 def test_azimuths_that_fit_no_other_reading_are_a_warning(tmp_path: Path) -> None:

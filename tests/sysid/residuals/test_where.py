@@ -147,6 +147,9 @@ def test_noise_is_white_and_a_drift_is_not() -> None:
     white = whiteness(plain, NOISE)
     assert white.white and white.in_words().startswith("Residuals are white")
     assert white.ratio == pytest.approx(1.0, abs=0.03) and abs(white.z) < 4
+    loud = whiteness(dataclasses.replace(plain, residual=1596 * plain.residual), NOISE)
+    assert loud.uncorrelated and not loud.white
+    assert "times the noise, though neighbours correlate by" in loud.in_words()
     drift = whiteness(dataclasses.replace(plain, residual=plain.residual + 2e-3 * np.sin(3 * s.since)[:, None]), NOISE)
     assert not drift.white and "not white" in drift.in_words()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -182,34 +183,58 @@ def test_structure_outside_the_catalogue_becomes_an_effect(
 def test_an_interrupted_discovery_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Stopped after the base was fitted, it ends with the same result as one that was not."""
-    import sysid.selection.discover as room
+    """Stopped after the base was fitted, and again later, it ends with the same bytes as one that was not."""
+    import sysid.estimation.solver.journal as room
 
     folder = clips(tmp_path / "set", 35, "--effect", "lens_distortion=0.006", "--kind", "roll,stun,cushion")
     whole, parted = tmp_path / "whole", tmp_path / "parted"
     assert cli.main(["discover", str(folder), "--out", str(whole)]) == 0
-    diagnose_fit = room.diagnose_fit
+    add, written = room.Journal.add, list[int]()
 
-    def stop(*_words: Any, **_more: Any) -> Any:
-        raise KeyboardInterrupt
+    def add_until(journal: room.Journal, *words: Any) -> None:
+        add(journal, *words)
+        written.append(1)
+        if len(written) in (9, 15):
+            raise KeyboardInterrupt
 
-    monkeypatch.setattr(room, "diagnose_fit", stop)
-    assert cli.main(["discover", str(folder), "--out", str(parted)]) == Status.INTERRUPTED
-    assert sorted(p.name for p in parted.iterdir()) == ["unfinished.pickle"]
-    monkeypatch.setattr(room, "diagnose_fit", diagnose_fit)
-    monkeypatch.setattr(room, "begin", stop)  # the base is not fitted again
+    monkeypatch.setattr(room.Journal, "add", add_until)
+    for known in (9, 15):
+        assert cli.main(["discover", str(folder), "--out", str(parted)]) == Status.INTERRUPTED
+        assert sorted(p.name for p in parted.iterdir()) == ["unfinished.jsonl"]
+        assert len((parted / "unfinished.jsonl").read_text().splitlines()) == 1 + known
     capsys.readouterr()
     assert cli.main(["discover", str(folder), "--out", str(parted)]) == 0
     assert "continuing from" in capsys.readouterr().out
-    assert not (parted / "unfinished.pickle").exists()
+    assert not (parted / "unfinished.jsonl").exists()
     one, two = (json.loads((out / "result.json").read_text()) for out in (whole, parted))
     assert one.pop("elapsed_s") > 0
     assert two.pop("elapsed_s") > 0
     assert one == two
+    assert (whole / "model.toml").read_bytes() == (parted / "model.toml").read_bytes()
     model = read_model(whole / "model.toml")
     assert model.fitted["converged"]
     assert "sysid discover" in model.estimates["lens_distortion.barrel"].source
     assert len(model.fitted["correlation"]) == len(model.fitted["names"])
+
+
+def test_a_pickle_in_the_folder_of_results_is_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What an earlier run left is numbers: nothing in the folder is executed."""
+
+    class Trap:
+        def __reduce__(self) -> tuple[Any, ...]:
+            return (Path.touch, (tmp_path / "sprung",))
+
+    for name in ("unfinished.pickle", "unfinished.jsonl"):
+        (tmp_path / name).write_bytes(pickle.dumps(("", 0.0, Trap())))
+    import sysid.selection.discover as room
+
+    def stop(*_words: Any, **_more: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(room, "begin", stop)
+    folder = Path(__file__).parents[3] / "sysid" / "example"
+    assert cli.main(["discover", str(folder), "--out", str(tmp_path)]) == Status.INTERRUPTED
+    assert not (tmp_path / "sprung").exists()
 
 
 def test_a_folder_that_cannot_be_made_is_refused_before_the_work(

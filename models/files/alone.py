@@ -1,0 +1,63 @@
+"""One run at a time in a place: a lock that ends with its process, however that ends."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from models.errors import BadInput
+from models.files.faults import one_line
+
+
+@contextlib.contextmanager
+def alone_in(path: Path | str) -> Iterator[None]:
+    """Hold a folder, or file, that another run must not write meanwhile; it need not be there yet.
+
+    The lock is that of an empty hidden file beside it, which is removed in the end. Runs on other computers that share
+    a disk may not see it.
+
+    Raises:
+        BadInput: another run holds it.
+    """
+    target = Path(os.path.realpath(path))
+    lock = target.with_name(f".{target.name}.lock")
+    made = [parent for parent in lock.parents if not parent.exists()]
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        held = _open(lock, target)
+    except OSError as error:
+        raise BadInput(one_line(f"{path}: cannot be written ({error.strerror}); choose another place")) from error
+    if held is None:
+        raise BadInput(one_line(f"{path}: another run is writing there; wait until it ends, or choose another place"))
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            lock.unlink()
+        os.close(held)
+        with contextlib.suppress(OSError):  # where something was written
+            for parent in made:
+                parent.rmdir()
+
+
+def _open(lock: Path, target: Path) -> int | None:
+    """The lock's descriptor; None where another process holds it."""
+    while True:
+        try:
+            held = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+        except PermissionError:
+            held = os.open(target, os.O_RDONLY)  # nothing can be made beside it: a folder can be locked itself
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(held)
+            return None
+        except BaseException:
+            os.close(held)
+            raise
+        if os.fstat(held).st_nlink:
+            return held
+        os.close(held)  # removed by the run that ended just now

@@ -1,0 +1,61 @@
+"""Ends from outside: SIGTERM and a lost terminal act as Ctrl-C does, and workers end with the process they work for.
+
+In: signals, and the end of a parent process. Out: `Terminated`, which is a KeyboardInterrupt, so that whatever keeps
+finished work after Ctrl-C keeps it then too. SIGKILL and a full memory leave no time for anything: what must survive
+them is written as soon as it is known, and a worker sees the pipe from its parent close.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from types import FrameType
+
+ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+SIGNAL_STATUS = 128  # and the number of a signal: the exit status that shells give
+
+
+class Terminated(KeyboardInterrupt):
+    """A signal that asks the process to end."""
+
+    def __init__(self, number: int) -> None:
+        """Note the signal."""
+        super().__init__()
+        self.number = number
+
+
+def terminate(number: int, at: FrameType | None = None) -> None:
+    """Signal handler that raises `Terminated`."""
+    raise Terminated(number)
+
+
+@contextlib.contextmanager
+def as_interrupts() -> Iterator[None]:
+    """Signals that end a process raise `Terminated` inside; those that are ignored, as by nohup, stay ignored."""
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in ENDING_SIGNALS:
+            if signal.getsignal(number) == signal.SIG_DFL:
+                before[number] = signal.signal(number, terminate)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def work_for_parent() -> None:
+    """Make this process a worker: Ctrl-C is left to its parent, and it ends as soon as that is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()  # a pipe that closes when the parent ends, however it ends
+    os._exit(SIGNAL_STATUS + signal.SIGTERM)

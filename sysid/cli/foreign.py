@@ -1,0 +1,167 @@
+"""`sysid import`: tracks of other programs, or a clip set with wrong entries, as a clip set."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, output_option
+from models.console import Progress, Status, as_called
+from models.errors import BadInput
+from sysid.cli.common import camera_option
+from sysid.cli.tables import TableOptions
+
+if TYPE_CHECKING:
+    from models.presets import TableSet
+    from models.shot import Array
+    from sysid.clips.header import Header
+    from sysid.foreign.convert import ShotFile, Told
+
+TIME_UNITS = ("seconds", "frames", "milliseconds", "microseconds")
+
+
+@dataclass(frozen=True)
+class ReadingOptions:
+    """What is known of the files; what is left out is looked for in the tracks."""
+
+    unit: str | None = given("--unit", "U", "m, cm, mm, in or ft.", click.Choice(["m", "cm", "mm", "in", "ft"]))
+    origin: str | None = given("--origin", "AT", "Where x and y are 0.", click.Choice(["centre", "corner"]))
+    x_along: str | None = given("--x-along", "SIDE", "Side that x runs along.", click.Choice(["length", "width"]))
+    y: str | None = given("--y", "WAY", "up where x, y and up are right-handed, down as in pictures.",
+                          click.Choice(["up", "down"]))  # fmt: skip
+    turned: bool = given("--turned", "", "x and y are counted from the table's other end: half a turn.", bool)
+    time: str | None = given("--time", "UNIT", "Unit of times.", click.Choice(TIME_UNITS))
+    fps: float | None = given("--fps", "F", "Frames taken in a second.", ABOVE_ZERO)
+    struck: str | None = given("--struck", "BALL", "Ball that the cue strikes; by default the one that moves first.")
+    columns: str | None = given("--columns", "t=NAME,...", "Names of columns: t, frame, ball, x, y, theta, cue.speed.")
+
+    def told(self, nominal_fps: float | None) -> Told:
+        """As the conversion takes it, beside the frame rate that a clip set states."""
+        from sysid.foreign.convert import Told
+
+        return Told(
+            self.unit, None if self.origin is None else self.origin == "corner",
+            None if self.x_along is None else self.x_along == "width", None if self.y is None else self.y == "down",
+            True if self.turned else None, self.time, self.fps, nominal_fps, self.struck,
+            self.named_columns(),
+        )  # fmt: skip
+
+    def named_columns(self) -> dict[str, str]:
+        """Columns by what they are."""
+        parts = [part.partition("=") for part in self.columns.split(",")] if self.columns else []
+        if not all(what.strip() and name.strip() for what, _, name in parts):
+            raise BadInput(f"--columns {self.columns}: write pairs such as t=Time,ball=Id,x=PosX,y=PosY")
+        return {what.strip(): name.strip() for what, _, name in parts}
+
+
+@click.command("import")
+@click.argument("files", metavar="FILE...", type=FILE_PATH, nargs=-1, required=True)
+@gathered("sizes", TableOptions)
+@camera_option()
+@gathered("reading", ReadingOptions)
+@click.option("--out", metavar="CLIPS", type=FILE_PATH, required=True, help="Folder for the clip set.")
+@output_option("picture", "FILE.png", "Where the tracks are drawn over the table; by default CLIPS.png.")
+@click.pass_obj
+def import_(
+    progress: Progress, files: tuple[Path, ...], sizes: TableOptions, camera_file: Path | None,
+    reading: ReadingOptions, out: Path, picture_file: Path | None,
+) -> int:  # fmt: skip
+    """Import tracks of other programs as a clip set.
+
+    FILE... are CSV, JSON or Parquet, a shot each, with a row for each ball or a row for each frame; or a clip set whose
+    entries are in another unit, from another origin or along other axes. What no option says is looked for in the
+    tracks, and told. Draws the tracks over the table first, and writes nothing that they contradict.
+
+    Example: sysid import shots/*.csv --table "pool 8 ft" --out CLIPS
+    """
+    from models.files import write_whole
+    from sysid.clips.contradiction import is_sound
+    from sysid.clips.contradictions import contradictions
+    from sysid.clips.write import write_clip_set
+    from sysid.foreign.convert import import_files
+    from sysid.foreign.picture import tracks_png
+
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise BadInput(f"{out}: is there already; choose another folder")
+    paths, shots, header = _shots(files)
+    known, place = _table(sizes, camera_file, header)
+    fps = header.camera.get("fps") if header else None
+    found = import_files(paths, shots, known.table, known.ball, reading.told(fps), place)
+    clip_set = found.clip_set
+    if header is not None:
+        sigma = header.camera.get("sigma")
+        clip_set = dataclasses.replace(clip_set, sigma=sigma, extra=header.extra)
+    progress.close()
+    for line in found.says:
+        print(line)
+    for line in found.assumed:
+        print(f"assumed: {line}")
+    picture = picture_file or out.with_name(out.name + ".png")
+    write_whole(picture, tracks_png(clip_set, found.says[0]), parents=True)
+    print(f"picture: {picture}", flush=True)
+    source = files[0] if header is not None else Path("FILES")
+    clips = tuple(clip for clip in clip_set.clips if is_sound(clip))
+    for one in contradictions(dataclasses.replace(clip_set, clips=clips, folder=source)):
+        if one.certain:
+            raise BadInput(f"{one.text} (nothing was written; look at {picture})")
+        print(f"warning: {one.text}", file=sys.stderr, flush=True)
+    write_clip_set(clip_set, out)
+    print(f"clips: {out}, {len(clip_set.clips)} shots (continue with: {as_called(f'sysid check {out}')})")
+    return Status.DONE
+
+
+def _shots(files: tuple[Path, ...]) -> tuple[list[Path], list[ShotFile], Header | None]:
+    """The files of all shots, what is known of them, and the entries of a clip set where one is named."""
+    from models.files.faults import Faults
+    from sysid.clips.clip_set import CueCommand
+    from sysid.clips.header import read_header
+    from sysid.foreign.convert import ShotFile
+
+    if len(files) == 1 and files[0].is_dir():
+        faults = Faults()
+        header = faults.settle(read_header(files[0].resolve(), faults))
+        shots = [
+            ShotFile(one.file, one.struck, one.note, None if one.cue is None else CueCommand(**one.cue), one.extra)
+            for one in header.entries
+        ]
+        return [one.path for one in header.entries], shots, header
+    names: dict[str, Path] = {}
+    for file in files:
+        if file.is_dir():
+            raise BadInput(f"{file}: is a folder; name its files, or one clip set alone")
+        if file.stem in names:
+            raise BadInput(f"{file}: its clip would have the name of {names[file.stem]}; rename one of them")
+        names[file.stem] = file
+    return list(files), [ShotFile(f"clips/{name}.csv") for name in names], None
+
+
+def _table(
+    sizes: TableOptions, camera_file: Path | None, header: Header | None
+) -> tuple[TableSet, Callable[[Array], Any] | None]:
+    """Table and balls, by the options, the camera or the clip set; and how pixels become places."""
+    from models.presets import TableSet
+    from models.shot import Ball
+
+    camera = None
+    if camera_file is not None:
+        from sysid.vision.camera.projection import read_camera
+
+        camera = read_camera(camera_file)
+    if sizes.table_name is None and camera is None and header is not None and header.table and header.ball:
+        ball = header.ball
+        if sizes.diameter is not None or sizes.mass is not None:
+            ball = Ball(sizes.diameter or ball.diameter, sizes.mass or ball.mass)
+        return TableSet(header.table, ball), None
+    if camera is not None:
+        from sysid.cli.tables import table_set
+
+        size = f"{camera.table.length!r}x{camera.table.width!r}"
+        ball = table_set(size, camera.diameter, sizes.mass, no_pockets=False).ball
+        return TableSet(camera.table, ball), camera.centres
+    return sizes.table_set(), None

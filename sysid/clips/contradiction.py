@@ -1,0 +1,57 @@
+"""One thing that the tracks of a clip set contradict, and typical values that say so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.clips.clip_set import Clip
+
+ALL_CLIPS = "all clips"
+MIN_SIGNIFICANCE = 5.0  # standard errors
+MAX_PLACE_M, MIN_STEP_S = 100.0, 1e-6  # of rows that can be computed with
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """One line with its remedy."""
+
+    where: str  # the file whose statement the tracks contradict, or all clips
+    text: str
+    certain: bool  # beyond doubt: a fault, else a warning
+    places: bool = False  # whether many balls must lie off the stated table
+
+
+@dataclass(frozen=True)
+class Typical:
+    """The median of some values, and its standard error."""
+
+    value: float
+    error: float
+    count: int
+
+    def departs(self, from_value: float, tolerance: float) -> bool:
+        """Whether it differs by more than a tolerance, and by more than chance explains."""
+        off = abs(self.value - from_value)  # NaN of none
+        return off > max(tolerance, MIN_SIGNIFICANCE * self.error)
+
+
+def typical(values: list[float], least_count: int, least_spread: float = 0.0) -> Typical:
+    """Of too few values the standard error is infinite."""
+    if len(values) < least_count:
+        return Typical(np.nan, np.inf, len(values))
+    median = float(np.median(values))
+    spread = max(1.4826 * float(np.median(np.abs(np.array(values) - median))), least_spread)
+    return Typical(median, 1.2533 * spread / np.sqrt(len(values)), len(values))
+
+
+def is_sound(clip: Clip) -> bool:
+    """Whether times increase and everything is finite and of a size that can be computed with."""
+    return bool(clip.balls) and all(
+        len(seen.time) > 0
+        and bool(np.isfinite(seen.time).all())
+        and bool((np.abs(seen.xy) < MAX_PLACE_M).all())
+        and bool((np.diff(seen.time) > MIN_STEP_S).all())
+        for seen in clip.balls.values()
+    )

@@ -1,0 +1,112 @@
+"""Whether times are those of the table: frame rate, speeds, and how balls slow down as they roll.
+
+In: a `ClipSet`. Out: `Contradiction`s.
+
+    frame rate  intervals of the stamps are whole frames
+    speeds      no cue gives a ball more than some 13 m/s
+    rolling     cloths slow a rolling ball by 0.04 to 0.2 m/s^2: Mathavan, Jackson, Parkin 2009 measured 0.125 on
+                snooker cloth, pool cloths have 0.05 to 0.15, heated ones of carom 0.045. In another unit of time, k
+                times as long, it is k^2 times as small.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sysid.clips.aims import reading_command
+from sysid.clips.clip_set import Clip, ClipSet, Observation
+from sysid.clips.contradiction import ALL_CLIPS, Contradiction
+from sysid.clips.names import CLIPS_TOML
+from sysid.clips.segments import split_all
+
+MIN_INTERVALS = 20
+SOUND_INTERVAL = 0.1  # relative departure of the stamps' interval from a frame's; the clock's scale is fitted
+MIN_EVEN_SHARE = 0.7  # of the intervals, for stamps to have a rate at all
+MAX_CUE_SPEED, MAX_SPEED = 13.0, 30.0  # of a hard break, and beyond doubt [m/s]
+SPEED_STEPS = 5  # of which the median is a speed: single samples may be wild
+SOUND_ROLLING, CERTAIN_ROLLING = (0.035, 0.3), (0.02, 0.6)  # decelerations [m/s^2]
+USUAL_ROLLING = 0.1  # [m/s^2]
+DEFAULT_SIGMA_M = 0.001  # of positions, where nothing is known of it
+MIN_SEGMENT_SAMPLES, MIN_ROLLING_M = 14, 0.1  # of a motion, and its way, for a deceleration
+MAX_ROLLING_ERROR_M = 0.003  # rms, of a motion that slows down evenly
+ROLLS_FROM = 0.4  # of a motion, after which balls have stopped to slide, mostly
+MIN_ROLLING_SEGMENTS = 4
+
+
+def frame_rate(clip_set: ClipSet, times_are_wrong: bool = False) -> Contradiction | None:
+    """Stamps whose interval is not that of the stated frame rate; `times_are_wrong` where motions say so as well."""
+    steps = [np.diff(np.unique(np.concatenate([o.time for o in c.balls.values()]))) for c in clip_set.clips]
+    pooled = np.concatenate([np.zeros(0), *steps])
+    if len(pooled) < MIN_INTERVALS:
+        return None
+    step = float(np.median(pooled))
+    if abs(step * clip_set.fps - 1) < SOUND_INTERVAL:
+        return None
+    text = (
+        f"fps = {clip_set.fps:g}, but rows are {step:.4g} s apart, as at {1 / step:.4g} frames a second: "
+        f"{'' if times_are_wrong else 'correct fps if t is right, else '}multiply t by {1 / (step * clip_set.fps):.4g}"
+    )
+    frames = step * clip_set.fps
+    skipped = frames > 1 and abs(frames / round(frames) - 1) < SOUND_INTERVAL  # as of a tracker that leaves out frames
+    even = float(np.mean(np.abs(pooled / step - 1) < SOUND_INTERVAL)) > MIN_EVEN_SHARE
+    return Contradiction(CLIPS_TOML, text, even and not skipped)
+
+
+def speeds(clip_set: ClipSet) -> Contradiction | None:
+    """Balls that are faster than any cue makes them."""
+    fastest = [(max(map(_top_speed, c.balls.values()), default=0.0), c.file) for c in clip_set.clips]
+    fast = [one for one in fastest if one[0] > MAX_CUE_SPEED]
+    if not fast:
+        return None
+    speed, file = max(fast)
+    more = f" ({len(fast) - 1} more clips have such)" if len(fast) > 1 else ""
+    text = f"a ball moves at {speed:.3g} m/s{more}, and no cue gives more than {MAX_CUE_SPEED:g}: correct t or fps"
+    return Contradiction(file, text, speed > MAX_SPEED)
+
+
+def _top_speed(seen: Observation) -> float:
+    """The largest median speed over some steps [m/s]."""
+    if len(seen.time) <= SPEED_STEPS:
+        return 0.0
+    step = np.hypot(*np.diff(seen.xy, axis=0).T) / np.diff(seen.time)
+    return float(np.median(np.lib.stride_tricks.sliding_window_view(step, SPEED_STEPS), axis=1).max())
+
+
+def rolling_deceleration(clip_set: ClipSet) -> tuple[float, float] | None:
+    """Of rolling balls, the median over their way [m/s^2], and that way [m]; None of too little."""
+    sigma = clip_set.sigma or DEFAULT_SIGMA_M
+    found = []
+    clips: list[Clip] = [c for c in clip_set.clips if c.struck in c.balls]
+    for part in split_all(clips, clip_set.table, clip_set.ball, sigma, clip_set.fps, MIN_SEGMENT_SAMPLES):
+        first = int(ROLLS_FROM * len(part.time))
+        time, xy = part.time[first:] - part.time[first:].mean(), part.xy[first:]
+        way = float(np.hypot(*(xy[-1] - xy[0])))
+        if way < MIN_ROLLING_M:
+            continue
+        along = (xy - xy[0]) @ (xy[-1] - xy[0]) / way
+        fit = np.polyfit(time, along, 2)
+        if float(np.sqrt(np.mean((along - np.polyval(fit, time)) ** 2))) < MAX_ROLLING_ERROR_M:
+            found.append((-2 * float(fit[0]), way))
+    if len(found) < MIN_ROLLING_SEGMENTS:
+        return None
+    rates, ways = np.array(sorted(found)).T
+    return float(rates[np.searchsorted(np.cumsum(ways), ways.sum() / 2)]), float(ways.sum())
+
+
+def rolling(clip_set: ClipSet) -> Contradiction | None:
+    """Balls that slow down as on no cloth: time is in another unit, or as a film was played, not taken."""
+    found = rolling_deceleration(clip_set)
+    if found is None:
+        return None
+    rate, way = found
+    (low, high), (least, most) = SOUND_ROLLING, CERTAIN_ROLLING
+    if low < rate < high:
+        return None
+    factor = float(np.sqrt(USUAL_ROLLING / max(rate, 1e-9)))
+    times = f", as with t about {max(factor, 1 / factor):.2g} times too {'long' if factor > 1 else 'short'}"
+    text = (
+        f"rolling balls slow down by {rate:.2g} m/s^2 (over {way:.0f} m), and on cloths by 0.04 to 0.2"
+        f"{times if rate > 0 else ''}: correct t and fps, such as with: {reading_command(clip_set, '--fps F')}, "
+        "F the frames taken in a second"
+    )
+    return Contradiction(ALL_CLIPS, text, not least < rate < most)

@@ -1,0 +1,180 @@
+"""Which column is what: times, balls, places and commands by their names, one row a ball or one row a frame.
+
+In: the `Columns` of a file. Out: `RawTrack`s, in whatever units the file has, and what the names say of units.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from models.errors import BadInput
+from models.files.faults import closest, listed
+from models.shot import Array
+from sysid.clips.readings import METRES_BY_UNIT
+from sysid.foreign.records import Columns, numbers
+
+KNOWN_NAMES: Mapping[str, tuple[str, ...]] = {
+    "t": ("t", "time", "timestamp", "time_stamp", "stamp", "sec", "secs", "seconds", "ms", "milliseconds"),
+    "frame": ("frame", "frames", "frame_number", "frame_id", "frameid", "frame_no", "frame_idx", "frame_index"),
+    "ball": ("ball", "ball_id", "ball_name", "id", "name", "label", "object", "object_id", "track", "track_id",
+             "trackid", "colour", "color", "class"),
+    "x": ("x", "pos_x", "x_pos", "position_x", "cx", "x_center", "center_x", "centre_x", "x_centre", "u", "px"),
+    "y": ("y", "pos_y", "y_pos", "position_y", "cy", "y_center", "center_y", "centre_y", "y_centre", "v", "py"),
+    "theta": ("theta", "turned"),
+    "cue.speed": ("cue_speed", "v0"),
+    "cue.azimuth": ("cue_azimuth", "aim", "azimuth"),
+    "cue.side": ("cue_side",),
+    "cue.height": ("cue_height",),
+    "cue.elevation": ("cue_elevation",),
+}  # fmt: skip
+UNIT_IN_NAME = re.compile(r"[\s_]*[\[(]?\b(s|ms|us|mm|cm|m|in|inch|inches|ft|px|pixel|pixels|deg|rad)[\])]?$")
+UNITS = {"inch": "in", "inches": "in", "pixel": "px", "pixels": "px", "ms": "milliseconds", "us": "microseconds"}
+TIME_UNITS = {"s": "seconds", "milliseconds": "milliseconds", "microseconds": "microseconds"}
+NOT_BALLS = {"v", "vel", "velocity", "speed", "a", "acc", "d", "w", "min", "max", "start", "end"}  # of pairs with x, y
+LONE_BALL = "cue"  # of a file that names no balls
+
+
+@dataclass(frozen=True)
+class RawTrack:
+    """One ball as the file has it, in order of time."""
+
+    time: Array  # (n,)
+    xy: Array  # (n, 2)
+    theta: Array  # (n,) [rad], NaN where not seen
+
+
+@dataclass(frozen=True)
+class RawClip:
+    """One shot as its file has it."""
+
+    file: str  # for messages
+    balls: Mapping[str, RawTrack]
+    time_unit: str | None = None  # as the columns' names say
+    length_unit: str | None = None
+    cue: Mapping[str, float] = field(default_factory=dict)  # commanded, where columns hold it
+    left_out: tuple[str, ...] = ()  # columns that are not used
+
+
+def read_clip(found: Columns, given: Mapping[str, str]) -> RawClip:
+    """The tracks of a file; `given` are names of columns by what they are: t, frame, ball, x, y, theta, cue.speed."""
+    for what, name in given.items():
+        if what not in KNOWN_NAMES:
+            raise BadInput(f"--columns {what}={name}: name one of {', '.join(KNOWN_NAMES)}")
+        if name not in found.cells:
+            meant = closest(name, found.names)
+            hint = f"did you mean {meant!r}?" if meant else f"it has {listed(found.names)}"
+            raise BadInput(f"--columns {what}={name}: {found.file} has no column {name!r}; {hint}")
+    known = {what: given.get(what) or _by_name(found.names, what) for what in KNOWN_NAMES}
+    columns = {what: name for what, name in known.items() if name}
+    stamp = columns.get("t") or columns.get("frame")
+    pairs = {LONE_BALL: (columns["x"], columns["y"])} if {"x", "y"} <= columns.keys() else _wide(found.names)
+    if stamp is None or not pairs:
+        missing = "time" if stamp is None else "place"
+        raise BadInput(
+            f"{found.file}: no column of {listed(found.names)} is a {missing}: say which with "
+            "--columns t=NAME,ball=NAME,x=NAME,y=NAME, or name pairs such as cue_x, cue_y"
+        )
+    used = {*columns.values(), *(name for pair in pairs.values() for name in pair)}
+    time_unit = TIME_UNITS.get(_unit(stamp) or "") if columns.get("t") else "frames"
+    if columns.get("t") and _bare(stamp) in ("ms", "milliseconds"):
+        time_unit = "milliseconds"
+    lengths = {_unit(name) for pair in pairs.values() for name in pair} & {*METRES_BY_UNIT, "px"}
+    if len(lengths) > 1:
+        raise BadInput(f"{found.file}: columns are named in {' and '.join(sorted(map(str, lengths)))}: use one unit")
+    return RawClip(
+        found.file, _tracks(found, stamp, columns, pairs), time_unit, lengths.pop() if lengths else None,
+        _commands(found, columns), tuple(name for name in found.names if name not in used),
+    )  # fmt: skip
+
+
+def _bare(name: str) -> str:
+    """A name in small letters, its words joined by _."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _unit(name: str) -> str | None:
+    """The unit that a name ends in: x_mm, Time (s)."""
+    found = UNIT_IN_NAME.search(re.sub(r"_", " ", name.lower()).strip())
+    return UNITS.get(found[1], found[1]) if found and found.start() > 0 else None
+
+
+def _without_unit(name: str) -> str:
+    return _bare(UNIT_IN_NAME.sub("", re.sub(r"_", " ", name.lower()).strip())) if _unit(name) else _bare(name)
+
+
+def _by_name(names: Sequence[str], what: str) -> str | None:
+    """The first column that is known to be this."""
+    for known in KNOWN_NAMES[what]:
+        for name in names:
+            if known in (_bare(name), _without_unit(name)):
+                return name
+    return None
+
+
+def _wide(names: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Pairs of columns by ball: cue_x and cue_y, x1 and y1, red.x and red.y."""
+    found: dict[str, dict[str, str]] = {}
+    for name in names:
+        plain = _without_unit(name)
+        match = re.fullmatch(r"(?:(.+?)_?([xy])|([xy])_?(.+?))", plain)
+        if match and (ball := match[1] or match[4]) and ball not in NOT_BALLS:
+            found.setdefault(_ball_name(ball), {})[match[2] or match[3]] = name
+    return {ball: (axes["x"], axes["y"]) for ball, axes in found.items() if len(axes) == 2}
+
+
+def _tracks(
+    found: Columns, stamp: str, columns: Mapping[str, str], pairs: Mapping[str, tuple[str, str]]
+) -> dict[str, RawTrack]:
+    """Every ball's track in order of time, without rows where it was not seen."""
+
+    def column(name: str) -> Array:
+        return np.array(numbers(found.cells[name], f"{found.file}, column {name}", found.first_line))
+
+    time = column(stamp)
+    if not np.isfinite(time).all():
+        row = int(np.flatnonzero(~np.isfinite(time))[0]) + found.first_line
+        raise BadInput(f"{found.file}, row {row}: {stamp} is empty: give every row its time")
+    theta = column(columns["theta"]) if "theta" in columns else np.full(len(time), math.nan)
+    long = "x" in columns and "ball" in columns
+    names = np.array(found.cells[columns["ball"]] if long else [""] * len(time))
+    tracks = {}
+    for ball, (x, y) in pairs.items():
+        xy = np.column_stack([column(x), column(y)])
+        for one in dict.fromkeys(names.tolist()):
+            rows = np.flatnonzero((names == one) & np.isfinite(xy).all(axis=1))
+            rows = rows[np.argsort(time[rows], kind="stable")]
+            name = _ball_name(one) if long else ball
+            twice = np.flatnonzero(np.diff(time[rows]) == 0)
+            if len(twice):
+                line = int(rows[twice[0] + 1]) + found.first_line
+                raise BadInput(f"{found.file}, row {line}: ball {name!r} is there twice at one time: keep one row")
+            if len(rows):
+                angle = theta[rows] if len(pairs) == 1 else np.full(len(rows), math.nan)
+                tracks[name] = RawTrack(time[rows], xy[rows], angle)
+    if not tracks:
+        raise BadInput(f"{found.file}: holds no place of a ball: name the tracker's file")
+    return tracks
+
+
+def _ball_name(text: str) -> str:
+    """Numbers are called balls."""
+    text = text.removesuffix(".0")
+    return f"ball {text}" if text.isdigit() else text or LONE_BALL
+
+
+def _commands(found: Columns, columns: Mapping[str, str]) -> dict[str, float]:
+    """What was commanded, where columns hold one value of it [m/s, rad, m]."""
+    cue = {}
+    for what, name in columns.items():
+        if not what.startswith("cue."):
+            continue
+        values = np.array(numbers(found.cells[name], f"{found.file}, column {name}", found.first_line))
+        own = np.unique(values[np.isfinite(values)])
+        if len(own) == 1:
+            cue[what.removeprefix("cue.")] = float(np.radians(own[0]) if _unit(name) == "deg" else own[0])
+    return cue if {"speed", "azimuth"} <= cue.keys() else {}

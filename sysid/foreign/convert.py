@@ -1,0 +1,254 @@
+"""Tracks of other programs as a clip set: unit, origin and axes, the struck ball and its strike.
+
+In: files and what is told of them. Out: `Imported`: the clip set, and what was taken for granted, in words.
+
+What is not told is looked for in the tracks (sysid/clips/readings.py). Where two readings are as likely, none is
+chosen: the options that settle it are named.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.errors import BadInput
+from models.shot import Array, Ball, Table
+from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
+from sysid.clips.readings import (
+    METRES_BY_UNIT,
+    UNIT_NAMES,
+    Reading,
+    ReadingEvidence,
+    directed,
+    likely_readings,
+    places,
+    read_so,
+)
+from sysid.clips.strike import STAMP_DECIMALS, first_moving, from_strike
+from sysid.foreign.columns import RawClip, RawTrack, read_clip
+from sysid.foreign.records import read_columns
+from sysid.foreign.times import StampClock, read_clock
+
+RIVAL_COVERAGE = 0.5  # of the likeliest reading's, by one that may be right as well
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is known of the files; None where the tracks are to tell."""
+
+    unit: str | None = None
+    corner: bool | None = None
+    exchanged: bool | None = None
+    y_down: bool | None = None
+    turned: bool | None = None
+    time: str | None = None
+    fps: float | None = None
+    nominal_fps: float | None = None  # as it was stated, which stamps may contradict
+    struck: str | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    def readings(self, unit: str | None) -> list[Reading]:
+        """Those that fit what is told, and the unit that the columns are named in."""
+        units = [self.unit or unit] if self.unit or unit else list(METRES_BY_UNIT)
+        corners = [False, True] if self.corner is None else [self.corner]
+        exchanged = [False, True] if self.exchanged is None else [self.exchanged]
+        return [
+            Reading(one, corner, swap, bool(self.y_down), bool(self.turned))
+            for one, corner, swap in product([u for u in units if u], corners, exchanged)
+        ]
+
+
+@dataclass(frozen=True)
+class ShotFile:
+    """What is known of one file beside its tracks, where a clip set tells it."""
+
+    file: str  # of the clip to be written
+    struck: str | None = None
+    note: str = ""
+    cue: CueCommand | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)  # other keys of its entry
+
+
+@dataclass(frozen=True)
+class Imported:
+    """The clip set, what was understood, and what nothing in the tracks tells."""
+
+    clip_set: ClipSet
+    says: tuple[str, ...]
+    assumed: tuple[str, ...]
+
+
+def import_files(
+    files: Sequence[Path],
+    shots: Sequence[ShotFile],
+    table: Table,
+    ball: Ball,
+    told: Told,
+    place: Callable[[Array], Array] | None = None,
+) -> Imported:
+    """Convert one file a shot.
+
+    Args:
+        files: of the tracker.
+        shots: what is known of each.
+        table: from nose to nose.
+        ball: of the table.
+        told: what is known of the files.
+        place: takes pixels (n, 2) to the table (n, 2) [m], where coordinates are pixels.
+
+    Raises:
+        BadInput: what is wrong with a file, or the option that settles a doubt.
+    """
+    raw = [read_clip(read_columns(file), told.columns) for file in files]
+    clock = read_clock(raw, told.time, told.fps, told.nominal_fps)
+    clips = [_clip(one, shot, clock, told.struck) for one, shot in zip(raw, shots, strict=True)]
+    clip_set = ClipSet(table, ball, clock.fps, tuple(clips))
+    units = {one.length_unit for one in raw if one.length_unit}
+    if len(units) > 1:
+        raise BadInput(f"files are in {' and '.join(sorted(units))}: import them one unit at a time")
+    if place is not None:
+        clip_set, says = _through(place, clip_set), "pixels, placed on the table by the camera's file"
+        assumed: list[str] = []
+    else:
+        clip_set, says, assumed = _placed(clip_set, told, units.pop() if units else None)
+    clips = [dataclasses.replace(clip, struck=clip.struck or _struck(clip)) for clip in clip_set.clips]
+    clip_set = dataclasses.replace(clip_set, clips=tuple(from_strike(clip) for clip in clips))
+    return Imported(clip_set, (says, clock.says, *_about(clip_set, clips, raw)), tuple(assumed))
+
+
+def _clip(raw: RawClip, shot: ShotFile, clock: StampClock, struck: str | None) -> Clip:
+    """A clip in seconds, its coordinates as they were."""
+    start = min(float(one.time[0]) for one in raw.balls.values())
+
+    def seen(one: RawTrack) -> Observation:
+        return Observation(np.round((one.time - start) * clock.seconds, STAMP_DECIMALS), one.xy, one.theta)
+
+    balls = {name: seen(one) for name, one in raw.balls.items()}
+    struck = struck or shot.struck or ""
+    if struck and struck not in balls:
+        raise BadInput(f"{raw.file}: has no ball {struck!r} to be struck; it has {', '.join(balls)}")
+    cue = shot.cue or (CueCommand(**raw.cue) if raw.cue else None)
+    return Clip(shot.file, struck, balls, cue, shot.note, shot.extra)
+
+
+def _through(place: Callable[[Array], Array], clip_set: ClipSet) -> ClipSet:
+    """Pixels as places on the table."""
+
+    def meant(seen: Observation) -> Observation:
+        return dataclasses.replace(seen, xy=place(seen.xy))
+
+    clips = [
+        dataclasses.replace(clip, balls={n: meant(seen) for n, seen in clip.balls.items()}) for clip in clip_set.clips
+    ]
+    return dataclasses.replace(clip_set, clips=tuple(clips))
+
+
+def _placed(clip_set: ClipSet, told: Told, unit: str | None) -> tuple[ClipSet, str, list[str]]:
+    """The clip set in metres from the table's centre, in words how, and what is only assumed."""
+    if "px" in (told.unit, unit):
+        raise BadInput("coordinates are in pixels: give the camera's file with --camera (made with: sysid calibrate)")
+    among = told.readings(unit)
+    fits = likely_readings(clip_set, among)
+    if not fits and len(among) > 1:
+        size = _size(clip_set.table)
+        raise BadInput(
+            f"{_extents(clip_set)}, which as lengths fits no table {size}: correct --table, --unit, --origin or "
+            "--x-along; pixels need --camera"
+        )
+    best = fits[0].reading if fits else among[0]
+    rivals = [one.reading for one in fits[1:] if _rivals(one, fits[0])]
+    if rivals:
+        either = f"{best.looks()}, or {rivals[0].looks()}"
+        raise BadInput(f"{_extents(clip_set)}: {either}? {_ask([best, *rivals])}")
+    reading = best
+    if told.y_down is None or told.turned is None:
+        found = directed(clip_set, best)
+        agrees = found is not None and told.y_down in (None, found.y_down) and told.turned in (None, found.turned)
+        agrees = agrees and found is not None and told.exchanged in (None, found.exchanged)
+        reading = found if found is not None and agrees else best
+    assumed = []
+    if reading == best and told.y_down is None and not _has_commands(clip_set):
+        assumed.append(
+            "y is taken to point up, as x, y and up are right-handed: nothing in the tracks tells; where y is counted "
+            "downwards, as in pictures, give --y down, or sidespin changes its sign"
+        )
+    return read_so(clip_set, reading), _how(reading) + _because(fits), assumed
+
+
+def _how(reading: Reading) -> str:
+    """How coordinates are read."""
+    words = [f"lengths in {UNIT_NAMES.get(reading.unit, reading.unit)}"]
+    words.append(f"origin in {'a corner' if reading.corner else 'the centre'}")
+    words.append(f"x along the {'width' if reading.exchanged else 'length'}")
+    words.append(f"y {'down' if reading.y_down else 'up'}wards")
+    return ", ".join([*words, *["seen from the other end"] * reading.turned])
+
+
+def _because(fits: Sequence[ReadingEvidence]) -> str:
+    """What speaks for the likeliest reading."""
+    if not fits:
+        return " (as told)"
+    first = fits[0]
+    reasons = [f"{first.at_cushions} of {first.at_cushions + first.off_cushions} rebounds lie at the cushions"]
+    reasons = reasons if first.at_cushions else []
+    reasons += ["balls meet a diameter apart"] * (first.diameter > 0)
+    return f" ({' and '.join(reasons) or f'they reach over {100 * first.coverage:.0f} % of the table'})"
+
+
+def _rivals(one: ReadingEvidence, best: ReadingEvidence) -> bool:
+    """Whether another reading may be right as well."""
+    return one.support >= best.support and one.coverage >= RIVAL_COVERAGE * best.coverage
+
+
+def _ask(readings: Sequence[Reading]) -> str:
+    """The options that settle which reading is right."""
+    options = []
+    if len({one.unit for one in readings}) > 1:
+        options.append("--unit " + "|".join(dict.fromkeys(one.unit for one in readings)))
+    if len({one.corner for one in readings}) > 1:
+        options.append("--origin centre|corner")
+    if len({one.exchanged for one in readings}) > 1:
+        options.append("--x-along length|width")
+    return f"say so with {', '.join(options)}"
+
+
+def _extents(clip_set: ClipSet) -> str:
+    (x0, y0), (x1, y1) = np.percentile(np.concatenate(places(clip_set.clips)), (0, 100), axis=0)
+    return f"x runs from {x0:.4g} to {x1:.4g} and y from {y0:.4g} to {y1:.4g}"
+
+
+def _size(table: Table) -> str:
+    return f"of {table.length:g} x {table.width:g} m"
+
+
+def _has_commands(clip_set: ClipSet) -> bool:
+    return any(clip.cue is not None for clip in clip_set.clips)
+
+
+def _struck(clip: Clip) -> str:
+    """The ball that moves first."""
+
+    def began(name: str) -> float:
+        seen, first = clip.balls[name], first_moving(clip.balls[name])
+        return float(seen.time[first]) if first < len(seen.time) else np.inf
+
+    return min(clip.balls, key=began)
+
+
+def _about(clip_set: ClipSet, before: Sequence[Clip], raw: Sequence[RawClip]) -> list[str]:
+    """What was struck, left out and not used."""
+    struck = Counter(clip.struck for clip in clip_set.clips)
+    says = ["struck: " + ", ".join(f"{name} in {count}" for name, count in struck.most_common())]
+    late = sum(clip.origin > one.origin for clip, one in zip(clip_set.clips, before, strict=True))
+    says += [f"{late} clips began before the strike: that is left out"] if late else []
+    unused = list(dict.fromkeys(name for one in raw for name in one.left_out))
+    says += [f"columns not used: {', '.join(unused)}"] if unused else []
+    commanded = sum(clip.cue is not None for clip in clip_set.clips)
+    return says + ([f"commands of the cue: in {commanded} clips"] if commanded else [])

@@ -1,0 +1,7 @@
+"""Damaged inputs of every verb, and whether it refuses them as it should: `python -m tests.fuzz`.
+
+seeds       small inputs that are sound
+verbs       command lines that read them
+damage      what slips, accidents and hostile hands do to files and options
+trial       one damaged command in a process of its own, and what is wrong with how it ended
+"""

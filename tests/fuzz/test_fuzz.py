@@ -1,0 +1,118 @@
+"""Damaged inputs for some seconds, on every run of the tests; and inputs that once did harm."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.fuzz.__main__ import main
+from tests.fuzz.damage import Damaged
+from tests.fuzz.trial import Ended, prepare, tried
+from tests.fuzz.verbs import SEEDS, VERBS, Verb
+
+SHORT_COUNT = 25
+CHECK, COMPARE, ADD = "sysid check clips", "sysid compare clips", "sysid add squirt --model model.toml --out out.toml"
+NEW_EFFECT = "sysid new-effect mine --from result.json --dir out"
+SIZES = "--length 1.881 --width 0.943 --diameter 0.0615"
+FILES = {"model": "model.toml", "result": "result.json", "picture": "pictures/0000.png"}
+CLIP = "clips/clips/0001.csv"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def ready() -> None:
+    prepare()
+
+
+def test_damaged_inputs_are_refused_in_a_line(tmp_path: Path) -> None:
+    assert main(["--count", str(SHORT_COUNT), "--out", str(tmp_path / "fuzz")]) == 0
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=[verb.line[:40] for verb in VERBS])
+def test_seeds_are_sound(verb: Verb, tmp_path: Path) -> None:
+    ended = tried(Damaged(verb, tuple(verb.words), {}), tmp_path / "trial")
+    assert ended.defect == ""
+    # Nothing is on these pictures, and no launcher is at the port.
+    wanted = {"planner scene pictures": 2, "sysid calibrate": 2, "sysid track": 1, "robot status": 2}
+    assert ended.status == next((s for head, s in wanted.items() if verb.line.startswith(head)), 0), ended.err
+
+
+def ended(line: str, tmp_path: Path, **files: bytes) -> Ended:
+    """How a command ends with other files: `clip`, `model`, ..."""
+    changed = {FILES.get(key, CLIP): text for key, text in files.items()}
+    return tried(Damaged(Verb(line, ()), tuple(line.split(" ")), changed), tmp_path / "trial")
+
+
+def changed_rows(change: Callable[[int, list[str]], None]) -> bytes:
+    """The first clip with its rows' cells changed."""
+    head, *rows = (SEEDS / CLIP).read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    for k, row in enumerate(cells):
+        change(k, row)
+    return "\n".join([head, *map(",".join, cells), ""]).encode()
+
+
+def at_denormal_times(k: int, row: list[str]) -> None:
+    row[0] = f"{k}e-300"
+
+
+def turned_without_end(k: int, row: list[str]) -> None:
+    row[4] = "1e308"
+
+
+def blank_picture(width: int, height: int) -> bytes:
+    """A PNG of so many black pixels, small as a file."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    packer = zlib.compressobj(9)
+    rows = b"".join(packer.compress(b"\0" * (1 + width)) for _ in range(height)) + packer.flush()
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+MODEL = (SEEDS / "model.toml").read_bytes()
+CASES: dict[str, tuple[str, dict[str, bytes], str]] = {
+    "fit of a model": (ADD, {"model": b"fit = 3\n" + MODEL}, "model.toml"),
+    "long integer": (ADD, {"model": MODEL.replace(b"3.569", b"9" * 400)}, "length"),
+    "digits": (ADD, {"model": MODEL.replace(b"3.569", b"1" * 5000)}, "TOML"),
+    "brackets": (NEW_EFFECT, {"result": b"[" * 3000}, "JSON"),
+    "stamps": (CHECK, {"clip": changed_rows(at_denormal_times)}, "keep one row"),
+    "stamps compared": (COMPARE, {"clip": changed_rows(at_denormal_times)}, "keep one row"),
+    "angles": (COMPARE, {"clip": changed_rows(turned_without_end)}, "no angle of a ball"),
+    "columns": (CHECK, {"clip": b"t,ball,x,y,theta" + b",a" * 1_000_000 + b"\n"}, "1000005 columns"),
+    "rows": (CHECK, {"clip": b"t,ball,x,y,theta\n" + b"0,cue,0,0,\n" * 1_100_000}, "more than 1000000 rows"),
+    "pixels": (f"sysid calibrate pictures/0000.png {SIZES} --out out.toml", {"picture": blank_picture(25_000, 25_000)},
+               "is not a picture that can be read"),
+    "line break": ("sysid effects sq\nuirt", {}, "unknown effect 'sq\\nuirt'"),
+    "long word": (f"planner plan {'x' * 5000} --out out.json", {}, "cannot be read"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
+def test_what_once_did_harm_is_refused_in_a_line(case: tuple[str, dict[str, bytes], str], tmp_path: Path) -> None:
+    line, files, told = case
+    found = ended(line, tmp_path, **files)
+    assert found.defect == "" and found.status == 2
+    assert told in found.err + found.out
+
+
+@pytest.mark.parametrize("line", [
+    "sysid compare clips --model {}", "sysid effects --effects {}", "sysid check {}", "planner plan {} --out out.json",
+    "sysid track {} --camera camera.toml --out out", "robot map {} --out out.toml", "robot campaign {}",
+    "sysid new-effect mine --from {}", "robot play {}", f"sysid calibrate {{}} {SIZES} --out out.toml",
+])  # fmt: skip
+def test_nobody_waits_for_a_pipe(line: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    found = ended(line.format(tmp_path / "pipe"), tmp_path)
+    assert found.defect == "" and found.status == 2
+
+
+def test_an_unpaired_surrogate_in_a_result_is_text(tmp_path: Path) -> None:
+    text = (SEEDS / "result.json").read_bytes().replace(b'"drag"', b'"\\ud800"', 1)
+    assert ended(NEW_EFFECT, tmp_path, result=text).defect == ""

@@ -1,0 +1,205 @@
+"""Files of other trackers become the clips that they were made from; what cannot be told is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sysid.cli import main
+from sysid.clips import ClipSet, read_clip_set
+from sysid.clips.readings import Reading
+from sysid.foreign.columns import read_clip
+from sysid.foreign.records import read_columns
+from sysid.vision.camera.projection import write_camera
+from tests.support.foreign_files import (
+    LENGTH,
+    WIDTH,
+    Row,
+    arrays_json,
+    long_mm,
+    nested_json,
+    rows_of,
+    wide_inches,
+    write_foreign,
+)
+from tests.sysid.vision.test_calibrate import over_table
+from tests.truth.__main__ import main as generate
+
+TABLE = ("--table", "3.569x1.778", "--ball-diameter", "0.0525")
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Shots with rebounds and impacts of two balls."""
+    folder = tmp_path_factory.mktemp("foreign") / "set"
+    assert generate([str(folder), "--seed", "5", "--clips", "8", "--kind", "cushion,cut", "--missing", "0"]) == 0
+    return folder
+
+
+def imported(files: Sequence[Path], out: Path, *words: str) -> ClipSet:
+    """What `sysid import` makes of files."""
+    assert main(["import", *map(str, files), *TABLE, *words, "--out", str(out)]) == 0
+    assert out.with_name(out.name + ".png").stat().st_size > 10_000
+    return read_clip_set(out)
+
+
+def furthest(found: ClipSet, meant: ClipSet) -> float:
+    """The largest distance of a place from where it was, in the same frame [m]."""
+    far = 0.0
+    for one, other in zip(found.clips, meant.clips, strict=True):
+        for name, seen in one.balls.items():
+            whole = other.balls[name]
+            lag = one.origin - other.origin
+            there = np.column_stack([np.interp(seen.time + lag, whole.time, whole.xy[:, k]) for k in (0, 1)])
+            far = max(far, float(np.hypot(*(seen.xy - there).T).max()))
+    return far
+
+
+FORMS: dict[str, tuple[str, Callable[[Sequence[Row]], str], tuple[str, ...]]] = {
+    "wide inches": (".csv", wide_inches, ()),
+    "nested": (".json", nested_json, ()),
+    "arrays": (".json", arrays_json, ()),
+    "long mm": (".csv", long_mm, ("--fps", "120", "--y", "down")),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_forms_of_other_trackers_are_understood(
+    tmp_path: Path, source: Path, form: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    suffix, text, words = FORMS[form]
+    found = imported(write_foreign(source, tmp_path / "in", suffix, text), tmp_path / "out", *words)
+    meant = read_clip_set(source)
+    assert [clip.file for clip in found.clips] == [f"clips/shot_{k:04d}.csv" for k in range(1, 9)]
+    assert {clip.struck for clip in found.clips} == {"cue"} and found.fps == pytest.approx(120.0)
+    if form != "long mm":
+        assert furthest(found, meant) < 2e-3
+    else:
+        assert all(abs(clip.origin - 0.5) < 0.02 for clip in found.clips)
+        ways = [
+            clip.balls["cue"].xy[-1] - other.balls["cue"].xy[-1]
+            for clip, other in zip(found.clips, meant.clips, strict=True)
+        ]
+        assert np.abs(ways).max() < 1e-4
+    assert ("assumed: y is taken to point up" in capsys.readouterr().out) == ("--y" not in words)
+
+
+def test_parquet(tmp_path: Path, source: Path) -> None:
+    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    files = []
+    for file in sorted((source / "clips").glob("*.csv")):
+        columns = dict(zip(("time", "ball", "x", "y"), map(list, zip(*rows_of(file), strict=True)), strict=True))
+        files.append(tmp_path / f"{file.stem}.parquet")
+        parquet.write_table(arrow.table(columns), files[-1])
+    assert furthest(imported(files, tmp_path / "out"), read_clip_set(source)) < 1e-5
+
+
+def test_pixels_are_placed_by_the_camera_s_file(tmp_path: Path) -> None:
+    camera = over_table()
+    size = ["--length", "2.0", "--width", "1.0", "--diameter", str(camera.diameter)]
+    assert generate([str(tmp_path / "set"), "--seed", "2", "--clips", "4", "--kind", "cushion,roll", *size]) == 0
+    write_camera(tmp_path / "cam.toml", camera)
+    meant, files = read_clip_set(tmp_path / "set"), []
+    for clip in meant.clips:
+        files.append(tmp_path / Path(clip.file).name)
+        lines = ["frame;name;u;v"]
+        for name, seen in clip.balls.items():
+            frames = np.rint(seen.time * meant.fps).astype(int).tolist()
+            pixels = zip(frames, camera.outline(seen.xy).tolist(), strict=True)
+            lines += [f"{k};{name};{u:.3f};{v:.3f}" for k, (u, v) in pixels]
+        files[-1].write_text("\n".join(lines) + "\n")
+    words = ["--camera", str(tmp_path / "cam.toml"), "--fps", "120", "--out", str(tmp_path / "out")]
+    assert main(["import", *map(str, files), *words]) == 0
+    found = read_clip_set(tmp_path / "out")
+    assert found.table == camera.table and furthest(found, meant) < 1e-3
+
+
+def test_a_clip_set_with_wrong_entries_is_put_right_by_the_command_that_check_names(
+    tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = tmp_path / "wrong"
+    (wrong / "clips").mkdir(parents=True)
+    (wrong / "clips.toml").write_text((source / "clips.toml").read_text())
+    for file in (source / "clips").glob("*.csv"):
+        rows = [f"{t},{ball},{1e3 * (x + LENGTH / 2)},{1e3 * (WIDTH / 2 - y)}," for t, ball, x, y in rows_of(file)]
+        (wrong / "clips" / file.name).write_text("\n".join(["t,ball,x,y,theta", *rows]) + "\n")
+    assert main(["check", str(wrong)]) == 2
+    line = capsys.readouterr().out.splitlines()[0]
+    words = line[line.index("sysid import") : line.index(" FIXED") + 6].split()
+    assert words[2:-2] == [str(wrong), "--unit", "mm", "--origin", "corner", "--y", "down"]
+    assert main([*words[1:-1], str(tmp_path / "fixed")]) == 0
+    found, meant = read_clip_set(tmp_path / "fixed"), read_clip_set(source)
+    assert furthest(found, meant) < 1e-5
+    assert [clip.cue for clip in found.clips] == [clip.cue for clip in meant.clips]
+
+
+def lone(xs: Sequence[float], ys: Sequence[float], head: str = "t,ball,x,y") -> str:
+    return "\n".join([head, *(f"{k / 100},cue,{x},{y}" for k, (x, y) in enumerate(zip(xs, ys, strict=True)))]) + "\n"
+
+
+STRAIGHT = np.linspace(0.1, 0.7, 60)
+BAD: dict[str, tuple[str, tuple[str, ...], str]] = {
+    "ambiguous origin": (lone(STRAIGHT, STRAIGHT), (), "say so with"),
+    "no unit": (lone(1e5 * STRAIGHT, STRAIGHT), (), "pixels need --camera"),
+    "pixels": (lone(1e3 * STRAIGHT, STRAIGHT, "t,ball,x_px,y_px"), (), "give the camera's file with --camera"),
+    "frames": ("frame,x,y\n0,1,2\n1,1,2\n2,1,2\n", (), "--fps"),
+    "text": ("t,ball,x,y\n0,cue,1,2\n0.1,cue,far,2\n", (), "row 3: 'far' is not a number"),
+    "twice": ("t,ball,x,y\n0,cue,1,2\n0,cue,1,2\n", (), "is there twice"),
+    "ragged": ("t,ball,x,y\n0,cue,1\n", (), "row 2: 3 cells where 4"),
+    "nothing": ("t,ball,x,y\n", (), "holds no rows"),
+    "no times": ("a,b,x,y\n1,2,3,4\n", (), "--columns"),
+    "another column": ("a,ball,x,y\n1,2,3,4\n", ("--columns", "t=A1"), "no column 'A1'"),
+    "columns": ("a,ball,x,y\n1,2,3,4\n", ("--columns", "t"), "write pairs"),
+    "struck": ("t,ball,x,y\n0,cue,0,0\n0.1,cue,0.1,0\n", ("--struck", "red"), "has no ball 'red'"),
+    "json": ("{]", (), "is not JSON"),
+    "list": ("[1, 2]", (), "holds no rows"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_refusals_are_one_line_and_leave_nothing(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    text, words, told = BAD[name]
+    (tmp_path / "a.csv").write_text(text)
+    assert main(["import", str(tmp_path / "a.csv"), *TABLE, *words, "--out", str(tmp_path / "out")]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert told in line
+    assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
+
+
+def test_what_the_tracks_contradict_is_drawn_and_not_written(
+    tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = write_foreign(source, tmp_path / "in", ".csv", long_mm)
+    words = [*map(str, files), "--table", "3.569x1.778", "--ball-diameter", "0.0615", "--fps", "120", "--unit", "mm"]
+    assert main(["import", *words, "--origin", "corner", "--x-along", "length", "--out", str(tmp_path / "out")]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert "diameter = 0.0615" in line and "nothing was written" in line
+    assert (tmp_path / "out.png").is_file() and not (tmp_path / "out").exists()
+
+
+def test_readings_are_undone_by_what_they_say() -> None:
+    from models.shot import Table
+
+    table, xy = Table(LENGTH, WIDTH), np.array([[0.3, -0.2], [1.2, 0.7]])
+    for exchanged in (False, True):
+        for y_down in (False, True):
+            reading = Reading("mm", True, exchanged, y_down, False)
+            across = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+            moved = [reading.metres(1e3 * (xy + step), table) - reading.metres(1e3 * xy, table) for step in across]
+            hand = np.cross(np.append(moved[0][0], 0), np.append(moved[1][0], 0))[2]
+            assert hand == pytest.approx(-1.0 if y_down else 1.0)
+
+
+def test_columns_are_known_by_many_names(tmp_path: Path) -> None:
+    heads = ("time,object_id,pos_x,pos_y", "Timestamp [ms],Label,X (mm),Y (mm)", "t;ball;x;y", "frame_id\tid\tcx\tcy")
+    for k, head in enumerate(heads):
+        mark = next(one for one in ";\t," if one in head)
+        file = tmp_path / f"{k}.csv"
+        file.write_text("\n".join([head, *(mark.join((str(t), "1", "2.5", "3")) for t in range(3))]))
+        clip = read_clip(read_columns(file), {})
+        assert list(clip.balls) == ["ball 1"] and clip.balls["ball 1"].xy.tolist() == [[2.5, 3.0]] * 3
+        assert clip.time_unit == (None, "milliseconds", None, "frames")[k]
+        assert clip.length_unit == (None, "mm", None, None)[k]
