@@ -8,7 +8,7 @@ FUZZ_ARGS ?= --seconds 600
 TESTS = $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow fuzz bench mutation study lint clean
+.PHONY: help demo test test-slow fuzz bench mutation study lint docs clean
 
 help:
 	@echo "make demo    the shipped example with a hidden effect, start to end, into out/demo"
@@ -19,6 +19,7 @@ help:
 	@echo "make mutation    formulas broken one at a time: which of it the tests notice (an hour; resumable)"
 	@echo "make study   how reliably hidden effects are found, into tests/study/REPORT.md (hours; resumable)"
 	@echo "make lint    ruff and mypy"
+	@echo "make docs    the manual as a site, into out/docs"
 	@echo "make clean   remove .venv, caches and out/demo"
 	@echo
 	@echo "PYTHON=/path/to/python chooses the Python (3.11, 3.12 or 3.13) that .venv is made from."
@@ -48,6 +49,11 @@ lint: $(READY)
 	@$(BIN)/python -m ruff check --quiet .
 	@$(BIN)/python -m ruff format --check --quiet . || { echo "ruff format would change files: $(BIN)/ruff format ."; exit 1; }
 	@$(BIN)/python -m mypy --no-error-summary
+
+docs: $(READY)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict
+	@echo "open out/docs/index.html"
 
 clean:
 	@rm -rf .venv .pytest_cache .ruff_cache .mypy_cache .hypothesis dist out/demo

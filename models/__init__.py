@@ -1,9 +1,11 @@
 """The table as physics: effects, engines that play them, and nothing of measurements.
 
-from models import Ball, Shot, Table, full_model, load_model, save_model, simulate
+A model is read or made, and shots are played in it:
 
-model = load_model("model.toml")                      # or full_model(Table(2.84, 1.42), Ball(0.0615, 0.21))
-track = simulate(model, [Shot(("white",), places, velocity, spin, times)])[0]
+    from models import Ball, Shot, Table, full_model, load_model, save_model, simulate
+
+    model = load_model("model.toml")                      # or full_model(Table(2.84, 1.42), Ball(0.0615, 0.21))
+    track = simulate(model, [Shot(("white",), places, velocity, spin, times)])[0]
 """
 
 from typing import TYPE_CHECKING

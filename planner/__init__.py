@@ -1,8 +1,10 @@
 """Shots planned in a fitted model: scenes, strokes and their errors, the search, plans, reports and studies.
 
-from planner import plan, read_scene
+A scene is read, and the shot in it planned:
 
-made = plan(read_scene("scene.toml"), model)        # billiard-plan/1 as plain values; made["stroke"]
+    from planner import plan, read_scene
+
+    made = plan(read_scene("scene.toml"), model)        # billiard-plan/1 as plain values; made["stroke"]
 """
 
 from typing import TYPE_CHECKING

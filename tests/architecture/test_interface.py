@@ -1,14 +1,12 @@
-"""The Python interface: the README's words work as they stand, names load lazily, results are those of the commands."""
+"""The Python interface: names load lazily, results are those of the commands."""
 
 from __future__ import annotations
 
 import importlib
 import json
-import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -56,16 +54,3 @@ def test_a_fit_from_python_is_that_of_the_command(tmp_path: Path) -> None:
     assert models.load_model(out).parameters() == fitted.model.parameters()
     comparison = sysid.compare(clips, fitted.model)
     assert len(comparison.clips) == len(clips.clips)
-
-
-@pytest.mark.slow
-def test_the_python_of_the_readme_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
-    names: dict[str, Any] = {}
-    for block in re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.DOTALL | re.MULTILINE):
-        exec(block, names)
-    assert names["found"].verdict == ("table_tilt",)
-    assert "table_tilt.slope_x" in names["found"].model.estimates
-    assert names["made"]["stroke"] is not None
-    diagnosis = sysid.diagnose(names["clips"])
-    assert diagnosis.verdict == diagnosis.ranking[0][0] == "table_tilt"

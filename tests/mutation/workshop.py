@@ -18,7 +18,11 @@ from pathlib import Path
 from tests.mutation.mutants import Mutant
 
 ROOT = Path(__file__).resolve().parents[2]
-COPIED = ("models", "sysid", "planner", "robot", "tests", "pyproject.toml", "README.md")
+MANUAL_FILES = (
+    "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "CITATION.cff", "docs", "mkdocs.yml", "Makefile", "constraints.txt",
+    "architecture.svg", ".ci",
+)  # fmt: skip
+COPIED = ("models", "sysid", "planner", "robot", "tests", "pyproject.toml", *MANUAL_FILES)
 PLAIN_TESTS = ("tests/models/analytic", "tests/models/engine/test_impacts.py")
 PLAIN_SOURCES = ("models/analytic/", "models/engine/impacts.py")  # compiled ones that these are about
 LATE_TESTS = ("tests/models/mjcf", "tests/models/recording", "tests/models/report", "tests/models/test_command_line.py")
