@@ -318,7 +318,10 @@ def test_a_campaign_goes_on_where_it_was_broken_off(tmp_path: Path) -> None:
         ("a,b\n1,2\n", "begins with 'a,b'; the first line of a campaign is string"),
         (",".join(CAMPAIGN_COLUMNS) + "\n1,2\n", "row 1: has 2 columns; there are 12"),
         (",".join(CAMPAIGN_COLUMNS) + "\n62,2.0,0,0,x,1,0,0,1,0,0,0\n", "row 1: ball_speed is 'x'; give a number"),
-        (",".join(CAMPAIGN_COLUMNS) + "\n62,2.0,0,0,-2,1,0,0,1,0,0,0\n", "ball_speed is '-2'; give a number from 0.001 to 50"),
+        (
+            ",".join(CAMPAIGN_COLUMNS) + "\n62,2.0,0,0,-2,1,0,0,1,0,0,0\n",
+            "ball_speed is '-2'; give a number from 0.001 to 50",
+        ),
         (",".join(CAMPAIGN_COLUMNS) + "\n62.5,2.0,0,0,2,1,0,0,1,0,0,0\n", "string is '62.5'; give a whole number"),
     ],
 )
