@@ -161,15 +161,9 @@ def calibrate(
     progress("least squares")
     lines, focal_sd = _with_lens(lines, float(reading.camera.matrix[0, 0]), unknown)
     found = bool(np.isfinite(focal_sd))
-    left_out = next((rail for rail in set(first.rails.tolist()) if rail not in lines.rails), None)
-    notes = (
-        () if left_out is None else (f"no edge at {RAIL_NAMES[left_out]} goes with the others: that side is left out",)
-    )
+    notes, of_sides = _side_left_out(lines, first, by_hand)
     warnings = [*warnings, *doubts(lines, found, edge == ONLY_EDGE), *evidence_doubts(lines.camera, seen, reading)]
-    if left_out is not None and by_hand:
-        warnings.append(f"no edge near the corners given is a nose at {RAIL_NAMES[left_out]}: give them anew")
-    elif left_out is not None:
-        warnings += outline_doubts(lines, first, left_out)
+    warnings += of_sides
     shifts = parallax(lines)
     if not found and hints.focal_from == "assumed" and not len(seen.diamonds.pixels):
         warnings += assumed_focal_doubts(shifts[0])
@@ -181,6 +175,17 @@ def calibrate(
         uncertainty(lines), shifts, (*notes, *evidence(lines.camera, seen, reading)), tuple(warnings),
         seen.diamonds, seen.balls, reading.diamond_margin,
     )  # fmt: skip
+
+
+def _side_left_out(lines: CameraFit, first: CameraFit, by_hand: bool) -> tuple[list[str], list[str]]:
+    """What is to be said of a side at which no nose was found, and what it makes doubtful."""
+    left_out = next((rail for rail in set(first.rails.tolist()) if rail not in lines.rails), None)
+    if left_out is None:
+        return [], []
+    notes = [f"no edge at {RAIL_NAMES[left_out]} goes with the others: that side is left out"]
+    if by_hand:
+        return notes, [f"no edge near the corners given is a nose at {RAIL_NAMES[left_out]}: give them anew"]
+    return notes, outline_doubts(lines, first, left_out)
 
 
 def _unaided(
