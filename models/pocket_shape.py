@@ -32,6 +32,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from models.errors import BadInput
+from models.files.faults import shown
 
 INCH_M = 0.0254
 CORNER_PARALLEL_RAD, MIDDLE_PARALLEL_RAD = math.radians(135.0), math.radians(90.0)  # cuts along the axis
@@ -126,7 +127,7 @@ def read_pockets(value: Any) -> bool | PocketShapes:
             + (f'did you mean "{near[0]}"?' if near else f"write true or false, or one of {names}")
         )
     if not isinstance(value, Mapping):
-        raise BadInput(f"pockets = {value!r} is not true or false: write one of them, {names} or [table.pockets]")
+        raise BadInput(f"pockets = {shown(value)} is not true or false: write one of them, {names} or [table.pockets]")
     for key in value:
         if key not in ("corner", "middle"):
             raise BadInput(f"pockets has an unknown key {key!r}: write corner and middle")

@@ -138,6 +138,8 @@ def write_whole(path: Path | str, content: bytes, *, parents: bool = False) -> N
     try:
         if path.is_dir():
             raise BadInput(" ".join(f"{path}: is a folder; name a file".split()))
+        if path.exists() and not path.is_file():  # a device would be replaced by a file
+            raise BadInput(" ".join(f"{path}: is no regular file; name another".split()))
         if parents:
             path.parent.mkdir(parents=True, exist_ok=True)
         scratch.write_bytes(content)

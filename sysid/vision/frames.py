@@ -314,9 +314,13 @@ def read_picture(path: Path) -> Picture | None:
         return None
     with quiet():
         try:
-            return _as_colour(cv2.imread(str(path), cv2.IMREAD_COLOR))
+            picture = _as_colour(cv2.imread(str(path), cv2.IMREAD_COLOR))
         except cv2.error:
             return None
+    # OpenCV refuses them undecoded, unless it was imported before a command told it to.
+    if picture is not None and picture.shape[0] * picture.shape[1] > MAX_PICTURE_PIXELS:
+        return None
+    return picture
 
 
 def _as_colour(picture: NDArray[np.uint8] | None) -> Picture | None:

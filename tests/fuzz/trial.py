@@ -95,6 +95,7 @@ def tried(command: Damaged, folder: Path) -> Ended:
     for name, content in command.files.items():
         (folder / "in" / name).write_bytes(content)
     before = _contents(folder / "in")
+    own = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() // 1024  # a fork begins with it
     child = os.fork()
     if child == 0:
         _run(command, folder)
@@ -107,7 +108,7 @@ def tried(command: Damaged, folder: Path) -> Ended:
     if command.words != tuple(command.verb.words):  # options were changed as well: any of them may name a file
         allowed = (*allowed, "")
     strays = tuple(sorted(name for name in changed if status == 2 or not name.startswith(allowed)))
-    return Ended(status, out, err, used.ru_maxrss, strays)
+    return Ended(status, out, err, max(used.ru_maxrss - own, 0), strays)
 
 
 def _contents(folder: Path) -> dict[str, bytes]:

@@ -81,6 +81,8 @@ def test_faults_are_one_line(words: list[str], status: int, line: str, capsys: p
 def test_a_signal_ends_a_verb_in_a_line(number: int, status: int, capsys: pytest.CaptureFixture[str]) -> None:
     """Also where a compiled module that was being imported has made another exception of it."""
 
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
+
     @lone_command("wait")
     def wait() -> None:
         try:
@@ -90,7 +92,10 @@ def test_a_signal_ends_a_verb_in_a_line(number: int, status: int, capsys: pytest
             end.add_note("3 are kept")
             raise ImportError("initialization failed") from end
 
-    assert run(wait, []) == status
+    try:
+        assert run(wait, []) == status
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert capsys.readouterr().err == "wait: interrupted; 3 are kept\n"
 
 

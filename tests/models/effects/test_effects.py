@@ -29,7 +29,7 @@ FAULTS = [  # text to replace in a good file, its replacement, what the message 
     ("mass = 0.21", "", ["mass is missing", "kg"]),
     ("pockets = false", 'pockets = "no"', ["pockets", "'no'", "true or false"]),
     ('name = "decoupled_cloth"', 'name = "decoupled_cloht"', ["decoupled_cloht", "did you mean decoupled_cloth"]),
-    ('name = "decoupled_cloth"', "", ["unknown effect", "choose from"]),
+    ('name = "decoupled_cloth"', "", ["unknown effect", "see sysid effects"]),
     ("[effect.slide]", "[effect.slid]", ["decoupled_cloth", "slid", "did you mean 'slide'"]),
     ("value = 0.0127", 'value = "slow"', ["roll", "'slow'", "write a number"]),
     ("value = 0.0127", "value = nan", ["roll = nan is not finite", "0.001 to 0.05"]),
@@ -85,7 +85,7 @@ def test_model_files_come_back_as_they_were(name: str, tmp_path: Path) -> None:
         full_model(TABLE, BALL).add(kind(**values)),
         native=Native(slide=0.23),
         estimates={f"{name}.{key}": Estimate(0.01 * k + 0.01, "a fit") for k, key in enumerate(values)},
-        fitted={"clips": 12, "command": "sysid fit"},
+        fitted={"clips": ["clips/0001.csv"], "command": "sysid fit"},
     )
     path = tmp_path / "deep" / "model.toml"
     write_model(model, path)

@@ -227,7 +227,7 @@ def test_add_puts_an_effect_on_the_stack(run: Any, model: Path, tmp_path: Path) 
 def test_an_unknown_effect_is_guessed(run: Any, model: Path, tmp_path: Path) -> None:
     line = one_line(run("add", "side_curv", "--model", model, "--out", tmp_path / "m2.toml"))
     assert "did you mean side_curve" in line
-    assert "choose from" in one_line(run("add", "xyz", "--model", model, "--out", tmp_path / "m2.toml"))
+    assert "see sysid effects" in one_line(run("add", "xyz", "--model", model, "--out", tmp_path / "m2.toml"))
     assert not (tmp_path / "m2.toml").exists()
 
 

@@ -29,7 +29,7 @@ def test_a_new_clip_set_is_sound_and_has_the_tables_pockets(
         assert (clip_set.table.length, clip_set.table.width) == pytest.approx((meant.table.length, meant.table.width))
         assert (clip_set.ball.diameter, clip_set.ball.mass) == pytest.approx((meant.ball.diameter, meant.ball.mass))
     text = (folder / "clips.toml").read_text()
-    assert max(map(len, text.splitlines())) <= 120
+    assert max(len(line) for line in text.splitlines() if str(folder) not in line) <= 120
     assert all(f"{key} = " in text for key in ("length", "pockets", "fps", "sigma", "struck", "note", "cue"))
 
 
