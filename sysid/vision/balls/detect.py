@@ -123,9 +123,9 @@ class Detector:
         named = [(name, colour) for name, colour in zip(naming.names, colours, strict=True) if name is not None]
         counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
         detector = Detector(background, optics, tuple(named), ())
-        # How many outlines are seen again once the noise of edges is known.
-        held = sum(len(detector.find(picture)) for picture in pictures)
         rough = len(found) >= OPTICS_OUTLINES and _rough(optics, background.noise)
+        # How many outlines are seen again once the noise of edges is known.
+        held = 0 if rough else sum(len(detector._outlines(view)) for view in views)
         if rough or held < max(MIN_HELD_FRACTION * sum(n for _, n in counts), OPTICS_OUTLINES):
             by_discs, disc_counts = _rough_detector(detector, pictures, counts)
             more = MIN_HELD_FRACTION * sum(n for _, n in disc_counts) > held
@@ -149,8 +149,7 @@ class Detector:
         if self.rough:
             return self._discs(view, expected, steps, shutter or Shutter())
         if not expected:
-            seen = [self._identified(view, fit) for fit in balls(view, self.optics)]
-            return sorted((s for s in seen if s is not None), key=lambda s: -s.score)
+            return self._outlines(view)
         found: list[Detection] = []
         wanted = [(name, np.asarray(pixel, float)) for name, pixel in expected if np.isfinite(pixel).all()]
         fits = fit_near(view, self.optics, [pixel for _, pixel in wanted])
@@ -161,6 +160,11 @@ class Detector:
             if ball is not None:
                 found.append(ball)
         return found
+
+    def _outlines(self, view: View) -> list[Detection]:
+        """All balls that are seen as outlines, the best first."""
+        seen = [self._identified(view, fit) for fit in balls(view, self.optics)]
+        return sorted((s for s in seen if s is not None), key=lambda s: -s.score)
 
     def _discs(
         self, view: View, expected: Sequence[tuple[str, Array]], steps: Sequence[Array], shutter: Shutter
