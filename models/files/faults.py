@@ -12,7 +12,7 @@ from typing import TypeVar
 from models.errors import BadInput
 
 Kind = TypeVar("Kind")
-MAX_LINE_CHARS = 600  # of a message: a damaged file must not flood the screen
+MAX_LINE_CHARS = 400  # of a message: a damaged file must not flood the screen
 MAX_VALUE_CHARS = 60  # of a value in a message
 MAX_FAULT_LINES = 20  # that a refusal lists
 
