@@ -45,6 +45,12 @@ class SegmentProblem:
             prior=self.prior.only(rows), data=self.data.only(rows),
         )  # fmt: skip
 
+    def spinning(self, roll: float) -> Array:
+        """Where fits begin, with balls that spin at `roll` of natural roll: (n, 7)."""
+        start = self.start.copy()
+        start[:, 5] *= roll
+        return start
+
     def objective(self, cauchy_sd: float) -> Objective:
         """For a fit of the initial states, with Cauchy's constant in standard deviations."""
         high = state_bounds(self.model.table, self.model.ball)

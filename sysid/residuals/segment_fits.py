@@ -22,6 +22,7 @@ from sysid.estimation.segment_problem import SegmentProblem, segment_problem
 from sysid.estimation.solver.least_squares import fit_each
 
 MAX_FIT_STEPS = 10
+START_ROLLS = (1.0, 0.0)  # spin with which fits of a segment begin, of natural roll
 
 
 @dataclass(frozen=True)
@@ -52,5 +53,10 @@ def fit_segments(clip_set: ClipSet, model: Model, sigma: float) -> SegmentFits |
     names = cloth_constants(model)
     problem = segment_problem(model, names, segments, sigma)
     c = values_of(model, names)
-    x, _ = fit_each(problem.objective(START_CAUCHY_SD), problem.start, c, MAX_FIT_STEPS)
+    # A ball that slides is not found from one that rolls: its first samples would count as outliers.
+    fits = [
+        fit_each(problem.objective(START_CAUCHY_SD), problem.spinning(roll), c, MAX_FIT_STEPS) for roll in START_ROLLS
+    ]
+    best = np.argmin([cost for _, cost in fits], axis=0)
+    x = np.array([fits[k][0][row] for row, k in enumerate(best)])
     return SegmentFits(problem, x, ratios(problem, x, c))

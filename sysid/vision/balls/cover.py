@@ -5,7 +5,8 @@ p T + a B, where T is the table there, B the colour of the ball, a the cover and
 and less in shadows, which darken the table without covering it. Both follow by least squares over the three colours,
 with p + a = 1 as a prior. A ball that moves by m during the exposure covers
 (1 / |m|) integral of D(x - c - s m) ds over s in [-1/2, 1/2], D the disc with a blurred rim, so that cover stays
-linear in time where brightness is.
+linear in time where brightness is. A ball brighter by a gain g than the picture can show covers g times as much, at
+most all: its sweep is as clear as a ball at rest.
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ class DiscFit:
     height: float  # cover in the disc, 1 for a ball that is wholly seen
     sd: float  # of the centre per axis [pixels]
     residual: float  # of cover, root of the mean square within the disc and at its rim
+    misfit: float  # the same with the surroundings, of each pixel at most `RESIDUAL_LIMIT`, to compare fits
+    gain: float  # by which the ball is overexposed
     rim: float  # fraction of the rim's sectors with contrast
 
 
@@ -90,14 +93,15 @@ def _swept(u: float, v: float, radius: float, du: float, dv: float, count: int) 
 
 @compiled
 def _normal_equations(
-    seen: Image, x0: float, y0: float, radius: float, motion: Array, reach: float, count: int, limit: float
+    seen: Image, x0: float, y0: float, radius: float, motion: Array, gain: float, reach: float, count: int, limit: float
 ) -> tuple[Array, Array, Array]:
     """Least squares of a swept disc against cover (rows, columns), whose first pixel lies at (x0, y0) from its middle.
 
     Returns the matrix (4, 4) and right side (4,) for steps of centre, radius and height, with Tukey's biweight, and the
-    weighted squares and weights of all residuals, the squares and number of those that the disc covers (4,).
+    weighted squares and weights of all residuals, the squares and number of those that the disc covers, and the squares
+    and number of all, each at most at the limit (6,).
     """
-    matrix, right, sums, row = np.zeros((4, 4)), np.zeros(4), np.zeros(4), np.zeros(4)
+    matrix, right, sums, row = np.zeros((4, 4)), np.zeros(4), np.zeros(6), np.zeros(4)
     du, dv = motion[0], motion[1]
     length = math.sqrt(du * du + dv * dv)
     for j in range(seen.shape[0]):
@@ -108,8 +112,16 @@ def _normal_equations(
             if a * a + b * b >= reach * reach:
                 continue
             model, row[0], row[1], row[2] = _swept(u, v, radius, du, dv, count)
+            if gain * model > 1.0:
+                model, row[0], row[1], row[2] = 1.0, 0.0, 0.0, 0.0
+            elif gain != 1.0:
+                model *= gain
+                for m in range(3):
+                    row[m] *= gain
             row[3] = model
             residual = seen[j, i] - model
+            sums[4] += min(residual * residual, limit * limit)
+            sums[5] += 1.0
             if model > 0.05:
                 sums[2] += residual * residual
                 sums[3] += 1.0
@@ -144,7 +156,9 @@ def _places(motion: Array) -> int:
     return 1 + 2 * math.ceil(math.hypot(*motion) / (2 * MAX_SWEEP_PX))
 
 
-def fit_disc(view: View, colour: Array, start: Array, radius: float, motion: Array) -> DiscFit | None:
+def fit_disc(
+    view: View, colour: Array, start: Array, radius: float, motion: Array, gain: float = 1.0
+) -> DiscFit | None:
     """The disc of a ball near a pixel (2,) that moves by `motion` (2,) [pixels]; None where there is none."""
     motion = np.asarray(motion, float)
     reach, half = radius + SURROUND_PX, np.abs(motion) / 2 + radius + SURROUND_PX + 2
@@ -159,7 +173,7 @@ def fit_disc(view: View, colour: Array, start: Array, radius: float, motion: Arr
     prior = CORRELATED_PX * MIN_RESIDUAL**2 * np.array([0, 0, 1 / (SIZE_SD_FRACTION * radius) ** 2, 1 / HEIGHT_SD**2])
     for _ in range(STEPS):
         matrix, right, sums = _normal_equations(
-            seen, x0 - centre[0], y0 - centre[1], radius + grown, motion, reach, count, RESIDUAL_LIMIT
+            seen, x0 - centre[0], y0 - centre[1], radius + grown, motion, gain, reach, count, RESIDUAL_LIMIT
         )
         matrix += np.diag(prior + RIDGE)
         step = np.linalg.solve(matrix, right - prior * np.array([0, 0, grown, 0]))
@@ -172,8 +186,8 @@ def fit_disc(view: View, colour: Array, start: Array, radius: float, motion: Arr
     noise = max(math.sqrt(sums[0] / max(sums[1], 1e-9)), MIN_RESIDUAL)
     covariance = np.linalg.inv(matrix) * CORRELATED_PX * noise**2
     sd = math.sqrt((covariance[0, 0] + covariance[1, 1]) / 2)
-    misfit = math.sqrt(sums[2] / sums[3]) if sums[3] else math.inf
-    fit = DiscFit(centre, radius + grown, motion, 1.0 + float(step[3]), sd, misfit, 0.0)
+    residual, misfit = (math.sqrt(sums[k] / sums[k + 1]) if sums[k + 1] else math.inf for k in (2, 4))
+    fit = DiscFit(centre, radius + grown, motion, 1.0 + float(step[3]), sd, residual, misfit, gain, 0.0)
     return replace(fit, rim=_rim(view, colour, fit))
 
 

@@ -271,7 +271,9 @@ def _rough_detector(
         view = detector.background.view(picture)
         best = {one.name: one for one in detector.find(picture)[::-1]}
         for name, one in best.items():
-            seen[name].append(core_colour(view, DiscFit(one.xy, one.radius, np.zeros(2), 1.0, one.sd, 0.0, 1.0))[::-1])
+            seen[name].append(
+                core_colour(view, DiscFit(one.xy, one.radius, np.zeros(2), 1.0, one.sd, 0.0, 0.0, 1.0, 1.0))[::-1]
+            )
     outlines = dict(counts)
     kept, found = [], []
     for name, colour in named:

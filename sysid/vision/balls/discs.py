@@ -27,10 +27,16 @@ MIN_RIM = {"new": 0.75, "known": 0.5}  # of a ball that is found, and of one tha
 MIN_HEIGHT = 0.6
 MAX_RESIDUAL = {"new": 0.3, "known": 0.4}  # of cover
 CLEAR_RESIDUAL = 0.2  # of a motion that needs no other to be tried
+SWEEP_RATIO = 1.15  # of misfits, by which a ball that stands still must explain a picture better than a moving one
+MAX_MOTION_ERROR_PX = 1.0  # of a sweep, beyond which a disc is fitted anew with the one that its first fit tells
+MAX_REFITS = 3
+WHITE_GREY = 250.0  # of all channels of a ball that may be overexposed
+GAINS = (1.0, 1.5, 2.5, 4.0)  # by which it is, tried until they are known
 EXPOSURES = (0.25, 0.5, 0.75, 1.0)  # of the time between two frames, tried until it is known
 MIN_SWEEP_RADII = 0.4  # of a motion from which the exposure can be told
+MAX_UNEVENNESS = 0.25  # of such a step, relative to the one before
 MIN_SHUTTER_FITS = 4  # from which it is known
-SWEEP_RATIO = 1.15  # of residuals, by which one motion explains a picture better than another
+MISFIT_MARGIN = 0.04  # beyond that of the best fit, from which on another is no rival
 NEAR_RADII = 0.6  # to the expected place, within which a ball is taken at once
 CORE_RADII = 0.55  # of a disc that shows the colour of the ball
 MIN_BED_CONTRAST = 0.12  # of colours, between a ball and the bed
@@ -38,21 +44,27 @@ MIN_BED_CONTRAST = 0.12  # of colours, between a ball and the bed
 
 @dataclass
 class Shutter:
-    """How long the shutter is open, as a fraction of the time between frames, told from the sweep of moving balls."""
+    """How long the shutter is open, and how overexposed white balls are, told from the sweep of moving balls."""
 
-    given: float | None = None
-    told: list[float] = field(default_factory=list)
+    given: float | None = None  # fraction of the time between frames
+    told: list[tuple[float, float]] = field(default_factory=list)  # fraction and gain, by fits
 
     @property
     def fraction(self) -> float | None:
-        """The fraction; None while it is not known."""
-        if self.given is not None:
-            return self.given
-        return float(np.median(self.told)) if len(self.told) >= MIN_SHUTTER_FITS else None
+        """The fraction of the time between frames; None while it is not known."""
+        return self.given if self.given is not None else self._median(0, self.told)
 
-    def tried(self) -> Sequence[float]:
-        """Fractions to try."""
-        return EXPOSURES if self.fraction is None else (self.fraction,)
+    def tried(self, colour: Array) -> Sequence[tuple[float, float]]:
+        """Fractions and gains to try with a ball of a colour (3,) blue, green, red [grey levels]."""
+        white = bool((colour >= WHITE_GREY).all())
+        fraction, gain = self.fraction, self._median(1, [p for p in self.told if p[1] > 1.0]) if white else 1.0
+        fractions = EXPOSURES if fraction is None else (fraction,)
+        gains = GAINS if gain is None else (gain,)
+        return [(part, more) for part in fractions for more in gains]
+
+    @staticmethod
+    def _median(column: int, pairs: Sequence[tuple[float, float]]) -> float | None:
+        return float(np.median([pair[column] for pair in pairs])) if len(pairs) >= MIN_SHUTTER_FITS else None
 
 
 def _kernel(radius: float) -> Image:
@@ -112,16 +124,26 @@ def known_disc(
 ) -> DiscFit | None:
     """A ball of this colour, expected at a pixel (2,) after a `step` (2,) since the last frame [pixels]."""
     radius = view.geometry.radius(expected)
-    quick = _best(view, colour, expected, step, radius, shutter)
-    if quick is not None and acceptable(quick, "known") and np.hypot(*(quick.xy - expected)) < NEAR_RADII * radius:
-        return quick
     last = expected - step
-    found = [quick] if quick is not None and acceptable(quick, "known") else []
-    for at in peaks(view, colour, expected, reach):
-        fit = _best(view, colour, at, at - last, radius, shutter)
-        if fit is not None and acceptable(fit, "known"):
-            found.append(fit)
-    return min(found, key=lambda f: float(np.hypot(*(f.xy - expected))) + radius * f.residual, default=None)
+    quick = _best(view, colour, expected, step, radius, shutter)
+    near = quick is not None and np.hypot(*(quick.xy - expected)) < NEAR_RADII * radius
+    if quick is not None and near and acceptable(quick, "known") and quick.residual < CLEAR_RESIDUAL:
+        chosen = quick
+    else:
+        starts = peaks(view, colour, expected, reach)
+        fits = [quick, *(_best(view, colour, at, at - last, radius, shutter) for at in starts)]
+        found = [fit for fit in fits if fit is not None and acceptable(fit, "known")]
+        if not found:
+            return None
+        least = min(fit.misfit for fit in found)
+        rivals = [fit for fit in found if fit.misfit < least + MISFIT_MARGIN]
+        chosen = min(rivals, key=lambda f: float(np.hypot(*(f.xy - expected))) + radius * f.misfit)
+    # A ball that has just been struck or has struck another did not move evenly: it tells nothing of the exposure.
+    moved = math.hypot(*(chosen.xy - last))
+    even = math.hypot(*(chosen.xy - expected)) < MAX_UNEVENNESS * moved
+    if even and moved > MIN_SWEEP_RADII * radius and len(shutter.tried(colour)) > 1:
+        shutter.told.append((math.hypot(*chosen.motion) / moved, chosen.gain))
+    return chosen
 
 
 def _best(view: View, colour: Array, at: Array, step: Array, radius: float, shutter: Shutter) -> DiscFit | None:
@@ -129,17 +151,30 @@ def _best(view: View, colour: Array, at: Array, step: Array, radius: float, shut
     length = math.hypot(*step)
     if length < 0.1 * radius:
         return fit_disc(view, colour, at, radius, np.zeros(2))
-    known: list[DiscFit] = []
-    for part in (*shutter.tried(), 0.0):
-        fit = fit_disc(view, colour, at, radius, part * step)
-        known += [fit] if fit is not None else []
-        if shutter.fraction is not None and fit is not None and fit.residual < CLEAR_RESIDUAL:
-            break
-    best = min(known, key=lambda f: f.residual, default=None)
-    swept = length > MIN_SWEEP_RADII * radius
-    if best is not None and best.motion.any() and shutter.fraction is None and swept and acceptable(best, "known"):
-        shutter.told.append(math.hypot(*best.motion) / length)
+    tried = shutter.tried(colour)
+    fits = [_swept_disc(view, colour, at, step, radius, part, gain) for part, gain in tried]
+    best = min((fit for fit in fits if fit is not None), key=lambda f: f.misfit, default=None)
+    if best is None or len(tried) > 1 or best.residual > CLEAR_RESIDUAL:
+        still = fit_disc(view, colour, at, radius, np.zeros(2))
+        if still is not None and (best is None or SWEEP_RATIO * still.misfit < best.misfit):
+            return still
     return best
+
+
+def _swept_disc(
+    view: View, colour: Array, at: Array, step: Array, radius: float, part: float, gain: float
+) -> DiscFit | None:
+    """The fit at a pixel (2,) of a ball that moves by a part of its step, which is told better by the fit itself."""
+    fit = fit_disc(view, colour, at, radius, part * step, gain)
+    for _ in range(MAX_REFITS):
+        motion = None if fit is None else part * (fit.xy - (at - step))
+        if fit is None or motion is None or math.hypot(*(motion - fit.motion)) < MAX_MOTION_ERROR_PX:
+            break
+        again = fit_disc(view, colour, fit.xy, radius, motion, gain)
+        if again is None or again.misfit >= fit.misfit:
+            break
+        fit = again
+    return fit
 
 
 def core_colour(view: View, fit: DiscFit) -> Array:
@@ -151,5 +186,5 @@ def core_colour(view: View, fit: DiscFit) -> Array:
     core = x * x + y * y < radius**2
     if not core.any():
         return np.full(3, np.nan)
-    share = np.maximum(swept_share(x[core], y[core], fit.radius, fit.motion), 0.2)[:, None]
+    share = (fit.gain * swept_share(x[core], y[core], fit.radius, fit.motion)).clip(0.2, 1.0)[:, None]
     return np.asarray(np.median((window[core] - (1 - share) * table[core]) / share, axis=0).clip(0, 255))

@@ -1,6 +1,6 @@
 """Frames that stamps do not tell of: the same picture twice, and pictures that were never stored.
 
-In: how much each picture differs from the one before, and the tracks. Out: which frames are doubled, to be left out;
+In: frames, and the tracks. Out: which frames are doubled, to be left out;
 where frames are missing, and how many, to set the later stamps right. A doubled picture differs by far less than its
 neighbours. Where pictures are missing, every ball that rolls freely takes a step that is a multiple of those before and
 after it; no free ball can.
@@ -8,14 +8,15 @@ after it; no free ball can.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array
-from sysid.vision.frames import Picture
+from sysid.vision.frames import Frame, Picture
 from sysid.vision.tracks.follow import BallTrack
 
 PROBE_PX = 4  # every so many pixels are compared
@@ -37,13 +38,24 @@ def change(before: Picture, picture: Picture) -> float:
     return float(np.abs(one - two).mean())
 
 
-def doubled(changes: Array) -> NDArray[np.bool_]:
-    """Which pictures are the one before, stored once more, by their changes (n,); the first has none."""
-    n, found = len(changes), np.zeros(len(changes), bool)
-    for k in range(1, n):
-        around = np.concatenate([changes[max(1, k - NEIGHBOURS) : k], changes[k + 1 : k + 1 + NEIGHBOURS]])
-        found[k] = around.size > 2 and changes[k] < DOUBLED_FRACTION * np.quantile(around, USUAL_QUANTILE)
-    return found
+def is_doubled(changes: Sequence[float], k: int) -> bool:
+    """Whether picture k is the one before, stored once more, by the changes of pictures; the first has none."""
+    around = [*changes[max(1, k - NEIGHBOURS) : k], *changes[k + 1 : k + 1 + NEIGHBOURS]]
+    return k > 0 and len(around) > 2 and changes[k] < DOUBLED_FRACTION * float(np.quantile(around, USUAL_QUANTILE))
+
+
+def marked(footage: Iterable[Frame]) -> Iterator[tuple[Frame, bool]]:
+    """The frames of a footage, and whether each shows the same picture as the one before."""
+    changes: list[float] = []
+    waiting: deque[Frame] = deque()  # for those after them, by whose changes they are judged
+    for frame in footage:
+        changes.append(change(waiting[-1].picture, frame.picture) if waiting else 0.0)
+        waiting.append(frame)
+        if len(waiting) > NEIGHBOURS:
+            yield waiting.popleft(), is_doubled(changes, len(changes) - 1 - NEIGHBOURS)
+    while waiting:
+        k = len(changes) - len(waiting)
+        yield waiting.popleft(), is_doubled(changes, k)
 
 
 def missing(tracks: Sequence[BallTrack], frames: NDArray[np.int64], period: float, sigma: float) -> dict[int, int]:

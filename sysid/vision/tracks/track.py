@@ -24,7 +24,7 @@ from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.noise import Noise, difference_noise, estimate_noise
 from sysid.vision.tracks.spins import face_change, spins
-from sysid.vision.tracks.stamps import change, delays, doubled, later, missing
+from sysid.vision.tracks.stamps import delays, later, marked, missing
 from sysid.vision.tracks.strikes import TrackedShot, split_shots
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ MAX_LOST_FRACTION = 0.5  # of the struck ball's frames without a detection, abov
 MAX_NOISE_RADII = 0.15  # noise above which the result is doubtful, in ball radii
 MAX_ASIDE_SD = 4.0  # of a place from the line between its neighbours, on which it may be early or late,
 MAX_ASIDE_M = 1e-3  # or this far
+USUAL_FRAMES = 12  # the last ones, that tell how often a picture is new
 MAX_LISTED = 8  # frames that are named
 MAX_BEYOND_NOSE_M = 0.004  # of a detection beyond the nose line
 NO_SHOT = "no shot was found that begins with a ball at rest and a clean stroke"
@@ -68,17 +69,20 @@ def track(
     """Track all balls of a footage and split their motion into shots; `counts`: greatest number of balls by name."""
     shutter = shutter or Shutter()
     follower = Follower(camera, counts)
-    frames, times, changes = [], [], []
+    frames, times, twice = [], [], []
     began = reported = clock.monotonic()
     last_full_search, previous = -math.inf, None
-    for frame in footage:
+    for frame, again in marked(footage):
         frames.append(frame.index)
         times.append(frame.time)
+        twice.append(again)
+        if again:
+            continue
         expected = follower.expected(frame.time)
         full_search = not expected or follower.seeking or frame.time - last_full_search >= FULL_SEARCH_INTERVAL_S
-        steps = follower.steps(1.0 / footage.fps)
-        seen = _detect(detector, frame.picture, expected, steps, shutter, full_search)
-        changes.append(change(previous, frame.picture) if previous is not None else 0.0)
+        # A given exposure is a part of the time between frames; one that is told, of that between pictures.
+        period = 1.0 / footage.fps if shutter.given is not None else _usual_interval(times, twice, 1.0 / footage.fps)
+        seen = _detect(detector, frame.picture, expected, follower.steps(period), shutter, full_search)
         if previous is not None:
             turned = [face_change(previous, frame.picture, s.xy, s.radius, detector.noise) for s in seen]
             seen = [replace(s, face_change=by) for s, by in zip(seen, turned, strict=True)]
@@ -91,9 +95,15 @@ def track(
             progress(f"{len(frames)}{of} frames, {rate:.0f} frames/s, {follower.in_sight} balls in sight")
     rate = len(frames) / max(clock.monotonic() - began, 1e-9)
     found = follower.tracks(), np.array(frames, np.int64), np.array(times)
-    tracks, index, stamps, told = _stamped(*found, doubled(np.array(changes)), camera)
+    tracks, index, stamps, told = _stamped(*found, np.array(twice, bool), camera)
     result = tracked(tracks, index, stamps, camera, rate)
     return replace(result, notes=(*told, *result.notes))
+
+
+def _usual_interval(times: Sequence[float], twice: Sequence[bool], default: float) -> float:
+    """Time between the last different pictures [s]."""
+    fresh = [time for time, again in zip(times[-USUAL_FRAMES:], twice[-USUAL_FRAMES:], strict=True) if not again]
+    return float(np.median(np.diff(fresh))) if len(fresh) > 2 else default
 
 
 def _stamped(

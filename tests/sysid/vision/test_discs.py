@@ -132,6 +132,26 @@ def test_the_sweep_says_where_a_fast_ball_is(shot: Shot) -> None:
         assert still is None or still.residual > fit.residual
 
 
+@pytest.mark.parametrize("gain", [1.0, 3.0])
+def test_a_ball_with_the_cue_still_at_it_is_found_where_it_is(shot: Shot, gain: float) -> None:
+    """It was expected to rest, 0.7 radii behind; overexposed, its sweep is as bright as a ball at rest."""
+    _, _, detector, _ = shot
+    h, w = detector.background.picture.shape[:2]
+    at, radius = np.array([w / 2 - 40.3, h / 2 + 30.6]), CAMERA.radius_px(np.zeros((1, 2)))[0]
+    motion, ball = np.array([14.0, 0.0]), np.full(3, 255.0)
+    y, x = np.mgrid[:h, :w]
+    places = [at + s * motion for s in np.linspace(-0.5, 0.5, 57)]
+    share = np.mean([np.clip(radius - np.hypot(x - u, y - v) + 0.5, 0, 1) for u, v in places], axis=0)
+    cue = (np.abs(y - at[1]) < 4) & (x < at[0] - radius)
+    light = np.where(cue, 1.0, np.minimum(gain * share, 1.0))[..., None]
+    picture = ((1 - light) * detector.background.picture + light * ball).clip(0, 255).astype(np.uint8)
+    view = detector.background.view(picture)
+    expected = at - [0.7 * radius, 1.0]
+    fit = known_disc(view, ball, expected, np.array([2.0, 0.0]), 6 * radius, Shutter())
+    assert fit is not None
+    assert np.hypot(*(fit.xy - at)) < 0.06 * radius
+
+
 def test_doubled_and_missing_frames_are_told(shot: Shot, tmp_path: Path) -> None:
     _, pictures, detector, _ = shot
     changed = [*pictures[:24], pictures[23], *pictures[24:32], *pictures[34:]]

@@ -10,9 +10,10 @@ import pytest
 
 from models.errors import BadInput
 from sysid.clips import read_clip_set, write_clip_set
+from sysid.vision.frames import Frame
 from sysid.vision.tracks.clips import clip_set
 from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
-from sysid.vision.tracks.stamps import doubled, missing
+from sysid.vision.tracks.stamps import is_doubled, marked, missing
 from tests.footage.cameras import overhead
 from tests.sysid.vision.test_follow import BALL, CAMERA, FPS, Recording
 from tests.sysid.vision.test_track import tracked_of
@@ -62,9 +63,21 @@ def test_a_strike_hidden_for_some_frames_is_bridged() -> None:
 
 
 def test_a_picture_stored_twice_is_known_by_its_small_change() -> None:
-    changes = np.array([0.0, 1.0, 1.1, 0.9, 0.02, 1.2, 1.0, 1.1, 1.0])
-    assert doubled(changes).tolist() == [k == 4 for k in range(9)]
-    assert not doubled(np.full(20, 0.9)).any()
+    changes = [0.0, 1.0, 1.1, 0.9, 0.02, 1.2, 1.0, 1.1, 1.0]
+    assert [is_doubled(changes, k) for k in range(9)] == [k == 4 for k in range(9)]
+    assert not any(is_doubled([0.9] * 20, k) for k in range(20))
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 30])
+def test_frames_come_in_order_each_marked_where_it_is_the_one_before(count: int) -> None:
+    """Of a film with half as many pictures as frames, every other is a repetition."""
+    rng = np.random.default_rng(0)
+    pictures = [rng.integers(0, 255, (40, 40, 3)).astype(np.uint8) for _ in range(count)]
+    frames = [Frame(k, 0.1 * k, pictures[k // 2]) for k in range(count)]
+    found = list(marked(frames))
+    assert [frame.index for frame, _ in found] == list(range(count))
+    if count > 3:
+        assert [again for _, again in found] == [k % 2 == 1 for k in range(count)]
 
 
 def test_pictures_missing_at_even_stamps_are_counted() -> None:
