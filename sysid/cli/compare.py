@@ -65,8 +65,8 @@ def compare(progress: Progress, start: Start, outputs: Outputs) -> int:
 
     Example: sysid compare CLIPS --model fitted.toml --report compare.html
     """
+    from sysid.interface import compare as compare_clips
     from sysid.report.text import in_words, print_comparison
-    from sysid.residuals.compare import compare as compare_clips
 
     clip_set, model = start.load()
     comparison = compare_clips(clip_set, model)
@@ -92,17 +92,15 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
 
     Example: sysid fit CLIPS --out fitted.toml --report fit.html
     """
-    from models.model_file import write_model
-    from sysid.estimation.clip_fit import fit_clips
     from sysid.estimation.fitting import CHAOS_RATE
+    from sysid.interface import fit as fit_clips
     from sysid.report.health import print_health
     from sysid.report.text import in_words, print_comparison
-    from sysid.residuals.compare import compare as compare_clips
     from sysid.residuals.compare import coverage
 
     clip_set, model = start.load()
     found = fit_clips(clip_set, model)
-    write_model(found.model, out)
+    found.save(out)
     progress.close()
     print_constants(found.model)
     fitted = found.fitted
@@ -114,8 +112,7 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
         rate = f"{fitted.discrepancy_rate * 1e3:.0f} mm per metre"
         print(f"\nAfter the first impact the model's own error grows by {rate} of path.")
     print(f"\nmodel: {out}\n", flush=True)
-    files = [c.file for c in clip_set.clips]
-    comparison = compare_clips(clip_set, found.model, found.parts.states_of(fitted, files))
+    comparison = found.comparison
     progress.close()
     print_comparison(comparison)
     share = coverage(comparison, found.band_rate)
