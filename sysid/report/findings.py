@@ -96,6 +96,8 @@ def unexplained_lines(unexplained: Mapping[str, Any]) -> list[str]:
         lines.append(f"as a formula: {unexplained['form']}")
     if unexplained["terms"]:
         lines.append("to add it: sysid new-effect NAME --from result.json")
+    elif not unexplained["form"]:
+        lines.append("what is left has no formula that holds on clips held out")
     return lines
 
 
