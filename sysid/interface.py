@@ -57,7 +57,7 @@ class ComparedClips(Presented, Comparison):
     def report(self, path: Path | str, label: str = "this model") -> None:
         """Write the report, one HTML file; BadInput where it cannot be written."""
         title = f"Model against {len(self.clips)} clips"
-        write_report(path, title, [(label, self)], notes=in_words(self), model=self.model)
+        write_report(path, title, [(label, self)], notes=in_words(self))
 
 
 @dataclass(frozen=True, repr=False, eq=False)

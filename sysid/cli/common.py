@@ -90,7 +90,7 @@ class Outputs:
             from sysid.report.html import write_report
 
             title = f"Model against {len(last.clips)} clips"
-            write_report(self.report_file, title, comparisons, notes=notes, model=last.model)
+            write_report(self.report_file, title, comparisons, notes=notes)
             print(f"report: {self.report_file}")
         if self.rrd_file:
             from sysid.report.recording import write_rrd

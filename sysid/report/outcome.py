@@ -16,6 +16,7 @@ from sysid.report.findings import discovery_lines, label, labelled_models
 from sysid.report.html import Rung, write_report
 from sysid.report.recording import write_rrd
 from sysid.report.result_json import result_of
+from sysid.report.verdict import verdict_of
 from sysid.residuals.compare import compare
 from sysid.residuals.comparison import Comparison
 from sysid.selection.discover import DiscoveryResult
@@ -45,7 +46,8 @@ def write_discovery(
     ladder = [Rung(name, fitted.miss, fitted.held_miss, fitted.chi2) for name, fitted in labelled_models(found)]
     title = f"What {len(clip_set.clips)} clips say about the table"
     notes = discovery_lines(found)
-    write_report(path, title, compared, notes=notes, ladder=ladder, rounds=found.rounds)
+    said = verdict_of(found)
+    write_report(path, title, compared, notes=notes, ladder=ladder, rounds=found.rounds, verdict=said)
 
 
 def write_outcome(
