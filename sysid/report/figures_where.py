@@ -9,6 +9,7 @@ import numpy as np
 
 from models.report.axes import round_down
 from models.report.chart import HELD_OUT, MODEL, Chart, axis, line_at, table_map
+from models.report.numbers import number
 from sysid.estimation.fitted import MISS_OVER_AXIS
 from sysid.report.figures import MIN_BIN_SAMPLES, Array, is_moving
 from sysid.residuals.bins import TABLE_CELLS, Variable, variables
@@ -96,7 +97,7 @@ def lacking_map(comparison: Comparison, name: str, title: str, full: float | Non
     shown = lacking * (np.minimum(1.0, 1.3 * full / np.maximum(sizes, 1e-12)) * length / full)[:, None]
     texts = [f"{1e3 * ax:+.3g} mm/s² along x, {1e3 * ay:+.3g} along y" for ax, ay in lacking]
     arrows = {"tails": centres - shown / 2, "heads": centres + shown / 2, "texts": texts}
-    words = f"{title}; {length:.2g} m of arrow: {1e3 * full:.2g} mm/s²"
+    words = f"{title}; {length:.2g} m of arrow: {number(1e3 * full)} mm/s²"
     return table_map(name, words, table, z, MAX_Z, "z [standard deviations]", arrows)
 
 

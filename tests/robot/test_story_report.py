@@ -19,8 +19,8 @@ from robot.learning.blocks import blocks, changes, ends
 from robot.learning.history import History, Refit
 from robot.learning.report import recording_of, sentences, write_picture, write_recording, write_report
 from tests.models.recording.test_view import column, read, seconds
+from tests.support.html_pages import STRANGE, Page
 from tests.support.story_samples import FAR, FELL, FOUND, NEAR, NO_FILM, UNSEEN, long_story, sample_story
-from tests.sysid.report.test_report import STRANGE, Page
 
 EMPTY = History({"every": 10}, (), (), "")
 

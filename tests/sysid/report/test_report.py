@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import re
 from collections.abc import Sequence
-from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,38 +21,9 @@ from sysid.report.verdict import Verdict
 from sysid.residuals.comparison import Comparison
 from sysid.residuals.samples import Samples
 from tests.support.comparison_samples import NOISE, comparison
+from tests.support.html_pages import STRANGE, Page
 
-VOID = {"meta", "img", "input"}
 UNIT = re.compile(r"\[[^]]+\]")
-STRANGE = "<script>alert('$x$')</script> & \"é\"\u2028\x07\ud800"
-
-
-class Page(HTMLParser):
-    """Tags that are opened and closed, attributes, and the text of the page."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.seen: list[tuple[str, dict[str, str | None]]] = []
-        self.words: list[str] = []
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.seen.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.words.append(data)
-
-    def figures(self) -> dict[str, Any]:
-        """What the page's script draws."""
-        scripts = [k for k, (tag, attrs) in enumerate(self.seen) if tag == "script" and attrs.get("id") == "figures"]
-        return dict(json.loads(next(w for w in self.words if w.startswith('{"charts"')))) if scripts else {"charts": []}
 
 
 def page(tmp_path: Path, comparisons: Sequence[tuple[str, Comparison]], **more: object) -> tuple[str, Page]:
