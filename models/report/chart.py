@@ -74,8 +74,13 @@ def _plain(value: Any) -> Any:
 
 def label(text: str, most: int = 60) -> str:
     """A text of users as Plotly shows it unchanged."""
+    return escape(shortened(text, most), quote=False)
+
+
+def shortened(text: str, most: int) -> str:
+    """A text on one line of at most so many characters."""
     line = one_line(text)
-    return escape(line if len(line) <= most else line[: most - 1] + "…", quote=False)
+    return line if len(line) <= most else line[: most - 1] + "…"
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import time
 from pathlib import Path
 
@@ -60,7 +61,7 @@ def run(out: Path, progress: Progress) -> int:
     _compare_with_truth(last.model, found)
     print_health(last.model)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
-    viewer = as_called(f"rerun {out / 'review.rrd'}")
+    viewer = as_called(f"sysid review {shlex.quote(str(out))}")
     print(f"open {out / 'report.html'} in a browser, and the shots with: {viewer}")
     return Status.DONE if found.last.converged else Status.FINDING
 

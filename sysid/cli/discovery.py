@@ -98,11 +98,11 @@ def discover(progress: Progress, start: Start, out: Path, json_file: Path | None
     Example: sysid discover CLIPS --out out/mine
     """
     from sysid.estimation.solver.journal import Journal, recorded_in
+    from sysid.interface import discover as discover_effects
     from sysid.report.findings import discovery_lines, ladder_table, round_rows
     from sysid.report.health import print_health
     from sysid.report.outcome import write_outcome
     from sysid.report.text import engines_line, held_out_line
-    from sysid.selection.discover import discover as discover_effects
 
     clip_set, model = start.load()
     click.get_current_context().with_resource(alone_in(result_folder(out)))
@@ -135,6 +135,7 @@ def discover(progress: Progress, start: Start, out: Path, json_file: Path | None
     if whole := found.whole.get(found.verdict):
         print(held_out_line(outcome, whole.band_rate))
     print_health(outcome.model)
+    print(f"\n{found}")
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     journal.path.unlink(missing_ok=True)
     if json_file:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from models.model_file import Estimate, Model
-from models.report.chart import Chart, embedded
+from models.report.chart import Chart, embedded, shortened
 from models.report.numbers import millimetres, number, value_with_sd
 from models.report.page import write_page
 from sysid.report.figures import Rung, dependence_charts, ladder_chart, segments_chart, shots_chart, white_chart
@@ -43,6 +43,7 @@ GROUP_TITLES = {
 }
 MIN_BAR_RATIO = 0.5  # residual over noise at which a bar begins
 MIN_FULL_BAR_RATIO = 2.0  # residual over noise that a full bar stands for, at least
+MAX_LABEL_CHARS = 40  # of a model above a map
 STRIP_MARGIN = 0.08  # of a strip's width, on either side of what it shows
 
 
@@ -110,7 +111,11 @@ def _charts(comparisons: Sequence[tuple[str, Comparison]], last: Comparison) -> 
         first = comparisons[0][1]
         lacking, _, _ = lacking_by_cell(first)
         full = arrow_scale(lacking) if len(lacking) else None
-        maps = [lacking_map(first, "before", "Before", full), lacking_map(last, "after", "After", full)]
+        names = [shortened(name, MAX_LABEL_CHARS) for name, _ in (comparisons[0], comparisons[-1])]
+        maps = [
+            lacking_map(first, "before", f"Before: {names[0]}", full),
+            lacking_map(last, "after", f"After: {names[1]}", full),
+        ]
     else:
         maps = [lacking_map(last, "after", "Rolling balls")]
     parts: dict[str, list[Chart | None]] = {

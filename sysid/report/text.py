@@ -90,6 +90,19 @@ def worst_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     return rows
 
 
+def beside_rows(compared: Sequence[tuple[str, Comparison]]) -> list[tuple[str, ...]]:
+    """Several models of the same clips as a table of medians, heads first."""
+    rows: list[tuple[str, ...]] = [
+        ("model", "miss of the struck ball, mm", "held out, mm", "of all balls, mm", "segments, over noise")
+    ]
+    for label, one in compared:
+        medians = one.summary()
+        names = ("struck_rms_median_m", "struck_rms_median_held_out_m", "rms_median_m")
+        cells = [f"{1e3 * medians[name]:.2f}" if math.isfinite(medians[name]) else "-" for name in names]
+        rows.append((label, *cells, f"{medians['segment_ratio_median']:.2f}"))
+    return rows
+
+
 def print_comparison(comparison: Comparison) -> None:
     """What `compare` prints."""
     print("\n".join(summary_lines(comparison)))

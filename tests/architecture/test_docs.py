@@ -221,6 +221,9 @@ def test_the_python_of_the_pages_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     for block in re.findall(r"^```python\n(.*?)^```", (ROOT / "docs/python.md").read_text(), re.DOTALL | re.MULTILINE):
         exec(block, names)
     assert names["found"].verdict == ("table_tilt",)
+    said = str(names["found"]).splitlines()
+    assert [line.split(":")[0] for line in said] == ["missing", "size", "certainty", "next"]
+    assert said[0].startswith("missing: table_tilt (slope_x 0.0007") and "falls from 2.16 mm to 0.70" in said[1]
     assert "table_tilt.slope_x" in names["found"].model.estimates
     assert names["made"]["stroke"] is not None
     diagnosis = sysid.diagnose(names["clips"])
