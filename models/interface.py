@@ -86,7 +86,7 @@ class PlayedShot(Presented, Track):
 
         def draw(fig: Any) -> None:
             ax = fig.subplots()
-            draw_table(ax, own.table, dark=True)
+            draw_table(ax, own.table)
             for k, name in enumerate(self.names):
                 way = self.position[np.isfinite(self.position[:, k]).all(axis=1), k]
                 colour = rgb(ball_colour(name))

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from models.files import write_whole
 from models.report.chart import DRAWING_FILE, PLOTLY_FILE
-from models.report.numbers import millimetres, number, value_with_sd
+from models.report.numbers import millimetres, number
 
 SHARED_TEMPLATES = Path(__file__).with_name("templates")
 
@@ -46,7 +46,7 @@ def render(template: Path, **values: object) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"svg_uri": svg_uri, "number": number, "mm": millimetres, "with_sd": value_with_sd}
+    environment.filters |= {"svg_uri": svg_uri, "number": number, "mm": millimetres}
     environment.globals |= {
         "plotly_script": partial(_script, PLOTLY_FILE),
         "drawing_script": partial(_script, DRAWING_FILE),

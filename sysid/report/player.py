@@ -23,7 +23,7 @@ from sysid.residuals.comparison import Comparison
 
 Array = NDArray[np.float64]
 
-MAX_POINTS = 50_000  # of all shots in a page
+MAX_POINTS = 28_000  # of all shots in a page: some 1.1 MB with two models
 MOVED_M = 0.003  # a ball with a smaller range of positions rested
 UNITS_PER_M, UNITS_PER_S = 1e4, 1e3
 MAGNIFICATIONS, MAX_DRAWN_M = (100, 20, 5, 1), 0.03  # of misses, and the length to which a typical one is drawn
