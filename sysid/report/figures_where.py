@@ -19,6 +19,7 @@ from sysid.residuals.significance import Departure
 CELLS_ALONG = 20  # of the map of misses, along the longer side of the table
 PLOTTED_VARIABLES = ("speed", "heading", "sidespin", "time", "time since event", "clip order")
 PHASE_COLOURS = (("rolling balls", MODEL), ("sliding balls", HELD_OUT))
+MIN_ARROW_Z = 3.0  # of a cell with an arrow: others would show the noise, often longer than what is there
 MAX_Z = 8.0  # at which the map's colours end [standard deviations]
 
 
@@ -62,7 +63,10 @@ def _variables(comparison: Comparison) -> tuple[Variable, ...]:
 
 
 def lacking_by_cell(comparison: Comparison) -> tuple[Array, Array, Array]:
-    """Accelerations of rolling balls that the model lacks (n, 2) [m/s^2], middles of their cells (n, 2) [m], and z."""
+    """Accelerations of rolling balls that the model lacks, where they are significant, and z of all cells.
+
+    (n, 2) [m/s^2], middles of their cells (n, 2) [m], and z of every cell, NaN where too few clips cross it.
+    """
     known, table = _by_group(comparison), comparison.clip_set.table
     place = next(v for v in _variables(comparison) if v.name == "place")
     size = np.array([table.length, table.width]) / TABLE_CELLS
@@ -72,14 +76,15 @@ def lacking_by_cell(comparison: Comparison) -> tuple[Array, Array, Array]:
         if x is not None and y is not None:
             cell = divmod(k, TABLE_CELLS[1])
             z[cell] = max(abs(x.z), abs(y.z))
-            lacking.append([x.value, y.value])
-            centres.append((np.array(cell) + 0.5) * size - [table.length / 2, table.width / 2])
+            if z[cell] >= MIN_ARROW_Z:
+                lacking.append([x.value, y.value])
+                centres.append((np.array(cell) + 0.5) * size - [table.length / 2, table.width / 2])
     return np.array(lacking).reshape(-1, 2), np.array(centres).reshape(-1, 2), z
 
 
 def arrow_scale(lacking: Array) -> float:
     """The acceleration that an arrow of full length stands for [m/s^2]: nine tenths of them are smaller."""
-    return float(np.quantile(np.hypot(*lacking.T), 0.9)) or 1.0
+    return (float(np.quantile(np.hypot(*lacking.T), 0.9)) if len(lacking) else 0.0) or 1.0
 
 
 def lacking_map(comparison: Comparison, name: str, title: str, full: float | None = None) -> Chart | None:
@@ -88,7 +93,7 @@ def lacking_map(comparison: Comparison, name: str, title: str, full: float | Non
     `full` is the acceleration of an arrow of full length [m/s^2], the same for maps to compare; by default its own.
     """
     lacking, centres, z = lacking_by_cell(comparison)
-    if not len(lacking):
+    if not np.isfinite(z).any():
         return None
     table = comparison.clip_set.table
     length = 0.7 * float((np.array([table.length, table.width]) / TABLE_CELLS).min())
@@ -97,7 +102,7 @@ def lacking_map(comparison: Comparison, name: str, title: str, full: float | Non
     shown = lacking * (np.minimum(1.0, 1.3 * full / np.maximum(sizes, 1e-12)) * length / full)[:, None]
     texts = [f"{1e3 * ax:+.3g} mm/s² along x, {1e3 * ay:+.3g} along y" for ax, ay in lacking]
     arrows = {"tails": centres - shown / 2, "heads": centres + shown / 2, "texts": texts}
-    words = f"{title}; {length:.2g} m of arrow: {number(1e3 * full)} mm/s²"
+    words = f"{title}; {length:.2g} m of arrow: {number(1e3 * full)} mm/s²" if len(lacking) else title
     return table_map(name, words, table, z, MAX_Z, "z [standard deviations]", arrows)
 
 

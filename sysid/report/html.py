@@ -110,7 +110,7 @@ def _charts(comparisons: Sequence[tuple[str, Comparison]], last: Comparison) -> 
     if several:
         first = comparisons[0][1]
         lacking, _, _ = lacking_by_cell(first)
-        full = arrow_scale(lacking) if len(lacking) else None
+        full = arrow_scale(lacking) if len(lacking) else None  # the last model's own where the first lacks nothing
         names = [shortened(name, MAX_LABEL_CHARS) for name, _ in (comparisons[0], comparisons[-1])]
         maps = [
             lacking_map(first, "before", f"Before: {names[0]}", full),

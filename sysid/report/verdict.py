@@ -41,10 +41,12 @@ def verdict_of(found: DiscoveryResult) -> Verdict:
 def _missing(found: DiscoveryResult) -> str:
     """The effects with their sizes, and what no effect explains."""
     parts = [_with_values(found, name) for name in found.verdict]
-    if found.unexplained is not None:
-        parts.append(
-            ("and beside it " if parts else "") + f"something outside the catalogue: {found.unexplained['where']}"
-        )
+    rest = found.unexplained
+    if rest is not None:
+        depends = f", depending on {', '.join(rest['depends_on'])}" if rest["depends_on"] else ""
+        form = f" ({rest['form']})" if rest["form"] else ""
+        beside = "and beside it " if parts else ""
+        parts.append(f"{beside}something outside the catalogue: {rest['where']}{depends}{form}")
     return ", ".join(parts) or "nothing that these clips show; the model suffices"
 
 
@@ -79,7 +81,7 @@ def _certainty(found: DiscoveryResult) -> str:
     named = [(seen.best, seen) for seen in found.rounds if seen.best is not None and seen.best.name in found.verdict]
     words = [f"{best.name} has a delta BIC of {best.evidence.delta_bic:.0f}{_over_next(seen)}" for best, seen in named]
     if found.unexplained is not None and found.unexplained.get("delta_bic") is not None:
-        words.append(f"what is outside the catalogue has {found.unexplained['delta_bic']:.0f}")
+        words.append(f"what is outside the catalogue has a delta BIC of {found.unexplained['delta_bic']:.0f}")
     if not words:
         words = [f"no effect of the catalogue reaches a delta BIC of {MIN_DELTA_BIC:.0f}"]
     held = found.parts.held_out
