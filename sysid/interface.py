@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from models.console import Progress
+from models.files import made_folder
 from models.interface import HasModel, model_of
 from models.model_file import Model, full_model, write_model
 from models.report.numbers import millimetres, number
@@ -174,8 +175,8 @@ class Discovery(Presented, DiscoveryResult):
         write_discovery(path, self.clips, self, self.compared)
 
     def save(self, folder: Path | str) -> None:
-        """Write model.toml, result.json, report.html and review.rrd into a folder that is there."""
-        write_outcome(Path(folder), self.clips, self, Progress(), math.nan, CALLED_FROM)
+        """Write model.toml, result.json, report.html and review.rrd into a folder, which is made."""
+        write_outcome(made_folder(folder), self.clips, self, Progress(), math.nan, CALLED_FROM)
 
 
 def compare(clips: ClipSet, model: Model | HasModel | None = None) -> ComparedClips:

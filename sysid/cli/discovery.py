@@ -11,8 +11,7 @@ import click
 
 from models.command_line import FILE_PATH, effects_option, gathered, json_option
 from models.console import Progress, Status, print_constants, table, write_json
-from models.errors import BadInput
-from models.files import alone_in
+from models.files import alone_in, made_folder
 from sysid.cli.common import Start, report_option
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ def demo(progress: Progress, out: Path) -> int:
     """
     from sysid.cli.demo import run
 
-    return run(result_folder(out), progress)
+    return run(made_folder(out), progress)
 
 
 @click.command()
@@ -105,7 +104,7 @@ def discover(progress: Progress, start: Start, out: Path, json_file: Path | None
     from sysid.report.text import engines_line, held_out_line
 
     clip_set, model = start.load()
-    click.get_current_context().with_resource(alone_in(result_folder(out)))
+    click.get_current_context().with_resource(alone_in(made_folder(out)))
     journal = Journal(out / JOURNAL_FILE, _fingerprint(clip_set, model))
     if journal.found:
         print(f"continuing from {journal.path}: {journal.found} fits are known already", flush=True)
@@ -141,15 +140,6 @@ def discover(progress: Progress, start: Start, out: Path, json_file: Path | None
     if json_file:
         write_json(json_file, json.loads((out / RESULT_FILE).read_text(encoding="utf-8")))
     return Status.DONE if found.last.converged else Status.FINDING
-
-
-def result_folder(path: Path) -> Path:
-    """Make a folder for results."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be made ({error.strerror}); choose another folder") from error
-    return path
 
 
 def _fingerprint(clip_set: ClipSet, model: Model) -> str:
