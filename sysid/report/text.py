@@ -83,7 +83,7 @@ def summary_lines(comparison: Comparison) -> list[str]:
 
 def worst_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     """The clips with the largest miss as a table, heads first."""
-    rows: list[tuple[str, ...]] = [("worst clips", "miss of the struck ball, mm", "of all balls, mm", "chi2")]
+    rows: list[tuple[str, ...]] = [("Worst clips", "miss of the struck ball, mm", "of all balls, mm", "chi2")]
     for c in sorted(comparison.clips, key=lambda c: -c.rms_m)[:MAX_WORST_CLIPS]:
         where = f"  {c.file}" + (" (held out)" if c.held_out else "")
         rows.append((where, f"{c.struck_rms_m * 1e3:.2f}", f"{c.rms_m * 1e3:.2f}", f"{c.chi2_reduced:.2f}"))

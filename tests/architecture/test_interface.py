@@ -63,7 +63,7 @@ def test_a_fit_from_python_is_that_of_the_command(tmp_path: Path) -> None:
     assert list(fitted.sheet().columns["constant"]) == names
     low, high = (fitted.sheet().columns[k][0] for k in ("low", "high"))
     assert low < fitted.constants[names[0]][0] < high
-    assert "worst clips" in str(comparison)
+    assert "Worst clips" in str(comparison)
     assert len(comparison.sheet().columns["file"]) == len(clips.clips)
     with pytest.raises(dataclasses.FrozenInstanceError):
         fitted.clips = clips  # type: ignore[misc]
