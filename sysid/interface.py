@@ -25,7 +25,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.clip_fit import ClipFit, fit_clips
 from sysid.report.findings import labelled_models, round_rows, shot_lines, verdict_lines
 from sysid.report.html import write_report
-from sysid.report.outcome import compared_ends, write_discovery, write_outcome
+from sysid.report.outcome import compared_ends, compared_with_formula, write_discovery, write_outcome
 from sysid.report.text import in_words, summary_lines, worst_rows
 from sysid.report.verdict import verdict_of
 from sysid.residuals.compare import compare as compare_clips
@@ -167,8 +167,9 @@ class Discovery(Presented, DiscoveryResult):
 
     @cached_property
     def compared(self) -> list[tuple[str, Comparison]]:
-        """The first and the last model against all clips, with their labels."""
-        return compared_ends(self.clips, self, CALLED_FROM)
+        """The first and the last model against all clips, with their labels; then the last with its formula, if any."""
+        ends = compared_ends(self.clips, self, CALLED_FROM)
+        return [*ends, *compared_with_formula(self.clips, self, CALLED_FROM)]
 
     def report(self, path: Path | str) -> None:
         """Write the report, one HTML file; BadInput where it cannot be written."""
