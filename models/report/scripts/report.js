@@ -3,7 +3,9 @@
 "use strict";
 const given = JSON.parse(document.getElementById("figures").textContent);
 const NARROW_PX = 560, LEGEND_LINE_PX = 19, PAPER_PX = 680, MARGIN = {l: 58, r: 12, t: 12, b: 50};
-const CONFIG = {displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"], responsive: false};
+/* Nothing leaves the page: by default Plotly offers to upload a figure to its makers' server. */
+const CONFIG = {displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"], responsive: false,
+  showSendToCloud: false, plotlyServerURL: ""};
 const root = document.documentElement;
 
 /* Colours written as var(--name) are the page's. */
@@ -39,7 +41,7 @@ function draw(chart) {
   if (chart.aspect) layout.margin.b = MARGIN.b + 70;
   const named = chart.data.filter((trace) => trace.name && trace.showlegend !== false).length;
   if (narrow && own.showlegend !== false && named > 1 && !chart.aspect) layout.height += LEGEND_LINE_PX * named;
-  Plotly.react(box, coloured(chart.data, style), layout, CONFIG);
+  Plotly.react(box, coloured(chart.data, style), layout, {...CONFIG, displayModeBar: narrow ? false : "hover"});
 }
 
 /* Shots: the table from above in metres, y upwards. */

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -85,6 +86,8 @@ def test_nothing_sticks_out_and_every_figure_is_drawn(browser: Any, report: Path
         page.set_viewport_size({"width": width, "height": 900})
         page.wait_for_timeout(REDRAWN_MS)
         fits(page, width)
+    offered = page.evaluate("[...document.querySelectorAll('.modebar-btn')].map((one) => one.dataset.title)")
+    assert "Zoom" in offered and not [text for text in offered if re.search("(?i)share|cloud|edit", text)], "uploads"
     assert complaints == []
     page.context.close()
 

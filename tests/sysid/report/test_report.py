@@ -119,7 +119,7 @@ def test_numbers_are_those_of_the_comparison(tmp_path: Path) -> None:
     assert "3 clips" not in text and "clips, 1 of them held out" in text
     assert "nan" not in text.lower().replace("nano", "")
     by_name = {chart["name"]: chart for chart in seen.figures()["charts"]}
-    assert "12.3 mm, held out 23.4 mm" in by_name["ladder"]["layout"]["annotations"][0]["text"]
+    assert "12.3 mm, held out 23.4 mm: base" in by_name["ladder"]["layout"]["annotations"][0]["text"]
     assert "median 2.10" in by_name["segments"]["data"][0]["name"]
     used, held = (
         next(t for t in by_name["shots"]["data"] if t["name"] == n) for n in ("this model", "this model, held out")
