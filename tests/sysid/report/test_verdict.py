@@ -12,6 +12,7 @@ from models.effects.cloth.table_tilt import TableTilt
 from models.model_file import Estimate, full_model
 from models.shot import Ball, Table
 from sysid.clips import CueCommand
+from sysid.report.findings import unexplained_lines
 from sysid.report.verdict import verdict_of
 from sysid.selection.next_shot import NextShot
 
@@ -76,3 +77,15 @@ def test_what_has_no_name_has_its_formula_and_how_to_add_it() -> None:
 def test_doubts_are_told(held: int, converged: bool, doubt: str) -> None:
     assert doubt in verdict_of(found("table_tilt", held=held, converged=converged)).certainty
     assert doubt not in verdict_of(found("table_tilt")).certainty
+
+
+def test_what_is_left_without_a_formula_is_said_to_have_none_that_holds() -> None:
+    left: dict[str, Any] = {
+        "where": "not located", "depends_on": [], "what": "error, rms", "size": 3e-4, "unit": "m", "form": None,
+        "terms": [],
+    }  # fmt: skip
+    assert unexplained_lines(left)[-1] == "what is left has no formula that holds on clips held out"
+    swings = unexplained_lines(left | {"form": "x + a sine"})
+    assert swings[-1] == "as a formula: x + a sine"
+    offered = unexplained_lines(left | {"form": "+0.05 * (order)", "terms": [{}]})
+    assert offered[-1].startswith("to add it: sysid new-effect")
