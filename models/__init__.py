@@ -5,6 +5,7 @@ A model is read or made, and shots are played in it:
     from models import Ball, Shot, Table, full_model, load_model, save_model, simulate
 
     model = load_model("model.toml")                      # or full_model(Table(2.84, 1.42), Ball(0.0615, 0.21))
+    track = simulate(model, speed=2, azimuth=0.1)         # prints, .plot(), .frame()
     track = simulate(model, [Shot(("white",), places, velocity, spin, times)])[0]
 """
 
@@ -14,16 +15,17 @@ from models.lazy import lazy
 
 if TYPE_CHECKING:
     from models.errors import BadInput
+    from models.interface import simulate
     from models.model_file import Model, catalogue, full_model
+    from models.model_file import add_folder as add_effects
     from models.model_file import read_model as load_model
     from models.model_file import write_model as save_model
     from models.shot import Ball, Shot, Table, Track
-    from models.simulation.simulate import simulate
     from models.simulation.step import World
 
 __all__ = [
-    "BadInput", "Ball", "Model", "Shot", "Table", "Track", "World", "catalogue", "full_model", "load_model",
-    "save_model", "simulate",
+    "BadInput", "Ball", "Model", "Shot", "Table", "Track", "World", "add_effects", "catalogue", "full_model",
+    "load_model", "save_model", "simulate",
 ]  # fmt: skip
 __getattr__, __dir__ = lazy(
     __name__,
@@ -35,10 +37,11 @@ __getattr__, __dir__ = lazy(
         "Table": "models.shot:Table",
         "Track": "models.shot:Track",
         "World": "models.simulation.step:World",
+        "add_effects": "models.model_file:add_folder",
         "catalogue": "models.model_file:catalogue",
         "full_model": "models.model_file:full_model",
         "load_model": "models.model_file:read_model",
         "save_model": "models.model_file:write_model",
-        "simulate": "models.simulation.simulate:simulate",
+        "simulate": "models.interface:simulate",
     },
 )

@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 
 import click
 
-from models.console import OUTPUT_KEY, STANDARD_OUTPUT, Status, show_progress
+from models.console import OUTPUT_KEY, STANDARD_OUTPUT, Progress, Status, show_progress
 from models.errors import BadInput
 from models.files.documents import MAX_PICTURE_PIXELS
 from models.files.faults import one_line
@@ -214,12 +214,26 @@ VERSION_OPTION = click.Option(
 )
 
 
+def _be_quiet(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
+    """Let the progress of a command say nothing."""
+    if asked and isinstance(ctx.obj, Progress):
+        ctx.obj.quiet = True
+
+
+QUIET_OPTION = click.Option(
+    ["--quiet"], is_flag=True, expose_value=False, callback=_be_quiet, help="Show no progress while it works."
+)
+
+
 class Program(click.Group):
     """A command whose help lists the verbs by section, in the order of work."""
 
     def __init__(self, name: str, text: str, sections: Mapping[str, Sequence[click.Command]]) -> None:
         """Collect the verbs."""
         verbs = {str(verb.name): verb for section in sections.values() for verb in section}
+        for verb in verbs.values():
+            if QUIET_OPTION not in verb.params:
+                verb.params.append(QUIET_OPTION)
         epilog = f'Tab completion, in bash: eval "$(_{name.upper()}_COMPLETE=bash_source {name})"; zsh and fish alike.'
         super().__init__(
             name, help=text, epilog=epilog, commands=verbs, context_settings=HELP_SETTINGS, no_args_is_help=False,

@@ -47,10 +47,13 @@ class Progress(logging.Handler):
         super().__init__(logging.INFO)
         self.started = self.shown = time.monotonic()
         self.terminal = sys.stderr.isatty()
+        self.quiet = False  # whether nothing is shown
 
     def __call__(self, line: str) -> None:
         """Show what is being done."""
         now = time.monotonic()
+        if self.quiet:
+            return
         if self.terminal:
             print(f"\r\x1b[K{now - self.started:5.0f} s  {line}", end="", file=sys.stderr, flush=True)
         elif now - self.shown > PIPED_INTERVAL_S:

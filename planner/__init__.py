@@ -4,7 +4,7 @@ A scene is read, and the shot in it planned:
 
     from planner import plan, read_scene
 
-    made = plan(read_scene("scene.toml"), model)        # billiard-plan/1 as plain values; made["stroke"]
+    made = plan(read_scene("scene.toml"), model)        # prints; billiard-plan/1: made["stroke"]; .plot(), .report(...)
 """
 
 from typing import TYPE_CHECKING
@@ -13,8 +13,8 @@ from models.lazy import lazy
 
 if TYPE_CHECKING:
     from planner.evaluation.value import UtilityWeights
+    from planner.interface import plan
     from planner.launcher.execution import Execution
-    from planner.planning import make_plan as plan
     from planner.scene import Goal, Scene, read_scene
 
 __all__ = ["Execution", "Goal", "Scene", "UtilityWeights", "plan", "read_scene"]
@@ -25,7 +25,7 @@ __getattr__, __dir__ = lazy(
         "Goal": "planner.scene:Goal",
         "Scene": "planner.scene:Scene",
         "UtilityWeights": "planner.evaluation.value:UtilityWeights",
-        "plan": "planner.planning:make_plan",
+        "plan": "planner.interface:plan",
         "read_scene": "planner.scene:read_scene",
     },
 )

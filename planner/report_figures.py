@@ -42,7 +42,7 @@ def table_from_above(plan: Mapping[str, Any]) -> tuple[float, Draw]:
 
     def draw(fig: Any) -> None:
         ax = fig.subplots()
-        draw_table(ax, table, dark=True)
+        draw_table(ax, table)
         _draw_samples(ax, plan)
         _draw_goal(ax, plan, ball, balls)
         _draw_shot(ax, plan, table, ball, balls)
@@ -170,7 +170,7 @@ def rest_svg(plan: Mapping[str, Any], table: Table, ball: Ball) -> str:
     def draw(fig: Any) -> None:
         left, right = fig.subplots(1, 2, width_ratios=[11, 10])
         fig.get_layout_engine().set(h_pad=0.09)
-        draw_table(left, table, dark=True)
+        draw_table(left, table)
         _draw_cloud(left, plan, 3.4)
         left.plot(*mean, "P", ms=9, mfc=INK_COLOUR, mec="white", mew=1.1, ls="none", zorder=9, label="mean")
         _draw_goal(left, plan, ball, {})
@@ -216,7 +216,7 @@ def thumbnail_svg(name: str, shot: Mapping[str, Any], table: Table, ball: Ball, 
     def draw(fig: Any) -> None:
         fig.set_size_inches(THUMBNAIL_WIDTH_IN, THUMBNAIL_WIDTH_IN * aspect)
         ax = fig.subplots()
-        draw_table(ax, table, dark=True)
+        draw_table(ax, table)
         _draw_shot(ax, shot, table, ball, balls, bold=0.75)
         ax.set_axis_off()
 

@@ -1,15 +1,16 @@
 """From tracked shots to a fitted model: the verbs of the `sysid` command as functions.
 
-    from sysid import compare, diagnose, discover, fit, read_clips
+    import sysid
 
-    clips = read_clips("clips")
-    comparison = compare(clips)         # the base model as it is, or compare(clips, model)
-    fitted = fit(clips)                 # .model, .constants, .converged
-    diagnosis = diagnose(clips)         # .verdict, .ranking, .unexplained, .next_shot
-    found = discover(clips)             # .verdict, .model, .last, .unexplained
+    clips = sysid.read_clips("clips")
+    comparison = sysid.compare(clips)   # the base model as it is, or compare(clips, model)
+    fitted = sysid.fit(clips)           # .model, .constants, .converged, .save("model.toml")
+    diagnosis = sysid.diagnose(clips)   # .verdict, .ranking, .unexplained, .next_shot
+    found = sysid.discover(clips)       # .verdict, .model, .last, .unexplained, .save("out")
 
-All results are frozen values; arrays are NumPy's, in SI. What goes wrong with a file or a value raises
-`models.BadInput`. Long work reports to the logger "sysid".
+All results are frozen values; arrays are NumPy's, in SI. They print as short tables, show themselves in notebooks, turn
+into data frames (`.frame()`), and write their page (`.report("page.html")`). What goes wrong with a file or a value
+raises `models.BadInput`. Long work reports to the logger "sysid".
 """
 
 from typing import TYPE_CHECKING

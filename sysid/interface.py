@@ -1,37 +1,205 @@
 """The verbs of the `sysid` command as functions: what `from sysid import fit` gives.
 
-In: a `ClipSet`, and a `Model` to start from: the base (decoupled cloth, frictional impacts) if none is given. Out: the
-results of the rooms below, frozen values.
+In: a `ClipSet`, and a `Model` to start from or a result that has one: the base (decoupled cloth, frictional impacts) if
+none is given. Out: the results of the rooms below, frozen values, which here also print as short tables, become data
+frames and write their report. Nothing is computed twice: the commands call the same functions.
 """
 
 from __future__ import annotations
 
-from models.model_file import Model, full_model
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+from models.console import Progress
+from models.files import made_folder
+from models.interface import HasModel, model_of
+from models.model_file import Model, full_model, write_model
+from models.report.numbers import millimetres, number
+from models.sheet import Presented, Sheet
 from sysid.clips import ClipSet
 from sysid.estimation.clip_fit import ClipFit, fit_clips
+from sysid.report.findings import labelled_models, round_rows, shot_lines, verdict_lines
+from sysid.report.html import write_report
+from sysid.report.outcome import compared_ends, compared_with_formula, write_discovery, write_outcome
+from sysid.report.text import in_words, summary_lines, worst_rows
+from sysid.report.verdict import verdict_of
 from sysid.residuals.compare import compare as compare_clips
 from sysid.residuals.comparison import Comparison
 from sysid.selection.diagnose import ClipDiagnosis
 from sysid.selection.diagnose import diagnose as diagnose_clips
-from sysid.selection.discover import DiscoveryResult
+from sysid.selection.discover import DiscoveryResult, Show
 from sysid.selection.discover import discover as discover_effects
 
+SDS_OF_95_PERCENT = 1.96  # standard deviations to either side
+CALLED_FROM = "sysid.discover"  # what model files name as their origin
+Result = TypeVar("Result")
 
-def compare(clips: ClipSet, model: Model | None = None) -> Comparison:
+
+def _as(kind: type[Result], found: Any, **more: Any) -> Result:
+    """A result of a room below as one of those here, with what it is of."""
+    return kind(**{f.name: getattr(found, f.name) for f in dataclasses.fields(found)}, **more)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ComparedClips(Presented, Comparison):
+    """A comparison; prints medians and the worst clips."""
+
+    def sheet(self) -> Sheet:
+        """The worst clips; the data frame has all."""
+        columns = {f.name: [getattr(c, f.name) for c in self.clips] for f in dataclasses.fields(self.clips[0])}
+        heads, *rows = worst_rows(self)
+        return Sheet(columns, heads, tuple(rows), tuple(summary_lines(self)))
+
+    def report(self, path: Path | str, label: str = "this model") -> None:
+        """Write the report, one HTML file; BadInput where it cannot be written."""
+        title = f"Model against {len(self.clips)} clips"
+        write_report(path, title, [(label, self)], notes=in_words(self))
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class FittedClips(Presented, ClipFit):
+    """A fit; prints the constants with their intervals."""
+
+    clips: ClipSet = dataclasses.field(kw_only=True)
+
+    def sheet(self) -> Sheet:
+        """Every constant with its interval of 95 %."""
+        columns: dict[str, list[Any]] = {name: [] for name in ("constant", "value", "sd", "low", "high", "unit")}
+        rows = []
+        for name, (value, sd) in self.constants.items():
+            low, high, unit = (
+                value - SDS_OF_95_PERCENT * sd,
+                value + SDS_OF_95_PERCENT * sd,
+                self.model.meta(name)["unit"],
+            )
+            for column, entry in zip(columns.values(), (name, value, sd, low, high, unit), strict=True):
+                column.append(entry)
+            digits = max(0, 1 - math.floor(math.log10(sd))) if math.isfinite(sd) and sd > 0 else 5
+            interval = f"{low:.{digits}f} to {high:.{digits}f}" if math.isfinite(sd) else "-"
+            rows.append((name, f"{value:.{digits}f}", interval, unit))
+        used, held = len(self.parts.training.clips), self.parts.held_out
+        line = (
+            f"{used} clips, rms miss {millimetres(self.fitted.miss)}; {len(held.clips) if held else 0} held out, "
+            f"{millimetres(self.fitted.held_miss)}; noise {millimetres(self.parts.noise)} an axis"
+        )
+        doubt = () if self.converged else ("NOT converged: the constants are those at which the fit stopped",)
+        return Sheet(columns, ("constant", "value", "95 % interval", "unit"), tuple(rows), (line, *doubt))
+
+    @cached_property
+    def comparison(self) -> ComparedClips:
+        """The fitted model against all clips."""
+        states = self.parts.states_of(self.fitted, [c.file for c in self.clips.clips])
+        return _as(ComparedClips, compare_clips(self.clips, self.model, states))
+
+    def report(self, path: Path | str) -> None:
+        """Write the report, one HTML file; BadInput where it cannot be written."""
+        self.comparison.report(path, "fitted")
+
+    def save(self, path: Path | str) -> None:
+        """Write the model file; BadInput where it cannot be written."""
+        write_model(self.model, path)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class DiagnosedClips(Presented, ClipDiagnosis):
+    """A diagnosis; prints the candidates and the verdict."""
+
+    clips: ClipSet = dataclasses.field(kw_only=True)
+
+    def sheet(self) -> Sheet:
+        """The candidates, best first."""
+        seen = self.diagnosis.screening
+        heads, *rows = round_rows(seen)
+        columns: dict[str, list[Any]] = {
+            "candidate": [one.name for one in seen.fits],
+            "delta_bic": [one.evidence.delta_bic for one in seen.fits],
+            "miss_m": [one.fitted.miss for one in seen.fits],
+            "held_out_miss_m": [one.fitted.held_miss for one in seen.fits],
+            "converged": [one.converged for one in seen.fits],
+        }
+        return Sheet(columns, heads, tuple(rows), tuple(verdict_lines(self.diagnosis, self.unexplained)))
+
+    @cached_property
+    def comparison(self) -> ComparedClips:
+        """The model that was diagnosed against all clips."""
+        seen = self.diagnosis.screening
+        at = self.fitted if seen.segments else seen.base
+        states = self.parts.states_of(at, [c.file for c in self.clips.clips])
+        return _as(ComparedClips, compare_clips(self.clips, at.model, states))
+
+    def report(self, path: Path | str, notes: Sequence[str] | None = None) -> None:
+        """Write the report, one HTML file; BadInput where it cannot be written."""
+        lines = [*self.sheet().lines, *shot_lines(self.next_shot)] if notes is None else notes
+        rounds = (self.diagnosis.screening,)
+        write_report(path, "What is missing", [("base", self.comparison)], notes=lines, rounds=rounds)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Discovery(Presented, DiscoveryResult):
+    """A discovery; prints its verdict in four lines."""
+
+    clips: ClipSet = dataclasses.field(kw_only=True)
+
+    def sheet(self) -> Sheet:
+        """The verdict in four lines; the data frame has the ladder of models."""
+        models = labelled_models(self)
+        columns: dict[str, list[Any]] = {
+            "model": [name for name, _ in models],
+            "miss_m": [fitted.miss for _, fitted in models],
+            "held_out_miss_m": [fitted.held_miss for _, fitted in models],
+            "chi2_reduced": [fitted.chi2 for _, fitted in models],
+        }
+        return Sheet(columns, (), (), verdict_of(self).lines())
+
+    def _repr_html_(self) -> str:
+        """The verdict and, in a notebook, the ladder below it."""
+        rows = [
+            (name, millimetres(fitted.miss), millimetres(fitted.held_miss), number(fitted.chi2))
+            for name, fitted in labelled_models(self)
+        ]
+        heads = ("model", "rms miss", "held out", "reduced χ²")
+        return dataclasses.replace(self.sheet(), heads=heads, rows=tuple(rows)).html()
+
+    @cached_property
+    def compared(self) -> list[tuple[str, Comparison]]:
+        """The first and the last model against all clips, with their labels; then the last with its formula, if any."""
+        ends = compared_ends(self.clips, self, CALLED_FROM)
+        return [*ends, *compared_with_formula(self.clips, self, CALLED_FROM)]
+
+    def report(self, path: Path | str) -> None:
+        """Write the report, one HTML file; BadInput where it cannot be written."""
+        write_discovery(path, self.clips, self, self.compared)
+
+    def save(self, folder: Path | str) -> None:
+        """Write model.toml, result.json, report.html and review.rrd into a folder, which is made."""
+        write_outcome(made_folder(folder), self.clips, self, Progress(), math.nan, CALLED_FROM)
+
+
+def compare(clips: ClipSet, model: Model | HasModel | None = None) -> ComparedClips:
     """Where a model fails: initial states fitted, its constants held."""
-    return compare_clips(clips, model or full_model(clips.table, clips.ball))
+    return _as(ComparedClips, compare_clips(clips, _start(clips, model)))
 
 
-def fit(clips: ClipSet, model: Model | None = None) -> ClipFit:
+def fit(clips: ClipSet, model: Model | HasModel | None = None) -> FittedClips:
     """Every constant of a model fitted, each with its standard deviation; every fifth clip is held out."""
-    return fit_clips(clips, model or full_model(clips.table, clips.ball))
+    return _as(FittedClips, fit_clips(clips, _start(clips, model)), clips=clips)
 
 
-def diagnose(clips: ClipSet, model: Model | None = None) -> ClipDiagnosis:
+def diagnose(clips: ClipSet, model: Model | HasModel | None = None) -> DiagnosedClips:
     """Which effect of the catalogue a model lacks, if any."""
-    return diagnose_clips(clips, model or full_model(clips.table, clips.ball))
+    return _as(DiagnosedClips, diagnose_clips(clips, _start(clips, model)), clips=clips)
 
 
-def discover(clips: ClipSet, model: Model | None = None) -> DiscoveryResult:
-    """Fit, diagnose and add effects until nothing significant remains."""
-    return discover_effects(clips, model or full_model(clips.table, clips.ball))
+def discover(clips: ClipSet, model: Model | HasModel | None = None, show: Show = lambda found: None) -> Discovery:
+    """Fit, diagnose and add effects until nothing significant remains; `show` gets the result so far after each."""
+    return _as(Discovery, discover_effects(clips, _start(clips, model), show), clips=clips)
+
+
+def _start(clips: ClipSet, model: Model | HasModel | None) -> Model:
+    """The model that was given, or the base for this table."""
+    return full_model(clips.table, clips.ball) if model is None else model_of(model)

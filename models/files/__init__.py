@@ -7,6 +7,25 @@ faults      faults of an input, one line each, with the remedy
 """
 
 from models.files.alone import alone_in
-from models.files.documents import entries_of, parse, read_document, read_json, read_text, read_toml, write_whole
+from models.files.documents import (
+    entries_of,
+    made_folder,
+    parse,
+    read_document,
+    read_json,
+    read_text,
+    read_toml,
+    write_whole,
+)
 
-__all__ = ["alone_in", "entries_of", "parse", "read_document", "read_json", "read_text", "read_toml", "write_whole"]
+__all__ = [
+    "alone_in",
+    "entries_of",
+    "made_folder",
+    "parse",
+    "read_document",
+    "read_json",
+    "read_text",
+    "read_toml",
+    "write_whole",
+]

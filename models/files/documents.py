@@ -122,6 +122,16 @@ def read_text(path: Path | str, file: str, faults: Faults, remedy: str, most: in
         return None
 
 
+def made_folder(path: Path | str) -> Path:
+    """A folder for results, made with those above it where it is not there; BadInput where it cannot be."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{folder}: cannot be made ({error.strerror}); choose another folder") from error
+    return folder
+
+
 def write_whole(path: Path | str, content: bytes, *, parents: bool = False) -> None:
     """Write a file by way of a scratch file beside it, which never stays behind.
 

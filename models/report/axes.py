@@ -13,16 +13,15 @@ from models.shot import Table
 
 TABLE_MARGIN_M = 0.11  # of cushions and rail around the playing surface, as drawn
 CUSHION_DRAWN_M = 0.05
-LIGHT_TABLE = ("#d9cfc6", "#c3d2c8", "#f3f6f4")  # rail, cushion and bed under a map's colours
 LONG_RANGE = 300.0  # highest over lowest of a logarithmic axis, above which a small figure has room for decades alone
 
 
-def draw_table(ax: Any, table: Table, *, dark: bool) -> None:
-    """Rail, cushion, bed and pockets, with axes in metres; on a light bed the pockets alone are dark."""
+def draw_table(ax: Any, table: Table) -> None:
+    """Rail, cushion, bed and pockets, with axes in metres."""
     from matplotlib.patches import Rectangle
 
     half = np.array([table.length, table.width]) / 2
-    colours = [rgb(c) for c in (RAIL_COLOUR, CUSHION_COLOUR, CLOTH_COLOUR)] if dark else LIGHT_TABLE
+    colours = [rgb(c) for c in (RAIL_COLOUR, CUSHION_COLOUR, CLOTH_COLOUR)]
     for margin, colour in zip((TABLE_MARGIN_M, CUSHION_DRAWN_M, 0.0), colours, strict=True):
         low, size = -half - margin, 2 * (half + margin)
         ax.add_patch(Rectangle(tuple(low), *size, fc=colour, ec="none", zorder=1))

@@ -15,7 +15,6 @@ MODEL_COLOUR = "#2563a8"
 HELD_OUT_COLOUR = "#d9730d"
 NOISE_COLOUR = "#8a94a0"
 PATH_COLOUR = "#00dcf5"  # a model's path on the cloth
-PERFECT_COLOUR = "#d5dade"  # band of a perfect model, or of white noise
 RC_PARAMS = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",

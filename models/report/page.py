@@ -2,16 +2,19 @@
 
 A template extends `page.html.j2`, which holds the style, and imports figures, tables and notes from `macros.html.j2`.
 Every value is escaped, characters that cannot be shown are spelt out, and a name that no value was given for is an
-error. jinja2 is imported only when a report is written: commands that write none start without it.
+error. Scripts are those of this room alone, embedded. jinja2 is imported only when a report is written: commands that
+write none start without it.
 """
 
 from __future__ import annotations
 
 import base64
+from functools import partial
 from pathlib import Path
 
 from models.files import write_whole
-from models.report.numbers import millimetres, number, value_with_sd
+from models.report.chart import DRAWING_FILE, PLOTLY_FILE
+from models.report.numbers import millimetres, number
 
 SHARED_TEMPLATES = Path(__file__).with_name("templates")
 
@@ -43,8 +46,19 @@ def render(template: Path, **values: object) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"svg_uri": svg_uri, "number": number, "mm": millimetres, "with_sd": value_with_sd}
+    environment.filters |= {"svg_uri": svg_uri, "number": number, "mm": millimetres}
+    environment.globals |= {
+        "plotly_script": partial(_script, PLOTLY_FILE),
+        "drawing_script": partial(_script, DRAWING_FILE),
+    }
     return environment.get_template(template.name).render(values)
+
+
+def _script(path: Path) -> object:
+    """A script of this room, as it may stand in a page."""
+    from markupsafe import Markup
+
+    return Markup(path.read_text(encoding="utf-8"))
 
 
 def printable(text: object) -> str:

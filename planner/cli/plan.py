@@ -166,21 +166,8 @@ def _draw(outputs: PlanOutputs, made: dict[str, Any], title: str) -> None:
 
 def print_plan(made: dict[str, Any]) -> None:
     """Print a plan in words and figures."""
-    from models.recording.plan import percent, sentence
+    from planner.words import STROKE_HEADS, plan_lines, stroke_rows
 
-    if not made["stroke"]:
-        print(f"no shot: {made['why']}")
-        return
-    print(sentence(made))
-    print(made["why"])
-    low, high = made["launcher"]["theta_tolerance_deg"]
-    print(f"yaw: {made['launcher']['theta_deg']:.2f} degrees, {low:+.2f} to {high:+.2f} costs a tenth of the pots")
-    rows = [("stroke", "string", "x'0 [mm]", "y'0 [mm]", "yaw [deg]", "potted", "fouls", "rest, median [mm]")]
-    for one in (made, *made["alternatives"]):
-        terms, median = one["launcher"], one["rest"]["distance_median"]
-        numbers = [f"{terms[name]:.{digits}f}" for name, digits in (("x0_mm", 1), ("y0_mm", 1), ("theta_deg", 2))]
-        chances = [percent(one[f"{name}_probability"]) for name in ("pot", "foul")]
-        rows.append(
-            (one["kind"], terms["string"], *numbers, *chances, "-" if median is None else f"{1e3 * median:.0f}")
-        )
-    print(table(rows))
+    print("\n".join(plan_lines(made)))
+    if rows := stroke_rows(made):
+        print(table([STROKE_HEADS, *rows]))

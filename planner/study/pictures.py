@@ -103,7 +103,7 @@ def _draw_scene(ax: Any, result: Record, study: Record) -> None:
     scene, method = result["scene"], next(iter(study["methods"]))
     table_, ball = Table(**scene["table"]), Ball(**scene["ball"])
     ax.set_axis_on()
-    draw_table(ax, table_, dark=True)
+    draw_table(ax, table_)
     for track in result["methods"][method].get("tracks", ()):
         colour = [c / 255 for c in ball_colour(track["ball"])]
         ax.plot(*np.array(track["xy"]).reshape(-1, 2).T, color=colour, lw=1.3, zorder=5)

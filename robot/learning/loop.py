@@ -53,6 +53,7 @@ from robot.learning.history import (
 from robot.learning.refit import relearn
 from robot.play import PLAYED_FORMAT, ShotCamera, play_plan, played_file
 from sysid.clips import ClipSet, read_clip_set
+from sysid.estimation.fitted import MISS_OVER_AXIS
 
 MAX_SCENE_DRAWS = 5  # scenes drawn for one shot until one can be played
 MISS_LIMIT_RATIO = 1.3  # of the predicted miss, below which no model makes the miss much smaller
@@ -257,8 +258,8 @@ def _refit(folder: Path, config: LearningConfig, learnt: int, report: Report) ->
         "launcher": found.launcher(), "elapsed_s": time.monotonic() - began,
     }  # fmt: skip
     write_json(str(out / "fit.json"), record)  # the last file: it marks the refit as complete
-    names = ", ".join(result["verdict"]) or "no effect beyond the base"
-    return f"learnt from {learnt} shots: {names}; whole shots within {1e3 * last['rms_m']:.2f} mm rms"
+    names, miss = ", ".join(result["verdict"]) or "no effect beyond the base", MISS_OVER_AXIS * last["rms_m"]
+    return f"learnt from {learnt} shots: {names}; rms distance of model and shots {1e3 * miss:.2f} mm"
 
 
 def films(folder: Path, learnt: int) -> tuple[ClipSet, list[dict[str, Any]]]:

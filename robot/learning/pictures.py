@@ -273,7 +273,7 @@ def _limits(value: Any, bar: Any) -> tuple[float, float]:
 
 def _arrows(ax: Any, table: Table, shots: list[PlayedShot]) -> None:
     """Predicted position, arrow and resting position of each shot on the table."""
-    draw_table(ax, table, dark=True)
+    draw_table(ax, table)
     known = [shot for shot in shots if np.isfinite(shot.planned_end).all()]
     stopped = [(shot, shot.cue_end) for shot in known if shot.cue_end is not None]
     lost = [shot for shot in known if shot.cue_end is None]

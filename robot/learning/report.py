@@ -24,6 +24,7 @@ from planner.scene import pocket_name
 from robot.learning.blocks import Block, blocks, changes, ends, pot_count
 from robot.learning.history import History, PlayedShot, Refit
 from robot.learning.pictures import above, constants, misses, pots
+from sysid.estimation.fitted import MISS_OVER_AXIS
 
 REPORT_TEMPLATE = Path(__file__).with_name("templates") / "series.html.j2"
 
@@ -207,7 +208,9 @@ def _lesson(refit: Refit, added: Sequence[str]) -> str:
     """What a refit found, in a line."""
     new = f"new: {', '.join(added)}" if added else "nothing new"
     left = f"; left: {refit.unexplained}" if refit.unexplained else ""
-    return f"refit after {_many(refit.shots, 'shot')}: {new}; rms {_rms(refit.rms)}, chi2 {number(refit.chi2)}{left}"
+    return (
+        f"refit after {_many(refit.shots, 'shot')}: {new}; distance {_rms(refit.rms)}, chi2 {number(refit.chi2)}{left}"
+    )
 
 
 def _array(values: object) -> Array:
@@ -232,8 +235,8 @@ def _yes_no(potted: bool | None) -> str:
 
 
 def _rms(metres: float | None) -> str:
-    """An rms error [m] in mm, to 0.01 mm."""
-    return NO_VALUE if metres is None or not math.isfinite(metres) else f"{1e3 * metres:.2f} mm"
+    """An rms error per axis [m] as a distance on the table, in mm to 0.01 mm."""
+    return NO_VALUE if metres is None or not math.isfinite(metres) else f"{1e3 * MISS_OVER_AXIS * metres:.2f} mm"
 
 
 def _percent(chance: float | None) -> str:

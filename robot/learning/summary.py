@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.console import table
+from sysid.estimation.fitted import MISS_OVER_AXIS
 
 if TYPE_CHECKING:
     from robot.learning.emulated_rig import EmulatedRig
@@ -91,7 +92,8 @@ def text_of(result: dict[str, Any]) -> str:
     for r in result["refits"]:
         found = ", ".join(r["verdict"]) or "no effect beyond the base"
         rest = f"; unexplained: {r['unexplained']}" if r["unexplained"] else ""
-        parts.append(f"after {r['shots']} shots: {found}{rest} ({1e3 * r['rms']:.2f} mm rms, {r['seconds']:.0f} s)")
+        distance = f"rms distance {1e3 * MISS_OVER_AXIS * r['rms']:.2f} mm"
+        parts.append(f"after {r['shots']} shots: {found}{rest} ({distance}, {r['seconds']:.0f} s)")
     if not result["refits"]:
         parts.append(f"no refit: the first is made after {result['every']} shots")
     return "\n".join([*parts, f"ended: {result['ended']}", "", *_truth_lines(result["truth"])])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
 
 clips_argument = click.argument("clips", metavar="CLIPS", type=FILE_PATH)
 model_option = input_option("model", "M.toml", "Model file to start from; by default the base model.")
+models_option = click.option(
+    "--model", "model_files", metavar="M.toml", type=FILE_PATH, multiple=True,
+    help="Model file to start from; by default the base model.",
+)  # fmt: skip
 report_option = output_option("report", "FILE.html", "Write the figures with pictures.")
 rrd_option = output_option("rrd", "FILE.rrd", "Write measured and modelled shots for Rerun.")
 
@@ -41,7 +46,7 @@ class Start:
     """What a verb begins with: clips, a model, how far to look at each shot, and what simulates it."""
 
     clips: Path = given(clips_argument)
-    model_file: Path | None = given(model_option)
+    model_files: tuple[Path, ...] = given(models_option, default=())
     jaws: bool = given(
         "--jaws", "", "The table's pockets have jaws: use every shot only until a ball touches one.", bool, False
     )
@@ -52,7 +57,14 @@ class Start:
 
     def load(self) -> tuple[ClipSet, Model]:
         """The clip set, and the model named or the base: decoupled cloth with frictional impacts."""
-        from models.model_file import full_model, read_model
+        if len(self.model_files) > 1:
+            raise BadInput(f"--model is given {len(self.model_files)} times; give one, several are for: sysid compare")
+        clip_set, models = self.load_several()
+        return clip_set, models[0]
+
+    def load_several(self) -> tuple[ClipSet, list[Model]]:
+        """The clip set, and all models named, or the base alone."""
+        from models.model_file import full_model
         from sysid.clips import inspect_clip_set
         from sysid.prepare import prepare
 
@@ -65,14 +77,18 @@ class Start:
 
             clip_set = before_jaws(clip_set)
         prepare()
-        if self.model_file is None:
-            return clip_set, dataclasses.replace(full_model(clip_set.table, clip_set.ball), engine=self.engine)
-        model = dataclasses.replace(read_model(self.model_file), engine=self.engine)
+        if not self.model_files:
+            return clip_set, [dataclasses.replace(full_model(clip_set.table, clip_set.ball), engine=self.engine)]
+        return clip_set, [self._model(file, clip_set) for file in self.model_files]
+
+    def _model(self, file: Path, clip_set: ClipSet) -> Model:
+        """The model of a file, of the clip set's table and ball."""
+        from models.model_file import read_model
+
+        model = dataclasses.replace(read_model(file), engine=self.engine)
         if (model.table, model.ball) != (clip_set.table, clip_set.ball):
-            raise BadInput(
-                f"{self.model_file}: its table and ball are not those of {self.clips}; fit a model to this clip set"
-            )
-        return clip_set, model
+            raise BadInput(f"{file}: its table and ball are not those of {self.clips}; fit a model to this clip set")
+        return model
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,7 +106,7 @@ class Outputs:
             from sysid.report.html import write_report
 
             title = f"Model against {len(last.clips)} clips"
-            write_report(self.report_file, title, comparisons, notes=notes, model=last.model)
+            write_report(self.report_file, title, comparisons, notes=notes)
             print(f"report: {self.report_file}")
         if self.rrd_file:
             from sysid.report.recording import write_rrd
@@ -101,4 +117,4 @@ class Outputs:
 
 def print_recording(path: Path) -> None:
     """Say where a recording is, and how to open it."""
-    print(f"recording: {path} (open it with: {as_called(f'rerun {path}')})")
+    print(f"recording: {path} (open it with: {as_called(f'sysid review {shlex.quote(str(path))}')})")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from models.command_line import effects_option, gathered, json_option, out_option
-from models.console import Progress, Status, print_constants, write_json
+from models.console import Progress, Status, print_constants, table, write_json
+from models.errors import BadInput
 from sysid.cli.common import Outputs, Start, clips_argument
 
 if TYPE_CHECKING:
@@ -58,24 +60,41 @@ def check(clips: Path, json_file: Path | None) -> int:
 @gathered("outputs", Outputs)
 @click.pass_obj
 def compare(progress: Progress, start: Start, outputs: Outputs) -> int:
-    """Compare a model with the measurement: where it fails.
+    """Compare models with the measurement: where they fail.
 
     Reads the clip set CLIPS and a model file. Fits each clip's initial state, holds the model's constants, and prints
-    the residuals by clip, kind of motion and place.
+    the residuals by clip, kind of motion and place. With --model given more than once, each is compared; the report
+    shows the first beside the last, so give the better one last.
 
-    Example: sysid compare CLIPS --model fitted.toml --report compare.html
+    Example: sysid compare CLIPS --model before.toml --model after.toml --report compare.html
     """
-    from sysid.report.text import in_words, print_comparison
-    from sysid.residuals.compare import compare as compare_clips
+    from sysid.interface import compare as compare_clips
+    from sysid.report.text import beside_rows, in_words, print_comparison
 
-    clip_set, model = start.load()
-    comparison = compare_clips(clip_set, model)
+    clip_set, models = start.load_several()
+    labels = labels_of(start.model_files)
+    compared = [(label, compare_clips(clip_set, model)) for label, model in zip(labels, models, strict=True)]
     progress.close()
-    print_comparison(comparison)
+    if len(compared) > 1:
+        print(table(beside_rows(compared)) + f"\n\n{labels[-1]}")
+    last = compared[-1][1]
+    print_comparison(last)
     if outputs.json_file:
-        write_json(outputs.json_file, comparison.to_json())
-    outputs.write([("this model", comparison)], in_words(comparison))
+        others = [{"model": label, "summary": one.summary()} for label, one in compared[:-1]]
+        write_json(outputs.json_file, last.to_json() | ({"beside": others} if others else {}))
+    outputs.write(compared, in_words(last))
     return Status.DONE
+
+
+def labels_of(files: Sequence[Path]) -> list[str]:
+    """What models are called in a comparison: their files, with folders where names alone are alike."""
+    if len(files) < 2:
+        return ["this model"]
+    names = [file.stem for file in files]
+    labels = names if len(set(names)) == len(names) else [str(file) for file in files]
+    if len(set(labels)) < len(labels):
+        raise BadInput(f"--model {files[0]}: is given twice; name another model, or leave it out")
+    return labels
 
 
 @click.command()
@@ -92,17 +111,15 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
 
     Example: sysid fit CLIPS --out fitted.toml --report fit.html
     """
-    from models.model_file import write_model
-    from sysid.estimation.clip_fit import fit_clips
     from sysid.estimation.fitting import CHAOS_RATE
+    from sysid.interface import fit as fit_clips
     from sysid.report.health import print_health
     from sysid.report.text import in_words, print_comparison
-    from sysid.residuals.compare import compare as compare_clips
     from sysid.residuals.compare import coverage
 
     clip_set, model = start.load()
     found = fit_clips(clip_set, model)
-    write_model(found.model, out)
+    found.save(out)
     progress.close()
     print_constants(found.model)
     fitted = found.fitted
@@ -114,8 +131,7 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
         rate = f"{fitted.discrepancy_rate * 1e3:.0f} mm per metre"
         print(f"\nAfter the first impact the model's own error grows by {rate} of path.")
     print(f"\nmodel: {out}\n", flush=True)
-    files = [c.file for c in clip_set.clips]
-    comparison = compare_clips(clip_set, found.model, found.parts.states_of(fitted, files))
+    comparison = found.comparison
     progress.close()
     print_comparison(comparison)
     share = coverage(comparison, found.band_rate)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import shlex
 import time
 from pathlib import Path
 
 from models.console import Progress, Status, as_called, table
 from models.model_file import Model, full_model
 from sysid.clips import ClipSet, read_clip_set
-from sysid.report.findings import label, print_ladder, round_rows, shot_lines, verdict_lines
+from sysid.estimation.fitted import MISS_OVER_AXIS
+from sysid.report.findings import label, ladder_table, round_rows, shot_lines, verdict_lines
 from sysid.report.health import print_health
 from sysid.report.outcome import compare_at, write_outcome
 from sysid.report.text import in_words
@@ -47,7 +49,7 @@ def run(out: Path, progress: Progress) -> int:
             return
         _print_diagnosis(found)
         print(f"\n3. Added, and all constants fitted again: {label(found.verdict)}\n", flush=True)
-        print_ladder(found)
+        print(ladder_table(found))
 
     found = discover(clip_set, full_model(clip_set.table, clip_set.ball), show)
     progress.close()
@@ -59,7 +61,7 @@ def run(out: Path, progress: Progress) -> int:
     _compare_with_truth(last.model, found)
     print_health(last.model)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
-    viewer = as_called(f"rerun {out / 'review.rrd'}")
+    viewer = as_called(f"sysid review {shlex.quote(str(out))}")
     print(f"open {out / 'report.html'} in a browser, and the shots with: {viewer}")
     return Status.DONE if found.last.converged else Status.FINDING
 
@@ -71,8 +73,8 @@ def _base_errors(clip_set: ClipSet, found: DiscoveryResult, progress: Progress) 
     progress.close()
     print("\n1. The base model (level table, cloth, balls, cushions), all its constants fitted, leaves")
     print(
-        f"   {base.rms * 1e3:.2f} mm rms per axis, {base.held_rms * 1e3:.2f} mm on held-out shots; camera noise is"
-        f" {noise * 1e3:.2f} mm. Where it fails:\n"
+        f"   an rms miss of {base.miss * 1e3:.2f} mm, {base.held_miss * 1e3:.2f} mm on held-out shots; the camera's"
+        f" noise alone leaves {MISS_OVER_AXIS * noise * 1e3:.2f} mm. Where it fails:\n"
     )
     _print_indented(in_words(compared))
 

@@ -11,8 +11,7 @@ import click
 
 from models.command_line import FILE_PATH, effects_option, gathered, json_option
 from models.console import Progress, Status, print_constants, table, write_json
-from models.errors import BadInput
-from models.files import alone_in
+from models.files import alone_in, made_folder
 from sysid.cli.common import Start, report_option
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ def demo(progress: Progress, out: Path) -> int:
     """
     from sysid.cli.demo import run
 
-    return run(result_folder(out), progress)
+    return run(made_folder(out), progress)
 
 
 @click.command()
@@ -54,9 +53,9 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
     Example: sysid diagnose CLIPS --model fitted.toml
     """
     from sysid.clips.pieces import parent_clip
-    from sysid.report.findings import cut_line, round_rows, shot_lines, verdict_lines
+    from sysid.interface import diagnose as diagnose_clips
+    from sysid.report.findings import cut_line, noise_line, round_rows, shot_lines, verdict_lines
     from sysid.report.result_json import judgement_json
-    from sysid.selection.diagnose import diagnose as diagnose_clips
 
     clip_set, model = start.load()
     found = diagnose_clips(clip_set, model)
@@ -64,12 +63,12 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
     progress.close()
     seen = judged.screening
     held_out = len({parent_clip(c.file) for c in parts.held_out.clips}) if parts.held_out else 0
-    print(f"{len(clip_set.clips)} clips, {held_out} of them held out, noise {parts.noise * 1e3:.3f} mm")
+    print(f"{len(clip_set.clips)} clips, {held_out} of them held out; {noise_line(parts.noise)}")
     if seen.segments:
         print(
-            f"whole shots: {base.rms * 1e3:.3f} mm rms; therefore {seen.segments} segments between impacts are fitted"
+            f"whole shots: miss {base.miss * 1e3:.3f} mm; therefore {seen.segments} segments between impacts are fitted"
         )
-    print(f"base: {seen.base.rms * 1e3:.3f} mm rms, held out {seen.base.held_rms * 1e3:.3f} mm\n")
+    print(f"base: miss {seen.base.miss * 1e3:.3f} mm, held out {seen.base.held_miss * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
     notes = [*([cut_line(parts)] if parts.cut else []), *parts.excluded, *verdict_lines(judged, found.unexplained)]
     notes += shot_lines(found.next_shot)
@@ -77,14 +76,8 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
     if json_file:
         write_json(json_file, judgement_json(parts, judged, found.unexplained, found.next_shot))
     if report_file:
-        from sysid.report.html import write_report
-        from sysid.residuals.compare import compare
-
-        fitted = base if seen.segments else seen.base
-        initial_states = parts.states_of(fitted, [c.file for c in clip_set.clips])
-        comparison = compare(clip_set, fitted.model, start=initial_states)
+        found.report(report_file, notes)
         progress.close()
-        write_report(report_file, "What is missing", [("base", comparison)], notes=notes, rounds=(seen,))
         print(f"report: {report_file}")
     return Status.DONE if seen.base.converged else Status.FINDING
 
@@ -104,14 +97,14 @@ def discover(progress: Progress, start: Start, out: Path, json_file: Path | None
     Example: sysid discover CLIPS --out out/mine
     """
     from sysid.estimation.solver.journal import Journal, recorded_in
-    from sysid.report.findings import discovery_lines, print_ladder, round_rows
+    from sysid.interface import discover as discover_effects
+    from sysid.report.findings import discovery_lines, ladder_table, round_rows
     from sysid.report.health import print_health
     from sysid.report.outcome import write_outcome
     from sysid.report.text import engines_line, held_out_line
-    from sysid.selection.discover import discover as discover_effects
 
     clip_set, model = start.load()
-    click.get_current_context().with_resource(alone_in(result_folder(out)))
+    click.get_current_context().with_resource(alone_in(made_folder(out)))
     journal = Journal(out / JOURNAL_FILE, _fingerprint(clip_set, model))
     if journal.found:
         print(f"continuing from {journal.path}: {journal.found} fits are known already", flush=True)
@@ -122,7 +115,7 @@ def discover(progress: Progress, start: Start, out: Path, json_file: Path | None
             print(table(round_rows(found.rounds[-1])) + "\n")
         last = found.last
         name = ", ".join(found.verdict) or "base"
-        print(f"{name}: {last.rms * 1e3:.3f} mm rms, held out {last.held_rms * 1e3:.3f} mm\n", flush=True)
+        print(f"{name}: miss {last.miss * 1e3:.3f} mm, held out {last.held_miss * 1e3:.3f} mm\n", flush=True)
 
     try:
         with recorded_in(journal):
@@ -133,7 +126,7 @@ def discover(progress: Progress, start: Start, out: Path, json_file: Path | None
         raise
     progress.close()
     print(table(round_rows(found.rounds[-1])) + "\n")
-    print_ladder(found)
+    print(ladder_table(found))
     print("\n" + "\n".join(discovery_lines(found)) + "\n")
     outcome = write_outcome(out, clip_set, found, progress, journal.elapsed, f"sysid discover {start.clips}")
     print_constants(outcome.model)
@@ -141,20 +134,12 @@ def discover(progress: Progress, start: Start, out: Path, json_file: Path | None
     if whole := found.whole.get(found.verdict):
         print(held_out_line(outcome, whole.band_rate))
     print_health(outcome.model)
+    print(f"\n{found}")
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     journal.path.unlink(missing_ok=True)
     if json_file:
         write_json(json_file, json.loads((out / RESULT_FILE).read_text(encoding="utf-8")))
     return Status.DONE if found.last.converged else Status.FINDING
-
-
-def result_folder(path: Path) -> Path:
-    """Make a folder for results."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be made ({error.strerror}); choose another folder") from error
-    return path
 
 
 def _fingerprint(clip_set: ClipSet, model: Model) -> str:

@@ -12,10 +12,11 @@ import click
 
 from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given
 from models.console import Progress, Status, as_called
+from models.files import made_folder
 from sysid.cli.calibrate import calibrate
 from sysid.cli.common import mass_option, palette_option
 from sysid.cli.compare import check
-from sysid.cli.discovery import discover, result_folder
+from sysid.cli.discovery import discover
 from sysid.cli.tables import TABLE_HELP, diameter_option, table_set
 from sysid.cli.track import track
 
@@ -65,7 +66,7 @@ def doctor(context: click.Context, videos: tuple[str, ...], filmed: FilmedTable,
     Example: sysid doctor *.mp4 --table "pool 8 ft" --out out/mine
     """
     sizes, mass = filmed.words(), filmed.known_mass()
-    folder = result_folder(out)
+    folder = made_folder(out)
     camera, clips = folder / CAMERA_FILE, folder / CLIPS_FOLDER
     progress: Progress = context.obj
     if camera.is_file():

@@ -53,7 +53,7 @@ def measure(
     from sysid.clips.clock import stamp_scale
     from sysid.direct.measure import measure as measure_clips
 
-    clip_set, model = Start(clips, model_file).load()
+    clip_set, model = Start(clips, (model_file,) if model_file else ()).load()
     found = measure_clips(clip_set)
     progress.close()
     fitted = model if model_file else None

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from models.command_line import Program, run
-from sysid.cli import calibrate, compare, discovery, doctor, effects, foreign, init, match, measure, track
+from sysid.cli import calibrate, compare, discovery, doctor, effects, foreign, init, match, measure, review, track
 
 PROGRAM = Program(
     "sysid",
@@ -21,7 +21,7 @@ PROGRAM = Program(
             doctor.doctor,
         ),
         "Model from clips": (measure.measure, compare.compare, compare.fit),
-        "What the model leaves out": (discovery.diagnose, discovery.discover, discovery.demo),
+        "What the model leaves out": (discovery.diagnose, discovery.discover, discovery.demo, review.review),
         "Effects of the model": (effects.effects, effects.add, effects.remove, effects.new_effect),
         "The engines themselves": (match.match,),
     },

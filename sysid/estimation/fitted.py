@@ -6,6 +6,7 @@ In: what sysid/estimation/fitting.py has found. Out: `FittedModel`, and `as_mode
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,7 @@ from models.model_file import Estimate, Model
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem
 
+MISS_OVER_AXIS = math.sqrt(2.0)  # rms miss, a distance in the plane, over rms per axis
 UNFOLLOWED_RATE = 2e-3  # discrepancy rate beyond which late samples of a shot are chaos
 
 
@@ -73,6 +75,16 @@ class FittedModel(Point):
     def held_rms(self) -> float:
         """Rms of the held-out clips, per axis [m]; NaN without any."""
         return self.held_out.rms if self.held_out else float("nan")
+
+    @property
+    def miss(self) -> float:
+        """Rms distance from the measured to the modelled ball, in the clips used [m]."""
+        return MISS_OVER_AXIS * self.rms
+
+    @property
+    def held_miss(self) -> float:
+        """The same in the held-out clips [m]; NaN without any."""
+        return MISS_OVER_AXIS * self.held_rms
 
     @property
     def sds(self) -> dict[str, float]:

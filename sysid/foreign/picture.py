@@ -25,7 +25,7 @@ def tracks_png(clip_set: ClipSet, title: str) -> bytes:
     table = clip_set.table
     figure = Figure(figsize=(11, 1.2 + 10.5 * table.width / table.length), layout="constrained")
     ax = figure.add_subplot()
-    draw_table(ax, table, dark=True)
+    draw_table(ax, table)
     for clip in clip_set.clips:
         for name, seen in clip.balls.items():
             colour = rgb(ball_colour(name))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from models.console import table
-from sysid.estimation.fitted import FittedModel
+from sysid.estimation.fitted import MISS_OVER_AXIS, FittedModel
 from sysid.estimation.split import Split
 from sysid.selection.discover import DiscoveryResult
 from sysid.selection.judge import Diagnosis
@@ -25,10 +25,10 @@ NOTHING_MISSING = f"none: no effect of the catalogue justifies its parameters (d
 
 def round_rows(seen: Screening) -> list[tuple[str, ...]]:
     """A round as a table."""
-    rows: list[tuple[str, ...]] = [("candidate", "delta BIC", "rms mm", "held out mm", "")]
+    rows: list[tuple[str, ...]] = [("candidate", "delta BIC", "miss mm", "held out mm", "")]
     for trial in seen.fits:
         state = "fitted" if trial.converged else "NOT converged: no verdict from it"
-        rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", *_rms_mm(trial.fitted), state))
+        rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", *_misses_mm(trial.fitted), state))
     for row in unfitted(seen)[: MAX_LISTED - len(seen.fits)]:
         rows.append((row.candidate.name, f"{predicted_delta_bic(seen, row):.0f}", "", "", "predicted, not fitted"))
     return rows
@@ -96,6 +96,8 @@ def unexplained_lines(unexplained: Mapping[str, Any]) -> list[str]:
         lines.append(f"as a formula: {unexplained['form']}")
     if unexplained["terms"]:
         lines.append("to add it: sysid new-effect NAME --from result.json")
+    elif not unexplained["form"]:
+        lines.append("what is left has no formula that holds on clips held out")
     return lines
 
 
@@ -180,14 +182,21 @@ def table_lines(found: DiscoveryResult) -> list[str]:
     ]
 
 
-def print_ladder(found: DiscoveryResult) -> None:
-    """The models' errors as a table, and the noise to hold them against."""
-    rows: list[tuple[str, ...]] = [("model", "rms mm", "held out mm", "chi2")]
-    rows += [(name, *_rms_mm(fitted), f"{fitted.chi2:.3f}") for name, fitted in labelled_models(found)]
-    print(table(rows))
-    print(f"noise of the tracker: {found.parts.noise * 1e3:.3f} mm an axis")
+def ladder_table(found: DiscoveryResult) -> str:
+    """The models' rms misses as a table, and what the noise alone leaves to hold them against."""
+    rows: list[tuple[str, ...]] = [("model", "miss mm", "held out mm", "chi2")]
+    rows += [(name, *_misses_mm(fitted), f"{fitted.chi2:.3f}") for name, fitted in labelled_models(found)]
+    return f"{table(rows)}\n{noise_line(found.parts.noise)}"
 
 
-def _rms_mm(fitted: FittedModel) -> tuple[str, str]:
-    """Rms in the clips used and in those held out, per axis [mm]."""
-    return f"{fitted.rms * 1e3:.3f}", f"{fitted.held_rms * 1e3:.3f}"
+def noise_line(noise: float) -> str:
+    """What misses are, and what noise of so much per axis [m] alone leaves."""
+    return (
+        f"miss: rms distance from the measured to the modelled ball; the tracker's noise alone, {noise * 1e3:.3f} mm "
+        f"an axis, leaves {MISS_OVER_AXIS * noise * 1e3:.3f} mm"
+    )
+
+
+def _misses_mm(fitted: FittedModel) -> tuple[str, str]:
+    """Rms miss in the clips used and in those held out [mm]."""
+    return f"{fitted.miss * 1e3:.3f}", f"{fitted.held_miss * 1e3:.3f}"

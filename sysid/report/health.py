@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -56,6 +56,7 @@ class HealthLine:
     verdict: str
     determined: bool  # whether the clips determine it well enough for a verdict
     beside: str = "typical"  # what it stands beside
+    constant: str = ""  # its name in the model
 
     def text(self) -> str:
         """As one line, without the source."""
@@ -91,7 +92,7 @@ def health(model: Model) -> list[HealthLine]:
             continue
         line = _line(name, Finding(float(value), known.sd, model))
         if line is not None:
-            found.append(line)
+            found.append(replace(line, constant=name))
     return sorted(found, key=lambda line: not line.determined)
 
 

@@ -1,7 +1,8 @@
-"""The report of a comparison: one HTML file with its figures inside, for a browser without network or scripts.
+"""The report of a comparison or a discovery: one HTML file that needs no network.
 
-In: comparisons, rounds of candidates, notes. Out: the file. This module computes the values of the tables,
-sysid/report/plots.py and plots_where.py draw the figures, templates/comparison.html.j2 holds headings and captions.
+In: comparisons, a verdict, rounds of candidates, notes. Out: the file. This module computes the values of the tables;
+figures.py and figures_where.py make the figures, player.py the shots that are played back, and
+templates/comparison.html.j2 holds headings and captions. The script that draws is embedded once (models/report/chart).
 """
 
 from __future__ import annotations
@@ -13,13 +14,17 @@ from pathlib import Path
 import numpy as np
 
 from models.model_file import Estimate, Model
+from models.report.chart import Chart, embedded, shortened
 from models.report.numbers import millimetres, number, value_with_sd
 from models.report.page import write_page
+from sysid.report.figures import Rung, dependence_charts, ladder_chart, segments_chart, shots_chart, white_chart
+from sysid.report.figures_where import arrow_scale, lacking_by_cell, lacking_charts, lacking_map, misses_map
 from sysid.report.findings import NOTHING_MISSING, confounded_lines, round_rows
-from sysid.report.health import HealthLine, health, health_lines
-from sysid.report.plots import Rung, dependence_svg, ladder_svg, spread_svg, tracks_svg, white_svg
-from sysid.report.plots_where import map_svg, missing_map_svg, missing_svg
+from sysid.report.health import INTERVAL_SDS, health, health_lines
+from sysid.report.player import playback
 from sysid.report.text import in_words
+from sysid.report.typical import TYPICAL
+from sysid.report.verdict import Verdict
 from sysid.residuals.comparison import Comparison, Group
 from sysid.selection.screening import Screening
 
@@ -38,6 +43,8 @@ GROUP_TITLES = {
 }
 MIN_BAR_RATIO = 0.5  # residual over noise at which a bar begins
 MIN_FULL_BAR_RATIO = 2.0  # residual over noise that a full bar stands for, at least
+MAX_LABEL_CHARS = 40  # of a model above a map
+STRIP_MARGIN = 0.08  # of a strip's width, on either side of what it shows
 
 
 def write_report(
@@ -47,59 +54,76 @@ def write_report(
     *,
     ladder: Sequence[Rung] = (),
     notes: Sequence[str] = (),
-    model: Model | None = None,
     rounds: Sequence[Screening] = (),
+    verdict: Verdict | None = None,
 ) -> None:
     """Write one HTML file, whole or not at all; the last comparison is drawn in full.
 
     Args:
         path: the file.
         title: its heading.
-        comparisons: (label, comparison), from the poorest model to the best; of several, the first is shown in short.
+        comparisons: (label, comparison), from the poorest model to the best; of several, the first stands beside it.
         ladder: models that come between them; one with a comparison's label stands in its place.
-        notes: lines shown on top.
-        model: whose constants are listed; the last comparison's if None.
+        notes: lines shown on top, or folded below a verdict.
         rounds: of candidates for what is missing.
+        verdict: of a discovery.
 
     Raises:
         BadInput: the file cannot be written there.
     """
     label, last = comparisons[-1] if comparisons else ("", None)
-    listed = model or (last.model if last else None)
     rungs = _rungs(comparisons, ladder)
-    values: dict[str, object] = {"last": None}
+    rising = ladder_chart(rungs, last.noise_m if last else math.nan)
+    values: dict[str, object] = {"last": None, "constants": [], "health_notes": []}
+    charts: dict[str, list[Chart]] = {"ladder": [rising] if rising else []}
     if last is not None:
+        charts |= _charts(comparisons, last)
         values = {
-            "last": last,
-            "cards": _cards(last),
-            "departures": _departures(last),
-            "groups": _groups(last.where),
-            "tracks": tracks_svg(last),
-            "map": map_svg(last),
-            "dependence": dependence_svg(last),
-            "missing_map": missing_map_svg(last),
-            "missing": missing_svg(last),
-            "white": white_svg(last),
-            "spread": spread_svg(last),
-        }
-    first = None
-    if len(comparisons) > 1:
-        first = {"label": comparisons[0][0], "lines": in_words(comparisons[0][1]),
-                 "missing_map": missing_map_svg(comparisons[0][1])}  # fmt: skip
+            "last": last, "cards": _cards(last), "departures": _departures(last), "groups": _groups(last.where),
+            "constants": _constants(last.model),
+            "health_notes": [] if health(last.model) else health_lines(last.model),
+        }  # fmt: skip
+    player = playback(comparisons)
+    drawn = [chart.to_json() for part in charts.values() for chart in part]
     write_page(
         path,
         REPORT_TEMPLATE,
         title=title,
         label=label,
+        first_label=comparisons[0][0] if len(comparisons) > 1 else "",
+        first_lines=in_words(comparisons[0][1]) if len(comparisons) > 1 else [],
+        verdict=verdict,
         notes_on_top=notes,
         ladder_rows=_ladder_rows(comparisons, rungs),
-        ladder=ladder_svg(rungs, last.noise_m if last else math.nan),
-        first=first,
         rounds=[_round(number, seen) for number, seen in enumerate(rounds, 1)],
-        constants=_constants(listed) if listed else None,
-        health=_health(listed) if listed else None,
+        charts=charts,
+        figures=embedded({"charts": drawn, "player": player}) if drawn or player else "",
+        player=player,
         **values,
     )
+
+
+def _charts(comparisons: Sequence[tuple[str, Comparison]], last: Comparison) -> dict[str, list[Chart]]:
+    """All figures but the ladder, by their sections."""
+    several = len(comparisons) > 1
+    maps: list[Chart | None]
+    if several:
+        first = comparisons[0][1]
+        lacking, _, _ = lacking_by_cell(first)
+        full = arrow_scale(lacking) if len(lacking) else None  # the last model's own where the first lacks nothing
+        names = [shortened(name, MAX_LABEL_CHARS) for name, _ in (comparisons[0], comparisons[-1])]
+        maps = [
+            lacking_map(first, "before", f"Before: {names[0]}", full),
+            lacking_map(last, "after", f"After: {names[1]}", full),
+        ]
+    else:
+        maps = [lacking_map(last, "after", "Rolling balls")]
+    parts: dict[str, list[Chart | None]] = {
+        "maps": maps, "shots": [shots_chart(comparisons)], "misses": [misses_map(last)],
+        "dependence": [*dependence_charts(last)], "lacking": [*lacking_charts(last)],
+        "noise": [white_chart(last), segments_chart(last)],
+    }  # fmt: skip
+    return {name: [chart for chart in found if chart is not None] for name, found in parts.items()}
 
 
 def _cards(comparison: Comparison) -> list[tuple[str, str]]:
@@ -110,7 +134,7 @@ def _cards(comparison: Comparison) -> list[tuple[str, str]]:
         (str(len(comparison.clips)), f"clips, {held} of them held out"),
         (number(len(comparison.samples.time)), "samples compared"),
         (millimetres(comparison.noise_m), "noise, one standard deviation per axis"),
-        (millimetres(medians["struck_rms_median_m"]), "struck ball, rms over a shot, median"),
+        (millimetres(medians["struck_rms_median_m"]), "struck ball, rms miss over a shot, median"),
         (millimetres(medians["struck_rms_median_held_out_m"]), "the same, held-out clips only"),
         (millimetres(medians["mujoco_struck_rms_median_m"]), "struck ball, the same constants in MuJoCo"),
         (number(medians["segment_ratio_median"]), "residual / noise of segments, median"),
@@ -197,20 +221,37 @@ def _round(number: int, seen: Screening) -> dict[str, object]:
     }
 
 
-def _health(model: Model) -> dict[str, object] | None:
-    """Rows of constants beside typical values, or why there are none; None for a model that was not fitted."""
-    lines: list[HealthLine] = health(model)
-    rows = [(one.what, one.measured, one.typical, one.source, one.verdict) for one in lines]
-    notes = [] if rows else health_lines(model)
-    return {"rows": rows, "notes": notes} if rows or notes else None
-
-
-def _constants(model: Model) -> list[tuple[str, ...]]:
-    """Name, value with standard deviation, unit and source of every constant that acts."""
-    rows: list[tuple[str, ...]] = []
+def _constants(model: Model) -> list[dict[str, object]]:
+    """Every constant that acts: its name, value, unit and source, and beside typical values a strip and a verdict."""
+    known = {line.constant: line for line in health(model)}
+    rows: list[dict[str, object]] = []
     for name, value in model.parameters().items():
-        estimate = model.estimates.get(name, Estimate())
-        shown = "one per simulation" if np.ndim(value) else value_with_sd(float(value), estimate.sd)
-        meta = model.meta(name)
-        rows.append((name, shown, str(meta["unit"]), estimate.source or str(meta["source"])))
+        estimate, line = model.estimates.get(name, Estimate()), known.get(name)
+        one = np.ndim(value) == 0
+        rows.append({
+            "name": name, "unit": str(model.meta(name)["unit"]),
+            "value": value_with_sd(float(value), estimate.sd) if one else "one per simulation",
+            "source": estimate.source or str(model.meta(name)["source"]),
+            "what": line.what if line else "", "typical": f"{line.typical}: {line.source}" if line else "",
+            "verdict": line.verdict if line else "", "strip": _strip(name, float(value), estimate.sd) if one else None,
+        })  # fmt: skip
     return rows
+
+
+def _strip(name: str, value: float, sd: float) -> dict[str, float] | None:
+    """Where typical range, interval and value lie on a strip [per cent]; None where one of them is not known."""
+    usual = TYPICAL.get(name)
+    if usual is None or not math.isfinite(sd):
+        return None
+    low, high = value - INTERVAL_SDS * sd, value + INTERVAL_SDS * sd
+    start, end = min(low, usual.low), max(high, usual.high)
+    margin = STRIP_MARGIN * (end - start)
+    start, end = start - margin, end + margin
+
+    def at(place: float) -> float:
+        return 100 * (place - start) / (end - start)
+
+    return {
+        "usual": at(usual.low), "usual_width": at(usual.high) - at(usual.low), "low": at(low),
+        "width": at(high) - at(low), "value": at(value),
+    }  # fmt: skip

@@ -6,21 +6,22 @@ In: a `DiscoveryResult`. Out: files, each written by the module of this room tha
 from __future__ import annotations
 
 import logging
-import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from models.console import Progress, write_json
 from models.model_file import write_model
 from sysid.clips import ClipSet
+from sysid.clips.pieces import parent_clip
+from sysid.estimation.fitted import as_model
 from sysid.report.findings import discovery_lines, label, labelled_models
 from sysid.report.html import Rung, write_report
 from sysid.report.recording import write_rrd
 from sysid.report.result_json import result_of
+from sysid.report.verdict import verdict_of
 from sysid.residuals.compare import compare
 from sysid.residuals.comparison import Comparison
 from sysid.selection.discover import DiscoveryResult
-
-AXES_FACTOR = math.sqrt(2.0)  # rms distance in the plane over rms per axis
 
 log = logging.getLogger(__name__)
 
@@ -34,22 +35,44 @@ def compare_at(number: int, clip_set: ClipSet, found: DiscoveryResult, command: 
     return name, compare(clip_set, found.model_of(fitted, command), initial_states)
 
 
+def compared_ends(clip_set: ClipSet, found: DiscoveryResult, command: str) -> list[tuple[str, Comparison]]:
+    """The first and the last model of the ladder, each compared with all clips; one where nothing was added."""
+    ends = dict.fromkeys((0, len(found.ladder) - 1))
+    return [compare_at(end, clip_set, found, command) for end in ends]
+
+
+def compared_with_formula(clip_set: ClipSet, found: DiscoveryResult, command: str) -> list[tuple[str, Comparison]]:
+    """The last model with the formula for what no effect explains, compared with all clips; none without a formula."""
+    if found.explained is None:
+        return []
+    files = list(dict.fromkeys(parent_clip(c.file) for c in found.parts.training.clips))
+    initial_states = found.parts.states_of(found.explained, [c.file for c in clip_set.clips])
+    name, fitted = labelled_models(found)[-1]
+    log.info("comparing %s", name)
+    return [(name, compare(clip_set, as_model(fitted, command, files), initial_states))]
+
+
+def write_discovery(
+    path: Path | str, clip_set: ClipSet, found: DiscoveryResult, compared: Sequence[tuple[str, Comparison]]
+) -> None:
+    """Write the report of a discovery; `compared` is what `compared_ends` and `compared_with_formula` give."""
+    ladder = [Rung(name, fitted.miss, fitted.held_miss, fitted.chi2) for name, fitted in labelled_models(found)]
+    title = f"What {len(clip_set.clips)} clips say about the table"
+    notes = discovery_lines(found)
+    said = verdict_of(found)
+    write_report(path, title, compared, notes=notes, ladder=ladder, rounds=found.rounds, verdict=said)
+
+
 def write_outcome(
     out: Path, clip_set: ClipSet, found: DiscoveryResult, progress: Progress, elapsed: float, command: str
 ) -> Comparison:
     """Write all four files into a folder; the comparison of the model that was found."""
-    ends = list(dict.fromkeys((0, len(found.ladder) - 1)))
-    compared = [compare_at(end, clip_set, found, command) for end in ends]
+    compared = compared_ends(clip_set, found, command)
+    with_formula = compared_with_formula(clip_set, found, command)
     progress.close()
     last = compared[-1][1]
     write_model(last.model, out / "model.toml")
     write_json(str(out / "result.json"), result_of(found, elapsed, compared))
-    ladder = [
-        Rung(name, AXES_FACTOR * fitted.rms, AXES_FACTOR * fitted.held_rms, fitted.chi2)
-        for name, fitted in labelled_models(found)
-    ]
-    title = f"What {len(clip_set.clips)} clips say about the table"
-    notes = discovery_lines(found)
-    write_report(out / "report.html", title, compared, notes=notes, ladder=ladder, rounds=found.rounds)
+    write_discovery(out / "report.html", clip_set, found, [*compared, *with_formula])
     write_rrd(out / "review.rrd", last)
     return last

@@ -54,36 +54,58 @@ def engines_line(comparison: Comparison) -> str:
     s = comparison.summary()
     here, there = (f"{1e3 * s[k]:.3f} mm" for k in ("rms_median_m", "mujoco_rms_median_m"))
     if not comparison.mujoco:
-        return f"all balls, whole clip, played in MuJoCo: median {there} rms"
-    return f"all balls, whole clip: median {here} rms in the event engine, {there} with the same constants in MuJoCo"
+        return f"rms miss of all balls over a clip, played in MuJoCo, median: {there}"
+    return f"of all balls, median: {here} in the event engine, {there} with the same constants in MuJoCo"
 
 
 def held_out_line(comparison: Comparison, rate: float) -> str:
     """How whole held-out shots are followed, and how many residuals the band of a discrepancy rate holds."""
     rms, share = comparison.summary()["struck_rms_median_held_out_m"], coverage(comparison, rate)
     return (
-        f"whole shots held out, only their initial states fitted: struck ball median {rms * 1e3:.1f} mm rms; "
+        f"whole shots held out, only their initial states fitted: struck ball's rms miss, median {rms * 1e3:.1f} mm; "
         f"{100 * share:.0f} % of residuals inside the predicted 95 % band"
     )
 
 
-def print_comparison(comparison: Comparison) -> None:
-    """What `compare` prints."""
+def summary_lines(comparison: Comparison) -> list[str]:
+    """Medians of the main figures, in words."""
     s, mm = comparison.summary(), 1e3
     names = ", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact"
-    print(f"{len(comparison.clips)} clips, noise {comparison.noise_m * mm:.2f} mm an axis, model: {names}")
+    lines = [f"{len(comparison.clips)} clips, noise {comparison.noise_m * mm:.2f} mm an axis, model: {names}"]
     count = len(comparison.segments)
-    print(f"{count} segments between impacts: median rms {s['segment_ratio_median']:.2f} times the noise")
-    print(f"struck ball, whole clip: median {s['struck_rms_median_m'] * mm:.1f} mm rms")
+    lines.append(f"{count} segments between impacts: median rms {s['segment_ratio_median']:.2f} times the noise")
+    lines.append(f"rms miss of the struck ball over a clip, median: {s['struck_rms_median_m'] * mm:.1f} mm")
     held = sum(c.held_out for c in comparison.clips)
     if held:
-        print(f"the same on {held} clips held out: median {s['struck_rms_median_held_out_m'] * mm:.1f} mm rms")
-    print(engines_line(comparison))
-    print("\nWorst clips")
-    rows = [("", "struck ball, mm", "all balls, mm", "chi2")]
+        lines.append(f"the same on {held} clips held out: {s['struck_rms_median_held_out_m'] * mm:.1f} mm")
+    return [*lines, engines_line(comparison)]
+
+
+def worst_rows(comparison: Comparison) -> list[tuple[str, ...]]:
+    """The clips with the largest miss as a table, heads first."""
+    rows: list[tuple[str, ...]] = [("Worst clips", "miss of the struck ball, mm", "of all balls, mm", "chi2")]
     for c in sorted(comparison.clips, key=lambda c: -c.rms_m)[:MAX_WORST_CLIPS]:
         where = f"  {c.file}" + (" (held out)" if c.held_out else "")
-        rows.append((where, f"{c.struck_rms_m * mm:.2f}", f"{c.rms_m * mm:.2f}", f"{c.chi2_reduced:.2f}"))
-    print(table(rows))
+        rows.append((where, f"{c.struck_rms_m * 1e3:.2f}", f"{c.rms_m * 1e3:.2f}", f"{c.chi2_reduced:.2f}"))
+    return rows
+
+
+def beside_rows(compared: Sequence[tuple[str, Comparison]]) -> list[tuple[str, ...]]:
+    """Several models of the same clips as a table of medians, heads first."""
+    rows: list[tuple[str, ...]] = [
+        ("model", "miss of the struck ball, mm", "held out, mm", "of all balls, mm", "segments, over noise")
+    ]
+    for label, one in compared:
+        medians = one.summary()
+        names = ("struck_rms_median_m", "struck_rms_median_held_out_m", "rms_median_m")
+        cells = [f"{1e3 * medians[name]:.2f}" if math.isfinite(medians[name]) else "-" for name in names]
+        rows.append((label, *cells, f"{medians['segment_ratio_median']:.2f}"))
+    return rows
+
+
+def print_comparison(comparison: Comparison) -> None:
+    """What `compare` prints."""
+    print("\n".join(summary_lines(comparison)))
+    print("\n" + table(worst_rows(comparison)))
     print("\nWhere the model misses")
     print("\n".join(f"  {line}" for line in in_words(comparison)))

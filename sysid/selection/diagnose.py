@@ -14,6 +14,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.split import Split, begin
 from sysid.selection.discover import propose_next
+from sysid.selection.evidence import holds
 from sysid.selection.formula import describe
 from sysid.selection.judge import Diagnosis, diagnose_fit
 from sysid.selection.next_shot import NextShot
@@ -46,11 +47,11 @@ def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
     parts, base = begin(clip_set, model)
     diagnosis = diagnose_fit(parts, base)
     unexplained: Mapping[str, Any] | None = None
-    if diagnosis.formula is not None and diagnosis.fitted_formula is not None:
-        fitted = diagnosis.fitted_formula
+    fitted, seen = diagnosis.fitted_formula, diagnosis.screening
+    if diagnosis.formula is not None and fitted is not None and holds(seen.base, fitted.fitted):
         unexplained = describe(diagnosis.formula, fitted.fitted, fitted.evidence)
     elif diagnosis.name is None:
-        unexplained = remainder(diagnosis.screening.base)
+        unexplained = remainder(seen.base)
     named = (diagnosis.name,) if diagnosis.name else ()
     shot = propose_next(parts, base, (diagnosis.screening,), named)
     return ClipDiagnosis(parts, base, diagnosis, unexplained, shot)

@@ -31,6 +31,7 @@ from sysid.selection.evidence import (
     compare_fits,
     excess_variance,
     generalises,
+    holds,
     mean_squares,
 )
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, score_terms, select_terms
@@ -253,8 +254,8 @@ def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, form
     plain = fit_without(parts, now, EFFECT_NAME)
     evidence = compare_fits(plain, now)
     found = _ending_with(found, plain, verdict)
-    if not is_enough(evidence, found.rounds[-1].count):
-        log.info("the formula is no longer needed")
+    if not is_enough(evidence, found.rounds[-1].count) or not holds(plain, now):
+        log.info("the formula is no longer needed, or does not hold on the clips held out")
         return dataclasses.replace(found, unexplained=None)
     described = describe(formula, now, evidence)
     described |= {"rms_m": now.rms, "held_out_rms_m": now.held_rms, "chi2_reduced": now.chi2}

@@ -80,13 +80,27 @@ def generalises(one: FittedModel, two: FittedModel) -> bool:
 
     By the mean squares of single clips, as one may be in a false optimum; where there are many, by that of all as well.
     """
+    return _held_out_within(one, two, MAX_HELD_OUT_LOG_RATIO, MAX_HELD_OUT_RATIO)
+
+
+def holds(one: FittedModel, two: FittedModel) -> bool:
+    """Whether the second fit follows the held-out clips better than the first: what a formula must do to be offered.
+
+    A formula is made for these clips, of any of a hundred terms; an effect is physics that is known from elsewhere. So
+    one that merely does no harm where it was not fitted is not offered.
+    """
+    return _held_out_within(one, two, 0.0, 1.0)
+
+
+def _held_out_within(one: FittedModel, two: FittedModel, log_ratio: float, ratio: float) -> bool:
+    """Whether the second fit's mean squares of held-out clips rise by less than that, summed over clips and of all."""
     if one.held_out is None or two.held_out is None:
         return True
     many = len(one.held_out.residuals) >= MANY_HELD_OUT_CLIPS
-    if many and two.held_out.rms > MAX_HELD_OUT_RATIO * one.held_out.rms:
+    if many and two.held_out.rms > ratio * one.held_out.rms:
         return False
     old, new = (np.maximum(mean_squares(at.residuals)[0], 1.0) for at in (one.held_out, two.held_out))
-    return float(np.sum(np.log(new / old))) < MAX_HELD_OUT_LOG_RATIO
+    return float(np.sum(np.log(new / old))) < log_ratio
 
 
 def _chi2_of_known(at: Point) -> float:

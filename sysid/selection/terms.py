@@ -10,6 +10,7 @@ evaluated: its terms are looked up in the library by name and quantity.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from collections.abc import Sequence
@@ -104,7 +105,12 @@ def library(table: Table, names: int = 2) -> list[Term]:
     for i in range(nx):
         for j in range(ny):
             x, y = (i + 0.5) * dx - table.length / 2, (j + 0.5) * dy - table.width / 2
-            found.append(_cell(f"drag_at_{i}_{j}", x, dx / 2, y, dy / 2))
+            found.append(_boxed(_CELL, f"drag_at_{i}_{j}", (x, dx / 2, y, dy / 2)))
+    for one in _HALVES:
+        at, across = (table.length / 4, 0.0), (table.length / 4, table.width / 2)
+        if one.name.endswith("y"):
+            at, across = (0.0, table.width / 4), (table.length / 2, table.width / 4)
+        found.append(_boxed(one, one.name, (at[0], across[0], at[1], across[1])))
     for quantity, word in (("drag", "rolling on the cloth"), ("grip", "sliding on the cloth")):
         add("cos", quantity, "cos(heading)", "", word, "heading")
         add("sin", quantity, "sin(heading)", "", word, "heading")
@@ -153,16 +159,28 @@ def library(table: Table, names: int = 2) -> list[Term]:
     return found
 
 
-def _cell(name: str, x: float, half_x: float, y: float, half_y: float) -> Term:
-    """A drag in a cell of the cloth, its sizes rounded as its text has them [m]."""
-    sizes = tuple(round(v, 4) for v in (x, half_x, y, half_y))
+_CELL = Term("", "drag", "", QUANTITY_UNITS["drag"], COEFFICIENT_WIDTHS["drag"], "", ("place",), (0.0, 0.0), kinds.BOX)
+_HALVES = tuple(
+    dataclasses.replace(
+        _CELL, name=f"{quantity}_half_{axis}", quantity=quantity, unit=QUANTITY_UNITS.get(quantity, "1"), place=None,
+        width=COEFFICIENT_WIDTHS[quantity], where=f"{doing} on the half of the cloth with {axis} > 0",
+    )
+    for quantity, doing in (("drag", "rolling"), ("grip", "sliding")) for axis in "xy"
+)  # fmt: skip
+
+
+def _boxed(term: Term, name: str, sizes: Sequence[float]) -> Term:
+    """A term on a rectangle of the cloth: x, half of its length, y, half of its width, rounded as its text has them."""
+    x, half_x, y, half_y = rounded = tuple(round(v, 4) for v in sizes)
     tests = [
         f"abs({axis} {'+' if at < 0 else '-'} {abs(at):.4f}) <= {half:.4f}"
-        for axis, at, half in zip("xy", sizes[::2], sizes[1::2], strict=True)
+        for axis, at, half in (("x", x, half_x), ("y", y, half_y))
     ]
-    where = f"on the cloth around x = {x:.2f} m, y = {y:.2f} m"
-    unit, width = QUANTITY_UNITS["drag"], COEFFICIENT_WIDTHS["drag"]
-    return Term(name, "drag", " and ".join(tests), unit, width, where, ("place",), (x, y), kinds.BOX, sizes)
+    where = term.where or f"on the cloth around x = {x:.2f} m, y = {y:.2f} m"
+    return dataclasses.replace(
+        term, name=name, factor=" and ".join(tests), where=where, place=(x, y) if term.place else None,
+        constants=rounded,
+    )  # fmt: skip
 
 
 def term_from_json(entry: Any) -> tuple[Term, float]:
@@ -183,7 +201,8 @@ def term_from_json(entry: Any) -> tuple[Term, float]:
     if term is not None and term.kind == kinds.BOX and (sizes := CELL_PATTERN.fullmatch(factor)):
         numbers = [float(v) for v in sizes.group(2, 3, 5, 6)]
         x, y = (-v if sign == "+" else v for sign, v in zip(sizes.group(1, 4), numbers[::2], strict=True))
-        term = _cell(name, x, numbers[1], y, numbers[3])
+        blank = dataclasses.replace(term, where="") if term.place else term
+        term = _boxed(blank, name, (x, numbers[1], y, numbers[3]))
     if term is None or term.factor != factor:
         term_text = f"{shown(name)} on {shown(quantity)} with factor {shown(factor)}"
         raise BadInput(f"no term {term_text} is known; {RESULT_REMEDY}")

@@ -221,6 +221,14 @@ def test_the_python_of_the_pages_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     for block in re.findall(r"^```python\n(.*?)^```", (ROOT / "docs/python.md").read_text(), re.DOTALL | re.MULTILINE):
         exec(block, names)
     assert names["found"].verdict == ("table_tilt",)
+    said = str(names["found"]).splitlines()
+    assert [line.split(":")[0] for line in said] == ["missing", "size", "certainty", "next"]
+    slope, (before, after) = (
+        re.findall(r"table_tilt \(slope_x (\S+)", said[0])[0],
+        re.findall(r"([\d.]+) mm", said[1])[:2],
+    )
+    assert float(slope) == pytest.approx(0.0007, abs=5e-5), "what the example hides"
+    assert float(after) < 0.4 * float(before)
     assert "table_tilt.slope_x" in names["found"].model.estimates
     assert names["made"]["stroke"] is not None
     diagnosis = sysid.diagnose(names["clips"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import json
 import subprocess
@@ -14,6 +15,7 @@ import pytest
 import models
 import planner
 import sysid
+from models.sheet import Presented, Sheet
 from sysid.cli.demo import EXAMPLE_FOLDER
 from tests.architecture.source import ROOT
 
@@ -52,5 +54,71 @@ def test_a_fit_from_python_is_that_of_the_command(tmp_path: Path) -> None:
     constants = json.loads(figures.read_text())["parameters"]
     assert {n: c["value"] for n, c in constants.items()} == {n: value for n, (value, _) in fitted.constants.items()}
     assert models.load_model(out).parameters() == fitted.model.parameters()
-    comparison = sysid.compare(clips, fitted.model)
+    comparison = fitted.comparison
     assert len(comparison.clips) == len(clips.clips)
+    names = list(fitted.constants)
+    assert "95 % interval" in str(fitted) and all(name in str(fitted) for name in names)
+    assert "<th>95 % interval</th>" in fitted._repr_html_()
+    assert repr(fitted) == str(fitted), "the prompt shows the table, not the arrays"
+    assert list(fitted.sheet().columns["constant"]) == names
+    low, high = (fitted.sheet().columns[k][0] for k in ("low", "high"))
+    assert low < fitted.constants[names[0]][0] < high
+    assert "Worst clips" in str(comparison)
+    assert len(comparison.sheet().columns["file"]) == len(clips.clips)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        fitted.clips = clips  # type: ignore[misc]
+    track = models.simulate(fitted, speed=1.0, azimuth=0.2)
+    assert np.array_equal(track.position, models.simulate(fitted.model, speed=1.0, azimuth=0.2).position)
+
+
+def test_a_stroke_is_played_until_all_balls_rest() -> None:
+    model = models.full_model(models.Table(2.84, 1.42, pockets=False), models.Ball(0.0615, 0.21))
+    track = models.simulate(model, speed=0.8, azimuth=0.1, side=0.01, balls={"white": (-0.9, 0.0), "red": (-0.3, 0.06)})
+    assert track.names == ("white", "red")
+    assert track.velocity[0, 0] == pytest.approx([0.8 * np.cos(0.1), 0.8 * np.sin(0.1)])
+    assert track.spin[0, 0, 2] == pytest.approx(2.5 * 0.01 * 0.8 / model.ball.radius**2)
+    assert np.abs(track.velocity[-1]).max() == 0.0 < np.abs(track.velocity[-3]).max()
+    assert "white" in str(track) and "red" in str(track)
+    assert track.plot().svg.startswith("<?xml") and "</svg>" in track.plot()._repr_svg_()
+    columns = track.sheet().columns
+    assert len(columns["x"]) == 2 * len(track.times) and columns["x"][len(track.times)] == -0.3
+    resting = models.simulate(model, speed=0.0)
+    assert len(resting.times) == 1
+    with pytest.raises(TypeError, match="sped"):
+        models.simulate(model, sped=1.0)
+
+
+def test_data_frames_are_of_what_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    sheet = Sheet({"a": [1.0, 2.0]}, ("a",), (("1",),), ("of <two>",))
+
+    class Two(Presented):
+        def sheet(self) -> Sheet:
+            return sheet
+
+    assert str(Two()) == "of <two>\na\n1"
+    assert "of &lt;two&gt;" in Two()._repr_html_()
+    monkeypatch.setattr("models.sheet.find_spec", lambda name: None)
+    with pytest.raises(models.BadInput, match="pip install pandas"):
+        Two().frame()
+    monkeypatch.undo()
+    pandas = pytest.importorskip("pandas")
+    assert isinstance(Two().frame(), pandas.DataFrame)
+    assert list(Two().frame()["a"]) == [1.0, 2.0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["find_a_hidden_effect", "write_an_effect"])
+def test_the_notebooks_run(name: str) -> None:
+    nbclient = pytest.importorskip("nbclient", reason="notebooks run with nbclient and ipykernel")
+    pytest.importorskip("ipykernel", reason="notebooks run with nbclient and ipykernel")
+    import nbformat
+
+    folder = ROOT / "docs" / "notebooks"
+    book = nbformat.read(folder / f"{name}.ipynb", as_version=4)
+    assert not any(cell.get("outputs") for cell in book.cells), "kept without outputs"
+    client = nbclient.NotebookClient(book, timeout=120, kernel_name="python3", resources={"metadata": {"path": folder}})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(ROOT))
+        client.execute()
+    shown = [out for cell in book.cells for out in cell.get("outputs", ()) if "data" in out]
+    assert any("text/html" in out["data"] for out in shown)

@@ -19,7 +19,7 @@ from models.recording.plan import dropped, fate, outline, sentence, write_plan
 from models.shot import Array, Ball, Table
 from planner.report import write_picture, write_report
 from tests.models.recording.test_view import column, read, seconds
-from tests.sysid.report.test_report import STRANGE, Page
+from tests.support.html_pages import STRANGE, Page
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 HALF = np.array([TABLE.length, TABLE.width]) / 2

@@ -19,8 +19,8 @@ from robot.learning.blocks import blocks, changes, ends
 from robot.learning.history import History, Refit
 from robot.learning.report import recording_of, sentences, write_picture, write_recording, write_report
 from tests.models.recording.test_view import column, read, seconds
+from tests.support.html_pages import STRANGE, Page
 from tests.support.story_samples import FAR, FELL, FOUND, NEAR, NO_FILM, UNSEEN, long_story, sample_story
-from tests.sysid.report.test_report import STRANGE, Page
 
 EMPTY = History({"every": 10}, (), (), "")
 
@@ -146,7 +146,7 @@ def test_pictures_tell_medians_effects_and_constants(page: str) -> None:
 
 def test_tables_tell_every_shot_and_refit(page: str) -> None:
     (refit,) = rows_of(page, 0)
-    assert refit == ["6", "table_tilt, squirt", "after the cushion +x", "0.52 mm", "–", "1.07", "64.2"]
+    assert refit == ["6", "table_tilt, squirt", "after the cushion +x", f"{0.52 * 2**0.5:.2f} mm", "–", "1.07", "64.2"]
     shots, story = rows_of(page, 1), sample_story()
     assert [row[0] for row in shots] == [str(k) for k in range(1, 13)]
     for row, shot in zip(shots, story.shots, strict=True):

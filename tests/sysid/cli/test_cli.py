@@ -252,6 +252,25 @@ def test_compare_and_fit_write_what_they_print(run: Any, filmed: Path, tmp_path:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["c.html", "c.json", "c.rrd", "fit.json", "fit.toml"]
 
 
+def test_models_are_set_beside_each_other(run: Any, filmed: Path, model: Path, tmp_path: Path) -> None:
+    other, figures, page = tmp_path / "fast.toml", tmp_path / "c.json", tmp_path / "c.html"
+    fast = read_model(model).with_values({"decoupled_cloth.roll": 0.009})
+    write_model(fast, other)
+    words = ("--model", str(other), "--model", str(model))
+    said = run("compare", str(filmed), *words, "--json", str(figures), "--report", str(page), "--quiet")
+    assert said.status == 0 and said.err == ""
+    rows = [line.split() for line in said.out.splitlines()[1:3]]
+    assert [row[0] for row in rows] == ["fast", "m"]
+    told = json.loads(figures.read_text())
+    assert [one["model"] for one in told["beside"]] == ["fast"]
+    assert float(rows[0][1]) == pytest.approx(1e3 * told["beside"][0]["summary"]["struck_rms_median_m"], abs=0.005)
+    assert float(rows[1][1]) == pytest.approx(1e3 * told["summary"]["struck_rms_median_m"], abs=0.005)
+    assert "Before and after" in page.read_text() and "before: fast" in page.read_text()
+    assert "given twice" in one_line(run("compare", str(filmed), "--model", str(model), "--model", str(model)))
+    said = run("fit", str(filmed), *words, "--out", str(tmp_path / "n.toml"))
+    assert "2 times" in one_line(said) and not (tmp_path / "n.toml").exists()
+
+
 @pytest.mark.parametrize(
     ("verb", "where"),
     [

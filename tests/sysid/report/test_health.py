@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,8 +20,15 @@ from models.shot import Ball, Table
 from sysid.report.health import JUDGES, NOT_CONVERGED_LINE, UNDETERMINED, health, health_lines
 from sysid.report.html import write_report
 from sysid.report.typical import AT_FAST_SLIP, AT_LOW_SPEED, AT_ONE_METRE_PER_SECOND, TYPICAL
+from tests.support.comparison_samples import comparison
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
+
+
+def report_of(model: Model, folder: Path) -> str:
+    """The report of a model that is compared with a few clips."""
+    write_report(folder / "report.html", "a table", [("it", dataclasses.replace(comparison(1), model=model))])
+    return (folder / "report.html").read_text()
 
 
 def fitted(effects: tuple[Effect, ...] = (), *, converged: bool = True, **found: tuple[float, float]) -> Model:
@@ -75,22 +83,25 @@ def test_a_fit_that_did_not_converge_says_nothing(tmp_path: Path) -> None:
     model = fitted((TableTilt(),), converged=False, table_tilt__slope_y=(0.0017, 2e-5))
     assert health(model) == []
     assert health_lines(model) == [NOT_CONVERGED_LINE]
-    write_report(tmp_path / "report.html", "a table", [], model=model)
-    assert NOT_CONVERGED_LINE in (tmp_path / "report.html").read_text()
+    assert NOT_CONVERGED_LINE in report_of(model, tmp_path)
 
 
 def test_a_model_that_was_not_fitted_has_no_health(tmp_path: Path) -> None:
     model = full_model(TABLE, BALL)
     assert health_lines(model) == []
-    write_report(tmp_path / "report.html", "a table", [], model=model)
-    assert "health" not in (tmp_path / "report.html").read_text()
+    assert "as usual" not in report_of(model, tmp_path)
 
 
 def test_the_report_shows_typical_values_with_their_source(tmp_path: Path) -> None:
-    write_report(tmp_path / "report.html", "a table", [], model=fitted(ball_impact__restitution=(0.95, 0.001)))
-    page = (tmp_path / "report.html").read_text()
+    page = report_of(fitted(ball_impact__restitution=(0.95, 0.001)), tmp_path)
     assert "Mathavan 2014: 0.89" in page
     assert "0.9500 ± 0.0010" in page
+    strip = re.search(r'class="strip"><s style="left:([\d.]+)%;width:([\d.]+)%"></s><i style="left:([\d.]+)%', page)
+    assert strip is not None
+    start, width, low = map(float, strip.groups())
+    assert low == pytest.approx(start + width * (0.948 - 0.89) / 0.09, abs=0.2), (
+        "where 0.948 lies between 0.89 and 0.98"
+    )
 
 
 @dataclass(frozen=True)

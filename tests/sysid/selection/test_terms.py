@@ -109,8 +109,22 @@ def test_a_cell_acts_in_its_place_alone() -> None:
     assert np.abs(near.position - plain.position).max() > 1e-3
 
 
+def test_a_half_of_the_cloth_is_read_again_as_it_was_written() -> None:
+    """Halves, rails, time and order of the clips are among the terms; a single clip is set aside, never explained."""
+    names = {t.name for t in TERMS}
+    assert {"drag_half_x", "drag_half_y", "grip_half_x", "grip_half_y", "drag_time", "drag_order"} <= names
+    assert {f"cushion_e_rail_{k}" for k in range(4)} <= names
+    for name, sizes in (("drag_half_x", (0.25, 0.25, 0.0, 0.5)), ("grip_half_y", (0.0, 0.5, 0.25, 0.25))):
+        (half,) = terms_of(name)
+        expected = (TABLE.length, TABLE.length, TABLE.width, TABLE.width)
+        assert half.constants == pytest.approx([s * whole for s, whole in zip(sizes, expected, strict=True)], abs=1e-4)
+        read, value = term_from_json(told(half))
+        assert (read, value) == (half, told(half)["value"])
+    assert half.where == "sliding on the half of the cloth with y > 0" and half.place is None
+
+
 @pytest.mark.parametrize(
-    "names", [("cushion_e_rail_2",), ("drag_at_1_1", "push_y_order"), ("image_x_xy", "ball_mu_order")]
+    "names", [("cushion_e_rail_2",), ("drag_half_x",), ("drag_at_1_1", "push_y_order"), ("image_x_xy", "ball_mu_order")]
 )
 def test_the_file_is_clean(tmp_path: Path, names: tuple[str, ...]) -> None:
     """What is written passes a linter, and holds nothing that it does not use."""

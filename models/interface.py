@@ -1,0 +1,171 @@
+"""Shots from Python: `models.simulate`, for whole shots or for one stroke of the cue ball.
+
+In: a `Model`, or a result that has one (`.model`), and shots, or a stroke. Out: `PlayedShot`s: tracks that print, plot
+and become data frames.
+
+A stroke gives the ball speed V along its azimuth and the spin 5 c V / (2 R^2) of its contact offset c (Robotic
+Billiards 2015, equations 1a and 1b), with the cue level. Squirt, swerve and hop are effects of the model.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, overload
+
+import numpy as np
+
+from models.analytic.cueing import spin_estimate
+from models.model_file import Model
+from models.sheet import Picture, Presented, Sheet
+from models.shot import Array, Shot, Track
+from models.simulation.simulate import simulate as simulate_shots
+
+MAX_STROKE_S = 40.0  # how long a stroke is played; a ball at 10 m/s rolls some 25 s
+STROKE_PERIOD_S = 1 / 120  # between the samples of a stroke
+REST_MOTION_M = 1e-6  # from the last place, within which a ball rests
+SPIN_NAMES = ("wx", "wy", "wz")
+
+
+class HasModel(Protocol):
+    """A result that a model belongs to: of `sysid.fit`, of `sysid.discover`."""
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+
+
+def model_of(given: Model | HasModel) -> Model:
+    """A model, or that of a result."""
+    return given if isinstance(given, Model) else given.model
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class PlayedShot(Presented, Track):
+    """A track with the model that it was played in."""
+
+    model: Model = dataclasses.field(kw_only=True)
+
+    def sheet(self) -> Sheet:
+        """Every ball's way in a row; the data frame has every sample."""
+        met = Counter(name for event in self.events for name in event.balls)
+        fell = {event.balls[0] for event in self.events if event.kind == "pocket"}
+        rows = []
+        for k, name in enumerate(self.names):
+            way = self.position[np.isfinite(self.position[:, k]).all(axis=1), k]
+            length = float(np.hypot(*np.diff(way, axis=0).T).sum())
+            speed = float(np.hypot(*self.velocity[0, k]))
+            x, y = way[-1]
+            end = "in a pocket" if name in fell else f"{x:+.3f}, {y:+.3f}"
+            rows.append((name, f"{speed:.2f}", f"{length:.3f}", str(met[name]), end))
+        heads = ("ball", "speed at first [m/s]", "way [m]", "impacts", "ends at x, y [m]")
+        return Sheet(self._samples(), heads, tuple(rows), (f"{self.times[-1] - self.times[0]:.2f} s of a shot",))
+
+    def _samples(self) -> dict[str, Any]:
+        """Every sample of every ball, ball after ball."""
+        n = len(self.times)
+        found: dict[str, Any] = {
+            "ball": np.repeat(np.array(self.names), n),
+            "time": np.tile(self.times, len(self.names)),
+        }
+        values = np.concatenate([self.position, self.velocity, self.spin], axis=2)
+        for j, name in enumerate(("x", "y", "vx", "vy", *SPIN_NAMES)):
+            found[name] = values[:, :, j].T.ravel()
+        return found
+
+    def plot(self) -> Picture:
+        """The table from above with the balls' ways; rings where they end."""
+        from models.recording.palette import ball_colour
+        from models.report.axes import circle, draw_table, rgb
+        from models.report.figure import FIGURE_WIDTH_IN, svg
+
+        own = self.model.as_played()
+
+        def draw(fig: Any) -> None:
+            ax = fig.subplots()
+            draw_table(ax, own.table)
+            for k, name in enumerate(self.names):
+                way = self.position[np.isfinite(self.position[:, k]).all(axis=1), k]
+                colour = rgb(ball_colour(name))
+                ax.plot(*way.T, color=colour, lw=1.6, zorder=5, label=name)
+                ax.add_patch(circle(way[0], own.ball.radius, fc=colour, ec="black", lw=0.6, zorder=6))
+                ax.add_patch(circle(way[-1], own.ball.radius, fc="none", ec=colour, lw=1.4, zorder=7))
+            ax.set_title("Filled: where the balls start; rings: where they end")
+
+        return Picture(svg("played shot", FIGURE_WIDTH_IN * (own.table.width + 0.4) / (own.table.length + 0.3), draw))
+
+
+def stroke_shot(
+    model: Model,
+    speed: float,
+    azimuth: float = 0.0,
+    side: float = 0.0,
+    height: float = 0.0,
+    balls: Mapping[str, tuple[float, float]] | None = None,
+) -> Shot:
+    """The shot of one stroke, from a level cue.
+
+    Args:
+        model: its table and ball.
+        speed: of the ball as it leaves the cue [m/s].
+        azimuth: of its direction, counter-clockwise from +x [rad].
+        side: of the contact point, to the right as the player sees it [m].
+        height: of the contact point, above the centre [m].
+        balls: places by name [m]; the first is struck. By default a cue ball alone, on the middle of the -x half.
+    """
+    table, ball = model.table, model.ball
+    balls = balls or {"cue": (-table.length / 4, 0.0)}
+    n = len(balls)
+    velocity, spin = np.zeros((n, 2)), np.zeros((n, 3))
+    cos, sin = math.cos(azimuth), math.sin(azimuth)
+    forward = spin_estimate(height, speed, ball)
+    velocity[0] = speed * cos, speed * sin
+    spin[0] = -forward * sin, forward * cos, spin_estimate(side, speed, ball)
+    times = np.arange(0.0, MAX_STROKE_S, STROKE_PERIOD_S)
+    return Shot(tuple(balls), np.array(list(balls.values()), float), velocity, spin, times)
+
+
+@overload
+def simulate(model: Model | HasModel, shots: Sequence[Shot], **options: Any) -> list[PlayedShot]: ...
+
+
+@overload
+def simulate(model: Model | HasModel, shots: None = None, **stroke: Any) -> PlayedShot: ...
+
+
+def simulate(
+    model: Model | HasModel, shots: Sequence[Shot] | None = None, **options: Any
+) -> PlayedShot | list[PlayedShot]:
+    """Play shots, or one stroke until all balls rest.
+
+    Args:
+        model: a model, or a result that has one.
+        shots: what is played, with the options of `models.simulation.simulate.simulate`; a track for each comes back.
+        options: without shots those of a stroke: speed [m/s], azimuth [rad], side and height of the contact point [m],
+            balls by name [m]. Its one track comes back.
+    """
+    own = model_of(model)
+    played = (
+        simulate_shots(own, [stroke_shot(own, **options)]) if shots is None else simulate_shots(own, shots, **options)
+    )
+    found = [PlayedShot(**vars(track), model=own) for track in played]
+    return until_rest(found[0]) if shots is None else found
+
+
+def until_rest(played: PlayedShot) -> PlayedShot:
+    """The track up to where all balls rest."""
+    away = np.nan_to_num(np.abs(played.position - _last_places(played.position)).max(axis=2)).max(axis=1)
+    gone = np.isfinite(played.position[..., 0]).sum(axis=1)  # a ball that is still to fall moves
+    moving = np.flatnonzero((away > REST_MOTION_M) | (gone > gone[-1]))
+    end = min(int(moving[-1]) + 2, len(played.times)) if moving.size else 1
+    cut = {name: getattr(played, name)[:end] for name in ("times", "position", "velocity", "spin", "theta")}
+    return dataclasses.replace(played, **cut)
+
+
+def _last_places(position: Array) -> Array:
+    """The last place where each ball was seen, of (n, nball, 2): (nball, 2) [m]."""
+    last = np.array([np.flatnonzero(np.isfinite(position[:, k, 0]))[-1] for k in range(position.shape[1])])
+    return np.asarray(position[last, np.arange(position.shape[1])])

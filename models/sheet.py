@@ -1,0 +1,94 @@
+"""Results as short tables: printed, shown in a notebook, turned into a data frame.
+
+In: what a result says of itself (`Sheet`). Out: text, HTML, a data frame of pandas or Polars; nothing is computed here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+from models.console import table
+from models.errors import BadInput
+from models.files.faults import one_line
+
+FRAME_LIBRARIES = ("pandas", "polars")  # in the order in which they are taken
+NO_FRAME_REMEDY = "a data frame needs pandas or Polars, and neither is installed: pip install pandas"
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A short table for people, and the columns behind it."""
+
+    columns: Mapping[str, Sequence[Any]]  # of the data frame: values in SI, by name
+    heads: tuple[str, ...]  # of the table that is shown
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[str, ...] = ()  # words above it
+
+    def text(self) -> str:
+        """Lines and table for a terminal."""
+        shown = [table([self.heads, *self.rows])] if self.rows else []
+        return "\n".join([*self.lines, *shown])
+
+    def html(self) -> str:
+        """The same for a notebook."""
+        words = "<br>".join(escape(one_line(line)) for line in self.lines)
+        heads = "".join(f"<th>{escape(head)}</th>" for head in self.heads)
+        rows = ["".join(f"<td>{escape(one_line(cell))}</td>" for cell in row) for row in self.rows]
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        grid = f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>" if rows else ""
+        return f"<p>{words}</p>{grid}"
+
+
+class Presented:
+    """A result that prints as a short table, and becomes a data frame."""
+
+    def sheet(self) -> Sheet:
+        """What it says of itself."""
+        raise NotImplementedError
+
+    def frame(self) -> Any:
+        """A data frame of pandas, or of Polars where only that is installed.
+
+        Raises:
+            BadInput: where neither is.
+        """
+        found = next((name for name in FRAME_LIBRARIES if find_spec(name)), None)
+        if found is None:
+            raise BadInput(NO_FRAME_REMEDY)
+        return import_module(found).DataFrame({name: list(values) for name, values in self.sheet().columns.items()})
+
+    def __str__(self) -> str:
+        """The table as text."""
+        return self.sheet().text()
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        """The table in a notebook."""
+        return self.sheet().html()
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure as SVG, which a notebook shows."""
+
+    svg: str
+
+    def save(self, path: Any) -> None:
+        """Write the SVG file, whole or not at all; BadInput where it cannot be written."""
+        from models.files import write_whole
+
+        write_whole(path, self.svg.encode())
+
+    def _repr_svg_(self) -> str:
+        """The figure in a notebook."""
+        return self.svg
+
+    def __repr__(self) -> str:
+        """What it is, not its text."""
+        return f"<picture of {len(self.svg)} bytes of SVG>"

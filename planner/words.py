@@ -1,0 +1,34 @@
+"""A plan in words and as a table of strokes, for the terminal and Python.
+
+In: billiard-plan/1 as plain values. Out: lines and rows of text, which nothing is read back from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from models.recording.plan import percent, sentence
+
+STROKE_HEADS = ("stroke", "string", "x'0 [mm]", "y'0 [mm]", "yaw [deg]", "potted", "fouls", "rest, median [mm]")
+
+
+def plan_lines(made: Mapping[str, Any]) -> list[str]:
+    """The stroke, why it was chosen, and how exactly the yaw must be set; or why there is none."""
+    if not made["stroke"]:
+        return [f"no shot: {made['why']}"]
+    low, high = made["launcher"]["theta_tolerance_deg"]
+    yaw = f"yaw: {made['launcher']['theta_deg']:.2f} degrees, {low:+.2f} to {high:+.2f} costs a tenth of the pots"
+    return [sentence(made), made["why"], yaw]
+
+
+def stroke_rows(made: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """The best stroke, then the alternatives, under `STROKE_HEADS`; none where there is no stroke."""
+    rows = []
+    for one in (made, *made["alternatives"]) if made["stroke"] else ():
+        terms, median = one["launcher"], one["rest"]["distance_median"]
+        numbers = [f"{terms[name]:.{digits}f}" for name, digits in (("x0_mm", 1), ("y0_mm", 1), ("theta_deg", 2))]
+        chances = [percent(one[f"{name}_probability"]) for name in ("pot", "foul")]
+        rest = "-" if median is None else f"{1e3 * median:.0f}"
+        rows.append((one["kind"], terms["string"], *numbers, *chances, rest))
+    return rows

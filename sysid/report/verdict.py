@@ -1,0 +1,110 @@
+"""A discovery in four lines: what is missing, how much it explains, how certain that is, and what to do next.
+
+In: a `DiscoveryResult`. Out: a `Verdict`: four sentences, for the terminal, the report and Python.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from models.report.numbers import millimetres, value_with_sd
+from sysid.estimation.fitted import MISS_OVER_AXIS
+from sysid.selection.discover import DiscoveryResult
+from sysid.selection.screening import MIN_DELTA_BIC, Screening
+
+MAX_NOISE_RATIO = 1.1  # held-out miss over that of the noise alone, up to which the noise is reached
+FEW_HELD_OUT = 2  # clips held out, up to which a single one decides
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a discovery says."""
+
+    missing: str
+    size: str
+    certainty: str
+    next_step: str
+
+    def lines(self) -> tuple[str, str, str, str]:
+        """The four sentences, each after what it is of."""
+        return (
+            f"missing: {self.missing}", f"size: {self.size}", f"certainty: {self.certainty}", f"next: {self.next_step}",
+        )  # fmt: skip
+
+
+def verdict_of(found: DiscoveryResult) -> Verdict:
+    """The verdict on a discovery."""
+    return Verdict(_missing(found), _size(found), _certainty(found), _next_step(found))
+
+
+def _missing(found: DiscoveryResult) -> str:
+    """The effects with their sizes, and what no effect explains."""
+    parts = [_with_values(found, name) for name in found.verdict]
+    rest = found.unexplained
+    if rest is not None:
+        depends = f", depending on {', '.join(rest['depends_on'])}" if rest["depends_on"] else ""
+        form = f" ({rest['form']})" if rest["form"] else ""
+        beside = "and beside it " if parts else ""
+        parts.append(f"{beside}something outside the catalogue: {rest['where']}{depends}{form}")
+    return ", ".join(parts) or "nothing that these clips show; the model suffices"
+
+
+def _with_values(found: DiscoveryResult, name: str) -> str:
+    """An effect with the constants that it has."""
+    model = found.model
+    effect = next(e for e in model.effects if e.name() == name)
+    values = []
+    for key, meta in effect.parameters().items():
+        known = model.estimates.get(f"{name}.{key}")
+        sd = known.sd if known else math.nan
+        unit = "" if meta["unit"] == "1" else f" {meta['unit']}"
+        values.append(f"{key} {value_with_sd(float(getattr(effect, key)), sd)}{unit}")
+    return f"{name} ({', '.join(values)})"
+
+
+def _size(found: DiscoveryResult) -> str:
+    """The rms miss before and after, and what the noise leaves."""
+    first, last = found.ladder[0], found.explained or found.last
+    floor = f"noise alone leaves {millimetres(MISS_OVER_AXIS * found.parts.noise)}"
+    if last is first:
+        return f"the rms miss is {millimetres(first.miss)} (held out {millimetres(first.held_miss)}); {floor}"
+    return (
+        f"the rms miss falls from {millimetres(first.miss)} to {millimetres(last.miss)} "
+        f"(held out {millimetres(first.held_miss)} to {millimetres(last.held_miss)}); {floor}"
+    )
+
+
+def _certainty(found: DiscoveryResult) -> str:
+    """Delta BIC of what was named, over the model without and over the next best; what speaks against it."""
+    doubts = [] if found.last.converged else ["the last fit did NOT converge, so this is a hint"]
+    named = [(seen.best, seen) for seen in found.rounds if seen.best is not None and seen.best.name in found.verdict]
+    words = [f"{best.name} has a delta BIC of {best.evidence.delta_bic:.0f}{_over_next(seen)}" for best, seen in named]
+    if found.unexplained is not None and found.unexplained.get("delta_bic") is not None:
+        words.append(f"what is outside the catalogue has a delta BIC of {found.unexplained['delta_bic']:.0f}")
+    if not words:
+        words = [f"no effect of the catalogue reaches a delta BIC of {MIN_DELTA_BIC:.0f}"]
+    held = found.parts.held_out
+    if held is None or len(held.clips) <= FEW_HELD_OUT:
+        doubts.append("few clips are held out to judge it by" if held else "no clip is held out to judge it by")
+    return "; ".join([*words, *doubts])
+
+
+def _over_next(seen: Screening) -> str:
+    """By how much the best candidate of a round leads."""
+    return f", {seen.margin:.0f} more than the next" if math.isfinite(seen.margin) else ""
+
+
+def _next_step(found: DiscoveryResult) -> str:
+    """What to do now."""
+    if found.unexplained is not None and found.unexplained["terms"]:
+        return "add what is outside the catalogue as an effect: sysid new-effect NAME --from result.json"
+    shot = found.next_shot
+    if shot is not None:
+        cue, (x, y) = shot.cue, shot.place
+        why = f"it {shot.why}" if shot.why.startswith("parts") else shot.why
+        return (
+            f"film the ball from x = {x:.2f}, y = {y:.2f} m at {cue.speed:.2f} m/s, azimuth {cue.azimuth:.2f} rad"
+            f"{' at another' if shot.other else ''}: {why}"
+        )
+    return "plan shots in this model; film more clips to see what these do not show"

@@ -1,0 +1,91 @@
+"""A discovery in four sentences: what they say when something, nothing or something without a name is missing."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from models.effects.cloth.table_tilt import TableTilt
+from models.model_file import Estimate, full_model
+from models.shot import Ball, Table
+from sysid.clips import CueCommand
+from sysid.report.findings import unexplained_lines
+from sysid.report.verdict import verdict_of
+from sysid.selection.next_shot import NextShot
+
+NOISE = 0.0005
+FORMULA = {
+    "where": "rolling on the cloth", "depends_on": ["order of the clips"], "form": "deceleration: +0.05 * (order)",
+    "delta_bic": 52671.0, "terms": [{}],
+}  # fmt: skip
+
+
+def found(*effects: str, held: int = 5, converged: bool = True, **more: Any) -> Any:
+    """A discovery, as far as its verdict looks at it."""
+    model = full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406)).add(TableTilt(0.0007, -0.0016))
+    model = dataclasses.replace(model, estimates={"table_tilt.slope_x": Estimate(1e-5)})
+    rms = [0.010, 0.0005]
+    ladder = [SimpleNamespace(miss=r, held_miss=1.1 * r, converged=converged) for r in rms[: 1 + len(effects)]]
+    best = SimpleNamespace(name=effects[0], evidence=SimpleNamespace(delta_bic=5120.0)) if effects else None
+    values = {
+        "verdict": effects, "unexplained": None, "explained": None, "model": model, "ladder": ladder,
+        "last": ladder[-1], "rounds": [SimpleNamespace(best=best, margin=1800.0)], "next_shot": None,
+        "parts": SimpleNamespace(noise=NOISE, held_out=SimpleNamespace(clips=range(held)) if held else None),
+    }  # fmt: skip
+    return SimpleNamespace(**(values | more))
+
+
+def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> None:
+    shot = NextShot(CueCommand(2.0, 0.5), (-1.0, 0.2), (0.0, 0.3), 9.0, "parts table_tilt from cloth_nap")
+    missing, size, certainty, step = verdict_of(found("table_tilt", next_shot=shot)).lines()
+    assert missing == "missing: table_tilt (slope_x 0.000700 ± 0.000010 rad, slope_y -0.0016 ± – rad)"
+    assert size.startswith("size: the rms miss falls from 10.0 mm to 0.500 mm (held out 11.0 mm to 0.550 mm);")
+    assert size.endswith("noise alone leaves 0.707 mm")
+    assert certainty == "certainty: table_tilt has a delta BIC of 5120, 1800 more than the next"
+    assert step.startswith("next: film the ball from x = -1.00, y = 0.20 m at 2.00 m/s, azimuth 0.50 rad at another:")
+    assert step.endswith("it parts table_tilt from cloth_nap")
+
+
+def test_nothing_missing_is_said_plainly() -> None:
+    said = verdict_of(found())
+    assert said.missing == "nothing that these clips show; the model suffices"
+    assert said.size == "the rms miss is 10.0 mm (held out 11.0 mm); noise alone leaves 0.707 mm"
+    assert "no effect of the catalogue reaches a delta BIC of 10" in said.certainty
+    assert said.next_step.startswith("plan shots")
+
+
+def test_what_has_no_name_has_its_formula_and_how_to_add_it() -> None:
+    explained = SimpleNamespace(miss=0.0007, held_miss=0.0008)
+    said = verdict_of(found(unexplained=FORMULA, explained=explained))
+    assert said.missing == (
+        "something outside the catalogue: rolling on the cloth, depending on order of the clips "
+        "(deceleration: +0.05 * (order))"
+    )
+    assert "to 0.700 mm" in said.size and "a delta BIC of 52671" in said.certainty
+    assert "sysid new-effect NAME --from result.json" in said.next_step
+    both = verdict_of(found("table_tilt", unexplained=FORMULA | {"form": None, "depends_on": [], "terms": []}))
+    assert both.missing.endswith("rad), and beside it something outside the catalogue: rolling on the cloth")
+
+
+@pytest.mark.parametrize(
+    ("held", "converged", "doubt"),
+    [(0, True, "no clip is held out"), (2, True, "few clips are held out"), (5, False, "did NOT converge")],
+)
+def test_doubts_are_told(held: int, converged: bool, doubt: str) -> None:
+    assert doubt in verdict_of(found("table_tilt", held=held, converged=converged)).certainty
+    assert doubt not in verdict_of(found("table_tilt")).certainty
+
+
+def test_what_is_left_without_a_formula_is_said_to_have_none_that_holds() -> None:
+    left: dict[str, Any] = {
+        "where": "not located", "depends_on": [], "what": "error, rms", "size": 3e-4, "unit": "m", "form": None,
+        "terms": [],
+    }  # fmt: skip
+    assert unexplained_lines(left)[-1] == "what is left has no formula that holds on clips held out"
+    swings = unexplained_lines(left | {"form": "x + a sine"})
+    assert swings[-1] == "as a formula: x + a sine"
+    offered = unexplained_lines(left | {"form": "+0.05 * (order)", "terms": [{}]})
+    assert offered[-1].startswith("to add it: sysid new-effect")
