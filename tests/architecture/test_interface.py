@@ -45,6 +45,7 @@ def test_a_shot_in_three_lines() -> None:
     assert 0.5 * 5 / 7 < track.position[-1, 0, 0] < 0.5  # it slides into rolling, and slows a little
 
 
+@pytest.mark.slow
 def test_a_fit_from_python_is_that_of_the_command(tmp_path: Path) -> None:
     clips = sysid.read_clips(EXAMPLE_FOLDER)
     fitted = sysid.fit(clips)

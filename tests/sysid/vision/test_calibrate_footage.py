@@ -61,6 +61,7 @@ def test_a_table_of_another_shape_is_refused(view: tuple[Camera, Picture], table
     assert found.doubts
 
 
+@pytest.mark.slow
 def test_balls_of_another_size_are_refused() -> None:
     camera = over_table((0.01, -0.02), size=SIZE, span=2.45, height=1.6, k1=0.01)
     place = np.random.default_rng(2).uniform((-0.8, -0.35), (0.8, 0.0), (6, 2))
@@ -75,6 +76,7 @@ def test_balls_of_another_size_are_refused() -> None:
     assert any("--diameter" in doubt for doubt in wrong.doubts)
 
 
+@pytest.mark.slow
 def test_videos_of_one_camera_go_together(view: tuple[Camera, Picture]) -> None:
     camera, picture = view
     rng = np.random.default_rng(0)
