@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from models.analytic.events import CLOSED_GAP_M, MIN_IMPACT_SPEED, in_mouth, line, meeting
+from models.analytic.events import CLOSED_GAP_M, MIN_IMPACT_SPEED, in_mouth, line, meeting, mouth_sides
 from models.analytic.pocket import BEHIND_M, is_facing, meet_jaw, straight
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
@@ -133,6 +133,8 @@ def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, un
         if left_out >> rail & 1:
             continue
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
+        if not bent and not stays:
+            _leave_sideways(b, m, kind, what, i, rail, limits, half, mouths, b[col.CLOCK] + h)
         if bent:
             t = straight(rail, limits, b[col.X : col.VX], b[col.VX : col.WX], b[col.AX : col.END], half, mouths, h)
         else:
@@ -144,11 +146,13 @@ def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, un
             continue
         o = 1 - k
         found = CUSHION
-        inside = mouths[0] > 0.0 and limits[k] - sign * b[k] < -MOUTH_DEPTH_M
-        inside = inside or in_mouth(b[o] + b[col.VX + o] * t + 0.5 * b[col.AX + o] * t * t, rail, half, mouths)
-        if not bent and not stays and inside:
+        gap, along = limits[k] - sign * b[k], b[o] + b[col.VX + o] * t + 0.5 * b[col.AX + o] * t * t
+        if not bent and not stays and gap < -MOUTH_DEPTH_M and in_mouth(b[o], rail, half, mouths):
             found = POCKET
             t = line(half[k] - sign * b[k], sign * b[col.VX + k], sign * b[col.AX + k], h)
+        elif not bent and not stays and in_mouth(along, rail, half, mouths):
+            found = SWITCH  # once it is in the mouth, it is looked at again
+            t = line(gap + 2.0 * MOUTH_DEPTH_M, sign * b[col.VX + k], sign * b[col.AX + k], h)
         if t >= 0.0 and b[col.CLOCK] + t < b[col.MEET]:
             b[col.MEET], what[i, 0], what[i, 1] = b[col.CLOCK] + t, found, rail
     if bent:
@@ -182,6 +186,29 @@ def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, un
             )
             if t >= 0.0 and b[col.CLOCK] + t < b[col.MEET]:
                 b[col.MEET], what[i, 0], what[i, 1] = b[col.CLOCK] + t, POCKET, -1
+
+
+@compiled_in_place
+def _leave_sideways(b, m, kind, what, i, rail, limits, half, mouths, end):  # type: ignore[no-untyped-def]
+    """A ball that is in a mouth, beyond the cushions' line, is the pocket's where it would leave it sideways."""
+    k, sign, now = rail // 2, 1.0 - 2.0 * (rail % 2), b[col.CLOCK]
+    o = 1 - k
+    if mouths[0] <= 0.0 or limits[k] - sign * b[k] >= -MOUTH_DEPTH_M or not in_mouth(b[o], rail, half, mouths):
+        return
+    for side in range(2):
+        way, level = 1.0 - 2.0 * side, mouth_sides(b[o], rail, half, mouths)[1 - side]
+        if abs(level) == np.inf:
+            continue
+        if kind == CURVE:
+            nx, ny = (way, 0.0) if o == 0 else (0.0, way)
+            t = _to_line(b, m, CURVE, nx, ny, way * level, now, end)
+        else:
+            t = now + line(way * (level - b[o]), way * b[col.VX + o], way * b[col.AX + o], end - now)
+        if not now <= t < b[col.MEET] or t > end:
+            continue
+        x, y, _, _ = place(b, m, kind, t)
+        if limits[k] - sign * (x if k == 0 else y) < -MOUTH_DEPTH_M:
+            b[col.MEET], what[i, 0], what[i, 1] = t, POCKET, rail
 
 
 @compiled_in_place
@@ -228,6 +255,8 @@ def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
         o, gap = 1 - k, limits[k] - sign * b[k]
         nx, ny = (sign, 0.0) if k == 0 else (0.0, sign)
+        if not bent and not stays:
+            _leave_sideways(b, m, CURVE, what, i, rail, limits, half, mouths, end)
         if gap > CLOSED_GAP_M and min(gap, limits[k] - sign * (ex if k == 0 else ey)) > sagitta:
             continue
         if bent and gap < -CLOSED_GAP_M and in_mouth(b[o], rail, half, mouths):
@@ -244,12 +273,13 @@ def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays
             continue
         x, y, _, _ = place(b, m, CURVE, t)
         found = CUSHION
-        inside = mouths[0] > 0.0 and gap < -MOUTH_DEPTH_M
-        if not stays and (inside or in_mouth(y if k == 0 else x, rail, half, mouths)):
+        if not stays and in_mouth(y if k == 0 else x, rail, half, mouths):
             if bent:
                 continue
-            found = POCKET
-            t = _to_line(b, m, CURVE, nx, ny, half[k], now, end)
+            found, level = SWITCH, limits[k] + 2.0 * MOUTH_DEPTH_M
+            if gap < -MOUTH_DEPTH_M and in_mouth(b[o], rail, half, mouths):
+                found, level = POCKET, half[k]
+            t = _to_line(b, m, CURVE, nx, ny, level, now, end)
         if t >= 0.0 and t < b[col.MEET]:
             b[col.MEET], what[i, 0], what[i, 1] = t, found, rail
     if bent:

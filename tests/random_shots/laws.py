@@ -139,7 +139,8 @@ def _inside(batch: Batch, played: Played, row: int) -> Iterator[str]:
         for s, i in np.argwhere(over > allowed[:, None]).tolist():
             if not in_mouth(float(xy[s, i, 1 - k]), rail, half, ends):
                 along = float(xy[s, i, 1 - k])
-                yield f"ball {i} is {1e3 * float(over[s, i]):.2g} mm into rail {rail} at sample {s}, {along:.3f} m along"
+                deep = 1e3 * float(over[s, i])
+                yield f"ball {i} is {deep:.2g} mm into rail {rail} at sample {s}, {along:.3f} m along"
                 break
     if batch.jaws:
         jaws = pockets_of(batch.model.table, batch.model.ball).jaws
