@@ -64,11 +64,13 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
             for some in np.split(np.arange(n), range(MUJOCO_CLIPS, n, MUJOCO_CLIPS))
             for k, track in zip(some, played.tracks(x[some], np.zeros((len(some), 0)), some), strict=True)
         )
+        del played
     samples, segment_samples, after = samples_of_shots(problem, tracks, clip_set), joined([]), no_impacts()
     if fits:
         log.info("segments and impacts, one by one")
         segment_samples = samples_of_segments(fits, tracks)
         after = impacts(fits, problem, tracks, clip_set)
+    del problem, fits  # with thousands of clips, what is laid out for fits is large
     sd_theta = theta_noise(clip_set.clips)
     return Comparison(
         clip_set, model, sigma, rows, segments, groups(samples, segments, rows, clip_set, sigma, sd_theta), samples,
