@@ -49,6 +49,16 @@ class ClipFit:
         values = self.model.parameters()
         return {n: (values[n], sd if self.converged else math.nan) for n, sd in self.fitted.sds.items()}
 
+    def without_clips(self) -> ClipFit:
+        """Its figures alone, without the shots that were fitted: of thousands of clips those take much memory."""
+        none = np.zeros(0, np.int64)
+        fitted = dataclasses.replace(
+            self.fitted, problem=self.fitted.problem.only(none), initial_states=self.fitted.initial_states[:0],
+            held_out=None,
+        )  # fmt: skip
+        parts = dataclasses.replace(self.parts, training=self.parts.training.only(none), held_out=None)
+        return dataclasses.replace(self, parts=parts, fitted=fitted)
+
 
 def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> ClipFit:
     """Fit every constant of the model's stack to the training clips of a set.
