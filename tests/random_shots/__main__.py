@@ -24,11 +24,12 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.random_shots", description=__doc__)
     parser.add_argument("--shots", type=int, default=6400)
     parser.add_argument("--seed", type=int, default=0, help="of the first batch")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="after which no other batch begins")
     parser.add_argument("--threads", type=int, default=1)
     asked = parser.parse_args(words)
     found: Counter[str] = Counter()
     began, seed, done, most = time.monotonic(), asked.seed, 0, 0
-    while done < asked.shots:
+    while done < asked.shots and time.monotonic() - began < asked.seconds:
         one = batch(seed, min(BATCH, asked.shots - done))
         played = play(one, asked.threads)
         most = max(most, int(played.result.counts.sum(axis=1).max()))
