@@ -24,7 +24,7 @@ from models.engine.impacts import ask, describe, part
 from models.engine.motion import POTTED
 from models.shot import GRAVITY
 
-MAX_SWEEPS = 100  # over all that press on each other
+MAX_SWEEPS = 20  # over all that press on each other; what is left of their approach waits for the next look
 SETTLED_SPEED = MIN_IMPACT_SPEED  # approach speed that is left between bodies that press on each other [m/s]
 SOON_S = 1e-4  # in which the cloth would end what slip and sidespin such impacts leave: it does so at once [s]
 
