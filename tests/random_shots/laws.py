@@ -187,9 +187,11 @@ def _energy(batch: Batch, played: Played, row: int) -> Iterator[str]:
     else:
         few = int(np.argmax(~here.all(axis=1))) if not here.all() else len(here)  # until the first is potted
         whole = kinetic[:few] + np.sum(weight * height[:few], axis=1)
+    if len(whole) <= 3:
+        return
     before = np.maximum.reduce([whole[k : len(whole) - 3 + k] for k in range(3)])
     allowed = ENERGY_SHARE * kinetic[0] + ENERGY_FLOOR
-    if len(before) and (whole[3:] > before + allowed).any():
+    if (whole[3:] > before + allowed).any():
         k = int(np.argmax(whole[3:] > before + allowed)) + 3
         gain = float(whole[k] - before[k - 3])
         yield f"energy rises by {gain:.2g} of {kinetic[0]:.2g} m^2/s^2 at sample {k}"
