@@ -59,6 +59,7 @@ class BallState:
     slide_factor: float = 1.0  # on the friction of a sliding ball
     roll_factor: float = 1.0  # on the deceleration of a rolling ball
     spin_factor: float = 1.0  # on the deceleration of sidespin
+    drag: float = 0.0  # beside the rolling resistance, which is never less than none with it [m/s^2]
 
 
 @dataclass

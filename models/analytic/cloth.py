@@ -50,7 +50,7 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
         if need > most * most:
             need = most / math.sqrt(need)
             gx, gy = gx * need, gy * need
-        resistance = roll * r[rec.ROLL_FACTOR] * n
+        resistance = max(roll * r[rec.ROLL_FACTOR] * n + r[rec.DRAG], 0.0)
         if mode == ROLLING:
             dx, dy = resistance * vx, resistance * vy
         else:

@@ -160,3 +160,13 @@ def in_mouth(along, rail, half, mouths):  # type: ignore[no-untyped-def]
     """Whether a ball at a rail (+x, -x, +y, -y), at `along` from its middle [m], is in a pocket's mouth."""
     k = rail // 2
     return mouths[0] > 0.0 and (abs(along) > half[1 - k] - mouths[0] or (k == 1 and abs(along) < mouths[1]))
+
+
+@compiled_in_place
+def mouth_sides(along, rail, half, mouths):  # type: ignore[no-untyped-def]
+    """The sides of the mouth at a rail that `along` is in: the least and the largest place along the rail [m]."""
+    k = rail // 2
+    far = half[1 - k] - mouths[0]
+    if abs(along) > far:
+        return (far, np.inf) if along > 0.0 else (-np.inf, -far)
+    return -mouths[1], mouths[1]

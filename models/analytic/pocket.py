@@ -41,6 +41,7 @@ ARC_RAILS = (0, 0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3)  # the rail that each arc ends
 JAW_RAILS = ARC_RAILS * 2  # of arcs, then of the facings behind them
 MIDDLE_ARCS = (6, 7, 10, 11)
 FACING_OVERLAP_M = 1e-3  # by which a facing reaches beyond the slate's edge [m]
+BEHIND_M = 1e-5  # depth to which what leans on a facing may sink in; what is deeper is elsewhere, behind its line [m]
 NO_FACING_M = -1.0  # half length of a facing that nothing meets [m]
 
 
@@ -189,7 +190,7 @@ def meet_jaw(jaw, x, y, vx, vy, ax, ay, h):  # type: ignore[no-untyped-def]
         return meeting(x, y, vx, vy, ax, ay, jaw[2], h)
     nx, ny = jaw[3], jaw[4]
     gap, speed, faster = -(nx * x + ny * y), nx * vx + ny * vy, nx * ax + ny * ay
-    if gap < -CLOSED_GAP_M:  # behind its line, elsewhere: it may come out, and back here
+    if gap < -BEHIND_M:  # behind its line, elsewhere: it may come out, and back here
         t = _out_and_back(gap, speed, faster, h)
     else:
         t = line(gap, speed, faster, h)

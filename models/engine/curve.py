@@ -53,7 +53,7 @@ MIN_STEP_S = 1e-7  # step that is taken whatever its error [s]
 @compiled_in_place
 def push(r, at, own, forces, support):  # type: ignore[no-untyped-def]
     """Ask the effects what acts on the ball in record r, at address `at`, beside the cloth."""
-    r[rec.AX] = r[rec.AY] = r[rec.BX] = r[rec.BY] = r[rec.BZ] = 0.0
+    r[rec.AX] = r[rec.AY] = r[rec.BX] = r[rec.BY] = r[rec.BZ] = r[rec.DRAG] = 0.0
     r[rec.SLIDE_FACTOR] = r[rec.ROLL_FACTOR] = r[rec.SPIN_FACTOR] = r[rec.WEIGHT] = 1.0
     for k in range(forces.shape[0]):
         if k == support and r[rec.WEIGHT] <= 0.0:
@@ -138,7 +138,7 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
             r[rec.AY] - 2 / 7 * (r[rec.AY] + radius * r[rec.BX]),
         )
         force = math.sqrt(px * px + py * py)
-        if force > cloth[1] * r[rec.WEIGHT] * GRAVITY:
+        if force > cloth[1] * r[rec.ROLL_FACTOR] * r[rec.WEIGHT] * GRAVITY:
             b[col.VX], b[col.VY] = 2.0 * STILL_SPEED * px / force, 2.0 * STILL_SPEED * py / force
             b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
             mode = ROLLING

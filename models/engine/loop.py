@@ -9,8 +9,10 @@ and a ball falls where the slate ends; otherwise it falls where its centre passe
 
 Impacts without end (a ball held between others, or pressed to a cushion by its own friction): an impact below
 DEAD_SPEED gives nothing back, nor does one below LEAN_SPEED of a ball that has just had such an impact, which is not
-logged either; a touch below MIN_IMPACT_SPEED is none, and bodies pressed together at rest are checked again after
-PRESSED_RECHECK_S. A shot with more than `most` events is given up, and reported.
+logged either; all that press on each other so are carried through at once (models/engine/rigid.py). A touch below
+MIN_IMPACT_SPEED is none, and bodies pressed together at rest are checked again after PRESSED_RECHECK_S. What has been
+pressed without moving for HELD_AFTER_S (a slope holds it to a cushion) rests until something is hit. A shot with more
+than `most` events is given up, and reported.
 """
 
 from __future__ import annotations
@@ -20,65 +22,33 @@ import math
 import numpy as np
 
 from models import record as rec
-from models.analytic.coulomb import MIN_STEPS
 from models.analytic.events import DEAD_SPEED, LEAN_SPEED
-from models.analytic.impulse import collide
-from models.analytic.pocket import outward
 from models.analytic.spring import CUSHION_TIME
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
 from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import MAX_STEP_S, curve, lay_record
-from models.engine.impacts import ask, deliver, describe, is_crowded, part
-from models.engine.motion import POTTED, REST, advance, arrive, plain_phase
-from models.engine.touch import BALL, CUSHION, POCKET, PRESSED_RECHECK_S, SWITCH, meet_balls, meet_table
+from models.engine.impacts import deliver, is_crowded, part
+from models.engine.motion import POTTED, REST, advance, arrive, place, plain_phase
+from models.engine.rigid import approach_speed, collide_alone, settle
+from models.engine.touch import (
+    BALL,
+    CUSHION,
+    MAX_RECHECK_S,
+    POCKET,
+    PRESSED_RECHECK_S,
+    SWITCH,
+    meet_balls,
+    meet_table,
+)
 from models.hooks import STROKE_FIELDS
 
-LEAN_MEMORY_S = 2.5 * PRESSED_RECHECK_S  # for how long a ball that leans is known to [s]
+LEAN_MEMORY_S = 2.5 * MAX_RECHECK_S  # for how long a ball that leans is known to [s]
+HELD_AFTER_S = 0.2  # for which what is pressed has not moved, before it rests [s]
+CALM_SPEED = 1e-4  # between bodies that lean on each other, with which they may go on until the next look [m/s]
+CREEP_SPEED = 2e-3  # of what is pressed and has not moved: any rolling resistance would have stopped it [m/s]
+BESIDE_M = 1e-4  # gap to a ball that is hit, at which what is held is no longer known to be [m]
 ROW_SIZE = 8  # numbers of a ball at a moment: place, velocity, spin, angle turned
-
-
-@compiled_in_place
-def collide_alone(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, mass, radius, order, now):  # type: ignore[no-untyped-def]
-    """Carry two balls, or one and a cushion (j < 0), through their impact by its impulse; returns whether they lean."""
-    if j < 0:
-        bx, by = outward(rail, b[i, col.X], b[i, col.Y], jaws)
-        ax, ay = by, -bx
-        describe(hit, True, i, rail, b[i], b[i], bx, by, radius, order, now)
-    else:
-        ax, ay = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
-        d = math.sqrt(ax * ax + ay * ay)
-        ax, ay = ax / d, ay / d
-        bx, by = -ay, ax
-        describe(hit, False, i, j, b[i], b[j], ax, ay, radius, order, now)
-    ask(hit, hit.ctypes.data, own, impact)
-    slow = hit[rec.APPROACH] < (LEAN_SPEED if leans else DEAD_SPEED)
-    for n in range(1 if j < 0 else 2):
-        q, o = b[i] if n == 0 else b[j], 5 * n
-        state[o], state[o + 1] = q[col.VX] * ax + q[col.VY] * ay, q[col.VX] * bx + q[col.VY] * by
-        state[o + 2], state[o + 3] = q[col.WX] * ax + q[col.WY] * ay, q[col.WX] * bx + q[col.WY] * by
-        state[o + 4] = q[col.WZ]
-    collide(
-        j < 0, state, 0.0 if slow else hit[rec.RESTITUTION], (hit[rec.FRICTION], cloth[0], mass, radius), MIN_STEPS,
-        hit[rec.GAIN], hit[rec.DECAY], hit[rec.MASS_FIRST] / hit[rec.MASS_SECOND], hit[rec.NOSE],
-        hit[rec.COMPLIANCE], hit[rec.SINK],
-    )  # fmt: skip
-    for n in range(1 if j < 0 else 2):
-        q, o = b[i] if n == 0 else b[j], 5 * n
-        q[col.VX], q[col.VY] = state[o] * ax + state[o + 1] * bx, state[o] * ay + state[o + 1] * by
-        q[col.WX], q[col.WY] = state[o + 2] * ax + state[o + 3] * bx, state[o + 2] * ay + state[o + 3] * by
-        q[col.WZ] = state[o + 4]
-    return slow
-
-
-@compiled_in_place
-def approach_speed(b, i, j, rail, jaws):  # type: ignore[no-untyped-def]
-    """How fast two balls, or one and a cushion (j < 0), come together [m/s]."""
-    if j < 0:
-        x, y = outward(rail, b[i, col.X], b[i, col.Y], jaws)
-        return b[i, col.VX] * x + b[i, col.VY] * y
-    x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
-    return ((b[i, col.VX] - b[j, col.VX]) * x + (b[i, col.VY] - b[j, col.VY]) * y) / math.sqrt(x * x + y * y)
 
 
 @compiled_in_place
@@ -110,7 +80,14 @@ def workspace(n, curved):  # type: ignore[no-untyped-def]
         np.zeros((n, col.STATE_SIZE if curved else 1, col.TERM_COUNT)),
         np.zeros((n, rec.BALL_FIELDS)),
     )
-    known = np.zeros(n, np.int64), np.zeros((n, 2), np.int64), np.zeros(n), np.zeros(n), np.zeros(n, np.bool_)
+    known = (
+        np.zeros(n, np.int64),
+        np.zeros((n, 2), np.int64),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros((n, 3)),
+        np.zeros((3, n), np.bool_),
+    )
     one = (
         np.zeros(10),
         np.zeros(rec.IMPACT_FIELDS),
@@ -133,7 +110,12 @@ def play_shot(  # type: ignore[no-untyped-def]
     """
     n = start.shape[0]
     curved = forces.shape[0] > 0
-    (b, m, records), (kind, what, leans, quiet, todo), (pair, again), (state, hit, keep, y, k) = work
+    (
+        (b, m, records),
+        (kind, what, leans, quiet, still, (todo, touched, held)),
+        (pair, again),
+        (state, hit, keep, y, k),
+    ) = work
     slide, roll, alpha = cloth[0], cloth[1], cloth[2]
     for i in range(n):
         lay_record(records[i], i, launch, order, radius, mass)
@@ -143,13 +125,17 @@ def play_shot(  # type: ignore[no-untyped-def]
         if math.isnan(b[i, col.X]):
             kind[i] = POTTED
             b[i, col.END] = b[i, col.MEET] = np.inf
+        still[i, 0], still[i, 1], still[i, 2], held[i] = b[i, col.X], b[i, col.Y], 0.0, False
     # Counters begin as numbers that the compiler does not know: it would compile what they go into for each literal.
     zero = 0 * n
     next_, logged, now, ended = zero, zero, 0.0, np.nan
     for done in range(most + 1):
         for i in range(n):
             if todo[i] and kind[i] != POTTED:
-                if curved:
+                held[i] = curved and leans[i] > now and _is_held(b[i], still[i], now, radius)
+                if held[i]:
+                    kind[i] = REST
+                elif curved:
                     kind[i] = curve(
                         b[i], m[i], until, MAX_STEP_S, records[i], records[i].ctypes.data, own, forces, support,
                         horizon, cloth, y, k,
@@ -158,12 +144,21 @@ def play_shot(  # type: ignore[no-untyped-def]
                     kind[i] = plain_phase(b[i], radius, slide, roll)
         for i in range(n):
             if todo[i]:
-                meet_table(b[i], m[i], what, i, kind[i], limits, half, mouths, jaws, falls, stays[i], until)
                 # What leans on a cushion has no other look at it for a while: looks would follow without end.
-                soon = quiet[i] > now and what[i, 0] == CUSHION and b[i, col.MEET] < quiet[i]
-                if soon and approach_speed(b, i, zero - 1, what[i, 1], jaws) < LEAN_SPEED:
+                left_out, soon = zero, True
+                while soon:
+                    meet_table(
+                        b[i], m[i], what, i, kind[i], limits, half, mouths, jaws, falls, stays[i], until, left_out
+                    )
+                    soon = quiet[i] > now and what[i, 0] == CUSHION and b[i, col.MEET] < quiet[i]
+                    soon = soon and approach_speed(b, i, zero - 1, what[i, 1], jaws) < DEAD_SPEED
+                    if soon:
+                        left_out |= 1 << what[i, 1]
+                if left_out and quiet[i] < b[i, col.MEET]:
                     b[i, col.MEET], what[i, 0] = quiet[i], SWITCH
                 meet_balls(now, i, b, m, kind, pair, again, radius, until)
+                if leans[i] > now:
+                    _look_later(now, i, b, m, kind, leans, pair, again, radius)
                 todo[i] = False
         t, event, i, j = np.inf, SWITCH + zero, zero - 1, zero - 1
         for q in range(n):
@@ -186,11 +181,12 @@ def play_shot(  # type: ignore[no-untyped-def]
         now = t
         advance(b[i], m[i], kind[i], t, radius, alpha)
         todo[i] = True
+        pressed = False
         if event == BALL:
             advance(b[j], m[j], kind[j], t, radius, alpha)
             todo[j] = True
             if again[j * (j - 1) // 2 + i]:
-                event, leans[j] = SWITCH, now + LEAN_MEMORY_S
+                event, pressed = SWITCH, True
         if event in (BALL, CUSHION):
             rail = what[i, 1] if event == CUSHION else zero - 1
             speed = approach_speed(b, i, j, rail, jaws)
@@ -206,16 +202,22 @@ def play_shot(  # type: ignore[no-untyped-def]
                     )  # fmt: skip
                     for q in range(n):
                         b[q, col.CLOCK] = now
-                        todo[q] = True
+                        touched[q] = b[q, col.VX] != 0.0 or b[q, col.VY] != 0.0
+                        todo[q] = not held[q] or touched[q]
+                    _release(b, held, touched, todo, still, now, radius)
                     continue
             known = leans[i] > now or (j >= 0 and leans[j] > now)
             slow = collide_alone(b, i, j, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now)
+            if speed >= DEAD_SPEED:
+                for q in range(n):
+                    touched[q] = q in (i, j)
+                    if held[q]:
+                        advance(b[q], m[q], kind[q], t, radius, alpha)
+                _release(b, held, touched, todo, still, now, radius)
             if slow:
+                pressed = True
                 part(b, i, j, rail, jaws, radius, limits)
-                leans[i] = now + LEAN_MEMORY_S
-                if j >= 0:
-                    leans[j] = now + LEAN_MEMORY_S
-                else:
+                if j < 0:
                     quiet[i] = now + PRESSED_RECHECK_S
             b[i, col.TRY] = 0.0
             if j >= 0:
@@ -225,7 +227,18 @@ def play_shot(  # type: ignore[no-untyped-def]
         elif event == SWITCH and t == b[i, col.END]:
             arrive(b[i], kind[i], radius)
         elif event == SWITCH:  # pressed to something, and looked at again
-            leans[i] = now + LEAN_MEMORY_S
+            _lean(i, now, leans, still)
+        if pressed:
+            for q in range(n):
+                advance(b[q], m[q], kind[q], t, radius, alpha)
+            settle(
+                b, kind, i, j, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, order,
+                now,
+            )  # fmt: skip
+            for q in range(n):
+                if touched[q]:
+                    todo[q], b[q, col.TRY] = True, 0.0
+                    _lean(q, now, leans, still)
         count[event] += 1
         if event == POCKET:
             kind[i] = POTTED
@@ -254,6 +267,61 @@ def play_shot(  # type: ignore[no-untyped-def]
             start[i, x] = b[i, x]
         potted[i] = kind[i] == POTTED
     return ended
+
+
+@compiled_in_place
+def _look_later(now, i, b, m, kind, leans, pair, again, radius):  # type: ignore[no-untyped-def]
+    """Let ball i and others that lean on each other at no speed have no other look for a while."""
+    later, touch = now + PRESSED_RECHECK_S, 2.0 * radius + CROWD_GAP_M
+    x, y, vx, vy = place(b[i], m[i], kind[i], now)
+    for j in range(b.shape[0]):
+        at = i * (i - 1) // 2 + j if j < i else j * (j - 1) // 2 + i
+        if j == i or kind[j] == POTTED or leans[j] <= now or not pair[at] < later:
+            continue
+        px, py, pvx, pvy = place(b[j], m[j], kind[j], now)
+        px, py, pvx, pvy = px - x, py - y, pvx - vx, pvy - vy
+        d = math.sqrt(px * px + py * py)
+        if d < touch and abs(px * pvx + py * pvy) < CALM_SPEED * d:
+            pair[at], again[at] = later, True
+
+
+@compiled_in_place
+def _lean(i, now, leans, still):  # type: ignore[no-untyped-def]
+    """Note that ball i leans on something."""
+    if leans[i] <= now:
+        still[i, 2] = now
+    leans[i] = now + LEAN_MEMORY_S
+
+
+@compiled_in_place
+def _release(b, held, touched, todo, still, now, radius):  # type: ignore[no-untyped-def]
+    """Let go of what is held and `touched`, or lies by what is: something that held it may be gone."""
+    beside, more = 2.0 * radius + BESIDE_M, True
+    while more:
+        more = False
+        for p in range(b.shape[0]):
+            if not held[p]:
+                continue
+            for q in range(b.shape[0]):
+                x, y = b[p, col.X] - b[q, col.X], b[p, col.Y] - b[q, col.Y]
+                if touched[q] and x * x + y * y < beside * beside:
+                    held[p], touched[p], todo[p], still[p, 2], more = False, True, True, now, True
+                    break
+
+
+@compiled_in_place
+def _is_held(b, still, now, radius):  # type: ignore[no-untyped-def]
+    """Whether a ball that is pressed has long not moved; then it rests. `still`: where it moved last, and when."""
+    x, y, creep = b[col.X] - still[0], b[col.Y] - still[1], CREEP_SPEED * CREEP_SPEED
+    ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
+    v2, u2, side = b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY], ux * ux + uy * uy, radius * b[col.WZ]
+    if x * x + y * y > creep * HELD_AFTER_S * HELD_AFTER_S or v2 > creep or u2 > creep or side * side > creep:
+        still[0], still[1], still[2] = b[col.X], b[col.Y], now
+    if now - still[2] < HELD_AFTER_S:
+        return False
+    b[col.VX] = b[col.VY] = b[col.WX] = b[col.WY] = b[col.WZ] = b[col.AX] = b[col.AY] = b[col.BOUND] = 0.0
+    b[col.END] = np.inf
+    return True
 
 
 @compiled

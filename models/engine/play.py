@@ -270,7 +270,7 @@ def play(
 
 
 def _track(shot: Shot, out: Array, when: Array, who: NDArray[np.int64], last: Array) -> Track:
-    data, names = out[: len(shot.times)], shot.names
+    data, names = out[: len(shot.times)].copy(), shot.names  # no part of what is laid out for the longest shot
     happened = []
     for t, (kind, i, j) in zip(when, who, strict=True):
         if kind < 0:

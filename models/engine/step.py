@@ -22,8 +22,9 @@ from models.engine import columns as col
 from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import curve, lay_record
 from models.engine.impacts import is_crowded, part
-from models.engine.loop import LEAN_MEMORY_S, approach_speed, collide_alone
+from models.engine.loop import LEAN_MEMORY_S
 from models.engine.motion import POTTED, REST, advance, arrive, plain_phase
+from models.engine.rigid import approach_speed, collide_alone, settle
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH, meet_balls, meet_table
 
 PARKED_DEPTH = 1.0  # of potted balls below the slate [m], under the floor of a furnished table
@@ -160,7 +161,7 @@ def play_step(  # type: ignore[no-untyped-def]
         np.zeros(n, np.int64),
     )
     what, pairs = np.zeros((n, 2), np.int64), n * (n - 1) // 2
-    pair, again = np.zeros(pairs), np.zeros(pairs, np.bool_)
+    pair, again, touched = np.zeros(pairs), np.zeros(pairs, np.bool_), np.zeros(n, np.bool_)
     state, hit, records = np.zeros(10), np.zeros(rec.IMPACT_FIELDS), np.zeros((n, rec.BALL_FIELDS))
     y, k = np.zeros(col.STATE_SIZE), np.zeros((7, col.STATE_SIZE))
     now, until = kept[STATE_TIME] - kept[STRUCK_AT], end - kept[STRUCK_AT]  # the effects count from the strike
@@ -187,7 +188,7 @@ def play_step(  # type: ignore[no-untyped-def]
             else:
                 kind[i] = plain_phase(b[i], radius, cloth[0], cloth[1])
             ends = wide if entered[i] > 0.0 else mouths
-            meet_table(b[i], m[i], what, i, kind[i], limits, half, ends, jaws, falls, False, until)
+            meet_table(b[i], m[i], what, i, kind[i], limits, half, ends, jaws, falls, False, until, 0)
             if b[i, col.MEET] < t:
                 t, event, one = b[i, col.MEET], what[i, 0], i
             if b[i, col.END] < t:
@@ -259,6 +260,10 @@ def play_step(  # type: ignore[no-untyped-def]
                 if two >= 0:
                     leans[two] = now + LEAN_MEMORY_S
                 part(b, one, two, rail, jaws, radius, limits)
+                settle(
+                    b, kind, one, two, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half,
+                    mouths, order, now,
+                )  # fmt: skip
     return False
 
 

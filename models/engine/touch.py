@@ -12,17 +12,24 @@ import math
 
 import numpy as np
 
-from models.analytic.events import CLOSED_GAP_M, MIN_IMPACT_SPEED, in_mouth, line, meeting
-from models.analytic.pocket import is_facing, meet_jaw, straight
+from models.analytic.events import CLOSED_GAP_M, MIN_IMPACT_SPEED, in_mouth, line, meeting, mouth_sides
+from models.analytic.pocket import BEHIND_M, is_facing, meet_jaw, straight
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
 from models.engine.motion import CURVE, POTTED, REST, place, pull
 
 BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
 MOUTH_DEPTH_M = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
-PRESSED_RECHECK_S = 1e-3  # until what is pressed together at rest is looked at again [s]
+# Until what is pressed together at rest is looked at again [s]: at most what lets it sink by PRESSED_DEPTH_M.
+PRESSED_RECHECK_S, MAX_RECHECK_S, PRESSED_DEPTH_M = 1e-3, 4e-3, 5e-7
 MOST_STEPS = 200  # towards a touch
 NO_STEP_S = 1e-15  # step that is none [s]
+
+
+@compiled
+def recheck(push):  # type: ignore[no-untyped-def]
+    """Until what is pressed by an acceleration `push` [m/s^2] is looked at again [s]."""
+    return min(max(math.sqrt(2.0 * PRESSED_DEPTH_M / max(push, 1e-9)), PRESSED_RECHECK_S), MAX_RECHECK_S)
 
 
 @compiled
@@ -109,18 +116,25 @@ def _to_point(b, m, px, py, rho, t, end):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
-    """What of the table a ball meets next, within its motion and the time wanted; no pocket takes one that stays."""
+def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, until, left_out):  # type: ignore[no-untyped-def]
+    """What of the table a ball meets next, within its motion and the time wanted; no pocket takes one that stays.
+
+    `left_out`: a bit for each rail, and each jaw after them, that is not looked at.
+    """
     b[col.MEET] = np.inf
     if kind in (REST, POTTED):
         return
     if kind == CURVE:
-        _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays, until)
+        _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays, until, left_out)
         return
     h = min(b[col.END], until) - b[col.CLOCK]
     bent = falls.shape[0] > 0 and not stays
     for rail in range(4):
+        if left_out >> rail & 1:
+            continue
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
+        if not bent and not stays:
+            _leave_sideways(b, m, kind, what, i, rail, limits, half, mouths, b[col.CLOCK] + h)
         if bent:
             t = straight(rail, limits, b[col.X : col.VX], b[col.VX : col.WX], b[col.AX : col.END], half, mouths, h)
         else:
@@ -128,20 +142,24 @@ def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, un
         if t == np.inf:
             continue
         if t < 0.0:
-            _look_again(b, what, i)
+            _look_again(b, what, i, sign * b[col.AX + k])
             continue
         o = 1 - k
         found = CUSHION
-        inside = mouths[0] > 0.0 and limits[k] - sign * b[k] < -MOUTH_DEPTH_M
-        inside = inside or in_mouth(b[o] + b[col.VX + o] * t + 0.5 * b[col.AX + o] * t * t, rail, half, mouths)
-        if not bent and not stays and inside:
+        gap, along = limits[k] - sign * b[k], b[o] + b[col.VX + o] * t + 0.5 * b[col.AX + o] * t * t
+        if not bent and not stays and gap < -MOUTH_DEPTH_M and in_mouth(b[o], rail, half, mouths):
             found = POCKET
             t = line(half[k] - sign * b[k], sign * b[col.VX + k], sign * b[col.AX + k], h)
+        elif not bent and not stays and in_mouth(along, rail, half, mouths):
+            found = SWITCH  # once it is in the mouth, it is looked at again
+            t = line(gap + 2.0 * MOUTH_DEPTH_M, sign * b[col.VX + k], sign * b[col.AX + k], h)
         if t >= 0.0 and b[col.CLOCK] + t < b[col.MEET]:
             b[col.MEET], what[i, 0], what[i, 1] = b[col.CLOCK] + t, found, rail
     if bent:
         for k in range(jaws.shape[0] + falls.shape[0]):
             fall = k >= jaws.shape[0]
+            if not fall and left_out >> (4 + k) & 1:
+                continue
             if fall:
                 at = falls[k - jaws.shape[0]]
                 t = meeting(b[col.X] - at[0], b[col.Y] - at[1], b[col.VX], b[col.VY], b[col.AX], b[col.AY], at[2], h)
@@ -149,7 +167,7 @@ def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, un
                 t = meet_jaw(jaws[k], b[col.X], b[col.Y], b[col.VX], b[col.VY], b[col.AX], b[col.AY], h)
             if t == -1.0:
                 if not fall:
-                    _look_again(b, what, i)
+                    _look_again(b, what, i, b[col.BOUND])
             elif b[col.CLOCK] + t < b[col.MEET]:
                 b[col.MEET] = b[col.CLOCK] + t
                 what[i, 0], what[i, 1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
@@ -171,16 +189,40 @@ def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, un
 
 
 @compiled_in_place
-def _look_again(b, what, i):  # type: ignore[no-untyped-def]
-    if b[col.CLOCK] + PRESSED_RECHECK_S < b[col.MEET]:
-        b[col.MEET], what[i, 0] = b[col.CLOCK] + PRESSED_RECHECK_S, SWITCH
+def _leave_sideways(b, m, kind, what, i, rail, limits, half, mouths, end):  # type: ignore[no-untyped-def]
+    """A ball that is in a mouth, beyond the cushions' line, is the pocket's where it would leave it sideways."""
+    k, sign, now = rail // 2, 1.0 - 2.0 * (rail % 2), b[col.CLOCK]
+    o = 1 - k
+    if mouths[0] <= 0.0 or limits[k] - sign * b[k] >= -MOUTH_DEPTH_M or not in_mouth(b[o], rail, half, mouths):
+        return
+    for side in range(2):
+        way, level = 1.0 - 2.0 * side, mouth_sides(b[o], rail, half, mouths)[1 - side]
+        if abs(level) == np.inf:
+            continue
+        if kind == CURVE:
+            nx, ny = (way, 0.0) if o == 0 else (0.0, way)
+            t = _to_line(b, m, CURVE, nx, ny, way * level, now, end)
+        else:
+            t = now + line(way * (level - b[o]), way * b[col.VX + o], way * b[col.AX + o], end - now)
+        if not now <= t < b[col.MEET] or t > end:
+            continue
+        x, y, _, _ = place(b, m, kind, t)
+        if limits[k] - sign * (x if k == 0 else y) < -MOUTH_DEPTH_M:
+            b[col.MEET], what[i, 0], what[i, 1] = t, POCKET, rail
+
+
+@compiled_in_place
+def _look_again(b, what, i, push):  # type: ignore[no-untyped-def]
+    later = b[col.CLOCK] + recheck(push)
+    if later < b[col.MEET]:
+        b[col.MEET], what[i, 0] = later, SWITCH
 
 
 @compiled_in_place
 def _meet_facing_on_curve(b, m, what, i, jaw, number, now, end):  # type: ignore[no-untyped-def]
     nx, ny = jaw[3], jaw[4]
     level = nx * jaw[0] + ny * jaw[1]
-    if level - (nx * b[col.X] + ny * b[col.Y]) < -CLOSED_GAP_M:
+    if level - (nx * b[col.X] + ny * b[col.Y]) < -BEHIND_M:
         # Behind its line, elsewhere: once it has come out, it is looked at again.
         t = _to_line(b, m, CURVE, -nx, -ny, -level, now, end)
         if t != -1.0 and t < b[col.MEET]:
@@ -193,13 +235,13 @@ def _meet_facing_on_curve(b, m, what, i, jaw, number, now, end):  # type: ignore
     if abs(nx * (y - jaw[1]) - ny * (x - jaw[0])) > jaw[2]:
         return
     if t < 0.0:
-        _look_again(b, what, i)
+        _look_again(b, what, i, b[col.BOUND])
     elif t < b[col.MEET]:
         b[col.MEET], what[i, 0], what[i, 1] = t, CUSHION, number
 
 
 @compiled_in_place
-def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays, until):  # type: ignore[no-untyped-def]
+def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays, until, left_out):  # type: ignore[no-untyped-def]
     now, end = b[col.CLOCK], min(b[col.END], until)
     if end <= now:
         return
@@ -208,9 +250,13 @@ def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays
     ex, ey, _, _ = place(b, m, CURVE, end)
     sagitta = 0.125 * b[col.BOUND] * (end - now) ** 2
     for rail in range(4):
+        if left_out >> rail & 1:
+            continue
         k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
         o, gap = 1 - k, limits[k] - sign * b[k]
         nx, ny = (sign, 0.0) if k == 0 else (0.0, sign)
+        if not bent and not stays:
+            _leave_sideways(b, m, CURVE, what, i, rail, limits, half, mouths, end)
         if gap > CLOSED_GAP_M and min(gap, limits[k] - sign * (ex if k == 0 else ey)) > sagitta:
             continue
         if bent and gap < -CLOSED_GAP_M and in_mouth(b[o], rail, half, mouths):
@@ -223,21 +269,24 @@ def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays
         if t == np.inf:
             continue
         if t < 0.0:
-            _look_again(b, what, i)
+            _look_again(b, what, i, sign * b[col.AX + k])
             continue
         x, y, _, _ = place(b, m, CURVE, t)
         found = CUSHION
-        inside = mouths[0] > 0.0 and gap < -MOUTH_DEPTH_M
-        if not stays and (inside or in_mouth(y if k == 0 else x, rail, half, mouths)):
+        if not stays and in_mouth(y if k == 0 else x, rail, half, mouths):
             if bent:
                 continue
-            found = POCKET
-            t = _to_line(b, m, CURVE, nx, ny, half[k], now, end)
+            found, level = SWITCH, limits[k] + 2.0 * MOUTH_DEPTH_M
+            if gap < -MOUTH_DEPTH_M and in_mouth(b[o], rail, half, mouths):
+                found, level = POCKET, half[k]
+            t = _to_line(b, m, CURVE, nx, ny, level, now, end)
         if t >= 0.0 and t < b[col.MEET]:
             b[col.MEET], what[i, 0], what[i, 1] = t, found, rail
     if bent:
         for k in range(jaws.shape[0] + falls.shape[0]):
             fall = k >= jaws.shape[0]
+            if not fall and left_out >> (4 + k) & 1:
+                continue
             at = falls[k - jaws.shape[0]] if fall else jaws[k]
             if _apart(at[0] - b[col.X], at[1] - b[col.Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED_GAP_M + sagitta:
                 continue
@@ -247,7 +296,7 @@ def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays
             t = _to_point(b, m, at[0], at[1], at[2], now, end)
             if t == -1.0:
                 if not fall:
-                    _look_again(b, what, i)
+                    _look_again(b, what, i, b[col.BOUND])
             elif t < b[col.MEET]:
                 b[col.MEET] = t
                 what[i, 0], what[i, 1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
@@ -275,7 +324,7 @@ def meet_balls(now, i, b, m, kind, pair, again, radius, until):  # type: ignore[
         if kind[i] == CURVE or kind[j] == CURVE:
             t = _to_ball(b[i], m[i], kind[i], b[j], m[j], kind[j], 2.0 * radius, now, end) if end > now else np.inf
             if t == -1.0:
-                pair[at], again[at] = now + PRESSED_RECHECK_S, True
+                pair[at], again[at] = now + recheck(b[i, col.BOUND] + b[j, col.BOUND]), True
             else:
                 pair[at] = t
             continue

@@ -183,7 +183,7 @@ def press(
 @compiled
 def apart(
     kind: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64], span: Array,
-    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, limits: Array, given: Array, damping: Array,
+    p: Array, v: Array, alive: NDArray[np.bool_], radius: float, limits: Array, given: Array,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
     """Simulations in which nothing presses or closes, and those in which nothing does so at a speed: (n,) each."""
     free, calm = np.ones(p.shape[0], np.bool_), np.ones(p.shape[0], np.bool_)
@@ -197,10 +197,8 @@ def apart(
             if approach > MIN_IMPACT_SPEED:
                 free[n] = False
                 continue
-            depth, level = depth_of(cushion, gap, radius)
-            pressed = depth - min(given[n, c], depth)
-            k, b = spring(cushion, pressed, damping[n, c])
-            free[n] = free[n] and k * pressed + b * approach * level <= 0.0
+            depth = depth_of(cushion, gap, radius)[0]
+            free[n] = free[n] and depth - min(given[n, c], depth) <= CONTACT_GAP_M
     return free, calm
 
 
@@ -313,7 +311,7 @@ class Contacts:
         p[..., :2] = np.where(alive[..., None], self.qpos[rows], p[..., :2])
         v[..., :2] = np.where(alive[..., None], self.qvel[rows], v[..., :2])
         free, calm = apart(
-            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.limits, given, damping
+            self.kind, self.first, self.second, self.span, p, v, alive, self.radius, self.limits, given
         )  # fmt: skip
         return p, v, free, calm
 

@@ -380,7 +380,7 @@ class Rollout:
         self.qvel[s, i] = 0
 
     def _track(self, k: int) -> Track:
-        data = self.samples[k, : self.count[k]]
+        data = self.samples[k, : self.count[k]].copy()
         return Track(
             self.shots[k].names, self.shots[k].times, data[..., :2], data[..., 2:4], data[..., 4:7], data[..., 7],
             tuple(self.events[k]),

@@ -12,9 +12,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.events import LEAN_SPEED, in_mouth, line, meeting
+from models.analytic.events import LEAN_SPEED, in_mouth, line, meeting, mouth_sides
 from models.analytic.pocket import meet_jaw, outward, straight
 from models.compiled import compiled
+from models.engine.touch import MOUTH_DEPTH_M
 
 Array = NDArray[np.float64]
 
@@ -67,6 +68,14 @@ def next_touch(
                 for rail in range(4):
                     k = rail // 2
                     sign = 1.0 - 2.0 * (rail % 2)
+                    o, inside = 1 - k, False
+                    if pockets and not bent and limits[k] - sign * p[k] < -MOUTH_DEPTH_M:
+                        inside = in_mouth(p[o], rail, half, mouths)
+                    for side in range(2 if inside else 0):  # it is the pocket's where it would leave it sideways
+                        way, level = 1.0 - 2.0 * side, mouth_sides(p[o], rail, half, mouths)[1 - side]
+                        t = line(way * (level - p[o]), way * v[o], way * a[o], h) if abs(level) < np.inf else np.inf
+                        if 0.0 <= t < h and limits[k] - sign * (p[k] + v[k] * t + 0.5 * a[k] * t * t) < -MOUTH_DEPTH_M:
+                            h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, rail
                     if bent:
                         t = straight(rail, limits, p, v, a, half, mouths, h)
                     else:
@@ -78,9 +87,13 @@ def next_touch(
                         continue
                     if quiet[s, i, nball + rail] > t and sign * (v[k] + a[k] * t) < LEAN_SPEED:
                         t = quiet[s, i, nball + rail]
-                    o = 1 - k
                     if pockets and in_mouth(p[o] + v[o] * t + 0.5 * a[o] * t * t, rail, half, mouths):
                         if bent:
+                            continue
+                        if not inside:  # once it is in the mouth, it is looked at again
+                            t = line(limits[k] + 2.0 * MOUTH_DEPTH_M - sign * p[k], sign * v[k], sign * a[k], h)
+                            if 0.0 <= t < h:
+                                h, hit[s, 0] = t, 0
                             continue
                         t = line(half[k] - sign * p[k], sign * v[k], sign * a[k], h)
                         if 0.0 <= t < h:

@@ -115,6 +115,7 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
     from sysid.interface import fit as fit_clips
     from sysid.report.health import print_health
     from sysid.report.text import in_words, print_comparison
+    from sysid.residuals.compare import compare as compare_clips
     from sysid.residuals.compare import coverage
 
     clip_set, model = start.load()
@@ -122,16 +123,17 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
     found.save(out)
     progress.close()
     print_constants(found.model)
-    fitted = found.fitted
     for line in found.parts.excluded:
         print(line)
-    if not fitted.converged:
+    if not found.converged:
         print("\nNOT converged: the constants are those at which the fit stopped; they have no standard deviations.")
-    if fitted.discrepancy_rate > CHAOS_RATE:
-        rate = f"{fitted.discrepancy_rate * 1e3:.0f} mm per metre"
+    if found.fitted.discrepancy_rate > CHAOS_RATE:
+        rate = f"{found.fitted.discrepancy_rate * 1e3:.0f} mm per metre"
         print(f"\nAfter the first impact the model's own error grows by {rate} of path.")
     print(f"\nmodel: {out}\n", flush=True)
-    comparison = found.comparison
+    states = found.parts.states_of(found.fitted, [c.file for c in clip_set.clips])
+    found = found.without_clips()
+    comparison = compare_clips(clip_set, found.model, states)
     progress.close()
     print_comparison(comparison)
     share = coverage(comparison, found.band_rate)
@@ -141,7 +143,7 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
     if outputs.json_file:
         write_json(outputs.json_file, _fit_json(found, comparison, share))
     outputs.write([("fitted", comparison)], in_words(comparison))
-    return Status.DONE if fitted.converged else Status.FINDING
+    return Status.DONE if found.converged else Status.FINDING
 
 
 def _fit_json(found: ClipFit, comparison: Comparison, share: float) -> dict[str, Any]:

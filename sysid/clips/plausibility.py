@@ -65,7 +65,8 @@ def _check_times(rows: Rows, file: str, longest: float, faults: Faults) -> None:
             faults.add(file, f"{problem}: keep one row of a ball at one time", line[other])
     if not back.any() and len(time) and float(time[-1]) - float(time[0]) > longest:
         problem = (
-            f"t = {time[-1]:.9g} lies more than {longest:g} s after the first row: write seconds, not milliseconds"
+            f"t = {time[-1]:.9g} lies more than {longest:g} s after the first row: write seconds, not milliseconds, "
+            "or cut the recording into clips of one strike each"
         )
         faults.add(file, problem, line[-1])
 

@@ -82,7 +82,10 @@ def parse_rows(text: str, file: str, faults: Faults) -> Rows | None:
             faults.add(file, f"ball = {shown(name)} {problem}", lines[columns["ball"].index(name)])
     extra = {key: column for key, column in columns.items() if key not in COLUMN_NAMES}
     xy = np.stack([values["x"], values["y"]], axis=1)
-    return Rows(lines, tuple(index), ball, values["t"], xy, theta, extra)
+    number: Sequence[int] = lines
+    if lines and lines[-1] - lines[0] + 1 == len(lines):  # they rise; a range takes no room
+        number = range(lines[0], lines[-1] + 1)
+    return Rows(number, tuple(index), ball, values["t"], xy, theta, extra)
 
 
 def _header_is_good(header: list[str], line: int, file: str, faults: Faults) -> bool:

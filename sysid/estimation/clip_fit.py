@@ -14,6 +14,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -48,6 +49,16 @@ class ClipFit:
         """Value and standard deviation of each fitted constant, SI; nan where the fit did not converge."""
         values = self.model.parameters()
         return {n: (values[n], sd if self.converged else math.nan) for n, sd in self.fitted.sds.items()}
+
+    def without_clips(self) -> Self:
+        """Its figures alone, without the shots that were fitted: of thousands of clips those take much memory."""
+        none = np.zeros(0, np.int64)
+        fitted = dataclasses.replace(
+            self.fitted, problem=self.fitted.problem.only(none), initial_states=self.fitted.initial_states[:0],
+            held_out=None,
+        )  # fmt: skip
+        parts = dataclasses.replace(self.parts, training=self.parts.training.only(none), held_out=None)
+        return dataclasses.replace(self, parts=parts, fitted=fitted)
 
 
 def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> ClipFit:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -103,7 +104,7 @@ def joined(parts: Sequence[Samples]) -> Samples:
     whole: dict[str, Any] = {}
     for key in vars(parts[0]):
         values = [getattr(p, key) for p in parts]
-        whole[key] = sum(values, ()) if isinstance(values[0], tuple) else np.concatenate(values)
+        whole[key] = tuple(chain(*values)) if isinstance(values[0], tuple) else np.concatenate(values)
     return Samples(**whole)
 
 

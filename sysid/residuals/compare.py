@@ -28,6 +28,7 @@ from sysid.residuals.localise import find
 from sysid.residuals.segment_fits import SegmentFits, fit_segments
 from sysid.residuals.whiteness import whiteness
 
+MUJOCO_CLIPS = 256  # played in MuJoCo at a time: their tracks are not kept
 MOVED_M = 0.003  # a ball with a smaller range of positions rested
 log = logging.getLogger(__name__)
 
@@ -57,15 +58,19 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
     in_mujoco: tuple[ClipRow, ...] = ()
     if by_events(model):
         log.info("the same constants in MuJoCo")
+        played = with_mujoco(problem)
         in_mujoco = tuple(
             _clip_row(problem, k, track, rows[k].held_out)
-            for k, track in enumerate(with_mujoco(problem).tracks(x, np.zeros((n, 0)), np.arange(n)))
+            for some in np.split(np.arange(n), range(MUJOCO_CLIPS, n, MUJOCO_CLIPS))
+            for k, track in zip(some, played.tracks(x[some], np.zeros((len(some), 0)), some), strict=True)
         )
+        del played
     samples, segment_samples, after = samples_of_shots(problem, tracks, clip_set), joined([]), no_impacts()
     if fits:
         log.info("segments and impacts, one by one")
         segment_samples = samples_of_segments(fits, tracks)
         after = impacts(fits, problem, tracks, clip_set)
+    del problem, fits  # with thousands of clips, what is laid out for fits is large
     sd_theta = theta_noise(clip_set.clips)
     return Comparison(
         clip_set, model, sigma, rows, segments, groups(samples, segments, rows, clip_set, sigma, sd_theta), samples,

@@ -10,12 +10,13 @@ effective number of clips: a difference that only two clips show is no proof, ho
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from scipy.special import fdtrc, ndtri, stdtr
 
 Array = NDArray[np.float64]
@@ -171,10 +172,8 @@ class Candidates:
             if c.variable == variable
             and (self.of != "motion" or variable == TABLE_DIRECTION or c.quantity.split()[1] in axes)
         ]  # fmt: skip
-        s = np.zeros((len(counted), len(self.residual)))
-        for whole, regressor in zip(s, counted, strict=True):
-            whole[regressor.row] = regressor.value
-        products, along = s @ s.T, s @ self.residual
+        s = _stacked(counted, len(self.residual))
+        products, along = (s @ s.T).toarray(), s @ self.residual
         power = np.sqrt(np.diag(products))
         informed = power > 0
         if not informed.any():
@@ -219,6 +218,14 @@ def _departure(candidates: Candidates, found: Coefficients, k: int) -> Departure
         one.sentence(value, sd), one.variable, one.group, one.quantity, value, one.unit, sd, value / sd, one.samples,
         float(found.gain[k]), candidates.of,
     )  # fmt: skip
+
+
+def _stacked(regressors: Sequence[Regressor], length: int) -> csr_array:
+    """Regressors as the rows of a sparse matrix (k, length): most groups concern few residuals."""
+    ends = np.cumsum([0, *(len(r.row) for r in regressors)])
+    columns = np.concatenate([r.row for r in regressors] or [np.zeros(0, np.int32)])
+    values = np.concatenate([r.value for r in regressors] or [np.zeros(0)])
+    return csr_array((values, columns, ends), shape=(len(regressors), length))
 
 
 def sparse(column: Array) -> Regressor:

@@ -20,6 +20,7 @@ from sysid.residuals.samples import Array, Samples
 MAX_LAG = 40
 NEGLIGIBLE_CORRELATION = 0.1  # too small to matter
 MAX_NOISE_RATIO = 2.0  # root mean square over the noise, beyond which residuals are more than noise
+MAX_STATED_RATIO = 10.0  # the same, beyond which no noise that was stated wrongly explains them
 SIGNIFICANT_SD = 4.0  # standard deviations
 
 
@@ -54,6 +55,12 @@ class Whiteness:
         first = self.autocorrelation[0]
         if self.white:
             return f"Residuals are white: neighbours correlate by {first:+.2f}, {self.ratio:.2f} times the noise."
+        if self.uncorrelated and self.ratio > MAX_STATED_RATIO:
+            return (
+                f"Residuals are {self.ratio:.0f} times the noise: that is no noise, though neighbours correlate by "
+                f"{first:+.2f} only. Some samples or clips lie far from anything the model does; begin with the worst "
+                "clips."
+            )
         if self.uncorrelated:
             return (
                 f"Residuals are {self.ratio:.2f} times the noise, though neighbours correlate by {first:+.2f} only: "

@@ -1,9 +1,14 @@
-"""`python -m tests.bench`: one table of figures, each measured in this run beside what it is compared with."""
+"""`python -m tests.bench`: one table of figures, each measured in this run beside what it is compared with.
+
+Then how cost grows; `--note` adds those figures as a dated row to docs/benchmarks.md.
+"""
 
 from __future__ import annotations
 
+import datetime
 import os
 import platform
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -11,6 +16,7 @@ from pathlib import Path
 from models.console import table
 from tests.bench import peers
 from tests.bench.accuracy import cloth_rows, hidden_rows
+from tests.bench.growth import clip_growth, noted, shot_growth
 from tests.bench.speed import jacobian_rows, peak_memory_mb, shot_rows
 from tests.bench.video import video_rows
 
@@ -20,6 +26,12 @@ ROOT = Path(__file__).resolve().parents[2]
 def data_folder() -> Path:
     """$CUELAB_DATA, or ../shared/data beside the checkout."""
     return Path(os.environ.get("CUELAB_DATA") or ROOT.parent / "shared" / "data")
+
+
+def version() -> str:
+    """The commit that is measured."""
+    told = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True)
+    return told.stdout.strip() or "unknown"
 
 
 def main() -> int:
@@ -34,6 +46,13 @@ def main() -> int:
         print(table(hidden_rows(hidden)) + "\n", flush=True)
     else:
         print("hidden set: no data at $CUELAB_DATA or ../shared/data, so not fitted\n")
+    figures: dict[str, str] = {}
+    for growth in (shot_growth, clip_growth):
+        rows, more = growth()
+        print(table(rows) + "\n", flush=True)
+        figures |= more
+    if "--note" in sys.argv[1:]:
+        noted(figures, datetime.date.today(), version())
     print(f"peak memory {peak_memory_mb():.0f} MB; all of this took {time.perf_counter() - began:.0f} s")
     return 0
 

@@ -27,11 +27,11 @@ from sysid.estimation.solver.least_squares import (
     Objective,
     Prior,
     fit_each,
+    linearised,
     loss,
-    moved,
     solve_each,
 )
-from sysid.estimation.solver.normal_equations import NormalEquations, from_differences, from_jacobian
+from sysid.estimation.solver.normal_equations import NormalEquations, from_jacobian
 
 MAX_STALLED_STEPS = 2  # in a row that improve nothing
 MAX_ATTEMPTS = 8  # at a step of the constants, ten times the damping each
@@ -223,9 +223,8 @@ class _Joint:
 
     def reduced(self, x: Array, c: Array) -> ReducedSystem:
         """`eliminated`, from finite differences."""
-        o, steps = self.objective, self.shared.steps_from(c)
-        rows = moved(o.evaluate, x, c, np.arange(len(x)), o.steps, steps)
-        return _eliminated(from_differences(rows, np.concatenate([o.steps, steps]), o.cauchy_sd), x, o.prior)
+        data = linearised(self.objective, x, c, np.arange(len(x)), self.shared.steps_from(c))
+        return _eliminated(data, x, self.objective.prior)
 
     def newton(self, reduced: ReducedSystem, c: Array) -> _Newton:
         """The full step and the improvement that it predicts."""

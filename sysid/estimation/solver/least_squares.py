@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.estimation.solver.journal import recorded
-from sysid.estimation.solver.normal_equations import from_differences, robust_loss
+from sysid.estimation.solver.normal_equations import NormalEquations, from_differences, robust_loss
 
 Array = NDArray[np.float64]
 FIRST_STATE_DAMPING = 1e-3
@@ -198,12 +198,18 @@ def _linearised(
     objective: Objective, x: Array, c: Array, which: NDArray[np.int64], prior: Prior
 ) -> tuple[Array, Array, Array]:
     """Loss (n,), J^T W J (n, p, p) of the data alone, and gradient of the loss (n, p); loss and gradient with prior."""
-    steps = objective.steps
+    data, r = linearised(objective, x, c, which, np.zeros(0)), prior.residuals(x)
+    return data.loss + 0.5 * np.sum(r * r, axis=1), data.matrix, data.gradient + r / prior.sd
+
+
+def linearised(objective: Objective, x: Array, c: Array, which: NDArray[np.int64], steps_c: Array) -> NormalEquations:
+    """Normal equations of problems by their initial states, and by the constants where those have steps (q,)."""
+    steps = np.concatenate([objective.steps, steps_c])
     parts = [
-        from_differences(moved(objective.evaluate, x[k], c, which[k], steps, np.zeros(0)), steps, objective.cauchy_sd)
+        from_differences(
+            moved(objective.evaluate, x[k], c, which[k], objective.steps, steps_c), steps, objective.cauchy_sd
+        )
         for k in np.split(np.arange(len(x)), range(BATCH_PROBLEMS, len(x), BATCH_PROBLEMS))
     ]
-    r = prior.residuals(x)
-    cost = np.concatenate([part.loss for part in parts]) + 0.5 * np.sum(r * r, axis=1)
-    matrix = np.concatenate([part.matrix for part in parts])
-    return cost, matrix, np.concatenate([part.gradient for part in parts]) + r / prior.sd
+    loss, matrix, gradient = ([getattr(p, key) for p in parts] for key in ("loss", "matrix", "gradient"))
+    return NormalEquations(np.concatenate(loss), np.concatenate(matrix), np.concatenate(gradient))

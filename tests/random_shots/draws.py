@@ -1,0 +1,156 @@
+"""Random models and shots: constants and effects anywhere within their bounds, balls anywhere that they may lie.
+
+A batch is shots of one number of balls on one table with the same effects; constants, places and strokes differ from
+shot to shot.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.effect import Effect
+from models.model_file import Model, catalogue, full_model
+from models.presets import TABLE_SETS, TableSet
+from models.shot import Array, Shot
+
+MAX_BALLS, MAX_EFFECTS = 22, 4
+MAX_SPEED, MAX_SPIN = 10.0, 250.0  # of a struck ball [m/s], [rad/s]
+LAST_TIME_S, SAMPLE_STEP_S = 12.0, 0.03
+GAPS_M = (0.0, 1e-12, 1e-9, 1e-7, 1e-5, 5e-4)  # between balls that were laid against each other
+LAYOUTS = ("spread", "rack", "row", "rail", "jammed")
+AT_BOUND_SHARE = 0.15  # of the values, those that lie at a bound
+SLOW_SHARE = 0.15  # of the shots, those with a push instead of a stroke
+MOST_TRIES = 400
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Shots that are played together."""
+
+    seed: int
+    layout: str
+    jaws: bool
+    model: Model  # constants are (n,) arrays
+    shots: list[Shot]
+
+
+def physical() -> dict[str, type[Effect]]:
+    """The effects that act on the table, by name; the camera's do not."""
+    kinds = catalogue()
+    return {
+        name: kind for name, kind in kinds.items()
+        if not kind.slot and kind.opens("forces", "horizon", "impact", "strike")
+    }  # fmt: skip
+
+
+def values(kind: type[Effect], n: int, rng: np.random.Generator) -> dict[str, Any]:
+    """Every parameter of an effect anywhere within its bounds, some at them: (n,) each."""
+    found = {}
+    for key, meta in kind.parameters().items():
+        low, high = meta["bounds"]
+        at = rng.uniform(low, high, n)
+        edge = np.where(rng.random(n) < 0.5, low, high)
+        found[key] = np.where(rng.random(n) < AT_BOUND_SHARE, edge, at)
+    return found
+
+
+def batch(seed: int, n: int) -> Batch:
+    """The batch of a seed, of n shots."""
+    rng = np.random.default_rng([seed, 22])
+    which = list(TABLE_SETS.values())[rng.integers(len(TABLE_SETS))]
+    balls = int(rng.choice([1, 2, 3, 4, 6, 10, 16, MAX_BALLS]))
+    layout = LAYOUTS[rng.integers(len(LAYOUTS))]
+    kinds = physical()
+    chosen = rng.choice(sorted(kinds), int(rng.integers(0, MAX_EFFECTS + 1)), replace=False)
+    model = full_model(which.table, which.ball)
+    model = dataclasses.replace(model, effects=tuple(type(e)(**values(type(e), n, rng)) for e in model.effects))
+    for name in chosen:
+        model = model.add(kinds[str(name)](**values(kinds[str(name)], n, rng)))
+    jaws = bool(which.table.pockets) and bool(rng.random() < 0.5)
+    return Batch(seed, layout, jaws, model, [shot(which, layout, balls, rng) for _ in range(n)])
+
+
+def shot(which: TableSet, layout: str, balls: int, rng: np.random.Generator) -> Shot:
+    """One shot: the struck ball, which is the first, goes for another one or anywhere."""
+    places = laid(which, layout, balls, rng)
+    v, w = np.zeros((balls, 2)), np.zeros((balls, 3))
+    slow = rng.random() < SLOW_SHARE
+    speed = rng.uniform(0.0, 0.05) if slow else rng.uniform(0.05, MAX_SPEED)
+    heading = rng.uniform(-np.pi, np.pi)
+    if balls > 1 and rng.random() < 0.8:
+        to = places[int(rng.integers(1, balls))] - places[0]
+        off = rng.uniform(-1, 1) * which.ball.diameter / max(float(np.hypot(*to)), which.ball.diameter)
+        heading = float(np.arctan2(to[1], to[0])) + float(np.arcsin(np.clip(off, -1, 1)))
+    v[0] = speed * np.array([np.cos(heading), np.sin(heading)])
+    w[0] = rng.uniform(-1, 1, 3) * rng.choice([0.0, 20.0, 80.0, MAX_SPIN])
+    if rng.random() < 0.3:  # it rolls
+        w[0, :2] = [-v[0, 1] / which.ball.radius, v[0, 0] / which.ball.radius]
+    order = rng.permutation(balls)
+    order = np.concatenate([[0], order[order != 0]]).astype(int)
+    return Shot(
+        tuple(f"ball {k}" for k in range(balls)), places[order], v, w, np.arange(0.0, LAST_TIME_S, SAMPLE_STEP_S),
+        order=float(rng.random()),
+    )  # fmt: skip
+
+
+def laid(which: TableSet, layout: str, balls: int, rng: np.random.Generator) -> Array:
+    """Places of balls (n, 2) [m] that neither overlap nor stand in a cushion, the struck one first."""
+    limits, d = which.table.centre_limits(which.ball), which.ball.diameter
+    step = d + float(rng.choice(GAPS_M))
+    jitter = 0.0 if rng.random() < 0.5 else 1e-9
+    if layout == "rack":
+        pattern = np.array([(r * np.sqrt(0.75), k - r / 2) for r in range(7) for k in range(r + 1)])[: balls - 1]
+    elif layout == "row":
+        pattern = np.array([(float(k), 0.0) for k in range(balls - 1)])
+    elif layout == "jammed":  # square packing: contacts that a break loads all at once
+        side = int(np.ceil(np.sqrt(max(balls - 1, 1))))
+        pattern = np.array([(float(k // side), float(k % side)) for k in range(balls - 1)])
+    else:
+        pattern = np.zeros((0, 2))
+    found: list[Array] = []
+    turn = float(rng.choice([0.0, np.pi / 2, rng.uniform(-np.pi, np.pi)]))
+    m = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    group = step * (1 + 1e-15) * pattern.reshape(-1, 2) @ m.T
+    if len(group):
+        room = limits - np.abs(group).max(axis=0)
+        if (room > 0).all():
+            group = group + rng.uniform(-room, room)
+            if rng.random() < 0.3:  # against a cushion
+                k, sign = int(rng.integers(2)), float(rng.choice([-1.0, 1.0]))
+                group[:, k] += sign * (limits[k] - float((sign * group[:, k]).max()))
+            found = list(group + rng.uniform(-jitter, jitter, group.shape))
+    if layout == "rail":  # frozen to cushions, or nearly
+        for _ in range(balls - 1):
+            k, sign = int(rng.integers(2)), float(rng.choice([-1.0, 1.0]))
+            p = rng.uniform(-limits, limits)
+            p[k] = sign * (limits[k] - float(rng.choice(GAPS_M)))
+            if is_free(p, found, d):
+                found.append(p)
+    found = [p for k, p in enumerate(found) if (np.abs(p) <= limits).all() and is_free(p, found[:k], d)][: balls - 1]
+    for _ in range(MOST_TRIES * balls):
+        if len(found) == balls:
+            break
+        p = rng.uniform(-limits, limits)
+        if len(found) == balls - 1 and found and rng.random() < 0.15:  # the struck ball lies against another
+            angle = rng.uniform(-np.pi, np.pi)
+            p = found[int(rng.integers(len(found)))] + d * (1 + 1e-15) * np.array([np.cos(angle), np.sin(angle)])
+        if (np.abs(p) <= limits).all() and is_free(p, found, d):
+            found.append(p)
+    if len(found) < balls:
+        raise RuntimeError(f"no room for {balls} balls of {d} m on {which.table}")
+    return np.array(found[::-1])
+
+
+def is_free(p: Array, others: list[Array], diameter: float) -> bool:
+    """Whether a ball at p (2,) overlaps none of the others."""
+    return all(float(np.hypot(*(p - q))) >= diameter for q in others)
+
+
+def picked(one: Batch, index: NDArray[np.int64]) -> Batch:
+    """Some shots of a batch."""
+    return dataclasses.replace(one, model=one.model.select(index), shots=[one.shots[int(k)] for k in index])

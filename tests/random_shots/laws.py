@@ -1,0 +1,197 @@
+"""What no shot may do, whatever the table, the effects and their constants: one line for each breach.
+
+Energy counts kinetic energy over the mass of a ball, and the potential of pushes that are the same everywhere (slope,
+nap). Springs of balls that touch several at once hold some for a moment: what counts is the most of three samples.
+Bodies may overlap by what springs give while they meet, and no more than rounding otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.analytic.events import in_mouth
+from models.analytic.pocket import jaw_gaps, pockets_of
+from models.analytic.spring import CUSHION_TIME, MAX_CLUSTER_S
+from models.engine.play import MAX_EVENTS, Game, Result, lay_out, run
+from models.shot import GRAVITY, Array
+from tests.random_shots.draws import Batch
+
+TOUCHING_M = 5e-6  # overlap that is none: what leans sinks in between two looks at it [m]
+MEETING_S = 2.5 * MAX_CLUSTER_S  # after an event, for which springs may be pressed [s]
+SPRING_DEPTH_S = 3 * CUSHION_TIME  # depth of a pressed cushion over the largest speed, at most [s]
+ENERGY_SHARE, ENERGY_FLOOR = 1e-6, 1e-9  # gain that is none: of the energy at the start, and [m^2/s^2]
+LOG_ROOM = 600
+MOST_EVENTS = MAX_EVENTS - 1  # with which a shot that is given up is no error
+
+
+@dataclass(frozen=True)
+class Breach:
+    """A shot that breaks a law."""
+
+    law: str
+    row: int  # of its batch
+    said: str
+
+
+@dataclass(frozen=True)
+class Played:
+    """A batch as the event engine plays it, to rest."""
+
+    game: Game
+    result: Result
+    samples: Array  # (n, m, nball, 8)
+
+
+def play(batch: Batch, threads: int = 1) -> Played:
+    """Play a batch to rest, and sample it."""
+    shots, n = batch.shots, len(batch.shots)
+    game = lay_out(batch.model, n, batch.jaws)
+    start = np.zeros((n, len(shots[0].names), 8))
+    for k, one in enumerate(shots):
+        start[k, :, :2], start[k, :, 2:4], start[k, :, 4:7] = one.position, one.velocity, one.spin
+    times = np.array([s.times for s in shots])
+    stays, struck, order = np.zeros(start.shape[:2], np.bool_), np.ones(n, np.bool_), np.array([s.order for s in shots])
+    until = np.full(n, np.inf)
+    result, out = run(game, start, stays, struck, order, until, times, LOG_ROOM, threads, MOST_EVENTS, True)
+    return Played(game, result, out)
+
+
+def breaches(batch: Batch, played: Played) -> list[Breach]:
+    """Every law that a shot of a batch breaks, the first breach of each."""
+    found: list[Breach] = []
+    for row in range(len(batch.shots)):
+        for law in (_ends, _finite, _apart, _inside, _energy):
+            said = next(law(batch, played, row), None)
+            if said is not None:
+                found.append(Breach(law.__name__.strip("_"), row, said))
+    return found
+
+
+def _ends(batch: Batch, played: Played, row: int) -> Iterator[str]:
+    """A shot comes to rest."""
+    if not np.isfinite(played.result.time[row]):
+        counts = played.result.counts[row]
+        yield f"given up after {int(counts.sum())} events {counts.tolist()}"
+
+
+def _finite(batch: Batch, played: Played, row: int) -> Iterator[str]:
+    """Balls are somewhere until they are potted, and nowhere after."""
+    seen, result = played.samples[row], played.result
+    ended = np.isfinite(result.time[row])
+    gone = np.isnan(seen).any(axis=2)  # (m, nball)
+    if ended and (gone[:-1] & ~gone[1:]).any():
+        yield "a ball comes back"
+    last = np.concatenate([result.position[row], result.velocity[row], result.spin[row]], axis=1)
+    odd = ~np.isfinite(last).all(axis=1) | (ended & gone[-1] & ~result.potted[row])
+    if odd.any():
+        yield f"ball {int(np.argmax(odd))} is nowhere"
+
+
+def _meeting(batch: Batch, played: Played, row: int) -> NDArray[np.bool_]:
+    """At which samples (m,) springs may be pressed."""
+    times = batch.shots[row].times
+    when = played.result.event_time[row]
+    if np.isfinite(when[-1]):  # more events than were logged
+        return np.ones(len(times), bool)
+    when = when[np.isfinite(when)]
+    since = times - np.concatenate([[-np.inf], when])[np.searchsorted(when, times, side="right")]
+    return np.asarray(since < MEETING_S)
+
+
+def _allowed(batch: Batch, played: Played, row: int) -> Array:
+    """Overlap at every sample and at the end (m + 1,) that is in order [m]."""
+    fastest = float(np.nanmax(np.hypot(played.samples[row, :, :, 2], played.samples[row, :, :, 3]), initial=0.0))
+    pressed = np.where(_meeting(batch, played, row), SPRING_DEPTH_S * fastest, 0.0)
+    return np.append(TOUCHING_M + pressed, TOUCHING_M)
+
+
+def _places(played: Played, row: int) -> Array:
+    """Places at every sample and at the end, NaN where potted: (m + 1, nball, 2) [m]."""
+    last = np.where(played.result.potted[row][:, None], np.nan, played.result.position[row])
+    return np.concatenate([played.samples[row, :, :, :2], last[None]])
+
+
+def _apart(batch: Batch, played: Played, row: int) -> Iterator[str]:
+    """Balls do not overlap."""
+    xy, allowed = _places(played, row), _allowed(batch, played, row)
+    n = xy.shape[1]
+    for i in range(n):
+        for j in range(i):
+            over = batch.model.ball.diameter - np.hypot(*(xy[:, i] - xy[:, j]).T)
+            bad = over > allowed
+            if bad.any():
+                k = int(np.argmax(bad))
+                yield f"balls {j} and {i} overlap by {1e3 * float(np.nanmax(over)):.2g} mm at sample {k} of {len(xy)}"
+
+
+def _inside(batch: Batch, played: Played, row: int) -> Iterator[str]:
+    """Balls stay within the noses, but for where pockets let them in."""
+    xy, allowed = _places(played, row), _allowed(batch, played, row)
+    half, limits = played.game.half[row], played.game.limits[row]
+    ends = played.game.pockets.ends
+    for rail in range(4):
+        k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
+        over = sign * xy[..., k] - limits[k]
+        for s, i in np.argwhere(over > allowed[:, None]).tolist():
+            if not in_mouth(float(xy[s, i, 1 - k]), rail, half, ends):
+                along = float(xy[s, i, 1 - k])
+                deep = 1e3 * float(over[s, i])
+                yield f"ball {i} is {deep:.2g} mm into rail {rail} at sample {s}, {along:.3f} m along"
+                break
+    if batch.jaws:
+        jaws = pockets_of(batch.model.table, batch.model.ball).jaws
+        for s in range(len(xy)):
+            gaps = jaw_gaps(xy[s], jaws[:12])
+            if (gaps < -allowed[s]).any():
+                yield f"a ball is {-1e3 * float(np.nanmin(gaps)):.2g} mm into a jaw at sample {s}"
+                break
+
+
+def pushes(batch: Batch, row: int) -> Array | None:
+    """The constant push of slope and nap (2,) [m/s^2]; None where energy may come from elsewhere."""
+    push = np.zeros(2)
+    for effect in batch.model.select(np.array([row])).effects:
+        name = effect.name()
+        own = {k: float(np.ravel(getattr(effect, k))[0]) for k in effect.parameters()}
+        if name == "table_tilt":
+            push += GRAVITY * np.array([own["slope_x"], own["slope_y"]])
+        elif name == "cloth_nap":
+            push[0] += own["push"]
+        elif name == "slide_curve" or (name == "air_drag" and own["rate"] < 0):
+            return None
+    return push
+
+
+def _energy(batch: Batch, played: Played, row: int) -> Iterator[str]:
+    """No energy comes from nowhere."""
+    push = pushes(batch, row)
+    if push is None or not np.isfinite(played.result.time[row]):
+        return
+    seen = played.samples[row]
+    weight = np.ones(seen.shape[1])
+    for effect in batch.model.select(np.array([row])).effects:
+        if effect.name() == "cue_ball_mass":
+            weight[0] = float(np.ravel(effect.factor)[0])  # type: ignore[attr-defined]
+    here = np.isfinite(seen[..., 0])
+    speed = np.sum(seen[..., 2:4] ** 2, axis=-1) + 0.4 * batch.model.ball.radius**2 * np.sum(
+        seen[..., 4:7] ** 2, axis=-1
+    )
+    height = -2.0 * np.sum(push * seen[..., :2], axis=-1)
+    kinetic = np.nansum(weight * speed, axis=1)
+    if not push.any():
+        whole = kinetic
+    else:
+        few = int(np.argmax(~here.all(axis=1))) if not here.all() else len(here)  # until the first is potted
+        whole = kinetic[:few] + np.sum(weight * height[:few], axis=1)
+    if len(whole) <= 3:
+        return
+    before = np.maximum.reduce([whole[k : len(whole) - 3 + k] for k in range(3)])
+    allowed = ENERGY_SHARE * kinetic[0] + ENERGY_FLOOR
+    if (whole[3:] > before + allowed).any():
+        k = int(np.argmax(whole[3:] > before + allowed)) + 3
+        gain = float(whole[k] - before[k - 3])
+        yield f"energy rises by {gain:.2g} of {kinetic[0]:.2g} m^2/s^2 at sample {k}"

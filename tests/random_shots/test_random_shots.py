@@ -1,0 +1,103 @@
+"""Random shots break no law; those that once did, and what packs and mouths of pockets did wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from models.engine.play import finish, play
+from models.model_file import Model, effect_class, full_model
+from models.shot import Ball, Shot, Table
+from models.simulation.simulate import simulate
+from tests.random_shots.draws import batch, picked
+from tests.random_shots.laws import breaches
+from tests.random_shots.laws import play as judged
+
+BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778)
+D = BALL.diameter
+ONCE_GIVEN_UP = [(4, 3), (4, 26), (6, 4), (6, 9), (14, 28), (16, 8)]  # seed and row, after 100,000 events
+ONCE_INSIDE = [(2, 47), (10, 60), (15, 0)]  # behind a cushion, beside a mouth
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 3, 5, 9, 11, 12, 17])
+def test_random_shots_break_no_law(seed: int) -> None:
+    one = batch(seed, 64)
+    assert breaches(one, judged(one)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "row"), ONCE_GIVEN_UP + ONCE_INSIDE)
+def test_shots_that_once_broke_a_law_break_none(seed: int, row: int) -> None:
+    one = picked(batch(seed, 64), np.array([row]))
+    assert breaches(one, judged(one)) == []
+
+
+def model(roll: float = 0.0127, effect: str = "", **values: float) -> Model:
+    base = full_model(TABLE, BALL).with_values({"decoupled_cloth.roll": roll})
+    return base.add(effect_class(effect)(**values)) if effect else base
+
+
+def test_a_pack_that_is_pushed_along_comes_to_rest_in_few_events() -> None:
+    """The struck ball rolls into a square of touching balls with much topspin, and drives them on."""
+    places = np.array([(-0.2, 0.02)] + [(D * (1 + 1e-12) * i, D * (1 + 1e-12) * j) for i in range(4) for j in range(4)])
+    v, w = np.zeros((1, 17, 2)), np.zeros((1, 17, 3))
+    v[0, 0, 0], w[0, 0, 1] = 0.6, 150.0
+    end = finish(model(), places[None], v, w, most=5000)
+    assert np.isfinite(end.time).all()
+    gaps = np.linalg.norm(end.position[0][:, None] - end.position[0], axis=-1) + np.eye(17)
+    assert gaps.min() > D - 5e-6
+
+
+def test_a_slope_holds_balls_to_a_cushion_at_rest() -> None:
+    """Steeper than the rolling resistance: the ball lies at the cushion, and the shot comes to its end."""
+    world = model(0.005, "table_tilt", slope_x=0.0, slope_y=0.009)
+    end = finish(world, np.array([[[0.9, 0.5], [0.8, 0.2]]]), np.zeros((1, 2, 2)), np.zeros((1, 2, 3)), most=20_000)
+    assert np.isfinite(end.time).all() and not end.velocity.any()
+    assert end.position[0, :, 1] == pytest.approx(TABLE.centre_limits(BALL)[1], abs=1e-6)
+
+
+def test_a_corner_without_pocket_stops_what_leans_on_one_of_its_cushions() -> None:
+    """What is pressed to one cushion, and has no look at it for a while, still meets the other."""
+    closed = dataclasses.replace(
+        model(0.001, "table_tilt", slope_x=0.009, slope_y=0.005), table=Table(2.84, 1.42, False)
+    )
+    limits = closed.table.centre_limits(BALL)
+    shot = Shot(("a",), np.array([[1.3, 0.4]]), np.array([[0.1, 0.1]]), np.zeros((1, 3)), np.linspace(0, 12, 601))
+    track = play(closed, [shot])[0]
+    assert (np.abs(track.position[:, 0]) <= limits + 5e-6).all()
+
+
+@pytest.mark.parametrize("engine", ["events", "mujoco"])
+def test_what_leaves_a_mouth_sideways_is_the_pockets(engine: str) -> None:
+    """It came in slowly beside the middle of the mouth, and would come to rest behind the cushion."""
+    edge = TABLE.mouths()[1]
+    start, v = np.array([[edge - 0.004, TABLE.centre_limits(BALL)[1] - 0.001]]), np.array([[0.04, 0.03]])
+    w = np.array([[-v[0, 1] / BALL.radius, v[0, 0] / BALL.radius, 0.0]])
+    shot = Shot(("a",), start, v, w, np.linspace(0, 2, 21))
+    [track] = simulate(dataclasses.replace(model(), engine=engine), [shot])
+    assert [e.kind for e in track.events] == ["pocket"] and np.isnan(track.position[-1]).all()
+
+
+def test_no_resistance_to_rolling_drives_a_ball() -> None:
+    fast = Shot(
+        ("a",), np.zeros((1, 2)), np.array([[3.0, 0]]), np.array([[0, 3.0 / BALL.radius, 0]]), np.linspace(0, 1, 11)
+    )
+    wide = dataclasses.replace(model(0.005, "speed_drag", rate=-0.1), table=Table(9.0, 9.0, False))
+    for track in (play(wide, [fast])[0], simulate(dataclasses.replace(wide, engine="mujoco"), [fast])[0]):
+        assert (np.diff(track.velocity[:, 0, 0]) <= 1e-12).all()
+
+
+def test_a_ball_does_not_stay_in_cushions_of_no_restitution() -> None:
+    """In a corner, where two springs that come back more slowly than the ball leave let it go first."""
+    table, rng = dataclasses.replace(TABLE, pockets=False), np.random.default_rng(0)
+    dead = dataclasses.replace(model().with_values({"cushion_impact.restitution": 0.3}), table=table)
+    for name in ("cushion_restitution_px", "cushion_restitution_py"):
+        dead = dead.add(effect_class(name)(change=-0.5))
+    n, limits = 400, table.centre_limits(BALL)
+    aside = np.stack([np.ones(n), rng.uniform(0.9999, 1.0001, n)], axis=1)
+    v = rng.uniform(0.2, 4.0, (n, 1)) * np.full((n, 2), np.sqrt(0.5))
+    end = finish(dead, (limits - 0.3 * aside)[:, None], v[:, None], rng.uniform(-100, 100, (n, 1, 3)))
+    assert (end.position[:, 0] <= limits + 5e-6).all()
