@@ -1,6 +1,6 @@
 """Shots from Python: `models.simulate`, for whole shots or for one stroke of the cue ball.
 
-In: a `Model`, or a result that has one (`.model`), and shots, or a stroke. Out: `PlayedShot`s: tracks that print, plot
+In: a `Model`, or a result that has one (`.model`), and shots, or a stroke. Out: `SimulatedShot`s: tracks that print, plot
 and become data frames.
 
 A stroke gives the ball speed V along its azimuth and the spin 5 c V / (2 R^2) of its contact offset c (Robotic
@@ -44,7 +44,7 @@ def model_of(given: Model | HasModel) -> Model:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class PlayedShot(Presented, Track):
+class SimulatedShot(Presented, Track):
     """A track with the model that it was played in."""
 
     model: Model = dataclasses.field(kw_only=True)
@@ -129,16 +129,16 @@ def stroke_shot(
 
 
 @overload
-def simulate(model: Model | HasModel, shots: Sequence[Shot], **options: Any) -> list[PlayedShot]: ...
+def simulate(model: Model | HasModel, shots: Sequence[Shot], **options: Any) -> list[SimulatedShot]: ...
 
 
 @overload
-def simulate(model: Model | HasModel, shots: None = None, **stroke: Any) -> PlayedShot: ...
+def simulate(model: Model | HasModel, shots: None = None, **stroke: Any) -> SimulatedShot: ...
 
 
 def simulate(
     model: Model | HasModel, shots: Sequence[Shot] | None = None, **options: Any
-) -> PlayedShot | list[PlayedShot]:
+) -> SimulatedShot | list[SimulatedShot]:
     """Play shots, or one stroke until all balls rest.
 
     Args:
@@ -151,11 +151,11 @@ def simulate(
     played = (
         simulate_shots(own, [stroke_shot(own, **options)]) if shots is None else simulate_shots(own, shots, **options)
     )
-    found = [PlayedShot(**vars(track), model=own) for track in played]
+    found = [SimulatedShot(**vars(track), model=own) for track in played]
     return until_rest(found[0]) if shots is None else found
 
 
-def until_rest(played: PlayedShot) -> PlayedShot:
+def until_rest(played: SimulatedShot) -> SimulatedShot:
     """The track up to where all balls rest."""
     away = np.nan_to_num(np.abs(played.position - _last_places(played.position)).max(axis=2)).max(axis=1)
     gone = np.isfinite(played.position[..., 0]).sum(axis=1)  # a ball that is still to fall moves
