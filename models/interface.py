@@ -1,7 +1,7 @@
 """Shots from Python: `models.simulate`, for whole shots or for one stroke of the cue ball.
 
-In: a `Model`, or a result that has one (`.model`), and shots, or a stroke. Out: `SimulatedShot`s: tracks that print, plot
-and become data frames.
+In: a `Model`, or a result that has one (`.model`), and shots, or a stroke. Out: `SimulatedShot`s: tracks that
+print, plot themselves and become data frames.
 
 A stroke gives the ball speed V along its azimuth and the spin 5 c V / (2 R^2) of its contact offset c (Robotic
 Billiards 2015, equations 1a and 1b), with the cue level. Squirt, swerve and hop are effects of the model.
