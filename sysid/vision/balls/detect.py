@@ -16,7 +16,7 @@ from models.errors import BadInput
 from sysid.vision.balls.background import Background, View, learn_background
 from sysid.vision.balls.candidates import candidates
 from sysid.vision.balls.cover import DiscFit
-from sysid.vision.balls.discs import MIN_BED_CONTRAST, Shutter, core_colour, known_disc, new_discs
+from sysid.vision.balls.discs import CLIPPED_GREY, MIN_BED_CONTRAST, Shutter, core_colour, known_disc, new_discs
 from sysid.vision.balls.edges import Optics
 from sysid.vision.balls.outline_fit import (
     MIN_FOREGROUND,
@@ -38,7 +38,6 @@ MAX_COLOUR_DISTANCE = 0.22  # between colours of the same ball
 LEARNING_FRAMES = 30  # spread over the footage
 MIN_FRAME_FRACTION = 0.1  # of these, that show a ball
 STRAY_LIGHT = 0.05  # added to colours, whose dark channels compression falsifies
-CLIPPED_GREY = 250  # from which on a channel is clipped
 CLIPPED_FACTOR = 1.4  # by which its true brightness may exceed that
 MIN_DISC_FRACTION = 0.3  # of the frames in which outlines have its colour, that show a disc of that colour, too
 OPTICS_OUTLINES = 16  # the clearest ones, from which the optics are learnt

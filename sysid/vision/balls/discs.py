@@ -29,8 +29,8 @@ MAX_RESIDUAL = {"new": 0.3, "known": 0.4}  # of cover
 CLEAR_RESIDUAL = 0.2  # of a motion that needs no other to be tried
 SWEEP_RATIO = 1.15  # of misfits, by which a ball that stands still must explain a picture better than a moving one
 MAX_MOTION_ERROR_PX = 1.0  # of a sweep, beyond which a disc is fitted anew with the one that its first fit tells
-MAX_REFITS = 3
-WHITE_GREY = 250.0  # of all channels of a ball that may be overexposed
+MAX_REFITS = 3  # of a disc, each with the motion that the fit before tells
+CLIPPED_GREY = 250  # from which on a channel is clipped; where all are, a ball may be overexposed
 GAINS = (1.0, 1.5, 2.5, 4.0)  # by which it is, tried until they are known
 EXPOSURES = (0.25, 0.5, 0.75, 1.0)  # of the time between two frames, tried until it is known
 MIN_SWEEP_RADII = 0.4  # of a motion from which the exposure can be told
@@ -56,7 +56,7 @@ class Shutter:
 
     def tried(self, colour: Array) -> Sequence[tuple[float, float]]:
         """Fractions and gains to try with a ball of a colour (3,) blue, green, red [grey levels]."""
-        white = bool((colour >= WHITE_GREY).all())
+        white = bool((colour >= CLIPPED_GREY).all())
         fraction, gain = self.fraction, self._median(1, [p for p in self.told if p[1] > 1.0]) if white else 1.0
         fractions = EXPOSURES if fraction is None else (fraction,)
         gains = GAINS if gain is None else (gain,)
@@ -165,10 +165,12 @@ def _swept_disc(
     view: View, colour: Array, at: Array, step: Array, radius: float, part: float, gain: float
 ) -> DiscFit | None:
     """The fit at a pixel (2,) of a ball that moves by a part of its step, which is told better by the fit itself."""
-    fit = fit_disc(view, colour, at, radius, part * step, gain)
+    last, fit = at - step, fit_disc(view, colour, at, radius, part * step, gain)
     for _ in range(MAX_REFITS):
-        motion = None if fit is None else part * (fit.xy - (at - step))
-        if fit is None or motion is None or math.hypot(*(motion - fit.motion)) < MAX_MOTION_ERROR_PX:
+        if fit is None:
+            break
+        motion = part * (fit.xy - last)
+        if math.hypot(*(motion - fit.motion)) < MAX_MOTION_ERROR_PX:
             break
         again = fit_disc(view, colour, fit.xy, radius, motion, gain)
         if again is None or again.misfit >= fit.misfit:

@@ -1,9 +1,8 @@
 """Frames that stamps do not tell of: the same picture twice, and pictures that were never stored.
 
-In: frames, and the tracks. Out: which frames are doubled, to be left out;
-where frames are missing, and how many, to set the later stamps right. A doubled picture differs by far less than its
-neighbours. Where pictures are missing, every ball that rolls freely takes a step that is a multiple of those before and
-after it; no free ball can.
+In: frames, and the tracks. Out: which frames are doubled, to be left out; where frames are missing, and how many, to
+set the later stamps right. A doubled picture differs by far less than its neighbours. Where pictures are missing,
+every ball that rolls freely takes a step that is a multiple of those before and after it; no free ball can.
 """
 
 from __future__ import annotations
