@@ -132,6 +132,12 @@ def seed_option(default: int = 0) -> Callable[[Verb], Verb]:
     return click.option("--seed", metavar="N", type=NON_NEGATIVE, default=default, show_default=True, help=text)
 
 
+scheduler_option = click.option(
+    "--scheduler", metavar="ADDRESS",
+    help="Address of a Dask scheduler, whose workers compute (docs/cluster.md); by default this machine does.",
+)  # fmt: skip
+
+
 def effects_option(*, exposed: bool = False) -> Callable[[Verb], Verb]:
     """The user's own effects join the catalogue before the verb runs; it gets the folders where `exposed`."""
     text = "Folder, or file, with effects of your own; may be given more than once."

@@ -1,8 +1,9 @@
 """Ends from outside: SIGTERM and a lost terminal act as Ctrl-C does, and workers end with the process they work for.
 
-In: signals, and the end of a parent process. Out: `Terminated`, which is a KeyboardInterrupt, so that whatever keeps
-finished work after Ctrl-C keeps it then too. SIGKILL and a full memory leave no time for anything: what must survive
-them is written as soon as it is known, and a worker sees the pipe from its parent close.
+In: signals, the end of a parent process, work that nobody waits for any more. Out: `Terminated`, which is a
+KeyboardInterrupt, so that whatever keeps finished work after Ctrl-C keeps it then too; `Abandoned`, in a worker.
+SIGKILL and a full memory leave no time for anything: what must survive them is written as soon as it is known, and a
+worker sees the pipe from its parent close.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from types import FrameType
 
 ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
@@ -46,6 +48,33 @@ def as_interrupts() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+class Abandoned(BaseException):
+    """Nobody waits any more for what this thread computes."""
+
+
+_is_abandoned: ContextVar[Callable[[], bool] | None] = ContextVar("is_abandoned", default=None)
+
+
+@contextlib.contextmanager
+def given_up_when(is_abandoned: Callable[[], bool]) -> Iterator[None]:
+    """Work inside ends at the next `go_on` once nobody waits for it any more, or for what it is a part of."""
+    outer = _is_abandoned.get() or (lambda: False)
+    token = _is_abandoned.set(lambda: is_abandoned() or outer())
+    try:
+        yield
+    except Abandoned:
+        pass
+    finally:
+        _is_abandoned.reset(token)
+
+
+def go_on() -> None:
+    """Raise `Abandoned` where nobody waits for this work any more; long work calls it now and then."""
+    is_abandoned = _is_abandoned.get()
+    if is_abandoned is not None and is_abandoned():
+        raise Abandoned
 
 
 def work_for_parent() -> None:

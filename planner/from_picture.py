@@ -23,7 +23,8 @@ from models.errors import BadInput
 from models.files.faults import closest, listed, one_line
 from models.shot import Array, Ball, Table
 from planner.scene import FORMAT, Scene, largest_overlap, pocket_name, pocket_of, scene_from, separate_overlaps
-from sysid.clips import Clip, read_clip_set
+from sysid.clips import read_clip_set
+from sysid.clips.choose import chosen_clip
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH, START_FRAMES
 
 if TYPE_CHECKING:
@@ -115,22 +116,22 @@ def balls_in_picture(
 ) -> DetectedBalls:  # fmt: skip
     """The balls of a photo, or of the last frame; arguments as for `scene_from_picture`."""
     from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
-    from sysid.vision.balls.detect import Detector
-    from sysid.vision.balls.palette import default_palette, read_palette
+    from sysid.vision.balls.learning import learn_detector
+    from sysid.vision.balls.palette import palette_for
     from sysid.vision.camera.projection import ball_of, read_camera
     from sysid.vision.frames import open_footage
 
     camera = read_camera(camera_path)
-    palette = read_palette(palette_path) if palette_path else default_palette()
+    palette = palette_for(palette_path, camera.table, camera.diameter)
     footage = open_footage(path, 1.0)  # the times of pictures are not used
     if footage.size != tuple(camera.size):
         sizes = " and ".join(f"{w} x {h}" for w, h in (footage.size, camera.size))
         raise BadInput(f"{path}: {sizes} pixels in it and in {camera_path}; calibrate with pictures of this size")
-    detector = Detector.learn(camera, footage, palette, progress)
+    detector = learn_detector(camera, footage, palette, progress)
     progress("finding the balls in the last frame")
     pictures = deque((frame.picture for frame in footage), maxlen=LAST_FRAMES)
     notes = list(detector.notes)
-    detections = detector.find(pictures[-1])
+    detections = detector.named(pictures[-1], detector.find(pictures[-1]))
     notes += _unrecognised(detector, camera, pictures[-1], detections)
     balls = _numbered(detections, dict(zip(palette.names, palette.counts, strict=True)), notes)
     if not balls:
@@ -154,7 +155,7 @@ def balls_in_picture(
 def balls_in_clip(folder: Path | str, clip: str | int | None = None) -> DetectedBalls:
     """The balls that are on the table at the end of a clip; arguments as for `scene_from_clips`."""
     clip_set = read_clip_set(folder)
-    chosen = _chosen(clip_set.clips, clip, folder)
+    chosen = chosen_clip(clip_set, clip, folder)
     end = max(float(seen.time[-1]) for seen in chosen.balls.values() if len(seen.time))
     notes: list[str] = []
     places = {}
@@ -170,23 +171,6 @@ def balls_in_clip(folder: Path | str, clip: str | int | None = None) -> Detected
         places[name] = seen.xy[-LAST_FRAMES:]
     sizes = clip_set.table, clip_set.ball
     return _balls_on_table(sizes, places, clip_set.sigma or 0.0, notes, f"{folder}: {chosen.file}")
-
-
-def _chosen(clips: Sequence[Clip], clip: str | int | None, folder: Path | str) -> Clip:
-    """The clip of this file, or of this number from 1; the last one if None."""
-    if clip is None:
-        return clips[-1]
-    files = [c.file for c in clips]
-    if isinstance(clip, int) or clip.isdecimal():
-        if not 1 <= int(clip) <= len(clips):
-            raise BadInput(one_line(f"{folder}: there is no clip {clip}: choose from 1 to {len(clips)}"))
-        return clips[int(clip) - 1]
-    same = [k for k, file in enumerate(files) if clip in (file, Path(file).name)]
-    if len(same) != 1:
-        meant = closest(clip, files)
-        remedy = f"did you mean {meant!r}?" if meant and not same else f"choose from {listed(files)}, or a number"
-        raise BadInput(one_line(f"{folder}: {len(same) or 'no'} clips are called {clip!r}: {remedy}"))
-    return clips[same[0]]
 
 
 def _numbered(detections: Sequence[Detection], counts: Mapping[str, int], notes: list[str]) -> dict[str, Detection]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -18,6 +20,7 @@ from models.analytic.spring import damping_table
 from models.engine.loop import ROW_SIZE, play_rows
 from models.engine.touch import BALL, POCKET
 from models.hooks import Array, Hooks, hooks_of
+from models.interrupts import go_on
 from models.shot import NOSE_COSINE, Event, Shot, Track
 from models.sizes import SIZE_NAMES, stated_size
 
@@ -42,9 +45,23 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+_max_threads: ContextVar[int] = ContextVar("max_threads", default=0)  # 0: one a core
+
+
+@contextlib.contextmanager
+def on_one_thread() -> Iterator[None]:
+    """Shots inside are played by the thread that asks for them: the other cores have other work."""
+    token = _max_threads.set(1)
+    try:
+        yield
+    finally:
+        _max_threads.reset(token)
+
+
 def over_threads(work: Callable[[int, int], object], count: int, threads: int = 0) -> None:
     """Do work(first, last) for parts of `count` rows on threads (0: one a core); what it writes must not overlap."""
-    threads = min(threads or _cores(), _cores())
+    go_on()
+    threads = min(threads or _cores(), _max_threads.get() or _cores())
     size = max(MIN_CHUNK, -(-count // (CHUNKS_PER_THREAD * threads)))
     parts = [(k, min(k + size, count)) for k in range(0, count, size)]
     if threads == 1 or len(parts) == 1:

@@ -23,7 +23,7 @@ from models.errors import BadInput
 from models.pocket_shape import read_pockets
 from models.recording.file import whole_recording
 from models.recording.palette import FLOOR_COLOUR, Colour, ball_colour
-from models.recording.shots import PATH_HEIGHT_M, Out, draw_table, lift
+from models.recording.table import PATH_HEIGHT_M, Out, draw_table, lift
 from models.shot import NOSE_COSINE, Array, Ball, Table
 
 PLAN_APPLICATION, PLAN_FORMAT = "cuelab_plan", "billiard-plan/1"
@@ -184,7 +184,7 @@ def write_plan(path: Path | str, plan: Mapping[str, Any], *, title: str) -> None
     table, ball, balls = scene_of(plan)
     digest = hashlib.sha256(json.dumps([title, plan], sort_keys=True).encode()).hexdigest()[:32]
     with whole_recording(path, PLAN_APPLICATION, digest, title, _blueprint(table, ball, plan)) as stream:
-        out = Out(rr, stream, ())
+        out = Out(rr, stream)
         draw_table(out, table, ball)
         _draw_scene(out, plan, ball, balls)
         _draw_shot(out, "shot", plan.get("tracks") or [], table, ball, balls)

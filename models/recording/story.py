@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.recording.clips import CLIP_GAP_S, UNSEEN_S
 from models.recording.file import whole_recording
 from models.recording.palette import FLOOR_COLOUR, MODEL_COLOUR, WHITE_COLOUR, Colour, ball_colour
-from models.recording.shots import CLIP_GAP_S, UNSEEN_S, Out, draw_table
+from models.recording.table import Out, draw_table
 from models.shot import Array, Ball, Table
 
 STORY_APPLICATION = "cuelab_story"
@@ -77,7 +78,7 @@ def write_story(path: Path | str, recording: SeriesRecording, *, title: str) -> 
 
     table, ball = recording.table, recording.ball
     with whole_recording(path, STORY_APPLICATION, _digest(recording, title), title, _blueprint(table, ball)) as stream:
-        out = _Film(rr, stream, (), _lay_out(recording.scenes))
+        out = _Film(rr, stream, _lay_out(recording.scenes))
         draw_table(out, table, ball)
         _draw_balls(out, ball)
         _draw_marks(out, ball)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from models.recording.file import whole_recording
 from models.recording.palette import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour
-from models.recording.shots import pocket_discs
+from models.recording.table import pocket_discs
 from models.shot import Array, Table
 
 TRACK_APPLICATION = "cuelab_track"

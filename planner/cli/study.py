@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,12 +14,14 @@ import click
 from models.command_line import (
     FILE_PATH,
     Number,
+    at_most_one,
     effects_option,
     gathered,
     given,
     input_option,
     json_option,
     output_option,
+    scheduler_option,
     seed_option,
 )
 from models.console import Progress, Status, write_json
@@ -26,6 +30,7 @@ from models.files import alone_in, entries_of
 from planner.cli.common import execution_option, load_execution
 
 if TYPE_CHECKING:
+    from models.workers import Workers
     from planner.study.draws import Study
 
 MAX_SCENES = 100_000
@@ -51,9 +56,10 @@ class StudyOptions:
         click.Choice(["both", "risk", "ga"]),
         "both",
     )
-    jobs: int = given(
-        "--jobs", "N", "Scenes at a time; by default one per core.", Number(1, MAX_JOBS, whole=True), CPU_COUNT
+    jobs: int | None = given(
+        "--jobs", "N", "Scenes at a time; by default one per core.", Number(1, MAX_JOBS, whole=True)
     )
+    scheduler: str | None = given(scheduler_option)
 
     def study(self) -> Study:
         """The study that these settings ask for."""
@@ -62,6 +68,15 @@ class StudyOptions:
 
         model = read_model(self.model_file) if self.model_file else usual_model()
         return Study(model, load_execution(self.execution_file, model), self.balls, self.seed, self.method)
+
+    def workers(self, folders: Sequence[str], progress: Progress) -> contextlib.AbstractContextManager[Workers | None]:
+        """Whoever simulates the scenes; nobody else for one at a time."""
+        from models.workers import open_workers
+
+        jobs = min(self.jobs or CPU_COUNT, self.scenes)
+        if jobs == 1 and self.scheduler is None:
+            return contextlib.nullcontext()
+        return open_workers(self.scheduler, jobs, folders, progress)
 
 
 @click.command()
@@ -95,11 +110,13 @@ def study(
     from planner.study.folder import begin, carry_out, describe, read_scenes
     from planner.study.report import text_table, write_report
 
+    at_most_one(jobs=settings.jobs, scheduler=settings.scheduler)
     asked = settings.study()
     click.get_current_context().with_resource(alone_in(out))
-    begin(out, asked)
     try:
-        carry_out(out, asked, settings.scenes, settings.jobs, effect_folders, progress)
+        with settings.workers(effect_folders, progress) as workers:
+            begin(out, asked)
+            carry_out(out, asked, settings.scenes, workers, progress)
     except KeyboardInterrupt as end:
         count = len(read_scenes(out, settings.scenes))
         end.add_note(f"{count} of {settings.scenes} scenes are kept in {out}; the same command continues from them")

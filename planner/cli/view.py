@@ -183,6 +183,8 @@ def _clip(source: Path, wanted: str) -> tuple[Table, Ball, dict[str, Array], dic
     if not found:
         raise BadInput(f"--clip {wanted}: {source} has {len(clips.clips)} clips; name one of its files or 1 to that")
     clip = found[0]
+    if clip.running:
+        raise BadInput(f"--clip {wanted}: begins in mid-motion, so that there is no stroke to play; name another clip")
     names = (clip.struck, *[n for n in clip.balls if n != clip.struck])
     places = {name: clip.balls[name].xy[0] for name in names}
     known = {k: float(getattr(clip.cue, k)) for k in GivenStroke.__annotations__} if clip.cue is not None else {}

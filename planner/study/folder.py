@@ -9,14 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
-import pickle
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,9 +19,9 @@ from models.console import Progress, plain
 from models.errors import BadInput
 from models.files import read_document, write_whole
 from models.files.faults import Faults
-from models.interrupts import work_for_parent
 
 if TYPE_CHECKING:
+    from models.workers import Workers
     from planner.study.draws import Study
 
 STUDY_FORMAT = "billiard-study-plans/1"
@@ -106,56 +101,25 @@ def read_scenes(out: Path | str, count: int) -> list[dict[str, Any]]:
     return [data for data in found if data is not None]
 
 
-def carry_out(out: Path | str, study: Study, count: int, jobs: int, folders: Sequence[str], progress: Progress) -> None:
-    """Simulate the scenes up to `count` that are missing, and write each as it comes."""
+def carry_out(out: Path | str, study: Study, count: int, workers: Workers | None, progress: Progress) -> None:
+    """Simulate the scenes up to `count` that are missing, and write each as it comes; here where nobody else works."""
     todo = [number for number in range(1, count + 1) if read_object(scene_path(out, number)) is None]
     started, total = time.monotonic(), len(todo)
     present = count - total
     if todo:
         progress(f"{present} of {count} scenes")
-    for done, result in enumerate(_simulated(study, todo, min(jobs, total), folders), 1):
+    for done, result in enumerate(_simulated(study, todo, workers), 1):
         text = json.dumps(plain(result), separators=(",", ":"))
         write_whole(scene_path(out, result["number"]), (text + "\n").encode(), parents=True)
         left = (time.monotonic() - started) / done * (total - done)
         progress(f"{present + done} of {count} scenes, {left / 60:.0f} min left")
 
 
-def _simulated(study: Study, todo: Sequence[int], jobs: int, folders: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """Results of scenes as they come, from several processes where there are several jobs."""
+def _simulated(study: Study, todo: Sequence[int], workers: Workers | None) -> Iterator[dict[str, Any]]:
+    """Results of scenes as they come."""
     from planner.study.runs import study_scene
 
-    if jobs <= 1:
-        for number in todo:
-            yield study_scene(study, number)
-        return
-    before = set(multiprocessing.active_children())
-    packed, paths = pickle.dumps(study), tuple(str(Path(f).resolve()) for f in folders)
-    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=work_for_parent)
-    try:
-        # A few ahead: what waits is not pickled before it is needed.
-        rest, running = iter(todo), set[Future[dict[str, Any]]]()
-        while True:
-            for number in islice(rest, jobs + 1 - len(running)):
-                running.add(pool.submit(_simulate, packed, paths, number))
-            if not running:
-                break
-            finished, running = wait(running, return_when=FIRST_COMPLETED)
-            for future in finished:
-                yield future.result()
-        pool.shutdown()
-    except BrokenProcessPool:
-        raise BadInput(f"--jobs {jobs}: a process was killed; give fewer if memory is short") from None
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
-
-
-def _simulate(packed: bytes, folders: Sequence[str], number: int) -> dict[str, Any]:
-    """One scene in a process of its own; a user's effects must join the catalogue before the model is unpickled."""
-    from models.model_file import add_folder
-    from planner.study.runs import study_scene
-
-    for folder in folders:
-        add_folder(folder)
-    return study_scene(pickle.loads(packed), number)
+    if workers is None:
+        yield from (study_scene(study, number) for number in todo)
+    else:
+        yield from (result for _, result in workers.as_they_come(study_scene, [(study, number) for number in todo]))

@@ -25,13 +25,13 @@ from planner.from_picture import CUE_BALL_NAMES, DetectedBalls, balls_in_picture
 from robot.camera.recorder import NO_PICTURE, FilmRecorder, checked
 from robot.camera.source import Device, Source
 from sysid.clips import Observation
-from sysid.vision.balls.detect import Detector
-from sysid.vision.balls.palette import default_palette, read_palette
+from sysid.vision.balls.learning import learn_detector
+from sysid.vision.balls.palette import palette_for
 from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
 from sysid.vision.details import details
 from sysid.vision.frames import Footage, Picture
 from sysid.vision.tracks.clips import Extra, clip_set
-from sysid.vision.tracks.track import Tracked, track
+from sysid.vision.tracks.track import Tracked, track, without_shots
 
 LOOK_PICTURES = 8  # averaged to find the resting balls
 PLACE_ERROR_PX = 0.1  # sd of a place, unless it is given
@@ -157,9 +157,10 @@ class LiveCamera:
 
     def _tracked(self, footage: Footage, warnings: list[str]) -> dict[str, Observation]:
         """The balls of the first shot that struck the cue ball."""
-        palette = read_palette(self._options.palette_path) if self._options.palette_path else default_palette()
-        detector = Detector.learn(self.seen_with, footage, palette)
+        palette = palette_for(self._options.palette_path, self.seen_with.table, self.seen_with.diameter)
+        detector = learn_detector(self.seen_with, footage, palette)
         result = track(footage, self.seen_with, detector, dict(zip(palette.names, palette.counts, strict=True)))
+        result = without_shots(result, [bool(shot.running) for shot in result.shots])  # it is the stroke that is wanted
         result, seen = details(result, footage, self.seen_with)
         warnings += [*footage.assumed[1:], *result.left_out, *result.doubts]
         if not result.shots:

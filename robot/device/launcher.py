@@ -25,9 +25,9 @@ from robot.device.protocol import (
     BUSY_STATES,
     PROTOCOL_VERSION,
     LauncherError,
+    LauncherStatus,
     LauncherStopped,
     LinkLost,
-    Status,
     parse_status,
     string_number,
 )
@@ -65,9 +65,9 @@ class Launcher:
             raise BadInput("link is None; give an open line to the launcher, or dry_run=True")
         self.settings, self.dry_run = settings, dry_run
         self._link, self._say = link, say
-        self._known: Status | None = None
+        self._known: LauncherStatus | None = None
         self._taken_up = False  # the stage came from below
-        self._dry = Status(state="IDLE")
+        self._dry = LauncherStatus(state="IDLE")
 
     def __enter__(self) -> Launcher:
         """Open the link and connect."""
@@ -209,7 +209,7 @@ class Launcher:
         self._taken_up = False
         return self._did(job, "reset", self._ask(job))
 
-    def _release(self, job: _Command, n: int, number: int) -> Status | None:
+    def _release(self, job: _Command, n: int, number: int) -> LauncherStatus | None:
         """Send 'NNNp' until it has taken effect; the status then, or None when the arming lapsed before."""
         name = f"stroke {number} ({n:03d}p)"
         try:
@@ -235,14 +235,14 @@ class Launcher:
             raise StrokeUnknown(f"{name} may have been made: {error}; look at the table") from error
         raise NotStruck(f"{name} was not made: no line had an effect; check the cable")
 
-    def _made(self, name: str, n: int, number: int, status: Status) -> Status:
+    def _made(self, name: str, n: int, number: int, status: LauncherStatus) -> LauncherStatus:
         """The status where it reports this stroke as complete; StrokeUnknown otherwise."""
         if status.done == number and status.begun == number and status.string == n:
             return status
         why = "; ".join(status.troubles()) or f"the launcher is {status.state} and reports stroke {status.done}"
         raise StrokeUnknown(f"{name} was begun, but not ended: {why}; look at the table")
 
-    def _after_stop(self, job: _Command, name: str, n: int, number: int) -> Status:
+    def _after_stop(self, job: _Command, name: str, n: int, number: int) -> LauncherStatus:
         """The outcome of a stroke that was stopped."""
         until = self._line.clock.now() + STOP_ARRIVAL_S
         try:
@@ -259,7 +259,7 @@ class Launcher:
             raise LauncherStopped(f"stopped before {name} began; reset and home")
         return self._made(name, n, number, status)
 
-    def _settle(self, job: _Command, what: str) -> Status:
+    def _settle(self, job: _Command, what: str) -> LauncherStatus:
         """Wait until a motion has ended; LauncherStopped and LauncherFault where it ended badly."""
         status = self._wait(job, BUSY_STATES, what)
         if status.state == "STOPPED":
@@ -270,7 +270,7 @@ class Launcher:
             raise LauncherError(f"{what} was cut short: the launcher is {status.state}; home it")
         return status
 
-    def _wait(self, job: _Command, states: tuple[str, ...], what: str) -> Status:
+    def _wait(self, job: _Command, states: tuple[str, ...], what: str) -> LauncherStatus:
         """Query until the launcher has left these states."""
         timing = self.settings.timing
         until = 0.0 if self.dry_run else self._line.clock.now() + timing.motion_s
@@ -281,7 +281,7 @@ class Launcher:
             self._line.clock.sleep(timing.poll_s)
         return status
 
-    def _ask(self, job: _Command, through_stop: bool = False) -> Status:
+    def _ask(self, job: _Command, through_stop: bool = False) -> LauncherStatus:
         """The status; restarts and noise that it reports are noted."""
         if self.dry_run:
             return self._dry
@@ -324,12 +324,12 @@ class Launcher:
         notes = tuple(f"{i.kind}: {i.detail}" for i in self._line.incidents[job.incidents :])
         return self._line.clock.now() - job.began, notes
 
-    def _did(self, job: _Command, what: str, status: Status) -> Did:
+    def _did(self, job: _Command, what: str, status: LauncherStatus) -> Did:
         x, y = self.settings.tip_mm(status.x_um, status.y_um)
         seconds, noted = self._noted(job)
         return Did(what, status, x, y, seconds, job.retries, noted, self.dry_run)
 
-    def _done(self, job: _Command, n: int, number: int, status: Status) -> Done:
+    def _done(self, job: _Command, n: int, number: int, status: LauncherStatus) -> Done:
         x, y = self.settings.tip_mm(status.x_um, status.y_um)
         seconds, noted = self._noted(job)
         speed, force = (float("nan"),) * 2 if self.dry_run else (status.cue_speed, status.peak_force)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robot.device.protocol import LauncherError, Status
+from robot.device.protocol import LauncherError, LauncherStatus
 
 
 class Refused(LauncherError):
@@ -31,7 +31,7 @@ class Did:
     """The result of a motion or a query."""
 
     what: str
-    status: Status
+    status: LauncherStatus
     x0_mm: float  # of the cue's axis from the ball's centre, by the stage's steps
     y0_mm: float
     seconds: float

@@ -76,7 +76,7 @@ Arrival = Message | StrokeLine | StopByte
 
 
 @dataclass(frozen=True)
-class Status:
+class LauncherStatus:
     """What the launcher reports."""
 
     state: str = "UNHOMED"  # one of LAUNCHER_STATES
@@ -151,20 +151,20 @@ def stroke_line(string: int) -> bytes:
     return b"%03dp" % string_number(string)
 
 
-def status_body(status: Status) -> str:
+def status_body(status: LauncherStatus) -> str:
     """A status as the body of a reply."""
     return " ".join(["OK", status.state, *(str(v) for v in dataclasses.astuple(status)[1:])])
 
 
-def parse_status(body: str) -> Status | None:
+def parse_status(body: str) -> LauncherStatus | None:
     """The status in a reply's body; None where it is none."""
     words = body.split(" ")
-    fields = dataclasses.fields(Status)
+    fields = dataclasses.fields(LauncherStatus)
     if len(words) != len(fields) + 1 or words[0] != "OK" or words[1] not in LAUNCHER_STATES:
         return None
     if not all(re.fullmatch(r"-?\d{1,12}", word) for word in words[2:]):
         return None
-    return Status(words[1], *(int(word) for word in words[2:]))
+    return LauncherStatus(words[1], *(int(word) for word in words[2:]))
 
 
 class Reader:

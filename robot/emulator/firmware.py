@@ -21,7 +21,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot.device import protocol
-from robot.device.protocol import BUSY_STATES, FIRST_STRING, LAST_STRING, UNSOLICITED_SEQUENCE, Arrival, Message, Status
+from robot.device.protocol import (
+    BUSY_STATES,
+    FIRST_STRING,
+    LAST_STRING,
+    UNSOLICITED_SEQUENCE,
+    Arrival,
+    LauncherStatus,
+    Message,
+)
 from robot.emulator.stroke_motion import BALL_DISTANCE_M, BRAKING_DECELERATION, LEVEL_END_M, StrokeMotion, paper_law
 
 SPEED_RIPPLE, TOOTH_PITCH_M = 0.01, 0.002 * math.pi  # over the speed [1]; pitch of a module 2 rack [m]; C
@@ -136,12 +144,12 @@ class Firmware:
             event()
         self._time = now
 
-    def status(self) -> Status:
+    def status(self) -> LauncherStatus:
         """The status now."""
         self.update()
         m = self.memory
         x, y = (round(v) for v in (self._under_way() if self.state == "MOVING" else self._motor))
-        return Status(
+        return LauncherStatus(
             self.state, m.boots, m.stops, m.begun, m.done, self._armed, x, y, m.string, round(m.speed * 1e6),
             round(m.force * 1e3), self._reader.dropped, self._refused, self._faults,
         )  # fmt: skip

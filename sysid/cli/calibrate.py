@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import FILE_PATH, Number, gathered, given, json_option, out_option, output_option
+from models.command_line import FILE_PATH, Number, at_most_one, gathered, given, json_option, out_option, output_option
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from sysid.cli.tables import TABLE_HELP, diameter_option, table_set
@@ -96,7 +96,12 @@ class CameraView:
         "--corners", '"u,v u,v u,v u,v"', "Where about the nose lines cross [pixels] if not found; with three sides "
         "in view, four points along them.",
     )  # fmt: skip
+    click: bool = given("--click", "", "Click these corners in a browser; prints them as --corners takes them.", bool)
     sees: str = given("--sees", "SIDES", "Cushions in view.", str, "+x,-x,+y,-y")
+
+    marker_size: float | None = given(
+        _metres("marker-size", "S", 0.03, 0.5, "Side of the printed markers [m], if not 0.1.", required=False)
+    )
 
     def sides(self) -> list[str]:
         """The cushions in view."""
@@ -111,6 +116,7 @@ class CameraView:
         """Where the nose lines cross, (4, 2) [pixels]."""
         import numpy as np
 
+        at_most_one(click=self.click, corners=self.corners)
         if self.corners is None:
             return None
         try:
@@ -119,6 +125,14 @@ class CameraView:
             points = np.zeros(0)
         if points.shape != (4, 2) or not np.isfinite(points).all():
             raise BadInput(f'--corners "{self.corners}": give four points as "u,v u,v u,v u,v", in pixels')
+        return points
+
+    def clicked(self, picture: Picture) -> NDArray[np.float64]:
+        """Where the nose lines cross as clicked in a browser, (4, 2) [pixels]; prints them for another time."""
+        from sysid.vision.camera.clicks import as_option, clicked
+
+        points = clicked(picture, len(self.sides()), lambda line: print(line, flush=True))
+        print(f"clicked: {as_option(points)}", flush=True)
         return points
 
 
@@ -158,6 +172,7 @@ def calibrate(
     from sysid.vision.camera.calibration_picture import draw
     from sysid.vision.camera.calibration_report import rows, to_json
     from sysid.vision.camera.footages import table_view
+    from sysid.vision.camera.markers import MARKER_SIZE_M
     from sysid.vision.camera.projection import write_camera
 
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
@@ -175,9 +190,13 @@ def calibrate(
     each = max(MIN_MEDIAN_FRAMES, min(MEDIAN_FRAMES, MAX_ALL_FRAMES // len(sources)))
     table_seen = table_view({str(source): list(frames(source, each)) for source in sources})
     notes += table_seen.notes
+    if view.click:
+        progress.close()
+        crossings = view.clicked(np.rint(table_seen.picture).astype(np.uint8))
+    hints = CameraHints(view.fov, lens, crossings, sides, view.marker_size or MARKER_SIZE_M)
     found = calibrate_picture(
-        table_seen.picture, cushions, diameter, CameraHints(view.fov, lens, crossings, sides),
-        stills=table_seen.stills, source=", ".join(table_seen.used), progress=progress,
+        table_seen.picture, cushions, diameter, hints, stills=table_seen.stills, source=", ".join(table_seen.used),
+        progress=progress,
     )  # fmt: skip
     progress.close()
     write_camera(files.out, found.camera)

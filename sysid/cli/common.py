@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,9 @@ models_option = click.option(
 report_option = output_option("report", "FILE.html", "Write the figures with pictures.")
 rrd_option = output_option("rrd", "FILE.rrd", "Write measured and modelled shots for Rerun.")
 
-palette_option = input_option("palette", "P.toml", "Names and colours of the balls; by default those of snooker.")
+palette_option = input_option(
+    "palette", "P.toml", "Names and colours of the balls; by default those of pool or snooker, by their diameter."
+)
 mass_option = click.option(
     "--mass", metavar="M", type=ABOVE_ZERO, help="Mass of a ball [kg]; by default a snooker ball's of this size."
 )
@@ -66,12 +69,15 @@ class Start:
         """The clip set, and all models named, or the base alone."""
         from models.model_file import full_model
         from sysid.clips import inspect_clip_set
+        from sysid.clips.running import running_line
         from sysid.prepare import prepare
 
         inspection = inspect_clip_set(self.clips)
         clip_set = inspection.sound()
         for warning in inspection.warnings:
             print(f"warning: {warning}", file=sys.stderr, flush=True)
+        if running := running_line(clip_set.clips):
+            print(f"note: {running}")
         if self.jaws:
             from sysid.clips.jaws import before_jaws
 
@@ -111,8 +117,21 @@ class Outputs:
         if self.rrd_file:
             from sysid.report.recording import write_rrd
 
-            write_rrd(self.rrd_file, last)
+            write_rrd(self.rrd_file, comparisons)
             print_recording(self.rrd_file)
+
+
+@contextlib.contextmanager
+def spread_over_cluster(scheduler: str | None, folders: Sequence[str]) -> Iterator[None]:
+    """Fits inside are computed by the workers of a cluster, which know the user's effects; here without a scheduler."""
+    if scheduler is None:
+        yield
+        return
+    from models.workers import open_workers
+    from sysid.estimation.solver.spread import spread_over
+
+    with open_workers(scheduler, 0, folders) as workers, spread_over(workers):
+        yield
 
 
 def print_recording(path: Path) -> None:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import effects_option, gathered, json_option, out_option
+from models.command_line import effects_option, gathered, json_option, out_option, scheduler_option
 from models.console import Progress, Status, print_constants, table, write_json
 from models.errors import BadInput
-from sysid.cli.common import Outputs, Start, clips_argument
+from sysid.cli.common import Outputs, Start, clips_argument, spread_over_cluster
 
 if TYPE_CHECKING:
     from sysid.estimation.clip_fit import ClipFit
@@ -30,6 +30,7 @@ def check(clips: Path, json_file: Path | None) -> int:
     """
     from sysid.clips import inspect_clip_set
     from sysid.clips.contradictions import pocket_note, size_notes
+    from sysid.clips.running import running_line
 
     found = inspect_clip_set(clips)
     faults = found.fault_lines()
@@ -40,6 +41,8 @@ def check(clips: Path, json_file: Path | None) -> int:
         notes.append(pockets)
     if found.clip_set and found.resting:
         notes.append(f"{found.resting} clips begin before the strike; it is their time 0, what precedes it is left out")
+    if found.clip_set and (running := running_line(found.clip_set.clips)):
+        notes.append(running)
     for line in notes:
         print(f"note: {line}")
     if json_file:
@@ -100,14 +103,19 @@ def labels_of(files: Sequence[Path]) -> list[str]:
 @click.command()
 @gathered("start", Start)
 @out_option("M2.toml", "Where the fitted model goes.")
-@effects_option()
+@effects_option(exposed=True)
 @gathered("outputs", Outputs)
+@scheduler_option
 @click.pass_obj
-def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
+def fit(
+    progress: Progress, start: Start, out: Path, outputs: Outputs, scheduler: str | None,
+    effect_folders: tuple[str, ...],
+) -> int:  # fmt: skip
     """Fit a model's constants, each with its standard deviation.
 
     Reads the clip set CLIPS and the model to start from. Writes the fitted model, and prints its constants and its
-    error on clips held out. Status 1 if the fit did not converge.
+    error on clips held out. Status 1 if the fit did not converge. With --scheduler, workers share the fit of 32
+    clips and more; fewer stay here.
 
     Example: sysid fit CLIPS --out fitted.toml --report fit.html
     """
@@ -119,7 +127,8 @@ def fit(progress: Progress, start: Start, out: Path, outputs: Outputs) -> int:
     from sysid.residuals.compare import coverage
 
     clip_set, model = start.load()
-    found = fit_clips(clip_set, model)
+    with spread_over_cluster(scheduler, effect_folders):
+        found = fit_clips(clip_set, model)
     found.save(out)
     progress.close()
     print_constants(found.model)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import FILE_PATH, effects_option, gathered, json_option
+from models.command_line import FILE_PATH, effects_option, gathered, json_option, scheduler_option
 from models.console import Progress, Status, print_constants, table, write_json
 from models.files import alone_in, made_folder
-from sysid.cli.common import Start, report_option
+from sysid.cli.common import Start, report_option, spread_over_cluster
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -35,7 +35,8 @@ def demo(progress: Progress, out: Path) -> int:
     """
     from sysid.cli.demo import run
 
-    return run(made_folder(out), progress)
+    click.get_current_context().with_resource(alone_in(made_folder(out)))
+    return run(out, progress)
 
 
 @click.command()
@@ -85,14 +86,19 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
 @click.command()
 @gathered("start", Start)
 @click.option("--out", metavar="DIR", type=FILE_PATH, required=True, help="Folder of results.")
-@effects_option()
+@effects_option(exposed=True)
 @json_option
+@scheduler_option
 @click.pass_obj
-def discover(progress: Progress, start: Start, out: Path, json_file: Path | None) -> int:
+def discover(
+    progress: Progress, start: Start, out: Path, json_file: Path | None, scheduler: str | None,
+    effect_folders: tuple[str, ...],
+) -> int:  # fmt: skip
     """Discover all that a model lacks: fit, diagnose and add effects.
 
     Reads the clip set CLIPS and the model to start from, and repeats until nothing significant remains. Writes
     model.toml, result.json, report.html and review.rrd into DIR. After an interrupt the same command continues there.
+    With --scheduler, workers share the fits of 32 clips and more; fewer stay here.
 
     Example: sysid discover CLIPS --out out/mine
     """
@@ -118,7 +124,7 @@ def discover(progress: Progress, start: Start, out: Path, json_file: Path | None
         print(f"{name}: miss {last.miss * 1e3:.3f} mm, held out {last.held_miss * 1e3:.3f} mm\n", flush=True)
 
     try:
-        with recorded_in(journal):
+        with recorded_in(journal), spread_over_cluster(scheduler, effect_folders):
             found = discover_effects(clip_set, model, show)
     except KeyboardInterrupt as end:
         if journal.path.exists():
@@ -156,7 +162,7 @@ def _fingerprint(clip_set: ClipSet, model: Model) -> str:
     for text in own_texts():
         digest.update(text)
     for clip in clip_set.clips:
-        digest.update(repr((clip.file, clip.struck, clip.cue)).encode())
+        digest.update(repr((clip.file, clip.struck, clip.cue, clip.running)).encode())
         for name, seen in clip.balls.items():
             digest.update(name.encode() + seen.time.tobytes() + seen.xy.tobytes() + seen.theta.tobytes())
     return digest.hexdigest()

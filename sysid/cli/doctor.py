@@ -32,6 +32,7 @@ class FilmedTable:
     diameter: float | None = given(diameter_option)
     no_pockets: bool = given("--no-pockets", "", "The table has no pockets.", bool)
     corners: str | None = given("--corners", '"u,v u,v u,v u,v"', "Where about the nose lines cross [pixels].")
+    click: bool = given("--click", "", "Click these corners in a browser.", bool)
     fps: float | None = given("--fps", "F", "Frames taken in a second, where the video does not say so.", ABOVE_ZERO)
     palette_file: Path | None = given(palette_option)
     mass: float | None = given(mass_option)
@@ -74,10 +75,11 @@ def doctor(context: click.Context, videos: tuple[str, ...], filmed: FilmedTable,
     else:
         words = [*videos, *sizes, "--out", camera, "--report", folder / CAMERA_PICTURE]
         words += ["--corners", filmed.corners] if filmed.corners else []
+        words += ["--click"] * filmed.click
         if _step(context, calibrate, words):
             camera.unlink(missing_ok=True)
             print(f"stopped: the camera is not to be trusted; look at {folder / CAMERA_PICTURE}")
-            print('corners that are right to ten pixels help: --corners "u,v u,v u,v u,v"')
+            print('corners that are right to ten pixels help: --click, or --corners "u,v u,v u,v u,v"')
             return Status.FINDING
     words = [*videos, "--camera", camera, "--out", clips, "--sheet", folder / SHEET_FILE]
     for option, value in (("--fps", filmed.fps), ("--palette", filmed.palette_file), ("--mass", mass)):

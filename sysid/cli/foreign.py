@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from models.presets import TableSet
     from models.shot import Array
     from sysid.clips.header import Header
-    from sysid.foreign.convert import ShotFile, Told
+    from sysid.foreign.convert import ShotFile, Stated
 
 TIME_UNITS = ("seconds", "frames", "milliseconds", "microseconds")
 
@@ -39,17 +39,20 @@ class ReadingOptions:
     time: str | None = given("--time", "UNIT", "Unit of times.", click.Choice(TIME_UNITS))
     fps: float | None = given("--fps", "F", "Frames taken in a second.", ABOVE_ZERO)
     struck: str | None = given("--struck", "BALL", "Ball that the cue strikes; by default the one that moves first.")
+    running: bool = given(
+        "--running", "", "Tracks that begin with a ball in motion begin too late to show the strike.", bool
+    )
     columns: str | None = given("--columns", "t=NAME,...", "Names of columns: t, frame, ball, x, y, theta, cue.speed.")
 
-    def told(self, nominal_fps: float | None) -> Told:
+    def told(self, nominal_fps: float | None) -> Stated:
         """As the conversion takes it, beside the frame rate that a clip set states."""
-        from sysid.foreign.convert import Told
+        from sysid.foreign.convert import Stated
 
-        return Told(
+        return Stated(
             self.unit, None if self.origin is None else self.origin == "corner",
             None if self.x_along is None else self.x_along == "width", None if self.y is None else self.y == "down",
             True if self.turned else None, self.time, self.fps, nominal_fps, self.struck,
-            self.named_columns(),
+            self.running, self.named_columns(),
         )  # fmt: skip
 
     def named_columns(self) -> dict[str, str]:
@@ -85,7 +88,7 @@ def import_(
     from sysid.clips.contradictions import contradictions
     from sysid.clips.write import write_clip_set
     from sysid.foreign.convert import import_files
-    from sysid.foreign.picture import tracks_png
+    from sysid.report.plot import tracks_png
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise BadInput(f"{out}: is there already; choose another folder")
@@ -127,7 +130,7 @@ def _shots(files: tuple[Path, ...]) -> tuple[list[Path], list[ShotFile], Header 
         faults = Faults()
         header = faults.settle(read_header(files[0].resolve(), faults))
         shots = [
-            ShotFile(one.file, one.struck, one.note, None if one.cue is None else CueCommand(**one.cue), one.extra)
+            ShotFile(one.file, one.struck, one.note, CueCommand(**one.cue) if one.cue else None, one.extra, one.running)
             for one in header.entries
         ]
         return [one.path for one in header.entries], shots, header

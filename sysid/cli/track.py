@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, json_option, output_option
+from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, json_option, output_option, scheduler_option
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from models.files import alone_in
 from sysid.cli.common import camera_option, mass_option, palette_option, print_recording, rrd_option
 
 if TYPE_CHECKING:
-    from sysid.clips import ClipSet
     from sysid.vision.camera.projection import Camera
     from sysid.vision.details import Details
+    from sysid.vision.film import TrackedFilm
     from sysid.vision.frames import Footage
     from sysid.vision.tracks.track import Tracked
 
@@ -42,6 +43,7 @@ class Filmed:
     )
     palette_file: Path | None = given(palette_option)
     mass: float | None = given(mass_option)
+    scheduler: str | None = given(scheduler_option)
 
 
 @dataclass(frozen=True)
@@ -100,22 +102,26 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
     if so_far is not None:
         check_camera(so_far, camera, outputs.out)
     told, doubtful = [], False
+    done = videos_in(so_far)
+    films = _films(progress, filmed, camera, [video for name, video in named.items() if name not in done])
+    click.get_current_context().call_on_close(films.close)
     for name, video in named.items():
         if len(named) > 1:
             print(f"\n{video}")
-        if name in videos_in(so_far):
+        if name in done:
             print(f"{name}: its clips are in {outputs.out}, kept; track it anew with --force")
             continue
         try:
-            result, clips, found = _one(progress, filmed, outputs, video, camera)
+            film = next(films)[1]
         except KeyboardInterrupt as end:
             if so_far is not None:
                 end.add_note(f"{len(videos_in(so_far))} videos are kept in {outputs.out}: the same command continues")
             raise
-        told.append(found)
+        result = film.result
+        told.append(_told(progress, filmed, outputs, video, camera, film))
         doubtful |= bool(result.doubts)
-        if clips is not None:
-            so_far = joined(so_far, of_video(clips, name, result))
+        if film.clips is not None:
+            so_far = joined(so_far, of_video(film.clips, name, result))
             write_clip_set(so_far, outputs.out)
             print(f"\nclips: {outputs.out}")
         for doubt in result.doubts:
@@ -132,40 +138,39 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
     return Status.FINDING if doubtful else Status.DONE
 
 
-def _one(
-    progress: Progress, filmed: Filmed, outputs: TrackOutputs, video: str, camera: Camera
-) -> tuple[Tracked, ClipSet | None, dict[str, Any]]:
-    """Track one video: the result, its clips if there are any, and all figures."""
-    from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
-    from sysid.vision.balls.detect import Detector
-    from sysid.vision.balls.discs import Shutter
-    from sysid.vision.balls.palette import default_palette, read_palette
-    from sysid.vision.details import details
-    from sysid.vision.frames import open_footage
-    from sysid.vision.tracks.clips import Extra, clip_set
-    from sysid.vision.tracks.track import track as track_balls
+def _films(
+    progress: Progress, filmed: Filmed, camera: Camera, videos: Sequence[str]
+) -> Generator[tuple[str, TrackedFilm], None, None]:
+    """Videos with what became of them, in order; tracked by a cluster where it has an address."""
+    from models.workers import open_workers
+    from sysid.vision.balls.palette import palette_for
+    from sysid.vision.film import Taken, film_mark, track_film, track_same_film
+    from sysid.vision.tracks.recordings import video_name
 
-    palette = read_palette(filmed.palette_file) if filmed.palette_file else default_palette()
-    footage = open_footage(video, filmed.fps)
-    if footage.size != tuple(camera.size):
-        sizes = " and ".join(f"{w} x {h}" for w, h in (footage.size, camera.size))
-        raise BadInput(f"{video}: {sizes} pixels in video and {filmed.camera_file}; calibrate with this video's frames")
-    detector = Detector.learn(camera, footage, palette, progress)
-    shutter = Shutter(None if filmed.exposure is None else min(filmed.exposure * footage.fps, 1.0))
-    counts = dict(zip(palette.names, palette.counts, strict=True))
-    result = track_balls(footage, camera, detector, counts, progress, shutter)
-    result, seen = details(result, footage, camera, progress, not detector.rough)
+    palette = palette_for(filmed.palette_file, camera.table, camera.diameter)
+    taken = Taken(camera, str(filmed.camera_file), palette, filmed.fps, filmed.exposure, filmed.mass)
+    if filmed.scheduler is None:
+        for video in videos:
+            yield video, track_film(video, taken, progress)
+        return
+    tasks = [(os.path.abspath(video), video_name(video), taken, film_mark(video)) for video in videos]
+    with open_workers(filmed.scheduler, 0, progress=progress) as workers:
+        yield from zip(videos, workers.in_turn(track_same_film, tasks), strict=True)
+
+
+def _told(
+    progress: Progress, filmed: Filmed, outputs: TrackOutputs, video: str, camera: Camera, film: TrackedFilm
+) -> dict[str, Any]:  # fmt: skip
+    """All figures of a film, after it was printed, and drawn where asked."""
+    from sysid.vision.frames import open_footage
+
+    result = film.result
     progress.close()
-    mass = filmed.mass if filmed.mass is not None else MASS_PER_CUBED_DIAMETER * camera.diameter**3
-    remarks = [*footage.assumed, *detector.notes, *result.notes]
-    if filmed.mass is None:
-        remarks.append(f"mass {mass:.4f} kg, that of a snooker ball of this size: give yours with --mass")
-    _print(result, remarks)
-    _print_details(seen)
-    extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
-    clips = clip_set(result, camera, mass, footage.fps, extras) if result.shots else None
-    _draw(outputs, video, result, footage, camera, progress)
-    return result, clips, to_json(video, result, remarks, seen)
+    _print(result, film.remarks)
+    _print_details(film.seen)
+    if outputs.preview or outputs.rrd_file:
+        _draw(outputs, video, result, open_footage(video, filmed.fps), camera, progress)
+    return to_json(video, result, film.remarks, film.seen)
 
 
 def rows(result: Tracked) -> list[dict[str, Any]]:
@@ -176,7 +181,8 @@ def rows(result: Tracked) -> list[dict[str, Any]]:
     for number, (shot, seen) in enumerate(zip(result.shots, result.found, strict=True), 1):
         lost = {name: lost_frames(result.scene, shot, path, which) for name, (path, which) in seen.items()}
         found.append({
-            "clip": number, "time": shot.time, "struck": shot.struck, "balls": list(seen),
+            "clip": number, "time": shot.time, "struck": None if shot.running else shot.struck,
+            "running": list(shot.running), "balls": list(seen),
             "samples": {name: int(which.size) for name, (_, which) in seen.items()}, "lost": lost,
             "speed": shot.speed, "remarks": list(shot.remarks), "frames": [shot.first, shot.last],
         })  # fmt: skip
@@ -250,7 +256,7 @@ def _print(result: Tracked, remarks: Sequence[str]) -> None:
     lines = [TABLE_HEAD]
     for row in rows(result):
         lines.append((
-            str(row["clip"]), f"{row['time']:.2f}", row["struck"], " ".join(row["balls"]),
+            str(row["clip"]), f"{row['time']:.2f}", row["struck"] or "unseen", " ".join(row["balls"]),
             str(sum(row["samples"].values())), str(sum(row["lost"].values())), f"{row['speed']:.3f}",
             f"{1e3 * noise.sigma:.3f}", "; ".join(row["remarks"]),
         ))  # fmt: skip

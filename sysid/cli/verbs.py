@@ -6,13 +6,28 @@ import sys
 from collections.abc import Sequence
 
 from models.command_line import Program, run
-from sysid.cli import calibrate, compare, discovery, doctor, effects, foreign, init, match, measure, review, track
+from sysid.cli import (
+    calibrate,
+    compare,
+    discovery,
+    doctor,
+    effects,
+    foreign,
+    init,
+    markers,
+    match,
+    measure,
+    plot,
+    review,
+    track,
+)
 
 PROGRAM = Program(
     "sysid",
     "Identify a snooker table: from filmed or tracked shots to a fitted MuJoCo model, and to what it leaves out.",
     {
         "Clips of a table": (
+            markers.markers,
             calibrate.calibrate,
             track.track,
             foreign.import_,
@@ -20,7 +35,7 @@ PROGRAM = Program(
             compare.check,
             doctor.doctor,
         ),
-        "Model from clips": (measure.measure, compare.compare, compare.fit),
+        "Model from clips": (measure.measure, compare.compare, compare.fit, plot.plot),
         "What the model leaves out": (discovery.diagnose, discovery.discover, discovery.demo, review.review),
         "Effects of the model": (effects.effects, effects.add, effects.remove, effects.new_effect),
         "The engines themselves": (match.match,),

@@ -4,9 +4,11 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
 
     clip_set        the values: Observation, CueCommand, Clip, ClipSet
     read, write     whole or not at all; header and rows of their files, names of balls and clips
+    choose          one clip, as users name it
     template        a clip set to fill in
     plausibility    times increase, balls are on the table and do not overlap
     strike          when the struck ball sets off, and whether it is the one
+    running         clips that begin in mid-motion, and which balls move then
     readings, units coordinates and times in other units, from elsewhere, along other axes
     contradictions  what the tracks of a set contradict: diameter, table; commands (aims), times (tempo), marks
     noise, clock    of the camera, estimated from the tracks

@@ -44,8 +44,18 @@ class Clip:
     note: str = ""
     extra: Mapping[str, Any] = field(default_factory=dict)  # keys of its [[clip]] that are not known here
     order: float = 0.0  # place in the session, 0 for the first clip of the set, 1 for the last
-    running: bool = False  # a part of a shot that begins with a moving ball
+    running: tuple[str, ...] = ()  # balls in motion at its beginning, where that is no strike; the first is `struck`
     origin: float = 0.0  # stamp of the camera's clock at the clip's time 0 [s]
+
+    @property
+    def first(self) -> tuple[str, ...]:
+        """The balls that move first: those that run when it begins, or the struck one."""
+        return self.running or (self.struck,)
+
+    @property
+    def order_of_balls(self) -> tuple[str, ...]:
+        """All balls, those that move first before the others."""
+        return (*self.first, *[name for name in self.balls if name not in self.first])
 
 
 @dataclass(frozen=True)

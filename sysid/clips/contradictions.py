@@ -99,7 +99,7 @@ def _distances(clip: Clip) -> Iterator[float]:
         begins = struck.time <= struck.time[0] + BEGINNING_S
         moved = np.flatnonzero(np.hypot(*(struck.xy - np.median(struck.xy[begins], axis=0)).T) > REST_M)
         first = int(moved[0]) if len(moved) else 0
-        if name == clip.struck or first < 1 or len(struck.time) < first + STRUCK_SAMPLES:
+        if name in clip.first or first < 1 or len(struck.time) < first + STRUCK_SAMPLES:
             continue
         place, part = np.median(struck.xy[: max(first - 1, 1)], axis=0), slice(first, first + STRUCK_SAMPLES)
         begin = float(struck.time[first])

@@ -37,7 +37,8 @@ class ClipEntries:
     """The keys of a `[[clip]]`."""
 
     file: Annotated[str, Allowed(form='file = "clips/0001.csv"')]
-    struck: Annotated[str, Allowed(form='struck = "cue"')]
+    struck: Annotated[str, Allowed(form='struck = "cue"')] = ""
+    running: bool = False
     note: Annotated[str, Allowed(form='note = "long draw"')] = ""
     cue: Annotated[Mapping[str, Any] | None, Allowed(form="cue = { speed = 1.9, azimuth = 2.68 }")] = None
 
@@ -60,6 +61,7 @@ class Entry:
     path: Path  # real path
     struck: str
     place: Place
+    running: bool = False
     note: str = ""
     cue: Mapping[str, float] | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
@@ -145,7 +147,10 @@ def _entries(clips: tuple[Mapping[str, Any], ...], root: Path, ball: Ball | None
 
 def _entry(clip: Mapping[str, Any], root: Path, ball: Ball | None, place: Place) -> Entry | None:
     extra: dict[str, Any] = {}
-    found = usable(ClipEntries, clip, place, extra)
+    running = isinstance(clip, Mapping) and clip.get("running") is True
+    found = usable(ClipEntries, clip, place, extra, needs=() if running else ("struck",))
+    if running and "cue" in clip:
+        place.fault("cue is the command of a strike, and running = true says that none is seen: remove one", "cue")
     if "struck" in found and (problem := name_fault(found["struck"])):
         place.fault(f"struck = {shown(found['struck'])} {problem}", "struck")
     cue = _inner(CueCommand, found, "cue", place, extra)
@@ -160,4 +165,4 @@ def _entry(clip: Mapping[str, Any], root: Path, ball: Ball | None, place: Place)
     if isinstance(path, str):
         place.fault(f"file = {shown(file)} {path}", "file")
         return None
-    return Entry(file, path, found.get("struck", ""), place, found.get("note", ""), whole, extra)
+    return Entry(file, path, found.get("struck", ""), place, running, found.get("note", ""), whole, extra)

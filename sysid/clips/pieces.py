@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sysid.clips.clip_set import Clip, ClipSet, Observation
-from sysid.clips.segments import Cut, cuts_of, free_from, moving_from, onset
+from sysid.clips.segments import Cut, cuts_of, free_from, moving_from, onsets
 
 MIN_SAMPLES_BEFORE_IMPACT = 5  # of the first segment of a window
 MIN_SAMPLES_AFTER_IMPACT = 3  # of the segment after its impact
@@ -37,10 +37,7 @@ def parent_clip(file: str) -> str:
 
 def _cut(clip: Clip, clip_set: ClipSet, sigma: float, impacts: bool) -> list[Clip]:
     table, ball = clip_set.table, clip_set.ball
-    tracks = {
-        name: seen if clip.running and name == clip.struck else onset(seen, sigma, clip_set.fps)
-        for name, seen in clip.balls.items()
-    }
+    tracks = onsets(clip, sigma, clip_set.fps)
     events = {name: cuts_of(name, tracks, table, ball, sigma) for name in tracks}
     found: list[Clip] = []
     taken: dict[str, int] = {}  # by ball: its last sample in the window of the ball that hit it
@@ -50,8 +47,10 @@ def _cut(clip: Clip, clip_set: ClipSet, sigma: float, impacts: bool) -> list[Cli
         cuts = [*events[name], Cut(len(seen.time), "end", "")]
         cuts = [cut for cut in cuts if cut.sample > taken.get(name, -1)]
         low = taken.get(name, 0) + 1
-        if name == clip.struck:
-            low = 0 if clip.running else free_from(seen, sigma)
+        if name in clip.running:
+            low = 0
+        elif name == clip.struck:
+            low = free_from(seen, sigma)
         k = 0
         while k < len(cuts):
             cut, first, run = cuts[k], slice(low, cuts[k].sample), k
@@ -69,7 +68,7 @@ def _cut(clip: Clip, clip_set: ClipSet, sigma: float, impacts: bool) -> list[Cli
             found.append(
                 Clip(
                     f"{clip.file}#{len(found) + 1}", name, _from_zero(balls, float(seen.time[first.start])),
-                    clip.cue if struck else None, clip.note, order=clip.order, running=not struck,
+                    clip.cue if struck else None, clip.note, order=clip.order, running=() if struck else (name,),
                 )
             )  # fmt: skip
     return found
@@ -99,7 +98,7 @@ def _other_balls(
     """Other balls of the window: none at a cushion; the one that was hit, if at rest before; None if unclear."""
     if cut.kind == "cushion":
         return {}
-    if cut.kind == "end" or cut.with_ == clip.struck:
+    if cut.kind == "end" or cut.with_ in clip.first:
         return None
     seen, moved = clip.balls[cut.with_], tracks[cut.with_]
     resting = moving_from(seen, sigma)

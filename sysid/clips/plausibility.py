@@ -72,8 +72,8 @@ def _check_times(rows: Rows, file: str, longest: float, faults: Faults) -> None:
 
 
 def check_struck(rows: Rows, entry: Entry, faults: Faults) -> None:
-    """Note a struck ball that the clip does not hold, or holds too few samples of."""
-    if not entry.struck:
+    """Note a struck ball that the clip does not hold, or holds too few samples of; a running clip need not name one."""
+    if not entry.struck and (rows.names or not entry.running):
         return  # clips.toml has that fault already
     if entry.struck not in rows.names:
         if rows.names:
@@ -90,7 +90,7 @@ def check_struck(rows: Rows, entry: Entry, faults: Faults) -> None:
             )
         return
     count = int(np.count_nonzero(rows.ball == rows.names.index(entry.struck)))
-    if count < MIN_STRUCK_SAMPLES:
+    if count < MIN_STRUCK_SAMPLES and not entry.running:
         few = f"holds {count} samples of the struck ball {shown(entry.struck)}"
         faults.add(entry.file, f"{few}, at least {MIN_STRUCK_SAMPLES} are needed: {RECORD_AGAIN}")
 

@@ -23,10 +23,15 @@ from sysid.clips.contradictions import contradictions
 from sysid.clips.header import SET_REMEDY, Entry, read_header
 from sysid.clips.plausibility import PLACES, TIMES, check_rows, check_struck
 from sysid.clips.rows import Rows, parse_rows
+from sysid.clips.running import MIN_RUNNING_SAMPLES, begun_running
 from sysid.clips.strike import STAMP_DECIMALS, from_strike
 from sysid.clips.units import coordinates_fault, times_fault
 
 MAX_CLIP_BYTES = 1 << 28  # of one clip
+NO_MOTION = (
+    f"running = true, but no ball moves for {MIN_RUNNING_SAMPLES} samples: remove the clip, or running where it begins "
+    "with the strike"
+)
 SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
 
 
@@ -96,14 +101,18 @@ def _read(folder: Path, faults: Faults, named: Path) -> tuple[ClipSet | None, Se
             parsed.append((entry, rows, _clip(entry, rows, number / last)))
     table, ball, camera = header.table, header.ball, header.camera
     clip_set = None
+    still: list[str] = []
     if table is not None and ball is not None and "fps" in camera:
         clips = tuple(clip for _, _, clip in parsed)
         clip_set = ClipSet(table, ball, camera["fps"], clips, camera.get("sigma"), named, header.extra)
+        clip_set, still = begun_running(clip_set)
     doubted, found = ((), ()) if clip_set is None else _doubted(clip_set, faults)
     for entry, rows, _ in parsed:
         check_rows(rows, entry.file, header, faults, doubted)
         check_struck(rows, entry, faults)
-    resting = sum(len(rows.time) > 0 and clip.origin > rows.time[0] for _, rows, clip in parsed)
+        if entry.file in still:
+            entry.place.fault(NO_MOTION, "running")
+    resting = sum(len(rows.time) > 0 and clip.origin > rows.time[0] for _, rows, clip in parsed if not clip.running)
     return clip_set, found, resting
 
 
@@ -134,4 +143,9 @@ def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
         extra = {key: tuple(cells[i] for i in of_ball.tolist()) for key, cells in rows.extra.items()}
         balls[name] = Observation(time[of_ball], rows.xy[of_ball], rows.theta[of_ball], extra)
     cue = None if entry.cue is None else CueCommand(**entry.cue)
-    return from_strike(Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order, origin=origin))
+    if not entry.running:
+        return from_strike(Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order, origin=origin))
+    first = entry.struck or next(iter(balls), "")
+    return Clip(
+        entry.file, first, balls, note=entry.note, extra=entry.extra, order=order, running=(first,), origin=origin
+    )  # fmt: skip

@@ -45,7 +45,7 @@ class Segment:
     ball: str
     time: Array  # (n,) [s]
     xy: Array  # (n, 2) [m]
-    before: str  # "strike", "ball", "cushion"
+    before: str  # "strike", "ball", "cushion"; "start" of a clip that begins in mid-motion
     after: str  # "ball", "cushion", "end"
     rail: str = ""  # of the cushion before
     order: float = 0.0  # of its clip in the session
@@ -53,8 +53,18 @@ class Segment:
 
 def moving_from(seen: Observation, sigma: float) -> int:
     """Number of samples in which a ball still rests at its first place."""
-    moved = np.hypot(*(seen.xy - seen.xy[0]).T) > max(6 * sigma, 0.003)
+    moved = np.hypot(*(seen.xy - seen.xy[0]).T) > moving_m(sigma)
     return int(np.argmax(moved)) if moved.any() else len(moved)
+
+
+def moving_m(sigma: float) -> float:
+    """Distance from its first place by which a ball has moved, at a noise [m]."""
+    return max(6 * sigma, 0.003)
+
+
+def onsets(clip: Clip, sigma: float, fps: float) -> dict[str, Observation]:
+    """The tracks of a clip from the onset of each ball's motion on, see `onset`; of a running ball the whole track."""
+    return {n: seen if n in clip.running else onset(seen, sigma, fps) for n, seen in clip.balls.items()}
 
 
 def onset(seen: Observation, sigma: float, fps: float) -> Observation:
@@ -147,23 +157,28 @@ def cuts_of(name: str, tracks: dict[str, Observation], table: Table, ball: BallS
 
 
 def event_times(clip: Clip, table: Table, ball: BallSize, sigma: float, fps: float) -> Array:
-    """Times of the struck ball's impacts: (n,) [s]."""
-    tracks = {name: onset(seen, sigma, fps) for name, seen in clip.balls.items()}
-    cuts = cuts_of(clip.struck, tracks, table, ball, sigma)
-    return np.unique([tracks[clip.struck].time[cut.sample] for cut in cuts])
+    """Times of the impacts of the struck ball, or of those that run when the clip begins: (n,) [s]."""
+    tracks = onsets(clip, sigma, fps)
+    return np.unique([
+        tracks[name].time[cut.sample]
+        for name in clip.first
+        for cut in cuts_of(name, tracks, table, ball, sigma)
+    ])  # fmt: skip
 
 
 def split(number: int, clip: Clip, table: Table, ball: BallSize, sigma: float, fps: float) -> list[Segment]:
     """Segments of every moving ball of a clip, in order of ball and time."""
-    tracks = {name: onset(seen, sigma, fps) for name, seen in clip.balls.items()}
+    tracks = onsets(clip, sigma, fps)
     found = []
     for name, seen in tracks.items():
         if len(seen.time) < 3:
             continue
         cuts = cuts_of(name, tracks, table, ball, sigma)
-        low, before, rail = free_from(seen, sigma), "strike", ""
-        if name != clip.struck:
-            low, before = 1, "ball"
+        low, before, rail = 1, "ball", ""
+        if name in clip.running:
+            low, before = 0, "start"
+        elif name == clip.struck:
+            low, before = free_from(seen, sigma), "strike"
         for cut in [*cuts, Cut(len(seen.time), "end", "")]:
             part = slice(low, cut.sample)
             if cut.sample - low >= 1:

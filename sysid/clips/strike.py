@@ -57,19 +57,21 @@ def strike_time(seen: Observation) -> float | None:
 
 def from_strike(clip: Clip) -> Clip:
     """The clip without what precedes the strike; itself where it begins with it, or where another ball moves first."""
+    if clip.running:
+        return clip
     seen = clip.balls.get(clip.struck)
     began = None if seen is None or not is_sound(clip) else strike_time(seen)
     if seen is None or began is None or moves_first(clip) != clip.struck:
         return clip
     start = float(seen.time[np.searchsorted(seen.time, began)])
-    balls = {name: _after(one, start) for name, one in clip.balls.items()}
+    balls = {name: after_time(one, start) for name, one in clip.balls.items()}
     return dataclasses.replace(
         clip, balls={name: one for name, one in balls.items() if len(one.time)}, origin=clip.origin + start
     )
 
 
-def _after(seen: Observation, start: float) -> Observation:
-    """The samples from a time on, which becomes 0."""
+def after_time(seen: Observation, start: float) -> Observation:
+    """The samples of a ball from a time on [s], which becomes 0."""
     keep = seen.time >= start
     extra = {key: tuple(np.array(cells, object)[keep]) for key, cells in seen.extra.items()}
     return Observation(np.round(seen.time[keep] - start, STAMP_DECIMALS), seen.xy[keep], seen.theta[keep], extra)
@@ -77,7 +79,8 @@ def _after(seen: Observation, start: float) -> Observation:
 
 def struck_fault(clip_set: ClipSet) -> tuple[str, str] | None:
     """Clips in which another ball moves while the struck one rests: where to correct that, and how."""
-    wrong = [(clip, first) for clip in clip_set.clips if (first := moves_first(clip)) != clip.struck]
+    struck = [clip for clip in clip_set.clips if not clip.running]
+    wrong = [(clip, first) for clip in struck if (first := moves_first(clip)) != clip.struck]
     if len(wrong) < MIN_CLIPS:
         return None
     clip, first = wrong[0]

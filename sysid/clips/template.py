@@ -43,6 +43,7 @@ fps = {fps!r}            # frames taken in a second
 [[clip]]
 file = "{file}"
 struck = "cue"            # the ball that the cue strikes, as it is called in the file
+# running = true          # where the recording begins in mid-motion: no strike is seen, and there is no cue below
 note = "an example"       # optional, whatever you like
 # What was commanded, where a robot or a launcher strikes; leave it out for a player. Speed of the ball, direction of
 # the aim, contact point right of and above the ball's centre, inclination of the cue:

@@ -65,11 +65,13 @@ def _settings(clip_set: ClipSet) -> str:
         text += f"\n[{name}]\n" + assignments({**clip_set.extra.get(name, {}), **section})
     for clip in clip_set.clips:
         entry: dict[str, Any] = {"file": clip.file, "struck": clip.struck}
+        if clip.running:
+            entry["running"] = True
         if clip.note:
             entry["note"] = clip.note
         if clip.cue is not None:
             entry["cue"] = {**asdict(clip.cue), **clip.extra.get("cue", {})}
-        others = {key: value for key, value in clip.extra.items() if key not in (*entry, "cue", "note")}
+        others = {key: value for key, value in clip.extra.items() if key not in (*entry, "cue", "note", "running")}
         text += "\n[[clip]]\n" + assignments({**entry, **others})
     return text
 

@@ -35,9 +35,9 @@ def path_lengths(clip: Clip, first: float) -> dict[str, Array]:
         return np.concatenate([[0.0], np.cumsum(step)])
 
     struck_path = length(struck.time, struck.xy)
-    found = {clip.struck: struck_path}
+    found = {name: length(clip.balls[name].time, clip.balls[name].xy) for name in clip.first}
     for name, seen in clip.balls.items():
-        if name != clip.struck:
+        if name not in found:
             path = length(seen.time, seen.xy)
             moving = np.flatnonzero(path > MOVED_M)
             start = np.interp(seen.time[moving[0]], struck.time, struck_path) if moving.size else 0.0
@@ -46,7 +46,7 @@ def path_lengths(clip: Clip, first: float) -> dict[str, Array]:
 
 
 def events_and_paths(clip_set: ClipSet, noise: float) -> tuple[list[Array], list[dict[str, Array]]]:
-    """Times of the struck ball's events in every clip, and the path length of every sample."""
+    """Times of the first balls' events in every clip, and the path length of every sample."""
     events = [event_times(c, clip_set.table, clip_set.ball, noise, clip_set.fps) for c in clip_set.clips]
     first = [e[0] if e.size else np.inf for e in events]
     return events, [path_lengths(c, f) for c, f in zip(clip_set.clips, first, strict=True)]

@@ -33,6 +33,7 @@ from sysid.estimation.lone_shots import SpinScan, scan_lone_shots
 from sysid.estimation.problem import Array, Index, shared_constants, values_of
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint
+from sysid.estimation.start_values import RUNNING_SPIN
 
 CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
 NO_RATE = 1e-5  # and which counts as none
@@ -74,6 +75,7 @@ def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False)
     problem, held = with_scatter(problem, x), with_scatter(held, x)
     start = _freed(problem, held, x, c)
     if not pieces:
+        start = _other_spins_of_running(start, what)
         found = fit(start, what, UNFOLLOWED_RATE)
         if held.names != problem.names and found.discrepancy_rate > CLOSE_RATE:
             # What the model lacks may have bent the sizes before the other constants were near their best.
@@ -88,6 +90,18 @@ def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False)
         start = Point(problem, x, start.constants, problem.discrepancy_rate(x, start.constants))
         start = found = fit(start, what, UNFOLLOWED_RATE)
     return found
+
+
+def _other_spins_of_running(start: Point, what: str) -> Point:
+    """A start with other spins tried of the clips that begin in mid-motion, of which nothing is known."""
+    problem = start.problem
+    rows = np.array([k for k, clip in enumerate(problem.clips) if clip.running], np.int64)
+    if not rows.size:
+        return start
+    log.info("%s, other spins of running clips", what)
+    seen = problem.with_discrepancy(start.discrepancy_rate)
+    x = from_other_spins(seen, rows, start.initial_states, start.constants, RUNNING_SPIN)
+    return Point(problem, x, start.constants, problem.discrepancy_rate(x, start.constants))
 
 
 def _freed(problem: ShotProblem, held: ShotProblem, x: Array, c: Array) -> Point:

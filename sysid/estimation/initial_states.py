@@ -107,16 +107,17 @@ def regrown(problem: ShotProblem, rows: Index, x: Array, c: Array, steps: int = 
     return x, int(better.sum())
 
 
-def from_other_spins(problem: ShotProblem, rows: Index, x: Array, c: Array) -> Array:
+def from_other_spins(problem: ShotProblem, rows: Index, x: Array, c: Array, scale: float = 1.0) -> Array:
     """Initial states with some shots tried from other spins, at constants (q,); those that end better are kept.
 
-    From their present state and from their start values: a shot in a false optimum may have no good one near it.
+    From their present state and from their start values: a shot in a false optimum may have no good one near it. The
+    spins are multiplied by `scale`.
     """
     shifts = [(base, *spin) for base in (x, problem.start) for spin in OTHER_SPINS] + [(problem.start, 6, 0.0)]
     k = len(shifts)
     which, moved = np.tile(rows, k), np.stack([base[rows] for base, _, _ in shifts])
     for trial, (_, unknown, shift) in zip(moved, shifts, strict=True):
-        trial[:, unknown] += shift * np.hypot(trial[:, 2], trial[:, 3])
+        trial[:, unknown] += scale * shift * np.hypot(trial[:, 2], trial[:, 3])
     tried, cost = fit_each(problem.objective(), moved.reshape(len(which), -1), c, OTHER_SPIN_STEPS, which)
     best = np.argmin(cost.reshape(k, len(rows)), axis=0)
     better = cost.reshape(k, -1)[best, np.arange(len(rows))] < shot_losses(problem, x, c)[0][rows]

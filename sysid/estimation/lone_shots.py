@@ -20,10 +20,10 @@ import numpy as np
 from sysid.estimation.problem import Array, Index, constant_bounds, constant_steps
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.least_squares import Objective, Prior, fit_each
-from sysid.estimation.start_values import MISCUE_SPIN
+from sysid.estimation.start_values import MISCUE_SPIN, RUNNING_SPIN
 
 LONE_SHARE = 0.3  # of the information on a constant, from which a shot is scanned
-SPINS = 41  # sidespins between the miscue limits
+SPINS = 41  # sidespins between the miscue limits, or those of a ball that has slowed down since
 SPIN = 6  # number of the sidespin in an initial state
 HELD_SPIN_SD = 1e-3  # of the distance of two sidespins: how firmly each is held
 SCAN_STEPS, SCAN_TOLERANCE = 20, 1e-5
@@ -92,7 +92,8 @@ def _scan(problem: ShotProblem, row: int, some: Index, at: tuple[Array, Array], 
         values[:, some] = both[:, p:]
         return problem.evaluate(np.ascontiguousarray(both[:, :p]), values, np.full(len(which), row))
 
-    spins = np.linspace(-1.0, 1.0, SPINS) * MISCUE_SPIN * np.hypot(x[2], x[3])
+    most = MISCUE_SPIN * (RUNNING_SPIN if problem.clips[row].running else 1.0)
+    spins = np.linspace(-1.0, 1.0, SPINS) * most * np.hypot(x[2], x[3])
     trials = np.tile(np.concatenate([x, c[some]]), (1 + SPINS, 1))
     trials[1:, SPIN] = spins
     mean = np.tile(np.concatenate([own.mean.ravel(), c[some]]), (1 + SPINS, 1))

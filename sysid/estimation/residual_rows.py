@@ -27,6 +27,7 @@ from models.simulation.observe import camera, expose, see, unsee
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 RESIDUALS_PER_SAMPLE = 3  # two of the position, one of the mark's angle
+MOTION_SIZE = 5  # unknowns of another ball that moves at the start: velocity (2), R omega (3) [m/s], table frame
 BACKWARDS_IN_TIME = 1  # fault of a row: its camera looked before the shot, or backwards in time
 
 
@@ -38,12 +39,13 @@ class MeasuredShot:
     positions: Sequence[Array]  # (s, 2) [m]
     angles: Sequence[Array]  # (s,) of the mark [rad], nan where none was seen
     trusted: Sequence[NDArray[np.bool_]]  # (s,) positions to believe
-    rest: Array  # (b - 1, 2) [m], positions at which the camera sees the other balls at rest
+    rest: Array  # (b - 1, 2) [m], positions at which the camera sees the other balls at first
     stays: Sequence[bool]  # whether no pocket takes the ball
     azimuth: float  # [rad], into which the initial state is turned
     order: float  # place of the shot in its session
     struck: bool  # by a cue, or in motion from the start
     begun: float = 0.0  # [s], the stamp at which the shot begins
+    moving: int = 1  # balls that move at its start, the first ones
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,8 @@ class ShotData:
     order: Array  # (n,) place of the shot in its session
     struck: NDArray[np.bool_]  # (n,)
     balls: Index  # (n,) how many there are
-    rest: Array  # (n, b, 2) [m], where the camera sees the others at rest; the first is not used
+    moving: Index  # (n,) how many of them, the first ones, move at the start
+    rest: Array  # (n, b, 2) [m], where the camera sees the others at first; the first is not used
     stays: NDArray[np.bool_]  # (n, b), balls that no pocket takes
     count: Index  # (n, b) samples of each ball
     at: Index  # (n, b, s) number of a sample's stamp
@@ -85,6 +88,27 @@ class Weighting:
     sd_theta: Array  # (n,) of a mark's angle [rad]
     horizon: Array  # (n,) after which a shot counts no more [s]
 
+    def only(self, rows: Index) -> Weighting:
+        """That of some of the shots."""
+        return Weighting(self.sd[rows], self.sd_theta[rows], self.horizon[rows])
+
+
+@dataclass(frozen=True)
+class ShotResiduals:
+    """Residuals of n shots as a function of initial states, constants and numbers of shots, see `residuals`."""
+
+    layout: Layout
+    data: ShotData
+    weighting: Weighting
+
+    def __call__(self, x: Array, c: Array, which: Index) -> Array:
+        """Residuals over their standard deviation: (k, m)."""
+        return residuals(self.layout, self.data, self.weighting, x, c, which, self.data.size)
+
+    def only(self, rows: Index) -> ShotResiduals:
+        """Those of some of the shots."""
+        return ShotResiduals(self.layout, self.data.only(rows), self.weighting.only(rows))
+
 
 def packed(shots: Sequence[MeasuredShot]) -> ShotData:
     """Lay out shots for compiled code."""
@@ -95,7 +119,8 @@ def packed(shots: Sequence[MeasuredShot]) -> ShotData:
         np.full((n, max((len(u) for u in union), default=0)), np.inf), np.array([shot.begun for shot in shots], float),
         np.array([shot.azimuth for shot in shots], float), np.array([shot.order for shot in shots], float),
         np.array([shot.struck for shot in shots], bool), np.array([len(shot.times) for shot in shots], np.int64),
-        np.zeros((n, b, 2)), np.zeros((n, b), bool), np.zeros((n, b), np.int64), np.zeros((n, b, s), np.int64),
+        np.array([shot.moving for shot in shots], np.int64), np.zeros((n, b, 2)), np.zeros((n, b), bool),
+        np.zeros((n, b), np.int64), np.zeros((n, b, s), np.int64),
         np.zeros((n, b, s, 2)), np.full((n, b, s), np.nan), np.zeros((n, b, s), bool),
     )  # fmt: skip
     for k, shot in enumerate(shots):
@@ -120,7 +145,8 @@ def residuals(
         layout: table, ball and effects, and which constants `c` has values of.
         samples: what was measured of n shots.
         weighting: how much they count.
-        x: (k, p) initial states: position, velocity, surface speed of the first ball; displacement of each other one.
+        x: (k, p) initial states: position, velocity, surface speed of the first ball; displacement of each other one;
+            velocity and surface speed of the others that move at the start.
         c: (k, q) constants.
         which: (k,) numbers of the shots.
         size: of a row of residuals.
@@ -137,11 +163,11 @@ def residuals(
     def part(first: int, last: int) -> None:
         residual_rows(
             first, last, x, which, samples.stamps, samples.begun, samples.azimuth, samples.order, samples.struck,
-            samples.balls, samples.rest, samples.stays, samples.count, samples.at, samples.xy, samples.theta,
-            samples.trusted, weighting.sd, weighting.sd_theta, weighting.horizon, hooks.own, hooks.forces,
-            hooks.support, hooks.horizon, hooks.impact, hooks.strike, hooks.observe, hooks.exposures, game.cloth,
-            game.mass, game.radius, game.limits, game.half, pockets.ends, pockets.jaws, pockets.falls, table, out,
-            faults,
+            samples.balls, samples.moving, samples.rest, samples.stays, samples.count, samples.at, samples.xy,
+            samples.theta, samples.trusted, weighting.sd, weighting.sd_theta, weighting.horizon, hooks.own,
+            hooks.forces, hooks.support, hooks.horizon, hooks.impact, hooks.strike, hooks.observe, hooks.exposures,
+            game.cloth, game.mass, game.radius, game.limits, game.half, pockets.ends, pockets.jaws, pockets.falls,
+            table, out, faults,
         )  # fmt: skip
 
     over_threads(part, k)
@@ -153,9 +179,9 @@ def residuals(
 
 @compiled
 def residual_rows(  # type: ignore[no-untyped-def]
-    first, last, x, which, stamps, begun, azimuth, order, struck, balls, rest, stays, count, at, xy, theta, trusted, sd,
-    sd_theta, horizon, own, forces, support, horizons, impact, strike, observe, exposures, cloth, mass, radius, span,
-    half, mouths, jaws, falls, table, out, faults,
+    first, last, x, which, stamps, begun, azimuth, order, struck, balls, moving, rest, stays, count, at, xy, theta,
+    trusted, sd, sd_theta, horizon, own, forces, support, horizons, impact, strike, observe, exposures, cloth, mass,
+    radius, span, half, mouths, jaws, falls, table, out, faults,
 ):  # fmt: skip
     """See `residuals`. Flat arguments, since compiled code takes no objects."""
     most = rest.shape[1]
@@ -180,6 +206,10 @@ def residual_rows(  # type: ignore[no-untyped-def]
             unsee(place[1:n].copy(), here, observe, place[1:n])
         for i in range(1, n):
             start[i, 0], start[i, 1] = place[i, 0], place[i, 1]
+        for i in range(1, moving[w]):
+            unknown = 5 + 2 * most + MOTION_SIZE * (i - 1)
+            for k in range(MOTION_SIZE):
+                start[i, 2 + k] = u[unknown + k] if k < 2 else u[unknown + k] / radius[row]
         launch = 0.0
         if struck[w]:
             launch = deliver(start[0, 2:4], start[0, 4:7], here, strike, radius[row], mass, cue)

@@ -19,7 +19,7 @@ from models.simulation.observe import observed
 from sysid.clips.segments import Segment
 from sysid.estimation.problem import STATE_STEPS, Array, Index, ball_of, by_events, on_open_table, state_bounds
 from sysid.estimation.residual_rows import MeasuredShot, ShotData, Weighting, packed, residuals
-from sysid.estimation.solver.least_squares import Objective, Prior
+from sysid.estimation.solver.least_squares import Evaluate, Objective, Prior
 from sysid.estimation.start_values import running_sd, straight
 
 START_SAMPLES = 6  # a straight line through so many is where a segment begins
@@ -54,7 +54,12 @@ class SegmentProblem:
     def objective(self, cauchy_sd: float) -> Objective:
         """For a fit of the initial states, with Cauchy's constant in standard deviations."""
         high = state_bounds(self.model.table, self.model.ball)
-        return Objective(self.evaluate, STATE_STEPS, self.prior, cauchy_sd, bounds=np.column_stack([-high, high]))
+        bounds = np.column_stack([-high, high])
+        return Objective(self.evaluate, STATE_STEPS, self.prior, cauchy_sd, bounds=bounds, part=self._part)
+
+    def _part(self, rows: Index) -> Evaluate:
+        """`evaluate` of some of the segments."""
+        return self.only(rows).evaluate
 
     @cached_property
     def layout(self) -> Layout | None:

@@ -6,7 +6,8 @@ sd from initial states and constants.
 Residuals are between what the camera reports and what the model predicts that it reports; unknowns are true. The
 initial state of a shot is that of the struck ball (sysid/estimation/problem.py), followed by the displacement of each
 other ball from the mean of its positions seen at rest (2 each) [m]: a twentieth of a millimetre turns a cut by more
-than the effects that are looked for.
+than the effects that are looked for. Where clips begin in mid-motion, velocity and R omega of every other ball that
+moves then follow (5 each) [m/s], in the table's frame; its displacement is from where its first samples lead back to.
 """
 
 from __future__ import annotations
@@ -33,9 +34,17 @@ from sysid.clips.plausibility import POCKET_REACH
 from sysid.clips.segments import CLAMP_MARGIN_M, free_from, moving_from
 from sysid.estimation.discrepancy import discrepancy_rate, events_and_paths
 from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, Array, Index, ball_of, by_events, state_bounds, turn
-from sysid.estimation.residual_rows import RESIDUALS_PER_SAMPLE, MeasuredShot, ShotData, Weighting, packed, residuals
-from sysid.estimation.solver.least_squares import Objective, Prior
-from sysid.estimation.start_values import shot_start, theta_noise
+from sysid.estimation.residual_rows import (
+    MOTION_SIZE,
+    RESIDUALS_PER_SAMPLE,
+    MeasuredShot,
+    ShotData,
+    ShotResiduals,
+    Weighting,
+    packed,
+)
+from sysid.estimation.solver.least_squares import Evaluate, Objective, Prior
+from sysid.estimation.start_values import running_sd, running_start, shot_start, theta_noise
 
 REST_STEP = 1e-6  # finite difference of a resting ball's position [m]
 REST_SD = 2.0  # of the noise: prior sd of its displacement from where it was seen
@@ -122,37 +131,53 @@ class ShotProblem:
     @property
     def steps(self) -> Array:
         """Finite differences of the initial state: (p,)."""
-        return np.concatenate([STATE_STEPS, np.full(self.start.shape[1] - len(STATE_STEPS), REST_STEP)])
+        moving, others = self.motions_from - len(STATE_STEPS), self.start.shape[1] - self.motions_from
+        return np.concatenate([
+            STATE_STEPS, np.full(moving, REST_STEP), np.tile(STATE_STEPS[2:], others // len(STATE_STEPS[2:])),
+        ])  # fmt: skip
+
+    @property
+    def motions_from(self) -> int:
+        """Number of the first unknown of an initial state that is of another ball in motion."""
+        return len(STATE_STEPS) + 2 * (self.data.rest.shape[1] - 1)
 
     def objective(self, cauchy_sd: float = CAUCHY_SD) -> Objective:
         """For a fit of the initial states, with Cauchy's constant in standard deviations."""
-        return Objective(self.evaluate, self.steps, self.prior, cauchy_sd, self.correlation_time, self.bounds)
+        return Objective(
+            self.evaluate, self.steps, self.prior, cauchy_sd, self.correlation_time, self.bounds, self._part
+        )  # fmt: skip
+
+    def _part(self, rows: Index) -> Evaluate:
+        """`evaluate` of some of the shots, with what that needs alone."""
+        played = self._played
+        return self.only(rows).evaluate if played is None else played.only(rows)
 
     @property
     def bounds(self) -> Array:
         """Where a ball can be, and how fast it can move and spin: (p, 2)."""
-        others = self.start.shape[1] - len(STATE_STEPS)
-        at_rest = np.full(others, self.model.ball.diameter / 2)
-        high = np.concatenate([state_bounds(self.model.table, self.model.ball), at_rest])
+        first, others = state_bounds(self.model.table, self.model.ball), self.start.shape[1] - self.motions_from
+        at_rest = np.full(self.motions_from - len(first), self.model.ball.diameter / 2)
+        high = np.concatenate([first, at_rest, np.tile(first[2:], others // len(first[2:]))])
         return np.column_stack([-high, high])
 
     def balls(self, clip: int) -> tuple[str, ...]:
-        """Names, the struck ball first."""
-        c = self.clips[clip]
-        return (c.struck, *[b for b in c.balls if b != c.struck])
+        """Names, the struck ball, or those that move at the start, first."""
+        return self.clips[clip].order_of_balls
 
     def shot(self, x: Array, clip: int, times: Array, radius: float) -> Shot:
         """The shot that an initial state (p,) stands for with balls of a radius [m].
 
-        The others rest where they are reported, see `undone`.
+        The others are where they are reported, see `undone`, and rest but for those that move at the start.
         """
         others = self.rest[clip]
         rest = others + x[len(STATE_STEPS) : len(STATE_STEPS) + others.size].reshape(others.shape)
         position, velocity, spin = ball_of(x, self.azimuth[clip], radius)
-        still = np.zeros_like(rest)
+        motion = np.zeros((len(rest), MOTION_SIZE))
+        count = max(len(self.clips[clip].running) - 1, 0)
+        motion[:count] = x[self.motions_from :][: MOTION_SIZE * count].reshape(count, MOTION_SIZE)
         return Shot(
-            self.balls(clip), np.vstack([position, rest]), np.vstack([velocity, still]),
-            np.pad(spin[None], ((0, len(rest)), (0, 0))), times, order=self.clips[clip].order,
+            self.balls(clip), np.vstack([position, rest]), np.vstack([velocity, motion[:, :2]]),
+            np.vstack([spin, motion[:, 2:] / radius]), times, order=self.clips[clip].order,
             struck=not self.clips[clip].running, staying=self.staying[clip],
         )  # fmt: skip
 
@@ -197,11 +222,17 @@ class ShotProblem:
         """The model, laid out for the event engine; None where MuJoCo plays it."""
         return Layout(self.model, self.names) if by_events(self.model) else None
 
+    @property
+    def _played(self) -> ShotResiduals | None:
+        """`evaluate` by the event engine; None where MuJoCo plays the model."""
+        if self.layout is None:
+            return None
+        return ShotResiduals(self.layout, self.data, Weighting(self.sd, self.sd_theta, self.horizon))
+
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over their standard deviation: (k, m)."""
-        if self.layout is not None:
-            weighting = Weighting(self.sd, self.sd_theta, self.horizon)
-            return residuals(self.layout, self.data, weighting, x, c, which, self.data.size)
+        if (played := self._played) is not None:
+            return played(x, c, which)
         out = np.full((len(x), self.data.size), np.nan)
         for k, (track, w) in enumerate(zip(self.tracks(x, c, which), which, strict=True)):
             at = 0
@@ -247,13 +278,10 @@ def shot_problem(
     known: Mapping[str, tuple[float, float]] | None = None, correlation_time: float = 1.0,
 ) -> ShotProblem:  # fmt: skip
     """Set up whole shots: starting values and their spread from the cue's command, or from the first samples."""
-    clips, n, moving = clip_set.clips, len(clip_set.clips), len(STATE_STEPS)
-    p = moving + 2 * (max((len(c.balls) for c in clips), default=1) - 1)
-    start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), REST_SD * noise), np.zeros(n)
-    for k, clip in enumerate(clips):
-        start[k, :moving], mean[k, :moving], sd[k, :moving], azimuth[k] = shot_start(clip, clip_set, noise)
+    clips, n = clip_set.clips, len(clip_set.clips)
+    start, mean, sd, azimuth = _starts(clip_set, noise)
     shots = [_measured(clip, clip_set, noise, a) for clip, a in zip(clips, azimuth, strict=True)]
-    names_of = [(c.struck, *[b for b in c.balls if b != c.struck]) for c in clips]
+    names_of = [clip.order_of_balls for clip in clips]
     data = packed(shots)
     events, paths = events_and_paths(clip_set, noise)
     path = np.ones(data.theta.shape)
@@ -272,16 +300,38 @@ def shot_problem(
     )  # fmt: skip
 
 
+def _starts(clip_set: ClipSet, noise: float) -> tuple[Array, Array, Array, Array]:
+    """Start, prior mean and sd of all initial states (n, p), and their azimuths (n,)."""
+    clips, n, first = clip_set.clips, len(clip_set.clips), len(STATE_STEPS)
+    resting = first + 2 * (max((len(c.balls) for c in clips), default=1) - 1)
+    p = resting + MOTION_SIZE * max((len(c.running) - 1 for c in clips if c.running), default=0)
+    start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), REST_SD * noise), np.zeros(n)
+    sd[:, resting:] = 1.0  # of balls that rest, where nothing depends on it
+    for k, clip in enumerate(clips):
+        start[k, :first], mean[k, :first], sd[k, :first], azimuth[k] = shot_start(clip, clip_set, noise)
+        for other, name in enumerate(clip.running[1:]):
+            motion = slice(resting + MOTION_SIZE * other, resting + MOTION_SIZE * (other + 1))
+            _, start[k, motion] = running_start(clip.balls[name])
+            mean[k, motion] = start[k, motion]
+            sd[k, first + 2 * other : first + 2 * other + 2] = np.inf
+            sd[k, motion] = running_sd(float(np.hypot(*start[k, motion][:2])))[2:]
+    return start, mean, sd, azimuth
+
+
 def _measured(clip: Clip, clip_set: ClipSet, noise: float, azimuth: float) -> MeasuredShot:
-    """What was measured of a shot, the struck ball first; positions near a cushion's nose are not trusted."""
-    seen = [clip.balls[clip.struck], *[o for b, o in clip.balls.items() if b != clip.struck]]
+    """What was measured of a shot, the balls that move first before the others; not trusted close to a nose."""
+    names = clip.order_of_balls
+    seen = [clip.balls[name] for name in names]
     edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMP_MARGIN_M
     trusted = [np.all(np.abs(o.xy) < edge, axis=1) for o in seen]
     if not clip.running:
         trusted[0][: free_from(seen[0], noise)] = False
-    rest = np.array([o.xy[: max(moving_from(o, noise), 1)].mean(axis=0) for o in seen[1:]]).reshape(-1, 2)
+    rest = np.array([
+        running_start(o)[0] if name in clip.running else o.xy[: max(moving_from(o, noise), 1)].mean(axis=0)
+        for name, o in zip(names[1:], seen[1:], strict=True)
+    ]).reshape(-1, 2)  # fmt: skip
     stays = [bool(clip_set.table.to_pocket(o.xy[-1]) > POCKET_REACH * clip_set.ball.diameter) for o in seen]
     return MeasuredShot(
         [o.time for o in seen], [o.xy for o in seen], [o.theta for o in seen], trusted, rest, stays, azimuth,
-        clip.order, not clip.running,
+        clip.order, not clip.running, moving=len(clip.first),
     )  # fmt: skip

@@ -68,11 +68,20 @@ class Split:
         """Initial states of all clips, in the order of `files`: (n, p); None where some were not fitted."""
         if self.cut or self.excluded:
             return None
-        known = {c.file: x for c, x in zip(self.training.clips, found.initial_states, strict=True)}
+        parts = [(self.training, found.initial_states)]
         if self.held_out and found.held_out:
-            known |= {c.file: x for c, x in zip(self.held_out.clips, found.held_out.initial_states, strict=True)}
-        most = max(len(x) for x in known.values())
-        return np.array([np.pad(known[f], (0, most - len(known[f]))) for f in files])  # clips of fewer balls have fewer
+            parts.append((self.held_out, found.held_out.initial_states))
+        resting = max(part.motions_from for part, _ in parts)
+        moving = max(x.shape[1] - part.motions_from for part, x in parts)
+        known: dict[str, Array] = {}
+        for part, x in parts:  # clips of fewer balls have fewer unknowns
+            still, motions = x[:, : part.motions_from], x[:, part.motions_from :]
+            rows = np.concatenate([
+                np.pad(still, ((0, 0), (0, resting - still.shape[1]))),
+                np.pad(motions, ((0, 0), (0, moving - motions.shape[1]))),
+            ], axis=1)  # fmt: skip
+            known |= {c.file: row for c, row in zip(part.clips, rows, strict=True)}
+        return np.array([known[f] for f in files])
 
 
 def training_clips(clip_set: ClipSet) -> list[int]:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.clips import Clip, ClipSet
+from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.noise import smooth_noise
 from sysid.clips.segments import free_from
 from sysid.estimation.problem import Array, turn
@@ -17,6 +17,7 @@ from sysid.estimation.problem import Array, turn
 LINE_SAMPLES = 6  # a straight line through so many gives position and velocity
 COMMAND_SD = {"speed": 0.05, "azimuth": 0.02, "offset": 0.002}  # how far a shot may be from its command
 MISCUE_SPIN = 1.25  # R omega over v at the miscue limit: 5/2 of half a radius
+RUNNING_SPIN = 2.0  # times as much of a ball that moves already: its sidespin outlasts its speed
 MIN_MARKS = 8  # angles of a mark that determine the sidespin by themselves
 MIN_SD_M_S = 0.02  # of a velocity or R omega that a command gives [m/s]
 
@@ -31,23 +32,24 @@ def straight(time: Array, xy: Array, roll: float) -> tuple[Array, float]:
 
 def running_sd(speed: float) -> Array:
     """Prior sd of the initial state of a ball that an impact or a strike set in motion: (7,)."""
-    return np.array([np.inf] * 4 + [2 * speed + 0.05] * 3)
+    return np.array([np.inf] * 4 + [RUNNING_SPIN * speed + 0.05] * 3)
 
 
 def shot_start(clip: Clip, clip_set: ClipSet, noise: float) -> tuple[Array, Array, Array, float]:
     """Start, mean and standard deviation of a shot's initial state, (7,) each, and its azimuth."""
     seen, radius = clip.balls[clip.struck], clip_set.ball.radius
-    if clip.running:
-        x, azimuth = straight(seen.time[:LINE_SAMPLES], seen.xy[:LINE_SAMPLES], 1.0)
-        return x, x.copy(), running_sd(x[2]), azimuth
-    low = free_from(seen, noise)
+    low = 0 if clip.running else free_from(seen, noise)
     part = slice(low, low + LINE_SAMPLES)
-    x, azimuth = straight(seen.time[part], seen.xy[part], 0.5)
+    x, azimuth = straight(seen.time[part], seen.xy[part], 1.0 if clip.running else 0.5)
     marked = np.flatnonzero(np.isfinite(seen.theta))
     sd = np.full(7, np.inf)
     if marked.size > 3:
         first = marked[: max(4, marked.size // 10)]
         x[6] = radius * np.polyfit(seen.time[first], seen.theta[first], 1)[0]
+    if clip.running:
+        sd = running_sd(x[2])
+        sd[6] = np.inf if marked.size > MIN_MARKS else sd[6]
+        return x, x.copy(), sd, azimuth
     if clip.cue is not None:
         cue = clip.cue
         azimuth = cue.azimuth
@@ -65,6 +67,12 @@ def shot_start(clip: Clip, clip_set: ClipSet, noise: float) -> tuple[Array, Arra
     wide = 0.6 * MISCUE_SPIN * speed + MIN_SD_M_S
     sd[4:] = [0.1 * speed + MIN_SD_M_S, wide, np.inf if marked.size > MIN_MARKS else wide]
     return x, x.copy(), sd, azimuth
+
+
+def running_start(seen: Observation) -> tuple[Array, Array]:
+    """Position (2,) [m] at time 0, and velocity and R omega (5,) [m/s] in the table's frame, of a ball that rolls."""
+    position, velocity = _line(seen.time[:LINE_SAMPLES], seen.xy[:LINE_SAMPLES])
+    return position, np.array([*velocity, -velocity[1], velocity[0], 0.0])
 
 
 def theta_noise(clips: Sequence[Clip]) -> float:

@@ -31,6 +31,13 @@ from sysid.clips.readings import (
     places,
     read_so,
 )
+from sysid.clips.running import (
+    MIN_RUNNING_SAMPLES,
+    begun,
+    running_line,
+    starts_moving,
+    usual_noise,
+)
 from sysid.clips.strike import STAMP_DECIMALS, first_moving, from_strike
 from sysid.foreign.columns import RawClip, RawTrack, read_clip
 from sysid.foreign.records import read_columns
@@ -40,7 +47,7 @@ RIVAL_COVERAGE = 0.5  # of the likeliest reading's, by one that may be right as 
 
 
 @dataclass(frozen=True)
-class Told:
+class Stated:
     """What is known of the files; None where the tracks are to tell."""
 
     unit: str | None = None
@@ -52,10 +59,11 @@ class Told:
     fps: float | None = None
     nominal_fps: float | None = None  # as it was stated, which stamps may contradict
     struck: str | None = None
+    running: bool = False  # tracks that begin with a ball in motion show no strike
     columns: Mapping[str, str] = field(default_factory=dict)
 
     def readings(self, unit: str | None) -> list[Reading]:
-        """Those that fit what is told, and the unit that the columns are named in."""
+        """Those that fit what is stated, and the unit that the columns are named in."""
         units = [self.unit or unit] if self.unit or unit else list(METRES_BY_UNIT)
         corners = [False, True] if self.corner is None else [self.corner]
         exchanged = [False, True] if self.exchanged is None else [self.exchanged]
@@ -74,6 +82,7 @@ class ShotFile:
     note: str = ""
     cue: CueCommand | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)  # other keys of its entry
+    running: bool = False  # it begins in mid-motion
 
 
 @dataclass(frozen=True)
@@ -90,7 +99,7 @@ def import_files(
     shots: Sequence[ShotFile],
     table: Table,
     ball: Ball,
-    told: Told,
+    stated: Stated,
     place: Callable[[Array], Array] | None = None,
 ) -> Imported:
     """Convert one file a shot.
@@ -100,15 +109,15 @@ def import_files(
         shots: what is known of each.
         table: from nose to nose.
         ball: of the table.
-        told: what is known of the files.
+        stated: what is known of the files.
         place: takes pixels (n, 2) to the table (n, 2) [m], where coordinates are pixels.
 
     Raises:
         BadInput: what is wrong with a file, or the option that settles a doubt.
     """
-    raw = [read_clip(read_columns(file), told.columns) for file in files]
-    clock = read_clock(raw, told.time, told.fps, told.nominal_fps)
-    clips = [_clip(one, shot, clock, told.struck) for one, shot in zip(raw, shots, strict=True)]
+    raw = [read_clip(read_columns(file), stated.columns) for file in files]
+    clock = read_clock(raw, stated.time, stated.fps, stated.nominal_fps)
+    clips = [_clip(one, shot, clock, stated.struck) for one, shot in zip(raw, shots, strict=True)]
     clip_set = ClipSet(table, ball, clock.fps, tuple(clips))
     units = {one.length_unit for one in raw if one.length_unit}
     if len(units) > 1:
@@ -117,9 +126,14 @@ def import_files(
         clip_set, says = _through(place, clip_set), "pixels, placed on the table by the camera's file"
         assumed: list[str] = []
     else:
-        clip_set, says, assumed = _placed(clip_set, told, units.pop() if units else None)
+        clip_set, says, assumed = _placed(clip_set, stated, units.pop() if units else None)
     clips = [dataclasses.replace(clip, struck=clip.struck or _struck(clip)) for clip in clip_set.clips]
-    clip_set = dataclasses.replace(clip_set, clips=tuple(from_strike(clip) for clip in clips))
+    sigma = usual_noise(clip_set)
+    unstruck = [_is_running(clip, shot, stated, sigma) for clip, shot in zip(clips, shots, strict=True)]
+    clips_begun = [
+        _begun(clip, clip_set, sigma) if runs else from_strike(clip) for clip, runs in zip(clips, unstruck, strict=True)
+    ]
+    clip_set = dataclasses.replace(clip_set, clips=tuple(clips_begun))
     return Imported(clip_set, (says, clock.says, *_about(clip_set, clips, raw)), tuple(assumed))
 
 
@@ -150,11 +164,11 @@ def _through(place: Callable[[Array], Array], clip_set: ClipSet) -> ClipSet:
     return dataclasses.replace(clip_set, clips=tuple(clips))
 
 
-def _placed(clip_set: ClipSet, told: Told, unit: str | None) -> tuple[ClipSet, str, list[str]]:
+def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSet, str, list[str]]:
     """The clip set in metres from the table's centre, in words how, and what is only assumed."""
-    if "px" in (told.unit, unit):
+    if "px" in (stated.unit, unit):
         raise BadInput("coordinates are in pixels: give the camera's file with --camera (made with: sysid calibrate)")
-    among = told.readings(unit)
+    among = stated.readings(unit)
     fits = likely_readings(clip_set, among)
     if not fits and len(among) > 1:
         size = _size(clip_set.table)
@@ -168,13 +182,13 @@ def _placed(clip_set: ClipSet, told: Told, unit: str | None) -> tuple[ClipSet, s
         either = f"{best.looks()}, or {rivals[0].looks()}"
         raise BadInput(f"{_extents(clip_set)}: {either}? {_ask([best, *rivals])}")
     reading = best
-    if told.y_down is None or told.turned is None:
+    if stated.y_down is None or stated.turned is None:
         found = directed(clip_set, best)
-        agrees = found is not None and told.y_down in (None, found.y_down) and told.turned in (None, found.turned)
-        agrees = agrees and found is not None and told.exchanged in (None, found.exchanged)
+        agrees = found is not None and stated.y_down in (None, found.y_down) and stated.turned in (None, found.turned)
+        agrees = agrees and found is not None and stated.exchanged in (None, found.exchanged)
         reading = found if found is not None and agrees else best
     assumed = []
-    if reading == best and told.y_down is None and not _has_commands(clip_set):
+    if reading == best and stated.y_down is None and not _has_commands(clip_set):
         assumed.append(
             "y is taken to point up, as x, y and up are right-handed: nothing in the tracks tells; where y is counted "
             "downwards, as in pictures, give --y down, or sidespin changes its sign"
@@ -194,7 +208,7 @@ def _how(reading: Reading) -> str:
 def _because(fits: Sequence[ReadingEvidence]) -> str:
     """What speaks for the likeliest reading."""
     if not fits:
-        return " (as told)"
+        return " (as stated)"
     first = fits[0]
     reasons = [f"{first.at_cushions} of {first.at_cushions + first.off_cushions} rebounds lie at the cushions"]
     reasons = reasons if first.at_cushions else []
@@ -242,11 +256,30 @@ def _struck(clip: Clip) -> str:
     return min(clip.balls, key=began)
 
 
+def _is_running(clip: Clip, shot: ShotFile, stated: Stated, sigma: float) -> bool:
+    """Whether a clip shows no strike: as stated, or since several balls move from its first sample on."""
+    if shot.running or clip.cue is not None:
+        return shot.running
+    moving = starts_moving(clip, sigma)
+    return bool(moving) if stated.running else stated.struck is None and len(moving) > 1
+
+
+def _begun(clip: Clip, clip_set: ClipSet, sigma: float) -> Clip:
+    """A running clip, see sysid/clips/running.py."""
+    found = begun(clip, clip_set, sigma)
+    if found is None:
+        raise BadInput(f"{clip.file}: no ball moves for {MIN_RUNNING_SAMPLES} samples: leave its file out")
+    return found
+
+
 def _about(clip_set: ClipSet, before: Sequence[Clip], raw: Sequence[RawClip]) -> list[str]:
     """What was struck, left out and not used."""
-    struck = Counter(clip.struck for clip in clip_set.clips)
-    says = ["struck: " + ", ".join(f"{name} in {count}" for name, count in struck.most_common())]
-    late = sum(clip.origin > one.origin for clip, one in zip(clip_set.clips, before, strict=True))
+    struck = Counter(clip.struck for clip in clip_set.clips if not clip.running)
+    says = ["struck: " + ", ".join(f"{name} in {count}" for name, count in struck.most_common())] if struck else []
+    line = running_line(clip_set.clips)
+    says += [line] if line else []
+    pairs = zip(clip_set.clips, before, strict=True)
+    late = sum(clip.origin > one.origin for clip, one in pairs if not clip.running)
     says += [f"{late} clips began before the strike: that is left out"] if late else []
     unused = list(dict.fromkeys(name for one in raw for name in one.left_out))
     says += [f"columns not used: {', '.join(unused)}"] if unused else []

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from models.console import Progress, write_json
 from models.model_file import write_model
+from models.shot import Track
 from sysid.clips import ClipSet
 from sysid.clips.pieces import parent_clip
 from sysid.estimation.fitted import as_model
@@ -19,7 +20,7 @@ from sysid.report.html import Rung, write_report
 from sysid.report.recording import write_rrd
 from sysid.report.result_json import result_of
 from sysid.report.verdict import verdict_of
-from sysid.residuals.compare import compare
+from sysid.residuals.compare import compare, played_clips
 from sysid.residuals.comparison import Comparison
 from sysid.selection.discover import DiscoveryResult
 
@@ -33,6 +34,18 @@ def compare_at(number: int, clip_set: ClipSet, found: DiscoveryResult, command: 
     name = label(found.verdicts[number])
     log.info("comparing %s", name)
     return name, compare(clip_set, found.model_of(fitted, command), initial_states)
+
+
+def played_between(clip_set: ClipSet, found: DiscoveryResult, command: str) -> list[tuple[str, dict[str, Track]]]:
+    """The models between the first and the last of the ladder: their labels, and their whole shots by clip."""
+    played = []
+    for number in range(1, len(found.ladder) - 1):
+        fitted = found.ladder[number]
+        initial_states = found.parts.states_of(fitted, [c.file for c in clip_set.clips])
+        name = label(found.verdicts[number])
+        log.info("playing %s", name)
+        played.append((name, played_clips(clip_set, found.model_of(fitted, command), initial_states)))
+    return played
 
 
 def compared_ends(clip_set: ClipSet, found: DiscoveryResult, command: str) -> list[tuple[str, Comparison]]:
@@ -69,10 +82,11 @@ def write_outcome(
     """Write all four files into a folder; the comparison of the model that was found."""
     compared = compared_ends(clip_set, found, command)
     with_formula = compared_with_formula(clip_set, found, command)
+    between = played_between(clip_set, found, command)
     progress.close()
     last = compared[-1][1]
     write_model(last.model, out / "model.toml")
     write_json(str(out / "result.json"), result_of(found, elapsed, compared))
     write_discovery(out / "report.html", clip_set, found, [*compared, *with_formula])
-    write_rrd(out / "review.rrd", last)
+    write_rrd(out / "review.rrd", compared, between)
     return last

@@ -1,23 +1,59 @@
-"""A comparison as a Rerun recording: measured and modelled balls, shot after shot."""
+"""Comparisons as a Rerun recording: measured balls, and those of every model of a ladder, shot after shot.
+
+The shot that shows most goes first: where the miss changes most from the first model to the last, or the largest miss
+of a single one. The others keep the order of the clip set.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from models.recording.shots import Review, write_review
+from models.recording.clips import Review
+from models.recording.shots import write_review
+from models.shot import Track
+from sysid.clips import Clip
 from sysid.residuals.comparison import Comparison
 
+Ladder = Sequence[tuple[str, Mapping[str, Track]]]  # a model's label, and its whole shots by clip
 
-def write_rrd(path: str | Path, comparison: Comparison) -> None:
-    """Write the recording, whole or not at all."""
+
+def write_rrd(path: str | Path, compared: Sequence[tuple[str, Comparison]], between: Ladder = ()) -> None:
+    """Write the recording, whole or not at all.
+
+    Args:
+        path: the recording.
+        compared: comparisons of the same clips with their labels; the last is the model that is shown.
+        between: further models, between the first and the last of `compared`.
+    """
+    tracks = [
+        (name, {clip.file: track for clip, track in zip(one.shots, one.tracks, strict=True)}) for name, one in compared
+    ]
+    ladder = [*tracks[:1], *between, *tracks[1:]]
+    last = compared[-1][1]
     reviews = [
         Review(
             name=clip.file,
             measured={name: (seen.time, seen.xy) for name, seen in clip.balls.items()},
-            modelled=track,
+            models={name: tracks[clip.file] for name, tracks in ladder if clip.file in tracks},
             note=clip.note,
         )
-        for clip, track in zip(comparison.shots, comparison.tracks, strict=True)
+        for clip in _ordered([one for _, one in compared])
     ]
-    title = "model: " + (", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact")
-    write_review(path, comparison.clip_set.table, comparison.clip_set.ball, reviews, title=title)
+    title = "model: " + (", ".join(e.name() for e in last.model.stack()[1:]) or "native MuJoCo contact")
+    write_review(path, last.clip_set.table, last.clip_set.ball, reviews, title=title)
+
+
+def _ordered(compared: Sequence[Comparison]) -> list[Clip]:
+    """The clips of the last comparison, the one that shows most first."""
+    misses = [{row.file: row.rms_m for row in one.clips} for one in compared]
+
+    def shown(clip: Clip) -> float:
+        last = misses[-1].get(clip.file, math.nan)
+        size = abs(misses[0].get(clip.file, math.nan) - last) if len(misses) > 1 else last
+        return size if math.isfinite(size) else -1.0
+
+    clips = list(compared[-1].shots)
+    first = max(range(len(clips)), key=lambda k: shown(clips[k]), default=0)
+    return [*clips[first : first + 1], *clips[:first], *clips[first + 1 :]]

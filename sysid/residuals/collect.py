@@ -47,14 +47,14 @@ def samples_of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: Cl
             events = [e for e in track.events if name in e.balls]
             when = np.array([0.0, *[e.time for e in events]])
             count = np.searchsorted(when[1:], seen.time)
-            use = problem.trusted[k][name] & np.isfinite(v[:, 0]) & ((count > 0) | (b == 0))
+            use = problem.trusted[k][name] & np.isfinite(v[:, 0]) & ((count > 0) | (name in clip.first))
             slip, motion = motions(v, w, clip_set.ball.radius)
-            kinds = np.array(["strike", *[e.kind for e in events]])
+            kinds = np.array(["start" if clip.running else "strike", *[e.kind for e in events]])
             rails = np.array(["", *[e.rail for e in events]])
             n, count = int(use.sum()), count[use]
             parts.append(Samples(
-                np.full(n, k, dtype=np.int64), (name,) * n, np.full(n, b == 0), seen.time[use], seen.xy[use],
-                error[use], np.hypot(*v[use].T), np.arctan2(v[use, 1], v[use, 0]), w[use, 2],
+                np.full(n, k, dtype=np.int64), (name,) * n, np.full(n, b == 0 and not clip.running), seen.time[use],
+                seen.xy[use], error[use], np.hypot(*v[use].T), np.arctan2(v[use, 1], v[use, 0]), w[use, 2],
                 _words(motion[use]), _words(kinds[count]), count.astype(np.int64), angle[use], slip[use],
                 _words(rails[count]), seen.time[use] - when[count], segments + count.astype(np.int64),
             ))  # fmt: skip
@@ -72,8 +72,9 @@ def samples_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Samples:
     errors = problem.evaluate(x, c, np.arange(len(x))) * problem.noise
     parts: list[Samples] = []
     seen: dict[tuple[int, str], int] = {}
+    running = {s.clip for s in problem.segments if s.before == "start"}
     for k, (s, track) in enumerate(zip(problem.segments, fits.tracks, strict=True)):
-        events = seen.get((s.clip, s.ball), 0 if s.before == "strike" else 1)
+        events = seen.get((s.clip, s.ball), 0 if s.before in ("strike", "start") else 1)
         seen[s.clip, s.ball] = events + 1
         if not fits.good[k]:
             continue
@@ -83,7 +84,8 @@ def samples_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Samples:
         shot = tracks[s.clip]
         b = shot.names.index(s.ball)
         parts.append(Samples(
-            np.full(n, s.clip), (s.ball,) * n, np.full(n, b == 0), s.time, s.xy, errors[k, : 2 * n].reshape(n, 2),
+            np.full(n, s.clip), (s.ball,) * n, np.full(n, b == 0 and s.clip not in running), s.time, s.xy,
+            errors[k, : 2 * n].reshape(n, 2),
             np.hypot(*v.T), np.arctan2(v[:, 1], v[:, 0]), sidespin(shot, b, s.time), _words(motion), (s.before,) * n,
             np.full(n, events), np.full(n, np.nan), slip, (s.rail,) * n, s.time - s.time[0], np.full(n, k),
         ))  # fmt: skip

@@ -79,6 +79,16 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
     )  # fmt: skip
 
 
+def played_clips(clip_set: ClipSet, model: Model, start: Array | None = None) -> dict[str, Track]:
+    """A model's whole shots by clip, as `compare` plays them; the arguments are the same."""
+    sigma = position_noise(clip_set)
+    clip_set, _ = remove_outliers(clip_set, sigma)
+    problem, none, n = shot_problem(model, (), clip_set, sigma), np.zeros(0), len(clip_set.clips)
+    x = polished(problem, grown_states(problem, none) if start is None else start, none)
+    tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))
+    return {clip.file: track for clip, track in zip(clip_set.clips, tracks, strict=True)}
+
+
 def with_mujoco(problem: ShotProblem) -> ShotProblem:
     """The same problem played in MuJoCo, the model that is delivered."""
     return dataclasses.replace(problem, model=dataclasses.replace(problem.model, engine="mujoco"))
@@ -97,7 +107,7 @@ def _segment_rows(fits: SegmentFits, clip_set: ClipSet) -> tuple[SegmentRow, ...
 
 def _clip_row(problem: ShotProblem, k: int, track: Track, held: bool) -> ClipRow:
     clip, sigma = problem.clips[k], problem.noise
-    square, count, moved, moved_count, chi, freedom = 0.0, 0, 0.0, 0, 0.0, -len(STATE_STEPS)
+    square, count, moved, moved_count, chi, freedom = 0.0, 0, 0.0, 0, 0.0, -len(STATE_STEPS) * len(clip.first)
     for b, name in enumerate(track.names):
         seen = clip.balls[name]
         error, _ = residual(track, b, seen, len(seen.time))

@@ -39,7 +39,7 @@ class SegmentRow:
 
     file: str
     ball: str
-    before: str  # "strike", "ball", "cushion"
+    before: str  # "strike", "ball", "cushion"; "start" of a clip that begins in mid-motion
     start: float  # [s]
     end: float
     speed: float  # at the start [m/s]

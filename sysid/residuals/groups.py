@@ -19,7 +19,8 @@ MIN_GROUP_SAMPLES = 12  # from which a group is listed
 ABS_SIDESPIN_EDGES_RAD_S = (0.0, 5.0, 20.0, 50.0, np.inf)
 PHASE_WORDS = {"slide": "while sliding", "roll": "while rolling", "spin": "spinning in place", "rest": "at rest"}
 EVENT_WORDS = {
-    "strike": "before the first event", "ball": "after one ball-ball impact", "cushion": "after one cushion impact",
+    "strike": "before the first event", "start": "before the first event that is seen",
+    "ball": "after one ball-ball impact", "cushion": "after one cushion impact",
     "ball again": "after several, the last with a ball", "cushion again": "after several, the last with a cushion",
     "pocket": "after a pocket", "pocket again": "after several, the last a pocket",
 }  # fmt: skip

@@ -27,7 +27,7 @@ class Samples:
     heading: Array  # (n,) modelled [rad]
     spin: Array  # (n,) modelled sidespin [rad/s]
     motion: tuple[str, ...]  # (n,) "slide", "roll", "spin", "rest": the phase of its motion
-    last: tuple[str, ...]  # (n,) kind of its last event: "strike", "ball", "cushion"
+    last: tuple[str, ...]  # (n,) kind of its last event: "strike", "ball", "cushion"; "start" of a clip in mid-motion
     events: NDArray[np.int64]  # (n,) number of its events so far
     angle: Array  # (n,) turned angle of the mark, model minus measurement [rad]; NaN where unseen
     slip: Array  # (n,) modelled slip speed of the point of contact [m/s]

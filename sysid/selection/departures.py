@@ -95,9 +95,9 @@ def located(at: Point, rows: Index, sizes: Array, tau: float, median: float) -> 
 
 
 def _nearest(problem: ShotProblem, x: Array, c: Array, row: int, time: float) -> Event | None:
-    """The modelled event of the struck ball that is nearest to a time."""
+    """The modelled event of the balls that move first that is nearest to a time."""
     (track,) = problem.tracks(x[row : row + 1], c[row : row + 1], np.array([row]))
-    own = [event for event in track.events if problem.clips[row].struck in event.balls]
+    own = [event for event in track.events if set(problem.clips[row].first) & set(event.balls)]
     return min(own, key=lambda event: abs(event.time - time), default=None)
 
 

@@ -117,7 +117,7 @@ def _is_turning(turned: Turning | None) -> bool:
 def _cue_of(result: Tracked, k: int, frames: list[tuple[float, Picture]], camera: Camera) -> CueMotion | None:
     """The cue before the strike of a shot."""
     shot = result.shots[k]
-    if shot.spun:
+    if shot.spun or shot.running:
         return None
     track, _ = result.found[k][shot.struck]
     before = np.flatnonzero(track.time < shot.time)

@@ -68,7 +68,7 @@ class Footage:
 
     def __init__(self, source: Video | Pictures, fps: float | None) -> None:
         """Read the first frames; `fps` is the rate at which they were taken, if the container cannot know it [1/s]."""
-        self._source = source
+        self._source, self.files = source, source.files  # files that hold the frames, in order
         self._frame_times = source.frame_times(fps)
         self._broken = self._missing = 0
         self._whole = False
@@ -154,7 +154,7 @@ class Video:
 
     def __init__(self, path: Path) -> None:
         """Open it once to check that it can be read."""
-        self.path, self.name = path, str(path)
+        self.path, self.name, self.files = path, str(path), [path]
         with quiet():
             capture = cv2.VideoCapture(self.name)
             self.rate = float(capture.get(cv2.CAP_PROP_FPS)) if capture.isOpened() else 0.0
@@ -222,7 +222,7 @@ class Pictures:
 
     def __init__(self, name: str, paths: Sequence[Path]) -> None:
         """`name` is what the user gave."""
-        self.name, self.paths, self.count = name, list(paths), len(paths)
+        self.name, self.paths, self.files, self.count = name, list(paths), list(paths), len(paths)
         self._read_times = np.arange(len(paths), dtype=float)
         self._timed = False
 

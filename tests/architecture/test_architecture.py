@@ -25,6 +25,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "effects": (),
         "mjcf": ("files", "analytic"),
         "engine": ("analytic",),
+        "workers": ("engine",),
         "simulation": ("analytic", "engine", "mjcf"),
         "recording": ("mjcf",),
         "environment": ("mjcf",),
@@ -280,6 +281,7 @@ print(v[0, 0, 1])
 """
 
 
+@pytest.mark.slow
 def test_a_constant_of_an_effect_that_changes_is_played_at_once(checkout: Path) -> None:
     before = float(told_by(STRUCK, checkout))
     file = checkout / "models" / "effects" / "cue" / "squirt.py"
@@ -296,6 +298,7 @@ print(sum(turned.stats.cache_hits.values()))
 """
 
 
+@pytest.mark.slow
 def test_compiled_code_is_read_again_until_a_source_changes(checkout: Path) -> None:
     assert [told_by(HITS, checkout) for _ in range(2)] == ["0", "1"]
     assert list((checkout / "models/analytic/__pycache__/compiled").glob("cloth.turned*.nbi"))
@@ -304,6 +307,7 @@ def test_compiled_code_is_read_again_until_a_source_changes(checkout: Path) -> N
     assert [told_by(HITS, checkout) for _ in range(2)] == ["0", "1"]
 
 
+@pytest.mark.slow
 def test_a_checkout_that_cannot_be_written_uses_the_user_s_cache(checkout: Path, tmp_path: Path) -> None:
     kept = checkout / "models" / "analytic" / "__pycache__"
     shutil.rmtree(kept, ignore_errors=True)

@@ -12,7 +12,7 @@ import numpy as np
 from models.model_file import full_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
-from sysid.vision.balls.detect import Detector
+from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import default_palette
 from sysid.vision.frames import Footage, FrameTimes, Pictures
 from sysid.vision.tracks.track import track
@@ -59,7 +59,7 @@ def video_rows() -> list[tuple[str, ...]]:
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        detector = Detector.learn(camera, footage, default_palette())
+        detector = learn_detector(camera, footage, default_palette())
         result = track(footage, camera, detector, dict.fromkeys(COLOURS, 1))
         began = time.perf_counter()
         for picture in held.pictures:

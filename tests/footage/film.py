@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from models.shot import NOSE_HEIGHT
 from sysid.vision.camera.projection import Array, Camera
+from tests.footage.cards import Card, lay
 from tests.footage.motion import Cue, Motion
 
 Picture = NDArray[np.uint8]
@@ -80,6 +81,7 @@ class Look:
     diamonds: float = 0.0  # diameter of those on the rails [m]; none if 0
     lamps: float = 0.0  # how much the colour of the light changes across the table, 0 to 1
     player: bool = False  # an arm with a cue lies over the table
+    cards: Sequence[Card] = ()  # printed markers on the cushions
 
 
 def film(
@@ -173,6 +175,7 @@ def _lit(camera: Camera, look: Look, pixels: Array) -> Array:
                 rail[:, axis] - near * step, np.abs(rail[:, 1 - axis]) - half[1 - axis] - DIAMOND_ROW
             )  # fmt: skip
             out[counts & (away < look.diamonds / 2)] = DIAMOND
+    lay(look.cards, camera, pixels, out, RAIL_RISE)
     return out
 
 

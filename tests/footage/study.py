@@ -173,6 +173,8 @@ def _tracks(folder: Path, shots: Sequence[Scene], diameter: float) -> dict[str, 
             true = shot.places(name, begins + seen.time)
             away, flipped = seen.xy - true, -seen.xy - true
             errors.append(away if np.nanmedian(np.abs(away)) <= np.nanmedian(np.abs(flipped)) else flipped)
+        if not errors:
+            continue
         away = np.concatenate(errors)
         away = away[np.isfinite(away).all(axis=1)]
         far = np.linalg.norm(away, axis=1) > SWAPPED_RADII * diameter / 2

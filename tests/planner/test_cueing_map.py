@@ -342,6 +342,7 @@ def test_too_few_shots_say_so(shots: list[CueShot]) -> None:
     assert math.isnan(noise_floor(shots[::5])[0])
 
 
+@pytest.mark.slow
 def test_physics_from_a_tenth_is_as_good_as_networks_from_all(shots: list[CueShot], tmp_path: Path) -> None:
     player = formula_striker(np.random.default_rng(0), exact=True)
 

@@ -51,6 +51,7 @@ def test_the_task_draws_its_table_from_above() -> None:
     physics.free()
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_pictures_follow_the_shot() -> None:
     environment = load(scene(), example_model(), seed=3)

@@ -202,6 +202,7 @@ def test_the_cue_ball_comes_to_a_place_within_reach(short: float) -> None:
     assert math.copysign(1, vx * wy - vy * wx) == (-1 if short == 0.8 else 1)
 
 
+@pytest.mark.slow
 def test_a_stroke_for_errors_beats_the_best_without_them() -> None:
     execution, wish, made = Execution(0.02, 0.002, 0.001, 0.001), UtilityWeights(), []
     usual = Effort(fresh=256)

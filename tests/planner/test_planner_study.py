@@ -18,6 +18,7 @@ import planner.cli
 from models.console import Progress, Status
 from models.model_file import Estimate, effect_class, full_model, read_model
 from models.shot import Ball, Table
+from models.workers import open_workers
 from planner.cli.study import StudyOptions
 from planner.cli.study import study as cli_study
 from planner.evaluation.play import Player
@@ -137,9 +138,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two scenes by way of processes, then a third in this one."""
     out = tmp_path_factory.mktemp("plans") / "study"
     study_folder.begin(out, STUDY)
-    study_folder.carry_out(out, STUDY, 2, 2, (), Progress())
+    with open_workers(None, 2) as workers:
+        study_folder.carry_out(out, STUDY, 2, workers, Progress())
     study_folder.begin(out, STUDY)
-    study_folder.carry_out(out, STUDY, 3, 1, (), Progress())
+    study_folder.carry_out(out, STUDY, 3, None, Progress())
     return out
 
 
@@ -171,7 +173,7 @@ def test_a_study_goes_on_from_what_is_there(folder: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr("planner.study.runs.study_scene", fake)
     before = [study_folder.scene_path(folder, k).read_bytes() for k in (1, 2, 3)]
     study_folder.scene_path(folder, 5).write_text("{half a")
-    study_folder.carry_out(folder, STUDY, 5, 1, (), Progress())
+    study_folder.carry_out(folder, STUDY, 5, None, Progress())
     assert worked == [4, 5]
     assert [study_folder.scene_path(folder, k).read_bytes() for k in (1, 2, 3)] == before
     for k in (4, 5):

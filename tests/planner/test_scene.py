@@ -300,6 +300,7 @@ def test_a_scene_from_a_photo(photo: Path) -> None:
         assert [word for word in words if word not in line] == []
 
 
+@pytest.mark.slow
 def test_balls_in_a_pack_are_told_if_not_made_out(photo: Path, tmp_path: Path) -> None:
     ring = 0.0527 * np.array([(math.cos(a), math.sin(a)) for a in np.arange(6) * math.pi / 3])
     packed = np.concatenate([[[-0.3, -0.1], [0.2, 0.05]], np.array([0.2, 0.05]) + ring])
@@ -308,8 +309,7 @@ def test_balls_in_a_pack_are_told_if_not_made_out(photo: Path, tmp_path: Path) -
     cv2.imwrite(str(tmp_path / "pack.png"), filmed(packed[None], names, look)[0])
     found = balls_in_picture(tmp_path / "pack.png", photo / "cam.toml")
     (line,) = (line for line in found.notes if "not made out" in line)
-    missing = 8 - len(found.names)
-    assert missing > 0
+    assert (missing := 8 - len(found.names)) > 0
     assert f"of {'a ball' if missing == 1 else f'{missing} balls'} at 0.2" in line
 
 

@@ -25,6 +25,8 @@ from planner.planning import FORMAT
 from planner.scene import scene_dict
 from planner.viewer import RESET_KEY, STRIKE_KEY, Session, Setup, watch
 from sysid.cli.demo import EXAMPLE_FOLDER as CLIPS
+from sysid.clips import read_clip_set
+from tests.support.running_clips import cut_in_motion, written_running
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
 SETUP = Setup(("white", "red"), np.array([[-1.0, 0.0], [0.2, 0.05]]), (1.5, 0.0, 0.0, 0.0), 0.0)
@@ -159,6 +161,15 @@ def test_bad_input_is_named(
     assert main(["view", *given]) == 2
     told = capsys.readouterr().err.strip().splitlines()
     assert said in told[-1] and told[-1].startswith("planner view: ")
+
+
+def test_a_clip_that_begins_in_mid_motion_has_no_stroke(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = read_clip_set(CLIPS)
+    few = dataclasses.replace(whole, clips=whole.clips[:1])
+    written_running(cut_in_motion(few, 1), tmp_path / "cut")
+    given = ["--frames", "1", "--out", str(tmp_path / "pictures"), "--clip", "1"]
+    assert main(["view", str(tmp_path / "cut"), *given]) == 2
+    assert "--clip 1: begins in mid-motion, so that there is no stroke to play" in capsys.readouterr().err
 
 
 def test_a_model_of_another_table_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -69,6 +69,7 @@ def test_what_the_operator_is_told() -> None:
     assert turn_for(line, math.radians(30.06), tolerance=math.radians(0.05)).side == "left"
 
 
+@pytest.mark.slow
 def test_cues_of_all_colours_everywhere() -> None:
     """Wooden, dark, pale; three noises; alone and in a launcher; a chalk line through the ball; soft shadows."""
     errors, pulls, beside = [], [], []

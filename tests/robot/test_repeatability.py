@@ -98,6 +98,7 @@ def average(repeats: int, seeds: range) -> float:
     return float(np.mean([mean_scatter(measure(OURS, spread_strings(OURS), repeats, seed)) for seed in seeds]))
 
 
+@pytest.mark.slow
 def test_the_papers_fifty_millimetres_come_out_roughly() -> None:
     """360 strokes tell their average within some 6 %, and the emulated launcher's is 47 mm."""
     assert average(12, range(2)) == pytest.approx(PAPER, rel=0.2)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from models.errors import BadInput
 from planner.launcher import stroke as planned
 from robot.device import protocol
-from robot.device.protocol import Message, Reader, Status, StopByte, StrokeLine, frame, stroke_line, unframe
+from robot.device.protocol import LauncherStatus, Message, Reader, StopByte, StrokeLine, frame, stroke_line, unframe
 from robot.device.settings import Settings, SpeedTable, read_settings, write_settings
 from robot.emulator import firmware as fw
 from robot.emulator.firmware import Firmware
@@ -47,7 +47,7 @@ class Hand:
         assert got.sequence == self.sequence
         return got.body
 
-    def wait(self, seconds: float = 10.0) -> Status:
+    def wait(self, seconds: float = 10.0) -> LauncherStatus:
         self.time += seconds
         return self.device.status()
 
@@ -129,7 +129,7 @@ def test_a_reader_counts_every_byte_that_it_throws_away(data: bytes) -> None:
 
 @given(st.lists(st.integers(-(10**6), 10**6), min_size=13, max_size=13), st.sampled_from(protocol.LAUNCHER_STATES))
 def test_a_status_comes_back_as_it_went(numbers: list[int], state: str) -> None:
-    status = Status(state, *numbers)
+    status = LauncherStatus(state, *numbers)
     body = protocol.status_body(status)
     assert protocol.parse_status(body) == status
     assert protocol.parse_status(body + " 0") is None

@@ -12,9 +12,21 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
+from models.console import write_json
+from models.errors import BadInput
+from models.workers import open_workers
 from tests.study.plan import Entry, plan
 from tests.study.report import REPORT, write_report
-from tests.study.run import OUT, Running, fingerprint, read_result, stopped_in_the_end, valid
+from tests.study.run import (
+    OUT,
+    Running,
+    fingerprint,
+    read_result,
+    result_path,
+    stopped_in_the_end,
+    study_there,
+    valid,
+)
 
 POLL = 0.2  # [s]
 INTERRUPTED = 130
@@ -25,6 +37,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(prog="python -m tests.study", description="How reliably hidden effects are found.")
     p.add_argument("--only", metavar="PATTERN", help="sets whose name holds this, or matches it with * and ?")
     p.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="sets at a time (all cores)")
+    p.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler whose workers run the sets instead")
     p.add_argument("--limit", type=int, metavar="N", help="run at most so many, then report")
     p.add_argument("--report-only", action="store_true", help="run none; write the report from the results there are")
     p.add_argument("--keep", action="store_true", help="results made by other sources count as well")
@@ -77,6 +90,18 @@ def run_all(todo: Sequence[Entry], workers: int, out: Path, mark: str) -> int:
     return done
 
 
+def run_there(todo: Sequence[Entry], scheduler: str, out: Path, mark: str) -> None:
+    """Run sets on a cluster; BadInput where it is out of reach, or its sources are others."""
+    with open_workers(scheduler, 0) as workers:
+        for done, (number, result) in enumerate(workers.as_they_come(study_there, [(e.name,) for e in todo]), 1):
+            if result["fingerprint"] != mark:
+                raise BadInput(f"--scheduler {scheduler}: a worker has other sources of the study; update them")
+            path = result_path(result["name"], out)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_json(path, result)
+            print(f"{done}/{len(todo)}  {told(todo[number], result)}", flush=True)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what has no result, then report: 0 done, 2 bad input, 130 interrupted."""
     args = parser().parse_args(argv)
@@ -95,7 +120,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{len(entries)} sets in the plan, {len(todo)} to run now, {args.workers} at a time", flush=True)
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
-            run_all(todo, args.workers, args.out, mark)
+            if args.scheduler:
+                run_there(todo, args.scheduler, args.out, mark)
+            else:
+                run_all(todo, args.workers, args.out, mark)
+        except BadInput as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
         except KeyboardInterrupt:
             status = INTERRUPTED
             print("interrupted: finished sets are kept, and the next run goes on from them", file=sys.stderr)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -258,3 +259,30 @@ def test_a_set_is_made_once_for_the_same_generator(tmp_path: Path) -> None:
     assert (run.made(entry, tmp_path) / "clips.toml").stat().st_mtime_ns == first
     run.made(replace(entry, seed=77), tmp_path)
     assert json.loads((tmp_path / "sets" / f"{entry.name}.truth.json").read_text())["seed"] == 77
+
+
+def test_sets_run_on_a_cluster_are_kept_as_those_run_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its workers stand in for themselves here: one thread of this process."""
+    entry, mark = plan()[1], run.fingerprint()
+    marks = [mark, "of other sources"]
+
+    class Workers:
+        def as_they_come(self, function: object, tasks: Sequence[tuple[str]]) -> Iterator[tuple[int, dict[str, Any]]]:
+            assert function is run.study_there and tasks == [(entry.name,)]
+            yield 0, perfect(entry, marks.pop(0))
+
+    monkeypatch.setattr(command, "open_workers", lambda address, jobs: nullcontext(Workers()))
+    words = ["--only", entry.name, "--out", str(tmp_path), "--report", str(tmp_path / "r.md"), "--scheduler", "there:1"]
+    assert command.main(words) == 0
+    assert run.valid(entry, run.read_result(entry.name, tmp_path), mark)
+    run.result_path(entry.name, tmp_path).unlink()
+    assert command.main(words) == 2
+    assert "there:1: a worker has other sources" in capsys.readouterr().err
+    assert run.read_result(entry.name, tmp_path) is None
+
+
+def test_a_set_that_takes_too_long_on_a_worker_is_a_miss() -> None:
+    result = run.study_there(plan()[1].name, limit=0.0)
+    assert result["error"] == "not done after 0 minutes" and result["name"] == plan()[1].name

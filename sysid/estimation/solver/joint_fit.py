@@ -26,12 +26,13 @@ from sysid.estimation.solver.least_squares import (
     Array,
     Objective,
     Prior,
+    best_of,
     fit_each,
     linearised,
-    loss,
     solve_each,
 )
 from sysid.estimation.solver.normal_equations import NormalEquations, from_jacobian
+from sysid.estimation.solver.spread import by_parts
 
 MAX_STALLED_STEPS = 2  # in a row that improve nothing
 MAX_ATTEMPTS = 8  # at a step of the constants, ten times the damping each
@@ -259,13 +260,9 @@ class _Joint:
 
     def _best_start(self, at: _Iterate, reduced: ReducedSystem, c: Array) -> Array:
         """Initial states for other constants: unchanged, moved with them, or by Newton's step; each problem's best."""
-        o, n = self.objective, len(at.x)
         along = at.x - np.einsum("npq,q->np", reduced.state_by_constant, c - at.c)
-        starts = o.inside(np.stack([at.x, along, along - reduced.state_step]))
-        r = o.evaluate(starts.reshape(3 * n, -1), np.tile(c, (3 * n, 1)), np.tile(np.arange(n), 3)).reshape(3, n, -1)
-        squares = np.stack([o.prior.residuals(s) for s in starts]) ** 2
-        costs = loss(r, o.cauchy_sd) + 0.5 * np.sum(squares, axis=-1)
-        return np.asarray(starts[np.argmin(costs, axis=0), np.arange(n)])
+        starts = self.objective.inside(np.stack([at.x, along, along - reduced.state_step], axis=1))
+        return by_parts(best_of, self.objective, starts, c, np.arange(len(starts)))[0]
 
 
 def covariance(

@@ -10,6 +10,8 @@ c^2/2 log(1 + (r/c)^2), by reweighting.
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 
 from sysid.estimation.solver.journal import recorded
 from sysid.estimation.solver.normal_equations import NormalEquations, from_differences, robust_loss
+from sysid.estimation.solver.spread import by_parts
 
 Array = NDArray[np.float64]
 FIRST_STATE_DAMPING = 1e-3
@@ -56,6 +59,13 @@ class Objective:
     cauchy_sd: float  # Cauchy's constant, in standard deviations; inf is least squares
     correlation_time: float = 1.0  # of the noise [samples]: so many count as one
     bounds: Array = field(default_factory=NO_BOUNDS.copy)  # (p, 2) of the initial state, or (1, 2)
+    part: Callable[[NDArray[np.int64]], Evaluate] | None = None  # `evaluate` of some, for other processes
+
+    def only(self, rows: NDArray[np.int64]) -> Objective | None:
+        """That of some problems, for other processes; None where it cannot leave this one."""
+        if self.part is None:
+            return None
+        return dataclasses.replace(self, evaluate=self.part(rows), prior=self.prior.only(rows), part=None)
 
     def inside(self, x: Array) -> Array:
         """Initial states (..., p), moved to where they may be."""
@@ -109,10 +119,19 @@ def solve_each(matrix: Array, right: Array) -> Array:
     """
     try:
         found = np.linalg.solve(matrix, right)
-    except np.linalg.LinAlgError:
+    except np.linalg.LinAlgError:  # of one, which must not change the others
         found = np.full_like(right, np.nan)
-    if np.isfinite(found).all():
-        return np.asarray(found)
+        for k in range(len(matrix)):
+            with contextlib.suppress(np.linalg.LinAlgError):
+                found[k] = np.linalg.solve(matrix[k], right[k])
+    singular = ~np.isfinite(found).all(axis=(1, 2))
+    if singular.any():
+        found[singular] = _regularised(matrix[singular], right[singular])
+    return np.asarray(found)
+
+
+def _regularised(matrix: Array, right: Array) -> Array:
+    """See `solve_each`."""
     diagonal = np.abs(np.einsum("npp->np", matrix))
     scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     scaled = matrix / (scale[:, :, None] * scale[:, None, :])
@@ -147,7 +166,7 @@ def fit_each(
     which = np.arange(len(x)) if which is None else which
 
     def work() -> tuple[Array, ...]:
-        return _fit_each(objective, x, c, iterations, which, tolerance)
+        return by_parts(_fit_each, objective, x, c, which, iterations, tolerance)
 
     question = (x, c, which.astype(float), np.array([iterations, tolerance, objective.cauchy_sd]))
     states, cost = recorded(work, question, (x.shape, x.shape[:1]), lambda found: objective.holds(found[0]))
@@ -155,7 +174,7 @@ def fit_each(
 
 
 def _fit_each(
-    objective: Objective, x: Array, c: Array, iterations: int, which: NDArray[np.int64], tolerance: float
+    objective: Objective, x: Array, c: Array, which: NDArray[np.int64], iterations: int, tolerance: float
 ) -> tuple[Array, Array]:
     """See `fit_each`."""
     n, p = x.shape
@@ -204,6 +223,13 @@ def _linearised(
 
 def linearised(objective: Objective, x: Array, c: Array, which: NDArray[np.int64], steps_c: Array) -> NormalEquations:
     """Normal equations of problems by their initial states, and by the constants where those have steps (q,)."""
+    return NormalEquations(*by_parts(_normal_equations, objective, x, c, which, steps_c))
+
+
+def _normal_equations(
+    objective: Objective, x: Array, c: Array, which: NDArray[np.int64], steps_c: Array
+) -> tuple[Array, ...]:
+    """See `linearised`: loss, matrix and gradient."""
     steps = np.concatenate([objective.steps, steps_c])
     parts = [
         from_differences(
@@ -211,5 +237,14 @@ def linearised(objective: Objective, x: Array, c: Array, which: NDArray[np.int64
         )
         for k in np.split(np.arange(len(x)), range(BATCH_PROBLEMS, len(x), BATCH_PROBLEMS))
     ]
-    loss, matrix, gradient = ([getattr(p, key) for p in parts] for key in ("loss", "matrix", "gradient"))
-    return NormalEquations(np.concatenate(loss), np.concatenate(matrix), np.concatenate(gradient))
+    return tuple(np.concatenate([getattr(p, key) for p in parts]) for key in ("loss", "matrix", "gradient"))
+
+
+def best_of(objective: Objective, starts: Array, c: Array, which: NDArray[np.int64]) -> tuple[Array, ...]:
+    """Of several initial states of each problem, (n, count, p), those of the least loss: (n, p)."""
+    n, count, p = starts.shape
+    r = objective.evaluate(starts.reshape(-1, p), np.tile(c, (n * count, 1)), np.repeat(which, count))
+    prior = objective.prior.only(which)
+    squares = np.stack([prior.residuals(starts[:, k]) for k in range(count)], axis=1) ** 2
+    costs = loss(r.reshape(n, count, -1), objective.cauchy_sd) + 0.5 * np.sum(squares, axis=-1)
+    return (starts[np.arange(n), np.argmin(costs, axis=1)],)

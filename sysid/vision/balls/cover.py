@@ -1,12 +1,13 @@
-"""How much of every pixel a ball of known colour covers, and discs swept along a path that are fitted to that.
+"""How much of every pixel a ball covers, and discs swept along a path that are fitted to that.
 
-In: a picture beside the background, and the colour of a ball. Out: cover, and `DiscFit`. A pixel is taken as
-p T + a B, where T is the table there, B the colour of the ball, a the cover and p what of the table is seen: 1 - a,
-and less in shadows, which darken the table without covering it. Both follow by least squares over the three colours,
-with p + a = 1 as a prior. A ball that moves by m during the exposure covers
-(1 / |m|) integral of D(x - c - s m) ds over s in [-1/2, 1/2], D the disc with a blurred rim, so that cover stays
-linear in time where brightness is. A ball brighter by a gain g than the picture can show covers g times as much, at
-most all: its sweep is as clear as a ball at rest.
+In: a picture beside the background, and the colour of a ball, or None for one of several colours. Out: cover, and
+`DiscFit`. A pixel is taken as p T + a B, where T is the table there, B the colour of the ball, a the cover and p what
+of the table is seen: 1 - a, and less in shadows, which darken the table without covering it. Both follow by least
+squares over the three colours, with p + a = 1 as a prior. A ball of several colours is first fitted to what is not the
+table, then to its cover by the colours that it shows just within its rim. A ball that moves by m during the exposure
+covers (1 / |m|) integral of D(x - c - s m) ds over s in [-1/2, 1/2], D the disc with a blurred rim, so that cover
+stays linear in time where brightness is. A ball brighter by a gain g than the picture can show covers g times as much,
+at most all: its sweep is as clear as a ball at rest.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from models.compiled import compiled
@@ -23,6 +25,9 @@ from sysid.vision.balls.view_geometry import Array, Image
 SHADE_SD = 0.3  # of p + a, by shadows and light
 COLOUR_ERROR_GREY = 30.0  # of a ball's colour, by its shading and by the light of others [grey levels]
 COVER_LIMITS = (-0.2, 1.1)
+DEEPEST_SHADE = 0.65  # of the table's light, that a shadow leaves; what is darker is no table
+NO_TABLE_GREY = 40.0  # from the colour of the shaded table, from which on a pixel is no table at all [grey levels]
+SKIN_PX = 1.5  # below the rim, where a ball of several colours shows those of the rim
 RIM_BLUR_PX = 1.0  # of the rim of a disc
 SURROUND_PX = 6.0  # beyond the disc that take part in a fit
 STEPS = 8  # of least squares, at most
@@ -55,17 +60,44 @@ class DiscFit:
     rim: float  # fraction of the rim's sectors with contrast
 
 
-def cover(window: Image, table: Image, colour: Array) -> Image:
-    """Cover (rows, columns) of a picture beside the table (rows, columns, 3) by a ball of a `colour` (3,)."""
-    ball = np.asarray(colour, np.float32)
+def cover(window: Image, table: Image, colour: Array | Image) -> Image:
+    """Cover (rows, columns) of a picture beside the table (rows, columns, 3) by a ball.
+
+    Its `colour` is (3,), or (rows, columns, 3) if it has several.
+    """
+    ball = np.broadcast_to(np.asarray(colour, np.float32), window.shape)
     prior = (COLOUR_ERROR_GREY / SHADE_SD) ** 2
-    tt = np.einsum("ijk,ijk->ij", table, table) + prior
-    tb = table @ ball + prior
-    bb = float(ball @ ball) + prior
-    pt = np.einsum("ijk,ijk->ij", window, table) + prior
-    pb = window @ ball + prior
+    tt, tb, bb, pt, pb = (
+        np.einsum("ijk,ijk->ij", one, other) + prior
+        for one, other in ((table, table), (table, ball), (ball, ball), (window, table), (window, ball))
+    )
     share = (tt * pb - tb * pt) / np.maximum(tt * bb - tb * tb, 1e-3 * bb)
     return np.asarray(share.clip(*COVER_LIMITS), np.float32)
+
+
+def not_table(window: Image, table: Image) -> Image:
+    """How far every pixel (rows, columns) is from showing the table, lit or shaded: 0 to 1."""
+    shade = np.einsum("ijk,ijk->ij", window, table) / np.maximum(np.einsum("ijk,ijk->ij", table, table), 1.0)
+    off = np.abs(window - shade.clip(DEEPEST_SHADE, None)[..., None] * table).max(axis=2)
+    return np.asarray((off / NO_TABLE_GREY).clip(0, 1), np.float32)
+
+
+def covered(window: Image, table: Image, colour: Array | None) -> Image:
+    """Cover (rows, columns) by a ball of this colour (3,), or by one of unknown colours."""
+    return not_table(window, table) if colour is None else cover(window, table, colour)
+
+
+def _own_colours(window: Image, centre: Array, radius: float, motion: Array) -> Image:
+    """Colours (rows, columns, 3) of a ball around a pixel (2,): those that it shows, and beyond its rim those of it."""
+    rows, columns = window.shape[:2]
+    y, x = np.mgrid[:rows, :columns].astype(np.float32)
+    u, v = x - centre[0], y - centre[1]
+    length = math.hypot(*motion) + 1e-9
+    along = ((u * motion[0] + v * motion[1]) / length).clip(-length / 2, length / 2) / length
+    u, v = u - along * motion[0], v - along * motion[1]
+    pull = 1.0 - np.minimum(1.0, max(radius - SKIN_PX, 1.0) / np.maximum(np.hypot(u, v), 1e-6))
+    x, y = (x - pull * u).astype(np.float32), (y - pull * v).astype(np.float32)
+    return np.asarray(cv2.remap(window, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 @compiled
@@ -157,23 +189,34 @@ def _places(motion: Array) -> int:
 
 
 def fit_disc(
-    view: View, colour: Array, start: Array, radius: float, motion: Array, gain: float = 1.0
+    view: View, colour: Array | None, start: Array, radius: float, motion: Array, gain: float = 1.0
 ) -> DiscFit | None:
     """The disc of a ball near a pixel (2,) that moves by `motion` (2,) [pixels]; None where there is none."""
     motion = np.asarray(motion, float)
-    reach, half = radius + SURROUND_PX, np.abs(motion) / 2 + radius + SURROUND_PX + 2
+    half = np.abs(motion) / 2 + radius + SURROUND_PX + 2
     h, w = view.picture.shape[:2]
     x0, y0 = (max(0, int(v)) for v in start - half)
     x1, y1 = min(w, int(start[0] + half[0]) + 2), min(h, int(start[1] + half[1]) + 2)
     if x1 - x0 < radius or y1 - y0 < radius:
         return None
-    table = view.table[y0:y1, x0:x1] * view.gain.astype(np.float32)
-    seen = cover(view.picture[y0:y1, x0:x1].astype(np.float32), table, colour)
+    corner, table = np.array([x0, y0]), view.table[y0:y1, x0:x1] * view.gain.astype(np.float32)
+    window = view.picture[y0:y1, x0:x1].astype(np.float32)
+    fit = _settled(covered(window, table, colour), corner, start, radius, motion, gain)
+    if fit is not None and colour is None:
+        own = _own_colours(window, fit.xy - corner, fit.radius, motion)
+        fit = _settled(cover(window, table, own), corner, fit.xy, radius, motion, gain)
+    return None if fit is None else replace(fit, rim=_rim(view, colour, fit))
+
+
+def _settled(seen: Image, corner: Array, start: Array, radius: float, motion: Array, gain: float) -> DiscFit | None:
+    """The disc that fits cover (rows, columns) best, whose first pixel is `corner` (2,); None where it runs away."""
+    reach = radius + SURROUND_PX
     centre, grown, count = np.array(start, float), 0.0, _places(motion)
     prior = CORRELATED_PX * MIN_RESIDUAL**2 * np.array([0, 0, 1 / (SIZE_SD_FRACTION * radius) ** 2, 1 / HEIGHT_SD**2])
     for _ in range(STEPS):
+        x0, y0 = corner - centre
         matrix, right, sums = _normal_equations(
-            seen, x0 - centre[0], y0 - centre[1], radius + grown, motion, gain, reach, count, RESIDUAL_LIMIT
+            seen, x0, y0, radius + grown, motion, gain, reach, count, RESIDUAL_LIMIT
         )
         matrix += np.diag(prior + RIDGE)
         step = np.linalg.solve(matrix, right - prior * np.array([0, 0, grown, 0]))
@@ -187,11 +230,10 @@ def fit_disc(
     covariance = np.linalg.inv(matrix) * CORRELATED_PX * noise**2
     sd = math.sqrt((covariance[0, 0] + covariance[1, 1]) / 2)
     residual, misfit = (math.sqrt(sums[k] / sums[k + 1]) if sums[k + 1] else math.inf for k in (2, 4))
-    fit = DiscFit(centre, radius + grown, motion, 1.0 + float(step[3]), sd, residual, misfit, gain, 0.0)
-    return replace(fit, rim=_rim(view, colour, fit))
+    return DiscFit(centre, radius + grown, motion, 1.0 + float(step[3]), sd, residual, misfit, gain, 0.0)
 
 
-def _rim(view: View, colour: Array, fit: DiscFit) -> float:
+def _rim(view: View, colour: Array | None, fit: DiscFit) -> float:
     """Fraction of the sectors of a rim where cover falls outwards, weighed by how still the rim is there."""
     angles = np.arange(SECTORS) * 2 * math.pi / SECTORS
     ways = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -203,6 +245,6 @@ def _rim(view: View, colour: Array, fit: DiscFit) -> float:
         places = np.rint(fit.xy + (ends if part > 1 else 0.5 * ends) + part * fit.radius * ways).astype(int)
         column, row = places[:, 0].clip(0, w - 1), places[:, 1].clip(0, h - 1)
         table = view.table[row, column][None] * view.gain.astype(np.float32)
-        values.append(cover(view.picture[row, column][None].astype(np.float32), table, colour)[0])
+        values.append(covered(view.picture[row, column][None].astype(np.float32), table, colour)[0])
     swept = 1.0 / (1.0 + math.hypot(*fit.motion) / (2 * fit.radius))
     return float((values[0] - values[1] > MIN_CONTRAST * swept).mean())

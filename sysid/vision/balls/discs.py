@@ -16,13 +16,13 @@ import cv2
 import numpy as np
 
 from sysid.vision.balls.background import View
-from sysid.vision.balls.cover import DiscFit, cover, fit_disc, swept_share
+from sysid.vision.balls.cover import DiscFit, covered, fit_disc, swept_share
 from sysid.vision.balls.view_geometry import Array, Image
 
 CELLS_PER_RADIUS = 4.0  # of the coarse picture in which balls are sought
 RING_WIDTH_RADII = 0.45  # about a disc, with which its cover is compared
 MIN_PEAK = 0.22  # cover of a disc less that of its ring; a ball swept by three radii still has a third
-MAX_PEAKS = 6  # of a colour in a picture
+MAX_PEAKS = {"one": 6, "any": 40}  # in a picture, of one colour and of any
 MIN_RIM = {"new": 0.75, "known": 0.5}  # of a ball that is found, and of one that is followed
 MIN_HEIGHT = 0.6
 MAX_RESIDUAL = {"new": 0.3, "known": 0.4}  # of cover
@@ -36,10 +36,16 @@ EXPOSURES = (0.25, 0.5, 0.75, 1.0)  # of the time between two frames, tried unti
 MIN_SWEEP_RADII = 0.4  # of a motion from which the exposure can be told
 MAX_UNEVENNESS = 0.25  # of such a step, relative to the one before
 MIN_SHUTTER_FITS = 4  # from which it is known
+MIN_EVEN_FITS = 16  # of white balls, fewer than those of them overexposed, that show that none is
 MISFIT_MARGIN = 0.04  # beyond that of the best fit, from which on another is no rival
 NEAR_RADII = 0.6  # to the expected place, within which a ball is taken at once
 CORE_RADII = 0.55  # of a disc that shows the colour of the ball
 MIN_BED_CONTRAST = 0.12  # of colours, between a ball and the bed
+
+
+def is_white(colour: Array | None) -> bool:
+    """Whether all channels of a colour (3,) blue, green, red are clipped [grey levels]."""
+    return colour is not None and bool((colour >= CLIPPED_GREY).all())
 
 
 @dataclass
@@ -47,24 +53,30 @@ class Shutter:
     """How long the shutter is open, and how overexposed white balls are, told from the sweep of moving balls."""
 
     given: float | None = None  # fraction of the time between frames
-    told: list[tuple[float, float]] = field(default_factory=list)  # fraction and gain, by fits
+    fractions: list[float] = field(default_factory=list)  # of fits of moving balls
+    gains: list[float] = field(default_factory=list)  # of those of white ones
 
     @property
     def fraction(self) -> float | None:
         """The fraction of the time between frames; None while it is not known."""
-        return self.given if self.given is not None else self._median(0, self.told)
+        if self.given is not None:
+            return self.given
+        return float(np.median(self.fractions)) if len(self.fractions) >= MIN_SHUTTER_FITS else None
 
-    def tried(self, colour: Array) -> Sequence[tuple[float, float]]:
+    @property
+    def gain(self) -> float | None:
+        """By which white balls are overexposed, 1 for not at all; None while it is not known."""
+        over = [gain for gain in self.gains if gain > 1.0]
+        if len(over) >= MIN_SHUTTER_FITS:
+            return float(np.median(over))
+        return 1.0 if len(self.gains) >= MIN_EVEN_FITS else None
+
+    def tried(self, colour: Array | None) -> Sequence[tuple[float, float]]:
         """Fractions and gains to try with a ball of a colour (3,) blue, green, red [grey levels]."""
-        white = bool((colour >= CLIPPED_GREY).all())
-        fraction, gain = self.fraction, self._median(1, [p for p in self.told if p[1] > 1.0]) if white else 1.0
+        fraction, gain = self.fraction, self.gain if is_white(colour) else 1.0
         fractions = EXPOSURES if fraction is None else (fraction,)
         gains = GAINS if gain is None else (gain,)
         return [(part, more) for part in fractions for more in gains]
-
-    @staticmethod
-    def _median(column: int, pairs: Sequence[tuple[float, float]]) -> float | None:
-        return float(np.median([pair[column] for pair in pairs])) if len(pairs) >= MIN_SHUTTER_FITS else None
 
 
 def _kernel(radius: float) -> Image:
@@ -78,7 +90,7 @@ def _kernel(radius: float) -> Image:
     return np.asarray(disc / disc.sum() - np.maximum(ring, 0) / np.maximum(ring, 0).sum(), np.float32)
 
 
-def peaks(view: View, colour: Array, centre: Array | None = None, reach: float = math.inf) -> list[Array]:
+def peaks(view: View, colour: Array | None, centre: Array | None = None, reach: float = math.inf) -> list[Array]:
     """Pixels (2,) where a disc of this colour may be, best first: anywhere, or within `reach` of a pixel (2,)."""
     x0, x1, y0, y1 = view.geometry.box
     if centre is not None:
@@ -92,12 +104,12 @@ def peaks(view: View, colour: Array, centre: Array | None = None, reach: float =
     part = slice(y0, y0 + rows * cell), slice(x0, x0 + columns * cell)
     small = cv2.resize(view.picture[part], size, interpolation=cv2.INTER_AREA).astype(np.float32)
     table = cv2.resize(view.table[part], size, interpolation=cv2.INTER_AREA) * view.gain.astype(np.float32)
-    found = np.maximum(cover(small, table, colour), 0.0)
+    found = np.maximum(covered(small, table, colour), 0.0)
     kernel = _kernel(view.geometry.radius(middle) / cell)
     score = cv2.filter2D(found, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)
     is_peak = (score == cv2.dilate(score, np.ones((5, 5), np.uint8))) & (score > MIN_PEAK)
     down, across = np.nonzero(is_peak)
-    order = np.argsort(-score[down, across], kind="stable")[:MAX_PEAKS]
+    order = np.argsort(-score[down, across], kind="stable")[: MAX_PEAKS["any" if colour is None else "one"]]
     corner = np.array([x0, y0])
     return [corner + cell * (np.array([across[k], down[k]]) + 0.5) - 0.5 for k in order]
 
@@ -109,7 +121,7 @@ def acceptable(fit: DiscFit | None, kind: str) -> bool:
     )
 
 
-def new_discs(view: View, colour: Array) -> list[DiscFit]:
+def new_discs(view: View, colour: Array | None) -> list[DiscFit]:
     """Balls of this colour anywhere in a picture, not moving fast."""
     fits = [fit_disc(view, colour, at, view.geometry.radius(at), np.zeros(2)) for at in peaks(view, colour)]
     found: list[DiscFit] = []
@@ -120,7 +132,7 @@ def new_discs(view: View, colour: Array) -> list[DiscFit]:
 
 
 def known_disc(
-    view: View, colour: Array, expected: Array, step: Array, reach: float, shutter: Shutter
+    view: View, colour: Array | None, expected: Array, step: Array, reach: float, shutter: Shutter
 ) -> DiscFit | None:
     """A ball of this colour, expected at a pixel (2,) after a `step` (2,) since the last frame [pixels]."""
     radius = view.geometry.radius(expected)
@@ -142,11 +154,13 @@ def known_disc(
     moved = math.hypot(*(chosen.xy - last))
     even = math.hypot(*(chosen.xy - expected)) < MAX_UNEVENNESS * moved
     if even and moved > MIN_SWEEP_RADII * radius and len(shutter.tried(colour)) > 1:
-        shutter.told.append((math.hypot(*chosen.motion) / moved, chosen.gain))
+        shutter.fractions.append(math.hypot(*chosen.motion) / moved)
+        if is_white(colour):
+            shutter.gains.append(chosen.gain)
     return chosen
 
 
-def _best(view: View, colour: Array, at: Array, step: Array, radius: float, shutter: Shutter) -> DiscFit | None:
+def _best(view: View, colour: Array | None, at: Array, step: Array, radius: float, shutter: Shutter) -> DiscFit | None:
     """The fit at a pixel (2,) with the motion that explains the picture best."""
     length = math.hypot(*step)
     if length < 0.1 * radius:
@@ -162,7 +176,7 @@ def _best(view: View, colour: Array, at: Array, step: Array, radius: float, shut
 
 
 def _swept_disc(
-    view: View, colour: Array, at: Array, step: Array, radius: float, part: float, gain: float
+    view: View, colour: Array | None, at: Array, step: Array, radius: float, part: float, gain: float
 ) -> DiscFit | None:
     """The fit at a pixel (2,) of a ball that moves by a part of its step, which is told better by the fit itself."""
     last, fit = at - step, fit_disc(view, colour, at, radius, part * step, gain)

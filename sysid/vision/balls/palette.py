@@ -2,12 +2,13 @@
 
 In: a palette, and colours of balls measured in one footage. Out: a name for every colour. What a ball looks like is
 measured; the nominal colours of the palette only name it. Light has a colour and a brightness, so all balls are named
-at once, together with the light that makes the cheapest assignment.
+at once, together with the light that makes the cheapest assignment. Balls of pool are white in part: they are told
+apart by the colours of many places on their faces, and by how many of these are white.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -20,6 +21,7 @@ from models.errors import BadInput
 from models.files import read_toml
 from models.files.decode import Allowed
 from models.files.faults import shown
+from models.shot import Table
 from sysid.vision.balls.view_geometry import Array
 from sysid.vision.frames import Picture
 
@@ -35,6 +37,12 @@ MERGE_DISTANCE = 0.2  # between groups of colours of the same ball, if they are 
 CORE_FRACTION = 0.65  # of the radius, whose pixels give the colour of a ball
 DIM_QUANTILE = 0.5  # of the brightness of these, above which pixels count
 GLOSS_QUANTILE = 0.9  # above which they are highlights
+WHITE_SHARE_SD = (0.06, 0.3)  # of what is seen of a face and is white: always, and for every part that is
+FACE_COST_LIMIT = 9.0  # of one place on a face, that may show a number or a highlight
+FACE_PLACES = 4.0  # independent ones on a face, whose light differs
+POOL_BALL_M = 0.05715  # diameter of pool balls (World Pool-Billiard Association, equipment specifications)
+POOL_BALL_TOLERANCE_M = 0.0004
+SPOT_SHARE, STRIPE_SHARE = 0.07, 0.45  # of the faces of pool balls, that number circles and the poles of stripes take
 
 
 @dataclass(frozen=True)
@@ -44,6 +52,12 @@ class Palette:
     names: tuple[str, ...]
     colours: Array  # (n, 3) red, green, blue, 0 to 1, in white light
     counts: tuple[int, ...]  # how many there are of each
+    white: tuple[float, ...] = ()  # share of the face of each that is white beside its colour; () for none of any
+
+    @property
+    def patterned(self) -> bool:
+        """Whether balls have more than one colour."""
+        return any(self.white)
 
 
 @dataclass(frozen=True)
@@ -65,6 +79,28 @@ def default_palette() -> Palette:
     return Palette(tuple(known), np.array(list(known.values())), tuple(15 if name == "red" else 1 for name in known))
 
 
+def pool_palette() -> Palette:
+    """The balls of pool: the cue ball, seven plain ones, the black one and seven striped ones."""
+    plain = {
+        "yellow": (0.95, 0.68, 0.08), "blue": (0.06, 0.15, 0.45), "red": (0.80, 0.08, 0.12),
+        "purple": (0.32, 0.20, 0.48), "orange": (0.95, 0.33, 0.08), "green": (0.03, 0.36, 0.24),
+        "maroon": (0.55, 0.22, 0.10),
+    }  # fmt: skip
+    named = {"white": (0.94, 0.92, 0.84), **plain, "black": (0.05, 0.05, 0.06)}
+    colours = np.array([*named.values(), *plain.values()])
+    names = (*named, *(f"{name}_stripe" for name in plain))
+    white = (0.0, *[SPOT_SHARE] * (len(named) - 1), *[STRIPE_SHARE] * len(plain))
+    return Palette(names, colours, (1,) * len(names), white)
+
+
+def palette_for(path: Path | str | None, table: Table, diameter: float) -> Palette:
+    """The palette of a file; without one the balls usual on a table by their diameter [m]: of pool, else of snooker."""
+    if path is not None:
+        return read_palette(path)
+    pool = bool(table.pockets) and abs(diameter - POOL_BALL_M) < POOL_BALL_TOLERANCE_M
+    return pool_palette() if pool else default_palette()
+
+
 @dataclass(frozen=True)
 class PaletteBall:
     """The keys of a [[ball]] of a palette."""
@@ -72,6 +108,7 @@ class PaletteBall:
     name: str
     rgb: Annotated[tuple[float, float, float], Allowed(0, 255, shape=(3,))]  # 0 to 1, or to 255
     count: Annotated[int, Allowed(1, 1000)] = 1
+    white: Annotated[float, Allowed(0, 0.9)] = 0.0  # share of its face that is white, as of a striped ball
 
 
 @dataclass(frozen=True)
@@ -90,10 +127,15 @@ class PaletteFile:
 
 
 def read_palette(path: Path | str) -> Palette:
-    """Read a palette: `[[ball]]` with `name`, `rgb` (0 to 1, or to 255) and, if there are more than one, `count`."""
+    """Read a palette: `[[ball]]` with `name`, `rgb` (0 to 1, or to 255), `count` if there are more, and `white`."""
     balls = read_toml(path, PaletteFile, "", "name a TOML file with [[ball]] name, rgb", more=True).ball
     colours = [np.divide(ball.rgb, 255 if max(ball.rgb) > 1 else 1) for ball in balls]
-    return Palette(tuple(ball.name.strip() for ball in balls), np.array(colours), tuple(ball.count for ball in balls))
+    return Palette(
+        tuple(ball.name.strip() for ball in balls),
+        np.array(colours),
+        tuple(ball.count for ball in balls),
+        tuple(ball.white for ball in balls),
+    )
 
 
 def colour_distance(one: Array, other: Array) -> Array:
@@ -108,13 +150,24 @@ def colour_distance(one: Array, other: Array) -> Array:
 def name_colours(colours: Array, palette: Palette) -> Naming:
     """Name colours (m, 3), red, green, blue, 0 to 1, all seen in one unknown light."""
     colours = np.asarray(colours, float).reshape(-1, 3)
+    return _named(colours, palette, lambda light: _name_costs(colours, palette, light))
+
+
+def name_faces(faces: Sequence[Array], palette: Palette) -> Naming:
+    """Name balls by the colours of places on their faces (n, 3), as in `name_colours`."""
+    means = np.array([np.mean(face, axis=0) for face in faces]).reshape(-1, 3)
+    return _named(means, palette, lambda light: _face_costs(faces, palette, light))
+
+
+def _named(colours: Array, palette: Palette, cost_in: Callable[[Array], Array]) -> Naming:
+    """Names of balls of mean colours (m, 3), by the costs of every name (m, n) in a light (3,)."""
     if len(colours) == 0:
         return Naming((), np.ones(3), ())
     # A name is available at most as often as there are colours.
     available = np.array([k for k, count in enumerate(palette.counts) for _ in range(min(count, len(colours)))])
     pairs = [c / n for c in np.maximum(colours, 0.01) for n in np.maximum(palette.colours, 0.01)]
     lights = [np.ones(3), *(light for light in pairs if _light_cost(light) < 9)]
-    costs = [_name_costs(colours, palette, light) for light in lights]
+    costs = [cost_in(light) for light in lights]
     light_costs = [_light_cost(light) for light in lights]
     best, chosen, total = _cheapest_light(costs, light_costs, available, palette)
     names = [palette.names[available[k]] if k >= 0 else None for k in chosen]
@@ -149,6 +202,19 @@ def _cheapest_light(
 def _name_costs(colours: Array, palette: Palette, light: Array) -> Array:
     """Cost of every name (m, n) in this light."""
     return np.minimum((colour_distance(colours[:, None] / light, palette.colours) / COLOUR_SPREAD) ** 2, UNNAMED_COST)
+
+
+def _face_costs(faces: Sequence[Array], palette: Palette, light: Array) -> Array:
+    """Cost of every name (m, n) in this light: places on a face show its colour or white, in their shares."""
+    whitest = palette.colours[palette.colours.min(axis=1).argmax()]
+    shares, cost = np.array(palette.white), np.empty((len(faces), len(palette.names)))
+    for k, face in enumerate(faces):
+        own = (colour_distance(face[:, None] / light, palette.colours) / COLOUR_SPREAD) ** 2
+        white = np.where(shares > 0, (colour_distance(face / light, whitest)[:, None] / COLOUR_SPREAD) ** 2, np.inf)
+        place = np.minimum(np.minimum(own, white), FACE_COST_LIMIT).mean(axis=0)
+        off = ((white < own).mean(axis=0) - shares) / (WHITE_SHARE_SD[0] + WHITE_SHARE_SD[1] * shares)
+        cost[k] = FACE_PLACES * place + np.where(shares > 0, off**2, 0.0)
+    return cost
 
 
 def _light_cost(light: Array) -> float:

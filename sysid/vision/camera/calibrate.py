@@ -1,4 +1,4 @@
-"""Calibration of a camera from a picture of the table: four nose lines, three of them, or corners given by hand.
+"""Calibration of a camera from a picture of the table: nose lines, corners given by hand, printed markers.
 
 In: a picture, the sizes of table and balls, and what is known of the camera. Out: `Calibration`, the camera with its
 uncertainty. A view from straight above does not determine the focal length: from twice the height, with twice the focal
@@ -19,21 +19,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.shot import NOSE_HEIGHT, RAIL_NAMES, Table
+from models.shot import RAIL_NAMES, Table
 from sysid.vision.camera import table_edges, table_lines
 from sysid.vision.camera.board import Lens
 from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, evidence, evidence_doubts
-from sysid.vision.camera.first_view import CLOTH_MARGIN_M, first_view, initial_camera, sides_of
+from sysid.vision.camera.first_view import first_view, initial_camera, sides_of
 from sysid.vision.camera.landmarks import NO_BALLS, NO_DIAMONDS, BallSizes, Diamonds, find_balls, find_diamonds
+from sysid.vision.camera.marker_camera import MIN_MARKERS, MarkerView, marker_notes, marker_view, stand_ins
+from sysid.vision.camera.markers import MARKER_SIZE_M, Markers, find_markers, no_markers
+from sysid.vision.camera.near_view import CUSHION_REACH_M, MIN_REACH_M, cloth_sides, corners_compared, on_noses
 from sysid.vision.camera.noses import (
     CLOTH_EDGE_M,
+    CLOTH_END_SEARCH_M,
     CushionReading,
     TableEvidence,
     read_noses,
     what_is_seen,
     with_offsets,
 )
-from sysid.vision.camera.pose import CameraFit, Rails, fit_camera
+from sysid.vision.camera.pose import CameraFit, Mask, Rails, fit_camera
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.camera.table_edges import Edge
 from sysid.vision.camera.trust import (
@@ -50,14 +54,12 @@ from sysid.vision.camera.trust import (
 
 MAX_FITTED_FOCAL_SD = 0.2  # relative; above, the focal length is assumed rather than fitted
 EDGE_SEARCH_PX = (5.0, 3.0, 2.0)  # about an expected edge, round by round
-CORNER_SEARCH_M = 0.02  # about corners given by hand
-CORNER_REACH_WIDTHS = 0.03  # of corners given from those found [widths of the picture]
 MAX_CUSHION_SPREAD_M = 8e-3  # of the widths of the cushions, up to which edges may be noses
-HAND_ROUNDS = 3  # in which corners given by hand are improved
 MIN_SIDE_POINTS = 8  # of a side
 MAX_K2_ERROR_RATIO = 0.8  # of the reprojection errors with and without k2, up to which k2 is used
 ONLY_EDGE = "the end of the cloth, the only edge seen"
 BY_HAND = "none: from the corners given alone"
+BY_MARKERS = "none: from the markers alone"
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ class Calibration:
     diamonds: Diamonds = NO_DIAMONDS
     balls: BallSizes = NO_BALLS
     diamond_margin: float = np.nan  # of their rows outside the noses [m]
+    markers: Markers | None = None  # seen
 
     @property
     def fov(self) -> float:
@@ -89,8 +92,8 @@ class Calibration:
 
     @property
     def edges(self) -> bool:
-        """Whether edges were seen; otherwise all is from corners given by hand, and no uncertainty is known."""
-        return self.edge != BY_HAND
+        """Whether edges were seen; otherwise all is from corners or markers, and no uncertainty is known."""
+        return self.edge not in (BY_HAND, BY_MARKERS)
 
     @property
     def rails(self) -> dict[str, float]:
@@ -106,6 +109,7 @@ class CameraHints:
     lens: Lens | None = None  # from a board
     corners: Array | None = None  # (4, 2) intersections of the nose lines, in any order [pixels]; see `calibrate`
     sees: Sequence[str] = RAIL_NAMES  # rails in the picture
+    marker_size: float = MARKER_SIZE_M  # side of printed markers [m]
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -130,7 +134,8 @@ def calibrate(
         picture: (height, width, 3), blue, green, red, 0 to 255; best the median of several frames.
         table: nose to nose.
         diameter: of the balls [m].
-        hints: what is known of the camera. Its corners are found if not given; where three sides are seen they are a
+        hints: what is known of the camera. Printed markers that agree with each other are the start, whatever else
+            is given. Its corners are found if not given; where three sides are seen they are a
             point of the first, the two corners, and a point of the last. Corners are a start only: what is found
             without them, beyond doubt and near them, is preferred.
         stills: single frames in which balls rest, whose sizes are compared.
@@ -140,52 +145,103 @@ def calibrate(
     Raises:
         BadInput: no table is found, or too few of its sides.
     """
-    if hints.corners is not None and len(hints.sees) == 4:
+    light, unknown = np.asarray(picture, np.float32), hints.unknown
+    start = initial_camera((picture.shape[1], picture.shape[0]), table, diameter, hints.fov, hints.lens)
+    markers = find_markers(np.rint(light).astype(np.uint8), table, hints.marker_size)
+    view = marker_view(start, markers, unknown) if len(markers) >= MIN_MARKERS else None
+    if hints.corners is not None and len(hints.sees) == 4 and view is None:
         alone = _unaided(picture, table, diameter, hints, stills, source, progress)
         if alone is not None:
             return alone
-    start = initial_camera((picture.shape[1], picture.shape[0]), table, diameter, hints.fov, hints.lens)
-    light, unknown, by_hand = np.asarray(picture, np.float32), hints.unknown, hints.corners is not None
     progress("looking for the table")
-    if hints.corners is not None:
-        sides = sides_of(np.asarray(hints.corners, float), len(hints.sees))
-    else:
-        sides = table_lines.sides(table_lines.cloth(np.rint(light).astype(np.uint8)))
-    first = first_view(start, sides, hints.sees, unknown[:1] if by_hand else unknown, by_hand)
+    scene = _Scene(light, stills, markers, view, view is None and hints.corners is not None)
+    first = _first(scene, start, hints)
     progress("looking for the noses")
-    first, seen, reading = _read(light, stills, first, unknown, float(start.matrix[0, 0]), by_hand)
+    first, seen, reading = _read(scene, first, unknown, float(start.matrix[0, 0]))
     if reading is None:
-        return _by_hand(first, hints.focal_from, source)
-    edge, warnings = ("those nearest to the corners given", []) if by_hand else _edge_taken(seen, reading, first)
-    lines = _fitted_to_edges(light, reading.camera, with_offsets(reading, first.camera), unknown, progress)
+        first = _from_corners(start, hints) if scene.by_hand else first
+        return _without_edges(first, scene, hints.focal_from, source)
+    edge, warnings = _edge_taken(seen, reading, first) if not scene.near else (scene.near, [])
+    lines = _fitted_to_edges(scene, reading.camera, with_offsets(reading, first.camera), unknown, progress)
     progress("least squares")
-    lines, focal_sd = _with_lens(lines, float(reading.camera.matrix[0, 0]), unknown)
+    lines, focal_sd = _with_lens(
+        lines, float(reading.camera.matrix[0, 0]), unknown, ~np.isin(lines.rails, list(reading.noses))
+    )
     found = bool(np.isfinite(focal_sd))
-    notes, of_sides = _side_left_out(lines, first, by_hand)
+    notes, of_sides = _side_left_out(lines, first, reading, scene)
     warnings = [*warnings, *doubts(lines, found, edge == ONLY_EDGE), *evidence_doubts(lines.camera, seen, reading)]
     warnings += of_sides
+    said, against = marker_notes(lines.camera, markers, view, len(reading.noses))
     shifts = parallax(lines)
-    if not found and hints.focal_from == "assumed" and not len(seen.diamonds.pixels):
+    if not found and hints.focal_from == "assumed" and not len(seen.diamonds.pixels) + len(seen.markers):
         warnings += assumed_focal_doubts(shifts[0])
+    if scene.by_hand and len(hints.sees) == 4:
+        their_notes, their_doubts = corners_compared(lines.camera, np.asarray(hints.corners, float))
+        notes, against = [*notes, *their_notes], [*against, *their_doubts]
+    warnings += against
     text = f"{len(set(lines.rails.tolist()))} cushion lines, {int(lines.kept.sum())} edge points, from {source}"
     text += "; not to be trusted" if warnings else ""
     return Calibration(
         dataclasses.replace(lines.camera, residual_m=lines.rms, source=text), lines,
         "found" if found else hints.focal_from, hints.lens.focal_sd if hints.lens else focal_sd, edge,
-        uncertainty(lines), shifts, (*notes, *evidence(lines.camera, seen, reading)), tuple(warnings),
-        seen.diamonds, seen.balls, reading.diamond_margin,
+        uncertainty(lines), shifts, (*notes, *said, *evidence(lines.camera, seen, reading)), tuple(warnings),
+        seen.diamonds, seen.balls, reading.diamond_margin, markers,
     )  # fmt: skip
 
 
-def _side_left_out(lines: CameraFit, first: CameraFit, by_hand: bool) -> tuple[list[str], list[str]]:
+@dataclass(frozen=True)
+class _Scene:
+    """What is looked at, and what is known of it before its edges are."""
+
+    light: NDArray[np.float32]
+    stills: Sequence[NDArray[np.uint8]]
+    markers: Markers
+    view: MarkerView | None  # from those markers that agree
+    by_hand: bool  # whether corners given by hand are the start
+
+    @property
+    def near(self) -> str:
+        """What the noses are looked for near to; nothing where the outline of the cloth is known."""
+        return "those beside the markers" if self.view else ""
+
+    @property
+    def agreeing(self) -> Markers:
+        """The markers that agree."""
+        return self.markers.where(self.view.used) if self.view else no_markers(self.markers.table)
+
+
+def _first(scene: _Scene, start: Camera, hints: CameraHints) -> CameraFit:
+    """An initial camera: from markers, from corners given by hand, or from the outline of the cloth."""
+    if scene.view is not None:
+        return on_noses(scene.view.camera, [RAIL_NAMES.index(name) for name in hints.sees])
+    unknown = hints.unknown
+    if hints.corners is not None:
+        rough = _from_corners(start, hints)
+        sides, seen = cloth_sides(scene.light, rough)
+        return first_view(start, sides, hints.sees, unknown, False) if seen else rough
+    sides = table_lines.sides(table_lines.cloth(np.rint(scene.light).astype(np.uint8)))
+    return first_view(start, sides, hints.sees, unknown, False)
+
+
+def _from_corners(start: Camera, hints: CameraHints) -> CameraFit:
+    """A camera from the corners given alone."""
+    sides = sides_of(np.asarray(hints.corners, float), len(hints.sees))
+    return first_view(start, sides, hints.sees, hints.unknown[:1], True)
+
+
+def _side_left_out(
+    lines: CameraFit, first: CameraFit, reading: CushionReading, scene: _Scene
+) -> tuple[list[str], list[str]]:
     """What is to be said of a side at which no nose was found, and what it makes doubtful."""
-    left_out = next((rail for rail in set(first.rails.tolist()) if rail not in lines.rails), None)
+    fitted = {*lines.rails.tolist()}
+    unseen = [rail for rail in dict.fromkeys(first.rails.tolist()) if rail not in reading.noses.keys() & fitted]
+    by_markers = [RAIL_NAMES[rail] for rail in unseen if rail in fitted]
+    notes = [f"no nose is seen at {name}: the markers there stand in for it" for name in by_markers]
+    left_out = next((rail for rail in unseen if rail not in fitted), None)
     if left_out is None:
-        return [], []
-    notes = [f"no edge at {RAIL_NAMES[left_out]} goes with the others: that side is left out"]
-    if by_hand:
-        return notes, [f"no edge near the corners given is a nose at {RAIL_NAMES[left_out]}: give them anew"]
-    return notes, outline_doubts(lines, first, left_out)
+        return notes, []
+    notes.append(f"no edge at {RAIL_NAMES[left_out]} goes with the others: that side is left out")
+    return notes, [] if scene.view else outline_doubts(lines, first, left_out)
 
 
 def _unaided(
@@ -200,59 +256,49 @@ def _unaided(
         )  # fmt: skip
     except BadInput:
         return None
-    half = np.array([table.length, table.width]) / 2
-    signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1.0]])
-    nose = np.full((4, 1), NOSE_HEIGHT * found.camera.radius)
-    corners, given = found.camera.project(np.hstack([signs * half, nose])), np.asarray(hints.corners, float)
-    away = np.linalg.norm(corners[:, None] - given, axis=2).min(axis=1)
-    if found.doubts or away.max() > CORNER_REACH_WIDTHS * picture.shape[1]:
+    notes, against = corners_compared(found.camera, np.asarray(hints.corners, float))
+    if found.doubts or against:
         return None
-    note = f"the corners given lie {float(away.mean()):.1f} pixels from those found"
-    return dataclasses.replace(found, notes=(*found.notes, note))
+    return dataclasses.replace(found, notes=(*found.notes, *notes))
 
 
 def _read(
-    light: NDArray[np.float32], stills: Sequence[NDArray[np.uint8]], first: CameraFit, unknown: tuple[str, ...],
-    focal: float, by_hand: bool,
-) -> tuple[CameraFit, TableEvidence, CushionReading | None]:  # fmt: skip
+    scene: _Scene, first: CameraFit, unknown: tuple[str, ...], focal: float
+) -> tuple[CameraFit, TableEvidence, CushionReading | None]:
     """The first view, what is seen from it, and the likeliest reading.
 
-    Rough corners are improved in rounds; and where a side shows no nose, it is looked for again, as the cloth may have
-    seemed to end elsewhere there.
+    Where a side shows no nose, it is looked for again, as the cloth may have seemed to end elsewhere there.
     """
-    for left in range(HAND_ROUNDS if by_hand else 2, 0, -1):
-        seen = _seen(light, stills, first, by_hand)
-        reading = read_noses(first.camera, seen, np.inf if by_hand else first.margin, unknown, focal)
-        if reading is None or left == 1 or not (by_hand or len(reading.noses) < len(seen.edges)):
+    near = bool(scene.near)
+    for left in range(2, 0, -1):
+        seen = _seen(scene, first)
+        reading = read_noses(first.camera, seen, np.inf if near else first.margin, unknown, focal)
+        if reading is None or left == 1 or not (near or len(reading.noses) < len(seen.edges)):
             break
-        first = dataclasses.replace(
-            first, camera=reading.camera, margin=first.margin if by_hand else reading.cushion_width
-        )
-    if reading is None and not by_hand:
+        first = dataclasses.replace(first, camera=reading.camera, margin=0.0 if near else reading.cushion_width)
+    if reading is None and not (near or scene.by_hand):
         raise BadInput("the cushions' noses do not show against the bed; give --corners, or light the table evenly")
     return first, seen, reading
 
 
-def _seen(
-    light: NDArray[np.float32], stills: Sequence[NDArray[np.uint8]], first: CameraFit, by_hand: bool
-) -> TableEvidence:
+def _seen(scene: _Scene, first: CameraFit) -> TableEvidence:
     """What the picture, and single frames of it, show of the table."""
-    low, high = (
-        (-CORNER_SEARCH_M, CORNER_SEARCH_M)
-        if by_hand
-        else (first.margin - table_edges.INWARD_SEARCH_M, first.margin + table_edges.OUTWARD_SEARCH_M)
-    )
+    if scene.near:
+        low, high, margin, search = -MIN_REACH_M, CUSHION_REACH_M, CUSHION_REACH_M / 2, CUSHION_REACH_M / 4
+    else:
+        margin, search = first.margin, CLOTH_END_SEARCH_M
+        low, high = margin - table_edges.INWARD_SEARCH_M, margin + table_edges.OUTWARD_SEARCH_M
     edges: dict[int, list[Edge]] = {}
     for rail in dict.fromkeys(first.rails.tolist()):
-        strip = table_edges.strip(light, first.camera, rail, low, high)
+        strip = table_edges.strip(scene.light, first.camera, rail, low, high)
         edges[rail] = table_edges.edges(strip) if strip is not None else []
-    margin = CLOTH_MARGIN_M if by_hand else first.margin
-    diamonds = find_diamonds(light, first.camera, margin)
+    # Cards lie over diamonds, and their cells look like some.
+    diamonds = NO_DIAMONDS if scene.near else find_diamonds(scene.light, first.camera, margin)
     try:
-        balls = find_balls([np.rint(light).astype(np.uint8), *stills], first.camera)
-    except BadInput:  # the corners were given, and there is no telling what is cloth
+        balls = find_balls([np.rint(scene.light).astype(np.uint8), *scene.stills], first.camera)
+    except BadInput:  # the corners are known, and there is no telling what is cloth
         balls = NO_BALLS
-    return what_is_seen(first.camera, edges, margin, diamonds, balls)
+    return what_is_seen(first.camera, edges, margin, diamonds, balls, scene.agreeing, search)
 
 
 def _edge_taken(seen: TableEvidence, reading: CushionReading, first: CameraFit) -> tuple[str, list[str]]:
@@ -275,32 +321,37 @@ def _edge_taken(seen: TableEvidence, reading: CushionReading, first: CameraFit) 
 
 
 def _fitted_to_edges(
-    light: NDArray[np.float32], camera: Camera, noses: dict[int, Edge], unknown: tuple[str, ...],
-    progress: Callable[[str], None],
-) -> CameraFit:  # fmt: skip
+    scene: _Scene, camera: Camera, noses: dict[int, Edge], unknown: tuple[str, ...], progress: Callable[[str], None]
+) -> CameraFit:
     """The camera fitted to edge points of the noses, searched within ever smaller distances."""
     prior, focal = dict(K1_PRIOR), float(camera.matrix[0, 0])
     for k, search in enumerate(EDGE_SEARCH_PX):
         progress(f"edge points, round {k + 1} of {len(EDGE_SEARCH_PX)}")
-        pixels, rails = _points(light, camera, noses, search)
+        pixels, rails, sure = _points(scene, camera, noses, search)
         free = unknown if len(set(rails.tolist())) == 4 else tuple(n for n in unknown if n != "focal")
         prior["focal"] = (float(np.log(focal / camera.matrix[0, 0])), 0.3)
-        lines = fit_camera(camera, pixels, rails, free, prior=prior)
+        lines = fit_camera(camera, pixels, rails, free, prior=prior, sure=sure)
         camera = lines.camera
         noses = {rail: dataclasses.replace(nose, offset=0.0) for rail, nose in noses.items()}
     return lines
 
 
-def _by_hand(first: CameraFit, focal_from: str, source: str) -> Calibration:
-    """The result where no edges are found near corners given by hand."""
-    camera = dataclasses.replace(first.camera, residual_m=first.rms, source=f"4 corners by hand, from {source}")
+def _without_edges(first: CameraFit, scene: _Scene, focal_from: str, source: str) -> Calibration:
+    """The result where no noses are found: never to be trusted, as nothing says how good corners or markers are."""
+    what = "4 corners by hand" if scene.by_hand else f"{len(scene.agreeing)} markers"
+    camera = dataclasses.replace(first.camera, residual_m=first.rms, source=f"{what}, from {source}; not to be trusted")
     pixel = 1e3 * camera.eye[2] / camera.matrix[0, 0]
-    note = f"no edges beside the corners: places are as good as those are, a pixel being {pixel:.1f} mm"
-    unknown, warnings = (np.nan, np.nan), tuple(corner_doubts(first))
-    return Calibration(camera, first, focal_from, np.nan, BY_HAND, unknown, parallax(first), (note,), warnings)
+    doubt = f"no edges beside the {'corners' if scene.by_hand else 'markers'} go together: places are only as good as"
+    doubt += " those are" + f", a pixel being {pixel:.1f} mm" * scene.by_hand + "; light the table so that noses show"
+    notes, against = marker_notes(camera, scene.markers, scene.view, 0)
+    warnings = (*(corner_doubts(first) if scene.by_hand else ()), doubt, *against)
+    edge, unknown = BY_HAND if scene.by_hand else BY_MARKERS, (np.nan, np.nan)
+    return Calibration(
+        camera, first, focal_from, np.nan, edge, unknown, parallax(first), tuple(notes), warnings, markers=scene.markers
+    )
 
 
-def _with_lens(lines: CameraFit, focal: float, unknown: tuple[str, ...]) -> tuple[CameraFit, float]:
+def _with_lens(lines: CameraFit, focal: float, unknown: tuple[str, ...], sure: Mask) -> tuple[CameraFit, float]:
     """The final fit, with the intrinsic parameters that the lines determine; relative sd of the focal length or NaN.
 
     Where they do not determine the focal length, it is the one given, in pixels.
@@ -309,15 +360,15 @@ def _with_lens(lines: CameraFit, focal: float, unknown: tuple[str, ...]) -> tupl
     free = tuple(name for name in unknown if name != "focal")
     if "focal" in unknown:
         if "focal" in lines.free:
-            lines = fit_camera(lines.camera, pixels, rails, unknown, prior={"focal": (0.0, 1.0), **K1_PRIOR})
+            lines = fit_camera(lines.camera, pixels, rails, unknown, prior={"focal": (0.0, 1.0), **K1_PRIOR}, sure=sure)
             focal_sd = lines.total_sd["focal"]
         if focal_sd < MAX_FITTED_FOCAL_SD:
             free = unknown
         else:
             focal_sd = np.nan
-            lines = fit_camera(with_focal(lines.camera, focal), pixels, rails, free, prior=K1_PRIOR)
+            lines = fit_camera(with_focal(lines.camera, focal), pixels, rails, free, prior=K1_PRIOR, sure=sure)
     if "k1" in unknown:
-        more = fit_camera(lines.camera, pixels, rails, (*free, "k2"), prior=K1_PRIOR)
+        more = fit_camera(lines.camera, pixels, rails, (*free, "k2"), prior=K1_PRIOR, sure=sure)
         if (
             more.reprojection_error < MAX_K2_ERROR_RATIO * lines.reprojection_error
             and more.kept.sum() >= 0.98 * lines.kept.sum()
@@ -326,11 +377,14 @@ def _with_lens(lines: CameraFit, focal: float, unknown: tuple[str, ...]) -> tupl
     return lines, focal_sd
 
 
-def _points(light: NDArray[np.float32], camera: Camera, noses: dict[int, Edge], search: float) -> tuple[Array, Rails]:
-    """Edge points (n, 2) along the rails, and the rail of each (n,)."""
-    pixels = {rail: table_edges.edge_points(light, camera, rail, edge, search) for rail, edge in noses.items()}
+def _points(scene: _Scene, camera: Camera, noses: dict[int, Edge], search: float) -> tuple[Array, Rails, Mask]:
+    """Edge points (n, 2) along the rails, the rail of each (n,), and which are those of markers instead (n,)."""
+    pixels = {rail: table_edges.edge_points(scene.light, camera, rail, edge, search) for rail, edge in noses.items()}
     pixels = {rail: points for rail, points in pixels.items() if len(points) >= MIN_SIDE_POINTS}
+    instead, their = stand_ins(camera, scene.agreeing)
+    for rail in sorted({*their.tolist()} - pixels.keys()):
+        pixels[rail] = instead[their == rail]
     if len(pixels) < 3:
         raise BadInput("the cushions' edges are too faint to be followed; film with more light, or more frames")
-    rails = np.repeat(np.array(list(pixels)), [len(points) for points in pixels.values()])
-    return np.concatenate(list(pixels.values())), rails.astype(np.intp)
+    rails = np.repeat(np.array(list(pixels)), [len(points) for points in pixels.values()]).astype(np.intp)
+    return np.concatenate(list(pixels.values())), rails, ~np.isin(rails, list(noses))

@@ -48,6 +48,7 @@ def to_json(found: Calibration) -> dict[str, Any]:
         "place_sd_m": {"rms": found.spread[0], "worst": found.spread[1]},
         "focal_10_percent_off_m": {"rms": found.parallax[0], "worst": found.parallax[1]},
         "diamonds": len(found.diamonds.pixels), "balls": len(found.balls.radius),
+        "markers": [] if found.markers is None else found.markers.numbers.tolist(),
         "ball_size_ratio": found.balls.ratio(camera)[0], "source": camera.source,
         "notes": list(found.notes), "doubts": list(found.doubts),
     }  # fmt: skip

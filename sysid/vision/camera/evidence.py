@@ -16,6 +16,7 @@ from sysid.vision.camera.trust import TABLE_SIZE_REMEDY
 MIN_LEAD = 9.0  # of a reading over the next one that differs: three standard deviations
 MAX_COST = 16.0  # of a reading, sum of squares in standard deviations
 MAX_DIAMOND_COST = 1.0  # more for each diamond
+MAX_MARKER_COST = 3.0  # and for each marker
 CUSHION_WIDTHS_M = (0.02, 0.068)  # of the cloth on cushions: usually 38 to 58 mm
 MAX_DIAMOND_RMS_M = 5e-3  # of the diamonds along their rails
 MAX_DIAMOND_RMS_PX = 1.5  # or this if it is more
@@ -36,6 +37,8 @@ def evidence(camera: Camera, seen: TableEvidence, reading: CushionReading) -> li
     ratio, sd = seen.balls.ratio(camera)
     if np.isfinite(ratio):
         found.append(f"{len(seen.balls.radius)} outlines of balls {100 * (ratio - 1):+.0f} +- {100 * sd:.0f} % in size")
+    if len(seen.markers):
+        found.append(f"{len(seen.markers)} markers")
     if found:
         return [f"checked by {' and by '.join(found)}"]
     return ["no diamonds and no balls were seen: the noses alone tell the camera"]
@@ -43,7 +46,7 @@ def evidence(camera: Camera, seen: TableEvidence, reading: CushionReading) -> li
 
 def evidence_doubts(camera: Camera, seen: TableEvidence, reading: CushionReading) -> list[str]:
     """What speaks against a camera."""
-    limit = MAX_COST + MAX_DIAMOND_COST * len(seen.diamonds.pixels)
+    limit = MAX_COST + MAX_DIAMOND_COST * len(seen.diamonds.pixels) + MAX_MARKER_COST * len(seen.markers)
     return [*_reading_doubts(camera, reading, limit), *_size_doubts(camera, seen, reading), *_lens_doubts(camera)]
 
 

@@ -25,6 +25,8 @@ from scipy.optimize import least_squares
 
 from models.shot import NOSE_HEIGHT
 from sysid.vision.camera.landmarks import BallSizes, Diamonds
+from sysid.vision.camera.marker_camera import marker_residuals
+from sysid.vision.camera.markers import Markers
 from sysid.vision.camera.pose import Rails, distances, jacobian, moved
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.camera.table_edges import Edge, nose_points
@@ -48,6 +50,8 @@ UNSEEN_COST = 9.0  # of a side without a nose
 UNLIKE_COST = 4.0  # of an edge that looks like the inner edge of a shadow
 OUTLINE_COST = 1.5  # of the end of the cloth where there are edges farther in
 RANKING_ROUNDS = 3
+MIN_NOSES = 3  # of a reading
+MAX_MARKER_SD = 3.0  # that a marker counts for
 DIFFERENT_M = 6e-3  # between the edges of two readings that are not the same
 FAR_COST = 1e4  # of edges with which a camera is not over the table
 
@@ -61,6 +65,7 @@ class TableEvidence:
     cloth_rails: Rails  # (n,)
     diamonds: Diamonds
     balls: BallSizes
+    markers: Markers
 
 
 @dataclass(frozen=True)
@@ -76,8 +81,9 @@ class CushionReading:
 
 
 def what_is_seen(
-    rough: Camera, edges: Mapping[int, Sequence[Edge]], outline: float, diamonds: Diamonds, balls: BallSizes
-) -> TableEvidence:
+    rough: Camera, edges: Mapping[int, Sequence[Edge]], outline: float, diamonds: Diamonds, balls: BallSizes,
+    markers: Markers, search: float = CLOTH_END_SEARCH_M,
+) -> TableEvidence:  # fmt: skip
     """What is seen of the table.
 
     Args:
@@ -86,16 +92,18 @@ def what_is_seen(
         outline: of the cloth, distance out of the noses [m].
         diamonds: seen.
         balls: seen.
+        markers: seen, those that agree.
+        search: about the outline, in which the cloth may end [m].
     """
     pixels, rails = [np.zeros((0, 2))], []
     for rail, some in edges.items():
-        near = [e for e in some if abs(e.offset - outline) < CLOTH_END_SEARCH_M]
+        near = [e for e in some if abs(e.offset - outline) < search]
         if near:
             offset = max(near, key=lambda e: e.strength).offset
             pixels.append(_line(rough, rail, [offset])[offset])
             rails.append(rail)
     return TableEvidence(
-        edges, np.concatenate(pixels), np.repeat(np.array(rails, np.intp), LINE_PLACES), diamonds, balls
+        edges, np.concatenate(pixels), np.repeat(np.array(rails, np.intp), LINE_PLACES), diamonds, balls, markers
     )
 
 
@@ -115,6 +123,8 @@ class _ReadingProblem:
         parts = [nose, ends, self._diamonds(camera, margin, rise, size)]
         ratio, ratio_sd = self.seen.balls.ratio(camera)
         parts.append(np.array([np.log(ratio) / ratio_sd if np.isfinite(ratio) else 0.0]))
+        markers = marker_residuals(camera, self.seen.markers)  # one of them may lie wrongly all the same
+        parts.append(MAX_MARKER_SD * np.tanh(markers / MAX_MARKER_SD))
         known = [(width, CUSHION_WIDTH_M), (margin, DIAMOND_MARGIN_M), (rise, RAIL_RISE_M)]
         known += [(float(np.log(camera.matrix[0, 0] / self.focal)), (0.0, FOCAL_SD))] * ("focal" in self.free)
         known += [(float(camera.distortion[0]), (0.0, K1_SD))] * ("k1" in self.free)
@@ -156,7 +166,7 @@ def diamond_errors(camera: Camera, diamonds: Diamonds, margin: float, rise: floa
 def read_noses(
     rough: Camera, seen: TableEvidence, outline: float, free: tuple[str, ...], focal: float
 ) -> CushionReading | None:
-    """The likeliest reading of the cushions; None where fewer than three sides show an edge.
+    """The likeliest reading of the cushions; None where fewer than three sides, or two beside markers, show an edge.
 
     Args:
         rough: camera.
@@ -166,7 +176,8 @@ def read_noses(
         focal: expected focal length, if it is unknown [pixels].
     """
     options = {rail: _rated(some, outline, len(seen.edges)) for rail, some in seen.edges.items()}
-    readings = [c for c in itertools.product(*options.values()) if _conceivable(c, outline)]
+    fewest = MIN_NOSES - 1 if len(seen.markers) else MIN_NOSES
+    readings = [c for c in itertools.product(*options.values()) if _conceivable(c, outline, fewest)]
     if not readings:
         return None
     rails, camera, cost, extra = (
@@ -204,15 +215,15 @@ def _at_end(reading: Sequence[tuple[Edge | None, float]], outline: float) -> boo
     return all(edge is None or edge.offset > outline - CLOTH_EDGE_M for edge, _ in reading)
 
 
-def _conceivable(reading: Sequence[tuple[Edge | None, float]], outline: float) -> bool:
+def _conceivable(reading: Sequence[tuple[Edge | None, float]], outline: float, fewest: int) -> bool:
     """Whether the sides go together.
 
-    Three must show a nose, or all where the noses are the end of the cloth, which is seen; and it is so at all sides or
-    at none.
+    So many must show a nose, or all where the noses are the end of the cloth, which is seen; and it is so at all
+    sides or at none.
     """
     edges = [edge for edge, _ in reading if edge is not None]
     at_end = sum(edge.offset > outline - CLOTH_EDGE_M for edge in edges)
-    return len(edges) >= 3 and at_end in ((0, len(edges)) if len(edges) == len(reading) else (0,))
+    return len(edges) >= fewest and at_end in ((0, len(edges)) if len(edges) == len(reading) else (0,))
 
 
 def _rated(edges: Sequence[Edge], outline: float, sides: int) -> list[tuple[Edge | None, float]]:

@@ -78,7 +78,7 @@ def moved(camera: Camera, change: Array, free: tuple[str, ...]) -> Camera:
 
 def fit_camera(
     start: Camera, pixels: Array, rails: Rails, free: tuple[str, ...] = (), *, margin: float = 0.0,
-    prior: Mapping[str, tuple[float, float]] | None = None, max_evaluations: int = 60,
+    prior: Mapping[str, tuple[float, float]] | None = None, max_evaluations: int = 60, sure: Mask | None = None,
 ) -> CameraFit:  # fmt: skip
     """Fit a camera to edge points.
 
@@ -90,6 +90,7 @@ def fit_camera(
         margin: of the lines outside the noses, initially [m].
         prior: expected value and standard deviation of free parameters (of "focal", change of the logarithm).
         max_evaluations: evaluations per round, at most.
+        sure: (n,) points that are never outliers.
     """
     begin = {"focal": 0.0, "k1": float(start.distortion[0]), "k2": float(start.distortion[1]), "margin": margin}
     priors = [(6 + free.index(name), *known) for name, known in (prior or {}).items() if name in free]
@@ -114,6 +115,7 @@ def fit_camera(
         ).x  # fmt: skip
         out = offsets(change)
         kept = np.abs(out) < OUTLIER_SD * max(1.4826 * float(np.median(np.abs(out))), 0.1)
+        kept = kept if sure is None else kept | sure
         noise = max(float(np.sqrt(np.mean(out[kept] ** 2))), 1e-3)
     camera, outside = moved(start, change, free), line_margin(change)
     covariance, total = _uncertainty(camera, pixels[kept], rails[kept], free, outside, noise, priors)

@@ -78,10 +78,12 @@ def nose_points(camera: Camera, rail: int, along: Array, across: Array) -> Array
     return out
 
 
-def strip(picture: Image, camera: Camera, rail: int, low: float, high: float, fine: float = 0.5) -> Strip | None:
+def strip(
+    picture: Image, camera: Camera, rail: int, low: float, high: float, fine: float = 0.5, slope: float = 0.0
+) -> Strip | None:
     """The picture along a rail, from low to high [m] out of its nose, every `fine` pixels across; None if not in view.
 
-    Pockets are left out, as is what lies outside the picture.
+    It may run at a slope against the nose [m/m]. Pockets are left out, as is what lies outside the picture.
     """
     half = (camera.table.length, camera.table.width)[1 - rail // 2] / 2
     shapes = camera.table.shapes
@@ -104,7 +106,7 @@ def strip(picture: Image, camera: Camera, rail: int, low: float, high: float, fi
         return None
     across = np.arange(low, high, fine * size)
     a, u = (v.ravel() for v in np.meshgrid(along, across, indexing="ij"))
-    places = camera.project(nose_points(camera, rail, a, u)).astype(np.float32)
+    places = camera.project(nose_points(camera, rail, a, u + slope * a)).astype(np.float32)
     shape = (len(along), len(across))
     seen = cv2.remap(
         picture, places[:, 0].reshape(shape), places[:, 1].reshape(shape), cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE

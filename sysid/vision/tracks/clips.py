@@ -31,7 +31,7 @@ class Extra:
 def note(number: int, shot: TrackedShot, extra: Extra = Extra()) -> str:
     """The note on a clip: what it shows, for the user."""
     count = f"{len(shot.balls)} ball{'s' * (len(shot.balls) > 1)}"
-    what = f"{shot.struck} spins in place" if shot.spun else f"shot {number}"
+    what = f"{shot.struck} spins in place" if shot.spun else f"{'running clip' if shot.running else 'shot'} {number}"
     return "; ".join([f"{what} at {shot.time:.2f} s", count, *shot.remarks, *([extra.tip] if extra.tip else [])])
 
 
@@ -55,6 +55,7 @@ def clip_set(result: Tracked, camera: Camera, mass: float, fps: float, extras: S
         for name, (track, rows) in found.items():
             unseen = np.full(rows.size, np.nan)
             balls[name] = Observation(track.time[rows] - start, track.xy[rows], extra.theta.get(name, unseen))
-        clips.append(Clip(f"clips/{number:04d}.csv", shot.struck, balls, note=note(number, shot, extra)))
+        text = note(number, shot, extra)
+        clips.append(Clip(f"clips/{number:04d}.csv", shot.struck, balls, note=text, running=shot.running))
     sigma = result.noise.sigma
     return ClipSet(camera.table, ball_of(camera, mass), fps, tuple(clips), sigma if math.isfinite(sigma) else None)

@@ -4,7 +4,8 @@ In: the tracked scene. Out: `TrackedShot` in order of time, and messages on what
 by a moving ball that comes as near as a touch; otherwise it was struck, or moved by hand. A strike takes a millisecond
 or two, after which the ball is at its full speed; a ball that gains speed on free cloth was moved by hand. A shot lasts
 until all balls are at rest, potted or lost, or something else is set in motion. Its clip begins with the first frame
-exposed wholly after the strike, or with the last one before it if the struck ball has touched another by then.
+exposed wholly after the strike, or with the last one before it if the struck ball has touched another by then. Motion
+of which no shot can be made begins in mid-motion: running.py.
 """
 
 from __future__ import annotations
@@ -50,17 +51,36 @@ class TrackedShot:
     potted: Mapping[str, int]  # ball -> the last frame before it is in a pocket
     remarks: tuple[str, ...] = ()
     spun: bool = False  # in place, rather than struck
+    running: tuple[str, ...] = ()  # balls in motion when it begins, `struck` the first; none where it was struck
 
 
-def split_shots(scene: TrackedScene) -> tuple[tuple[TrackedShot, ...], tuple[str, ...]]:
-    """Shots in order of time, and messages on what was left out."""
-    resting, moves = scene.resting, scene.moves
+@dataclass(frozen=True)
+class Unstruck:
+    """Motion that belongs to no shot, since its strike is not seen or does not begin one."""
+
+    frame: int  # from which on
+    why: str  # it is no shot
+
+
+@dataclass(frozen=True)
+class Split:
+    """What the moves of a footage are made of."""
+
+    shots: tuple[TrackedShot, ...]  # in order of time
+    unstruck: tuple[Unstruck, ...]  # in order of time
+    strikes: tuple[int, ...]  # the last frames before each, clean or not
+    left_out: tuple[tuple[float, str], ...]  # time [s], and why
+
+
+def split_shots(scene: TrackedScene) -> Split:
+    """Shots, motion that may begin a running clip, and messages on what was left out."""
+    moves = scene.moves
     notes: list[tuple[float, str]] = []
+    unstruck: list[Unstruck] = []
     strikes: list[tuple[Move, list[Move], bool]] = []  # struck ball, balls set in motion with it, clean stroke
     for move in (m for m in moves if m.place is None):
         what = "was on its way when the video begins" if move.began <= scene.frames[0] + MIN_REST_DETECTIONS else ""
-        if not any(o.began < move.began <= o.ended for o in moves if o.name != move.name):
-            notes.append((scene.time_of(move.began), f"{move.name} {what or 'was set in motion unseen'}"))
+        unstruck.append(Unstruck(move.began, f"{move.name} {what or 'was set in motion unseen'}"))
     for group in _groups(scene, [m for m in moves if m.place is not None and not _caused(scene, m, moves)]):
         struck = _struck(scene, group)
         why = _fault(scene, struck)
@@ -73,12 +93,13 @@ def split_shots(scene: TrackedScene) -> tuple[tuple[TrackedShot, ...], tuple[str
         later = [one for one, _, _ in strikes[k + 1 :] if one.began > struck.began]
         limit = min((one.before for one in later), default=int(scene.frames[-1]))
         if clean:
-            shot, why = _shot(scene, struck, group, moves, resting, limit)
+            shot, why = _shot(scene, struck, group, moves, limit)
             if shot is not None:
                 shots.append(shot)
             else:
-                notes.append((scene.time_of(struck.began), f"shot of {struck.name}: {why}"))
-    return tuple(shots), tuple(f"{time:.2f} s: {text}" for time, text in sorted(notes))
+                unstruck.append(Unstruck(struck.began + 1, f"{struck.name} was struck, but {why}"))
+    unstruck.sort(key=lambda one: one.frame)
+    return Split(tuple(shots), tuple(unstruck), tuple(s.before for s, _, _ in strikes), tuple(notes))
 
 
 def _may_touch(scene: TrackedScene, other: Move, move: Move) -> bool:
@@ -177,7 +198,7 @@ def _first_contact(scene: TrackedScene, move: Move) -> int:
 
 def _fault(scene: TrackedScene, move: Move) -> str:
     """Why this was no clean stroke of a cue; empty if it was."""
-    track, xy = move.track, move.track.xy
+    track = move.track
     velocity = mean_velocity(track, move.first, move.stop)
     for other in scene.tracks:
         k = int(np.searchsorted(other.frame, move.before, side="right")) - 1
@@ -187,6 +208,12 @@ def _fault(scene: TrackedScene, move: Move) -> str:
         gap, speed = float(np.linalg.norm(offset)), float(np.linalg.norm(velocity))
         if gap < 2.1 * scene.radius + 6 * scene.sigma and velocity @ offset > MIN_BEHIND_COSINE * gap * speed:
             return f"was struck through {other.name}, which touched it: left out"
+    return "gained speed slowly, as if moved by hand: left out" if gains_speed(scene, move) else ""
+
+
+def gains_speed(scene: TrackedScene, move: Move) -> bool:
+    """Whether a ball gains speed on free cloth, before it touches another or a cushion."""
+    track, xy = move.track, move.track.xy
     min_distance = max(scene.radius / 2, 20 * scene.sigma)
     start, stop, first_speed = move.first, _first_contact(scene, move), math.nan
     for k in range(move.first + 1, stop):
@@ -195,16 +222,15 @@ def _fault(scene: TrackedScene, move: Move) -> str:
         if distance >= min_distance and (lasts > MIN_JUDGED_FRAMES * scene.period or not math.isnan(first_speed)):
             speed = distance / lasts
             if first_speed < MIN_SPEED_RATIO * speed:
-                return "gained speed slowly, as if moved by hand: left out"
+                return True
             if math.isnan(first_speed):
                 first_speed, min_distance = speed, 2 * min_distance
             start = k
-    return ""
+    return False
 
 
 def _shot(
-    scene: TrackedScene, struck: Move, group: Sequence[Move], moves: Sequence[Move],
-    resting: Mapping[str, list[tuple[int, int]]], limit: int,
+    scene: TrackedScene, struck: Move, group: Sequence[Move], moves: Sequence[Move], limit: int
 ) -> tuple[TrackedShot | None, str]:  # fmt: skip
     """The shot that a strike begins, or why there is none."""
     track = struck.track
@@ -220,8 +246,21 @@ def _shot(
         first = min(m.before for m in group)
     for move in moves:
         if move not in group and move.began <= struck.before and move.ended > struck.began:
-            return None, f"{move.name} was still on its way: left out"
-    covered = min(struck.ended, limit)
+            return None, f"{move.name} was still on its way"
+    last, ends = ending(scene, first, min(struck.ended, limit), after, limit)
+    remarks = [f"hidden for {struck.hidden:.2f} s when struck: the time is where its path begins"] * bool(struck.hidden)
+    seen, why = balls_there(scene, (struck.name,), first, last, after)
+    if seen is None:
+        return None, why
+    struck_frames = track.frame[(track.frame >= first) & (track.frame <= seen.potted.get(struck.name, last))]
+    if len(struck_frames) < MIN_CLIP_DETECTIONS:
+        return None, f"{len(struck_frames)} detections of it are too few"
+    remarks += [*ends, *seen.remarks]
+    return TrackedShot(struck.name, time, first, last, seen.names, speed, seen.potted, tuple(remarks)), ""
+
+
+def ending(scene: TrackedScene, first: int, covered: int, after: Sequence[Move], limit: int) -> tuple[int, list[str]]:
+    """The last frame of a clip whose first moves end at frame `covered`, others coming after, and what to say of it."""
     for move in sorted(after, key=lambda m: m.began):
         # The ball that sets the next one in motion may be hidden.
         if scene.time_of(move.began) - scene.time_of(covered) < (
@@ -232,32 +271,51 @@ def _shot(
         int(scene.frames[np.searchsorted(scene.times, scene.time_of(covered) + CLIP_TAIL_S, side="right") - 1]), limit
     )
     last, jumps = first_jump(scene.tracks, first, last)
-    remarks = [f"hidden for {struck.hidden:.2f} s when struck: the time is where its path begins"] * bool(struck.hidden)
-    remarks += [f"cut short at {scene.time_of(last):.2f} s, where {jumps} jumps"] if jumps else []
+    remarks = [f"cut short at {scene.time_of(last):.2f} s, where {jumps} jumps"] if jumps else []
     if last >= scene.frames[-1] and covered >= scene.frames[-1] - 1:
         remarks.append("cut off by the end of the video")
-    potted = {}
-    balls = [struck.name]
+    return last, remarks
+
+
+@dataclass(frozen=True)
+class Present:
+    """The balls of a clip."""
+
+    names: tuple[str, ...]  # those that move first before the others
+    potted: Mapping[str, int]  # ball -> the last frame before it is in a pocket
+    remarks: tuple[str, ...]
+
+
+def balls_there(
+    scene: TrackedScene, moving: Sequence[str], first: int, last: int, after: Sequence[Move]
+) -> tuple[Present | None, str]:
+    """The balls of a clip, those that move first and others at rest; or why it cannot be told what they do.
+
+    Args:
+        scene: all tracks.
+        moving: balls that move when the clip begins.
+        first: frame.
+        last: frame.
+        after: moves of other balls in the clip.
+    """
+    potted, balls, remarks = {}, list(moving), list[str]()
     for other in scene.tracks:
         rows = np.flatnonzero((other.frame >= first) & (other.frame <= last))
-        before = [rest_place(other, a, b) for a, b in resting[other.name] if other.frame[a] <= first]
+        before = [rest_place(other, a, b) for a, b in scene.resting[other.name] if other.frame[a] <= first]
         present = rows.size and before and np.linalg.norm(other.xy[rows[0]] - before[-1]) < scene.radius / 2
-        if other.name != struck.name and not present:
+        if other.name not in moving and not present:
             if rows.size > MIN_REST_DETECTIONS:
                 remarks.append(f"{other.name} appeared at {other.time[rows[0]]:.2f} s, not in the clip")
             continue
-        if other.name != struck.name:
+        if other.name not in moving:
             balls.append(other.name)
             gone = [m for m in after if m.name == other.name and m.began <= last]
             if any(m.place is None or m.track.frame[rows[0]] >= m.began for m in gone):
-                return None, f"{other.name} was hidden when it was set in motion: left out"
+                return None, f"{other.name} was hidden when it was set in motion"
         drop_frame = pocketed(scene, other, rows)
         if drop_frame is not None:
             potted[other.name] = drop_frame
             remarks.append(f"{other.name} potted")
         elif scene.time_of(last) - other.time[rows[-1]] > MAX_UNSEEN_S + scene.period:
             remarks.append(f"{other.name} lost at {other.time[rows[-1]]:.2f} s")
-    struck_frames = track.frame[(track.frame >= first) & (track.frame <= potted.get(struck.name, last))]
-    if len(struck_frames) < MIN_CLIP_DETECTIONS:
-        return None, f"{len(struck_frames)} detections of it: left out"
-    return TrackedShot(struck.name, time, first, last, tuple(balls), speed, potted, tuple(remarks)), ""
+    return Present(tuple(balls), potted, tuple(remarks)), ""

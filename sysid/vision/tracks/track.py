@@ -19,10 +19,13 @@ from sysid.clips import Observation
 from sysid.clips.outliers import find_outliers
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
 from sysid.vision.balls.discs import Shutter
+from sysid.vision.balls.faces import ANY_BALL
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
+from sysid.vision.tracks.naming import named
 from sysid.vision.tracks.noise import Noise, difference_noise, estimate_noise
+from sysid.vision.tracks.running import running_shots
 from sysid.vision.tracks.spins import face_change, spins
 from sysid.vision.tracks.stamps import delays, later, marked, missing
 from sysid.vision.tracks.strikes import TrackedShot, split_shots
@@ -43,7 +46,7 @@ MAX_ASIDE_M = 1e-3  # or this far
 USUAL_FRAMES = 12  # the last ones, that tell how often a picture is new
 MAX_LISTED = 8  # frames that are named
 MAX_BEYOND_NOSE_M = 0.004  # of a detection beyond the nose line
-NO_SHOT = "no shot was found that begins with a ball at rest and a clean stroke"
+NO_SHOT = "no shot was found, neither from a clean stroke on nor in mid-motion"
 
 ClipTracks = Mapping[str, tuple[BallTrack, NDArray[np.int64]]]  # ball -> its track, and the indices of its detections
 
@@ -68,7 +71,7 @@ def track(
 ) -> Tracked:  # fmt: skip
     """Track all balls of a footage and split their motion into shots; `counts`: greatest number of balls by name."""
     shutter = shutter or Shutter()
-    follower = Follower(camera, counts)
+    follower = Follower(camera, counts if detector.palette is None else {ANY_BALL: sum(counts.values())})
     frames, times, twice = [], [], []
     began = reported = clock.monotonic()
     last_full_search, previous = -math.inf, None
@@ -94,10 +97,11 @@ def track(
             of = f" of {footage.count}" if footage.count else ""
             progress(f"{len(frames)}{of} frames, {rate:.0f} frames/s, {follower.in_sight} balls in sight")
     rate = len(frames) / max(clock.monotonic() - began, 1e-9)
-    found = follower.tracks(), np.array(frames, np.int64), np.array(times)
+    followed, names = named(follower.tracks(), footage, detector)
+    found = followed, np.array(frames, np.int64), np.array(times)
     tracks, index, stamps, told = _stamped(*found, np.array(twice, bool), camera)
     result = tracked(tracks, index, stamps, camera, rate)
-    return replace(result, notes=(*told, *result.notes))
+    return replace(result, notes=(*names, *told, *result.notes))
 
 
 def _usual_interval(times: Sequence[float], twice: Sequence[bool], default: float) -> float:
@@ -160,9 +164,8 @@ def tracked(
     noise = estimate_noise(scene)
     if math.isfinite(noise.sigma):
         scene = replace(scene, sigma=max(noise.sigma, 1e-6), rest_sigma=initial_noise)
-    shots, left_out = split_shots(scene) if len(frames) > 1 else ((), ())
-    shots = tuple(sorted([*shots, *spins(scene, shots)], key=lambda shot: shot.time))
-    kept, doubts, omitted = [], [], list(left_out)
+    shots, left_out = _shots(scene) if len(frames) > 1 else ([], [])
+    kept, doubts, omitted = [], [], left_out
     for shot in shots:
         found = _clip_tracks(shot, scene)
         gap = overlap(found, camera.radius)
@@ -192,6 +195,15 @@ def tracked(
         scene, tuple(shot for shot, _ in kept), tuple(found for _, found in kept), tuple(omitted), noise, tuple(doubts),
         tuple(notes), rate,
     )  # fmt: skip
+
+
+def _shots(scene: TrackedScene) -> tuple[list[TrackedShot], list[str]]:
+    """Shots, running clips and spins in place, in order of time, and messages on what was left out."""
+    split = split_shots(scene)
+    running, notes = running_shots(scene, split)
+    shots = [*split.shots, *running]
+    left_out = [f"{time:.2f} s: {text}" for time, text in sorted([*split.left_out, *notes])]
+    return sorted([*shots, *spins(scene, shots)], key=lambda shot: shot.time), left_out
 
 
 def without_shots(result: Tracked, bad: Sequence[bool]) -> Tracked:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from pathlib import Path
@@ -12,10 +13,12 @@ import pytest
 
 from models.errors import BadInput
 from models.pocket_shape import POCKET_SETS
-from models.recording import palette
+from models.recording import layers, palette
 from models.recording import shots as view
+from models.recording.clips import Review
 from models.recording.palette import ball_colour
-from models.recording.shots import Review, write_review
+from models.recording.shots import write_review
+from models.recording.table import pocket_discs
 from models.shot import Array, Ball, Event, Table, Track
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -35,7 +38,9 @@ def clip(name: str, *, duration: float = 2.0, fps: float = 60.0, balls: tuple[st
     spin, theta = np.zeros((*position.shape[:2], 3)), np.zeros(position.shape[:2])
     events = (Event(1.0, "cushion", ("cue",), "+x"), Event(0.5, "ball", balls[:2]))
     track = Track(balls, modelled, position, velocity, spin, theta, events)
-    return Review(name, {ball: (seen, path(seen, k)) for k, ball in enumerate(balls)}, track, note=f"note of {name}")
+    return Review(
+        name, {ball: (seen, path(seen, k)) for k, ball in enumerate(balls)}, {"found": track}, note=f"note of {name}"
+    )
 
 
 def read(path: Path) -> dict[str, list[Any]]:
@@ -75,7 +80,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, l
 
 
 def test_errors_of_a_known_offset(written: tuple[Path, dict[str, list[Any]]]) -> None:
-    for plot, want in (("distance", 5.0), ("x", 3.0), ("y", -4.0)):
+    for plot, want in (("distance/found", 5.0), ("x", 3.0), ("y", -4.0)):
         for ball in ("cue", "red"):
             values = np.array(column(written[1][f"/error/{plot}/{ball}"], "Scalars:scalars"), dtype=float).ravel()
             assert np.isnan(values).sum() == 2  # one gap after each clip
@@ -106,13 +111,13 @@ def test_table_frame_and_disappearance(written: tuple[Path, dict[str, list[Any]]
     assert rows[:3] == [[], [], []]  # absent from both first clips, and not yet seen at the third's start
     assert np.array(rows[3:]) == pytest.approx(0.1)
     assert column(written[1]["/top/measured/cue"], "Points2D:positions")[-1] == []  # hidden in the last clip
-    high = column(written[1]["/space/modelled/cue"], "Ellipsoids3D:centers")
+    high = column(written[1]["/space/model/found/ball/cue"], "Ellipsoids3D:centers")
     assert high[0][0] == pytest.approx([-1.0 + OFFSET[0], OFFSET[1], BALL.radius])
 
 
 def test_paths_are_whole_from_the_beginning_of_a_clip(written: tuple[Path, dict[str, list[Any]]]) -> None:
     dots = column(written[1]["/top/measured_path/red"], "Points2D:positions")
-    lines = column(written[1]["/top/modelled_path/red"], "LineStrips2D:strips")
+    lines = column(written[1]["/top/model/found/path/red"], "LineStrips2D:strips")
     assert [len(row) for row in dots] == [120, 120, 0]
     assert [[len(strip) for strip in row] for row in lines] == [[500], [500], []]
 
@@ -176,7 +181,7 @@ def test_pockets_only_when_the_table_has_them(tmp_path: Path, written: tuple[Pat
 @pytest.mark.parametrize("name", ["snooker", "pool 9 ft", "pool 7 ft"])
 def test_pockets_are_drawn_as_wide_as_they_are(name: str) -> None:
     table = Table(2.54, 1.27, POCKET_SETS[name])
-    discs, radii = view.pocket_discs(table)
+    discs, radii = pocket_discs(table)
     corner, middle = POCKET_SETS[name].corner.mouth, POCKET_SETS[name].middle.mouth
     assert 2 * radii == pytest.approx([corner] * 4 + [middle] * 2)
     assert np.all(table.to_pocket(discs) < radii)
@@ -184,13 +189,89 @@ def test_pockets_are_drawn_as_wide_as_they_are(name: str) -> None:
 
 def test_a_potted_ball_goes_and_has_no_error_from_then_on(tmp_path: Path) -> None:
     review = clip("pot")
-    assert review.modelled is not None
-    review.modelled.position[250:, 1] = math.nan
+    review.models["found"].position[250:, 1] = math.nan
     write_review(tmp_path / "pot.rrd", TABLE, BALL, [review], title="t")
     found = read(tmp_path / "pot.rrd")
-    errors = np.array(column(found["/error/distance/red"], "Scalars:scalars"), dtype=float).ravel()
+    errors = np.array(column(found["/error/distance/found/red"], "Scalars:scalars"), dtype=float).ravel()
     assert 55 < np.isfinite(errors).sum() < 61
-    assert column(found["/top/modelled/red"], "Ellipses2D:centers")[-1] == []
+    assert column(found["/top/model/found/ball/red"], "Ellipses2D:centers")[-1] == []
+
+
+@pytest.fixture(scope="module")
+def ladder(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, list[Any]]]:
+    """A clip with three models, OFFSET, twice and three times OFFSET away, in the order base, one, two."""
+    path, one = tmp_path_factory.mktemp("ladder") / "review.rrd", clip("shot")
+    track = one.models["found"]
+    spin = np.zeros_like(track.spin)
+    spin[..., 1] = track.velocity[..., 0] / BALL.radius
+    tracks = {
+        name: dataclasses.replace(track, position=track.position + more * OFFSET, spin=spin)
+        for name, more in (("base", 2), ("base + one", 1), ("base + one + two", 0))
+    }
+    write_review(path, TABLE, BALL, [dataclasses.replace(one, models=tracks)], title="ladder")
+    return path, read(path)
+
+
+def test_every_model_of_a_ladder_has_paths_of_its_own(ladder: tuple[Path, dict[str, list[Any]]]) -> None:
+    for more, part in ((3, "base"), (2, "base\\ \\+\\ one"), (1, "base\\ \\+\\ one\\ \\+\\ two")):
+        rings = column(ladder[1][f"/top/model/{part}/ball/cue"], "Ellipses2D:centers")
+        assert rings[0][0] == pytest.approx([-1.0, 0.0] + more * OFFSET)
+        assert f"/space/model/{part}/path/red" in ladder[1]
+        sizes = np.array(column(ladder[1][f"/error/distance/{part}/cue"], "Scalars:scalars"), dtype=float)
+        assert np.nanmedian(sizes) == pytest.approx(5.0 * more, abs=1e-3)
+    along_x = np.array(column(ladder[1]["/error/x/cue"], "Scalars:scalars"), dtype=float)
+    assert np.nanmedian(along_x) == pytest.approx(3.0, abs=1e-3), "of the last model alone"
+    page = column(ladder[1]["/text/clip"], "TextDocument:text")[0][0]
+    assert "| base | 15.00 mm |" in page and "| base + one + two | 5.00 mm |" in page
+
+
+def test_models_between_first_and_last_are_hidden_at_first(ladder: tuple[Path, dict[str, list[Any]]]) -> None:
+    from rerun.chunk import RrdReader
+
+    reader = RrdReader(ladder[0])
+    chunks = list(reader.stream(store=reader.blueprints()[0]).to_chunks())
+    shown = {c.entity_path: column([c.to_record_batch()], "EntityBehavior:visible") for c in chunks}
+    hidden = [path for path, values in shown.items() if values == [[False]]]
+    assert len(hidden) == 4, "in the table from above, in 3-D, among the misses and in the plot"
+    assert all("base\\ \\+\\ one/visualizers" in path for path in hidden)
+
+
+def test_impulses_are_mass_times_the_change_of_velocity(tmp_path: Path) -> None:
+    one = clip("cushion")
+    track = one.models["found"]
+    track.velocity[track.times > 1.0, 0] = -0.5, 0.2
+    write_review(tmp_path / "x.rrd", TABLE, BALL, [one], title="t")
+    found = read(tmp_path / "x.rrd")
+    ((arrow,),) = column(found["/top/impulse/cushion"], "Arrows2D:vectors")
+    assert arrow == pytest.approx(BALL.mass * np.array([-0.5 - 0.7, 0.2]), abs=1e-4)
+    assert column(found["/space/impulse/cushion"], "Arrows3D:vectors")[0][0] == pytest.approx([*arrow, 0.0])
+    assert column(found["/top/impulse/cushion"], "Arrows2D:labels") == [["impulse 0.171 N s"]]
+    assert "/top/impulse/ball" not in found, "without a change of velocity there is no arrow"
+
+
+def test_spin_lies_along_its_axis(ladder: tuple[Path, dict[str, list[Any]]]) -> None:
+    batches = ladder[1]["/space/spin/cue"]
+    arrows = [row for row in column(batches, "Arrows3D:vectors") if row is not None]
+    assert arrows[0][0] == pytest.approx([0.0, 0.9 * layers.SPIN_S, 0.0])
+    assert arrows[-1] == [], "hidden at the end"
+    assert len(arrows) < 70, "not one for every sample"
+
+
+def test_misses_are_magnified_from_where_a_ball_was_seen(ladder: tuple[Path, dict[str, list[Any]]]) -> None:
+    (lines,) = column(ladder[1]["/top/miss/base/red"], "LineStrips2D:strips")
+    assert 40 <= len(lines) <= layers.MAX_MISSES
+    assert np.array(lines[0][0]) == pytest.approx([-1.0, 0.03])
+    assert np.array(lines[0][1]) - lines[0][0] == pytest.approx(5 * 3 * OFFSET, rel=1e-3), "15 mm, drawn within 0.12 m"
+
+
+def test_a_ball_at_rest_is_written_once(tmp_path: Path) -> None:
+    resting = np.full((120, 2), 0.5)
+    times = np.arange(120) / 60
+    still = Track(("red",), times, resting[:, None], np.zeros((120, 1, 2)), np.zeros((120, 1, 3)), np.zeros((120, 1)))
+    write_review(tmp_path / "x.rrd", TABLE, BALL, [Review("r", {"red": (times, resting)}, {"m": still})], title="t")
+    found = read(tmp_path / "x.rrd")
+    for path, name in (("/top/measured/red", "Points2D:positions"), ("/top/model/m/ball/red", "Ellipses2D:centers")):
+        assert column(found[path], name) == [[[0.5, 0.5]]] * 2, "at the first and the last sample"
 
 
 def test_the_same_review_is_the_same_recording(tmp_path: Path) -> None:
@@ -237,8 +318,7 @@ def test_names_with_any_character(tmp_path: Path) -> None:
 def test_colours_follow_names() -> None:
     assert ball_colour("red_07") == ball_colour("Red") == palette.SCREEN_COLOURS["red"]
     assert ball_colour("white") == ball_colour("cue")
-    assert ball_colour("orange") == ball_colour("orange")
-    assert ball_colour("orange") in palette.OTHER_COLOURS
+    assert ball_colour("lilac") == ball_colour("lilac") in palette.OTHER_COLOURS
 
 
 def test_many_clips_and_a_full_table_are_quick(tmp_path: Path) -> None:

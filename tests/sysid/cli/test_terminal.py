@@ -68,6 +68,7 @@ def test_hints_can_be_pasted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert as_called("sysid check x") == "sysid check x"
 
 
+@pytest.mark.slow
 def test_a_model_with_an_effect_of_ones_own_names_its_folder(tmp_path: Path, model: Path) -> None:
     """In a process of its own: an effect that was added stays in the catalogue."""
 

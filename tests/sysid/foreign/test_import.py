@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sysid.cli import main
-from sysid.clips import ClipSet, read_clip_set
+from sysid.clips import ClipSet, read_clip_set, write_clip_set
 from sysid.clips.readings import Reading
 from sysid.foreign.columns import read_clip
 from sysid.foreign.records import read_columns
@@ -25,6 +25,7 @@ from tests.support.foreign_files import (
     wide_inches,
     write_foreign,
 )
+from tests.support.running_clips import cut_in_motion
 from tests.sysid.vision.test_calibrate import over_table
 from tests.truth.__main__ import main as generate
 
@@ -203,3 +204,27 @@ def test_columns_are_known_by_many_names(tmp_path: Path) -> None:
         assert list(clip.balls) == ["ball 1"] and clip.balls["ball 1"].xy.tolist() == [[2.5, 3.0]] * 3
         assert clip.time_unit == (None, "milliseconds", None, "frames")[k]
         assert clip.length_unit == (None, "mm", None, None)[k]
+
+
+@pytest.mark.slow
+def test_tracks_that_begin_in_mid_motion(tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Several balls that move at first are told so; of one alone an option tells it."""
+    whole = read_clip_set(source)
+    write_clip_set(cut_in_motion(whole, 5), tmp_path / "cut")
+    several = [len(clip.running) > 1 for clip in read_clip_set(tmp_path / "cut").clips]
+    assert 0 < sum(several) < len(several)
+    files = write_foreign(tmp_path / "cut", tmp_path / "in", ".csv", wide_inches)
+    found = imported(files, tmp_path / "one")
+    said = capsys.readouterr().out
+    count = sum(bool(clip.running) for clip in found.clips)
+    assert 0 < count < len(found.clips)
+    assert f"{count} of 8 clips begin" in said
+    found = imported(files, tmp_path / "all", "--running")
+    assert all(clip.running for clip in found.clips)
+    said = capsys.readouterr().out
+    assert "8 of 8 clips begin in mid-motion" in said
+    assert "struck:" not in said
+    again = imported([tmp_path / "all"], tmp_path / "again")
+    assert [clip.running for clip in again.clips] == [clip.running for clip in found.clips]
+    shots = imported(write_foreign(source, tmp_path / "whole", ".csv", wide_inches), tmp_path / "shots")
+    assert not any(clip.running for clip in shots.clips)

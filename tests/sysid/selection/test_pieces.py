@@ -79,7 +79,7 @@ def test_no_sample_is_in_two_pieces_and_times_begin_at_0(shots: tuple[ClipSet, d
         for clip in clip_set.clips:
             own = [p for p in pieces.clips if parent_clip(p.file) == clip.file]
             assert own
-            assert sum(p.running for p in own) == len(own) - 1, "one piece begins with the strike"
+            assert sum(bool(p.running) for p in own) == len(own) - 1, "one piece begins with the strike"
             for name, seen in clip.balls.items():
                 known = {tuple(xy) for xy in seen.xy}
                 used = [tuple(xy) for p in own for b, o in p.balls.items() if b == name for xy in o.xy]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from models.errors import BadInput
 from models.shot import NOSE_COSINE, Table
 from sysid.vision.balls.detect import Detection, Detector
+from sysid.vision.balls.learning import learn_detector, unsteadiness
 from sysid.vision.balls.palette import default_palette, name_colours, read_palette
 from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Footage, Picture, open_footage
@@ -73,7 +75,7 @@ def footage_of(folder: Path, pictures: Sequence[Picture]) -> Footage:
 
 
 def learnt(folder: Path, camera: Camera, pictures: Sequence[Picture]) -> Detector:
-    return Detector.learn(camera, footage_of(folder, pictures), default_palette())
+    return learn_detector(camera, footage_of(folder, pictures), default_palette())
 
 
 def errors(
@@ -297,3 +299,19 @@ def test_a_bad_palette_is_named_in_one_line(tmp_path: Path, text: str, word: str
         read_palette(path)
     assert "\n" not in str(caught.value)
     assert "p.toml" in str(caught.value)
+
+
+def test_balls_at_rest_tell_how_steady_a_measure_is() -> None:
+    """Places jump by a pixel between pictures, as where a shadow is taken for the ball; a mover counts for none."""
+
+    class Jumping:
+        def find(self, picture: Picture) -> list[Detection]:
+            k = int(picture[0, 0, 0])
+            at, seen = np.array([50.0 + k % 2, 40.0]), []
+            for xy in (at, np.array([10.0 * k, 5.0])):
+                seen.append(Detection("white", xy, 8.0, 0.1, 1.0, 1.0))
+            return seen
+
+    pictures = [np.full((2, 2, 3), k, np.uint8) for k in range(8)]
+    assert unsteadiness(cast(Detector, Jumping()), pictures) == pytest.approx(np.sqrt(0.125))
+    assert unsteadiness(cast(Detector, Jumping()), pictures[:2]) == 0.0

@@ -12,6 +12,7 @@ from models.shot import Array, Table
 from sysid.vision.balls.cover import cover, fit_disc, swept_share
 from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.discs import Shutter, known_disc
+from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import default_palette
 from sysid.vision.frames import Picture
 from sysid.vision.tracks.track import Tracked, track
@@ -54,7 +55,7 @@ def shot(tmp_path_factory: pytest.TempPathFactory) -> Shot:
     folder = tmp_path_factory.mktemp("webcam")
     motion = rolling(np.array([[-0.45, -0.2], [0.3, 0.2]]), [(0.9, 0.35), (0.0, 0.0)], 2.0, 0.5)
     pictures = filmed(motion, 1.6, Webcam(quality=35, hand=(0.05, 0.95), ring=(0.1, -0.15), seed=1))
-    return motion, pictures, Detector.learn(CAMERA, footage_of(folder, pictures), default_palette()), folder
+    return motion, pictures, learn_detector(CAMERA, footage_of(folder, pictures), default_palette()), folder
 
 
 def place(motion: Motion, time: float, ball: int) -> Array:
@@ -163,3 +164,15 @@ def test_doubled_and_missing_frames_are_told(shot: Shot, tmp_path: Path) -> None
     assert 24 not in path.frame
     # After the doubled frame stamps are a frame late, after the missing ones right but for that.
     assert float(path.time[-1]) == pytest.approx((len(pictures) - 1 + 1) / 100.0, abs=1e-9)
+
+
+def test_how_overexposed_white_balls_are_is_known_after_some_fits() -> None:
+    white, shutter = np.full(3, 255.0), Shutter(0.5)
+    assert len(shutter.tried(white)) > 1
+    assert len(shutter.tried(np.array([40.0, 40.0, 200.0]))) == 1
+    shutter.gains += [1.0] * 15
+    assert shutter.gain is None
+    shutter.gains.append(1.0)
+    assert shutter.tried(white) == [(0.5, 1.0)]
+    shutter.gains += [1.5, 2.5, 2.5, 2.5]
+    assert shutter.tried(white) == [(0.5, 2.5)]

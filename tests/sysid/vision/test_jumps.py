@@ -26,12 +26,23 @@ def test_strokes_collisions_and_gaps_are_no_jumps() -> None:
     time = np.arange(60)[:, None] / 120
     struck = np.where(time < 0.2, 0.0, time - 0.2) * [4.0, 0.0]
     turned = np.where(time < 0.25, time, 0.5 - time) * [3.0, 3.0]
-    gap = path(time * [2.0, 0.0])
-    keep = (gap.frame < 20) | (gap.frame > 35)
-    sparse = BallTrack(
-        "white",
-        gap.frame[keep],
-        gap.time[keep],
-        *(v[keep] for v in (gap.pixels, gap.xy, gap.sd, gap.radius, gap.face_change)),
-    )
-    assert first_jump([path(struck), path(turned), sparse], 0, 59) == (59, "")
+    assert first_jump([path(struck), path(turned), hidden(path(time * [2.0, 0.0]))], 0, 59) == (59, "")
+
+
+def hidden(one: BallTrack) -> BallTrack:
+    """The same, unseen from frame 20 to 35."""
+    keep = (one.frame < 20) | (one.frame > 35)
+    arrays = (one.frame, one.time, one.pixels, one.xy, one.sd, one.radius, one.face_change)
+    return BallTrack("white", *(values[keep] for values in arrays))
+
+
+def test_a_ball_that_comes_out_of_a_gap_faster_than_any_went_in_has_been_moved() -> None:
+    """Slower, or as fast as another ball was, it may have been hit; one that rested may have been struck."""
+    time = np.arange(60)[:, None] / 120
+    late = np.clip(time - 30 / 120, 0, None)
+    faster, slower, resting = time * [0.8, 0] + late * [0, 2.0], time * [0.8, 0] - late * [0.4, 0], late * [1.5, 0]
+    quick = path(time * [0, 3.0])
+    assert first_jump([hidden(path(faster))], 0, 59) == (19, "white")
+    assert first_jump([hidden(path(slower))], 0, 59) == (59, "")
+    assert first_jump([hidden(path(resting))], 0, 59) == (59, "")
+    assert first_jump([hidden(path(faster)), quick], 0, 59) == (59, "")

@@ -154,15 +154,68 @@ def test_hands_are_no_cues() -> None:
     assert "red" in found.left_out[0]
 
 
-def test_shots_without_their_beginning_are_left_out_and_told() -> None:
+def test_shots_without_their_beginning_or_end() -> None:
     made = Recording().shot((1.2, 0.45)).wait(0.5).shot((-0.9, 0.1)).wait(0.5).shot((1.0, 0.0))
     made.rows[0] = made.rows[0][10:]
     made.rows[-1] = made.rows[-1][:60]
     found = tracked_of(made)
-    assert len(found.shots) == 2
-    assert "on its way when the video begins" in found.left_out[0]
-    assert "cut off by the end of the video" in found.shots[1].remarks
-    assert found.shots[0].remarks == ()
+    assert found.left_out == ()
+    assert [shot.running for shot in found.shots] == [("white",), (), ()]
+    begins = "in mid-motion from frame 0 on, white moving: white was on its way when the video begins"
+    assert found.shots[0].remarks == (begins,)
+    assert found.shots[1].remarks == ()
+    assert "cut off by the end of the video" in found.shots[2].remarks
+    clips = clip_set(found, CAMERA, BALL.mass, FPS).clips
+    assert [clip.running for clip in clips] == [("white",), (), ()]
+    assert clips[0].note == f"running clip 1 at 0.00 s; 3 balls; {begins}"
+    assert clips[1].note.startswith("shot 2 at")
+
+
+def test_two_balls_on_their_way_when_the_video_begins(tmp_path: File) -> None:
+    start = HOME.copy()
+    start[0] = start[1] - [0.3, 0.02]
+    made = Recording(start).shot((1.4, 0.15)).wait(0.5)
+    met = int(np.flatnonzero(np.hypot(*(made.rows[0][:, 1] - start[1]).T) > 1e-3)[0])
+    made.rows[0] = made.rows[0][met - 2 :]  # the impact is in the first frames
+    found = tracked_of(made)
+    (shot,) = found.shots
+    assert set(shot.running) == {"white", "red"}
+    assert 2 <= shot.first <= 6
+    write_clip_set(clip_set(found, CAMERA, BALL.mass, FPS), tmp_path / "set")
+    (clip,) = read_clip_set(tmp_path / "set").clips
+    assert clip.running == shot.running
+    for name, row in (("white", 0), ("red", 1)):
+        seen = clip.balls[name]
+        speed = np.hypot(*(seen.xy[6] - seen.xy[0])) / (seen.time[6] - seen.time[0])
+        true = made.rows[0][shot.first : shot.first + 7, row]
+        assert speed == pytest.approx(np.hypot(*(true[6] - true[0])) / (6 / FPS), rel=0.08)
+
+
+def test_a_strike_hidden_for_too_long_leaves_a_running_clip() -> None:
+    made = Recording().wait(0.6).shot((1.2, 0.45)).wait(0.5)
+    made.rows[0][-30:, 0] = np.nan
+    made.rows[1][:60, 0] = np.nan
+    (shot,) = tracked_of(made).shots
+    assert shot.running[0] == "white"
+    assert shot.first == pytest.approx(0.6 * FPS + 60, abs=3)
+    assert "white was set in motion unseen" in shot.remarks[0]
+
+
+def test_a_ball_that_a_hand_moves_when_the_video_begins_is_left_out() -> None:
+    made = Recording().push(1, (0.3, 0.3)).wait(0.5).shot((1.2, 0.45)).wait(0.5)
+    made.rows[0] = made.rows[0][20:]
+    found = tracked_of(made)
+    assert [shot.running for shot in found.shots] == [()]
+    (line,) = found.left_out
+    assert "red was on its way when the video begins; red gains speed, as if moved by hand" in line
+
+
+def test_too_little_motion_at_the_beginning_is_left_out() -> None:
+    made = Recording().shot((0.3, 0.1))
+    made.rows[0] = made.rows[0][-8:]
+    made.wait(0.5).shot((1.2, 0.45)).wait(0.5)
+    found = tracked_of(made)
+    assert [shot.running for shot in found.shots] == [()]
 
 
 def test_two_shots_in_one() -> None:
@@ -176,9 +229,11 @@ def test_two_shots_in_one() -> None:
     made.rows[-1][:60, 0] = rest[0] + drift
     made.rows[-1][60:, 0] = rest[0] + drift[-1]
     found = tracked_of(made.wait(0.5))
-    assert [shot.struck for shot in found.shots] == ["white"]
+    assert [(shot.struck, shot.running) for shot in found.shots][:1] == [("white", ())]
     assert found.shots[0].last <= round(made.struck[1] * FPS) + 1
-    assert any("yellow" in text and "on its way" in text for text in found.left_out)
+    struck = [shot for shot in found.shots[1:] if not shot.running]
+    assert struck == [], "a shot is that of one ball, the others at rest"
+    assert all(shot.first > made.struck[1] * FPS for shot in found.shots[1:])
 
 
 def test_a_ball_hidden_during_a_shot_leaves_a_gap() -> None:

@@ -61,7 +61,7 @@ class Drawn:
 class Knowing:
     """A detector that looks up where balls are; those that are not expected only when all are asked for."""
 
-    told, noise = ("told by the test",), 1.0
+    told, noise, palette = ("told by the test",), 1.0, None
 
     def __init__(self, made: Recording) -> None:
         position = np.concatenate(made.rows)

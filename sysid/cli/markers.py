@@ -1,0 +1,39 @@
+"""`sysid markers`: a sheet of markers to print, by which a camera is calibrated where the noses do not show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from models.command_line import out_option
+from models.console import Status
+from models.errors import BadInput
+from sysid.cli.tables import TABLE_HELP
+
+SUFFIX = ".pdf"
+
+
+@click.command()
+@click.option("--table", "table_name", metavar="NAME|LxW", required=True, help=TABLE_HELP)
+@out_option("FILE.pdf", "Where the sheet goes.")
+def markers(table_name: str, out: Path) -> int:
+    """Write a sheet of markers to print and lay on the cushions.
+
+    Six cards on A4 at true scale, and a page that says where they lie. sysid calibrate reads them where at least four
+    are in view.
+
+    Example: sysid markers --table snooker --out markers.pdf
+    """
+    from models.presets import TableSet, find_table
+    from sysid.vision.camera.marker_sheet import write_markers
+
+    if out.suffix.lower() != SUFFIX:
+        raise BadInput(f"{out}: the sheet is a PDF; end its name in {SUFFIX}")
+    try:
+        found = find_table(table_name)
+    except BadInput as error:
+        raise BadInput(f"--table {error}") from None
+    write_markers(out, found.table if isinstance(found, TableSet) else found, table_name)
+    print(f"sheet: {out} (print it at 100 %)")
+    return Status.DONE

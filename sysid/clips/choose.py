@@ -1,0 +1,31 @@
+"""One clip of a set, by its file or its number, as users name it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from models.errors import BadInput
+from models.files.faults import closest, listed, one_line
+from sysid.clips.clip_set import Clip, ClipSet
+
+
+def chosen_clip(clip_set: ClipSet, wanted: str | int | None, folder: Path | str) -> Clip:
+    """The clip of this file, with or without folder and suffix, or of this number from 1; the last one if None.
+
+    Raises:
+        BadInput: there is none, or several are called so; `folder` is what the user named.
+    """
+    clips = clip_set.clips
+    if wanted is None:
+        return clips[-1]
+    if isinstance(wanted, int) or wanted.isdecimal():
+        if not 1 <= int(wanted) <= len(clips):
+            raise BadInput(one_line(f"{folder}: there is no clip {wanted}: choose from 1 to {len(clips)}"))
+        return clips[int(wanted) - 1]
+    same = [c for c in clips if wanted in (c.file, Path(c.file).name, Path(c.file).stem)]
+    if len(same) != 1:
+        files = [c.file for c in clips]
+        meant = closest(wanted, files)
+        remedy = f"did you mean {meant!r}?" if meant and not same else f"choose from {listed(files)}, or a number"
+        raise BadInput(one_line(f"{folder}: {len(same) or 'no'} clips are called {wanted!r}: {remedy}"))
+    return same[0]

@@ -1,0 +1,247 @@
+"""A detector learnt from footage: the empty table, the blur and noise of the optics, and the colours of the balls.
+
+In: a camera, footage and a palette. Out: a `Detector` (detect.py), by outlines where these are sharp and steady, else
+by what the balls cover.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from models.errors import BadInput
+from sysid.vision.balls.background import Background, View, learn_background
+from sysid.vision.balls.cover import DiscFit
+from sysid.vision.balls.detect import Detector, outline_colour
+from sysid.vision.balls.discs import CLIPPED_GREY, MIN_BED_CONTRAST, core_colour, new_discs
+from sysid.vision.balls.edges import Optics
+from sysid.vision.balls.faces import are_patterned, face
+from sysid.vision.balls.outline_fit import (
+    MIN_FOREGROUND,
+    OutlineFit,
+    balls,
+    fit_outlines,
+)
+from sysid.vision.balls.palette import Palette, colour_distance, group_colours, name_colours
+from sysid.vision.balls.view_geometry import Array, view_geometry
+from sysid.vision.camera.projection import Camera
+from sysid.vision.frames import Footage, Picture
+
+LEARNING_FRAMES = 30  # spread over the footage
+MIN_FRAME_FRACTION = 0.1  # of these, that show a ball
+CLIPPED_FACTOR = 1.4  # by which the true brightness of a clipped channel may exceed what it shows
+MIN_DISC_FRACTION = 0.3  # of the frames in which outlines have its colour, that show a disc of that colour, too
+OPTICS_OUTLINES = 16  # the clearest ones, from which the optics are learnt
+TRIED_BLURS_PX = (0.6, 0.72, 0.85, 1.0, 1.25, 1.6, 2.0, 2.6)  # of edges
+BLUR_TEST_SPACING = 1.5  # of samples along normals, long enough to distinguish the blurs
+# Before learning. Colour is often stored at half the resolution; a blur set too small for it would bias outlines.
+INITIAL_EDGE_NOISE = (4.0, 6.0)  # in brightness and in colour [grey levels]
+INITIAL_BLUR_PX = (0.85, 1.0)
+INITIAL_SIZE_ERROR = 0.05  # of the radius, relative
+MIN_EDGE_NOISE_GREY = 1.0
+ROUGH_EDGE_RATIO = 4.0  # of edge noise to that of the pictures, from which on balls are measured by what they cover
+MIN_HELD_FRACTION = 0.8  # of the balls that are seen as outlines, once the edges' noise is known, for these to be used
+MAX_UNSTEADY_PX = 0.2  # of balls at rest by their outlines, from which on discs are tried, and taken if they are
+STEADIER = 0.6  # by this factor
+MAX_RESTING_MOVE_PX = 1.5  # between pictures of a ball at rest
+MIN_RESTING_PICTURES = 3
+MIN_ROUGH_NOISE_GREY = 1.4  # that is assumed of pictures for this: compression removes noise
+# Limits of warnings.
+SIZE_WARNING_FRACTION = 0.04  # departure from the expected radius
+SMALL_RADIUS_PX = 6.0
+SOFT_EDGE_RATIO = 1.4  # blur of colour over that of brightness, or edge noise over picture noise
+FLICKER_FRACTION = 0.03  # range of the light between frames
+POOR_CENTRE_SD_PX = 0.15
+
+
+def learn_detector(
+    camera: Camera, footage: Footage, palette: Palette, progress: Callable[[str], None] = lambda line: None
+) -> Detector:
+    """Learn the background, the noise and the colours of the balls from frames spread over the footage.
+
+    Balls of a palette of several colours each are taken as plain where all that are seen show one.
+
+    Raises:
+        BadInput: the pictures have another size than those of the camera, or show no table.
+    """
+    if footage.size != camera.size:
+        sizes = "{} x {} pixels, the camera's file {} x {}".format(*footage.size, *camera.size)
+        raise BadInput(f"footage: has {sizes}; calibrate with pictures of this size")
+    geometry = view_geometry(camera)
+    if geometry.bed.sum() < 1000:
+        raise BadInput("camera: no table is in its pictures; calibrate it anew")
+    progress("learning what the empty table looks like")
+    pictures = [frame.picture for frame in footage.sample(LEARNING_FRAMES)]
+    size_sd = INITIAL_SIZE_ERROR * geometry.radius(np.array(camera.size) / 2)
+    optics = Optics(INITIAL_EDGE_NOISE, INITIAL_BLUR_PX, size_sd=size_sd)
+
+    def still(view: View) -> list[Array]:
+        return [f.xy for f in (new_discs(view, None) if palette.patterned else balls(view, optics, MIN_FOREGROUND))]
+
+    background, resting = learn_background(geometry, pictures, still)
+    progress("learning what the balls look like")
+    views = [background.view(picture) for picture in pictures]
+    found = [(k, fit) for k, view in enumerate(views) for fit in balls(view, optics)]
+    optics = _optics([(views[k], fit) for k, fit in found], optics)
+    lights = np.array([view.gain.mean() for view in views])
+    if palette.patterned and are_patterned(
+        [face(background, view, one.xy, one.radius) for view in views[::3] for one in new_discs(view, None)]
+    ):
+        detector, notes = _patterned_detector(background, optics, palette, pictures)
+        return replace(detector, notes=(*notes, *_warnings(detector, [fit for _, fit in found], resting, lights)))
+    groups = group_colours([(k, outline_colour(background, views[k], fit)) for k, fit in found])
+    frames_seen = [len({k for k, _ in group}) for group in groups]
+    least = max(1, MIN_FRAME_FRACTION * len(views))
+    frequent = [(group, n) for group, n in zip(groups, frames_seen, strict=True) if n >= least]
+    colours = [np.median([colour for _, colour in group], axis=0) for group, _ in frequent]
+    naming = name_colours(np.array(colours), palette)
+    named = [(name, colour) for name, colour in zip(naming.names, colours, strict=True) if name is not None]
+    counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
+    detector = Detector(background, optics, tuple(named), ())
+    rough = len(found) >= OPTICS_OUTLINES and _rough(optics, background.noise)
+    # How many outlines are seen again once the noise of edges is known.
+    held = 0 if rough else sum(len(detector._outlines(view)) for view in views)
+    unsteady = 0.0 if rough else unsteadiness(detector, pictures)
+    few = held < max(MIN_HELD_FRACTION * sum(n for _, n in counts), OPTICS_OUTLINES)
+    if rough or few or unsteady > MAX_UNSTEADY_PX:
+        by_discs, disc_counts = _rough_detector(detector, pictures, counts)
+        better = MIN_HELD_FRACTION * sum(n for _, n in disc_counts) > held
+        if unsteady > MAX_UNSTEADY_PX and not better:
+            same = {name for name, _ in by_discs.ball_colours} == {name for name, _ in detector.ball_colours}
+            better = same and unsteadiness(by_discs, pictures) < STEADIER * unsteady
+        if by_discs.ball_colours and (rough or better):
+            detector, counts = by_discs, disc_counts
+    notes = [f"{name}: in {n} of {len(views)} frames" for name, n in counts]
+    notes += [doubt for doubt in naming.doubts if len(detector.ball_colours) == len(named)]
+    notes += _warnings(detector, [fit for _, fit in found], resting, lights)
+    return replace(detector, notes=tuple(notes))
+
+
+def _patterned_detector(
+    background: Background, optics: Optics, palette: Palette, pictures: Sequence[Picture]
+) -> tuple[Detector, list[str]]:
+    """A detector of balls that have several colours, by outlines where these are seen as often; and what it sees."""
+    by_discs = Detector(background, optics, (), (), rough=True, palette=palette)
+    chosen, seen = by_discs, [len(by_discs.find(picture)) for picture in pictures]
+    if not _rough(optics, background.noise):
+        outlines = replace(by_discs, rough=False)
+        held = [len(outlines.find(picture)) for picture in pictures]
+        if sum(held) >= max(MIN_HELD_FRACTION * sum(seen), OPTICS_OUTLINES):
+            chosen, seen = outlines, held
+    return chosen, [f"{np.median(seen):.0f} balls of any face in a frame"]
+
+
+def _rough(optics: Optics, noise: float) -> bool:
+    """Whether edges are far rougher than the noise, as compression and bloom make them, so that outlines mislead."""
+    return max(optics.edge_noise) > ROUGH_EDGE_RATIO * max(noise, MIN_ROUGH_NOISE_GREY)
+
+
+def _rough_detector(
+    detector: Detector, pictures: Sequence[Picture], counts: Sequence[tuple[str, int]]
+) -> tuple[Detector, list[tuple[str, int]]]:
+    """A detector by what balls cover, of those colours that are seen as discs; and in how many pictures each is.
+
+    Of clipped channels only a least brightness is known: they are taken as brighter, so that they are clipped anywhere.
+    """
+    table, geometry = detector.background.picture, detector.background.geometry
+    bed = np.median(table[geometry.bed], axis=0)[::-1] / 255
+    named = tuple(
+        (name, colour) for name, colour in detector.ball_colours if colour_distance(colour, bed) > MIN_BED_CONTRAST
+    )
+    detector = replace(detector, rough=True, ball_colours=named)
+    seen: dict[str, list[Array]] = {name: [] for name, _ in named}
+    for picture in pictures:
+        view = detector.background.view(picture)
+        best = {one.name: one for one in detector.find(picture)[::-1]}
+        for name, one in best.items():
+            seen[name].append(
+                core_colour(view, DiscFit(one.xy, one.radius, np.zeros(2), 1.0, one.sd, 0.0, 0.0, 1.0, 1.0))[::-1]
+            )
+    outlines = dict(counts)
+    kept, found = [], []
+    for name, colour in named:
+        if len(seen[name]) >= MIN_DISC_FRACTION * outlines[name]:
+            clipped = np.median(seen[name], axis=0) >= CLIPPED_GREY if seen[name] else np.zeros(3, bool)
+            kept.append((name, np.where(clipped, CLIPPED_FACTOR, 1.0) * colour))
+            found.append((name, len(seen[name])))
+    return replace(detector, ball_colours=tuple(kept)), found
+
+
+def unsteadiness(detector: Detector, pictures: Sequence[Picture]) -> float:
+    """By how much the places of balls at rest differ between pictures, rms per axis [pixels]; 0 where none rests."""
+    places: list[list[Array]] = []
+    for picture in pictures:
+        for one in detector.find(picture):
+            near = [seen for seen in places if np.hypot(*(one.xy - np.median(seen, axis=0))) < MAX_RESTING_MOVE_PX]
+            if near:
+                near[0].append(one.xy)
+            else:
+                places.append([one.xy])
+    off = [np.array(seen) - np.median(seen, axis=0) for seen in places if len(seen) >= MIN_RESTING_PICTURES]
+    return float(np.sqrt(np.mean(np.concatenate(off) ** 2))) if off else 0.0
+
+
+def _warnings(detector: Detector, found: Sequence[OutlineFit], resting: int, lights: Array) -> list[str]:
+    """Warnings for the user."""
+    optics, notes = detector.optics, []
+    if not found or not (detector.ball_colours or detector.palette):
+        notes.append("no ball was found: is this the camera of this footage, and are these its balls?")
+        return notes
+    radius = float(np.median([fit.radius for fit in found]))
+    if abs(optics.size) > SIZE_WARNING_FRACTION * radius:
+        percent = 100 * optics.size / radius
+        notes.append(f"outlines are {percent:+.0f} % off the expected radius: check ball diameter and camera file")
+    if radius < SMALL_RADIUS_PX:
+        notes.append(f"balls are only {radius:.1f} pixels in radius, so their centres are poor: film at more pixels")
+    noise = max(detector.noise, INITIAL_EDGE_NOISE[0])
+    if optics.blur[1] > SOFT_EDGE_RATIO * optics.blur[0] or max(optics.edge_noise) > SOFT_EDGE_RATIO * noise:
+        notes.append(
+            "edges are rougher than the noise, as compression makes them: true errors may be twice the estimated"
+        )
+    if detector.rough:
+        notes.append("balls are measured by what they cover, and their marks are not followed")
+    if resting:
+        notes.append(
+            f"{resting} ball{'s' * (resting > 1)} at rest most of the time: the cloth below is taken from around it"
+        )
+    if np.ptp(lights) > FLICKER_FRACTION:
+        notes.append(f"the light changes by {100 * np.ptp(lights):.0f} % between frames: allowed for")
+    poor = [fit.sd for fit in found if fit.sd > POOR_CENTRE_SD_PX]
+    if len(poor) > 0.05 * len(found):
+        notes.append(
+            f"of {len(poor)} of {len(found)} outlines the centre is only known to {np.median(poor):.2f} pixels"
+        )
+    return notes
+
+
+def _optics(found: Sequence[tuple[View, OutlineFit]], optics: Optics) -> Optics:
+    """Blurs and edge noise of lens and sensor, from the clearest outlines: the blurs with the least residual."""
+    clean = sorted((f for f in found if np.isfinite(f[1].misfit)), key=lambda f: -f[1].quality)[:OPTICS_OUTLINES]
+
+    def fitted(tried: Optics) -> list[tuple[View, OutlineFit]]:
+        each = [(view, [fit.xy for v, fit in clean if v is view]) for view in {id(v): v for v, _ in clean}.values()]
+        return [(view, fit) for view, at in each for fit in fit_outlines(view, tried, at) if fit is not None]
+
+    def median_of(tried: Optics, of: Callable[[OutlineFit], float]) -> float:
+        fits = fitted(tried)
+        return float(np.median([of(fit) for _, fit in fits])) if 2 * len(fits) > len(clean) else np.inf
+
+    if not clean:
+        return replace(optics, size_sd=Optics.size_sd)
+    # If the blur of colour is set too small, its edges seem to lie farther out. Along short normals every blur fits.
+    pairs = []
+    for light in TRIED_BLURS_PX:
+        softer = [replace(optics, blur=(light, tint)) for tint in TRIED_BLURS_PX if tint >= light]
+        pairs.append(min(softer, key=lambda tried: abs(median_of(tried, lambda fit: fit.between))))
+    best = min(
+        pairs, key=lambda tried: median_of(replace(tried, sample_spacing=BLUR_TEST_SPACING), lambda fit: fit.misfit)
+    )
+    optics = replace(optics, blur=best.blur)
+    for size_sd in (optics.size_sd, optics.size_sd, Optics.size_sd):
+        clean = fitted(optics) or clean
+        edge_noise = np.maximum(np.median([fit.edge_noise for _, fit in clean], axis=0), MIN_EDGE_NOISE_GREY)
+        size = float(np.median([fit.size for _, fit in clean]))
+        optics = replace(optics, edge_noise=(float(edge_noise[0]), float(edge_noise[1])), size=size, size_sd=size_sd)
+    return optics

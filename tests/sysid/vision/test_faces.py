@@ -1,0 +1,148 @@
+"""Balls of pool, plain and striped, as a webcam shows them: found and followed whatever they show, and named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from models.errors import BadInput
+from models.shot import Array, Table
+from sysid.vision.balls.cover import not_table
+from sysid.vision.balls.detect import Detector
+from sysid.vision.balls.discs import new_discs
+from sysid.vision.balls.faces import are_patterned
+from sysid.vision.balls.learning import learn_detector
+from sysid.vision.balls.palette import default_palette, name_faces, palette_for, pool_palette, read_palette
+from sysid.vision.frames import Picture
+from sysid.vision.tracks.track import track
+from tests.footage.cameras import overhead
+from tests.footage.film import Look, Spot, film
+from tests.footage.motion import Motion
+from tests.footage.webcam import Webcam, webcam
+from tests.sysid.vision.test_detect import footage_of
+
+TABLE, DIAMETER = Table(1.2, 0.65), 0.05715
+CAMERA = overhead(TABLE, DIAMETER, (640, 380), 1.5, 1.36, (0.02, -0.02))
+FPS, SECONDS = 30.0, 1.0
+NAMES = ("white", "yellow_stripe", "yellow", "red_stripe", "blue", "black")
+PLACES = np.array([[-0.45, -0.2], [0.3, 0.2], [0.1, -0.2], [-0.2, 0.22], [0.45, -0.1], [-0.1, 0.0]])
+VELOCITIES = np.array([[0.75, 0.2], [-0.5, -0.05], [0, 0], [0, 0], [0, 0], [0, 0]])
+WHITE = (0.94, 0.92, 0.84)
+POLE, CIRCLE = 0.98, 0.45  # half angles of the white poles of stripes and of circles with a number [rad]
+
+Filmed = tuple[Motion, list[Picture], Path, Detector]
+
+
+def look() -> Look:
+    """What balls of pool look like: poles on striped ones, two circles on plain ones."""
+    palette = pool_palette()
+    colour = dict(zip(palette.names, [tuple(c.tolist()) for c in palette.colours], strict=True))
+    wide = {name: 0.0 if name == "white" else POLE if name.endswith("stripe") else CIRCLE for name in NAMES}
+    spots = {name: [Spot((0, 0, z), wide[name], WHITE) for z in (1, -1)] for name in NAMES if wide[name]}
+    return Look(
+        exposure=0.01, noise=2.0, parts=3, shadow=0.45, light=(0.05, 0.03, 1.0), spots=spots,
+        colours={name: colour[name] for name in NAMES},
+    )  # fmt: skip
+
+
+def rolling() -> Motion:
+    """Two balls roll, turning as they do; the others rest as they happen to lie."""
+    times = np.arange(0, SECONDS + 0.3, 1e-3)
+    way = np.clip(times - 0.3, 0, None)
+    start = Rotation.random(len(NAMES), rng=np.random.default_rng(5))
+    turned = np.empty((len(times), len(NAMES), 4))
+    for k, v in enumerate(VELOCITIES):
+        turn = Rotation.from_rotvec(way[:, None] * np.array([-v[1], v[0], 0.0]) / CAMERA.radius)
+        turned[:, k] = (turn * start[k]).as_quat()
+    return Motion(NAMES, times, PLACES + VELOCITIES * way[:, None, None], turned)
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> Filmed:
+    motion = rolling()
+    pictures = film(CAMERA, motion, np.arange(0, SECONDS, 1 / FPS), look())
+    how = Webcam(quality=50, hand=(-0.55, 0.25), seed=1)
+    shown, folder = list(webcam(pictures, how)), tmp_path_factory.mktemp("pool")
+    return motion, shown, folder, learn_detector(CAMERA, footage_of(folder, shown), pool_palette())
+
+
+def true_place(motion: Motion, time: float, ball: int) -> Array:
+    return np.array([np.interp(time, motion.times, motion.position[:, ball, axis]) for axis in (0, 1)])
+
+
+def test_shadows_are_table_and_what_has_another_colour_or_none_is_not() -> None:
+    table = np.full((1, 4, 3), (180.0, 140.0, 50.0), np.float32)
+    window = table * np.array([1.0, 0.75, 0.2, 1.0], np.float32)[None, :, None]
+    window[0, 3] = (60, 60, 200)
+    assert not_table(window, table)[0] == pytest.approx([0, 0, 1, 1], abs=0.01)
+
+
+def test_balls_of_pool_are_usual_where_balls_have_their_size_and_tables_pockets() -> None:
+    assert palette_for(None, Table(2.54, 1.27), 0.05715).names == pool_palette().names
+    assert palette_for(None, Table(3.569, 1.778), 0.0525).names == default_palette().names
+    assert palette_for(None, Table(2.84, 1.42, pockets=False), 0.05715).names == default_palette().names
+
+
+def test_a_palette_tells_how_white_its_balls_are(tmp_path: Path) -> None:
+    path = tmp_path / "balls.toml"
+    path.write_text(
+        '[[ball]]\nname = "nine"\nrgb = [0.9, 0.7, 0.1]\nwhite = 0.45\n[[ball]]\nname = "cue"\nrgb = [1, 1, 1]\n'
+    )
+    assert read_palette(path).white == (0.45, 0.0)
+    assert read_palette(path).patterned
+    assert not default_palette().patterned
+    path.write_text('[[ball]]\nname = "nine"\nrgb = [0.9, 0.7, 0.1]\nwhite = 1.5\n')
+    with pytest.raises(BadInput, match="white"):
+        read_palette(path)
+
+
+@pytest.mark.parametrize("light", [(1.0, 1.0, 1.0), (0.8, 0.7, 0.6)])
+def test_faces_are_named_by_their_colours_and_by_how_white_they_are(light: tuple[float, float, float]) -> None:
+    """A plain and a striped ball of every colour, half hidden stripes among them."""
+    rng, palette = np.random.default_rng(3), pool_palette()
+    faces = []
+    for name, colour, share in zip(palette.names, palette.colours, palette.white, strict=True):
+        white = rng.random(200) < share * (1.4 if name.startswith("red") else 0.8)
+        shown = np.where(white[:, None], palette.colours[0], colour) * rng.normal(1, 0.1, (200, 1))
+        faces.append(np.clip(shown * light + rng.normal(0, 0.02, (200, 3)), 0, 1))
+    assert name_faces(faces, palette).names == palette.names
+
+
+def test_balls_of_one_colour_are_known_from_others() -> None:
+    rng = np.random.default_rng(1)
+    plain = [np.clip(rng.normal(c, 0.03, (200, 3)), 0, 1) for c in ((0.9, 0.9, 0.8), (0.7, 0.1, 0.1))]
+    for one in plain:
+        one[:15] = 1.0  # a highlight
+    striped = plain[1].copy()
+    striped[:60] = plain[0][:60]
+    assert not are_patterned([])
+    assert not are_patterned(plain)
+    assert are_patterned([*plain, striped])
+
+
+@pytest.mark.slow
+def test_balls_of_any_face_are_found_and_hands_are_not(filmed: Filmed) -> None:
+    _, pictures, _, detector = filmed
+    view = detector.background.view(pictures[3])
+    found = sorted(fit.xy.tolist() for fit in new_discs(view, None))
+    expected = sorted(CAMERA.project(np.column_stack([PLACES, np.full(len(NAMES), CAMERA.radius)])).tolist())
+    assert np.array(found) == pytest.approx(np.array(expected), abs=1.5)
+
+
+@pytest.mark.slow
+def test_pool_balls_are_followed_and_named(filmed: Filmed) -> None:
+    """The two that roll show other faces in every frame; noise at rest is what compression leaves."""
+    motion, pictures, folder, detector = filmed
+    footage, palette = footage_of(folder, pictures), pool_palette()
+    found = track(footage, CAMERA, detector, dict(zip(palette.names, palette.counts, strict=True)))
+    assert {path.name for path in found.scene.tracks} == set(NAMES)
+    scale = 100.0 / FPS  # the folder's pictures are read as if taken at 100 frames a second
+    for path in found.scene.tracks:
+        ball = NAMES.index(path.name)
+        error = path.xy - [true_place(motion, t * scale, ball) for t in path.time]
+        assert len(path.time) > 0.9 * len(pictures), path.name
+        assert np.abs(np.median(error, axis=0)).max() < 2e-3, path.name
+        assert np.median(np.abs(error - np.median(error, axis=0))) < 0.8e-3, path.name
