@@ -12,6 +12,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
@@ -19,6 +20,7 @@ from types import FrameType
 
 ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 SIGNAL_STATUS = 128  # and the number of a signal: the exit status that shells give
+AGAIN_AFTER_S = 0.01  # an interrupt that a finaliser has swallowed
 
 
 class Terminated(KeyboardInterrupt):
@@ -39,15 +41,29 @@ def terminate(number: int, at: FrameType | None = None) -> None:
 def as_interrupts() -> Iterator[None]:
     """Signals that end a process raise `Terminated` inside; those that are ignored, as by nohup, stay ignored."""
     before = {}
+    told = sys.unraisablehook
     if threading.current_thread() is threading.main_thread():
+        sys.unraisablehook = _interrupt_again
         for number in ENDING_SIGNALS:
             if signal.getsignal(number) == signal.SIG_DFL:
                 before[number] = signal.signal(number, terminate)
     try:
         yield
     finally:
+        sys.unraisablehook = told
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _interrupt_again(unraisable: sys.UnraisableHookArgs) -> None:
+    """An interrupt that falls into a finaliser or a callback of C is printed and lost by Python: it comes once more."""
+    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(unraisable)
+        return
+    number = unraisable.exc_value.number if isinstance(unraisable.exc_value, Terminated) else signal.SIGINT
+    again = threading.Timer(AGAIN_AFTER_S, os.kill, (os.getpid(), number))
+    again.daemon = True
+    again.start()
 
 
 class Abandoned(BaseException):

@@ -47,6 +47,26 @@ def test_a_signal_ends_a_command_as_ctrl_c_does(number: signal.Signals) -> None:
     assert signal.getsignal(number) == before
 
 
+class Interrupted:
+    """Interrupts its own process while it is finalised."""
+
+    def __init__(self, number: signal.Signals) -> None:
+        self.number = number
+
+    def __del__(self) -> None:
+        signal.raise_signal(self.number)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_in_a_finaliser_is_not_lost(number: signal.Signals, capfd: pytest.CaptureFixture[str]) -> None:
+    before = sys.unraisablehook
+    with pytest.raises(KeyboardInterrupt), as_interrupts():
+        Interrupted(number)
+        time.sleep(5)
+        pytest.fail("the interrupt was lost")
+    assert capfd.readouterr().err == "" and sys.unraisablehook == before
+
+
 def test_what_nohup_ignores_stays_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
