@@ -30,6 +30,8 @@ from models.shot import NOSE_SINE
 
 Array = NDArray[np.float64]
 
+LEAST_APPROACH = 1e-30  # of bodies that meet; powers of a lower one would vanish [m/s]
+
 
 @compiled_in_place
 def collide(
@@ -49,7 +51,7 @@ def collide(
     friction, cloth, _, r = law
     mu = (friction, 1.0 * gain, 1.0 * decay)
     if cushion:
-        if state[1] <= 0.0:
+        if state[1] < LEAST_APPROACH:
             return
         va, vb, wa, wb, wz = state[0], state[1], r * state[2], r * state[3], r * state[4]
         sn, cs = 1.0 * sine, math.sqrt(1.0 - sine * sine)
@@ -70,7 +72,7 @@ def collide(
         state[4] = (wz - 2.5 * f1 * cs) / r
         return
     u = state[0] - state[5]
-    if u <= 0.0:
+    if u < LEAST_APPROACH:
         return
     s1, s2 = state[1] - state[6] + r * (state[4] + state[9]), -r * (state[3] + state[8])
     o, sign = (0, 1.0) if s2 > 0.0 else (5, -1.0)

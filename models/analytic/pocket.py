@@ -173,6 +173,16 @@ def is_facing(jaw):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
+def jaw_gap(jaw, x, y):  # type: ignore[no-untyped-def]
+    """How far a centre is from where it meets an arc or a facing; inf beside a facing, and deep behind its line."""
+    x, y = x - jaw[0], y - jaw[1]
+    if not is_facing(jaw):
+        return math.sqrt(x * x + y * y) - jaw[2]
+    gap = -(jaw[3] * x + jaw[4] * y)
+    return gap if gap >= -BEHIND_M and abs(jaw[3] * y - jaw[4] * x) <= jaw[2] else np.inf
+
+
+@compiled_in_place
 def _out_and_back(gap, speed, acceleration, h):  # type: ignore[no-untyped-def]
     """Time in [0, h] at which a centre behind a line, by -`gap`, comes back to it from in front; inf for none."""
     disc = speed * speed + 2.0 * acceleration * gap
