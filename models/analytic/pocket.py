@@ -41,7 +41,8 @@ ARC_RAILS = (0, 0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3)  # the rail that each arc ends
 JAW_RAILS = ARC_RAILS * 2  # of arcs, then of the facings behind them
 MIDDLE_ARCS = (6, 7, 10, 11)
 FACING_OVERLAP_M = 1e-3  # by which a facing reaches beyond the slate's edge [m]
-BEHIND_M = 1e-5  # depth to which what leans on a facing may sink in; what is deeper is elsewhere, behind its line [m]
+BEHIND_M = 1e-5  # depth behind a facing's line, beside it, from which a ball is elsewhere [m]
+DRIVEN_M = 5e-3  # depth to which others may drive a ball into a facing [m]
 NO_FACING_M = -1.0  # half length of a facing that nothing meets [m]
 
 
@@ -174,12 +175,20 @@ def is_facing(jaw):  # type: ignore[no-untyped-def]
 
 @compiled_in_place
 def jaw_gap(jaw, x, y):  # type: ignore[no-untyped-def]
-    """How far a centre is from where it meets an arc or a facing; inf beside a facing, and deep behind its line."""
+    """How far a centre is from where it meets an arc or a facing, negative within; inf beside a facing."""
     x, y = x - jaw[0], y - jaw[1]
     if not is_facing(jaw):
         return math.sqrt(x * x + y * y) - jaw[2]
     gap = -(jaw[3] * x + jaw[4] * y)
-    return gap if gap >= -BEHIND_M and abs(jaw[3] * y - jaw[4] * x) <= jaw[2] else np.inf
+    return gap if gap >= -DRIVEN_M and abs(jaw[3] * y - jaw[4] * x) <= jaw[2] else np.inf
+
+
+@compiled_in_place
+def is_behind(facing, x, y):  # type: ignore[no-untyped-def]
+    """Whether a centre at (x, y) is behind the line of a facing, but not in the facing: elsewhere."""
+    x, y = x - facing[0], y - facing[1]
+    aside = abs(facing[3] * y - facing[4] * x) > facing[2]
+    return facing[3] * x + facing[4] * y > (BEHIND_M if aside else DRIVEN_M)
 
 
 @compiled_in_place
@@ -195,12 +204,13 @@ def _out_and_back(gap, speed, acceleration, h):  # type: ignore[no-untyped-def]
 @compiled_in_place
 def meet_jaw(jaw, x, y, vx, vy, ax, ay, h):  # type: ignore[no-untyped-def]
     """First time in [0, h] at which a centre meets an arc or a facing; inf for none, -1 where pressed."""
+    behind = is_facing(jaw) and is_behind(jaw, x, y)
     x, y = x - jaw[0], y - jaw[1]
     if not is_facing(jaw):
         return meeting(x, y, vx, vy, ax, ay, jaw[2], h)
     nx, ny = jaw[3], jaw[4]
     gap, speed, faster = -(nx * x + ny * y), nx * vx + ny * vy, nx * ax + ny * ay
-    if gap < -BEHIND_M:  # behind its line, elsewhere: it may come out, and back here
+    if behind:  # it may come out, and back here
         t = _out_and_back(gap, speed, faster, h)
     else:
         t = line(gap, speed, faster, h)

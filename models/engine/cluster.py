@@ -3,7 +3,8 @@
 The same springs as those of MuJoCo's contacts in simulation/contact.py, stepped in the same way: two balls have that of
 Hertz with the damper of Tsuji, Tanaka, Ishida 1992, a cushion a linear one. What a spring gives back of the work done
 on it does not depend on what else acts, so restitution is energetic. Friction at a contact, and of the cloth under a
-ball that is pressed down, follow from its force by the increments of the impulse models. Jaws have no spring.
+ball that is pressed down, follow from its force by the increments of the impulse models. Jaws have the springs of
+cushions, but are no third body that makes a cluster of two.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from models import record as rec
 from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL_SPEED, add_cloth
 from models.analytic.events import DEAD_SPEED, MIN_IMPACT_SPEED, in_mouth
 from models.analytic.increments import ball_step, cushion_step
+from models.analytic.pocket import jaw_gap, outward
 from models.analytic.spring import (
     CALM_TIME_S,
     CONTACT_GAP_M,
@@ -39,8 +41,8 @@ CROWD_GAP_M = 1e-6  # gap of a third body that makes a cluster at any speed [m]
 
 
 @compiled_in_place
-def _meets(b, c, i, j, kind, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
-    """Gap, approach speed and normal of balls i and j, or of ball i and rail -1 - j where j < 0."""
+def _meets(b, i, j, radius, limits, half, mouths, jaws):  # type: ignore[no-untyped-def]
+    """Gap, approach speed and normal of balls i and j, or of ball i and rail or jaw -1 - j where j < 0."""
     if j >= 0:
         x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
         d2, touch = x * x + y * y, 2.0 * radius + CONTACT_GAP_M
@@ -50,11 +52,20 @@ def _meets(b, c, i, j, kind, radius, limits, half, mouths):  # type: ignore[no-u
         x, y = x / d, y / d
         return d - 2.0 * radius, (b[i, col.VX] - b[j, col.VX]) * x + (b[i, col.VY] - b[j, col.VY]) * y, x, y
     rail = -1 - j
-    k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-    gap = limits[k] - sign * b[i, k]
-    if gap > CONTACT_GAP_M or in_mouth(b[i, 1 - k], rail, half, mouths):
+    gap = rail_gap(b[i], rail, jaws, limits, half, mouths)
+    if gap > CONTACT_GAP_M:
         return np.inf, 0.0, 1.0, 0.0
-    return gap, sign * b[i, col.VX + k], sign * (1.0 - k), sign * float(k)
+    x, y = outward(rail, b[i, col.X], b[i, col.Y], jaws)
+    return gap, b[i, col.VX] * x + b[i, col.VY] * y, x, y
+
+
+@compiled_in_place
+def rail_gap(b, rail, jaws, limits, half, mouths):  # type: ignore[no-untyped-def]
+    """How far a ball is from where it meets a rail or a jaw; inf where that is open or elsewhere."""
+    if rail >= 4:
+        return jaw_gap(jaws[rail - 4], b[col.X], b[col.Y])
+    k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
+    return math.inf if in_mouth(b[1 - k], rail, half, mouths) else limits[k] - sign * b[k]
 
 
 @compiled_in_place
@@ -134,7 +145,7 @@ def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # t
 
 
 @compiled_in_place
-def _near(b, kind, first, second, radius, limits, near):  # type: ignore[no-untyped-def]
+def _near(b, kind, first, second, radius, limits, half, mouths, jaws, near):  # type: ignore[no-untyped-def]
     """Fill `near` with the contacts within CONTACT_RANGE_M of closing, in order; returns how many there are."""
     n, found = b.shape[0], 0
     apart, pairs = 2.0 * radius + CONTACT_RANGE_M, n * (n - 1) // 2
@@ -146,9 +157,7 @@ def _near(b, kind, first, second, radius, limits, near):  # type: ignore[no-unty
             x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
             away = x * x + y * y > apart * apart
         else:
-            rail = -1 - j
-            k = rail // 2
-            away = limits[k] - (1.0 - 2.0 * (rail % 2)) * b[i, k] > CONTACT_RANGE_M
+            away = rail_gap(b[i], -1 - j, jaws, limits, half, mouths) > CONTACT_RANGE_M
         if not away:
             near[found] = c
             found += 1
@@ -193,20 +202,21 @@ def through(  # type: ignore[no-untyped-def]
     `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work, `table` as in models/analytic/spring.py.
     """
     n = b.shape[0]
-    contacts = n * (n - 1) // 2 + 4 * n
+    rails = 4 + jaws.shape[0]
+    contacts = n * (n - 1) // 2 + rails * n
     bodies = np.empty(contacts, np.int64), np.empty(contacts, np.int64), np.empty(contacts, np.int64)
     springs = np.zeros(contacts), np.zeros((contacts, 4)), np.zeros(contacts), np.zeros(contacts)
     work = bodies, springs, np.zeros(contacts, np.bool_), np.ones(n), np.zeros((n, 5)), np.zeros((4, 10))
     return _through(
         work, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths,
-        order, hit, table, times, begin, out, log, who, logged, count,
+        jaws, order, hit, table, times, begin, out, log, who, logged, count,
     )  # fmt: skip
 
 
 @compiled_in_place
 def _through(  # type: ignore[no-untyped-def]
     arrays, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths,
-    order, hit, table, times, begin, out, log, who, logged, count,
+    jaws, order, hit, table, times, begin, out, log, who, logged, count,
 ):  # fmt: skip
     n = b.shape[0]
     (first, second, near), (damping, mu, peak, given), known, heavier, dv, work = arrays
@@ -217,7 +227,7 @@ def _through(  # type: ignore[no-untyped-def]
             first[at], second[at] = j, i
             at += 1
     for i in range(n):
-        for rail in range(4):
+        for rail in range(4 + jaws.shape[0]):
             first[at], second[at] = i, -1 - rail
             at += 1
     work[3, 0] = radius
@@ -225,11 +235,11 @@ def _through(  # type: ignore[no-untyped-def]
         i, j = first[c], second[c]
         if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
             continue
-        gap, _, _, _ = _meets(b, c, i, j, kind, radius, limits, half, mouths)
+        gap, _, _, _ = _meets(b, i, j, radius, limits, half, mouths, jaws)
         if gap < 0.0:
             given[c] = depth_of(j < 0, gap, radius)[0]
     end, calm, room = now + MAX_CLUSTER_S, 0.0, CONTACT_RANGE_M
-    looked = _near(b, kind, first, second, radius, limits, near)
+    looked = _near(b, kind, first, second, radius, limits, half, mouths, jaws, near)
     while True:
         for i in range(n):
             for x in range(5):
@@ -238,7 +248,7 @@ def _through(  # type: ignore[no-untyped-def]
                 _flow(b, i, records[i], records[i].ctypes.data, own, forces, support, cloth, now, dv)
         for c in near[:looked]:
             i, j = first[c], second[c]
-            gap, approach, nx, ny = _meets(b, c, i, j, kind, radius, limits, half, mouths)
+            gap, approach, nx, ny = _meets(b, i, j, radius, limits, half, mouths, jaws)
             if gap > CONTACT_GAP_M:
                 peak[c] = given[c] = 0.0
                 continue
@@ -293,12 +303,12 @@ def _through(  # type: ignore[no-untyped-def]
             begin += 1
         room = _go(b, dv, kind, room)
         if room <= 2.0 * CONTACT_GAP_M:
-            looked, room = _near(b, kind, first, second, radius, limits, near), CONTACT_RANGE_M
+            looked, room = _near(b, kind, first, second, radius, limits, half, mouths, jaws, near), CONTACT_RANGE_M
         now += SPRING_STEP_S
         free, rests = True, True
         for c in near[:looked]:
             i, j = first[c], second[c]
-            gap, approach, _, _ = _meets(b, c, i, j, kind, radius, limits, half, mouths)
+            gap, approach, _, _ = _meets(b, i, j, radius, limits, half, mouths, jaws)
             if gap > CONTACT_GAP_M:
                 continue
             rests = rests and abs(approach) < DEAD_SPEED

@@ -24,6 +24,7 @@ from models.analytic.cloth import (
     add_cloth,
 )
 from models.compiled import compiled_in_place
+from models.effect import STILL
 from models.engine import columns as col
 from models.engine.dense import ERROR_WEIGHTS, STAGE_NODES, STAGE_WEIGHTS, smooth, straight_on
 from models.engine.motion import CURVE, GOES_ON, REST, SLIDE_ENDS, STOPS
@@ -91,15 +92,38 @@ def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: 
         else:
             over = 1.0 / u if u > 0.0 else 0.0
             ux, uy = ux * over, uy * over
-    moves = add_cloth(r, mode, u, ux, uy, vx, vy, way[4], cloth[0], cloth[1], cloth[2])
+    add_cloth(r, mode, u, ux, uy, vx, vy, way[4], cloth[0], cloth[1], cloth[2])
     k[n, col.X], k[n, col.Y] = y[col.VX], y[col.VY]
-    if mode == RESTING and not moves:
-        k[n, col.X] = k[n, col.Y] = 0.0
     k[n, col.VX], k[n, col.VY] = r[rec.AX], r[rec.AY]
     k[n, col.WX], k[n, col.WY], k[n, col.WZ] = r[rec.BX], r[rec.BY], r[rec.BZ]
+    if mode == RESTING:  # until it is next asked whether it sets off
+        k[n, col.X] = k[n, col.Y] = k[n, col.VX] = k[n, col.VY] = k[n, col.WX] = k[n, col.WY] = 0.0
     k[n, col.TURN] = y[col.WZ]
     k[n, col.ROLLED] = speed / radius
     return fine
+
+
+@compiled_in_place
+def _sets_off(r, at, own, forces, support, roll):  # type: ignore[no-untyped-def]
+    """Whether a ball at rest rolls off and goes on to roll, and the unit vector along which it is pushed.
+
+    What acts on it may depend on where it goes: a grain resists more one way, and a pull across the way turns it
+    until the force along the way is sqrt(force^2 - pull^2), or on the spot where the pull is the stronger.
+    """
+    radius = r[rec.RADIUS]
+    r[rec.VX] = r[rec.VY] = r[rec.WX] = r[rec.WY] = r[rec.SLIP_X] = r[rec.SLIP_Y] = r[rec.ROLLING] = 0.0
+    push(r, at, own, forces, support)
+    px, py = 5.0 * r[rec.AX] + 2.0 * radius * r[rec.BY], 5.0 * r[rec.AY] - 2.0 * radius * r[rec.BX]
+    force = math.sqrt(px * px + py * py)
+    if force / 7.0 <= roll * r[rec.ROLL_FACTOR] * r[rec.WEIGHT] * GRAVITY:
+        return False, 0.0, 0.0
+    nx, ny = px / force, py / force
+    r[rec.VX], r[rec.VY] = 2.0 * STILL * nx, 2.0 * STILL * ny
+    r[rec.WX], r[rec.WY], r[rec.ROLLING] = -r[rec.VY] / radius, r[rec.VX] / radius, 1.0
+    push(r, at, own, forces, support)
+    px, py = 5.0 * r[rec.AX] + 2.0 * radius * r[rec.BY], 5.0 * r[rec.AY] - 2.0 * radius * r[rec.BX]
+    pull, resistance = nx * py - ny * px, 7.0 * roll * r[rec.ROLL_FACTOR] * r[rec.WEIGHT] * GRAVITY
+    return force * force > resistance * resistance + pull * pull, nx, ny
 
 
 @compiled_in_place
@@ -129,19 +153,14 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
             b[col.VX] += 2.0 * STILL_SPEED * px / need
             b[col.VY] += 2.0 * STILL_SPEED * py / need
             mode = SLIDING
-    if mode == ROLLING:
+    if mode == RESTING or (mode == ROLLING and v <= STILL):
+        sets_off, nx, ny = _sets_off(r, at, own, forces, support, cloth[1])
+        if not sets_off:
+            mode, b[col.VX], b[col.VY] = RESTING, 0.0, 0.0
+        elif mode == RESTING:
+            mode, b[col.VX], b[col.VY] = ROLLING, 2.0 * STILL_SPEED * nx, 2.0 * STILL_SPEED * ny
+    if mode != SLIDING:
         b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
-    elif mode == RESTING:
-        b[col.VX] = b[col.VY] = b[col.WX] = b[col.WY] = 0.0
-        px, py = (
-            r[rec.AX] - 2 / 7 * (r[rec.AX] - radius * r[rec.BY]),
-            r[rec.AY] - 2 / 7 * (r[rec.AY] + radius * r[rec.BX]),
-        )
-        force = math.sqrt(px * px + py * py)
-        if force > cloth[1] * r[rec.ROLL_FACTOR] * r[rec.WEIGHT] * GRAVITY:
-            b[col.VX], b[col.VY] = 2.0 * STILL_SPEED * px / force, 2.0 * STILL_SPEED * py / force
-            b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
-            mode = ROLLING
     ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
     u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
     over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
@@ -195,6 +214,8 @@ def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no
         rate = -(way[2] * k[0, col.VX] + way[3] * k[0, col.VY])
         if rate > 0.0:
             left = min(v / rate, MAX_REMAINING_S)
+        if abs(way[2] * k[0, col.VY] - way[3] * k[0, col.VX]) > rate:  # it is turned more than slowed: never straight
+            short = 0.0
     if left > short:
         return min(h, spare * left), left, False
     if left <= h:

@@ -43,7 +43,7 @@ from models.engine.touch import (
 )
 from models.hooks import STROKE_FIELDS
 
-LEAN_MEMORY_S = 2.5 * MAX_RECHECK_S  # for how long a ball that leans is known to [s]
+LEAN_MEMORY_S = 5.0 * MAX_RECHECK_S  # for how long a ball that leans is known to [s]
 HELD_AFTER_S = 0.2  # for which what is pressed has not moved, before it rests [s]
 CALM_SPEED = 1e-4  # between bodies that lean on each other, with which they may go on until the next look [m/s]
 CREEP_SPEED = 2e-3  # of what is pressed and has not moved: any rolling resistance would have stopped it [m/s]

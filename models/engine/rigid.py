@@ -14,12 +14,12 @@ import math
 
 from models import record as rec
 from models.analytic.coulomb import MIN_STEPS
-from models.analytic.events import DEAD_SPEED, LEAN_SPEED, MIN_IMPACT_SPEED, in_mouth
+from models.analytic.events import DEAD_SPEED, LEAN_SPEED, MIN_IMPACT_SPEED
 from models.analytic.impulse import collide
-from models.analytic.pocket import jaw_gap, outward
+from models.analytic.pocket import outward
 from models.compiled import compiled_in_place
 from models.engine import columns as col
-from models.engine.cluster import CROWD_GAP_M
+from models.engine.cluster import CROWD_GAP_M, rail_gap
 from models.engine.impacts import ask, describe, part
 from models.engine.motion import POTTED
 from models.shot import GRAVITY
@@ -95,22 +95,13 @@ def _sweep(  # type: ignore[no-untyped-def]
         if not touched[p]:
             continue
         for rail in range(4 + jaws.shape[0]):
-            if _rail_gap(b[p], rail, jaws, limits, half, mouths) > CROWD_GAP_M:
+            if rail_gap(b[p], rail, jaws, limits, half, mouths) > CROWD_GAP_M:
                 continue
             speed = approach_speed(b, p, none, rail, jaws)
             if SETTLED_SPEED < speed < LEAN_SPEED:
                 collide_alone(b, p, none, rail, jaws, state, hit, True, own, impact, cloth, mass, radius, order, now)
                 most = max(most, speed)
     return max(most, _roll(b, touched, cloth, radius))
-
-
-@compiled_in_place
-def _rail_gap(b, rail, jaws, limits, half, mouths):  # type: ignore[no-untyped-def]
-    """How far a ball is from where it meets a rail or a jaw; inf where that is open or elsewhere."""
-    if rail >= 4:
-        return jaw_gap(jaws[rail - 4], b[col.X], b[col.Y])
-    k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-    return math.inf if in_mouth(b[1 - k], rail, half, mouths) else limits[k] - sign * b[k]
 
 
 @compiled_in_place
@@ -158,5 +149,5 @@ def settle(  # type: ignore[no-untyped-def]
             if touched[p] and touched[q] and kind[q] != POTTED and x * x + y * y < 4.0 * radius * radius:
                 part(b, q, p, none, jaws, radius, limits)
         for rail in range(4 + jaws.shape[0] if touched[p] else 0):
-            if _rail_gap(b[p], rail, jaws, limits, half, mouths) < 0.0:
+            if rail_gap(b[p], rail, jaws, limits, half, mouths) < 0.0:
                 part(b, p, none, rail, jaws, radius, limits)

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from models.analytic.events import CLOSED_GAP_M, MIN_IMPACT_SPEED, in_mouth, line, meeting, mouth_sides
-from models.analytic.pocket import BEHIND_M, is_facing, meet_jaw, straight
+from models.analytic.pocket import is_behind, is_facing, meet_jaw, straight
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
 from models.engine.motion import CURVE, POTTED, REST, place, pull
@@ -190,10 +190,10 @@ def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, un
 
 @compiled_in_place
 def _leave_sideways(b, m, kind, what, i, rail, limits, half, mouths, end):  # type: ignore[no-untyped-def]
-    """A ball that is in a mouth, beyond the cushions' line, is the pocket's where it would leave it sideways."""
+    """A ball that would leave a mouth sideways, beyond the cushions' line, is the pocket's, or meets the cushion there."""
     k, sign, now = rail // 2, 1.0 - 2.0 * (rail % 2), b[col.CLOCK]
     o = 1 - k
-    if mouths[0] <= 0.0 or limits[k] - sign * b[k] >= -MOUTH_DEPTH_M or not in_mouth(b[o], rail, half, mouths):
+    if mouths[0] <= 0.0 or limits[k] - sign * b[k] >= MOUTH_DEPTH_M or not in_mouth(b[o], rail, half, mouths):
         return
     for side in range(2):
         way, level = 1.0 - 2.0 * side, mouth_sides(b[o], rail, half, mouths)[1 - side]
@@ -207,8 +207,9 @@ def _leave_sideways(b, m, kind, what, i, rail, limits, half, mouths, end):  # ty
         if not now <= t < b[col.MEET] or t > end:
             continue
         x, y, _, _ = place(b, m, kind, t)
-        if limits[k] - sign * (x if k == 0 else y) < -MOUTH_DEPTH_M:
-            b[col.MEET], what[i, 0], what[i, 1] = t, POCKET, rail
+        gap = limits[k] - sign * (x if k == 0 else y)
+        if gap < -CLOSED_GAP_M:
+            b[col.MEET], what[i, 0], what[i, 1] = t, POCKET if gap < -MOUTH_DEPTH_M else SWITCH, rail
 
 
 @compiled_in_place
@@ -222,8 +223,7 @@ def _look_again(b, what, i, push):  # type: ignore[no-untyped-def]
 def _meet_facing_on_curve(b, m, what, i, jaw, number, now, end):  # type: ignore[no-untyped-def]
     nx, ny = jaw[3], jaw[4]
     level = nx * jaw[0] + ny * jaw[1]
-    if level - (nx * b[col.X] + ny * b[col.Y]) < -BEHIND_M:
-        # Behind its line, elsewhere: once it has come out, it is looked at again.
+    if is_behind(jaw, b[col.X], b[col.Y]):  # once it has come out, it is looked at again
         t = _to_line(b, m, CURVE, -nx, -ny, -level, now, end)
         if t != -1.0 and t < b[col.MEET]:
             b[col.MEET], what[i, 0] = t, SWITCH

@@ -153,7 +153,9 @@ def _inside(batch: Batch, played: Played, row: int) -> Iterator[str]:
 
 def pushes(batch: Batch, row: int) -> Array | None:
     """The constant push of slope and nap (2,) [m/s^2]; None where energy may come from elsewhere."""
-    push = np.zeros(2)
+    push, names = np.zeros(2), {effect.name() for effect in batch.model.effects}
+    if {"cloth_nap", "cue_hop"} <= names:  # no nap pushes a ball in flight
+        return None
     for effect in batch.model.select(np.array([row])).effects:
         name = effect.name()
         own = {k: float(np.ravel(getattr(effect, k))[0]) for k in effect.parameters()}

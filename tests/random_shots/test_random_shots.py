@@ -17,10 +17,9 @@ from tests.random_shots.laws import play as judged
 
 BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778)
 D = BALL.diameter
-ONCE_GIVEN_UP = [  # seed and row, after 100,000 events
-    (4, 3), (4, 26), (6, 4), (6, 9), (14, 28), (16, 8), (227, 54),
+ONCE_GIVEN_UP = [  # seed and row: packs and slopes, a grain that resists more once a ball rolls, pulls across the way
+    (4, 3), (4, 26), (6, 4), (6, 9), (14, 28), (16, 8), (68, 17), (108, 29), (184, 29), (185, 50), (227, 54),
 ]  # fmt: skip
-ONCE_NOWHERE = [(221, 26), (13, 2)]  # an approach whose square vanished; through a facing, beside its arc
 ONCE_INSIDE = [(2, 47), (10, 60), (15, 0)]  # behind a cushion, beside a mouth
 
 
@@ -32,7 +31,7 @@ def test_random_shots_break_no_law(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "row"), ONCE_GIVEN_UP + ONCE_INSIDE + ONCE_NOWHERE)
+@pytest.mark.parametrize(("seed", "row"), ONCE_GIVEN_UP + ONCE_INSIDE + ONCE_NOWHERE + ONCE_TOO_NEAR)
 def test_shots_that_once_broke_a_law_break_none(seed: int, row: int) -> None:
     one = picked(batch(seed, 64), np.array([row]))
     assert breaches(one, judged(one)) == []
