@@ -190,7 +190,7 @@ def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, un
 
 @compiled_in_place
 def _leave_sideways(b, m, kind, what, i, rail, limits, half, mouths, end):  # type: ignore[no-untyped-def]
-    """A ball that would leave a mouth sideways, beyond the cushions' line, is the pocket's, or meets the cushion there."""
+    """A ball that would leave a mouth sideways, beyond the cushions' line: to the pocket, or to meet the cushion."""
     k, sign, now = rail // 2, 1.0 - 2.0 * (rail % 2), b[col.CLOCK]
     o = 1 - k
     if mouths[0] <= 0.0 or limits[k] - sign * b[k] >= MOUTH_DEPTH_M or not in_mouth(b[o], rail, half, mouths):
