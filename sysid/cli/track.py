@@ -91,7 +91,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
 
     from sysid.clips import write_clip_set
     from sysid.vision.camera.projection import read_camera
-    from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
+    from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, place_of, videos_in
 
     named = names_of(filmed.videos)
     if outputs.rrd_file and len(named) > 1:
@@ -121,7 +121,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
         told.append(_told(progress, filmed, outputs, video, camera, film))
         doubtful |= bool(result.doubts)
         if film.clips is not None:
-            so_far = joined(so_far, of_video(film.clips, name, result))
+            so_far = joined(so_far, of_video(film.clips, name, result, place_of(video, outputs.out)))
             write_clip_set(so_far, outputs.out)
             print(f"\nclips: {outputs.out}")
         for doubt in result.doubts:
