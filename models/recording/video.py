@@ -74,7 +74,7 @@ def write_track(
     title, blueprint = f"{Path(video).name}: {len(shots)} shots", _blueprint(table, diameter)
     with whole_recording(path, TRACK_APPLICATION, digest.hexdigest()[:32], title, blueprint) as stream:
         _video(rr, stream, Path(video), frames, pictures)
-        _table(rr, stream, table)
+        draw_cloth(rr, stream, table)
         period = float(np.median(np.diff(frames[1]))) if len(frames[1]) > 1 else 1.0
         for name, one in balls.items():
             _ball(rr, stream, name, one, period, diameter)
@@ -114,7 +114,7 @@ def enlarged(picture: NDArray[np.uint8]) -> Array:
     return np.array([scale, scale, 1.0])
 
 
-def _table(rr: Any, stream: Any, table: Table) -> None:
+def draw_cloth(rr: Any, stream: Any, table: Table) -> None:
     """The cloth from above; up is +y on a table, -y in a picture."""
     stream.log("top", rr.Transform3D(mat3x3=np.diag([1.0, -1.0, 1.0])), static=True)
     half = np.array([table.length, table.width]) / 2

@@ -36,7 +36,7 @@ LIVE_MEMORY = "1GB"  # of a viewer that is fed, beyond which it drops what is ol
 LIVE_OPTIONS = ("--memory-limit", LIVE_MEMORY, "--server-memory-limit", LIVE_MEMORY, "--hide-welcome-screen")
 PICTURE_SIZE_PX = (1600, 900)
 FILM_SIZE_PX = (1280, 720)
-FILM_HZ, FILM_S = 12.0, 20.0  # pictures in a second of a film, and its length at most
+FILM_HZ, FILM_S = 10.0, 12.0  # pictures in a second of a film, and its length at most
 STEP_S = 1.0  # for which a film shows a step of a timeline that counts
 NO_DISPLAY = "there is no display (DISPLAY is not set)"
 
@@ -196,7 +196,11 @@ def _moments(client: Any) -> tuple[str, list[dict[str, float | int]], float]:
     line = next(one for one in shown.timelines if one.name == shown.current_timeline)
     first, last = line.start or 0, line.end or 0
     if line.time_type == "sequence":
-        return line.name, [{"sequence": k} for k in range(first, min(last, first + int(FILM_S / STEP_S)) + 1)], 1 / STEP_S
+        return (
+            line.name,
+            [{"sequence": k} for k in range(first, min(last, first + int(FILM_S / STEP_S)) + 1)],
+            1 / STEP_S,
+        )
     count = math.floor(min(1e-9 * (last - first), FILM_S) * FILM_HZ) + 1
     return line.name, [{"duration": 1e-9 * first + k / FILM_HZ} for k in range(count)], FILM_HZ
 

@@ -1,4 +1,4 @@
-"""What the `review` verbs of all commands share: a recording in a window or browser, as a file, or drawn; and `--live`."""
+"""What the `review` verbs of all commands share: a recording in a window, as a file, or drawn; and `--live`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Viewing:
     web: bool = given("--web", "", "Open it in a browser, where no window can be opened.", bool, False)
     save_file: Path | None = given(output_option("save", "FILE.rrd", "Write the recording instead, for Rerun."))
     picture_file: Path | None = given(
-        output_option("picture", "FILE.png|FILE.mp4", "Draw its beginning, or 20 s of it as a film, without a window.")
+        output_option("picture", "FILE.png|FILE.mp4", "Draw its beginning, or 12 s of it as a film, without a window.")
     )
 
     def check(self) -> None:
