@@ -94,7 +94,7 @@ class LiveStory:
         import rerun as rr
 
         self._rr, self._title, self._ends = rr, title, dict[int, float]()
-        self._stream = feed.stream(LIVE_APPLICATION, title, _blueprint(table, ball, play_state="following"))
+        self._stream = feed.stream(LIVE_APPLICATION, title, _blueprint(table, ball, play_state="following", loop_mode="off"))
         draw_table(Out(rr, self._stream), table, ball)
 
     def show(self, recording: SeriesRecording) -> None:
@@ -109,7 +109,8 @@ def _draw_story(out: _Film, recording: SeriesRecording, title: str) -> None:
     """The shots that are laid out, their curves and all words."""
     _draw_balls(out, recording.ball)
     _draw_marks(out, recording.ball)
-    _plot(out)
+    if any(one.scene.curves for one in out.laid):  # none of a shot that is planned only
+        _plot(out)
     _describe(out, recording, title)
 
 
@@ -308,7 +309,7 @@ def _blueprint(table: Table, ball: Ball, **playing: str) -> Any:
     right = rrb.Vertical(curves, rrb.Tabs(shot, series, guide), row_shares=[1, 1])
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
-        rrb.TimePanel(state="collapsed", timeline="shot", fps=1.0, loop_mode="all", **playing),
+        rrb.TimePanel(state="collapsed", timeline="shot", fps=1.0, **{"loop_mode": "all"} | playing),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_layout=False,

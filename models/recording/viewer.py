@@ -31,6 +31,7 @@ from models.recording.file import silent_stream
 VIEWER = "rerun"
 THIS_MACHINE = "127.0.0.1"  # by default the viewer listens to every network
 START_S, LOAD_S = 20.0, 60.0  # in which it answers, and has read a recording
+SETTLE_S = 7.0  # after which it has drawn all, and its notices are gone
 POLL_S = 0.1
 LIVE_MEMORY = "1GB"  # of a viewer that is fed, beyond which it drops what is oldest
 LIVE_OPTIONS = ("--memory-limit", LIVE_MEMORY, "--server-memory-limit", LIVE_MEMORY, "--hide-welcome-screen")
@@ -154,10 +155,13 @@ def draw_recording(path: Path, recording: Path, progress: Callable[[str], None])
     try:
         with _started(["--headless", "--window-size", f"{width}x{height}"], str(path)) as url:
             client = _loaded(url, recording, path)
+            client.set_time(play_state="paused")
+            settled = time.monotonic() + SETTLE_S
+            while time.monotonic() < settled:
+                client.take_screenshot()  # without a window it draws only when it is asked to
             if film:
                 _write_film(path, client, progress)
             else:
-                client.set_time(play_state="paused")
                 write_whole(path, client.take_screenshot())
     except BadInput as error:
         raise BadInput(f"{error}{remedy * ('does not start' in str(error))}") from error
