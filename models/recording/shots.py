@@ -253,8 +253,11 @@ def _blueprint(table: Table, ball: Ball, clips: Sequence[LaidClip], larger: int,
         curves = rrb.Vertical(rrb.Tabs(*plots), listed, row_shares=[3, 1])
     if filmed:
         film = rrb.Spatial2DView(origin=FILM_SCREEN, name="Film", background=FLOOR_COLOUR)
-        top = rrb.Horizontal(film, rrb.Tabs(above, space, missed), column_shares=[1, 1])
-        whole = rrb.Vertical(top, rrb.Horizontal(tabs, curves, column_shares=[2, 3]), row_shares=[1, 1])
+        views = rrb.Tabs(above, space, *([missed] if labels else []))
+        below = rrb.Horizontal(tabs, curves if labels else listed, column_shares=[2, 3])
+        whole = rrb.Vertical(rrb.Horizontal(film, views, column_shares=[1, 1]), below, row_shares=[1, 1])
+    elif not labels:  # nothing is modelled, so that there is no error to draw
+        whole = rrb.Horizontal(rrb.Tabs(above, space), rrb.Vertical(tabs, listed), column_shares=[3, 2])
     else:
         below = rrb.Horizontal(missed, tabs, column_shares=[1, 1])
         left = rrb.Vertical(rrb.Tabs(above, space), below, row_shares=[5, 3])

@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,7 @@ PICTURE_SIZE_PX = (1600, 900)
 FILM_SIZE_PX = (1280, 720)
 FILM_HZ, FILM_S = 10.0, 12.0  # pictures in a second of a film, and its length at most
 STEP_S = 1.0  # for which a film shows a step of a timeline that counts
+LOG_LEVEL = "RUST_LOG"  # the variable
 NO_DISPLAY = "there is no display (DISPLAY is not set)"
 
 
@@ -71,10 +72,12 @@ class Feed:
     """A viewer that is fed while work goes on."""
 
     url: str
+    streams: list[Any] = field(default_factory=list)
 
     def stream(self, application: str, title: str, blueprint: Any) -> Any:
         """A new recording in it, which it shows from its beginning on."""
         stream = silent_stream(application, None)
+        self.streams.append(stream)
         stream.connect_grpc(self.url, default_blueprint=blueprint)
         stream.send_recording_name(title)
         return stream
@@ -90,7 +93,13 @@ def live_viewer(*, web: bool) -> Iterator[Feed]:
     if display_missing() and not web:
         raise BadInput(f"--live: {NO_DISPLAY}; add --web for a browser, or leave --live out")
     with _started(LIVE_OPTIONS + tuple(_page(web)), "--live", stays=not web) as url:
-        yield Feed(url)
+        os.environ.setdefault(LOG_LEVEL, "off")  # of the sender: it is no fault that a viewer is closed early
+        feed = Feed(url)
+        try:
+            yield feed
+        finally:  # all that was sent arrives before a page's server ends
+            for stream in feed.streams:
+                stream.disconnect()
 
 
 @contextlib.contextmanager
@@ -115,6 +124,7 @@ def _started(options: Sequence[str], what: str, *, stays: bool = False) -> Itera
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(running.pid, signal.SIGTERM)
                 running.wait()
+                _until(lambda: not _listens(port), START_S)
 
 
 def _listens(port: int) -> bool:

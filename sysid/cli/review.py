@@ -69,7 +69,7 @@ def _review_clips(
     films, missing = films_of(clip_set, video)
     progress.close()
     if missing:
-        print(missing_line(missing))
+        print(missing_line(missing, video))
     if not model_files:
         return viewing.show(lambda path: _say(write_measured(path, clip_set, films)), progress)
     labels = labels_of(model_files)
