@@ -10,17 +10,26 @@ import click
 from models.command_line import FILE_PATH, effects_option, gathered
 from models.console import Progress
 from models.errors import BadInput
-from sysid.cli.common import Start, models_option
+from sysid.cli.common import Start
 from sysid.cli.viewing import Viewing
 
 RECORDING_FILES = ("review.rrd", "found/review.rrd")  # of folders that sysid discover and sysid doctor wrote
 
 
+models_option = click.option(
+    "--model", "model_files", metavar="M.toml", type=FILE_PATH, multiple=True,
+    help="Model whose shots are shown beside those of CLIPS; of several the best goes last.",
+)  # fmt: skip
+video_option = click.option(
+    "--video", metavar="DIR", type=FILE_PATH,
+    help="Folder of the films of CLIPS; by default they are looked for where they were tracked, and beside CLIPS.",
+)  # fmt: skip
+
+
 @click.command()
 @click.argument("shots", metavar="CLIPS|DIR|FILE.rrd", type=FILE_PATH)
 @models_option
-@click.option("--video", metavar="DIR", type=FILE_PATH, help="Folder of the films that CLIPS was tracked from; by "
-              "default they are looked for where they were, and beside CLIPS.")  # fmt: skip
+@video_option
 @effects_option()
 @gathered("viewing", Viewing)
 @click.pass_obj
