@@ -94,7 +94,9 @@ class LiveStory:
         import rerun as rr
 
         self._rr, self._title, self._ends = rr, title, dict[int, float]()
-        self._stream = feed.stream(LIVE_APPLICATION, title, _blueprint(table, ball, play_state="following", loop_mode="off"))
+        self._stream = feed.stream(
+            LIVE_APPLICATION, title, _blueprint(table, ball, play_state="following", loop_mode="off")
+        )
         draw_table(Out(rr, self._stream), table, ball)
 
     def show(self, recording: SeriesRecording) -> None:

@@ -1,8 +1,8 @@
 """The films of a clip set: where they are, and which of their frames show which clip.
 
 In: a clip set that tracking wrote, which names its videos. Out: `models.recording.film.Film`, for recordings. A clip's
-first frame is that of its first sample. Left out: frames that tracking found missing though stamps are even; within such
-a clip the film runs ahead of the tracks.
+first frame is that of its first sample. Left out: frames that tracking found missing though stamps are even; in such a
+clip the film runs ahead of the tracks.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ def test_live_needs_a_display_or_a_browser(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(BadInput, match="--live: there is no display.*; add --web"), Live(live=True).feed():
+    with pytest.raises(BadInput, match=r"--live: there is no display.*; add --web"), Live(live=True).feed():
         pass
     with pytest.raises(BadInput, match="--web belongs to --live"), Live(web=True).feed():
         pass
@@ -116,7 +116,7 @@ def test_a_viewer_that_does_not_start_is_told(tmp_path: Path, monkeypatch: pytes
         viewer.live_viewer(web=False),
     ):
         pass
-    with pytest.raises(BadInput, match="x.png: the viewer does not start .*; on Debian: apt install mesa"):
+    with pytest.raises(BadInput, match=r"x\.png: the viewer does not start .*; on Debian: apt install mesa"):
         viewer.draw_recording(tmp_path / "x.png", tmp_path / "r.rrd", Progress())
     assert not (tmp_path / "x.png").exists()
 
