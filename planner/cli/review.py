@@ -23,9 +23,15 @@ def review(progress: Progress, plan: Path, viewing: Viewing) -> int:
 
     Example: planner review plan.json
     """
+    from models.files import entries_of
     from models.recording.plan import write_plan
     from planner.planning import read_plan
 
     viewing.check()
     made = read_plan(plan)
-    return viewing.show(lambda path: write_plan(path, made, title=f"The plan {plan.name}"), progress)
+
+    def write(path: Path) -> None:
+        with entries_of(plan, "make it anew with: planner plan"):
+            write_plan(path, made, title=f"The plan {plan.name}")
+
+    return viewing.show(write, progress)

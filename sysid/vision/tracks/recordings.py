@@ -49,7 +49,10 @@ def names_of(videos: Sequence[str]) -> dict[str, str]:
 
 def videos_in(clip_set: ClipSet | None) -> dict[str, dict[str, Any]]:
     """What is told of each finished video, by name."""
-    return {v["name"]: v for v in clip_set.extra.get(VIDEOS_KEY, ())} if clip_set is not None else {}
+    told = clip_set.extra.get(VIDEOS_KEY) if clip_set is not None else None
+    if not isinstance(told, list | tuple):  # somebody else's key of the same name
+        return {}
+    return {v["name"]: v for v in told if isinstance(v, dict) and isinstance(v.get("name"), str)}
 
 
 def of_video(clip_set: ClipSet, name: str, result: Tracked, file: str = "") -> ClipSet:
