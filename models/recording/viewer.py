@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import cv2
 import numpy as np
@@ -60,11 +61,8 @@ def viewer_program() -> str:
 def open_viewer(recording: Path, *, web: bool) -> bool:
     """Show a recording until the viewer is closed; whether that went well."""
     words = [viewer_program(), str(recording), "--bind", THIS_MACHINE, "--port", "auto"]
-    return subprocess.run([*words, *_page(web)], check=False).returncode == 0
-
-
-def _page(web: bool) -> list[str]:
-    return ["--web-viewer", "--web-viewer-port", "0"] if web else []
+    page = ["--web-viewer", "--web-viewer-port", "0"] if web else []
+    return subprocess.run([*words, *page], check=False).returncode == 0
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,11 @@ def live_viewer(*, web: bool) -> Iterator[Feed]:
     """
     if display_missing() and not web:
         raise BadInput(f"--live: {NO_DISPLAY}; add --web for a browser, or leave --live out")
-    with _started(LIVE_OPTIONS + tuple(_page(web)), "--live", stays=not web) as url:
+    page = _free_port()
+    options = ("--web-viewer", "--web-viewer-port", str(page)) if web else ()
+    with _started((*LIVE_OPTIONS, *options), "--live", stays=not web) as url:
+        if web:  # where the viewer knows of no browser, it opens none
+            print(f"live: http://{THIS_MACHINE}:{page}?url={quote(url, safe='')}", flush=True)
         os.environ.setdefault(LOG_LEVEL, "off")  # of the sender: it is no fault that a viewer is closed early
         feed = Feed(url)
         try:
@@ -105,9 +107,7 @@ def live_viewer(*, web: bool) -> Iterator[Feed]:
 @contextlib.contextmanager
 def _started(options: Sequence[str], what: str, *, stays: bool = False) -> Iterator[str]:
     """A viewer that listens at the address it gives; BadInput names `what` where it does not start."""
-    with socket.socket() as free:
-        free.bind((THIS_MACHINE, 0))
-        port = free.getsockname()[1]
+    port = _free_port()
     words = [viewer_program(), "--bind", THIS_MACHINE, "--port", str(port), *options]
     with tempfile.TemporaryFile() as said:
         running = subprocess.Popen(words, stdout=said, stderr=said, stdin=subprocess.DEVNULL, start_new_session=True)
@@ -125,6 +125,12 @@ def _started(options: Sequence[str], what: str, *, stays: bool = False) -> Itera
                     os.killpg(running.pid, signal.SIGTERM)
                 running.wait()
                 _until(lambda: not _listens(port), START_S)
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind((THIS_MACHINE, 0))
+        return int(free.getsockname()[1])
 
 
 def _listens(port: int) -> bool:

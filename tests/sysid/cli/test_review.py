@@ -121,18 +121,20 @@ def test_a_viewer_that_does_not_start_is_told(tmp_path: Path, monkeypatch: pytes
     assert not (tmp_path / "x.png").exists()
 
 
-def test_a_feed_reaches_the_viewer_and_ends_with_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a viewer that shows nothing: it serves what it is fed."""
-    monkeypatch.setattr(viewer, "LIVE_OPTIONS", ("--serve-grpc",))
-    monkeypatch.setattr(viewer, "_page", lambda web: [])
+def test_a_page_is_fed_and_its_server_ends_with_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("BROWSER", "true")  # the program that does nothing
+    monkeypatch.setenv("PATH", str(tmp_path))
     with viewer.live_viewer(web=True) as feed:
         stream = feed.stream("cuelab_test", "a title", None)
         stream.set_time("shot", sequence=1)
-        stream.log("a", __import__("rerun").TextLog("said"))
         stream.flush()
-        port = int(feed.url.rpartition(":")[2].split("/")[0])
-        assert viewer._listens(port)
-    assert not viewer._listens(port), "the page's server ends with the work"
+        said = capsys.readouterr().out
+        ports = [int(feed.url.rpartition(":")[2].split("/")[0]), int(said.split("?")[0].rpartition(":")[2])]
+        assert said.startswith("live: http://127.0.0.1:")
+        assert viewer._until(lambda: all(map(viewer._listens, ports)), 5.0)
+    assert not any(map(viewer._listens, ports))
 
 
 @pytest.mark.slow
