@@ -32,6 +32,7 @@ from models.recording.file import silent_stream
 VIEWER = "rerun"
 THIS_MACHINE = "127.0.0.1"  # by default the viewer listens to every network
 START_S, LOAD_S = 20.0, 60.0  # in which it answers, and has read a recording
+WINDOW_S = 2.0  # after it answers, in which it ends if it can open no window
 SETTLE_S = 7.0  # after which it has drawn all, and its notices are gone
 POLL_S = 0.1
 LIVE_MEMORY = "1GB"  # of a viewer that is fed, beyond which it drops what is oldest
@@ -114,6 +115,8 @@ def _started(options: Sequence[str], what: str, *, stays: bool = False) -> Itera
         well = False
         try:
             _until(lambda: running.poll() is not None or _listens(port), START_S)
+            if stays:  # it listens before it opens its window
+                _until(lambda: running.poll() is not None, WINDOW_S)
             if running.poll() is not None or not _listens(port):
                 said.seek(0)
                 raise BadInput(f"{what}: the viewer does not start ({_last_line(said.read())})")

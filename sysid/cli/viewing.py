@@ -38,7 +38,7 @@ class Viewing:
         at_most_one(web=self.web, picture=self.picture_file)
         if self.picture_file:
             is_film(self.picture_file)
-        if self.save_file is None:
+        if self.picture_file or self.save_file is None:
             viewer_program()
         if not (self.web or self.save_file or self.picture_file) and display_missing():
             raise BadInput(f"{NO_DISPLAY}; give --web for a browser, --picture FILE.png or --save FILE.rrd")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -119,6 +120,21 @@ def test_a_viewer_that_does_not_start_is_told(tmp_path: Path, monkeypatch: pytes
     with pytest.raises(BadInput, match=r"x\.png: the viewer does not start .*; on Debian: apt install mesa"):
         viewer.draw_recording(tmp_path / "x.png", tmp_path / "r.rrd", Progress())
     assert not (tmp_path / "x.png").exists()
+
+
+def test_a_viewer_that_can_open_no_window_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It listens before it tries."""
+    program = tmp_path / "rerun"
+    program.write_text(
+        f"#!{sys.executable}\nimport socket, sys, time\n"
+        "server = socket.create_server(('127.0.0.1', int(sys.argv[4])))\ntime.sleep(0.4)\n"
+        "sys.exit('Error: no window')\n"
+    )
+    program.chmod(0o755)
+    monkeypatch.setattr(viewer, "viewer_program", lambda: str(program))
+    monkeypatch.setenv("DISPLAY", ":0")
+    with pytest.raises(BadInput, match=r"does not start \(Error: no window\)$"), viewer.live_viewer(web=False):
+        pass
 
 
 def test_a_page_is_fed_and_its_server_ends_with_the_work(
