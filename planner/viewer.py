@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import queue
-import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -23,6 +22,7 @@ import numpy as np
 
 from models.errors import BadInput
 from models.model_file import Model
+from models.recording.viewer import NO_DISPLAY, display_missing
 from models.shot import Array
 from models.simulation.step import World
 from planner.launcher.stroke import launch
@@ -117,8 +117,8 @@ def watch(
 def require_display() -> None:
     """Raise BadInput, in one line, where no window can be opened."""
     remedy = "run it on a desktop, or write pictures: --frames 50 --out DIR"
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise BadInput(f"there is no display (DISPLAY is not set); {remedy}")
+    if display_missing():
+        raise BadInput(f"{NO_DISPLAY}; {remedy}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it warns as well as returning the failure
         import glfw

@@ -1,1 +1,1 @@
-"""What goes to Rerun: shots and their plays, plans, series and videos. Only these modules import it."""
+"""What goes to Rerun: shots and their films, plans, series, campaigns; and its viewer. Only these modules import it."""

@@ -11,16 +11,23 @@ from typing import Any
 from models.errors import BadInput
 
 
-@contextmanager
-def whole_recording(path: Path | str, application: str, digest: str, title: str, blueprint: Any) -> Iterator[Any]:
-    """A stream into a file that appears whole or not at all; BadInput where it cannot be written."""
+def silent_stream(application: str, digest: str | None) -> Any:
+    """A recording without the clock's timelines; `digest` names it, None: anew each time."""
     import rerun as rr
-    from rerun.chunk import RrdReader
 
-    target = Path(path)
     stream = rr.RecordingStream(application, recording_id=digest, send_properties=False)
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
+    return stream
+
+
+@contextmanager
+def whole_recording(path: Path | str, application: str, digest: str, title: str, blueprint: Any) -> Iterator[Any]:
+    """A stream into a file that appears whole or not at all; BadInput where it cannot be written."""
+    from rerun.chunk import RrdReader
+
+    target = Path(path)
+    stream = silent_stream(application, digest)
     try:
         with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
             part = Path(folder) / target.name

@@ -17,6 +17,7 @@ import numpy as np
 
 from models.recording.clips import LaidClip, Review, ReviewOut, labels_of, lay_out
 from models.recording.file import whole_recording
+from models.recording.film import FILM_SCREEN, Film, draw_films
 from models.recording.layers import (
     EVENT_MARKS,
     draw_events,
@@ -46,9 +47,12 @@ REVIEW_GUIDE = """
 """
 
 
-def write_review(path: Path | str, table: Table, ball: Ball, reviews: Sequence[Review], *, title: str) -> None:
+def write_review(
+    path: Path | str, table: Table, ball: Ball, reviews: Sequence[Review], *, title: str, films: Sequence[Film] = ()
+) -> str:
     """Write one Rerun recording of all clips; the file appears whole or not at all.
 
+    Films stand beside the table, in the time of their clips; what of them went in is returned in words, "" for none.
     Raises ValueError for arrays that do not fit each other, BadInput where the file cannot be written.
     """
     import rerun as rr
@@ -58,8 +62,12 @@ def write_review(path: Path | str, table: Table, ball: Ball, reviews: Sequence[R
     each = [series for clip in clips for some in (clip.places, clip.errors) for series in some.values()]
     for time, values in (pair for series in each for pair in series.values()):
         digest.update(time.tobytes() + values.tobytes())
+    for film in films:
+        digest.update(
+            repr((film.video.name, [(name, index.tolist()) for name, (index, _) in film.clips.items()])).encode()
+        )
     larger, labels = magnification(clips), labels_of(clips)
-    blueprint = _blueprint(table, ball, clips, larger)
+    blueprint = _blueprint(table, ball, clips, larger, filmed=bool(films))
     with whole_recording(path, REVIEW_APPLICATION, digest.hexdigest()[:32], title, blueprint) as stream:
         out = ReviewOut(rr, stream, clips)
         draw_table(out, table, ball)
@@ -70,7 +78,9 @@ def write_review(path: Path | str, table: Table, ball: Ball, reviews: Sequence[R
             draw_events(out, ball, last)
             draw_spin(out, ball, last)
         _plot(out)
-        _describe(out, title)
+        filmed = draw_films(out, films) if films else ""
+        _describe(out, title, filmed)
+    return filmed
 
 
 def _plot(out: ReviewOut) -> None:
@@ -139,13 +149,14 @@ def _page(clip: LaidClip, count: int, labels: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
-def _describe(out: ReviewOut, title: str) -> None:
+def _describe(out: ReviewOut, title: str, filmed: str) -> None:
     """Words: how to read the review, each clip's errors, a list of the clips, what happens when."""
     rr, clips, labels = out.rr, out.clips, out.labels()
     last = labels[-1] if labels else ""
     every = {label: _rms(np.concatenate([clip.distances(label) for clip in clips])) for label in labels}
     rms = "; ".join(f"{label}: {size}" for label, size in every.items()) if len(labels) > 1 else every.get(last, "")
     head = f"# {title}\n{len(clips)} clip{'s' * (len(clips) > 1)}, rms position error over all: {rms or 'not known'}\n"
+    head += f"\nFilm: {filmed}\n" if filmed else ""
     table = ["", _row("from", "clip", *([f"rms error, {x}" for x in labels] or ["rms error"]), "note")]
     table.append("|---" * (3 + max(1, len(labels))) + "|")
     names = [f"{clip.index}. {clip.review.name}: {_rms(clip.distances(last))}" for clip in clips]
@@ -194,8 +205,11 @@ def _table_views(table: Table, ball: Ball, labels: Sequence[str], larger: int) -
     return above, space, missed
 
 
-def _blueprint(table: Table, ball: Ball, clips: Sequence[LaidClip], larger: int) -> Any:
-    """Table, misses and words on the left; curves on the right, which follow the time cursor of several clips."""
+def _blueprint(table: Table, ball: Ball, clips: Sequence[LaidClip], larger: int, *, filmed: bool) -> Any:
+    """Table, misses and words on the left; curves on the right, which follow the time cursor of several clips.
+
+    A film takes the place of the misses, which are then a tab beside the table.
+    """
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -229,17 +243,29 @@ def _blueprint(table: Table, ball: Ball, clips: Sequence[LaidClip], larger: int)
     this = rrb.TextDocumentView(origin="text/clip", name="This clip")
     tabs = rrb.Tabs(this, guide, listing, rrb.TextLogView(origin="text/log", name="Log"))
     distance = "Position error: distance, model to measured [mm]"
-    curves = rrb.Vertical(
+    plots = [
         plot("error/distance", distance, errors(0, *ends), len(ends), overrides=hidden),
         plot("error/x", "Position error along x: model - measured [mm]", errors(1, *last)),
         plot("error/y", "Position error along y: model - measured [mm]", errors(2, *last)),
         plot("speed", "Speed of the model's balls [m/s]", speeds),
-        rrb.StateTimelineView(origin="clips", name="Clips, and their rms error"),
-        row_shares=[4, 3, 3, 3, 1.7],
-    )
-    below = rrb.Horizontal(missed, tabs, column_shares=[1, 1])
+    ]
+    listed = rrb.StateTimelineView(origin="clips", name="Clips, and their rms error")
+    curves = rrb.Vertical(*plots, listed, row_shares=[4, 3, 3, 3, 1.7])
+    if filmed:
+        curves = rrb.Vertical(rrb.Tabs(*plots), listed, row_shares=[3, 1])
+    if filmed:
+        film = rrb.Spatial2DView(origin=FILM_SCREEN, name="Film", background=FLOOR_COLOUR)
+        views = rrb.Tabs(above, space, *([missed] if labels else []))
+        below = rrb.Horizontal(tabs, curves if labels else listed, column_shares=[2, 3])
+        whole = rrb.Vertical(rrb.Horizontal(film, views, column_shares=[1, 1]), below, row_shares=[1, 1])
+    elif not labels:  # nothing is modelled, so that there is no error to draw
+        whole = rrb.Horizontal(rrb.Tabs(above, space), rrb.Vertical(tabs, listed), column_shares=[3, 2])
+    else:
+        below = rrb.Horizontal(missed, tabs, column_shares=[1, 1])
+        left = rrb.Vertical(rrb.Tabs(above, space), below, row_shares=[5, 3])
+        whole = rrb.Horizontal(left, curves, column_shares=[3, 2])
     return rrb.Blueprint(
-        rrb.Horizontal(rrb.Vertical(rrb.Tabs(above, space), below, row_shares=[5, 3]), curves, column_shares=[3, 2]),
+        whole,
         rrb.TimePanel(state="collapsed", timeline="shot_time", loop_mode="all"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),

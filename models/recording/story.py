@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,7 +24,10 @@ from models.recording.palette import FLOOR_COLOUR, MODEL_COLOUR, WHITE_COLOUR, C
 from models.recording.table import Out, draw_table
 from models.shot import Array, Ball, Table
 
-STORY_APPLICATION = "cuelab_story"
+if TYPE_CHECKING:
+    from models.recording.viewer import Feed
+
+STORY_APPLICATION, LIVE_APPLICATION = "cuelab_story", "cuelab_live_series"
 Way = tuple[Array, Array]  # time (n,) [s] in its shot, increasing; places (n, 2) [m]; NaN where unseen
 TARGET_COLOUR: Colour = (255, 159, 28)
 STORY_CURVES: Mapping[str, tuple[str, Colour]] = {
@@ -80,10 +83,37 @@ def write_story(path: Path | str, recording: SeriesRecording, *, title: str) -> 
     with whole_recording(path, STORY_APPLICATION, _digest(recording, title), title, _blueprint(table, ball)) as stream:
         out = _Film(rr, stream, _lay_out(recording.scenes))
         draw_table(out, table, ball)
-        _draw_balls(out, ball)
-        _draw_marks(out, ball)
+        _draw_story(out, recording, title)
+
+
+class LiveStory:
+    """A series in the viewer while it is played."""
+
+    def __init__(self, feed: Feed, title: str, table: Table, ball: Ball) -> None:
+        """Begin to show a series on a table."""
+        import rerun as rr
+
+        self._rr, self._title, self._ends = rr, title, dict[int, float]()
+        self._stream = feed.stream(
+            LIVE_APPLICATION, title, _blueprint(table, ball, play_state="following", loop_mode="off")
+        )
+        draw_table(Out(rr, self._stream), table, ball)
+
+    def show(self, recording: SeriesRecording) -> None:
+        """Show shots that are new, or known better than before, and the lessons of the recording."""
+        before = max((end for number, end in self._ends.items() if number < recording.scenes[0].number), default=None)
+        laid = _lay_out(recording.scenes, before)
+        self._ends |= {one.scene.number: one.last for one in laid}
+        _draw_story(_Film(self._rr, self._stream, laid), recording, self._title)
+
+
+def _draw_story(out: _Film, recording: SeriesRecording, title: str) -> None:
+    """The shots that are laid out, their curves and all words."""
+    _draw_balls(out, recording.ball)
+    _draw_marks(out, recording.ball)
+    if any(one.scene.curves for one in out.laid):  # none of a shot that is planned only
         _plot(out)
-        _describe(out, recording, title)
+    _describe(out, recording, title)
 
 
 @dataclass(frozen=True)
@@ -134,8 +164,8 @@ def _digest(recording: SeriesRecording, title: str) -> str:
     return digest.hexdigest()[:32]
 
 
-def _lay_out(scenes: Sequence[SeriesShot]) -> list[_Laid]:
-    """The shots one after another, each from a whole second."""
+def _lay_out(scenes: Sequence[SeriesShot], before: float | None = None) -> list[_Laid]:
+    """The shots one after another, each from a whole second, after others that end at `before` [s]."""
     laid: list[_Laid] = []
     for scene in scenes:
         times = [time for who in (scene.planned, scene.played) for time, _ in who.values()]
@@ -144,7 +174,8 @@ def _lay_out(scenes: Sequence[SeriesShot]) -> list[_Laid]:
                 shapes = f"time {np.shape(time)}, xy {np.shape(xy)}"
                 raise ValueError(f"shot {scene.number}, ball {name!r}: {shapes}; want (n,) and (n, 2)")
         whole = np.concatenate([np.zeros(1), *times])
-        start = math.ceil(laid[-1].last + CLIP_GAP_S - float(whole.min())) if laid else 0.0
+        last = laid[-1].last if laid else before
+        start = 0.0 if last is None else math.ceil(last + CLIP_GAP_S - float(whole.min()))
         laid.append(_Laid(scene, start, start + float(whole.max())))
     return laid
 
@@ -261,8 +292,8 @@ def _describe(out: _Film, recording: SeriesRecording, title: str) -> None:
         out.send("log/refit", rr.TextLog, {}, log, (shots, times, [1] * len(texts)))
 
 
-def _blueprint(table: Table, ball: Ball) -> Any:
-    """Table and log on the left, curves and words on the right."""
+def _blueprint(table: Table, ball: Ball, **playing: str) -> Any:
+    """Table and log on the left, curves and words on the right; `playing` is how time runs at first."""
     import rerun.blueprint as rrb
 
     x, y = np.array([table.length, table.width]) / 2 + 3 * ball.diameter
@@ -280,7 +311,7 @@ def _blueprint(table: Table, ball: Ball) -> Any:
     right = rrb.Vertical(curves, rrb.Tabs(shot, series, guide), row_shares=[1, 1])
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
-        rrb.TimePanel(state="collapsed", timeline="shot", fps=1.0, loop_mode="all"),
+        rrb.TimePanel(state="collapsed", timeline="shot", fps=1.0, **{"loop_mode": "all"} | playing),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_layout=False,

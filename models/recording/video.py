@@ -1,8 +1,8 @@
 """Tracked footage to look at in the Rerun viewer: the video with what was detected, and the tracks on the table.
 
-Everything lies on the timeline `video_time` [s], and `frame` counts the frames. A video that the viewer can play is put
-in as it is, at a hundredth of the size of single pictures; otherwise pictures follow, reduced and compressed. Both show
-the same frames; marks are in the video's own pixels.
+Everything lies on the timeline `video_time` [s], and `frame` counts the frames. A video that the viewer can play (see
+models/recording/film.py) is put in as it is; otherwise pictures follow, reduced and compressed. Both show the same
+frames; marks are in the video's own pixels.
 """
 
 from __future__ import annotations
@@ -13,20 +13,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from models.recording.file import whole_recording
+from models.recording.film import jpeg, playable_stamps
 from models.recording.palette import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour
 from models.recording.table import pocket_discs
 from models.shot import Array, Table
 
 TRACK_APPLICATION = "cuelab_track"
 MAX_WIDTH_PX = 960  # of single pictures [pixels]
-JPEG_QUALITY = 80  # of their JPEG
 UNSEEN_PERIODS = 2.5  # periods without a sighting after which a ball is hidden
-PLAYED_SUFFIXES = (".mp4", ".m4v", ".mov")  # containers that the viewer may play
 TRACK_GUIDE = """
 * **Rings on the video**: detections, in the balls' colours; a ball without a ring was not seen in that frame.
 * **Table from above**: where the balls are, with their paths in the shot that is on.
@@ -76,7 +74,7 @@ def write_track(
     title, blueprint = f"{Path(video).name}: {len(shots)} shots", _blueprint(table, diameter)
     with whole_recording(path, TRACK_APPLICATION, digest.hexdigest()[:32], title, blueprint) as stream:
         _video(rr, stream, Path(video), frames, pictures)
-        _table(rr, stream, table)
+        draw_cloth(rr, stream, table)
         period = float(np.median(np.diff(frames[1]))) if len(frames[1]) > 1 else 1.0
         for name, one in balls.items():
             _ball(rr, stream, name, one, period, diameter)
@@ -95,36 +93,28 @@ def _video(
 ) -> None:  # fmt: skip
     """The footage itself, or its pictures."""
     index, time = frames
-    stamps = _stamps(rr, video)
+    stamps = playable_stamps(video)
     if stamps is not None and len(index) and index[-1] < len(stamps):
         stream.log("picture/video", rr.AssetVideo(path=video), static=True)
         references = rr.VideoFrameReference.columns_nanos(stamps[index])
         stream.send_columns("picture/video", _columns(rr, time, index), references)
         return
     for when, number, picture in zip(time, index, pictures(), strict=False):
-        scale = min(1.0, MAX_WIDTH_PX / picture.shape[1])
-        small = picture if scale == 1.0 else cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        _, coded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         stream.set_time("video_time", duration=float(when))
         stream.set_time("frame", sequence=int(number))
         if number == index[0]:
-            size = np.array([picture.shape[1] / small.shape[1], picture.shape[0] / small.shape[0], 1.0])
-            stream.log("picture/video", rr.Transform3D(scale=size), static=True)
-        stream.log("picture/video", rr.EncodedImage(contents=coded.tobytes(), media_type="image/jpeg"))
+            stream.log("picture/video", rr.Transform3D(scale=enlarged(picture)), static=True)
+        stream.log("picture/video", rr.EncodedImage(contents=jpeg(picture, MAX_WIDTH_PX), media_type="image/jpeg"))
     stream.reset_time()
 
 
-def _stamps(rr: Any, video: Path) -> NDArray[np.int64] | None:
-    """Times of the frames of a video that the viewer plays [ns]; None of any other footage."""
-    if video.suffix.lower() not in PLAYED_SUFFIXES or not video.is_file():
-        return None
-    try:
-        return np.asarray(rr.AssetVideo(path=video).read_frame_timestamps_nanos(), np.int64)
-    except (RuntimeError, ValueError):
-        return None
+def enlarged(picture: NDArray[np.uint8]) -> Array:
+    """By what a reduced picture is enlarged to its own pixels: (3,)."""
+    scale = max(1.0, picture.shape[1] / MAX_WIDTH_PX)
+    return np.array([scale, scale, 1.0])
 
 
-def _table(rr: Any, stream: Any, table: Table) -> None:
+def draw_cloth(rr: Any, stream: Any, table: Table) -> None:
     """The cloth from above; up is +y on a table, -y in a picture."""
     stream.log("top", rr.Transform3D(mat3x3=np.diag([1.0, -1.0, 1.0])), static=True)
     half = np.array([table.length, table.width]) / 2

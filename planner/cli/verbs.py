@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from models.command_line import Program, run
-from planner.cli import plan, scene, study, view
+from planner.cli import plan, review, scene, study, view
 
 PROGRAM = Program(
     "planner",
     "Plan shots that allow for the errors of the launcher and of the model.",
-    {"One shot": (scene.scene, plan.plan, view.view), "Many shots": (study.study,)},
+    {"One shot": (scene.scene, plan.plan, review.review, view.view), "Many shots": (study.study,)},
 )
 
 

@@ -32,8 +32,10 @@ from models.console import Progress, Status, write_json
 from models.errors import BadInput
 from models.files import alone_in
 from robot.cli.common import Filming, Wire, confirmed, yes_option
+from sysid.cli.viewing import Live
 
 if TYPE_CHECKING:
+    from models.recording.viewer import Feed
     from models.shot import Ball, Table
     from robot.camera.live import LiveCamera
     from robot.learning.emulated_rig import EmulatedRig
@@ -140,17 +142,20 @@ class Truth:
 @gathered("wire", Wire)
 @gathered("filming", Filming)
 @gathered("truth", Truth)
+@gathered("live", Live)
 @yes_option
 @json_option
 @effects_option()
 @click.pass_obj
 def learn(
-    progress: Progress, series: Series, wire: Wire, filming: Filming, truth: Truth, yes: bool, json_file: Path | None
+    progress: Progress, series: Series, wire: Wire, filming: Filming, truth: Truth, live: Live, yes: bool,
+    json_file: Path | None,
 ) -> int:  # fmt: skip
     """Learn from shots: plan, play, film, refit table and launcher.
 
     Writes every shot and refit into DIR, with a report and a recording; after an interrupt the same command continues
-    there. Without --port it plays on the emulated launcher and table, and prints the true constants in the end.
+    there. Without --port it plays on the emulated launcher and table, and prints the true constants in the end. With
+    --live each shot is shown as planned and as played.
 
     Example: robot learn --out out/series --shots 40
     """
@@ -162,6 +167,8 @@ def learn(
     at_most_one(hidden=truth.hidden, effect=truth.effect)
     folder = series.out
     click.get_current_context().with_resource(alone_in(folder))
+
+    feed = click.get_current_context().with_resource(live.feed())
 
     def say(line: str) -> None:
         progress.close()
@@ -175,7 +182,8 @@ def learn(
                 raise BadInput("--port: a series needs a camera; give --camera CAM.toml and --video SOURCE")
             with filming.open(folder / "films") as camera:
                 course = series.course(camera.table, camera.ball)
-                story = play_series(folder, course, _at_the_table(wire, camera, yes, say), say, progress)
+                story = play_series(folder, course, _at_the_table(wire, camera, yes, say), say, progress,
+                                    _watch(folder, course, feed))  # fmt: skip
         else:
             filming.refuse()
             course = series.course(SNOOKER_TABLE, SNOOKER_BALL)
@@ -183,7 +191,7 @@ def learn(
             begin(folder, course)
             _check_hidden(folder, emulated)
             say("no --port: on the emulated launcher and table")
-            story = play_series(folder, course, emulated, say, progress)
+            story = play_series(folder, course, emulated, say, progress, _watch(folder, course, feed))
             _reveal(folder, emulated)
         result = figures(story, course, emulated)
         progress.close()
@@ -198,6 +206,17 @@ def learn(
         end.add_note(f"{folder} is kept: the same command continues from there")
         raise
     return Status.DONE
+
+
+def _watch(folder: Path, course: LearningConfig, feed: Feed | None) -> Callable[[int], None]:
+    """What shows the series, or nothing."""
+    if feed is None:
+        return lambda number: None
+    from robot.learning.loop import begin
+    from robot.learning.watch import SeriesWatch
+
+    begin(folder, course)
+    return SeriesWatch(folder, feed, course.model.table, course.model.ball)
 
 
 def _at_the_table(wire: Wire, camera: LiveCamera, yes: bool, say: Callable[[str], None]) -> LiveRig:

@@ -10,14 +10,14 @@ import sys
 from collections.abc import Sequence
 
 from models.command_line import Program, run
-from robot.cli import learn, measure, play, single
+from robot.cli import learn, measure, play, review, single
 from robot.device.protocol import LauncherError
 
 PROGRAM = Program(
     "robot",
     "Use the cue launcher, with and without hardware.",
     {
-        "Strokes": (play.play, play.align, learn.learn),
+        "Strokes": (play.play, play.align, learn.learn, review.review),
         "Measurements of the launcher": (measure.campaign, measure.map_, measure.repeat, measure.calibrate),
         "The launcher itself": (single.status, single.home, single.stop, single.reset, single.emulate),
     },

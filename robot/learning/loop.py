@@ -141,7 +141,7 @@ def begin(folder: Path | str, config: LearningConfig) -> None:
 
 def learn(
     folder: Path | str, config: LearningConfig, rig: Rig, say: Callable[[str], None] = print,
-    report: Report = lambda line: None,
+    report: Report = lambda line: None, watch: Callable[[int], None] = lambda number: None,
 ) -> History:  # fmt: skip
     """Play a series, or continue it.
 
@@ -151,6 +151,7 @@ def learn(
         rig: where it is played.
         say: called with the result of every shot and refit.
         report: called with what is being done.
+        watch: called with a shot's number when its plan is written, when it is played, and after a refit to it.
 
     Raises:
         BadInput: for a folder of another series, a scene that was not set up, a stroke that was not confirmed.
@@ -165,12 +166,14 @@ def learn(
         learnt = played - played % config.every
         if learnt and not (fit_folder(folder, learnt) / "fit.json").is_file():
             say(_refit(folder, config, learnt, report))
+            watch(learnt)
         reason = why_ended(read_history(folder), config.every) if config.stops and played == learnt > 0 else ""
         if reason or played >= config.shots:
             write_whole(folder / "ended.txt", f"{reason or f'all {played} shots are played'}\n".encode())
             return read_history(folder)
         (folder / "ended.txt").unlink(missing_ok=True)
-        say(_play(folder, config, rig, played + 1, learnt, report))
+        say(_play(folder, config, rig, played + 1, learnt, report, watch))
+        watch(played + 1)
 
 
 def why_ended(history: History, every: int) -> str:
@@ -195,7 +198,10 @@ def latest(folder: Path, config: LearningConfig, learnt: int) -> tuple[Model, Cu
     return read_model(fit_folder(folder, learnt) / "model.toml"), read_map(fit_folder(folder, learnt) / "map.toml")
 
 
-def _play(folder: Path, config: LearningConfig, rig: Rig, number: int, learnt: int, report: Report) -> str:
+def _play(
+    folder: Path, config: LearningConfig, rig: Rig, number: int, learnt: int, report: Report,
+    watch: Callable[[int], None],
+) -> str:  # fmt: skip
     """Plan and play one shot; its result in words."""
     model, cueing_map = latest(folder, config, learnt)
     strokes = with_map(Strokes(), cueing_map, model.ball)
@@ -217,6 +223,7 @@ def _play(folder: Path, config: LearningConfig, rig: Rig, number: int, learnt: i
         raise BadInput(f"shot {number}: none of {MAX_SCENE_DRAWS} scenes can be played; check model and launcher")
     path = plan_file(folder, number)
     write_json(str(path), plan | {"learnt": learnt})
+    watch(number)
     setup.turn(math.radians(plan["launcher"]["theta_deg"]))
     with setup.launcher as launcher:
         played = play_plan(path, launcher, setup.camera, setup.confirm, clips=folder / "clips", say=report)

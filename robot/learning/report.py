@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from models.files import write_whole
 from models.recording.story import SeriesRecording, Way, write_story
@@ -20,9 +21,10 @@ from models.report.figure import Draw, png, svg
 from models.report.numbers import NO_VALUE, millimetres, number
 from models.report.page import printable, write_page
 from models.shot import Array
-from planner.scene import pocket_name
+from planner.planning import read_plan
+from planner.scene import pocket_name, scene_from
 from robot.learning.blocks import Block, blocks, changes, ends, pot_count
-from robot.learning.history import History, PlayedShot, Refit
+from robot.learning.history import History, PlayedShot, Refit, plan_file, predicted_stop
 from robot.learning.pictures import above, constants, misses, pots
 from sysid.estimation.fitted import MISS_OVER_AXIS
 
@@ -164,10 +166,26 @@ def recording_of(story: History) -> SeriesRecording:
     return SeriesRecording(films, lessons, words, story.shots[0].scene.table, story.shots[0].scene.ball)
 
 
+def planned_recording(folder: Path, number: int) -> SeriesRecording:
+    """A shot of a series that is planned and not yet played, as what is drawn in Rerun."""
+    plan = read_plan(plan_file(folder, number))
+    scene = scene_from(plan["scene"], str(plan_file(folder, number)))
+    chance = _percent(float(plan["pot_probability"]["value"]))
+    words = _lines(f"shot {number}: planned, {chance} pots predicted")
+    start = dict(zip(scene.names, scene.position, strict=True))
+    target, wanted = predicted_stop(plan)[0], scene.goal.rest
+    shot = Film(number, start, _ways(plan), target=target, wanted=wanted, words=words)
+    return SeriesRecording((shot,), (), f"Shot {number} is being played.", scene.table, scene.ball)
+
+
+def _ways(plan: dict[str, Any]) -> dict[str, Way]:
+    """The planned ways of the balls that move."""
+    tracks = plan.get("tracks") or []
+    return {one["ball"]: (_array(one["t"]).reshape(-1), _array(one["xy"]).reshape(-1, 2)) for one in tracks}
+
+
 def _film(shot: PlayedShot, median: float) -> Film:
-    planned: dict[str, Way] = {}
-    for track in shot.plan.get("tracks") or []:
-        planned[track["ball"]] = (_array(track["t"]).reshape(-1), _array(track["xy"]).reshape(-1, 2))
+    planned = _ways(shot.plan)
     played: dict[str, Way] = {}
     if shot.clip is not None:
         played = {name: (seen.time, seen.xy) for name, seen in shot.clip.balls.items()}

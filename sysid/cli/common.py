@@ -117,7 +117,8 @@ class Outputs:
         if self.rrd_file:
             from sysid.report.recording import write_rrd
 
-            write_rrd(self.rrd_file, comparisons)
+            filmed = write_rrd(self.rrd_file, comparisons)
+            print(f"film: {filmed}\n" * bool(filmed), end="")
             print_recording(self.rrd_file)
 
 

@@ -1,39 +1,91 @@
-"""`sysid review`: a recording opened in the Rerun viewer, which listens to this machine alone."""
+"""`sysid review`: shots in the Rerun viewer, which listens to this machine alone; of a clip set with its films."""
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import click
 
-from models.command_line import FILE_PATH
-from models.console import Status
+from models.command_line import FILE_PATH, effects_option, gathered
+from models.console import Progress
 from models.errors import BadInput
+from sysid.cli.common import Start
+from sysid.cli.viewing import Viewing
 
-VIEWER = "rerun"
-RECORDING_FILE = "review.rrd"  # of a folder that sysid discover wrote
-THIS_MACHINE = "127.0.0.1"  # by default the viewer listens to every network
+RECORDING_FILES = ("review.rrd", "found/review.rrd")  # of folders that sysid discover and sysid doctor wrote
+
+
+models_option = click.option(
+    "--model", "model_files", metavar="M.toml", type=FILE_PATH, multiple=True,
+    help="Model whose shots are shown beside those of CLIPS; of several the best goes last.",
+)  # fmt: skip
+video_option = click.option(
+    "--video", metavar="DIR", type=FILE_PATH,
+    help="Folder of the films of CLIPS; by default they are looked for where they were tracked, and beside CLIPS.",
+)  # fmt: skip
 
 
 @click.command()
-@click.argument("recording", metavar="DIR|FILE.rrd", type=FILE_PATH)
-@click.option("--web", is_flag=True, help="Open it in a browser, where no window can be opened.")
-def review(recording: Path, web: bool) -> int:
-    """Open a recording of shots in the Rerun viewer.
+@click.argument("shots", metavar="CLIPS|DIR|FILE.rrd", type=FILE_PATH)
+@models_option
+@video_option
+@effects_option()
+@gathered("viewing", Viewing)
+@click.pass_obj
+def review(
+    progress: Progress, shots: Path, model_files: tuple[Path, ...], video: Path | None, viewing: Viewing
+) -> int:  # fmt: skip
+    """Review shots in the Rerun viewer: measured and modelled, beside their film.
 
-    DIR is what sysid discover wrote. The viewer is that of this installation, and listens to this machine alone.
+    CLIPS is a clip set: its shots, and with --model those of the models, are shown beside their films. DIR is a folder
+    that sysid discover or doctor wrote, FILE.rrd a recording. The viewer listens to this machine alone.
 
     Example: sysid review out/mine
     """
-    file = recording / RECORDING_FILE if recording.is_dir() else recording
+    viewing.check()
+    if (shots / "clips.toml").is_file():
+        return _review_clips(shots, model_files, video, viewing, progress)
+    file = next((shots / name for name in RECORDING_FILES if (shots / name).is_file()), shots)
     if not file.is_file():
+        file = shots / RECORDING_FILES[0] if shots.is_dir() else shots
         raise BadInput(f"{file}: no such recording; write one with: sysid discover, or with --rrd of another verb")
-    beside = Path(sys.executable).with_name(VIEWER)
-    viewer = str(beside) if beside.is_file() else shutil.which(VIEWER)
-    if viewer is None:
-        raise BadInput(f"{VIEWER}: the viewer is not installed; pip install rerun-sdk")
-    words = [viewer, str(file), "--bind", THIS_MACHINE, *(["--web-viewer"] if web else [])]
-    return Status.DONE if subprocess.run(words, check=False).returncode == 0 else Status.FINDING
+    for name, value in (("model", model_files), ("video", video)):
+        if value:
+            raise BadInput(f"--{name}: {file} is finished; to make another name the clip set: sysid review CLIPS")
+    return viewing.show(lambda path: _copy(file, path), progress)
+
+
+def _copy(file: Path, path: Path) -> None:
+    """Write the same file elsewhere."""
+    from models.files import write_whole
+
+    if path.resolve() != file.resolve():
+        write_whole(path, file.read_bytes())
+
+
+def _review_clips(
+    shots: Path, model_files: tuple[Path, ...], video: Path | None, viewing: Viewing, progress: Progress
+) -> int:  # fmt: skip
+    """A clip set: its films, what was measured, and each model's shots where models are named."""
+    from sysid.cli.compare import labels_of
+    from sysid.clips import read_clip_set
+    from sysid.interface import compare
+    from sysid.report.recording import write_measured, write_rrd
+    from sysid.vision.films import films_of, missing_line
+
+    clip_set, models = Start(shots, model_files).load_several() if model_files else (read_clip_set(shots), [])
+    progress("looking at the films")
+    films, missing = films_of(clip_set, video)
+    progress.close()
+    if missing:
+        print(missing_line(missing, video))
+    if not model_files:
+        return viewing.show(lambda path: _say(write_measured(path, clip_set, films)), progress)
+    labels = labels_of(model_files)
+    compared = [(label, compare(clip_set, model)) for label, model in zip(labels, models, strict=True)]
+    return viewing.show(lambda path: _say(write_rrd(path, compared, films=films)), progress)
+
+
+def _say(filmed: str) -> None:
+    if filmed:
+        print(f"film: {filmed}")

@@ -16,8 +16,10 @@ from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from models.files import alone_in
 from sysid.cli.common import camera_option, mass_option, palette_option, print_recording, rrd_option
+from sysid.cli.viewing import Live
 
 if TYPE_CHECKING:
+    from models.recording.viewer import Feed
     from sysid.vision.camera.projection import Camera
     from sysid.vision.details import Details
     from sysid.vision.film import TrackedFilm
@@ -75,13 +77,14 @@ class TrackOutputs:
 @click.command()
 @gathered("filmed", Filmed)
 @gathered("outputs", TrackOutputs)
+@gathered("live", Live)
 @click.pass_obj
-def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
+def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live) -> int:
     """Track the balls of videos of one camera, and write their shots as a clip set.
 
     VIDEO is a video, a folder of pictures, or a pattern of their names (%04d or *). Reads each and the camera file, and
     writes a clip for each shot, named by video and time. Videos that the clip set holds already are not read again.
-    Status 1 if the tracks are not to be trusted.
+    With --live each frame is shown with the balls found in it. Status 1 if the tracks are not to be trusted.
 
     Example: sysid track match.mp4 --camera cam.toml --out CLIPS
     """
@@ -91,7 +94,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
 
     from sysid.clips import write_clip_set
     from sysid.vision.camera.projection import read_camera
-    from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
+    from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, place_of, videos_in
 
     named = names_of(filmed.videos)
     if outputs.rrd_file and len(named) > 1:
@@ -103,7 +106,10 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
         check_camera(so_far, camera, outputs.out)
     told, doubtful = [], False
     done = videos_in(so_far)
-    films = _films(progress, filmed, camera, [video for name, video in named.items() if name not in done])
+    if live.live and filmed.scheduler is not None:
+        raise BadInput("--live shows what this machine tracks; leave it out, or leave --scheduler out")
+    feed = click.get_current_context().with_resource(live.feed())
+    films = _films(progress, filmed, camera, [video for name, video in named.items() if name not in done], feed)
     click.get_current_context().call_on_close(films.close)
     for name, video in named.items():
         if len(named) > 1:
@@ -121,7 +127,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
         told.append(_told(progress, filmed, outputs, video, camera, film))
         doubtful |= bool(result.doubts)
         if film.clips is not None:
-            so_far = joined(so_far, of_video(film.clips, name, result))
+            so_far = joined(so_far, of_video(film.clips, name, result, place_of(video, outputs.out)))
             write_clip_set(so_far, outputs.out)
             print(f"\nclips: {outputs.out}")
         for doubt in result.doubts:
@@ -139,7 +145,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs) -> int:
 
 
 def _films(
-    progress: Progress, filmed: Filmed, camera: Camera, videos: Sequence[str]
+    progress: Progress, filmed: Filmed, camera: Camera, videos: Sequence[str], feed: Feed | None
 ) -> Generator[tuple[str, TrackedFilm], None, None]:
     """Videos with what became of them, in order; tracked by a cluster where it has an address."""
     from models.workers import open_workers
@@ -151,7 +157,7 @@ def _films(
     taken = Taken(camera, str(filmed.camera_file), palette, filmed.fps, filmed.exposure, filmed.mass)
     if filmed.scheduler is None:
         for video in videos:
-            yield video, track_film(video, taken, progress)
+            yield video, track_film(video, taken, progress, feed)
         return
     tasks = [(os.path.abspath(video), video_name(video), taken, film_mark(video)) for video in videos]
     with open_workers(filmed.scheduler, 0, progress=progress) as workers:

@@ -10,22 +10,28 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from models.errors import BadInput
 from models.recording.clips import Review
+from models.recording.film import Film
 from models.recording.shots import write_review
 from models.shot import Track
-from sysid.clips import Clip
+from sysid.clips import Clip, ClipSet
 from sysid.residuals.comparison import Comparison
 
 Ladder = Sequence[tuple[str, Mapping[str, Track]]]  # a model's label, and its whole shots by clip
 
 
-def write_rrd(path: str | Path, compared: Sequence[tuple[str, Comparison]], between: Ladder = ()) -> None:
-    """Write the recording, whole or not at all.
+def write_rrd(
+    path: str | Path, compared: Sequence[tuple[str, Comparison]], between: Ladder = (),
+    films: Sequence[Film] | None = None,
+) -> str:  # fmt: skip
+    """Write the recording, whole or not at all; what of films went in, in words, "" for none.
 
     Args:
         path: the recording.
         compared: comparisons of the same clips with their labels; the last is the model that is shown.
         between: further models, between the first and the last of `compared`.
+        films: of the clips; None: those that are found where they were tracked, or beside the clip set.
     """
     tracks = [
         (name, {clip.file: track for clip, track in zip(one.shots, one.tracks, strict=True)}) for name, one in compared
@@ -42,7 +48,29 @@ def write_rrd(path: str | Path, compared: Sequence[tuple[str, Comparison]], betw
         for clip in _ordered([one for _, one in compared])
     ]
     title = "model: " + (", ".join(e.name() for e in last.model.stack()[1:]) or "native MuJoCo contact")
-    write_review(path, last.clip_set.table, last.clip_set.ball, reviews, title=title)
+    filmed = found_films(last.clip_set) if films is None else films
+    return write_review(path, last.clip_set.table, last.clip_set.ball, reviews, title=title, films=filmed)
+
+
+def write_measured(path: str | Path, clip_set: ClipSet, films: Sequence[Film]) -> str:
+    """The same of clips without any model, in their order."""
+    reviews = [
+        Review(clip.file, {name: (seen.time, seen.xy) for name, seen in clip.balls.items()}, note=clip.note)
+        for clip in clip_set.clips
+    ]
+    return write_review(path, clip_set.table, clip_set.ball, reviews, title="Shots as measured", films=films)
+
+
+def found_films(clip_set: ClipSet) -> Sequence[Film]:
+    """The films of a clip set that lie where it says, or beside it; none where one is not the film that was tracked."""
+    if not clip_set.extra.get("videos"):
+        return ()
+    from sysid.vision.films import films_of
+
+    try:
+        return films_of(clip_set)[0]
+    except BadInput:
+        return ()
 
 
 def _ordered(compared: Sequence[Comparison]) -> list[Clip]:

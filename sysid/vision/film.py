@@ -8,12 +8,17 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from models.errors import BadInput
 from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
+from models.recording.live import LiveTrack
 from models.workers.order import report
 from sysid.clips import ClipSet
 from sysid.vision.balls.discs import Shutter
@@ -21,9 +26,13 @@ from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import Palette
 from sysid.vision.camera.projection import Camera
 from sysid.vision.details import Details, details
-from sysid.vision.frames import open_footage
-from sysid.vision.tracks.clips import Extra, clip_set
+from sysid.vision.frames import Frame, open_footage
+from sysid.vision.tracks.clips import Extra, clip_set, note
 from sysid.vision.tracks.track import Tracked, track
+
+if TYPE_CHECKING:
+    from models.recording.viewer import Feed
+    from sysid.vision.balls.detect import Detection
 
 MARKED_BYTES = 1 << 20  # of a file's beginning and of its end, by which it is known
 
@@ -50,8 +59,10 @@ class TrackedFilm:
     remarks: tuple[str, ...]  # for the user
 
 
-def track_film(video: str, taken: Taken, progress: Callable[[str], None]) -> TrackedFilm:
-    """Track the balls of a film, and make clips of its shots.
+def track_film(
+    video: str, taken: Taken, progress: Callable[[str], None], feed: Feed | None = None
+) -> TrackedFilm:  # fmt: skip
+    """Track the balls of a film, and make clips of its shots; a viewer that is to be fed shows it meanwhile.
 
     Raises:
         BadInput: it cannot be read, or is not of this camera.
@@ -64,7 +75,12 @@ def track_film(video: str, taken: Taken, progress: Callable[[str], None]) -> Tra
     detector = learn_detector(camera, footage, palette, progress)
     shutter = Shutter(None if taken.exposure is None else min(taken.exposure * footage.fps, 1.0))
     counts = dict(zip(palette.names, palette.counts, strict=True))
-    result = track(footage, camera, detector, counts, progress, shutter)
+    live = None if feed is None else LiveTrack(feed, Path(video).name, camera.table, camera.diameter)
+    watch = None if live is None else partial(_show, live, camera)
+    result = track(footage, camera, detector, counts, progress, shutter, watch)
+    if live is not None:
+        for number, shot in enumerate(result.shots, 1):
+            live.said(result.scene.time_of(shot.last), note(number, shot))
     result, seen = details(result, footage, camera, progress, not detector.rough)
     mass = taken.mass if taken.mass is not None else MASS_PER_CUBED_DIAMETER * camera.diameter**3
     remarks = [*footage.assumed, *detector.notes, *result.notes]
@@ -73,6 +89,14 @@ def track_film(video: str, taken: Taken, progress: Callable[[str], None]) -> Tra
     extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
     clips = clip_set(result, camera, mass, footage.fps, extras) if result.shots else None
     return TrackedFilm(result, seen, clips, tuple(remarks))
+
+
+def _show(live: LiveTrack, camera: Camera, frame: Frame, seen: Sequence[Detection]) -> None:
+    """Show a frame with the balls that were found in it."""
+    if live.due():
+        pixels, radii = np.array([one.xy for one in seen]).reshape(-1, 2), np.array([one.radius for one in seen])
+        names = [one.name for one in seen]
+        live.frame(frame.index, frame.time, frame.picture, names, pixels, radii, camera.centres(pixels))
 
 
 def track_same_film(video: str, name: str, taken: Taken, mark: str) -> TrackedFilm:

@@ -96,7 +96,7 @@ class Footage:
 
     def __iter__(self) -> Iterator[Frame]:
         """All frames that can be read."""
-        return self._frames(None)
+        return self.frames(None)
 
     def sample(self, n: int) -> list[Frame]:
         """Up to n frames, evenly spread over the footage."""
@@ -106,10 +106,10 @@ class Footage:
         if isinstance(self._source, Video) and (count is None or count > SEEK_FRAMES):
             if count is not None and len(found := self._jump(n, count)) > n / 2:
                 return found
-            total = sum(1 for _ in self._frames(set()))
+            total = sum(1 for _ in self.frames(set()))
             self.count = count = total
         wanted = set(np.linspace(0, max((count or 1) - 1, 0), n).round().astype(int).tolist())
-        found = list(self._frames(wanted))
+        found = list(self.frames(wanted))
         if self._whole and self.count is not None and self.count < (count or 0):  # the container announced more
             return self.sample(n) if len(found) < min(n, self.count) else found
         return found
@@ -125,8 +125,8 @@ class Footage:
                 frames[stamp] = Frame(index, time * self._frame_times.time_scale, picture)
         return [frames[stamp] for stamp in sorted(frames)]
 
-    def _frames(self, wanted: set[int] | None) -> Iterator[Frame]:
-        """Read through and yield the frames with these indices, or all."""
+    def frames(self, wanted: set[int] | None) -> Iterator[Frame]:
+        """Read through and yield the frames with these indices, or all; the others are not decoded."""
         frame_times, steps, before = self._frame_times, 0, math.nan
         missing = broken = read = 0
         first = math.nan

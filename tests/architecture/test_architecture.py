@@ -27,7 +27,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "engine": ("analytic",),
         "workers": ("engine",),
         "simulation": ("analytic", "engine", "mjcf"),
-        "recording": ("mjcf",),
+        "recording": ("files", "mjcf"),
         "environment": ("mjcf",),
         "report": ("files", "recording"),
     },
@@ -39,7 +39,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "validation": ("clips", "estimation"),
         "residuals": ("clips", "estimation"),
         "selection": ("clips", "estimation"),
-        "report": ("clips", "estimation", "residuals", "selection"),
+        "report": ("clips", "vision", "estimation", "residuals", "selection"),
         "cli": ("clips", "direct", "vision", "estimation", "validation", "residuals", "selection", "report"),
     },
     "sysid.vision": {

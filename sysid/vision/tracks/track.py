@@ -32,7 +32,9 @@ from sysid.vision.tracks.strikes import TrackedShot, split_shots
 
 if TYPE_CHECKING:
     from sysid.vision.balls.detect import Detection, Detector
-    from sysid.vision.frames import Footage, Picture
+    from sysid.vision.frames import Footage, Frame, Picture
+
+    Watch = Callable[[Frame, Sequence[Detection]], None]
 
 FULL_SEARCH_INTERVAL_S = 0.2  # between two searches of the whole picture
 PROGRESS_INTERVAL_S = 0.2  # between two lines of progress
@@ -67,9 +69,19 @@ class Tracked:
 
 def track(
     footage: Footage, camera: Camera, detector: Detector, counts: Mapping[str, int],
-    progress: Callable[[str], None] = lambda line: None, shutter: Shutter | None = None,
+    progress: Callable[[str], None] = lambda line: None, shutter: Shutter | None = None, watch: Watch | None = None,
 ) -> Tracked:  # fmt: skip
-    """Track all balls of a footage and split their motion into shots; `counts`: greatest number of balls by name."""
+    """Track all balls of a footage and split their motion into shots.
+
+    Args:
+        footage: to be tracked.
+        camera: that took it.
+        detector: of the balls.
+        counts: greatest number of balls by name.
+        progress: called with what is being done.
+        shutter: of the camera.
+        watch: called with each frame and the balls detected in it.
+    """
     shutter = shutter or Shutter()
     follower = Follower(camera, counts if detector.palette is None else {ANY_BALL: sum(counts.values())})
     frames, times, twice = [], [], []
@@ -90,6 +102,8 @@ def track(
             turned = [face_change(previous, frame.picture, s.xy, s.radius, detector.noise) for s in seen]
             seen = [replace(s, face_change=by) for s, by in zip(seen, turned, strict=True)]
         follower.update(frame.index, frame.time, seen)
+        if watch is not None:
+            watch(frame, seen)
         previous = frame.picture
         last_full_search = frame.time if full_search else last_full_search
         if (now := clock.monotonic()) - reported > PROGRESS_INTERVAL_S:

@@ -1,0 +1,37 @@
+"""`planner review`: a plan in the Rerun viewer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from models.command_line import FILE_PATH, gathered
+from models.console import Progress
+from sysid.cli.viewing import Viewing
+
+
+@click.command()
+@click.argument("plan", metavar="PLAN.json", type=FILE_PATH)
+@gathered("viewing", Viewing)
+@click.pass_obj
+def review(progress: Progress, plan: Path, viewing: Viewing) -> int:
+    """Review a plan in the Rerun viewer: the shot, what may become of it, the alternatives.
+
+    Shows the nominal shot, draws of what launcher and model make of it, where the cue ball may come to rest, and each
+    alternative. The viewer listens to this machine alone.
+
+    Example: planner review plan.json
+    """
+    from models.files import entries_of
+    from models.recording.plan import write_plan
+    from planner.planning import read_plan
+
+    viewing.check()
+    made = read_plan(plan)
+
+    def write(path: Path) -> None:
+        with entries_of(plan, "make it anew with: planner plan"):
+            write_plan(path, made, title=f"The plan {plan.name}")
+
+    return viewing.show(write, progress)

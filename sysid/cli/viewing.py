@@ -1,0 +1,83 @@
+"""What the `review` verbs of all commands share: a recording in a window, as a file, or drawn; and `--live`."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from models.command_line import at_most_one, given, output_option
+from models.console import Progress, Status
+from models.errors import BadInput
+from sysid.cli.common import print_recording
+
+if TYPE_CHECKING:
+    from models.recording.viewer import Feed
+
+LIVE_HELP = "Show it in the Rerun viewer while it is done, on this machine alone."
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """Where a recording is shown: in a window by default."""
+
+    web: bool = given("--web", "", "Open it in a browser, where no window can be opened.", bool, False)
+    save_file: Path | None = given(output_option("save", "FILE.rrd", "Write the recording instead, for Rerun."))
+    picture_file: Path | None = given(
+        output_option("picture", "FILE.png|FILE.mp4", "Draw its beginning, or 12 s of it as a film, without a window.")
+    )
+
+    def check(self) -> None:
+        """Refuse before the work what could not be shown after it."""
+        from models.recording.viewer import NO_DISPLAY, display_missing, is_film, viewer_program
+
+        at_most_one(web=self.web, save=self.save_file)
+        at_most_one(web=self.web, picture=self.picture_file)
+        if self.picture_file:
+            is_film(self.picture_file)
+        if self.picture_file or self.save_file is None:
+            viewer_program()
+        if not (self.web or self.save_file or self.picture_file) and display_missing():
+            raise BadInput(f"{NO_DISPLAY}; give --web for a browser, --picture FILE.png or --save FILE.rrd")
+
+    def show(self, write: Callable[[Path], None], progress: Progress) -> int:
+        """Have the recording written into a file, and show it; the exit status."""
+        from models.recording.viewer import draw_recording, open_viewer
+
+        with tempfile.TemporaryDirectory(prefix="cuelab-") as folder:
+            recording = self.save_file or Path(folder) / "review.rrd"
+            write(recording)
+            progress.close()
+            if self.save_file:
+                print_recording(self.save_file)
+            if self.picture_file:
+                draw_recording(self.picture_file, recording, progress)
+                progress.close()
+                print(f"picture: {self.picture_file}")
+            if self.save_file or self.picture_file:
+                return Status.DONE
+            return Status.DONE if open_viewer(recording, web=self.web) else Status.FINDING
+
+
+@dataclass(frozen=True)
+class Live:
+    """Whether work is shown while it goes on."""
+
+    live: bool = given("--live", "", LIVE_HELP, bool, False)
+    web: bool = given("--web", "", "With --live: in a browser, where no window can be opened.", bool, False)
+
+    @contextlib.contextmanager
+    def feed(self) -> Iterator[Feed | None]:
+        """The viewer to be fed, None where none is asked for; BadInput where it cannot be opened."""
+        if self.web and not self.live:
+            raise BadInput("--web belongs to --live; give both, or neither")
+        if not self.live:
+            yield None
+            return
+        from models.recording.viewer import live_viewer
+
+        with live_viewer(web=self.web) as feed:
+            yield feed
