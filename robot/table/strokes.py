@@ -4,7 +4,7 @@ In: a `LoneBall`, the launcher's settings, strokes. Out: a `CueShot` for every s
 (robot/cueing/campaign.py), `Repeated` for every string (robot/cueing/repeated.py).
 
 Speed and squirt are those of the first path, up to the first cushion, against the direction in which the camera sees
-the cue (robot/cueing/first_track.py). The hit falls between the first picture after it and the one before. A stroke
+the cue (robot/cueing/first_track.py). The path says when the hit was: a tracker may miss the first pictures. A stroke
 whose ball is far slower than the usual constants say, or leaves far from where they say, is a miscue. A path length is
 that of the filmed path, with corners no shorter than PATH_STEP_M, so that noise does not lengthen it.
 """
@@ -27,6 +27,7 @@ from robot.play import check_radius, pocket_near
 from robot.table.lone_ball import MAX_FILMS, LoneBall, LoneStroke
 
 REST_PICTURES = 8  # of the resting ball, as the camera looks before the stroke
+HIT_PICTURES = 2  # by which the time of the hit, told from the path, may be wrong
 CUSHION_GAP_M = 0.005  # of a ball's edge from a cushion, from which on its path is free
 MIN_SPEED_RATIO = 0.6  # of the ball, over what the usual constants say; below, the tip has slipped
 MAX_SQUIRT_ERROR = 0.15  # from what they say, beyond which it has slipped too [rad]
@@ -92,12 +93,16 @@ def first_path(stroke: LoneStroke, rig: LoneBall) -> tuple[Array, Array]:
     half = np.array([rig.table.length, rig.table.width]) / 2 - rig.ball.radius - CUSHION_GAP_M
     near = np.flatnonzero((np.abs(stroke.ball.xy) > half).any(axis=1))
     free = slice(0, int(near[0]) if near.size else None)
+    times, xy = stroke.ball.time[free], turned(stroke.ball.xy[free] - stroke.start, -stroke.azimuth)
+    early = times <= TRACK_LENGTH_S
+    times, xy = times[early], xy[early]
+    if len(times) < MIN_TRACK_FRAMES:
+        raise BadInput(f"{len(times)} pictures of the ball before a cushion are too few; use a faster camera")
+    speed = float(np.hypot(*np.polyfit(times, xy, 1)[0]))
+    times = times - times[0] + float(np.hypot(*xy[0])) / max(speed, 1e-3)  # the hit at about 0
     period = 1.0 / rig.camera.fps
-    times, xy = stroke.ball.time[free] + period, stroke.ball.xy[free]
-    times, xy = times[times <= TRACK_LENGTH_S], xy[times <= TRACK_LENGTH_S]
-    rest = period * np.arange(1 - REST_PICTURES, 1)
-    places = np.concatenate([np.zeros((REST_PICTURES, 2)), turned(xy - stroke.start, -stroke.azimuth)])
-    return np.concatenate([rest, times]), places
+    rest = period * np.arange(-REST_PICTURES - HIT_PICTURES, -HIT_PICTURES)
+    return np.concatenate([rest, times]), np.concatenate([np.zeros((REST_PICTURES, 2)), xy])
 
 
 def measure_repeats(
