@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from models.analytic.cue_impulse import Constants, Geometry, ball_speed_and_squirt
 from models.mjcf.snooker import SNOOKER_BALL, spots
 from models.model_file import full_model
-from robot.camera.live import LiveCamera
+from robot.camera.live import CameraOptions, LiveCamera
 from robot.cli.verbs import main
 from robot.cueing.campaign import read_campaign
 from robot.emulator.firmware import Firmware
@@ -25,7 +25,7 @@ from tests.footage.motion import Motion, motion_of
 from tests.robot.align_pictures import LOOK, TABLE, Stick, bare, camera_over, empty, picture
 
 Picture = NDArray[np.uint8]
-CAMERA, BROWN, FPS = camera_over(), spots(TABLE)["brown"], 15.0
+BROWN, FPS, SIZE = spots(TABLE)["brown"], 15.0, (800, 600)
 NOISY = Look(noise=2.0, blur=0.6)
 SEED = 12  # of a campaign that begins with a slow stroke below the centre, so that the film is short
 AIM_RAD = 6e-4  # of the stand, which is not quite aligned
@@ -37,10 +37,11 @@ class DrawnTable:
     fps = FPS
 
     def __init__(self) -> None:
-        self.rng, self.ground = np.random.default_rng(1), empty(CAMERA)
+        self.camera = camera_over()
+        self.rng, self.ground = np.random.default_rng(1), empty(self.camera)
         place = (float(BROWN[0]), float(BROWN[1]))
-        drawn = bare(CAMERA, self.ground, {"white": place})
-        self.resting = [picture(CAMERA, Stick(place, AIM_RAD), drawn, 2.0, self.rng) for _ in range(3)]
+        drawn = bare(self.camera, self.ground, {"white": place})
+        self.resting = [picture(self.camera, Stick(place, AIM_RAD), drawn, 2.0, self.rng) for _ in range(3)]
         options = EmulatedOptions(yaw_sd=0.0)
         self.table = EmulatedTable(full_model(TABLE, SNOOKER_BALL), {"white": place}, AIM_RAD, 0, options)
         self.taken, self.began = 0, 0  # pictures; before the stroke
@@ -56,7 +57,7 @@ class DrawnTable:
         if self.motion is None:
             self.motion, self.began = motion_of(self.table.track), self.taken
         at = min((self.taken - self.began + 0.4) / FPS, float(self.motion.times[-1]))
-        light = _picture(CAMERA, self.motion, at, LOOK, self.ground)
+        light = _picture(self.camera, self.motion, at, LOOK, self.ground)
         return self.taken / FPS, developed(light, NOISY, self.rng)
 
     def newest(self) -> tuple[float, Picture] | None:
@@ -72,10 +73,13 @@ class DrawnTable:
 
 @pytest.mark.slow
 def test_a_stroke_of_a_campaign_is_played_filmed_and_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.robot.align_pictures.SIZE", SIZE)
     drawn, out = DrawnTable(), tmp_path / "c.csv"
-    monkeypatch.setattr(
-        "robot.camera.live.LiveCamera.open", lambda name, path, folder, rest: LiveCamera(drawn, CAMERA, folder, rest)
-    )
+
+    def opened(name: str, path: Path, folder: Path, options: CameraOptions) -> LiveCamera:
+        return LiveCamera(drawn, drawn.camera, folder, options)
+
+    monkeypatch.setattr("robot.camera.live.LiveCamera.open", opened)
     monkeypatch.setattr("builtins.input", lambda prompt: "yes")
     firmware = Firmware(Pace(20.0).now, np.random.default_rng(0), on_strike=drawn.table.hit)
     said, wrong = io.StringIO(), io.StringIO()
