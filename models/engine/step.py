@@ -22,7 +22,7 @@ from models.engine import columns as col
 from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import curve, lay_record
 from models.engine.impacts import is_crowded, part
-from models.engine.loop import LEAN_MEMORY_S
+from models.engine.leaning import LEAN_MEMORY_S
 from models.engine.motion import POTTED, REST, advance, arrive, plain_phase
 from models.engine.rigid import approach_speed, collide_alone, settle
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH, meet_balls, meet_table

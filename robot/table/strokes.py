@@ -26,7 +26,6 @@ from robot.device.settings import Settings
 from robot.play import check_radius, pocket_near
 from robot.table.lone_ball import MAX_FILMS, LoneBall, LoneStroke
 
-REST_PICTURES = 8  # of the resting ball, as the camera looks before the stroke
 HIT_PICTURES = 2  # by which the time of the hit, told from the path, may be wrong
 CUSHION_GAP_M = 0.005  # of a ball's edge from a cushion, from which on its path is free
 MIN_SPEED_RATIO = 0.6  # of the ball, over what the usual constants say; below, the tip has slipped
@@ -100,9 +99,8 @@ def first_path(stroke: LoneStroke, rig: LoneBall) -> tuple[Array, Array]:
         raise BadInput(f"{len(times)} pictures of the ball before a cushion are too few; use a faster camera")
     speed = float(np.hypot(*np.polyfit(times, xy, 1)[0]))
     times = times - times[0] + float(np.hypot(*xy[0])) / max(speed, 1e-3)  # the hit at about 0
-    period = 1.0 / rig.camera.fps
-    rest = period * np.arange(-REST_PICTURES - HIT_PICTURES, -HIT_PICTURES)
-    return np.concatenate([rest, times]), np.concatenate([np.zeros((REST_PICTURES, 2)), xy])
+    rest = -HIT_PICTURES / rig.camera.fps  # one picture: what a place at rest is off by is the same in all of them
+    return np.append(rest, times), np.concatenate([np.zeros((1, 2)), xy])
 
 
 def measure_repeats(

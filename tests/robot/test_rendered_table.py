@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from models.analytic.cue_impulse import Constants, Geometry, ball_speed_and_squirt
 from models.mjcf.snooker import SNOOKER_BALL, spots
 from models.model_file import full_model
+from models.shot import Table
 from robot.camera.live import CameraOptions, LiveCamera
 from robot.cli.verbs import main
 from robot.cueing.campaign import read_campaign
@@ -22,10 +23,11 @@ from robot.emulator.launcher import Emulator, Pace
 from robot.emulator.table import EmulatedOptions, EmulatedTable
 from tests.footage.film import Look, _picture, developed
 from tests.footage.motion import Motion, motion_of
-from tests.robot.align_pictures import LOOK, TABLE, Stick, bare, camera_over, empty, picture
+from tests.robot.align_pictures import LOOK, Stick, bare, camera_over, empty, picture
 
 Picture = NDArray[np.uint8]
-BROWN, FPS, SIZE = spots(TABLE)["brown"], 15.0, (800, 600)
+TABLE, SIZE, FPS = Table(2.0, 1.0), (840, 630), 15.0  # small, and slowly filmed: drawing takes long
+BROWN = spots(TABLE)["brown"]
 NOISY = Look(noise=2.0, blur=0.6)
 SEED = 12  # of a campaign that begins with a slow stroke below the centre, so that the film is short
 AIM_RAD = 6e-4  # of the stand, which is not quite aligned
@@ -73,6 +75,7 @@ class DrawnTable:
 
 @pytest.mark.slow
 def test_a_stroke_of_a_campaign_is_played_filmed_and_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.robot.align_pictures.TABLE", TABLE)
     monkeypatch.setattr("tests.robot.align_pictures.SIZE", SIZE)
     drawn, out = DrawnTable(), tmp_path / "c.csv"
 
@@ -93,6 +96,6 @@ def test_a_stroke_of_a_campaign_is_played_filmed_and_measured(tmp_path: Path, mo
     speed, squirt = ball_speed_and_squirt(
         Constants(), Geometry(SNOOKER_BALL), *(np.array([v]) for v in (struck.speed, struck.x, struck.y))
     )
-    assert shot.ball_speed == pytest.approx(speed[0], rel=0.02)
-    assert shot.squirt_rad == pytest.approx(squirt[0], abs=4e-3)
+    assert shot.ball_speed == pytest.approx(speed[0], rel=0.04)
+    assert shot.squirt_rad == pytest.approx(squirt[0], abs=0.02), "a pixel is 3 mm, on a path of 0.2 m"
     assert not shot.miscue and (tmp_path / "films" / "film-0001.mkv").is_file()
