@@ -14,6 +14,7 @@ from tests.figures.pages import ROOT, filled, pages, read_figures, unmarked_cell
 from tests.figures.sources import READERS, REPORTS, agree, unlike
 
 SOURCES = read_figures()
+SENTENCES = ("README.md", "related.md")
 PAGES = [page for page in pages() if used(page.read_text(encoding="utf-8"))]
 
 
@@ -25,8 +26,8 @@ def test_a_page_has_the_figures_of_the_file(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_a_table_of_figures_has_no_other_ones(page: Path) -> None:
-    """But in README, whose cells are sentences: there those that stand elsewhere too are marked."""
-    if page.name != "README.md":
+    """But where cells are sentences: there those that stand elsewhere too are marked."""
+    if page.name not in SENTENCES:
         assert not unmarked_cells(page.read_text(encoding="utf-8"))
 
 
