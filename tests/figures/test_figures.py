@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from models.console import write_json
 from models.errors import BadInput
+from robot.learning.summary import figures
 from tests.figures.__main__ import entered
 from tests.figures.pages import ROOT, filled, pages, read_figures, unmarked_cells, used
 from tests.figures.sources import READERS, REPORTS, agree, unlike
+from tests.robot.test_learn import COURSE, story
 
 SOURCES = read_figures()
 SENTENCES = ("README.md", "related.md")
@@ -67,6 +71,16 @@ def test_figures_agree_within_their_last_digit_or_a_share() -> None:
     assert agree("2.16 mm", "2.19 mm", 0.02)
     assert not agree("2.16 mm", "2.16 m", 0.1) and not agree("1 of 40", "1 of 4 of", 1.0)
     assert unlike({"x": "3 s", "new": "1"}, {"figures": {"x": "9 s"}}, 0.1) == ["x: 3 s measured, 9 s in figures.toml"]
+
+
+def test_a_series_is_read_block_by_block(tmp_path: Path) -> None:
+    """With the keys of `robot learn --json` (robot/learning/summary.py)."""
+    course = dataclasses.replace(COURSE, every=4)
+    told = tmp_path / "learn.json"
+    write_json(told, figures(story((0.1, 0.02), ended="all 8 shots are played"), course, None))
+    read = READERS["loop"](told)
+    assert (read["shots_1_miss"], read["shots_1_potted"], read["shots_1_predicted"]) == ("100 mm", "4 of 4", "3.2")
+    assert {name.split("_", 2)[2] for name in SOURCES["loop"]["figures"]} == {name.split("_", 2)[2] for name in read}
 
 
 def test_make_knows_it() -> None:
