@@ -59,11 +59,11 @@ class Wire:
                 option = name.removesuffix("_file")
                 raise BadInput(f"--{option} belongs to a launcher at a --port; leave it out, or name the port")
 
-    def print_needs(self, *needs: str, strikes: bool = True, yes: bool = False) -> None:
-        """Say what the verb needs at the port, before anybody is asked and anything moves."""
-        asked = "none is asked for, as --yes was given" if yes else "a yes in full"
-        lines = [f"the launcher at {self.port}, its power on, the way of cue and stage clear", *needs]
-        lines += [f"before every stroke {asked}; the launcher is then armed for {ARMED_S:g} s"] * strikes
+    def print_needs(self, *needs: str, asks: str = "before every stroke", yes: bool = False) -> None:
+        """Say what the verb needs at the port, before anybody is asked and anything moves; `asks`: when for a yes."""
+        answer = "none, as --yes was given" if yes else "a yes in full"
+        lines = [f"the launcher at {self.port}, its power on, the way of cue and stage clear: it homes where it must"]
+        lines += [*needs, *[f"{asks} {answer}; each stroke then arms the launcher for {ARMED_S:g} s"] * bool(asks)]
         print("\n".join(["needed:", *(f"  - {line}" for line in lines), "an interrupt (Ctrl-C) stops the launcher"]))
 
 

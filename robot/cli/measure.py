@@ -147,8 +147,12 @@ def _striker(
 @out_option("MAP.toml", "Where the map goes; planner plan --map reads it.")
 @output_option("report", "H.html", "Write the map with pictures, beside the published networks.")
 @output_option("picture", "P.png", "Write its pictures alone.")
+@input_option("model", "M.toml", "Model of the table, for the balls that were struck; by default those of snooker.")
 @click.pass_obj
-def map_(progress: Progress, campaign: Path, out: Path, report_file: Path | None, picture_file: Path | None) -> int:
+def map_(
+    progress: Progress, campaign: Path, out: Path, report_file: Path | None, picture_file: Path | None,
+    model_file: Path | None,
+) -> int:  # fmt: skip
     """Fit the cueing map: what a commanded stroke gives the ball.
 
     Reads the shots of `robot campaign`, and writes the map with its uncertainty.
@@ -157,13 +161,15 @@ def map_(progress: Progress, campaign: Path, out: Path, report_file: Path | None
     """
     import numpy as np
 
-    from models.analytic.cue_impulse import CONSTANT_NAMES
+    from models.analytic.cue_impulse import CONSTANT_NAMES, Geometry
+    from models.model_file import read_model
     from planner.launcher.cueing_map import write_map
     from robot.cueing.campaign import read_campaign
     from robot.cueing.map_fit import fit_map
 
     shots = read_campaign(campaign)
-    made = fit_map(shots)
+    geometry = Geometry(read_model(model_file).ball) if model_file else None
+    made = fit_map(shots, geometry)
     write_map(out, made)
     sds = np.sqrt(np.diag(made.covariance))
     rows = [("constant", "value", "sd")]
@@ -175,7 +181,7 @@ def map_(progress: Progress, campaign: Path, out: Path, report_file: Path | None
         from robot.cueing.report import write_picture, write_report
 
         progress("training the networks that it is compared with")
-        contest = compare_maps(shots, np.random.default_rng(0))
+        contest = compare_maps(shots, np.random.default_rng(0), geometry=geometry)
         progress.close()
         if report_file:
             write_report(report_file, f"Cueing map: {campaign.name}", shots, contest)
@@ -289,7 +295,7 @@ def calibrate(
 
     settings, chosen = wire.settings(), list(strings) or list(CALIBRATION_STRINGS)
     if wire.port:
-        wire.print_needs("no ball in front of the cue: it strikes the air", yes=yes)
+        wire.print_needs("no ball in front of the cue: it strikes the air", asks="once, before all strokes,", yes=yes)
         action = f"{repeats * len(chosen)} times without a pause, {repeats} of each of {chosen}"
         if not yes and not confirmed(action, "take the ball away"):
             raise BadInput("not confirmed; nothing was struck, say yes to strike")

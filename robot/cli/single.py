@@ -45,7 +45,7 @@ def _request(name: str, text: str, moves: bool = False) -> click.Command:
     def request(wire: RequiredWire) -> int:
         settings = wire.settings()
         if moves:
-            wire.print_needs(strikes=False)
+            wire.print_needs(asks="")
         with wire.launcher(settings) as launcher:
             return _report(getattr(launcher, name)())
 

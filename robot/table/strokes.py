@@ -121,7 +121,7 @@ def measure_repeats(
     for n in strings:
         strokes, ends = [], []
         for k in range(repeats):
-            what = f"string {n:03d}p, stroke {k + 1} of {repeats}"
+            what = f"stroke {k + 1} of {repeats}"
             stroke, end = _until_seen(rig, n, what)
             strokes.append(stroke)
             ends.append(end)

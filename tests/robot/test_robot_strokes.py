@@ -18,8 +18,9 @@ from models.analytic.cue_impulse import Constants, Geometry, ball_speed_and_squi
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from models.model_file import full_model, write_model
-from models.shot import Table
-from robot.cueing.campaign import read_campaign
+from models.shot import Ball, Table
+from planner.launcher.cueing_map import read_map
+from robot.cueing.campaign import read_campaign, run_campaign
 from robot.device.settings import Settings, write_settings
 from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
@@ -243,6 +244,16 @@ def test_repeats_at_a_port_are_told_string_by_string(
     typed(lone, monkeypatch, *words)
     said = run("repeat", "--strings", 120, 160, "--repeats", 2, *options, "--yes")
     assert said.status == 2 and "measure the rest with: --strings 160" in said.err, said
+
+
+def test_a_map_is_of_the_balls_that_were_struck(lone: Lone, tmp_path: Path) -> None:
+    out, model, made = tmp_path / "c.csv", tmp_path / "pool.toml", tmp_path / "map.toml"
+    strike = TableStriker(rig_of(lone), FRICTION, 0, 16)
+    run_campaign(strike, out, 1, grid=[(60, x, y) for x in (0.0, 4.0, 8.0, 12.0) for y in (-8.0, -4.0, 0.0, 4.0)])
+    write_model(full_model(Table(2.54, 1.27), Ball(0.05715, 0.163)), model)
+    for words, diameter in (((), 0.0525), (("--model", model), 0.05715)):
+        assert run("map", out, "--out", made, *words).status == 0
+        assert read_map(made).geometry.ball.diameter == pytest.approx(diameter)
 
 
 def test_nothing_moves_where_something_is_missing(lone: Lone, options: Any, tmp_path: Path) -> None:
