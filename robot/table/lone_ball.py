@@ -53,7 +53,7 @@ class LoneStroke:
     start: Array  # (2,) where the ball lay [m]
     azimuth: float  # of the cue, as the camera saw it [rad]
     ball: Observation  # its path, t = 0 at the first picture after the hit
-    end: Array | None  # (2,) where it came to rest [m]; None where it is not on the table any more
+    end: Array | None  # (2,) where it came to rest [m]; None where it is not on the table any more, or nobody looked
 
 
 def place_of(table: Table, end: str) -> tuple[Array, float]:
@@ -90,7 +90,7 @@ class LoneBall:
         """Of the camera."""
         return self.camera.ball
 
-    def strike(self, string: int, x0_mm: float, y0_mm: float, what: str) -> LoneStroke:
+    def strike(self, string: int, x0_mm: float, y0_mm: float, what: str, look: bool = False) -> LoneStroke:
         """Have the ball put back, strike it once, and film it; made again where the film does not show it.
 
         Args:
@@ -98,6 +98,7 @@ class LoneBall:
             x0_mm: of the cue's axis from the ball's centre, to the right.
             y0_mm: the same, up.
             what: which stroke it is, for the person.
+            look: whether to look where the ball came to rest.
 
         Raises:
             BadInput: ended by the person, not confirmed, a stand that is not aligned, or no film shows the ball.
@@ -117,7 +118,7 @@ class LoneBall:
             filmed = self.camera.film()
             self.clear()
             if name := _cue_ball(filmed):
-                return LoneStroke(done, start, azimuth, filmed[name], self._resting())
+                return LoneStroke(done, start, azimuth, filmed[name], self._resting() if look else None)
             self.say(f"{what}: the film does not show the ball; the stroke is made again")
         raise BadInput(f"{what}: {MAX_FILMS} films do not show the ball; check the camera with: sysid track")
 

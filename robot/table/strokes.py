@@ -136,7 +136,7 @@ def measure_repeats(
 def _until_seen(rig: LoneBall, string: int, what: str) -> tuple[LoneStroke, Array]:
     """A stroke, and where its ball stopped (2,) [m]; nan where a pocket took it."""
     for _ in range(MAX_FILMS):
-        stroke = rig.strike(string, 0.0, 0.0, what)
+        stroke = rig.strike(string, 0.0, 0.0, what, look=True)
         if stroke.end is not None:
             return stroke, stroke.end
         if pocket_near(stroke.ball.xy[-1], rig.table) is not None:
