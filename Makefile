@@ -8,7 +8,7 @@ FUZZ_ARGS ?= --seconds 600
 TESTS = $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow fuzz bench mutation study lint docs clean
+.PHONY: help demo test test-slow fuzz bench mutation study figures lint docs clean
 
 help:
 	@echo "make demo    the shipped example with a hidden effect, start to end, into out/demo"
@@ -18,6 +18,7 @@ help:
 	@echo "make bench   speed, growth and accuracy figures (BENCH_ARGS=--note adds a row to docs/benchmarks.md)"
 	@echo "make mutation    formulas broken one at a time: which of it the tests notice (an hour; resumable)"
 	@echo "make study   how reliably hidden effects are found, into tests/study/REPORT.md (hours; resumable)"
+	@echo "make figures the pages' measured figures, from the example, the reports and docs/figures.toml"
 	@echo "make lint    ruff and mypy"
 	@echo "make docs    the manual as a site, into out/docs"
 	@echo "make clean   remove .venv, caches and out/demo"
@@ -44,6 +45,9 @@ mutation: $(READY)
 
 study: $(READY)
 	@$(BIN)/python -m tests.study
+
+figures: demo
+	@$(BIN)/python -m tests.figures --enter demo out/demo
 
 lint: $(READY)
 	@$(BIN)/python -m ruff check --quiet .

@@ -124,6 +124,11 @@ def compiled_in_place(function: Callable[..., Any]) -> Any:
     return _dispatcher(function, {**NUMBA_OPTIONS, "_nrt": False})
 
 
+def compiled_within(function: Callable[..., Any]) -> Any:
+    """The same for a part of one long function: it is compiled into its caller, and costs no call."""
+    return _dispatcher(function, {**NUMBA_OPTIONS, "_nrt": False, "forceinline": True})
+
+
 def compiled_sums(function: Callable[..., Any]) -> Any:
     """The same where sums may be taken in any order, which is fixed by the compiler: four at a time."""
     return _dispatcher(function, {**NUMBA_OPTIONS, "fastmath": {"reassoc", "contract", "nsz"}})
@@ -159,5 +164,6 @@ def set_ready() -> None:
 
 
 __all__ = [
-    "cache_folder", "callback", "compiled", "compiled_in_place", "compiled_sums", "is_ready", "set_ready", "stamp",
+    "cache_folder", "callback", "compiled", "compiled_in_place", "compiled_sums", "compiled_within", "is_ready",
+    "set_ready", "stamp",
 ]  # fmt: skip

@@ -4,7 +4,8 @@ Sources. Snooker: Official Rules of the Games of Snooker and English Billiards (
 Table and Equipment Specifications, sections 4 and 16: 100 by 50 in and 92 by 46 in, balls of 2.25 in and 5.5 to 6 oz.
 The WPA knows no table of 7 ft: 78 by 39 in as pooltool has it (models/pocket_shape.py).
 Carom: UMB, World Rules, chapter 1: 2.84 by 1.42 m, balls of 61 to 61.5 mm and 205 to 220 g.
-Left out: smaller tables of snooker. No body publishes their sizes, and makers differ by inches.
+Left out: smaller tables of snooker. The rules define the full size alone, and makers differ by inches: 10 ft is 3.05 by
+1.52 m as guides name it, and 2.97 by 1.48 m in the proportion of the full-size table to its 12 ft.
 """
 
 from __future__ import annotations

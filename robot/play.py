@@ -117,12 +117,7 @@ def read_order(plan: Path | str, settings: Settings) -> Order:
     cue = CueCommand(**{name: _number(data, "stroke", name, plan) for name in CUE_FIELDS})
     x0_mm, y0_mm, yaw = (_number(data, "launcher", name, plan) for name in ("x0_mm", "y0_mm", "theta_deg"))
     wanted = _number(data, "launcher", "cue_speed", plan)
-    radius = 1e3 * scene.ball.radius
-    if abs(settings.stage.ball_radius_mm - radius) > 1e3 * RADIUS_TOLERANCE_M:
-        raise BadInput(
-            f"{plan}: its balls have a radius of {radius:g} mm, the launcher is set for "
-            f"{settings.stage.ball_radius_mm:g} mm; correct [stage] ball_radius_mm, or plan for these balls"
-        )
+    check_radius(settings, scene.ball, f"{plan}: its balls", "plan for these balls")
     try:
         string, notes = _string(data["launcher"].get("string"), wanted, settings)
         settings.stage_um(x0_mm, y0_mm)
@@ -130,6 +125,16 @@ def read_order(plan: Path | str, settings: Settings) -> Order:
     except BadInput as error:
         raise BadInput(f"{plan}: {error}") from None
     return Order(scene, string, x0_mm, y0_mm, yaw, cue, notes)
+
+
+def check_radius(settings: Settings, ball: Ball, which: str, remedy: str) -> None:
+    """BadInput where the launcher is set for other balls than `which`."""
+    radius = 1e3 * ball.radius
+    if abs(settings.stage.ball_radius_mm - radius) > 1e3 * RADIUS_TOLERANCE_M:
+        raise BadInput(
+            f"{which} have a radius of {radius:g} mm, the launcher is set for "
+            f"{settings.stage.ball_radius_mm:g} mm; correct [stage] ball_radius_mm, or {remedy}"
+        )
 
 
 def _string(planned: Any, wanted: float, settings: Settings) -> tuple[str, tuple[str, ...]]:
@@ -216,7 +221,7 @@ def play_plan(
         raise BadInput(f"{played_file(plan)}: cannot be written; choose a folder that can")
     for note in order.notes:
         say(note)
-    _make_ready(launcher, say)
+    make_ready(launcher, say)
     placed = launcher.move_tip(order.x0_mm, order.y0_mm)
     what = f"yaw {order.yaw_deg:.2f} degrees, tip at {placed.x0_mm:+.2f}, {placed.y0_mm:+.2f} mm, string {order.string}"
     if confirm is not None and not launcher.dry_run and not confirm(what):
@@ -251,7 +256,7 @@ def _check_camera(order: Order, camera: ShotCamera, plan: Path | str, tolerance:
     check_scene(order.scene, camera.look(), plan, tolerance)
 
 
-def _make_ready(launcher: Launcher, say: Callable[[str], None]) -> None:
+def make_ready(launcher: Launcher, say: Callable[[str], None]) -> None:
     """Home or retract where that is enough; a stopped launcher is not reset here."""
     state = launcher.status().status.state
     if state == "UNHOMED":
@@ -324,10 +329,17 @@ def _ended(seen: Observation, scene: Scene, until: float) -> tuple[tuple[float, 
     if seen.time[-1] >= until:
         x, y = np.median(seen.xy[-5:], axis=0)
         return (float(x), float(y)), None
-    places = pocket_places(scene.table)
-    distances = [float(np.hypot(*(seen.xy[-1] - places[p]))) for p in POCKETS]
+    return None, pocket_near(seen.xy[-1], scene.table)
+
+
+def pocket_near(xy: Array, table: Table) -> Pocket | None:
+    """The pocket that took a ball last seen at (2,) [m]; None where no pocket is near, or the table has none."""
+    if not table.pockets:
+        return None
+    places = pocket_places(table)
+    distances = [float(np.hypot(*(xy - places[p]))) for p in POCKETS]
     k = int(np.argmin(distances))
-    return None, POCKETS[k] if distances[k] <= POCKETED_DISTANCE_M else None
+    return POCKETS[k] if distances[k] <= POCKETED_DISTANCE_M else None
 
 
 def _write(plan: Path | str, order: Order, played: Played, clips: Path | str | None) -> None:

@@ -17,12 +17,12 @@ from models import record as rec
 from models.analytic.cloth import STILL_SPIN
 from models.analytic.events import LEAN_SPEED, in_mouth
 from models.analytic.spring import CUSHION_TIME
-from models.compiled import compiled
+from models.compiled import compiled, compiled_within
 from models.engine import columns as col
 from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import curve, lay_record
 from models.engine.impacts import is_crowded, part
-from models.engine.loop import LEAN_MEMORY_S
+from models.engine.leaning import LEAN_MEMORY_S
 from models.engine.motion import POTTED, REST, advance, arrive, plain_phase
 from models.engine.rigid import approach_speed, collide_alone, settle
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH, meet_balls, meet_table
@@ -146,6 +146,55 @@ def _carry(b, m, kind, orientation, entered, t, radius, alpha, limits, half, mou
             entered[i] = 0.0
 
 
+@compiled_within
+def _first_event(  # type: ignore[no-untyped-def]
+    b, m, kind, what, pair, again, records, entered, wide, now, until, own, forces, support, horizon, cloth, radius,
+    limits, half, mouths, jaws, falls, y, k,
+):  # fmt: skip
+    """Time of what comes first until then, what it is, whose, and of which other ball, or -1; all are worked out."""
+    t, event, one, two = until, SWITCH, -1, -1
+    for i in range(b.shape[0]):
+        b[i, col.END] = b[i, col.MEET] = np.inf
+        if kind[i] == POTTED:
+            continue
+        b[i, col.TRY] = 0.0
+        if forces.shape[0] > 0:
+            kind[i] = curve(
+                b[i], m[i], np.inf, until - now, records[i], records[i].ctypes.data, own, forces, support, horizon,
+                cloth, y, k,
+            )  # fmt: skip
+        else:
+            kind[i] = plain_phase(b[i], radius, cloth[0], cloth[1])
+        ends = wide if entered[i] > 0.0 else mouths
+        meet_table(b[i], m[i], what, i, kind[i], limits, half, ends, jaws, falls, False, until, 0)
+        if b[i, col.MEET] < t:
+            t, event, one = b[i, col.MEET], what[i, 0], i
+        if b[i, col.END] < t:
+            t, event, one = b[i, col.END], SWITCH, i
+    for i in range(b.shape[0]):
+        meet_balls(now, i, b[: i + 1], m, kind, pair, again, radius, until)
+        for j in range(i):
+            if pair[i * (i - 1) // 2 + j] < t:
+                t, event, one, two = pair[i * (i - 1) // 2 + j], BALL, j, i
+    return t, event, one, two
+
+
+@compiled_within
+def _turn_all(b, before, kind, orientation, since, now):  # type: ignore[no-untyped-def]
+    """Turn the balls by the spin between two states of them."""
+    for i in range(b.shape[0]):
+        if kind[i] == POTTED:
+            continue
+        h, c = now - since, before[i]
+        _turn(
+            orientation[i],
+            0.5 * h * (c[col.WX] + b[i, col.WX]),
+            0.5 * h * (c[col.WY] + b[i, col.WY]),
+            b[i, col.TURN] - c[col.TURN],
+        )
+        b[i, col.CLOCK] = now
+
+
 @compiled
 def play_step(  # type: ignore[no-untyped-def]
     kept, end, places, speeds, qpos, qvel, own, forces, support, horizon, impact, cloth, mass, radius, limits, half,
@@ -174,30 +223,10 @@ def play_step(  # type: ignore[no-untyped-def]
         b[i, : col.ROLLED + 1], b[i, col.CLOCK] = balls[i, : col.ROLLED + 1], now
         kind[i] = REST if balls[i, IN_PLAY] > 0.0 else POTTED
     for _ in range(MAX_STEP_EVENTS):
-        t, event, one, two = until, SWITCH, -1, -1
-        for i in range(n):
-            b[i, col.END] = b[i, col.MEET] = np.inf
-            if kind[i] == POTTED:
-                continue
-            b[i, col.TRY] = 0.0
-            if curved:
-                kind[i] = curve(
-                    b[i], m[i], np.inf, until - now, records[i], records[i].ctypes.data, own, forces, support, horizon,
-                    cloth, y, k,
-                )  # fmt: skip
-            else:
-                kind[i] = plain_phase(b[i], radius, cloth[0], cloth[1])
-            ends = wide if entered[i] > 0.0 else mouths
-            meet_table(b[i], m[i], what, i, kind[i], limits, half, ends, jaws, falls, False, until, 0)
-            if b[i, col.MEET] < t:
-                t, event, one = b[i, col.MEET], what[i, 0], i
-            if b[i, col.END] < t:
-                t, event, one = b[i, col.END], SWITCH, i
-        for i in range(n):
-            meet_balls(now, i, b[: i + 1], m, kind, pair, again, radius, until)
-            for j in range(i):
-                if pair[i * (i - 1) // 2 + j] < t:
-                    t, event, one, two = pair[i * (i - 1) // 2 + j], BALL, j, i
+        t, event, one, two = _first_event(
+            b, m, kind, what, pair, again, records, entered, wide, now, until, own, forces, support, horizon, cloth,
+            radius, limits, half, mouths, jaws, falls, y, k,
+        )  # fmt: skip
         if one < 0 or t >= until - NO_TIME_S:
             _carry(b, m, kind, orientation, entered, until, radius, alpha, limits, half, mouths)
             _keep(balls, b, kind, orientation, leans)
@@ -237,17 +266,7 @@ def play_step(  # type: ignore[no-untyped-def]
                     kept[STATE_TIME] = t + kept[STRUCK_AT]
                     b[:, :8] = seen[0]
                     now = until
-                for i in range(n):
-                    if kind[i] == POTTED:
-                        continue
-                    h, c = now - t, before[i]
-                    _turn(
-                        orientation[i],
-                        0.5 * h * (c[col.WX] + b[i, col.WX]),
-                        0.5 * h * (c[col.WY] + b[i, col.WY]),
-                        b[i, col.TURN] - c[col.TURN],
-                    )
-                    b[i, col.CLOCK] = now
+                _turn_all(b, before, kind, orientation, t, now)
                 if got:
                     shown = balls.copy()
                     _keep(shown, b, kind, orientation, leans)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from models.analytic.events import LEAN_SPEED, in_mouth, line, meeting, mouth_sides
 from models.analytic.pocket import meet_jaw, outward, straight
-from models.compiled import compiled
+from models.compiled import compiled, compiled_within
 from models.engine.touch import MOUTH_DEPTH_M
 
 Array = NDArray[np.float64]
@@ -24,6 +24,92 @@ PUSH_STEP = (
     4e-4  # step while something is pressed against something without moving [s]: 2.4 m/s^2 stay below DEAD_SPEED
 )
 LEAN_STEP = 2e-3  # between two looks at what leans [s]
+
+
+@compiled_within
+def _meet_rails(  # type: ignore[no-untyped-def]
+    i, p, v, a, nball, limits, half, mouths, pockets, bent, cushions, quiet, hit, h, push
+):  # fmt: skip
+    """The step to the first straight cushion that ball i meets, or the pocket beside it, and `push`, if sooner."""
+    for rail in range(4):
+        k = rail // 2
+        sign = 1.0 - 2.0 * (rail % 2)
+        o, inside = 1 - k, False
+        if pockets and not bent and limits[k] - sign * p[k] < -MOUTH_DEPTH_M:
+            inside = in_mouth(p[o], rail, half, mouths)
+        for side in range(2 if inside else 0):  # it is the pocket's where it would leave it sideways
+            way, level = 1.0 - 2.0 * side, mouth_sides(p[o], rail, half, mouths)[1 - side]
+            t = line(way * (level - p[o]), way * v[o], way * a[o], h) if abs(level) < np.inf else np.inf
+            if 0.0 <= t < h and limits[k] - sign * (p[k] + v[k] * t + 0.5 * a[k] * t * t) < -MOUTH_DEPTH_M:
+                h, hit[0], hit[1], hit[2] = t, POCKET, i, rail
+        if bent:
+            t = straight(rail, limits, p, v, a, half, mouths, h)
+        else:
+            t = line(limits[k] - sign * p[k], sign * v[k], sign * a[k], h)
+        if t == np.inf:
+            continue
+        if t < 0.0:
+            push = min(push, PUSH_STEP) if cushions else push
+            continue
+        if quiet[nball + rail] > t and sign * (v[k] + a[k] * t) < LEAN_SPEED:
+            t = quiet[nball + rail]
+        if pockets and in_mouth(p[o] + v[o] * t + 0.5 * a[o] * t * t, rail, half, mouths):
+            if bent:
+                continue
+            if not inside:  # once it is in the mouth, it is looked at again
+                t = line(limits[k] + 2.0 * MOUTH_DEPTH_M - sign * p[k], sign * v[k], sign * a[k], h)
+                if 0.0 <= t < h:
+                    h, hit[0] = t, 0
+                continue
+            t = line(half[k] - sign * p[k], sign * v[k], sign * a[k], h)
+            if 0.0 <= t < h:
+                h, hit[0], hit[1], hit[2] = t, POCKET, i, rail
+        elif cushions and (t < h or (t == h and hit[0] == 0)):
+            h, hit[0], hit[1], hit[2] = t, CUSHION, i, rail
+    return h, push
+
+
+@compiled_within
+def _meet_jaws(i, p, v, a, nball, jaws, edges, quiet, hit, h, push):  # type: ignore[no-untyped-def]
+    """The same for the falls of pockets, and their jaws."""
+    for k in range(edges.shape[0]):
+        t = meeting(p[0] - edges[k, 0], p[1] - edges[k, 1], v[0], v[1], a[0], a[1], edges[k, 2], h)
+        if 0.0 <= t < h:
+            h, hit[0], hit[1], hit[2] = t, POCKET, i, k
+    for k in range(jaws.shape[0]):
+        t = meet_jaw(jaws[k], p[0], p[1], v[0], v[1], a[0], a[1], h)
+        if t == -1.0:
+            push = min(push, PUSH_STEP)
+            continue
+        if quiet[nball + 4 + k] > t:
+            x, y = outward(4 + k, p[0] + v[0] * t, p[1] + v[1] * t, jaws)
+            closing = x * (v[0] + a[0] * t) + y * (v[1] + a[1] * t)
+            t = quiet[nball + 4 + k] if closing < LEAN_SPEED else t
+        if t < h or (t == h and hit[0] == 0):
+            h, hit[0], hit[1], hit[2] = t, CUSHION, i, 4 + k
+    return h, push
+
+
+@compiled_within
+def _meet_balls(  # type: ignore[no-untyped-def]
+    i, p, v, a, position, velocity, acceleration, alive, diameter, quiet, hit, h, push
+):  # fmt: skip
+    """The same for the balls before ball i."""
+    for j in range(i):
+        if not alive[j]:
+            continue
+        q, w, b = position[j], velocity[j], acceleration[j]
+        t = meeting(p[0] - q[0], p[1] - q[1], v[0] - w[0], v[1] - w[1], a[0] - b[0], a[1] - b[1], diameter, h)
+        if t == -1.0:
+            push = min(push, PUSH_STEP)
+            continue
+        if quiet[j, i] > t:
+            x, y = (p[0] - q[0]) + t * (v[0] - w[0]), (p[1] - q[1]) + t * (v[1] - w[1])
+            closing = -(x * (v[0] - w[0] + t * (a[0] - b[0])) + y * (v[1] - w[1] + t * (a[1] - b[1]))) / diameter
+            t = quiet[j, i] if closing < LEAN_SPEED else t
+        if t < h:
+            h, hit[0], hit[1], hit[2] = t, BALL, j, i
+    return h, push
 
 
 @compiled
@@ -65,81 +151,21 @@ def next_touch(
             pockets = mouths[0] > 0.0 and (falls[s, i] or not what[1])  # native cushions have gaps
             bent = pockets and edges.shape[0] > 0
             if moving and (what[1] or pockets):
-                for rail in range(4):
-                    k = rail // 2
-                    sign = 1.0 - 2.0 * (rail % 2)
-                    o, inside = 1 - k, False
-                    if pockets and not bent and limits[k] - sign * p[k] < -MOUTH_DEPTH_M:
-                        inside = in_mouth(p[o], rail, half, mouths)
-                    for side in range(2 if inside else 0):  # it is the pocket's where it would leave it sideways
-                        way, level = 1.0 - 2.0 * side, mouth_sides(p[o], rail, half, mouths)[1 - side]
-                        t = line(way * (level - p[o]), way * v[o], way * a[o], h) if abs(level) < np.inf else np.inf
-                        if 0.0 <= t < h and limits[k] - sign * (p[k] + v[k] * t + 0.5 * a[k] * t * t) < -MOUTH_DEPTH_M:
-                            h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, rail
-                    if bent:
-                        t = straight(rail, limits, p, v, a, half, mouths, h)
-                    else:
-                        t = line(limits[k] - sign * p[k], sign * v[k], sign * a[k], h)
-                    if t == np.inf:
-                        continue
-                    if t < 0.0:
-                        push = min(push, PUSH_STEP) if what[1] else push
-                        continue
-                    if quiet[s, i, nball + rail] > t and sign * (v[k] + a[k] * t) < LEAN_SPEED:
-                        t = quiet[s, i, nball + rail]
-                    if pockets and in_mouth(p[o] + v[o] * t + 0.5 * a[o] * t * t, rail, half, mouths):
-                        if bent:
-                            continue
-                        if not inside:  # once it is in the mouth, it is looked at again
-                            t = line(limits[k] + 2.0 * MOUTH_DEPTH_M - sign * p[k], sign * v[k], sign * a[k], h)
-                            if 0.0 <= t < h:
-                                h, hit[s, 0] = t, 0
-                            continue
-                        t = line(half[k] - sign * p[k], sign * v[k], sign * a[k], h)
-                        if 0.0 <= t < h:
-                            h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, rail
-                    elif what[1] and (t < h or (t == h and hit[s, 0] == 0)):
-                        h, hit[s, 0], hit[s, 1], hit[s, 2] = t, CUSHION, i, rail
+                h, push = _meet_rails(
+                    i, p, v, a, nball, limits, half, mouths, pockets, bent, what[1], quiet[s, i], hit[s], h, push
+                )
             if moving and bent:
-                for k in range(edges.shape[0]):
-                    t = meeting(p[0] - edges[k, 0], p[1] - edges[k, 1], v[0], v[1], a[0], a[1], edges[k, 2], h)
-                    if 0.0 <= t < h:
-                        h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, k
-                for k in range(jaws.shape[0]):
-                    t = meet_jaw(jaws[k], p[0], p[1], v[0], v[1], a[0], a[1], h)
-                    if t == -1.0:
-                        push = min(push, PUSH_STEP)
-                        continue
-                    if quiet[s, i, nball + 4 + k] > t:
-                        x, y = outward(4 + k, p[0] + v[0] * t, p[1] + v[1] * t, jaws)
-                        closing = x * (v[0] + a[0] * t) + y * (v[1] + a[1] * t)
-                        t = quiet[s, i, nball + 4 + k] if closing < LEAN_SPEED else t
-                    if t < h or (t == h and hit[s, 0] == 0):
-                        h, hit[s, 0], hit[s, 1], hit[s, 2] = t, CUSHION, i, 4 + k
+                h, push = _meet_jaws(i, p, v, a, nball, jaws, edges, quiet[s, i], hit[s], h, push)
             elif moving and pockets:
                 qx, qy = abs(p[0]) - half[0], abs(p[1]) - half[1]
                 sx, sy = math.copysign(1.0, p[0]), math.copysign(1.0, p[1])
                 t = meeting(qx, qy, sx * v[0], sy * v[1], sx * a[0], sy * a[1], mouths[2], h)
                 if 0.0 <= t < h:
                     h, hit[s, 0], hit[s, 1], hit[s, 2] = t, POCKET, i, -1
-            if not what[0]:
-                continue
-            for j in range(i):
-                if not alive[s, j]:
-                    continue
-                q, w, b = position[s, j], velocity[s, j], acceleration[s, j]
-                t = meeting(p[0] - q[0], p[1] - q[1], v[0] - w[0], v[1] - w[1], a[0] - b[0], a[1] - b[1], diameter, h)
-                if t == -1.0:
-                    push = min(push, PUSH_STEP)
-                    continue
-                if quiet[s, j, i] > t:
-                    x, y = (p[0] - q[0]) + t * (v[0] - w[0]), (p[1] - q[1]) + t * (v[1] - w[1])
-                    closing = (
-                        -(x * (v[0] - w[0] + t * (a[0] - b[0])) + y * (v[1] - w[1] + t * (a[1] - b[1]))) / diameter
-                    )
-                    t = quiet[s, j, i] if closing < LEAN_SPEED else t
-                if t < h:
-                    h, hit[s, 0], hit[s, 1], hit[s, 2] = t, BALL, j, i
+            if what[0]:
+                h, push = _meet_balls(
+                    i, p, v, a, position[s], velocity[s], acceleration[s], alive[s], diameter, quiet[s], hit[s], h, push
+                )
         if push < h:
             h, hit[s, 0] = push, 0
         step[s] = h

@@ -41,8 +41,8 @@ def rows(study: Record) -> list[tuple[str, ...]]:
     line("  the same over all plays", mm, "away_all_medians")
     line("  the same, as predicted", mm, "away_promised")
     line("scenes without a stroke", str, "none")
-    line("time to plan, median", s, "seconds_median")
-    line("time to plan, 95 %", s, "seconds_95")
+    line("processor time to plan, median", s, "seconds_median")
+    line("processor time to plan, 95 %", s, "seconds_95")
     for m in columns:
         gap = study["calibration"][m]["largest_gap"]
         cells = [share(gap) if k == m else "" for k in columns]

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 settings_option = input_option("settings", "L.toml", "Launcher's file; by default the published launcher's values.")
 yes_option = click.option("--yes", is_flag=True, help="Strike without asking; check first that the table is clear.")
+ARMED_S = 5.0  # for which an arming holds (robot/emulator/firmware.py, and the protocol)
 VIDEO_HELP = "Camera by its number or address, or a film in its place."
 
 
@@ -51,6 +52,20 @@ class Wire:
 
         return Launcher(settings, self.link(settings))
 
+    def refuse(self, *names: str) -> None:
+        """BadInput for options of the line that nothing emulated uses."""
+        for name in names:
+            if getattr(self, name):
+                option = name.removesuffix("_file")
+                raise BadInput(f"--{option} belongs to a launcher at a --port; leave it out, or name the port")
+
+    def print_needs(self, *needs: str, asks: str = "before every stroke", yes: bool = False) -> None:
+        """Say what the verb needs at the port, before anybody is asked and anything moves; `asks`: when for a yes."""
+        answer = "none, as --yes was given" if yes else "a yes in full"
+        lines = [f"the launcher at {self.port}, its power on, the way of cue and stage clear: it homes where it must"]
+        lines += [*needs, *[f"{asks} {answer}; each stroke then arms the launcher for {ARMED_S:g} s"] * bool(asks)]
+        print("\n".join(["needed:", *(f"  - {line}" for line in lines), "an interrupt (Ctrl-C) stops the launcher"]))
+
 
 @dataclass(frozen=True)
 class RequiredWire(Wire):
@@ -75,6 +90,16 @@ class Filming:
             raise BadInput("--camera CAM.toml and --video SOURCE go together; give both, or neither")
         return bool(self.camera_file)
 
+    def require(self, what: str) -> None:
+        """BadInput where a launcher at a port has no camera."""
+        if not self.is_given():
+            raise BadInput(f"--port: {what} needs a camera; give --camera CAM.toml and --video SOURCE")
+
+    @property
+    def need(self) -> str:
+        """What the camera asks for, for a list of needs."""
+        return f"camera {self.video} where it stood for {self.camera_file}, all of the table and the cue in its picture"
+
     def refuse(self) -> None:
         """BadInput for a camera without a launcher at a port."""
         for name, value in (("camera", self.camera_file), ("video", self.video)):
@@ -97,6 +122,15 @@ class RequiredFilming(Filming):
 
     camera_file: Path = given(camera_option(required=True))
     video: str = given("--video", "SOURCE", VIDEO_HELP, required=True)
+
+
+def set_up(request: str) -> bool:
+    """Ask at the terminal for something to be set up; False for q, or nobody there."""
+    print(request, flush=True)
+    try:
+        return input("then press return (q ends here): ").strip().lower() != "q"
+    except EOFError:
+        return False
 
 
 def confirmed(action: str, remedy: str) -> bool:

@@ -31,7 +31,7 @@ from models.command_line import (
 from models.console import Progress, Status, write_json
 from models.errors import BadInput
 from models.files import alone_in
-from robot.cli.common import Filming, Wire, confirmed, yes_option
+from robot.cli.common import Filming, Wire, confirmed, set_up, yes_option
 from sysid.cli.viewing import Live
 
 if TYPE_CHECKING:
@@ -178,10 +178,14 @@ def learn(
         emulated = None
         if wire.port:
             truth.refuse()
-            if not filming.is_given():
-                raise BadInput("--port: a series needs a camera; give --camera CAM.toml and --video SOURCE")
+            filming.require("a series")
             with filming.open(folder / "films") as camera:
                 course = series.course(camera.table, camera.ball)
+                wire.print_needs(
+                    filming.need,
+                    "somebody who puts the balls of each shot where they are asked for, and turns the stand",
+                    yes=yes,
+                )
                 story = play_series(folder, course, _at_the_table(wire, camera, yes, say), say, progress,
                                     _watch(folder, course, feed))  # fmt: skip
         else:
@@ -228,14 +232,7 @@ def _at_the_table(wire: Wire, camera: LiveCamera, yes: bool, say: Callable[[str]
     def confirm(action: str) -> bool:
         return yes or confirmed(action, "the stand is aligned")
 
-    def ready(request: str) -> bool:
-        say(request)
-        try:
-            return input("then press return (q ends the series here): ").strip().lower() != "q"
-        except EOFError:
-            return False
-
-    return LiveRig(camera, settings, lambda: wire.launcher(settings), confirm, ready, say)
+    return LiveRig(camera, settings, lambda: wire.launcher(settings), confirm, set_up, say)
 
 
 def _check_hidden(folder: Path, stand: EmulatedRig) -> None:

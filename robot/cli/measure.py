@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +14,7 @@ from models.command_line import (
     OUTPUT_FILE,
     Number,
     gathered,
+    input_option,
     json_option,
     out_option,
     output_option,
@@ -21,7 +23,14 @@ from models.command_line import (
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from models.files import alone_in
-from robot.cli.common import Wire, confirmed, settings_option, yes_option
+from robot.cli.common import Filming, Wire, confirmed, yes_option
+from robot.cli.lone import AtTable
+from robot.device.protocol import LauncherError
+
+if TYPE_CHECKING:
+    from robot.cueing.campaign import Striker
+
+FRICTION = "decoupled_cloth.slide"  # of the sliding ball, in a model's parameters
 
 
 class StringsCommand(click.Command):
@@ -60,34 +69,77 @@ def repeats_option(default: int) -> Any:
 @click.argument("out", metavar="OUT.csv", type=OUTPUT_FILE)
 @click.option("--most", metavar="N", type=Number(1, whole=True), help="Stop after so many more shots.")
 @seed_option(1)
+@gathered("wire", Wire)
+@gathered("filming", Filming)
+@gathered("at_table", AtTable)
+@input_option("model", "M.toml", "Model of the real table, for its cloth's friction; by default the base's.")
 @click.pass_obj
-def campaign(progress: Progress, out: Path, most: int | None, seed: int) -> int:
-    """Play the published grid of strokes on the emulated launcher.
+def campaign(
+    progress: Progress, out: Path, most: int | None, seed: int, wire: Wire, filming: Filming, at_table: AtTable,
+    model_file: Path | None,
+) -> int:  # fmt: skip
+    """Play the published grid of strokes, and measure speed and direction of the ball.
 
-    Writes a row for each shot into OUT.csv; an old file is continued.
+    Writes a row for each shot into OUT.csv; an old file is continued. With --port and a camera at a table, where the
+    ball is put back by hand for every stroke; without, on the emulated launcher.
 
     Example: robot campaign shots.csv
     """
-    import numpy as np
-
-    from models.mjcf.gl import choose_backend
-
-    choose_backend()
     from robot.cueing.campaign import count_played, run_campaign
-    from robot.cueing.striker import EmulatedStriker, Sloppiness, draw_hidden
 
     click.get_current_context().with_resource(alone_in(out))
-    print("on the emulated launcher, with constants drawn from the seed")
-    hidden = draw_hidden(np.random.default_rng(seed))
-    striker = EmulatedStriker(hidden, Sloppiness(), seed, count_played(out))
     try:
-        shots = run_campaign(striker, out, seed, progress, most=most)
-    except KeyboardInterrupt as end:
-        end.add_note(f"{count_played(out)} shots are kept in {out}: the same command continues from there")
+        with _striker(progress, out, most, seed, wire, filming, at_table, model_file) as striker:
+            shots = run_campaign(striker, out, seed, progress, most=most)
+    except (KeyboardInterrupt, BadInput, LauncherError) as end:
+        if played := count_played(out):
+            end.add_note(f"{played} shots are kept in {out}: the same command continues from there")
         raise
     progress.close()
     print(f"{len(shots)} shots, {sum(s.miscue for s in shots)} miscues: {out}")
     return Status.DONE
+
+
+@contextmanager
+def _striker(
+    progress: Progress, out: Path, most: int | None, seed: int, wire: Wire, filming: Filming, at_table: AtTable,
+    model_file: Path | None,
+) -> Iterator[Striker]:  # fmt: skip
+    """Who plays a campaign: the launcher at its port, or the emulated one."""
+    import numpy as np
+
+    from models.mjcf.gl import choose_backend
+    from models.model_file import full_model, read_model
+    from robot.cueing.campaign import count_played, make_grid
+
+    played, grid = count_played(out), make_grid()
+    if not wire.port:
+        wire.refuse("settings_file", "log")
+        filming.refuse()
+        at_table.refuse()
+        if model_file:
+            raise BadInput("--model belongs to a launcher at a --port; leave it out, or name the port")
+        choose_backend()
+        from robot.cueing.striker import EmulatedStriker, Sloppiness, draw_hidden
+
+        print("no --port: on the emulated launcher, with constants drawn from the seed")
+        yield EmulatedStriker(draw_hidden(np.random.default_rng(seed)), Sloppiness(), seed, played)
+        return
+    from robot.table.strokes import TableStriker, check_strokes
+
+    filming.require("a campaign")
+    settings = wire.settings()
+    model = read_model(model_file) if model_file else None
+    with at_table.ball(wire, filming, settings) as rig:
+        model = model or full_model(rig.table, rig.ball)
+        if (model.table, model.ball) != (rig.table, rig.ball):
+            raise BadInput(f"{model_file}: its table or ball is not that of {filming.camera_file}; name its model")
+        if FRICTION not in model.parameters():
+            raise BadInput(f"{model_file}: has no {FRICTION}; name a model that starts from the base")
+        check_strokes(settings, grid, rig)
+        at_table.print_needs(wire, filming, rig, min(len(grid) - played, most or len(grid)))
+        progress.close()
+        yield TableStriker(rig, float(model.parameters()[FRICTION]), played, len(grid))
 
 
 @click.command("map")
@@ -95,8 +147,12 @@ def campaign(progress: Progress, out: Path, most: int | None, seed: int) -> int:
 @out_option("MAP.toml", "Where the map goes; planner plan --map reads it.")
 @output_option("report", "H.html", "Write the map with pictures, beside the published networks.")
 @output_option("picture", "P.png", "Write its pictures alone.")
+@input_option("model", "M.toml", "Model of the table, for the balls that were struck; by default those of snooker.")
 @click.pass_obj
-def map_(progress: Progress, campaign: Path, out: Path, report_file: Path | None, picture_file: Path | None) -> int:
+def map_(
+    progress: Progress, campaign: Path, out: Path, report_file: Path | None, picture_file: Path | None,
+    model_file: Path | None,
+) -> int:  # fmt: skip
     """Fit the cueing map: what a commanded stroke gives the ball.
 
     Reads the shots of `robot campaign`, and writes the map with its uncertainty.
@@ -105,13 +161,15 @@ def map_(progress: Progress, campaign: Path, out: Path, report_file: Path | None
     """
     import numpy as np
 
-    from models.analytic.cue_impulse import CONSTANT_NAMES
+    from models.analytic.cue_impulse import CONSTANT_NAMES, Geometry
+    from models.model_file import read_model
     from planner.launcher.cueing_map import write_map
     from robot.cueing.campaign import read_campaign
     from robot.cueing.map_fit import fit_map
 
     shots = read_campaign(campaign)
-    made = fit_map(shots)
+    geometry = Geometry(read_model(model_file).ball) if model_file else None
+    made = fit_map(shots, geometry)
     write_map(out, made)
     sds = np.sqrt(np.diag(made.covariance))
     rows = [("constant", "value", "sd")]
@@ -123,7 +181,7 @@ def map_(progress: Progress, campaign: Path, out: Path, report_file: Path | None
         from robot.cueing.report import write_picture, write_report
 
         progress("training the networks that it is compared with")
-        contest = compare_maps(shots, np.random.default_rng(0))
+        contest = compare_maps(shots, np.random.default_rng(0), geometry=geometry)
         progress.close()
         if report_file:
             write_report(report_file, f"Cueing map: {campaign.name}", shots, contest)
@@ -135,26 +193,36 @@ def map_(progress: Progress, campaign: Path, out: Path, report_file: Path | None
 
 
 @click.command(cls=StringsCommand)
-@settings_option
+@gathered("wire", Wire)
+@gathered("filming", Filming)
+@gathered("at_table", AtTable)
 @strings_option("15 over the launcher's speeds")
 @repeats_option(20)
 @seed_option()
 @json_option
 @click.pass_obj
 def repeat(
-    progress: Progress, settings_file: Path | None, strings: tuple[int, ...], repeats: int, seed: int,
-    json_file: Path | None,
+    progress: Progress, wire: Wire, filming: Filming, at_table: AtTable, strings: tuple[int, ...], repeats: int,
+    seed: int, json_file: Path | None,
 ) -> int:  # fmt: skip
     """Repeat strokes of each string: how far apart the balls stop.
 
-    Plays on the emulated launcher, on a snooker table and on an unlimited cloth.
+    With --port and a camera at a table, where the ball is put back by hand for every stroke; without, on the emulated
+    launcher, on a snooker table and on an unlimited cloth.
 
     Example: robot repeat --strings 60 160 --repeats 5
     """
+    if wire.port:
+        return _repeat_at_table(wire, filming, at_table, strings, repeats, json_file)
+    wire.refuse("log")
+    filming.refuse()
+    at_table.refuse()
     from models.mjcf.snooker import SNOOKER_TABLE
-    from robot.emulator.repeatability import OPEN_CLOTH, Conditions, measure, result, spread_strings, text
+    from robot.cueing.repeated import result, spread_strings, text
+    from robot.emulator.repeatability import OPEN_CLOTH, Conditions, measure
 
-    settings = Wire(settings_file=settings_file).settings()
+    print("no --port: on the emulated launcher")
+    settings = wire.settings()
     chosen = list(strings) or spread_strings(settings)
     on_table, on_cloth = [
         measure(settings, chosen, repeats, seed, Conditions(cloth), progress) for cloth in (SNOOKER_TABLE, OPEN_CLOTH)
@@ -162,7 +230,42 @@ def repeat(
     progress.close()
     print(f"snooker table\n{text(on_table)}\n\nunlimited cloth\n{text(on_cloth)}\n")
     if json_file:
-        write_json(json_file, result(on_table, on_cloth, seed))
+        write_json(json_file, result({"table": on_table, "open": on_cloth}, seed))
+    return Status.DONE
+
+
+def _repeat_at_table(
+    wire: Wire, filming: Filming, at_table: AtTable, strings: tuple[int, ...], repeats: int, json_file: Path | None
+) -> int:  # fmt: skip
+    """The same on the launcher at its port: each string's row as soon as it is measured, then all."""
+    from robot.cueing.repeated import Repeated, result, rows, spread_strings, text
+    from robot.table.strokes import check_strokes, measure_repeats
+
+    filming.require("the measurement")
+    if repeats < 2:
+        raise BadInput(f"repeats is {repeats}; give 2 or more")
+    settings = wire.settings()
+    chosen = list(dict.fromkeys(strings)) or spread_strings(settings)
+    if not chosen:
+        raise BadInput("no string lies within the limits of the launcher's file; give --strings")
+    left = list(chosen)
+
+    def report(row: Repeated) -> None:
+        left.remove(row.string)
+        print(table(rows([row])), flush=True)
+
+    try:
+        with at_table.ball(wire, filming, settings) as rig:
+            check_strokes(settings, [(n, 0.0, 0.0) for n in chosen], rig)
+            at_table.print_needs(wire, filming, rig, repeats * len(chosen))
+            measured = measure_repeats(rig, chosen, repeats, report)
+    except (KeyboardInterrupt, BadInput, LauncherError) as end:
+        if len(left) < len(chosen):
+            end.add_note(f"measure the rest with: --strings {' '.join(map(str, left))}")
+        raise
+    print(f"\nthis table\n{text(measured)}")
+    if json_file:
+        write_json(json_file, result({"table": measured}))
     return Status.DONE
 
 
@@ -192,6 +295,7 @@ def calibrate(
 
     settings, chosen = wire.settings(), list(strings) or list(CALIBRATION_STRINGS)
     if wire.port:
+        wire.print_needs("no ball in front of the cue: it strikes the air", asks="once, before all strokes,", yes=yes)
         action = f"{repeats * len(chosen)} times without a pause, {repeats} of each of {chosen}"
         if not yes and not confirmed(action, "take the ball away"):
             raise BadInput("not confirmed; nothing was struck, say yes to strike")

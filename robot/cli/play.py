@@ -55,6 +55,11 @@ class Request:
         """Tolerance of each ball's position [m]."""
         return 1e-3 * self.tolerance
 
+    @property
+    def balls(self) -> str:
+        """Where the balls must lie, for a list of needs."""
+        return f"the balls where {self.plan} has them, within {self.tolerance:g} mm, and no others"
+
 
 @dataclass(frozen=True)
 class Emulation:
@@ -153,7 +158,7 @@ def play(request: Request, wire: Wire, filming: Filming, emulation: Emulation) -
         if filming.is_given():
             played = _play_filmed(request, wire, settings, filming, azimuth, order.scene.position[0])
         else:
-            played = _play_unfilmed(request, wire, settings, scene)
+            played = _play_unfilmed(request, wire, settings, scene, azimuth)
         return _print_played(played, request, None)
     filming.refuse()
     print("no --port: on the emulated launcher and table")
@@ -178,6 +183,8 @@ def _play_filmed(
     with filming.open(request.films) as camera:
         if request.dry_run:
             return play_plan(request.plan, _dry(settings), camera, tolerance=request.tolerance_m)
+        needs = (filming.need, request.balls, f"the stand behind the cue ball, to be turned to {_degrees(azimuth)}")
+        wire.print_needs(*needs, yes=request.yes)
         if not _aligned(camera, azimuth, ball):
             raise BadInput(f"--video {filming.video}: no more pictures came, and the stand is not aligned; try again")
         with wire.launcher(settings) as launcher:
@@ -187,7 +194,9 @@ def _play_filmed(
             )
 
 
-def _play_unfilmed(request: Request, wire: Wire, settings: Settings, scene: Scene | None) -> Played:
+def _play_unfilmed(
+    request: Request, wire: Wire, settings: Settings, scene: Scene | None, azimuth: float
+) -> Played:  # fmt: skip
     """The stroke on the launcher at its port, without a camera."""
     from robot.play import play_plan
 
@@ -198,6 +207,8 @@ def _play_unfilmed(request: Request, wire: Wire, settings: Settings, scene: Scen
         print("no --scene: nobody has looked where the balls are; make one with: planner scene PICTURE")
     if request.dry_run:
         return play_plan(request.plan, _dry(settings), seen, tolerance=request.tolerance_m)
+    needs = (request.balls, f"the stand behind the cue ball, turned to {_degrees(azimuth)}: robot align shows it")
+    wire.print_needs(*needs, yes=request.yes)
     with wire.launcher(settings) as launcher:
         confirm = None if request.yes else _confirmed
         return play_plan(request.plan, launcher, seen, confirm, tolerance=request.tolerance_m)
@@ -247,6 +258,10 @@ def align(filming: RequiredFilming, plan_file: Path | None, azimuth: float | Non
         raise BadInput(f"{plan_file or '--azimuth'}: the direction is {wanted:g}; give degrees, -360 to 360")
     with filming.open(Path("films")) as camera:
         return Status.DONE if _aligned(camera, math.radians(wanted), ball) else Status.FINDING
+
+
+def _degrees(azimuth: float) -> str:
+    return f"{math.degrees(azimuth):.2f} degrees"
 
 
 def _dry(settings: Settings) -> Launcher:

@@ -37,13 +37,16 @@ def emulate(path: str | None, baud: int, pace: float, fault_rate: float, seed: i
     return Status.DONE
 
 
-def _request(name: str, text: str) -> click.Command:
+def _request(name: str, text: str, moves: bool = False) -> click.Command:
     """A verb that is one method of the driver."""
 
     @click.command(name, help=f"{text}\n\nExample: robot {name} --port /dev/ttyUSB0")
     @gathered("wire", RequiredWire)
     def request(wire: RequiredWire) -> int:
-        with wire.launcher(wire.settings()) as launcher:
+        settings = wire.settings()
+        if moves:
+            wire.print_needs(asks="")
+        with wire.launcher(settings) as launcher:
             return _report(getattr(launcher, name)())
 
     return request
@@ -51,7 +54,7 @@ def _request(name: str, text: str) -> click.Command:
 
 status = _request("status", "Print the state of the launcher.")
 reset = _request("reset", "Reset the launcher after a stop or a fault.")
-home = _request("home", "Move rack and stage to their switches.")
+home = _request("home", "Move rack and stage to their switches.", moves=True)
 
 
 @click.command()

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.analytic.cue_impulse import Geometry
 from models.shot import Array
 from planner.launcher.cueing_map import CueingMap
 from robot.cueing.campaign import CueShot
@@ -57,6 +58,7 @@ def compare_maps(
     shots: Sequence[CueShot],
     rng: np.random.Generator,
     *,
+    geometry: Geometry | None = None,
     held_out: float = 0.2,
     exact: Callable[[Sequence[Stroke]], Mapping[Stroke, tuple[float, float]]] | None = None,
     fit_others: Callable[[Sequence[CueShot]], Mapping[str, Predict]] | None = None,
@@ -66,6 +68,7 @@ def compare_maps(
     Args:
         shots: a campaign with repeats.
         rng: chooses the strokes held out, and the tenth.
+        geometry: of tip, cue and ball, as `fit_map` has it.
         held_out: fraction of the strokes.
         exact: ball speed [m/s] and squirt [rad] of strokes without any error, where they are known.
         fit_others: fits other maps to the same training shots, by name, to be compared with.
@@ -82,7 +85,7 @@ def compare_maps(
     others = fit_others(train) if fit_others is not None else {}
     inputs, measured = stroke_table(held)
     predicted = {name: (predict(*inputs.T), len(train)) for name, predict in others.items()}
-    whole, tenth = fit_map(train), fit_map(few)
+    whole, tenth = fit_map(train, geometry), fit_map(few, geometry)
     for name, fitted, count in (("physical map", whole, len(train)), ("physical map, a tenth", tenth, len(few))):
         balls = fitted.predict(*inputs.T)
         predicted[name] = (balls.ball_speed, balls.squirt), count

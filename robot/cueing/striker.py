@@ -5,12 +5,8 @@ mass, leather, cloth, zeros of stage and aim) are drawn within what is known of 
 cue speed within some 1 %, ball and stage put back within 0.1 to 0.3 mm (normal plus backlash), aim within half a
 milliradian. The leather's damping makes its restitution (mjcf/native.py); the bed has plain Coulomb friction, because
 MuJoCo's single cone for sliding, rolling and turning would give a spinning ball too little of it. After the hit the
-ball runs in closed form (models/analytic/cloth.py), seen with 0.5 mm of noise per axis.
-
-The measurement: start, velocity, slip and time of the hit are fitted to the frames of the first 0.35 s, sliding and
-rolling, with the cloth's friction known from the table's fit. A short slide holds little information on the slip, which
-therefore has a normal prior about the value of the default constants; the error that this may cause is reported.
-Leaves out the hop of the ball after the hit and faults of the tracking.
+ball runs in closed form (models/analytic/cloth.py), seen with 0.5 mm of noise per axis, and is measured as at a table
+(robot/cueing/first_track.py). Leaves out the hop of the ball after the hit and faults of the tracking.
 """
 
 from __future__ import annotations
@@ -20,24 +16,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from models.analytic.cloth import slip, state_at
-from models.analytic.cue_impulse import Constants, Geometry, launch
-from models.errors import BadInput
+from models.analytic.cloth import state_at
 from models.mjcf.launcher import NAME_PREFIX, LauncherScene, build_scene, strike
 from models.mjcf.native import solref
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.shot import GRAVITY, Array
+from models.shot import Array
 from planner.launcher.stroke import LauncherModel
 from robot.cueing.campaign import CueShot
+from robot.cueing.first_track import ROLLING_FRICTION, TRACK_LENGTH_S, read_track
 from robot.cueing.hidden import draw_values
 
 CAMERA_FPS = 180.0  # [1/s] (Robotic Billiards 2015)
-TRACK_LENGTH_S = 0.35  # after the hit, to which velocity and slip are fitted
 REST_FRAMES = 8  # of the resting ball before the hit
-ROLLING_FRICTION = 0.0148  # [1], as models/mjcf/native.py
-SLIP_SD = 0.05  # prior sd of the slip, over the ball's speed [1]
 BALL_SPOT = np.array([-1.23, 0.0])  # where the ball lies to be struck [m]
 
 
@@ -134,74 +125,6 @@ def film(velocity: Array, spin: Array, friction: float, noise: float, rng: np.ra
     flat = np.append(velocity[:2], 0.0)[:2]
     xy, _, _ = state_at(after, np.zeros(2), flat, spin, SNOOKER_BALL.radius, friction, ROLLING_FRICTION, 22.0)
     return times, xy + rng.normal(0.0, noise, xy.shape)
-
-
-def read_track(
-    times: Array, xy: Array, friction: float, noise: float, x0_mm: float, y0_mm: float
-) -> tuple[float, float, float, float, float, float]:
-    """Ball speed [m/s] and squirt [rad] as the ball leaves the tip, each with two standard deviations.
-
-    The first is what the camera's noise makes of it, by which repeats scatter; the second is what the slip expected
-    may be wrong by, which is the same in every repeat.
-
-    Args:
-        times: of the frames (n,) [s]; the hit is between the first after 0 and the one before it.
-        xy: places (n, 2) [m], x along the aim.
-        friction: of the sliding ball [1].
-        noise: of the camera, per axis [m].
-        x0_mm: commanded offset of the cue's axis, to the right, from which the slip is predicted.
-        y0_mm: the same, up.
-
-    Raises:
-        BadInput: the track holds no speed.
-    """
-    quick = times > 0.02
-    if np.count_nonzero(quick) < 4 or np.count_nonzero(times <= 0) < 1:
-        raise BadInput(f"a track of {len(times)} frames is too short; film the resting ball and 0.02 s or more after")
-    slope = np.polyfit(times[quick], xy[quick], 1)[0]
-    pace = float(max(np.hypot(*slope), 1e-3))
-    expected = expected_slip(x0_mm, y0_mm)
-
-    def residual(p: Array) -> Array:
-        after = np.maximum(times - p[6], 0.0)
-        miss = (_run(p[0:2], p[2:4], p[4:6], friction, after) - xy) / noise
-        held = (p[4:6] / max(np.hypot(p[2], p[3]), 1e-3) - expected) / SLIP_SD
-        return np.concatenate([miss.ravel(), held])
-
-    start = np.concatenate(
-        [xy[times <= 0].mean(axis=0), slope + 2.0 / 7.0 * expected * pace * 0.5, expected * pace, [0.0]]
-    )
-    scale = np.array([1e-3, 1e-3, 0.1 * pace, 0.1 * pace, 0.3 * pace, 0.3 * pace, 3e-3])
-    found = least_squares(residual, start, x_scale=scale, max_nfev=60)
-    v = found.x[2:4]
-    if not found.success or not np.all(np.isfinite(v)):
-        raise BadInput(f"no speed can be measured from a track of {len(times)} frames; film that stroke again")
-    whole = np.linalg.pinv(found.jac.T @ found.jac)[2:4]
-    speed = float(np.hypot(*v))
-    axes = np.array([v, [-v[1], v[0]]]) / speed
-    (fast, wide), (fast_unsure, wide_unsure) = (
-        np.linalg.norm(axes @ whole @ rows.T, axis=-1) for rows in (found.jac[:-2], found.jac[-2:])
-    )
-    turn = float(np.arctan2(v[1], v[0]))
-    return speed, float(fast), float(fast_unsure), turn, float(wide / speed), float(wide_unsure / speed)
-
-
-def expected_slip(x0_mm: float, y0_mm: float) -> Array:
-    """Of the ball's lowest point as it leaves the tip, over its speed: (2,), by the usual constants."""
-    side, height = np.array([1e-3 * x0_mm]), np.array([1e-3 * y0_mm])
-    velocity, spin = launch(Constants(), Geometry(SNOOKER_BALL), np.ones(1), side, height)
-    return np.asarray(slip(velocity, spin, SNOOKER_BALL.radius)[0] / np.hypot(*velocity[0, :2]))
-
-
-def _run(place: Array, velocity: Array, slipping: Array, friction: float, after: Array) -> Array:
-    """Where a ball is that slides until its slip is gone, then rolls: (n, 2) [m]; after (n,) [s]."""
-    size = max(float(np.hypot(*slipping)), 1e-9)
-    lasts = size / (3.5 * friction * GRAVITY)
-    s, t = np.minimum(after, lasts)[:, None], np.maximum(after - lasts, 0.0)[:, None]
-    rolling = velocity - 2.0 / 7.0 * slipping
-    direction = rolling / max(float(np.hypot(*rolling)), 1e-9)
-    slid = velocity * s - 0.5 * friction * GRAVITY * slipping / size * s**2
-    return np.asarray(place + slid + rolling * t - 0.5 * ROLLING_FRICTION * GRAVITY * direction * t**2)
 
 
 def exact_strokes(

@@ -24,9 +24,7 @@ from robot.camera.live import LiveCamera
 from robot.device.launcher import Launcher
 from robot.device.settings import Settings
 from robot.learning.loop import SceneSetup
-
-PLACING_TOLERANCE_M = 0.03  # of a ball, within which it counts as set up
-MAX_PLACING_TRIES = 20  # times that the operator is asked to set up a scene
+from robot.table.placing import MAX_PLACING_TRIES, PLACING_TOLERANCE_M, words_of
 
 
 @dataclass
@@ -51,7 +49,7 @@ class LiveRig:
                 f"the series is for {scene.table}, {scene.ball}; the camera sees {self.camera.table}, "
                 f"{self.camera.ball}: begin with a model of this table (robot learn --model)"
             )
-        text = self._instructions(scene)
+        text = "; ".join(words_of(scene.table, name, xy) for name, xy in zip(scene.names, scene.position, strict=True))
         for _ in range(MAX_PLACING_TRIES):
             if not self.ready(f"shot {number}: put {text}"):
                 raise BadInput(f"shot {number}: not set up; the same command goes on from here")
@@ -98,15 +96,3 @@ class LiveRig:
             if distance > PLACING_TOLERANCE_M:
                 faults.append(f"{name} is {1e3 * distance:.0f} mm from its place")
         return faults, seen.get(scene.names[0])
-
-    def _instructions(self, scene: Scene) -> str:
-        """The places of the balls, measured from the cushions."""
-        half = np.array([scene.table.length, scene.table.width]) / 2
-        ends = (("-x", "+x"), ("-y", "+y"))
-        parts = []
-        for name, xy in zip(scene.names, scene.position, strict=True):
-            sides = [
-                f"{1e2 * (half[k] - abs(xy[k])):.1f} cm from the {ends[k][int(xy[k] > 0)]} cushion" for k in range(2)
-            ]
-            parts.append(f"{name} {' and '.join(sides)}")
-        return "; ".join(parts)

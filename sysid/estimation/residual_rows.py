@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.spring import damping_table
-from models.compiled import compiled
+from models.compiled import compiled, compiled_within
 from models.engine.impacts import deliver
 from models.engine.loop import ROW_SIZE, play_shot, workspace
 from models.engine.play import MAX_EVENTS, Layout, over_threads
@@ -177,6 +177,65 @@ def residuals(
     return out
 
 
+@compiled_within
+def _lay_struck(start, u, azimuth, radius):  # type: ignore[no-untyped-def]
+    """The struck ball's initial state, turned from its clip's direction (azimuth) into the table's."""
+    cs, sn = math.cos(azimuth), math.sin(azimuth)
+    start[:] = 0.0
+    start[0, 0], start[0, 1] = u[0], u[1]
+    start[0, 2], start[0, 3] = cs * u[2] - sn * u[3], sn * u[2] + cs * u[3]
+    start[0, 4], start[0, 5] = (cs * u[4] - sn * u[5]) / radius, (sn * u[4] + cs * u[5]) / radius
+    start[0, 6] = u[6] / radius
+
+
+@compiled_within
+def _lay_moving(start, u, most, moving, radius):  # type: ignore[no-untyped-def]
+    """Motions of the other balls of a clip that begins in mid-shot."""
+    for i in range(1, moving):
+        unknown = 5 + 2 * most + MOTION_SIZE * (i - 1)
+        for k in range(MOTION_SIZE):
+            start[i, 2 + k] = u[unknown + k] if k < 2 else u[unknown + k] / radius
+
+
+@compiled_within
+def _hold_last(track, seen, n, position, velocity):  # type: ignore[no-untyped-def]
+    """Places and velocities of a track; a ball that has been potted stays where it was last."""
+    for i in range(n):
+        last_seen = 0
+        for k in range(seen):
+            if track[k, i, 0] == track[k, i, 0]:
+                last_seen = k
+            position[k, i, 0], position[k, i, 1] = track[last_seen, i, 0], track[last_seen, i, 1]
+            velocity[k, i, 0], velocity[k, i, 1] = track[last_seen, i, 2], track[last_seen, i, 3]
+
+
+@compiled_within
+def _write_row(  # type: ignore[no-untyped-def]
+    out, n, seen, position, track, count, at, xy, theta, trusted, sd, sd_theta
+):  # fmt: skip
+    """Residuals of one shot: places and angles against the samples, over their standard deviations."""
+    to = 0
+    for i in range(n):
+        marked, mean = 0, 0.0
+        for k in range(count[i]):
+            s = at[i, k]
+            if s >= seen:
+                break
+            if trusted[i, k]:
+                for axis in range(2):
+                    out[to + 2 * k + axis] = (position[s, i, axis] - xy[i, k, axis]) / sd[i, k]
+            angle = track[s, i, 7] - theta[i, k]
+            if angle == angle:
+                marked, mean = marked + 1, mean + angle
+                out[to + 2 * count[i] + k] = angle
+        # The angle at which the mark begins is unknown: the mean removes it, as a fitted offset would.
+        if marked > 0:
+            for k in range(count[i]):
+                at_angle = to + 2 * count[i] + k
+                out[at_angle] = (out[at_angle] - mean / marked) / sd_theta
+        to += 3 * count[i]
+
+
 @compiled
 def residual_rows(  # type: ignore[no-untyped-def]
     first, last, x, which, stamps, begun, azimuth, order, struck, balls, moving, rest, stays, count, at, xy, theta,
@@ -193,23 +252,15 @@ def residual_rows(  # type: ignore[no-untyped-def]
     for row in range(first, last):
         w = which[row]
         n, here = balls[w], own[row].ctypes.data
-        cs, sn = math.cos(azimuth[w]), math.sin(azimuth[w])
         u = x[row]
-        start[:] = 0.0
-        start[0, 0], start[0, 1] = u[0], u[1]
-        start[0, 2], start[0, 3] = cs * u[2] - sn * u[3], sn * u[2] + cs * u[3]
-        start[0, 4], start[0, 5] = (cs * u[4] - sn * u[5]) / radius[row], (sn * u[4] + cs * u[5]) / radius[row]
-        start[0, 6] = u[6] / radius[row]
+        _lay_struck(start, u, azimuth[w], radius[row])
         for i in range(1, n):
             place[i, 0], place[i, 1] = rest[w, i, 0] + u[5 + 2 * i], rest[w, i, 1] + u[6 + 2 * i]
         if observe.shape[0] > 0 and n > 1:
             unsee(place[1:n].copy(), here, observe, place[1:n])
         for i in range(1, n):
             start[i, 0], start[i, 1] = place[i, 0], place[i, 1]
-        for i in range(1, moving[w]):
-            unknown = 5 + 2 * most + MOTION_SIZE * (i - 1)
-            for k in range(MOTION_SIZE):
-                start[i, 2 + k] = u[unknown + k] if k < 2 else u[unknown + k] / radius[row]
+        _lay_moving(start, u, most, moving[w], radius[row])
         launch = 0.0
         if struck[w]:
             launch = deliver(start[0, 2:4], start[0, 4:7], here, strike, radius[row], mass, cue)
@@ -238,32 +289,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
             mass, radius[row], span[row], half[row], mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS,
             looked, track[:seen, :n], log, who, counts, potted[:n],
         )  # fmt: skip
-        for i in range(n):
-            last_seen = 0
-            for k in range(seen):
-                if track[k, i, 0] == track[k, i, 0]:
-                    last_seen = k
-                position[k, i, 0], position[k, i, 1] = track[last_seen, i, 0], track[last_seen, i, 1]
-                velocity[k, i, 0], velocity[k, i, 1] = track[last_seen, i, 2], track[last_seen, i, 3]
+        _hold_last(track, seen, n, position, velocity)
         if observe.shape[0] > 0:
             see(position[:seen, :n], velocity[:seen, :n], moment, here, observe)
-        to = 0
-        for i in range(n):
-            marked, mean = 0, 0.0
-            for k in range(count[w, i]):
-                s = at[w, i, k]
-                if s >= seen:
-                    break
-                if trusted[w, i, k]:
-                    for axis in range(2):
-                        out[row, to + 2 * k + axis] = (position[s, i, axis] - xy[w, i, k, axis]) / sd[w, i, k]
-                angle = track[s, i, 7] - theta[w, i, k]
-                if angle == angle:
-                    marked, mean = marked + 1, mean + angle
-                    out[row, to + 2 * count[w, i] + k] = angle
-            # The angle at which the mark begins is unknown: the mean removes it, as a fitted offset would.
-            if marked > 0:
-                for k in range(count[w, i]):
-                    at_angle = to + 2 * count[w, i] + k
-                    out[row, at_angle] = (out[row, at_angle] - mean / marked) / sd_theta[w]
-            to += 3 * count[w, i]
+        _write_row(out[row], n, seen, position, track, count[w], at[w], xy[w], theta[w], trusted[w], sd[w], sd_theta[w])

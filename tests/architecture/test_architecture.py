@@ -59,10 +59,11 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
     "robot": {
         "device": (),
         "camera": (),
-        "cueing": (),
+        "cueing": ("device",),
         "emulator": ("device", "cueing"),
-        "learning": ("device", "camera", "cueing", "emulator"),
-        "cli": ("device", "camera", "cueing", "emulator", "learning"),
+        "table": ("device", "camera", "cueing"),
+        "learning": ("device", "camera", "cueing", "emulator", "table"),
+        "cli": ("device", "camera", "cueing", "emulator", "table", "learning"),
     },
 }
 LONGEST = 400  # lines

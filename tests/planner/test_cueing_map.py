@@ -19,19 +19,11 @@ from planner.launcher.cueing_map import FORMAT, CueingMap, read_map, write_map
 from planner.launcher.execution import Execution, read_execution
 from planner.launcher.stroke import LauncherModel
 from robot.cueing.campaign import CAMPAIGN_COLUMNS, CueShot, count_played, make_grid, read_campaign, run_campaign
+from robot.cueing.first_track import read_track
 from robot.cueing.held_out import average_errors, noise_floor
 from robot.cueing.map_fit import fit_map, scatter
 from robot.cueing.report import write_picture, write_report
-from robot.cueing.striker import (
-    EmulatedStriker,
-    Hidden,
-    Sloppiness,
-    draw_hidden,
-    exact_strokes,
-    film,
-    hidden_scene,
-    read_track,
-)
+from robot.cueing.striker import EmulatedStriker, Hidden, Sloppiness, draw_hidden, exact_strokes, film, hidden_scene
 from tests.reference.networks import compare_with_networks, train_networks
 
 BALL = Ball(0.0525, 0.1406)

@@ -16,17 +16,9 @@ import robot.emulator.repeatability as rep
 from models.errors import BadInput
 from models.shot import Table
 from robot.cli.verbs import main
+from robot.cueing.repeated import Repeated, mean_scatter, rows, spread_strings, summarised, text
 from robot.device.settings import Settings
-from robot.emulator.repeatability import (
-    OPEN_CLOTH,
-    Conditions,
-    Repeated,
-    mean_scatter,
-    measure,
-    rows,
-    spread_strings,
-    text,
-)
+from robot.emulator.repeatability import OPEN_CLOTH, Conditions, measure
 
 OURS = Settings()
 PAPER = 0.050  # Robotic Billiards 2015, section V.C [m]
@@ -113,12 +105,12 @@ def test_the_strings_span_the_papers_speeds() -> None:
 def test_a_ball_in_a_pocket_is_counted_and_left_out() -> None:
     told = np.array([1.0, 1.01, 0.99])
     ends = np.array([[0.0, 0.0], [0.06, 0.08], [math.nan, math.nan]])
-    row = rep._repeated(100, 1.0, told, ends, np.array([2.0, 2.2, 9.0]))
+    row = summarised(100, 1.0, told, ends, np.array([2.0, 2.2, 9.0]))
     assert (row.ended, row.fell, row.run) == (2, 1, pytest.approx(2.1))
     assert (row.along_sd, row.across_sd) == pytest.approx((0.06 / math.sqrt(2), 0.08 / math.sqrt(2)))
     assert row.scatter == pytest.approx(0.1 / math.sqrt(2))
     assert row.within == 1.0  # both 50 mm from their middle
-    lost = rep._repeated(100, 1.0, told[:2], np.full((2, 2), math.nan), np.array([1.0, 1.0]))
+    lost = summarised(100, 1.0, told[:2], np.full((2, 2), math.nan), np.array([1.0, 1.0]))
     assert (lost.ended, lost.fell) == (0, 2) and math.isnan(lost.scatter) and math.isnan(lost.within)
     assert "left out: 1" in text([row]) and "left out" not in text([replace(row, fell=0)])
 

@@ -20,10 +20,10 @@ from models.model_file import write_model
 from planner.scene import scene_from, write_scene
 from robot.cli import measure
 from robot.cli.verbs import main
+from robot.cueing import repeated
 from robot.cueing.campaign import CAMPAIGN_COLUMNS
 from robot.device import calibrate
 from robot.device.settings import read_settings, write_settings
-from robot.emulator import repeatability
 from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
 from robot.play import played_file, read_order
@@ -195,7 +195,7 @@ def test_a_port_is_calibrated_after_a_yes(run: Run, tmp_path: Path, monkeypatch:
 
 
 def test_options_default_to_what_is_measured_without_them() -> None:
-    assert measure.repeat.make_context("repeat", []).params["repeats"] == repeatability.DEFAULT_REPEATS
+    assert measure.repeat.make_context("repeat", []).params["repeats"] == repeated.DEFAULT_REPEATS
     assert measure.calibrate.make_context("calibrate", ["--out", "x"]).params["repeats"] == calibrate.DEFAULT_REPEATS
 
 

@@ -27,9 +27,10 @@ from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
 from robot.emulator.table import CAMERA_FPS, PLACE_SIGMA_M, EmulatedTable, emulated_launcher
 from robot.learning.history import plan_file
-from robot.learning.live_rig import MAX_PLACING_TRIES, PLACING_TOLERANCE_M, LiveRig
+from robot.learning.live_rig import LiveRig
 from robot.learning.loop import learn
 from robot.play import played_file, read_order
+from robot.table.placing import MAX_PLACING_TRIES, PLACING_TOLERANCE_M
 from sysid.clips import read_clip_set
 from sysid.vision.camera.projection import write_camera
 from tests.robot.align_pictures import Stick, bare, camera_over, empty, picture
@@ -188,6 +189,7 @@ def test_a_stroke_is_filmed_from_the_yes_on_and_the_clip_is_kept(eye: Eye, optio
     clips, order = tmp_path / "set", read_order(eye.plan, OURS)
     said = run("play", eye.plan, *options, "--clips", clips)
     assert said.status == 0 and "aligned (0.00 degrees off)" in said.out and f"clip: {clips}" in said.out, said
+    assert said.out.startswith("needed:\n") and f"the balls where {eye.plan} has them, within 5 mm" in said.out
     turned = f"aligned to {order.yaw_deg:.2f}, ball told"
     assert eye.asked == [(turned, 0), ("said yes", 0), ("armed", 0), ("filmed", 1)]
     [clip] = read_clip_set(clips).clips
@@ -257,7 +259,9 @@ def test_a_series_ends_where_nobody_lays_its_balls(eye: Eye, options: Any, tmp_p
         answer(monkeypatch, eye, word)
         said = run("learn", "--out", tmp_path / "series", *options)
         refused(said, "learn", "shot 1: not set up; the same command goes on from here")
-        assert said.out.startswith("shot 1: put white ") and eye.asked.pop() == (f"said {word}", 0) and not eye.asked
+        needs, asked = said.out.split("an interrupt (Ctrl-C) stops the launcher\n")
+        assert needs.startswith("needed:\n  - the launcher at ") and "camera 0 where it stood for cam.toml" in needs
+        assert asked.startswith("shot 1: put white ") and eye.asked.pop() == (f"said {word}", 0) and not eye.asked
 
 
 def stand_of(eye: Eye, ready: Callable[[str], Any], confirm: Callable[[str], Any] = str, **change: Any) -> LiveRig:

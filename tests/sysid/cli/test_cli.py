@@ -17,6 +17,9 @@ import pytest
 from models.model_file import catalogue, full_model, read_model, write_model
 from models.shot import Ball, Table
 from sysid.cli import main
+from tests.figures.pages import read_figures
+from tests.figures.sources import demo as figures_of_demo
+from tests.figures.sources import unlike
 from tests.support.clip_samples import contents, edit, make
 from tests.sysid.estimation.test_fit import CONSTANTS
 from tests.truth.__main__ import main as make_truth
@@ -369,6 +372,11 @@ def test_the_demo_takes_the_error_down_to_the_noise(demo: tuple[Path, str]) -> N
     assert last["rms_m"] == pytest.approx(NOISE, rel=0.05)
     assert 0.8 * NOISE < last["held_out_rms_m"] <= 1.05 * NOISE
     assert last["converged"] and last["chi2_reduced"] == pytest.approx(1, rel=0.1)
+
+
+@pytest.mark.slow
+def test_the_pages_have_the_demo_s_figures(demo: tuple[Path, str]) -> None:
+    assert not unlike(figures_of_demo(demo[0]), read_figures()["demo"], 0.02)
 
 
 @pytest.mark.slow

@@ -1,0 +1,80 @@
+"""What comes next in a shot: how every ball moves on, what it meets, and which event is first.
+
+Only balls that an event has changed (`todo`) are worked out anew. `balls` and `notes` are those of `workspace`
+(models/engine/loop.py).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.analytic.events import DEAD_SPEED
+from models.compiled import compiled_within
+from models.engine import columns as col
+from models.engine.curve import MAX_STEP_S, curve
+from models.engine.leaning import is_held, look_later
+from models.engine.motion import POTTED, REST, plain_phase
+from models.engine.rigid import approach_speed
+from models.engine.touch import BALL, CUSHION, SWITCH, meet_balls, meet_table
+
+
+@compiled_within
+def next_motions(  # type: ignore[no-untyped-def]
+    balls, notes, now, until, curved, own, forces, support, horizon, cloth, radius, y, k
+):  # fmt: skip
+    """How the balls move from now on: held, along a curve that effects push them on, or plainly."""
+    (b, m, records), (kind, _, leans, _, still, (todo, _, held)) = balls, notes
+    for i in range(b.shape[0]):
+        if todo[i] and kind[i] != POTTED:
+            held[i] = curved and leans[i] > now and is_held(b[i], still[i], now, radius)
+            if held[i]:
+                kind[i] = REST
+            elif curved:
+                kind[i] = curve(
+                    b[i], m[i], until, MAX_STEP_S, records[i], records[i].ctypes.data, own, forces, support, horizon,
+                    cloth, y, k,
+                )  # fmt: skip
+            else:
+                kind[i] = plain_phase(b[i], radius, cloth[0], cloth[1])
+
+
+@compiled_within
+def next_meetings(  # type: ignore[no-untyped-def]
+    balls, notes, pairs, stays, now, until, limits, half, mouths, jaws, falls, radius, zero
+):  # fmt: skip
+    """What the balls meet, of the table and of each other; they are then worked out."""
+    (b, m, _), (kind, what, leans, quiet, _, (todo, _, _)), (pair, again) = balls, notes, pairs
+    for i in range(b.shape[0]):
+        if todo[i]:
+            # What leans on a cushion has no other look at it for a while: looks would follow without end.
+            left_out, soon = zero, True
+            while soon:
+                meet_table(b[i], m[i], what, i, kind[i], limits, half, mouths, jaws, falls, stays[i], until, left_out)
+                soon = quiet[i] > now and what[i, 0] == CUSHION and b[i, col.MEET] < quiet[i]
+                soon = soon and approach_speed(b, i, zero - 1, what[i, 1], jaws) < DEAD_SPEED
+                if soon:
+                    left_out |= 1 << what[i, 1]
+            if left_out and quiet[i] < b[i, col.MEET]:
+                b[i, col.MEET], what[i, 0] = quiet[i], SWITCH
+            meet_balls(now, i, b, m, kind, pair, again, radius, until)
+            if leans[i] > now:
+                look_later(now, i, b, m, kind, leans, pair, again, radius)
+            todo[i] = False
+
+
+@compiled_within
+def first_event(b, what, pair, zero):  # type: ignore[no-untyped-def]
+    """Time of the first event, what it is, whose, and of which other ball, or -1."""
+    t, event, i, j = np.inf, SWITCH + zero, zero - 1, zero - 1
+    for q in range(b.shape[0]):
+        if b[q, col.MEET] < t:
+            t, event, i = b[q, col.MEET], what[q, 0], q
+        if b[q, col.END] < t:
+            t, event, i = b[q, col.END], SWITCH, q
+    at = 0
+    for q in range(1, b.shape[0]):
+        for p in range(q):
+            if pair[at] < t:
+                t, event, i, j = pair[at], BALL, p, q
+            at += 1
+    return t, event, i, j

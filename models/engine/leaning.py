@@ -1,0 +1,78 @@
+"""Balls that lean on each other or on a cushion: when they are looked at again, and when they rest.
+
+What leans is known to for LEAN_MEMORY_S; what has been pressed without moving for HELD_AFTER_S is held, and rests until
+something beside it is hit.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from models.compiled import compiled_in_place
+from models.engine import columns as col
+from models.engine.cluster import CROWD_GAP_M
+from models.engine.motion import POTTED, place
+from models.engine.touch import MAX_RECHECK_S, PRESSED_RECHECK_S
+
+LEAN_MEMORY_S = 5.0 * MAX_RECHECK_S  # for how long a ball that leans is known to [s]
+HELD_AFTER_S = 0.2  # for which what is pressed has not moved, before it rests [s]
+CALM_SPEED = 1e-4  # between bodies that lean on each other, with which they may go on until the next look [m/s]
+CREEP_SPEED = 2e-3  # of what is pressed and has not moved: any rolling resistance would have stopped it [m/s]
+BESIDE_M = 1e-4  # gap to a ball that is hit, at which what is held is no longer known to be [m]
+
+
+@compiled_in_place
+def look_later(now, i, b, m, kind, leans, pair, again, radius):  # type: ignore[no-untyped-def]
+    """Let ball i and others that lean on each other at no speed have no other look for a while."""
+    later, touch = now + PRESSED_RECHECK_S, 2.0 * radius + CROWD_GAP_M
+    x, y, vx, vy = place(b[i], m[i], kind[i], now)
+    for j in range(b.shape[0]):
+        at = i * (i - 1) // 2 + j if j < i else j * (j - 1) // 2 + i
+        if j == i or kind[j] == POTTED or leans[j] <= now or not pair[at] < later:
+            continue
+        px, py, pvx, pvy = place(b[j], m[j], kind[j], now)
+        px, py, pvx, pvy = px - x, py - y, pvx - vx, pvy - vy
+        d = math.sqrt(px * px + py * py)
+        if d < touch and abs(px * pvx + py * pvy) < CALM_SPEED * d:
+            pair[at], again[at] = later, True
+
+
+@compiled_in_place
+def lean(i, now, leans, still):  # type: ignore[no-untyped-def]
+    """Note that ball i leans on something."""
+    if leans[i] <= now:
+        still[i, 2] = now
+    leans[i] = now + LEAN_MEMORY_S
+
+
+@compiled_in_place
+def release(b, held, touched, todo, still, now, radius):  # type: ignore[no-untyped-def]
+    """Let go of what is held and `touched`, or lies by what is: something that held it may be gone."""
+    beside, more = 2.0 * radius + BESIDE_M, True
+    while more:
+        more = False
+        for p in range(b.shape[0]):
+            if not held[p]:
+                continue
+            for q in range(b.shape[0]):
+                x, y = b[p, col.X] - b[q, col.X], b[p, col.Y] - b[q, col.Y]
+                if touched[q] and x * x + y * y < beside * beside:
+                    held[p], touched[p], todo[p], still[p, 2], more = False, True, True, now, True
+                    break
+
+
+@compiled_in_place
+def is_held(b, still, now, radius):  # type: ignore[no-untyped-def]
+    """Whether a ball that is pressed has long not moved; then it rests. `still`: where it moved last, and when."""
+    x, y, creep = b[col.X] - still[0], b[col.Y] - still[1], CREEP_SPEED * CREEP_SPEED
+    ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
+    v2, u2, side = b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY], ux * ux + uy * uy, radius * b[col.WZ]
+    if x * x + y * y > creep * HELD_AFTER_S * HELD_AFTER_S or v2 > creep or u2 > creep or side * side > creep:
+        still[0], still[1], still[2] = b[col.X], b[col.Y], now
+    if now - still[2] < HELD_AFTER_S:
+        return False
+    b[col.VX] = b[col.VY] = b[col.WX] = b[col.WY] = b[col.WZ] = b[col.AX] = b[col.AY] = b[col.BOUND] = 0.0
+    b[col.END] = np.inf
+    return True

@@ -1,0 +1,87 @@
+"""Figures of the pages are those of docs/figures.toml, and these are what the reports in the repository say."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from models.console import write_json
+from models.errors import BadInput
+from robot.learning.summary import figures
+from tests.figures.__main__ import entered
+from tests.figures.pages import ROOT, filled, pages, read_figures, unmarked_cells, used
+from tests.figures.sources import READERS, REPORTS, agree, unlike
+from tests.robot.test_learn import COURSE, story
+
+SOURCES = read_figures()
+SENTENCES = ("README.md", "related.md")
+PAGES = [page for page in pages() if used(page.read_text(encoding="utf-8"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_has_the_figures_of_the_file(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert text == filled(text, SOURCES), "run: make figures"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_table_of_figures_has_no_other_ones(page: Path) -> None:
+    """But where cells are sentences: there those that stand elsewhere too are marked."""
+    if page.name not in SENTENCES:
+        assert not unmarked_cells(page.read_text(encoding="utf-8"))
+
+
+def test_every_figure_is_used_and_its_source_is_told() -> None:
+    seen = set().union(*(used(page.read_text(encoding="utf-8")) for page in PAGES))
+    assert seen == {(source, name) for source, rest in SOURCES.items() for name in rest["figures"]}
+    assert all(re.fullmatch(r"[0-9a-f]{7,}", rest["version"]) and rest["date"].year > 2025 for rest in SOURCES.values())
+
+
+@pytest.mark.parametrize("name", REPORTS)
+def test_figures_are_those_of_the_report(name: str) -> None:
+    measured = READERS[name](REPORTS[name])
+    assert set(SOURCES[name]["figures"]) <= set(measured)
+    assert {key: measured[key] for key in SOURCES[name]["figures"]} == SOURCES[name]["figures"], "run: make figures"
+
+
+def test_pages_are_filled_and_unknown_marks_refused() -> None:
+    sources: Any = {"a": {"figures": {"x": "2 mm"}, "date": "d", "version": "v", "command": "c"}}
+    assert filled("it is **<!--a.x-->1 mm<!---->**, or so", sources) == "it is **<!--a.x-->2 mm<!---->**, or so"
+    with pytest.raises(KeyError, match=r"a\.y is not in"):
+        filled("<!--a.y-->1<!---->", sources)
+    table = "| what | a | b |\n|---|---|---|\n| 3 shots | <!--a.x-->2 mm<!----> | 7 s |\n| `m2` | - | [c](d.md#4) |\n"
+    assert unmarked_cells(table) == ["7 s"] and not unmarked_cells(table.replace("<!--a.x-->2 mm<!---->", "1"))
+
+
+def test_a_result_is_entered_with_date_and_version_where_it_changed() -> None:
+    old: Any = {"a": {"figures": {"x": "1 mm"}, "date": "then", "version": "old", "command": "measure it"}}
+    assert entered(old, "a", {"x": "1 mm", "more": "5"}) == old
+    new = entered(old, "a", {"x": "2 mm"})["a"]
+    assert new["figures"] == {"x": "2 mm"} and new["date"] != "then" and new["version"] != "old"
+    with pytest.raises(BadInput, match="a: the result has no x; run the whole of: measure it"):
+        entered(old, "a", {"y": "1"})
+
+
+def test_figures_agree_within_their_last_digit_or_a_share() -> None:
+    assert agree("2.16 mm", "2.17 mm", 0.0) and not agree("2.16 mm", "2.19 mm", 0.0)
+    assert agree("2.16 mm", "2.19 mm", 0.02)
+    assert not agree("2.16 mm", "2.16 m", 0.1) and not agree("1 of 40", "1 of 4 of", 1.0)
+    assert unlike({"x": "3 s", "new": "1"}, {"figures": {"x": "9 s"}}, 0.1) == ["x: 3 s measured, 9 s in figures.toml"]
+
+
+def test_a_series_is_read_block_by_block(tmp_path: Path) -> None:
+    """With the keys of `robot learn --json` (robot/learning/summary.py)."""
+    course = dataclasses.replace(COURSE, every=4)
+    told = tmp_path / "learn.json"
+    write_json(told, figures(story((0.1, 0.02), ended="all 8 shots are played"), course, None))
+    read = READERS["loop"](told)
+    assert (read["shots_1_miss"], read["shots_1_potted"], read["shots_1_predicted"]) == ("100 mm", "4 of 4", "3.2")
+    assert {name.split("_", 2)[2] for name in SOURCES["loop"]["figures"]} == {name.split("_", 2)[2] for name in read}
+
+
+def test_make_knows_it() -> None:
+    assert "python -m tests.figures --enter demo" in (ROOT / "Makefile").read_text(encoding="utf-8")
