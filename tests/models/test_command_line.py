@@ -108,6 +108,7 @@ def test_an_import_that_fails_is_no_interrupt() -> None:
         run(wait, [])
 
 
+@pytest.mark.slow
 def test_a_full_disk_and_closed_streams_are_told_by_the_status() -> None:
     words = [sys.executable, "-m", "sysid.cli", "effects", "squirt"]
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}

@@ -16,6 +16,7 @@ from tests.random_shots.draws import batch
 from tests.random_shots.laws import breaches, play
 
 BATCH = 64  # shots
+PROGRESS_INTERVAL_S = 30.0
 MAX_SHOWN = 20  # lines of one law
 
 
@@ -29,7 +30,11 @@ def main(words: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(words)
     found: Counter[str] = Counter()
     began, seed, done, most = time.monotonic(), asked.seed, 0, 0
-    while done < asked.shots and time.monotonic() - began < asked.seconds:
+    shown = began
+    while done < asked.shots and (now := time.monotonic()) - began < asked.seconds:
+        if now - shown > PROGRESS_INTERVAL_S:
+            shown = now
+            print(f"{done} of {asked.shots} shots, {now - began:.0f} s", file=sys.stderr, flush=True)
         one = batch(seed, min(BATCH, asked.shots - done))
         played = play(one, asked.threads)
         most = max(most, int(played.result.counts.sum(axis=1).max()))

@@ -245,6 +245,7 @@ def test_a_scene_that_cannot_be_says_why() -> None:
         build_scene(TABLE, BALL, ("white",), SPOT, float("nan"))
 
 
+@pytest.mark.slow
 def test_the_command_compares_and_sizes_the_drive(tmp_path: Path) -> None:
     out = tmp_path / "strokes.csv"
     command = [sys.executable, "-m", "models.mjcf.stroke", "--out", str(out)]

@@ -126,6 +126,7 @@ def test_x_points_right_or_up_and_nothing_is_mirrored() -> None:
     assert rms(errors(half_turn, found)) < 1.2
 
 
+@pytest.mark.slow
 def test_weak_cushions_projected_lines_balls_and_a_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(film, "CUSHION", tuple(0.85 * c for c in film.CLOTH))
     camera = over_table()
@@ -159,6 +160,7 @@ def test_a_cushion_brighter_than_the_bed_and_a_shadow_on_it(monkeypatch: pytest.
     assert rms(errors(camera, found)) < 0.8, "the shadow's edge is not the nose"
 
 
+@pytest.mark.slow
 def test_the_cloths_end_alone_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(film, "CUSHION", film.CLOTH)
     camera = over_table(pockets=False)
@@ -175,6 +177,7 @@ def test_a_wrong_width_is_not_trusted(straight: tuple[Camera, Picture], width: f
     assert all("--width" in doubt for doubt in found.doubts)
 
 
+@pytest.mark.slow
 def test_three_sides_with_a_known_focal_length() -> None:
     camera = over_table(aim=(-0.8, 0.0))
     picture = taken(camera)

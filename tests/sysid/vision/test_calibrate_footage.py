@@ -42,7 +42,7 @@ def test_the_nose_is_neither_its_shadow_nor_the_end_of_the_cloth(view: tuple[Cam
     assert "diamonds" in found.notes[-1]
 
 
-@pytest.mark.parametrize("off", [3, 4])
+@pytest.mark.parametrize("off", [3, pytest.param(4, marks=pytest.mark.slow)])
 def test_corners_ten_pixels_off_are_enough(view: tuple[Camera, Picture], off: int) -> None:
     camera, picture = view
     signs = np.array([[1, 1], [-1, 1], [1, -1], [-1, -1.0]])
@@ -55,7 +55,14 @@ def test_corners_ten_pixels_off_are_enough(view: tuple[Camera, Picture], off: in
     assert "the corners given lie" in found.notes[-1]
 
 
-@pytest.mark.parametrize("table", [Table(2.0, 0.96), Table(2.1, 1.0), Table(1.94, 1.0)])
+@pytest.mark.parametrize(
+    "table",
+    [
+        Table(2.0, 0.96),
+        pytest.param(Table(2.1, 1.0), marks=pytest.mark.slow),
+        pytest.param(Table(1.94, 1.0), marks=pytest.mark.slow),
+    ],
+)
 def test_a_table_of_another_shape_is_refused(view: tuple[Camera, Picture], table: Table) -> None:
     found = calibrate(view[1], table, DIAMETER)
     assert found.doubts

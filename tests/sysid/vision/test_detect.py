@@ -120,7 +120,7 @@ def crowded(camera: Camera, count: int, rng: np.random.Generator) -> Array:
     return np.array(rows)
 
 
-@pytest.mark.parametrize("radius", [10, 20])
+@pytest.mark.parametrize("radius", [pytest.param(10, marks=pytest.mark.slow), 20])
 def test_centres_are_known_to_a_fraction_of_a_pixel(tmp_path: Path, radius: int) -> None:
     camera, rng = camera_of(radius), np.random.default_rng(2)
     free = np.array([scattered(camera, 3, rng) for _ in range(8)])
@@ -140,6 +140,7 @@ def test_centres_are_known_to_a_fraction_of_a_pixel(tmp_path: Path, radius: int)
         assert max(np.hypot(*(found[n].xy - xy)) for n, xy in zip(THREE, camera.outline(row), strict=True)) < 0.6
 
 
+@pytest.mark.slow
 def test_a_ball_is_found_far_from_where_it_is_expected(tmp_path: Path) -> None:
     camera, rng = camera_of(10), np.random.default_rng(3)
     places = np.array([scattered(camera, 3, rng, gap=6) for _ in range(8)])
@@ -196,6 +197,7 @@ def test_a_ball_that_is_looked_for_in_a_black_pocket_is_not_there(tmp_path: Path
     assert [s.name for s in detector.find(pictures[2], [("white", pocket)]) if np.hypot(*(s.xy - pocket)) < 24] == []
 
 
+@pytest.mark.slow
 def test_balls_at_rest_all_along_do_not_hide_in_the_backdrop(tmp_path: Path) -> None:
     camera = camera_of(10)
     half = camera.table.width / 2 - 0.95 * camera.radius
