@@ -314,6 +314,7 @@ def test_bad_input_is_named() -> None:
         load(scene(), full_model(Table(2.0, 1.0), SNOOKER_BALL))
 
 
+@pytest.mark.slow
 def test_the_example_finds_a_shot(capsys: pytest.CaptureFixture[str]) -> None:
     assert example_environment.main(["--seed", "1"]) == 0
     before, after = (float(part.split()[-2]) for part in capsys.readouterr().out.split("(")[0].split(":")[1].split(","))

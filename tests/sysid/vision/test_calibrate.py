@@ -111,6 +111,7 @@ def test_a_tilted_view_tells_the_focal_length() -> None:
     assert rms(errors(camera, found)) < 1.0
 
 
+@pytest.mark.slow
 def test_x_points_right_or_up_and_nothing_is_mirrored() -> None:
     upright = over_table(turn=-np.pi / 2, size=(300, 480))
     assert upright.project(np.array([[0.5, 0, 0]]))[0, 1] < upright.project(np.zeros((1, 3)))[0, 1]
@@ -143,6 +144,7 @@ def test_weak_cushions_projected_lines_balls_and_a_hand(monkeypatch: pytest.Monk
     assert rms(errors(camera, found)) < 1.0
 
 
+@pytest.mark.slow
 def test_a_cushion_brighter_than_the_bed_and_a_shadow_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
     ground = film._ground
 

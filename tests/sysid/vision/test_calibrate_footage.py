@@ -102,6 +102,7 @@ def test_videos_of_one_camera_go_together(view: tuple[Camera, Picture]) -> None:
         table_view({"a": frames(picture), "small": [cv2.resize(picture, (480, 270))]})
 
 
+@pytest.mark.slow
 def test_the_command_takes_several_pictures(
     view: tuple[Camera, Picture], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -122,6 +123,7 @@ def test_a_camera_that_moves_is_told(view: tuple[Camera, Picture]) -> None:
     assert "moves" in table_view({"a": [view[1], later]}).notes[0]
 
 
+@pytest.mark.slow
 def test_the_picture_shows_model_details_and_figures(view: tuple[Camera, Picture], tmp_path: Path) -> None:
     camera, picture = view
     found = calibrate(picture, camera.table, DIAMETER)

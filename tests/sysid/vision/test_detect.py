@@ -236,6 +236,7 @@ def test_a_ball_with_the_cue_at_it_and_one_that_moves_are_found(tmp_path: Path) 
         assert min(s.sd for s in seen) > 0.03
 
 
+@pytest.mark.slow
 def test_changing_light_is_allowed_for(tmp_path: Path) -> None:
     camera, rng = camera_of(10), np.random.default_rng(7)
     places = np.array([scattered(camera, 3, rng) for _ in range(8)])

@@ -89,6 +89,7 @@ def place_error(camera: Camera) -> float:
     return float(np.sqrt(np.mean(np.sum((camera.centres(CAMERA.outline(xy)) - xy) ** 2, axis=1))))
 
 
+@pytest.mark.slow
 def test_markers_are_seen_where_they_lie() -> None:
     markers = seen(CARDS)
     assert markers.numbers.tolist() == list(range(len(MARKER_RAILS)))
