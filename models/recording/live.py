@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.recording.film import jpeg
-from models.recording.palette import FLOOR_COLOUR, MODEL_COLOUR, ball_colour
-from models.recording.video import MAX_WIDTH_PX, draw_cloth, enlarged
+from models.recording.palette import MODEL_COLOUR, ball_colour
+from models.recording.video import MAX_WIDTH_PX, draw_cloth, enlarged, table_view
 from models.shot import Array, Table
 
 if TYPE_CHECKING:
@@ -85,15 +85,10 @@ def _blueprint(table: Table, diameter: float) -> Any:
     """The video above the table, and the log beside them."""
     import rerun.blueprint as rrb
 
-    x, y = np.array([table.length, table.width]) / 2 + 2 * diameter
-    bounds = rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y])
-    # From the root, as a view leaves out the transform of its own origin.
-    plan = {"origin": "/", "contents": "/top/**", "visual_bounds": bounds}
-    above = rrb.Spatial2DView(**plan, name="Table from above", background=FLOOR_COLOUR)
     video = rrb.Spatial2DView(origin="picture", name="Video and balls found")
     log = rrb.TextLogView(origin="log", name="Shots")
     return rrb.Blueprint(
-        rrb.Vertical(rrb.Horizontal(video, above), log, row_shares=[5, 1]),
+        rrb.Vertical(rrb.Horizontal(video, table_view(table, diameter)), log, row_shares=[5, 1]),
         rrb.TimePanel(state="collapsed", timeline="video_time", play_state="following"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),

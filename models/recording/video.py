@@ -172,15 +172,22 @@ def _words(rr: Any, stream: Any, shots: Sequence[tuple[float, float, str]]) -> N
         stream.send_columns("text/log", _columns(rr, np.array([begin for begin, _, _ in shots]), None), log)
 
 
-def _blueprint(table: Table, diameter: float) -> Any:
-    """Video and table on the left, words and residuals on the right."""
+def table_view(table: Table, diameter: float) -> Any:
+    """The view of what `draw_cloth` draws, with balls of a diameter [m] on it."""
     import rerun.blueprint as rrb
 
     x, y = np.array([table.length, table.width]) / 2 + 2 * diameter
     bounds = rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y])
     # From the root, as a view leaves out the transform of its own origin.
     plan = {"origin": "/", "contents": "/top/**", "visual_bounds": bounds}
-    above = rrb.Spatial2DView(**plan, name="Table from above", background=FLOOR_COLOUR)
+    return rrb.Spatial2DView(**plan, name="Table from above", background=FLOOR_COLOUR)
+
+
+def _blueprint(table: Table, diameter: float) -> Any:
+    """Video and table on the left, words and residuals on the right."""
+    import rerun.blueprint as rrb
+
+    above = table_view(table, diameter)
     video = rrb.Spatial2DView(origin="picture", name="Video and detections")
     curves = rrb.TimeSeriesView(origin="residual", name="Residual of sightings [mm]")
     words = rrb.TextDocumentView(origin="text/guide", name="How to read this")

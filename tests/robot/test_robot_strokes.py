@@ -22,14 +22,12 @@ from models.shot import Ball, Table
 from planner.launcher.cueing_map import read_map
 from robot.cueing.campaign import read_campaign, run_campaign
 from robot.device.settings import Settings, write_settings
-from robot.emulator.firmware import Firmware
-from robot.emulator.launcher import Emulator, Pace
 from robot.emulator.table import EmulatedOptions, EmulatedTable
 from robot.table.lone_ball import MAX_FILMS, PLACE_TOLERANCE_M, LoneBall, place_of
 from robot.table.placing import PLACING_TOLERANCE_M
 from robot.table.strokes import TableStriker, check_strokes, measure_repeats, path_length
 from tests.robot.test_robot_play import struck
-from tests.robot.test_robot_table import Eye, by_the_words, refused, run
+from tests.robot.test_robot_table import Eye, at_port, by_the_words, refused, run
 from tests.support.clip_samples import contents
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
@@ -78,9 +76,8 @@ def lone(monkeypatch: pytest.MonkeyPatch) -> Lone:
 
 @pytest.fixture
 def options(lone: Lone) -> Iterator[tuple[str, ...]]:
-    lone.devices.append(Firmware(Pace(60.0).now, np.random.default_rng(0), on_strike=lambda *how: lone.now.hit(*how)))
-    with Emulator(lone.devices[0], baud=115200) as emulator:
-        yield "--port", emulator.path, "--camera", "cam.toml", "--video", "0"
+    with at_port(lone, 60.0, 115200) as words:
+        yield words
 
 
 def rig_of(lone: Lone, **change: Any) -> LoneBall:

@@ -170,8 +170,15 @@ def eye(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Eye:
 
 @pytest.fixture
 def options(eye: Eye) -> Iterator[tuple[str, ...]]:
-    eye.devices.append(Firmware(Pace(20.0).now, np.random.default_rng(0), on_strike=lambda *how: eye.now.hit(*how)))
-    with Emulator(eye.devices[0], baud=19200) as emulator:
+    with at_port(eye, 20.0, 19200) as words:
+        yield words
+
+
+@contextlib.contextmanager
+def at_port(eye: Eye, pace: float, baud: int) -> Iterator[tuple[str, ...]]:
+    """The options of a launcher behind a pseudo-terminal that strikes the balls under a camera."""
+    eye.devices.append(Firmware(Pace(pace).now, np.random.default_rng(0), on_strike=lambda *how: eye.now.hit(*how)))
+    with Emulator(eye.devices[0], baud=baud) as emulator:
         yield "--port", emulator.path, "--camera", "cam.toml", "--video", "0"
 
 

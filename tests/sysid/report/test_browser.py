@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,10 @@ import pytest
 
 from sysid.report.html import Rung, write_report
 from sysid.report.verdict import Verdict
+from tests.support.browser import chromium
 from tests.support.comparison_samples import comparison
 
 WIDTHS_PX = (390, 820, 1400)
-CHROMIUM = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
-)
 MAX_BYTES = 3_000_000
 REDRAWN_MS = 700  # after which a page of another width is drawn anew
 LONG_NAME = "a_name_of_a_shot_that_is_as_long_as_file_names_of_cameras_are_2026_11_23"
@@ -38,13 +35,8 @@ OUTSIDE = """
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """The machine's Chromium."""
-    api = pytest.importorskip("playwright.sync_api", reason="reports are looked at with playwright")
-    if CHROMIUM is None:
-        pytest.skip("no Chromium is installed")
-    with api.sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+    with chromium() as running:
         yield running
-        running.close()
 
 
 @pytest.fixture(scope="module")

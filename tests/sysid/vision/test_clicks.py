@@ -19,6 +19,7 @@ from models.errors import BadInput
 from sysid.cli import main
 from sysid.vision.camera import clicks
 from sysid.vision.camera.clicks import as_option, clicked, opened
+from tests.support.browser import chromium
 from tests.sysid.vision.test_calibrate import over_table, taken
 
 PICTURE = np.full((40, 60, 3), 90, np.uint8)
@@ -195,15 +196,8 @@ def test_the_command_prints_the_corners_as_the_option_takes_them(
 @pytest.fixture
 def page() -> Iterator[Any]:
     """A page of the machine's Chromium."""
-    from tests.sysid.report.test_browser import CHROMIUM
-
-    api = pytest.importorskip("playwright.sync_api", reason="the page is looked at with playwright")
-    if CHROMIUM is None:
-        pytest.skip("no Chromium is installed")
-    with api.sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+    with chromium() as running:
         yield running.new_context(viewport={"width": 900, "height": 700}).new_page()
-        running.close()
 
 
 @pytest.mark.slow
