@@ -5,7 +5,8 @@ uncertainty. A view from straight above does not determine the focal length: fro
 length, a plane looks the same. Tracks need the plane of the balls' centres, 2/5 of a radius below that of the noses, so
 little depends on it; how little is computed. A tilted view determines the focal length by the aspect of the table, as
 well as its length and width are known; it is accepted only if its standard deviation, including that of the table, is
-small. Otherwise it is the likeliest in view of all that is seen (noses.py), about that of a usual lens.
+small. Otherwise it is the likeliest in view of all that is seen (noses.py), which the outlines of balls away from the
+middle tell (ball_outlines.py); without such balls it is about that of a usual lens.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.shot import RAIL_NAMES, Table
 from sysid.vision.camera import table_edges, table_lines
+from sysid.vision.camera.ball_outlines import NO_BALLS, BallOutlines, find_balls
 from sysid.vision.camera.board import Lens
+from sysid.vision.camera.diamonds import NO_DIAMONDS, Diamonds, find_diamonds
 from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, evidence, evidence_doubts
 from sysid.vision.camera.first_view import first_view, initial_camera, sides_of
-from sysid.vision.camera.landmarks import NO_BALLS, NO_DIAMONDS, BallSizes, Diamonds, find_balls, find_diamonds
 from sysid.vision.camera.marker_camera import MIN_MARKERS, MarkerView, marker_notes, marker_view, stand_ins
 from sysid.vision.camera.markers import MARKER_SIZE_M, Markers, find_markers, no_markers
 from sysid.vision.camera.near_view import CUSHION_REACH_M, MIN_REACH_M, cloth_sides, corners_compared, on_noses
@@ -76,7 +78,7 @@ class Calibration:
     notes: tuple[str, ...]
     doubts: tuple[str, ...]  # reasons not to trust it
     diamonds: Diamonds = NO_DIAMONDS
-    balls: BallSizes = NO_BALLS
+    balls: BallOutlines = NO_BALLS
     diamond_margin: float = np.nan  # of their rows outside the noses [m]
     markers: Markers | None = None  # seen
 
@@ -167,14 +169,16 @@ def calibrate(
     lines, focal_sd = _with_lens(
         lines, float(reading.camera.matrix[0, 0]), unknown, ~np.isin(lines.rails, list(reading.noses))
     )
-    found = bool(np.isfinite(focal_sd))
+    by_sides = bool(np.isfinite(focal_sd))
+    found = by_sides or reading.focal_sd < MAX_FITTED_FOCAL_SD
+    focal_sd = focal_sd if by_sides or not found else reading.focal_sd
     notes, of_sides = _side_left_out(lines, first, reading, scene)
-    warnings = [*warnings, *doubts(lines, found, edge == ONLY_EDGE), *evidence_doubts(lines.camera, seen, reading)]
+    warnings = [*warnings, *doubts(lines, by_sides, edge == ONLY_EDGE), *evidence_doubts(lines.camera, seen, reading)]
     warnings += of_sides
     said, against = marker_notes(lines.camera, markers, view, len(reading.noses))
     shifts = parallax(lines)
     if not found and hints.focal_from == "assumed" and not len(seen.diamonds.pixels) + len(seen.markers):
-        warnings += assumed_focal_doubts(shifts[0])
+        warnings += assumed_focal_doubts(shifts[0], reading.focal_sd)
     if scene.by_hand and len(hints.sees) == 4:
         their_notes, their_doubts = corners_compared(lines.camera, np.asarray(hints.corners, float))
         notes, against = [*notes, *their_notes], [*against, *their_doubts]

@@ -24,7 +24,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from models.shot import NOSE_HEIGHT
-from sysid.vision.camera.landmarks import BallSizes, Diamonds
+from sysid.vision.camera.ball_outlines import BallOutlines
+from sysid.vision.camera.diamonds import Diamonds
 from sysid.vision.camera.marker_camera import marker_residuals
 from sysid.vision.camera.markers import Markers
 from sysid.vision.camera.pose import Rails, distances, jacobian, moved
@@ -52,6 +53,7 @@ OUTLINE_COST = 1.5  # of the end of the cloth where there are edges farther in
 RANKING_ROUNDS = 3
 MIN_NOSES = 3  # of a reading
 MAX_MARKER_SD = 3.0  # that a marker counts for
+MAX_BALL_SD = 3.0  # that the elongation of a ball does
 DIFFERENT_M = 6e-3  # between the edges of two readings that are not the same
 FAR_COST = 1e4  # of edges with which a camera is not over the table
 
@@ -64,7 +66,7 @@ class TableEvidence:
     cloth_pixels: Array  # (n, 2) of the end of the cloth on the cushions, LINE_PLACES for each side that shows it
     cloth_rails: Rails  # (n,)
     diamonds: Diamonds
-    balls: BallSizes
+    balls: BallOutlines
     markers: Markers
 
 
@@ -78,10 +80,11 @@ class CushionReading:
     lead: float  # of the cost of the next one that differs over this one's
     cushion_width: float  # from the noses to the end of the cloth [m]
     diamond_margin: float  # from the noses to the diamonds [m]
+    focal_sd: float  # of its focal length, relative; NaN where that is known
 
 
 def what_is_seen(
-    rough: Camera, edges: Mapping[int, Sequence[Edge]], outline: float, diamonds: Diamonds, balls: BallSizes,
+    rough: Camera, edges: Mapping[int, Sequence[Edge]], outline: float, diamonds: Diamonds, balls: BallOutlines,
     markers: Markers, search: float = CLOTH_END_SEARCH_M,
 ) -> TableEvidence:  # fmt: skip
     """What is seen of the table.
@@ -123,6 +126,8 @@ class _ReadingProblem:
         parts = [nose, ends, self._diamonds(camera, margin, rise, size)]
         ratio, ratio_sd = self.seen.balls.ratio(camera)
         parts.append(np.array([np.log(ratio) / ratio_sd if np.isfinite(ratio) else 0.0]))
+        longer = self.seen.balls.elongation_errors(camera)  # what was taken for a ball need not be one
+        parts.append(MAX_BALL_SD * np.tanh(longer / MAX_BALL_SD))
         markers = marker_residuals(camera, self.seen.markers)  # one of them may lie wrongly all the same
         parts.append(MAX_MARKER_SD * np.tanh(markers / MAX_MARKER_SD))
         known = [(width, CUSHION_WIDTH_M), (margin, DIAMOND_MARGIN_M), (rise, RAIL_RISE_M)]
@@ -180,12 +185,8 @@ def read_noses(
     readings = [c for c in itertools.product(*options.values()) if _conceivable(c, outline, fewest)]
     if not readings:
         return None
-    rails, camera, cost, extra = (
-        list(options),
-        rough,
-        0.0,
-        np.array([CUSHION_WIDTH_M[0], DIAMOND_MARGIN_M[0], RAIL_RISE_M[0]]),
-    )
+    rails, camera, cost, focal_sd = list(options), rough, 0.0, np.nan
+    extra = np.array([CUSHION_WIDTH_M[0], DIAMOND_MARGIN_M[0], RAIL_RISE_M[0]])
     looks = np.array([sum(cost for _, cost in reading) for reading in readings])
     places = {rail: _line(rough, rail, [e.offset for e, _ in some if e]) for rail, some in options.items()}
     best, costs = 0, looks
@@ -196,13 +197,13 @@ def read_noses(
         tried = [_fitted(problem, rails, readings[k], places, extra, outline) for k in ranked]
         k = int(np.argmin([fit[2] + looks[row] for fit, row in zip(tried, ranked, strict=True)]))
         before, best = best, int(ranked[k])
-        camera, extra, cost = tried[k]
+        camera, extra, cost, focal_sd = tried[k]
         if best == before:
             break
     others = [costs[k] for k, other in enumerate(readings) if _differ(other, readings[best])]
     noses = {rail: edge for rail, (edge, _) in zip(rails, readings[best], strict=True) if edge is not None}
     lead = float(min(others, default=np.inf) - costs[best])
-    return CushionReading(noses, camera, cost, lead, float(extra[0]), float(extra[1]))
+    return CushionReading(noses, camera, cost, lead, float(extra[0]), float(extra[1]), focal_sd)
 
 
 def _differ(one: Sequence[tuple[Edge | None, float]], other: Sequence[tuple[Edge | None, float]]) -> bool:
@@ -284,8 +285,8 @@ def _linear_costs(
 def _fitted(
     problem: _ReadingProblem, rails: Sequence[int], reading: Sequence[tuple[Edge | None, float]],
     places: Mapping[int, Mapping[float, Array]], extra: Array, outline: float,
-) -> tuple[Camera, Array, float]:  # fmt: skip
-    """The camera of one reading, the extra unknowns, and the cost."""
+) -> tuple[Camera, Array, float, float]:  # fmt: skip
+    """The camera of one reading, the extra unknowns, the cost, and the relative sd of a free focal length."""
     chosen = {rail: edge for rail, (edge, _) in zip(rails, reading, strict=True) if edge is not None}
     pixels = np.concatenate([places[rail][edge.offset] for rail, edge in chosen.items()])
     names, at_end = np.repeat(np.array(list(chosen), np.intp), LINE_PLACES), _at_end(reading, outline)
@@ -298,8 +299,11 @@ def _fitted(
     fit = least_squares(residuals, start, lambda c: jacobian(residuals, c), x_scale=0.01, max_nfev=40)
     camera = moved(problem.rough, fit.x[: 6 + len(problem.free)], problem.free)
     if camera.eye[2] <= 0:
-        return problem.rough, extra, FAR_COST
-    return camera, fit.x[6 + len(problem.free) :], 2 * float(fit.cost)
+        return problem.rough, extra, FAR_COST, np.nan
+    focal_sd = np.nan
+    if "focal" in problem.free:
+        focal_sd = float(np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac).diagonal()[6 + problem.free.index("focal")]))
+    return camera, fit.x[6 + len(problem.free) :], 2 * float(fit.cost), focal_sd
 
 
 def with_offsets(reading: CushionReading, rough: Camera) -> dict[int, Edge]:

@@ -21,7 +21,6 @@ MAX_PLACE_SD_M = 3e-3  # of a place on the table
 MAX_CORNER_RMS_PX = 2.0  # of corners given by hand
 MAX_TILT_DEG = 70.0  # beyond which the table is hardly seen from above
 MAX_OUTLIER_FRACTION = 0.4  # of the edge points
-ASSUMED_FOCAL_SD = 0.3  # relative, of a focal length that is assumed
 FOCAL_ERROR = 0.1  # relative, whose effect is reported
 K1_PRIOR = {"k1": (0.0, 0.2)}  # mean and standard deviation of the distortion of lenses
 SIDE_BINS = 12  # averages along a side
@@ -98,17 +97,18 @@ def doubts(lines: CameraFit, found_focal: bool, only_edge: bool) -> list[str]:
     return messages
 
 
-def assumed_focal_doubts(shift: float) -> list[str]:
+def assumed_focal_doubts(shift: float, focal_sd: float) -> list[str]:
     """Doubts about places where the focal length is assumed, and nothing but the sides shows it.
 
     Args:
         shift: rms error of places for a focal length that is 10 % off [m].
+        focal_sd: of the focal length, relative.
     """
-    error = ASSUMED_FOCAL_SD / FOCAL_ERROR * shift
+    error = focal_sd / FOCAL_ERROR * shift
     if error < MAX_PLACE_SD_M:
         return []
     return [
-        f"the focal length is assumed, and may be {100 * ASSUMED_FOCAL_SD:.0f} % off: places would be {1e3 * error:.0f}"
+        f"the focal length is assumed, and may be {100 * focal_sd:.0f} % off: places would be {1e3 * error:.0f}"
         " mm off; give --fov, or film a board"
     ]
 

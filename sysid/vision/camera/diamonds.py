@@ -1,14 +1,12 @@
-"""What a picture shows of a table beside its noses: the diamonds on its rails, and the sizes of resting balls.
+"""The diamonds on the rails of a table, which say how long and wide it is without regard to its noses.
 
-In: a picture and a rough camera. Out: `Diamonds` and `BallSizes`, which say how long and wide the table is without
-regard to its noses. Diamonds lie at eighths of the length, nose to nose, and at quarters of the width (World
-Pool-Billiard Association, equipment specifications, 8), each row at the same distance from its nose and at the height
-of the rail's top, a little over the noses. A row counts where nearly all of its diamonds are seen.
+In: a picture and a rough camera. Out: `Diamonds`. They lie at eighths of the length, nose to nose, and at quarters of
+the width (World Pool-Billiard Association, equipment specifications, 8), each row at the same distance from its nose
+and at the height of the rail's top, a little over the noses. A row counts where nearly all of its diamonds are seen.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -18,7 +16,6 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.camera.table_edges import Image, nose_points
-from sysid.vision.camera.table_lines import cloth_coloured
 
 DIAMOND_SIZE_M = 0.005  # standard deviation of the blob that a diamond is
 DIAMOND_SEARCH_M = (0.012, 0.13)  # from the end of the cloth, outwards
@@ -29,16 +26,6 @@ DIAMOND_ALONG_M = 0.010  # about the expected place
 DIAMOND_SIGNIFICANCE = 6.0  # of a blob [robust standard deviations of the rail]
 MAX_BLOBS = 40  # of a rail, the clearest
 MAX_MISSING_DIAMONDS = 1  # of a long rail; of a short one none
-BALL_RAYS = 64  # along which the outline of a ball is looked for
-BALL_RADII = np.arange(0.75, 1.35, 0.01)  # [expected radii]
-CLEAR_EDGE = 0.6  # of the steepest along a ray
-MAX_BALL_SCATTER = 0.08  # of the radius over the rays, relative: rounder than a hand
-OUTLINE_LOSS_PX = 0.5  # of the radius of an outline: balls are dark at their rims, unless overexposed
-OUTLINE_SD_PX = 0.4  # of that loss, common to all
-BALL_RATIOS = (0.8, 1.25)  # of outlines to those expected; others are not of balls
-MIN_BALLS = 2  # whose size counts
-OUTLINE_SCATTER = 0.03  # relative, of each
-MIN_BALL_RAYS = 0.7  # fraction of the rays that end on such a circle
 
 
 @dataclass(frozen=True)
@@ -50,28 +37,7 @@ class Diamonds:
     along: Array  # (n,) coordinate along it [m]
 
 
-@dataclass(frozen=True)
-class BallSizes:
-    """Outlines of balls at rest."""
-
-    pixels: Array  # (n, 2) their centres
-    radius: Array  # (n,) [pixels]
-
-    def ratio(self, camera: Camera) -> tuple[float, float]:
-        """Size seen over that expected by a camera, and its standard deviation; NaN with fewer than two.
-
-        The light on a ball shifts its outline by some tenths of a pixel, on white balls and dark ones differently.
-        """
-        if len(self.radius) < MIN_BALLS:
-            return np.nan, np.nan
-        expected = camera.radius_px(camera.centres(self.pixels))
-        ratios = (self.radius + OUTLINE_LOSS_PX) / expected
-        common = OUTLINE_SD_PX / float(np.median(expected))
-        return float(np.median(ratios)), float(np.hypot(common, OUTLINE_SCATTER / np.sqrt(len(ratios))))
-
-
 NO_DIAMONDS = Diamonds(np.zeros((0, 2)), np.zeros(0, np.intp), np.zeros(0))
-NO_BALLS = BallSizes(np.zeros((0, 2)), np.zeros(0))
 
 
 def find_diamonds(picture: Image, camera: Camera, margin: float) -> Diamonds:
@@ -153,55 +119,3 @@ def _blobs(picture: Image, camera: Camera, rail: int, margin: float) -> tuple[Ar
     order = np.argsort(-blob[rows, columns])[:MAX_BLOBS]
     rows, columns = rows[order], columns[order]
     return np.column_stack([along[rows], across[columns]]), blob[rows, columns]
-
-
-def find_balls(pictures: Iterable[NDArray[np.uint8]], camera: Camera) -> BallSizes:
-    """Outlines of balls on the bed in pictures (height, width, 3), as a rough camera expects them."""
-    centres, radii = [], []
-    for picture in pictures:
-        other = np.where(cloth_coloured(picture), 0, 1).astype(np.uint8)
-        count, _, stats, middles = cv2.connectedComponentsWithStats(other)
-        places = camera.on_plane(middles, camera.radius)
-        half = np.array([camera.table.length, camera.table.width]) / 2 - camera.diameter
-        on_bed = np.all(np.abs(np.nan_to_num(places, nan=9.0)) < half, axis=1)
-        for k in np.flatnonzero(on_bed[1:count]) + 1:
-            expected = float(camera.radius_px(places[k : k + 1])[0])
-            wide, high, area = stats[k, cv2.CC_STAT_WIDTH], stats[k, cv2.CC_STAT_HEIGHT], stats[k, cv2.CC_STAT_AREA]
-            if not (0.4 < area / (np.pi * expected**2) < 2.6 and 0.7 < wide / high < 1.4):
-                continue
-            found = _outline(picture, middles[k], expected)
-            if found is not None:
-                centres.append(found[0])
-                radii.append(found[1])
-    return BallSizes(np.array(centres).reshape(-1, 2), np.array(radii))
-
-
-def _outline(picture: NDArray[np.uint8], middle: Array, expected: float) -> tuple[Array, float] | None:
-    """Centre (2,) and radius of a ball [pixels], where its colour changes fastest to the cloth's; None if none."""
-    angle = np.linspace(0, 2 * np.pi, BALL_RAYS, endpoint=False)
-    ways = np.column_stack([np.cos(angle), np.sin(angle)])
-    centre, radius = np.asarray(middle, float), expected
-    light = cv2.GaussianBlur(picture, (0, 0), 1.0).astype(np.float32)
-    for _ in range(3):
-        points = (centre + ways[:, None] * (expected * BALL_RADII)[:, None]).astype(np.float32)
-        seen = cv2.remap(light, points[..., 0], points[..., 1], cv2.INTER_LINEAR).astype(float)
-        slope = np.linalg.norm(np.diff(seen, axis=1), axis=2)
-        # The outermost clear edge: inside a ball there are its shades, highlights and marks.
-        peak = (slope[:, 1:-1] >= slope[:, :-2]) & (slope[:, 1:-1] >= slope[:, 2:])
-        clear = peak & (slope[:, 1:-1] > CLEAR_EDGE * slope.max(axis=1, keepdims=True))
-        last = clear.shape[1] - np.argmax(clear[:, ::-1], axis=1)
-        away = expected * (BALL_RADII[:-1] + 0.005)[np.clip(last, 0, slope.shape[1] - 1)]
-        good = np.abs(away - np.median(away)) < 0.15 * expected
-        if good.mean() < MIN_BALL_RAYS:
-            return None
-        rim = away[good, None] * ways[good]
-        # A circle about c: |x|^2 = 2 c x + (r^2 - |c|^2), which is linear.
-        fit = np.linalg.lstsq(np.column_stack([2 * rim, np.ones(len(rim))]), np.sum(rim**2, axis=1), rcond=None)[0]
-        shift = fit[:2]
-        radius = float(np.sqrt(max(fit[2] + shift @ shift, 0.0)))
-        centre = centre + shift
-    scatter = np.linalg.norm(rim - shift, axis=1) / max(radius, 1e-6) - 1
-    round_enough = 1.4826 * np.median(np.abs(scatter)) < MAX_BALL_SCATTER
-    if not (round_enough and BALL_RATIOS[0] < radius / expected < BALL_RATIOS[1]):
-        return None
-    return centre, radius
