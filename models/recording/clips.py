@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.recording.palette import Colour, ball_colour
+from models.recording.palette import Colour, ball_colour, ink
 from models.recording.table import Out
 from models.shot import Array, Event, Track
 
@@ -93,9 +93,8 @@ class ReviewOut(Out):
         return next((c.review.colours[name] for c in self.clips if name in c.review.colours), ball_colour(name))
 
     def curve_colour(self, name: str) -> Colour:
-        """The same, and grey for black, which does not show on black."""
-        colour = self.colour(name)
-        return colour if max(colour) > 90 else (140, 140, 140)
+        """The same, as it shows in the viewer's dark theme and in its light one."""
+        return ink(self.colour(name))
 
     def per_clip(self, count: Sequence[int] | None = None) -> Rows:
         """One row at each clip's beginning."""

@@ -25,6 +25,7 @@ SCREEN_COLOURS: Mapping[str, Colour] = {
     "purple": (110, 60, 170),
     "maroon": (130, 40, 30),
 }
+INK_BRIGHTNESS = (90.0, 165.0)  # of lines that show on black and on white
 OTHER_COLOURS = ((255, 127, 14), (148, 103, 189), (188, 189, 34), (120, 60, 120), (140, 160, 255), (160, 200, 160))
 
 
@@ -32,3 +33,12 @@ def ball_colour(name: str) -> Colour:
     """The snooker colour that a ball's name starts with (`red_07` is red), else one of PALETTE, always the same."""
     other = OTHER_COLOURS[hashlib.sha256(name.encode()).digest()[0] % len(OTHER_COLOURS)]
     return SCREEN_COLOURS.get(re.split(r"[^a-z]", name.lower(), maxsplit=1)[0], other)
+
+
+def ink(colour: Colour) -> Colour:
+    """The colour of a ball's curves: its own, darkened or lightened until it shows on black and on white."""
+    brightness = 0.299 * colour[0] + 0.587 * colour[1] + 0.114 * colour[2]
+    least, most = INK_BRIGHTNESS
+    factor, more = min(1.0, most / max(brightness, 1.0)), max(0.0, least - brightness)
+    red, green, blue = (min(255, round(factor * channel + more)) for channel in colour)
+    return red, green, blue

@@ -20,7 +20,7 @@ import numpy as np
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.recording.clips import CLIP_GAP_S, UNSEEN_S
 from models.recording.file import whole_recording
-from models.recording.palette import FLOOR_COLOUR, MODEL_COLOUR, WHITE_COLOUR, Colour, ball_colour
+from models.recording.palette import FLOOR_COLOUR, MODEL_COLOUR, WHITE_COLOUR, Colour, ball_colour, ink
 from models.recording.table import Out, draw_table
 from models.shot import Array, Ball, Table
 
@@ -266,9 +266,9 @@ def _plot(out: _Film) -> None:
     for key, (name, colour) in STORY_CURVES.items():
         values = [1e3 * one.scene.curves.get(key, math.nan) for one in out.laid]
         if key == "miss":
-            style = rr.SeriesPoints(colors=colour, names=name, marker_sizes=4.0)
+            style = rr.SeriesPoints(colors=ink(colour), names=name, marker_sizes=4.0)
         else:
-            style = rr.SeriesLines(colors=colour, names=name, widths=2.0)
+            style = rr.SeriesLines(colors=ink(colour), names=name, widths=2.0)
         out.fixed(f"plot/{key}", style)
         out.send(f"plot/{key}", rr.Scalars, {}, {"scalars": values}, out.per_shot())
 

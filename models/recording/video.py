@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from models.recording.file import whole_recording
 from models.recording.film import jpeg, playable_stamps
-from models.recording.palette import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour
+from models.recording.palette import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour, ink
 from models.recording.table import pocket_discs
 from models.shot import Array, Table
 
@@ -145,7 +145,7 @@ def _ball(rr: Any, stream: Any, name: str, one: Sightings, period: float, diamet
         f"top/ball/{part}", rr.Points2D.from_fields(colors=colour, radii=diameter / 2, draw_order=20), static=True
     )
     stream.send_columns(f"top/ball/{part}", columns, dots.partition(count))
-    stream.log(f"residual/{part}", rr.SeriesLines(colors=colour, names=name, widths=1.0), static=True)
+    stream.log(f"residual/{part}", rr.SeriesLines(colors=ink(colour), names=name, widths=1.0), static=True)
     curve = rr.Scalars.columns(scalars=1e3 * one.residual)
     stream.send_columns(f"residual/{part}", _columns(rr, one.time, one.frame), curve)
 

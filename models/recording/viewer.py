@@ -61,9 +61,23 @@ def viewer_program() -> str:
 
 def open_viewer(recording: Path, *, web: bool) -> bool:
     """Show a recording until the viewer is closed; whether that went well."""
-    words = [viewer_program(), str(recording), "--bind", THIS_MACHINE, "--port", "auto"]
-    page = ["--web-viewer", "--web-viewer-port", "0"] if web else []
-    return subprocess.run([*words, *page], check=False).returncode == 0
+    port = _free_port()
+    words = [viewer_program(), str(recording), "--bind", THIS_MACHINE, "--port", str(port)]
+    if web:
+        page = _free_port()
+        words += ["--web-viewer", "--web-viewer-port", str(page)]
+        print(f"review: {_page_address(page, _feed_address(port))} until Ctrl-C", flush=True)
+    return subprocess.run(words, check=False, env={LOG_LEVEL: "warn", **os.environ}).returncode == 0
+
+
+def _feed_address(port: int) -> str:
+    """Where a viewer takes what it shows."""
+    return f"rerun+http://{THIS_MACHINE}:{port}/proxy"
+
+
+def _page_address(page: int, feed: str) -> str:
+    """Where a browser shows it."""
+    return f"http://{THIS_MACHINE}:{page}?url={quote(feed, safe='')}"
 
 
 @dataclass(frozen=True)
@@ -95,7 +109,7 @@ def live_viewer(*, web: bool) -> Iterator[Feed]:
     options = ("--web-viewer", "--web-viewer-port", str(page)) if web else ()
     with _started((*LIVE_OPTIONS, *options), "--live", stays=not web) as url:
         if web:  # where the viewer knows of no browser, it opens none
-            print(f"live: http://{THIS_MACHINE}:{page}?url={quote(url, safe='')}", flush=True)
+            print(f"live: {_page_address(page, url)}", flush=True)
         os.environ.setdefault(LOG_LEVEL, "off")  # of the sender: it is no fault that a viewer is closed early
         feed = Feed(url)
         try:
@@ -120,7 +134,7 @@ def _started(options: Sequence[str], what: str, *, stays: bool = False) -> Itera
             if running.poll() is not None or not _listens(port):
                 said.seek(0)
                 raise BadInput(f"{what}: the viewer does not start ({_last_line(said.read())})")
-            yield f"rerun+http://{THIS_MACHINE}:{port}/proxy"
+            yield _feed_address(port)
             well = True
         finally:
             if not (well and stays):  # the program is a wrapper: its whole group ends

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.recording.palette import ball_colour
+from models.recording.palette import ball_colour, ink
 from models.report.axes import circle, draw_table, rgb
-from models.report.figure import FIGURE_WIDTH_IN, NOISE_COLOUR, PATH_COLOUR, png
+from models.report.figure import FIGURE_WIDTH_IN, PATH_COLOUR, png
 from models.shot import Ball, Table, Track
 from sysid.clips import Clip, ClipSet
 
@@ -59,14 +59,14 @@ def shot_png(clip: Clip, table: Table, ball: Ball, models: Sequence[tuple[str, T
         speed = figure.add_subplot(rows[1, 0])
         for name in moving:
             time = clip.balls[name].time
-            speed.plot(time, _speeds(time, clip.balls[name].xy), lw=1.2, color=_ink(name), label=name)
+            speed.plot(time, _speeds(time, clip.balls[name].xy), lw=1.2, color=rgb(ink(ball_colour(name))), label=name)
             for k, (_, track) in enumerate(models):
                 speed.plot(
                     time,
                     _speeds(time, _at(track, name, time)),
                     MODEL_STYLES[k % len(MODEL_STYLES)],
                     lw=1.0,
-                    color=_ink(name),
+                    color=rgb(ink(ball_colour(name))),
                 )
         speed.set(xlabel="time [s]", ylabel="speed [m/s]")
         speed.set_title("Speed; lines broken: of the model" if models else "Speed")
@@ -100,7 +100,7 @@ def _misses(ax: Any, clip: Clip, moving: Sequence[str], models: Sequence[tuple[s
             seen = clip.balls[name]
             miss = np.linalg.norm(_at(track, name, seen.time) - seen.xy, axis=1)
             style = MODEL_STYLES[k % len(MODEL_STYLES)] if len(models) > 1 else "-"
-            ax.plot(seen.time, 1e3 * miss, style, lw=1.2, color=_ink(name), label=f"{name}, {label}")
+            ax.plot(seen.time, 1e3 * miss, style, lw=1.2, color=rgb(ink(ball_colour(name))), label=f"{name}, {label}")
     ax.set(xlabel="time [s]", ylabel="miss [mm]")
     ax.set_title("Distance from model to measurement")
     ax.legend()
@@ -123,9 +123,3 @@ def _speeds(time: Array, xy: Array) -> Array:
         v = (t - t.mean()) @ xy[k - half : k + half + 1] / np.sum((t - t.mean()) ** 2)
         speed[k] = float(np.hypot(*v))
     return speed
-
-
-def _ink(name: str) -> Any:
-    """A ball's colour on white paper."""
-    colour = rgb(ball_colour(name))
-    return NOISE_COLOUR if min(colour) > 0.9 else colour
