@@ -34,7 +34,8 @@ RIM_SEARCH_PX = 2.0  # and first looked for
 RIM_WINDOW_PX = 1.0  # about that edge, whose slope's middle is its place: standard deviation
 RIM_ROUNDS = 6  # of finding that middle about the one before
 RIM_STEP_PX = 0.1
-LEAST_LENGTH_SD_PX = 0.04  # of half the difference of an outline's axes, beside its scatter, which the light makes
+LENGTH_SD_PX = 0.04  # of half the difference of an outline's axes, beside its scatter, which the light makes,
+LAMPS_SD_PX = 0.06  # and what the lamps do to all balls
 MAX_RIM_SCATTER_PX = 0.3  # of the edge of a ball about its ellipse
 RIM_SCATTER_PX = 0.1  # of a rim about its ellipse
 
@@ -46,7 +47,7 @@ class BallOutlines:
     pixels: Array  # (n, 2) their centres
     radius: Array  # (n,) [pixels]
     elongation: Array  # (n,) half of its length along the line to the middle of the picture less its width [pixels]
-    elongation_sd: Array  # (n,) its standard deviation
+    scatter: Array  # (n,) of its edge about that ellipse [pixels]
 
     def ratio(self, camera: Camera) -> tuple[float, float]:
         """Size seen over that expected by a camera, and its standard deviation; NaN with fewer than two.
@@ -61,9 +62,10 @@ class BallOutlines:
         return float(np.median(ratios)), float(np.hypot(common, OUTLINE_SCATTER / np.sqrt(len(ratios))))
 
     def elongation_errors(self, camera: Camera) -> Array:
-        """Elongations seen less those expected by a camera, in standard deviations: (n,).
+        """Elongations seen less those expected by a camera, in standard deviations and independent of each other: (n,).
 
-        The light on a ball lengthens its outline alike in all pictures: together they count as one.
+        A ball at rest is lit alike in all pictures, and all balls by the same lamps: what that does to their outlines
+        is common to them.
         """
         if not len(self.radius):
             return np.zeros(0)
@@ -76,8 +78,9 @@ class BallOutlines:
             np.sqrt(2 * np.mean(np.sum(rims * d[:, None], axis=2) ** 2, axis=1)) for d in (outwards, sideways)
         )
         apart = np.linalg.norm(self.pixels[:, None] - self.pixels, axis=2)
-        alike = np.sqrt(np.sum(apart < self.radius, axis=1))
-        return np.asarray((self.elongation - (length - width) / 2) / (self.elongation_sd * alike))
+        covariance = np.exp(-((apart / np.median(self.radius)) ** 2)) * np.outer(self.scatter, self.scatter)
+        covariance += LAMPS_SD_PX**2 + LENGTH_SD_PX**2 * np.eye(len(apart))
+        return np.linalg.solve(np.linalg.cholesky(covariance), self.elongation - (length - width) / 2)
 
 
 NO_BALLS = BallOutlines(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0))
@@ -86,7 +89,7 @@ NO_BALLS = BallOutlines(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0))
 def find_balls(pictures: Iterable[NDArray[np.uint8]], camera: Camera) -> BallOutlines:
     """Outlines of balls on the bed in pictures (height, width, 3), as a rough camera expects them."""
     centres: list[Array] = []
-    figures: list[tuple[float, float, float]] = []  # radius, elongation and its standard deviation
+    figures: list[tuple[float, float, float]] = []  # radius, elongation, scatter
     for picture in pictures:
         other = np.where(cloth_coloured(picture), 0, 1).astype(np.uint8)
         count, _, stats, middles = cv2.connectedComponentsWithStats(other)
@@ -104,7 +107,7 @@ def find_balls(pictures: Iterable[NDArray[np.uint8]], camera: Camera) -> BallOut
             elongation, scatter = _elongation(picture, *found, _outwards(found[0][None], camera)[0])
             if scatter < MAX_RIM_SCATTER_PX:
                 centres.append(found[0])
-                figures.append((found[1], elongation, float(np.hypot(scatter, LEAST_LENGTH_SD_PX))))
+                figures.append((found[1], elongation, scatter))
     return BallOutlines(np.array(centres).reshape(-1, 2), *np.array(figures).reshape(-1, 3).T)
 
 
