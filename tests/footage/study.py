@@ -179,7 +179,8 @@ def _tracks(folder: Path, shots: Sequence[Scene], diameter: float) -> dict[str, 
         away = away[np.isfinite(away).all(axis=1)]
         far = np.linalg.norm(away, axis=1) > SWAPPED_RADII * diameter / 2
         samples, swapped = samples + len(far), swapped + int(far.sum())
-        usable += bool(np.sqrt(np.mean(np.sum(away[~far] ** 2, axis=1))) < MAX_SHOT_RMS_M and far.mean() < 0.05)
+        near = far.mean() < 0.05 if len(far) else False
+        usable += bool(near and np.sqrt(np.mean(np.sum(away[~far] ** 2, axis=1))) < MAX_SHOT_RMS_M)
         scatter += [_scatter(e[np.isfinite(e).all(axis=1)]) for e in errors if len(e) > 9]
     noise = float(np.sqrt(np.mean(np.concatenate(scatter)))) if scatter else np.nan
     told = clip_set.sigma / noise if clip_set.sigma is not None and noise > 0 else np.nan
