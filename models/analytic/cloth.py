@@ -27,7 +27,7 @@ LAST_SLIP_MARGIN = 1e-6  # part of that slip within which it counts as attained
 
 @compiled_in_place
 def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ignore[no-untyped-def]
-    """Add the cloth's friction to what pushes and turns a ball (models/hooks.py); returns whether it lets it move.
+    """Add the cloth's friction to what pushes and turns a ball (models/hooks.py).
 
     `mode`: whether it slides, rolls or rests. Sliding friction acts against the unit vector (ux, uy) of the slip, of
     size `slip`; rolling friction against that of the velocity, (vx, vy); friction of sidespin against the sign of wz.
@@ -66,7 +66,6 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
         r[rec.BY] -= (2.5 * gx + dx) * per
     if abs(wz) > STILL_SPIN and n > 0.0:
         r[rec.BZ] -= math.copysign(spin * r[rec.SPIN_FACTOR], wz)
-    return not held
 
 
 @compiled

@@ -204,10 +204,10 @@ def _out_and_back(gap, speed, acceleration, h):  # type: ignore[no-untyped-def]
 @compiled_in_place
 def meet_jaw(jaw, x, y, vx, vy, ax, ay, h):  # type: ignore[no-untyped-def]
     """First time in [0, h] at which a centre meets an arc or a facing; inf for none, -1 where pressed."""
-    behind = is_facing(jaw) and is_behind(jaw, x, y)
-    x, y = x - jaw[0], y - jaw[1]
     if not is_facing(jaw):
-        return meeting(x, y, vx, vy, ax, ay, jaw[2], h)
+        return meeting(x - jaw[0], y - jaw[1], vx, vy, ax, ay, jaw[2], h)
+    behind = is_behind(jaw, x, y)
+    x, y = x - jaw[0], y - jaw[1]
     nx, ny = jaw[3], jaw[4]
     gap, speed, faster = -(nx * x + ny * y), nx * vx + ny * vy, nx * ax + ny * ay
     if behind:  # it may come out, and back here

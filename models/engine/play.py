@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 EVENT_KINDS = ("ball", "cushion", "pocket")
 CLOTH_CONSTANTS = ("slide", "roll", "spin")  # constants of the cloth
-MAX_EVENTS = 1_000_000  # events of a shot, after which it is given up; balls that a push drives may take a third of it
+MAX_EVENTS = 1_000_000  # events of a shot, after which it is given up; balls that a push drives may take nearly as many
 LOG_ROOM = 64  # room for events of a shot to begin with
 MIN_CHUNK = 8  # shots that a thread takes at a time, at least
 CHUNKS_PER_THREAD = 8  # chunks for each thread, at most

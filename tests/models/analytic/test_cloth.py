@@ -24,8 +24,8 @@ def pushed(
     )
     r[rec.AX], r[rec.AY], r[rec.BX], r[rec.BY] = *push, *torque
     u, v = float(np.hypot(*slip)), float(np.hypot(*velocity))
-    moves = add_cloth(r, mode, u, *(slip / (u or 1.0)), *(velocity / (v or 1.0)), wz, SLIDE, ROLL, SPIN)
-    return np.array([r[rec.AX], r[rec.AY], 0.0]), r[[rec.BX, rec.BY, rec.BZ]], moves
+    add_cloth(r, mode, u, *(slip / (u or 1.0)), *(velocity / (v or 1.0)), wz, SLIDE, ROLL, SPIN)
+    return np.array([r[rec.AX], r[rec.AY], 0.0]), r[[rec.BX, rec.BY, rec.BZ]], bool(r[PUSH].any())
 
 
 NONE = np.zeros(2)
