@@ -226,7 +226,7 @@ def test_constants_stay_within_their_bounds() -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_correlated_constants_at_bounds_leave_the_others_at_their_best(seed: int) -> None:
-    """The answer of another solver (bounded-variable least squares of SciPy), and no fit that stops on the way to it."""
+    """The answer of another solver, bounded-variable least squares of SciPy, and no fit that stops on the way to it."""
     rng = np.random.default_rng(seed)
     q = 4
     mixed = rng.normal(size=(q, q)) + 2 * np.ones((q, q))
