@@ -27,13 +27,15 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """The viewer's command lines; its first call ends well, the second does not."""
     calls: list[list[str]] = []
 
-    def pretend(words: list[str], check: bool) -> subprocess.CompletedProcess[bytes]:
+    def pretend(words: list[str], check: bool, env: dict[str, str]) -> subprocess.CompletedProcess[bytes]:
         assert Path(words[1]).is_file()
+        assert env["RUST_LOG"] == "warn", "the viewer's own log is not for its user"
         calls.append(words)
         return subprocess.CompletedProcess(words, len(calls) - 1)
 
     monkeypatch.setattr("models.recording.viewer.subprocess.run", pretend)
     monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.delenv("RUST_LOG", raising=False)
     return calls
 
 
@@ -47,8 +49,11 @@ def test_a_recording_is_shown_to_this_machine_alone(
     assert sysid(["review", str(tmp_path)]) == 0, "what sysid doctor wrote"
     assert sysid(["review", str(tmp_path / "found" / "review.rrd"), "--web"]) == 1, "the viewer's failure is told"
     for words in called:
-        assert words[2:6] == ["--bind", "127.0.0.1", "--port", "auto"]
-    assert called[1][6:] == ["--web-viewer", "--web-viewer-port", "0"]
+        assert words[2:5] == ["--bind", "127.0.0.1", "--port"]
+    port, (option, of_page, page) = called[1][5], called[1][6:]
+    assert (option, of_page) == ("--web-viewer", "--web-viewer-port")
+    told = capsys.readouterr().out
+    assert f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy" in told
     assert not Path(called[0][1]).exists(), "nothing is left behind"
 
 
