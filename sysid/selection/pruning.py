@@ -3,7 +3,8 @@
 In: clips (`Split`), their fit and its named effects. Out: the fit without those that are not needed, and the others.
 
 Beside much that is not explained, any effect explains a little: it fits some part of what is missing. So one whose part
-is small is not named there, even if its evidence alone would suffice; nor one on whose size the clips do not agree.
+is small is not named there, even if its evidence alone would suffice; nor one on whose size the clips do not agree, or
+that follows held-out clips worse once the others are pruned.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from sysid.selection.evidence import (
     MAX_LOSS_RATIO,
     compare_fits,
     excess_variance,
+    generalises,
     loss_ratio_without,
     remove_effect,
 )
@@ -53,12 +55,12 @@ def without_needless(parts: Split, now: FittedModel, verdict: tuple[str, ...], l
 
 
 def without_minor(parts: Split, now: FittedModel, verdict: tuple[str, ...]) -> Pruned:
-    """The fit without those of the named effects that explain only a small part of what is still unexplained."""
+    """The fit without those of the named effects that explain little of what is still unexplained, or not held out."""
     while verdict:
         name, _ = _least_needed(now, verdict)
         less = fit_without(parts, now, name)
         before, after = excess_variance(less), excess_variance(now)
-        if before - after > MIN_SHARE_OF_EXCESS * before:
+        if before - after > MIN_SHARE_OF_EXCESS * before and generalises(less, now):
             break
         log.info("%s explains %.1f %% of what is unexplained", name, 100 * max(1 - after / before, 0.0))
         now, verdict = less, _others(verdict, name)
