@@ -35,6 +35,7 @@ from robot.device.outcome import Done, StrokeUnknown
 from robot.device.protocol import LauncherError, string_number
 from robot.device.settings import Settings
 from sysid.clips import Clip, ClipSet, CueCommand, Observation, read_clip_set, write_clip_set
+from sysid.vision.tracks.recordings import VIDEOS_KEY, place_of, video_name, videos_in
 
 PLAYED_FORMAT = "billiard-played/1"
 PLACE_TOLERANCE_M = 5e-3  # of a ball's place against the plan's
@@ -42,6 +43,15 @@ HALF_STRING_STEP = 0.5 * 2.45 / 199  # half the step of cue speed between the pa
 RADIUS_TOLERANCE_M = 1e-4  # of the settings' ball radius against the scene's
 POCKETED_DISTANCE_M = 0.15  # from a pocket, within which a ball that disappears has been pocketed
 CUE_FIELDS = ("speed", "azimuth", "side", "height", "elevation")
+
+
+@dataclass(frozen=True)
+class FilmedFrames:
+    """The frames of a video that show a clip, counted from 0."""
+
+    video: Path
+    first: int  # that of the clip's first sample
+    last: int
 
 
 class ShotCamera(Protocol):
@@ -55,6 +65,8 @@ class ShotCamera(Protocol):
     def fps(self) -> float: ...  # [1/s]
     @property
     def sigma(self) -> float: ...  # of a place, each axis [m]
+    @property
+    def filmed(self) -> FilmedFrames | None: ...  # of the last film; None where there is no video
 
     def look(self) -> Mapping[str, Array]:
         """Where the resting balls are seen, by name: (2,) [m]."""
@@ -285,13 +297,25 @@ def _clips_so_far(folder: Path | str | None, camera: ShotCamera | None) -> ClipS
     return old
 
 
-def add_clip(clip_set: ClipSet, balls: Mapping[str, Observation], struck: str, cue: CueCommand, note: str) -> ClipSet:
-    """The clip set with one more clip, under the next free number."""
+def add_clip(
+    clip_set: ClipSet, balls: Mapping[str, Observation], struck: str, cue: CueCommand, note: str,
+    filmed: FilmedFrames | None = None,
+) -> ClipSet:  # fmt: skip
+    """The clip set with one more clip, under the next free number, and where its film is."""
     taken, k = {clip.file for clip in clip_set.clips}, len(clip_set.clips) + 1
     while f"clips/{k:04d}.csv" in taken:
         k += 1
-    clip = Clip(f"clips/{k:04d}.csv", struck, dict(balls), cue, note)
-    return dataclasses.replace(clip_set, clips=(*clip_set.clips, clip))
+    extra: dict[str, Any] = {}
+    videos = list(videos_in(clip_set).values())
+    if filmed is not None:
+        name, used = video_name(filmed.video.name), {video["name"] for video in videos}
+        while name in used:
+            name += "-again"
+        videos.append({"name": name, "file": place_of(str(filmed.video), clip_set.folder), "fps": clip_set.fps})
+        extra = {"video": name, "frames": [filmed.first, filmed.last]}
+    clip = Clip(f"clips/{k:04d}.csv", struck, dict(balls), cue, note, extra)
+    known = {**clip_set.extra, VIDEOS_KEY: videos} if videos else clip_set.extra
+    return dataclasses.replace(clip_set, clips=(*clip_set.clips, clip), extra=known)
 
 
 def _record(
@@ -304,7 +328,7 @@ def _record(
     clip = None
     if log is not None and clips is not None and film:
         try:
-            log = add_clip(log, film, cue, order.cue, f"played {when}")
+            log = add_clip(log, film, cue, order.cue, f"played {when}", camera.filmed if camera else None)
             write_clip_set(log, clips)
             clip = log.clips[-1].file
         except BadInput as error:  # the stroke has been made, its record must not be lost with the film
