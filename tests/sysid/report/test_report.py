@@ -194,10 +194,11 @@ def test_shots_are_played_back_as_they_were_seen() -> None:
     data = playback([("one", before), ("two", after)])
     assert data is not None
     assert data["models"] == ["before: one", "after: two"]
-    worst = max(after.clips, key=lambda c: c.rms_m)
+    was = {c.file: c.rms_m for c in before.clips}
+    most = max(after.clips, key=lambda c: abs(was[c.file] - c.rms_m))
     shot = data["shots"][0]
-    assert f"clips/{shot['name']}.csv" == worst.file and shot["held"] is worst.held_out
-    k = [c.file for c in after.shots].index(worst.file)
+    assert f"clips/{shot['name']}.csv" == most.file and shot["held"] is most.held_out, "its miss changes most"
+    k = [c.file for c in after.shots].index(most.file)
     cue, red = shot["balls"]
     seen = after.shots[k].balls["cue"]
     assert np.cumsum(cue["t"]) / 1e3 == pytest.approx(seen.time, abs=5e-4)
@@ -207,6 +208,9 @@ def test_shots_are_played_back_as_they_were_seen() -> None:
         assert pytest.approx(miss, abs=5e-5) == np.array(cue["miss"][number]).T / 1e4
     assert len(red["t"]) == 2, "a ball that rests is told by its first and last sample"
     assert red["miss"][0][0][-1] == UNSEEN, "a model's ball that is gone"
+    worst = max(after.clips, key=lambda c: c.rms_m)
+    alone = playback([("two", after)])
+    assert alone is not None and f"clips/{alone['shots'][0]['name']}.csv" == worst.file
 
 
 def test_many_samples_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
