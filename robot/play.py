@@ -35,7 +35,6 @@ from robot.device.outcome import Done, StrokeUnknown
 from robot.device.protocol import LauncherError, string_number
 from robot.device.settings import Settings
 from sysid.clips import Clip, ClipSet, CueCommand, Observation, read_clip_set, write_clip_set
-from sysid.vision.tracks.recordings import VIDEOS_KEY, place_of, video_name, videos_in
 
 PLAYED_FORMAT = "billiard-played/1"
 PLACE_TOLERANCE_M = 5e-3  # of a ball's place against the plan's
@@ -305,16 +304,17 @@ def add_clip(
     taken, k = {clip.file for clip in clip_set.clips}, len(clip_set.clips) + 1
     while f"clips/{k:04d}.csv" in taken:
         k += 1
-    extra: dict[str, Any] = {}
-    videos = list(videos_in(clip_set).values())
+    extra, known = dict[str, Any](), clip_set.extra
     if filmed is not None:
+        from sysid.vision.tracks.recordings import VIDEOS_KEY, place_of, video_name, videos_in
+
+        videos = list(videos_in(clip_set).values())
         name, used = video_name(filmed.video.name), {video["name"] for video in videos}
         while name in used:
             name += "-again"
         videos.append({"name": name, "file": place_of(str(filmed.video), clip_set.folder), "fps": clip_set.fps})
-        extra = {"video": name, "frames": [filmed.first, filmed.last]}
+        extra, known = {"video": name, "frames": [filmed.first, filmed.last]}, {**known, VIDEOS_KEY: videos}
     clip = Clip(f"clips/{k:04d}.csv", struck, dict(balls), cue, note, extra)
-    known = {**clip_set.extra, VIDEOS_KEY: videos} if videos else clip_set.extra
     return dataclasses.replace(clip_set, clips=(*clip_set.clips, clip), extra=known)
 
 

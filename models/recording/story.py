@@ -97,7 +97,7 @@ class LiveStory:
         """Begin to show a series on a table."""
         import rerun as rr
 
-        self._rr, self._title, self._ends = rr, title, dict[int, float]()
+        self._rr, self._title, self._ends, self._said = rr, title, dict[int, float](), dict[int, str]()
         self._stream = feed.stream(
             LIVE_APPLICATION, title, _blueprint(table, ball, play_state="following", loop_mode="off")
         )
@@ -108,7 +108,8 @@ class LiveStory:
         before = max((end for number, end in self._ends.items() if number < recording.scenes[0].number), default=None)
         laid = _lay_out(recording.scenes, before)
         self._ends |= {one.scene.number: one.last for one in laid}
-        _draw_story(_Drawing(self._rr, self._stream, laid), recording, self._title)
+        _draw_story(_Drawing(self._rr, self._stream, laid, dict(self._said)), recording, self._title)
+        self._said |= {one.scene.number: one.scene.words for one in laid}
 
 
 def _draw_story(out: _Drawing, recording: SeriesRecording, title: str) -> None:
@@ -134,6 +135,7 @@ class _Drawing(Out):
     """The open recording, with the shots one after another."""
 
     laid: Sequence[_Laid]
+    said: Mapping[int, str] = field(default_factory=dict)  # lines that the log has, by shot
 
     def names(self, who: str) -> list[str]:
         """Every ball in `start`, `planned` or `played` of the shots, in order of appearance."""
@@ -295,9 +297,10 @@ def _describe(out: _Drawing, recording: SeriesRecording, title: str) -> None:
     pages = [one.scene.page or one.scene.words for one in out.laid]
     data = {"text": pages, "media_type": ["text/markdown"] * len(pages)}
     out.send("text/shot", rr.TextDocument, {}, data, out.per_shot())
-    lines = [one.scene.words for one in out.laid]
-    log = {"text": lines, "level": ["DEBUG"] * len(lines)}
-    out.send("log/shot", rr.TextLog, {}, log, out.per_shot())
+    new = [one for one in out.laid if out.said.get(one.scene.number) != one.scene.words]
+    log = {"text": [one.scene.words for one in new], "level": ["DEBUG"] * len(new)}
+    rows = [one.scene.number for one in new], [one.start for one in new], [1] * len(new)
+    out.send("log/shot", rr.TextLog, {}, log, rows)
     last = {one.scene.number: one.last for one in out.laid}
     lessons = [(shots, last.get(shots, max(last.values(), default=0.0)), text) for shots, text in recording.lessons]
     if lessons:

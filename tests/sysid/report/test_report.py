@@ -96,7 +96,7 @@ def test_numbers_are_those_of_the_comparison(tmp_path: Path) -> None:
     model = dataclasses.replace(found.model, estimates={"decoupled_cloth.slide": Estimate(0.00123, "our fit")})
     found = dataclasses.replace(found, model=model)
     text, seen = page(tmp_path, [("the <b>", found)], ladder=[rung], notes=["Misses most in draw shots."])
-    text = without_scripts(text)
+    text = without_scripts(text).replace("<wbr>", "")
     rows = [re.sub(r"<[^>]+>", "|", row) for row in re.findall(r"<tr.*?</tr>", text)]
 
     def row(start: str) -> list[str]:
@@ -113,7 +113,7 @@ def test_numbers_are_those_of_the_comparison(tmp_path: Path) -> None:
     assert row("sofa") == ["behind the &lt;sofa&gt;", "–", "–", "3"]
     assert row("decoupled_cloth.slide")[:3] == ["decoupled_cloth.slide", "0.2000 ± 0.0012", "1"]
     assert "<dt>decoupled_cloth.slide</dt><dd>our fit</dd>" in text
-    assert row("decoupled_cloth.roll")[1:3] == ["0.0127 ± –", "1"]
+    assert row("decoupled_cloth.roll")[1:3] == ["0.0127", "1"]
     assert row("decoupled_cloth.spin")[2] == "rad/s^2"
     assert "Misses most in draw shots." in text
     assert "3 clips" not in text and "clips, 1 of them held out" in text
