@@ -36,6 +36,18 @@ def demo(folder: Path) -> Figures:
     return out
 
 
+def drying(folder: Path) -> Figures:
+    """Of the commands of docs/effects.md for a cloth that dries, whose results lie in a folder."""
+    found = json.loads((folder / "dry-found" / "result.json").read_text(encoding="utf-8"))
+    rest, base = found["unexplained"], found["ladder"][0]
+    drag = json.loads((folder / "dry-fit.json").read_text(encoding="utf-8"))["parameters"]["drying.drag_order"]
+    return {
+        "formula": rest["form"].split(": ")[-1], "before": f"{1e3 * AXES * base['rms_m']:.1f} mm",
+        "after": f"{1e3 * AXES * rest['rms_m']:.2f} mm", "held_out": f"{1e3 * AXES * rest['held_out_rms_m']:.2f} mm",
+        "fitted": f"{drag['value']:.5f} +- {drag['sd']:.5f}",
+    }  # fmt: skip
+
+
 def loop(file: Path) -> Figures:
     """Of `robot learn --all --json file`: a row for each block."""
     out: Figures = {}
@@ -109,7 +121,13 @@ def table_rows(page: Path) -> dict[str, list[str]]:
     return out
 
 
-READERS: Mapping[str, Callable[[Path], Figures]] = {"demo": demo, "loop": loop, "plans": plans, "hidden": hidden}
+READERS: Mapping[str, Callable[[Path], Figures]] = {
+    "demo": demo,
+    "drying": drying,
+    "loop": loop,
+    "plans": plans,
+    "hidden": hidden,
+}
 REPORTS: Mapping[str, Path] = {  # those whose results are in the repository
     "plans": ROOT / "planner" / "STUDY.md", "hidden": ROOT / "tests" / "study" / "REPORT.md",
 }  # fmt: skip
