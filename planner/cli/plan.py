@@ -171,3 +171,4 @@ def print_plan(made: dict[str, Any]) -> None:
     print("\n".join(plan_lines(made)))
     if rows := stroke_rows(made):
         print(table([STROKE_HEADS, *rows]))
+        print("rest: distance of the cue ball from the wanted place where it stops, else from its mean place, median")
