@@ -32,7 +32,7 @@ from sysid.estimation.initial_states import (
 from sysid.estimation.lone_shots import SpinScan, scan_lone_shots
 from sysid.estimation.problem import Array, Index, shared_constants, values_of
 from sysid.estimation.shot_problem import ShotProblem
-from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint
+from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint, newton_step
 from sysid.estimation.start_values import RUNNING_SPIN
 
 CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
@@ -224,14 +224,17 @@ def widened(found: FittedModel) -> FittedModel:
     seen = problem.until(problem.horizon_at(CHAOS_EVENTS))
     whole = _solve(problem, found.initial_states, found.constants, NO_STEP, what)
     first = _solve(seen, found.initial_states, found.constants, FIRST_EVENTS_FIT, what)
-    covariance, converged = widened_covariance(first, whole)
+    bounds = shared_constants(problem.model, problem.names, problem.known).bounds
+    covariance, converged = widened_covariance(first, whole, bounds)
     return dataclasses.replace(found, covariance=covariance, converged=converged)
 
 
-def widened_covariance(first: Solution, whole: Solution) -> tuple[Array, bool]:
+def widened_covariance(first: Solution, whole: Solution, bounds: Array) -> tuple[Array, bool]:
     """Covariance of the constants from first events and whole shots, and whether both have converged; see `widened`."""
     sd = np.sqrt(np.diag(first.covariance))
-    newton = [np.linalg.pinv(j.information.sum(axis=0)) @ j.gradient.sum(axis=0) for j in (first, whole)]
+    newton = [
+        newton_step(j.information.sum(axis=0), j.gradient.sum(axis=0), j.constants, bounds)[0] for j in (first, whole)
+    ]
     wide = np.sqrt(sd**2 + (first.constants - whole.constants) ** 2 + newton[0] ** 2 + newton[1] ** 2)
     known = np.isfinite(wide)  # a constant that the first events do not determine has no uncertainty to compare with
     arrived = all(bool(np.all(np.abs(step[known]) < NEGLIGIBLE_STEP_SD * wide[known])) for step in newton)

@@ -13,6 +13,7 @@ moves then follow (5 each) [m/s], in the table's frame; its displacement is from
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -47,7 +48,7 @@ from sysid.estimation.solver.least_squares import Evaluate, Objective, Prior
 from sysid.estimation.start_values import running_sd, running_start, shot_start, theta_noise
 
 REST_STEP = 1e-6  # finite difference of a resting ball's position [m]
-REST_SD = 2.0  # of the noise: prior sd of its displacement from where it was seen
+REST_SD = 2.0  # of both noises: prior sd of its displacement from where it was seen
 GROWING_RATE = 0.02  # discrepancy rate that is tolerated while the horizon grows
 MAX_STAGES = 12  # horizons of a shot that grows from event to event
 BEFORE_EVENT_S = 1e-3  # by which a horizon ends before an event
@@ -76,7 +77,8 @@ class ShotProblem:
     sd_theta: Array  # (n,) of a marked ball's angle [rad]
     end: Array  # (n,) of each clip [s]
     horizon: Array  # (n,) after which a shot counts no more [s]
-    correlation_time: float = 1.0  # of the noise [samples], see sysid/clips/noise.py
+    correlation_time: float = 1.0  # of both noises [samples], see sysid/clips/noise.py
+    slow_noise: float = 0.0  # one standard deviation per axis [m], see sysid/clips/slow_noise.py
 
     @property
     def clips(self) -> tuple[Clip, ...]:
@@ -106,8 +108,13 @@ class ShotProblem:
         return dataclasses.replace(self, model=model, names=tuple(names))
 
     def with_discrepancy(self, rate: float) -> ShotProblem:
-        """The same shots, with a model error that grows by `rate` along their paths: sd = hypot(noise, rate path)."""
-        return dataclasses.replace(self, sd=np.hypot(self.noise, rate * self.path))
+        """The same shots as fits weigh them: by both noises, and an error that grows by `rate` along their paths."""
+        return dataclasses.replace(self, sd=np.hypot(self.noise_of_fits, rate * self.path))
+
+    @property
+    def noise_of_fits(self) -> float:
+        """Of the camera and of what its tracks wander, one standard deviation per axis [m]."""
+        return math.hypot(self.noise, self.slow_noise)
 
     @property
     def stages(self) -> int:
@@ -255,7 +262,7 @@ class ShotProblem:
             ball, clip = (ball + 1, clip) if k == clip else (0, k)
             errors.append(xy.ravel())
             path.append(np.repeat(self.path[k, ball, : len(xy)], 2))
-        return discrepancy_rate(np.concatenate(errors), np.concatenate(path), self.noise, share)
+        return discrepancy_rate(np.concatenate(errors), np.concatenate(path), self.noise_of_fits, share)
 
 
 def residual(track: Track, ball: int, seen: Observation, n: int) -> tuple[Array, Array]:
@@ -275,11 +282,11 @@ def residual(track: Track, ball: int, seen: Observation, n: int) -> tuple[Array,
 
 def shot_problem(
     model: Model, names: Sequence[str], clip_set: ClipSet, noise: float,
-    known: Mapping[str, tuple[float, float]] | None = None, correlation_time: float = 1.0,
+    known: Mapping[str, tuple[float, float]] | None = None, correlation_time: float = 1.0, slow_noise: float = 0.0,
 ) -> ShotProblem:  # fmt: skip
     """Set up whole shots: starting values and their spread from the cue's command, or from the first samples."""
     clips, n = clip_set.clips, len(clip_set.clips)
-    start, mean, sd, azimuth = _starts(clip_set, noise)
+    start, mean, sd, azimuth = _starts(clip_set, noise, REST_SD * math.hypot(noise, slow_noise))
     shots = [_measured(clip, clip_set, noise, a) for clip, a in zip(clips, azimuth, strict=True)]
     names_of = [clip.order_of_balls for clip in clips]
     data = packed(shots)
@@ -296,16 +303,16 @@ def shot_problem(
     return ShotProblem(
         model, tuple(names), clip_set, noise, dict(known or {}), start, azimuth, Prior(mean, sd),
         tuple(shot.rest for shot in shots), tuple(staying), tuple(trusted), tuple(events), path, data,
-        np.full(path.shape, noise), np.full(n, theta_noise(clips)), end, end, correlation_time,
+        np.full(path.shape, noise), np.full(n, theta_noise(clips)), end, end, correlation_time, slow_noise,
     )  # fmt: skip
 
 
-def _starts(clip_set: ClipSet, noise: float) -> tuple[Array, Array, Array, Array]:
-    """Start, prior mean and sd of all initial states (n, p), and their azimuths (n,)."""
+def _starts(clip_set: ClipSet, noise: float, rest_sd: float) -> tuple[Array, Array, Array, Array]:
+    """Start, prior mean and sd of initial states (n, p), azimuths (n,); `rest_sd` [m] is that of balls at rest."""
     clips, n, first = clip_set.clips, len(clip_set.clips), len(STATE_STEPS)
     resting = first + 2 * (max((len(c.balls) for c in clips), default=1) - 1)
     p = resting + MOTION_SIZE * max((len(c.running) - 1 for c in clips if c.running), default=0)
-    start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), REST_SD * noise), np.zeros(n)
+    start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), rest_sd), np.zeros(n)
     sd[:, resting:] = 1.0  # of balls that rest, where nothing depends on it
     for k, clip in enumerate(clips):
         start[k, :first], mean[k, :first], sd[k, :first], azimuth[k] = shot_start(clip, clip_set, noise)

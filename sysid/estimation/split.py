@@ -24,6 +24,7 @@ from sysid.clips.clock import stamp_scale
 from sysid.clips.noise import noise_correlation, position_noise
 from sysid.clips.outliers import remove_outliers
 from sysid.clips.pieces import cut_clips
+from sysid.clips.slow_noise import slow_noise
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out, settled
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
@@ -36,6 +37,10 @@ MAX_EVENTS = 4  # of a whole shot, in the middle of the set, where the model doe
 CLOCK_CONSTANT = "clock_scale.factor"  # known from the time stamps of the clips
 LOST_M = 0.3  # rms residual per axis from which a shot may be lost
 LOST_RATIO = 20.0  # and over the median of all shots
+SLOW_NOISE = (
+    "tracks wander by {:.2f} mm an axis about smooth paths, over some {:.0f} samples: errors of the image, "
+    "or cloth that is not flat; fits count it beside the noise"
+)
 log = logging.getLogger(__name__)
 
 
@@ -103,7 +108,10 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
     """
     noise = position_noise(clip_set)
     clip_set, spikes = remove_outliers(clip_set, noise)
-    correlation = noise_correlation(clip_set)
+    slow = slow_noise(clip_set, noise)
+    correlation = slow.together(noise, noise_correlation(clip_set))
+    if slow.sd:
+        log.info(SLOW_NOISE.format(1e3 * slow.sd, slow.correlation_time))
     scale, sd = stamp_scale(clip_set)
     known = {CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {}
     rows = training_clips(clip_set)
@@ -112,7 +120,7 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
     model = model.with_values(cloth.known)
 
     def problem_of(part: ClipSet) -> ShotProblem:
-        return shot_problem(model, tuple(model.parameters()), part, noise, known, correlation)
+        return shot_problem(model, tuple(model.parameters()), part, noise, known, correlation, slow.sd)
 
     problem = problem_of(training)
     shots = 0

@@ -37,7 +37,7 @@ from sysid.selection.evidence import (
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, score_terms, select_terms
 from sysid.selection.judge import diagnose_fit
 from sysid.selection.next_shot import NextShot, propose_shot
-from sysid.selection.pruning import fit_without, without_minor, without_needless
+from sysid.selection.pruning import fit_without, without_minor, without_needless, without_undetermined
 from sysid.selection.remainder import remainder
 from sysid.selection.score import Score
 from sysid.selection.screening import (
@@ -123,10 +123,12 @@ def prune(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
 
 
 def _without_minor(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
-    """The result without effects that explain only a small part of what is unexplained."""
-    now, verdict = without_minor(parts, found.last, found.verdict)
+    """The result without effects whose size the clips do not tell, or that explain only a small part of the rest."""
+    now, verdict = without_minor(parts, *without_undetermined(parts, found.last, found.verdict))
     if verdict == found.verdict:
         return found
+    if not verdict:  # the base that no effect has bent
+        now = found.ladder[0]
     return dataclasses.replace(_ending_with(found, now, verdict), unexplained=remainder(now))
 
 
@@ -247,7 +249,7 @@ def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, form
     Effects that were named before the formula may have stood in for it, or explain what it was found for: then they, or
     it, are dropped.
     """
-    now, verdict = without_needless(parts, now, found.verdict, 0)
+    now, verdict = without_undetermined(parts, *without_needless(parts, now, found.verdict, 0))
     earlier = _formula_earlier(parts, found, now, verdict)
     if earlier is not None:
         formula, now, verdict = earlier

@@ -3,7 +3,7 @@
 In: clips (`Split`), their fit and its named effects. Out: the fit without those that are not needed, and the others.
 
 Beside much that is not explained, any effect explains a little: it fits some part of what is missing. So one whose part
-is small is not named there, even if its evidence alone would suffice.
+is small is not named there, even if its evidence alone would suffice; nor one on whose size the clips do not agree.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ from sysid.selection.evidence import (
 from sysid.selection.screening import MIN_DELTA_BIC, warm_started
 
 MIN_SHARE_OF_EXCESS = 0.02  # of the variance beyond noise, that an effect must explain where most is not explained
+MIN_DISTANCE_SD = (
+    3.0  # standard deviations from where it vanishes, of an effect that is named where something is not explained
+)
 log = logging.getLogger(__name__)
 Pruned = tuple[FittedModel, tuple[str, ...]]  # a fit, and the effects that are named in it
 
@@ -60,6 +63,32 @@ def without_minor(parts: Split, now: FittedModel, verdict: tuple[str, ...]) -> P
         log.info("%s explains %.1f %% of what is unexplained", name, 100 * max(1 - after / before, 0.0))
         now, verdict = less, _others(verdict, name)
     return now, verdict
+
+
+def without_undetermined(parts: Split, now: FittedModel, verdict: tuple[str, ...]) -> Pruned:
+    """The fit without those of the named effects whose size is within its own uncertainty over the clips."""
+    while verdict and now.converged:
+        distances = [distance_from_absence(now, name) for name in verdict]
+        k = int(np.argmin(distances))
+        if distances[k] >= MIN_DISTANCE_SD:
+            break
+        log.info("%s is %.1f standard deviations from none", verdict[k], distances[k])
+        now, verdict = fit_without(parts, now, verdict[k]), _others(verdict, verdict[k])
+    return now, verdict
+
+
+def distance_from_absence(found: FittedModel, name: str) -> float:
+    """How far the parameters of an effect are from where it vanishes [standard deviations]; inf where none is known.
+
+    The root of Wald's statistic, less what chance adds to it where there are several parameters.
+    """
+    off = {n: found.model.meta(n)["off"] for n in found.names if n.startswith(name + ".")}
+    rows = [k for k, n in enumerate(found.names) if off.get(n) is not None and np.isfinite(found.covariance[k, k])]
+    if not rows:
+        return float("inf")
+    away = found.constants[rows] - np.array([off[found.names[k]] for k in rows])
+    wald = float(away @ np.linalg.pinv(found.covariance[np.ix_(rows, rows)], hermitian=True) @ away)
+    return float(np.sqrt(max(wald - (len(rows) - 1), 0.0)))
 
 
 def _least_needed(now: FittedModel, verdict: tuple[str, ...]) -> tuple[str, float]:

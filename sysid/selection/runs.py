@@ -53,7 +53,7 @@ def segments_of(parts: Split, model: Model) -> Split:
 
 def _without_unseen_impacts(part: ShotProblem, model: Model) -> ShotProblem:
     segments, none = cut_clips(part.clip_set, part.noise, impacts=False), np.zeros(0)
-    problem = shot_problem(model, (), segments, part.noise, part.known, part.correlation_time)
+    problem = shot_problem(model, (), segments, part.noise, part.known, part.correlation_time, part.slow_noise)
     if not segments.clips:
         return problem
     x, _ = fit_each(problem.objective(START_CAUCHY_SD), problem.start, none, SEGMENT_FIT_STEPS)

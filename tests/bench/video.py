@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import cast
 
 import cv2
@@ -31,7 +32,7 @@ class Held:
     name = "pictures in memory"
 
     def __init__(self, pictures: Sequence[np.ndarray]) -> None:
-        self.pictures, self.count = pictures, len(pictures)
+        self.pictures, self.count, self.files = pictures, len(pictures), list[Path]()
 
     def frame_times(self, fps: float | None) -> FrameTimes:
         """Evenly."""
@@ -68,7 +69,7 @@ def video_rows() -> list[tuple[str, ...]]:
     finally:
         cv2.setNumThreads(threads)
     radius = float(camera.radius_px(np.zeros((1, 2)))[0])
-    names = ", ".join(sorted(p.name for p in result.scene.paths))
+    names = ", ".join(sorted(t.name for t in result.scene.tracks))
     return [
         (f"tracking {SIZE[0]} x {SIZE[1]}, one core", "frames/s", "blurs a frame"),
         (f"{held.count} frames; {names}; {radius:.0f} px in radius", f"{result.rate:.0f}", f"{blur / result.rate:.2f}"),

@@ -46,6 +46,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--lens", type=float, default=-0.08, metavar="K", help="its first radial distortion (-0.08)")
     p.add_argument("--oblique", action="store_true", help="a low lamp: long shadows, dark sides")
     p.add_argument("--guides", action="store_true", help="lines and a ring are projected on the table for every shot")
+    p.add_argument("--picks", action="store_true", help="frames are picked from twice as many, at uneven times")
     p.add_argument("--marks", type=int, default=len(MARKS), metavar="N", help="on the struck ball (all)")
     p.add_argument("--seed", type=int, default=0)
     return p
@@ -60,13 +61,15 @@ def camera_over(table: Table, diameter: float, size: tuple[int, int], tilt: floa
 
 
 def pictures(
-    camera: Camera, shots: Sequence[Scene], fps: float, look: Look, seed: int, guides: bool = False
-) -> Iterator[Picture]:
-    """All frames of the recording, the first at 0 s."""
-    number = 0
+    camera: Camera, shots: Sequence[Scene], fps: float, look: Look, seed: int, guides: bool = False,
+    picks: bool = False,
+) -> Iterator[Picture]:  # fmt: skip
+    """All frames of the recording, the first at 0 s; with `picks` every one may be half a period late."""
+    number, rng = 0, np.random.default_rng(seed)
     for k, shot in enumerate(shots):
         last = int(np.ceil(shot.ends * fps - 1e-9))
         times = np.arange(number, last) / fps - shot.struck
+        times += rng.integers(0, 2, len(times)) / (2 * fps) if picks else 0.0
         number = last
         light = guide_light(camera, shot) if guides else None
         for picture in film(camera, shot.motion, times, look, seed + k):
@@ -104,7 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     write_camera(where, camera)
     writer = cv2.VideoWriter(str(args.out), cv2.VideoWriter_fourcc(*CODES[args.out.suffix]), fps, camera.size)
     progress, count = Progress(), 0
-    for count, picture in enumerate(pictures(camera, shots, fps, look, args.seed, args.guides), 1):
+    for count, picture in enumerate(pictures(camera, shots, fps, look, args.seed, args.guides, args.picks), 1):
         writer.write(picture)
         progress(f"{count} frames of {shots[-1].ends * fps:.0f}")
     writer.release()

@@ -9,7 +9,8 @@ constants c, and the gradient J^T W r,
     information = A_cc - A_cx A_xx^-1 A_xc        (Schur complement)
     gradient    = g_c  - A_cx A_xx^-1 g_x,
 
-each summed over the problems.
+each summed over the problems. Constants at a bound that would leave it are held there, and the others move as if they
+were known (a projected Newton step; D. P. Bertsekas, SIAM Journal on Control and Optimization 20, 221, 1982).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.estimation.solver.journal import recorded
 from sysid.estimation.solver.least_squares import (
@@ -204,9 +206,26 @@ class _Newton(NamedTuple):
 
     hessian: Array  # (q, q)
     gradient: Array  # (q,)
-    full: Array  # (q,) the undamped step, with its sign reversed
+    free: NDArray[np.bool_]  # (q,) which constants may move
+    full: Array  # (q,) the undamped step, with its sign reversed; 0 where held
     sd: Array  # (q,) of the constants
     predicted: float  # improvement of the loss by the full step
+
+
+def newton_step(hessian: Array, gradient: Array, c: Array, bounds: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """The step (q,) to subtract from constants (q,) within bounds (q, 2), and which of them are free (q,).
+
+    A constant at a bound is held where the loss falls beyond it, or where the step of the others would lead it there.
+    """
+    low, high = c <= bounds[:, 0], c >= bounds[:, 1]
+    free = ~((low & (gradient > 0)) | (high & (gradient < 0)))
+    while True:
+        step = np.zeros(c.size)
+        step[free] = np.linalg.lstsq(hessian[np.ix_(free, free)], gradient[free], rcond=None)[0]
+        leaves = free & ((low & (step > 0)) | (high & (step < 0)))
+        if not leaves.any():
+            return step, free
+        free &= ~leaves
 
 
 @dataclass(frozen=True)
@@ -231,26 +250,26 @@ class _Joint:
         """The full step and the improvement that it predicts."""
         h = reduced.information.sum(axis=0) + np.diag(1 / self.prior.sd**2)
         g = reduced.gradient.sum(axis=0) + (c - self.prior.mean) / self.prior.sd**2
-        full = np.linalg.lstsq(h, g, rcond=None)[0]
+        full, free = newton_step(h, g, c, self.shared.bounds)
         sd = np.sqrt(np.maximum(np.diag(np.linalg.pinv(h)), 0))
-        return _Newton(h, g, full, sd, 0.5 * float(g @ full))
+        return _Newton(h, g, free, full, sd, 0.5 * float(g @ full))
 
     def arrived(self, newton: _Newton, at: _Iterate) -> bool:
-        """Whether the full step is negligible; a constant at its bound that would leave it does not count."""
-        low, high = self.shared.bounds.T
-        inside = ((at.c > low) | (newton.full < 0)) & ((at.c < high) | (newton.full > 0))
-        small = bool(np.all(np.abs(newton.full[inside]) < ARRIVED_SD * newton.sd[inside]))
+        """Whether the full step is negligible."""
+        small = bool(np.all(np.abs(newton.full[newton.free]) < ARRIVED_SD * newton.sd[newton.free]))
         return small or newton.predicted < self.rule.tolerance * at.cost
 
     def lower(self, at: _Iterate, reduced: ReducedSystem, newton: _Newton, attempts: int) -> _Iterate | None:
         """A step that lowers the loss, damped as much as it takes; None where none is found."""
-        damping, state_steps, h = at.damping, self.rule.state_steps, newton.hessian
+        damping, state_steps, free = at.damping, self.rule.state_steps, newton.free
+        h, g, step = newton.hessian[np.ix_(free, free)], newton.gradient[free], np.zeros(at.c.size)
         low, high = self.shared.bounds.T
         for attempt in range(attempts):
             if attempt == MAX_ATTEMPTS:  # perhaps the initial states do not get to where a step would lead them
                 damping, state_steps = FIRST_DAMPING, MORE_STATE_STEPS * self.rule.state_steps
-            damped = h + damping * np.diag(np.diag(h)) + 1e-12 * np.eye(at.c.size)
-            c = np.clip(at.c - np.linalg.solve(damped, newton.gradient), low, high)
+            damped = h + damping * np.diag(np.diag(h)) + 1e-12 * np.eye(len(g))
+            step[free] = np.linalg.solve(damped, g)
+            c = np.clip(at.c - step, low, high)
             x, costs = fit_each(self.objective, self._best_start(at, reduced, c), c, state_steps)
             cost = self.cost(costs, c)
             if cost < at.cost:

@@ -30,8 +30,10 @@ NO_TABLE_GREY = 40.0  # from the colour of the shaded table, from which on a pix
 SKIN_PX = 1.5  # below the rim, where a ball of several colours shows those of the rim
 RIM_BLUR_PX = 1.0  # of the rim of a disc
 SURROUND_PX = 6.0  # beyond the disc that take part in a fit
-STEPS = 8  # of least squares, at most
+STEPS = 40  # of least squares, at most: far from the ball only its rim pulls a disc, by half a pixel a step
 SETTLED_PX = 0.02
+MAX_FITS = 6  # of a disc, each with the window around the place that the last one found,
+SAME_PLACE_PX = 0.3  # until it stays there
 RESIDUAL_LIMIT = 0.35  # of cover, from which on a pixel shows something else: the cue, a hand, a mark
 MIN_RESIDUAL = 0.02
 RIM_REACH = 3.5  # blurs from the rim, beyond which a disc covers all or nothing
@@ -192,7 +194,20 @@ def fit_disc(
     view: View, colour: Array | None, start: Array, radius: float, motion: Array, gain: float = 1.0
 ) -> DiscFit | None:
     """The disc of a ball near a pixel (2,) that moves by `motion` (2,) [pixels]; None where there is none."""
-    motion = np.asarray(motion, float)
+    motion, centre = np.asarray(motion, float), np.asarray(start, float)
+    fit = None
+    for _ in range(MAX_FITS):
+        fit = _fit_around(view, colour, centre, radius, motion, gain)
+        if fit is None or math.hypot(*(fit.xy - centre)) < SAME_PLACE_PX:
+            break
+        centre = fit.xy
+    return None if fit is None else replace(fit, rim=_rim(view, colour, fit))
+
+
+def _fit_around(
+    view: View, colour: Array | None, start: Array, radius: float, motion: Array, gain: float
+) -> DiscFit | None:
+    """The disc that fits the window around a pixel (2,) best, its rim not judged yet; None where there is none."""
     half = np.abs(motion) / 2 + radius + SURROUND_PX + 2
     h, w = view.picture.shape[:2]
     x0, y0 = (max(0, int(v)) for v in start - half)
@@ -205,7 +220,7 @@ def fit_disc(
     if fit is not None and colour is None:
         own = _own_colours(window, fit.xy - corner, fit.radius, motion)
         fit = _settled(cover(window, table, own), corner, fit.xy, radius, motion, gain)
-    return None if fit is None else replace(fit, rim=_rim(view, colour, fit))
+    return fit
 
 
 def _settled(seen: Image, corner: Array, start: Array, radius: float, motion: Array, gain: float) -> DiscFit | None:

@@ -37,7 +37,7 @@ MIN_SWEEP_RADII = 0.4  # of a motion from which the exposure can be told
 MAX_UNEVENNESS = 0.25  # of such a step, relative to the one before
 MIN_SHUTTER_FITS = 4  # from which it is known
 MIN_EVEN_FITS = 16  # of white balls, fewer than those of them overexposed, that show that none is
-MISFIT_MARGIN = 0.04  # beyond that of the best fit, from which on another is no rival
+MISFIT_MARGIN = 0.02  # beyond that of the best fit, from which on another is no rival
 NEAR_RADII = 0.6  # to the expected place, within which a ball is taken at once
 CORE_RADII = 0.55  # of a disc that shows the colour of the ball
 MIN_BED_CONTRAST = 0.12  # of colours, between a ball and the bed
@@ -148,7 +148,11 @@ def known_disc(
         if not found:
             return None
         least = min(fit.misfit for fit in found)
-        rivals = [fit for fit in found if fit.misfit < least + MISFIT_MARGIN]
+        # Balls of any colour differ in how well they fit: of those that are clear, the nearest is meant.
+        rivals = [
+            fit for fit in found
+            if fit.misfit < least + MISFIT_MARGIN or (colour is None and fit.residual < CLEAR_RESIDUAL)
+        ]  # fmt: skip
         chosen = min(rivals, key=lambda f: float(np.hypot(*(f.xy - expected))) + radius * f.misfit)
     # A ball that has just been struck or has struck another did not move evenly: it tells nothing of the exposure.
     moved = math.hypot(*(chosen.xy - last))

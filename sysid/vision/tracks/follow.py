@@ -109,6 +109,7 @@ class Follower:
 
     camera: Camera
     counts: Mapping[str, int] = field(default_factory=dict)  # greatest number of balls of a name, where it is known
+    time_sd: float = 0.0  # of the times of frames [s]
     balls: list[_Ball] = field(default_factory=list)
     _forecast: float = math.nan  # time of the current predictions [s]
 
@@ -203,7 +204,7 @@ class Follower:
         for ball in self.balls:
             ball.impact = ball.smooth = None
             if time - ball.state.time <= MAX_PREDICTION_S:
-                ball.smooth = ball.state.predicted(time + self._row_delay(ball.points[-1].v))
+                ball.smooth = ball.state.predicted(time + self._row_delay(ball.points[-1].v), self.time_sd)
                 recent.append(ball)
         self._forecast = time
         since = max((b.state.time for b in recent), default=time)

@@ -198,6 +198,13 @@ def mean_velocity(track: BallTrack, first: int, stop: int, most: int = 4) -> Arr
     return np.asarray((track.xy[last] - track.xy[first]) / (track.time[last] - track.time[first]))
 
 
+def fastest_step(track: BallTrack, first: int, stop: int, most: int = 4) -> float:
+    """Greatest speed between two of the first few detections, before an impact slows the ball [m/s]."""
+    last = min(first + most, stop, len(track.frame))
+    steps = np.linalg.norm(np.diff(track.xy[first:last], axis=0), axis=1) / np.diff(track.time[first:last])
+    return float(steps.max(initial=0.0))
+
+
 def pocketed(scene: TrackedScene, track: BallTrack, rows: NDArray[np.int64]) -> int | None:
     """The last frame before a ball drops into a pocket, among these detections of it; None if it does not."""
     if not scene.table.pockets or rows.size < 2:

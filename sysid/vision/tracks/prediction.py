@@ -37,11 +37,16 @@ class State(NamedTuple):
         """Speed [m/s]."""
         return math.hypot(self.u, self.v)
 
-    def predicted(self, time: float) -> State:
-        """The state at a later time, without impacts (prediction step of the Kalman filter)."""
+    def predicted(self, time: float, time_sd: float = 0.0) -> State:
+        """The state at a later time, without impacts (prediction step of the Kalman filter).
+
+        The acceleration is white noise: were it constant over a frame, exact detections would make the velocity of an
+        evenly moving ball swing about the true one for ever. `time_sd` is the standard deviation of the time [s].
+        """
         dt = time - self.time
         noise = (ACCELERATION_SD_M_S2 * dt) ** 2
-        pp = self.pp + 2 * dt * self.pv + dt * dt * (self.vv + noise / 4)
+        pp = self.pp + 2 * dt * self.pv + dt * dt * (self.vv + noise / 3)
+        pp += time_sd**2 * (self.u * self.u + self.v * self.v)
         pv = self.pv + dt * (self.vv + noise / 2)
         return State(time, self.x + self.u * dt, self.y + self.v * dt, self.u, self.v, pp, pv, self.vv + noise)
 

@@ -22,6 +22,7 @@ from sysid.vision.tracks.moves import (
     MIN_REST_DETECTIONS,
     Move,
     TrackedScene,
+    fastest_step,
     mean_velocity,
     pocketed,
     rest_place,
@@ -159,7 +160,7 @@ def _groups(scene: TrackedScene, moves: Sequence[Move]) -> list[list[Move]]:
 def _simultaneous(scene: TrackedScene, one: Move, two: Move) -> bool:
     if one.place is None or two.place is None or abs(one.onset - two.onset) > SIMULTANEOUS_FRAMES * scene.period:
         return False
-    fastest = max(float(np.linalg.norm(mean_velocity(m.track, m.first, m.stop))) for m in (one, two))
+    fastest = max(fastest_step(m.track, m.first, m.stop) for m in (one, two))
     between = float(np.linalg.norm(one.place - two.place))
     return between < 2.3 * scene.radius + (SIMULTANEOUS_FRAMES + 0.5) * fastest * scene.period + 6 * scene.sigma
 
@@ -303,6 +304,8 @@ def balls_there(
         rows = np.flatnonzero((other.frame >= first) & (other.frame <= last))
         before = [rest_place(other, a, b) for a, b in scene.resting[other.name] if other.frame[a] <= first]
         present = rows.size and before and np.linalg.norm(other.xy[rows[0]] - before[-1]) < scene.radius / 2
+        if other.name in moving and not rows.size:
+            return None, f"{other.name} is not seen in it"
         if other.name not in moving and not present:
             if rows.size > MIN_REST_DETECTIONS:
                 remarks.append(f"{other.name} appeared at {other.time[rows[0]]:.2f} s, not in the clip")

@@ -25,6 +25,7 @@ from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.naming import named
 from sysid.vision.tracks.noise import Noise, difference_noise, estimate_noise
+from sysid.vision.tracks.picks import UNEVEN_SD, find_picks, seem_uneven
 from sysid.vision.tracks.running import running_shots
 from sysid.vision.tracks.spins import face_change, spins
 from sysid.vision.tracks.stamps import delays, later, marked, missing
@@ -83,7 +84,34 @@ def track(
         watch: called with each frame and the balls detected in it.
     """
     shutter = shutter or Shutter()
-    follower = Follower(camera, counts if detector.palette is None else {ANY_BALL: sum(counts.values())})
+    found = _followed(footage, camera, detector, counts, progress, shutter, watch, 0.0)
+    if seem_uneven([*found.tracks], found.frames):
+        progress("frames seem to be taken at uneven times: following the balls once more")
+        found = _followed(footage, camera, detector, counts, progress, shutter, watch, UNEVEN_SD / footage.fps)
+    followed, names = named(found.tracks, footage, detector)
+    tracks, index, stamps, told = _stamped(followed, found.frames, found.times, found.twice, camera)
+    result = tracked(tracks, index, stamps, camera, found.rate)
+    return replace(result, notes=(*names, *told, *result.notes))
+
+
+@dataclass(frozen=True)
+class _Followed:
+    """The balls of a footage, followed over its frames."""
+
+    tracks: tuple[BallTrack, ...]
+    frames: NDArray[np.int64]  # (m,)
+    times: Array  # (m,) by stamps [s]
+    twice: NDArray[np.bool_]  # (m,) which show the picture before once more
+    rate: float  # [frames/s]
+
+
+def _followed(
+    footage: Footage, camera: Camera, detector: Detector, counts: Mapping[str, int], progress: Callable[[str], None],
+    shutter: Shutter, watch: Watch | None, time_sd: float,
+) -> _Followed:  # fmt: skip
+    """Detect and follow all balls; the times of frames may be wrong, with a standard deviation `time_sd` [s]."""
+    counts = counts if detector.palette is None else {ANY_BALL: sum(counts.values())}
+    follower = Follower(camera, counts, time_sd=time_sd)
     frames, times, twice = [], [], []
     began = reported = clock.monotonic()
     last_full_search, previous = -math.inf, None
@@ -111,11 +139,7 @@ def track(
             of = f" of {footage.count}" if footage.count else ""
             progress(f"{len(frames)}{of} frames, {rate:.0f} frames/s, {follower.in_sight} balls in sight")
     rate = len(frames) / max(clock.monotonic() - began, 1e-9)
-    followed, names = named(follower.tracks(), footage, detector)
-    found = followed, np.array(frames, np.int64), np.array(times)
-    tracks, index, stamps, told = _stamped(*found, np.array(twice, bool), camera)
-    result = tracked(tracks, index, stamps, camera, rate)
-    return replace(result, notes=(*names, *told, *result.notes))
+    return _Followed(follower.tracks(), np.array(frames, np.int64), np.array(times), np.array(twice, bool), rate)
 
 
 def _usual_interval(times: Sequence[float], twice: Sequence[bool], default: float) -> float:
@@ -141,6 +165,12 @@ def _stamped(
     scene = TrackedScene(tracks, frames, times, camera.table, camera.radius, 0.0)
     sigma = difference_noise(scene, resting=True)
     sigma = sigma if math.isfinite(sigma) else DEFAULT_NOISE_RADII * camera.radius
+    picks = find_picks(tracks, frames, times, period, sigma)
+    if picks is not None:
+        notes.append(picks.text(period))
+        late = picks.delays(frames, times, period)
+        tracks = [replace(t, time=t.time + late[np.searchsorted(frames, t.frame)]) for t in tracks]
+        return tracks, frames, times + late, notes
     gaps = missing([_without_outliers(track, sigma, []) for track in tracks], frames, period, sigma)
     for frame, count in gaps.items():
         notes.append(f"before frame {frame} {count} missing, though stamps are even: later stamps set right")

@@ -296,7 +296,7 @@ def test_a_constant_the_first_events_do_not_tell_leaves_the_others_their_uncerta
     spread = np.array([[0.01, np.nan], [np.nan, np.nan]])
     first = Solution(np.zeros((1, 7)), np.array([0.9, 0.05]), spread, 1.0, True, information, quiet)
     whole = dataclasses.replace(first, constants=np.array([0.92, 0.06]))
-    covariance, arrived = widened_covariance(first, whole)
+    covariance, arrived = widened_covariance(first, whole, np.array([[0.5, 1.0], [0.0, 0.2]]))
     assert arrived
     assert np.sqrt(covariance[0, 0]) == pytest.approx(np.hypot(0.1, 0.02))
     assert np.isnan(covariance[1, 1])

@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from sysid.estimation.solver.joint_fit import SharedConstants, Solution, StoppingRule, covariance, fit_joint
 from sysid.estimation.solver.least_squares import (
@@ -221,6 +222,28 @@ def test_constants_stay_within_their_bounds() -> None:
     found = joint(evaluate, np.zeros((PROBLEMS, 2)), np.array([0.1, 0.0]), bounds=bounds)
     assert found.constants[0] == 0.5
     assert np.all(found.constants >= bounds[:, 0]) and np.all(found.constants <= bounds[:, 1])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_correlated_constants_at_bounds_leave_the_others_at_their_best(seed: int) -> None:
+    """The answer of another solver (bounded-variable least squares of SciPy), and no fit that stops before it."""
+    rng = np.random.default_rng(seed)
+    q = 4
+    mixed = rng.normal(size=(q, q)) + 2 * np.ones((q, q))
+    design = rng.normal(size=(PROBLEMS, SAMPLES, q)) @ mixed
+    y = design @ rng.uniform(-2, 2, q) + 0.1 * rng.normal(size=(PROBLEMS, SAMPLES))
+    bounds = np.tile([-0.5, 0.5], (q, 1))
+    best = lsq_linear(design.reshape(-1, q), y.ravel(), bounds.T, method="bvls", tol=1e-14)
+    assert best.active_mask.any(), "else this shows nothing"
+
+    def evaluate(x: Array, c: Array, which: Index) -> Array:
+        return np.einsum("nmq,nq->nm", design[which], c) - y[which] + 0.0 * x[:, :1]
+
+    found = joint(evaluate, np.zeros((PROBLEMS, 1)), np.zeros(q), bounds=bounds)
+    assert found.converged
+    knowledge = 0.5 * np.sum(found.constants**2)  # that constants stay near their start, within the bounds' width
+    assert found.cost - knowledge < (1 + 1e-4) * best.cost
+    np.testing.assert_allclose(found.constants, best.x, atol=0.01)
 
 
 def test_what_the_data_do_not_tell_stays_and_has_no_variance() -> None:

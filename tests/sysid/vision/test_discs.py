@@ -133,6 +133,42 @@ def test_the_sweep_says_where_a_fast_ball_is(shot: Shot) -> None:
         assert still is None or still.residual > fit.residual
 
 
+@pytest.mark.parametrize("off", [(-8.0, 0.0), (5.0, 4.0), (0.0, -9.0)])
+def test_where_a_disc_is_found_does_not_depend_on_where_it_was_expected(shot: Shot, off: tuple[float, float]) -> None:
+    motion, pictures, detector, _ = shot
+    colour = detector._in_picture(detector.background.view(pictures[0]), dict(detector.ball_colours)["white"])
+    for k in (24, 30, 36):
+        view, true = detector.background.view(pictures[k]), CAMERA.outline(place(motion, k / FPS, 0)[None])[0]
+        step = true - CAMERA.outline(place(motion, (k - 1) / FPS, 0)[None])[0]
+        for shown in (colour, None):
+            near, far = (
+                fit_disc(view, shown, true + start, view.geometry.radius(true), EXPOSURE * FPS * step)
+                for start in (np.zeros(2), np.array(off))
+            )
+            assert near is not None
+            assert far is not None
+            assert np.hypot(*(near.xy - far.xy)) < 0.05 * near.radius
+
+
+def test_of_balls_of_any_colour_the_nearest_is_meant(shot: Shot) -> None:
+    """A white ball fits better than a dark one, for all that is expected beside it."""
+    _, _, detector, _ = shot
+    h, w = detector.background.picture.shape[:2]
+    radius = float(CAMERA.radius_px(np.zeros((1, 2)))[0])
+    picture = detector.background.picture.astype(float)
+    y, x = np.mgrid[:h, :w]
+    places = np.array([[w / 2 - 60.2, h / 2 + 40.4], [w / 2 - 60.2 - 3.2 * radius, h / 2 + 40.1]])
+    for at, ball in zip(places, ([60.0, 110.0, 40.0], [235.0, 245.0, 250.0]), strict=True):
+        share = np.clip(radius - np.hypot(x - at[0], y - at[1]) + 0.5, 0, 1)[..., None]
+        picture = (1 - share) * picture + share * np.array(ball)
+    dark = np.hypot(x - places[0, 0] - 3, y - places[0, 1]) < 3
+    picture[dark] = (200, 200, 200)
+    view = detector.background.view(picture.clip(0, 255).astype(np.uint8))
+    fit = known_disc(view, None, places[0] - [0.75 * radius, 0.0], np.zeros(2), 6 * radius, Shutter(0.0))
+    assert fit is not None
+    assert np.hypot(*(fit.xy - places[0])) < 0.1 * radius
+
+
 @pytest.mark.parametrize("gain", [1.0, 3.0])
 def test_a_ball_with_the_cue_still_at_it_is_found_where_it_is(shot: Shot, gain: float) -> None:
     """It was expected to rest, 0.7 radii behind; overexposed, its sweep is as bright as a ball at rest."""

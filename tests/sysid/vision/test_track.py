@@ -13,7 +13,9 @@ from sysid.clips import check_clip_set, read_clip_set, write_clip_set
 from sysid.vision.camera.projection import Camera
 from sysid.vision.tracks.clips import Extra, clip_set
 from sysid.vision.tracks.follow import Follower
+from sysid.vision.tracks.moves import fastest_step
 from sysid.vision.tracks.noise import residuals
+from sysid.vision.tracks.strikes import balls_there
 from sysid.vision.tracks.track import Tracked, tracked
 from tests.sysid.vision.test_follow import (
     BALL,
@@ -293,3 +295,18 @@ def test_residuals_are_the_noise() -> None:
     assert np.sqrt(np.nanmean(off**2)) == pytest.approx(1e-4 * np.sqrt(2 * (1 + 34 / 36)), rel=0.05)
     late = np.delete(time, 1000)
     assert np.isnan(residuals(late, np.delete(xy, 1000, axis=0))[998:1002]).all()
+
+
+def test_a_moving_ball_that_no_frame_of_a_clip_shows_makes_none() -> None:
+    scene = tracked_of(Recording().wait(0.5).shot((0.8, 0.2), seconds=0.5)).scene
+    seen, why = balls_there(scene, ("white",), 20, 19, [])
+    assert seen is None
+    assert why == "white is not seen in it"
+
+
+def test_the_speed_of_a_ball_that_is_stopped_at_once_is_that_before() -> None:
+    """It tells how far a ball may reach between two frames; the mean over its first steps would not."""
+    at = np.array([0.0, 0.09, 0.18, 0.18, 0.18])
+    track = tracked_of(Recording().wait(0.5)).scene.tracks[0]
+    track = dataclasses.replace(track, time=np.arange(5) / 30, xy=np.column_stack([at, 0 * at]), frame=np.arange(5))
+    assert fastest_step(track, 0, 5) == pytest.approx(2.7)

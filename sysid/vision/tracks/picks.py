@@ -1,0 +1,214 @@
+"""Frames that are picks of a finer sequence: stored at even stamps, taken at uneven times.
+
+In: the tracks, at times of stamps. Out: how long after the one before each frame was taken, in units of the finer
+sequence. Cut or converted films keep one, two or three pictures of 60 a second in turn, so that every ball that moves
+seems to scatter along its way, all at once and not across it. A ball that rolls freely tells the time between two
+frames by the length of its step beside those around it; the balls of a frame must agree. Nothing is changed unless
+such times explain the steps far better than the stamps do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.vision.camera.projection import Array
+from sysid.vision.tracks.follow import BallTrack
+
+PARTS = 2  # of a period: the finer sequence has twice as many pictures
+MIN_STEP_SD = 4.0  # of a step that counts, in standard deviations of its own,
+MIN_STEP_M = 2e-3  # and its length
+MAX_TURN_SINE = 0.3  # between steps of a ball that rolls freely, beside what noise turns them
+IMPACT_STEPS = 4  # before an impact and after it,
+MAX_SPEED_RATIO = 1.7  # of whose means there is none
+WINDOW = 5  # steps on either side, from which the speed at one is told
+MIN_WINDOW = 5  # steps of it that are there
+UNEVEN_SD = 0.4  # of durations that seem uneven [periods]
+MIN_UNEVEN_RATIO = 2.5  # of second differences of places along the way of balls to those across it, median,
+MIN_UNEVEN_CHANGE = 0.15  # and to the steps
+MIN_STEPS = 20  # that tell of it
+ROUND_SDS = (0.4, 0.3, 0.2, 0.1, 0.0, 0.0, 0.0)  # of durations, in rounds of speeds and durations in turn [periods]
+ACCELERATION_SD_M_S2 = 1.0  # of a ball that rolls or slides
+MAX_SD_PARTS = 0.25  # of the duration of a step, of one part, beyond which the stamps are kept
+MAX_OFF_PARTS = 0.4  # of a duration from a whole number of them
+MIN_UNEVEN = 8  # durations that are not what stamps say,
+MIN_UNEVEN_FRACTION = 0.2  # and of those that are told,
+MIN_TOLD_FRACTION = 0.75  # of those that can be, by agreeing balls
+MAX_ERROR_RATIO = 0.35  # of the rms misfit of steps to that by the stamps; picks from four times as many leave 0.45
+
+
+@dataclass(frozen=True)
+class Picks:
+    """Durations of some steps between frames."""
+
+    durations: dict[int, int]  # in parts of a period, by the frame that ends the step, where it is not what stamps say
+
+    def delays(self, frames: NDArray[np.int64], times: Array, period: float) -> Array:
+        """What is to be added to the stamps (n,) of all frames (n,) [s]."""
+        late = np.zeros(len(frames))
+        for k in range(1, len(frames)):
+            if (parts := self.durations.get(int(frames[k]))) is not None:
+                late[k] = parts * period / PARTS - (times[k] - times[k - 1])
+        return np.cumsum(late)
+
+    def text(self, period: float) -> str:
+        """What to tell of it."""
+        changed = f"{len(self.durations)} times between frames set right by the steps of all moving balls"
+        return f"frames are picks from {PARTS / period:.4g} a second, at uneven times: {changed}"
+
+
+def seem_uneven(tracks: Sequence[BallTrack], frames: NDArray[np.int64]) -> bool:
+    """Whether balls scatter along their ways far more than across them, as frames at uneven times make them."""
+    along, across, steps = [], [], []
+    for track in tracks:
+        step = np.diff(track.xy, axis=0)
+        length = np.linalg.norm(step, axis=1)
+        ok = (np.diff(np.searchsorted(frames, track.frame)) == 1) & (length > MIN_STEP_M)
+        both = ok[1:] & ok[:-1]
+        way = (step[1:] + step[:-1])[both]
+        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
+        change = (step[1:] - step[:-1])[both]
+        along.append(np.abs(np.sum(change * way, axis=1)))
+        across.append(np.abs(change[:, 0] * way[:, 1] - change[:, 1] * way[:, 0]))
+        steps.append((length[1:] + length[:-1])[both] / 2)
+    change, aside, length = (np.concatenate(v) if v else np.zeros(0) for v in (along, across, steps))
+    if len(change) < MIN_STEPS:
+        return False
+    more = float(np.median(change)) > MIN_UNEVEN_RATIO * float(np.median(aside))
+    return more and float(np.median(change / length)) > MIN_UNEVEN_CHANGE
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Steps in a row of a ball that rolls freely."""
+
+    at: NDArray[np.int64]  # (n,) index of the step, among those between frames
+    length: Array  # (n,) [m]
+    sd: float  # of a length [m]
+
+
+def find_picks(
+    tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array, period: float, sigma: float
+) -> Picks | None:
+    """The finer sequence that frames (n,) at times (n,) [s] were picked from, if balls tell of one beyond doubt."""
+    runs = [run for track in tracks for run in _runs(track, frames, sigma)]
+    stamps = np.diff(times) / period
+    durations, told, misfit = _durations(runs, stamps, period)
+    uneven = told & (np.abs(durations - stamps) > 0.5 / PARTS)
+    if uneven.sum() < max(MIN_UNEVEN, MIN_UNEVEN_FRACTION * told.sum()):
+        return None
+    if misfit > MAX_ERROR_RATIO * _misfit(runs, stamps, told, period):
+        return None
+    whole = np.rint(durations * PARTS).astype(int)
+    return Picks({int(frames[k + 1]): int(whole[k]) for k in np.flatnonzero(uneven)})
+
+
+def _durations(runs: Sequence[_Run], stamps: Array, period: float) -> tuple[Array, NDArray[np.bool_], float]:
+    """Durations of steps (n,) in periods, which of them the balls tell (n,), and the rms misfit of their steps [sd].
+
+    The misfit is infinite where too few durations are whole numbers of parts on which the balls agree.
+    """
+    durations = stamps.copy()
+    told = np.zeros(len(stamps), bool)
+    for uneven in ROUND_SDS:
+        weight, total = np.zeros(len(stamps)), np.zeros(len(stamps))
+        each = [(run, _speeds(run, durations, period, uneven)) for run in runs]
+        for run, speed in each:
+            known = np.isfinite(speed)
+            of = (speed[known] / run.sd) ** 2
+            np.add.at(weight, run.at[known], of)
+            np.add.at(total, run.at[known], of * run.length[known] / speed[known])
+        sure = weight * (MAX_SD_PARTS / PARTS) ** 2 > 1
+        seen = total / np.maximum(weight, 1e-12)
+        whole = np.maximum(np.rint(seen * PARTS), 1) / PARTS
+        agree = np.abs(seen - whole) * PARTS < MAX_OFF_PARTS
+        for run, speed in each:
+            known = np.isfinite(speed)
+            k = run.at[known]
+            off = np.abs(run.length[known] - speed[known] * whole[k])
+            agree[k[off > 2 * MAX_OFF_PARTS * speed[known] / PARTS]] = False
+        told = sure & agree
+        durations = np.where(told, whole, np.where(sure, np.maximum(seen, 0.5 / PARTS), stamps))
+    durations = np.where(told, durations, stamps)
+    enough = told.sum() >= MIN_TOLD_FRACTION * sure.sum()
+    return durations, told, _misfit(runs, durations, told, period) if enough else np.inf
+
+
+def _misfit(runs: Sequence[_Run], durations: Array, told: NDArray[np.bool_], period: float) -> float:
+    """Root mean square of what steps whose duration is told differ from the speeds around them [sd]."""
+    off = []
+    for run in runs:
+        speed = _speeds(run, durations, period, 0.0)
+        use = np.isfinite(speed) & told[run.at]
+        off.append((run.length[use] - speed[use] * durations[run.at[use]]) / run.sd)
+    values = np.concatenate(off) if off else np.zeros(0)
+    return float(np.sqrt(np.mean(values**2))) if values.size else np.inf
+
+
+def _runs(track: BallTrack, frames: NDArray[np.int64], sigma: float) -> list[_Run]:
+    """Steps of a ball in a row without an impact, with the scatter that it has across its way."""
+    at = np.searchsorted(frames, track.frame)
+    step = np.diff(track.xy, axis=0)
+    length = np.linalg.norm(step, axis=1)
+    moving = (np.diff(at) == 1) & (length > max(MIN_STEP_SD * np.sqrt(2) * sigma, MIN_STEP_M))
+    if not moving.any():
+        return []
+    turn = np.zeros(len(step))  # between a step and the one before, across the way [m]
+    cross = step[:-1, 0] * step[1:, 1] - step[:-1, 1] * step[1:, 0]
+    mean = np.maximum((length[:-1] + length[1:]) / 2, 1e-12)
+    turn[1:] = cross / mean
+    both = moving[1:] & moving[:-1]
+    # Of the second difference of places with an error sd each, across the way, the sd is sqrt(6) sd.
+    scatter = float(np.median(np.abs(turn[1:][both]))) / 0.6745 / np.sqrt(6) if both.any() else sigma
+    sd = max(sigma, scatter)
+    bends = np.abs(turn) > np.maximum(MAX_TURN_SINE * length, 4 * np.sqrt(6) * sd)
+    found, first = [], 0
+    moving &= length > MIN_STEP_SD * np.sqrt(2) * sd
+    for k in range(len(step) + 1):
+        if k == len(step) or not moving[k] or bends[k]:
+            # The first step and the last may hold an impact.
+            for part in _even_parts(length, first + 1, k - 1):
+                found.append(_Run(at[part].astype(np.int64), length[part], float(np.sqrt(2) * sd)))
+            first = k if k < len(step) and moving[k] else k + 1
+    return found
+
+
+def _even_parts(length: Array, first: int, stop: int) -> list[slice]:
+    """Parts of a row of steps (n,) between which the speed changes at once, as in a full impact on the way."""
+    if stop - first < MIN_WINDOW:
+        return []
+    best, at = MAX_SPEED_RATIO, -1
+    for k in range(first + IMPACT_STEPS, stop - IMPACT_STEPS + 1):
+        before, after = length[k - IMPACT_STEPS : k].mean(), length[k : k + IMPACT_STEPS].mean()
+        if (ratio := max(before, after) / min(before, after)) > best:
+            best, at = ratio, k
+    if at < 0:
+        return [slice(first, stop)]
+    return [*_even_parts(length, first, at - 1), *_even_parts(length, at + 1, stop)]
+
+
+def _speeds(run: _Run, durations: Array, period: float, uneven: float) -> Array:
+    """Speeds (n,) at the steps of a run, told by the steps around each and not by itself [m a period]; NaN if few.
+
+    Args:
+        run: of n steps.
+        durations: of all steps [periods].
+        period: of the stamps [s].
+        uneven: standard deviation of a duration [periods].
+    """
+    lasts = durations[run.at]
+    middle = np.cumsum(lasts) - lasts / 2
+    speed = np.full(len(run.at), np.nan)
+    error = np.hypot(run.sd, uneven * np.median(run.length))
+    prior = np.array([0.0, (error / (ACCELERATION_SD_M_S2 * period**2)) ** 2])
+    for k in range(len(run.at)):
+        near = slice(max(k - WINDOW, 0), k + WINDOW + 1)
+        use = np.arange(*near.indices(len(run.at))) != k
+        if use.sum() >= MIN_WINDOW:
+            d, s, t = lasts[near][use], run.length[near][use], middle[near][use] - middle[k]
+            basis = np.column_stack([d, d * t])
+            speed[k] = np.linalg.solve(basis.T @ basis + np.diag(prior), basis.T @ s)[0]
+    return np.where(speed > 0, speed, np.nan)

@@ -1,0 +1,69 @@
+"""Slow noise: none where tracks hold white noise alone, whatever the physics; its size where they wander."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sysid.clips import ClipSet, read_clip_set
+from sysid.clips.noise import position_noise
+from sysid.clips.slow_noise import SlowNoise, slow_noise
+from tests.truth.__main__ import main as generate
+from tests.truth.sizes import NATURAL
+
+SIGMA_M = 2e-4
+WAVE_S = 0.15  # of the wandering: its autocorrelation falls by e within
+FPS = 60.0
+
+
+def made(folder: Path, *words: str) -> ClipSet:
+    common = ("--seed", "12", "--clips", "8", "--sigma", str(SIGMA_M), "--seconds", "4", "--fps", str(FPS))
+    assert generate([str(folder / "set"), *common, *words]) == 0
+    return read_clip_set(folder / "set")
+
+
+def wandering(clip_set: ClipSet, sd: float) -> ClipSet:
+    """The same tracks with an Ornstein-Uhlenbeck error on each axis."""
+    rng = np.random.default_rng(3)
+    clips = []
+    for clip in clip_set.clips:
+        balls = {}
+        for name, seen in clip.balls.items():
+            keep = np.exp(-np.diff(seen.time, prepend=seen.time[0]) / WAVE_S)
+            off, at = np.zeros_like(seen.xy), rng.normal(size=2)
+            for k, share in enumerate(keep):
+                at = share * at + np.sqrt(1 - share**2) * rng.normal(size=2)
+                off[k] = at
+            balls[name] = dataclasses.replace(seen, xy=seen.xy + sd * off)
+        clips.append(dataclasses.replace(clip, balls=balls))
+    return dataclasses.replace(clip_set, clips=tuple(clips))
+
+
+@pytest.mark.parametrize("effect", [None, "table_tilt", "air_drag", "lens_distortion", "side_curve", "off_centre_ball"])
+def test_physics_is_no_slow_noise(tmp_path: Path, effect: str | None) -> None:
+    sizes = NATURAL[effect].items() if effect else ()
+    clip_set = made(tmp_path, *(word for key, value in sizes for word in ("--constant", f"{key}={value}")))
+    assert slow_noise(clip_set, position_noise(clip_set)).sd < 0.5 * SIGMA_M
+
+
+@pytest.mark.parametrize("sd", [5e-4, 1e-3])
+def test_tracks_that_wander_have_slow_noise(tmp_path: Path, sd: float) -> None:
+    """A cubic follows some of it, so it comes out small, never large."""
+    found = slow_noise(wandering(made(tmp_path), sd), SIGMA_M)
+    assert 0.6 * sd < found.sd < 1.1 * sd
+    assert 0.3 < found.correlation_time / (1 + 2 * WAVE_S * FPS) < 1.1
+
+
+def test_few_stretches_tell_nothing(tmp_path: Path) -> None:
+    clip_set = made(tmp_path)
+    few = dataclasses.replace(clip_set, clips=wandering(clip_set, 1e-3).clips[:1])
+    assert slow_noise(few, SIGMA_M) == SlowNoise()
+
+
+def test_noises_together_have_the_correlation_of_the_larger() -> None:
+    assert SlowNoise().together(1e-3, 2.0) == 2.0
+    assert SlowNoise(1e-3, 11.0).together(1e-3, 1.0) == pytest.approx(6.0)
+    assert SlowNoise(1e-3, 11.0).together(1e-6, 1.0) == pytest.approx(11.0, rel=1e-4)

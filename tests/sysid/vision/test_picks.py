@@ -1,0 +1,87 @@
+"""Frames picked from a finer sequence: what the steps of balls tell of the times between them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from models.shot import Array
+from sysid.vision.tracks.follow import BallTrack, Follower
+from sysid.vision.tracks.picks import find_picks, seem_uneven
+from sysid.vision.tracks.prediction import State
+from sysid.vision.tracks.track import _stamped
+from tests.sysid.vision.test_follow import CAMERA, FPS, NAMES, Recording, sightings
+
+PERIOD = 1 / 30
+NOISE_PX = 0.3
+
+
+def picked(parts: int, seed: int = 0, noise: float = NOISE_PX) -> tuple[tuple[BallTrack, ...], Array, Array]:
+    """A shot of two balls that move, 30 frames a second by their stamps; with stamps and true times (n,) [s].
+
+    A frame is taken a whole number of parts of a period late, at random.
+    """
+    made = Recording(fps=120.0).wait(0.5).shot((1.2, 0.42), seconds=3.0).wait(0.3)
+    rows, rng = np.concatenate(made.rows), np.random.default_rng(seed)
+    every = round(120 * PERIOD)
+    count = len(rows) // every - 1
+    late = rng.integers(0, parts, count) * (every // parts)
+    taken = np.arange(count) * every + late
+    follower = Follower(CAMERA, time_sd=0.0 if parts == 1 else 0.4 * PERIOD)
+    for k, some in enumerate(sightings(rows[taken], NAMES, rng, noise=noise)):
+        follower.update(k, k * PERIOD, some)
+    return follower.tracks(), np.arange(count) * PERIOD, taken / 120.0
+
+
+def frames_of(times: Array) -> NDArray[np.int64]:
+    return np.arange(len(times), dtype=np.int64)
+
+
+def test_uneven_times_are_told_by_the_steps_of_all_balls() -> None:
+    tracks, stamps, true = picked(2)
+    assert seem_uneven(tracks, frames_of(stamps))
+    found = find_picks(tracks, frames_of(stamps), stamps, PERIOD, 0.0)
+    assert found is not None
+    told = {k: parts / 2 for k, parts in found.durations.items()}
+    wrong = [k for k, lasts in told.items() if abs(lasts - (true[k] - true[k - 1]) / PERIOD) > 0.01]
+    assert len(told) > 20
+    assert len(wrong) <= 0.05 * len(told)
+    _, _, times, notes = _stamped(tracks, frames_of(stamps), stamps, np.zeros(len(stamps), bool), CAMERA)
+    assert any("picks from 60 a second" in text for text in notes)
+    moving = slice(18, 60)
+    before, after = (np.diff(t[moving]) - np.diff(true[moving]) for t in (stamps, times))
+    assert np.std(after) < 0.5 * np.std(before)
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.3, 2.0])
+def test_even_times_are_left_alone_however_much_balls_scatter(noise: float) -> None:
+    tracks, stamps, _ = picked(1, noise=noise)
+    assert not seem_uneven(tracks, frames_of(stamps))
+    assert find_picks(tracks, frames_of(stamps), stamps, PERIOD, 0.0) is None
+
+
+def test_times_of_a_sequence_four_times_as_fine_are_not_rounded_to_halves() -> None:
+    tracks, stamps, _ = picked(4)
+    assert seem_uneven(tracks, frames_of(stamps))
+    assert find_picks(tracks, frames_of(stamps), stamps, PERIOD, 0.0) is None
+
+
+def test_balls_at_rest_tell_nothing() -> None:
+    follower = Follower(CAMERA)
+    rows = np.concatenate(Recording().wait(1.0).rows)
+    for k, some in enumerate(sightings(rows, NAMES, np.random.default_rng(0))):
+        follower.update(k, k / FPS, some)
+    times = np.arange(len(rows)) / FPS
+    assert not seem_uneven(follower.tracks(), frames_of(times))
+    assert find_picks(follower.tracks(), frames_of(times), times, 1 / FPS, 0.0) is None
+
+
+def test_the_velocity_of_an_evenly_moving_ball_does_not_swing() -> None:
+    """Exact detections, the first velocity unknown: the error of the velocity dies out."""
+    state = State(0.0, 0.0, 0.0, 0.0, 0.0, 1e-12, 0.0, 10.0)
+    errors = []
+    for k in range(1, 12):
+        state = state.predicted(k * PERIOD).updated(0.5 * k * PERIOD + 1e-3 * (k == 4), 0.0, 1e-12)
+        errors.append(abs(state.u - 0.5))
+    assert max(errors[-3:]) < 0.02 * max(errors[3:5])
