@@ -240,7 +240,11 @@ class Program(click.Group):
         for verb in verbs.values():
             if QUIET_OPTION not in verb.params:
                 verb.params.append(QUIET_OPTION)
-        epilog = f'Tab completion, in bash: eval "$(_{name.upper()}_COMPLETE=bash_source {name})"; zsh and fish alike.'
+        asked = f"_{name.upper()}_COMPLETE"
+        epilog = (
+            f'Tab completion, with .venv/bin on the PATH: eval "$({asked}=bash_source {name})" in bash, zsh_source in '
+            f"zsh; in fish {asked}=fish_source {name} | source."
+        )
         super().__init__(
             name, help=text, epilog=epilog, commands=verbs, context_settings=HELP_SETTINGS, no_args_is_help=False,
             subcommand_metavar="VERB [OPTIONS]", options_metavar="", params=[VERSION_OPTION],

@@ -8,6 +8,7 @@ import math
 import os
 import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Sequence
 from enum import IntEnum
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 STANDARD_OUTPUT = "-"  # as a file to write
 OUTPUT_KEY = "models.standard_output"  # of a click context: where that is, while tables are printed elsewhere
+BELOW = "  "  # before a row of a table whose first cell stands on the line above
 PIPED_INTERVAL_S = 5.0  # between progress lines that no terminal shows
 
 
@@ -116,13 +118,28 @@ def as_called(command: str) -> str:
 
 
 def table(rows: Sequence[Sequence[str]], right: int = 1) -> str:
-    """Text in columns: the first `right` of them aligned left, the others right."""
+    """Text in columns: the first `right` of them aligned left, the others right.
+
+    On a terminal that is narrower, the first column stands on lines of its own, and the others below it.
+    """
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    whole = _in_columns(rows, right)
+    if max(map(len, whole), default=0) <= width or len(rows[0]) < 3:
+        return "\n".join(whole)
+    below = _in_columns([row[1:] for row in rows], right - 1)
+    lines = []
+    for row, rest in zip(rows, below, strict=True):
+        lines += [*textwrap.wrap(row[0], width), f"{BELOW}{rest}"]
+    return "\n".join(lines)
+
+
+def _in_columns(rows: Sequence[Sequence[str]], right: int) -> list[str]:
     widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     lines = []
     for row in rows:
         cells = [c.ljust(w) if k < right else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
         lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
+    return lines
 
 
 def print_constants(model: Model) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -112,6 +113,7 @@ class ImageState:
     time: float = 0.0  # [s]
 
 
+COLOUR_CODE = re.compile(r"\x1b\[[0-9;]*m")
 HOOK_STATES: dict[str, type] = {
     "forces": BallState, "horizon": BallState, "impact": ImpactState, "strike": StrokeState, "observe": ImageState,
 }  # fmt: skip
@@ -157,7 +159,8 @@ def address(function: Callable[..., Any], hook: str, layout: tuple[str, ...]) ->
         fault = f"{function.__qualname__} does not compile: {' '.join(str(error).split())}"
         raise HookError(f"{fault}; declare it as models/effect.py does") from error
     except NumbaError as error:
-        said = [line.strip() for line in str(error).splitlines() if line.strip()]
+        plain = COLOUR_CODE.sub("", str(error))  # numba colours its messages where colorama is installed
+        said = [line.strip() for line in plain.splitlines() if line.strip()]
         lines = [line for line in said if line.startswith("File ")]
         what = next((x for x in said if "Failed in" not in x), said[0])
         where = f" ({lines[-1].rstrip(':')})" if lines else ""

@@ -347,13 +347,13 @@ def write_model(model: Model, path: Path | str) -> None:
         "format": MODEL_FORMAT,
         "table": dataclasses.asdict(model.table),
         "ball": dataclasses.asdict(model.ball),
-        "native": entry(model.native),
         "effect": [{"name": e.name(), **_origin(e), **entry(e)} for e in model.effects],
     }
-    if model.sizes:
+    if model.sizes:  # what was fitted goes before the native contact, which plays where there is no effect
         data["size"] = {name: item(name, value, model.meta(name)) for name, value in model.sizes.items()}
     if model.fitted:
         data["fit"] = dict(model.fitted)
     if model.execution:
         data["execution"] = dict(model.execution)
+    data["native"] = entry(model.native)
     write_whole(path, tomli_w.dumps(data).encode(), parents=True)

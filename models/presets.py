@@ -65,6 +65,11 @@ def find_table(text: str) -> TableSet | Table:
     feet = re.search(r"\d+", text)
     if near and (feet is None or feet[0] in near[0]):
         raise BadInput(f'{text}: is no table known here; did you mean "{by_plain[near[0]]}"?')
+    if "snooker" in text.lower() and feet is not None:
+        raise BadInput(
+            f"{text}: the rules of snooker define the full size of 12 ft alone, and makers differ; measure yours from "
+            "nose to nose and give that in metres: 10 ft is about 2.97x1.48, with balls of 0.0525"
+        )
     raise BadInput(
         f"{text}: is no table known here; give one of {', '.join(TABLE_SETS)}, or length and width from nose to nose "
         "in metres, such as 1.881x0.943"

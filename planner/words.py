@@ -10,7 +10,7 @@ from typing import Any
 
 from models.recording.plan import percent, sentence
 
-STROKE_HEADS = ("stroke", "string", "x'0 [mm]", "y'0 [mm]", "yaw [deg]", "potted", "fouls", "rest, median [mm]")
+STROKE_HEADS = ("stroke", "string", "x'0 mm", "y'0 mm", "yaw deg", "potted", "fouls", "rest mm")
 
 
 def plan_lines(made: Mapping[str, Any]) -> list[str]:

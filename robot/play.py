@@ -44,6 +44,15 @@ POCKETED_DISTANCE_M = 0.15  # from a pocket, within which a ball that disappears
 CUE_FIELDS = ("speed", "azimuth", "side", "height", "elevation")
 
 
+@dataclass(frozen=True)
+class FilmedFrames:
+    """The frames of a video that show a clip, counted from 0."""
+
+    video: Path
+    first: int  # that of the clip's first sample
+    last: int
+
+
 class ShotCamera(Protocol):
     """A camera over the table; robot/camera/live.py or robot/emulator/table.py."""
 
@@ -55,6 +64,8 @@ class ShotCamera(Protocol):
     def fps(self) -> float: ...  # [1/s]
     @property
     def sigma(self) -> float: ...  # of a place, each axis [m]
+    @property
+    def filmed(self) -> FilmedFrames | None: ...  # of the last film; None where there is no video
 
     def look(self) -> Mapping[str, Array]:
         """Where the resting balls are seen, by name: (2,) [m]."""
@@ -285,13 +296,26 @@ def _clips_so_far(folder: Path | str | None, camera: ShotCamera | None) -> ClipS
     return old
 
 
-def add_clip(clip_set: ClipSet, balls: Mapping[str, Observation], struck: str, cue: CueCommand, note: str) -> ClipSet:
-    """The clip set with one more clip, under the next free number."""
+def add_clip(
+    clip_set: ClipSet, balls: Mapping[str, Observation], struck: str, cue: CueCommand, note: str,
+    filmed: FilmedFrames | None = None,
+) -> ClipSet:  # fmt: skip
+    """The clip set with one more clip, under the next free number, and where its film is."""
     taken, k = {clip.file for clip in clip_set.clips}, len(clip_set.clips) + 1
     while f"clips/{k:04d}.csv" in taken:
         k += 1
-    clip = Clip(f"clips/{k:04d}.csv", struck, dict(balls), cue, note)
-    return dataclasses.replace(clip_set, clips=(*clip_set.clips, clip))
+    extra, known = dict[str, Any](), clip_set.extra
+    if filmed is not None:
+        from sysid.vision.tracks.recordings import VIDEOS_KEY, place_of, video_name, videos_in
+
+        videos = list(videos_in(clip_set).values())
+        name, used = video_name(filmed.video.name), {video["name"] for video in videos}
+        while name in used:
+            name += "-again"
+        videos.append({"name": name, "file": place_of(str(filmed.video), clip_set.folder), "fps": clip_set.fps})
+        extra, known = {"video": name, "frames": [filmed.first, filmed.last]}, {**known, VIDEOS_KEY: videos}
+    clip = Clip(f"clips/{k:04d}.csv", struck, dict(balls), cue, note, extra)
+    return dataclasses.replace(clip_set, clips=(*clip_set.clips, clip), extra=known)
 
 
 def _record(
@@ -304,7 +328,7 @@ def _record(
     clip = None
     if log is not None and clips is not None and film:
         try:
-            log = add_clip(log, film, cue, order.cue, f"played {when}")
+            log = add_clip(log, film, cue, order.cue, f"played {when}", camera.filmed if camera else None)
             write_clip_set(log, clips)
             clip = log.clips[-1].file
         except BadInput as error:  # the stroke has been made, its record must not be lost with the film

@@ -71,13 +71,14 @@ class ReviewOut(Out):
     """The open recording of a review."""
 
     clips: Sequence[LaidClip]
+    counter: str = "clip"  # the timeline that counts them
 
     def moving(self, path: str, kind: Any, style: Mapping[str, Any], data: Mapping[str, Any], rows: Rows) -> None:
         """Log an archetype with a fixed style, if any, and the rows' instances of data."""
         if style:
             self.fixed(path, kind.from_fields(**style))
         time = self.rr.TimeColumn("shot_time", duration=np.asarray(rows[1], dtype=float))
-        clip = self.rr.TimeColumn("clip", sequence=np.asarray(rows[0], dtype=int))
+        clip = self.rr.TimeColumn(self.counter, sequence=np.asarray(rows[0], dtype=int))
         self.stream.send_columns(path, [time, clip], kind.columns(**data).partition(rows[2]), strict=True)
 
     def labels(self) -> list[str]:

@@ -41,6 +41,10 @@ class Film:
     clips: Mapping[str, tuple[NDArray[np.int64], Array]]  # by clip: frames (n,), and their times in the clip (n,) [s]
     pictures: Callable[[Collection[int]], Iterable[tuple[int, Picture]]]  # some frames, in order, with their numbers
 
+    def identity(self) -> bytes:
+        """What tells it from another: its name, and which frames show which clip."""
+        return repr((self.video.name, [(name, index.tolist()) for name, (index, _) in self.clips.items()])).encode()
+
 
 def playable_stamps(video: Path) -> NDArray[np.int64] | None:
     """Times of the frames (n,) [ns] of a video that the viewer plays on this machine; None of any other footage."""

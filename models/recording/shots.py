@@ -63,9 +63,7 @@ def write_review(
     for time, values in (pair for series in each for pair in series.values()):
         digest.update(time.tobytes() + values.tobytes())
     for film in films:
-        digest.update(
-            repr((film.video.name, [(name, index.tolist()) for name, (index, _) in film.clips.items()])).encode()
-        )
+        digest.update(film.identity())
     larger, labels = magnification(clips), labels_of(clips)
     blueprint = _blueprint(table, ball, clips, larger, filmed=bool(films))
     with whole_recording(path, REVIEW_APPLICATION, digest.hexdigest()[:32], title, blueprint) as stream:

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.recording.clips import CLIP_GAP_S, UNSEEN_S
+from models.recording.clips import CLIP_GAP_S, UNSEEN_S, LaidClip, Review, ReviewOut
 from models.recording.file import whole_recording
+from models.recording.film import FILM_SCREEN, Film, draw_films
 from models.recording.palette import FLOOR_COLOUR, MODEL_COLOUR, WHITE_COLOUR, Colour, ball_colour, ink
 from models.recording.table import Out, draw_table
 from models.shot import Array, Ball, Table
@@ -59,6 +60,7 @@ class SeriesShot:
     curves: Mapping[str, float] = field(default_factory=dict)  # a key of STORY_CURVES -> [m]; NaN for none
     words: str = ""  # what came of it, in a line
     page: str = ""  # the same at length, Markdown
+    clip: str = ""  # what films call it
 
 
 @dataclass(frozen=True)
@@ -72,18 +74,20 @@ class SeriesRecording:
     ball: Ball = SNOOKER_BALL
 
 
-def write_story(path: Path | str, recording: SeriesRecording, *, title: str) -> None:
-    """Write one Rerun recording of a series; the file appears whole or not at all.
+def write_story(path: Path | str, recording: SeriesRecording, *, title: str, films: Sequence[Film] = ()) -> str:
+    """Write one Rerun recording of a series; what of films went in, in words. The file appears whole or not at all.
 
     Raises BadInput where it cannot be written.
     """
     import rerun as rr
 
     table, ball = recording.table, recording.ball
-    with whole_recording(path, STORY_APPLICATION, _digest(recording, title), title, _blueprint(table, ball)) as stream:
-        out = _Film(rr, stream, _lay_out(recording.scenes))
+    blueprint, digest = _blueprint(table, ball, filmed=bool(films)), _digest(recording, title, films)
+    with whole_recording(path, STORY_APPLICATION, digest, title, blueprint) as stream:
+        out = _Drawing(rr, stream, _lay_out(recording.scenes))
         draw_table(out, table, ball)
         _draw_story(out, recording, title)
+        return draw_films(out.as_clips(), films) if films else ""
 
 
 class LiveStory:
@@ -93,7 +97,7 @@ class LiveStory:
         """Begin to show a series on a table."""
         import rerun as rr
 
-        self._rr, self._title, self._ends = rr, title, dict[int, float]()
+        self._rr, self._title, self._ends, self._said = rr, title, dict[int, float](), dict[int, str]()
         self._stream = feed.stream(
             LIVE_APPLICATION, title, _blueprint(table, ball, play_state="following", loop_mode="off")
         )
@@ -104,10 +108,11 @@ class LiveStory:
         before = max((end for number, end in self._ends.items() if number < recording.scenes[0].number), default=None)
         laid = _lay_out(recording.scenes, before)
         self._ends |= {one.scene.number: one.last for one in laid}
-        _draw_story(_Film(self._rr, self._stream, laid), recording, self._title)
+        _draw_story(_Drawing(self._rr, self._stream, laid, dict(self._said)), recording, self._title)
+        self._said |= {one.scene.number: one.scene.words for one in laid}
 
 
-def _draw_story(out: _Film, recording: SeriesRecording, title: str) -> None:
+def _draw_story(out: _Drawing, recording: SeriesRecording, title: str) -> None:
     """The shots that are laid out, their curves and all words."""
     _draw_balls(out, recording.ball)
     _draw_marks(out, recording.ball)
@@ -126,10 +131,11 @@ class _Laid:
 
 
 @dataclass(frozen=True)
-class _Film(Out):
+class _Drawing(Out):
     """The open recording, with the shots one after another."""
 
     laid: Sequence[_Laid]
+    said: Mapping[int, str] = field(default_factory=dict)  # lines that the log has, by shot
 
     def names(self, who: str) -> list[str]:
         """Every ball in `start`, `planned` or `played` of the shots, in order of appearance."""
@@ -146,15 +152,25 @@ class _Film(Out):
         columns.append(self.rr.TimeColumn("shot_time", duration=time.astype(float)))
         self.stream.send_columns(path, columns, kind.columns(**data).partition(count.astype(int)), strict=True)
 
+    def as_clips(self) -> ReviewOut:
+        """The shots as films take them."""
+        clips = [
+            LaidClip(Review(one.scene.clip, {}), one.scene.number, one.start, one.start, one.last, {}, {})
+            for one in self.laid
+        ]
+        return ReviewOut(self.rr, self.stream, clips, "shot")
+
     def per_shot(self, count: Sequence[int] | None = None) -> tuple[list[int], list[float], Sequence[int]]:
         """One row at each shot's beginning."""
         laid = self.laid
         return [one.scene.number for one in laid], [one.start for one in laid], count or [1] * len(laid)
 
 
-def _digest(recording: SeriesRecording, title: str) -> str:
+def _digest(recording: SeriesRecording, title: str, films: Sequence[Film]) -> str:
     """Of all that is shown."""
     digest = hashlib.sha256(repr((title, recording.table, recording.ball, recording.words, recording.lessons)).encode())
+    for film in films:
+        digest.update(film.identity())
     for scene in recording.scenes:
         digest.update(repr((scene.number, scene.words, scene.page, sorted(scene.curves.items()))).encode())
         places = [scene.target, scene.stopped, scene.wanted, *scene.start.values()]
@@ -185,7 +201,7 @@ def _line(way: Way | None) -> Array:
     return np.empty((0, 2)) if way is None else np.asarray(way[1])[np.isfinite(way[1]).all(axis=1)]
 
 
-def _draw_balls(out: _Film, ball: Ball) -> None:
+def _draw_balls(out: _Drawing, ball: Ball) -> None:
     """Balls as filmed, at their places where there is no film; their ways, planned and played, over the whole shot."""
     rr, r = out.rr, ball.radius
     for who, radius, order in (("planned", -0.8, 12.0), ("played", -1.8, 10.0)):
@@ -235,7 +251,7 @@ def _appearance(one: _Laid, name: str) -> tuple[Array, Array, Any]:
     return time, xy, np.isfinite(xy).all(axis=1)
 
 
-def _draw_marks(out: _Film, ball: Ball) -> None:
+def _draw_marks(out: _Drawing, ball: Ball) -> None:
     """Where the cue ball was commanded to stop, where it stopped, where it was wanted."""
     rr, r = out.rr, ball.radius
     scenes = [one.scene for one in out.laid]
@@ -260,7 +276,7 @@ def _draw_marks(out: _Film, ball: Ball) -> None:
         out.send(f"top/{part}", rr.Ellipses2D, style, data, out.per_shot([int(xy is not None) for xy in places]))
 
 
-def _plot(out: _Film) -> None:
+def _plot(out: _Drawing) -> None:
     """Miss and forecast of every shot [mm]; a shot without leaves a gap."""
     rr = out.rr
     for key, (name, colour) in STORY_CURVES.items():
@@ -273,7 +289,7 @@ def _plot(out: _Film) -> None:
         out.send(f"plot/{key}", rr.Scalars, {}, {"scalars": values}, out.per_shot())
 
 
-def _describe(out: _Film, recording: SeriesRecording, title: str) -> None:
+def _describe(out: _Drawing, recording: SeriesRecording, title: str) -> None:
     """Words: the series, how to read it, each shot, what refits found."""
     rr, style = out.rr, {"media_type": "text/markdown"}
     out.fixed("text/series", rr.TextDocument(f"# {title}\n{recording.words}", **style))
@@ -281,9 +297,10 @@ def _describe(out: _Film, recording: SeriesRecording, title: str) -> None:
     pages = [one.scene.page or one.scene.words for one in out.laid]
     data = {"text": pages, "media_type": ["text/markdown"] * len(pages)}
     out.send("text/shot", rr.TextDocument, {}, data, out.per_shot())
-    lines = [one.scene.words for one in out.laid]
-    log = {"text": lines, "level": ["DEBUG"] * len(lines)}
-    out.send("log/shot", rr.TextLog, {}, log, out.per_shot())
+    new = [one for one in out.laid if out.said.get(one.scene.number) != one.scene.words]
+    log = {"text": [one.scene.words for one in new], "level": ["DEBUG"] * len(new)}
+    rows = [one.scene.number for one in new], [one.start for one in new], [1] * len(new)
+    out.send("log/shot", rr.TextLog, {}, log, rows)
     last = {one.scene.number: one.last for one in out.laid}
     lessons = [(shots, last.get(shots, max(last.values(), default=0.0)), text) for shots, text in recording.lessons]
     if lessons:
@@ -292,8 +309,8 @@ def _describe(out: _Film, recording: SeriesRecording, title: str) -> None:
         out.send("log/refit", rr.TextLog, {}, log, (shots, times, [1] * len(texts)))
 
 
-def _blueprint(table: Table, ball: Ball, **playing: str) -> Any:
-    """Table and log on the left, curves and words on the right; `playing` is how time runs at first."""
+def _blueprint(table: Table, ball: Ball, *, filmed: bool = False, **playing: str) -> Any:
+    """Table, film and log on the left, curves and words on the right; `playing` is how time runs at first."""
     import rerun.blueprint as rrb
 
     x, y = np.array([table.length, table.width]) / 2 + 3 * ball.diameter
@@ -307,7 +324,8 @@ def _blueprint(table: Table, ball: Ball, **playing: str) -> Any:
     series = rrb.TextDocumentView(origin="text/series", name="The series")
     guide = rrb.TextDocumentView(origin="text/guide", name="How to read this")
     shot = rrb.TextDocumentView(origin="text/shot", name="This shot")
-    left = rrb.Vertical(above, log, row_shares=[5, 2])
+    film = [rrb.Spatial2DView(origin=FILM_SCREEN, name="Film", background=FLOOR_COLOUR)] * filmed
+    left = rrb.Vertical(above, *film, log, row_shares=[5, *[5] * filmed, 2])
     right = rrb.Vertical(curves, rrb.Tabs(shot, series, guide), row_shares=[1, 1])
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),

@@ -1,7 +1,7 @@
 """The Rerun viewer as a program beside this one: opened on a recording, fed while work goes on, or asked for pictures.
 
-It is the viewer of this installation, and listens to this machine alone. Pictures and films are taken of a viewer
-without a window, which needs Vulkan, if only Mesa's software.
+It is the viewer of this installation, listens to this machine alone, and sends its makers no usage data. Pictures and
+films are taken of a viewer without a window, which needs Vulkan, if only Mesa's software.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ FILM_SIZE_PX = (1280, 720)
 FILM_HZ, FILM_S = 10.0, 12.0  # pictures in a second of a film, and its length at most
 STEP_S = 1.0  # for which a film shows a step of a timeline that counts
 LOG_LEVEL = "RUST_LOG"  # the variable
+SETTINGS_HOME, SETTINGS_FILE = "XDG_CONFIG_HOME", "rerun/analytics.json"  # the variable, and a file below it
 NO_DISPLAY = "there is no display (DISPLAY is not set)"
 
 
@@ -67,7 +68,17 @@ def open_viewer(recording: Path, *, web: bool) -> bool:
         page = _free_port()
         words += ["--web-viewer", "--web-viewer-port", str(page)]
         print(f"review: {_page_address(page, _feed_address(port))} until Ctrl-C", flush=True)
-    return subprocess.run(words, check=False, env={LOG_LEVEL: "warn", **os.environ}).returncode == 0
+    return subprocess.run(words, check=False, env={LOG_LEVEL: "warn", **os.environ, **own_settings()}).returncode == 0
+
+
+def own_settings() -> dict[str, str]:
+    """Variables by which the viewer has settings of its own, in which usage data are switched off."""
+    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    own = {SETTINGS_HOME: str(Path(cache) / "cuelab" / "viewer")}
+    if not (Path(own[SETTINGS_HOME]) / SETTINGS_FILE).is_file():
+        words = [viewer_program(), "analytics", "disable"]
+        subprocess.run(words, check=False, env={**os.environ, **own}, capture_output=True)
+    return own
 
 
 def _feed_address(port: int) -> str:
@@ -125,7 +136,10 @@ def _started(options: Sequence[str], what: str, *, stays: bool = False) -> Itera
     port = _free_port()
     words = [viewer_program(), "--bind", THIS_MACHINE, "--port", str(port), *options]
     with tempfile.TemporaryFile() as said:
-        running = subprocess.Popen(words, stdout=said, stderr=said, stdin=subprocess.DEVNULL, start_new_session=True)
+        running = subprocess.Popen(
+            words, stdout=said, stderr=said, stdin=subprocess.DEVNULL, start_new_session=True,
+            env={**os.environ, **own_settings()},
+        )  # fmt: skip
         well = False
         try:
             _until(lambda: running.poll() is not None or _listens(port), START_S)

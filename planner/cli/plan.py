@@ -23,7 +23,7 @@ from models.command_line import (
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from planner.cli.common import execution_option, load_execution, load_model, model_option
-from sysid.cli.common import print_recording, rrd_option
+from sysid.cli.common import print_recording
 
 if TYPE_CHECKING:
     from models.shot import Ball
@@ -102,7 +102,7 @@ class PlanOutputs:
     out: Path = given(out_option("PLAN.json", "Where the plan goes."))
     report_file: Path | None = given(output_option("report", "FILE.html", "Write the plan with pictures."))
     picture_file: Path | None = given(output_option("picture", "FILE.png", "Draw the table from above."))
-    rrd_file: Path | None = given(rrd_option)
+    rrd_file: Path | None = given(output_option("rrd", "FILE.rrd", "Write the plan as a recording for Rerun."))
 
 
 @click.command()
@@ -171,3 +171,4 @@ def print_plan(made: dict[str, Any]) -> None:
     print("\n".join(plan_lines(made)))
     if rows := stroke_rows(made):
         print(table([STROKE_HEADS, *rows]))
+        print("rest: distance of the cue ball from the wanted place where it stops, else from its mean place, median")

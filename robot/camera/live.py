@@ -24,12 +24,13 @@ from models.shot import Array, Ball, Table
 from planner.from_picture import CUE_BALL_NAMES, DetectedBalls, balls_in_picture
 from robot.camera.recorder import NO_PICTURE, FilmRecorder, checked
 from robot.camera.source import Device, Source
+from robot.play import FilmedFrames
 from sysid.clips import Observation
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import palette_for
 from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
 from sysid.vision.details import details
-from sysid.vision.frames import Footage, Picture
+from sysid.vision.frames import Picture
 from sysid.vision.tracks.clips import Extra, clip_set
 from sysid.vision.tracks.track import Tracked, track, without_shots
 
@@ -81,6 +82,7 @@ class LiveCamera:
         pixel = camera.radius / float(camera.radius_px(np.zeros((1, 2)))[0])  # [m]
         self.fps, self.sigma = rate, options.sigma if options.sigma is not None else round(PLACE_ERROR_PX * pixel, 5)
         self.warnings: tuple[str, ...] = ()  # of the last look or film
+        self.filmed: FilmedFrames | None = None  # what the last film is of
         self._source, self.seen_with, self._folder = source, camera, Path(folder)
         self._options, self._say = options, say
         self._seen: dict[str, Array] = {}
@@ -130,6 +132,7 @@ class LiveCamera:
     def arm(self) -> None:
         """Begin to record; to be called just before a stroke."""
         self._abandon_film()
+        self.filmed = None
         with contextlib.suppress(OSError):  # a folder that cannot be written is reported by the recorder
             self._folder.mkdir(parents=True, exist_ok=True)
         films = (self._folder / f"film-{k:04d}.mkv" for k in count(1))
@@ -146,7 +149,7 @@ class LiveCamera:
         warnings = recording.warnings
         try:
             recording.finish(self._options.max_roll_s)
-            return self._tracked(recording.footage(), warnings)
+            return self._tracked(recording, warnings)
         except BadInput as error:
             warnings.append(f"the film could not be evaluated: {error}")
             return {}
@@ -155,8 +158,9 @@ class LiveCamera:
             for line in warnings:
                 self._say(line)
 
-    def _tracked(self, footage: Footage, warnings: list[str]) -> dict[str, Observation]:
+    def _tracked(self, recording: FilmRecorder, warnings: list[str]) -> dict[str, Observation]:
         """The balls of the first shot that struck the cue ball."""
+        footage = recording.footage()
         palette = palette_for(self._options.palette_path, self.seen_with.table, self.seen_with.diameter)
         detector = learn_detector(self.seen_with, footage, palette)
         result = track(footage, self.seen_with, detector, dict(zip(palette.names, palette.counts, strict=True)))
@@ -171,6 +175,8 @@ class LiveCamera:
         extras = [Extra({name: turned.steady for name, turned in one.turned.items()}) for one in seen]
         balls = clip_set(result, self.seen_with, self.ball.mass, self.fps, extras).clips[k].balls
         names = _names(result, k, self._seen, self.seen_with.radius)
+        first = min(int(path.frame[rows[0]]) for path, rows in result.found[k].values())
+        self.filmed = FilmedFrames(recording.path, first, result.shots[k].last)
         return {names[name]: ball for name, ball in balls.items()}
 
 

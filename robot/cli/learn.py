@@ -264,8 +264,11 @@ def _reveal(folder: Path, stand: EmulatedRig) -> None:
 def _draw(folder: Path, story: History, progress: Progress) -> None:
     """The report and the recording."""
     from robot.learning.report import write_picture, write_recording, write_report
+    from sysid.clips import read_clip_set
+    from sysid.report.recording import found_films
 
     progress("report and recording")
     write_report(folder / "report.html", story, f"The closed loop: {len(story.shots)} shots")
     write_picture(folder / "story.png", story)
-    write_recording(folder / "story.rrd", story)
+    filmed = (folder / "clips" / "clips.toml").is_file()
+    write_recording(folder / "story.rrd", story, films=found_films(read_clip_set(folder / "clips")) if filmed else ())

@@ -145,7 +145,7 @@ def _striker(
 @click.command("map")
 @click.argument("campaign", metavar="CSV", type=FILE_PATH)
 @out_option("MAP.toml", "Where the map goes; planner plan --map reads it.")
-@output_option("report", "H.html", "Write the map with pictures, beside the published networks.")
+@output_option("report", "H.html", "Write the map with pictures, and its errors on strokes held out.")
 @output_option("picture", "P.png", "Write its pictures alone.")
 @input_option("model", "M.toml", "Model of the table, for the balls that were struck; by default those of snooker.")
 @click.pass_obj
@@ -170,25 +170,25 @@ def map_(
     shots = read_campaign(campaign)
     geometry = Geometry(read_model(model_file).ball) if model_file else None
     made = fit_map(shots, geometry)
+    if report_file or picture_file:
+        from robot.cueing.held_out import compare_maps
+        from robot.cueing.report import write_picture, write_report
+
+        progress("fitting without the strokes held out")
+        contest = compare_maps(shots, np.random.default_rng(0), geometry=geometry)
+        progress.close()
     write_map(out, made)
     sds = np.sqrt(np.diag(made.covariance))
     rows = [("constant", "value", "sd")]
     rows += [(n, f"{getattr(made.constants, n):.6g}", f"{sd:.2g}") for n, sd in zip(CONSTANT_NAMES, sds, strict=True)]
     print(table(rows))
     print(f"map: {out} ({made.shots} shots, {made.left_out} left out, chi2 {made.chi2_reduced:.2f})")
-    if report_file or picture_file:
-        from robot.cueing.held_out import compare_maps
-        from robot.cueing.report import write_picture, write_report
-
-        progress("training the networks that it is compared with")
-        contest = compare_maps(shots, np.random.default_rng(0), geometry=geometry)
-        progress.close()
-        if report_file:
-            write_report(report_file, f"Cueing map: {campaign.name}", shots, contest)
-            print(f"report: {report_file}")
-        if picture_file:
-            write_picture(picture_file, shots, contest)
-            print(f"picture: {picture_file}")
+    if report_file:
+        write_report(report_file, f"Cueing map: {campaign.name}", shots, contest)
+        print(f"report: {report_file}")
+    if picture_file:
+        write_picture(picture_file, shots, contest)
+        print(f"picture: {picture_file}")
     return Status.DONE
 
 

@@ -109,6 +109,7 @@ class SeenScene:
     scene: Scene
     fps: float = 1.0
     sigma: float = 0.0
+    filmed: None = None
 
     @property
     def table(self) -> Table:

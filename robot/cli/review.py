@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from models.command_line import FILE_PATH, gathered, input_option
 from models.console import Progress
 from models.errors import BadInput
+from sysid.cli.review import film_said, video_option
 from sysid.cli.viewing import Viewing
+
+if TYPE_CHECKING:
+    from models.recording.film import Film
 
 
 @click.command()
 @click.argument("played", metavar="DIR|SHOTS.csv", type=FILE_PATH)
 @input_option("map", "MAP.toml", "Cueing map that a campaign is held against; by default a regular cue's.")
+@video_option
 @gathered("viewing", Viewing)
 @click.pass_obj
-def review(progress: Progress, played: Path, map_file: Path | None, viewing: Viewing) -> int:
+def review(progress: Progress, played: Path, map_file: Path | None, video: Path | None, viewing: Viewing) -> int:
     """Review in the Rerun viewer what was played: planned and played shots, predicted and measured strokes.
 
-    DIR is a series of robot learn, also one that is not finished; SHOTS.csv a campaign of robot campaign. The viewer
-    listens to this machine alone.
+    DIR is a series of robot learn, also one that is not finished: its shots, beside their films where a camera took
+    them; SHOTS.csv a campaign of robot campaign. The viewer listens to this machine alone.
 
     Example: robot review out/series
     """
@@ -32,11 +39,29 @@ def review(progress: Progress, played: Path, map_file: Path | None, viewing: Vie
 
         if map_file:
             raise BadInput(f"--map {map_file}: belongs to a campaign; {played} is a series, leave it out")
-        story = read_history(played)
-        return viewing.show(lambda path: write_recording(path, story, f"The series {played.name}"), progress)
+        story, title = read_history(played), f"The series {played.name}"
+        films = _films(played, video, progress)
+        return viewing.show(lambda path: film_said(write_recording(path, story, title, films)), progress)
+    if video:
+        raise BadInput(f"--video {video}: belongs to a series; {played} is a campaign, leave it out")
     from planner.launcher.cueing_map import read_map
     from robot.cueing.campaign import read_campaign
     from robot.cueing.recording import write_recording as write_campaign
 
     shots, known = read_campaign(played), read_map(map_file) if map_file else None
     return viewing.show(lambda path: write_campaign(path, shots, known, f"The campaign {played.name}"), progress)
+
+
+def _films(folder: Path, video: Path | None, progress: Progress) -> Sequence[Film]:
+    """The films of a series, where a camera took any."""
+    from sysid.clips import read_clip_set
+    from sysid.vision.films import films_of, missing_line
+
+    if not (folder / "clips" / "clips.toml").is_file():
+        return ()
+    progress("looking at the films")
+    found, missing = films_of(read_clip_set(folder / "clips"), video)
+    progress.close()
+    if missing:
+        print(missing_line(missing, video))
+    return found

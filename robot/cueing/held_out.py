@@ -4,8 +4,9 @@ In: the shots of a campaign with repeats (robot/cueing/campaign.py). Out: root m
 squirt, by map, for a report (robot/cueing/report.py).
 
 Whole strokes are held out with all their repeats. The map is fitted to all other shots, and once more to a tenth of
-them. The noise floor is the scatter of repeats about their own mean, sqrt(sum |x - mean|^2 / (shots - strokes)), which
-no map can beat. Where the exact outcome of a stroke is known (emulated launcher), errors against it are given too.
+them, no fewer than a map takes. The noise floor is the scatter of repeats about their own mean,
+sqrt(sum |x - mean|^2 / (shots - strokes)), which no map can beat. Where the exact outcome of a stroke is known
+(emulated launcher), errors against it are given too.
 Leaves out how a map does between the places of the grid.
 """
 
@@ -23,7 +24,7 @@ from models.analytic.cue_impulse import Geometry
 from models.shot import Array
 from planner.launcher.cueing_map import CueingMap
 from robot.cueing.campaign import CueShot
-from robot.cueing.map_fit import fit_map
+from robot.cueing.map_fit import MIN_SHOTS, fit_map
 
 Stroke = tuple[int, float, float]  # string, x0_mm, y0_mm
 Predict = Callable[[Array, Array, Array], tuple[Array, Array]]  # cue speed [m/s], x0_mm, y0_mm -> speed [m/s], squirt
@@ -81,7 +82,8 @@ def compare_maps(
     out = {strokes[k] for k in rng.permutation(len(strokes))[: max(round(held_out * len(strokes)), 1)]}
     train = [s for s in good if (s.string, s.x0_mm, s.y0_mm) not in out]
     held = [s for s in good if (s.string, s.x0_mm, s.y0_mm) in out]
-    few = [train[k] for k in sorted(rng.permutation(len(train))[: round(len(train) / 10)])]
+    count = max(round(len(train) / 10), MIN_SHOTS)
+    few = [train[k] for k in sorted(rng.permutation(len(train))[:count])]
     others = fit_others(train) if fit_others is not None else {}
     inputs, measured = stroke_table(held)
     predicted = {name: (predict(*inputs.T), len(train)) for name, predict in others.items()}

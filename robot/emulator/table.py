@@ -99,6 +99,10 @@ class EmulatedTable:
         self.track: Track | None = None  # of the last shot, without noise
         self.turn_to(azimuth)
 
+    @property
+    def filmed(self) -> None:
+        """Nothing: there is no video."""
+
     def turn_to(self, azimuth: float) -> None:
         """Put the stand behind the cue ball where it lies, turned by hand."""
         self.azimuth = azimuth + self.options.yaw_sd * float(self._rng.standard_normal())

@@ -120,11 +120,10 @@ def constants(story: History) -> tuple[float, Draw] | None:
             ax.set_title(one_line(name), fontsize=7.5, parse_math=False)
             ax.set_xlim(0, max(r.shots for r in story.refits) + block_size(story) / 2)
             ax.set_ylim(*_limits(value, np.where(known, 2 * sd, 0.0)))
-            ax.ticklabel_format(axis="y", useOffset=False, style="sci", scilimits=(-3, 4))
+            ax.yaxis.set_major_formatter("{x:.5g}")
             ax.locator_params(axis="y", nbins=4)
             ax.locator_params(axis="x", nbins=5, integer=True)
             ax.tick_params(labelsize=7, length=2)
-            ax.yaxis.get_offset_text().set_fontsize(7)
             ax.grid(axis="y")
             ax.set_axisbelow(True)
         for ax in axes[len(names) :]:

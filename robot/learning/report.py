@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from models.files import write_whole
-from models.recording.story import SeriesRecording, Way, write_story
-from models.recording.story import SeriesShot as Film
+from models.recording.film import Film
+from models.recording.story import SeriesRecording, SeriesShot, Way, write_story
 from models.report.figure import Draw, png, svg
 from models.report.numbers import NO_VALUE, millimetres, number
 from models.report.page import printable, write_page
@@ -50,9 +50,14 @@ def write_picture(path: Path | str, story: History) -> None:
     write_whole(path, png(*misses(story), dpi=144))
 
 
-def write_recording(path: Path | str, story: History, title: str = "A series of shots") -> None:
-    """Write the whole series as one Rerun recording, whole or not at all; BadInput where it cannot be written."""
-    write_story(path, recording_of(story), title=title)
+def write_recording(
+    path: Path | str, story: History, title: str = "A series of shots", films: Sequence[Film] = ()
+) -> str:  # fmt: skip
+    """Write the whole series as one Rerun recording, whole or not at all; what of films went in, in words.
+
+    Raises BadInput where it cannot be written.
+    """
+    return write_story(path, recording_of(story), title=title, films=films)
 
 
 def sentences(story: History) -> list[str]:
@@ -157,13 +162,13 @@ def _remarks(shot: PlayedShot) -> list[str]:
 def recording_of(story: History) -> SeriesRecording:
     """A series as the plain values that are drawn in Rerun."""
     median = {k: story.median_miss(*block) for block in blocks(story) for k in range(block[0], block[1] + 1)}
-    films = tuple(_film(shot, median[shot.number]) for shot in story.shots)
+    shots = tuple(_shot(shot, median[shot.number]) for shot in story.shots)
     found = {change.shots: change for change in changes(story)}
     lessons = tuple((refit.shots, _lines(_lesson(refit, found[refit.shots].added))) for refit in story.refits)
     words = _lines("\n\n".join(sentences(story)))
     if not story.shots:
-        return SeriesRecording(films, lessons, words)
-    return SeriesRecording(films, lessons, words, story.shots[0].scene.table, story.shots[0].scene.ball)
+        return SeriesRecording(shots, lessons, words)
+    return SeriesRecording(shots, lessons, words, story.shots[0].scene.table, story.shots[0].scene.ball)
 
 
 def planned_recording(folder: Path, number: int) -> SeriesRecording:
@@ -174,7 +179,7 @@ def planned_recording(folder: Path, number: int) -> SeriesRecording:
     words = _lines(f"shot {number}: planned, {chance} pots predicted")
     start = dict(zip(scene.names, scene.position, strict=True))
     target, wanted = predicted_stop(plan)[0], scene.goal.rest
-    shot = Film(number, start, _ways(plan), target=target, wanted=wanted, words=words)
+    shot = SeriesShot(number, start, _ways(plan), target=target, wanted=wanted, words=words)
     return SeriesRecording((shot,), (), f"Shot {number} is being played.", scene.table, scene.ball)
 
 
@@ -184,7 +189,7 @@ def _ways(plan: dict[str, Any]) -> dict[str, Way]:
     return {one["ball"]: (_array(one["t"]).reshape(-1), _array(one["xy"]).reshape(-1, 2)) for one in tracks}
 
 
-def _film(shot: PlayedShot, median: float) -> Film:
+def _shot(shot: PlayedShot, median: float) -> SeriesShot:
     planned = _ways(shot.plan)
     played: dict[str, Way] = {}
     if shot.clip is not None:
@@ -208,18 +213,10 @@ def _film(shot: PlayedShot, median: float) -> Film:
     )
     curves = {"miss": shot.miss, "median": median, "spread": shot.spread, "floor": shot.floor}
     start = dict(zip(shot.scene.names, shot.scene.position, strict=True))
-    return Film(
-        shot.number,
-        start,
-        planned,
-        played,
-        shot.planned_end,
-        shot.cue_end,
-        shot.scene.goal.rest,
-        curves,
-        _lines(words),
-        _lines(page),
-    )
+    return SeriesShot(
+        shot.number, start, planned, played, shot.planned_end, shot.cue_end, shot.scene.goal.rest, curves,
+        _lines(words), _lines(page), shot.clip.file if shot.clip is not None else "",
+    )  # fmt: skip
 
 
 def _lesson(refit: Refit, added: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from models.command_line import FILE_PATH, effects_option, gathered, json_option, scheduler_option
-from models.console import Progress, Status, print_constants, table, write_json
+from models.console import Progress, Status, as_called, print_constants, table, write_json
 from models.files import alone_in, made_folder
 from sysid.cli.common import Start, report_option, spread_over_cluster
 
@@ -133,19 +133,26 @@ def discover(
     progress.close()
     print(table(round_rows(found.rounds[-1])) + "\n")
     print(ladder_table(found))
-    print("\n" + "\n".join(discovery_lines(found)) + "\n")
+    print("\n" + _to_paste("\n".join(discovery_lines(found)), out) + "\n")
     outcome = write_outcome(out, clip_set, found, progress, journal.elapsed, f"sysid discover {start.clips}")
     print_constants(outcome.model)
     print("\n" + engines_line(outcome))
     if whole := found.whole.get(found.verdict):
         print(held_out_line(outcome, whole.band_rate))
     print_health(outcome.model)
-    print(f"\n{found}")
+    print(f"\n{_to_paste(str(found), out)}")
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     journal.path.unlink(missing_ok=True)
     if json_file:
         write_json(json_file, json.loads((out / RESULT_FILE).read_text(encoding="utf-8")))
     return Status.DONE if found.last.converged else Status.FINDING
+
+
+def _to_paste(text: str, out: Path) -> str:
+    """With the command that makes an effect of a formula as it can be pasted here."""
+    from sysid.report.findings import NEW_EFFECT_COMMAND
+
+    return text.replace(NEW_EFFECT_COMMAND, as_called(f"sysid new-effect NAME --from {out / RESULT_FILE}"))
 
 
 def _fingerprint(clip_set: ClipSet, model: Model) -> str:

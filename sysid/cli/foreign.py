@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -19,10 +18,11 @@ from sysid.cli.tables import TableOptions
 
 if TYPE_CHECKING:
     from models.presets import TableSet
-    from models.shot import Array
     from sysid.clips.header import Header
     from sysid.foreign.convert import ShotFile, Stated
+    from sysid.foreign.pixels import Pixels
 
+Y_HELP = "up where x, y and up are right-handed (of pixels: from the last row upwards), down as in pictures."
 TIME_UNITS = ("seconds", "frames", "milliseconds", "microseconds")
 
 
@@ -33,8 +33,7 @@ class ReadingOptions:
     unit: str | None = given("--unit", "U", "m, cm, mm, in or ft.", click.Choice(["m", "cm", "mm", "in", "ft"]))
     origin: str | None = given("--origin", "AT", "Where x and y are 0.", click.Choice(["centre", "corner"]))
     x_along: str | None = given("--x-along", "SIDE", "Side that x runs along.", click.Choice(["length", "width"]))
-    y: str | None = given("--y", "WAY", "up where x, y and up are right-handed, down as in pictures.",
-                          click.Choice(["up", "down"]))  # fmt: skip
+    y: str | None = given("--y", "WAY", Y_HELP, click.Choice(["up", "down"]))
     turned: bool = given("--turned", "", "x and y are counted from the table's other end: half a turn.", bool)
     time: str | None = given("--time", "UNIT", "Unit of times.", click.Choice(TIME_UNITS))
     fps: float | None = given("--fps", "F", "Frames taken in a second.", ABOVE_ZERO)
@@ -93,9 +92,9 @@ def import_(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise BadInput(f"{out}: is there already; choose another folder")
     paths, shots, header = _shots(files)
-    known, place = _table(sizes, camera_file, header)
+    known, pixels = _table(sizes, camera_file, header)
     fps = header.camera.get("fps") if header else None
-    found = import_files(paths, shots, known.table, known.ball, reading.told(fps), place)
+    found = import_files(paths, shots, known.table, known.ball, reading.told(fps), pixels)
     clip_set = found.clip_set
     if header is not None:
         sigma = header.camera.get("sigma")
@@ -144,12 +143,11 @@ def _shots(files: tuple[Path, ...]) -> tuple[list[Path], list[ShotFile], Header 
     return list(files), [ShotFile(f"clips/{name}.csv") for name in names], None
 
 
-def _table(
-    sizes: TableOptions, camera_file: Path | None, header: Header | None
-) -> tuple[TableSet, Callable[[Array], Any] | None]:
+def _table(sizes: TableOptions, camera_file: Path | None, header: Header | None) -> tuple[TableSet, Pixels | None]:
     """Table and balls, by the options, the camera or the clip set; and how pixels become places."""
     from models.presets import TableSet
     from models.shot import Ball
+    from sysid.foreign.pixels import Pixels
 
     camera = None
     if camera_file is not None:
@@ -166,5 +164,5 @@ def _table(
 
         size = f"{camera.table.length!r}x{camera.table.width!r}"
         ball = table_set(size, camera.diameter, sizes.mass, no_pockets=False).ball
-        return TableSet(camera.table, ball), camera.centres
+        return TableSet(camera.table, ball), Pixels(camera.centres, camera.size[1])
     return sizes.table_set(), None

@@ -80,12 +80,13 @@ def _review_clips(
     if missing:
         print(missing_line(missing, video))
     if not model_files:
-        return viewing.show(lambda path: _say(write_measured(path, clip_set, films)), progress)
+        return viewing.show(lambda path: film_said(write_measured(path, clip_set, films)), progress)
     labels = labels_of(model_files)
     compared = [(label, compare(clip_set, model)) for label, model in zip(labels, models, strict=True)]
-    return viewing.show(lambda path: _say(write_rrd(path, compared, films=films)), progress)
+    return viewing.show(lambda path: film_said(write_rrd(path, compared, films=films)), progress)
 
 
-def _say(filmed: str) -> None:
+def film_said(filmed: str) -> None:
+    """Print what of films went into a recording, if anything."""
     if filmed:
         print(f"film: {filmed}")

@@ -7,5 +7,6 @@ for granted, and a picture of it.
     columns     which column is what: one row a ball, or one row a frame
     times       seconds, frames or parts of a second
     convert     units, origin, axes; the struck ball and its strike
+    pixels      places in a picture, by a camera
     picture     the tracks over the table
 """

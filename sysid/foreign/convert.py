@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import BadInput
-from models.shot import Array, Ball, Table
+from models.shot import Ball, Table
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.readings import (
     METRES_BY_UNIT,
@@ -40,6 +40,7 @@ from sysid.clips.running import (
 )
 from sysid.clips.strike import STAMP_DECIMALS, first_moving, from_strike
 from sysid.foreign.columns import RawClip, RawTrack, read_clip
+from sysid.foreign.pixels import Pixels, seen_through
 from sysid.foreign.records import read_columns
 from sysid.foreign.times import StampClock, read_clock
 
@@ -61,6 +62,13 @@ class Stated:
     struck: str | None = None
     running: bool = False  # tracks that begin with a ball in motion show no strike
     columns: Mapping[str, str] = field(default_factory=dict)
+
+    def for_pixels(self) -> bool | None:
+        """Whether y points down in pictures; BadInput where something is stated that a camera's file tells."""
+        apart = {"unit": self.unit, "origin": self.corner, "x-along": self.exchanged, "turned": self.turned}
+        for option in (name for name, value in apart.items() if value is not None):
+            raise BadInput(f"--{option}: the camera's file places pixels on the table; leave one of the two out")
+        return self.y_down
 
     def readings(self, unit: str | None) -> list[Reading]:
         """Those that fit what is stated, and the unit that the columns are named in."""
@@ -100,7 +108,7 @@ def import_files(
     table: Table,
     ball: Ball,
     stated: Stated,
-    place: Callable[[Array], Array] | None = None,
+    pixels: Pixels | None = None,
 ) -> Imported:
     """Convert one file a shot.
 
@@ -110,7 +118,7 @@ def import_files(
         table: from nose to nose.
         ball: of the table.
         stated: what is known of the files.
-        place: takes pixels (n, 2) to the table (n, 2) [m], where coordinates are pixels.
+        pixels: where coordinates are pixels, how they become places.
 
     Raises:
         BadInput: what is wrong with a file, or the option that settles a doubt.
@@ -122,9 +130,8 @@ def import_files(
     units = {one.length_unit for one in raw if one.length_unit}
     if len(units) > 1:
         raise BadInput(f"files are in {' and '.join(sorted(units))}: import them one unit at a time")
-    if place is not None:
-        clip_set, says = _through(place, clip_set), "pixels, placed on the table by the camera's file"
-        assumed: list[str] = []
+    if pixels is not None:
+        clip_set, says, assumed = seen_through(pixels, clip_set, stated.for_pixels())
     else:
         clip_set, says, assumed = _placed(clip_set, stated, units.pop() if units else None)
     clips = [dataclasses.replace(clip, struck=clip.struck or _struck(clip)) for clip in clip_set.clips]
@@ -152,18 +159,6 @@ def _clip(raw: RawClip, shot: ShotFile, clock: StampClock, struck: str | None) -
     return Clip(shot.file, struck, balls, cue, shot.note, shot.extra)
 
 
-def _through(place: Callable[[Array], Array], clip_set: ClipSet) -> ClipSet:
-    """Pixels as places on the table."""
-
-    def meant(seen: Observation) -> Observation:
-        return dataclasses.replace(seen, xy=place(seen.xy))
-
-    clips = [
-        dataclasses.replace(clip, balls={n: meant(seen) for n, seen in clip.balls.items()}) for clip in clip_set.clips
-    ]
-    return dataclasses.replace(clip_set, clips=tuple(clips))
-
-
 def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSet, str, list[str]]:
     """The clip set in metres from the table's centre, in words how, and what is only assumed."""
     if "px" in (stated.unit, unit):
@@ -174,7 +169,7 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
         size = _size(clip_set.table)
         raise BadInput(
             f"{_extents(clip_set)}, which as lengths fits no table {size}: correct --table, --unit, --origin or "
-            "--x-along; pixels need --camera"
+            "--x-along; pixels need --camera (made with: sysid calibrate)"
         )
     best = fits[0].reading if fits else among[0]
     rivals = [one.reading for one in fits[1:] if _rivals(one, fits[0])]

@@ -28,6 +28,7 @@ from sysid.residuals.samples import Samples
 
 Array = NDArray[np.float64]
 
+MAX_LINEAR_RATIO = 30.0  # of the largest miss over the least, on an axis from zero
 RAYLEIGH_QUANTILES = tuple(math.sqrt(-2.0 * math.log(1.0 - p)) for p in (0.1, 0.5, 0.9))
 MIN_BIN_SAMPLES = 5
 MAX_BINS = 14  # of a curve
@@ -47,13 +48,21 @@ class Rung:
 
 
 def ladder_chart(rungs: Sequence[Rung], noise_m: float) -> Chart | None:
-    """The models' rms miss on a logarithmic axis against the noise floor; None without a number."""
+    """The models' rms miss against the noise floor; None without a number.
+
+    From zero, so that lengths compare; where the largest is MAX_LINEAR_RATIO times the least, on a logarithmic axis.
+    """
     values = 1e3 * np.array([[r.rms_m, r.held_out_rms_m] for r in rungs], dtype=float).reshape(-1, 2)
     good = np.isfinite(values) & (values > 0)
     if not good.any():
         return None
     floor = 1e3 * MISS_OVER_AXIS * noise_m
-    low, high = min([values[good].min(), *([floor] if floor > 0 else [])]) / 1.6, values[good].max() * 1.6
+    low, high = min([values[good].min(), *([floor] if floor > 0 else [])]), values[good].max()
+    words = "rms miss, model to measurement [mm]"
+    if high > MAX_LINEAR_RATIO * low:
+        scale = log_axis(f"{words}, logarithmic", low / 1.6, high * 1.6)
+    else:
+        scale = axis(words, range=[0, 1.08 * max(high, floor)])
     rows = list(range(len(rungs)))
     data: list[dict[str, Any]] = [
         {"type": "bar", "orientation": "h", "name": "clips used for the constants", "marker": {"color": MODEL},
@@ -74,7 +83,7 @@ def ladder_chart(rungs: Sequence[Rung], noise_m: float) -> Chart | None:
         for k, (r, v, g) in enumerate(zip(rungs, values, good, strict=True))
     ]  # fmt: skip
     layout = {
-        "xaxis": log_axis("rms miss, model to measurement [mm]", low, high),
+        "xaxis": scale,
         "yaxis": axis("model", range=[len(rungs) - 0.4, -0.8], showticklabels=False, showgrid=False, zeroline=False),
         "annotations": notes,
     }

@@ -19,6 +19,7 @@ from sysid.selection.next_shot import NextShot
 from sysid.selection.score import Score
 from sysid.selection.screening import MIN_DELTA_BIC, Screening
 
+NEW_EFFECT_COMMAND = "sysid new-effect NAME --from result.json"  # in the folder of results
 MAX_LISTED = 8  # candidates in the table of a round
 NOTHING_MISSING = f"none: no effect of the catalogue justifies its parameters (delta BIC under {MIN_DELTA_BIC:.0f})"
 
@@ -95,7 +96,7 @@ def unexplained_lines(unexplained: Mapping[str, Any]) -> list[str]:
     if unexplained["form"]:
         lines.append(f"as a formula: {unexplained['form']}")
     if unexplained["terms"]:
-        lines.append("to add it: sysid new-effect NAME --from result.json")
+        lines.append(f"to add it: {NEW_EFFECT_COMMAND}")
     elif not unexplained["form"]:
         lines.append("what is left has no formula that holds on clips held out")
     return lines

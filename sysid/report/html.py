@@ -15,7 +15,7 @@ import numpy as np
 
 from models.model_file import Estimate, Model
 from models.report.chart import Chart, embedded, shortened
-from models.report.numbers import millimetres, number, value_with_sd
+from models.report.numbers import NO_VALUE, millimetres, number, value_with_sd
 from models.report.page import write_page
 from sysid.report.figures import Rung, dependence_charts, ladder_chart, segments_chart, shots_chart, white_chart
 from sysid.report.figures_where import arrow_scale, lacking_by_cell, lacking_charts, lacking_map, misses_map
@@ -130,8 +130,8 @@ def _cards(comparison: Comparison) -> list[tuple[str, str]]:
     """The figures that a person asks for first."""
     medians = comparison.summary()
     held = sum(c.held_out for c in comparison.clips)
-    return [
-        (str(len(comparison.clips)), f"clips, {held} of them held out"),
+    found = [
+        (str(len(comparison.clips)), f"clips, {held} of them held out" if held else "clips"),
         (number(len(comparison.samples.time)), "samples compared"),
         (millimetres(comparison.noise_m), "noise, one standard deviation per axis"),
         (millimetres(medians["struck_rms_median_m"]), "struck ball, rms miss over a shot, median"),
@@ -139,6 +139,7 @@ def _cards(comparison: Comparison) -> list[tuple[str, str]]:
         (millimetres(medians["mujoco_struck_rms_median_m"]), "struck ball, the same constants in MuJoCo"),
         (number(medians["segment_ratio_median"]), "residual / noise of segments, median"),
     ]
+    return [(value, what) for value, what in found if value != NO_VALUE]
 
 
 def _rungs(comparisons: Sequence[tuple[str, Comparison]], ladder: Sequence[Rung]) -> list[Rung]:
@@ -230,12 +231,16 @@ def _constants(model: Model) -> list[dict[str, object]]:
         one = np.ndim(value) == 0
         rows.append({
             "name": name, "unit": str(model.meta(name)["unit"]),
-            "value": value_with_sd(float(value), estimate.sd) if one else "one per simulation",
+            "value": _with_known_sd(float(value), estimate.sd) if one else "one per simulation",
             "source": estimate.source or str(model.meta(name)["source"]),
             "what": line.what if line else "", "typical": f"{line.typical}: {line.source}" if line else "",
             "verdict": line.verdict if line else "", "strip": _strip(name, float(value), estimate.sd) if one else None,
         })  # fmt: skip
     return rows
+
+
+def _with_known_sd(value: float, sd: float) -> str:
+    return value_with_sd(value, sd) if math.isfinite(sd) and sd > 0 else f"{value:.5g}"
 
 
 def _strip(name: str, value: float, sd: float) -> dict[str, float] | None:

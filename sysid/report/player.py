@@ -26,12 +26,15 @@ Array = NDArray[np.float64]
 MAX_POINTS = 28_000  # of all shots in a page: some 1.1 MB with two models
 MOVED_M = 0.003  # a ball with a smaller range of positions rested
 UNITS_PER_M, UNITS_PER_S = 1e4, 1e3
-MAGNIFICATIONS, MAX_DRAWN_M = (100, 20, 5, 1), 0.03  # of misses, and the length to which a typical one is drawn
+MAGNIFICATIONS, MAX_DRAWN_M = (100, 20, 5, 1), 0.06  # of misses, and the length to which a typical one is drawn
 UNSEEN = -32768  # where a model has no ball
 
 
 def playback(comparisons: Sequence[tuple[str, Comparison]]) -> dict[str, Any] | None:
-    """All shots of the last comparison, the worst first, with misses of the first and the last; None without any."""
+    """All shots of the last comparison, with misses of the first and the last; None without any.
+
+    The shot that shows most goes first: whose miss changes most from the one to the other, or the worst of one alone.
+    """
     if not comparisons or not comparisons[-1][1].tracks:
         return None
     last = comparisons[-1][1]
@@ -39,11 +42,12 @@ def playback(comparisons: Sequence[tuple[str, Comparison]]) -> dict[str, Any] | 
     tracks = [{c.file: t for c, t in zip(one.shots, one.tracks, strict=True)} for _, one in ends]
     rows = [{row.file: row for row in one.clips} for _, one in ends]
     shots = [shot for shot in last.shots if all(shot.file in t for t in tracks) and shot.file in rows[-1]]
-    shots.sort(key=lambda shot: (-_finite(rows[-1][shot.file].rms_m), shot.file))
+    misses = {shot.file: [_finite(row[shot.file].rms_m) for row in rows if shot.file in row] for shot in shots}
+    shots.sort(key=lambda shot: (-abs(misses[shot.file][0] - (misses[shot.file][1:] or [0.0])[0]), shot.file))
     points = sum(len(_moving(seen)) for shot in shots for seen in shot.balls.values())
     stride = max(1, math.ceil(points / MAX_POINTS))
     table, ball = last.clip_set.table, last.clip_set.ball
-    typical = float(np.median([_finite(rows[-1][shot.file].rms_m) for shot in shots] or [0.0]))
+    typical = float(np.median([max(found) for found in misses.values()] or [0.0]))
     return {
         "magnify": next((m for m in MAGNIFICATIONS if m * typical <= MAX_DRAWN_M), 1),
         "models": [name for name, _ in ends] if len(ends) == 1 else [f"before: {ends[0][0]}", f"after: {ends[1][0]}"],
@@ -58,7 +62,7 @@ def playback(comparisons: Sequence[tuple[str, Comparison]]) -> dict[str, Any] | 
 
 
 def _finite(value: float) -> float:
-    return value if math.isfinite(value) else -1.0
+    return value if math.isfinite(value) else 0.0
 
 
 def _moving(seen: Observation) -> NDArray[np.int64]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from models.report.numbers import millimetres, value_with_sd
 from sysid.estimation.fitted import MISS_OVER_AXIS
+from sysid.report.findings import NEW_EFFECT_COMMAND
 from sysid.selection.discover import DiscoveryResult
 from sysid.selection.screening import MIN_DELTA_BIC, Screening
 
@@ -98,7 +99,7 @@ def _over_next(seen: Screening) -> str:
 def _next_step(found: DiscoveryResult) -> str:
     """What to do now."""
     if found.unexplained is not None and found.unexplained["terms"]:
-        return "add what is outside the catalogue as an effect: sysid new-effect NAME --from result.json"
+        return f"add what is outside the catalogue as an effect: {NEW_EFFECT_COMMAND}"
     shot = found.next_shot
     if shot is not None:
         cue, (x, y) = shot.cue, shot.place

@@ -1,8 +1,9 @@
 """The films of a clip set: where they are, and which of their frames show which clip.
 
 In: a clip set that tracking wrote, which names its videos. Out: `models.recording.film.Film`, for recordings. A clip's
-first frame is that of its first sample. Left out: frames that tracking found missing though stamps are even; in such a
-clip the film runs ahead of the tracks.
+first frame is that of its first sample. Where a clip has as many moments as frames, these are the frames' times, since
+tracking finds frames missing of which the video's stamps do not tell. Left out: clips in which frames are also doubled,
+or show no ball; there the film runs ahead of the tracks where frames are missing.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from sysid.vision.frames import Picture, open_footage
 from sysid.vision.tracks.recordings import video_name, videos_in
 
 MAX_NAMED = 4  # videos in a message
+STRIKE_TOLERANCE_S = 1e-4  # of a frame's stamp from the strike
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".ts", ".wmv")
 
 
@@ -101,7 +103,11 @@ def _film(video: Path, fps: object, clips: Sequence[Clip]) -> Film:
         if first not in times or last not in times:
             raise BadInput(f"{video}: lacks frames {first} to {last} of {clip.file}; name the film that it is from")
         index = np.array([k for k in range(first, last + 1) if k in times], np.int64)
-        shown[clip.file] = index, np.array([times[k] for k in index.tolist()]) - times[first] - clip.origin
+        stamped = np.array([times[k] for k in index.tolist()]) - times[first] - clip.origin
+        before = stamped[stamped < -STRIKE_TOLERANCE_S]  # the strike
+        moments = np.unique(np.concatenate([seen.time for seen in clip.balls.values()]))
+        whole = len(before) + len(moments) == len(index)
+        shown[clip.file] = index, np.concatenate([before, moments]) if whole else stamped
     return Film(video, shown, partial(_pictures, video, rate))
 
 

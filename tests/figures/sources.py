@@ -36,6 +36,18 @@ def demo(folder: Path) -> Figures:
     return out
 
 
+def drying(folder: Path) -> Figures:
+    """Of the commands of docs/effects.md for a cloth that dries, whose results lie in a folder."""
+    found = json.loads((folder / "dry-found" / "result.json").read_text(encoding="utf-8"))
+    rest, base = found["unexplained"], found["ladder"][0]
+    drag = json.loads((folder / "dry-fit.json").read_text(encoding="utf-8"))["parameters"]["drying.drag_order"]
+    return {
+        "formula": rest["form"].split(": ")[-1], "before": f"{1e3 * AXES * base['rms_m']:.1f} mm",
+        "after": f"{1e3 * AXES * rest['rms_m']:.2f} mm", "held_out": f"{1e3 * AXES * rest['held_out_rms_m']:.2f} mm",
+        "fitted": f"{drag['value']:.5f} +- {drag['sd']:.5f}",
+    }  # fmt: skip
+
+
 def loop(file: Path) -> Figures:
     """Of `robot learn --all --json file`: a row for each block."""
     out: Figures = {}
@@ -48,6 +60,48 @@ def loop(file: Path) -> Figures:
             f"{row}_predicted": f"{block['promised']:.1f}",
         }
     return out
+
+
+def mujoco(file: Path) -> Figures:
+    """Of `sysid match --json file`."""
+    rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
+    errors = {(row["model"], row["case"]): row["error"] for row in rows}
+    errors |= {("analytic", row["case"]): row["analytic"] for row in rows if row["analytic"] is not None}
+    whole, cloth = "whole shots, 200, 1 to 4 impacts: median", "cloth, 500 random states, 3 s"
+    collisions = [f"oblique collisions of Mathavan 2009, {what}" for what in ("10 speeds", "5 deflections")]
+    out: Figures = {"engine_moved_native": f"{short(errors['analytic', whole])} mm"}
+    for model in ("native", "effects"):
+        out[f"whole_{model}"] = f"{short(errors[model, whole])} mm"
+        out[f"cloth_{model}"] = f"{short(errors[model, f'{cloth}: position, worst'])} mm"
+        out[f"sidespin_{model}"] = f"{short(errors[model, f'{cloth}: sidespin, worst'])} %"
+        out[f"roughness_{model}"] = f"{short(1e-3 * errors[model, 'roughness of end points over friction'])} mm"
+        strokes = "cueing, 455 strokes, native on the slate, effects afloat"
+        speed, spin, squirt = (
+            short(errors[model, f"{strokes}: {what}, rms"]) for what in ("ball speed", "R omega over speed", "squirt")
+        )
+        out[f"launcher_{model}"] = f"{speed} %, {spin} %, {squirt}°"
+        for name, case in (("balls", "ball-ball"), ("cushion", "cushion")):
+            for what, key in (("velocity", "velocity"), ("spin", "R omega")):
+                both = [short(errors[model, f"{case}, 500 random: {key}, {kind}"]) for kind in ("median", "worst")]
+                out[f"{name}_{what}_{model}"] = f"{' / '.join(both)} %"
+    for model in ("native", "effects", "analytic"):
+        for year, count in (("2010", 19), ("2009", 8)):
+            parts = [f"rebounds of Mathavan {year}, {count}, {part}" for part in ("below 2.5 m/s", "all")]
+            out[f"rebounds_{year}_{model}"] = f"{' / '.join(short(errors[model, part]) for part in parts)} m/s"
+        speed, turn = (short(errors[model, case]) for case in collisions)
+        out[f"collisions_2009_{model}"] = f"{speed} %, {turn}°"
+    shots = [row for row in rows if row["case"].startswith("effect ") and row["model"] == "effects"]
+    worst = [
+        max(row["error"] for row in shots if row["case"].endswith(end)) for end in ("impact, worst", "balls: median")
+    ]
+    return out | {"catalogue_effects": f"{short(worst[0])}; {short(worst[1])} mm"}
+
+
+def short(value: float) -> str:
+    """To two digits, three above a hundred; the power of ten of what is nothing."""
+    if value < 1e-6:
+        return f"{value:.0e}".replace("e-0", "e-")
+    return f"{value:#.{3 if value >= 99.5 else 2}g}".rstrip(".")
 
 
 def plans(page: Path) -> Figures:
@@ -109,7 +163,14 @@ def table_rows(page: Path) -> dict[str, list[str]]:
     return out
 
 
-READERS: Mapping[str, Callable[[Path], Figures]] = {"demo": demo, "loop": loop, "plans": plans, "hidden": hidden}
+READERS: Mapping[str, Callable[[Path], Figures]] = {
+    "demo": demo,
+    "drying": drying,
+    "loop": loop,
+    "mujoco": mujoco,
+    "plans": plans,
+    "hidden": hidden,
+}
 REPORTS: Mapping[str, Path] = {  # those whose results are in the repository
     "plans": ROOT / "planner" / "STUDY.md", "hidden": ROOT / "tests" / "study" / "REPORT.md",
 }  # fmt: skip

@@ -14,7 +14,7 @@ from models.errors import BadInput
 from robot.learning.summary import figures
 from tests.figures.__main__ import entered
 from tests.figures.pages import ROOT, filled, pages, read_figures, unmarked_cells, used
-from tests.figures.sources import READERS, REPORTS, agree, unlike
+from tests.figures.sources import READERS, REPORTS, agree, short, unlike
 from tests.robot.test_learn import COURSE, story
 
 SOURCES = read_figures()
@@ -85,3 +85,7 @@ def test_a_series_is_read_block_by_block(tmp_path: Path) -> None:
 
 def test_make_knows_it() -> None:
     assert "python -m tests.figures --enter demo" in (ROOT / "Makefile").read_text(encoding="utf-8")
+
+
+def test_numbers_are_short() -> None:
+    assert [short(v) for v in (0.2, 99.82, 128.4, 8.86, 5.7e-10)] == ["0.20", "99.8", "128", "8.9", "6e-10"]

@@ -25,6 +25,7 @@ from models.command_line import (
     lone_command,
     run,
 )
+from models.console import table
 from models.errors import BadInput
 
 
@@ -160,3 +161,15 @@ def test_options_that_exclude_each_other() -> None:
     at_most_one(rest=None, rest_for="red")
     with pytest.raises(BadInput, match="--rest and --rest-for exclude each other"):
         at_most_one(rest=(0.0, 1.0), rest_for="red")
+
+
+def test_a_table_fits_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its first column goes above the others; written to a file it stays as it is."""
+    rows = [("stroke", "string", "yaw"), ("a cut into the corner pocket, then one cushion", "079p", "15.72")]
+    assert len(table(rows).splitlines()) == 2
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", "30")
+    lines = table(rows).splitlines()
+    assert max(map(len, lines)) <= 30
+    assert " ".join(line for line in lines if line[0] != " ") == "stroke a cut into the corner pocket, then one cushion"
+    assert lines[-1].split() == ["079p", "15.72"]

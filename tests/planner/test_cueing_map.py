@@ -20,8 +20,8 @@ from planner.launcher.execution import Execution, read_execution
 from planner.launcher.stroke import LauncherModel
 from robot.cueing.campaign import CAMPAIGN_COLUMNS, CueShot, count_played, make_grid, read_campaign, run_campaign
 from robot.cueing.first_track import read_track
-from robot.cueing.held_out import average_errors, noise_floor
-from robot.cueing.map_fit import fit_map, scatter
+from robot.cueing.held_out import average_errors, compare_maps, noise_floor
+from robot.cueing.map_fit import MIN_SHOTS, fit_map, scatter
 from robot.cueing.report import write_picture, write_report
 from robot.cueing.striker import EmulatedStriker, Hidden, Sloppiness, draw_hidden, exact_strokes, film, hidden_scene
 from tests.reference.networks import compare_with_networks, train_networks
@@ -332,6 +332,14 @@ def test_too_few_shots_say_so(shots: list[CueShot]) -> None:
     with pytest.raises(BadInput, match="20 shots for 26 weights"):
         train_networks(shots[:20], np.random.default_rng(0))
     assert math.isnan(noise_floor(shots[::5])[0])
+
+
+def test_a_map_of_few_shots_has_a_report(tmp_path: Path, shots: list[CueShot]) -> None:
+    """A tenth of them is too few for a map: the comparison takes as many as one needs."""
+    contest = compare_maps(shots[::4], np.random.default_rng(0))
+    assert contest.scores[1].trained_on == MIN_SHOTS
+    write_report(tmp_path / "map.html", "A map", shots[::4], contest)
+    assert (tmp_path / "map.html").stat().st_size > 10_000
 
 
 @pytest.mark.slow

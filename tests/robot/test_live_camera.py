@@ -121,6 +121,10 @@ def test_a_shot_is_filmed_from_the_hit_until_the_balls_rest(tmp_path: Path, drop
         assert min(float(np.sqrt(np.mean(o**2))) for o in off) < 0.5 * PIXEL, "gaps in time are kept"
         assert ball.time[-1] > played().times[-1]
     assert any("3 frames missing" in line for line in said) == bool(drop)
+    seen_at = {round(t, 6) for ball in balls.values() for t in ball.time}
+    shown = camera.filmed
+    assert shown is not None and shown.video.name == "film-0001.mkv"
+    assert shown.last - shown.first + 1 == pytest.approx(len(seen_at), abs=2), "a picture for every sample"
     assert (tmp_path / "films" / "film-0001.mkv").stat().st_size > 1e5
     assert len((tmp_path / "films" / "film-0001.times.csv").read_text().splitlines()) > len(filmed()) - 60
 

@@ -13,18 +13,24 @@ import pytest
 import robot.learning.loop
 from models.analytic.cue_impulse import Constants, Geometry, ball_speed_and_squirt
 from models.mjcf.snooker import SNOOKER_BALL
+from models.recording.story import LiveStory
 from planner.launcher.cueing_map import write_map
 from robot.cli.verbs import main
 from robot.cueing.campaign import CueShot, run_campaign
 from robot.learning.history import fit_folder, plan_file, read_history
 from robot.learning.loop import learn
+from robot.learning.report import recording_of, write_recording
 from robot.learning.watch import SeriesWatch
-from robot.play import played_file
+from robot.play import FilmedFrames, add_clip, played_file
+from sysid.clips import ClipSet, CueCommand, Observation, read_clip_set, write_clip_set
+from sysid.vision.films import films_of
 from tests.models.recording.test_view import column, read
 from tests.robot.test_learn import COURSE, MAP
 from tests.robot.test_learn_cli import QUICK, STAND
 from tests.robot.test_story_report import series
+from tests.support.films import FILM_RATE, write_film
 from tests.support.live_feed import FileFeed
+from tests.support.story_samples import sample_story
 
 GRID = [(100, 0.0, 0.0), (100, 6.0, 4.0), (150, 0.0, -4.0)]
 
@@ -100,6 +106,54 @@ def test_a_series_is_shown_while_it_is_played(watched: tuple[Path, list[Any], li
     moving = {track["ball"] for track in plan["tracks"]}
     assert {path.rpartition("/")[2] for path in second if path.startswith("/top/planned/")} >= moving
     assert not fit_folder(folder, 1).exists() and played_file(plan_file(folder, 2)).is_file()
+
+
+def test_a_shot_that_is_shown_again_is_logged_once(tmp_path: Path) -> None:
+    """After a refit the last shot is shown anew, with what was found."""
+    story = recording_of(sample_story())
+    feed = FileFeed(tmp_path)
+    live = LiveStory(feed, "t", story.table, story.ball)
+    last = dataclasses.replace(story, scenes=story.scenes[-1:], lessons=())
+    live.show(last)
+    live.show(dataclasses.replace(last, lessons=((story.scenes[-1].number, "refit"),)))
+    [found] = [read(path) for path in feed.files()]
+    assert len(column(found["/log/shot"], "TextLog:text")) == 1
+    assert [row[0] for row in column(found["/log/refit"], "TextLog:text")] == ["refit"]
+
+
+def test_films_of_a_rig_stand_beside_its_shots(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A clip of a camera tells its film, which the review of the series shows in the shot's time."""
+    write_film(tmp_path / "films" / "film-0001.mkv", 80)
+    story = sample_story()
+    shot = next(one for one in story.shots if one.clip is not None)
+    assert shot.clip is not None
+    balls, rate = {name: at_rate(seen, FILM_RATE) for name, seen in shot.clip.balls.items()}, FILM_RATE
+    begun = ClipSet(shot.scene.table, shot.scene.ball, rate, (), 1e-3, tmp_path / "clips")
+    count = len(next(iter(balls.values())).time)
+    filmed = FilmedFrames(tmp_path / "films" / "film-0001.mkv", 5, 4 + count)
+    log = add_clip(begun, balls, next(iter(balls)), CueCommand(1.0, 0.0), "played", filmed)
+    again = add_clip(log, balls, next(iter(balls)), CueCommand(1.0, 0.0), "played", filmed)
+    assert [clip.extra["video"] for clip in again.clips] == ["film-0001", "film-0001-again"]
+    write_clip_set(log, tmp_path / "clips")
+    clips = read_clip_set(tmp_path / "clips")
+    films, missing = films_of(clips)
+    assert not missing
+    shown = dataclasses.replace(shot, clip=clips.clips[0])
+    told = write_recording(tmp_path / "s.rrd", dataclasses.replace(story, shots=(shown,)), films=films)
+    assert told.startswith(f"{count} pictures of 1 video")
+    screen = read(tmp_path / "s.rrd")["/film/screen"]
+    assert len(series(screen, "EncodedImage:blob")[shot.number]) == count
+    (tmp_path / "c.csv").write_text("")
+    words = ["--video", str(tmp_path), "--save", str(tmp_path / "c.rrd")]
+    assert main(["review", str(tmp_path / "c.csv"), *words]) == 2
+    assert "belongs to a series" in capsys.readouterr().err
+
+
+def at_rate(seen: Observation, rate: float) -> Observation:
+    """The track at the frames of a camera."""
+    times = np.arange(40) / rate
+    xy = np.column_stack([np.interp(times, seen.time, seen.xy[:, k]) for k in (0, 1)])
+    return Observation(times, xy, np.full(len(times), np.nan))
 
 
 @pytest.mark.slow

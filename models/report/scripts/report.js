@@ -45,7 +45,7 @@ function draw(chart) {
 }
 
 /* Shots: the table from above in metres, y upwards. */
-const UNSEEN = -32768;
+const UNSEEN = -32768, BEFORE = "#ff9f1c", AFTER = "#00e5ff"; // of the first model of two, and of the last
 const SVG = "http://www.w3.org/2000/svg";
 
 function summed(steps, unit) {
@@ -55,9 +55,13 @@ function summed(steps, unit) {
 
 function element(parent, name, attributes) {
   const made = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  put(made, attributes);
   parent.appendChild(made);
   return made;
+}
+
+function put(mark, attributes) {
+  for (const [key, value] of Object.entries(attributes)) mark.setAttribute(key, value);
 }
 
 function player(data) {
@@ -75,31 +79,33 @@ function player(data) {
   const layer = element(view, "g", {transform: "scale(1,-1)"});
   data.shots.forEach((shot, k) => {
     const held = shot.held ? ", held out" : "";
-    shotChoice.add(new Option(shot.name + ": misses by " + shot.misses[shot.misses.length - 1] + held, k));
+    shotChoice.add(new Option(shot.name + ": misses by " + shot.misses.join(", then ") + held, k));
   });
+  const every = data.models.map((_, k) => k), colour = (k) => k + 1 < every.length ? BEFORE : AFTER;
+  if (every.length > 1) modelChoice.add(new Option("before and after", every.join()));
   data.models.forEach((name, k) => modelChoice.add(new Option(name, k)));
-  modelChoice.value = data.models.length - 1;
   magnifier.value = data.magnify;
   modelChoice.parentNode.hidden = data.models.length < 2;
   let balls = [], end = 0, now = 0, running = 0;
 
   function load() {
     layer.replaceChildren();
-    const shot = data.shots[shotChoice.value], which = +modelChoice.value, times = +magnifier.value;
+    const shot = data.shots[shotChoice.value], shown = modelChoice.value.split(","), times = +magnifier.value;
+    const even = {"vector-effect": "non-scaling-stroke"}, path = {fill: "none", "stroke-width": 2, ...even};
+    const points = (keep, px, py) => keep.map((k) => px(k).toFixed(4) + "," + py(k).toFixed(4)).join(" ");
     balls = shot.balls.map((ball) => {
       const t = summed(ball.t, 1e3), x = summed(ball.x, 1e4), y = summed(ball.y, 1e4);
-      const [dx, dy] = ball.miss[which].map((part) => part.map((v) => v === UNSEEN ? NaN : v / 1e4));
-      const seen = t.map((_, k) => k).filter((k) => Number.isFinite(dx[k]));
-      const points = (keep, px, py) => keep.map((k) => px(k).toFixed(4) + "," + py(k).toFixed(4)).join(" ");
-      const path = {fill: "none", "stroke-width": 2, "vector-effect": "non-scaling-stroke"};
       element(layer, "polyline", {...path, stroke: ball.colour, points: points(t.map((_, k) => k), (k) => x[k], (k) => y[k])});
-      element(layer, "polyline", {...path, stroke: "#00e5ff", "stroke-width": 1.3, "stroke-dasharray": "5 3",
-        points: points(seen, (k) => x[k] + times * dx[k], (k) => y[k] + times * dy[k])});
+      const models = shown.map((which) => {
+        const [dx, dy] = ball.miss[which].map((part) => part.map((v) => v === UNSEEN ? NaN : v / 1e4));
+        const seen = t.map((_, k) => k).filter((k) => Number.isFinite(dx[k])), stroke = colour(+which);
+        element(layer, "polyline", {...path, stroke, "stroke-width": 1.3, "stroke-dasharray": "5 3",
+          points: points(seen, (k) => x[k] + times * dx[k], (k) => y[k] + times * dy[k])});
+        return {dx, dy, link: element(layer, "line", {stroke, "stroke-width": 1.3, ...even}),
+          ring: element(layer, "circle", {...path, r: 1.15 * data.radius, stroke})};
+      });
       const disc = element(layer, "circle", {r: data.radius, fill: ball.colour, stroke: "#10151a", "stroke-width": 0.004});
-      const link = element(layer, "line", {stroke: "#00e5ff", "stroke-width": 1.3, "vector-effect": "non-scaling-stroke"});
-      const ring = element(layer, "circle", {r: 1.15 * data.radius, fill: "none", stroke: "#00e5ff", "stroke-width": 2,
-        "vector-effect": "non-scaling-stroke"});
-      return {name: ball.name, t, x, y, dx, dy, disc, link, ring};
+      return {name: ball.name, t, x, y, models, disc};
     });
     end = Math.max(...balls.map((ball) => ball.t[ball.t.length - 1]));
     time.max = end;
@@ -120,16 +126,17 @@ function player(data) {
     time.value = t;
     const words = [];
     for (const ball of balls) {
-      const [x, y, dx, dy] = ["x", "y", "dx", "dy"].map((part) => value(ball, ball[part], t));
-      const times = +magnifier.value, known = Number.isFinite(dx) && Number.isFinite(dy);
-      const [rx, ry] = known ? [x + times * dx, y + times * dy] : [x, y];
-      for (const [mark, cx, cy] of [[ball.disc, x, y], [ball.ring, rx, ry]]) {
-        mark.setAttribute("cx", cx);
-        mark.setAttribute("cy", cy);
+      const [x, y] = [ball.x, ball.y].map((list) => value(ball, list, t)), times = +magnifier.value, sizes = [];
+      put(ball.disc, {cx: x, cy: y});
+      for (const {dx, dy, link, ring} of ball.models) {
+        const [a, b] = [dx, dy].map((list) => value(ball, list, t)), known = Number.isFinite(a) && Number.isFinite(b);
+        const [rx, ry] = known ? [x + times * a, y + times * b] : [x, y];
+        put(ring, {cx: rx, cy: ry});
+        put(link, {x1: x, y1: y, x2: rx, y2: ry});
+        ring.style.display = known ? "" : "none";
+        if (known) sizes.push((1e3 * Math.hypot(a, b)).toFixed(1) + " mm");
       }
-      for (const [key, one] of Object.entries({x1: x, y1: y, x2: rx, y2: ry})) ball.link.setAttribute(key, one);
-      ball.ring.style.display = known ? "" : "none";
-      if (known && ball.t.length > 2) words.push(ball.name + " misses by " + (1e3 * Math.hypot(dx, dy)).toFixed(1) + " mm");
+      if (sizes.length && ball.t.length > 2) words.push(ball.name + " misses by " + sizes.join(", then "));
     }
     said.textContent = t.toFixed(2) + " s" + (words.length ? ": " + words.join(", ") : "");
   }

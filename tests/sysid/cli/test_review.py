@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import models.recording.viewer as viewer
 from models.console import Progress
 from models.errors import BadInput
 from models.recording.shots import write_review
+from models.recording.viewer import own_settings
 from planner.cli.verbs import main as planner
 from robot.cli.verbs import main as robot
 from sysid.cli import main as sysid
@@ -30,9 +32,11 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     def pretend(words: list[str], check: bool, env: dict[str, str]) -> subprocess.CompletedProcess[bytes]:
         assert Path(words[1]).is_file()
         assert env["RUST_LOG"] == "warn", "the viewer's own log is not for its user"
+        assert env["XDG_CONFIG_HOME"] == "own"
         calls.append(words)
         return subprocess.CompletedProcess(words, len(calls) - 1)
 
+    monkeypatch.setattr("models.recording.viewer.own_settings", lambda: {"XDG_CONFIG_HOME": "own"})
     monkeypatch.setattr("models.recording.viewer.subprocess.run", pretend)
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.delenv("RUST_LOG", raising=False)
@@ -55,6 +59,17 @@ def test_a_recording_is_shown_to_this_machine_alone(
     told = capsys.readouterr().out
     assert f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy" in told
     assert not Path(called[0][1]).exists(), "nothing is left behind"
+
+
+def test_the_viewer_sends_no_usage_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its settings are its own: those of the user stay as they are."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "users"))
+    own = own_settings()
+    settings = Path(own["XDG_CONFIG_HOME"]) / "rerun" / "analytics.json"
+    assert json.loads(settings.read_text())["analytics_enabled"] is False
+    assert not (tmp_path / "users").exists()
+    assert own_settings() == own
 
 
 def test_a_recording_is_saved_as_it_is(tmp_path: Path, called: list[list[str]]) -> None:

@@ -13,7 +13,7 @@ from sysid.clips import ClipSet, read_clip_set, write_clip_set
 from sysid.clips.readings import Reading
 from sysid.foreign.columns import read_clip
 from sysid.foreign.records import read_columns
-from sysid.vision.camera.projection import write_camera
+from sysid.vision.camera.projection import Camera, write_camera
 from tests.support.foreign_files import (
     LENGTH,
     WIDTH,
@@ -98,24 +98,49 @@ def test_parquet(tmp_path: Path, source: Path) -> None:
     assert furthest(imported(files, tmp_path / "out"), read_clip_set(source)) < 1e-5
 
 
-def test_pixels_are_placed_by_the_camera_s_file(tmp_path: Path) -> None:
-    camera = over_table()
-    size = ["--length", "2.0", "--width", "1.0", "--diameter", str(camera.diameter)]
-    assert generate([str(tmp_path / "set"), "--seed", "2", "--clips", "4", "--kind", "cushion,roll", *size]) == 0
-    write_camera(tmp_path / "cam.toml", camera)
-    meant, files = read_clip_set(tmp_path / "set"), []
+def pixel_files(folder: Path, meant: ClipSet, camera: Camera, upwards: bool) -> list[str]:
+    """The clips as a tracker in the camera's picture writes them, y from the first row or from the last."""
+    files = []
     for clip in meant.clips:
-        files.append(tmp_path / Path(clip.file).name)
+        files.append(folder / Path(clip.file).name)
         lines = ["frame;name;u;v"]
         for name, seen in clip.balls.items():
             frames = np.rint(seen.time * meant.fps).astype(int).tolist()
             pixels = zip(frames, camera.outline(seen.xy).tolist(), strict=True)
-            lines += [f"{k};{name};{u:.3f};{v:.3f}" for k, (u, v) in pixels]
+            lines += [f"{k};{name};{u:.3f};{camera.size[1] - 1 - v if upwards else v:.3f}" for k, (u, v) in pixels]
         files[-1].write_text("\n".join(lines) + "\n")
+    return list(map(str, files))
+
+
+@pytest.mark.parametrize("upwards", [False, True], ids=["y down", "y up"])
+@pytest.mark.parametrize("centred", [False, True], ids=["beside", "straight above"])
+def test_pixels_are_placed_by_the_camera_s_file(
+    tmp_path: Path, upwards: bool, centred: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Which way y is counted shows at the cushions, and is asked where the camera looks at the middle."""
+    camera = over_table(tilt=(0.0, 0.0)) if centred else over_table(aim=(0.05, 0.1), span=3.0)
+    size = ["--length", "2.0", "--width", "1.0", "--diameter", str(camera.diameter)]
+    assert generate([str(tmp_path / "set"), "--seed", "2", "--clips", "8", "--kind", "cushion", "--no-cue", *size]) == 0
+    write_camera(tmp_path / "cam.toml", camera)
+    meant = read_clip_set(tmp_path / "set")
+    files = pixel_files(tmp_path, meant, camera, upwards)
     words = ["--camera", str(tmp_path / "cam.toml"), "--fps", "120", "--out", str(tmp_path / "out")]
-    assert main(["import", *map(str, files), *words]) == 0
+    asked = ["--y", "up"] if upwards and centred else []
+    assert main(["import", *files, *words, *asked]) == 0
+    said = capsys.readouterr().out
+    assert f"y counted {'upwards' if upwards else 'downwards'}" in said
+    assert ("give --y up" in said) == (centred and not upwards)
     found = read_clip_set(tmp_path / "out")
     assert found.table == camera.table and furthest(found, meant) < 1e-3
+
+
+def test_what_a_camera_tells_is_not_stated_as_well(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_camera(tmp_path / "cam.toml", over_table())
+    (tmp_path / "a.csv").write_text(lone(STRAIGHT, STRAIGHT, "t,ball,x_px,y_px"))
+    words = [str(tmp_path / "a.csv"), "--camera", str(tmp_path / "cam.toml"), "--out", str(tmp_path / "out")]
+    assert main(["import", *words, "--unit", "mm"]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert "--unit: the camera's file places pixels" in line
 
 
 def test_a_clip_set_with_wrong_entries_is_put_right_by_the_command_that_check_names(

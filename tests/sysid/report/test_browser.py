@@ -100,10 +100,14 @@ def fits(page: Any, width: int) -> None:
 def test_shots_are_played_and_colours_follow_the_reader(browser: Any, report: Path) -> None:
     page, complaints = opened(browser, report, 820)
     said = page.locator("[data-is=said]")
-    first = said.text_content()
-    assert "misses by" in first
+    both = said.text_content()
+    assert re.search(r"misses by [\d.]+ mm, then [\d.]+ mm", both), "before and after"
+    rings = (
+        "[...document.querySelectorAll('[data-is=table] circle[fill=none]')].map((one) => one.getAttribute('stroke'))"
+    )
+    assert len(set(page.evaluate(rings))) == 2
     page.select_option("[data-is=model]", "0")
-    assert said.text_content() != first, "the first model misses by more"
+    assert "then" not in said.text_content() and len(set(page.evaluate(rings))) == 1
     page.select_option("[data-is=shot]", index=3)
     page.evaluate(
         "const t = document.querySelector('[data-is=time]'); t.value = 0.5; t.dispatchEvent(new Event('input'))"

@@ -19,36 +19,21 @@ from sysid.vision.films import films_of, missing_line
 from sysid.vision.tracks.clips import clip_set
 from sysid.vision.tracks.recordings import of_video, place_of
 from tests.models.recording.test_view import column, read, seconds
+from tests.support.films import FILM_RATE, grey, write_film
 from tests.sysid.vision.test_follow import BALL, CAMERA, Recording
 from tests.sysid.vision.test_track import tracked_of
-
-RATE = 60.0  # [1/s]
-SIZE = (800, 450)
-
-
-def grey(frame: int) -> int:
-    """Level of a frame's pictures, apart from its neighbours' by more than compression spoils."""
-    return 10 + 9 * (int(frame) % 25)
-
-
-def write_film(path: Path, count: int) -> None:
-    """A film in which the grey level tells the frame."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), RATE, SIZE)
-    for k in range(count):
-        writer.write(np.full((SIZE[1], SIZE[0], 3), grey(k), np.uint8))
-    writer.release()
 
 
 @pytest.fixture(scope="module")
 def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A clip set of one clip, and the folder of its film."""
     folder = tmp_path_factory.mktemp("filmed")
-    made = Recording(fps=RATE).wait(0.5).shot((1.2, 0.45), seconds=1.5).wait(0.3)
+    made = Recording(fps=FILM_RATE).wait(0.5).shot((1.2, 0.45), seconds=1.5).wait(0.3)
     found = tracked_of(made)
     (folder / "films").mkdir()
     write_film(folder / "films" / "game one.mp4", len(np.concatenate(made.rows)))
     place = place_of(str(folder / "films" / "game one.mp4"), folder / "set")
-    one = of_video(clip_set(found, CAMERA, BALL.mass, RATE), "game_one", found, place)
+    one = of_video(clip_set(found, CAMERA, BALL.mass, FILM_RATE), "game_one", found, place)
     write_clip_set(one, folder / "set")
     return folder / "set", folder / "films"
 
@@ -84,6 +69,18 @@ def test_frames_are_in_the_time_of_the_clip(filmed: tuple[Path, Path]) -> None:
     pictures = list(film.pictures(index[3:5].tolist()))
     assert [number for number, _ in pictures] == index[3:5].tolist()
     assert [int(picture.mean()) for _, picture in pictures] == pytest.approx([grey(k) for k in index[3:5]], abs=4)
+
+
+def test_frames_of_a_clip_with_missing_ones_are_at_its_samples(filmed: tuple[Path, Path]) -> None:
+    """Tracking finds frames missing though a video's stamps are even: the film must not run ahead."""
+    clips = read_clip_set(filmed[0])
+    (clip,) = clips.clips
+    late = {n: replace(seen, time=seen.time + 0.05 * (seen.time > 0.5)) for n, seen in clip.balls.items()}
+    moved = replace(clips, clips=(replace(clip, balls=late),))
+    ((film,), _) = films_of(moved)
+    _, time = film.clips[clip.file]
+    samples = np.unique(np.concatenate([seen.time for seen in late.values()]))
+    assert time[-len(samples) :] == pytest.approx(samples, abs=1e-6)
 
 
 def test_what_is_not_the_film_is_refused(filmed: tuple[Path, Path], tmp_path: Path) -> None:
@@ -126,7 +123,7 @@ def test_a_video_that_the_viewer_plays_goes_in_as_it_is(
     filmed: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = filmed[1] / "game one.mp4"
-    stamps = np.arange(400) * round(1e9 / RATE)
+    stamps = np.arange(400) * round(1e9 / FILM_RATE)
     monkeypatch.setattr(models.recording.film, "playable_stamps", lambda video: stamps)
     assert main(["review", str(filmed[0]), "--save", str(tmp_path / "r.rrd")]) == 0
     found = read(tmp_path / "r.rrd")
