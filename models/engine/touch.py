@@ -42,6 +42,15 @@ def _wait(gap, closing, bound):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
+def _keeps_to(b, m, nx, ny, end):  # type: ignore[no-untyped-def]
+    """Whether a ball on a curve neither leaves a line with the normal (nx, ny) nor crosses it: it rolls along it."""
+    most = 0.0
+    for n in range(1, col.TERM_COUNT - 1):
+        most += abs(nx * m[col.VX, n] + ny * m[col.VY, n])
+    return most * (end - b[col.BEGIN]) <= CLOSED_GAP_M
+
+
+@compiled_in_place
 def _to_line(b, m, kind, nx, ny, level, t, end):  # type: ignore[no-untyped-def]
     """When a ball on a curve comes to the line nx x + ny y = level; inf for not before the end."""
     first = True
@@ -51,6 +60,8 @@ def _to_line(b, m, kind, nx, ny, level, t, end):  # type: ignore[no-untyped-def]
         if gap <= CLOSED_GAP_M and closing > MIN_IMPACT_SPEED:
             return t
         if gap <= CLOSED_GAP_M and closing >= -MIN_IMPACT_SPEED and first:
+            if _keeps_to(b, m, nx, ny, end):
+                return np.inf
             ax, ay = pull(b, m, kind, t)
             if nx * ax + ny * ay > 0.0:
                 return -1.0

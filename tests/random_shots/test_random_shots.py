@@ -63,6 +63,24 @@ def test_a_slope_holds_balls_to_a_cushion_at_rest() -> None:
     assert end.position[0, :, 1] == pytest.approx(TABLE.centre_limits(BALL)[1], abs=1e-6)
 
 
+def test_a_ball_that_rolls_along_a_cushion_is_not_looked_at_without_end() -> None:
+    """Nothing presses it, though an effect acts; its velocity away from the cushion is rounding."""
+    world, y = model(0.001, "slide_friction_speed", rate=0.1), TABLE.centre_limits(BALL)[1]
+    v, w = np.array([[[0.3, 5e-31]]]), np.array([[[0.0, 0.3 / BALL.radius, 0.0]]])
+    end = finish(world, np.array([[[-0.8, y]]]), v, w, until=1.5, most=100)
+    assert np.isfinite(end.time).all() and end.position[0, 0, 1] == pytest.approx(y, abs=1e-12)
+
+
+def test_balls_that_a_slope_drives_along_a_cushion_are_looked_at_as_they_sink() -> None:
+    """A train of touching balls, pressed to the cushion and along it: a look each some four milliseconds."""
+    world, y = model(0.001, "table_tilt", slope_x=0.008, slope_y=0.008), TABLE.centre_limits(BALL)[1]
+    places = np.array([(-1.0 + D * k, y) for k in range(8)])
+    end = finish(world, places[None], np.zeros((1, 8, 2)), np.zeros((1, 8, 3)), until=2.0, most=5000)
+    assert np.isfinite(end.time).all()
+    assert (end.position[0, :, 0] > places[:, 0] + 0.005).all()
+    assert (np.abs(end.position[0, :, 1] - y) < 5e-6).all()
+
+
 def test_a_corner_without_pocket_stops_what_leans_on_one_of_its_cushions() -> None:
     """What is pressed to one cushion, and has no look at it for a while, still meets the other."""
     closed = dataclasses.replace(
