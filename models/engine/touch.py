@@ -22,6 +22,7 @@ BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
 MOUTH_DEPTH_M = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
 # Until what is pressed together at rest is looked at again [s]: at most what lets it sink by PRESSED_DEPTH_M.
 PRESSED_RECHECK_S, MAX_RECHECK_S, PRESSED_DEPTH_M = 1e-3, 4e-3, 5e-7
+BESIDE_MOUTH_M = 1e-9  # beyond a mouth's side, where a ball has left it for certain [m]
 MOST_STEPS = 200  # towards a touch
 NO_STEP_S = 1e-15  # step that is none [s]
 
@@ -210,6 +211,7 @@ def _leave_sideways(b, m, kind, what, i, rail, limits, half, mouths, end):  # ty
         way, level = 1.0 - 2.0 * side, mouth_sides(b[o], rail, half, mouths)[1 - side]
         if abs(level) == np.inf:
             continue
+        level += way * BESIDE_MOUTH_M
         if kind == CURVE:
             nx, ny = (way, 0.0) if o == 0 else (0.0, way)
             t = _to_line(b, m, CURVE, nx, ny, way * level, now, end)
