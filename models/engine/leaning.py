@@ -14,7 +14,7 @@ from models.compiled import compiled_in_place
 from models.engine import columns as col
 from models.engine.cluster import CROWD_GAP_M
 from models.engine.motion import POTTED, place
-from models.engine.touch import MAX_RECHECK_S, recheck
+from models.engine.touch import MAX_RECHECK_S, PRESSED_RECHECK_S
 
 LEAN_MEMORY_S = 5.0 * MAX_RECHECK_S  # for how long a ball that leans is known to [s]
 HELD_AFTER_S = 0.2  # for which what is pressed has not moved, before it rests [s]
@@ -26,11 +26,10 @@ BESIDE_M = 1e-4  # gap to a ball that is hit, at which what is held is no longer
 @compiled_in_place
 def look_later(now, i, b, m, kind, leans, pair, again, radius):  # type: ignore[no-untyped-def]
     """Let ball i and others that lean on each other at no speed have no other look for a while."""
-    touch = 2.0 * radius + CROWD_GAP_M
+    later, touch = now + PRESSED_RECHECK_S, 2.0 * radius + CROWD_GAP_M
     x, y, vx, vy = place(b[i], m[i], kind[i], now)
     for j in range(b.shape[0]):
         at = i * (i - 1) // 2 + j if j < i else j * (j - 1) // 2 + i
-        later = now + recheck(b[i, col.BOUND] + b[j, col.BOUND])
         if j == i or kind[j] == POTTED or leans[j] <= now or not pair[at] < later:
             continue
         px, py, pvx, pvy = place(b[j], m[j], kind[j], now)
