@@ -15,7 +15,7 @@ from models.engine.curve import MAX_STEP_S, curve
 from models.engine.leaning import is_held, look_later
 from models.engine.motion import POTTED, REST, plain_phase
 from models.engine.rigid import approach_speed
-from models.engine.touch import BALL, CUSHION, SWITCH, meet_balls, meet_table
+from models.engine.touch import BALL, CUSHION, SWITCH, meet_balls, meet_table, recheck
 
 
 @compiled_within
@@ -48,6 +48,8 @@ def next_meetings(  # type: ignore[no-untyped-def]
         if todo[i]:
             # What leans on a cushion has no other look at it for a while: looks would follow without end.
             left_out, soon = zero, True
+            if quiet[i] == np.inf:  # it has just been pressed, and how it goes on from there is known now
+                quiet[i] = now + recheck(b[i, col.BOUND])
             while soon:
                 meet_table(b[i], m[i], what, i, kind[i], limits, half, mouths, jaws, falls, stays[i], until, left_out)
                 soon = quiet[i] > now and what[i, 0] == CUSHION and b[i, col.MEET] < quiet[i]

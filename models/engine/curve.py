@@ -158,8 +158,9 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
         sets_off, nx, ny = _sets_off(r, at, own, forces, support, cloth[1])
         if not sets_off:
             mode, b[col.VX], b[col.VY] = RESTING, 0.0, 0.0
-        elif mode == RESTING:
-            mode, b[col.VX], b[col.VY] = ROLLING, 2.0 * STILL_SPEED * nx, 2.0 * STILL_SPEED * ny
+        else:  # whichever way it has come, it goes where it is pushed
+            v = max(v, 2.0 * STILL_SPEED)
+            mode, b[col.VX], b[col.VY] = ROLLING, v * nx, v * ny
     if mode != SLIDING:
         b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
     ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]

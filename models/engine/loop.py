@@ -33,7 +33,7 @@ from models.engine.impacts import deliver, is_crowded, part
 from models.engine.leaning import lean, release
 from models.engine.motion import POTTED, REST, advance, arrive
 from models.engine.rigid import approach_speed, collide_alone, settle
-from models.engine.touch import BALL, CUSHION, POCKET, PRESSED_RECHECK_S, SWITCH
+from models.engine.touch import BALL, CUSHION, POCKET, SWITCH
 from models.hooks import STROKE_FIELDS
 
 ROW_SIZE = 8  # numbers of a ball at a moment: place, velocity, spin, angle turned
@@ -129,7 +129,7 @@ def _after_impact(  # type: ignore[no-untyped-def]
     balls, notes, i, j, rail, speed, slow, now, jaws, limits, radius, alpha
 ):  # fmt: skip
     """Let go of what an impact has moved, and part what it has left pressed together."""
-    (b, m, _), (kind, _, _, quiet, still, (todo, touched, held)) = balls, notes
+    (b, m, _), (kind, _, _, _, still, (todo, touched, held)) = balls, notes
     if speed >= DEAD_SPEED:
         for q in range(b.shape[0]):
             touched[q] = q in (i, j)
@@ -138,8 +138,6 @@ def _after_impact(  # type: ignore[no-untyped-def]
         release(b, held, touched, todo, still, now, radius)
     if slow:
         part(b, i, j, rail, jaws, radius, limits)
-        if j < 0:
-            quiet[i] = now + PRESSED_RECHECK_S
     b[i, col.TRY] = 0.0
     if j >= 0:
         b[j, col.TRY] = 0.0
@@ -150,13 +148,13 @@ def _settle_pressed(  # type: ignore[no-untyped-def]
     balls, notes, i, j, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, order, now
 ):  # fmt: skip
     """Carry all through at once that press on each other; they lean from now on."""
-    (b, m, _), (kind, _, leans, _, still, (todo, touched, _)) = balls, notes
+    (b, m, _), (kind, _, leans, quiet, still, (todo, touched, _)) = balls, notes
     for q in range(b.shape[0]):
         advance(b[q], m[q], kind[q], now, radius, cloth[2])
     settle(b, kind, i, j, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, order, now)
     for q in range(b.shape[0]):
         if touched[q]:
-            todo[q], b[q, col.TRY] = True, 0.0
+            todo[q], b[q, col.TRY], quiet[q] = True, 0.0, np.inf
             lean(q, now, leans, still)
 
 

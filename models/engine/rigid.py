@@ -14,7 +14,7 @@ import math
 
 from models import record as rec
 from models.analytic.coulomb import MIN_STEPS
-from models.analytic.events import DEAD_SPEED, LEAN_SPEED, MIN_IMPACT_SPEED
+from models.analytic.events import DEAD_SPEED, LEAN_SPEED
 from models.analytic.impulse import collide
 from models.analytic.pocket import outward
 from models.compiled import compiled_in_place
@@ -25,7 +25,7 @@ from models.engine.motion import POTTED
 from models.shot import GRAVITY
 
 MAX_SWEEPS = 20  # over all that press on each other; what is left of their approach waits for the next look
-SETTLED_SPEED = MIN_IMPACT_SPEED  # approach speed that is left between bodies that press on each other [m/s]
+SETTLED_SPEED = 1e-6  # approach speed that is left between bodies that press on each other [m/s]
 SOON_S = 1e-4  # in which the cloth would end what slip and sidespin such impacts leave: it does so at once [s]
 
 

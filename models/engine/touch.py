@@ -22,6 +22,7 @@ BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
 MOUTH_DEPTH_M = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
 # Until what is pressed together at rest is looked at again [s]: at most what lets it sink by PRESSED_DEPTH_M.
 PRESSED_RECHECK_S, MAX_RECHECK_S, PRESSED_DEPTH_M = 1e-3, 4e-3, 5e-7
+BESIDE_MOUTH_M = 1e-9  # beyond a mouth's side, where a ball has left it for certain [m]
 MOST_STEPS = 200  # towards a touch
 NO_STEP_S = 1e-15  # step that is none [s]
 
@@ -42,6 +43,15 @@ def _wait(gap, closing, bound):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
+def _keeps_to(b, m, nx, ny, end):  # type: ignore[no-untyped-def]
+    """Whether a ball on a curve neither leaves a line with the normal (nx, ny) nor crosses it: it rolls along it."""
+    most = 0.0
+    for n in range(1, col.TERM_COUNT - 1):
+        most += abs(nx * m[col.VX, n] + ny * m[col.VY, n])
+    return most * (end - b[col.BEGIN]) <= CLOSED_GAP_M
+
+
+@compiled_in_place
 def _to_line(b, m, kind, nx, ny, level, t, end):  # type: ignore[no-untyped-def]
     """When a ball on a curve comes to the line nx x + ny y = level; inf for not before the end."""
     first = True
@@ -51,6 +61,8 @@ def _to_line(b, m, kind, nx, ny, level, t, end):  # type: ignore[no-untyped-def]
         if gap <= CLOSED_GAP_M and closing > MIN_IMPACT_SPEED:
             return t
         if gap <= CLOSED_GAP_M and closing >= -MIN_IMPACT_SPEED and first:
+            if _keeps_to(b, m, nx, ny, end):
+                return np.inf
             ax, ay = pull(b, m, kind, t)
             if nx * ax + ny * ay > 0.0:
                 return -1.0
@@ -199,6 +211,7 @@ def _leave_sideways(b, m, kind, what, i, rail, limits, half, mouths, end):  # ty
         way, level = 1.0 - 2.0 * side, mouth_sides(b[o], rail, half, mouths)[1 - side]
         if abs(level) == np.inf:
             continue
+        level += way * BESIDE_MOUTH_M
         if kind == CURVE:
             nx, ny = (way, 0.0) if o == 0 else (0.0, way)
             t = _to_line(b, m, CURVE, nx, ny, way * level, now, end)

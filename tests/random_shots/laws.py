@@ -118,14 +118,14 @@ def _places(played: Played, row: int) -> Array:
 def _apart(batch: Batch, played: Played, row: int) -> Iterator[str]:
     """Balls do not overlap."""
     xy, allowed = _places(played, row), _allowed(batch, played, row)
-    n = xy.shape[1]
-    for i in range(n):
-        for j in range(i):
-            over = batch.model.ball.diameter - np.hypot(*(xy[:, i] - xy[:, j]).T)
-            bad = over > allowed
-            if bad.any():
-                k = int(np.argmax(bad))
-                yield f"balls {j} and {i} overlap by {1e3 * float(np.nanmax(over)):.2g} mm at sample {k} of {len(xy)}"
+    for i in range(1, xy.shape[1]):
+        off = xy[:, :i] - xy[:, i : i + 1]
+        over = batch.model.ball.diameter - np.hypot(off[..., 0], off[..., 1])  # (m + 1, i)
+        bad = over > allowed[:, None]
+        if bad.any():
+            j = int(np.argmax(bad.any(axis=0)))
+            k, most = int(np.argmax(bad[:, j])), float(np.nanmax(over[:, j]))
+            yield f"balls {j} and {i} overlap by {1e3 * most:.2g} mm at sample {k} of {len(xy)}"
 
 
 def _inside(batch: Batch, played: Played, row: int) -> Iterator[str]:
@@ -144,11 +144,11 @@ def _inside(batch: Batch, played: Played, row: int) -> Iterator[str]:
                 break
     if batch.jaws:
         jaws = pockets_of(batch.model.table, batch.model.ball).jaws
-        for s in range(len(xy)):
-            gaps = jaw_gaps(xy[s], jaws[:12])
-            if (gaps < -allowed[s]).any():
-                yield f"a ball is {-1e3 * float(np.nanmin(gaps)):.2g} mm into a jaw at sample {s}"
-                break
+        gaps = jaw_gaps(xy.reshape(-1, 2), jaws[:12]).reshape(len(xy), -1)
+        bad = (gaps < -allowed[:, None]).any(axis=1)
+        if bad.any():
+            s = int(np.argmax(bad))
+            yield f"a ball is {-1e3 * float(np.nanmin(gaps[s])):.2g} mm into a jaw at sample {s}"
 
 
 def pushes(batch: Batch, row: int) -> Array | None:

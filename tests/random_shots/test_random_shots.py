@@ -19,6 +19,7 @@ BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778)
 D = BALL.diameter
 ONCE_GIVEN_UP = [  # seed and row: packs and slopes, a grain that resists more once a ball rolls, pulls across the way
     (4, 3), (4, 26), (6, 4), (6, 9), (14, 28), (16, 8), (68, 17), (108, 29), (184, 29), (185, 50), (227, 54),
+    (644, 51), (652, 23), (801, 12), (950, 34), (1086, 20), (1139, 43), (1336, 34), (1370, 35),  # beside mouths
 ]  # fmt: skip
 ONCE_INSIDE = [(2, 47), (10, 60), (15, 0), (231, 33)]  # behind a cushion, beside a mouth
 ONCE_NOWHERE = [(221, 26), (13, 2), (63, 41)]  # an approach whose square vanished; through facings
@@ -61,6 +62,20 @@ def test_a_slope_holds_balls_to_a_cushion_at_rest() -> None:
     end = finish(world, np.array([[[0.9, 0.5], [0.8, 0.2]]]), np.zeros((1, 2, 2)), np.zeros((1, 2, 3)), most=20_000)
     assert np.isfinite(end.time).all() and not end.velocity.any()
     assert end.position[0, :, 1] == pytest.approx(TABLE.centre_limits(BALL)[1], abs=1e-6)
+
+
+def test_a_ball_that_rolls_along_a_cushion_is_not_looked_at_without_end() -> None:
+    """Nothing presses it, though an effect acts; its velocity away from the cushion is rounding."""
+    world, y = model(0.001, "slide_friction_speed", rate=0.1), TABLE.centre_limits(BALL)[1]
+    v, w = np.array([[[0.3, 5e-31]]]), np.array([[[0.0, 0.3 / BALL.radius, 0.0]]])
+    end = finish(world, np.array([[[-0.8, y]]]), v, w, until=1.5, most=100)
+    assert np.isfinite(end.time).all() and end.position[0, 0, 1] == pytest.approx(y, abs=1e-12)
+
+
+@pytest.mark.slow
+def test_a_pack_that_a_nap_drives_to_a_cushion_is_not_looked_at_too_often() -> None:
+    """It took 141,518 events where each ball that is pressed was looked at by itself."""
+    assert judged(picked(batch(8, 64), np.array([48]))).result.counts.sum() < 80_000
 
 
 def test_a_corner_without_pocket_stops_what_leans_on_one_of_its_cushions() -> None:

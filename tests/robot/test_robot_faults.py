@@ -140,6 +140,12 @@ class Bench:
         if self.tally.strokes > strokes:
             self.command("retract")
 
+    def last_look(self) -> None:
+        """What comes after the last command is seen on a line that is good again."""
+        self.line.faults = None
+        self.clock.sleep(1.0)
+        self.recover()
+
     def account(self) -> Tally:
         """The tally, with the faults of which nobody told within the next 3 s that the line was in use."""
         times = np.sort([*(i.time for i in self.link.incidents), *self.told])
@@ -162,6 +168,7 @@ def campaign(exchanges: int, rate: float, seed: int) -> Tally:
     bench.recover()
     while bench.link.exchanges < exchanges:
         bench.cycle()
+    bench.last_look()
     return bench.account()
 
 
@@ -187,6 +194,15 @@ def test_one_in_four_lines_spoiled() -> None:
     tally = campaign(2000, 0.25, 5)
     assert tally.failures() == []
     assert tally.given_up > 10
+
+
+def test_a_restart_after_the_last_command_is_seen() -> None:
+    bench = Bench(0.0, 1)
+    bench.recover()
+    bench.faults.force("restart")
+    bench.launcher.status()
+    bench.last_look()
+    assert [f.kind for f in bench.faults.done] == ["restart"] and bench.account().failures() == []
 
 
 @pytest.mark.parametrize("kind", FAULT_KINDS)
