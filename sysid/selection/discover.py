@@ -37,7 +37,7 @@ from sysid.selection.evidence import (
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, score_terms, select_terms
 from sysid.selection.judge import diagnose_fit
 from sysid.selection.next_shot import NextShot, propose_shot
-from sysid.selection.pruning import fit_without, without_minor, without_needless, without_undetermined
+from sysid.selection.pruning import fit_without, without_needless, without_unclear, without_undetermined
 from sysid.selection.remainder import remainder
 from sysid.selection.score import Score
 from sysid.selection.screening import (
@@ -122,9 +122,9 @@ def prune(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
     return found if verdict == found.verdict else _ending_with(found, now, verdict)
 
 
-def _without_minor(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
+def _without_unclear(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
     """The result without effects whose size the clips do not tell, or that explain only a small part of the rest."""
-    now, verdict = without_minor(parts, *without_undetermined(parts, found.last, found.verdict))
+    now, verdict = without_unclear(parts, found.last, found.verdict)
     if verdict == found.verdict:
         return found
     if not verdict:  # the base that no effect has bent
@@ -193,7 +193,7 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
         found = prune(parts, found)
         found = dataclasses.replace(found, unexplained=remainder(found.last))
         if found.unexplained is not None and not parts.cut:  # of cut shots, whole ones decide
-            found = _without_minor(parts, found)
+            found = _without_unclear(parts, found)
     if found.verdict and found.explained is None:
         last = settled_on(parts, found.last)
         found = dataclasses.replace(found, ladder=(*found.ladder[:-1], last))

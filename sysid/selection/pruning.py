@@ -67,6 +67,15 @@ def without_minor(parts: Split, now: FittedModel, verdict: tuple[str, ...]) -> P
     return now, verdict
 
 
+def without_unclear(parts: Split, now: FittedModel, verdict: tuple[str, ...]) -> Pruned:
+    """The fit without those of the named effects that are undetermined or minor, judged anew after each that goes."""
+    before = None
+    while verdict != before:
+        before = verdict
+        now, verdict = without_minor(parts, *without_undetermined(parts, now, verdict))
+    return now, verdict
+
+
 def without_undetermined(parts: Split, now: FittedModel, verdict: tuple[str, ...]) -> Pruned:
     """The fit without those of the named effects whose size is within its own uncertainty over the clips."""
     while verdict and now.converged:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from models.model_file import full_model
 from sysid.clips import read_clip_set
 from sysid.estimation import FittedModel, begin
-from sysid.selection.pruning import without_minor
+from sysid.selection.pruning import distance_from_absence, without_minor, without_unclear
 from sysid.selection.score import score_all
 from sysid.selection.screening import candidates_for, fit_candidate
 from tests.truth.__main__ import main as generate
@@ -33,3 +34,12 @@ def test_what_explains_little_beside_much_is_not_named(tmp_path: Path) -> None:
     assert verdict == ()
     assert "rolling_shutter.delay" not in now.names
     assert without_minor(parts, dragged, ("speed_drag",)) == (dragged, ("speed_drag",))
+    assert without_unclear(parts, dragged, ("speed_drag",)) == (dragged, ("speed_drag",))
+
+    # The same fit on clips that do not agree on the size.
+    value, sd = dragged.value("speed_drag.rate")
+    assert distance_from_absence(dragged, "speed_drag") == pytest.approx(abs(value) / sd)
+    vague = dataclasses.replace(dragged, covariance=dragged.covariance * (value / sd) ** 2)
+    assert distance_from_absence(vague, "speed_drag") == pytest.approx(1.0)
+    now, verdict = without_unclear(parts, vague, ("speed_drag",))
+    assert verdict == () and "speed_drag.rate" not in now.names
