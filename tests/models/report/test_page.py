@@ -35,7 +35,7 @@ def test_values_are_escaped_and_spelt_out(template: Path) -> None:
     assert text.encode()
     assert '<td class="n">3</td>' in text
     assert 'style="width:50.0%"' in text and 'style="left:25.0%"' in text
-    assert '<img alt="a picture" src="data:image/svg+xml;base64,PHN2Zy8+"><figcaption>What it shows.<' in text
+    assert '<img alt="a picture" src="data:image/svg+xml;base64,PHN2Zy8+"></div><figcaption>What it shows.<' in text
     assert render(template, title=line, lines=[line], picture="<svg/>") == text
 
 
