@@ -117,7 +117,7 @@ def _correlated_noise(scene: TrackedScene, quick: float) -> float:
             count = stop - part.start
             whole = count >= MIN_SWAY_FRAMES and track.frame[stop - 1] - track.frame[part.start] == count - 1
             if stop < len(path_length) and whole and not at_rest[part].any():
-                best = min(_parabola_residual(track.xy[part], knot) for knot in KNOT_POSITIONS)
+                best = min(_parabola_residual(track.time[part], track.xy[part], knot) for knot in KNOT_POSITIONS)
                 residual.setdefault(track.name, []).append(float(np.sqrt(best / 2 / (count - 5))))
     well_sampled = [values for values in residual.values() if len(values) >= MIN_SWAY_SEGMENTS]
     return max((float(np.quantile(values, CLEAR_QUANTILE)) for values in well_sampled), default=math.nan)
@@ -133,12 +133,12 @@ def _impacts(track: BallTrack, quick: float) -> NDArray[np.bool_]:
     return found
 
 
-def _parabola_residual(xy: Array, knot: float) -> float:
-    """Residual sum of squares of two smoothly joined parabolas fitted to evenly timed places (n, 2) [m^2].
+def _parabola_residual(time: Array, xy: Array, knot: float) -> float:
+    """Residual sum of squares of two smoothly joined parabolas fitted to places (n, 2) at times (n,) [m^2].
 
-    The `knot` between them is in -1 to 1.
+    The `knot` between them is in -1 to 1, the first time and the last.
     """
-    time = np.linspace(-1, 1, len(xy))
+    time = 2 * (time - time[0]) / (time[-1] - time[0]) - 1
     basis = np.column_stack([np.vander(time, 3), np.maximum(time - knot, 0.0) ** 2])
     return float(np.sum((xy - basis @ np.linalg.lstsq(basis, xy, rcond=None)[0]) ** 2))
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from models.shot import Array
 from sysid.vision.tracks.follow import BallTrack, Follower
+from sysid.vision.tracks.noise import _parabola_residual
 from sysid.vision.tracks.picks import find_picks, seem_uneven
 from sysid.vision.tracks.prediction import State
 from sysid.vision.tracks.track import _stamped
@@ -85,3 +86,12 @@ def test_the_velocity_of_an_evenly_moving_ball_does_not_swing() -> None:
         state = state.predicted(k * PERIOD).updated(0.5 * k * PERIOD + 1e-3 * (k == 4), 0.0, 1e-12)
         errors.append(abs(state.u - 0.5))
     assert max(errors[-3:]) < 0.02 * max(errors[3:5])
+
+
+def test_a_smooth_motion_at_uneven_times_is_no_noise() -> None:
+    """A ball that slides, then rolls: two parabolas, joined at a fifth of the way."""
+    time = np.cumsum(np.random.default_rng(4).choice([0.5, 1.0, 1.5], 40)) * PERIOD
+    way = 2 * (time - time[0]) / np.ptp(time) - 1
+    slides = np.minimum(way - 0.2, 0.0) ** 2
+    xy = np.column_stack([way - 0.1 * way**2 - 0.3 * slides, 0.4 * way + 0.05 * slides])
+    assert _parabola_residual(time, xy, 0.2) < 1e-20
