@@ -2,11 +2,11 @@
 
 In: a `ClipSet`, and the noise from sample to sample. Out: a `SlowNoise`: its standard deviation and correlation time.
 
-A ball that rolls is slowed, and turned, so evenly that a cubic follows it to its next impact: every effect of the
-catalogue leaves less than a tenth of the noise beside one. What is left beyond the noise are errors of the image (a
-compressed picture, uneven light, a lens, frames at uneven times) or a cloth that is not flat within some decimetres;
-no model says which way they go, and neighbouring samples share them. Fits weigh samples by both noises, or they would
-take wandering for physics.
+A ball that rolls is slowed, and turned, so evenly that a cubic follows it to its next impact; sets generated with an
+effect of natural size show nothing beside their noise of half a millimetre. What is left beyond the noise are errors of
+the image (a compressed picture, uneven light, a lens, frames at uneven times) or a cloth that is not flat within some
+decimetres; no model says which way they go, and neighbouring samples share them. Fits weigh samples by both noises, or
+they would take wandering for physics.
 
 Left out: what a cubic follows, so that slow noise of long waves comes out small, and so does its correlation time.
 """
@@ -24,7 +24,7 @@ from models.shot import GRAVITY
 from sysid.clips.clip_set import ClipSet
 from sysid.clips.segments import Segment, split_all
 
-DEGREE = 3  # of the polynomial that follows a rolling ball
+POLYNOMIAL_DEGREE = 3  # of the polynomial that follows a rolling ball
 MIN_SAMPLES = 24  # of a stretch, so that noise and wandering are told apart
 MIN_STRETCHES = 3  # that tell a median
 MIN_SLIDING_FRICTION = 0.1  # with which a ball rolls at the latest when it is taken to
@@ -58,8 +58,8 @@ def slow_noise(clip_set: ClipSet, noise: float) -> SlowNoise:
     residuals = [_residual(time, xy) for time, xy in _stretches(clip_set, noise)]
     if len(residuals) < MIN_STRETCHES:
         return SlowNoise()
-    variance = np.concatenate([np.sum(r**2, axis=0) / (len(r) - DEGREE - 1) for r in residuals])
-    freedom = float(np.median([len(r) - DEGREE - 1 for r in residuals]))
+    variance = np.concatenate([np.sum(r**2, axis=0) / (len(r) - POLYNOMIAL_DEGREE - 1) for r in residuals])
+    freedom = float(np.median([len(r) - POLYNOMIAL_DEGREE - 1 for r in residuals]))
     error = ERROR_OF_MEDIAN * noise**2 * math.sqrt(2 / freedom / len(residuals))  # were there white noise alone
     beyond = float(np.median(variance)) - noise**2
     if beyond <= MIN_SIGNIFICANCE * error:
@@ -88,7 +88,7 @@ def _rolls(segment: Segment) -> NDArray[np.bool_]:
 
 def _residual(time: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
     """Positions less the cubic through them: (n, 2) [m]."""
-    smooth = np.linalg.qr(np.vander((time - time.mean()) / np.ptp(time), DEGREE + 1))[0]
+    smooth = np.linalg.qr(np.vander((time - time.mean()) / np.ptp(time), POLYNOMIAL_DEGREE + 1))[0]
     return np.asarray(xy - smooth @ (smooth.T @ xy))
 
 

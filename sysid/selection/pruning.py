@@ -26,9 +26,7 @@ from sysid.selection.evidence import (
 from sysid.selection.screening import MIN_DELTA_BIC, warm_started
 
 MIN_SHARE_OF_EXCESS = 0.02  # of the variance beyond noise, that an effect must explain where most is not explained
-MIN_DISTANCE_SD = (
-    3.0  # standard deviations from where it vanishes, of an effect that is named where something is not explained
-)
+MIN_DISTANCE_SD = 3.0  # standard deviations of an effect that is named there from where it vanishes
 log = logging.getLogger(__name__)
 Pruned = tuple[FittedModel, tuple[str, ...]]  # a fit, and the effects that are named in it
 
