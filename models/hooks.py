@@ -87,6 +87,7 @@ class ImpactState:
     nose: float = NOSE_SINE  # sine of the elevation at which a rail meets the ball: its height over the radius, less 1
     compliance: float = 0.0  # of a rail along its face over that along its normal, 0 where it is rigid
     sink: float = 0.0  # share of a rail's push on the slate that the slate does not return: 0 rigid, 1 not there
+    contact_time: float = 0.0  # for which a ball stays in a rail [s]
 
 
 @dataclass

@@ -145,7 +145,11 @@ def line(gap, v, a, h):  # type: ignore[no-untyped-def]
             return 0.0
         if v >= -MIN_IMPACT_SPEED:
             return -1.0 if a > 0.0 else np.inf
-        t = -2.0 * v / a if a > 0.0 else np.inf
+        if a <= 0.0:
+            return np.inf
+        # From within a rail: out and back to the line, or to where it turns if it does not come out.
+        inside = gap < -CLOSED_GAP_M
+        t = (math.sqrt(max(v * v + 2.0 * a * gap, 0.0)) - v) / a if inside else -2.0 * v / a
         return t if t <= h else np.inf
     disc = v * v + 2.0 * a * gap
     if disc < 0.0:

@@ -13,11 +13,13 @@ from models.analytic.pocket import JAW_RAILS, is_facing, outward
 from models.compiled import compiled, compiled_in_place
 from models.engine.motion import POTTED
 from models.hooks import STROKE_FIELDS, Table, call_hook
-from models.shot import NOSE_COSINE, NOSE_SINE, Array
+from models.shot import GRAVITY, NOSE_COSINE, NOSE_SINE, Array
 
 CLIMB_FRICTION = (
     0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
 )
+MAX_DEPTH = 0.75  # of a ball's centre in a rail, over the radius: a centre that passes the nose line is in a pocket
+MAX_SLOWED = 0.4  # of its speed out of a rail, that sliding friction may take from a ball that is still in it
 MAX_NOSE_SINE = 0.8  # of a cushion's nose over a ball's centre: higher ones press it down more than back
 RAIL_OF_JAW = np.array(JAW_RAILS)
 
@@ -46,7 +48,7 @@ def describe(h, cushion, i, j, one, two, nx, ny, radius, order, time):  # type: 
     h[rec.RESTITUTION] = h[rec.FRICTION] = h[rec.GAIN] = h[rec.DECAY] = 0.0
     h[rec.MASS_FIRST] = h[rec.MASS_SECOND] = 1.0
     h[rec.NOSE] = NOSE_SINE
-    h[rec.COMPLIANCE] = h[rec.SINK] = 0.0
+    h[rec.COMPLIANCE] = h[rec.SINK] = h[rec.CONTACT_TIME] = 0.0
 
 
 @compiled_in_place
@@ -60,6 +62,7 @@ def ask(h, at, own, hooks):  # type: ignore[no-untyped-def]
         h[rec.FRICTION] = min(h[rec.FRICTION], CLIMB_FRICTION)
         h[rec.NOSE] = min(max(h[rec.NOSE], 0.0), MAX_NOSE_SINE)
         h[rec.SINK] = min(max(h[rec.SINK], 0.0), 1.0)
+        h[rec.CONTACT_TIME] = max(h[rec.CONTACT_TIME], 0.0)
     if h[rec.APPROACH] < DEAD_SPEED:
         h[rec.RESTITUTION] = 0.0
 
@@ -151,6 +154,37 @@ def crowded(
         j = -1 if cushion else hit[n, 2]
         found[n] = is_crowded(p[n], kind[n], hit[n, 1], j, hit[n, 2], near[n], radius, limits, half, mouths)
     return found
+
+
+@compiled_in_place
+def stay(p, rail, speed, time, slide, radius, half, mouths):  # type: ignore[no-untyped-def]
+    """Put a ball, place p, as deep into a straight rail as its way out from `speed` [m/s] takes it a contact `time` [s].
+
+    On its way out sliding friction `slide` slows it; it comes out in any case. Within a diameter of a mouth, where the
+    rubber ends, it is less deep, down to nothing at the mouth.
+    """
+    slowing, speed = slide * GRAVITY, max(speed, 0.0)
+    time = min(time, MAX_SLOWED * speed / slowing) if slowing > 0.0 else time
+    k, depth = rail // 2, min((speed - 0.5 * slowing * time) * time, MAX_DEPTH * radius)
+    if mouths[0] > 0.0:
+        along = abs(p[1 - k])
+        room = half[1 - k] - mouths[0] - along
+        if k == 1:
+            room = min(room, along - mouths[1])
+        depth *= min(max(0.5 * room / radius, 0.0), 1.0)
+    p[k] += (1.0 - 2.0 * (rail % 2)) * depth
+
+
+@compiled_in_place
+def stay_rows(
+    hit: NDArray[np.int64], p: Array, v: Array, time: Array, slide: Array, radius: float, half: Array, mouths: Array
+) -> None:
+    """`stay` of many simulations after their impacts: rows of `hit` are kind, ball, and rail or 4 + jaw; others (n,)."""
+    for n in range(hit.shape[0]):
+        i, rail = hit[n, 1], hit[n, 2]
+        if rail < 4 and time[n] > 0.0:
+            sign = 1.0 - 2.0 * (rail % 2)
+            stay(p[n, i], rail, -sign * v[n, i, rail // 2], time[n], slide[n], radius, half, mouths)
 
 
 @compiled_in_place

@@ -37,7 +37,8 @@ def recheck(push):  # type: ignore[no-untyped-def]
 def _wait(gap, closing, bound):  # type: ignore[no-untyped-def]
     """The time for which a gap is open for certain."""
     if gap <= CLOSED_GAP_M:  # it has just been closed, and opens
-        return max(-2.0 * closing / bound, 1e-9) if bound > 0.0 else np.inf
+        back = 1.0 if gap < -CLOSED_GAP_M else 2.0  # it may turn before it comes out
+        return max(-back * closing / bound, 1e-9) if bound > 0.0 else np.inf
     low = closing + math.sqrt(closing * closing + 2.0 * bound * gap)
     return 2.0 * gap / low if low > 0.0 else np.inf
 

@@ -19,13 +19,15 @@ from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.fitting import loss_soon
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
+from sysid.estimation.split import LOST_RATIO
 
 MAX_LOSS_RATIO = 1.5  # of the loss a few iterations after an effect was removed, if the effect is to be doubted
 MAX_LAG = 40  # samples, of the autocorrelation
 MIN_CORRELATION = 0.02  # at which the sum of the autocorrelation stops
 MAX_RESIDUAL_SD = 4.0  # at which residuals are clipped
 MAX_HELD_OUT_LOG_RATIO = math.log(1.5)  # of mean squares of held-out clips, summed over them, for a fit to generalise
-MANY_HELD_OUT_CLIPS, MAX_HELD_OUT_RATIO = 30, 1.02  # from which their rms counts too, and by how much it may rise
+# From how many held-out clips that sum may be larger, in proportion, and their rms counts too; by how much it may rise.
+MANY_HELD_OUT_CLIPS, MAX_HELD_OUT_RATIO = 30, 1.02
 COMPARED_STEPS = 5  # iterations of the initial states before two fits are compared
 
 
@@ -93,14 +95,19 @@ def holds(one: FittedModel, two: FittedModel) -> bool:
 
 
 def _held_out_within(one: FittedModel, two: FittedModel, log_ratio: float, ratio: float) -> bool:
-    """Whether the second fit's mean squares of held-out clips rise by less than that, summed over clips and of all."""
+    """Whether the second fit's mean squares of held-out clips rise by less than that, summed over clips and of all.
+
+    A clip that is lost in a false optimum is lost in both, however far it ends: how far is chance.
+    """
     if one.held_out is None or two.held_out is None:
         return True
-    many = len(one.held_out.residuals) >= MANY_HELD_OUT_CLIPS
-    if many and two.held_out.rms > ratio * one.held_out.rms:
-        return False
     old, new = (np.maximum(mean_squares(at.residuals)[0], 1.0) for at in (one.held_out, two.held_out))
-    return float(np.sum(np.log(new / old))) < log_ratio
+    lost = LOST_RATIO**2 * float(np.median(old))
+    old, new = np.minimum(old, lost), np.minimum(new, lost)
+    many = len(old) / MANY_HELD_OUT_CLIPS
+    if many >= 1.0 and new.sum() > ratio**2 * old.sum():
+        return False
+    return float(np.sum(np.log(new / old))) < log_ratio * max(many, 1.0)
 
 
 def _chi2_of_known(at: Point) -> float:

@@ -7,6 +7,7 @@ shot to shot.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +40,10 @@ class Batch:
     shots: list[Shot]
 
 
+LATER = ("cushion_contact_time",)  # effects that came after shots were noted by seed and row
+LATER_SHARE = 0.2  # of the batches, that have one of them beside the others
+
+
 def physical() -> dict[str, type[Effect]]:
     """The effects that act on the table, by name; the camera's do not."""
     kinds = catalogue()
@@ -59,19 +64,23 @@ def values(kind: type[Effect], n: int, rng: np.random.Generator) -> dict[str, An
     return found
 
 
-def batch(seed: int, n: int) -> Batch:
-    """The batch of a seed, of n shots."""
+def batch(seed: int, n: int, later: Sequence[str] = LATER) -> Batch:
+    """The batch of a seed, of n shots; without `later` effects it is as it was before there were any."""
     rng = np.random.default_rng([seed, 22])
     which = list(TABLE_SETS.values())[rng.integers(len(TABLE_SETS))]
     balls = int(rng.choice([1, 2, 3, 4, 6, 10, 16, MAX_BALLS]))
     layout = LAYOUTS[rng.integers(len(LAYOUTS))]
     kinds = physical()
-    chosen = rng.choice(sorted(kinds), int(rng.integers(0, MAX_EFFECTS + 1)), replace=False)
+    chosen = rng.choice(sorted(set(kinds) - set(LATER)), int(rng.integers(0, MAX_EFFECTS + 1)), replace=False)
     model = full_model(which.table, which.ball)
     model = dataclasses.replace(model, effects=tuple(type(e)(**values(type(e), n, rng)) for e in model.effects))
     for name in chosen:
         model = model.add(kinds[str(name)](**values(kinds[str(name)], n, rng)))
     jaws = bool(which.table.pockets) and bool(rng.random() < 0.5)
+    more = np.random.default_rng([seed, 23])
+    for name in later:
+        if more.random() < LATER_SHARE:
+            model = model.add(kinds[name](**values(kinds[name], n, more)))
     return Batch(seed, layout, jaws, model, [shot(which, layout, balls, rng) for _ in range(n)])
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from models.analytic.events import in_mouth
 from models.analytic.pocket import jaw_gaps, pockets_of
 from models.analytic.spring import CUSHION_TIME, MAX_CLUSTER_S
+from models.engine.impacts import MAX_DEPTH
 from models.engine.play import MAX_EVENTS, Game, Result, lay_out, run
 from models.shot import GRAVITY, Array
 from tests.random_shots.draws import Batch
@@ -131,6 +132,7 @@ def _apart(batch: Batch, played: Played, row: int) -> Iterator[str]:
 def _inside(batch: Batch, played: Played, row: int) -> Iterator[str]:
     """Balls stay within the noses, but for where pockets let them in."""
     xy, allowed = _places(played, row), _allowed(batch, played, row)
+    allowed[:-1] += _deepest(batch, row)
     half, limits = played.game.half[row], played.game.limits[row]
     ends = played.game.pockets.ends
     for rail in range(4):
@@ -151,10 +153,17 @@ def _inside(batch: Batch, played: Played, row: int) -> Iterator[str]:
             yield f"a ball is {-1e3 * float(np.nanmin(gaps[s])):.2g} mm into a jaw at sample {s}"
 
 
+def _deepest(batch: Batch, row: int) -> float:
+    """How deep a ball may be in a rail that it stays in, the longer if another one hits it there [m]."""
+    stays = [e for e in batch.model.select(np.array([row])).effects if e.name() == "cushion_contact_time"]
+    return MAX_DEPTH * batch.model.ball.radius if stays else 0.0
+
+
 def pushes(batch: Batch, row: int) -> Array | None:
     """The constant push of slope and nap (2,) [m/s^2]; None where energy may come from elsewhere."""
     push, names = np.zeros(2), {effect.name() for effect in batch.model.effects}
-    if {"cloth_nap", "cue_hop"} <= names:  # no nap pushes a ball in flight
+    # No nap pushes a ball in flight; a slope does work on the way into a rail and out of it.
+    if {"cloth_nap", "cue_hop"} <= names or "cushion_contact_time" in names:
         return None
     for effect in batch.model.select(np.array([row])).effects:
         name = effect.name()

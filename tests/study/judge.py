@@ -82,6 +82,7 @@ EFFECT_TRUTH: Final[dict[str, tuple[Known, ...]]] = {  # the first of each is th
     ),
     "cushion_compliance": (Known("ratio", _plain("compliance")),),
     "soft_bed": (Known("share", _plain("bed")),),
+    "cushion_contact_time": (Known("time", _plain("contact")),),
 }
 
 

@@ -22,7 +22,8 @@ from tests.truth.write import Refused, write
 JITTER = {"mus": 0.06, "mur": 0.06, "spin": 0.06, "ebb": 0.02, "mubb": 0.1, "ec": 0.02, "muc": 0.08}
 LOWER = {"clock": 0.5, "cue_mass": 0.1, "slow_v": 1e-3, "patch": -0.99, "wear": -0.99, "cling": -1.0, "slow": -0.99}
 UPPER = {"ebb": 1.0, "ec": 1.0, "muc": MOST_GRIP, "nap": 1.0, "clock": 2.0, "cue_mass": 10.0}
-UPPER |= {"compliance": 10.0, "bed": 1.0, "cling_share": 1.0, "hop": 1.0, "image_scale": 0.5, "image_aspect": 0.5}
+UPPER |= {"compliance": 10.0, "bed": 1.0, "contact": 0.006, "cling_share": 1.0, "hop": 1.0}
+UPPER |= {"image_scale": 0.5, "image_aspect": 0.5}
 SIGNED = {"tilt_x", "tilt_y", "nap_phi", "swerve", "ec_v", "mubb_b", "mus_v", "spin_v", "muc_v", "ebb_v", "off_centre"}
 SIGNED |= {"squirt", "lens", "camera_tilt", "image_scale", "shutter", "patch_x", "patch_y", "crown", "ripple"}
 SIGNED |= {"ends", "shake", "image_aspect", "ripple_phi", "slide_swerve", "cue_mus", "cue_mur", "lens4"}

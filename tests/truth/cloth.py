@@ -102,6 +102,7 @@ class Constants(NamedTuple):
     nose_my: float = 0.0  # at -y [R]
     compliance: float = 0.0  # of the noses along their face, over that along their normal; 0 is rigid [1]
     bed: float = 0.0  # share of a nose's push downwards that the slate does not return [1]
+    contact: float = 0.0  # time for which a ball stays in a rail [s]
     crown: float = 0.0  # slope away from the table's centre per distance from it [rad/m]
     wear: float = 0.0  # share by which mur has grown from the first clip to the last [1]
     cling: float = 0.0  # share by which friction is higher where a ball meets the one named "red" [1]

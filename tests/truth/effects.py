@@ -54,6 +54,7 @@ EFFECTS: Final[dict[str, tuple[str, ...]]] = {
     "worn_patch": ("patch", "patch_x", "patch_y", "patch_r"),
     "cushion_compliance": ("compliance",),
     "soft_bed": ("bed",),
+    "cushion_contact_time": ("contact",),
 }
 STRUCTURES: Final[dict[str, tuple[str, ...]]] = {
     "crowned_slate": ("crown",),

@@ -15,6 +15,7 @@ from tests.truth.cloth import (
     AIR,
     BALL,
     CUSHION,
+    GRAVITY,
     NOTHING,
     POTTED,
     REST,
@@ -188,6 +189,10 @@ def _rebound(state: Array, i: int, rail: int, table: Table, c: Constants, n: int
     else:
         q = impact(NOSE, q, e, mu, c.mus, mass, c.radius, n, sine, c.bed)
     state[[i], VX : WZ + 1] = _turned(q[:1], x, -y)
+    # A ball that leaves later has its way back from where it would have been, slowed by the cloth.
+    away, slowing = max(-float(q[0, 0]), 0.0), c.mus * GRAVITY
+    stays = min(c.contact, 0.4 * away / slowing)
+    state[i, :2] += (away - 0.5 * slowing * stays) * stays * np.array([x, y])
 
 
 def simulate(

@@ -57,6 +57,7 @@ NATURAL: Final[dict[str, Sizes]] = {
     "worn_patch": {"patch": 0.4},
     "cushion_compliance": {"compliance": 1.2},
     "soft_bed": {"bed": 0.3},
+    "cushion_contact_time": {"contact": 0.004},
     "crowned_slate": {"crown": 0.0008},
     "drying_cloth": {"wear": 0.15},
     "ball_cling": {"cling": 1.0, "cling_share": 0.4},

@@ -45,6 +45,7 @@ CUSHION_CASES: list[tuple[str, dict[str, float], dict[str, float]]] = [
     ("cushion_compliance", {"ratio": 4.0}, {"compliance": 4.0}),
     ("soft_bed", {"share": 0.3}, {"bed": 0.3}),
     ("soft_bed", {"share": 1.0}, {"bed": 1.0}),
+    ("cushion_contact_time", {"time": 0.006}, {"contact": 0.006}),
 ]
 OF_BALLS = {name for name, _, _ in BALL_CASES}
 CASES = [*BALL_CASES, *CUSHION_CASES]

@@ -45,7 +45,10 @@ def test_one_shot_alone_names_an_effect_only_if_that_explains_it(others: float, 
     [([1.0, 1.0], [1.1, 1.1], True, False), ([1.0, 1.0], [1.0, 4.0], False, False),
      ([9.0, 1.0], [1.0, 4.0], True, True),
      ([4.0] * 30, [3.8] * 29 + [20.0], False, False), ([4.0] * 28, [3.8] * 27 + [20.0], True, False),
-     ([4.0] * 30, [3.9] * 30, True, True), ([4.0] * 30, [3.0] * 29 + [35.0], True, False)],
+     ([4.0] * 30, [3.9] * 30, True, True), ([4.0] * 30, [3.0] * 29 + [35.0], True, False),
+     # A piece that is lost in a false optimum is lost further; it is found again while all others are followed worse.
+     ([4.0] * 30 + [4e3], [3.8] * 30 + [6e4], True, True), ([4.0] * 30 + [4e3], [4.2] * 30 + [1e3], False, False),
+     ([4.0] * 140, [4.01] * 140, True, False), ([4.0] * 140, [4.3] * 140, False, False)],
 )  # fmt: skip
 def test_a_fit_must_hold_for_other_clips(old: list[float], new: list[float], harmless: bool, better: bool) -> None:
     """An effect must do no harm there; a formula, which is made for these clips, must follow them better."""
