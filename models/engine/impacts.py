@@ -158,7 +158,7 @@ def crowded(
 
 @compiled_in_place
 def stay(p, rail, speed, time, slide, radius, half, mouths):  # type: ignore[no-untyped-def]
-    """Put a ball, place p, as deep into a straight rail as its way out from `speed` [m/s] takes it a contact `time` [s].
+    """Put a ball, place p, as deep into a straight rail as it comes out within a `time` [s] from a `speed` [m/s].
 
     On its way out sliding friction `slide` slows it; it comes out in any case. Within a diameter of a mouth, where the
     rubber ends, it is less deep, down to nothing at the mouth.
@@ -179,7 +179,7 @@ def stay(p, rail, speed, time, slide, radius, half, mouths):  # type: ignore[no-
 def stay_rows(
     hit: NDArray[np.int64], p: Array, v: Array, time: Array, slide: Array, radius: float, half: Array, mouths: Array
 ) -> None:
-    """`stay` of many simulations after their impacts: rows of `hit` are kind, ball, and rail or 4 + jaw; others (n,)."""
+    """`stay` after the impacts of many simulations: rows of `hit` are kind, ball, and rail or 4 + jaw."""
     for n in range(hit.shape[0]):
         i, rail = hit[n, 1], hit[n, 2]
         if rail < 4 and time[n] > 0.0:

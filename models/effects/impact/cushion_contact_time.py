@@ -6,8 +6,8 @@ rail it goes with the speed that it leaves with. Measured on 222 cushion contact
 (erdo100/3cushiontool, 2.84 m table): 5 to 6 ms between the way in and the way out, 5.35 ms of the way out along the
 rail, none of the way in. While it stays, the ball is as deep in the rail as its way out takes it to come back.
 Leaves out that the real depth is less, and that the rubber pushes out a ball that another one hits meanwhile. Within a
-diameter of a mouth, where the rubber ends, the time falls to none; where more bodies touch at once, and at jaws, there is
-none.
+diameter of a mouth, where the rubber ends, the time falls to none, and there is none where more bodies touch at once and
+at jaws.
 """
 
 from __future__ import annotations
