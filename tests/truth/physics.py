@@ -56,6 +56,13 @@ class Table:
         """
         return np.array([self.length / 2, self.width / 2]) - radius * np.sqrt(1.0 - (NOSE_SINE + nose) ** 2)
 
+    def rubber(self, xy: Array, axis: int, radius: float) -> float:
+        """Share of a whole strip behind the rail across axis (0: x, 1: y) at xy [m]: it ends at a mouth."""
+        along, diameter = abs(float(xy[1 - axis])), 2 * radius
+        half = (self.width if axis == 0 else self.length) / 2
+        ends = [half - self.corner_mouth * diameter - along] + [along - self.middle_mouth * diameter] * (axis == 1)
+        return float(np.clip(min(ends) / diameter, 0.0, 1.0)) if self.pockets else 1.0
+
     def in_mouth(self, xy: Array, axis: int, radius: float) -> bool:
         """Whether a ball that meets the rail across axis (0: x, 1: y) at xy [m] finds a pocket there."""
         along = abs(float(xy[1 - axis]))
@@ -192,7 +199,8 @@ def _rebound(state: Array, i: int, rail: int, table: Table, c: Constants, n: int
     # A ball that leaves later has its way back from where it would have been, slowed by the cloth.
     away, slowing = max(-float(q[0, 0]), 0.0), c.mus * GRAVITY
     stays = min(c.contact, 0.4 * away / slowing)
-    state[i, :2] += (away - 0.5 * slowing * stays) * stays * np.array([x, y])
+    deep = (away - 0.5 * slowing * stays) * stays * table.rubber(state[i, :2], rail // 2, c.radius)
+    state[i, :2] += deep * np.array([x, y])
 
 
 def simulate(
