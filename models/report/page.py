@@ -18,6 +18,7 @@ from models.report.chart import DRAWING_FILE, PLOTLY_FILE
 from models.report.figure import GRID_COLOUR, INK_COLOUR, MODEL_COLOUR
 from models.report.numbers import millimetres, number
 
+POWER = re.compile(r"(?<=/s)\^2\b")  # of a unit
 BACKGROUND = re.compile(r'(<g id="patch_1">\s*<path d="[^"]*" style="fill: )#ffffff')  # of a figure by matplotlib
 FIGURE_COLOURS = {  # in a light page, in a dark one (templates/style.css.j2)
     "ink": (INK_COLOUR, "#e6eaee"), "grid": (GRID_COLOUR, "#333b44"), "blue": (MODEL_COLOUR, "#5b9be0"),
@@ -88,5 +89,5 @@ def in_readers_colours(picture: str) -> str:
 
 
 def _finalize(value: object) -> object:
-    """A plain string made printable; what is HTML already stays."""
-    return printable(value) if type(value) is str else value
+    """A plain string made printable, with the signs of print for those of a terminal; what is HTML already stays."""
+    return POWER.sub("²", printable(value).replace(" +- ", " ± ")) if type(value) is str else value

@@ -57,6 +57,11 @@ def test_a_figure_for_phones_stands_beside_the_wide_one(template: Path) -> None:
     assert 'class="wide"><img' not in text
 
 
+def test_signs_of_a_terminal_are_those_of_print_and_names_stay(template: Path) -> None:
+    text = render(template, title="a^2.csv", lines=["10.1 +- 0.6 mm/s^2"], picture=None)
+    assert "10.1 ± 0.6 mm/s²" in text and "<h1>a^2.csv</h1>" in text
+
+
 def test_a_missing_figure_says_so_and_no_notes_leave_no_box(template: Path) -> None:
     text = render(template, title="t", lines=["a"], picture=None)
     assert "Nothing to show." in text and "<img" not in text

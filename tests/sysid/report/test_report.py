@@ -114,7 +114,7 @@ def test_numbers_are_those_of_the_comparison(tmp_path: Path) -> None:
     assert row("decoupled_cloth.slide")[:3] == ["decoupled_cloth.slide", "0.2000 ± 0.0012", "1"]
     assert "<dt>decoupled_cloth.slide</dt><dd>our fit</dd>" in text
     assert row("decoupled_cloth.roll")[1:3] == ["0.0127", "1"]
-    assert row("decoupled_cloth.spin")[2] == "rad/s^2"
+    assert row("decoupled_cloth.spin")[2] == "rad/s²"
     assert "Misses most in draw shots." in text
     assert "3 clips" not in text and "clips, 1 of them held out" in text
     assert "nan" not in text.lower().replace("nano", "")
