@@ -42,7 +42,7 @@ class Film:
     pictures: Callable[[Collection[int]], Iterable[tuple[int, Picture]]]  # some frames, in order, with their numbers
 
     def identity(self) -> bytes:
-        """What tells it from another: its name, and which frames show which clip."""
+        """What distinguishes it from another: its name, and which frames show which clip."""
         return repr((self.video.name, [(name, index.tolist()) for name, (index, _) in self.clips.items()])).encode()
 
 

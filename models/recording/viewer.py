@@ -217,7 +217,7 @@ def draw_recording(path: Path, recording: Path, progress: Callable[[str], None])
 
 
 def is_film(path: Path) -> bool:
-    """Whether a picture to be drawn is a film; BadInput where its name tells neither."""
+    """Whether a picture to be drawn is a film; BadInput where its name says neither."""
     if path.suffix.lower() not in (".png", ".mp4"):
         raise BadInput(f"{path}: name a picture (.png) or a film (.mp4)")
     return path.suffix.lower() == ".mp4"

@@ -32,7 +32,7 @@ class Workers:
         """Numbers of tasks, which are arguments of a module's function, with their results.
 
         Raises:
-            BadInput: work ends its worker each time that it is given out, or the workers are out of reach.
+            BadInput: work ends its worker each time that it is given out, or the workers cannot be reached.
         """
         losses, waiting, running = Counter[int](), deque(range(len(tasks))), dict[Future[Any], int]()
         try:

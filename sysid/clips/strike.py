@@ -24,7 +24,7 @@ REST_SHARE = 0.5  # of that way, of a ball that was at rest
 MAX_RESTING_TURN_RAD = 0.3  # of a ball's mark
 STEPS = 3  # from sample to sample, of which a first speed is the mean
 MIN_MOVED_M = 0.02  # by another ball before the strike, for that one to be the struck
-MIN_CLIPS = 2  # that show another ball struck, for the set to be told so
+MIN_CLIPS = 2  # that show another ball struck, for the set to be reported
 
 
 def first_moving(seen: Observation) -> int:

@@ -37,7 +37,7 @@ mass = {mass!r}          # in kg
 
 [camera]
 fps = {fps!r}            # frames taken in a second
-# sigma = 0.0005      # noise of a position, one standard deviation, if you know it: else it is told from the tracks
+# sigma = 0.0005      # noise of a position, one standard deviation, if you know it; else it is estimated
 
 # One block for each shot; this one is an example: replace it by yours.
 [[clip]]

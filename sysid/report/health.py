@@ -40,7 +40,7 @@ SIZES: Final = {
 DETERMINED_SHARE = 0.5  # of the standard deviation with which a size was stated: a smaller one is the clips'
 INTERVAL_SDS = 2.0  # to either side: 95 %
 SIGNIFICANT_SDS = 3.0  # from zero, of what is usually zero
-UNDETERMINED = "these clips do not tell"
+UNDETERMINED = "not determined by these clips"
 NOT_CONVERGED_LINE = "the fit did not converge: it says nothing about the table"
 RAIL_OF: Final = dict(zip(("px", "mx", "py", "my"), RAIL_NAMES, strict=True))
 
@@ -97,7 +97,7 @@ def health(model: Model) -> list[HealthLine]:
 
 
 def health_lines(model: Model) -> list[str]:
-    """The same in words, and what these clips do not tell; for the terminal and result.json."""
+    """The same in words, and what these clips do not determine; for the terminal and result.json."""
     if model.fitted and not model.fitted.get("converged", False):
         return [NOT_CONVERGED_LINE]
     lines = health(model)
