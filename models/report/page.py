@@ -18,8 +18,8 @@ from models.report.chart import DRAWING_FILE, PLOTLY_FILE
 from models.report.figure import GRID_COLOUR, INK_COLOUR, MODEL_COLOUR
 from models.report.numbers import millimetres, number
 
-POWER = re.compile(r"(?<=/s)\^2\b")  # of a unit
-BACKGROUND = re.compile(r'(<g id="patch_1">\s*<path d="[^"]*" style="fill: )#ffffff')  # of a figure by matplotlib
+SQUARED_UNIT = re.compile(r"(?<=/s)\^2\b")  # of a unit
+FIGURE_BACKGROUND = re.compile(r'(<g id="patch_1">\s*<path d="[^"]*" style="fill: )#ffffff')  # of one by matplotlib
 FIGURE_COLOURS = {  # in a light page, in a dark one (templates/style.css.j2)
     "ink": (INK_COLOUR, "#e6eaee"), "grid": (GRID_COLOUR, "#333b44"), "blue": (MODEL_COLOUR, "#5b9be0"),
 }  # fmt: skip
@@ -80,7 +80,7 @@ def svg_uri(picture: str) -> str:
 
 def in_readers_colours(picture: str) -> str:
     """An SVG of models.report.figure on the page's own background, its text and lines light where the page is dark."""
-    picture = BACKGROUND.sub(r"\1none", picture, count=1)
+    picture = FIGURE_BACKGROUND.sub(r"\1none", picture, count=1)
     for name, (colour, _) in FIGURE_COLOURS.items():
         picture = picture.replace(colour, f"var(--{name})")
     light, dark = ("".join(f"--{name}:{pair[k]};" for name, pair in FIGURE_COLOURS.items()) for k in (0, 1))
@@ -90,4 +90,4 @@ def in_readers_colours(picture: str) -> str:
 
 def _finalize(value: object) -> object:
     """A plain string made printable, with the signs of print for those of a terminal; what is HTML already stays."""
-    return POWER.sub("²", printable(value).replace(" +- ", " ± ")) if type(value) is str else value
+    return SQUARED_UNIT.sub("²", printable(value).replace(" +- ", " ± ")) if type(value) is str else value

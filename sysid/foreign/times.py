@@ -18,7 +18,7 @@ from sysid.clips.tempo import SOUND_INTERVAL
 from sysid.clips.units import SECONDS_BY_UNIT, are_whole
 from sysid.foreign.columns import RawClip
 
-UNITS = ("seconds", "frames", *SECONDS_BY_UNIT)
+TIME_UNITS = ("seconds", "frames", *SECONDS_BY_UNIT)
 MAX_FRAMES_APART = 5.0  # usual interval of rows that are counted in frames
 MAX_INTERVAL_S = 0.2  # usual interval of rows
 ROUND_RATE = 1e-3  # relative departure of a rate from a whole number, within which it is that

@@ -28,11 +28,11 @@ from sysid.report.typical import (
     BALL_HEIGHT_STRETCH,
     FAST_CLOTH_ROLL,
     FITTERS_SLOPE_RAD,
-    TYPICAL,
+    TYPICAL_RANGES,
     TypicalRange,
 )
 
-SIZES: Final = {
+SIZE_NAMES: Final = {
     TABLE_LENGTH: ("table, length from nose to nose", "length"),
     TABLE_WIDTH: ("table, width from nose to nose", "width"),
     BALL_DIAMETER: ("balls, diameter", "diameter"),
@@ -115,19 +115,19 @@ def print_health(model: Model) -> None:
 
 def _line(name: str, found: Finding) -> HealthLine | None:
     effect, key = name.split(".")
-    if name in TYPICAL:
-        return _in_range(name, TYPICAL[name], found)
+    if name in TYPICAL_RANGES:
+        return _in_range(name, TYPICAL_RANGES[name], found)
     kind, _, letter = effect.rpartition("_")
     if letter in RAIL_OF and kind in RAIL_JUDGES and key == "change":
         return RAIL_JUDGES[kind](RAIL_OF[letter], found)
-    if name in SIZES:
+    if name in SIZE_NAMES:
         return _size(name, found)
     return JUDGES[name](found) if name in JUDGES else None
 
 
 def _size(name: str, found: Finding) -> HealthLine:
     """A size of table or ball beside what was stated."""
-    stated, (what, key) = found.model.meta(name)["default"], SIZES[name]
+    stated, (what, key) = found.model.meta(name)["default"], SIZE_NAMES[name]
     if name != BALL_DIAMETER:
         found = Finding(found.value + _met_nearer(found.model), found.sd, found.model)
     off = Finding(found.value - stated, found.sd, found.model)
