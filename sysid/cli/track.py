@@ -99,6 +99,8 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
     named = names_of(filmed.videos)
     if outputs.rrd_file and len(named) > 1:
         raise BadInput("--rrd: records one video; give one video, or leave it out")
+    if live.live and filmed.scheduler is not None:
+        raise BadInput("--live shows what this machine tracks; leave it out, or leave --scheduler out")
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
     camera = read_camera(filmed.camera_file)
     so_far = None if outputs.force else finished(outputs.out)
@@ -106,8 +108,6 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
         check_camera(so_far, camera, outputs.out)
     reports, doubtful = [], False
     done = videos_in(so_far)
-    if live.live and filmed.scheduler is not None:
-        raise BadInput("--live shows what this machine tracks; leave it out, or leave --scheduler out")
     feed = click.get_current_context().with_resource(live.feed())
     films = _films(progress, filmed, camera, [video for name, video in named.items() if name not in done], feed)
     click.get_current_context().call_on_close(films.close)
