@@ -19,7 +19,7 @@ from sysid.vision.frames import Footage, Picture, open_footage
 from sysid.vision.tracks.recordings import videos_in
 
 WIDTH_PX = 420  # of a picture
-TEXT_PX = 460  # of what is told beside them
+TEXT_PX = 460  # of the words beside them
 LINE_PX = 18
 LINE_LETTERS = 62
 TEXT_SCALE = 0.42
@@ -29,13 +29,13 @@ WHITE, DARK = (235, 235, 235), 30
 def write_sheet(path: File, clip_set: ClipSet, camera: Camera, videos: Mapping[str, str], fps: float | None) -> None:
     """Write the sheet of all clips whose videos, by name, are at hand."""
     rows = []
-    for name, told in videos_in(clip_set).items():
+    for name, video in videos_in(clip_set).items():
         if name not in videos:
             continue
         clips = [clip for clip in clip_set.clips if clip.extra.get("video") == name]
         wanted = {int(frame) for clip in clips for frame in clip.extra["frames"]} or {0}
         pictures = _pictures(open_footage(videos[name], fps), wanted)
-        left_out = [f"left out: {text}" for text in told.get("left_out", ())]
+        left_out = [f"left out: {text}" for text in video.get("left_out", ())]
         for clip in clips:
             first, last = (pictures.get(int(frame)) for frame in clip.extra["frames"])
             if first is not None and last is not None:
