@@ -16,6 +16,7 @@ MODEL_COLOUR = "#2563a8"
 HELD_OUT_COLOUR = "#d9730d"
 NOISE_COLOUR = "#8a94a0"
 GRID_COLOUR = "#e3e7eb"
+PAPER_COLOUR = "#fefefe"  # behind words, and within hollow marks: that of the page
 PATH_COLOUR = "#00dcf5"  # a model's path on the cloth
 PATH, DECIMALS = re.compile(r' d="[^"]*"'), re.compile(r"(\.\d\d)\d+")  # a hundredth of a point is fine enough
 RC_PARAMS = {

@@ -15,13 +15,14 @@ from pathlib import Path
 
 from models.files import write_whole
 from models.report.chart import DRAWING_FILE, PLOTLY_FILE
-from models.report.figure import GRID_COLOUR, INK_COLOUR, MODEL_COLOUR
+from models.report.figure import GRID_COLOUR, INK_COLOUR, MODEL_COLOUR, PAPER_COLOUR
 from models.report.numbers import millimetres, number
 
 SQUARED_UNIT = re.compile(r"(?<=/s)\^2\b")  # of a unit
 FIGURE_BACKGROUND = re.compile(r'(<g id="patch_1">\s*<path d="[^"]*" style="fill: )#ffffff')  # of one by matplotlib
 FIGURE_COLOURS = {  # in a light page, in a dark one (templates/style.css.j2)
     "ink": (INK_COLOUR, "#e6eaee"), "grid": (GRID_COLOUR, "#333b44"), "blue": (MODEL_COLOUR, "#5b9be0"),
+    "paper": (PAPER_COLOUR, "#15191d"),
 }  # fmt: skip
 SHARED_TEMPLATES = Path(__file__).with_name("templates")
 
