@@ -313,7 +313,7 @@ def run(
     if not _flushed():
         status = status or Status.BAD_INPUT
     if fault:
-        with contextlib.suppress(OSError):  # nobody listens: the status tells
+        with contextlib.suppress(OSError):  # nobody listens: the status says it
             progress.close()
             for line in (fault, *more):
                 print(one_line(f"{path}: {line}"), file=sys.stderr)
@@ -324,10 +324,10 @@ def _prepare_process(own: bool) -> None:
     """Environment and streams of a command; warnings too, where it has its `own` process. NumPy comes later."""
     # Matrices are small here: threads of linear algebra wait for each other longer than they work.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # OpenCV and FFmpeg: our own messages tell what they cannot read, and no picture may fill the memory.
+    # OpenCV and FFmpeg: our own messages name what they cannot read, and no picture may fill the memory.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
-    if own and not sys.warnoptions:  # what NumPy meets in bad input is told by our own messages
+    if own and not sys.warnoptions:  # what NumPy meets in bad input is in our own messages
         warnings.simplefilter("ignore", RuntimeWarning)
     for stream in ("stdout", "stderr"):  # one that the shell has closed goes nowhere
         if getattr(sys, stream) is None:

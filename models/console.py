@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 STANDARD_OUTPUT = "-"  # as a file to write
 OUTPUT_KEY = "models.standard_output"  # of a click context: where that is, while tables are printed elsewhere
-BELOW = "  "  # before a row of a table whose first cell stands on the line above
+CONTINUED_INDENT = "  "  # before a row of a table whose first cell stands on the line above
 PIPED_INTERVAL_S = 5.0  # between progress lines that no terminal shows
 
 
@@ -129,7 +129,7 @@ def table(rows: Sequence[Sequence[str]], right: int = 1) -> str:
     below = _in_columns([row[1:] for row in rows], right - 1)
     lines = []
     for row, rest in zip(rows, below, strict=True):
-        lines += [*textwrap.wrap(row[0], width), f"{BELOW}{rest}"]
+        lines += [*textwrap.wrap(row[0], width), f"{CONTINUED_INDENT}{rest}"]
     return "\n".join(lines)
 
 

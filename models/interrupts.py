@@ -41,7 +41,7 @@ def terminate(number: int, at: FrameType | None = None) -> None:
 def as_interrupts() -> Iterator[None]:
     """Signals that end a process raise `Terminated` inside; those that are ignored, as by nohup, stay ignored."""
     before = {}
-    told = sys.unraisablehook
+    usual_hook = sys.unraisablehook
     if threading.current_thread() is threading.main_thread():
         sys.unraisablehook = _interrupt_again
         for number in ENDING_SIGNALS:
@@ -50,7 +50,7 @@ def as_interrupts() -> Iterator[None]:
     try:
         yield
     finally:
-        sys.unraisablehook = told
+        sys.unraisablehook = usual_hook
         for number, handler in before.items():
             signal.signal(number, handler)
 

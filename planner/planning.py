@@ -231,7 +231,7 @@ def _reasons(player: Player, strokes: Sequence[RankedStroke], weights: UtilityWe
             return f"No way to a pocket lies open, direct or over one cushion.{closed}"
         return (
             f"{count} ways lie open, and no stroke along them pots without a foul in "
-            f"{100 * MIN_MADE_PROBABILITY:.0f} plays of a hundred with this launcher.{closed}"
+            f"{100 * MIN_MADE_PROBABILITY:.0f} of 100 plays with this launcher.{closed}"
         )
     best, goal = strokes[0], player.scene.goal
     parts = "the pot counts alone"

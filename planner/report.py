@@ -37,7 +37,7 @@ METHOD_NAMES = {"risk": "expected utility under execution and model errors", "ga
 def write_report(path: Path | str, plan: Mapping[str, Any], title: str) -> None:
     """Write one HTML file, whole or not at all; BadInput where it cannot be written or `plan` is no plan."""
     table, ball, balls = scene_of(plan)
-    stroke = bool(plan.get("stroke"))
+    stroke, rests = bool(plan.get("stroke")), len(resting(plan)[0]) > 0
     write_page(
         path,
         REPORT_TEMPLATE,
@@ -48,7 +48,9 @@ def write_report(path: Path | str, plan: Mapping[str, Any], title: str) -> None:
         face=face_svg(plan, ball) if stroke else None,
         settings=_settings(plan),
         above=svg("plan", *table_from_above(plan)),
-        rest=rest_svg(plan, table, ball) if len(resting(plan)[0]) else None,
+        above_narrow=svg("plan narrow", *table_from_above(plan, narrow=True)),
+        rest=rest_svg(plan, table, ball) if rests else None,
+        rest_narrow=rest_svg(plan, table, ball, narrow=True) if rests else None,
         place_wanted=wanted(plan)[0] is not None,
         alternatives=_alternatives(plan, table, ball, balls),
         fouls=_fouls(plan),
@@ -110,7 +112,7 @@ def _computed(plan: Mapping[str, Any], table: Table, ball: Ball) -> list[tuple[s
         ("method", METHOD_NAMES.get(plan.get("method", ""), NO_VALUE)),
         ("random seed", str(plan.get("seed", NO_VALUE))),
         ("execution errors, one standard deviation", errors),
-        ("model", PurePath(str(model.get("file") or NO_VALUE)).name),
+        ("model", PurePath(str(model.get("file") or "none given: the base with its usual constants")).name),
         ("effects", ", ".join(model.get("effects") or []) or "none"),
         ("samples", f"{len(plan.get('fan') or [])} drawn as lines, {len(resting(plan)[0])} as resting positions"),
         ("value of the plan", given(plan.get("value"), ".2f")),

@@ -33,12 +33,18 @@ SHADOW_COLOUR = "#10151a"  # behind a path and around a ball
 MIN_HALF_VIEW_M = 0.12  # of the figure of resting positions, from its middle to its edge
 FACE_WIDTH_IN = 3.3  # of the cue ball's face
 THUMBNAIL_WIDTH_IN = 3.6  # of an alternative
+NARROW_WIDTH_IN = 4.4  # of a figure for the screen of a phone
+NARROW_REST_HEIGHT_IN = 8.0  # of that of resting positions
+MIN_NARROW_SHARE = 0.5  # of the longer side that the shorter one of a figure for a phone has at least
 
 
-def table_from_above(plan: Mapping[str, Any]) -> tuple[float, Draw]:
-    """Height [inch] of the table from above, and what draws it."""
+def table_from_above(plan: Mapping[str, Any], narrow: bool = False) -> tuple[float, Draw]:
+    """Height [inch] of the table from above, and what draws it; `narrow`: of the part of it that the shot uses."""
     table, ball, balls = scene_of(plan)
-    tall = (FIGURE_WIDTH_IN - 0.6) * (table.width + 2 * TABLE_MARGIN_M) / (table.length + 2 * TABLE_MARGIN_M) + 0.6
+    edge = np.array([table.length, table.width]) / 2 + TABLE_MARGIN_M
+    low, high = part_used(plan, edge) if narrow else (-edge, edge)
+    width_in = NARROW_WIDTH_IN if narrow else FIGURE_WIDTH_IN
+    tall = (width_in - 0.6) * float((high - low)[1] / (high - low)[0]) + 0.6
 
     def draw(fig: Any) -> None:
         ax = fig.subplots()
@@ -46,9 +52,21 @@ def table_from_above(plan: Mapping[str, Any]) -> tuple[float, Draw]:
         _draw_samples(ax, plan)
         _draw_goal(ax, plan, ball, balls)
         _draw_shot(ax, plan, table, ball, balls)
-        fig.set_size_inches(FIGURE_WIDTH_IN, tall + 0.19 * _add_legend(fig, ax, 4))
+        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        fig.set_size_inches(width_in, tall + 0.19 * _add_legend(fig, ax, 2 if narrow else 4))
 
     return tall, draw
+
+
+def part_used(plan: Mapping[str, Any], edge: Array) -> tuple[Array, Array]:
+    """Lower and upper corner (2,) [m] of what holds the planned paths and the resting positions, within +-edge."""
+    paths = [path_of(track) for track in plan.get("tracks") or []]
+    points = np.concatenate([path for path in [*paths, resting(plan)[0]] if len(path)] or [np.array([-edge, edge])])
+    low, high = points.min(axis=0) - TABLE_MARGIN_M, points.max(axis=0) + TABLE_MARGIN_M
+    least = MIN_NARROW_SHARE * (high - low)[::-1]
+    half = np.minimum(np.maximum(high - low, least) / 2, edge)
+    middle = np.clip((low + high) / 2, half - edge, edge - half)
+    return middle - half, middle + half
 
 
 def _draw_samples(ax: Any, plan: Mapping[str, Any]) -> None:
@@ -134,7 +152,7 @@ def face_svg(plan: Mapping[str, Any], ball: Ball) -> str:
         fig.set_size_inches(FACE_WIDTH_IN, FACE_WIDTH_IN)
         ax = fig.subplots()
         ax.add_patch(circle((0, 0), r, fc=rgb(ball_colour(name)), ec=NOISE_COLOUR, lw=1.2))
-        ax.add_patch(circle((0, 0), MAX_OFFSET * r, fc="none", ec=INK_COLOUR, lw=1.0, ls="--"))
+        ax.add_patch(circle((0, 0), MAX_OFFSET * r, fc="none", ec=SHADOW_COLOUR, lw=1.0, ls="--"))
         ax.plot([-r, r], [0, 0], [0, 0], [-r, r], color=NOISE_COLOUR, lw=0.6)
         for k in (2, 1):
             ax.add_patch(
@@ -143,10 +161,11 @@ def face_svg(plan: Mapping[str, Any], ball: Ball) -> str:
                 )
             )
         ax.plot([aim[0], aim[0], 0], [0, aim[1], aim[1]], color=MODEL_COLOUR, lw=0.8, ls=":")
-        ax.plot(*aim, "o", ms=3, mec="none", color=INK_COLOUR, zorder=4)
+        ax.plot(*aim, "o", ms=3, mec="none", color=SHADOW_COLOUR, zorder=4)
         ax.text(
-            0, -MAX_OFFSET * r - 0.05 * r, "0.5 R", ha="center", va="top", bbox={"fc": "white", "ec": "none", "pad": 1}
-        )
+            0, -MAX_OFFSET * r - 0.05 * r, "0.5 R", ha="center", va="top", color=SHADOW_COLOUR,
+            bbox={"fc": rgb(ball_colour(name)), "ec": "none", "pad": 1},
+        )  # fmt: skip
         edge = 1.06 * r
         ax.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal", xlabel="x′ [mm]", ylabel="y′ [mm]")
         ax.set(xticks=(-20, -10, 0, 10, 20), yticks=(-20, -10, 0, 10, 20))
@@ -156,8 +175,8 @@ def face_svg(plan: Mapping[str, Any], ball: Ball) -> str:
     return svg("face", FACE_WIDTH_IN, draw)
 
 
-def rest_svg(plan: Mapping[str, Any], table: Table, ball: Ball) -> str:
-    """Resting positions, and the share of them within a distance."""
+def rest_svg(plan: Mapping[str, Any], table: Table, ball: Ball, narrow: bool = False) -> str:
+    """Resting positions, and the share of them within a distance; `narrow`: one below the other."""
     cloud, potted = resting(plan)
     place, radius = wanted(plan)
     mean = np.array((plan.get("rest") or {}).get("mean") or cloud.mean(axis=0), float)
@@ -168,11 +187,15 @@ def rest_svg(plan: Mapping[str, Any], table: Table, ball: Ball) -> str:
     far = 1e3 * np.hypot(*(cloud - centre).T)
 
     def draw(fig: Any) -> None:
-        left, right = fig.subplots(1, 2, width_ratios=[11, 10])
+        if narrow:
+            fig.set_size_inches(NARROW_WIDTH_IN, NARROW_REST_HEIGHT_IN)
+            left, right = fig.subplots(2, 1, height_ratios=[12, 10])
+        else:
+            left, right = fig.subplots(1, 2, width_ratios=[11, 10])
         fig.get_layout_engine().set(h_pad=0.09)
         draw_table(left, table)
         _draw_cloud(left, plan, 3.4)
-        left.plot(*mean, "P", ms=9, mfc=INK_COLOUR, mec="white", mew=1.1, ls="none", zorder=9, label="mean")
+        left.plot(*mean, "P", ms=9, mfc=SHADOW_COLOUR, mec="white", mew=1.1, ls="none", zorder=9, label="mean")
         _draw_goal(left, plan, ball, {})
         left.add_patch(circle(centre, ball.radius, fc="none", ec="white", lw=0.9, zorder=8))
         left.set(xlim=middle[0] + [-half, half], ylim=middle[1] + [-half, half], xlabel="x [mm]", ylabel="y [mm]")
@@ -194,10 +217,10 @@ def rest_svg(plan: Mapping[str, Any], table: Table, ball: Ball) -> str:
         right.set_xlabel("distance from the " + ("mean" if place is None else "wanted position") + " [mm]")
         right.grid()
         right.set_axisbelow(True)
-        right.legend(loc="lower right", frameon=True, facecolor="white", edgecolor="none", framealpha=0.9)
-        _add_legend(fig, left, 6)
+        right.legend(loc="lower right")
+        _add_legend(fig, left, 2 if narrow else 6)
 
-    return svg("rest", 5.9, draw)
+    return svg("rest narrow" if narrow else "rest", 5.9, draw)
 
 
 def _add_legend(fig: Any, ax: Any, columns: int) -> int:

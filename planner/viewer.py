@@ -31,7 +31,7 @@ STRIKE_KEY, RESET_KEY = 32, ord("R")  # key codes of GLFW; 32 is the space bar
 FRAME_S = 1 / 60  # time between two frames
 MAX_CATCH_UP_S = 0.1  # simulated time per frame; a longer delay is not made up for
 STEP_S = 2e-3  # longest time step of the simulation
-KEYS = (
+KEYS_TEXT = (
     "space strikes again from where the balls lie, R puts them back; double-click a ball and drag with ctrl to push it"
 )
 Show = Callable[..., AbstractContextManager[Any]]  # mujoco.viewer.launch_passive, or what stands in for it

@@ -187,8 +187,8 @@ def jaw_gap(jaw, x, y):  # type: ignore[no-untyped-def]
 def is_behind(facing, x, y):  # type: ignore[no-untyped-def]
     """Whether a centre at (x, y) is behind the line of a facing, but not in the facing: elsewhere."""
     x, y = x - facing[0], y - facing[1]
-    aside = abs(facing[3] * y - facing[4] * x) > facing[2]
-    return facing[3] * x + facing[4] * y > (BEHIND_M if aside else DRIVEN_M)
+    beside = abs(facing[3] * y - facing[4] * x) > facing[2]
+    return facing[3] * x + facing[4] * y > (BEHIND_M if beside else DRIVEN_M)
 
 
 @compiled_in_place

@@ -26,7 +26,7 @@ Picture = NDArray[np.uint8]  # (height, width, 3) blue, green, red
 FILM_PATH, FILM_SCREEN = "film", "film/screen"  # below the first everything, at the second what is shown
 PLAYED_SUFFIXES = (".mp4", ".m4v", ".mov")  # containers that the viewer may play
 OWN_CODECS = ("av01",)  # that it decodes by itself
-DECODER = "ffmpeg"  # of all others
+DECODER_PROGRAM = "ffmpeg"  # of all others
 MAX_VIDEO_BYTES = 200e6
 MAX_PICTURES = 2000  # of 30 to 60 kB
 PICTURE_WIDTH_PX = 640
@@ -42,7 +42,7 @@ class Film:
     pictures: Callable[[Collection[int]], Iterable[tuple[int, Picture]]]  # some frames, in order, with their numbers
 
     def identity(self) -> bytes:
-        """What tells it from another: its name, and which frames show which clip."""
+        """What distinguishes it from another: its name, and which frames show which clip."""
         return repr((self.video.name, [(name, index.tolist()) for name, (index, _) in self.clips.items()])).encode()
 
 
@@ -52,7 +52,7 @@ def playable_stamps(video: Path) -> NDArray[np.int64] | None:
 
     if video.suffix.lower() not in PLAYED_SUFFIXES or not video.is_file():
         return None
-    if shutil.which(DECODER) is None and _codec(video) not in OWN_CODECS:
+    if shutil.which(DECODER_PROGRAM) is None and _codec(video) not in OWN_CODECS:
         return None
     try:
         return np.asarray(rr.AssetVideo(path=video).read_frame_timestamps_nanos(), np.int64)

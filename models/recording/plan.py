@@ -153,7 +153,7 @@ def sentence(plan: Mapping[str, Any]) -> str:
     words += [f"{abs(height):g} mm {'above' if height > 0 else 'below'}"] * (height != 0)
     where = f"{' and '.join(words)}{' of' * (height == 0)} centre" if words else "in the centre"
     chance = (plan.get("pot_probability") or {}).get("value")
-    often = "" if chance is None else f", in about {100 * chance:.0f} plays of a hundred"
+    often = "" if chance is None else f", in about {100 * chance:.0f} of 100 plays"
     return (
         f"Aim the cue at {dict(strike_words(plan))['θ, counter-clockwise from +x']}, strike the {goal.get('cue')} "
         f"{where} with string {launcher.get('string', '–')}: the {goal.get('object')} goes "

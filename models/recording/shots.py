@@ -203,6 +203,20 @@ def _table_views(table: Table, ball: Ball, labels: Sequence[str], larger: int) -
     return above, space, missed
 
 
+def _arranged(tables: Any, missed: Any, words: Any, curves: Any, *, filmed: bool, modelled: bool) -> Any:
+    """The views on the screen; where nothing is modelled there is no error to draw."""
+    import rerun.blueprint as rrb
+
+    if filmed:
+        film = rrb.Spatial2DView(origin=FILM_SCREEN, name="Film", background=FLOOR_COLOUR)
+        below = rrb.Horizontal(words, curves, column_shares=[2, 3])
+        return rrb.Vertical(rrb.Horizontal(film, tables, column_shares=[1, 1]), below, row_shares=[1, 1])
+    if not modelled:
+        return rrb.Horizontal(tables, rrb.Vertical(words, curves), column_shares=[3, 2])
+    below = rrb.Horizontal(missed, words, column_shares=[1, 1])
+    return rrb.Horizontal(rrb.Vertical(tables, below, row_shares=[5, 3]), curves, column_shares=[3, 2])
+
+
 def _blueprint(table: Table, ball: Ball, clips: Sequence[LaidClip], larger: int, *, filmed: bool) -> Any:
     """Table, misses and words on the left; curves on the right, which follow the time cursor of several clips.
 
@@ -251,17 +265,8 @@ def _blueprint(table: Table, ball: Ball, clips: Sequence[LaidClip], larger: int,
     curves = rrb.Vertical(*plots, listed, row_shares=[4, 3, 3, 3, 1.7])
     if filmed:
         curves = rrb.Vertical(rrb.Tabs(*plots), listed, row_shares=[3, 1])
-    if filmed:
-        film = rrb.Spatial2DView(origin=FILM_SCREEN, name="Film", background=FLOOR_COLOUR)
-        views = rrb.Tabs(above, space, *([missed] if labels else []))
-        below = rrb.Horizontal(tabs, curves if labels else listed, column_shares=[2, 3])
-        whole = rrb.Vertical(rrb.Horizontal(film, views, column_shares=[1, 1]), below, row_shares=[1, 1])
-    elif not labels:  # nothing is modelled, so that there is no error to draw
-        whole = rrb.Horizontal(rrb.Tabs(above, space), rrb.Vertical(tabs, listed), column_shares=[3, 2])
-    else:
-        below = rrb.Horizontal(missed, tabs, column_shares=[1, 1])
-        left = rrb.Vertical(rrb.Tabs(above, space), below, row_shares=[5, 3])
-        whole = rrb.Horizontal(left, curves, column_shares=[3, 2])
+    tables = rrb.Tabs(above, space, *([missed] if labels and filmed else []))
+    whole = _arranged(tables, missed, tabs, curves if labels else listed, filmed=filmed, modelled=bool(labels))
     return rrb.Blueprint(
         whole,
         rrb.TimePanel(state="collapsed", timeline="shot_time", loop_mode="all"),

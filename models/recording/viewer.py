@@ -29,7 +29,7 @@ from models.errors import BadInput
 from models.files import write_whole
 from models.recording.file import silent_stream
 
-VIEWER = "rerun"
+VIEWER_PROGRAM = "rerun"
 THIS_MACHINE = "127.0.0.1"  # by default the viewer listens to every network
 START_S, LOAD_S = 20.0, 60.0  # in which it answers, and has read a recording
 WINDOW_S = 2.0  # after it answers, in which it ends if it can open no window
@@ -53,10 +53,10 @@ def display_missing() -> bool:
 
 def viewer_program() -> str:
     """The viewer of this installation, else that of the shell; BadInput where there is none."""
-    beside = Path(sys.executable).with_name(VIEWER)
-    found = str(beside) if beside.is_file() else shutil.which(VIEWER)
+    beside = Path(sys.executable).with_name(VIEWER_PROGRAM)
+    found = str(beside) if beside.is_file() else shutil.which(VIEWER_PROGRAM)
     if found is None:
-        raise BadInput(f"{VIEWER}: the viewer is not installed; pip install rerun-sdk")
+        raise BadInput(f"{VIEWER_PROGRAM}: the viewer is not installed; pip install rerun-sdk")
     return found
 
 
@@ -217,7 +217,7 @@ def draw_recording(path: Path, recording: Path, progress: Callable[[str], None])
 
 
 def is_film(path: Path) -> bool:
-    """Whether a picture to be drawn is a film; BadInput where its name tells neither."""
+    """Whether a picture to be drawn is a film; BadInput where its name says neither."""
     if path.suffix.lower() not in (".png", ".mp4"):
         raise BadInput(f"{path}: name a picture (.png) or a film (.mp4)")
     return path.suffix.lower() == ".mp4"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -14,7 +15,10 @@ INK_COLOUR = "#1f2933"  # text, axes, reference lines
 MODEL_COLOUR = "#2563a8"
 HELD_OUT_COLOUR = "#d9730d"
 NOISE_COLOUR = "#8a94a0"
+GRID_COLOUR = "#e3e7eb"
+PAPER_COLOUR = "#fefefe"  # behind words, and within hollow marks: that of the page
 PATH_COLOUR = "#00dcf5"  # a model's path on the cloth
+PATH, DECIMALS = re.compile(r' d="[^"]*"'), re.compile(r"(\.\d\d)\d+")  # a hundredth of a point is fine enough
 RC_PARAMS = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
@@ -25,13 +29,14 @@ RC_PARAMS = {
     "axes.titlelocation": "left",
     "axes.titley": 1.0,  # as by default, but matplotlib need not search all ticks for one in its way
     "axes.edgecolor": NOISE_COLOUR,
+    "axes.facecolor": "none",
     "axes.labelcolor": INK_COLOUR,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "text.color": INK_COLOUR,
     "xtick.color": INK_COLOUR,
     "ytick.color": INK_COLOUR,
-    "grid.color": "#e3e7eb",
+    "grid.color": GRID_COLOUR,
     "grid.linewidth": 0.7,
     "legend.frameon": False,
     "legend.fontsize": 8.5,
@@ -43,7 +48,7 @@ def svg(name: str, height: float, draw: Draw) -> str:
     text: str = _drawn(
         height, draw, {"svg.hashsalt": name}, io.StringIO(), format="svg", metadata={"Date": None, "Creator": None}
     )
-    return text
+    return PATH.sub(lambda path: DECIMALS.sub(r"\1", path[0]), text)
 
 
 def png(height: float, draw: Draw, dpi: int) -> bytes:

@@ -9,13 +9,21 @@ write none start without it.
 from __future__ import annotations
 
 import base64
+import re
 from functools import partial
 from pathlib import Path
 
 from models.files import write_whole
 from models.report.chart import DRAWING_FILE, PLOTLY_FILE
+from models.report.figure import GRID_COLOUR, INK_COLOUR, MODEL_COLOUR, PAPER_COLOUR
 from models.report.numbers import millimetres, number
 
+SQUARED_UNIT = re.compile(r"(?<=/s)\^2\b")  # of a unit
+FIGURE_BACKGROUND = re.compile(r'(<g id="patch_1">\s*<path d="[^"]*" style="fill: )#ffffff')  # of one by matplotlib
+FIGURE_COLOURS = {  # in a light page, in a dark one (templates/style.css.j2)
+    "ink": (INK_COLOUR, "#e6eaee"), "grid": (GRID_COLOUR, "#333b44"), "blue": (MODEL_COLOUR, "#5b9be0"),
+    "paper": (PAPER_COLOUR, "#15191d"),
+}  # fmt: skip
 SHARED_TEMPLATES = Path(__file__).with_name("templates")
 
 
@@ -67,10 +75,20 @@ def printable(text: object) -> str:
 
 
 def svg_uri(picture: str) -> str:
-    """An SVG as the address of an image, so that the page needs no other file."""
-    return "data:image/svg+xml;base64," + base64.b64encode(picture.encode()).decode()
+    """An SVG as the address of an image, so that the page needs no other file; in the reader's colours."""
+    return "data:image/svg+xml;base64," + base64.b64encode(in_readers_colours(picture).encode()).decode()
+
+
+def in_readers_colours(picture: str) -> str:
+    """An SVG of models.report.figure on the page's own background, its text and lines light where the page is dark."""
+    picture = FIGURE_BACKGROUND.sub(r"\1none", picture, count=1)
+    for name, (colour, _) in FIGURE_COLOURS.items():
+        picture = picture.replace(colour, f"var(--{name})")
+    light, dark = ("".join(f"--{name}:{pair[k]};" for name, pair in FIGURE_COLOURS.items()) for k in (0, 1))
+    style = f"<style>:root{{{light}}}@media(prefers-color-scheme:dark){{:root{{{dark}}}}}</style>"
+    return picture.replace("</svg>", f"{style}</svg>")
 
 
 def _finalize(value: object) -> object:
-    """A plain string made printable; what is HTML already stays."""
-    return printable(value) if type(value) is str else value
+    """A plain string made printable, with the signs of print for those of a terminal; what is HTML already stays."""
+    return SQUARED_UNIT.sub("²", printable(value).replace(" +- ", " ± ")) if type(value) is str else value

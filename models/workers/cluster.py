@@ -64,7 +64,7 @@ def condition() -> tuple[dict[str, str], str, str]:
 
 @contextlib.contextmanager
 def cluster(address: str, order: Requirements, progress: Callable[[str], None] | None) -> Iterator[Workers]:
-    """The workers of a cluster, those that join later as well; BadInput where it is out of reach or another version."""
+    """The workers of a cluster, those that join later as well; BadInput where it cannot be reached or differs."""
     try:
         import dask
         from distributed import Client, KilledWorker
@@ -73,7 +73,7 @@ def cluster(address: str, order: Requirements, progress: Callable[[str], None] |
             f"--scheduler {address}: needs Dask; install it with: .venv/bin/python -m pip install "
             "--constraint constraints.txt --editable '.[cluster]'"
         ) from None
-    for name in ("distributed", "distributed.client"):  # our own messages tell
+    for name in ("distributed", "distributed.client"):  # our own messages say it
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     start = "start one with: dask scheduler"
     try:
@@ -119,13 +119,13 @@ def check_workers(client: Any, address: str) -> None:
         found["scheduler"] = client.run_on_scheduler(condition)
     except (ImportError, AttributeError) as error:
         found["scheduler"] = error
-    for worker, told in sorted(found.items()):
-        if isinstance(told, OSError):  # lost meanwhile
+    for worker, answer in sorted(found.items()):
+        if isinstance(answer, OSError):  # lost meanwhile
             continue
         who = f"--scheduler {address}: {worker if worker == 'scheduler' else f'worker {worker}'}"
-        if isinstance(told, Exception):
-            raise BadInput(f"{who} has no cuelab, or another version ({told}); install the same everywhere")
-        stamp, name, chip = told
+        if isinstance(answer, Exception):
+            raise BadInput(f"{who} has no cuelab, or another version ({answer}); install the same everywhere")
+        stamp, name, chip = answer
         if text := difference(source_stamp(), stamp):
             raise BadInput(f"{who} on {name}: {text}")
         if chip != processor():

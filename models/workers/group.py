@@ -13,7 +13,7 @@ from typing import Any
 from models.errors import BadInput
 from models.workers.order import Requirements, perform
 
-AHEAD = 2  # tasks given out for each worker: one is computed, one waits for it
+TASKS_PER_WORKER = 2  # tasks given out for each worker: one is computed, one waits for it
 POLL_S = 1.0  # after which workers that have joined are given work
 
 
@@ -32,13 +32,13 @@ class Workers:
         """Numbers of tasks, which are arguments of a module's function, with their results.
 
         Raises:
-            BadInput: work ends its worker each time that it is given out, or the workers are out of reach.
+            BadInput: work ends its worker each time that it is given out, or the workers cannot be reached.
         """
         losses, waiting, running = Counter[int](), deque(range(len(tasks))), dict[Future[Any], int]()
         try:
             while waiting or running:
                 # A few ahead: what waits is not pickled before it is needed.
-                room = AHEAD * self.count() - len(running) if waiting else 0
+                room = TASKS_PER_WORKER * self.count() - len(running) if waiting else 0
                 for number in [waiting.popleft() for _ in range(min(room, len(waiting)))]:
                     running[self._submit(function, tasks[number])] = number
                 if not running:  # nobody works yet

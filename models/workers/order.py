@@ -24,7 +24,7 @@ from models.interrupts import go_on
 
 PACKAGES = ("models", "sysid", "planner", "robot")
 SOURCE_SUFFIXES = (".py", ".xml", ".toml")
-COMPUTING = ("numpy", "scipy", "numba", "mujoco", "opencv-python-headless")  # libraries that figures depend on
+COMPUTING_LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "opencv-python-headless")  # that figures depend on
 
 
 @cache
@@ -36,7 +36,7 @@ def source_stamp() -> dict[str, str]:
             if path.suffix in SOURCE_SUFFIXES:
                 seen.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     found = {"cuelab": seen.hexdigest()[:12], "Python": ".".join(platform.python_version_tuple()[:2])}
-    for name in COMPUTING:
+    for name in COMPUTING_LIBRARIES:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             found[name] = importlib.metadata.version(name)
     return found

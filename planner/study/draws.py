@@ -41,9 +41,9 @@ CUSHION_CLEARANCE_M = 0.01  # of the object ball from a cushion
 MAX_CALLED_CUT_RAD = math.radians(65)  # cut angle beyond which a player would not call the pocket
 MAX_SCENES_DRAWN = 2000  # for one that can be played
 REACHABLE_STROKES = 512  # drawn to find one that pots
-DECIMALS = 4  # of places and distances [m] that are kept
+PLACE_DECIMALS = 4  # of places and distances [m] that are kept
 # Standard deviations of constants for which the model has none: estimates.
-PRIORS = {
+PRIOR_SDS = {
     "decoupled_cloth.slide": 0.005, "decoupled_cloth.roll": 0.0002, "decoupled_cloth.spin": 0.5,
     "ball_impact.restitution": 0.01, "ball_impact.friction": 0.005,
     "cushion_impact.restitution": 0.02, "cushion_impact.friction": 0.01,
@@ -106,7 +106,7 @@ class Study:
 def usual_model() -> Model:
     """The base on a full-size table with Mathavan's constants, as uncertain as the priors."""
     model = full_model(SNOOKER_TABLE, SNOOKER_BALL).with_values(USUAL_CONSTANTS)
-    return dataclasses.replace(model, estimates={k: Estimate(sd, "prior of the study") for k, sd in PRIORS.items()})
+    return dataclasses.replace(model, estimates={k: Estimate(sd, "prior of the study") for k, sd in PRIOR_SDS.items()})
 
 
 def draw_scene(study: Study, number: int) -> tuple[Scene, int]:
@@ -142,7 +142,7 @@ def _places(model: Model, count: int, rng: np.random.Generator) -> Array | None:
     clearance = np.zeros((count, 2))
     clearance[1] = CUSHION_CLEARANCE_M
     low, high = np.maximum(low, -limit + clearance), np.minimum(high, limit - clearance)
-    xy = np.round(low + (high - low) * rng.random((count, 2)), DECIMALS)
+    xy = np.round(low + (high - low) * rng.random((count, 2)), PLACE_DECIMALS)
     one, other = np.triu_indices(count, 1)
     close = np.hypot(*(xy[one] - xy[other]).T) < MIN_SEPARATION_RADII * model.ball.radius
     return None if close.any() else np.clip(xy, low, high)
@@ -169,7 +169,7 @@ def draw_truth(study: Study, number: int) -> tuple[Model, dict[str, Any]]:
     """The model that the scene of that number is evaluated on, which is certain, and what was drawn for it."""
     model = study.model
     estimates = {n: e for n, e in model.estimates.items() if 0 < e.sd < math.inf}
-    estimates = {n: Estimate(PRIORS[n]) for n in model.parameters() if n in PRIORS} | estimates
+    estimates = {n: Estimate(PRIOR_SDS[n]) for n in model.parameters() if n in PRIOR_SDS} | estimates
     seed = study.number(number, Stream.TRUTH)
     drawn = draw_errors(dataclasses.replace(model, estimates=estimates), Execution(), 1, seed).values
     constants = {name: float(v[0]) for name, v in drawn.items()}

@@ -32,7 +32,7 @@ from planner.planning import moving
 from planner.scene import Scene, scene_dict
 from planner.search import baseline
 from planner.search.search import playable, search
-from planner.study.draws import DECIMALS, Stream, Study, draw_scene, draw_truth
+from planner.study.draws import PLACE_DECIMALS, Stream, Study, draw_scene, draw_truth
 
 Array = NDArray[np.float64]
 FORMAT = "billiard-study-scene/1"
@@ -120,7 +120,7 @@ class _SceneStudy:
         return {
             "stroke": stroke_terms(player.launcher, q), "predicted": predicted.figures(player.scene),
             "seen": self._observed(q),
-            "tracks": [{"ball": t["ball"], "xy": np.round(t["xy"], DECIMALS).tolist()} for t in tracks],
+            "tracks": [{"ball": t["ball"], "xy": np.round(t["xy"], PLACE_DECIMALS).tolist()} for t in tracks],
         }  # fmt: skip
 
     def _observed(self, q: Array) -> dict[str, Any]:
@@ -132,7 +132,7 @@ class _SceneStudy:
         return {
             "potted": float(out.potted.mean()), "made": float(out.made.mean()), "foul": float(out.foul.mean()),
             "fouls": {name: float(out.fouls[:, k].mean()) for k, name in enumerate(FOULS)},
-            "away": np.round(of_pots, DECIMALS).tolist(),
+            "away": np.round(of_pots, PLACE_DECIMALS).tolist(),
             "median": float(np.median(of_pots)) if of_pots.size else None,
             "median_all": float(np.median(away[rests])) if rests.any() else None,
         }  # fmt: skip

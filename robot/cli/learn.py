@@ -167,7 +167,6 @@ def learn(
     at_most_one(hidden=truth.hidden, effect=truth.effect)
     folder = series.out
     click.get_current_context().with_resource(alone_in(folder))
-
     feed = click.get_current_context().with_resource(live.feed())
 
     def say(line: str) -> None:
@@ -198,14 +197,12 @@ def learn(
             story = play_series(folder, course, emulated, say, progress, _watch(folder, course, feed))
             _reveal(folder, emulated)
         result = figures(story, course, emulated)
-        progress.close()
-        print(f"\n{text_of(result)}")
+        say(f"\n{text_of(result)}")
         if json_file:
             write_json(json_file, result)
         _draw(folder, story, progress)
-        progress.close()
         hidden = ", hidden.toml, hidden_cue.json" if emulated else ""
-        print(f"\nseries: {folder} (report.html, story.png, story.rrd{hidden})")
+        say(f"\nseries: {folder} (report.html, story.png, story.rrd{hidden})")
     except KeyboardInterrupt as end:
         end.add_note(f"{folder} is kept: the same command continues from there")
         raise

@@ -30,7 +30,7 @@ from robot.device.protocol import LauncherError
 if TYPE_CHECKING:
     from robot.cueing.campaign import Striker
 
-FRICTION = "decoupled_cloth.slide"  # of the sliding ball, in a model's parameters
+SLIDE_FRICTION = "decoupled_cloth.slide"  # of the sliding ball, in a model's parameters
 
 
 class StringsCommand(click.Command):
@@ -134,12 +134,12 @@ def _striker(
         model = model or full_model(rig.table, rig.ball)
         if (model.table, model.ball) != (rig.table, rig.ball):
             raise BadInput(f"{model_file}: its table or ball is not that of {filming.camera_file}; name its model")
-        if FRICTION not in model.parameters():
-            raise BadInput(f"{model_file}: has no {FRICTION}; name a model that starts from the base")
+        if SLIDE_FRICTION not in model.parameters():
+            raise BadInput(f"{model_file}: has no {SLIDE_FRICTION}; name a model that starts from the base")
         check_strokes(settings, grid, rig)
         at_table.print_needs(wire, filming, rig, min(len(grid) - played, most or len(grid)))
         progress.close()
-        yield TableStriker(rig, float(model.parameters()[FRICTION]), played, len(grid))
+        yield TableStriker(rig, float(model.parameters()[SLIDE_FRICTION]), played, len(grid))
 
 
 @click.command("map")

@@ -28,7 +28,7 @@ from planner.scene import Scene, scene_from
 from robot.play import PLAYED_FORMAT, played_file
 from sysid.clips import Clip, read_clip_set
 
-REMEDY = "name a folder of robot learn, or remove the file and run robot learn again"
+FOLDER_REMEDY = "name a folder of robot learn, or remove the file and run robot learn again"
 SERIES_FORMAT, FIT_FORMAT = "billiard-course/1", "billiard-refit/1"
 
 
@@ -115,7 +115,7 @@ def fit_folder(folder: Path | str, shots: int) -> Path:
 
 def read_json(path: Path, form: str) -> dict[str, Any]:
     """A JSON file of a format; BadInput where it cannot be read or has another format."""
-    return files.read_json(path, form, REMEDY)
+    return files.read_json(path, form, FOLDER_REMEDY)
 
 
 def count_played(folder: Path | str) -> int:
@@ -149,12 +149,12 @@ def read_history(folder: Path | str) -> History:
         clips = {clip.file: clip for clip in read_clip_set(folder / "clips").clips}
     shots = []
     for number in range(1, count + 1):
-        with files.entries_of(plan_file(folder, number), REMEDY):
+        with files.entries_of(plan_file(folder, number), FOLDER_REMEDY):
             shots.append(_shot(folder, number, clips))
     fits = sorted(path.parent for path in folder.glob("fits/*/fit.json"))
     refits = []
     for path in fits:
-        with files.entries_of(path / "fit.json", REMEDY):
+        with files.entries_of(path / "fit.json", FOLDER_REMEDY):
             refits.append(_refit(read_json(path / "fit.json", FIT_FORMAT)))
     ended = folder / "ended.txt"
     return History(

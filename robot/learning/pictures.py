@@ -22,6 +22,7 @@ from models.report.figure import (
     INK_COLOUR,
     MODEL_COLOUR,
     NOISE_COLOUR,
+    PAPER_COLOUR,
     PATH_COLOUR,
     Draw,
 )
@@ -49,7 +50,7 @@ def misses(story: History) -> tuple[float, Draw]:
         miss = 1e3 * np.array([shot.miss for shot in shots])
         for label, face, use in (
             ("one shot, potted", SINGLE_SHOT_COLOUR, [bool(shot.potted) for shot in shots]),
-            ("one shot, not potted", "white", [not shot.potted for shot in shots]),
+            ("one shot, not potted", PAPER_COLOUR, [not shot.potted for shot in shots]),
         ):
             shown = np.array(use, bool) & (miss > 0)
             if shown.any():
@@ -78,7 +79,7 @@ def misses(story: History) -> tuple[float, Draw]:
             value = 1e3 * story.median_miss(first, last)
             if value > 0:
                 text = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "weight": "bold"}
-                box = {"fc": "white", "ec": "none", "pad": 0.2, "alpha": 0.65}
+                box = {"fc": PAPER_COLOUR, "ec": "none", "pad": 0.2, "alpha": 0.65}
                 ax.annotate(number(value), ((first + last) / 2, value), **text, color=MODEL_COLOUR, bbox=box, zorder=6)
         for refit in story.refits:
             ax.axvline(refit.shots + 0.5, color=NOISE_COLOUR, lw=0.9, ls=":", zorder=0)
@@ -116,7 +117,7 @@ def constants(story: History) -> tuple[float, Draw] | None:
             ax.errorbar(
                 at[known], value[known], 2 * sd[known], fmt="o", ms=3.5, color=colour, elinewidth=1.1, capsize=2
             )
-            ax.plot(at[~known], value[~known], "o", ms=3.5, mfc="white", color=colour)
+            ax.plot(at[~known], value[~known], "o", ms=3.5, mfc=PAPER_COLOUR, color=colour)
             ax.set_title(one_line(name), fontsize=7.5, parse_math=False)
             ax.set_xlim(0, max(r.shots for r in story.refits) + block_size(story) / 2)
             ax.set_ylim(*_limits(value, np.where(known, 2 * sd, 0.0)))

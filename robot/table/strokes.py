@@ -26,7 +26,7 @@ from robot.device.settings import Settings
 from robot.play import check_radius, pocket_near
 from robot.table.lone_ball import MAX_FILMS, LoneBall, LoneStroke
 
-HIT_PICTURES = 2  # by which the time of the hit, told from the path, may be wrong
+HIT_PICTURES = 2  # by which the time of the hit, estimated from the path, may be wrong
 CUSHION_GAP_M = 0.005  # of a ball's edge from a cushion, from which on its path is free
 MIN_SPEED_RATIO = 0.6  # of the ball, over what the usual constants say; below, the tip has slipped
 MAX_SQUIRT_ERROR = 0.15  # from what they say, beyond which it has slipped too [rad]

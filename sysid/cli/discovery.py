@@ -49,7 +49,7 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
     """Diagnose which effect a model lacks, if any.
 
     Reads the clip set CLIPS and the model to start from. Prints the evidence for each effect of the catalogue, the
-    verdict, and the shot that would tell most. Status 1 if the fit did not converge.
+    verdict, and the most informative next shot. Status 1 if the fit did not converge.
 
     Example: sysid diagnose CLIPS --model fitted.toml
     """

@@ -43,7 +43,7 @@ class ReadingOptions:
     )
     columns: str | None = given("--columns", "t=NAME,...", "Names of columns: t, frame, ball, x, y, theta, cue.speed.")
 
-    def told(self, nominal_fps: float | None) -> Stated:
+    def stated(self, nominal_fps: float | None) -> Stated:
         """As the conversion takes it, beside the frame rate that a clip set states."""
         from sysid.foreign.convert import Stated
 
@@ -78,7 +78,7 @@ def import_(
 
     FILE... are CSV, JSON or Parquet, a shot each, with a row for each ball or a row for each frame; or a clip set whose
     entries are in another unit, from another origin or along other axes. What no option says is looked for in the
-    tracks, and told. Draws the tracks over the table first, and writes nothing that they contradict.
+    tracks, and printed. Draws the tracks over the table first, and writes nothing that they contradict.
 
     Example: sysid import shots/*.csv --table "pool 8 ft" --out CLIPS
     """
@@ -94,7 +94,7 @@ def import_(
     paths, shots, header = _shots(files)
     known, pixels = _table(sizes, camera_file, header)
     fps = header.camera.get("fps") if header else None
-    found = import_files(paths, shots, known.table, known.ball, reading.told(fps), pixels)
+    found = import_files(paths, shots, known.table, known.ball, reading.stated(fps), pixels)
     clip_set = found.clip_set
     if header is not None:
         sigma = header.camera.get("sigma")

@@ -11,7 +11,7 @@ from models.console import Status
 from models.errors import BadInput
 from sysid.cli.tables import TABLE_HELP
 
-SUFFIX = ".pdf"
+PDF_SUFFIX = ".pdf"
 
 
 @click.command()
@@ -28,8 +28,8 @@ def markers(table_name: str, out: Path) -> int:
     from models.presets import TableSet, find_table
     from sysid.vision.camera.marker_sheet import write_markers
 
-    if out.suffix.lower() != SUFFIX:
-        raise BadInput(f"{out}: the sheet is a PDF; end its name in {SUFFIX}")
+    if out.suffix.lower() != PDF_SUFFIX:
+        raise BadInput(f"{out}: the sheet is a PDF; end its name in {PDF_SUFFIX}")
     try:
         found = find_table(table_name)
     except BadInput as error:

@@ -40,7 +40,7 @@ class Filmed:
     exposure: float | None = given(
         "--exposure",
         "S",
-        "Exposure of a frame [s]; by default told from the sweep of moving balls.",
+        "Exposure of a frame [s]; by default estimated from the sweep of moving balls.",
         ABOVE_ZERO,
     )
     palette_file: Path | None = given(palette_option)
@@ -99,15 +99,15 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
     named = names_of(filmed.videos)
     if outputs.rrd_file and len(named) > 1:
         raise BadInput("--rrd: records one video; give one video, or leave it out")
+    if live.live and filmed.scheduler is not None:
+        raise BadInput("--live shows what this machine tracks; leave it out, or leave --scheduler out")
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
     camera = read_camera(filmed.camera_file)
     so_far = None if outputs.force else finished(outputs.out)
     if so_far is not None:
         check_camera(so_far, camera, outputs.out)
-    told, doubtful = [], False
+    reports, doubtful = [], False
     done = videos_in(so_far)
-    if live.live and filmed.scheduler is not None:
-        raise BadInput("--live shows what this machine tracks; leave it out, or leave --scheduler out")
     feed = click.get_current_context().with_resource(live.feed())
     films = _films(progress, filmed, camera, [video for name, video in named.items() if name not in done], feed)
     click.get_current_context().call_on_close(films.close)
@@ -124,7 +124,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
                 end.add_note(f"{len(videos_in(so_far))} videos are kept in {outputs.out}: the same command continues")
             raise
         result = film.result
-        told.append(_told(progress, filmed, outputs, video, camera, film))
+        reports.append(_report(progress, filmed, outputs, video, camera, film))
         doubtful |= bool(result.doubts)
         if film.clips is not None:
             so_far = joined(so_far, of_video(film.clips, name, result, place_of(video, outputs.out)))
@@ -132,8 +132,8 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
             print(f"\nclips: {outputs.out}")
         for doubt in result.doubts:
             print(f"not to be trusted: {doubt}")
-    if outputs.json_file and told:
-        write_json(outputs.json_file, told[0] if len(named) == 1 else {"format": JSON_FORMAT, "videos": told})
+    if outputs.json_file and reports:
+        write_json(outputs.json_file, reports[0] if len(named) == 1 else {"format": JSON_FORMAT, "videos": reports})
     if outputs.sheet_file and so_far is not None:
         from sysid.vision.sheet import write_sheet
 
@@ -164,7 +164,7 @@ def _films(
         yield from zip(videos, workers.in_turn(track_same_film, tasks), strict=True)
 
 
-def _told(
+def _report(
     progress: Progress, filmed: Filmed, outputs: TrackOutputs, video: str, camera: Camera, film: TrackedFilm
 ) -> dict[str, Any]:  # fmt: skip
     """All figures of a film, after it was printed, and drawn where asked."""

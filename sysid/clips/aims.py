@@ -1,6 +1,7 @@
 """Commanded azimuths and speeds against where and how fast struck balls set off.
 
-In: a `ClipSet`. Out: `Contradiction`s. The struck ball first moves where the cue was aimed, squirt and swerve aside.
+In: a `ClipSet`. Out: `Contradiction`s. The struck ball first moves where the cue was aimed, but for
+squirt and swerve.
 """
 
 from __future__ import annotations

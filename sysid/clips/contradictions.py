@@ -247,7 +247,7 @@ def _scale(clip_set: ClipSet) -> Contradiction | None:
     values = [value for value in factors.values() if np.isfinite(value)]
     if len(values) < 2 or min(abs(v - 1) for v in values) < SOUND_TABLE or np.ptp(values) > SAME_FACTOR:
         return None
-    factor = values[-1]  # cushions tell it better
+    factor = values[-1]  # cushions show it better
     certain = abs(factor - 1) > CERTAIN_TABLE
     text = (
         f"everything is {factor:.3f} of the size that {CLIPS_TOML} states ({', '.join(factors)}; diameter {stated:g}, "
@@ -257,7 +257,7 @@ def _scale(clip_set: ClipSet) -> Contradiction | None:
 
 
 def pocket_note(clip_set: ClipSet) -> str | None:
-    """A table of the size of another game's whose pockets are those of snooker, as they are where none are told."""
+    """A table of the size of another game's whose pockets are those of snooker, as they are where none are given."""
     table = clip_set.table
     if table.pockets is not True:
         return None

@@ -60,7 +60,7 @@ class Inspection:
 
 
 def inspect_clip_set(folder: Path | str, named: Path | None = None) -> Inspection:
-    """Read a clip set, and name its faults or what its tracks contradict; messages name the folder as they are told."""
+    """Read a clip set, and name its faults or what its tracks contradict; messages name the folder as it is passed."""
     faults = Faults()
     clip_set, found, resting = _read(Path(folder), faults, named or Path(folder))
     if faults or clip_set is None:

@@ -3,8 +3,8 @@
 In: a `ClipSet` as it was written. Out: `Reading`s, each with the evidence for it.
 
 A reading puts the rows on the table. Balls that turn in the open, where neither ball nor pocket is near, must do so at
-the cushions, and balls that meet are a diameter apart: that tells unit, origin and which axis is the long one. Which
-way y is counted and from which end x shows only in commands: mirrored tables play alike.
+the cushions, and balls that meet are a diameter apart: that determines unit, origin and which axis is the long one.
+Which way y is counted and from which end x shows only in commands: mirrored tables play alike.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MAX_IN_POCKET_DIAMETERS = 2.0  # beyond the nose line, of a ball that drops
 MIN_COVERAGE = 0.25  # of the table's length or width by the rows: fewer are in too large a unit
 AT_CUSHION = 0.05  # of half the table, from where a ball at a cushion turns
 MIN_TURNS = 2  # at cushions, that speak for a reading
-MAX_ROWS = 4000  # per clip set that extents are told from
+MAX_ROWS = 4000  # per clip set that extents are taken from
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def all_readings() -> list[Reading]:
 
 
 def directed(clip_set: ClipSet, reading: Reading) -> Reading | None:
-    """The reading with the directions of its axes that commanded azimuths fit; None where they tell nothing."""
+    """The reading with the directions of its axes that commanded azimuths fit; None where they determine none."""
     for exchanged in (reading.exchanged, not reading.exchanged):
         for y_down, turned in product((False, True), (False, True)):
             other = dataclasses.replace(reading, exchanged=exchanged, y_down=y_down, turned=turned)

@@ -1,7 +1,7 @@
 """Running clips: recordings that begin, or are cut, in mid-motion, so that they show no strike.
 
 In: a clip, the noise of its positions and the frame rate. Out: the clip from the first moment on at which every ball
-rests or moves smoothly, so that its samples tell its state, and the balls that move then.
+rests or moves smoothly, so that its samples determine its state, and the balls that move then.
 
 Smooth is a ball whose first samples show no impact (sysid/clips/segments.py) and lie on a parabola, the closed form of
 a slide. A ball moves where the halves of its first samples, or of those near its first place, lie apart.
@@ -29,7 +29,7 @@ MIN_RUNNING_SAMPLES = 12  # of a ball that moves at the start
 MAX_LATE_FRAMES = 3.5  # of a ball's first sample after the start
 LAST_SAMPLES = 4  # of a ball that is not seen again, which rests if these lie in one place
 MAX_STARTS = 2000  # that are tried; of longer clips every second moment, or fewer
-USUAL_SIGMA_M = 5e-4  # of positions, where the tracks are too short to tell
+USUAL_SIGMA_M = 5e-4  # of positions, where the tracks are too short for an estimate
 
 
 def begun_running(clip_set: ClipSet) -> tuple[ClipSet, list[str]]:
@@ -48,7 +48,7 @@ def begun_running(clip_set: ClipSet) -> tuple[ClipSet, list[str]]:
 
 
 def usual_noise(clip_set: ClipSet) -> float:
-    """Noise of the positions, one standard deviation per axis [m], or a usual one where the tracks do not tell."""
+    """Noise of the positions, one standard deviation per axis [m], or a usual one where the tracks are too short."""
     sound = [clip for clip in clip_set.clips if is_sound(clip)]
     try:
         return position_noise(dataclasses.replace(clip_set, clips=tuple(sound)))
@@ -128,7 +128,7 @@ def _impacts(name: str, clip: Clip, of: ClipSet, sigma: float) -> Array:
 def _speeds(
     balls: Mapping[str, Observation], impacts: Mapping[str, Array], sigma: float, fps: float
 ) -> dict[str, float] | None:
-    """Speeds of the balls that move at time 0 [m/s]; None where some ball's motion is not told by its samples.
+    """Speeds of the balls that move at time 0 [m/s]; None where some ball's motion is not determined by its samples.
 
     Args:
         balls: tracks from time 0 on.

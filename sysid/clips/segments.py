@@ -143,8 +143,8 @@ def ball_cuts(name: str, time: Array, others: dict[str, Observation], xy: Array,
         around = np.concatenate([[np.inf], distance, [np.inf]])
         travel = np.maximum(np.concatenate([[0.0], change]), np.concatenate([change, [0.0]]))
         begins = (np.abs(time - track.time[0]) < MAX_ONSET_ERROR_FRAMES * frame) & (len(track.time) > 1)
-        reach = np.where(begins, way, 0.6 * travel) + 0.003
-        near = (distance <= np.minimum(around[:-2], around[2:])) & (distance < ball.diameter + reach)
+        margin = np.where(begins, way, 0.6 * travel) + 0.003
+        near = (distance <= np.minimum(around[:-2], around[2:])) & (distance < ball.diameter + margin)
         cuts += [Cut(int(k), "ball", other) for k in np.flatnonzero(near)]
     return cuts
 

@@ -25,12 +25,12 @@ from sysid.clips.clip_set import ClipSet
 from sysid.clips.segments import Segment, split_all
 
 POLYNOMIAL_DEGREE = 3  # of the polynomial that follows a rolling ball
-MIN_SAMPLES = 24  # of a stretch, so that noise and wandering are told apart
-MIN_STRETCHES = 3  # that tell a median
+MIN_SAMPLES = 24  # of a smooth part, so that noise and wandering can be distinguished
+MIN_STRETCHES = 3  # for a median
 MIN_SLIDING_FRICTION = 0.1  # with which a ball rolls at the latest when it is taken to
 MAX_SLIP_OF_SPEED = 2.0  # of a ball that sets off with as much backspin as it can roll
 MIN_SPEED_M_S = 0.04  # below which a ball may be stopping
-SPEED_SAMPLES = 3  # before and after one, which its speed is told by
+SPEED_SAMPLES = 3  # before and after one, from which its speed is estimated
 MIN_SIGNIFICANCE = 3.0  # standard errors beyond the noise, to count
 ERROR_OF_MEDIAN = 1.25  # standard error of a median over that of a mean
 

@@ -22,16 +22,16 @@ REST_M = 0.003  # of a ball that has not moved
 MIN_MISSED_M = 0.006  # way that a ball at rest would have gone at its first speed, above what noise imitates
 REST_SHARE = 0.5  # of that way, of a ball that was at rest
 MAX_RESTING_TURN_RAD = 0.3  # of a ball's mark
-STEPS = 3  # from sample to sample, of which a first speed is the mean
+SPEED_STEPS = 3  # from sample to sample, of which a first speed is the mean
 MIN_MOVED_M = 0.02  # by another ball before the strike, for that one to be the struck
-MIN_CLIPS = 2  # that show another ball struck, for the set to be told so
+MIN_CLIPS = 2  # that show another ball struck, for the set to be reported
 
 
 def first_moving(seen: Observation) -> int:
     """Number of the first sample from which on it is away from where it was first seen; of all where it never is."""
-    away = np.append(np.hypot(*(seen.xy - seen.xy[:1]).T) > REST_M, np.ones(STEPS, bool))
+    away = np.append(np.hypot(*(seen.xy - seen.xy[:1]).T) > REST_M, np.ones(SPEED_STEPS, bool))
     for k in np.flatnonzero(away[: len(seen.time)]).tolist():
-        if away[k : k + STEPS + 1].all():
+        if away[k : k + SPEED_STEPS + 1].all():
             return int(k)
     return len(seen.time)
 
@@ -39,7 +39,7 @@ def first_moving(seen: Observation) -> int:
 def strike_time(seen: Observation) -> float | None:
     """When a ball that was at rest began to move [s]; None where it moves from the start, or never."""
     first = first_moving(seen)
-    last = min(first + STEPS, len(seen.time) - 1)
+    last = min(first + SPEED_STEPS, len(seen.time) - 1)
     if first < 2 or last <= first:
         return None
     if np.nan_to_num(np.abs(seen.theta[:first] - seen.theta[0])).max() > MAX_RESTING_TURN_RAD:

@@ -19,9 +19,9 @@ from sysid.clips.write import assignments, replace_folder
 EXAMPLE_FILE = "clips/example.csv"
 DEFAULT_FPS = 120.0  # frames per second of the example
 SPEED_M_S, DECELERATION_M_S2 = 0.4, 0.125
-SAMPLES = 240
+EXAMPLE_SAMPLES = 240
 
-TEXT = """\
+TEMPLATE_TEXT = """\
 # A clip set: tracked shots of one table with one camera. Lengths are in metres, times in seconds, angles in radians.
 # x runs along the table, y across, from the table's centre; angles count from +x towards +y, seen from above.
 # Check what you have written with: sysid check {folder}
@@ -37,7 +37,7 @@ mass = {mass!r}          # in kg
 
 [camera]
 fps = {fps!r}            # frames taken in a second
-# sigma = 0.0005      # noise of a position, one standard deviation, if you know it: else it is told from the tracks
+# sigma = 0.0005      # noise of a position, one standard deviation, if you know it; else it is estimated
 
 # One block for each shot; this one is an example: replace it by yours.
 [[clip]]
@@ -70,7 +70,7 @@ def write_template(folder: Path, known: TableSet, named: str | None) -> None:
 def template_texts(folder: Path, known: TableSet, named: str | None) -> dict[str, str]:
     """The files: relative path -> content."""
     table, ball = known.table, known.ball
-    text = TEXT.format(
+    text = TEMPLATE_TEXT.format(
         folder=folder, length=round(table.length, 6), width=round(table.width, 6), pockets=_pockets(table, named),
         diameter=round(ball.diameter, 6), mass=round(ball.mass, 6), fps=DEFAULT_FPS, file=EXAMPLE_FILE, speed=SPEED_M_S,
     )  # fmt: skip
@@ -90,7 +90,7 @@ def _pockets(table: Table, named: str | None) -> str:
 def _rows(table: Table, ball: Ball) -> str:
     """The example clip: it rolls until it has covered half the table at most."""
     start, lines = -table.length / 4, ["t,ball,x,y,theta"]
-    for k in range(SAMPLES):
+    for k in range(EXAMPLE_SAMPLES):
         t = k / DEFAULT_FPS
         way = SPEED_M_S * t - DECELERATION_M_S2 * t**2 / 2
         if way > table.length / 2 - ball.diameter:

@@ -123,7 +123,7 @@ def regress(y: Array, s: Array, columns: Array) -> tuple[Array, Array, float]:
 def combine(kind: Kind, singles: Sequence[Single], notes: Sequence[str] = ()) -> Measured:
     """One figure of many values, and what the user should know of it."""
     if not singles:
-        return Measured(kind, None, None, warnings=(f"these clips do not tell: {kind.remedy}", *notes))
+        return Measured(kind, None, None, warnings=(f"not determined by these clips: {kind.remedy}", *notes))
     y, s = np.array([k.value for k in singles]), np.array([k.sd for k in singles])
     first, _, tau = regress(y, s, np.ones((len(y), 1)))
     near = np.abs(y - first[0]) <= OUTLIER_SD * np.hypot(s, tau)  # others are no such event, or have a wrong angle

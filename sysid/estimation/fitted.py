@@ -113,7 +113,7 @@ def as_model(found: FittedModel, command: str, files: Sequence[str], more: Mappi
     source = f"{command}, {len(files)} clips" + ("" if found.converged else ", NOT converged")
     estimates = dict(model.estimates)
     for name, sd in zip(names, sds.tolist(), strict=True):
-        described = source if np.isfinite(sd) else f"{source}: these clips do not tell"
+        described = source if np.isfinite(sd) else f"{source}: not determined by these clips"
         estimates[name] = Estimate(sd if found.converged else float("nan"), described)
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = found.covariance[np.ix_(rows, rows)] / np.outer(sds, sds)

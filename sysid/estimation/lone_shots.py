@@ -23,8 +23,8 @@ from sysid.estimation.solver.least_squares import Objective, Prior, fit_each
 from sysid.estimation.start_values import MISCUE_SPIN, RUNNING_SPIN
 
 LONE_SHARE = 0.3  # of the information on a constant, from which a shot is scanned
-SPINS = 41  # sidespins between the miscue limits, or those of a ball that has slowed down since
-SPIN = 6  # number of the sidespin in an initial state
+SIDESPIN_COUNT = 41  # sidespins between the miscue limits, or those of a ball that has slowed down since
+SIDESPIN_INDEX = 6  # number of the sidespin in an initial state
 HELD_SPIN_SD = 1e-3  # of the distance of two sidespins: how firmly each is held
 SCAN_STEPS, SCAN_TOLERANCE = 20, 1e-5
 MIN_GAIN = 1.0  # of a shot's loss, for which it is moved
@@ -93,12 +93,12 @@ def _scan(problem: ShotProblem, row: int, some: Index, at: tuple[Array, Array], 
         return problem.evaluate(np.ascontiguousarray(both[:, :p]), values, np.full(len(which), row))
 
     most = MISCUE_SPIN * (RUNNING_SPIN if problem.clips[row].running else 1.0)
-    spins = np.linspace(-1.0, 1.0, SPINS) * most * np.hypot(x[2], x[3])
-    trials = np.tile(np.concatenate([x, c[some]]), (1 + SPINS, 1))
-    trials[1:, SPIN] = spins
-    mean = np.tile(np.concatenate([own.mean.ravel(), c[some]]), (1 + SPINS, 1))
-    spread = np.tile(np.concatenate([own.sd.ravel(), sd]), (1 + SPINS, 1))
-    mean[1:, SPIN], spread[1:, SPIN] = spins, HELD_SPIN_SD * (spins[1] - spins[0])
+    spins = np.linspace(-1.0, 1.0, SIDESPIN_COUNT) * most * np.hypot(x[2], x[3])
+    trials = np.tile(np.concatenate([x, c[some]]), (1 + SIDESPIN_COUNT, 1))
+    trials[1:, SIDESPIN_INDEX] = spins
+    mean = np.tile(np.concatenate([own.mean.ravel(), c[some]]), (1 + SIDESPIN_COUNT, 1))
+    spread = np.tile(np.concatenate([own.sd.ravel(), sd]), (1 + SIDESPIN_COUNT, 1))
+    mean[1:, SIDESPIN_INDEX], spread[1:, SIDESPIN_INDEX] = spins, HELD_SPIN_SD * (spins[1] - spins[0])
     objective = Objective(
         evaluate, np.concatenate([plain.steps, steps]), Prior(mean, spread),
         plain.cauchy_sd, plain.correlation_time, np.concatenate([plain.bounds, bounds]),

@@ -33,7 +33,7 @@ KNOWN_NAMES: Mapping[str, tuple[str, ...]] = {
     "cue.elevation": ("cue_elevation",),
 }  # fmt: skip
 UNIT_IN_NAME = re.compile(r"[\s_]*[\[(]?\b(s|ms|us|mm|cm|m|in|inch|inches|ft|px|pixel|pixels|deg|rad)[\])]?$")
-UNITS = {"inch": "in", "inches": "in", "pixel": "px", "pixels": "px", "ms": "milliseconds", "us": "microseconds"}
+UNIT_ALIASES = {"inch": "in", "inches": "in", "pixel": "px", "pixels": "px", "ms": "milliseconds", "us": "microseconds"}
 TIME_UNITS = {"s": "seconds", "milliseconds": "milliseconds", "microseconds": "microseconds"}
 NOT_BALLS = {"v", "vel", "velocity", "speed", "a", "acc", "d", "w", "min", "max", "start", "end"}  # of pairs with x, y
 LONE_BALL = "cue"  # of a file that names no balls
@@ -100,7 +100,7 @@ def _bare(name: str) -> str:
 def _unit(name: str) -> str | None:
     """The unit that a name ends in: x_mm, Time (s)."""
     found = UNIT_IN_NAME.search(re.sub(r"_", " ", name.lower()).strip())
-    return UNITS.get(found[1], found[1]) if found and found.start() > 0 else None
+    return UNIT_ALIASES.get(found[1], found[1]) if found and found.start() > 0 else None
 
 
 def _without_unit(name: str) -> str:

@@ -1,8 +1,8 @@
 """Tracks of other programs as a clip set: unit, origin and axes, the struck ball and its strike.
 
-In: files and what is told of them. Out: `Imported`: the clip set, and what was taken for granted, in words.
+In: files and what is stated of them. Out: `Imported`: the clip set, and what was taken for granted, in words.
 
-What is not told is looked for in the tracks (sysid/clips/readings.py). Where two readings are as likely, none is
+What is not stated is looked for in the tracks (sysid/clips/readings.py). Where two readings are as likely, none is
 chosen: the options that settle it are named.
 """
 
@@ -49,7 +49,7 @@ RIVAL_COVERAGE = 0.5  # of the likeliest reading's, by one that may be right as 
 
 @dataclass(frozen=True)
 class Stated:
-    """What is known of the files; None where the tracks are to tell."""
+    """What is known of the files; None where it is looked for in the tracks."""
 
     unit: str | None = None
     corner: bool | None = None
@@ -64,7 +64,7 @@ class Stated:
     columns: Mapping[str, str] = field(default_factory=dict)
 
     def for_pixels(self) -> bool | None:
-        """Whether y points down in pictures; BadInput where something is stated that a camera's file tells."""
+        """Whether y points down in pictures; BadInput where something is stated that a camera's file says."""
         apart = {"unit": self.unit, "origin": self.corner, "x-along": self.exchanged, "turned": self.turned}
         for option in (name for name, value in apart.items() if value is not None):
             raise BadInput(f"--{option}: the camera's file places pixels on the table; leave one of the two out")
@@ -83,7 +83,7 @@ class Stated:
 
 @dataclass(frozen=True)
 class ShotFile:
-    """What is known of one file beside its tracks, where a clip set tells it."""
+    """What is known of one file beside its tracks, where a clip set says it."""
 
     file: str  # of the clip to be written
     struck: str | None = None
@@ -95,7 +95,7 @@ class ShotFile:
 
 @dataclass(frozen=True)
 class Imported:
-    """The clip set, what was understood, and what nothing in the tracks tells."""
+    """The clip set, what was understood, and what nothing in the tracks determines."""
 
     clip_set: ClipSet
     says: tuple[str, ...]
@@ -185,8 +185,8 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
     assumed = []
     if reading == best and stated.y_down is None and not _has_commands(clip_set):
         assumed.append(
-            "y is taken to point up, as x, y and up are right-handed: nothing in the tracks tells; where y is counted "
-            "downwards, as in pictures, give --y down, or sidespin changes its sign"
+            "y is taken to point up, as x, y and up are right-handed: nothing in the tracks shows it; where y is "
+            "counted downwards, as in pictures, give --y down, or sidespin changes its sign"
         )
     return read_so(clip_set, reading), _how(reading) + _because(fits), assumed
 
@@ -208,7 +208,7 @@ def _because(fits: Sequence[ReadingEvidence]) -> str:
     reasons = [f"{first.at_cushions} of {first.at_cushions + first.off_cushions} rebounds lie at the cushions"]
     reasons = reasons if first.at_cushions else []
     reasons += ["balls meet a diameter apart"] * (first.diameter > 0)
-    return f" ({' and '.join(reasons) or f'they reach over {100 * first.coverage:.0f} % of the table'})"
+    return f" ({' and '.join(reasons) or f'they cover {100 * first.coverage:.0f} % of the table'})"
 
 
 def _rivals(one: ReadingEvidence, best: ReadingEvidence) -> bool:

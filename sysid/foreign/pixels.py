@@ -1,6 +1,6 @@
 """Tracks in pixels as places on the table, by a camera; y from the first row downwards, or from the last one upwards.
 
-Trackers count y either way. What speaks for one is told as for lengths (sysid/clips/readings.py): rebounds at the
+Trackers count y either way. What speaks for one is counted as for lengths (sysid/clips/readings.py): rebounds at the
 cushions, balls that meet a diameter apart, and commanded azimuths. A camera straight above may leave both as likely.
 """
 
@@ -28,7 +28,7 @@ class Pixels:
 
 
 def seen_through(pixels: Pixels, clip_set: ClipSet, y_down: bool | None) -> tuple[ClipSet, str, list[str]]:
-    """Pixels as places on the table, in words how, and what is only assumed; `y_down` None where it is to be told."""
+    """Pixels as places on the table, in words how, and what is only assumed; `y_down` None where it is looked for."""
     says = "pixels, placed on the table by the camera's file, y counted"
     read = {down: _placed(pixels, clip_set, down) for down in (True, False)}
     words = {True: "downwards from the first row", False: "upwards from the last row"}

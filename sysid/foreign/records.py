@@ -18,10 +18,10 @@ from models.errors import BadInput
 from models.files import parse, read_text
 from models.files.faults import Faults, shown
 
-SEPARATORS = ",;\t|"
+COLUMN_SEPARATORS = ",;\t|"
 MAX_BYTES = 1 << 30  # of one file
 PLACE_NAMES = ("xy", "pos", "position", "center", "centre", "point", "location")  # of pairs (x, y)
-GROUPS = ("balls", "tracks", "objects", "detections", "frames", "data", "samples", "points", "shots", "positions")
+GROUP_KEYS = ("balls", "tracks", "objects", "detections", "frames", "data", "samples", "points", "shots", "positions")
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def _csv(text: str, file: str) -> Columns:
     body = lines[skipped:]
     if len(body) < 2:
         raise BadInput(f"{file}: holds no rows: name the tracker's CSV, JSON or Parquet file")
-    separator = max(SEPARATORS, key=body[0].count)
+    separator = max(COLUMN_SEPARATORS, key=body[0].count)
     try:
         rows = [row for row in csv.reader(io.StringIO("\n".join(body)), delimiter=separator, strict=True) if row]
     except csv.Error as error:
@@ -131,7 +131,7 @@ def _records(data: Any, known: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     elif not inner:
         yield dict(own)
     for key, value in inner.items():
-        name = {} if key.lower() in GROUPS or "ball" in own else {"ball": key}
+        name = {} if key.lower() in GROUP_KEYS or "ball" in own else {"ball": key}
         yield from _records(value, {**own, **name})
 
 

@@ -1,8 +1,8 @@
 """Times of other programs in seconds, and the frame rate.
 
-In: `RawClip`s, and what is told of them. Out: a `StampClock`. Small whole numbers count frames; others are in seconds,
-or in the parts of one that make some 5 to 10,000 frames a second. A frame rate that is given beside stamps in seconds
-is the one at which the film was taken: a film that plays slower than that has its stamps too long.
+In: `RawClip`s, and what is stated of them. Out: a `StampClock`. Small whole numbers count frames; others are in
+seconds, or in the parts of one that make some 5 to 10,000 frames a second. A frame rate that is given beside stamps in
+seconds is the one at which the film was taken: a film that plays slower than that has its stamps too long.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sysid.clips.tempo import SOUND_INTERVAL
 from sysid.clips.units import SECONDS_BY_UNIT, are_whole
 from sysid.foreign.columns import RawClip
 
-UNITS = ("seconds", "frames", *SECONDS_BY_UNIT)
+TIME_UNITS = ("seconds", "frames", *SECONDS_BY_UNIT)
 MAX_FRAMES_APART = 5.0  # usual interval of rows that are counted in frames
 MAX_INTERVAL_S = 0.2  # usual interval of rows
 ROUND_RATE = 1e-3  # relative departure of a rate from a whole number, within which it is that
@@ -40,7 +40,7 @@ def read_clock(clips: Sequence[RawClip], unit: str | None, fps: float | None, no
 
     Args:
         clips: with their stamps.
-        unit: of stamps; None to tell from them.
+        unit: of stamps; None: looked for in them.
         fps: frames taken in a second.
         nominal: the camera's rate as it was stated before, which stamps may contradict.
     """

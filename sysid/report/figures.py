@@ -79,7 +79,7 @@ def ladder_chart(rungs: Sequence[Rung], noise_m: float) -> Chart | None:
         data.append(line_at(floor, f"noise alone {number(floor)} mm", (-0.8, len(rungs) - 0.4), vertical=True))
     notes = [
         {"text": f"{_amounts(v, g)}: {label(r.label)}", "x": 0, "xref": "paper", "xanchor": "left", "y": k,
-         "yshift": 17, "showarrow": False, "align": "left"}
+         "yanchor": "bottom", "yshift": 14, "showarrow": False, "align": "left"}
         for k, (r, v, g) in enumerate(zip(rungs, values, good, strict=True))
     ]  # fmt: skip
     layout = {

@@ -102,7 +102,7 @@ def lacking_map(comparison: Comparison, name: str, title: str, full: float | Non
     shown = lacking * (np.minimum(1.0, 1.3 * full / np.maximum(sizes, 1e-12)) * length / full)[:, None]
     texts = [f"{1e3 * ax:+.3g} mm/s² along x, {1e3 * ay:+.3g} along y" for ax, ay in lacking]
     arrows = {"tails": centres - shown / 2, "heads": centres + shown / 2, "texts": texts}
-    words = f"{title}; {length:.2g} m of arrow: {number(1e3 * full)} mm/s²" if len(lacking) else title
+    words = f"{title}; an arrow of {length:.2g} m is {number(1e3 * full)} mm/s²" if len(lacking) else title
     return table_map(name, words, table, z, MAX_Z, "z [standard deviations]", arrows)
 
 

@@ -28,11 +28,11 @@ from sysid.report.typical import (
     BALL_HEIGHT_STRETCH,
     FAST_CLOTH_ROLL,
     FITTERS_SLOPE_RAD,
-    TYPICAL,
+    TYPICAL_RANGES,
     TypicalRange,
 )
 
-SIZES: Final = {
+SIZE_NAMES: Final = {
     TABLE_LENGTH: ("table, length from nose to nose", "length"),
     TABLE_WIDTH: ("table, width from nose to nose", "width"),
     BALL_DIAMETER: ("balls, diameter", "diameter"),
@@ -40,7 +40,7 @@ SIZES: Final = {
 DETERMINED_SHARE = 0.5  # of the standard deviation with which a size was stated: a smaller one is the clips'
 INTERVAL_SDS = 2.0  # to either side: 95 %
 SIGNIFICANT_SDS = 3.0  # from zero, of what is usually zero
-UNDETERMINED = "these clips do not tell"
+UNDETERMINED = "not determined by these clips"
 NOT_CONVERGED_LINE = "the fit did not converge: it says nothing about the table"
 RAIL_OF: Final = dict(zip(("px", "mx", "py", "my"), RAIL_NAMES, strict=True))
 
@@ -97,7 +97,7 @@ def health(model: Model) -> list[HealthLine]:
 
 
 def health_lines(model: Model) -> list[str]:
-    """The same in words, and what these clips do not tell; for the terminal and result.json."""
+    """The same in words, and what these clips do not determine; for the terminal and result.json."""
     if model.fitted and not model.fitted.get("converged", False):
         return [NOT_CONVERGED_LINE]
     lines = health(model)
@@ -115,19 +115,19 @@ def print_health(model: Model) -> None:
 
 def _line(name: str, found: Finding) -> HealthLine | None:
     effect, key = name.split(".")
-    if name in TYPICAL:
-        return _in_range(name, TYPICAL[name], found)
+    if name in TYPICAL_RANGES:
+        return _in_range(name, TYPICAL_RANGES[name], found)
     kind, _, letter = effect.rpartition("_")
     if letter in RAIL_OF and kind in RAIL_JUDGES and key == "change":
         return RAIL_JUDGES[kind](RAIL_OF[letter], found)
-    if name in SIZES:
+    if name in SIZE_NAMES:
         return _size(name, found)
     return JUDGES[name](found) if name in JUDGES else None
 
 
 def _size(name: str, found: Finding) -> HealthLine:
     """A size of table or ball beside what was stated."""
-    stated, (what, key) = found.model.meta(name)["default"], SIZES[name]
+    stated, (what, key) = found.model.meta(name)["default"], SIZE_NAMES[name]
     if name != BALL_DIAMETER:
         found = Finding(found.value + _met_nearer(found.model), found.sd, found.model)
     off = Finding(found.value - stated, found.sd, found.model)

@@ -23,7 +23,7 @@ from sysid.report.findings import NOTHING_MISSING, confounded_lines, round_rows
 from sysid.report.health import INTERVAL_SDS, health, health_lines
 from sysid.report.player import playback
 from sysid.report.text import in_words
-from sysid.report.typical import TYPICAL
+from sysid.report.typical import TYPICAL_RANGES
 from sysid.report.verdict import Verdict
 from sysid.residuals.comparison import Comparison, Group
 from sysid.selection.screening import Screening
@@ -245,7 +245,7 @@ def _with_known_sd(value: float, sd: float) -> str:
 
 def _strip(name: str, value: float, sd: float) -> dict[str, float] | None:
     """Where typical range, interval and value lie on a strip [per cent]; None where one of them is not known."""
-    usual = TYPICAL.get(name)
+    usual = TYPICAL_RANGES.get(name)
     if usual is None or not math.isfinite(sd):
         return None
     low, high = value - INTERVAL_SDS * sd, value + INTERVAL_SDS * sd

@@ -27,7 +27,7 @@ MAX_POINTS = 28_000  # of all shots in a page: some 1.1 MB with two models
 MOVED_M = 0.003  # a ball with a smaller range of positions rested
 UNITS_PER_M, UNITS_PER_S = 1e4, 1e3
 MAGNIFICATIONS, MAX_DRAWN_M = (100, 20, 5, 1), 0.06  # of misses, and the length to which a typical one is drawn
-UNSEEN = -32768  # where a model has no ball
+NO_BALL = -32768  # where a model has no ball
 
 
 def playback(comparisons: Sequence[tuple[str, Comparison]]) -> dict[str, Any] | None:
@@ -93,13 +93,13 @@ def _balls(shot: Clip, tracks: Sequence[Track], stride: int) -> list[dict[str, A
 def _misses(track: Track, name: str, time: Array, xy: Array, axis: int) -> list[int]:
     """Model less measurement along an axis, at the nearest of the model's times."""
     if name not in track.names:
-        return [UNSEEN] * len(time)
+        return [NO_BALL] * len(time)
     times = np.asarray(track.times)
     after = np.clip(np.searchsorted(times, time), 1, max(len(times) - 1, 1))
     nearest = np.where(time - times[after - 1] < times[np.minimum(after, len(times) - 1)] - time, after - 1, after)
     place = track.position[np.minimum(nearest, len(times) - 1), track.names.index(name), axis]
     off = np.round((place - xy[:, axis]) * UNITS_PER_M)
-    return [int(v) for v in np.where(np.isfinite(off), off, UNSEEN)]
+    return [int(v) for v in np.where(np.isfinite(off), off, NO_BALL)]
 
 
 def _steps(values: Array) -> list[int]:

@@ -1,8 +1,8 @@
 """Values that a model's constants have on other tables, each with its source.
 
-In: nothing. Out: `TYPICAL`, by the constant's name. Sources: Mathavan, Jackson, Parkin 2009, 2010 and 2014 and Robotic
-Billiards (2015) on snooker tables; Alciatore's collection for pool; rules and fitters where there is a tolerance. What
-nobody measured is not listed. Ranges are what was published, not what is desirable.
+In: nothing. Out: `TYPICAL_RANGES`, by the constant's name. Sources: Mathavan, Jackson, Parkin 2009, 2010 and 2014 and
+Robotic Billiards (2015) on snooker tables; Alciatore's collection for pool; rules and fitters where there is a
+tolerance. What nobody measured is not listed. Ranges are what was published, not what is desirable.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ FITTERS_SLOPE_RAD = 0.0004  # slope that table fitters aim at
 CUE_BALL_TOLERANCE = 0.02  # of the mass: rules of snooker, a set within 3 g
 BALL_HEIGHT_STRETCH = 0.0133  # at most, of a camera calibrated on the cloth and 2 m high or more: R / (H - R)
 
-TYPICAL: Final[Mapping[str, TypicalRange]] = {
+TYPICAL_RANGES: Final[Mapping[str, TypicalRange]] = {
     "decoupled_cloth.roll": TypicalRange(
         "cloth, rolling deceleration", 0.005, 0.015, SNOOKER_CLOTH, "of ordinary speed", "very fast", "slow",
         "m/s^2", GRAVITY,

@@ -24,7 +24,7 @@ def acceleration_sentence(who: str, quantity: str, per: str = "") -> Sentence:
             what = f"are pulled by {size} to the {'left' if value > 0 else 'right'} of their way"
         else:
             what = f"are pulled by {size} towards {'+' if value > 0 else '-'}{quantity}"
-        return f"{who}: {what} (z {abs(value) / sd:.0f})"
+        return f"{who} {what} (z {abs(value) / sd:.0f})"
 
     return sentence
 
@@ -32,7 +32,7 @@ def acceleration_sentence(who: str, quantity: str, per: str = "") -> Sentence:
 def spin_decay_sentence(who: str) -> Sentence:
     """Of a missing decay of sidespin in [rad/s^2]."""
     return lambda value, sd: (
-        f"{who}: lose {_pair(abs(value), sd)} rad/s of sidespin a second {'less' if value > 0 else 'more'} "
+        f"{who} lose {_pair(abs(value), sd)} rad/s of sidespin a second {'less' if value > 0 else 'more'} "
         f"than modelled (z {abs(value) / sd:.0f})"
     )
 
@@ -48,7 +48,7 @@ def velocity_sentence(who: str, quantity: str, per: str = "") -> Sentence:
             what = f"go on {'faster' if value > 0 else 'slower'} along the line of centres by {size}"
         else:
             what = f"keep {size} {'more' if value > 0 else 'less'} of the speed along the tangent"
-        return f"{who}: {what} than modelled (z {abs(value) / sd:.0f})"
+        return f"{who} {what} than modelled (z {abs(value) / sd:.0f})"
 
     return sentence
 

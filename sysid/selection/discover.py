@@ -123,7 +123,7 @@ def prune(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
 
 
 def _without_unclear(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
-    """The result without effects whose size the clips do not tell, or that explain only a small part of the rest."""
+    """The result without effects whose size is not determined, or that explain only a small part of the rest."""
     now, verdict = without_unclear(parts, found.last, found.verdict)
     if verdict == found.verdict:
         return found

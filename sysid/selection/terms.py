@@ -90,16 +90,9 @@ FACTOR_CODES: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and 
 } | {f"rail == {k}": (kinds.RAIL, (float(k),)) for k in range(len(RAIL_NAMES))}  # fmt: skip
 
 
-def library(table: Table, names: int = 2) -> list[Term]:
-    """Every term that is scored on a table with so many balls at most."""
+def _drag_at_places(table: Table) -> list[Term]:
+    """Of every cell of the cloth and every half."""
     found: list[Term] = []
-
-    def add(name: str, quantity: str, factor: str, per: str, where: str, *on: str, width: float = 1.0) -> None:
-        unit = QUANTITY_UNITS.get(quantity, "1") + (f" per {per}" if per else "")
-        kind, constants = FACTOR_CODES[factor]
-        half = width * COEFFICIENT_WIDTHS[quantity]
-        found.append(Term(f"{quantity}_{name}", quantity, factor, unit, half, where, on, None, kind, constants))
-
     nx, ny = CLOTH_CELLS
     dx, dy = table.length / nx, table.width / ny
     for i in range(nx):
@@ -111,6 +104,19 @@ def library(table: Table, names: int = 2) -> list[Term]:
         if one.name.endswith("y"):
             at, across = (0.0, table.width / 4), (table.length / 2, table.width / 4)
         found.append(_boxed(one, one.name, (at[0], across[0], at[1], across[1])))
+    return found
+
+
+def library(table: Table, names: int = 2) -> list[Term]:
+    """Every term that is scored on a table with so many balls at most."""
+    found = _drag_at_places(table)
+
+    def add(name: str, quantity: str, factor: str, per: str, where: str, *on: str, width: float = 1.0) -> None:
+        unit = QUANTITY_UNITS.get(quantity, "1") + (f" per {per}" if per else "")
+        kind, constants = FACTOR_CODES[factor]
+        half = width * COEFFICIENT_WIDTHS[quantity]
+        found.append(Term(f"{quantity}_{name}", quantity, factor, unit, half, where, on, None, kind, constants))
+
     for quantity, word in (("drag", "rolling on the cloth"), ("grip", "sliding on the cloth")):
         add("cos", quantity, "cos(heading)", "", word, "heading")
         add("sin", quantity, "sin(heading)", "", word, "heading")

@@ -1,7 +1,7 @@
 """One film, from its pictures to clips: what `sysid track` does for each video, here or on a worker of a cluster.
 
 In: a film and what is known of how it was taken. Out: `TrackedFilm`. A worker reads the film itself, from the same
-path; a mark tells whether it is the same film.
+path; a mark shows whether it is the same film.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Taken:
     camera_name: str  # of its file, for messages
     palette: Palette
     fps: float | None  # frames taken in a second; None: as the film says
-    exposure: float | None  # of a frame [s]; None: told from the sweep of moving balls
+    exposure: float | None  # of a frame [s]; None: estimated from the sweep of moving balls
     mass: float | None  # of a ball [kg]; None: a snooker ball's of this size
 
 
@@ -118,7 +118,7 @@ def track_same_film(video: str, name: str, taken: Taken, mark: str) -> TrackedFi
 
 
 def film_mark(video: str) -> str:
-    """What tells a film from others: names and sizes of its files, and how each begins and ends."""
+    """What distinguishes a film from others: names and sizes of its files, and how each begins and ends."""
     digest = hashlib.sha256()
     for path in open_footage(video, 1.0).files:
         size = path.stat().st_size

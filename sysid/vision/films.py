@@ -2,7 +2,7 @@
 
 In: a clip set that tracking wrote, which names its videos. Out: `models.recording.film.Film`, for recordings. A clip's
 first frame is that of its first sample. Where a clip has as many moments as frames, these are the frames' times, since
-tracking finds frames missing of which the video's stamps do not tell. Left out: clips in which frames are also doubled,
+tracking finds frames missing which the video's stamps do not show. Left out: clips in which frames are also doubled,
 or show no ball; there the film runs ahead of the tracks where frames are missing.
 """
 
@@ -71,17 +71,17 @@ def _absent(clip_set: ClipSet, folder: Path, missing: Sequence[str]) -> str:
 
 
 def _span(clip: Clip) -> tuple[int, int] | None:
-    """The first and the last frame of a clip, where it tells them."""
+    """The first and the last frame of a clip, where it names them."""
     span = clip.extra.get("frames")
     if not isinstance(span, list | tuple) or len(span) != 2 or not all(isinstance(k, int) for k in span):
         return None
     return (span[0], span[1]) if 0 <= span[0] <= span[1] else None
 
 
-def _find(name: str, told: Mapping[str, Any], clips: Path, folder: Path | None) -> Path | None:
+def _find(name: str, entry: Mapping[str, Any], clips: Path, folder: Path | None) -> Path | None:
     """The video of a name: in the folder given, else where it was tracked, else beside the clip set or its folder."""
     places = [clips, clips.resolve().parent] if folder is None else [folder]
-    recorded = told.get("file")
+    recorded = entry.get("file")
     if folder is None and isinstance(recorded, str) and (video := clips / recorded).exists():
         return video
     for place in (place for place in places if place.is_dir()):

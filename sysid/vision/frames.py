@@ -382,7 +382,7 @@ def _number(text: str) -> bool:
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Silence OpenCV and the libraries below it, which write to descriptor 2: our own messages tell what failed."""
+    """Silence OpenCV and the libraries below it, which write to descriptor 2: our own messages name what failed."""
     logging = cv2.utils.logging
     before, nowhere = logging.getLogLevel(), os.open(os.devnull, os.O_WRONLY)
     try:

@@ -5,6 +5,7 @@ In: a clip set that tracking wrote, its camera and its videos. Out: a PNG. Video
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path as File
 
@@ -19,23 +20,23 @@ from sysid.vision.frames import Footage, Picture, open_footage
 from sysid.vision.tracks.recordings import videos_in
 
 WIDTH_PX = 420  # of a picture
-TEXT_PX = 460  # of what is told beside them
-LINE_PX = 18
+TEXT_PX = 460  # of the words beside them
+LINE_PX = 20
 LINE_LETTERS = 62
-TEXT_SCALE = 0.42
+TEXT_SCALE = 0.5
 WHITE, DARK = (235, 235, 235), 30
 
 
 def write_sheet(path: File, clip_set: ClipSet, camera: Camera, videos: Mapping[str, str], fps: float | None) -> None:
     """Write the sheet of all clips whose videos, by name, are at hand."""
     rows = []
-    for name, told in videos_in(clip_set).items():
+    for name, video in videos_in(clip_set).items():
         if name not in videos:
             continue
         clips = [clip for clip in clip_set.clips if clip.extra.get("video") == name]
         wanted = {int(frame) for clip in clips for frame in clip.extra["frames"]} or {0}
         pictures = _pictures(open_footage(videos[name], fps), wanted)
-        left_out = [f"left out: {text}" for text in told.get("left_out", ())]
+        left_out = [f"left out: {text}" for text in video.get("left_out", ())]
         for clip in clips:
             first, last = (pictures.get(int(frame)) for frame in clip.extra["frames"])
             if first is not None and last is not None:
@@ -70,14 +71,18 @@ def _drawn(picture: Picture, clip: Clip, camera: Camera) -> Picture:
     return out
 
 
+def wrapped(lines: Sequence[str]) -> list[str]:
+    """Lines that fit beside the pictures, broken between words."""
+    return [part for line in lines for part in textwrap.wrap(line, LINE_LETTERS) or [""]]
+
+
 def _row(pictures: Sequence[Picture], lines: Sequence[str]) -> Picture:
     """Pictures side by side and lines of text beside them."""
     scale = WIDTH_PX / pictures[0].shape[1]
     size = (WIDTH_PX, round(scale * pictures[0].shape[0]))
     parts = [cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in pictures]
     text = np.full((size[1], TEXT_PX, 3), DARK, np.uint8)
-    broken = [line[k : k + LINE_LETTERS] for line in lines for k in range(0, max(len(line), 1), LINE_LETTERS)]
-    for k, line in enumerate(broken[: size[1] // LINE_PX]):
+    for k, line in enumerate(wrapped(lines)[: size[1] // LINE_PX]):
         at = (8, LINE_PX * (k + 1) - 4)
         cv2.putText(text, line, at, cv2.FONT_HERSHEY_SIMPLEX, TEXT_SCALE, WHITE, 1, cv2.LINE_AA)
     return np.concatenate([*parts, text], axis=1)

@@ -1,8 +1,9 @@
 """Marked figures in Markdown pages, and the file that they are filled from.
 
 A figure stands in a page as `<!--demo.base-->2.16 mm<!---->`: a comment with its key, what the reader sees, an empty
-comment. docs/figures.toml has a table for every source: the command that measured it, the date, the version, a note,
-and its figures as the pages show them.
+comment. Quantities that are given and not measured (a rule, a setting, a size) stand as `<!--given-->12 ft<!---->`.
+docs/figures.toml has a table for every source: the command that measured it, the date, the version, a note, and its
+figures as the pages show them.
 """
 
 from __future__ import annotations
@@ -19,6 +20,12 @@ ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "docs" / "figures.toml"
 HEAD = "# Measured figures of README.md and docs/; `make figures` fills the pages. How to enter more: CONTRIBUTING.md."
 MARKED = re.compile(r"<!--([a-z_]+)\.([a-z0-9_]+)-->(.*?)<!---->", re.DOTALL)
+GIVEN = re.compile(r"<!--given-->.*?<!---->", re.DOTALL)
+UNITS = (
+    r"%|°|[cm]?m\b|px\b|pixels?\b|m?s\b|seconds?\b|min\b|minutes?\b|h\b|hours?\b|[kMG]B\b|"
+    r"times\b|m?rad\b|degrees?\b|points?\b|frames/s|R\b"
+)
+QUANTITY = re.compile(rf"\d[\d.,]*[ \n]?(?:{UNITS})|\d \+- \d|\b\d+ of \d+\b|\b\d+\.\d+\b")
 ALL_SOURCES = ("figures", "sources")  # the mark of the table of when each was measured
 Sources = dict[str, dict[str, Any]]
 
@@ -76,10 +83,20 @@ def unmarked_cells(text: str) -> list[str]:
         if MARKED.search(block.replace("\n", " ")):
             for line in block.splitlines()[2:]:
                 cells = line.strip().strip("|").split("|")[1:]
-                found += [cell.strip() for cell in cells if re.search(r"\d", _plain(MARKED.sub("", cell)))]
+                found += [
+                    cell.strip() for cell in cells if re.search(r"\d", _plain(GIVEN.sub("", MARKED.sub("", cell))))
+                ]
     return found
 
 
-def _plain(cell: str) -> str:
-    """A cell without links, names of code and what is said of conditions in words."""
-    return re.sub(r"\]\([^)]*\)|`[^`]*`", "", cell)
+def unmarked_quantities(text: str) -> list[str]:
+    """Quantities of a page's prose that are neither marked nor given; of a table's first column none is measured."""
+    prose = re.sub(
+        r"^\|[^|\n]*\|", "", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE), flags=re.MULTILINE
+    )
+    return QUANTITY.findall(_plain(GIVEN.sub("", MARKED.sub("", prose))))
+
+
+def _plain(text: str) -> str:
+    """A text without addresses of links and names of code."""
+    return re.sub(r"\]\([^)]*\)|`[^`]*`", "", text)

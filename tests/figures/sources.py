@@ -1,7 +1,7 @@
 """Figures read from what the measuring commands write.
 
 In: a file or folder of results. Out: figures by name, as the pages show them. Sources without a reader here take days,
-hardware or data of others to measure: their figures are entered by hand, with the command and the date.
+hardware or clicks of others to measure: their figures are entered by hand, with the command and the date.
 """
 
 from __future__ import annotations
@@ -9,10 +9,11 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from models.errors import BadInput
 from tests.figures.pages import ROOT
 
 AXES = math.sqrt(2)  # a distance over an error per axis
@@ -46,6 +47,38 @@ def drying(folder: Path) -> Figures:
         "after": f"{1e3 * AXES * rest['rms_m']:.2f} mm", "held_out": f"{1e3 * AXES * rest['held_out_rms_m']:.2f} mm",
         "fitted": f"{drag['value']:.5f} +- {drag['sd']:.5f}",
     }  # fmt: skip
+
+
+def match(folder: Path) -> Figures:
+    """Of `sysid discover CAROM --out folder`, which cuts its shots: of the pieces, and of whole shots held out."""
+    result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    if not result["whole_shots"]:
+        raise BadInput("no shot was cut: not the clips of a match")
+    base, mended = (result["whole_shots"][k] for k in (0, -1))
+    fitted, held_out = misses(result["ladder"])
+    return {
+        "base": f"{1e3 * base['struck_rms_median_held_out_m']:.0f} mm", "pieces_fitted": fitted,
+        "mended": f"{1e3 * mended['struck_rms_median_held_out_m']:.0f} mm", "pieces_held_out": held_out,
+        "segments": f"{mended['segment_ratio_median']:.1f}",
+    }  # fmt: skip
+
+
+def films_found(folder: Path) -> Figures:
+    """Of `sysid discover` on the clips of the seven films: what it names, and what it leaves."""
+    result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    fitted, held_out = misses(result["ladder"])
+    out = {"miss": fitted, "miss_held_out": held_out}
+    if slope := result["parameters"].get("table_tilt.slope_x"):
+        out["slope"] = f"{1e3 * abs(slope['value']):.1f} +- {1e3 * slope['sd']:.1f} mm/m"
+    return out
+
+
+def misses(ladder: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """Rms misses of the first model and of the last: of the clips fitted, and of those held out."""
+    fitted, held_out = (
+        " to ".join(f"{1e3 * AXES * ladder[k][key]:.1f}" for k in (0, -1)) for key in ("rms_m", "held_out_rms_m")
+    )
+    return f"{fitted} mm", f"{held_out} mm"
 
 
 def loop(file: Path) -> Figures:
@@ -143,7 +176,7 @@ def hidden(page: Path) -> Figures:
     median, rest = rows["error on held-out clips over noise"].removeprefix("median ").split("; ")
     out["held_out"] = f"{median}; {rest.split(' = ')[1].split(' (')[0]}"
     median, longest = rows["time for 12 clips, one thread"].removeprefix("median ").split(", longest ")
-    out["seconds"] = f"{median}; {longest}"
+    out |= {"seconds": f"{median}; {longest}", "seconds_median": median}
     sets = re.search(r"^(\d+) of \1 planned sets", page.read_text(encoding="utf-8"), re.MULTILINE)
     return out | {"sets": sets[1] if sets else "some"}
 
@@ -166,6 +199,8 @@ def table_rows(page: Path) -> dict[str, list[str]]:
 READERS: Mapping[str, Callable[[Path], Figures]] = {
     "demo": demo,
     "drying": drying,
+    "match": match,
+    "films_found": films_found,
     "loop": loop,
     "mujoco": mujoco,
     "plans": plans,

@@ -13,12 +13,13 @@ from models.console import write_json
 from models.errors import BadInput
 from robot.learning.summary import figures
 from tests.figures.__main__ import entered
-from tests.figures.pages import ROOT, filled, pages, read_figures, unmarked_cells, used
-from tests.figures.sources import READERS, REPORTS, agree, short, unlike
+from tests.figures.pages import ROOT, filled, pages, read_figures, unmarked_cells, unmarked_quantities, used
+from tests.figures.sources import AXES, READERS, REPORTS, agree, short, unlike
 from tests.robot.test_learn import COURSE, story
 
 SOURCES = read_figures()
 SENTENCES = ("README.md", "related.md")
+WRITTEN = ("benchmarks.md",)  # by the command that measures
 PAGES = [page for page in pages() if used(page.read_text(encoding="utf-8"))]
 
 
@@ -33,6 +34,16 @@ def test_a_table_of_figures_has_no_other_ones(page: Path) -> None:
     """But where cells are sentences: there those that stand elsewhere too are marked."""
     if page.name not in SENTENCES:
         assert not unmarked_cells(page.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("page", [page for page in pages() if page.name not in WRITTEN], ids=lambda page: page.name)
+def test_every_quantity_of_a_page_is_measured_or_given(page: Path) -> None:
+    assert unmarked_quantities(page.read_text(encoding="utf-8")) == [], "mark as <!--source.name--> or <!--given-->"
+
+
+def test_quantities_in_prose_are_seen() -> None:
+    text = "it is 2.5 mm, <!--a.x-->3 s<!---->, <!--given-->12 ft<!----> or 3 of 4 `x 5 s`\n"
+    assert unmarked_quantities(f"{text}\n```\n7 s\n```\n| 3 s | 4 s |\n") == ["2.5 mm", "3 of 4", "4 s"]
 
 
 def test_every_figure_is_used_and_its_source_is_told() -> None:
@@ -81,6 +92,24 @@ def test_a_series_is_read_block_by_block(tmp_path: Path) -> None:
     read = READERS["loop"](told)
     assert (read["shots_1_miss"], read["shots_1_potted"], read["shots_1_predicted"]) == ("100 mm", "4 of 4", "3.2")
     assert {name.split("_", 2)[2] for name in SOURCES["loop"]["figures"]} == {name.split("_", 2)[2] for name in read}
+
+
+def test_a_match_and_films_are_read_from_their_results(tmp_path: Path) -> None:
+    rungs = [{"rms_m": a / AXES, "held_out_rms_m": b / AXES} for a, b in ((0.0293, 0.0521), (0.0238, 0.0518))]
+    whole = [{"struck_rms_median_held_out_m": m, "segment_ratio_median": r} for m, r in ((0.116, 2.2), (0.0951, 1.96))]
+    slope = {"table_tilt.slope_x": {"value": -0.00157, "sd": 0.00026}}
+    write_json(tmp_path / "result.json", {"ladder": rungs, "whole_shots": whole, "parameters": slope})
+    read = READERS["match"](tmp_path)
+    assert set(read) == set(SOURCES["match"]["figures"])
+    assert (read["base"], read["mended"], read["segments"]) == ("116 mm", "95 mm", "2.0")
+    assert (read["pieces_fitted"], read["pieces_held_out"]) == ("29.3 to 23.8 mm", "52.1 to 51.8 mm")
+    assert READERS["films_found"](tmp_path) == {
+        "slope": "1.6 +- 0.3 mm/m", "miss": "29.3 to 23.8 mm", "miss_held_out": "52.1 to 51.8 mm"
+    }  # fmt: skip
+    write_json(tmp_path / "result.json", {"ladder": rungs, "whole_shots": [], "parameters": {}})
+    assert "slope" not in READERS["films_found"](tmp_path)
+    with pytest.raises(BadInput, match="no shot was cut"):
+        READERS["match"](tmp_path)
 
 
 def test_make_knows_it() -> None:

@@ -206,7 +206,7 @@ def test_the_figures_of_the_plan_are_on_paper(page: str) -> None:
         "87 % (84 to 90)", "5 % (3 to 7)", "touches pink", "3.6 %", "in-off", "1.0 %", "6 mm of yaw", "0.074°", "1.2 %",
         "0.5 mm", "0.8 mm", "fitted.toml", "ball_impact", "0.83", "61 % (50 to 70)", "120p", "3.50 m/s",
         "40 drawn as lines, 500 as resting positions", "strike the white 3 mm left and 5 mm above centre",
-        "the red goes into the corner pocket +x +y, in about 87 plays of a hundred", "3.569 m × 1.778 m",
+        "the red goes into the corner pocket +x +y, in about 87 of 100 plays", "3.569 m × 1.778 m",
     ):  # fmt: skip
         assert figure in words, figure
 

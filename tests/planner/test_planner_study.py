@@ -33,7 +33,7 @@ from planner.study.draws import (
     CUSHION_CLEARANCE_M,
     MAX_CALLED_CUT_RAD,
     MIN_SEPARATION_RADII,
-    PRIORS,
+    PRIOR_SDS,
     UNMODELLED_EFFECTS,
     Study,
     draw_scene,
@@ -91,14 +91,14 @@ def test_a_scene_is_its_number_and_seed_alone() -> None:
 
 def test_truths_differ_from_the_model_by_its_uncertainty_and_one_small_effect() -> None:
     known = MODEL.parameters()
-    off: dict[str, list[float]] = {name: [] for name in PRIORS}
+    off: dict[str, list[float]] = {name: [] for name in PRIOR_SDS}
     seen = set()
     for number in range(1, 121):
         truth, drawn = draw_truth(STUDY, number)
         assert not truth.estimates  # it knows itself
         assert {e.name() for e in truth.effects} - {e.name() for e in MODEL.effects} == {drawn["effect"]}
         for name, value in drawn["constants"].items():
-            off[name].append((value - known[name]) / PRIORS[name])
+            off[name].append((value - known[name]) / PRIOR_SDS[name])
             assert truth.parameters()[name] == value
         for key, value in drawn["values"].items():
             meta = effect_class(drawn["effect"]).parameters()[key]
@@ -114,7 +114,7 @@ def test_truths_differ_from_the_model_by_its_uncertainty_and_one_small_effect() 
 
 
 def test_truths_use_the_uncertainty_that_a_fit_tells_and_no_effect_that_the_model_holds() -> None:
-    tight = {name: Estimate(1e-9, "fit") for name in PRIORS if name != "decoupled_cloth.spin"}
+    tight = {name: Estimate(1e-9, "fit") for name in PRIOR_SDS if name != "decoupled_cloth.spin"}
     model = dataclasses.replace(MODEL, estimates=tight).add(effect_class("table_tilt")())
     for number in range(1, 60):
         _, drawn = draw_truth(dataclasses.replace(STUDY, model=model), number)
@@ -313,7 +313,7 @@ def test_a_scene_can_be_looked_at(folder: Path, tmp_path: Path) -> None:
     assert scene_dict(read_scene(path)) == scene_dict(draw_scene(STUDY, 2)[0])
     kept = read_model(folder / "model.toml")
     assert kept.parameters() == MODEL.parameters()
-    assert {n: kept.estimates[n].sd for n in PRIORS} == PRIORS
+    assert {n: kept.estimates[n].sd for n in PRIOR_SDS} == PRIOR_SDS
     for number in ("9", "two"):
         text = refused(run, folder, "--scene", number, str(path))
         assert f"--scene {number}" in text

@@ -31,7 +31,7 @@ from tests.robot.test_robot_table import Eye, at_port, by_the_words, refused, ru
 from tests.support.clip_samples import contents
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
-FRICTION = float(MODEL.parameters()["decoupled_cloth.slide"])
+SLIDE_FRICTION = float(MODEL.parameters()["decoupled_cloth.slide"])
 OURS, BROWN = Settings(), spots(SNOOKER_TABLE)["brown"]
 
 
@@ -102,7 +102,7 @@ def typed(lone: Lone, monkeypatch: pytest.MonkeyPatch, *words: str) -> list[str]
 
 
 def test_strokes_are_measured_as_they_were_made(lone: Lone) -> None:
-    strike = TableStriker(rig_of(lone), FRICTION, 0, 3)
+    strike = TableStriker(rig_of(lone), SLIDE_FRICTION, 0, 3)
     for string, x0_mm, y0_mm in ((60, 0.0, 0.0), (120, 8.0, -4.0), (30, 4.0, 10.0)):
         shot = strike(string, x0_mm, y0_mm)
         speed, squirt = ball_speed_and_squirt(
@@ -128,7 +128,7 @@ def test_from_the_other_end_the_same_is_measured(lone: Lone) -> None:
     for at, turned in ((BROWN, 0.0), (place, azimuth)):
         lone.asked.clear()
         lone.devices.clear()
-        shots.append(TableStriker(rig_of(lone, place=at, azimuth=turned), FRICTION, 0, 1)(80, 6.0, 2.0))
+        shots.append(TableStriker(rig_of(lone, place=at, azimuth=turned), SLIDE_FRICTION, 0, 1)(80, 6.0, 2.0))
     assert shots[1].ball_speed == pytest.approx(shots[0].ball_speed, rel=0.01)
     assert shots[1].squirt_rad == pytest.approx(shots[0].squirt_rad, abs=3e-3)
 
@@ -245,7 +245,7 @@ def test_repeats_at_a_port_are_told_string_by_string(
 
 def test_a_map_is_of_the_balls_that_were_struck(lone: Lone, tmp_path: Path) -> None:
     out, model, made = tmp_path / "c.csv", tmp_path / "pool.toml", tmp_path / "map.toml"
-    strike = TableStriker(rig_of(lone), FRICTION, 0, 16)
+    strike = TableStriker(rig_of(lone), SLIDE_FRICTION, 0, 16)
     run_campaign(strike, out, 1, grid=[(60, x, y) for x in (0.0, 4.0, 8.0, 12.0) for y in (-8.0, -4.0, 0.0, 4.0)])
     write_model(full_model(Table(2.54, 1.27), Ball(0.05715, 0.163)), model)
     for words, diameter in (((), 0.0525), (("--model", model), 0.05715)):

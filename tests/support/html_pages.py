@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 from typing import Any
 from xml.etree import ElementTree
 
-VOID = {"meta", "img", "input", "wbr"}  # tags that are not closed
+VOID = {"meta", "img", "input", "source", "wbr"}  # tags that are not closed
 STRANGE = "<script>alert('$x$')</script> & \"é\"\u2028\x07\ud800"  # a text of users that must be shown
 
 

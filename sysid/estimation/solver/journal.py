@@ -128,7 +128,7 @@ def recorded(
 
     Args:
         work: the computation; what it asks for in turn is not recorded.
-        question: what tells it from others.
+        question: what distinguishes it from others.
         shapes: of what it gives.
         fits: whether an answer of the journal is within its bounds.
     """

@@ -1,7 +1,7 @@
 """Problems of a fit spread over workers: each gets some of them, with what was measured of these alone.
 
 In: a function of many problems, whose answer for each depends on that problem alone, to the last bit. Out: the same
-answer, whoever computes it. Few problems are not worth the way, and are computed here.
+answer, whoever computes it. Few problems are computed here: sending them takes longer.
 """
 
 from __future__ import annotations

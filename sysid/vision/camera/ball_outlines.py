@@ -2,7 +2,7 @@
 
 In: pictures and a rough camera. Out: `BallOutlines`. The sizes say how large the table is without regard to its noses.
 The outline of a sphere is an ellipse, the longer the farther it lies from the middle of the picture, and the wider the
-lens is: an elongation of 1 / cos(angle from the axis). So outlines tell the focal length where a view from straight
+lens is: an elongation of 1 / cos(angle from the axis). So outlines show the focal length where a view from straight
 above, in which the sides of the table do not, leaves it open.
 """
 

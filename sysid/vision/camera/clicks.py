@@ -31,7 +31,7 @@ from sysid.vision.camera.projection import Array
 
 THIS_MACHINE = "127.0.0.1"
 TEMPLATE = Path(__file__).with_name("templates") / "clicks.html.j2"
-POINTS = 4
+CORNER_COUNT = 4
 MAX_ANSWER_BYTES = 1000
 CLOSED_S = 3.0  # after which a page that was closed is not being loaded again
 ANSWER_S = 10.0  # in which a request must be complete
@@ -39,7 +39,7 @@ IN_ALL = "Click the four corners where the nose lines of the cushions cross, in 
 ALONG_THREE = (
     "Click four points along the three cushions' noses, in order: one on the first, the two corners, one on the last."
 )
-ALTERNATIVE = 'or give the corners in pixels: --corners "u,v u,v u,v u,v"'
+USE_CORNERS = 'or give the corners in pixels: --corners "u,v u,v u,v u,v"'
 
 
 class _Server(ThreadingHTTPServer):
@@ -115,7 +115,7 @@ def clicked(
     Args:
         picture: (height, width, 3), blue, green, red.
         sides: of the table in view, three or four.
-        say: receives the lines that tell where the page is.
+        say: receives the lines that say where the page is.
         show: opens an address in a browser, and returns whether it could; by default the browser of this machine.
 
     Returns:
@@ -128,7 +128,7 @@ def clicked(
     png = base64.b64encode(cv2.imencode(".png", picture)[1].tobytes()).decode()
     page = render(
         TEMPLATE, title="Corners of the table", picture=f"data:image/png;base64,{png}",
-        asked=IN_ALL if sides == POINTS else ALONG_THREE, ring=sides == POINTS,
+        asked=IN_ALL if sides == CORNER_COUNT else ALONG_THREE, ring=sides == CORNER_COUNT,
     )  # fmt: skip
     with _Server(page.encode(), (width, height)) as server:
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
@@ -141,7 +141,7 @@ def clicked(
                     "no browser could be opened here; on the machine you sit at forward the port and open that address:"
                 )
                 say(f"  ssh -N -L {port}:{THIS_MACHINE}:{port} USER@HOST")
-                say(ALTERNATIVE)
+                say(USE_CORNERS)
             return _points_from(server)
         finally:
             server.shutdown()
@@ -154,7 +154,7 @@ def _points_from(server: _Server) -> Array:
         try:
             event = server.events.get(timeout=wait)
         except Empty:
-            raise BadInput(f"the page was closed before four corners were sent; start again, {ALTERNATIVE}") from None
+            raise BadInput(f"the page was closed before four corners were sent; start again, {USE_CORNERS}") from None
         if not isinstance(event, str):
             return event
         wait = CLOSED_S if event == "closed" else None
@@ -173,7 +173,7 @@ def read_points(answer: bytes, size: tuple[int, int]) -> Array:
         pairs = json.loads(answer)
     except (ValueError, RecursionError):
         pairs = None
-    good = isinstance(pairs, list) and len(pairs) == POINTS
+    good = isinstance(pairs, list) and len(pairs) == CORNER_COUNT
     if not good or not all(isinstance(p, list) and len(p) == 2 and all(map(_finite, p)) for p in pairs):
         raise BadInput("send four pairs of numbers")
     points = np.round(np.array(pairs, float), 1)

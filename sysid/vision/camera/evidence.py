@@ -41,7 +41,7 @@ def evidence(camera: Camera, seen: TableEvidence, reading: CushionReading) -> li
         found.append(f"{len(seen.markers)} markers")
     if found:
         return [f"checked by {' and by '.join(found)}"]
-    return ["no diamonds and no balls were seen: the noses alone tell the camera"]
+    return ["no diamonds and no balls were seen: the noses alone determine the camera"]
 
 
 def evidence_doubts(camera: Camera, seen: TableEvidence, reading: CushionReading) -> list[str]:

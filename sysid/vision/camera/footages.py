@@ -18,7 +18,7 @@ from models.errors import BadInput
 
 Picture = NDArray[np.uint8]
 MAX_SHIFT_PX = 1.0  # of the middle one of the features, of one camera
-FEATURES = 300  # followed, at most
+MAX_FEATURES = 300  # followed, at most
 FEATURE_QUALITY = 0.02  # of the least, of the best
 FEATURE_DISTANCE_PX = 12.0
 MIN_FEATURES = 12  # followed, below which nothing is known of the camera
@@ -77,7 +77,7 @@ def _median(frames: Sequence[Picture]) -> NDArray[np.floating]:
 def shift(one: Picture, other: Picture) -> float:
     """How far the features of one picture have moved in the other: median [pixels]; 0 where too few are followed."""
     grey, there = (cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in (one, other))
-    points = cv2.goodFeaturesToTrack(grey, FEATURES, FEATURE_QUALITY, FEATURE_DISTANCE_PX)
+    points = cv2.goodFeaturesToTrack(grey, MAX_FEATURES, FEATURE_QUALITY, FEATURE_DISTANCE_PX)
     if points is None:
         return 0.0
     moved, good, _ = cv2.calcOpticalFlowPyrLK(grey, there, points, None)

@@ -31,7 +31,7 @@ MIN_MARKERS = 4  # that agree
 MAX_LEFT_OUT = 2
 MIN_RAILS = 3  # on which they lie
 MAX_EVALUATIONS = 10  # from a pose that is nearly right
-POSE = 6  # unknowns of it; those of the lens have priors
+POSE_UNKNOWNS = 6  # unknowns of it; those of the lens have priors
 MAX_COST = 1.7  # of markers that agree, for each equation to spare
 MAX_SD = 3.5  # of a marker among those that agree [standard deviations]
 MAX_OUT_M = 6e-3  # of a card from the nose found,
@@ -109,7 +109,7 @@ def _agreeing(
     zero = np.zeros(6 + len(free))
     fit = least_squares(residuals, zero, lambda c: jacobian(residuals, c), x_scale=0.01, max_nfev=MAX_EVALUATIONS)
     camera = moved(rough, fit.x, free)
-    spare = 3 * len(some) - POSE
+    spare = 3 * len(some) - POSE_UNKNOWNS
     if camera.eye[2] <= 0 or 2 * fit.cost > MAX_COST * spare or np.abs(marker_residuals(camera, some)).max() > MAX_SD:
         return None
     return 2 * float(fit.cost), MarkerView(camera, used)

@@ -27,13 +27,13 @@ from sysid.vision.camera.markers import (
 PAGE_MM = (210.0, 297.0)  # A4
 LEFT_MM, BOTTOM_MM = 15.0, 22.0  # of the cards on a page
 GAP_MM = 4.0  # between two cards
-CELLS = 6  # along a marker with its black border
+CELLS_ALONG = 6  # along a marker with its black border
 RULE_MM = 100.0
-HOW = (
+HOW_TO_LAY = (
     "Cut the cards out, and lay each on its cushion with the arrowed edge flush with the nose, the arrow opposite to "
     "its place: a ball pushed along the cushion must just touch the card."
 )
-CARE = (
+HOW_TO_PRINT = (
     "Print at 100 % (actual size, not fitted to the page) and check the rule below with a tape. Glue the cards on "
     "stiff cardboard, so that they lie straight on cushion and rail. Film them once for sysid calibrate; they may be "
     "taken away afterwards, as long as the camera stays where it is."
@@ -76,8 +76,8 @@ def _first_page(page: Any, table: Table, name: str) -> None:
     from textwrap import fill
 
     page.text(15, 270, f"Markers for a table of {table.length:g} x {table.width:g} m ({name})", size=15, weight="bold")
-    page.text(15, 262, fill(HOW, 92), size=10.5, va="top", linespacing=1.4)
-    page.text(15, 240, fill(CARE, 92), size=10.5, va="top", linespacing=1.4)
+    page.text(15, 262, fill(HOW_TO_LAY, 92), size=10.5, va="top", linespacing=1.4)
+    page.text(15, 240, fill(HOW_TO_PRINT, 92), size=10.5, va="top", linespacing=1.4)
     scale = 140 / table.length
     middle, half = np.array([105.0, 150.0]), scale * np.array([table.length, table.width]) / 2
     _box(page, middle - half - 6, 2 * half + 12, fill=False)
@@ -122,10 +122,10 @@ def _cards(numbers: Sequence[int]) -> Any:
 def _card(page: Any, number: int, corner: np.ndarray, side: float, long: float) -> None:
     """A card, its arrowed edge below, and beside it what it is."""
     margin, middle = (long - side) / 2, corner[0] + long / 2
-    cells = cv2.aruco.generateImageMarker(dictionary(), number, CELLS, borderBits=1) < 128
-    cell = side / CELLS
+    cells = cv2.aruco.generateImageMarker(dictionary(), number, CELLS_ALONG, borderBits=1) < 128
+    cell = side / CELLS_ALONG
     for row, column in zip(*np.nonzero(cells), strict=True):
-        low = corner + margin + cell * np.array([column, CELLS - 1 - row])
+        low = corner + margin + cell * np.array([column, CELLS_ALONG - 1 - row])
         _box(page, low, np.array([cell, cell]))
     outline = corner + long * np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
     page.plot(*outline.T, color="0.4", lw=0.4)

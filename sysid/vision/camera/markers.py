@@ -26,9 +26,12 @@ MARKER_LENGTHS: tuple[float, ...] = (0.0, 0.25, -0.25, 0.0, -0.25, 0.25)  # alon
 MARKER_SIZE_M = 0.1  # side of the black square, as printed
 MARGIN_SIZES = 0.15  # white about it [sides of the marker]
 MAX_WIDTH_PX = 2000  # of a picture that is searched; smaller ones are magnified up to it
-MAGNIFICATION = 3.0  # at most: cells of two pixels are read
+MAX_MAGNIFICATION = 3.0  # at most: cells of two pixels are read
 REFINED_PX = 3  # half the window in which a corner is refined [pixels]
-FRONT = (3, 2)  # corners of a marker next to the bed, in the order that OpenCV gives: left and right, seen from there
+FRONT_CORNERS = (
+    3,
+    2,
+)  # corners of a marker next to the bed, in the order that OpenCV gives: left and right, seen from there
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Markers:
     @property
     def front(self) -> Array:
         """The corners next to the bed: (n, 2, 2) [pixels]."""
-        return self.pixels[:, FRONT]
+        return self.pixels[:, FRONT_CORNERS]
 
     def where(self, chosen: NDArray[np.bool_]) -> Markers:
         """Some of them."""
@@ -88,7 +91,7 @@ def find_markers(picture: NDArray[np.uint8], table: Table, size: float = MARKER_
         size: side of the black square [m].
     """
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-    zoom = float(np.clip(MAX_WIDTH_PX / grey.shape[1], 1.0, MAGNIFICATION))
+    zoom = float(np.clip(MAX_WIDTH_PX / grey.shape[1], 1.0, MAX_MAGNIFICATION))
     large = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC) if zoom > 1 else grey
     settings = cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE

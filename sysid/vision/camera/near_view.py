@@ -22,10 +22,10 @@ from sysid.vision.camera.table_lines import Side
 
 CORNER_REACH_PX = 12.0  # of corners given by hand, from the edges beside them
 CORNER_REACH_WIDTHS = 0.03  # and from the corners that were found in the end [widths of the picture]
-MIN_REACH_M = 0.03  # and at least of places on the table: a shadow beside a nose must be seen, to be told from it
+MIN_REACH_M = 0.03  # and at least of places on the table: a shadow beside a nose must be seen to be known
 CUSHION_REACH_M = 0.08  # from a nose, in which the cloth of the cushions ends
 CLEAR_EDGE = 0.4  # of the strongest edge of a side
-TILTS = 49  # tried of a side
+TILT_COUNT = 49  # tried of a side
 TILT_BLOCKS = 60  # of a side
 LINE_POINTS = 40  # of a side
 
@@ -77,7 +77,7 @@ def _tilt(light: Image, camera: Camera, rail: int, far: float) -> float:
     most = 2 * far / float(np.abs(seen.along).max())
     core = np.abs(seen.across) < far
     sharpness = []
-    slopes = np.linspace(-most, most, TILTS)
+    slopes = np.linspace(-most, most, TILT_COUNT)
     for slope in slopes:
         shifts = np.rint(slope * places / step).astype(int)
         mean = np.mean([np.roll(row, -shift, axis=0) for row, shift in zip(rows, shifts, strict=True)], axis=0)

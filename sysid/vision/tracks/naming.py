@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     from sysid.vision.balls.detect import Detector
     from sysid.vision.frames import Footage
 
-LOOKS = 24  # pictures in which faces are looked at
+MAX_FACE_PICTURES = 24  # pictures in which faces are looked at
 
 
 def named(
     tracks: Sequence[BallTrack], footage: Footage, detector: Detector
 ) -> tuple[tuple[BallTrack, ...], list[str]]:  # fmt: skip
-    """The tracks under the names of their balls, those of none left out; and what is to be told of it."""
+    """The tracks under the names of their balls, those of none left out; and what to report of it."""
     if detector.palette is None:
         return tuple(tracks), []
     faces: dict[str, list[Array]] = {track.name: [] for track in tracks}
-    for frame in footage.sample(LOOKS):
+    for frame in footage.sample(MAX_FACE_PICTURES):
         view = detector.background.view(frame.picture)
         for track in tracks:
             for row in np.flatnonzero(track.frame == frame.index):

@@ -2,7 +2,7 @@
 
 In: the tracks, at times of stamps. Out: how long after the one before each frame was taken, in units of the finer
 sequence. Cut or converted films keep one, two or three pictures of 60 a second in turn, so that every ball that moves
-seems to scatter along its way, all at once and not across it. A ball that rolls freely tells the time between two
+seems to scatter along its way, all at once and not across it. A ball that rolls freely shows the time between two
 frames by the length of its step beside those around it; the balls of a frame must agree. Nothing is changed unless
 such times explain the steps far better than the stamps do.
 """
@@ -18,25 +18,25 @@ from numpy.typing import NDArray
 from sysid.vision.camera.projection import Array
 from sysid.vision.tracks.follow import BallTrack
 
-PARTS = 2  # of a period: the finer sequence has twice as many pictures
+FINER_PICTURES = 2  # of a period: the finer sequence has twice as many pictures
 MIN_STEP_SD = 4.0  # of a step that counts, in standard deviations of its own,
 MIN_STEP_M = 2e-3  # and its length
 MAX_TURN_SINE = 0.3  # between steps of a ball that rolls freely, beside what noise turns them
 IMPACT_STEPS = 4  # before an impact and after it,
 MAX_SPEED_RATIO = 1.7  # of whose means there is none
-WINDOW = 5  # steps on either side, from which the speed at one is told
+SPEED_STEPS = 5  # steps on either side, from which the speed at one is estimated
 MIN_WINDOW = 5  # steps of it that are there
 UNEVEN_SD = 0.4  # of durations that seem uneven [periods]
 MIN_UNEVEN_RATIO = 2.5  # of second differences of places along the way of balls to those across it, median,
 MIN_UNEVEN_CHANGE = 0.15  # and to the steps
-MIN_STEPS = 20  # that tell of it
+MIN_STEPS = 20  # that show it
 ROUND_SDS = (0.4, 0.3, 0.2, 0.1, 0.0, 0.0, 0.0)  # of durations, in rounds of speeds and durations in turn [periods]
 ACCELERATION_SD_M_S2 = 1.0  # of a ball that rolls or slides
 MAX_SD_PARTS = 0.25  # of the duration of a step, of one part, beyond which the stamps are kept
 MAX_OFF_PARTS = 0.4  # of a duration from a whole number of them
 MIN_UNEVEN = 8  # durations that are not what stamps say,
-MIN_UNEVEN_FRACTION = 0.2  # and of those that are told,
-MIN_TOLD_FRACTION = 0.75  # of those that can be, by agreeing balls
+MIN_UNEVEN_FRACTION = 0.2  # and of those that are known,
+MIN_KNOWN_FRACTION = 0.75  # of those that can be, by agreeing balls
 MAX_ERROR_RATIO = 0.35  # of the rms misfit of steps to that by the stamps; picks from four times as many leave 0.45
 
 
@@ -51,13 +51,13 @@ class Picks:
         late = np.zeros(len(frames))
         for k in range(1, len(frames)):
             if (parts := self.durations.get(int(frames[k]))) is not None:
-                late[k] = parts * period / PARTS - (times[k] - times[k - 1])
+                late[k] = parts * period / FINER_PICTURES - (times[k] - times[k - 1])
         return np.cumsum(late)
 
     def text(self, period: float) -> str:
-        """What to tell of it."""
+        """What to report of it."""
         changed = f"{len(self.durations)} times between frames set right by the steps of all moving balls"
-        return f"frames are picks from {PARTS / period:.4g} a second, at uneven times: {changed}"
+        return f"frames are picks from {FINER_PICTURES / period:.4g} a second, at uneven times: {changed}"
 
 
 def seem_uneven(tracks: Sequence[BallTrack], frames: NDArray[np.int64]) -> bool:
@@ -93,26 +93,26 @@ class _Run:
 def find_picks(
     tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array, period: float, sigma: float
 ) -> Picks | None:
-    """The finer sequence that frames (n,) at times (n,) [s] were picked from, if balls tell of one beyond doubt."""
+    """The finer sequence that frames (n,) at times (n,) [s] were picked from, if balls show one beyond doubt."""
     runs = [run for track in tracks for run in _runs(track, frames, sigma)]
     stamps = np.diff(times) / period
-    durations, told, misfit = _durations(runs, stamps, period)
-    uneven = told & (np.abs(durations - stamps) > 0.5 / PARTS)
-    if uneven.sum() < max(MIN_UNEVEN, MIN_UNEVEN_FRACTION * told.sum()):
+    durations, determined, misfit = _durations(runs, stamps, period)
+    uneven = determined & (np.abs(durations - stamps) > 0.5 / FINER_PICTURES)
+    if uneven.sum() < max(MIN_UNEVEN, MIN_UNEVEN_FRACTION * determined.sum()):
         return None
-    if misfit > MAX_ERROR_RATIO * _misfit(runs, stamps, told, period):
+    if misfit > MAX_ERROR_RATIO * _misfit(runs, stamps, determined, period):
         return None
-    whole = np.rint(durations * PARTS).astype(int)
+    whole = np.rint(durations * FINER_PICTURES).astype(int)
     return Picks({int(frames[k + 1]): int(whole[k]) for k in np.flatnonzero(uneven)})
 
 
 def _durations(runs: Sequence[_Run], stamps: Array, period: float) -> tuple[Array, NDArray[np.bool_], float]:
-    """Durations of steps (n,) in periods, which of them the balls tell (n,), and the rms misfit of their steps [sd].
+    """Durations of steps (n,) in periods, which of them the balls show (n,), and the rms misfit of their steps [sd].
 
     The misfit is infinite where too few durations are whole numbers of parts on which the balls agree.
     """
     durations = stamps.copy()
-    told = np.zeros(len(stamps), bool)
+    determined = np.zeros(len(stamps), bool)
     for uneven in ROUND_SDS:
         weight, total = np.zeros(len(stamps)), np.zeros(len(stamps))
         each = [(run, _speeds(run, durations, period, uneven)) for run in runs]
@@ -121,28 +121,28 @@ def _durations(runs: Sequence[_Run], stamps: Array, period: float) -> tuple[Arra
             of = (speed[known] / run.sd) ** 2
             np.add.at(weight, run.at[known], of)
             np.add.at(total, run.at[known], of * run.length[known] / speed[known])
-        sure = weight * (MAX_SD_PARTS / PARTS) ** 2 > 1
+        sure = weight * (MAX_SD_PARTS / FINER_PICTURES) ** 2 > 1
         seen = total / np.maximum(weight, 1e-12)
-        whole = np.maximum(np.rint(seen * PARTS), 1) / PARTS
-        agree = np.abs(seen - whole) * PARTS < MAX_OFF_PARTS
+        whole = np.maximum(np.rint(seen * FINER_PICTURES), 1) / FINER_PICTURES
+        agree = np.abs(seen - whole) * FINER_PICTURES < MAX_OFF_PARTS
         for run, speed in each:
             known = np.isfinite(speed)
             k = run.at[known]
             off = np.abs(run.length[known] - speed[known] * whole[k])
-            agree[k[off > 2 * MAX_OFF_PARTS * speed[known] / PARTS]] = False
-        told = sure & agree
-        durations = np.where(told, whole, np.where(sure, np.maximum(seen, 0.5 / PARTS), stamps))
-    durations = np.where(told, durations, stamps)
-    enough = told.sum() >= MIN_TOLD_FRACTION * sure.sum()
-    return durations, told, _misfit(runs, durations, told, period) if enough else np.inf
+            agree[k[off > 2 * MAX_OFF_PARTS * speed[known] / FINER_PICTURES]] = False
+        determined = sure & agree
+        durations = np.where(determined, whole, np.where(sure, np.maximum(seen, 0.5 / FINER_PICTURES), stamps))
+    durations = np.where(determined, durations, stamps)
+    enough = determined.sum() >= MIN_KNOWN_FRACTION * sure.sum()
+    return durations, determined, _misfit(runs, durations, determined, period) if enough else np.inf
 
 
-def _misfit(runs: Sequence[_Run], durations: Array, told: NDArray[np.bool_], period: float) -> float:
-    """Root mean square of what steps whose duration is told differ from the speeds around them [sd]."""
+def _misfit(runs: Sequence[_Run], durations: Array, determined: NDArray[np.bool_], period: float) -> float:
+    """Root mean square of what steps whose duration is known differ from the speeds around them [sd]."""
     off = []
     for run in runs:
         speed = _speeds(run, durations, period, 0.0)
-        use = np.isfinite(speed) & told[run.at]
+        use = np.isfinite(speed) & determined[run.at]
         off.append((run.length[use] - speed[use] * durations[run.at[use]]) / run.sd)
     values = np.concatenate(off) if off else np.zeros(0)
     return float(np.sqrt(np.mean(values**2))) if values.size else np.inf
@@ -191,7 +191,7 @@ def _even_parts(length: Array, first: int, stop: int) -> list[slice]:
 
 
 def _speeds(run: _Run, durations: Array, period: float, uneven: float) -> Array:
-    """Speeds (n,) at the steps of a run, told by the steps around each and not by itself [m a period]; NaN if few.
+    """Speeds (n,) at the steps of a run, from the steps around each and not itself [m a period]; NaN if few.
 
     Args:
         run: of n steps.
@@ -205,7 +205,7 @@ def _speeds(run: _Run, durations: Array, period: float, uneven: float) -> Array:
     error = np.hypot(run.sd, uneven * np.median(run.length))
     prior = np.array([0.0, (error / (ACCELERATION_SD_M_S2 * period**2)) ** 2])
     for k in range(len(run.at)):
-        near = slice(max(k - WINDOW, 0), k + WINDOW + 1)
+        near = slice(max(k - SPEED_STEPS, 0), k + SPEED_STEPS + 1)
         use = np.arange(*near.indices(len(run.at))) != k
         if use.sum() >= MIN_WINDOW:
             d, s, t = lasts[near][use], run.length[near][use], middle[near][use] - middle[k]

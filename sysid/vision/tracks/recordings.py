@@ -2,7 +2,7 @@
 
 In: the clip set so far and the clips of one more video. Out: a clip set that holds both, whose noise is the root of the
 mean square over all samples. `videos` in clips.toml lists what is finished, with what became no clip and why; each clip
-tells its video and frames, and the list where a video was, relative to the clip set.
+names its video and frames, and the list where a video was, relative to the clip set.
 """
 
 from __future__ import annotations
@@ -48,30 +48,30 @@ def names_of(videos: Sequence[str]) -> dict[str, str]:
 
 
 def videos_in(clip_set: ClipSet | None) -> dict[str, dict[str, Any]]:
-    """What is told of each finished video, by name."""
-    told = clip_set.extra.get(VIDEOS_KEY) if clip_set is not None else None
-    if not isinstance(told, list | tuple):  # somebody else's key of the same name
+    """What is recorded of each finished video, by name."""
+    entries = clip_set.extra.get(VIDEOS_KEY) if clip_set is not None else None
+    if not isinstance(entries, list | tuple):  # somebody else's key of the same name
         return {}
-    return {v["name"]: v for v in told if isinstance(v, dict) and isinstance(v.get("name"), str)}
+    return {v["name"]: v for v in entries if isinstance(v, dict) and isinstance(v.get("name"), str)}
 
 
 def of_video(clip_set: ClipSet, name: str, result: Tracked, file: str = "") -> ClipSet:
-    """The clips of one video, named by it and their time; `file` is where it is, as the clip set is to tell."""
+    """The clips of one video, named by it and their time; `file` is where it is, as the clip set says."""
     clips, samples = [], 0
     for clip, shot, found in zip(clip_set.clips, result.shots, result.found, strict=True):
         told_as = f"clips/{name}-{round(1e3 * shot.time):06d}ms.csv"
         first = min(int(track.frame[rows[0]]) for track, rows in found.values())  # that of the clip's first sample
         clips.append(replace(clip, file=told_as, extra={**clip.extra, "video": name, "frames": [first, shot.last]}))
         samples += sum(len(seen.time) for seen in clip.balls.values())
-    told = {"name": name, "clips": len(clips), "samples": samples, "left_out": list(result.left_out)}
-    told |= {"file": file, "fps": clip_set.fps} if file else {}
+    entry = {"name": name, "clips": len(clips), "samples": samples, "left_out": list(result.left_out)}
+    entry |= {"file": file, "fps": clip_set.fps} if file else {}
     if math.isfinite(result.noise.moving):  # the scatter at rest says too little of balls that move
-        told["sigma"] = result.noise.moving
-    return replace(clip_set, clips=tuple(clips), extra={VIDEOS_KEY: [told]})
+        entry["sigma"] = result.noise.moving
+    return replace(clip_set, clips=tuple(clips), extra={VIDEOS_KEY: [entry]})
 
 
 def place_of(video: str, folder: Path) -> str:
-    """Where a video is, as a clip set in a folder tells it: relative, so that both may be moved together."""
+    """Where a video is, as a clip set in a folder names it: relative, so that both may be moved together."""
     return Path(os.path.relpath(video, folder)).as_posix()
 
 

@@ -19,7 +19,7 @@ from sysid.clips.running import from_free_motion
 from sysid.vision.tracks.moves import MAX_UNSEEN_S, Move, TrackedScene, mean_velocity
 from sysid.vision.tracks.strikes import Split, TrackedShot, Unstruck, balls_there, ending, gains_speed
 
-UNUSED_MASS_KG = 1.0  # of a ball, which no motion tells
+UNUSED_MASS_KG = 1.0  # of a ball, which no motion shows
 TOO_SHORT = "too little of it is followed freely"
 
 

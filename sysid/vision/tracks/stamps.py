@@ -1,4 +1,4 @@
-"""Frames that stamps do not tell of: the same picture twice, and pictures that were never stored.
+"""Frames that stamps do not show: the same picture twice, and pictures that were never stored.
 
 In: frames, and the tracks. Out: which frames are doubled, to be left out; where frames are missing, and how many, to
 set the later stamps right. A doubled picture differs by far less than its neighbours. Where pictures are missing,
@@ -19,7 +19,7 @@ from sysid.vision.frames import Frame, Picture
 from sysid.vision.tracks.follow import BallTrack
 
 PROBE_PX = 4  # every so many pixels are compared
-NEIGHBOURS = 5  # on either side, with whose changes that of a picture is compared
+NEIGHBOURING_PICTURES = 5  # on either side, with whose changes that of a picture is compared
 USUAL_QUANTILE = 0.75  # of theirs, that is usual
 DOUBLED_FRACTION = 0.25  # of the usual change, below which a picture is the one before
 MIN_STEP_SD = 12.0  # of a ball that moves clearly, between frames
@@ -39,7 +39,7 @@ def change(before: Picture, picture: Picture) -> float:
 
 def is_doubled(changes: Sequence[float], k: int) -> bool:
     """Whether picture k is the one before, stored once more, by the changes of pictures; the first has none."""
-    around = [*changes[max(1, k - NEIGHBOURS) : k], *changes[k + 1 : k + 1 + NEIGHBOURS]]
+    around = [*changes[max(1, k - NEIGHBOURING_PICTURES) : k], *changes[k + 1 : k + 1 + NEIGHBOURING_PICTURES]]
     return k > 0 and len(around) > 2 and changes[k] < DOUBLED_FRACTION * float(np.quantile(around, USUAL_QUANTILE))
 
 
@@ -50,15 +50,15 @@ def marked(footage: Iterable[Frame]) -> Iterator[tuple[Frame, bool]]:
     for frame in footage:
         changes.append(change(waiting[-1].picture, frame.picture) if waiting else 0.0)
         waiting.append(frame)
-        if len(waiting) > NEIGHBOURS:
-            yield waiting.popleft(), is_doubled(changes, len(changes) - 1 - NEIGHBOURS)
+        if len(waiting) > NEIGHBOURING_PICTURES:
+            yield waiting.popleft(), is_doubled(changes, len(changes) - 1 - NEIGHBOURING_PICTURES)
     while waiting:
         k = len(changes) - len(waiting)
         yield waiting.popleft(), is_doubled(changes, k)
 
 
 def missing(tracks: Sequence[BallTrack], frames: NDArray[np.int64], period: float, sigma: float) -> dict[int, int]:
-    """Frames before which pictures are missing that their stamps do not tell of, and how many, by the balls' steps."""
+    """Frames before which pictures are missing that their stamps do not show, and how many, by the balls' steps."""
     steps: dict[int, list[tuple[float, int]]] = {}  # by frame: multiple of the usual step, and periods by the stamps
     place = {int(frame): k for k, frame in enumerate(frames)}
     for track in tracks:

@@ -290,7 +290,7 @@ class Present:
 def balls_there(
     scene: TrackedScene, moving: Sequence[str], first: int, last: int, after: Sequence[Move]
 ) -> tuple[Present | None, str]:
-    """The balls of a clip, those that move first and others at rest; or why it cannot be told what they do.
+    """The balls of a clip, those that move first and others at rest; or why it is not known what they do.
 
     Args:
         scene: all tracks.

@@ -46,7 +46,7 @@ MAX_LOST_FRACTION = 0.5  # of the struck ball's frames without a detection, abov
 MAX_NOISE_RADII = 0.15  # noise above which the result is doubtful, in ball radii
 MAX_ASIDE_SD = 4.0  # of a place from the line between its neighbours, on which it may be early or late,
 MAX_ASIDE_M = 1e-3  # or this far
-USUAL_FRAMES = 12  # the last ones, that tell how often a picture is new
+USUAL_FRAMES = 12  # the last ones, that show how often a picture is new
 MAX_LISTED = 8  # frames that are named
 MAX_BEYOND_NOSE_M = 0.004  # of a detection beyond the nose line
 NO_SHOT = "no shot was found, neither from a clean stroke on nor in mid-motion"
@@ -123,7 +123,7 @@ def _followed(
             continue
         expected = follower.expected(frame.time)
         full_search = not expected or follower.seeking or frame.time - last_full_search >= FULL_SEARCH_INTERVAL_S
-        # A given exposure is a part of the time between frames; one that is told, of that between pictures.
+        # A given exposure is a part of the time between frames; one that is estimated, of that between pictures.
         period = 1.0 / footage.fps if shutter.given is not None else _usual_interval(times, twice, 1.0 / footage.fps)
         seen = _detect(detector, frame.picture, expected, follower.steps(period), shutter, full_search)
         if previous is not None:
@@ -151,7 +151,7 @@ def _usual_interval(times: Sequence[float], twice: Sequence[bool], default: floa
 def _stamped(
     tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array, twice: NDArray[np.bool_], camera: Camera
 ) -> tuple[Sequence[BallTrack], NDArray[np.int64], Array, list[str]]:
-    """Tracks, frames and times without doubled frames, those after missing ones later; and what to tell of it."""
+    """Tracks, frames and times without doubled frames, those after missing ones later; and what to report of it."""
     notes = []
     if twice.any():
         kept, again = frames[~twice], set(frames[twice].tolist())

@@ -6,12 +6,14 @@ import math
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import jinja2
 import pytest
 
+from models.report.figure import INK_COLOUR, svg
 from models.report.numbers import millimetres, number, value_with_sd
-from models.report.page import render
+from models.report.page import in_readers_colours, render
 
 PAGE = (
     '{% extends "page.html.j2" %}{% from "macros.html.j2" import bar, figure, notes, table %}{% block body %}'
@@ -37,6 +39,27 @@ def test_values_are_escaped_and_spelt_out(template: Path) -> None:
     assert 'style="width:50.0%"' in text and 'style="left:25.0%"' in text
     assert '<img alt="a picture" src="data:image/svg+xml;base64,PHN2Zy8+"></div><figcaption>What it shows.<' in text
     assert render(template, title=line, lines=[line], picture="<svg/>") == text
+
+
+def test_a_figure_has_the_readers_colours_and_keeps_those_of_what_it_shows() -> None:
+    drawn = svg("a", 2.0, lambda figure: figure.subplots().plot([0, 1], color="#ffffff", label="ball"))
+    shown = in_readers_colours(drawn)
+    assert drawn.count("#ffffff") == 2 and shown.count("#ffffff") == 1
+    assert 'style="fill: none"' in shown and "stroke: #ffffff" in shown
+    assert "fill: var(--ink)" in shown and shown.count(INK_COLOUR) == 1
+    assert ElementTree.fromstring(shown).tag.endswith("svg")
+
+
+def test_a_figure_for_phones_stands_beside_the_wide_one(template: Path) -> None:
+    template.write_text(PAGE.replace('"a picture")', '"a picture", narrow)'), encoding="utf-8")
+    text = render(template, title="t", lines=["a"], picture="<svg/>", narrow="<svg></svg>")
+    assert '<picture><source media="screen and (max-width:560px)" srcset="data:image/svg+xml;base64,' in text
+    assert 'class="wide"><img' not in text
+
+
+def test_signs_of_a_terminal_are_those_of_print_and_names_stay(template: Path) -> None:
+    text = render(template, title="a^2.csv", lines=["10.1 +- 0.6 mm/s^2"], picture=None)
+    assert "10.1 ± 0.6 mm/s²" in text and "<h1>a^2.csv</h1>" in text
 
 
 def test_a_missing_figure_says_so_and_no_notes_leave_no_box(template: Path) -> None:

@@ -116,7 +116,7 @@ def test_values_that_disagree_widen_the_sd_and_a_stray_one_is_left_out() -> None
     assert any("only 2 segments" in w for w in two.warnings)
     none = combine(SLIDE_FRICTION, [])
     assert (none.value, none.sd, none.count) == (None, None, 0)
-    assert "do not tell" in none.warnings[0]
+    assert "not determined" in none.warnings[0]
 
 
 def test_a_regression_covers_the_truth() -> None:
@@ -253,7 +253,7 @@ def test_the_command_prints_and_writes(cloth: Path, tmp_path: Path, capsys: pyte
     said = capsys.readouterr().out
     assert "decoupled_cloth.roll" in said
     assert "cushion velocity ratio" in said
-    assert "these clips do not tell: film a marked ball" in said
+    assert "not determined by these clips: film a marked ball" in said
     first = (told.read_bytes(), model.read_bytes(), drawn.read_bytes())
     assert command(str(cloth), *words) == 0
     assert (told.read_bytes(), model.read_bytes(), drawn.read_bytes()) == first

@@ -225,7 +225,7 @@ def test_what_the_clips_do_not_show_is_not_claimed(tmp_path: Path) -> None:
     for name in ("ball_impact.restitution", "ball_impact.friction", "cushion_impact.restitution"):
         assert found.model.parameters()[name] == pytest.approx(start.parameters()[name], rel=1e-3)
         assert np.isnan(found.model.estimates[name].sd)
-        assert "do not tell" in found.model.estimates[name].source
+        assert "not determined" in found.model.estimates[name].source
     told = miss(found, truth)
     assert found.fitted.converged
     for name in ("decoupled_cloth.slide", "decoupled_cloth.roll"):

@@ -19,7 +19,7 @@ from models.model_file import Estimate, Model, catalogue, full_model
 from models.shot import Ball, Table
 from sysid.report.health import JUDGES, NOT_CONVERGED_LINE, UNDETERMINED, health, health_lines
 from sysid.report.html import write_report
-from sysid.report.typical import AT_FAST_SLIP, AT_LOW_SPEED, AT_ONE_METRE_PER_SECOND, TYPICAL
+from sysid.report.typical import AT_FAST_SLIP, AT_LOW_SPEED, AT_ONE_METRE_PER_SECOND, TYPICAL_RANGES
 from tests.support.comparison_samples import comparison
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -65,9 +65,9 @@ def test_the_cloth_s_speed_and_how_far_a_ball_rolls(roll: float, says: str) -> N
     assert line.measured.startswith(f"{9.81 * roll:.4f}"[:5])
 
 
-@pytest.mark.parametrize("name", TYPICAL)
+@pytest.mark.parametrize("name", TYPICAL_RANGES)
 def test_a_range_judges_only_what_is_known_better_than_the_range(name: str) -> None:
-    usual = TYPICAL[name]
+    usual = TYPICAL_RANGES[name]
     effect = () if name.startswith(("decoupled", "ball_im", "cushion_im")) else (catalogue()[name.split(".")[0]](),)
     width = usual.high - usual.low
     key = name.replace(".", "__")
@@ -162,7 +162,7 @@ def test_the_camera_s_scale_names_the_height_of_the_balls_where_that_explains_it
 
 def test_every_name_is_one_of_the_catalogue() -> None:
     names = {f"{effect}.{key}" for effect, kind in catalogue().items() for key in kind.parameters()}
-    assert set(TYPICAL) | set(JUDGES) <= names
+    assert set(TYPICAL_RANGES) | set(JUDGES) <= names
     changed = AT_FAST_SLIP | AT_LOW_SPEED | AT_ONE_METRE_PER_SECOND
     assert set(changed) <= names
     assert set(changed.values()) <= set(catalogue())

@@ -16,7 +16,7 @@ from models.model_file import Estimate
 from sysid.report.figures import Rung, dependence_charts, ladder_chart, segments_chart, shots_chart
 from sysid.report.figures_where import misses_map
 from sysid.report.html import write_report
-from sysid.report.player import MAX_POINTS, UNSEEN, playback
+from sysid.report.player import MAX_POINTS, NO_BALL, playback
 from sysid.report.verdict import Verdict
 from sysid.residuals.comparison import Comparison
 from sysid.residuals.samples import Samples
@@ -114,7 +114,7 @@ def test_numbers_are_those_of_the_comparison(tmp_path: Path) -> None:
     assert row("decoupled_cloth.slide")[:3] == ["decoupled_cloth.slide", "0.2000 ± 0.0012", "1"]
     assert "<dt>decoupled_cloth.slide</dt><dd>our fit</dd>" in text
     assert row("decoupled_cloth.roll")[1:3] == ["0.0127", "1"]
-    assert row("decoupled_cloth.spin")[2] == "rad/s^2"
+    assert row("decoupled_cloth.spin")[2] == "rad/s²"
     assert "Misses most in draw shots." in text
     assert "3 clips" not in text and "clips, 1 of them held out" in text
     assert "nan" not in text.lower().replace("nano", "")
@@ -207,7 +207,7 @@ def test_shots_are_played_back_as_they_were_seen() -> None:
         miss = one.tracks[k].position[:, 0] - seen.xy
         assert pytest.approx(miss, abs=5e-5) == np.array(cue["miss"][number]).T / 1e4
     assert len(red["t"]) == 2, "a ball that rests is told by its first and last sample"
-    assert red["miss"][0][0][-1] == UNSEEN, "a model's ball that is gone"
+    assert red["miss"][0][0][-1] == NO_BALL, "a model's ball that is gone"
     worst = max(after.clips, key=lambda c: c.rms_m)
     alone = playback([("two", after)])
     assert alone is not None and f"clips/{alone['shots'][0]['name']}.csv" == worst.file

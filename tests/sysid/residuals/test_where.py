@@ -108,7 +108,7 @@ def test_a_patch_is_found_at_its_place() -> None:
 
     said = found(samples(3, patch))
     assert said.named[0].variable == "place"
-    assert "at x 0.00 to 0.59 m, y -0.30 to 0.30 m: slow down" in said.named[0].where
+    assert "at x 0.00 to 0.59 m, y -0.30 to 0.30 m slow down" in said.named[0].where
 
 
 def test_one_clip_alone_names_nothing() -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from models.errors import BadInput
 from sysid.clips import read_clip_set, write_clip_set
 from sysid.vision.frames import Frame
+from sysid.vision.sheet import TEXT_PX, TEXT_SCALE, wrapped
 from sysid.vision.tracks.clips import clip_set
 from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
 from sysid.vision.tracks.stamps import is_doubled, marked, missing
@@ -93,3 +95,11 @@ def test_pictures_missing_at_even_stamps_are_counted() -> None:
     first = len(made.rows[0]) + 20
     told = [replace(t, time=t.time + 3 * period * (t.frame >= first)) for t in short.scene.tracks]
     assert missing(told, short.scene.frames, period, short.scene.sigma) == {}, "the stamps tell of them"
+
+
+def test_words_of_a_sheet_are_broken_between_words_and_fit() -> None:
+    note = "shot 1 at 0.45 s; cut short at 2.92 s, where white jumps; cue tip 0.600 +- 0.001 m/s at -25.69 +- 0.00 deg"
+    lines = wrapped([note, "", "a.csv"])
+    assert " ".join(lines[:-2]) == note and lines[-2:] == ["", "a.csv"]
+    width = max(cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, TEXT_SCALE, 1)[0][0] for line in wrapped([20 * note]))
+    assert width < TEXT_PX - 10
