@@ -104,6 +104,7 @@ class Number(click.ParamType[float, str]):
 
 NON_NEGATIVE = Number(0, whole=True)
 ABOVE_ZERO = Number(0, above=True)
+ZERO_OR_MORE = Number(0)
 ANY_NUMBER = Number()
 
 json_option = click.option(

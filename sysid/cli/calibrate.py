@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -170,7 +170,7 @@ def calibrate(
     from sysid.vision.camera.calibrate import CameraHints
     from sysid.vision.camera.calibrate import calibrate as calibrate_picture
     from sysid.vision.camera.calibration_picture import draw
-    from sysid.vision.camera.calibration_report import rows, to_json
+    from sysid.vision.camera.calibration_report import place_sd, rows, to_json
     from sysid.vision.camera.footages import table_view
     from sysid.vision.camera.markers import MARKER_SIZE_M
     from sysid.vision.camera.projection import write_camera
@@ -199,7 +199,7 @@ def calibrate(
         progress=progress,
     )  # fmt: skip
     progress.close()
-    write_camera(files.out, found.camera)
+    write_camera(files.out, replace(found.camera, place_sd_m=place_sd(found)))
     print(table(rows(found), right=2))
     for line in (*notes, *found.notes):
         print(line)

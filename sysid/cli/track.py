@@ -5,13 +5,22 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Generator, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, json_option, output_option, scheduler_option
+from models.command_line import (
+    ABOVE_ZERO,
+    FILE_PATH,
+    ZERO_OR_MORE,
+    gathered,
+    given,
+    json_option,
+    output_option,
+    scheduler_option,
+)
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from models.files import alone_in
@@ -42,6 +51,12 @@ class Filmed:
         "S",
         "Exposure of a frame [s]; by default estimated from the sweep of moving balls.",
         ABOVE_ZERO,
+    )
+    readout: float | None = given(
+        "--readout",
+        "S",
+        "Time from a picture's first row to its last, 0 for a global shutter; by default as the camera file says.",
+        ZERO_OR_MORE,
     )
     palette_file: Path | None = given(palette_option)
     mass: float | None = given(mass_option)
@@ -103,6 +118,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
         raise BadInput("--live shows what this machine tracks; leave it out, or leave --scheduler out")
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
     camera = read_camera(filmed.camera_file)
+    camera = camera if filmed.readout is None else replace(camera, readout=filmed.readout)
     so_far = None if outputs.force else finished(outputs.out)
     if so_far is not None:
         check_camera(so_far, camera, outputs.out)
@@ -202,6 +218,7 @@ def to_json(video: str, result: Tracked, remarks: Sequence[str], seen: Sequence[
         "format": JSON_FORMAT, "video": video, "frames": len(result.scene.frames), "rate": result.rate,
         "noise": {"moving": result.noise.moving, "resting": result.noise.resting, "sigma": result.noise.sigma,
                   "balls": dict(result.noise.balls)},
+        "places": {"rms": result.places.rms, **asdict(result.places)},
         "clips": clips, "left_out": list(result.left_out), "told": list(remarks), "doubts": list(result.doubts),
     }  # fmt: skip
 
@@ -258,7 +275,9 @@ def _print(result: Tracked, remarks: Sequence[str]) -> None:
     print(f"{len(result.scene.frames)} frames, {result.rate:.0f} frames/s, {len(result.scene.tracks)} balls")
     print(f"noise {1e3 * noise.moving:.3f} mm moving, {1e3 * noise.resting:.3f} mm resting")
     each = ", ".join(f"{name} {1e3 * sd:.3f} mm" for name, sd in noise.balls.items())
-    print(f"moving: {each}\n" if each else "")
+    if each:
+        print(f"moving: {each}")
+    print(f"{result.places.text()}\n" if result.shots else "")
     lines = [TABLE_HEAD]
     for row in rows(result):
         lines.append((

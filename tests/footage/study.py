@@ -136,7 +136,6 @@ def judged(one: Recipe, folder: Path) -> dict[str, Any]:
     camera, shots, video = made(one, folder)
     row: dict[str, Any] = {"name": one.name, "table": one.table, "fps": one.fps, "size": one.size, "shots": len(shots)}
     words = ["--length", length, "--width", width, "--diameter", diameter, "--out", folder / "camera.toml"]
-    words += ["--json", folder / "camera.json"]
     row["calibrate"], row["said"] = _run(["calibrate", video, *words])
     if (folder / "camera.toml").is_file():
         row["camera_m"] = camera_error(camera, read_camera(folder / "camera.toml"))
@@ -146,16 +145,7 @@ def judged(one: Recipe, folder: Path) -> dict[str, Any]:
     row["said"] += said
     row |= _tracks(folder, shots, diameter)
     row["picks"] = one.picks
-    if row["calibrate"] == 0 and np.isfinite(row.get("error_m", np.nan)):
-        row["told_m"] = float(np.hypot(row["told_m"], _camera_told(folder / "camera.json")))
     return row
-
-
-def _camera_told(file: Path) -> float:
-    """Uncertainty of places that a calibration reports, that of an assumed focal length included: rms [m]."""
-    told = json.loads(file.read_text(encoding="utf-8"))
-    assumed = told["focal_10_percent_off_m"]["rms"] if told["focal_sd"] is None else 0.0
-    return float(np.hypot(told["place_sd_m"]["rms"], assumed))
 
 
 def _run(words: Sequence[object]) -> tuple[int, list[str]]:
@@ -203,7 +193,7 @@ def _tracks(folder: Path, shots: Sequence[Scene], diameter: float) -> dict[str, 
     return {
         "usable": min(usable, len(shots)), "samples": samples, "swapped": swapped, "noise_ratio": told,
         "error_m": float(np.sqrt(np.mean(np.concatenate(places)))) if places else np.nan,
-        "told_m": np.sqrt(2) * clip_set.sigma if clip_set.sigma is not None else np.nan,
+        "told_m": clip_set.extra["videos"][0]["places_rms"],
     }  # fmt: skip
 
 

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from sysid.vision.balls.background import View
-from sysid.vision.balls.cover import DiscFit, covered, fit_disc, swept_share
+from sysid.vision.balls.cover import DiscFit, covered, fit_disc, is_white, swept_share
 from sysid.vision.balls.view_geometry import Array, Image
 
 CELLS_PER_RADIUS = 4.0  # of the coarse picture in which balls are sought
@@ -30,8 +30,8 @@ CLEAR_RESIDUAL = 0.2  # of a motion that needs no other to be tried
 SWEEP_RATIO = 1.15  # of misfits, by which a ball that stands still must explain a picture better than a moving one
 MAX_MOTION_ERROR_PX = 1.0  # of a sweep, beyond which a disc is fitted anew with the one that its first fit tells
 MAX_REFITS = 3  # of a disc, each with the motion that the fit before tells
-CLIPPED_GREY = 250  # from which on a channel is clipped; where all are, a ball may be overexposed
 GAINS = (1.0, 1.5, 2.5, 4.0)  # by which it is, tried until they are known
+RANKING_STEPS = 8  # of least squares, after which it is seen which of several fits is best
 EXPOSURES = (0.25, 0.5, 0.75, 1.0)  # of the time between two frames, tried until it is known
 MIN_SWEEP_RADII = 0.4  # of a motion from which the exposure can be told
 MAX_UNEVENNESS = 0.25  # of such a step, relative to the one before
@@ -41,11 +41,6 @@ MISFIT_MARGIN = 0.02  # beyond that of the best fit, from which on another is no
 NEAR_RADII = 0.6  # to the expected place, within which a ball is taken at once
 CORE_RADII = 0.55  # of a disc that shows the colour of the ball
 MIN_BED_CONTRAST = 0.12  # of colours, between a ball and the bed
-
-
-def is_white(colour: Array | None) -> bool:
-    """Whether all channels of a colour (3,) blue, green, red are clipped [grey levels]."""
-    return colour is not None and bool((colour >= CLIPPED_GREY).all())
 
 
 @dataclass
@@ -170,13 +165,21 @@ def _best(view: View, colour: Array | None, at: Array, step: Array, radius: floa
     if length < 0.1 * radius:
         return fit_disc(view, colour, at, radius, np.zeros(2))
     tried = shutter.tried(colour)
-    fits = [_swept_disc(view, colour, at, step, radius, part, gain) for part, gain in tried]
-    best = min((fit for fit in fits if fit is not None), key=lambda f: f.misfit, default=None)
+    part, gain = tried[0] if len(tried) == 1 else _likeliest(view, colour, at, step, radius, tried)
+    best = _swept_disc(view, colour, at, step, radius, part, gain)
     if best is None or len(tried) > 1 or best.residual > CLEAR_RESIDUAL:
         still = fit_disc(view, colour, at, radius, np.zeros(2))
         if still is not None and (best is None or SWEEP_RATIO * still.misfit < best.misfit):
             return still
     return best
+
+
+def _likeliest(
+    view: View, colour: Array | None, at: Array, step: Array, radius: float, tried: Sequence[tuple[float, float]]
+) -> tuple[float, float]:
+    """The part of the step and the gain under which a swept disc at a pixel (2,) fits best after a few steps."""
+    fits = [fit_disc(view, colour, at, radius, part * step, gain, RANKING_STEPS) for part, gain in tried]
+    return tried[int(np.argmin([math.inf if fit is None else fit.misfit for fit in fits]))]
 
 
 def _swept_disc(

@@ -13,9 +13,9 @@ import numpy as np
 
 from models.errors import BadInput
 from sysid.vision.balls.background import Background, View, learn_background
-from sysid.vision.balls.cover import DiscFit
+from sysid.vision.balls.cover import CLIPPED_GREY, DiscFit
 from sysid.vision.balls.detect import Detector, outline_colour
-from sysid.vision.balls.discs import CLIPPED_GREY, MIN_BED_CONTRAST, core_colour, new_discs
+from sysid.vision.balls.discs import MIN_BED_CONTRAST, core_colour, new_discs
 from sysid.vision.balls.edges import Optics
 from sysid.vision.balls.faces import are_patterned, face
 from sysid.vision.balls.outline_fit import (

@@ -35,6 +35,14 @@ def rows(found: Calibration) -> list[tuple[str, str]]:
     ]
 
 
+def place_sd(found: Calibration) -> float:
+    """Standard deviation of balls' places over the table, an assumed focal length 10 % off: rms [m]; NaN if unknown."""
+    if not found.edges:
+        return math.nan
+    assumed = found.parallax[0] if math.isnan(found.focal_sd) else 0.0
+    return math.hypot(found.spread[0], assumed)
+
+
 def to_json(found: Calibration) -> dict[str, Any]:
     """The same figures, SI units."""
     camera = found.camera

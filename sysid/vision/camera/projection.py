@@ -42,7 +42,8 @@ class Camera:
     table: Table
     diameter: float  # of the balls [m]
     residual_m: float = math.nan  # rms of the calibration, on the table [m]
-    readout: float = 0.0  # time from the first row to the last of a rolling shutter [s]
+    readout: float = math.nan  # time from the first row to the last of a rolling shutter [s]; NaN where it is unknown
+    place_sd_m: float = math.nan  # of balls' places over the table, as its calibration tells, rms [m]
     source: str = ""  # what it was calibrated from
 
     @property
@@ -59,6 +60,11 @@ class Camera:
     def eye(self) -> Array:
         """Position of the camera: (3,) [m], table frame."""
         return np.asarray(-self.axes.T @ self.translation)
+
+    def row_delay(self, rows: Array | float) -> Array:
+        """When rows of a picture are exposed after its middle row (n,) [s]; 0 where the readout is unknown."""
+        readout = self.readout if math.isfinite(self.readout) else 0.0
+        return np.asarray(readout * (np.asarray(rows) / max(self.size[1] - 1, 1) - 0.5))
 
     def project(self, points: Array) -> Array:
         """Pixels (n, 2) of points (n, 3) [m]."""
@@ -135,13 +141,13 @@ def write_camera(path: Path | str, camera: Camera) -> None:
         "distortion": np.asarray(camera.distortion, float).tolist(),
         "rotation": np.asarray(camera.rotation, float).tolist(),
         "translation": np.asarray(camera.translation, float).tolist(),
-        "readout": float(camera.readout),
         "source": camera.source,
         "table": dataclasses.asdict(camera.table),
         "ball": {"diameter": camera.diameter},
     }
-    if math.isfinite(camera.residual_m):
-        known["residual_m"] = float(camera.residual_m)
+    for key in ("residual_m", "readout", "place_sd_m"):
+        if math.isfinite(value := getattr(camera, key)):
+            known[key] = float(value)
     scalars = {k: v for k, v in known.items() if not isinstance(v, dict)}
     sections = {k: v for k, v in known.items() if isinstance(v, dict)}
     write_whole(path, tomli_w.dumps(scalars | sections).encode())
@@ -166,7 +172,8 @@ class CameraFile:
     table: Table
     ball: BallSize
     residual_m: Annotated[float, Allowed(nan=True)] = math.nan
-    readout: Annotated[float, Allowed(0.0, 1.0, "s")] = 0.0
+    readout: Annotated[float, Allowed(0.0, 1.0, "s")] = math.nan
+    place_sd_m: Annotated[float, Allowed(0.0, 1.0, "m")] = math.nan
     source: str = ""
 
     def __post_init__(self) -> None:

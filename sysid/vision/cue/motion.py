@@ -77,7 +77,7 @@ def _motion(
     """The motion from the axis in pictures `fits` (k, 6) and the distances of the tip `distance` (n,) [m]."""
     tip = axis.points(contact + distance, np.zeros(1))[:, 0]
     seen, rows = np.flatnonzero(np.isfinite(distance)), plane_pixels(camera, np.nan_to_num(tip)[None])[0, :, 1]
-    time = time + camera.readout * (rows / max(camera.size[1] - 1, 1) - 0.5)
+    time = time + camera.row_delay(rows)
     notes: list[str] = []
     speed = _speed(time, distance, scale, notes)
     approaching = fits[np.isin(fits[:, 0], seen[distance[seen] > 0])]

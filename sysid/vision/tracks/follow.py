@@ -182,7 +182,7 @@ class Follower:
 
     def _row_delay(self, row: float) -> float:
         """Time of exposure of a row of the picture after that of the middle row [s]."""
-        return self.camera.readout * (row / max(self.camera.size[1] - 1, 1) - 0.5)
+        return float(self.camera.row_delay(row))
 
     def _positions(self, seen: Sequence[Detection]) -> Positions:
         """Positions of the detections that lie on the table."""

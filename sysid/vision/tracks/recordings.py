@@ -67,6 +67,7 @@ def of_video(clip_set: ClipSet, name: str, result: Tracked, file: str = "") -> C
     entry |= {"file": file, "fps": clip_set.fps} if file else {}
     if math.isfinite(result.noise.moving):  # the scatter at rest says too little of balls that move
         entry["sigma"] = result.noise.moving
+    entry["places_rms"] = result.places.rms
     return replace(clip_set, clips=tuple(clips), extra={VIDEOS_KEY: [entry]})
 
 

@@ -26,6 +26,7 @@ from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.naming import named
 from sysid.vision.tracks.noise import Noise, difference_noise, estimate_noise
 from sysid.vision.tracks.picks import UNEVEN_SD, find_picks, seem_uneven
+from sysid.vision.tracks.places import PlaceError, place_error
 from sysid.vision.tracks.running import running_shots
 from sysid.vision.tracks.spins import face_change, spins
 from sysid.vision.tracks.stamps import delays, later, marked, missing
@@ -66,6 +67,7 @@ class Tracked:
     doubts: tuple[str, ...]  # why the result is not to be trusted
     notes: tuple[str, ...]  # what was assumed or discarded, for the user
     rate: float  # of the tracking [frames/s]
+    places: PlaceError  # of its clips
 
 
 def track(
@@ -237,7 +239,7 @@ def tracked(
         doubts.append(f"balls scatter by {1e3 * noise.sigma:.1f} mm: check focus, light and calibration")
     return Tracked(
         scene, tuple(shot for shot, _ in kept), tuple(found for _, found in kept), tuple(omitted), noise, tuple(doubts),
-        tuple(notes), rate,
+        tuple(notes), rate, place_error([found for _, found in kept], camera, noise.sigma, scene.period),
     )  # fmt: skip
 
 
