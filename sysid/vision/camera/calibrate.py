@@ -223,7 +223,8 @@ def _first(scene: _Scene, start: Camera, hints: CameraHints) -> CameraFit:
         rough = _from_corners(start, hints)
         sides, seen = cloth_sides(scene.light, rough)
         return first_view(start, sides, hints.sees, unknown, False) if seen else rough
-    sides = table_lines.sides(table_lines.cloth(np.rint(scene.light).astype(np.uint8)))
+    picture = np.rint(scene.light).astype(np.uint8)
+    sides = table_lines.at_edges(table_lines.sides(table_lines.cloth(picture)), picture)
     return first_view(start, sides, hints.sees, unknown, False)
 
 
@@ -294,7 +295,8 @@ def _seen(scene: _Scene, first: CameraFit) -> TableEvidence:
         low, high = margin - table_edges.INWARD_SEARCH_M, margin + table_edges.OUTWARD_SEARCH_M
     edges: dict[int, list[Edge]] = {}
     for rail in dict.fromkeys(first.rails.tolist()):
-        strip = table_edges.strip(scene.light, first.camera, rail, low, high)
+        farthest = table_edges.reach(first.camera, rail, low, margin, high)
+        strip = table_edges.strip(scene.light, first.camera, rail, low, farthest)
         edges[rail] = table_edges.edges(strip) if strip is not None else []
     # Cards lie over diamonds, and their cells look like some.
     diamonds = NO_DIAMONDS if scene.near else find_diamonds(scene.light, first.camera, margin)

@@ -48,6 +48,9 @@ RAIL_RISE_M = (0.008, 0.006)  # of the rail's top over the noses
 FOCAL_SD = 0.3  # of the logarithm of an unknown focal length
 K1_SD = 0.1  # of the distortion
 UNSEEN_COST = 9.0  # of a side without a nose
+WEAKNESS_COST = (
+    1.0  # of an edge weaker than the strongest of its side by a factor of e; goes with the logarithm's square
+)
 UNLIKE_COST = 4.0  # of an edge that looks like the inner edge of a shadow
 OUTLINE_COST = 1.5  # of the end of the cloth where there are edges farther in
 RANKING_ROUNDS = 3
@@ -237,7 +240,7 @@ def _rated(edges: Sequence[Edge], outline: float, sides: int) -> list[tuple[Edge
             continue
         is_outline = edge.offset > outline - CLOTH_EDGE_M
         below_gap = not edge.rises and any(e.rises and 0 < e.offset - edge.offset < MAX_GAP_WIDTH_M for e in inner)
-        weakness = 0.0 if is_outline else 2 * (1.0 - edge.strength / strongest)
+        weakness = 0.0 if is_outline else WEAKNESS_COST * float(np.log(edge.strength / strongest)) ** 2
         rated.append((edge, weakness + UNLIKE_COST * below_gap + OUTLINE_COST * (is_outline and strongest > 0)))
     rated = sorted(rated, key=lambda pair: pair[1])[:EDGES_KEPT]
     return [*rated, (None, UNSEEN_COST if sides == 4 else 4 * UNSEEN_COST)]
