@@ -3,7 +3,8 @@
 In: a picture and a rough camera. Out: `Diamonds`. They lie at eighths of the length, nose to nose, and at quarters of
 the width (World Pool-Billiard Association, equipment specifications, 8), each row at the same distance from its nose
 and at the height of the rail's top, a little over the noses. A row counts where nearly all of its diamonds are seen,
-as round as each other, and all brighter or all darker than the rail.
+as round as each other, all brighter or all darker than the rail, and another row lies as far from its own nose: some
+three spots on wood are evenly spaced by chance.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ DIAMOND_SIGNIFICANCE = 6.0  # of a blob [robust standard deviations of the rail]
 MAX_BLOBS = 40  # of a rail, the clearest
 MAX_BLOB_LENGTH = 2.5  # over its width: a ripple along an edge is longer
 BLOB_REACH_SD = 1.0  # of its surroundings that must be in view, in standard deviations of the wider filter
+MAX_ROW_STEP_M = 0.015  # between the distances of two rows from their noses, in a rough camera
 MAX_UNLIKE = 3.0  # of the blobs of a row, over the middle one or under it
 MAX_MISSING_DIAMONDS = 1  # of a long rail; of a short one none
 
@@ -52,16 +54,15 @@ def find_diamonds(picture: Image, camera: Camera, margin: float) -> Diamonds:
         camera: a rough one.
         margin: of the end of the cloth outside its noses [m].
     """
-    pixels, rails, along = [], [], []
-    for rail in range(4):
-        row = _row(picture, camera, rail, margin)
-        if row is not None:
-            pixels.append(row[0])
-            along.append(row[1])
-            rails.append(np.full(len(row[1]), rail))
-    if not pixels:
+    rows = {rail: row for rail in range(4) if (row := _row(picture, camera, rail, margin)) is not None}
+    agreed = [
+        rail for rail, (_, _, out) in rows.items()
+        if any(abs(out - rows[other][2]) < MAX_ROW_STEP_M for other in rows.keys() - {rail})
+    ]  # fmt: skip
+    if not agreed:
         return NO_DIAMONDS
-    return Diamonds(np.concatenate(pixels), np.concatenate(rails).astype(np.intp), np.concatenate(along))
+    pixels, along = (np.concatenate([rows[rail][k] for rail in agreed]) for k in (0, 1))
+    return Diamonds(pixels, np.repeat(np.array(agreed, np.intp), [len(rows[rail][1]) for rail in agreed]), along)
 
 
 def _expected(camera: Camera, rail: int) -> Array:
@@ -72,8 +73,8 @@ def _expected(camera: Camera, rail: int) -> Array:
     return np.arange(-1, 2) * camera.table.width / 4
 
 
-def _row(picture: Image, camera: Camera, rail: int, margin: float) -> tuple[Array, Array] | None:
-    """Pixels (n, 2) and coordinates (n,) [m] of the diamonds of a rail; None where no row is seen."""
+def _row(picture: Image, camera: Camera, rail: int, margin: float) -> tuple[Array, Array, float] | None:
+    """Pixels (n, 2), coordinates (n,) and distance from the nose [m] of the diamonds of a rail; None where no row is."""
     expected = _expected(camera, rail)
     places, strength = _blobs(picture, camera, rail, margin)
     if len(places) < len(expected) - 1:
@@ -97,7 +98,8 @@ def _row(picture: Image, camera: Camera, rail: int, margin: float) -> tuple[Arra
     if best is None:
         return None
     _, found, along = best
-    return camera.project(nose_points(camera, rail, found[:, 0], found[:, 1])), along
+    pixels = camera.project(nose_points(camera, rail, found[:, 0], found[:, 1]))
+    return pixels, along, float(np.median(found[:, 1]))
 
 
 def _blobs(picture: Image, camera: Camera, rail: int, margin: float) -> tuple[Array, Array]:

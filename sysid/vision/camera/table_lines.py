@@ -3,8 +3,8 @@
 In: a picture. Out: the mask of the cloth, then `Side` of each of its sides. What has the colour of most
 saturated pixels in the middle of the picture is cloth, on the bed and on the cushions. A side is a
 line, straight up to the distortion of the lens, that much of the outline of the region follows and hardly anything of
-it exceeds: a hand, a cue or a pocket makes a dent, never a side. Where the picture is blurred, what lies beside the cloth
-colours its rim, and the region ends some pixels inside it: the points of a side are moved to the edge that they mean.
+it exceeds: a hand, a cue or a pocket makes a dent, never a side. Where the picture is blurred, what lies beside the
+cloth colours its rim, and the region ends some pixels inside it: the points of a side are moved to the edge there.
 """
 
 from __future__ import annotations

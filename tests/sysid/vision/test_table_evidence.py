@@ -1,4 +1,4 @@
-"""What is seen of a plain table: no diamonds where there are none, edges up to the picture's end, the cloth's own end."""
+"""What is seen of a plain table: no diamonds where there are none, edges up to the picture's end, the cloth's end."""
 
 from __future__ import annotations
 
