@@ -25,9 +25,9 @@ from sysid.vision.camera import table_edges, table_lines
 from sysid.vision.camera.ball_outlines import NO_BALLS, BallOutlines, find_balls
 from sysid.vision.camera.board import Lens
 from sysid.vision.camera.diamonds import NO_DIAMONDS, Diamonds, find_diamonds
-from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, evidence, evidence_doubts
+from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, MIN_LEAD, evidence, evidence_doubts
 from sysid.vision.camera.first_view import first_view, initial_camera, sides_of
-from sysid.vision.camera.marker_camera import MIN_MARKERS, MarkerView, marker_notes, marker_view, stand_ins
+from sysid.vision.camera.marker_camera import MIN_MARKERS, MarkerView, marker_notes, marker_view
 from sysid.vision.camera.markers import MARKER_SIZE_M, Markers, find_markers, no_markers
 from sysid.vision.camera.near_view import CUSHION_REACH_M, MIN_REACH_M, cloth_sides, corners_compared, on_noses
 from sysid.vision.camera.noses import (
@@ -37,10 +37,11 @@ from sysid.vision.camera.noses import (
     TableEvidence,
     read_noses,
     what_is_seen,
-    with_offsets,
+    with_rival,
 )
-from sysid.vision.camera.pose import CameraFit, Mask, Rails, fit_camera
+from sysid.vision.camera.pose import CameraFit, Mask, fit_camera
 from sysid.vision.camera.projection import Array, Camera
+from sysid.vision.camera.side_points import fitted_to_edges, side_edges
 from sysid.vision.camera.table_edges import Edge
 from sysid.vision.camera.trust import (
     K1_PRIOR,
@@ -55,9 +56,7 @@ from sysid.vision.camera.trust import (
 )
 
 MAX_FITTED_FOCAL_SD = 0.2  # relative; above, the focal length is assumed rather than fitted
-EDGE_SEARCH_PX = (5.0, 3.0, 2.0)  # about an expected edge, round by round
 MAX_CUSHION_SPREAD_M = 8e-3  # of the widths of the cushions, up to which edges may be noses
-MIN_SIDE_POINTS = 8  # of a side
 MAX_K2_ERROR_RATIO = 0.8  # of the reprojection errors with and without k2, up to which k2 is used
 ONLY_EDGE = "the end of the cloth, the only edge seen"
 BY_HAND = "none: from the corners given alone"
@@ -164,11 +163,10 @@ def calibrate(
         first = _from_corners(start, hints) if scene.by_hand else first
         return _without_edges(first, scene, hints.focal_from, source)
     edge, warnings = _edge_taken(seen, reading, first) if not scene.near else (scene.near, [])
-    lines = _fitted_to_edges(scene, reading.camera, with_offsets(reading, first.camera), unknown, progress)
+    sides = side_edges(reading, seen, first.camera, scene.agreeing)
+    lines, sure = fitted_to_edges(scene.light, reading.camera, sides, unknown, progress)
     progress("least squares")
-    lines, focal_sd = _with_lens(
-        lines, float(reading.camera.matrix[0, 0]), unknown, ~np.isin(lines.rails, list(reading.noses))
-    )
+    lines, focal_sd = _with_lens(lines, float(reading.camera.matrix[0, 0]), unknown, sure)
     by_sides = bool(np.isfinite(focal_sd))
     found = by_sides or reading.focal_sd < MAX_FITTED_FOCAL_SD
     focal_sd = focal_sd if by_sides or not found else reading.focal_sd
@@ -240,8 +238,8 @@ def _side_left_out(
     """What is to be said of a side at which no nose was found, and what it makes doubtful."""
     fitted = {*lines.rails.tolist()}
     unseen = [rail for rail in dict.fromkeys(first.rails.tolist()) if rail not in reading.noses.keys() & fitted]
-    by_markers = [RAIL_NAMES[rail] for rail in unseen if rail in fitted]
-    notes = [f"no nose is seen at {name}: the markers there stand in for it" for name in by_markers]
+    what = "markers there stand" if scene.view else "end of the cloth stands"
+    notes = [f"no nose is seen at {RAIL_NAMES[rail]}: the {what} in for it" for rail in unseen if rail in fitted]
     left_out = next((rail for rail in unseen if rail not in fitted), None)
     if left_out is None:
         return notes, []
@@ -272,18 +270,32 @@ def _read(
 ) -> tuple[CameraFit, TableEvidence, CushionReading | None]:
     """The first view, what is seen from it, and the likeliest reading.
 
-    Where a side shows no nose, it is looked for again, as the cloth may have seemed to end elsewhere there.
+    Where a side shows no nose, or another reading is about as likely, the cloth may have seemed to end elsewhere: what
+    is seen from the camera of the reading, and from that of its rival, is then read again.
     """
     near = bool(scene.near)
-    for left in range(2, 0, -1):
-        seen = _seen(scene, first)
-        reading = read_noses(first.camera, seen, np.inf if near else first.margin, unknown, focal)
-        if reading is None or left == 1 or not (near or len(reading.noses) < len(seen.edges)):
-            break
-        first = dataclasses.replace(first, camera=reading.camera, margin=0.0 if near else reading.cushion_width)
+    first, seen, reading = _look(scene, first, unknown, focal)
+    if reading is not None and (near or len(reading.noses) < len(seen.edges) or reading.lead < MIN_LEAD):
+        margin = 0.0 if near else reading.cushion_width
+        unclear = reading.lead < MIN_LEAD and not near
+        cameras = [reading.camera, *([reading.rival] if unclear and reading.rival is not None else [])]
+        looks = [_look(scene, dataclasses.replace(first, camera=one, margin=margin), unknown, focal) for one in cameras]
+        first, seen, reading = looks[0]
+        for other_first, other_seen, other in looks[1:]:
+            if reading is None or (other is not None and other.total < reading.total):
+                first, seen, reading, other = other_first, other_seen, other, reading
+            reading = with_rival(reading, other)
     if reading is None and not (near or scene.by_hand):
         raise BadInput("the cushions' noses do not show against the bed; give --corners, or light the table evenly")
     return first, seen, reading
+
+
+def _look(
+    scene: _Scene, first: CameraFit, unknown: tuple[str, ...], focal: float
+) -> tuple[CameraFit, TableEvidence, CushionReading | None]:
+    """A first view, what is seen from it, and its likeliest reading."""
+    seen = _seen(scene, first)
+    return first, seen, read_noses(first.camera, seen, np.inf if scene.near else first.margin, unknown, focal)
 
 
 def _seen(scene: _Scene, first: CameraFit) -> TableEvidence:
@@ -326,22 +338,6 @@ def _edge_taken(seen: TableEvidence, reading: CushionReading, first: CameraFit) 
     return "the end of the cloth", [f"{text}, though they look like the noses: {TABLE_SIZE_REMEDY}"]
 
 
-def _fitted_to_edges(
-    scene: _Scene, camera: Camera, noses: dict[int, Edge], unknown: tuple[str, ...], progress: Callable[[str], None]
-) -> CameraFit:
-    """The camera fitted to edge points of the noses, searched within ever smaller distances."""
-    prior, focal = dict(K1_PRIOR), float(camera.matrix[0, 0])
-    for k, search in enumerate(EDGE_SEARCH_PX):
-        progress(f"edge points, round {k + 1} of {len(EDGE_SEARCH_PX)}")
-        pixels, rails, sure = _points(scene, camera, noses, search)
-        free = unknown if len(set(rails.tolist())) == 4 else tuple(n for n in unknown if n != "focal")
-        prior["focal"] = (float(np.log(focal / camera.matrix[0, 0])), 0.3)
-        lines = fit_camera(camera, pixels, rails, free, prior=prior, sure=sure)
-        camera = lines.camera
-        noses = {rail: dataclasses.replace(nose, offset=0.0) for rail, nose in noses.items()}
-    return lines
-
-
 def _without_edges(first: CameraFit, scene: _Scene, focal_from: str, source: str) -> Calibration:
     """The result where no noses are found: never to be trusted, as nothing says how good corners or markers are."""
     what = "4 corners by hand" if scene.by_hand else f"{len(scene.agreeing)} markers"
@@ -381,16 +377,3 @@ def _with_lens(lines: CameraFit, focal: float, unknown: tuple[str, ...], sure: M
         ):
             return more, focal_sd
     return lines, focal_sd
-
-
-def _points(scene: _Scene, camera: Camera, noses: dict[int, Edge], search: float) -> tuple[Array, Rails, Mask]:
-    """Edge points (n, 2) along the rails, the rail of each (n,), and which are those of markers instead (n,)."""
-    pixels = {rail: table_edges.edge_points(scene.light, camera, rail, edge, search) for rail, edge in noses.items()}
-    pixels = {rail: points for rail, points in pixels.items() if len(points) >= MIN_SIDE_POINTS}
-    instead, their = stand_ins(camera, scene.agreeing)
-    for rail in sorted({*their.tolist()} - pixels.keys()):
-        pixels[rail] = instead[their == rail]
-    if len(pixels) < 3:
-        raise BadInput("the cushions' edges are too faint to be followed; film with more light, or more frames")
-    rails = np.repeat(np.array(list(pixels)), [len(points) for points in pixels.values()]).astype(np.intp)
-    return np.concatenate(list(pixels.values())), rails, ~np.isin(rails, list(noses))

@@ -74,7 +74,7 @@ def _expected(camera: Camera, rail: int) -> Array:
 
 
 def _row(picture: Image, camera: Camera, rail: int, margin: float) -> tuple[Array, Array, float] | None:
-    """Pixels (n, 2), coordinates (n,) and distance from the nose [m] of the diamonds of a rail; None where no row is."""
+    """Pixels (n, 2), coordinates (n,) and distance from the nose [m] of the diamonds of a rail, if any."""
     expected = _expected(camera, rail)
     places, strength = _blobs(picture, camera, rail, margin)
     if len(places) < len(expected) - 1:
