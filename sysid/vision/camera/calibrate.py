@@ -40,7 +40,7 @@ from sysid.vision.camera.noses import (
     with_rival,
 )
 from sysid.vision.camera.pose import CameraFit, Mask, fit_camera
-from sysid.vision.camera.projection import Array, Camera
+from sysid.vision.camera.projection import MIN_FOCAL_PX, Array, Camera
 from sysid.vision.camera.side_points import fitted_to_edges, side_edges
 from sysid.vision.camera.table_edges import Edge
 from sysid.vision.camera.trust import (
@@ -167,6 +167,8 @@ def calibrate(
     lines, sure = fitted_to_edges(scene.light, reading.camera, sides, unknown, progress)
     progress("least squares")
     lines, focal_sd = _with_lens(lines, float(reading.camera.matrix[0, 0]), unknown, sure)
+    if not (lines.camera.matrix[0, 0] > MIN_FOCAL_PX and lines.camera.translation[2] > 0):
+        raise BadInput("no camera over a table sees it so: check --length and --width, or give --corners")
     by_sides = bool(np.isfinite(focal_sd))
     found = by_sides or reading.focal_sd < MAX_FITTED_FOCAL_SD
     focal_sd = focal_sd if by_sides or not found else reading.focal_sd
@@ -222,7 +224,11 @@ def _first(scene: _Scene, start: Camera, hints: CameraHints) -> CameraFit:
         sides, seen = cloth_sides(scene.light, rough)
         return first_view(start, sides, hints.sees, unknown, False) if seen else rough
     picture = np.rint(scene.light).astype(np.uint8)
-    sides = table_lines.at_edges(table_lines.sides(table_lines.cloth(picture)), picture)
+    region = table_lines.cloth(picture)
+    sides = table_lines.at_edges(table_lines.sides(region), picture)
+    if len(sides) < len(hints.sees) and (cut := table_lines.cut_off(region)):
+        text = f"the cloth goes on beyond the {' and the '.join(cut)} of the picture: film all of it and some wood"
+        raise BadInput(f"{text}, or give --corners, or where only three sides are in view --sees")
     return first_view(start, sides, hints.sees, unknown, False)
 
 

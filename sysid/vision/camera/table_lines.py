@@ -33,6 +33,8 @@ COLOUR_ROUNDS = 6  # of fitting the colour of the cloth
 COLOUR_OUTLIER_SD = 6.0  # robust standard deviations from which on a colour is not the cloth's
 COLOUR_LIMITS = (0.15, 0.4)  # of that distance, in logarithms of ratios of light
 TRIED_PAIRS = 800  # of outline points, as candidates of sides
+RIM_PX = 5  # of the picture, in which the cloth reaches its border,
+MIN_CUT_FRACTION = 0.1  # along so much of it
 EDGE_REACH_PX = (-1.0, 6.0)  # out of the region's outline, in which the cloth's edge is looked for
 EDGE_STEP_PX = 0.25
 MIN_NORMAL_ANGLE_RAD = np.radians(30)  # between the normals of two sides
@@ -132,6 +134,13 @@ def sides(region: NDArray[np.uint8]) -> list[Side]:
         found.append(Side(normal, offset, points[on]))
         points = points[~on]
     return sorted(found, key=lambda side: side.bearing % (2 * np.pi))
+
+
+def cut_off(region: NDArray[np.uint8]) -> list[str]:
+    """Borders of the picture along which the cloth's region (height, width) goes on beyond it."""
+    rows, columns = region > 0, (region > 0).T
+    borders = {"left": columns[:RIM_PX], "right": columns[-RIM_PX:], "top": rows[:RIM_PX], "bottom": rows[-RIM_PX:]}
+    return [name for name, rim in borders.items() if rim.any(axis=0).mean() > MIN_CUT_FRACTION]
 
 
 def at_edges(sides: list[Side], picture: NDArray[np.uint8]) -> list[Side]:
