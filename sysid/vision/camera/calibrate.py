@@ -225,11 +225,14 @@ def _first(scene: _Scene, start: Camera, hints: CameraHints) -> CameraFit:
         return first_view(start, sides, hints.sees, unknown, False) if seen else rough
     picture = np.rint(scene.light).astype(np.uint8)
     region = table_lines.cloth(picture)
-    sides = table_lines.at_edges(table_lines.sides(region), picture)
+    sides = table_lines.sides(region)
     if len(sides) < len(hints.sees) and (cut := table_lines.cut_off(region)):
         text = f"the cloth goes on beyond the {' and the '.join(cut)} of the picture: film all of it and some wood"
         raise BadInput(f"{text}, or give --corners, or where only three sides are in view --sees")
-    return first_view(start, sides, hints.sees, unknown, False)
+    first = first_view(start, sides, hints.sees, unknown, False)
+    if table_lines.RIM_LOST_PX * float(first.camera.eye[2]) / first.camera.matrix[0, 0] > CLOTH_END_SEARCH_M:
+        first = first_view(start, table_lines.at_edges(sides, picture), hints.sees, unknown, False)
+    return first
 
 
 def _from_corners(start: Camera, hints: CameraHints) -> CameraFit:
@@ -246,11 +249,11 @@ def _side_left_out(
     unseen = [rail for rail in dict.fromkeys(first.rails.tolist()) if rail not in reading.noses.keys() & fitted]
     what = "markers there stand" if scene.view else "end of the cloth stands"
     notes = [f"no nose is seen at {RAIL_NAMES[rail]}: the {what} in for it" for rail in unseen if rail in fitted]
-    left_out = next((rail for rail in unseen if rail not in fitted), None)
-    if left_out is None:
-        return notes, []
-    notes.append(f"no edge at {RAIL_NAMES[left_out]} goes with the others: that side is left out")
-    return notes, [] if scene.view else outline_doubts(lines, first, left_out)
+    notes += [
+        f"no edge at {RAIL_NAMES[rail]} goes with the others: that side is left out"
+        for rail in unseen if rail not in fitted
+    ]  # fmt: skip
+    return notes, [] if scene.view else [doubt for rail in unseen for doubt in outline_doubts(lines, first, rail)]
 
 
 def _unaided(

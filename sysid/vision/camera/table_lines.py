@@ -35,6 +35,7 @@ COLOUR_LIMITS = (0.15, 0.4)  # of that distance, in logarithms of ratios of ligh
 TRIED_PAIRS = 800  # of outline points, as candidates of sides
 RIM_PX = 5  # of the picture, in which the cloth reaches its border,
 MIN_CUT_FRACTION = 0.1  # along so much of it
+RIM_LOST_PX = 4.0  # that the region may end inside the cloth's edge
 EDGE_REACH_PX = (-1.0, 6.0)  # out of the region's outline, in which the cloth's edge is looked for
 EDGE_STEP_PX = 0.25
 MIN_NORMAL_ANGLE_RAD = np.radians(30)  # between the normals of two sides
