@@ -19,7 +19,7 @@ import numpy as np
 from models.console import Progress
 from models.shot import Table
 from sysid.vision.camera.projection import Camera, write_camera
-from tests.footage.cameras import overhead
+from tests.footage.cameras import aimed, in_view, overhead
 from tests.footage.film import Look, Picture, Spot, film
 from tests.footage.scenes import LEAD, Scene, scenes
 
@@ -30,6 +30,7 @@ MARKS = (
 )  # fmt: skip
 MARK = 0.3  # half the width of a mark, seen from the ball's centre [rad]
 CODES = {".mkv": "FFV1", ".mp4": "mp4v"}
+BESIDE = 0.08  # of the table outside its noses, which is always in view [m]
 HEIGHT, MARGIN = 1.4, 0.15  # of the camera, in widths of its view; of the view beyond the table, in its length
 
 
@@ -53,7 +54,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def camera_over(table: Table, diameter: float, size: tuple[int, int], tilt: float, lens: float) -> Camera:
-    """A camera over the table that sees all of it."""
+    """A camera over the table that sees all of it unless it is much tilted."""
     length, width = table.length, table.width
     span = max(length, width * size[0] / size[1]) * (1 + MARGIN) + 0.1
     made = overhead(table, diameter, size, HEIGHT * span, span, (tilt, -1.5 * tilt))
@@ -99,6 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     size = tuple(int(v) for v in args.size.split("x"))
     table, diameter, fps, shots = scenes(args.set)
     camera = camera_over(table, diameter, (size[0], size[1]), args.tilt, args.lens)
+    camera = camera if in_view(camera, BESIDE) else aimed(camera, (0.0, 0.0), BESIDE)
     marks = {"white": [Spot(place, MARK) for place in MARKS[: args.marks]]}
     look = Look(exposure=args.exposure, noise=args.noise, blur=args.blur, spots=marks)
     if args.oblique:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -34,3 +35,26 @@ def overhead(
     return Camera(
         size, matrix, np.zeros(5), cv2.Rodrigues(axes)[0].ravel(), -axes @ np.array([0, 0, height]), table, diameter
     )
+
+
+def aimed(camera: Camera, aside: tuple[float, float], beside: float) -> Camera:
+    """The camera moved until all of the table, and so much beside its noses [m], is in view; it keeps its direction.
+
+    Args:
+        camera: with its lens and direction.
+        aside: of the table's middle from the line of sight, in the camera's axes [m].
+        beside: what must be in view, too [m].
+    """
+    away = float(camera.eye[2])
+    while True:
+        camera = replace(camera, translation=np.array([*aside, away]))
+        if in_view(camera, beside):
+            return camera
+        away *= 1.01
+
+
+def in_view(camera: Camera, beside: float) -> bool:
+    """Whether all of the table, and so much beside its noses [m], is in the picture."""
+    corners = (np.array([camera.table.length, camera.table.width]) / 2 + beside) * [[1, 1], [1, -1], [-1, -1], [-1, 1]]
+    seen = camera.outline(corners)
+    return bool((seen > 0).all() and (seen < np.array(camera.size) - 1).all())

@@ -15,7 +15,7 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,6 +28,7 @@ from sysid.cli.verbs import main as sysid
 from sysid.clips import Clip, read_clip_set
 from sysid.vision.camera.projection import Camera, read_camera, write_camera
 from tests.footage.__main__ import camera_over, pictures
+from tests.footage.cameras import aimed
 from tests.footage.film import Look
 from tests.footage.scenes import Scene, scenes
 from tests.truth.__main__ import main as generate
@@ -96,7 +97,7 @@ def made(one: Recipe, folder: Path) -> tuple[Camera, list[Scene], Path]:
         if generate([str(folder / "truth"), *words]):
             raise RuntimeError(f"{one.name}: the generator refused {' '.join(words)}")
     sized, _, fps, shots = scenes(folder / "truth")
-    camera = _aimed(camera_over(sized, diameter, one.size, one.tilt, one.lens), one.aside)
+    camera = aimed(camera_over(sized, diameter, one.size, one.tilt, one.lens), one.aside, RAIL_WIDTH_M)
     video = folder / f"film{one.suffix}"
     code = cv2.VideoWriter.fourcc(*("FFV1" if one.suffix == ".mkv" else "mp4v"))
     out = cv2.VideoWriter(str(video), code, fps, one.size)
@@ -105,19 +106,6 @@ def made(one: Recipe, folder: Path) -> tuple[Camera, list[Scene], Path]:
     out.release()
     write_camera(folder / "true.toml", camera)
     return camera, shots, video
-
-
-def _aimed(camera: Camera, aside: tuple[float, float]) -> Camera:
-    """The camera moved until all of the table, and so much beside it, is in its picture; it keeps its direction."""
-    frame = np.array([camera.table.length, camera.table.width]) / 2 + RAIL_WIDTH_M
-    corners = frame * [[1, 1], [1, -1], [-1, -1], [-1, 1]]
-    away = float(camera.eye[2])
-    while True:
-        camera = replace(camera, translation=np.array([*aside, away]))
-        seen = camera.outline(corners)
-        if (seen > 0).all() and (seen < np.array(camera.size) - 1).all():
-            return camera
-        away *= 1.01
 
 
 def camera_error(true: Camera, found: Camera) -> float:

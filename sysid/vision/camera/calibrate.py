@@ -25,9 +25,9 @@ from sysid.vision.camera import table_edges, table_lines
 from sysid.vision.camera.ball_outlines import NO_BALLS, BallOutlines, find_balls
 from sysid.vision.camera.board import Lens
 from sysid.vision.camera.diamonds import NO_DIAMONDS, Diamonds, find_diamonds
-from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, evidence, evidence_doubts
+from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, MIN_LEAD, evidence, evidence_doubts
 from sysid.vision.camera.first_view import first_view, initial_camera, sides_of
-from sysid.vision.camera.marker_camera import MIN_MARKERS, MarkerView, marker_notes, marker_view, stand_ins
+from sysid.vision.camera.marker_camera import MIN_MARKERS, MarkerView, marker_notes, marker_view
 from sysid.vision.camera.markers import MARKER_SIZE_M, Markers, find_markers, no_markers
 from sysid.vision.camera.near_view import CUSHION_REACH_M, MIN_REACH_M, cloth_sides, corners_compared, on_noses
 from sysid.vision.camera.noses import (
@@ -37,10 +37,11 @@ from sysid.vision.camera.noses import (
     TableEvidence,
     read_noses,
     what_is_seen,
-    with_offsets,
+    with_rival,
 )
-from sysid.vision.camera.pose import CameraFit, Mask, Rails, fit_camera
-from sysid.vision.camera.projection import Array, Camera
+from sysid.vision.camera.pose import CameraFit, Mask, fit_camera
+from sysid.vision.camera.projection import MIN_FOCAL_PX, Array, Camera
+from sysid.vision.camera.side_points import fitted_to_edges, side_edges
 from sysid.vision.camera.table_edges import Edge
 from sysid.vision.camera.trust import (
     K1_PRIOR,
@@ -55,9 +56,7 @@ from sysid.vision.camera.trust import (
 )
 
 MAX_FITTED_FOCAL_SD = 0.2  # relative; above, the focal length is assumed rather than fitted
-EDGE_SEARCH_PX = (5.0, 3.0, 2.0)  # about an expected edge, round by round
 MAX_CUSHION_SPREAD_M = 8e-3  # of the widths of the cushions, up to which edges may be noses
-MIN_SIDE_POINTS = 8  # of a side
 MAX_K2_ERROR_RATIO = 0.8  # of the reprojection errors with and without k2, up to which k2 is used
 ONLY_EDGE = "the end of the cloth, the only edge seen"
 BY_HAND = "none: from the corners given alone"
@@ -164,11 +163,12 @@ def calibrate(
         first = _from_corners(start, hints) if scene.by_hand else first
         return _without_edges(first, scene, hints.focal_from, source)
     edge, warnings = _edge_taken(seen, reading, first) if not scene.near else (scene.near, [])
-    lines = _fitted_to_edges(scene, reading.camera, with_offsets(reading, first.camera), unknown, progress)
+    sides = side_edges(reading, seen, first.camera, scene.agreeing)
+    lines, sure = fitted_to_edges(scene.light, reading.camera, sides, unknown, progress)
     progress("least squares")
-    lines, focal_sd = _with_lens(
-        lines, float(reading.camera.matrix[0, 0]), unknown, ~np.isin(lines.rails, list(reading.noses))
-    )
+    lines, focal_sd = _with_lens(lines, float(reading.camera.matrix[0, 0]), unknown, sure)
+    if not (lines.camera.matrix[0, 0] > MIN_FOCAL_PX and lines.camera.translation[2] > 0):
+        raise BadInput("no camera over a table sees it so: check --length and --width, or give --corners")
     by_sides = bool(np.isfinite(focal_sd))
     found = by_sides or reading.focal_sd < MAX_FITTED_FOCAL_SD
     focal_sd = focal_sd if by_sides or not found else reading.focal_sd
@@ -223,8 +223,16 @@ def _first(scene: _Scene, start: Camera, hints: CameraHints) -> CameraFit:
         rough = _from_corners(start, hints)
         sides, seen = cloth_sides(scene.light, rough)
         return first_view(start, sides, hints.sees, unknown, False) if seen else rough
-    sides = table_lines.sides(table_lines.cloth(np.rint(scene.light).astype(np.uint8)))
-    return first_view(start, sides, hints.sees, unknown, False)
+    picture = np.rint(scene.light).astype(np.uint8)
+    region = table_lines.cloth(picture)
+    sides = table_lines.sides(region)
+    if len(sides) < len(hints.sees) and (cut := table_lines.cut_off(region)):
+        text = f"the cloth goes on beyond the {' and the '.join(cut)} of the picture: film all of it and some wood"
+        raise BadInput(f"{text}, or give --corners, or where only three sides are in view --sees")
+    first = first_view(start, sides, hints.sees, unknown, False)
+    if table_lines.RIM_LOST_PX * float(first.camera.eye[2]) / first.camera.matrix[0, 0] > CLOTH_END_SEARCH_M:
+        first = first_view(start, table_lines.at_edges(sides, picture), hints.sees, unknown, False)
+    return first
 
 
 def _from_corners(start: Camera, hints: CameraHints) -> CameraFit:
@@ -239,13 +247,13 @@ def _side_left_out(
     """What is to be said of a side at which no nose was found, and what it makes doubtful."""
     fitted = {*lines.rails.tolist()}
     unseen = [rail for rail in dict.fromkeys(first.rails.tolist()) if rail not in reading.noses.keys() & fitted]
-    by_markers = [RAIL_NAMES[rail] for rail in unseen if rail in fitted]
-    notes = [f"no nose is seen at {name}: the markers there stand in for it" for name in by_markers]
-    left_out = next((rail for rail in unseen if rail not in fitted), None)
-    if left_out is None:
-        return notes, []
-    notes.append(f"no edge at {RAIL_NAMES[left_out]} goes with the others: that side is left out")
-    return notes, [] if scene.view else outline_doubts(lines, first, left_out)
+    what = "markers there stand" if scene.view else "end of the cloth stands"
+    notes = [f"no nose is seen at {RAIL_NAMES[rail]}: the {what} in for it" for rail in unseen if rail in fitted]
+    notes += [
+        f"no edge at {RAIL_NAMES[rail]} goes with the others: that side is left out"
+        for rail in unseen if rail not in fitted
+    ]  # fmt: skip
+    return notes, [] if scene.view else [doubt for rail in unseen for doubt in outline_doubts(lines, first, rail)]
 
 
 def _unaided(
@@ -271,18 +279,32 @@ def _read(
 ) -> tuple[CameraFit, TableEvidence, CushionReading | None]:
     """The first view, what is seen from it, and the likeliest reading.
 
-    Where a side shows no nose, it is looked for again, as the cloth may have seemed to end elsewhere there.
+    Where a side shows no nose, or another reading is about as likely, the cloth may have seemed to end elsewhere: what
+    is seen from the camera of the reading, and from that of its rival, is then read again.
     """
     near = bool(scene.near)
-    for left in range(2, 0, -1):
-        seen = _seen(scene, first)
-        reading = read_noses(first.camera, seen, np.inf if near else first.margin, unknown, focal)
-        if reading is None or left == 1 or not (near or len(reading.noses) < len(seen.edges)):
-            break
-        first = dataclasses.replace(first, camera=reading.camera, margin=0.0 if near else reading.cushion_width)
+    first, seen, reading = _look(scene, first, unknown, focal)
+    if reading is not None and (near or len(reading.noses) < len(seen.edges) or reading.lead < MIN_LEAD):
+        margin = 0.0 if near else reading.cushion_width
+        unclear = reading.lead < MIN_LEAD and not near
+        cameras = [reading.camera, *([reading.rival] if unclear and reading.rival is not None else [])]
+        looks = [_look(scene, dataclasses.replace(first, camera=one, margin=margin), unknown, focal) for one in cameras]
+        first, seen, reading = looks[0]
+        for other_first, other_seen, other in looks[1:]:
+            if reading is None or (other is not None and other.total < reading.total):
+                first, seen, reading, other = other_first, other_seen, other, reading
+            reading = with_rival(reading, other)
     if reading is None and not (near or scene.by_hand):
         raise BadInput("the cushions' noses do not show against the bed; give --corners, or light the table evenly")
     return first, seen, reading
+
+
+def _look(
+    scene: _Scene, first: CameraFit, unknown: tuple[str, ...], focal: float
+) -> tuple[CameraFit, TableEvidence, CushionReading | None]:
+    """A first view, what is seen from it, and its likeliest reading."""
+    seen = _seen(scene, first)
+    return first, seen, read_noses(first.camera, seen, np.inf if scene.near else first.margin, unknown, focal)
 
 
 def _seen(scene: _Scene, first: CameraFit) -> TableEvidence:
@@ -294,7 +316,8 @@ def _seen(scene: _Scene, first: CameraFit) -> TableEvidence:
         low, high = margin - table_edges.INWARD_SEARCH_M, margin + table_edges.OUTWARD_SEARCH_M
     edges: dict[int, list[Edge]] = {}
     for rail in dict.fromkeys(first.rails.tolist()):
-        strip = table_edges.strip(scene.light, first.camera, rail, low, high)
+        farthest = table_edges.reach(first.camera, rail, low, margin, high)
+        strip = table_edges.strip(scene.light, first.camera, rail, low, farthest)
         edges[rail] = table_edges.edges(strip) if strip is not None else []
     # Cards lie over diamonds, and their cells look like some.
     diamonds = NO_DIAMONDS if scene.near else find_diamonds(scene.light, first.camera, margin)
@@ -322,22 +345,6 @@ def _edge_taken(seen: TableEvidence, reading: CushionReading, first: CameraFit) 
         return ONLY_EDGE, []
     text = f"edges {1e3 * float(np.mean(inner)):.0f} mm farther in do not fit the table's aspect"
     return "the end of the cloth", [f"{text}, though they look like the noses: {TABLE_SIZE_REMEDY}"]
-
-
-def _fitted_to_edges(
-    scene: _Scene, camera: Camera, noses: dict[int, Edge], unknown: tuple[str, ...], progress: Callable[[str], None]
-) -> CameraFit:
-    """The camera fitted to edge points of the noses, searched within ever smaller distances."""
-    prior, focal = dict(K1_PRIOR), float(camera.matrix[0, 0])
-    for k, search in enumerate(EDGE_SEARCH_PX):
-        progress(f"edge points, round {k + 1} of {len(EDGE_SEARCH_PX)}")
-        pixels, rails, sure = _points(scene, camera, noses, search)
-        free = unknown if len(set(rails.tolist())) == 4 else tuple(n for n in unknown if n != "focal")
-        prior["focal"] = (float(np.log(focal / camera.matrix[0, 0])), 0.3)
-        lines = fit_camera(camera, pixels, rails, free, prior=prior, sure=sure)
-        camera = lines.camera
-        noses = {rail: dataclasses.replace(nose, offset=0.0) for rail, nose in noses.items()}
-    return lines
 
 
 def _without_edges(first: CameraFit, scene: _Scene, focal_from: str, source: str) -> Calibration:
@@ -379,16 +386,3 @@ def _with_lens(lines: CameraFit, focal: float, unknown: tuple[str, ...], sure: M
         ):
             return more, focal_sd
     return lines, focal_sd
-
-
-def _points(scene: _Scene, camera: Camera, noses: dict[int, Edge], search: float) -> tuple[Array, Rails, Mask]:
-    """Edge points (n, 2) along the rails, the rail of each (n,), and which are those of markers instead (n,)."""
-    pixels = {rail: table_edges.edge_points(scene.light, camera, rail, edge, search) for rail, edge in noses.items()}
-    pixels = {rail: points for rail, points in pixels.items() if len(points) >= MIN_SIDE_POINTS}
-    instead, their = stand_ins(camera, scene.agreeing)
-    for rail in sorted({*their.tolist()} - pixels.keys()):
-        pixels[rail] = instead[their == rail]
-    if len(pixels) < 3:
-        raise BadInput("the cushions' edges are too faint to be followed; film with more light, or more frames")
-    rails = np.repeat(np.array(list(pixels)), [len(points) for points in pixels.values()]).astype(np.intp)
-    return np.concatenate(list(pixels.values())), rails, ~np.isin(rails, list(noses))

@@ -48,6 +48,10 @@ RAIL_RISE_M = (0.008, 0.006)  # of the rail's top over the noses
 FOCAL_SD = 0.3  # of the logarithm of an unknown focal length
 K1_SD = 0.1  # of the distortion
 UNSEEN_COST = 9.0  # of a side without a nose
+WEAKNESS_COST = (
+    1.0  # of an edge weaker than the strongest of its side by a factor of e; goes with the logarithm's square
+)
+UNSEEN_END_COST = 4.0  # and of one where the cloth does not seem to end
 UNLIKE_COST = 4.0  # of an edge that looks like the inner edge of a shadow
 OUTLINE_COST = 1.5  # of the end of the cloth where there are edges farther in
 RANKING_ROUNDS = 3
@@ -63,6 +67,7 @@ class TableEvidence:
     """What is seen of the table."""
 
     edges: Mapping[int, Sequence[Edge]]  # by rail, offsets from the expected nose of the rough camera
+    ends: Mapping[int, Edge]  # of the cloth on the cushions, likewise, where they are seen
     cloth_pixels: Array  # (n, 2) of the end of the cloth on the cushions, LINE_PLACES for each side that shows it
     cloth_rails: Rails  # (n,)
     diamonds: Diamonds
@@ -81,6 +86,9 @@ class CushionReading:
     cushion_width: float  # from the noses to the end of the cloth [m]
     diamond_margin: float  # from the noses to the diamonds [m]
     focal_sd: float  # of its focal length, relative; NaN where that is known
+    at_end: bool  # whether the noses are the end of the cloth
+    total: float  # the cost with those of looks and of ends of the cloth that are not seen
+    rival: Camera | None  # that goes with the next reading that differs
 
 
 def what_is_seen(
@@ -98,16 +106,11 @@ def what_is_seen(
         markers: seen, those that agree.
         search: about the outline, in which the cloth may end [m].
     """
-    pixels, rails = [np.zeros((0, 2))], []
-    for rail, some in edges.items():
-        near = [e for e in some if abs(e.offset - outline) < search]
-        if near:
-            offset = max(near, key=lambda e: e.strength).offset
-            pixels.append(_line(rough, rail, [offset])[offset])
-            rails.append(rail)
-    return TableEvidence(
-        edges, np.concatenate(pixels), np.repeat(np.array(rails, np.intp), LINE_PLACES), diamonds, balls, markers
-    )
+    near = {rail: [e for e in some if abs(e.offset - outline) < search] for rail, some in edges.items()}
+    ends = {rail: max(some, key=lambda e: e.strength) for rail, some in near.items() if some}
+    pixels = [_line(rough, rail, [end.offset])[end.offset] for rail, end in ends.items()]
+    rails = np.repeat(np.array(list(ends), np.intp), LINE_PLACES)
+    return TableEvidence(edges, ends, np.concatenate([np.zeros((0, 2)), *pixels]), rails, diamonds, balls, markers)
 
 
 class _ReadingProblem:
@@ -200,10 +203,29 @@ def read_noses(
         camera, extra, cost, focal_sd = tried[k]
         if best == before:
             break
-    others = [costs[k] for k, other in enumerate(readings) if _differ(other, readings[best])]
+    others = [k for k, other in enumerate(readings) if _differ(other, readings[best])]
+    rival, lead = None, np.inf
+    if others:
+        second = min(others, key=lambda k: costs[k])
+        lead = float(costs[second] - costs[best])
+        rival = _fitted(problem, rails, readings[second], places, extra, outline)[0]
     noses = {rail: edge for rail, (edge, _) in zip(rails, readings[best], strict=True) if edge is not None}
-    lead = float(min(others, default=np.inf) - costs[best])
-    return CushionReading(noses, camera, cost, lead, float(extra[0]), float(extra[1]), focal_sd)
+    at_end = _at_end(readings[best], outline)
+    total = cost + float(looks[best]) + (0.0 if at_end else UNSEEN_END_COST * (len(seen.edges) - len(seen.ends)))
+    width, margin = extra[:2].tolist()
+    return CushionReading(noses, camera, cost, lead, width, margin, focal_sd, at_end, total, rival)
+
+
+def with_rival(best: CushionReading | None, other: CushionReading | None) -> CushionReading | None:
+    """A reading, whose lead is no more than that over a less likely one from another view, if that differs."""
+    if best is None or other is None:
+        return best
+    half = np.array([best.camera.table.length, best.camera.table.width]) / 2
+    corners = half * [[1, 1], [-1, 1], [-1, -1], [1, -1]]
+    there = other.camera.on_plane(best.camera.outline(corners), best.camera.radius)
+    if np.linalg.norm(there - corners, axis=1).max() < DIFFERENT_M:
+        return best
+    return dataclasses.replace(best, lead=min(best.lead, other.total - best.total))
 
 
 def _differ(one: Sequence[tuple[Edge | None, float]], other: Sequence[tuple[Edge | None, float]]) -> bool:
@@ -237,7 +259,7 @@ def _rated(edges: Sequence[Edge], outline: float, sides: int) -> list[tuple[Edge
             continue
         is_outline = edge.offset > outline - CLOTH_EDGE_M
         below_gap = not edge.rises and any(e.rises and 0 < e.offset - edge.offset < MAX_GAP_WIDTH_M for e in inner)
-        weakness = 0.0 if is_outline else 2 * (1.0 - edge.strength / strongest)
+        weakness = 0.0 if is_outline else WEAKNESS_COST * float(np.log(edge.strength / strongest)) ** 2
         rated.append((edge, weakness + UNLIKE_COST * below_gap + OUTLINE_COST * (is_outline and strongest > 0)))
     rated = sorted(rated, key=lambda pair: pair[1])[:EDGES_KEPT]
     return [*rated, (None, UNSEEN_COST if sides == 4 else 4 * UNSEEN_COST)]
@@ -306,11 +328,11 @@ def _fitted(
     return camera, fit.x[6 + len(problem.free) :], 2 * float(fit.cost), focal_sd
 
 
-def with_offsets(reading: CushionReading, rough: Camera) -> dict[int, Edge]:
-    """The noses of a reading, offsets from the noses of its own camera."""
+def with_offsets(edges: Mapping[int, Edge], rough: Camera, camera: Camera) -> dict[int, Edge]:
+    """Edges by rail, seen from a rough camera, with their offsets from the noses of another."""
     found = {}
-    for rail, edge in reading.noses.items():
+    for rail, edge in edges.items():
         pixels = _line(rough, rail, [edge.offset])[edge.offset]
-        offset = float(np.mean(distances(reading.camera, pixels, np.full(LINE_PLACES, rail))))
+        offset = float(np.mean(distances(camera, pixels, np.full(LINE_PLACES, rail))))
         found[rail] = dataclasses.replace(edge, offset=offset)
     return found

@@ -31,6 +31,8 @@ SIDE_BLOCKS = 60  # averages along a side
 SIDE_PARTS = 6  # of a side, in each of which an edge may be brighter or darker
 MIN_SIGNIFICANCE = 6.0  # of an edge [standard errors]
 MIN_STEP_GREY = 1.0  # of an edge [grey levels]
+REACHES = 11  # tried of a strip that may leave the picture
+ALMOST_ALL = 0.9  # of what is seen of a side with the least reach
 MAX_STRIP_PX = 8000  # length
 MAX_EDGE_POINTS = 300  # of a side
 ACROSS_STEP_PX = 0.25  # of the strip in which edge points are found
@@ -112,6 +114,18 @@ def strip(
         picture, places[:, 0].reshape(shape), places[:, 1].reshape(shape), cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE
     )
     return Strip(np.asarray(seen, float), along, across, size)
+
+
+def reach(camera: Camera, rail: int, low: float, least: float, most: float) -> float:
+    """How far out of a nose a strip from `low` may go without losing much of the side where the picture ends [m].
+
+    Between `least` and `most`, which is kept where not even `least` is in view.
+    """
+    half = (camera.table.length, camera.table.width)[1 - rail // 2] / 2
+    along = np.linspace(-half, half, 100)
+    tried = np.linspace(most, least, REACHES)
+    seen = [int(_visible(camera, rail, along, low, float(high)).sum()) for high in tried]
+    return float(next((high for high, n in zip(tried, seen, strict=True) if 0 < seen[-1] * ALMOST_ALL <= n), most))
 
 
 def _visible(camera: Camera, rail: int, along: Array, low: float, high: float) -> NDArray[np.bool_]:

@@ -3,7 +3,8 @@
 In: a picture. Out: the mask of the cloth, then `Side` of each of its sides. What has the colour of most
 saturated pixels in the middle of the picture is cloth, on the bed and on the cushions. A side is a
 line, straight up to the distortion of the lens, that much of the outline of the region follows and hardly anything of
-it exceeds: a hand, a cue or a pocket makes a dent, never a side.
+it exceeds: a hand, a cue or a pocket makes a dent, never a side. Where the picture is blurred, what lies beside the
+cloth colours its rim, and the region ends some pixels inside it: the points of a side are moved to the edge there.
 """
 
 from __future__ import annotations
@@ -32,6 +33,11 @@ COLOUR_ROUNDS = 6  # of fitting the colour of the cloth
 COLOUR_OUTLIER_SD = 6.0  # robust standard deviations from which on a colour is not the cloth's
 COLOUR_LIMITS = (0.15, 0.4)  # of that distance, in logarithms of ratios of light
 TRIED_PAIRS = 800  # of outline points, as candidates of sides
+RIM_PX = 5  # of the picture, in which the cloth reaches its border,
+MIN_CUT_FRACTION = 0.1  # along so much of it
+RIM_LOST_PX = 4.0  # that the region may end inside the cloth's edge
+EDGE_REACH_PX = (-1.0, 6.0)  # out of the region's outline, in which the cloth's edge is looked for
+EDGE_STEP_PX = 0.25
 MIN_NORMAL_ANGLE_RAD = np.radians(30)  # between the normals of two sides
 
 
@@ -129,6 +135,28 @@ def sides(region: NDArray[np.uint8]) -> list[Side]:
         found.append(Side(normal, offset, points[on]))
         points = points[~on]
     return sorted(found, key=lambda side: side.bearing % (2 * np.pi))
+
+
+def cut_off(region: NDArray[np.uint8]) -> list[str]:
+    """Borders of the picture along which the cloth's region (height, width) goes on beyond it."""
+    rows, columns = region > 0, (region > 0).T
+    borders = {"left": columns[:RIM_PX], "right": columns[-RIM_PX:], "top": rows[:RIM_PX], "bottom": rows[-RIM_PX:]}
+    return [name for name, rim in borders.items() if rim.any(axis=0).mean() > MIN_CUT_FRACTION]
+
+
+def at_edges(sides: list[Side], picture: NDArray[np.uint8]) -> list[Side]:
+    """The sides with their points where the colour of a picture (height, width, 3) changes fastest beside them."""
+    light = cv2.GaussianBlur(picture, (0, 0), 1.0).astype(np.float32)
+    steps = np.arange(EDGE_REACH_PX[0], EDGE_REACH_PX[1], EDGE_STEP_PX)
+    found = []
+    for side in sides:
+        places = (side.points[:, None] + steps[:, None] * side.normal).astype(np.float32)
+        seen = cv2.remap(light, places[..., 0], places[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
+        steepest = np.argmax(np.linalg.norm(np.diff(seen, axis=1), axis=2), axis=1)
+        away = steps[steepest] + EDGE_STEP_PX / 2
+        offset = side.offset + float(np.median(away))
+        found.append(Side(side.normal, offset, side.points + away[:, None] * side.normal))
+    return found
 
 
 def _consensus_line(

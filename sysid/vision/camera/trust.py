@@ -124,19 +124,19 @@ def corner_doubts(first: CameraFit) -> list[str]:
 
 
 def outline_doubts(lines: CameraFit, first: CameraFit, left: int) -> list[str]:
-    """Doubts about a nose that was left out, by where the cloth ends behind it.
+    """Doubts about a side whose nose was not seen, by where the cloth ends behind it.
 
     Args:
         lines: the fit to the noses.
         first: the one to the outline of the cloth.
-        left: the rail that was left out.
+        left: the rail whose nose was not seen.
     """
     distance = distances(lines.camera, first.pixels, first.rails)
     behind = {rail: float(np.median(distance[first.rails == rail])) for rail in set(first.rails.tolist())}
     step = behind.pop(left) - float(np.mean(list(behind.values())))
     if abs(step) < MAX_OUTLINE_STEP_M:
         return []
-    at = f"at {RAIL_NAMES[left]}, which is left out,"
+    at = f"at {RAIL_NAMES[left]}, whose nose is not seen,"
     return [f"{at} the cloth ends {1e3 * step:+.0f} mm farther out than at the other sides: {TABLE_SIZE_REMEDY}"]
 
 

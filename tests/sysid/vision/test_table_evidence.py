@@ -1,0 +1,110 @@
+"""What is seen of a plain table: no diamonds where there are none, edges up to the picture's end, the cloth's end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from models.errors import BadInput
+from models.shot import Table
+from sysid.vision.camera import noses, table_edges, table_lines
+from sysid.vision.camera.calibrate import calibrate
+from sysid.vision.camera.diamonds import find_diamonds
+from sysid.vision.camera.pose import distances
+from sysid.vision.camera.projection import Camera
+from sysid.vision.camera.table_edges import SIDE_PARTS, Edge
+from tests.footage.__main__ import camera_over
+from tests.footage.film import RUBBER, Look, Picture, developed, table_picture
+from tests.sysid.vision.test_calibrate import rms
+
+PLAIN = Look(noise=1.5)  # of the median of some frames
+TABLES = {
+    "snooker": (Table(3.569, 1.778), 0.0525, (640, 400)), "pool": (Table(2.24, 1.12), 0.05715, (640, 360)),
+    "small": (Table(1.881, 0.943), 0.0523, (640, 360)), "tiny": (Table(1.1, 0.6), 0.0525, (520, 320)),
+}  # fmt: skip
+
+
+def plain(name: str, seed: int = 0) -> tuple[Camera, Picture]:
+    """A table as `python -m tests.footage` draws it when nothing else is said."""
+    table, diameter, size = TABLES[name]
+    camera = camera_over(table, diameter, size, 0.01, -0.08)
+    return camera, developed(table_picture(camera, PLAIN), PLAIN, np.random.default_rng(seed))
+
+
+def over_bed(camera: Camera, found: Camera) -> float:
+    """Error of places over the table: rms [mm]."""
+    half = np.array([camera.table.length, camera.table.width]) / 2 - camera.radius
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 11), np.linspace(-1, 1, 7)), axis=-1).reshape(-1, 2) * half
+    return rms(1e3 * np.linalg.norm(found.centres(camera.outline(grid)) - grid, axis=1))
+
+
+@pytest.mark.parametrize("name", ["small", "tiny"])
+def test_the_end_of_the_picture_and_ripples_along_an_edge_are_no_diamonds(name: str) -> None:
+    camera, picture = plain(name)
+    assert len(find_diamonds(picture.astype(np.float32), camera, RUBBER).pixels) == 0
+
+
+@pytest.mark.slow
+def test_diamonds_are_found_close_to_the_end_of_the_picture() -> None:
+    camera, _ = plain("small")
+    look = Look(noise=1.5, diamonds=0.012)
+    picture = developed(table_picture(camera, look), look, np.random.default_rng(0)).astype(np.float32)
+    assert len(find_diamonds(picture, camera, RUBBER).pixels) >= 16
+
+
+def test_an_edge_much_weaker_than_another_is_hardly_a_nose() -> None:
+    def edge(offset: float, grey: float) -> Edge:
+        return Edge(offset, np.zeros(SIDE_PARTS), np.full((SIDE_PARTS, 3), grey / np.sqrt(3)))
+
+    costs = {e.offset: cost for e, cost in noses._rated([edge(0.0, 20.0), edge(-0.04, 1.0)], 0.05, 4) if e}
+    assert costs[0.0] == 0.0
+    assert costs[-0.04] > 8.0
+    costs = {e.offset: cost for e, cost in noses._rated([edge(0.0, 10.0), edge(-0.01, 20.0)], 0.05, 4) if e}
+    assert costs[0.0] < 1.0, "a shadow's edge may be the stronger one"
+
+
+def test_the_sides_of_the_cloth_end_where_it_does() -> None:
+    camera, picture = plain("snooker")
+    found = table_lines.at_edges(table_lines.sides(table_lines.cloth(picture)), picture)
+    assert len(found) == 4
+    for side in found:
+        away = [distances(camera, side.points, np.full(len(side.points), rail), RUBBER) for rail in range(4)]
+        assert min(abs(np.median(one)) for one in away) < 4e-3, "0.6 of a pixel"
+
+
+def test_a_strip_goes_no_farther_than_the_picture() -> None:
+    camera, picture = plain("tiny")
+    for rail in range(4):
+        far = table_edges.reach(camera, rail, -0.06, RUBBER, RUBBER + 0.05)
+        seen = table_edges.strip(picture.astype(np.float32), camera, rail, -0.06, far)
+        assert seen is not None
+        offsets = [edge.offset for edge in table_edges.edges(seen)]
+        assert min(abs(np.array(offsets))) < 1e-3
+        assert RUBBER <= far <= RUBBER + 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(TABLES))
+def test_a_plain_table_is_calibrated_unaided(name: str) -> None:
+    camera, picture = plain(name)
+    found = calibrate(picture, camera.table, camera.diameter)
+    assert found.doubts == ()
+    assert over_bed(camera, found.camera) < 3.0
+
+
+def test_a_table_that_goes_on_beyond_the_picture_is_said_so() -> None:
+    camera, picture = plain("tiny")
+    with pytest.raises(BadInput, match="beyond the left of the picture: film all of it"):
+        calibrate(picture[:, 100:], camera.table, camera.diameter)
+
+
+@pytest.mark.slow
+def test_the_end_of_the_cloth_stands_in_for_a_nose_as_dark_as_its_shadow() -> None:
+    table, diameter, size = TABLES["small"]
+    camera = camera_over(table, diameter, size, 0.01, -0.08)
+    look = Look(noise=1.5, cushion_shadow=0.016, cloth_tops=True)
+    picture = developed(table_picture(camera, look), look, np.random.default_rng(0))
+    found = calibrate(picture, camera.table, camera.diameter)
+    assert found.doubts == ()
+    assert any("no nose is seen at -x: the end of the cloth" in note for note in found.notes)
+    assert over_bed(camera, found.camera) < 3.0
