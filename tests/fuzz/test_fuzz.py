@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import struct
 import zlib
 from collections.abc import Callable
@@ -12,10 +13,12 @@ import pytest
 
 from tests.fuzz.__main__ import main
 from tests.fuzz.damage import Damaged
+from tests.fuzz.readers import READERS, FileReader
 from tests.fuzz.trial import Ended, prepare, tried
 from tests.fuzz.verbs import SEEDS, VERBS, Verb
 
 SHORT_COUNT = 25
+LONG = ("sysid discover", "robot learn")
 CHECK, COMPARE, ADD = "sysid check clips", "sysid compare clips", "sysid add squirt --model model.toml --out out.toml"
 NEW_EFFECT = "sysid new-effect mine --from result.json --dir out"
 SIZES = "--length 1.881 --width 0.943 --diameter 0.0615"
@@ -32,13 +35,27 @@ def test_damaged_inputs_are_refused_in_a_line(tmp_path: Path) -> None:
     assert main(["--count", str(SHORT_COUNT), "--out", str(tmp_path / "fuzz")]) == 0
 
 
-@pytest.mark.parametrize("verb", VERBS, ids=[verb.line[:40] for verb in VERBS])
+@pytest.mark.parametrize("verb", [
+    pytest.param(verb, id=verb.line[:40], marks=[pytest.mark.slow] * verb.line.startswith(LONG)) for verb in VERBS
+])  # fmt: skip
 def test_seeds_are_sound(verb: Verb, tmp_path: Path) -> None:
     ended = tried(Damaged(verb, tuple(verb.words), {}), tmp_path / "trial")
     assert ended.defect == ""
     # Nothing is on these pictures, and no launcher is at the port.
-    wanted = {"planner scene pictures": 2, "sysid calibrate": 2, "sysid track": 1, "robot status": 2}
+    wanted = {"planner scene pictures": 2, "sysid calibrate": 2, "sysid track": 1, "robot status": 2, "sysid doctor": 2,
+              "robot align": 2}  # fmt: skip
     assert ended.status == next((s for head, s in wanted.items() if verb.line.startswith(head)), 0), ended.err
+
+
+def test_damaged_files_are_refused_by_their_readers(tmp_path: Path) -> None:
+    assert main(["--readers", "--count", str(20 * SHORT_COUNT), "--out", str(tmp_path / "fuzz")]) == 0
+
+
+@pytest.mark.parametrize("reader", READERS, ids=[reader.name for reader in READERS])
+def test_seeds_of_readers_are_sound(reader: FileReader, tmp_path: Path) -> None:
+    shutil.copytree(SEEDS, tmp_path / "seeds")
+    for name in reader.seeds:
+        reader.read(tmp_path / "seeds" / name)
 
 
 def ended(line: str, tmp_path: Path, **files: bytes) -> Ended:
