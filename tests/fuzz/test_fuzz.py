@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from models.errors import BadInput
+from sysid.foreign.records import read_columns
 from tests.fuzz.__main__ import main
 from tests.fuzz.damage import Damaged
 from tests.fuzz.readers import READERS, FileReader
@@ -56,6 +58,34 @@ def test_seeds_of_readers_are_sound(reader: FileReader, tmp_path: Path) -> None:
     shutil.copytree(SEEDS, tmp_path / "seeds")
     for name in reader.seeds:
         reader.read(tmp_path / "seeds" / name)
+
+
+FIT, PLAYED, PLAN = (f"learn/{name}" for name in ("fits/0002/fit.json", "shots/0001.played.json", "shots/0001.json"))
+
+
+@pytest.mark.parametrize(("file", "old", "new"), [
+    ("learn/ended.txt", "all", "\udcff"),
+    ("learn/course.json", '"every": 4', '"every": [4]'),
+    (FIT, '"rms_m": ', '"rms_m": "x", "was": '), (FIT, '"unexplained": ""', '"unexplained": [1]'),
+    (FIT, '"shots": 2', '"shots": 1e400'), (FIT, '"slide_friction_speed"', "3"),
+    (PLAYED, '"from_wanted": ', '"from_wanted": "x", "was": '), (PLAYED, '"cue_end": [', '"cue_end": [1, 2,'),
+    (PLAYED, '"potted": true', '"potted": "yes"'), (PLAYED, '"noted": []\n}', '"noted": [3]}'),
+    (PLAN, '"t": [0.0, ', '"t": ['), (PLAN, '"pocket": [', '"pocket": [5, '), (PLAN, '"kind": ', '"kind": 3, "was": '),
+])  # fmt: skip
+def test_a_series_with_a_wrong_entry_is_refused(file: str, old: str, new: str, tmp_path: Path) -> None:
+    text = (SEEDS / file).read_text()
+    assert old in text
+    words = "robot review learn --save out.rrd"
+    raw = text.replace(old, new, 1).encode("utf-8", "surrogateescape")
+    found = tried(Damaged(Verb(words, ()), tuple(words.split()), {file: raw}), tmp_path / "trial")
+    assert found.defect == "" and found.status == 2, found.err
+
+
+@pytest.mark.parametrize("text", ["t,ball,x,y\n\n", "t,ball,x,y", "", "# remark\n"])
+def test_a_file_without_rows_holds_none(text: str, tmp_path: Path) -> None:
+    (tmp_path / "track.csv").write_text(text)
+    with pytest.raises(BadInput, match="holds no rows"):
+        read_columns(tmp_path / "track.csv")
 
 
 def ended(line: str, tmp_path: Path, **files: bytes) -> Ended:
