@@ -39,7 +39,7 @@ from sysid.new_effect import source_of
 from sysid.vision.balls.palette import read_palette
 from sysid.vision.camera.clicks import read_points
 from sysid.vision.camera.projection import read_camera
-from sysid.vision.frames import read_picture
+from sysid.vision.frames import Pictures, read_picture
 from tests.fuzz.verbs import SEEDS, SERIES
 
 LIMIT_S = 10.0
@@ -71,6 +71,11 @@ def _series(path: Path) -> object:
     return [(shot.miss, shot.from_wanted) for shot in story.shots], story.median_spread(1, 2), story.floor(1, 2)
 
 
+def _times(path: Path) -> object:
+    """When the pictures beside a file of times were taken."""
+    return Pictures("pictures", sorted(path.parent.glob("*.png"))).frame_times(None)
+
+
 def _line(path: Path) -> object:
     """Bytes of a launcher, and what they say."""
     raw, found = path.read_bytes(), []
@@ -94,6 +99,7 @@ READERS = (
     FileReader("camera", ("camera.toml",), read_camera),
     FileReader("palette", ("palette.toml",), read_palette),
     FileReader("picture", ("pictures/0000.png",), read_picture),
+    FileReader("times", ("pictures/times.csv",), _times),
     FileReader("result", ("result.json",), lambda path: source_of(path, "mine")),
     FileReader("clip set", ("clips/clips.toml",), lambda path: read_clip_set(path.parent)),
     FileReader("clip", ("clips/clips/0001.csv", "clips/clips/0003.csv"), lambda path: read_clip_set(path.parents[1])),

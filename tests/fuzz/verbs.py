@@ -61,7 +61,7 @@ VERBS = (
     Verb("sysid new-effect mine --from result.json --dir out", ("result.json",), 6),
     Verb("sysid effects squirt", ()),
     Verb("sysid track pictures --camera camera.toml --fps 30 --palette palette.toml --out out",
-         (*PICTURES, "camera.toml", "camera.toml", "palette.toml"), 3),
+         (*PICTURES, "pictures/times.csv", "camera.toml", "camera.toml", "palette.toml"), 3),
     Verb("sysid track film.avi --camera camera.toml --palette palette.toml --out out",
          ("film.avi", "film.avi", "camera.toml", "palette.toml"), 3),
     Verb("sysid doctor film.avi --table 1.881x0.943 --diameter 0.0615 --palette palette.toml --out out",
