@@ -42,7 +42,7 @@ SPIN_ERROR_S = 0.1  # how long an error of sidespin counts [s]
 SHORT_SLIDE_S = 1e-3  # rest of a slide that is taken at a constant friction [s]
 SHORT_SOFT_SLIDE_S = 1e-4  # the same where friction is not the full one [s]
 SHORT_ROLL_S = 0.03  # rest of a roll that is taken straight [s]
-LAST_TURN = 0.5  # by which a step may turn a roll that is about to end [rad]
+LAST_TURN = 0.5  # by which a step may turn a roll that is turned more than slowed [rad]
 END_SHARE = 0.995  # of the way to the end of a roll or a slide, at most, in a step
 END_SHARE_SOFT = 0.9  # the same where the friction of a slide is not the full one
 TURN_ERROR = 4e-4  # error of a step of half of what is left of a motion, over how much a push across it turns it
@@ -220,7 +220,7 @@ def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no
         if rate > 0.0:
             left = min(v / rate, MAX_REMAINING_S)
         across = abs(way[2] * k[0, col.VY] - way[3] * k[0, col.VX])
-        if across > rate and left <= short:  # it is turned more than slowed: the end is not straight
+        if across > rate:  # it is turned more than slowed: the end is not straight
             short, h = 0.0, min(h, max(LAST_TURN * v / across, MIN_STEP_S))
     if left > short:
         return min(h, spare * left), left, False
