@@ -144,7 +144,7 @@ def read_history(folder: Path | str) -> History:
     """
     folder = Path(folder)
     course = read_json(folder / "course.json", SERIES_FORMAT)
-    with files.entries_of(folder / "course.json", REMEDY):
+    with files.entries_of(folder / "course.json", FOLDER_REMEDY):
         _number(course.get("every"))
     count = count_played(folder)
     clips: dict[str, Clip] = {}
@@ -165,7 +165,7 @@ def read_history(folder: Path | str) -> History:
 def _ended(path: Path) -> str:
     """Why a series stopped by itself, in a line; "" where it did not."""
     faults = Faults()
-    text = faults.settle(files.read_text(path, str(path), faults, REMEDY)) if path.is_file() else ""
+    text = faults.settle(files.read_text(path, str(path), faults, FOLDER_REMEDY)) if path.is_file() else ""
     return one_line(text.strip())
 
 
