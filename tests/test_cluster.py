@@ -17,8 +17,8 @@ import planner.cli
 import sysid.cli
 from models.workers import cluster as dask
 from sysid.estimation.solver import spread
+from tests.kills.works import films, plain
 from tests.support.dask_cluster import pids, two_workers
-from tests.test_kills import films, plain
 
 ROOT = Path(__file__).parents[1]
 

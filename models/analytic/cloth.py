@@ -26,6 +26,12 @@ LAST_SLIP_MARGIN = 1e-6  # part of that slip within which it counts as attained
 
 
 @compiled_in_place
+def rolling_resistance(r, roll):  # type: ignore[no-untyped-def]
+    """Deceleration of a rolling ball by what the effects say [m/s^2]; where that is less than 0, there is none."""
+    return roll * r[rec.ROLL_FACTOR] * r[rec.WEIGHT] * GRAVITY + r[rec.DRAG]
+
+
+@compiled_in_place
 def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ignore[no-untyped-def]
     """Add the cloth's friction to what pushes and turns a ball (models/hooks.py).
 
@@ -50,7 +56,7 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
         if need > most * most:
             need = most / math.sqrt(need)
             gx, gy = gx * need, gy * need
-        resistance = max(roll * r[rec.ROLL_FACTOR] * n + r[rec.DRAG], 0.0)
+        resistance = max(rolling_resistance(r, roll), 0.0)
         if mode == ROLLING:
             dx, dy = resistance * vx, resistance * vy
         else:

@@ -22,6 +22,7 @@ from models.analytic.cloth import (
     STILL_SPEED,
     STILL_SPIN,
     add_cloth,
+    rolling_resistance,
 )
 from models.compiled import compiled_in_place
 from models.effect import STILL
@@ -35,18 +36,20 @@ from models.hooks import (
 from models.shot import GRAVITY
 
 STEP_TOLERANCE_M = 3e-7  # of a step, as an error of position at the end of the roll [m]
-MIN_DECELERATION = 0.1  # the least that a rolling ball slows down: how long an error of speed lasts [m/s^2]
+MIN_DECELERATION = 0.1  # that a rolling ball slows down by, or less on a faster cloth: how long an error lasts [m/s^2]
+LEAST_DECELERATION = 1e-3  # on the fastest cloth [m/s^2]
 SPIN_ERROR_S = 0.1  # how long an error of sidespin counts [s]
 SHORT_SLIDE_S = 1e-3  # rest of a slide that is taken at a constant friction [s]
 SHORT_SOFT_SLIDE_S = 1e-4  # the same where friction is not the full one [s]
 SHORT_ROLL_S = 0.03  # rest of a roll that is taken straight [s]
-LAST_TURN = 0.5  # by which a step may turn a roll that is about to end [rad]
+LAST_TURN = 0.5  # by which a step may turn a roll that is turned more than slowed [rad]
 END_SHARE = 0.995  # of the way to the end of a roll or a slide, at most, in a step
 END_SHARE_SOFT = 0.9  # the same where the friction of a slide is not the full one
 TURN_ERROR = 4e-4  # error of a step of half of what is left of a motion, over how much a push across it turns it
 MAX_STEP_RATIO = 9.0  # a step over what it leaves of a motion, beyond which errors no longer grow with it
 MAX_REMAINING_S = 1e3  # what is left of a motion, at most [s]
 LAST_STAGE_LEAD_S = 1e-9  # by which a step's last look comes before its end, where a push may switch [s]
+NO_RESISTANCE = 1e-6  # rolling resistance that is none [m/s^2]
 MAX_GROWTH, MIN_GROWTH, SAFETY_FACTOR = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
 MAX_STEP_S = 2.0  # [s]
 MIN_STEP_S = 1e-7  # step that is taken whatever its error [s]
@@ -217,7 +220,7 @@ def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no
         if rate > 0.0:
             left = min(v / rate, MAX_REMAINING_S)
         across = abs(way[2] * k[0, col.VY] - way[3] * k[0, col.VX])
-        if across > rate and left <= short:  # it is turned more than slowed: the end is not straight
+        if across > rate:  # it is turned more than slowed: the end is not straight
             short, h = 0.0, min(h, max(LAST_TURN * v / across, MIN_STEP_S))
     if left > short:
         return min(h, spare * left), left, False
@@ -235,12 +238,14 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
     grows as the fourth power of h / (left - h), at first. That is what is asked of a step, and remembered in b[TRY].
     """
     radius, v = r[rec.RADIUS], math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
-    lasts = min(until, v / MIN_DECELERATION)
+    slows = min(max(cloth[1] * GRAVITY, LEAST_DECELERATION), MIN_DECELERATION)
+    lasts = min(until, v / slows)
     # An error of slip along the slip ends the slide too soon or too late; one across turns it for what is left of it.
     slip_rate = math.sqrt((k[0, col.VX] - radius * k[0, col.WY]) ** 2 + (k[0, col.VY] + radius * k[0, col.WX]) ** 2)
-    early = MIN_DECELERATION * lasts / max(slip_rate, MIN_DECELERATION)
+    early = slows * lasts / max(slip_rate, MIN_DECELERATION)
     slip = math.sqrt((b[col.VX] - radius * b[col.WY]) ** 2 + (b[col.VY] + radius * b[col.WX]) ** 2)
     turns = 2 / 7 * min(until, slip / max(slip_rate, MIN_DECELERATION))
+    resistance = rolling_resistance(r, cloth[1]) if mode == ROLLING else 0.0
     share = b[col.TRY]
     if share == 0.0 and left < MAX_REMAINING_S:
         if mode == ROLLING:
@@ -283,15 +288,22 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
         error = math.sqrt(ex * ex + ey * ey) * lasts
         error += early * abs(sx * way[0] + sy * way[1]) + turns * abs(sx * way[1] - sy * way[0])
         error += SPIN_ERROR_S * radius * abs(wz)
-        # Sidespin that would pass through zero ends the step there.
-        crossed = b[col.WZ] != 0.0 and way[4] * y[col.WZ] < 0.0 and abs(y[col.WZ]) > STILL_SPIN
+        # Sidespin or rolling resistance that would pass through zero ends the step there.
+        part = 1.0
+        if b[col.WZ] != 0.0 and way[4] * y[col.WZ] < 0.0 and abs(y[col.WZ]) > STILL_SPIN:
+            part = b[col.WZ] / (b[col.WZ] - y[col.WZ])
+        if abs(resistance) > NO_RESISTANCE:
+            after = rolling_resistance(r, cloth[1])
+            if resistance * after < 0.0 and abs(after) > NO_RESISTANCE:
+                part = min(part, resistance / (resistance - after))
+        crossed = part < 1.0
         share = h / (left - h) if h < left else MAX_STEP_RATIO
         if (error <= STEP_TOLERANCE_M and not crossed) or h <= MIN_STEP_S:
             grow = SAFETY_FACTOR * (STEP_TOLERANCE_M / error) ** 0.2 if error > 0.0 else MAX_GROWTH
             b[col.TRY] = share * grow if grow < MAX_GROWTH else 0.0
             break
         if crossed and error <= STEP_TOLERANCE_M:
-            h = max(h * b[col.WZ] / (b[col.WZ] - y[col.WZ]), MIN_STEP_S)
+            h = max(h * part, MIN_STEP_S)
         else:
             share = min(share, MAX_STEP_RATIO) * max(MIN_GROWTH, SAFETY_FACTOR * (STEP_TOLERANCE_M / error) ** (1 / 3))
             h = max(left * share / (1.0 + share), MIN_STEP_S)

@@ -26,6 +26,7 @@ from models.shot import GRAVITY
 
 MAX_SWEEPS = 20  # over all that press on each other; what is left of their approach waits for the next look
 SETTLED_SPEED = 1e-6  # approach speed that is left between bodies that press on each other [m/s]
+PARTED_M = 1e-7  # overlap that is left between them, which putting one back may have made [m]
 SOON_S = 1e-4  # in which the cloth would end what slip and sidespin such impacts leave: it does so at once [s]
 
 
@@ -124,6 +125,33 @@ def _roll(b, touched, cloth, radius):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
+def _part_all(b, kind, touched, jaws, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
+    """Put back to where it touches what overlaps a `touched` ball, one after the other; the deepest overlap [m].
+
+    A ball that is put back, and overlaps by more than PARTED_M, is touched, too: in a chain only one pair is looked at.
+    """
+    most, none = 0.0, -1 + 0 * b.shape[0]
+    for p in range(b.shape[0]):
+        if kind[p] == POTTED:
+            continue
+        for q in range(p):
+            x, y = b[p, col.X] - b[q, col.X], b[p, col.Y] - b[q, col.Y]
+            if kind[q] == POTTED or not (touched[p] or touched[q]) or x * x + y * y >= 4.0 * radius * radius:
+                continue
+            over = 2.0 * radius - math.sqrt(x * x + y * y)
+            if over > PARTED_M or (touched[p] and touched[q]):
+                part(b, q, p, none, jaws, radius, limits)
+                touched[p] = touched[q] = True
+                most = max(most, over)
+        for rail in range(4 + jaws.shape[0] if touched[p] else 0):
+            gap = rail_gap(b[p], rail, jaws, limits, half, mouths)
+            if gap < 0.0:
+                most = max(most, -gap)
+                part(b, p, none, rail, jaws, radius, limits)
+    return most
+
+
+@compiled_in_place
 def settle(  # type: ignore[no-untyped-def]
     b, kind, i, j, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, order, now,
 ):  # fmt: skip
@@ -131,8 +159,7 @@ def settle(  # type: ignore[no-untyped-def]
 
     All balls are at one time. What overlaps is put back to where it touches.
     """
-    n = b.shape[0]
-    for q in range(n):
+    for q in range(b.shape[0]):
         touched[q] = q in (i, j)
     for _ in range(MAX_SWEEPS):
         most = _sweep(
@@ -140,14 +167,6 @@ def settle(  # type: ignore[no-untyped-def]
         )
         if most == 0.0:
             break
-    none = -1 + 0 * n
-    for p in range(n):
-        if kind[p] == POTTED:
-            continue
-        for q in range(p):
-            x, y = b[p, col.X] - b[q, col.X], b[p, col.Y] - b[q, col.Y]
-            if touched[p] and touched[q] and kind[q] != POTTED and x * x + y * y < 4.0 * radius * radius:
-                part(b, q, p, none, jaws, radius, limits)
-        for rail in range(4 + jaws.shape[0] if touched[p] else 0):
-            if rail_gap(b[p], rail, jaws, limits, half, mouths) < 0.0:
-                part(b, p, none, rail, jaws, radius, limits)
+    for _ in range(MAX_SWEEPS):
+        if _part_all(b, kind, touched, jaws, radius, limits, half, mouths) <= PARTED_M:
+            break

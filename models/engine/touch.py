@@ -22,7 +22,7 @@ BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
 MOUTH_DEPTH_M = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
 # Until what is pressed together at rest is looked at again [s]: at most what lets it sink by PRESSED_DEPTH_M.
 PRESSED_RECHECK_S, MAX_RECHECK_S, PRESSED_DEPTH_M = 1e-3, 4e-3, 5e-7
-BESIDE_MOUTH_M = 1e-9  # beyond a mouth's side, where a ball has left it for certain [m]
+BESIDE_MOUTH_M = 1e-9  # beyond a mouth's side or its nose line, where a ball has left it or is in it for certain [m]
 MOST_STEPS = 200  # towards a touch
 NO_STEP_S = 1e-15  # step that is none [s]
 
@@ -128,6 +128,12 @@ def _to_point(b, m, px, py, rho, t, end):  # type: ignore[no-untyped-def]
     return _to_ball(b, m, CURVE, point, m, REST, rho, t, end)
 
 
+@compiled
+def _next_depth(gap):  # type: ignore[no-untyped-def]
+    """How deep in a mouth a ball at a gap is looked at again: just behind the line, since it may leave it sideways."""
+    return BESIDE_MOUTH_M if gap >= -CLOSED_GAP_M else 2.0 * MOUTH_DEPTH_M
+
+
 @compiled_in_place
 def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, until, left_out):  # type: ignore[no-untyped-def]
     """What of the table a ball meets next, within its motion and the time wanted; no pocket takes one that stays.
@@ -165,7 +171,7 @@ def meet_table(b, m, what, i, kind, limits, half, mouths, jaws, falls, stays, un
             t = line(half[k] - sign * b[k], sign * b[col.VX + k], sign * b[col.AX + k], h)
         elif not bent and not stays and in_mouth(along, rail, half, mouths):
             found = SWITCH  # once it is in the mouth, it is looked at again
-            t = line(gap + 2.0 * MOUTH_DEPTH_M, sign * b[col.VX + k], sign * b[col.AX + k], h)
+            t = line(gap + _next_depth(gap), sign * b[col.VX + k], sign * b[col.AX + k], h)
         if t >= 0.0 and b[col.CLOCK] + t < b[col.MEET]:
             b[col.MEET], what[i, 0], what[i, 1] = b[col.CLOCK] + t, found, rail
     if bent:
@@ -290,7 +296,7 @@ def _meet_table_on_curve(b, m, what, i, limits, half, mouths, jaws, falls, stays
         if not stays and in_mouth(y if k == 0 else x, rail, half, mouths):
             if bent:
                 continue
-            found, level = SWITCH, limits[k] + 2.0 * MOUTH_DEPTH_M
+            found, level = SWITCH, limits[k] + _next_depth(gap)
             if gap < -MOUTH_DEPTH_M and in_mouth(b[o], rail, half, mouths):
                 found, level = POCKET, half[k]
             t = _to_line(b, m, CURVE, nx, ny, level, now, end)

@@ -20,9 +20,11 @@ def alone_in(path: Path | str) -> Iterator[None]:
     a disk may not see it.
 
     Raises:
-        BadInput: another run holds it.
+        BadInput: another run holds it, or it is the root.
     """
     target = Path(os.path.realpath(path))
+    if not target.name:
+        raise BadInput(one_line(f"{path}: is the root of all folders; name a folder in it"))
     lock = target.with_name(f".{target.name}.lock")
     made = [parent for parent in lock.parents if not parent.exists()]
     try:

@@ -15,6 +15,7 @@ of the plays by which the plan was judged. The launcher's own scatter is the flo
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from models import files
+from models.files.faults import Faults, one_line
 from models.shot import Array
 from planner.planning import read_plan
 from planner.scene import Scene, scene_from
@@ -57,8 +59,7 @@ class PlayedShot:
     @property
     def from_wanted(self) -> float:
         """Distance of the cue ball from its wanted place [m]; nan where it fell."""
-        value = self.played.get("from_wanted")
-        return math.nan if value is None else float(value)
+        return _number(self.played.get("from_wanted"))
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def count_played(folder: Path | str) -> int:
 
 def predicted_stop(plan: dict[str, Any]) -> tuple[Array, float]:
     """Where a plan predicts the cue ball to stop (2,) [m], and the median distance of its plays from there [m]."""
-    places = np.array(plan["places"]["cue"], float).reshape(-1, 2)
+    places = _points(plan["places"]["cue"])
     if len(places) == 0:
         return np.full(2, math.nan), math.nan
     middle = np.median(places, axis=0)
@@ -143,6 +144,8 @@ def read_history(folder: Path | str) -> History:
     """
     folder = Path(folder)
     course = read_json(folder / "course.json", SERIES_FORMAT)
+    with files.entries_of(folder / "course.json", FOLDER_REMEDY):
+        _number(course.get("every"))
     count = count_played(folder)
     clips: dict[str, Clip] = {}
     if (folder / "clips" / "clips.toml").is_file():
@@ -156,37 +159,81 @@ def read_history(folder: Path | str) -> History:
     for path in fits:
         with files.entries_of(path / "fit.json", FOLDER_REMEDY):
             refits.append(_refit(read_json(path / "fit.json", FIT_FORMAT)))
-    ended = folder / "ended.txt"
-    return History(
-        course, tuple(shots), tuple(refits), ended.read_text(encoding="utf-8").strip() if ended.is_file() else ""
-    )
+    return History(course, tuple(shots), tuple(refits), _ended(folder / "ended.txt"))
+
+
+def _ended(path: Path) -> str:
+    """Why a series stopped by itself, in a line; "" where it did not."""
+    faults = Faults()
+    text = faults.settle(files.read_text(path, str(path), faults, FOLDER_REMEDY)) if path.is_file() else ""
+    return one_line(text.strip())
+
+
+def _number(value: Any) -> float:
+    """A number of a file, or nan for none; ValueError for anything else."""
+    if value is None:
+        return math.nan
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is no number")
+    return float(value)
+
+
+def _points(values: Any) -> Array:
+    """Places of a file: (n, 2) [m]; ValueError for anything else."""
+    found = np.array(values, float)
+    if found.size and (found.ndim != 2 or found.shape[1] != 2 or not np.isfinite(found).all()):
+        raise ValueError("a place is no pair of numbers")
+    return found.reshape(-1, 2)
+
+
+def _text(value: Any) -> str:
+    """A text of a file, or "" for none; ValueError for anything else."""
+    if not isinstance(value, str | None):
+        raise ValueError(f"{value!r} is no text")
+    return value or ""
+
+
+def _check_shot(plan: Mapping[str, Any], played: Mapping[str, Any]) -> None:
+    """ValueError, or a kin of it, for what reports and recordings could not draw."""
+    for track in plan.get("tracks") or []:
+        if len(_points(track["xy"])) != np.array(track["t"], float).size or not _text(track["ball"]):
+            raise ValueError("a track has more times than places, or no ball")
+    pocket = plan.get("pocket")
+    if pocket is not None and not (len(pocket) == 2 and all(side in (-1, 0, 1) for side in pocket) and pocket[1]):
+        raise ValueError(f"{pocket!r} is no pocket")
+    if any(played.get(key) not in (True, False, None) for key in ("potted", "cue_fell")):
+        raise ValueError("potted and cue_fell are true, false or null")
+    for text in (plan.get("kind"), *(played.get("noted") or [])):
+        _text(text)
+    _number(played.get("from_wanted"))
 
 
 def _shot(folder: Path, number: int, clips: dict[str, Clip]) -> PlayedShot:
     path = plan_file(folder, number)
     plan = read_plan(path)
     played = read_json(played_file(path), PLAYED_FORMAT)
+    _check_shot(plan, played)
     planned_end, spread = predicted_stop(plan)
     repeats = path.with_suffix(".repeats.json")
     floor = math.nan
     if repeats.is_file():
-        ends = np.array(read_json(repeats, "billiard-repeats/1")["cue"], float).reshape(-1, 2)
+        ends = _points(read_json(repeats, "billiard-repeats/1")["cue"])
         floor = float(np.median(np.hypot(*(ends - np.median(ends, axis=0)).T))) if len(ends) > 2 else math.nan
     end, clip = played.get("cue_end"), played.get("clip")
     return PlayedShot(
-        number, scene_from(plan["scene"], str(path)), int(plan["learnt"]), planned_end, spread,
-        float(plan["pot_probability"]["value"]), played.get("potted"), None if end is None else np.array(end, float),
+        number, scene_from(plan["scene"], str(path)), int(_number(plan["learnt"])), planned_end, spread,
+        _number(plan["pot_probability"]["value"]), played.get("potted"), None if end is None else _points([end])[0],
         floor, plan, played, clips.get(clip["file"]) if clip else None,
     )  # fmt: skip
 
 
 def _refit(data: dict[str, Any]) -> Refit:
     values, launcher = (
-        {name: (float(one["value"]), math.nan if one["sd"] is None else float(one["sd"])) for name, one in part.items()}
+        {name: (_number(one["value"]), _number(one["sd"])) for name, one in part.items()}
         for part in (data["parameters"], data["launcher"])
     )
-    held = data["held_out_rms_m"]
     return Refit(
-        data["shots"], tuple(data["verdict"]), data["unexplained"] or "", data["rms_m"],
-        math.nan if held is None else held, data["chi2_reduced"], values, launcher, data["elapsed_s"],
+        int(_number(data["shots"])), tuple(_text(name) for name in data["verdict"]), _text(data["unexplained"]),
+        _number(data["rms_m"]), _number(data["held_out_rms_m"]), _number(data["chi2_reduced"]), values, launcher,
+        _number(data["elapsed_s"]),
     )  # fmt: skip

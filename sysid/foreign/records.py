@@ -55,13 +55,13 @@ def _csv(text: str, file: str) -> Columns:
     lines = text.splitlines()
     skipped = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
     body = lines[skipped:]
-    if len(body) < 2:
-        raise BadInput(f"{file}: holds no rows: name the tracker's CSV, JSON or Parquet file")
-    separator = max(COLUMN_SEPARATORS, key=body[0].count)
+    separator = max(COLUMN_SEPARATORS, key="".join(body[:1]).count)
     try:
         rows = [row for row in csv.reader(io.StringIO("\n".join(body)), delimiter=separator, strict=True) if row]
     except csv.Error as error:
         raise BadInput(f"{file}: is not CSV ({error}): save it again as CSV") from error
+    if len(rows) < 2:
+        raise BadInput(f"{file}: holds no rows: name the tracker's CSV, JSON or Parquet file")
     head = [name.strip().lstrip("\ufeff") for name in rows[0]]
     if len(set(head)) < len(head) or not any(c.isalpha() for c in "".join(head)):
         raise BadInput(f"{file}: row {skipped + 1} names no columns, or some twice: begin with a row of names")

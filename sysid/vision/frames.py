@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.files.documents import MAX_PICTURE_PIXELS
+from models.files.documents import MAX_PICTURE_PIXELS, read_text
+from models.files.faults import Faults
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it is read once, when a video is first opened or written
 
@@ -348,10 +349,8 @@ def _retimed(frame_times: FrameTimes, fps: float | None) -> FrameTimes:
 
 def _read_times(path: Path, count: int) -> Array:
     """Times of pictures [s] from a text file, one per line: the column headed time or t, else the last."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        raise BadInput(f"{path}: cannot be read as text; write one time in seconds on a line") from None
+    faults = Faults()
+    text = faults.settle(read_text(path, str(path), faults, "write one time in seconds on a line"))
     lines = [re.split(r"[,;\s]+", line.strip().rstrip(",;")) for line in text.splitlines()]
     rows = [row for row in lines if row != [""] and not row[0].startswith("#")]
     column = -1

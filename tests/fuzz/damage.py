@@ -1,16 +1,17 @@
 """Damage to files and options: what slips, accidents and hostile hands do to them.
 
-In: a verb and its seeds. Out: a `Damaged` command, drawn by hypothesis.
+In: a verb, or a reader, and its seeds. Out: a `Damaged` command, or file, drawn by hypothesis.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from hypothesis import strategies as st
 
+from tests.fuzz.readers import FileReader
 from tests.fuzz.verbs import SEEDS, VERBS, Verb
 
 NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
@@ -65,6 +66,17 @@ def commands(draw: st.DrawFn, only: str = "") -> Damaged:
             before = files.get(name, (SEEDS / name).read_bytes())
             files[name] = draw(_damaged(before))
     return Damaged(verb, tuple(words), files)
+
+
+@st.composite
+def damaged_files(draw: st.DrawFn, readers: Sequence[FileReader]) -> tuple[FileReader, str, bytes]:
+    """A reader, which of its seeds is damaged, and that file with one to three damages."""
+    reader = draw(st.sampled_from(readers))
+    name = draw(st.sampled_from(reader.seeds))
+    raw = (SEEDS / name).read_bytes()
+    for _ in range(draw(st.integers(1, MAX_DAMAGES))):
+        raw = draw(_damaged(raw))
+    return reader, name, raw
 
 
 @st.composite

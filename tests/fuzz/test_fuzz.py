@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import struct
 import zlib
 from collections.abc import Callable
@@ -10,12 +11,16 @@ from pathlib import Path
 
 import pytest
 
+from models.errors import BadInput
+from sysid.foreign.records import read_columns
 from tests.fuzz.__main__ import main
 from tests.fuzz.damage import Damaged
+from tests.fuzz.readers import READERS, FileReader
 from tests.fuzz.trial import Ended, prepare, tried
 from tests.fuzz.verbs import SEEDS, VERBS, Verb
 
 SHORT_COUNT = 25
+LONG = ("sysid discover", "robot learn")
 CHECK, COMPARE, ADD = "sysid check clips", "sysid compare clips", "sysid add squirt --model model.toml --out out.toml"
 NEW_EFFECT = "sysid new-effect mine --from result.json --dir out"
 SIZES = "--length 1.881 --width 0.943 --diameter 0.0615"
@@ -32,13 +37,55 @@ def test_damaged_inputs_are_refused_in_a_line(tmp_path: Path) -> None:
     assert main(["--count", str(SHORT_COUNT), "--out", str(tmp_path / "fuzz")]) == 0
 
 
-@pytest.mark.parametrize("verb", VERBS, ids=[verb.line[:40] for verb in VERBS])
+@pytest.mark.parametrize("verb", [
+    pytest.param(verb, id=verb.line[:40], marks=[pytest.mark.slow] * verb.line.startswith(LONG)) for verb in VERBS
+])  # fmt: skip
 def test_seeds_are_sound(verb: Verb, tmp_path: Path) -> None:
     ended = tried(Damaged(verb, tuple(verb.words), {}), tmp_path / "trial")
     assert ended.defect == ""
     # Nothing is on these pictures, and no launcher is at the port.
-    wanted = {"planner scene pictures": 2, "sysid calibrate": 2, "sysid track": 1, "robot status": 2}
+    wanted = {"planner scene pictures": 2, "sysid calibrate": 2, "sysid track": 1, "robot status": 2, "sysid doctor": 2,
+              "robot align": 2}  # fmt: skip
     assert ended.status == next((s for head, s in wanted.items() if verb.line.startswith(head)), 0), ended.err
+
+
+def test_damaged_files_are_refused_by_their_readers(tmp_path: Path) -> None:
+    assert main(["--readers", "--count", str(20 * SHORT_COUNT), "--out", str(tmp_path / "fuzz")]) == 0
+
+
+@pytest.mark.parametrize("reader", READERS, ids=[reader.name for reader in READERS])
+def test_seeds_of_readers_are_sound(reader: FileReader, tmp_path: Path) -> None:
+    shutil.copytree(SEEDS, tmp_path / "seeds")
+    for name in reader.seeds:
+        reader.read(tmp_path / "seeds" / name)
+
+
+FIT, PLAYED, PLAN = (f"learn/{name}" for name in ("fits/0002/fit.json", "shots/0001.played.json", "shots/0001.json"))
+
+
+@pytest.mark.parametrize(("file", "old", "new"), [
+    ("learn/ended.txt", "all", "\udcff"),
+    ("learn/course.json", '"every": 4', '"every": [4]'),
+    (FIT, '"rms_m": ', '"rms_m": "x", "was": '), (FIT, '"unexplained": ""', '"unexplained": [1]'),
+    (FIT, '"shots": 2', '"shots": 1e400'), (FIT, '"slide_friction_speed"', "3"),
+    (PLAYED, '"from_wanted": ', '"from_wanted": "x", "was": '), (PLAYED, '"cue_end": [', '"cue_end": [1, 2,'),
+    (PLAYED, '"potted": true', '"potted": "yes"'), (PLAYED, '"noted": []\n}', '"noted": [3]}'),
+    (PLAN, '"t": [0.0, ', '"t": ['), (PLAN, '"pocket": [', '"pocket": [5, '), (PLAN, '"kind": ', '"kind": 3, "was": '),
+])  # fmt: skip
+def test_a_series_with_a_wrong_entry_is_refused(file: str, old: str, new: str, tmp_path: Path) -> None:
+    text = (SEEDS / file).read_text()
+    assert old in text
+    words = "robot review learn --save out.rrd"
+    raw = text.replace(old, new, 1).encode("utf-8", "surrogateescape")
+    found = tried(Damaged(Verb(words, ()), tuple(words.split()), {file: raw}), tmp_path / "trial")
+    assert found.defect == "" and found.status == 2, found.err
+
+
+@pytest.mark.parametrize("text", ["t,ball,x,y\n\n", "t,ball,x,y", "", "# remark\n"])
+def test_a_file_without_rows_holds_none(text: str, tmp_path: Path) -> None:
+    (tmp_path / "track.csv").write_text(text)
+    with pytest.raises(BadInput, match="holds no rows"):
+        read_columns(tmp_path / "track.csv")
 
 
 def ended(line: str, tmp_path: Path, **files: bytes) -> Ended:

@@ -29,6 +29,17 @@ class Verb:
 
 CLIPS = ("clips/clips.toml", "clips/clips/0001.csv", "clips/clips/0003.csv", "clips/clips/0004.csv")
 PICTURES = ("pictures/0000.png", "pictures/0001.png")
+SHOTS = tuple(f"learn/shots/000{n}{kind}.json" for n in (1, 2) for kind in ("", ".played", ".repeats"))
+REFIT = ("learn/fits/0002/fit.json", "learn/fits/0002/model.toml", "learn/fits/0002/map.toml")
+SERIES = (
+    "learn/course.json",
+    "learn/ended.txt",
+    *SHOTS,
+    REFIT[0],
+    "learn/clips/clips.toml",
+    "learn/clips/clips/0001.csv",
+)
+SIZES = "--table 3.569x1.778 --diameter 0.0525"
 VERBS = (
     Verb("sysid check clips", CLIPS, 6),
     Verb("sysid compare clips", CLIPS, 4),
@@ -36,12 +47,25 @@ VERBS = (
     Verb("sysid fit clips --out out.toml", CLIPS),
     Verb("sysid measure clips --json out.json", CLIPS, 2),
     Verb("sysid diagnose clips --model model.toml", CLIPS),
+    Verb("sysid discover clips --out found", (*CLIPS, "found/unfinished.jsonl"), 1, ("found/",)),
+    Verb("sysid plot clips --clip 3 --model model.toml --out out.png", (*CLIPS, "model.toml")),
+    Verb(f"sysid import track.csv {SIZES} --unit m --origin centre --x-along length --fps 60 --out out",
+         ("track.csv",), 6),
+    Verb(f"sysid import track.json {SIZES} --unit m --origin corner --x-along length --fps 60 --out out",
+         ("track.json",), 6),
     Verb("sysid review clips --save out.rrd", CLIPS),
     Verb("sysid add squirt --model model.toml --out out.toml", ("model.toml",), 6),
+    Verb("sysid remove slide_friction_speed --model learn/fits/0002/model.toml --out out.toml", REFIT[1:2], 4),
+    Verb("sysid init out --table snooker", ()),
+    Verb("sysid markers --table snooker --out out.pdf", ()),
     Verb("sysid new-effect mine --from result.json --dir out", ("result.json",), 6),
     Verb("sysid effects squirt", ()),
     Verb("sysid track pictures --camera camera.toml --fps 30 --palette palette.toml --out out",
-         (*PICTURES, "camera.toml", "camera.toml", "palette.toml"), 3),
+         (*PICTURES, "pictures/times.csv", "camera.toml", "camera.toml", "palette.toml"), 3),
+    Verb("sysid track film.avi --camera camera.toml --palette palette.toml --out out",
+         ("film.avi", "film.avi", "camera.toml", "palette.toml"), 3),
+    Verb("sysid doctor film.avi --table 1.881x0.943 --diameter 0.0615 --palette palette.toml --out out",
+         ("film.avi", "film.avi", "palette.toml"), 2),
     Verb("sysid calibrate pictures/0000.png --length 1.881 --width 0.943 --diameter 0.0615 --out out.toml",
          PICTURES[:1], 2),
     Verb("planner scene pictures/0000.png --camera camera.toml --object red --out out.toml",
@@ -57,6 +81,12 @@ VERBS = (
     Verb("robot play plan.json --dry-run --settings launcher.toml", ("plan.json", "plan.json", "launcher.toml"), 6),
     Verb("robot play plan.json --settings launcher.toml --scene scene.toml --model model.toml --films out",
          ("plan.json", "scene.toml", "model.toml", "launcher.toml"), 1, ("plan.played.json",)),
+    Verb("robot review learn --save out.rrd", SERIES, 4),
+    Verb("robot learn --out learn --shots 2 --every 4 --repeats 3",
+         (*SERIES, "learn/emulated.json", "learn/start.toml", "learn/start_map.toml", *REFIT[1:]), 3, ("learn/",)),
+    Verb("robot align --camera camera.toml --video film.avi --plan plan.json",
+         ("camera.toml", "film.avi", "plan.json"), 2),
+    Verb("robot calibrate --settings launcher.toml --strings 60 80 --repeats 2 --out out.toml", ("launcher.toml",), 3),
     Verb("robot repeat --settings launcher.toml --strings 60 --repeats 2", ("launcher.toml",)),
     Verb("robot status --port /dev/null --settings launcher.toml", ("launcher.toml",), 3),
 )  # fmt: skip

@@ -114,6 +114,12 @@ def test_a_place_is_held_by_one_run(tmp_path: Path) -> None:
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["out"]
 
 
+@pytest.mark.parametrize("place", ["/", "/.", "//"])
+def test_nobody_works_in_the_root(place: str) -> None:
+    with pytest.raises(BadInput, match="name a folder"), alone_in(place):
+        pass
+
+
 def test_a_lock_of_a_killed_run_holds_nobody(tmp_path: Path) -> None:
     program = f"from models.files import alone_in\nimport os\nwith alone_in({str(tmp_path / 'a')!r}): os._exit(9)"
     subprocess.run([sys.executable, "-c", program], env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False)

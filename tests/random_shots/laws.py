@@ -24,7 +24,7 @@ from tests.random_shots.draws import Batch
 TOUCHING_M = 5e-6  # overlap that is none: what leans sinks in between two looks at it [m]
 MEETING_S = 2.5 * MAX_CLUSTER_S  # after an event, for which springs may be pressed [s]
 SPRING_DEPTH_S = 3 * CUSHION_TIME  # depth of a pressed cushion over the largest speed, at most [s]
-ENERGY_SHARE, ENERGY_FLOOR = 1e-6, 1e-9  # gain that is none: of the energy at the start, and [m^2/s^2]
+ENERGY_SHARE, ENERGY_FLOOR = 1e-6, 1e-9  # gain that is none: of the most kinetic energy so far, and [m^2/s^2]
 LOG_ROOM = 600
 MOST_EVENTS = MAX_EVENTS - 1  # with which a shot that is given up is no error
 
@@ -201,7 +201,8 @@ def _energy(batch: Batch, played: Played, row: int) -> Iterator[str]:
     if len(whole) <= 3:
         return
     before = np.maximum.reduce([whole[k : len(whole) - 3 + k] for k in range(3)])
-    allowed = ENERGY_SHARE * kinetic[0] + ENERGY_FLOOR
+    # What moves now counts: a slope may have driven balls that began at next to nothing.
+    allowed = ENERGY_SHARE * np.maximum.accumulate(kinetic)[3 : len(whole)] + ENERGY_FLOOR
     if (whole[3:] > before + allowed).any():
         k = int(np.argmax(whole[3:] > before + allowed)) + 3
         gain = float(whole[k] - before[k - 3])

@@ -18,12 +18,13 @@ from tests.random_shots.laws import play as judged
 BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778)
 D = BALL.diameter
 ONCE_GIVEN_UP = [  # seed and row: packs and slopes, a grain that resists more once a ball rolls, pulls across the way
-    (4, 3), (4, 26), (6, 4), (6, 9), (14, 28), (16, 8), (68, 17), (108, 29), (184, 29), (185, 50), (227, 54),
+    (4, 3), (4, 26), (6, 4), (6, 9), (14, 28), (16, 8), (68, 17), (108, 29), (184, 29), (185, 50), (227, 54), (427, 9),
     (644, 51), (652, 23), (801, 12), (950, 34), (1086, 20), (1139, 43), (1336, 34), (1370, 35),  # beside mouths
 ]  # fmt: skip
-ONCE_INSIDE = [(2, 47), (10, 60), (15, 0), (231, 33)]  # behind a cushion, beside a mouth
+ONCE_INSIDE = [(2, 47), (10, 60), (15, 0), (231, 33), (669, 9), (1023, 5)]  # behind a cushion, beside a mouth
 ONCE_NOWHERE = [(221, 26), (13, 2), (63, 41)]  # an approach whose square vanished; through facings
-ONCE_TOO_NEAR = [(57, 57), (128, 44), (154, 3)]  # driven together at a jaw; given energy at the end of a turning roll
+ONCE_TOO_NEAR = [(57, 57), (57, 58), (128, 44), (558, 32), (1205, 62), (1341, 54)]  # at a jaw, or in a pressed chain
+ONCE_FASTER = [(154, 3), (588, 6), (835, 33), (871, 63)]  # in a turning roll, or without resistance to rolling
 
 
 @pytest.mark.slow
@@ -34,7 +35,7 @@ def test_random_shots_break_no_law(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "row"), ONCE_GIVEN_UP + ONCE_INSIDE + ONCE_NOWHERE + ONCE_TOO_NEAR)
+@pytest.mark.parametrize(("seed", "row"), ONCE_GIVEN_UP + ONCE_INSIDE + ONCE_NOWHERE + ONCE_TOO_NEAR + ONCE_FASTER)
 def test_shots_that_once_broke_a_law_break_none(seed: int, row: int) -> None:
     one = picked(batch(seed, 64, later=()), np.array([row]))
     assert breaches(one, judged(one)) == []
@@ -107,6 +108,29 @@ def test_no_resistance_to_rolling_drives_a_ball() -> None:
     wide = dataclasses.replace(model(0.005, "speed_drag", rate=-0.1), table=Table(9.0, 9.0, False))
     for track in (play(wide, [fast])[0], simulate(dataclasses.replace(wide, engine="mujoco"), [fast])[0]):
         assert (np.diff(track.velocity[:, 0, 0]) <= 1e-12).all()
+
+
+def test_a_step_ends_where_rolling_resistance_vanishes() -> None:
+    """A push drives the ball until a drag that is negative has taken all resistance: nothing else gives it energy."""
+    world = model(0.001, "speed_drag", rate=-0.08).add(effect_class("cloth_nap")(push=0.08))
+    start = Shot(
+        ("a",), np.array([[-4.0, 0]]), np.array([[0.01, 0]]), np.array([[0, 0.01 / BALL.radius, 0]]),
+        np.linspace(0, 10, 1001),
+    )  # fmt: skip
+    track = play(dataclasses.replace(world, table=Table(9.0, 9.0, False)), [start])[0]
+    energy = 1.4 * track.velocity[:, 0, 0] ** 2 - 2 * 0.08 * track.position[:, 0, 0]
+    assert np.diff(energy).max() < 1e-9
+
+
+@pytest.mark.parametrize("slow", [True, False])
+def test_what_leaves_a_mouth_soon_after_it_came_in_is_the_pockets(slow: bool) -> None:
+    """It passes the line within the mouth, and is out of it sideways before it would be looked at again."""
+    edge, line = TABLE.mouths()[1], TABLE.centre_limits(BALL)[1]
+    v = np.array([[0.12 if slow else 1.2, 0.04 if slow else 0.4]])
+    start = np.array([[edge - 0.00195, line - 0.0005]])
+    shot = Shot(("a",), start, v, np.array([[-v[0, 1], v[0, 0], 0]]) / BALL.radius, np.linspace(0, 2, 21))
+    [track] = play(model(), [shot])
+    assert [e.kind for e in track.events] == ["pocket"] and np.isnan(track.position[-1]).all()
 
 
 def test_a_ball_does_not_stay_in_cushions_of_no_restitution() -> None:

@@ -140,6 +140,19 @@ def test_wrong_times_are_named(tmp_path: Path, text: str, word: str) -> None:
     assert "timestamps.txt" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("raw", "size", "word"), [(b"0\n\xff\n", 0, "UTF-8"), (b"0\n1\n", 64 << 20, "more than 32 MB")]
+)
+def test_a_file_of_times_is_a_text_of_some_length(tmp_path: Path, raw: bytes, size: int, word: str) -> None:
+    for k in range(2):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), grey(9))
+    with (tmp_path / "times.csv").open("wb") as file:
+        file.write(raw)
+        file.truncate(size or len(raw))
+    with pytest.raises(BadInput, match=word):
+        open_footage(str(tmp_path)).frame_times(None)
+
+
 def test_an_unreadable_picture_is_left_out_and_told(tmp_path: Path) -> None:
     place = folder(tmp_path / "p", [f"{k}.png" for k in range(5)])
     (place / "2.png").write_bytes(b"nothing")
