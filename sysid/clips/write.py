@@ -154,7 +154,7 @@ def replace_folder(folder: Path, texts: Mapping[str, str], check: Callable[[Path
                 (new / file).parent.mkdir(parents=True, exist_ok=True)
                 (new / file).write_bytes(text.encode())
             for fault in check(new):
-                raise BadInput(f"{fault} (nothing was written)")
+                raise BadInput(f"{fault} (no clip was written)")
             _exchange(new, target, old)
             made.clear()
     except (OSError, UnicodeError) as error:

@@ -107,6 +107,8 @@ def tried(command: Damaged, folder: Path) -> Ended:
     allowed = ("out", *(command.verb.writes if status != 2 else ()))
     if command.words != tuple(command.verb.words):  # options were changed as well: any of them may name a file
         allowed = (*allowed, "")
+    if command.verb.draws:
+        changed = {name for name in changed if not name.endswith(".png")}
     strays = tuple(sorted(name for name in changed if status == 2 or not name.startswith(allowed)))
     return Ended(status, out, err, max(used.ru_maxrss - own, 0), strays)
 

@@ -20,6 +20,7 @@ class Verb:
     reads: tuple[str, ...]  # relative paths of what is damaged
     share: int = 1  # how often it is chosen
     writes: tuple[str, ...] = ()  # seeds that it may change
+    draws: bool = False  # a picture of what it understood, which stays where it refuses the rest
 
     @property
     def words(self) -> list[str]:
@@ -50,9 +51,9 @@ VERBS = (
     Verb("sysid discover clips --out found", (*CLIPS, "found/unfinished.jsonl"), 1, ("found/",)),
     Verb("sysid plot clips --clip 3 --model model.toml --out out.png", (*CLIPS, "model.toml")),
     Verb(f"sysid import track.csv {SIZES} --unit m --origin centre --x-along length --fps 60 --out out",
-         ("track.csv",), 6),
+         ("track.csv",), 6, draws=True),
     Verb(f"sysid import track.json {SIZES} --unit m --origin corner --x-along length --fps 60 --out out",
-         ("track.json",), 6),
+         ("track.json",), 6, draws=True),
     Verb("sysid review clips --save out.rrd", CLIPS),
     Verb("sysid add squirt --model model.toml --out out.toml", ("model.toml",), 6),
     Verb("sysid remove slide_friction_speed --model learn/fits/0002/model.toml --out out.toml", REFIT[1:2], 4),

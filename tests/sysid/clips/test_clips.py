@@ -156,7 +156,7 @@ def test_what_is_written_is_read_back(clip_set: ClipSet) -> None:
         ({"file": "clips/./2.csv"}, ["'clips/2.csv'", "two clips"]),
         ({"file": "clips/2.csv/3.csv"}, ["cannot be written"]),
         ({"struck": "black"}, ["struck = 'black' is not in clips/1.csv"]),
-        ({"cue": CueCommand(math.nan, 0.0)}, ["cue.speed = nan", "nothing was written"]),
+        ({"cue": CueCommand(math.nan, 0.0)}, ["cue.speed = nan", "no clip was written"]),
         ({"extra": {"when": object()}}, ["cannot be written as TOML"]),
         ({"note": "\ud800"}, ["cannot be written"]),
     ],
