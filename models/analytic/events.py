@@ -17,6 +17,7 @@ import numpy as np
 from models.compiled import compiled, compiled_in_place
 
 CLOSED_GAP_M = 1e-13  # gap that is none [m], and squared distance [m^2]
+INSIDE_M = 1e-9  # depth in a rail that is no rounding [m]
 DEAD_SPEED = 1e-3  # approach speed below which an impact gives nothing back [m/s]
 LEAN_SPEED = 1e-2  # approach speed that bodies which lean on each other may come to between two looks [m/s]
 MIN_IMPACT_SPEED = 1e-9  # approach speed below which a touch is no impact [m/s]
@@ -148,7 +149,7 @@ def line(gap, v, a, h):  # type: ignore[no-untyped-def]
         if a <= 0.0:
             return np.inf
         # From within a rail: out and back to the line, or to where it turns if it does not come out.
-        inside = gap < -CLOSED_GAP_M
+        inside = gap < -INSIDE_M
         t = (math.sqrt(max(v * v + 2.0 * a * gap, 0.0)) - v) / a if inside else -2.0 * v / a
         return t if t <= h else np.inf
     disc = v * v + 2.0 * a * gap

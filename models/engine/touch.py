@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from models.analytic.events import CLOSED_GAP_M, MIN_IMPACT_SPEED, in_mouth, line, meeting, mouth_sides
+from models.analytic.events import CLOSED_GAP_M, INSIDE_M, MIN_IMPACT_SPEED, in_mouth, line, meeting, mouth_sides
 from models.analytic.pocket import is_behind, is_facing, meet_jaw, straight
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
@@ -37,7 +37,7 @@ def recheck(push):  # type: ignore[no-untyped-def]
 def _wait(gap, closing, bound):  # type: ignore[no-untyped-def]
     """The time for which a gap is open for certain."""
     if gap <= CLOSED_GAP_M:  # it has just been closed, and opens
-        back = 1.0 if gap < -CLOSED_GAP_M else 2.0  # it may turn before it comes out
+        back = 1.0 if gap < -INSIDE_M else 2.0  # it may turn before it comes out
         return max(-back * closing / bound, 1e-9) if bound > 0.0 else np.inf
     low = closing + math.sqrt(closing * closing + 2.0 * bound * gap)
     return 2.0 * gap / low if low > 0.0 else np.inf
