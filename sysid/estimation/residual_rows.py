@@ -19,7 +19,7 @@ from models.analytic.spring import damping_table
 from models.compiled import compiled, compiled_within
 from models.engine.impacts import deliver
 from models.engine.loop import ROW_SIZE, play_shot, workspace
-from models.engine.play import Layout, over_threads
+from models.engine.play import MAX_EVENTS, Layout, over_threads
 from models.errors import BadInput
 from models.hooks import STROKE_FIELDS
 from models.simulation.observe import camera, expose, see, unsee
@@ -27,7 +27,6 @@ from models.simulation.observe import camera, expose, see, unsee
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 RESIDUALS_PER_SAMPLE = 3  # two of the position, one of the mark's angle
-MOST_EVENTS = 20_000  # of a shot, after which its balls stay where they are: a filmed one has some hundreds
 MOTION_SIZE = 5  # unknowns of another ball that moves at the start: velocity (2), R omega (3) [m/s], table frame
 BACKWARDS_IN_TIME = 1  # fault of a row: its camera looked before the shot, or backwards in time
 
@@ -287,7 +286,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
         # Where the engine ends a shot early, its balls stay where they were.
         play_shot(
             work, start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row],
-            mass, radius[row], span[row], half[row], mouths, jaws, falls, table, True, looked[seen - 1], MOST_EVENTS,
+            mass, radius[row], span[row], half[row], mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS,
             looked, track[:seen, :n], log, who, counts, potted[:n],
         )  # fmt: skip
         _hold_last(track, seen, n, position, velocity)
