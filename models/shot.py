@@ -38,6 +38,11 @@ class Table:
         """The shapes of its pockets, if it has any."""
         return self.pockets if isinstance(self.pockets, PocketShapes) else SNOOKER_POCKETS
 
+    def corners(self, inset: float = 0.0) -> Array:
+        """Where the nose lines cross, or lines so far inside of them [m]: (4, 2) [m], round from +x, +y."""
+        half = np.array([self.length, self.width]) / 2 - inset
+        return np.array([[1, 1], [-1, 1], [-1, -1], [1, -1.0]]) * half
+
     def centre_limits(self, ball: Ball) -> Array:
         """Largest |x|, |y| of a ball's centre, touching the noses: (2,) [m]."""
         return np.array([self.length / 2, self.width / 2]) - ball.radius * NOSE_COSINE

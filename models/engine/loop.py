@@ -29,7 +29,7 @@ from models.engine import columns as col
 from models.engine.ahead import first_event, next_meetings, next_motions
 from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import lay_record
-from models.engine.impacts import deliver, is_crowded, part, stay
+from models.engine.impacts import delay_rebound, deliver, is_crowded, part
 from models.engine.leaning import lean, release
 from models.engine.motion import POTTED, REST, advance, arrive
 from models.engine.rigid import approach_speed, collide_alone, settle
@@ -240,9 +240,8 @@ def play_shot(  # type: ignore[no-untyped-def]
                 continue
             known = leans[i] > now or (j >= 0 and leans[j] > now)
             slow = collide_alone(b, i, j, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now)
-            if 0 <= rail < 4 and hit[rec.CONTACT_TIME] > 0.0 and not slow:
-                away, time = -approach_speed(b, i, j, rail, jaws), hit[rec.CONTACT_TIME]
-                stay(b[i], rail, away, time, cloth[0], radius, half, mouths)
+            if not slow:
+                delay_rebound(b[i], b[i, col.VX :], rail, hit[rec.CONTACT_TIME], cloth[0], radius, half, mouths)
             _after_impact(balls, notes, i, j, rail, speed, slow, now, jaws, limits, radius, alpha)
             pressed = slow
             if slow and known:

@@ -21,7 +21,7 @@ from models.compiled import compiled, compiled_within
 from models.engine import columns as col
 from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import curve, lay_record
-from models.engine.impacts import is_crowded, part, stay
+from models.engine.impacts import delay_rebound, is_crowded, part
 from models.engine.leaning import LEAN_MEMORY_S
 from models.engine.motion import POTTED, REST, advance, arrive, plain_phase
 from models.engine.rigid import approach_speed, collide_alone, settle
@@ -283,9 +283,8 @@ def play_step(  # type: ignore[no-untyped-def]
                     b, kind, one, two, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half,
                     mouths, order, now,
                 )  # fmt: skip
-            elif 0 <= rail < 4 and hit[rec.CONTACT_TIME] > 0.0:
-                speed = -approach_speed(b, one, two, rail, jaws)
-                stay(b[one], rail, speed, hit[rec.CONTACT_TIME], cloth[0], radius, half, mouths)
+            else:
+                delay_rebound(b[one], b[one, col.VX :], rail, hit[rec.CONTACT_TIME], cloth[0], radius, half, mouths)
     return False
 
 

@@ -22,7 +22,7 @@ from models.analytic.impulse import collide_rows
 from models.analytic.pocket import NO_ARCS, Pockets, pockets_of, rail_of
 from models.analytic.spring import CALM_TIME_S, CUSHION_TIME, MAX_CLUSTER_S, SPRING_STEP_S
 from models.engine.cluster import CROWD_GAP_M
-from models.engine.impacts import ask_rows, crowded, part_rows, stay_rows, strike_rows
+from models.engine.impacts import ask_rows, crowded, delay_rebounds, part_rows, strike_rows
 from models.engine.motion import POTTED, REST
 from models.engine.play import CLOTH_CONSTANTS
 from models.hooks import hooks_of
@@ -321,9 +321,9 @@ class Rollout:
         )  # fmt: skip
         self.qvel[rows, :, :3] = v
         self.qvel[rows, :, 3:] = spin_to_world(quat, w, True)
-        times = np.where(slow, 0.0, impact[alone, rec.CONTACT_TIME])
-        if times.any():
-            stay_rows(hit, p, v, times, self.slide[rows], ball.radius, self.half, self.pockets.ends)
+        if kind == "cushion":
+            times = np.where(slow, 0.0, impact[alone, rec.CONTACT_TIME])
+            delay_rebounds(hit, p, v, times, self.slide[rows], ball.radius, self.half, self.pockets.ends)
             self.qpos[rows, :, :2] = p[..., :2]
         if slow.any():
             self.leaning = True

@@ -27,6 +27,8 @@ LAYOUTS = ("spread", "rack", "row", "rail", "jammed")
 AT_BOUND_SHARE = 0.15  # of the values, those that lie at a bound
 SLOW_SHARE = 0.15  # of the shots, those with a push instead of a stroke
 MOST_TRIES = 400
+LATER = ("cushion_contact_time",)  # effects that came after shots were noted by seed and row
+LATER_SHARE = 0.2  # of the batches, that have one of them beside the others
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,6 @@ class Batch:
     jaws: bool
     model: Model  # constants are (n,) arrays
     shots: list[Shot]
-
-
-LATER = ("cushion_contact_time",)  # effects that came after shots were noted by seed and row
-LATER_SHARE = 0.2  # of the batches, that have one of them beside the others
 
 
 def physical() -> dict[str, type[Effect]]:

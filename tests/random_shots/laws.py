@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from models.analytic.events import in_mouth
 from models.analytic.pocket import jaw_gaps, pockets_of
 from models.analytic.spring import CUSHION_TIME, MAX_CLUSTER_S
-from models.engine.impacts import MAX_DEPTH
+from models.engine.impacts import MAX_RAIL_DEPTH
 from models.engine.play import MAX_EVENTS, Game, Result, lay_out, run
 from models.shot import GRAVITY, Array
 from tests.random_shots.draws import Batch
@@ -132,7 +132,7 @@ def _apart(batch: Batch, played: Played, row: int) -> Iterator[str]:
 def _inside(batch: Batch, played: Played, row: int) -> Iterator[str]:
     """Balls stay within the noses, but for where pockets let them in."""
     xy, allowed = _places(played, row), _allowed(batch, played, row)
-    allowed[:-1] += _deepest(batch, row)
+    allowed[:-1] += _deepest(batch)
     half, limits = played.game.half[row], played.game.limits[row]
     ends = played.game.pockets.ends
     for rail in range(4):
@@ -153,10 +153,10 @@ def _inside(batch: Batch, played: Played, row: int) -> Iterator[str]:
             yield f"a ball is {-1e3 * float(np.nanmin(gaps[s])):.2g} mm into a jaw at sample {s}"
 
 
-def _deepest(batch: Batch, row: int) -> float:
+def _deepest(batch: Batch) -> float:
     """How deep a ball may be in a rail that it stays in, the longer if another one hits it there [m]."""
-    stays = [e for e in batch.model.select(np.array([row])).effects if e.name() == "cushion_contact_time"]
-    return MAX_DEPTH * batch.model.ball.radius if stays else 0.0
+    stays = any(effect.name() == "cushion_contact_time" for effect in batch.model.effects)
+    return MAX_RAIL_DEPTH * batch.model.ball.radius if stays else 0.0
 
 
 def pushes(batch: Batch, row: int) -> Array | None:

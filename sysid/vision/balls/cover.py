@@ -216,7 +216,7 @@ def fit_disc(
 ) -> DiscFit | None:
     """The disc of a ball near a pixel (2,) that moves by `motion` (2,) [pixels]; None where there is none.
 
-    With fewer `steps` it is fitted about that far and once: enough to compare it with others.
+    With fewer `steps` it is not fitted to its end: enough to compare it with others.
     """
     motion, centre = np.asarray(motion, float), np.asarray(start, float)
     fit = None

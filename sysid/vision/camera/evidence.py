@@ -114,5 +114,4 @@ def _diamond_rms(camera: Camera, seen: TableEvidence, reading: CushionReading) -
 
 def _corners(camera: Camera) -> np.ndarray:
     """Places of balls in the corners: (4, 2) [m]."""
-    half = np.array([camera.table.length, camera.table.width]) / 2 - camera.radius
-    return np.array([[1, 1], [-1, 1], [-1, -1], [1, -1.0]]) * half
+    return camera.table.corners(camera.radius)

@@ -99,9 +99,7 @@ def on_noses(camera: Camera, rails: Sequence[int]) -> CameraFit:
 
 def corners_compared(camera: Camera, given: Array) -> tuple[list[str], list[str]]:
     """How far corners given by hand (4, 2) are from those of a camera: a note, or a doubt where that is too far."""
-    half = np.array([camera.table.length, camera.table.width]) / 2
-    signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1.0]])
-    corners = camera.project(np.hstack([signs * half, np.full((4, 1), NOSE_HEIGHT * camera.radius)]))
+    corners = camera.project(np.hstack([camera.table.corners(), np.full((4, 1), NOSE_HEIGHT * camera.radius)]))
     away = np.linalg.norm(corners[:, None] - given, axis=2).min(axis=1)
     if away.max() > CORNER_REACH_WIDTHS * camera.size[0]:
         return [], [f"a corner given lies {float(away.max()):.0f} pixels from the one found: give them anew"]

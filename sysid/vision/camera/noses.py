@@ -220,8 +220,7 @@ def with_rival(best: CushionReading | None, other: CushionReading | None) -> Cus
     """A reading, whose lead is no more than that over a less likely one from another view, if that differs."""
     if best is None or other is None:
         return best
-    half = np.array([best.camera.table.length, best.camera.table.width]) / 2
-    corners = half * [[1, 1], [-1, 1], [-1, -1], [1, -1]]
+    corners = best.camera.table.corners()
     there = other.camera.on_plane(best.camera.outline(corners), best.camera.radius)
     if np.linalg.norm(there - corners, axis=1).max() < DIFFERENT_M:
         return best

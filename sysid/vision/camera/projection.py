@@ -43,7 +43,7 @@ class Camera:
     diameter: float  # of the balls [m]
     residual_m: float = math.nan  # rms of the calibration, on the table [m]
     readout: float = math.nan  # time from the first row to the last of a rolling shutter [s]; NaN where it is unknown
-    place_sd_m: float = math.nan  # of balls' places over the table, as its calibration tells, rms [m]
+    place_sd_m: float = math.nan  # of balls' places over the table, as its calibration estimates, rms [m]
     source: str = ""  # what it was calibrated from
 
     @property

@@ -1,8 +1,8 @@
 """A camera fitted to points along the sides of a table: of the noses, or of what stands in for one that is not seen.
 
-In: a picture, a camera near the truth, and the edges taken as noses. Out: `CameraFit`. Markers tell the nose in front
-of them. Where one side shows none, a dark one against its own shadow, the end of the cloth behind it stands in: it lies
-as far behind the nose as at the other sides.
+In: a picture, a camera near the truth, and the edges taken as noses. Out: `CameraFit`. Markers show where the nose in
+front of them is. Where one side shows none, a dark one against its own shadow, the end of the cloth behind it stands
+in: it lies as far behind the nose as at the other sides.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """How far tracked places may be off, beside the noise that differs from frame to frame.
 
 In: tracks, their camera and noise. Out: `PlaceError`. Its parts are independent and are added as squares: noise; the
-camera, as its calibration tells; the centres of balls in the picture, which light and shadows shift by a fraction of a
-pixel for as long as a ball is lit alike; and the moment at which a picture's rows were exposed. Places along a ball's
-way tell nothing of that moment: early and late rows give the same path at other times, and balls slow too evenly to
-show the difference. Where the readout is not known, any up to the time between two pictures is as likely.
+camera, as its calibration estimates; the centres of balls in the picture, which light and shadows shift by a fraction
+of a pixel for as long as a ball is lit alike; and the moment at which a picture's rows were exposed. Places along a
+ball's way say nothing about that moment: early and late rows give the same path at other times, and balls slow too
+evenly to show the difference. Where the readout is not known, any up to the time between two pictures is as likely.
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ def place_error(
         period: time between two pictures [s].
     """
     pixels, early = [], []
-    unknown = camera if math.isfinite(camera.readout) else replace(camera, readout=period)
+    slowest = replace(camera, readout=period)
     for clip in clips:
         for track, rows in clip.values():
             pixels.append(camera.radius / np.maximum(track.radius[rows], 1.0))
-            if unknown is not camera and len(track.time) > 2:
+            if math.isnan(camera.readout) and len(track.time) > 2:
                 speed = np.linalg.norm(np.gradient(track.xy, track.time, axis=0), axis=1)
-                early.append((speed * unknown.row_delay(track.pixels[:, 1]))[rows])
+                early.append((speed * slowest.row_delay(track.pixels[:, 1]))[rows])
     return PlaceError(
         noise=math.sqrt(2) * sigma if math.isfinite(sigma) else 0.0,
         centre=CENTRE_ERROR_PX * _rms(pixels),
