@@ -7,12 +7,26 @@ import dataclasses
 import numpy as np
 import pytest
 
+from models.effect import Effect, ImpactState, param
 from models.effects.impact.cushion_contact_time import CushionContactTime
 from models.model_file import full_model
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
 
 TIME = 0.006
+
+
+@dataclasses.dataclass(frozen=True)
+class AnyContactTime(Effect):
+    """A user's effect that forgets to ask whether it is a cushion."""
+
+    time: float = param(0.01, off=0.0, unit="s", bounds=(0.0, 0.03), source="made up")
+
+    def impact(self, hit: ImpactState) -> None:
+        """Every impact takes time."""
+        hit.contact_time += self.time
+
+
 BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778, pockets=False)
 LIMIT = float(TABLE.centre_limits(BALL)[1])
 ENGINES = pytest.mark.parametrize("engine", ["events", "mujoco"])
@@ -66,3 +80,13 @@ def test_at_a_mouth_there_is_none(engine: str) -> None:
         later, soon = (leaves(played(engine, t, (0.0, 2.0), middle + beside, table)) for t in (TIME, 0.0))
         times.append(later - soon)
     assert times == pytest.approx([0.0, 0.5 * TIME, TIME], abs=0.02 * TIME)
+
+
+@ENGINES
+def test_balls_that_meet_stay_where_they_are(engine: str) -> None:
+    """Ball number 1 is no rail."""
+    v = np.array([[1.0, 0.3], [0.0, 0.0]])
+    met = Shot(("a", "b"), np.array([[0, 0], [0.1, 0.01]]), v, np.zeros((2, 3)), np.linspace(0, 0.3, 31))
+    model = dataclasses.replace(full_model(TABLE, BALL), engine=engine)
+    plain, timed = (simulate(one, [met])[0].position for one in (model, model.add(AnyContactTime())))
+    np.testing.assert_array_equal(timed, plain)
