@@ -178,6 +178,15 @@ def residuals(
 
 
 @compiled_within
+def stamps_until(stamps, horizon):  # type: ignore[no-untyped-def]
+    """How many of a shot's stamps (m,) come up to a time; what pads them, inf, never does: shots end with their last."""
+    seen = 0
+    while seen < stamps.size and stamps[seen] <= horizon + 1e-9 and stamps[seen] < np.inf:
+        seen += 1
+    return seen
+
+
+@compiled_within
 def _lay_struck(start, u, azimuth, radius):  # type: ignore[no-untyped-def]
     """The struck ball's initial state, turned from its clip's direction (azimuth) into the table's."""
     cs, sn = math.cos(azimuth), math.sin(azimuth)
@@ -264,9 +273,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
         launch = 0.0
         if struck[w]:
             launch = deliver(start[0, 2:4], start[0, 4:7], here, strike, radius[row], mass, cue)
-        seen = 0
-        while seen < stamps.shape[1] and stamps[w, seen] <= horizon[w] + 1e-9:
-            seen += 1
+        seen = stamps_until(stamps[w], horizon[w])
         if seen == 0:
             continue
         looked = stamps[w, :seen].copy()
