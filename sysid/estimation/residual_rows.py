@@ -179,7 +179,7 @@ def residuals(
 
 @compiled_within
 def stamps_until(stamps, horizon):  # type: ignore[no-untyped-def]
-    """How many of a shot's stamps (m,) come up to a time; what pads them, inf, never does: shots end with their last."""
+    """How many of a shot's stamps (m,) come up to a time; what pads them, inf, never does."""
     seen = 0
     while seen < stamps.size and stamps[seen] <= horizon + 1e-9 and stamps[seen] < np.inf:
         seen += 1

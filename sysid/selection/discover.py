@@ -37,7 +37,14 @@ from sysid.selection.evidence import (
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, score_terms, select_terms
 from sysid.selection.judge import diagnose_fit
 from sysid.selection.next_shot import NextShot, propose_shot
-from sysid.selection.pruning import fit_without, without_needless, without_unclear, without_undetermined
+from sysid.selection.pruning import (
+    MIN_DISTANCE_SD,
+    distance_from_absence,
+    fit_without,
+    without_needless,
+    without_unclear,
+    without_undetermined,
+)
 from sysid.selection.remainder import remainder
 from sysid.selection.score import Score
 from sysid.selection.screening import (
@@ -216,20 +223,23 @@ def fit_whole_shots(clip_set: ClipSet, found: DiscoveryResult) -> dict[tuple[str
 
 
 def without_idle(parts: Split, clip_set: ClipSet, found: DiscoveryResult) -> DiscoveryResult:
-    """The result without effects that pieces named and that do not lower the error of whole shots held out.
+    """The result without effects that pieces named and whole shots do not need.
 
-    Pieces of one impact show little of what an effect does to a whole shot.
+    Pieces of one impact show little of what an effect does to a whole shot. It must lower the error of those held out,
+    and have a size there that is beyond its own uncertainty.
     """
     base, best = found.whole.get(()), found.whole.get(found.verdict)
     for name in reversed(found.verdict):
         if base is None or best is None:
             break
         verdict = tuple(v for v in found.verdict if v != name)
+        known = not best.converged or distance_from_absence(best.fitted, name) >= MIN_DISTANCE_SD
         log.info("whole shots without %s", name)
         less = refit_without(clip_set, best, name, "sysid discover") if verdict else base
-        if _held_out_error(less) > _held_out_error(best):
+        if known and _held_out_error(less) > _held_out_error(best):
             continue
-        log.info("%s does not lower the error of whole shots held out", name)
+        why = "does not lower the error of whole shots held out" if known else "has no size that whole shots tell"
+        log.info("%s %s", name, why)
         best = less
         explained = fit_without(parts, found.explained, name) if found.explained else None
         found = _ending_with(found, fit_without(parts, found.last, name), verdict)

@@ -1,4 +1,4 @@
-"""A segment's residuals are its own: what stands beside it changes nothing, and its ball is played to its last sample."""
+"""A segment's residuals do not depend on what stands beside it, and its ball is played to its last sample."""
 
 from __future__ import annotations
 
