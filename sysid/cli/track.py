@@ -273,7 +273,7 @@ def _print(result: Tracked, remarks: Sequence[str]) -> None:
         print(text)
     noise = result.noise
     print(f"{len(result.scene.frames)} frames, {result.rate:.0f} frames/s, {len(result.scene.tracks)} balls")
-    print(f"noise {1e3 * noise.moving:.3f} mm moving, {1e3 * noise.resting:.3f} mm resting")
+    print(noise.text())
     each = ", ".join(f"{name} {1e3 * sd:.3f} mm" for name, sd in noise.balls.items())
     if each:
         print(f"moving: {each}")
@@ -283,7 +283,7 @@ def _print(result: Tracked, remarks: Sequence[str]) -> None:
         lines.append((
             str(row["clip"]), f"{row['time']:.2f}", row["struck"] or "unseen", " ".join(row["balls"]),
             str(sum(row["samples"].values())), str(sum(row["lost"].values())), f"{row['speed']:.3f}",
-            f"{1e3 * noise.sigma:.3f}", "; ".join(row["remarks"]),
+            f"{1e3 * noise.sigma:.3f}" if math.isfinite(noise.sigma) else "-", "; ".join(row["remarks"]),
         ))  # fmt: skip
     if len(lines) > 1:
         print(table(lines))

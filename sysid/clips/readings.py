@@ -96,10 +96,14 @@ class ReadingEvidence:
     coverage: float
 
     @property
-    def holds(self) -> bool:
+    def possible(self) -> bool:
         """Whether nothing contradicts it."""
-        seen = self.at_cushions >= MIN_TURNS or self.coverage > MIN_COVERAGE
-        return seen and self.at_cushions >= self.off_cushions and self.diameter >= 0
+        return self.at_cushions >= self.off_cushions and self.diameter >= 0
+
+    @property
+    def holds(self) -> bool:
+        """Whether something speaks for it, and nothing contradicts it."""
+        return self.possible and (self.at_cushions >= MIN_TURNS or self.coverage > MIN_COVERAGE)
 
     @property
     def rank(self) -> tuple[float, ...]:
@@ -157,9 +161,14 @@ def weighed(clip_set: ClipSet, reading: Reading) -> ReadingEvidence | None:
 
 
 def likely_readings(clip_set: ClipSet, among: Sequence[Reading]) -> list[ReadingEvidence]:
-    """Readings that nothing contradicts, the likeliest first."""
+    """Readings that hold, the likeliest first."""
     found = [seen for reading in among if (seen := weighed(clip_set, reading)) is not None and seen.holds]
     return sorted(found, key=lambda seen: seen.rank, reverse=True)
+
+
+def possible_readings(clip_set: ClipSet, among: Sequence[Reading]) -> list[ReadingEvidence]:
+    """Readings that nothing contradicts, though nothing need speak for them."""
+    return [seen for reading in among if (seen := weighed(clip_set, reading)) is not None and seen.possible]
 
 
 def all_readings() -> list[Reading]:

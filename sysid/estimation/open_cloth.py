@@ -29,7 +29,10 @@ SCAN_FACTORS = (1.0, 0.25, 0.5, 2.0)  # of a constant's start value
 SCAN_STEPS, SEGMENT_STATE_STEPS, FIRST_FIT_STEPS, LAST_FIT_STEPS = 4, 8, 5, 20
 FINE_TOLERANCE, COARSE_TOLERANCE = 1e-5, 1e-4  # share of the loss, where the model follows the segments, or not
 MIN_SEGMENTS = 3
-TOO_FEW = "only {} smooth segments between events; film longer free runs, or check the table's size"
+TOO_FEW = (
+    "{} smooth paths of balls between impacts, where a fit takes {} or more: film more shots and longer free runs, or "
+    "check the table's size"
+)
 log = logging.getLogger(__name__)
 
 
@@ -77,7 +80,7 @@ def fit_open_cloth(model: Model, clip_set: ClipSet, noise: float) -> OpenCloth:
     """
     segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, noise, clip_set.fps)
     if len(segments) < MIN_SEGMENTS:
-        raise BadInput(TOO_FEW.format(len(segments)))
+        raise BadInput(TOO_FEW.format(len(segments), MIN_SEGMENTS))
     names = cloth_constants(model)
     problem = segment_problem(model, names, segments, noise)
     c = _scan(problem, model, names)
@@ -88,7 +91,7 @@ def fit_open_cloth(model: Model, clip_set: ClipSet, noise: float) -> OpenCloth:
         ratio = ratios(problem, x, c)
         good = np.flatnonzero(ratio < UNSEEN_EVENT_RATIO)
         if good.size < MIN_SEGMENTS:
-            raise BadInput(TOO_FEW.format(good.size))
+            raise BadInput(TOO_FEW.format(good.size, MIN_SEGMENTS))
         part = problem.only(good)
         cauchy_sd = CAUCHY_SD * max(1.0, float(np.sqrt(np.mean(ratio[good] ** 2))))
         followed = float(np.median(ratio[good])) <= FOLLOWED_RATIO

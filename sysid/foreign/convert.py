@@ -29,6 +29,7 @@ from sysid.clips.readings import (
     directed,
     likely_readings,
     places,
+    possible_readings,
     read_so,
 )
 from sysid.clips.running import (
@@ -166,11 +167,7 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
     among = stated.readings(unit)
     fits = likely_readings(clip_set, among)
     if not fits and len(among) > 1:
-        size = _size(clip_set.table)
-        raise BadInput(
-            f"{_extents(clip_set)}, which as lengths fits no table {size}: correct --table, --unit, --origin or "
-            "--x-along; pixels need --camera (made with: sysid calibrate)"
-        )
+        fits = [_only_possible(clip_set, among)]
     best = fits[0].reading if fits else among[0]
     rivals = [one.reading for one in fits[1:] if _rivals(one, fits[0])]
     if rivals:
@@ -189,6 +186,20 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
             "counted downwards, as in pictures, give --y down, or sidespin changes its sign"
         )
     return read_so(clip_set, reading), _how(reading) + _because(fits), assumed
+
+
+def _only_possible(clip_set: ClipSet, among: Sequence[Reading]) -> ReadingEvidence:
+    """Of short tracks, which speak for no reading, the one that puts them on the table; BadInput where not one does."""
+    possible, extents = possible_readings(clip_set, among), _extents(clip_set)
+    if not possible:
+        raise BadInput(
+            f"{extents}, which as lengths fits no table {_size(clip_set.table)}: correct --table, --unit, --origin or "
+            "--x-along; pixels need --camera (made with: sysid calibrate)"
+        )
+    if len(possible) > 1:
+        ask = _ask([one.reading for one in possible])
+        raise BadInput(f"{extents}: too little of the table to tell how they are meant; {ask}")
+    return possible[0]
 
 
 def _how(reading: Reading) -> str:

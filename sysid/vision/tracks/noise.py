@@ -45,6 +45,12 @@ class Noise:
         """The estimate to use [m]."""
         return self.moving if math.isfinite(self.moving) else self.resting
 
+    def text(self) -> str:
+        """For the user."""
+        kinds = {"moving": self.moving, "resting": self.resting}
+        known = [f"{1e3 * sd:.3f} mm {name}" for name, sd in kinds.items() if math.isfinite(sd)]
+        return "noise " + (", ".join(known) or "not known: too few frames show a ball")
+
 
 def estimate_noise(scene: TrackedScene) -> Noise:
     """Estimate the noise of the detections of a scene."""

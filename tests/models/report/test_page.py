@@ -62,6 +62,12 @@ def test_signs_of_a_terminal_are_those_of_print_and_names_stay(template: Path) -
     assert "10.1 ± 0.6 mm/s²" in text and "<h1>a^2.csv</h1>" in text
 
 
+def test_a_direction_is_not_broken_after_its_sign(template: Path) -> None:
+    """A browser breaks a line after a hyphen, which put the sign of -y at the end of one and y into the next."""
+    text = render(template, title="t", lines=["pulled towards -y (-x); --y up, --pocket=-x, re-x"], picture=None)
+    assert "towards \N{MINUS SIGN}y (\N{MINUS SIGN}x); --y up, --pocket=-x, re-x" in text
+
+
 def test_a_missing_figure_says_so_and_no_notes_leave_no_box(template: Path) -> None:
     text = render(template, title="t", lines=["a"], picture=None)
     assert "Nothing to show." in text and "<img" not in text

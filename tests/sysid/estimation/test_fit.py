@@ -252,7 +252,7 @@ def test_a_ball_seen_to_stay_is_not_potted_by_a_pocket_that_is_smaller_than_mode
 
 def test_too_little_to_fit_is_one_clear_line(case: Case, start: Model) -> None:
     short = changed(case[0], lambda o: Observation(o.time[:4], o.xy[:4], o.theta[:4]))
-    with pytest.raises(BadInput, match=r"only \d+ smooth segments.*film longer"):
+    with pytest.raises(BadInput, match=r"\d+ smooth paths.* takes 3 or more: film more shots"):
         fit_clips(short, start)
     with pytest.raises(BadInput, match=r"add \[camera\] sigma"):
         position_noise(dataclasses.replace(short, sigma=None))

@@ -169,6 +169,8 @@ def lone(xs: Sequence[float], ys: Sequence[float], head: str = "t,ball,x,y") -> 
 STRAIGHT = np.linspace(0.1, 0.7, 60)
 BAD: dict[str, tuple[str, tuple[str, ...], str]] = {
     "ambiguous origin": (lone(STRAIGHT, STRAIGHT), (), "say so with"),
+    "too short": (lone(0.2 * STRAIGHT, -0.5 * STRAIGHT), (), "say so with --unit m|cm|mm|in|ft"),
+    "too short still": (lone(0.2 * STRAIGHT, -0.5 * STRAIGHT), ("--unit", "m"), "say so with --x-along"),
     "no unit": (lone(1e5 * STRAIGHT, STRAIGHT), (), "pixels need --camera"),
     "pixels": (lone(1e3 * STRAIGHT, STRAIGHT, "t,ball,x_px,y_px"), (), "give the camera's file with --camera"),
     "frames": ("frame,x,y\n0,1,2\n1,1,2\n2,1,2\n", (), "--fps"),
@@ -193,6 +195,15 @@ def test_refusals_are_one_line_and_leave_nothing(tmp_path: Path, name: str, caps
     [line] = capsys.readouterr().err.splitlines()
     assert told in line
     assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
+
+
+def test_a_short_track_is_read_the_only_way_that_puts_it_on_the_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.csv").write_text(lone(1.2 + 0.2 * STRAIGHT, 0.1 * STRAIGHT))
+    [clip] = imported([tmp_path / "a.csv"], tmp_path / "out", "--unit", "m", "--origin", "centre").clips
+    assert clip.balls["cue"].xy[-1] == pytest.approx([1.34, 0.07], abs=1e-5)
+    assert "x along the length" in capsys.readouterr().out
 
 
 def test_what_the_tracks_contradict_is_drawn_and_not_written(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path as File
 
 import numpy as np
@@ -14,7 +15,7 @@ from sysid.vision.camera.projection import Camera
 from sysid.vision.tracks.clips import Extra, clip_set
 from sysid.vision.tracks.follow import Follower
 from sysid.vision.tracks.moves import fastest_step
-from sysid.vision.tracks.noise import residuals
+from sysid.vision.tracks.noise import Noise, residuals
 from sysid.vision.tracks.strikes import balls_there
 from sysid.vision.tracks.track import Tracked, tracked
 from tests.sysid.vision.test_follow import (
@@ -80,6 +81,12 @@ def test_the_noise_is_known() -> None:
         assert found.noise.resting == pytest.approx(noise * PLACE, rel=0.1)
         assert clip_set(found, CAMERA, BALL.mass, FPS).sigma == found.noise.sigma
         assert len(found.shots) == 2
+
+
+def test_noise_that_nothing_shows_is_not_printed_as_a_number() -> None:
+    still = tracked_of(Recording().wait(1.0)).noise
+    assert still.text() == f"noise {1e3 * still.resting:.3f} mm resting"
+    assert Noise(math.nan, math.nan).text() == "noise not known: too few frames show a ball"
 
 
 def test_fifty_random_shots_of_three_balls() -> None:
