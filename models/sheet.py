@@ -86,8 +86,8 @@ class Picture:
         write_whole(path, self.svg.encode())
 
     def _repr_svg_(self) -> str:
-        """The figure in a notebook."""
-        return self.svg
+        """The figure in a notebook, at most as wide as its column."""
+        return self.svg.replace("<svg ", '<svg style="max-width:100%;height:auto" ', 1)
 
     def __repr__(self) -> str:
         """What it is, not its text."""

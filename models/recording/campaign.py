@@ -56,7 +56,8 @@ def write_campaign(path: Path | str, strokes: Strokes, ball: Ball, *, title: str
     digest = hashlib.sha256(repr((title, words, ball)).encode())
     for values in vars(strokes).values():
         digest.update(np.asarray(values, float).tobytes())
-    with whole_recording(path, CAMPAIGN_APPLICATION, digest.hexdigest()[:32], title, _blueprint(ball)) as stream:
+    views = _blueprint(ball, strokes.number)
+    with whole_recording(path, CAMPAIGN_APPLICATION, digest.hexdigest()[:32], title, views) as stream:
         out = Out(rr, stream)
         _draw_ball(out, strokes, ball)
         _plot(out, strokes)
@@ -125,8 +126,8 @@ def _page(strokes: Strokes, k: int) -> str:
     )
 
 
-def _blueprint(ball: Ball) -> Any:
-    """The ball and words on the left, figures on the right."""
+def _blueprint(ball: Ball, number: Array) -> Any:
+    """The ball and words on the left, figures on the right, of all strokes by their number."""
     import rerun.blueprint as rrb
 
     r = 1.1 * MM * ball.radius
@@ -140,7 +141,9 @@ def _blueprint(ball: Ball) -> Any:
         "speed": "Speed of the ball [m/s]", "squirt": "Squirt [mrad]",
         "miss/speed": "Speed, measured - predicted [mm/s]", "miss/squirt": "Squirt, measured - predicted [mrad]",
     }  # fmt: skip
-    plots = [rrb.TimeSeriesView(origin=origin, name=name) for origin, name in figures.items()]
+    edges = [rrb.TimeRangeBoundary.absolute(seq=int(edge)) for edge in (number.min(), number.max() + 1)]
+    axis = rrb.TimeAxis(view_range=rrb.TimeRange(*edges))
+    plots = [rrb.TimeSeriesView(origin=origin, name=name, axis_x=axis) for origin, name in figures.items()]
     left = rrb.Vertical(face, rrb.Tabs(*pages), row_shares=[3, 2])
     return rrb.Blueprint(
         rrb.Horizontal(left, rrb.Vertical(*plots), column_shares=[2, 3]),

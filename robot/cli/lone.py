@@ -71,7 +71,7 @@ class AtTable:
         wire.print_needs(
             filming.need,
             f"{words_of(rig.table, 'the cue ball', rig.place)}, alone on the table; the place marked, since it is put "
-            f"back there {strokes} times, within {1e3 * rig.tolerance:g} mm",
+            f"back there {'once' if strokes == 1 else f'{strokes} times'}, within {1e3 * rig.tolerance:g} mm",
             f"the stand behind it at the {self.end or '-x'} end, the cue along the table",
             yes=self.yes,
         )

@@ -137,9 +137,10 @@ def _striker(
         if SLIDE_FRICTION not in model.parameters():
             raise BadInput(f"{model_file}: has no {SLIDE_FRICTION}; name a model that starts from the base")
         check_strokes(settings, grid, rig)
-        at_table.print_needs(wire, filming, rig, min(len(grid) - played, most or len(grid)))
+        last = min(len(grid), played + (most or len(grid)))
+        at_table.print_needs(wire, filming, rig, last - played)
         progress.close()
-        yield TableStriker(rig, float(model.parameters()[SLIDE_FRICTION]), played, len(grid))
+        yield TableStriker(rig, float(model.parameters()[SLIDE_FRICTION]), played, last)
 
 
 @click.command("map")

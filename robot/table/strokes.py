@@ -55,7 +55,7 @@ class TableStriker:
     """A launcher and a camera at a table, as `run_campaign` strikes with them."""
 
     def __init__(self, rig: LoneBall, friction: float, played: int, total: int) -> None:
-        """`friction` of the sliding ball on this cloth [1]; `played` strokes of `total` into the campaign."""
+        """`friction` of the sliding ball [1]; `played` strokes into the campaign, to be played until `total` are."""
         self.rig, self.friction, self.played, self.total = rig, friction, played, total
 
     def __call__(self, string: int, x0_mm: float, y0_mm: float) -> CueShot:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from models.shot import GRAVITY
 from sysid.clips.clip_set import ClipSet
+from sysid.clips.correlation import integrated_time
 from sysid.clips.segments import Segment, split_all
 
 POLYNOMIAL_DEGREE = 3  # of the polynomial that follows a rolling ball
@@ -93,7 +94,7 @@ def _residual(time: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.
 
 
 def _correlation_time(residuals: list[NDArray[np.float64]], noise: float) -> float:
-    """1 + 2 sum of the autocorrelation up to its first zero, the variance of the noise left out of it [samples]."""
+    """Integrated autocorrelation time, the variance of the noise left out of it [samples]."""
     lags = min(len(r) for r in residuals) - 1
     products = np.zeros(lags)
     for r in residuals:
@@ -101,6 +102,4 @@ def _correlation_time(residuals: list[NDArray[np.float64]], noise: float) -> flo
     variance = products[0] - len(residuals) * noise**2
     if variance <= 0:
         return 1.0
-    after = products[1:] / variance
-    negative = np.flatnonzero(after < 0)
-    return float(1.0 + 2.0 * np.minimum(after[: negative[0] if negative.size else lags - 1], 1.0).sum())
+    return integrated_time(np.minimum(products / variance, 1.0), 0.0)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.clips.correlation import integrated_time
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.fitting import loss_soon
 from sysid.estimation.initial_states import fit_states, shot_losses
@@ -133,10 +134,7 @@ def correlation_time(at: Point, rate: float) -> float:
                 found[lag] += float(v[: n - lag] @ v[lag:])
                 weight[lag] += n - lag
     rho = found / np.maximum(weight, 1)
-    rho = rho / max(rho[0], 1e-12)
-    negative = np.flatnonzero(rho < MIN_CORRELATION)
-    stop = int(negative[0]) if negative.size else MAX_LAG
-    return float(max(1.0, 1.0 + 2.0 * rho[1:stop].sum()))
+    return integrated_time(rho / max(rho[0], 1e-12), MIN_CORRELATION)
 
 
 def excess_variance(at: Point) -> float:

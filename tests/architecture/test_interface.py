@@ -81,6 +81,7 @@ def test_a_stroke_is_played_until_all_balls_rest() -> None:
     assert np.abs(track.velocity[-1]).max() == 0.0 < np.abs(track.velocity[-3]).max()
     assert "white" in str(track) and "red" in str(track)
     assert track.plot().svg.startswith("<?xml") and "</svg>" in track.plot()._repr_svg_()
+    assert '<svg style="max-width:100%;height:auto" ' in track.plot()._repr_svg_(), "no wider than a notebook's column"
     columns = track.sheet().columns
     assert len(columns["x"]) == 2 * len(track.times) and columns["x"][len(track.times)] == -0.3
     resting = models.simulate(model, speed=0.0)

@@ -41,6 +41,13 @@ def test_every_quantity_of_a_page_is_measured_or_given(page: Path) -> None:
     assert unmarked_quantities(page.read_text(encoding="utf-8")) == [], "mark as <!--source.name--> or <!--given-->"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_no_line_of_a_paragraph_begins_with_a_mark(page: Path) -> None:
+    """Markdown takes it for HTML, which ends the paragraph before it."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if re.match(r"\s*<!--(?!figures\.)[a-z]", line)] == []
+
+
 def test_quantities_in_prose_are_seen() -> None:
     text = "it is 2.5 mm, <!--a.x-->3 s<!---->, <!--given-->12 ft<!----> or 3 of 4 `x 5 s`\n"
     assert unmarked_quantities(f"{text}\n```\n7 s\n```\n| 3 s | 4 s |\n") == ["2.5 mm", "3 of 4", "4 s"]

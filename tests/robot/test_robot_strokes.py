@@ -216,7 +216,9 @@ def test_a_campaign_at_a_port_says_what_it_needs_and_is_gone_on_with(
         assert part in needs, needs
     assert "put back there 2 times, within 2 mm" in needs.replace("\n", " ")
     assert len(asked) == 4 and len(struck(lone.devices[0])) == 2
-    assert run("campaign", out, "--most", 1, *options, "--yes").status == 0
+    assert "stroke 1 of 2: put the cue ball" in " ".join([said.out, *asked]), "of those that are played now"
+    said = run("campaign", out, "--most", 1, *options, "--yes")
+    assert said.status == 0 and "put back there once" in said.out.replace("\n", " ")
     assert len(asked) == 5, "the ball is put back, and no yes is asked for"
     assert len(read_campaign(out)) == 3
     typed(lone, monkeypatch, "q")
