@@ -23,7 +23,7 @@ from models.recording.plan import (
     wanted,
 )
 from models.report.axes import TABLE_MARGIN_M, circle, draw_table, legend_on_cloth, rgb
-from models.report.figure import FIGURE_WIDTH_IN, INK_COLOUR, MODEL_COLOUR, NOISE_COLOUR, Draw, svg
+from models.report.figure import FIGURE_WIDTH_IN, INK_COLOUR, MODEL_COLOUR, NARROW_WIDTH_IN, NOISE_COLOUR, Draw, svg
 from models.report.numbers import number
 from models.shot import Array, Ball, Table
 
@@ -33,7 +33,6 @@ SHADOW_COLOUR = "#10151a"  # behind a path and around a ball
 MIN_HALF_VIEW_M = 0.12  # of the figure of resting positions, from its middle to its edge
 FACE_WIDTH_IN = 3.3  # of the cue ball's face
 THUMBNAIL_WIDTH_IN = 3.6  # of an alternative
-NARROW_WIDTH_IN = 4.4  # of a figure for the screen of a phone
 NARROW_REST_HEIGHT_IN = 8.0  # of that of resting positions
 MIN_NARROW_SHARE = 0.5  # of the longer side that the shorter one of a figure for a phone has at least
 

@@ -10,6 +10,7 @@ from typing import Any
 
 Draw = Callable[[Any], None]  # draws into a matplotlib figure
 
+NARROW_WIDTH_IN = 4.4  # of a figure for the screen of a phone
 FIGURE_WIDTH_IN = 10.6  # of every figure that spans the page [inch of 72 points]
 INK_COLOUR = "#1f2933"  # text, axes, reference lines
 MODEL_COLOUR = "#2563a8"

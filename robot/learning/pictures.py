@@ -21,6 +21,7 @@ from models.report.figure import (
     HELD_OUT_COLOUR,
     INK_COLOUR,
     MODEL_COLOUR,
+    NARROW_WIDTH_IN,
     NOISE_COLOUR,
     PAPER_COLOUR,
     PATH_COLOUR,
@@ -40,11 +41,17 @@ PANELS_ACROSS = 4  # of the figure of constants
 MAX_BLOCK_LABELS = 12  # under the bars of pots
 
 
-def misses(story: History) -> tuple[float, Draw]:
-    """The main figure: miss of every shot, medians of blocks, the miss predicted, the launcher's repeatability."""
-    notes, rows = _placed_notes(story)
+def misses(story: History, narrow: bool = False) -> tuple[float, Draw]:
+    """The main figure: miss of every shot, medians of blocks, the miss predicted, the launcher's repeatability.
+
+    `narrow`: for the screen of a phone.
+    """
+    width = NARROW_WIDTH_IN if narrow else FIGURE_WIDTH_IN
+    notes, rows = _placed_notes(story, width)
+    height = 4.4 + 0.6 * narrow + LINE_HEIGHT_IN * rows
 
     def draw(fig: Any) -> None:
+        fig.set_size_inches(width, height)
         ax = fig.subplots()
         shots = story.shots
         miss = 1e3 * np.array([shot.miss for shot in shots])
@@ -94,9 +101,9 @@ def misses(story: History) -> tuple[float, Draw]:
         ax.grid(axis="y")
         ax.set_axisbelow(True)
         if ax.get_legend_handles_labels()[1]:
-            fig.legend(loc="outside lower center", ncols=3)
+            fig.legend(loc="outside lower center", ncols=1 if narrow else 3)
 
-    return 4.4 + LINE_HEIGHT_IN * rows, draw
+    return height, draw
 
 
 def constants(story: History) -> tuple[float, Draw] | None:
@@ -224,9 +231,9 @@ def _last(story: History) -> int:
     return max([1, len(story.shots), *(refit.shots for refit in story.refits)])
 
 
-def _placed_notes(story: History) -> tuple[list[tuple[float, int, str, str]], int]:
-    """What refits found, placed over the figure without overlap: x, row from below, side, text; and the rows."""
-    inch = (FIGURE_WIDTH_IN - 1.0) / _last(story)  # of one shot
+def _placed_notes(story: History, width: float) -> tuple[list[tuple[float, int, str, str]], int]:
+    """What refits found, placed over a figure [inch] without overlap: x, row from below, side, text; and the rows."""
+    inch = (width - 1.0) / _last(story)  # of one shot
     taken: list[list[tuple[float, float]]] = []
     notes = []
     for change in changes(story):

@@ -33,7 +33,8 @@ REPORT_TEMPLATE = Path(__file__).with_name("templates") / "series.html.j2"
 
 def write_report(path: Path | str, story: History, title: str) -> None:
     """Write one HTML file, whole or not at all; BadInput where it cannot be written."""
-    figures = {"misses": misses(story), "constants": constants(story), "above": above(story), "pots": pots(story)}
+    figures = {"constants": constants(story), "above": above(story), "pots": pots(story)}
+    figures |= {"misses": misses(story), "misses_narrow": misses(story, narrow=True)}
     write_page(
         path,
         REPORT_TEMPLATE,

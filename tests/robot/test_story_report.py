@@ -121,6 +121,7 @@ def test_the_page_is_whole_and_needs_nothing_else(page: str) -> None:
     assert not {tag for tag, _ in found.seen} & {"script", "link", "iframe"}
     assert "http" not in re.sub(r"base64,[^\"]+", "", page)
     assert len(found.pictures()) == 4
+    assert page.count('media="screen and (max-width:560px)"') == 1, "the error falling, whole on a phone"
     for picture in found.pictures():
         assert ElementTree.fromstring(picture).tag.endswith("svg")
         assert not re.search(r"href=\"http", picture)
@@ -225,9 +226,9 @@ def test_text_of_any_kind_stays_text(tmp_path: Path) -> None:
 
 
 def test_notes_over_the_picture_do_not_overlap() -> None:
-    from robot.learning.pictures import _placed_notes
+    from robot.learning.pictures import FIGURE_WIDTH_IN, _placed_notes
 
-    notes, rows = _placed_notes(long_story(40, 4))
+    notes, rows = _placed_notes(long_story(40, 4), FIGURE_WIDTH_IN)
     assert {text[2:] for *_, text in notes} == {
         "table_tilt", "cloth_nap", "cushion_restitution_speed", "squirt", "ball_friction_speed",
     }  # fmt: skip
