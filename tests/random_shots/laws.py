@@ -1,7 +1,8 @@
 """What no shot may do, whatever the table, the effects and their constants: one line for each breach.
 
 Energy counts kinetic energy over the mass of a ball, and the potential of pushes that are the same everywhere (slope,
-nap). Springs of balls that touch several at once hold some for a moment: what counts is the most of three samples.
+nap). Springs of balls that touch several at once hold some for a moment: what counts is the most of three samples. A
+ball that stays in a cushion is laid into it without work against a push: so much may come out of it.
 Bodies may overlap by what springs give while they meet, and no more than rounding otherwise.
 """
 
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from models.analytic.events import in_mouth
@@ -24,7 +26,8 @@ from tests.random_shots.draws import Batch
 TOUCHING_M = 5e-6  # overlap that is none: what leans sinks in between two looks at it [m]
 MEETING_S = 2.5 * MAX_CLUSTER_S  # after an event, for which springs may be pressed [s]
 SPRING_DEPTH_S = 3 * CUSHION_TIME  # depth of a pressed cushion over the largest speed, at most [s]
-ENERGY_SHARE, ENERGY_FLOOR = 1e-6, 1e-9  # gain that is none: of the most kinetic energy so far, and [m^2/s^2]
+ENERGY_SHARE, ENERGY_FLOOR = 1e-6, 1e-9  # gain that is none: of the kinetic energy meanwhile, and [m^2/s^2]
+ENERGY_WINDOW = 3  # samples before
 LOG_ROOM = 600
 MOST_EVENTS = MAX_EVENTS - 1  # with which a shot that is given up is no error
 
@@ -162,8 +165,7 @@ def _deepest(batch: Batch) -> float:
 def pushes(batch: Batch, row: int) -> Array | None:
     """The constant push of slope and nap (2,) [m/s^2]; None where energy may come from elsewhere."""
     push, names = np.zeros(2), {effect.name() for effect in batch.model.effects}
-    # No nap pushes a ball in flight; a slope does work on the way into a rail and out of it.
-    if {"cloth_nap", "cue_hop"} <= names or "cushion_contact_time" in names:
+    if {"cloth_nap", "cue_hop"} <= names:  # no nap pushes a ball in flight
         return None
     for effect in batch.model.select(np.array([row])).effects:
         name = effect.name()
@@ -198,12 +200,14 @@ def _energy(batch: Batch, played: Played, row: int) -> Iterator[str]:
     else:
         few = int(np.argmax(~here.all(axis=1))) if not here.all() else len(here)  # until the first is potted
         whole = kinetic[:few] + np.sum(weight * height[:few], axis=1)
-    if len(whole) <= 3:
+    w = ENERGY_WINDOW
+    if len(whole) <= w:
         return
-    before = np.maximum.reduce([whole[k : len(whole) - 3 + k] for k in range(3)])
-    # What moves now counts: a slope may have driven balls that began at next to nothing.
-    allowed = ENERGY_SHARE * np.maximum.accumulate(kinetic)[3 : len(whole)] + ENERGY_FLOOR
-    if (whole[3:] > before + allowed).any():
-        k = int(np.argmax(whole[3:] > before + allowed)) + 3
-        gain = float(whole[k] - before[k - 3])
-        yield f"energy rises by {gain:.2g} of {kinetic[0]:.2g} m^2/s^2 at sample {k}"
+    before = sliding_window_view(whole[:-1], w).max(axis=1)
+    # What moves meanwhile counts: a slope may have driven balls that began at next to nothing.
+    moving = sliding_window_view(kinetic[: len(whole)], w + 1).max(axis=1)
+    laid = 2.0 * float(np.abs(push).sum()) * _deepest(batch) * float(weight.sum())
+    rises = whole[w:] > before + ENERGY_SHARE * moving + ENERGY_FLOOR + laid
+    if rises.any():
+        k = int(np.argmax(rises))
+        yield f"energy rises by {whole[k + w] - before[k]:.2g} of {moving[k]:.2g} m^2/s^2 at sample {k + w}"
