@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -199,11 +200,12 @@ def run(
 ) -> tuple[Result, Array]:  # fmt: skip
     """Play laid-out shots from `start` (n, nball, 8), which is left as they end; samples (n, m, nball, 8)."""
     n, nball = start.shape[:2]
-    out, end = np.full((n, times.shape[1], nball, ROW_SIZE), np.nan), np.zeros(n)
+    out, end = np.empty((n, times.shape[1], nball, ROW_SIZE)), np.zeros(n)
     log, who, count = np.full((n, events), np.inf), np.full((n, events, 3), -1), np.zeros((n, 4), np.int64)
     potted, hooks, pockets, table = np.zeros((n, nball), np.bool_), game.hooks, game.pockets, damping_table()
 
     def part(first: int, last: int) -> None:
+        out[first:last] = np.nan
         play_rows(
             first, last, start, stays, struck, order, hooks.own, hooks.forces, hooks.support, hooks.horizon,
             hooks.impact, hooks.strike, game.cloth, game.mass, game.radius, game.limits, game.half, pockets.ends,
@@ -268,8 +270,9 @@ def play(
         game = lay_out(own, len(some), jaws)
         start = np.zeros((len(some), size, ROW_SIZE))
         times = np.full((len(some), max(len(s.times) for s in some)), np.inf)
+        start[:, :, :2], start[:, :, 2:4] = [s.position for s in some], [s.velocity for s in some]
+        start[:, :, 4:7] = [s.spin for s in some]
         for k, shot in enumerate(some):
-            start[k, :, :2], start[k, :, 2:4], start[k, :, 4:7] = shot.position, shot.velocity, shot.spin
             times[k, : len(shot.times)] = shot.times
         stays = np.array([[name in s.staying for name in s.names] for s in some])
         struck, order = np.array([s.struck for s in some]), np.array([s.order for s in some], float)
@@ -281,21 +284,27 @@ def play(
             if most <= room:
                 break
             room = most
-        for k, number in enumerate(part):
-            tracks[number] = _track(some[k], out[k], result.event_time[k], result.event[k], result.position[k])
+        over_threads(functools.partial(_tracks, tracks, part, some, out, result), len(some), threads)
     return [t for t in tracks if t is not None]
+
+
+def _tracks(
+    tracks: list[Track | None], part: NDArray[np.int64], shots: Sequence[Shot], out: Array, result: Result, first: int,
+    last: int,
+) -> None:  # fmt: skip
+    """Put the tracks of some shots, first to last, where `part` says; what is copied is copied by many threads."""
+    for k in range(first, last):
+        tracks[int(part[k])] = _track(shots[k], out[k], result.event_time[k], result.event[k], result.position[k])
 
 
 def _track(shot: Shot, out: Array, when: Array, who: NDArray[np.int64], last: Array) -> Track:
     data, names = out[: len(shot.times)].copy(), shot.names  # no part of what is laid out for the longest shot
-    happened = []
-    for t, (kind, i, j) in zip(when, who, strict=True):
-        if kind < 0:
-            break
+    happened, count = [], int(np.count_nonzero(who[:, 0] >= 0))
+    for t, (kind, i, j) in zip(when[:count].tolist(), who[:count].tolist(), strict=True):
         balls = (names[i], names[j]) if kind == BALL else (names[i],)
-        rail = rail_of(int(j)) if kind not in (BALL, POCKET) else ""
+        rail = rail_of(j) if kind not in (BALL, POCKET) else ""
         place = (float(last[i, 0]), float(last[i, 1])) if kind == POCKET else None
-        happened.append(Event(float(t), EVENT_KINDS[kind], balls, rail, place))
+        happened.append(Event(t, EVENT_KINDS[kind], balls, rail, place))
     return Track(
         names, shot.times, data[..., :2], data[..., 2:4], data[..., 4:7], data[..., 7], tuple(happened)
     )  # fmt: skip

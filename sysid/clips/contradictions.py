@@ -64,10 +64,11 @@ def contradictions(clip_set: ClipSet) -> list[Contradiction]:
     too_fast = speeds(clip_set)
     if too_fast:  # all that is derived from speeds is wrong
         return [one for one in (frame_rate(clip_set), too_fast) if one is not None]
-    times, off_scale = _first_of(rolling(clip_set), speeds_of_cue(clip_set)), _scale(clip_set)
+    turns = rebounds(clip_set)
+    times, off_scale = _first_of(rolling(clip_set), speeds_of_cue(clip_set)), _scale(clip_set, turns)
     rate = frame_rate(clip_set, times is not None)
     diameter = None if times else _diameter(clip_set)  # impacts are dated by how balls slow down
-    sizes = [off_scale] if off_scale else [diameter, *_cushions(clip_set)]
+    sizes = [off_scale] if off_scale else [diameter, *_cushions(clip_set, turns)]
     found = [*sizes, azimuths(clip_set), rate or times, marks(clip_set)]
     return [one for one in found if one is not None]
 
@@ -199,9 +200,9 @@ def _turns(clip: Clip, name: str, out: Array, least: float) -> Iterator[tuple[fl
             yield float(there + towards * met), xy[k]
 
 
-def _cushions(clip_set: ClipSet) -> Iterator[Contradiction]:
-    """Cushions of an axis that are not where the stated table has them."""
-    seen, limits = rebounds(clip_set), clip_set.table.centre_limits(clip_set.ball)
+def _cushions(clip_set: ClipSet, seen: dict[str, Typical]) -> Iterator[Contradiction]:
+    """Cushions of an axis that are not where the stated table has them, by the rebounds seen at each."""
+    limits = clip_set.table.centre_limits(clip_set.ball)
     for axis, (letter, key) in enumerate((("x", "length"), ("y", "width"))):
         limit = float(limits[axis])
         off = [r for r in ("+" + letter, "-" + letter) if seen[r].departs(limit, SOUND_TABLE * limit)]
@@ -234,9 +235,9 @@ def size_notes(clip_set: ClipSet) -> list[str]:
     return found
 
 
-def _scale(clip_set: ClipSet) -> Contradiction | None:
-    """Diameter and cushions that are all off by one factor: that of the tracks."""
-    seen, limits = rebounds(clip_set), clip_set.table.centre_limits(clip_set.ball)
+def _scale(clip_set: ClipSet, seen: dict[str, Typical]) -> Contradiction | None:
+    """Diameter and cushions, by the rebounds seen at each, that are all off by one factor: that of the tracks."""
+    limits = clip_set.table.centre_limits(clip_set.ball)
     contact, stated = contact_distance(clip_set), clip_set.ball.diameter
     factors = {f"balls meet {contact.value:.4f} m apart": contact.value / stated} if contact.count else {}
     for axis, letter in enumerate("xy"):

@@ -152,7 +152,7 @@ def residuals(
         size: of a row of residuals.
     """
     k = len(x)
-    out = np.full((k, size), np.nan)
+    out = np.empty((k, size))
     if k == 0:
         return out
     game = layout.game(c)
@@ -161,6 +161,7 @@ def residuals(
     x = np.ascontiguousarray(x)
 
     def part(first: int, last: int) -> None:
+        out[first:last] = np.nan
         residual_rows(
             first, last, x, which, samples.stamps, samples.begun, samples.azimuth, samples.order, samples.struck,
             samples.balls, samples.moving, samples.rest, samples.stays, samples.count, samples.at, samples.xy,

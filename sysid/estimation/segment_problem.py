@@ -66,12 +66,17 @@ class SegmentProblem:
         """The model, laid out for the event engine; None where MuJoCo plays it."""
         return Layout(self.model, self.names) if by_events(self.model) else None
 
+    @cached_property
+    def size(self) -> int:
+        """Of a row of residuals: x and y of every sample of the longest segment."""
+        return 2 * max(len(s.time) for s in self.segments)
+
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
         """Residuals over the noise: (k, 2 m)."""
         if self.layout is not None:
-            n, size = len(self.segments), 2 * max(len(s.time) for s in self.segments)
+            n = len(self.segments)
             weighting = Weighting(np.full(self.data.theta.shape, self.noise), np.ones(n), np.full(n, np.inf))
-            return residuals(self.layout, self.data, weighting, x, c, which, size)
+            return residuals(self.layout, self.data, weighting, x, c, which, self.size)
         return self._in_mujoco(x, c, which)
 
     def shot(self, x: Array, segment: int) -> Shot:
@@ -88,7 +93,7 @@ class SegmentProblem:
         ]
         values = {n: c[:, k] for k, n in enumerate(self.names)}
         tracks = observed(self.model.with_values(values), shots, [float(s.time[0]) for s in segments])
-        out = np.full((len(x), 2 * max(len(s.time) for s in self.segments)), np.nan)
+        out = np.full((len(x), self.size), np.nan)
         for k, (track, s) in enumerate(zip(tracks, segments, strict=True)):
             r = (track.position[:, 0] - s.xy) / self.noise
             out[k, : r.size] = r.ravel()
