@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import struct
+import time
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 
 from models.errors import BadInput
 from sysid.foreign.records import read_columns
+from tests.fuzz import readers
 from tests.fuzz.__main__ import main
 from tests.fuzz.damage import Damaged
 from tests.fuzz.readers import READERS, FileReader
@@ -163,3 +165,16 @@ def test_nobody_waits_for_a_pipe(line: str, tmp_path: Path) -> None:
 def test_an_unpaired_surrogate_in_a_result_is_text(tmp_path: Path) -> None:
     text = (SEEDS / "result.json").read_bytes().replace(b'"drag"', b'"\\ud800"', 1)
     assert ended(NEW_EFFECT, tmp_path, result=text).defect == ""
+
+
+def test_a_reader_hangs_that_computes_too_long_not_one_that_others_keep_waiting(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def compute(path: Path) -> None:
+        while True:
+            pass
+
+    monkeypatch.setattr(readers, "LIMIT_S", 0.2)
+    waits, computes = (readers.FileReader("made up", (), read) for read in (lambda path: time.sleep(0.4), compute))
+    assert readers.defect_of(waits, Path()) == ""
+    assert readers.defect_of(computes, Path()) == "made up: hang"
