@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ import pytest
 from models.mjcf.gl import RENDERING_NEEDS, can_render, choose_backend
 
 choose_backend()
+if hasattr(signal, "SIGHUP"):  # under nohup it is ignored, and tests that send it would wait in vain
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 ROOT = Path(__file__).resolve().parents[1]
 
