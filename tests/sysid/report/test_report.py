@@ -115,7 +115,6 @@ def test_numbers_are_those_of_the_comparison(tmp_path: Path) -> None:
     assert "<dt>decoupled_cloth.slide</dt><dd>our fit</dd>" in text
     assert row("decoupled_cloth.roll") == ["decoupled_cloth.roll", "0.0127"]
     assert row("decoupled_cloth.spin")[2] == "rad/s²"
-    assert row("decoupled_cloth.spin")[2] == "rad/s²"
     assert "Misses most in draw shots." in text
     assert "3 clips" not in text and "clips, 1 of them held out" in text
     assert "nan" not in text.lower().replace("nano", "")
