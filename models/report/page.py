@@ -18,7 +18,7 @@ from models.report.chart import DRAWING_FILE, PLOTLY_FILE
 from models.report.figure import GRID_COLOUR, INK_COLOUR, MODEL_COLOUR, PAPER_COLOUR
 from models.report.numbers import millimetres, number
 
-DIRECTION = re.compile(r"(?<=[ (])-(?=[xy]\b)")  # of an axis: a line may end after a hyphen, not after a minus sign
+MINUS_OF_AXIS = re.compile(r"(?<=[ (])-(?=[xy]\b)")  # of an axis: a line may end after a hyphen, not after a minus sign
 SQUARED_UNIT = re.compile(r"(?<=/s)\^2\b")  # of a unit
 FIGURE_BACKGROUND = re.compile(r'(<g id="patch_1">\s*<path d="[^"]*" style="fill: )#ffffff')  # of one by matplotlib
 FIGURE_COLOURS = {  # in a light page, in a dark one (templates/style.css.j2)
@@ -94,4 +94,4 @@ def _finalize(value: object) -> object:
     """A plain string made printable, with the signs of print for those of a terminal; what is HTML already stays."""
     if type(value) is not str:
         return value
-    return SQUARED_UNIT.sub("²", DIRECTION.sub("\N{MINUS SIGN}", printable(value).replace(" +- ", " ± ")))
+    return SQUARED_UNIT.sub("²", MINUS_OF_AXIS.sub("\N{MINUS SIGN}", printable(value).replace(" +- ", " ± ")))
