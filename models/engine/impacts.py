@@ -13,15 +13,11 @@ from models.analytic.pocket import JAW_RAILS, is_facing, outward
 from models.compiled import compiled, compiled_in_place
 from models.engine.motion import POTTED
 from models.hooks import STROKE_FIELDS, Table, call_hook
-from models.shot import GRAVITY, NOSE_COSINE, NOSE_SINE, Array
+from models.shot import NOSE_COSINE, NOSE_SINE, Array
 
 CLIMB_FRICTION = (
     0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
 )
-MAX_RAIL_DEPTH = (
-    0.75  # of a ball's centre in a rail, over the radius: a centre that passes the nose line is in a pocket
-)
-MAX_SLOWED = 0.4  # of its speed out of a rail, that sliding friction may take from a ball that is still in it
 MAX_NOSE_SINE = 0.8  # of a cushion's nose over a ball's centre: higher ones press it down more than back
 RAIL_OF_JAW = np.array(JAW_RAILS)
 
@@ -156,39 +152,6 @@ def crowded(
         j = -1 if cushion else hit[n, 2]
         found[n] = is_crowded(p[n], kind[n], hit[n, 1], j, hit[n, 2], near[n], radius, limits, half, mouths)
     return found
-
-
-@compiled_in_place
-def delay_rebound(p, v, rail, time, slide, radius, half, mouths):  # type: ignore[no-untyped-def]
-    """Put a ball, place p and velocity v after its impact, as deep into a rail as it comes out within a `time` [s].
-
-    On its way out sliding friction `slide` slows it; it comes out in any case. Within a diameter of a mouth, where the
-    rubber ends, it is less deep, down to nothing at the mouth. There is none at a jaw (rail > 3), nor where balls met
-    (rail < 0).
-    """
-    if not 0 <= rail < 4 or time <= 0.0:
-        return
-    k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-    slowing, speed = slide * GRAVITY, max(-sign * v[k], 0.0)
-    time = min(time, MAX_SLOWED * speed / slowing) if slowing > 0.0 else time
-    depth = min((speed - 0.5 * slowing * time) * time, MAX_RAIL_DEPTH * radius)
-    if mouths[0] > 0.0:
-        along = abs(p[1 - k])
-        room = half[1 - k] - mouths[0] - along
-        if k == 1:
-            room = min(room, along - mouths[1])
-        depth *= min(max(0.5 * room / radius, 0.0), 1.0)
-    p[k] += sign * depth
-
-
-@compiled_in_place
-def delay_rebounds(
-    hit: NDArray[np.int64], p: Array, v: Array, time: Array, slide: Array, radius: float, half: Array, mouths: Array
-) -> None:
-    """`delay_rebound` after cushions of many simulations: rows of `hit` are kind, ball, and rail or 4 + jaw."""
-    for n in range(hit.shape[0]):
-        i = hit[n, 1]
-        delay_rebound(p[n, i], v[n, i], hit[n, 2], time[n], slide[n], radius, half, mouths)
 
 
 @compiled_in_place

@@ -29,10 +29,11 @@ from models.engine import columns as col
 from models.engine.ahead import first_event, next_meetings, next_motions
 from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import lay_record
-from models.engine.impacts import delay_rebound, deliver, is_crowded, part
+from models.engine.impacts import deliver, is_crowded, part
 from models.engine.leaning import lean, release
 from models.engine.motion import POTTED, REST, advance, arrive
 from models.engine.rigid import approach_speed, collide_alone, settle
+from models.engine.rubber import delay_rebound, push_out, stopped_in_rail
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH
 from models.hooks import STROKE_FIELDS
 
@@ -159,6 +160,17 @@ def _settle_pressed(  # type: ignore[no-untyped-def]
 
 
 @compiled_within
+def _leave_rail(balls, notes, i, jaws, radius, alpha, limits, half, mouths, now):  # type: ignore[no-untyped-def]
+    """Have a ball that has come to rest in a rail pushed out; all that it moves is worked out again."""
+    (b, m, _), (kind, _, _, _, _, (todo, touched, _)) = balls, notes
+    for q in range(b.shape[0]):
+        advance(b[q], m[q], kind[q], now, radius, alpha)
+    push_out(b, kind, i, touched, jaws, radius, limits, half, mouths)
+    for q in range(b.shape[0]):
+        todo[q] = todo[q] or touched[q]
+
+
+@compiled_within
 def _pot(b, kind, i):  # type: ignore[no-untyped-def]
     """Take a ball off the table."""
     kind[i] = POTTED
@@ -208,6 +220,10 @@ def play_shot(  # type: ignore[no-untyped-def]
     next_, logged, now, ended = zero, zero, 0.0, np.nan
     for done in range(most + 1):
         next_motions(balls, notes, now, until, curved, own, forces, support, horizon, cloth, radius, y, k)
+        i = stopped_in_rail(b, kind, todo, jaws, limits, half, mouths) if now > 0.0 else zero - 1
+        if i >= 0:
+            _leave_rail(balls, notes, i, jaws, radius, alpha, limits, half, mouths, now)
+            continue
         next_meetings(balls, notes, pairs, stays, now, until, limits, half, mouths, jaws, falls, radius, zero)
         t, event, i, j = first_event(b, what, pair, zero)
         if t > until or t == np.inf:

@@ -125,7 +125,7 @@ def _roll(b, touched, cloth, radius):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _part_all(b, kind, touched, jaws, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
+def _part_once(b, kind, touched, jaws, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
     """Put back to where it touches what overlaps a `touched` ball, one after the other; the deepest overlap [m].
 
     A ball that is put back, and overlaps by more than PARTED_M, is touched, too: in a chain only one pair is looked at.
@@ -152,6 +152,14 @@ def _part_all(b, kind, touched, jaws, radius, limits, half, mouths):  # type: ig
 
 
 @compiled_in_place
+def part_all(b, kind, touched, jaws, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
+    """Put back what overlaps a `touched` ball (n,), and what overlaps then, which becomes touched."""
+    for _ in range(MAX_SWEEPS):
+        if _part_once(b, kind, touched, jaws, radius, limits, half, mouths) <= PARTED_M:
+            break
+
+
+@compiled_in_place
 def settle(  # type: ignore[no-untyped-def]
     b, kind, i, j, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, order, now,
 ):  # fmt: skip
@@ -167,6 +175,4 @@ def settle(  # type: ignore[no-untyped-def]
         )
         if most == 0.0:
             break
-    for _ in range(MAX_SWEEPS):
-        if _part_all(b, kind, touched, jaws, radius, limits, half, mouths) <= PARTED_M:
-            break
+    part_all(b, kind, touched, jaws, radius, limits, half, mouths)

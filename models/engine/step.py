@@ -21,10 +21,11 @@ from models.compiled import compiled, compiled_within
 from models.engine import columns as col
 from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import curve, lay_record
-from models.engine.impacts import delay_rebound, is_crowded, part
+from models.engine.impacts import is_crowded, part
 from models.engine.leaning import LEAN_MEMORY_S
 from models.engine.motion import POTTED, REST, advance, arrive, plain_phase
 from models.engine.rigid import approach_speed, collide_alone, settle
+from models.engine.rubber import delay_rebound, push_out, stopped_in_rail
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH, meet_balls, meet_table
 
 PARKED_DEPTH = 1.0  # of potted balls below the slate [m], under the floor of a furnished table
@@ -222,11 +223,18 @@ def play_step(  # type: ignore[no-untyped-def]
         lay_record(records[i], i, kept[LAUNCH], order, radius, mass)
         b[i, : col.ROLLED + 1], b[i, col.CLOCK] = balls[i, : col.ROLLED + 1], now
         kind[i] = REST if balls[i, IN_PLAY] > 0.0 else POTTED
+    moved = np.zeros(n, np.bool_)
     for _ in range(MAX_STEP_EVENTS):
+        for i in range(n):
+            moved[i] = entered[i] == 0.0 and (moved[i] or b[i, col.VX] != 0.0 or b[i, col.VY] != 0.0)
         t, event, one, two = _first_event(
             b, m, kind, what, pair, again, records, entered, wide, now, until, own, forces, support, horizon, cloth,
             radius, limits, half, mouths, jaws, falls, y, k,
         )  # fmt: skip
+        stopped = stopped_in_rail(b, kind, moved, jaws, limits, half, mouths)
+        if stopped >= 0:
+            push_out(b, kind, stopped, touched, jaws, radius, limits, half, mouths)
+            continue
         if one < 0 or t >= until - NO_TIME_S:
             _carry(b, m, kind, orientation, entered, until, radius, alpha, limits, half, mouths)
             _keep(balls, b, kind, orientation, leans)

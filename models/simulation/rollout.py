@@ -17,14 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models import record as rec
+from models.analytic.cloth import STILL_SPEED
 from models.analytic.events import DEAD_SPEED, LEAN_SPEED
 from models.analytic.impulse import collide_rows
 from models.analytic.pocket import NO_ARCS, Pockets, pockets_of, rail_of
 from models.analytic.spring import CALM_TIME_S, CUSHION_TIME, MAX_CLUSTER_S, SPRING_STEP_S
 from models.engine.cluster import CROWD_GAP_M
-from models.engine.impacts import ask_rows, crowded, delay_rebounds, part_rows, strike_rows
-from models.engine.motion import POTTED, REST
+from models.engine.impacts import ask_rows, crowded, part_rows, strike_rows
+from models.engine.motion import CURVE, POTTED, REST
 from models.engine.play import CLOTH_CONSTANTS
+from models.engine.rubber import delay_rebounds, push_out_rows
 from models.hooks import hooks_of
 from models.model_file import Model
 from models.shot import Array, Event, Shot, Track
@@ -244,6 +246,11 @@ class Rollout:
         else:
             w1 = spin_to_world(self.qpos[rows, :, 3:], self.qvel[rows, :, 3:], False)
         self._record(rows, balls, step, self.qpos[rows, :, :3], v1, w1, curve)
+        moved, moves = (np.hypot(v[..., 0], v[..., 1]) > STILL_SPEED for v in (balls.velocity, v1))
+        if (moved & ~moves).any():
+            p, kind = self.qpos[rows, :, :3], np.where(self.alive[rows], np.where(moves, CURVE, REST), POTTED)
+            push_out_rows(moved, kind, p, self.pockets.jaws, ball.radius, self.limits, self.half, self.pockets.ends)
+            self.qpos[rows, :, :3] = p
 
     def _record(
         self, rows: NDArray[np.int64], balls: Balls, step: Array, p1: Array, v1: Array, w1: Array,

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from models.analytic.events import in_mouth
 from models.analytic.pocket import jaw_gaps, pockets_of
 from models.analytic.spring import CUSHION_TIME, MAX_CLUSTER_S
-from models.engine.impacts import MAX_RAIL_DEPTH
 from models.engine.play import MAX_EVENTS, Game, Result, lay_out, run
+from models.engine.rubber import MAX_RAIL_DEPTH
 from models.shot import GRAVITY, Array
 from tests.random_shots.draws import Batch
 

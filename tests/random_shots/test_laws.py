@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from models.engine.impacts import MAX_RAIL_DEPTH
+from models.engine.rubber import MAX_RAIL_DEPTH
 from models.shot import Array
 from tests.random_shots.draws import Batch, batch, picked
 from tests.random_shots.laws import ENERGY_WINDOW, Played, breaches, play, pushes

@@ -22,6 +22,7 @@ ONCE_GIVEN_UP = [  # seed and row: packs and slopes, a grain that resists more o
     (644, 51), (652, 23), (801, 12), (950, 34), (1086, 20), (1139, 43), (1336, 34), (1370, 35),  # beside mouths
 ]  # fmt: skip
 ONCE_INSIDE = [(2, 47), (10, 60), (15, 0), (231, 33), (669, 9), (1023, 5)]  # behind a cushion, beside a mouth
+ONCE_IN_RUBBER = [(845, 55), (1367, 8)]  # at rest there, since the cloth or another ball had stopped them
 ONCE_NOWHERE = [(221, 26), (13, 2), (63, 41)]  # an approach whose square vanished; through facings
 ONCE_TOO_NEAR = [(57, 57), (57, 58), (128, 44), (558, 32), (1205, 62), (1341, 54)]  # at a jaw, or in a pressed chain
 ONCE_FASTER = [(154, 3), (588, 6), (835, 33), (871, 63)]  # in a turning roll, or without resistance to rolling
@@ -38,6 +39,13 @@ def test_random_shots_break_no_law(seed: int) -> None:
 @pytest.mark.parametrize(("seed", "row"), ONCE_GIVEN_UP + ONCE_INSIDE + ONCE_NOWHERE + ONCE_TOO_NEAR + ONCE_FASTER)
 def test_shots_that_once_broke_a_law_break_none(seed: int, row: int) -> None:
     one = picked(batch(seed, 64, later=()), np.array([row]))
+    assert breaches(one, judged(one)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "row"), ONCE_IN_RUBBER)
+def test_no_ball_rests_in_rubber(seed: int, row: int) -> None:
+    one = picked(batch(seed, 64), np.array([row]))
     assert breaches(one, judged(one)) == []
 
 

@@ -5,8 +5,9 @@ the speed: a ball comes out of it that much later, and so lags behind by its way
 rail it goes with the speed that it leaves with. Measured on 222 cushion contacts above 1 m/s of a three-cushion match
 (erdo100/3cushiontool, 2.84 m table): 5 to 6 ms between the way in and the way out, 5.35 ms of the way out along the
 rail, none of the way in. While it stays, the ball is as deep in the rail as its way out takes it to come back.
-Within a diameter of a mouth, where the rubber ends, the time falls to none. Leaves out that the real depth is less,
-that the rubber pushes out a ball that another one hits meanwhile, jaws, and cushions where more bodies touch at once.
+Within a diameter of a mouth, where the rubber ends, the time falls to none. A ball that stops in the rail,
+since another one has hit it or the cloth resists more there, is pushed out slowly. Leaves out that the real depth is
+less, jaws, and cushions where more bodies touch at once.
 """
 
 from __future__ import annotations

@@ -90,3 +90,17 @@ def test_balls_that_meet_stay_where_they_are(engine: str) -> None:
     model = dataclasses.replace(full_model(TABLE, BALL), engine=engine)
     plain, timed = (simulate(one, [met])[0].position for one in (model, model.add(AnyContactTime())))
     np.testing.assert_array_equal(timed, plain)
+
+
+@ENGINES
+def test_no_ball_rests_in_pressed_rubber(engine: str) -> None:
+    """One that is 3 mm in comes to lean on another: it is pushed out, and the other one with it."""
+    v, places = np.array([[0.0, -0.001], [0.0, 0.0]]), np.array([[0.0, LIMIT + 0.003]] * 2)
+    places[1, 1] -= BALL.diameter + 1e-5
+    shot = Shot(("a", "b"), places, v, np.zeros((2, 3)), np.linspace(0.0, 8.0, 81))
+    model = dataclasses.replace(full_model(TABLE, BALL), engine=engine).add(CushionContactTime(time=0.01))
+    end = simulate(model, [shot])[0]
+    y = end.position[-1, :, 1]
+    assert np.abs(end.velocity[-1]).max() < 1e-9
+    assert y[0] == pytest.approx(LIMIT, abs=1e-9)
+    assert y[0] - y[1] >= BALL.diameter - 1e-6

@@ -74,6 +74,16 @@ def followed(shot: Shot, events: tuple[Event, ...], dt: float = DT) -> int:
     return int(np.searchsorted(shot.times, min(ends, default=math.inf) - dt))
 
 
+def test_a_ball_that_stops_in_a_rail_is_pushed_out_as_in_the_event_engine() -> None:
+    """It is 3 mm in, and too slow to come out."""
+    limit, v = float(SNOOKER_TABLE.centre_limits(SNOOKER_BALL)[1]), np.array([[0.0, -0.02], [0.0, 0.0]])
+    start = np.array([[0.0, limit + 0.003], [1.0, 0.0]])
+    shot = Shot(("white", "red"), start, v, np.zeros((2, 3)), np.arange(501) * DT)
+    [track] = simulate(CLOSED, [shot])
+    for end in (track.position[-1], stepped(CLOSED, shot)[-1]):
+        np.testing.assert_allclose(end, [[0.0, limit], [1.0, 0.0]], atol=1e-9)
+
+
 @pytest.mark.parametrize("name", ["base", *ACTING])
 def test_steps_are_the_shots_of_the_event_engine(name: str) -> None:
     model = CLOSED if name == "base" else CLOSED.add(effect_class(name)())

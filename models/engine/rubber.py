@@ -1,0 +1,90 @@
+"""Balls that stay in a rail (effect cushion_contact_time): how deep they are laid into it, and what stops there.
+
+A ball is laid in with the velocity that it leaves with, so deep that it comes out in the time of contact. What stops it
+before (another ball, cloth that resists more there) leaves it in rubber that is still pressed: the rubber pushes it out
+slowly, with what lies against it, and the cloth takes that work up at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.analytic.events import INSIDE_M
+from models.compiled import compiled, compiled_in_place
+from models.engine.cluster import rail_gap
+from models.engine.motion import REST
+from models.engine.rigid import part_all
+from models.shot import GRAVITY, Array
+
+MAX_RAIL_DEPTH = (
+    0.75  # of a ball's centre in a rail, over the radius: a centre that passes the nose line is in a pocket
+)
+MAX_SLOWED = 0.4  # of its speed out of a rail, that sliding friction may take from a ball that is still in it
+
+
+@compiled_in_place
+def delay_rebound(p, v, rail, time, slide, radius, half, mouths):  # type: ignore[no-untyped-def]
+    """Put a ball, place p and velocity v after its impact, as deep into a rail as it comes out within a `time` [s].
+
+    On its way out sliding friction `slide` slows it; it comes out in any case. Within a diameter of a mouth, where the
+    rubber ends, it is less deep, down to nothing at the mouth. There is none at a jaw (rail > 3), nor where balls met
+    (rail < 0).
+    """
+    if not 0 <= rail < 4 or time <= 0.0:
+        return
+    k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
+    slowing, speed = slide * GRAVITY, max(-sign * v[k], 0.0)
+    time = min(time, MAX_SLOWED * speed / slowing) if slowing > 0.0 else time
+    depth = min((speed - 0.5 * slowing * time) * time, MAX_RAIL_DEPTH * radius)
+    if mouths[0] > 0.0:
+        along = abs(p[1 - k])
+        room = half[1 - k] - mouths[0] - along
+        if k == 1:
+            room = min(room, along - mouths[1])
+        depth *= min(max(0.5 * room / radius, 0.0), 1.0)
+    p[k] += sign * depth
+
+
+@compiled_in_place
+def delay_rebounds(
+    hit: NDArray[np.int64], p: Array, v: Array, time: Array, slide: Array, radius: float, half: Array, mouths: Array
+) -> None:
+    """`delay_rebound` after cushions of many simulations: rows of `hit` are kind, ball, and rail or 4 + jaw."""
+    for n in range(hit.shape[0]):
+        i = hit[n, 1]
+        delay_rebound(p[n, i], v[n, i], hit[n, 2], time[n], slide[n], radius, half, mouths)
+
+
+@compiled_in_place
+def stopped_in_rail(b, kind, moved, jaws, limits, half, mouths):  # type: ignore[no-untyped-def]
+    """The first ball of those that have `moved` (n,) that has come to rest in a rail, or -1."""
+    for i in range(b.shape[0]):
+        if moved[i] and kind[i] == REST:
+            for rail in range(4):
+                if rail_gap(b[i], rail, jaws, limits, half, mouths) < -INSIDE_M:
+                    return i
+    return -1
+
+
+@compiled_in_place
+def push_out(b, kind, i, touched, jaws, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
+    """Put a ball out of the rails, and what is then in its way aside; fills `touched` (n,), the balls that moved."""
+    for q in range(b.shape[0]):
+        touched[q] = q == i
+    part_all(b, kind, touched, jaws, radius, limits, half, mouths)
+
+
+@compiled
+def push_out_rows(
+    moved: NDArray[np.bool_], kind: NDArray[np.int64], p: Array, jaws: Array, radius: float, limits: Array, half: Array,
+    mouths: Array,
+) -> None:  # fmt: skip
+    """`push_out` for what has come to rest in many simulations: `moved`, `kind` (n, nball), `p` (n, nball, 3)."""
+    touched = np.zeros(p.shape[1], np.bool_)
+    for s in range(p.shape[0]):
+        for _ in range(p.shape[1]):
+            i = stopped_in_rail(p[s], kind[s], moved[s], jaws, limits, half, mouths)
+            if i < 0:
+                break
+            push_out(p[s], kind[s], i, touched, jaws, radius, limits, half, mouths)
