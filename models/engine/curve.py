@@ -45,6 +45,7 @@ SHORT_ROLL_S = 0.03  # rest of a roll that is taken straight [s]
 LAST_TURN = 0.5  # by which a step may turn a roll that is turned more than slowed [rad]
 END_SHARE = 0.995  # of the way to the end of a roll or a slide, at most, in a step
 END_SHARE_SOFT = 0.9  # the same where the friction of a slide is not the full one
+SPEED_ERROR = 0.02  # of a step of a roll, over its speed: more of a slow one would bring back what has died away
 TURN_ERROR = 4e-4  # error of a step of half of what is left of a motion, over how much a push across it turns it
 MAX_STEP_RATIO = 9.0  # a step over what it leaves of a motion, beyond which errors no longer grow with it
 MAX_REMAINING_S = 1e3  # what is left of a motion, at most [s]
@@ -285,9 +286,13 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
         if mode == ROLLING:
             sx = sy = 0.0
         ex, ey = ex - 2 / 7 * sx, ey - 2 / 7 * sy
-        error = math.sqrt(ex * ex + ey * ey) * lasts
+        off = math.sqrt(ex * ex + ey * ey)
+        error = off * lasts
         error += early * abs(sx * way[0] + sy * way[1]) + turns * abs(sx * way[1] - sy * way[0])
         error += SPIN_ERROR_S * radius * abs(wz)
+        if mode == ROLLING:
+            fastest = max(v, math.sqrt(y[col.VX] * y[col.VX] + y[col.VY] * y[col.VY]))
+            error = max(error, STEP_TOLERANCE_M * off / (SPEED_ERROR * fastest))
         # Sidespin or rolling resistance that would pass through zero ends the step there.
         part = 1.0
         if b[col.WZ] != 0.0 and way[4] * y[col.WZ] < 0.0 and abs(y[col.WZ]) > STILL_SPIN:

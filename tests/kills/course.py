@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import shutil
 import signal
+import subprocess
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -66,7 +67,12 @@ class Course:
             return True
         tally.kills[number.name] += 1
         process.send_signal(number)
-        status = process.wait(timeout=STOPS_WITHIN_S)
+        try:
+            status = process.wait(timeout=STOPS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            tally.wrong.append(f"not stopped {STOPS_WITHIN_S:.0f} s after {number.name}")
+            process.kill()
+            status = process.wait()
         if status not in (-number, 128 + number, *ENDED):
             tally.wrong.append(f"status {status} after {number.name}")
         end = time.monotonic() + GONE_WITHIN_S

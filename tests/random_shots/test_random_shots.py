@@ -20,6 +20,7 @@ D = BALL.diameter
 ONCE_GIVEN_UP = [  # seed and row: packs and slopes, a grain that resists more once a ball rolls, pulls across the way
     (4, 3), (4, 26), (6, 4), (6, 9), (14, 28), (16, 8), (68, 17), (108, 29), (184, 29), (185, 50), (227, 54), (427, 9),
     (644, 51), (652, 23), (801, 12), (950, 34), (1086, 20), (1139, 43), (1336, 34), (1370, 35),  # beside mouths
+    (788, 61),  # a nap nearly as strong as the resistance
 ]  # fmt: skip
 ONCE_INSIDE = [(2, 47), (10, 60), (15, 0), (231, 33), (669, 9), (1023, 5)]  # behind a cushion, beside a mouth
 ONCE_IN_RUBBER = [(845, 55), (1367, 8)]  # at rest there, since the cloth or another ball had stopped them
@@ -79,6 +80,17 @@ def test_a_ball_that_rolls_along_a_cushion_is_not_looked_at_without_end() -> Non
     v, w = np.array([[[0.3, 5e-31]]]), np.array([[[0.0, 0.3 / BALL.radius, 0.0]]])
     end = finish(world, np.array([[[-0.8, y]]]), v, w, until=1.5, most=100)
     assert np.isfinite(end.time).all() and end.position[0, 0, 1] == pytest.approx(y, abs=1e-12)
+
+
+def test_a_ball_that_is_hardly_moving_and_turned_comes_to_rest() -> None:
+    """By a nap nearly as strong as the resistance: it crept for ever, by steps as bad as its speed."""
+    world = model(0.00806737, "cloth_nap", push=0.1).add(
+        effect_class("cloth_grain")(along=-0.04543285, diagonal=-0.13003884)
+    )
+    v = np.array([[[3.4334e-5, 1.0067e-5]]])
+    w = np.array([[[-v[0, 0, 1], v[0, 0, 0], 0.0]]]) / BALL.radius
+    end = finish(world, np.zeros((1, 1, 2)), v, w, most=200)
+    assert np.isfinite(end.time).all() and not end.velocity.any()
 
 
 @pytest.mark.slow
