@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from models.compiled import compiled
+from sysid.vision.balls import swept_disc
 from sysid.vision.balls.background import View
 from sysid.vision.balls.view_geometry import Array, Image
 
@@ -30,27 +30,21 @@ COVER_LIMITS = (-0.2, 1.1)
 DEEPEST_SHADE = 0.65  # of the table's light, that a shadow leaves; what is darker is no table
 NO_TABLE_GREY = 40.0  # from the colour of the shaded table, from which on a pixel is no table at all [grey levels]
 SKIN_PX = 1.5  # below the rim, where a ball of several colours shows those of the rim
-RIM_BLUR_PX = 1.0  # of the rim of a disc
 SURROUND_PX = 6.0  # beyond the disc that take part in a fit
 STEPS = 60  # of least squares, at most: far from the ball only its rim pulls a disc, by half a pixel a step
-SETTLED_PX = 0.01
-STRETCH = 1.5  # of every step: reweighted least squares fall short, and would stop on the way
 MAX_FITS = 6  # of a disc, each with the window around the place that the last one found,
 SAME_PLACE_PX = 0.3  # until it stays there
 RESIDUAL_LIMIT = 0.6  # of cover, from which on a pixel shows something else: the cue, a hand, a mark
 MIN_RESIDUAL = 0.02
-RIM_REACH = 3.5  # blurs from the rim, beyond which a disc covers all or nothing
 HEIGHT_SD = 0.1  # of the cover of a ball that is wholly seen
 SHADING_SD = 0.3  # of how much it rises from the middle of a disc to its rim, along an axis, by light from aside;
 UNSHADED_SD = 1e-6  # of a ball that is clipped
-RIDGE = 1e-6  # keeps the least squares solvable where the picture shows nothing
 CORRELATED_PX = 12.0  # pixels of a compressed picture whose errors are common
 SIZE_SD_FRACTION = 0.03  # of the radius, standard deviation
 SECTORS = 24  # of the rim, of which each is seen or not
 RING_RADII = (0.72, 1.32)  # within and beyond the rim where a sector is judged
 MIN_CONTRAST = 0.4  # of cover across the rim, of a sector that is seen
 CLIPPED_GREY = 250  # from which on a channel is clipped; where all are, a ball may be overexposed
-MAX_SWEEP_PX = 4.0  # between two places of a disc on its path
 
 
 def is_white(colour: Array | None) -> bool:
@@ -113,102 +107,9 @@ def _own_colours(window: Image, centre: Array, radius: float, motion: Array) -> 
     return np.asarray(cv2.remap(window, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
-@compiled
-def _swept(
-    u: float, v: float, radius: float, du: float, dv: float, count: int
-) -> tuple[float, float, float, float, float, float]:
-    """Cover at an offset from the middle of a disc swept by (du, dv); derivatives by centre, radius and shading."""
-    total = by_u = by_v = by_radius = across = down = 0.0
-    for k in range(count):
-        s = (k + 0.5) / count - 0.5
-        x, y = u - s * du, v - s * dv
-        distance = math.sqrt(x * x + y * y) + 1e-6
-        depth = (radius - distance) / RIM_BLUR_PX
-        if depth < -RIM_REACH:
-            continue
-        if depth > RIM_REACH:
-            total += 1.0
-            across += x
-            down += y
-            continue
-        disc = 0.5 + 0.5 * math.tanh(depth)
-        steep = 2 * disc * (1 - disc) / RIM_BLUR_PX
-        total += disc
-        across += disc * x
-        down += disc * y
-        by_u += steep * x / distance
-        by_v += steep * y / distance
-        by_radius += steep
-    rim = count * radius
-    return total / count, by_u / count, by_v / count, by_radius / count, across / rim, down / rim
-
-
-@compiled
-def _normal_equations(
-    seen: Image, x0: float, y0: float, radius: float, motion: Array, gain: float, shading: Array, reach: float,
-    count: int, limit: float,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Least squares of a swept disc against cover (rows, columns), whose first pixel lies at (x0, y0) from its middle.
-
-    `shading` (2,) is how much its cover rises from the middle to the rim, along both axes. Returns the matrix (6, 6)
-    and right side (6,) for steps of centre, radius, height and shading, with Tukey's biweight, and the weighted squares
-    and weights of all residuals, the squares and number of those that the disc covers, and the squares and number of
-    all, each at most at the limit (6,).
-    """
-    matrix, right, sums, row = np.zeros((6, 6)), np.zeros(6), np.zeros(6), np.zeros(6)
-    du, dv = motion[0], motion[1]
-    length = math.sqrt(du * du + dv * dv)
-    for j in range(seen.shape[0]):
-        for i in range(seen.shape[1]):
-            u, v = i + x0, j + y0
-            along = min(max((u * du + v * dv) / (length + 1e-9), -length / 2), length / 2)
-            a, b = u - along * du / (length + 1e-9), v - along * dv / (length + 1e-9)
-            if a * a + b * b >= reach * reach:
-                continue
-            model, row[0], row[1], row[2], row[4], row[5] = _swept(u, v, radius, du, dv, count)
-            if gain * model > 1.0:
-                model, row[:] = 1.0, 0.0
-            elif gain != 1.0:
-                model *= gain
-                row *= gain
-            row[3] = model
-            residual = seen[j, i] - model - shading[0] * row[4] - shading[1] * row[5]
-            sums[4] += min(residual * residual, limit * limit)
-            sums[5] += 1.0
-            if model > 0.05:
-                sums[2] += residual * residual
-                sums[3] += 1.0
-            if abs(residual) >= limit:
-                continue
-            weight = (1 - (residual / limit) ** 2) ** 2
-            sums[0] += weight * residual * residual
-            sums[1] += weight
-            for m in range(6):
-                right[m] += weight * row[m] * residual
-                for n in range(m + 1):
-                    matrix[m, n] += weight * row[m] * row[n]
-    for m in range(6):
-        for n in range(m):
-            matrix[n, m] = matrix[m, n]
-    return matrix, right, sums
-
-
-@compiled
-def _share(x: Array, y: Array, radius: float, motion: Array, count: int) -> Array:
-    out = np.empty(len(x))
-    for k in range(len(x)):
-        out[k] = _swept(x[k], y[k], radius, motion[0], motion[1], count)[0]
-    return out
-
-
 def swept_share(x: Array, y: Array, radius: float, motion: Array) -> Array:
     """Cover (n,) at offsets (n,) from the middle of a swept disc [pixels]."""
-    return np.asarray(_share(x, y, radius, motion, _places(motion)))
-
-
-def _places(motion: Array) -> int:
-    """Number of places of a disc on its path."""
-    return 1 + 2 * math.ceil(math.hypot(*motion) / (2 * MAX_SWEEP_PX))
+    return np.asarray(swept_disc.share(x, y, radius, motion, swept_disc.places(motion)))
 
 
 def fit_disc(
@@ -252,30 +153,20 @@ def _settled(
     seen: Image, corner: Array, start: Array, radius: float, motion: Array, gain: float, shading_sd: float, steps: int
 ) -> DiscFit | None:  # fmt: skip
     """The disc that fits cover (rows, columns) best, whose first pixel is `corner` (2,); None where it runs away."""
-    reach = radius + SURROUND_PX
-    centre, grown, shading, count = np.array(start, float), 0.0, np.zeros(2), _places(motion)
     sd = np.array([math.inf, math.inf, SIZE_SD_FRACTION * radius, HEIGHT_SD, shading_sd, shading_sd])
     prior = CORRELATED_PX * MIN_RESIDUAL**2 / sd**2
-    for _ in range(steps):
-        x0, y0 = corner - centre
-        matrix, right, sums = _normal_equations(
-            seen, x0, y0, radius + grown, motion, gain, shading, reach, count, RESIDUAL_LIMIT
-        )
-        matrix += np.diag(prior + RIDGE)
-        step = np.linalg.solve(matrix, right - prior * np.array([0, 0, grown, 0, *shading]))
-        height, step = 1.0 + float(step[3]), STRETCH * step
-        move = step[:2].clip(-0.5 * radius, 0.5 * radius)
-        centre, grown = centre + move, float(np.clip(grown + step[2], -0.15 * radius, 0.15 * radius))
-        shading = shading + step[4:]
-        if np.abs(centre - start).max() > 1.2 * radius + np.abs(motion).max():
-            return None
-        if np.abs(move).max() < SETTLED_PX:
-            break
+    matrix, sums = np.zeros((len(sd), len(sd))), np.zeros(6)
+    stayed, x, y, grown, height = swept_disc.settled(
+        np.ascontiguousarray(seen), corner.astype(float), np.array(start, float), radius, motion,
+        swept_disc.places(motion), gain, prior, radius + SURROUND_PX, RESIDUAL_LIMIT, steps, matrix, sums,
+    )  # fmt: skip
+    if not stayed:
+        return None
     noise = max(math.sqrt(sums[0] / max(sums[1], 1e-9)), MIN_RESIDUAL)
     covariance = np.linalg.inv(matrix) * CORRELATED_PX * noise**2
     centre_sd = math.sqrt((covariance[0, 0] + covariance[1, 1]) / 2)
     residual, misfit = (math.sqrt(sums[k] / sums[k + 1]) if sums[k + 1] else math.inf for k in (2, 4))
-    return DiscFit(centre, radius + grown, motion, height, centre_sd, residual, misfit, gain, 0.0)
+    return DiscFit(np.array([x, y]), radius + grown, motion, height, centre_sd, residual, misfit, gain, 0.0)
 
 
 def _rim(view: View, colour: Array | None, fit: DiscFit) -> float:

@@ -28,10 +28,12 @@ MIN_HEIGHT = 0.6
 MAX_RESIDUAL = {"new": 0.3, "known": 0.4}  # of cover
 CLEAR_RESIDUAL = 0.2  # of a motion that needs no other to be tried
 SWEEP_RATIO = 1.15  # of misfits, by which a ball that stands still must explain a picture better than a moving one
+LEAST_SWEEP_RADII = 0.1  # of a motion, below which a disc is not swept
 MAX_MOTION_ERROR_PX = 1.0  # of a sweep, beyond which a disc is fitted anew with the one that its first fit tells
 MAX_REFITS = 3  # of a disc, each with the motion that the fit before tells
 GAINS = (1.0, 1.5, 2.5, 4.0)  # by which it is, tried until they are known
-RANKING_STEPS = 8  # of least squares, after which it is seen which of several fits is best
+RANKING_STEPS = 8  # of least squares, after which it is seen which of several fits is best,
+RANKING_MARGIN = 0.1  # and which have a misfit so far beyond the least that they will not become rivals
 EXPOSURES = (0.25, 0.5, 0.75, 1.0)  # of the time between two frames, tried until it is known
 MIN_SWEEP_RADII = 0.4  # of a motion from which the exposure can be told
 MAX_UNEVENNESS = 0.25  # of such a step, relative to the one before
@@ -138,7 +140,14 @@ def known_disc(
         chosen = quick
     else:
         starts = peaks(view, colour, expected, reach)
-        fits = [quick, *(_best(view, colour, at, at - last, radius, shutter) for at in starts)]
+        ranked = [_ranked(view, colour, at, at - last, radius, shutter) for at in starts]
+        limit = (
+            min([quick.misfit if quick is not None else math.inf, *(misfit for misfit, _ in ranked)]) + RANKING_MARGIN
+        )
+        if quick is not None and near and acceptable(quick, "known"):
+            limit = quick.misfit - MISFIT_MARGIN  # what is farther away must be better
+        hopeful = [(at, how) for at, (misfit, how) in zip(starts, ranked, strict=True) if misfit < limit]
+        fits = [quick, *(_best(view, colour, at, at - last, radius, shutter, how) for at, how in hopeful)]
         found = [fit for fit in fits if fit is not None and acceptable(fit, "known")]
         if not found:
             return None
@@ -159,14 +168,17 @@ def known_disc(
     return chosen
 
 
-def _best(view: View, colour: Array | None, at: Array, step: Array, radius: float, shutter: Shutter) -> DiscFit | None:
-    """The fit at a pixel (2,) with the motion that explains the picture best."""
-    length = math.hypot(*step)
-    if length < 0.1 * radius:
+def _best(
+    view: View, colour: Array | None, at: Array, step: Array, radius: float, shutter: Shutter,
+    how: tuple[float, float] | None = None,
+) -> DiscFit | None:  # fmt: skip
+    """The fit at a pixel (2,) with the motion that explains the picture best, among those of a fraction and gain."""
+    if math.hypot(*step) < LEAST_SWEEP_RADII * radius:
         return fit_disc(view, colour, at, radius, np.zeros(2))
     tried = shutter.tried(colour)
-    part, gain = tried[0] if len(tried) == 1 else _likeliest(view, colour, at, step, radius, tried)
-    best = _swept_disc(view, colour, at, step, radius, part, gain)
+    if how is None:
+        how = tried[0] if len(tried) == 1 else _ranked(view, colour, at, step, radius, shutter)[1]
+    best = _swept_disc(view, colour, at, step, radius, *how)
     if best is None or len(tried) > 1 or best.residual > CLEAR_RESIDUAL:
         still = fit_disc(view, colour, at, radius, np.zeros(2))
         if still is not None and (best is None or SWEEP_RATIO * still.misfit < best.misfit):
@@ -174,12 +186,16 @@ def _best(view: View, colour: Array | None, at: Array, step: Array, radius: floa
     return best
 
 
-def _likeliest(
-    view: View, colour: Array | None, at: Array, step: Array, radius: float, tried: Sequence[tuple[float, float]]
-) -> tuple[float, float]:
-    """The part of the step and the gain under which a swept disc at a pixel (2,) fits best after a few steps."""
+def _ranked(
+    view: View, colour: Array | None, at: Array, step: Array, radius: float, shutter: Shutter
+) -> tuple[float, tuple[float, float]]:
+    """The misfit at a pixel (2,) after a few steps, and the fraction and gain of the swept disc that fits best then."""
+    tried = shutter.tried(colour) if math.hypot(*step) >= LEAST_SWEEP_RADII * radius else [(0.0, 1.0)]
     fits = [fit_disc(view, colour, at, radius, part * step, gain, RANKING_STEPS) for part, gain in tried]
-    return tried[int(np.argmin([math.inf if fit is None else fit.misfit for fit in fits]))]
+    misfits = [math.inf if fit is None else fit.misfit for fit in fits]
+    best = int(np.argmin(misfits))
+    still = None if tried[best][0] == 0.0 else fit_disc(view, colour, at, radius, np.zeros(2), steps=RANKING_STEPS)
+    return min(misfits[best], math.inf if still is None else still.misfit), tried[best]
 
 
 def _swept_disc(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from models.shot import Array, Table
-from sysid.vision.balls.cover import cover, fit_disc, swept_share
+from sysid.vision.balls.cover import _settled, cover, fit_disc, swept_share
 from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.discs import Shutter, known_disc
 from sysid.vision.balls.learning import learn_detector
@@ -161,6 +161,15 @@ def test_where_a_disc_is_found_does_not_depend_on_where_it_was_expected(shot: Sh
             assert near is not None
             assert far is not None
             assert np.hypot(*(near.xy - far.xy)) < 0.05 * near.radius
+
+
+def test_a_fit_settles_where_the_disc_does_not_match() -> None:
+    y, x = np.mgrid[:60, :90].astype(float)
+    swept = swept_share((x - 45).ravel(), (y - 30).ravel(), 16.0, np.array([20.0, 0.0]))
+    seen, start = (0.4 * swept).reshape(x.shape).astype(np.float32), np.array([50.0, 27.0])
+    fits = [_settled(seen, np.zeros(2), start, 16.0, np.zeros(2), 1.0, 0.3, steps) for steps in (59, 60)]
+    assert fits[0] is not None and fits[1] is not None
+    assert np.hypot(*(fits[1].xy - fits[0].xy)) < 0.02
 
 
 def test_of_balls_of_any_colour_the_nearest_is_meant(shot: Shot) -> None:

@@ -1,0 +1,185 @@
+"""A disc with a blurred rim, swept along a straight path, and its least squares against cover, compiled.
+
+In: cover (rows, columns) of a window, and where the disc may be. Out: centre, radius, height and shading that fit best.
+Pixels are seen along the path and across it: of the places of the disc on its path, only those whose rim is at a pixel
+cost anything there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from models.compiled import compiled
+from sysid.vision.balls.view_geometry import Array, Image
+
+RIM_BLUR_PX = 1.0  # of the rim of a disc
+RIM_REACH = 3.5  # blurs from the rim, beyond which a disc covers all or nothing
+RIM_STEPS = 512  # of a table of the rim, in a blur: linear between them, it is true to 2e-7
+RIM = 0.5 + 0.5 * np.tanh(np.arange(-RIM_REACH * RIM_STEPS - 1, RIM_REACH * RIM_STEPS + 3) / RIM_STEPS)
+MAX_SWEEP_PX = 4.0  # between two places of a disc on its path
+STRETCH = 1.8  # of a step: reweighted least squares fall short, and would stop on the way
+SHORTER, LONGER = 0.5, 1.1  # times the stretch after a step back, which went too far, and after another one
+MIN_STRETCH = 0.05
+SETTLED_PX = 0.01
+COVERED = 0.05  # of a pixel, from which on it counts as the disc's
+RIDGE = 1e-6  # keeps the least squares solvable where the picture shows nothing
+MAX_GROWTH = 0.15  # of the radius
+MAX_MOVE_RADII = 0.5  # of the centre in a step
+MAX_AWAY_RADII = 1.2  # from where it starts, beside its motion
+UNKNOWNS = 6  # centre along the path and across it, radius, height, shading along and across
+
+
+def places(motion: Array) -> int:
+    """Number of places of a disc on its path."""
+    return 1 + 2 * math.ceil(math.hypot(*motion) / (2 * MAX_SWEEP_PX))
+
+
+@compiled
+def _swept(
+    a: float, b: float, radius: float, length: float, count: int
+) -> tuple[float, float, float, float, float, float]:
+    """Cover at an offset along and across the path from its middle; derivatives by centre, radius and shading."""
+    total = by_a = by_b = by_radius = along = across = 0.0
+    margin = RIM_REACH * RIM_BLUR_PX
+    outer = (radius + margin) ** 2
+    inner = max(radius - margin, 0.0) ** 2
+    bb = b * b
+    if bb < outer:
+        step = length / count
+        x = a + 0.5 * (length - step)
+        for _ in range(count):
+            square = x * x + bb
+            if square < inner:
+                total += 1.0
+                along += x
+                across += b
+            elif square < outer:
+                distance = math.sqrt(square) + 1e-6
+                depth = ((radius - distance) / RIM_BLUR_PX + RIM_REACH) * RIM_STEPS + 1.0
+                k = int(depth)
+                disc = RIM[k] + (depth - k) * (RIM[k + 1] - RIM[k])
+                steep = 2 * disc * (1 - disc) / RIM_BLUR_PX
+                total += disc
+                along += disc * x
+                across += disc * b
+                by_a += steep * x / distance
+                by_b += steep * b / distance
+                by_radius += steep
+            x -= step
+    rim = count * radius
+    return total / count, by_a / count, by_b / count, by_radius / count, along / rim, across / rim
+
+
+@compiled
+def _normal_equations(
+    seen: Image, x0: float, y0: float, radius: float, motion: Array, gain: float, shading: Array, reach: float,
+    count: int, limit: float, matrix: Array, right: Array, sums: Array,
+) -> None:  # fmt: skip
+    """Least squares of a swept disc against cover (rows, columns), whose first pixel lies at (x0, y0) from its middle.
+
+    `shading` (2,) is how much its cover rises from the middle to the rim, along the path and across it. Fills the
+    matrix (6, 6) and right side (6,) for steps of the unknowns, with Tukey's biweight, and `sums` (6,): the weighted
+    squares and weights of all residuals, the squares and number of those that the disc covers, and the squares and
+    number of all, each at most at the limit.
+    """
+    matrix[:] = 0.0
+    right[:] = 0.0
+    sums[:] = 0.0
+    length = math.hypot(motion[0], motion[1])
+    cosine, sine = (motion[0] / length, motion[1] / length) if length > 0 else (1.0, 0.0)
+    row = np.zeros(UNKNOWNS)
+    for j in range(seen.shape[0]):
+        for i in range(seen.shape[1]):
+            u, v = i + x0, j + y0
+            a, b = u * cosine + v * sine, v * cosine - u * sine
+            beyond = max(abs(a) - length / 2, 0.0)
+            if beyond * beyond + b * b >= reach * reach:
+                continue
+            model, row[0], row[1], row[2], row[4], row[5] = _swept(a, b, radius, length, count)
+            if gain * model > 1.0:
+                model = 1.0
+                row[:] = 0.0
+            elif gain != 1.0:
+                model *= gain
+                row *= gain
+            row[3] = model
+            residual = seen[j, i] - model - shading[0] * row[4] - shading[1] * row[5]
+            square = residual * residual
+            sums[4] += min(square, limit * limit)
+            sums[5] += 1.0
+            if model > COVERED:
+                sums[2] += square
+                sums[3] += 1.0
+            if abs(residual) >= limit:
+                continue
+            weight = (1 - square / (limit * limit)) ** 2
+            sums[0] += weight * square
+            sums[1] += weight
+            if model == 0.0:
+                continue
+            first = 0 if row[2] != 0.0 else 3  # within the rim, only height and shading count
+            for m in range(first, UNKNOWNS):
+                weighed = weight * row[m]
+                right[m] += weighed * residual
+                for n in range(first, m + 1):
+                    matrix[m, n] += weighed * row[n]
+    for m in range(UNKNOWNS):
+        for n in range(m):
+            matrix[n, m] = matrix[m, n]
+
+
+@compiled
+def settled(
+    seen: Image, corner: Array, start: Array, radius: float, motion: Array, count: int, gain: float, prior: Array,
+    reach: float, limit: float, steps: int, matrix: Array, sums: Array,
+) -> tuple[bool, float, float, float, float]:  # fmt: skip
+    """Fit a swept disc to cover (rows, columns), whose first pixel is `corner` (2,), from a pixel (2,).
+
+    `prior` (6,) is the inverse of the variances of the unknowns about none. Returns whether it stayed, its centre,
+    by how much it has grown, and its height; fills the matrix (6, 6) of the last step, and `sums` (6,).
+    """
+    right, step = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
+    shading, held = np.zeros(2), np.zeros(UNKNOWNS)
+    x, y, grown, height = start[0], start[1], 0.0, 1.0
+    stretch, before_a, before_b = STRETCH, 0.0, 0.0
+    length = math.hypot(motion[0], motion[1])
+    cosine, sine = (motion[0] / length, motion[1] / length) if length > 0 else (1.0, 0.0)
+    away = MAX_AWAY_RADII * radius + max(abs(motion[0]), abs(motion[1]))
+    for _ in range(steps):
+        _normal_equations(
+            seen, corner[0] - x, corner[1] - y, radius + grown, motion, gain, shading, reach, count, limit,
+            matrix, right, sums,
+        )  # fmt: skip
+        held[2], held[4], held[5] = grown, shading[0], shading[1]
+        for m in range(UNKNOWNS):
+            matrix[m, m] += prior[m] + RIDGE
+        step[:] = np.linalg.solve(matrix, right - prior * held)
+        height = 1.0 + step[3]
+        back = step[0] * before_a + step[1] * before_b < 0
+        stretch = max(SHORTER * stretch, MIN_STRETCH) if back else min(LONGER * stretch, STRETCH)
+        before_a, before_b = step[0], step[1]
+        most = MAX_MOVE_RADII * radius
+        dx = min(max(stretch * (step[0] * cosine - step[1] * sine), -most), most)
+        dy = min(max(stretch * (step[0] * sine + step[1] * cosine), -most), most)
+        x, y = x + dx, y + dy
+        grown = min(max(grown + stretch * step[2], -MAX_GROWTH * radius), MAX_GROWTH * radius)
+        shading[0] += stretch * step[4]
+        shading[1] += stretch * step[5]
+        if max(abs(x - start[0]), abs(y - start[1])) > away:
+            return False, x, y, grown, height
+        if STRETCH * max(abs(dx), abs(dy)) < SETTLED_PX * stretch:
+            break
+    return True, x, y, grown, height
+
+
+@compiled
+def share(x: Array, y: Array, radius: float, motion: Array, count: int) -> Array:
+    """Cover (n,) at offsets (n,) from the middle of a swept disc [pixels]."""
+    out = np.empty(len(x))
+    length = math.hypot(motion[0], motion[1])
+    cosine, sine = (motion[0] / length, motion[1] / length) if length > 0 else (1.0, 0.0)
+    for k in range(len(x)):
+        out[k] = _swept(x[k] * cosine + y[k] * sine, y[k] * cosine - x[k] * sine, radius, length, count)[0]
+    return out
