@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from models.compiled import compiled
 from sysid.vision.balls import swept_disc
 from sysid.vision.balls.background import View
 from sysid.vision.balls.view_geometry import Array, Image
@@ -72,14 +73,31 @@ def cover(window: Image, table: Image, colour: Array | Image) -> Image:
 
     Its `colour` is (3,), or (rows, columns, 3) if it has several.
     """
-    ball = np.broadcast_to(np.asarray(colour, np.float32), window.shape)
+    several = np.ndim(colour) == 3
+    ball = np.asarray(colour if several else np.reshape(colour, (1, 1, 3)), np.float32)
+    return np.asarray(_cover(np.asarray(window, np.float32), np.asarray(table, np.float32), ball, several))
+
+
+@compiled
+def _cover(window: Image, table: Image, ball: Image, several: bool) -> Image:
+    """As `cover`, by a ball of one colour (1, 1, 3) or of several (rows, columns, 3)."""
+    rows, columns = window.shape[:2]
     prior = (COLOUR_ERROR_GREY / SHADE_SD) ** 2
-    tt, tb, bb, pt, pb = (
-        np.einsum("ijk,ijk->ij", one, other) + prior
-        for one, other in ((table, table), (table, ball), (ball, ball), (window, table), (window, ball))
-    )
-    share = (tt * pb - tb * pt) / np.maximum(tt * bb - tb * tb, 1e-3 * bb)
-    return np.asarray(share.clip(*COVER_LIMITS), np.float32)
+    out = np.empty((rows, columns), np.float32)
+    for j in range(rows):
+        for i in range(columns):
+            y, x = (j, i) if several else (0, 0)
+            tt = tb = bb = pt = pb = prior
+            for k in range(3):
+                p, t, b = float(window[j, i, k]), float(table[j, i, k]), float(ball[y, x, k])
+                tt += t * t
+                tb += t * b
+                bb += b * b
+                pt += p * t
+                pb += p * b
+            share = (tt * pb - tb * pt) / max(tt * bb - tb * tb, 1e-3 * bb)
+            out[j, i] = min(max(share, COVER_LIMITS[0]), COVER_LIMITS[1])
+    return out
 
 
 def not_table(window: Image, table: Image) -> Image:
