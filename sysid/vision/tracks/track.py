@@ -18,6 +18,7 @@ from models.shot import Table
 from sysid.clips import Observation
 from sysid.clips.outliers import find_outliers
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
+from sysid.vision.ahead import ahead
 from sysid.vision.balls.discs import Shutter
 from sysid.vision.balls.faces import ANY_BALL
 from sysid.vision.camera.projection import Array, Camera
@@ -117,7 +118,7 @@ def _followed(
     frames, times, twice = [], [], []
     began = reported = clock.monotonic()
     last_full_search, previous = -math.inf, None
-    for frame, again in marked(footage):
+    for frame, again in ahead(marked(footage)):
         frames.append(frame.index)
         times.append(frame.time)
         twice.append(again)
