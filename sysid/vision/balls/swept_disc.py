@@ -17,14 +17,17 @@ from sysid.vision.balls.view_geometry import Array, Image
 RIM_BLUR_PX = 1.0  # of the rim of a disc
 RIM_REACH = 3.5  # blurs from the rim, beyond which a disc covers all or nothing
 RIM_STEPS = 512  # of a table of the rim, in a blur: linear between them, it is true to 2e-7
-RIM = 0.5 + 0.5 * np.tanh(np.arange(-RIM_REACH * RIM_STEPS - 1, RIM_REACH * RIM_STEPS + 3) / RIM_STEPS)
+RIM_COVER = 0.5 + 0.5 * np.tanh(np.arange(-RIM_REACH * RIM_STEPS - 1, RIM_REACH * RIM_STEPS + 3) / RIM_STEPS)
 MAX_SWEEP_PX = 4.0  # between two places of a disc on its path
-STRETCH = 1.8  # of a step: reweighted least squares fall short, and would stop on the way
-SHORTER, LONGER = 0.5, 1.1  # times the stretch after a step back, which went too far, and after another one
-MIN_STRETCH = 0.05
+MAX_STEP_GAIN = 1.8  # times a step: reweighted least squares fall short, and would stop on the way
+GAIN_FALL, GAIN_RISE = (
+    0.5,
+    1.1,
+)  # times it after a step back, which went too far, and after another one
+MIN_STEP_GAIN = 0.05
 SETTLED_PX = 0.01
 COVERED = 0.05  # of a pixel, from which on it counts as the disc's
-RIDGE = 1e-6  # keeps the least squares solvable where the picture shows nothing
+RIDGE_WEIGHT = 1e-6  # keeps the least squares solvable where the picture shows nothing
 MAX_GROWTH = 0.15  # of the radius
 MAX_MOVE_RADII = 0.5  # of the centre in a step
 MAX_AWAY_RADII = 1.2  # from where it starts, beside its motion
@@ -59,7 +62,7 @@ def _swept(
                 distance = math.sqrt(square) + 1e-6
                 depth = ((radius - distance) / RIM_BLUR_PX + RIM_REACH) * RIM_STEPS + 1.0
                 k = int(depth)
-                disc = RIM[k] + (depth - k) * (RIM[k + 1] - RIM[k])
+                disc = RIM_COVER[k] + (depth - k) * (RIM_COVER[k + 1] - RIM_COVER[k])
                 steep = 2 * disc * (1 - disc) / RIM_BLUR_PX
                 total += disc
                 along += disc * x
@@ -74,7 +77,7 @@ def _swept(
 
 @compiled
 def _normal_equations(
-    seen: Image, x0: float, y0: float, radius: float, motion: Array, gain: float, shading: Array, reach: float,
+    seen: Image, x0: float, y0: float, radius: float, motion: Array, gain: float, shading: Array, window_radius: float,
     count: int, limit: float, matrix: Array, right: Array, sums: Array,
 ) -> None:  # fmt: skip
     """Least squares of a swept disc against cover (rows, columns), whose first pixel lies at (x0, y0) from its middle.
@@ -95,7 +98,7 @@ def _normal_equations(
             u, v = i + x0, j + y0
             a, b = u * cosine + v * sine, v * cosine - u * sine
             beyond = max(abs(a) - length / 2, 0.0)
-            if beyond * beyond + b * b >= reach * reach:
+            if beyond * beyond + b * b >= window_radius * window_radius:
                 continue
             model, row[0], row[1], row[2], row[4], row[5] = _swept(a, b, radius, length, count)
             if gain * model > 1.0:
@@ -133,7 +136,7 @@ def _normal_equations(
 @compiled
 def settled(
     seen: Image, corner: Array, start: Array, radius: float, motion: Array, count: int, gain: float, prior: Array,
-    reach: float, limit: float, steps: int, matrix: Array, sums: Array,
+    window_radius: float, limit: float, steps: int, matrix: Array, sums: Array,
 ) -> tuple[bool, float, float, float, float]:  # fmt: skip
     """Fit a swept disc to cover (rows, columns), whose first pixel is `corner` (2,), from a pixel (2,).
 
@@ -143,33 +146,33 @@ def settled(
     right, step = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
     shading, held = np.zeros(2), np.zeros(UNKNOWNS)
     x, y, grown, height = start[0], start[1], 0.0, 1.0
-    stretch, before_a, before_b = STRETCH, 0.0, 0.0
+    step_gain, before_a, before_b = MAX_STEP_GAIN, 0.0, 0.0
     length = math.hypot(motion[0], motion[1])
     cosine, sine = (motion[0] / length, motion[1] / length) if length > 0 else (1.0, 0.0)
     away = MAX_AWAY_RADII * radius + max(abs(motion[0]), abs(motion[1]))
     for _ in range(steps):
         _normal_equations(
-            seen, corner[0] - x, corner[1] - y, radius + grown, motion, gain, shading, reach, count, limit,
+            seen, corner[0] - x, corner[1] - y, radius + grown, motion, gain, shading, window_radius, count, limit,
             matrix, right, sums,
         )  # fmt: skip
         held[2], held[4], held[5] = grown, shading[0], shading[1]
         for m in range(UNKNOWNS):
-            matrix[m, m] += prior[m] + RIDGE
+            matrix[m, m] += prior[m] + RIDGE_WEIGHT
         step[:] = np.linalg.solve(matrix, right - prior * held)
         height = 1.0 + step[3]
         back = step[0] * before_a + step[1] * before_b < 0
-        stretch = max(SHORTER * stretch, MIN_STRETCH) if back else min(LONGER * stretch, STRETCH)
+        step_gain = max(GAIN_FALL * step_gain, MIN_STEP_GAIN) if back else min(GAIN_RISE * step_gain, MAX_STEP_GAIN)
         before_a, before_b = step[0], step[1]
         most = MAX_MOVE_RADII * radius
-        dx = min(max(stretch * (step[0] * cosine - step[1] * sine), -most), most)
-        dy = min(max(stretch * (step[0] * sine + step[1] * cosine), -most), most)
+        dx = min(max(step_gain * (step[0] * cosine - step[1] * sine), -most), most)
+        dy = min(max(step_gain * (step[0] * sine + step[1] * cosine), -most), most)
         x, y = x + dx, y + dy
-        grown = min(max(grown + stretch * step[2], -MAX_GROWTH * radius), MAX_GROWTH * radius)
-        shading[0] += stretch * step[4]
-        shading[1] += stretch * step[5]
+        grown = min(max(grown + step_gain * step[2], -MAX_GROWTH * radius), MAX_GROWTH * radius)
+        shading[0] += step_gain * step[4]
+        shading[1] += step_gain * step[5]
         if max(abs(x - start[0]), abs(y - start[1])) > away:
             return False, x, y, grown, height
-        if STRETCH * max(abs(dx), abs(dy)) < SETTLED_PX * stretch:
+        if MAX_STEP_GAIN * max(abs(dx), abs(dy)) < SETTLED_PX * step_gain:
             break
     return True, x, y, grown, height
 
