@@ -20,10 +20,8 @@ RIM_STEPS = 512  # of a table of the rim, in a blur: linear between them, it is 
 RIM_COVER = 0.5 + 0.5 * np.tanh(np.arange(-RIM_REACH * RIM_STEPS - 1, RIM_REACH * RIM_STEPS + 3) / RIM_STEPS)
 MAX_SWEEP_PX = 4.0  # between two places of a disc on its path
 MAX_STEP_GAIN = 1.8  # times a step: reweighted least squares fall short, and would stop on the way
-GAIN_FALL, GAIN_RISE = (
-    0.5,
-    1.1,
-)  # times it after a step back, which went too far, and after another one
+GAIN_FALL = 0.5  # times it after a step back, which went too far
+GAIN_RISE = 1.1  # times it after another one
 MIN_STEP_GAIN = 0.05
 SETTLED_PX = 0.01
 COVERED = 0.05  # of a pixel, from which on it counts as the disc's
