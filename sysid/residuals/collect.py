@@ -6,7 +6,7 @@ In: a problem with its fitted tracks, or fitted segments. Out: `Samples`.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from typing import Any
 
@@ -35,11 +35,7 @@ def motions(velocity: Array, spin: Array, radius: float) -> tuple[Array, NDArray
 
 def samples_of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) -> Samples:
     """Every trusted sample of moving balls, with the modelled state of the ball there."""
-    return joined(_parts_of_shots(problem, tracks, clip_set))
-
-
-def _parts_of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) -> Iterator[Samples]:
-    """Those of one ball after another."""
+    parts: list[Samples] = []
     segments = 0
     for k, track in enumerate(tracks):
         clip = clip_set.clips[k]
@@ -56,13 +52,14 @@ def _parts_of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: Cli
             kinds = np.array(["start" if clip.running else "strike", *[e.kind for e in events]])
             rails = np.array(["", *[e.rail for e in events]])
             n, count = int(use.sum()), count[use]
-            yield Samples(
+            parts.append(Samples(
                 np.full(n, k, dtype=np.int64), (name,) * n, np.full(n, b == 0 and not clip.running), seen.time[use],
                 seen.xy[use], error[use], np.hypot(*v[use].T), np.arctan2(v[use, 1], v[use, 0]), w[use, 2],
                 _words(motion[use]), _words(kinds[count]), count.astype(np.int64), angle[use], slip[use],
                 _words(rails[count]), seen.time[use] - when[count], segments + count.astype(np.int64),
-            )  # fmt: skip
+            ))  # fmt: skip
             segments += len(events) + 1
+    return joined(parts)
 
 
 def samples_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Samples:
@@ -70,14 +67,10 @@ def samples_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Samples:
 
     A segment by itself does not determine its sidespin: that is taken from the whole shots' tracks.
     """
-    return joined(_parts_of_segments(fits, tracks))
-
-
-def _parts_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Iterator[Samples]:
-    """Those of one segment after another."""
     problem, x = fits.problem, fits.initial_states
     c = np.tile(values_of(problem.model, problem.names), (len(x), 1))
     errors = problem.evaluate(x, c, np.arange(len(x))) * problem.noise
+    parts: list[Samples] = []
     seen: dict[tuple[int, str], int] = {}
     running = {s.clip for s in problem.segments if s.before == "start"}
     for k, (s, track) in enumerate(zip(problem.segments, fits.tracks, strict=True)):
@@ -90,12 +83,13 @@ def _parts_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Iterator[S
         slip, motion = motions(v, w, problem.model.ball.radius)
         shot = tracks[s.clip]
         b = shot.names.index(s.ball)
-        yield Samples(
+        parts.append(Samples(
             np.full(n, s.clip), (s.ball,) * n, np.full(n, b == 0 and s.clip not in running), s.time, s.xy,
             errors[k, : 2 * n].reshape(n, 2),
             np.hypot(*v.T), np.arctan2(v[:, 1], v[:, 0]), sidespin(shot, b, s.time), _words(motion), (s.before,) * n,
             np.full(n, events), np.full(n, np.nan), slip, (s.rail,) * n, s.time - s.time[0], np.full(n, k),
-        )  # fmt: skip
+        ))  # fmt: skip
+    return joined(parts)
 
 
 def sidespin(track: Track, ball: int, time: Array) -> Array:
@@ -103,19 +97,15 @@ def sidespin(track: Track, ball: int, time: Array) -> Array:
     return np.interp(time, track.times, np.nan_to_num(track.spin[:, ball, 2]))
 
 
-def joined(parts: Iterable[Samples]) -> Samples:
-    """Samples one after another; the parts of a column are let go as soon as it is whole."""
-    columns: dict[str, list[Any]] = {}
-    for part in parts:
-        for key, value in vars(part).items():
-            columns.setdefault(key, []).append(value)
-    if not columns:
+def joined(parts: Sequence[Samples]) -> Samples:
+    """Samples one after another."""
+    if not parts:
         none, index = np.empty(0), np.empty(0, dtype=np.int64)
         pair, no = np.empty((0, 2)), np.empty(0, dtype=bool)
         return Samples(index, (), no, none, pair, pair, none, none, none, (), (), index, none, none, (), none, index)
     whole: dict[str, Any] = {}
-    for key in list(columns):
-        values = columns.pop(key)
+    for key in vars(parts[0]):
+        values = [getattr(p, key) for p in parts]
         whole[key] = tuple(chain(*values)) if isinstance(values[0], tuple) else np.concatenate(values)
     return Samples(**whole)
 
