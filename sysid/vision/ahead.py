@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-import queue
-import threading
+from collections import deque
 from collections.abc import Generator, Iterable
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 MAX_WAITING = 4  # that are made and not taken yet; pictures are large
-WAIT_S = 0.05  # for room, between two looks whether anybody still takes them
-
-
-@dataclass(frozen=True)
-class _Made(Generic[T]):
-    """One that was made, or the end, or what failed."""
-
-    items: tuple[T, ...]
-    failed: BaseException | None = None
 
 
 def ahead(source: Iterable[T]) -> Generator[T, None, None]:
@@ -26,37 +16,12 @@ def ahead(source: Iterable[T]) -> Generator[T, None, None]:
 
     The thread ends with the iterator: with its last item, or once it is closed.
     """
-    made: queue.Queue[_Made[T]] = queue.Queue(MAX_WAITING)
-    left = threading.Event()
-
-    def put(one: _Made[T]) -> None:
-        while not left.is_set():
-            try:
-                return made.put(one, timeout=WAIT_S)
-            except queue.Full:
-                continue
-
-    def work() -> None:
-        failed = None
-        try:
-            for item in source:
-                put(_Made((item,)))
-                if left.is_set():
-                    break
-        except BaseException as error:  # noqa: BLE001 - raised by who takes them
-            failed = error
-        put(_Made((), failed))
-
-    thread = threading.Thread(target=work, name="reading ahead", daemon=True)
-    thread.start()
+    items, end = iter(source), object()
+    reader = ThreadPoolExecutor(1, thread_name_prefix="reading ahead")
     try:
-        while True:
-            one = made.get()
-            if one.failed is not None:
-                raise one.failed
-            if not one.items:
-                return
-            yield one.items[0]
+        waiting = deque[Any](reader.submit(next, items, end) for _ in range(MAX_WAITING))
+        while (item := waiting.popleft().result()) is not end:
+            waiting.append(reader.submit(next, items, end))
+            yield item
     finally:
-        left.set()
-        thread.join()
+        reader.shutdown(cancel_futures=True)

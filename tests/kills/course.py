@@ -73,8 +73,9 @@ class Course:
             tally.wrong.append(f"not stopped {STOPS_WITHIN_S:.0f} s after {number.name}")
             process.kill()
             status = process.wait()
-        if status not in (-number, 128 + number, *ENDED):
-            tally.wrong.append(f"status {status} after {number.name}")
+        else:
+            if status not in (-number, 128 + number, *ENDED):
+                tally.wrong.append(f"status {status} after {number.name}")
         end = time.monotonic() + GONE_WITHIN_S
         while (left := in_session(process.pid)) and time.monotonic() < end:
             time.sleep(0.1)

@@ -136,16 +136,17 @@ def known_disc(
     last = expected - step
     quick = _best(view, colour, expected, step, radius, shutter)
     near = quick is not None and np.hypot(*(quick.xy - expected)) < NEAR_RADII * radius
-    if quick is not None and near and acceptable(quick, "known") and quick.residual < CLEAR_RESIDUAL:
-        chosen = quick
+    sound = quick if quick is not None and near and acceptable(quick, "known") else None
+    if sound is not None and sound.residual < CLEAR_RESIDUAL:
+        chosen = sound
     else:
         starts = peaks(view, colour, expected, reach)
         ranked = [_ranked(view, colour, at, at - last, radius, shutter) for at in starts]
-        limit = (
-            min([quick.misfit if quick is not None else math.inf, *(misfit for misfit, _ in ranked)]) + RANKING_MARGIN
-        )
-        if quick is not None and near and acceptable(quick, "known"):
-            limit = quick.misfit - MISFIT_MARGIN  # what is farther away must be better
+        if sound is not None:
+            limit = sound.misfit - MISFIT_MARGIN  # what is farther away must be better
+        else:
+            misfits = [quick.misfit if quick is not None else math.inf, *(misfit for misfit, _ in ranked)]
+            limit = min(misfits) + RANKING_MARGIN
         hopeful = [(at, how) for at, (misfit, how) in zip(starts, ranked, strict=True) if misfit < limit]
         fits = [quick, *(_best(view, colour, at, at - last, radius, shutter, how) for at, how in hopeful)]
         found = [fit for fit in fits if fit is not None and acceptable(fit, "known")]

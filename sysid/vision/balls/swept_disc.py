@@ -38,6 +38,13 @@ def places(motion: Array) -> int:
 
 
 @compiled
+def _path(motion: Array) -> tuple[float, float, float]:
+    """Length of a motion (2,), and its direction."""
+    length = math.hypot(motion[0], motion[1])
+    return (length, motion[0] / length, motion[1] / length) if length > 0 else (length, 1.0, 0.0)
+
+
+@compiled
 def _swept(
     a: float, b: float, radius: float, length: float, count: int
 ) -> tuple[float, float, float, float, float, float]:
@@ -88,8 +95,7 @@ def _normal_equations(
     matrix[:] = 0.0
     right[:] = 0.0
     sums[:] = 0.0
-    length = math.hypot(motion[0], motion[1])
-    cosine, sine = (motion[0] / length, motion[1] / length) if length > 0 else (1.0, 0.0)
+    length, cosine, sine = _path(motion)
     row = np.zeros(UNKNOWNS)
     for j in range(seen.shape[0]):
         for i in range(seen.shape[1]):
@@ -145,8 +151,7 @@ def settled(
     shading, held = np.zeros(2), np.zeros(UNKNOWNS)
     x, y, grown, height = start[0], start[1], 0.0, 1.0
     step_gain, before_a, before_b = MAX_STEP_GAIN, 0.0, 0.0
-    length = math.hypot(motion[0], motion[1])
-    cosine, sine = (motion[0] / length, motion[1] / length) if length > 0 else (1.0, 0.0)
+    _, cosine, sine = _path(motion)
     away = MAX_AWAY_RADII * radius + max(abs(motion[0]), abs(motion[1]))
     for _ in range(steps):
         _normal_equations(
@@ -179,8 +184,7 @@ def settled(
 def share(x: Array, y: Array, radius: float, motion: Array, count: int) -> Array:
     """Cover (n,) at offsets (n,) from the middle of a swept disc [pixels]."""
     out = np.empty(len(x))
-    length = math.hypot(motion[0], motion[1])
-    cosine, sine = (motion[0] / length, motion[1] / length) if length > 0 else (1.0, 0.0)
+    length, cosine, sine = _path(motion)
     for k in range(len(x)):
         out[k] = _swept(x[k] * cosine + y[k] * sine, y[k] * cosine - x[k] * sine, radius, length, count)[0]
     return out

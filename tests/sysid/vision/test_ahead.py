@@ -45,13 +45,13 @@ def test_little_is_made_in_advance_and_nothing_after_it_is_closed() -> None:
     assert threading.active_count() == before
 
 
-def test_work_and_reading_take_their_time_side_by_side() -> None:
-    def slow() -> Iterator[int]:
-        for k in range(10):
-            time.sleep(0.05)
+def test_the_next_is_made_while_the_one_before_is_worked_on() -> None:
+    made = [threading.Event() for _ in range(10)]
+
+    def marking() -> Iterator[int]:
+        for k, event in enumerate(made):
+            event.set()
             yield k
 
-    began = time.monotonic()
-    for _ in ahead(slow()):
-        time.sleep(0.05)
-    assert time.monotonic() - began < 0.85
+    for k in ahead(marking()):
+        assert all(event.wait(5.0) for event in made[: k + 2])
