@@ -19,7 +19,7 @@ from sysid.prepare import prepare
 from tests.kills.course import SIGNALS, Course, Tally
 from tests.kills.works import WORKS
 
-KILLS_IN_A_ROW = 3  # before a command is let to its end
+KILLS_IN_A_ROW = 5  # before a command is let to its end
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -20,6 +20,7 @@ import numpy as np
 from tests.kills.works import Work, films, in_session, lines_of, results, start
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+BEGUN_S = 0.5  # before which Python itself may not have begun
 GONE_WITHIN_S, STOPS_WITHIN_S = 10.0, 60.0
 ENDED = (0, 1)  # 1: a finding
 
@@ -37,13 +38,16 @@ class Course:
     """The folders of one command: one in which it is killed, one in which it is not."""
 
     def __init__(self, name: str, work: Work, place: Path) -> None:
-        """Lay out the inputs."""
+        """Lay out the inputs, and time the command undisturbed."""
         self.name, self.work = name, work
         self.inputs, self.killed, self.whole = place / "inputs", place / "killed", place / "whole"
         self.inputs.mkdir(parents=True)
         if name == "track":
             films(self.inputs)
         self._expected: dict[str, dict[str, Any]] = {}
+        begun = time.monotonic()
+        self.expected(work)
+        self.takes_s = time.monotonic() - begun  # undisturbed
 
     def expected(self, work: Work) -> dict[str, Any]:
         """What the command comes to undisturbed."""
@@ -92,14 +96,14 @@ class Course:
         shutil.copytree(self.inputs, self.killed)
         found = list(tally.wrong)
         for k in range(kills):
-            if self.kill(signals[k % len(signals)], float(rng.uniform(0.5, self.work.longest_s)), tally):
+            if self.kill(signals[k % len(signals)], float(rng.uniform(BEGUN_S, self.takes_s)), tally):
                 break
         if b"Traceback" in (self.killed / "said").read_bytes():
             tally.wrong.append("traceback")
         out, work = self.killed / self.work.out, self.work
         if self.name == "campaign":  # every run plays so many more: the same number of shots then
             count = str(max(lines_of(out) - 1, 1))
-            work = Work((*work.words[:-1], count), work.out, work.finished, work.longest_s)
+            work = Work((*work.words[:-1], count), work.out, work.finished)
         elif start(work, self.killed).wait() not in ENDED:
             tally.wrong.append((self.killed / "said").read_text()[-300:])
         if out.exists() and results(out) != self.expected(work):

@@ -23,7 +23,6 @@ class Work:
     words: tuple[str, ...]
     out: str  # what it fills
     finished: Callable[[Path], int]  # parts of it that are finished
-    longest_s: float  # after which it is killed
 
 
 def lines_of(path: Path) -> int:
@@ -42,14 +41,14 @@ def videos_of(out: Path) -> int:
 
 
 WORKS = {
-    "discover": Work(("sysid", "discover", str(ROOT / "sysid" / "example"), "--out", "out"), "out", discovered, 12.0),
-    "campaign": Work(("robot", "campaign", "out.csv", "--most", "60"), "out.csv", lines_of, 6.0),
+    "discover": Work(("sysid", "discover", str(ROOT / "sysid" / "example"), "--out", "out"), "out", discovered),
+    "campaign": Work(("robot", "campaign", "out.csv", "--most", "60"), "out.csv", lines_of),
     "study": Work(("planner", "study", "--out", "out", "--scenes", "2", "--jobs", "2"), "out",
-                  lambda out: len(list(out.glob("scenes/*.json"))), 25.0),
+                  lambda out: len(list(out.glob("scenes/*.json")))),
     "learn": Work(("robot", "learn", "--out", "out", "--shots", "5", "--every", "4", "--repeats", "3"), "out",
-                  lambda out: len(list(out.glob("shots/*.played.json"))), 40.0),
+                  lambda out: len(list(out.glob("shots/*.played.json")))),
     "track": Work(("sysid", "track", "one.mkv", "two.mkv", "--camera", "camera.toml", "--out", "out"), "out",
-                  videos_of, 15.0),
+                  videos_of),
 }  # fmt: skip
 
 
