@@ -16,6 +16,7 @@ from models.shot import RAIL_NAMES, Table
 from sysid.residuals.samples import Array, Samples
 
 Index = NDArray[np.int64]
+Group = NDArray[np.int8]  # few groups, many samples, many variables
 
 SPEED_EDGES_M_S = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, np.inf)
 SIDESPIN_EDGES_RAD_S = (-np.inf, -20.0, -5.0, 5.0, 20.0, np.inf)
@@ -35,7 +36,7 @@ class Variable:
 
     name: str
     words: tuple[str, ...]  # of each group
-    group: Index  # (n,) of each sample, -1 for none
+    group: Group  # (n,) of each sample, -1 for none
     middle: Array  # of each group, for drawing; NaN where that means nothing
     unit: str = ""
 
@@ -43,9 +44,9 @@ class Variable:
 def variables(samples: Samples, table: Table, clips: int) -> tuple[Variable, ...]:
     """Variables that the residuals of moving balls may depend on."""
     s = samples
-    octant = np.round(s.heading / (np.pi / 4)).astype(np.int64) % 8
+    octant = np.round(s.heading / (np.pi / 4)).astype(np.int8) % 8
     found = [
-        Variable("everywhere", ("",), np.zeros(len(s.time), dtype=np.int64), np.full(1, np.nan)),
+        Variable("everywhere", ("",), np.zeros(len(s.time), dtype=np.int8), np.full(1, np.nan)),
         Variable("heading", tuple(f"heading {h}" for h in TABLE_HEADINGS), octant,
                  np.linspace(0.0, 315.0, 8), "degrees"),
         cut("speed", s.speed, SPEED_EDGES_M_S, "at {} m/s", "m/s"),
@@ -69,12 +70,13 @@ def cut(name: str, values: Array, edges: Sequence[float], words: str, unit: str)
     middle = np.where(np.isinf(ends[1:]), ends[:-1] * 1.25, np.where(np.isinf(ends[:-1]), ends[1:] * 1.25, 0.0))
     inner = np.isfinite(ends[1:]) & np.isfinite(ends[:-1])
     middle[inner] = (0.5 * (ends[1:] + ends[:-1]))[inner]
-    return Variable(name, tuple(words.format(span(edges, k)) for k in range(len(edges) - 1)), group, middle, unit)
+    named = tuple(words.format(span(edges, k)) for k in range(len(edges) - 1))
+    return Variable(name, named, group.astype(np.int8), middle, unit)
 
 
 def chosen(name: str, words: tuple[str, ...], group: NDArray[np.int_]) -> Variable:
     """Groups that are named."""
-    return Variable(name, words, group.astype(np.int64), np.full(len(words), np.nan))
+    return Variable(name, words, group.astype(np.int8), np.full(len(words), np.nan))
 
 
 def place(xy: Array, table: Table) -> Variable:
@@ -87,7 +89,8 @@ def place(xy: Array, table: Table) -> Variable:
         for j in range(TABLE_CELLS[1]):
             low, high = (np.array([i, j]) / cells - 0.5) * size, (np.array([i + 1, j + 1]) / cells - 0.5) * size
             words.append(f"at x {low[0]:.2f} to {high[0]:.2f} m, y {low[1]:.2f} to {high[1]:.2f} m")
-    return Variable("place", tuple(words), at[:, 0] * TABLE_CELLS[1] + at[:, 1], np.full(len(words), np.nan))
+    group = at[:, 0] * TABLE_CELLS[1] + at[:, 1]
+    return Variable("place", tuple(words), group.astype(np.int8), np.full(len(words), np.nan))
 
 
 def order(clip: Index, clips: int) -> list[Variable]:
@@ -98,7 +101,7 @@ def order(clip: Index, clips: int) -> list[Variable]:
     words = tuple(f"in clips {a + 1} to {b}" for a, b in pairwise(edges))
     group = np.clip(np.searchsorted(edges, clip, side="right") - 1, 0, 2)
     middle = np.array([0.5 * (a + b + 1) for a, b in pairwise(edges)])
-    return [Variable("clip order", words, group.astype(np.int64), middle, "number of the clip")]
+    return [Variable("clip order", words, group.astype(np.int8), middle, "number of the clip")]
 
 
 def span(edges: Sequence[float], k: int) -> str:

@@ -6,8 +6,7 @@ In: a problem with its fitted tracks, or fitted segments. Out: `Samples`.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from itertools import chain
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,13 @@ def motions(velocity: Array, spin: Array, radius: float) -> tuple[Array, NDArray
 
 def samples_of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) -> Samples:
     """Every trusted sample of moving balls, with the modelled state of the ball there."""
-    parts: list[Samples] = []
+    return joined(
+        _parts_of_shots(problem, tracks, clip_set), sum(len(b.time) for c in clip_set.clips for b in c.balls.values())
+    )
+
+
+def _parts_of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) -> Iterator[Samples]:
+    """Those of one ball after another."""
     segments = 0
     for k, track in enumerate(tracks):
         clip = clip_set.clips[k]
@@ -52,14 +57,13 @@ def samples_of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: Cl
             kinds = np.array(["start" if clip.running else "strike", *[e.kind for e in events]])
             rails = np.array(["", *[e.rail for e in events]])
             n, count = int(use.sum()), count[use]
-            parts.append(Samples(
+            yield Samples(
                 np.full(n, k, dtype=np.int64), (name,) * n, np.full(n, b == 0 and not clip.running), seen.time[use],
                 seen.xy[use], error[use], np.hypot(*v[use].T), np.arctan2(v[use, 1], v[use, 0]), w[use, 2],
                 _words(motion[use]), _words(kinds[count]), count.astype(np.int64), angle[use], slip[use],
                 _words(rails[count]), seen.time[use] - when[count], segments + count.astype(np.int64),
-            ))  # fmt: skip
+            )  # fmt: skip
             segments += len(events) + 1
-    return joined(parts)
 
 
 def samples_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Samples:
@@ -67,10 +71,15 @@ def samples_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Samples:
 
     A segment by itself does not determine its sidespin: that is taken from the whole shots' tracks.
     """
+    return joined(_parts_of_segments(fits, tracks), sum(len(s.time) for s in fits.problem.segments))
+
+
+def _parts_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Iterator[Samples]:
+    """Those of one segment after another."""
     problem, x = fits.problem, fits.initial_states
     c = np.tile(values_of(problem.model, problem.names), (len(x), 1))
-    errors = problem.evaluate(x, c, np.arange(len(x))) * problem.noise
-    parts: list[Samples] = []
+    errors = problem.evaluate(x, c, np.arange(len(x)))
+    errors *= problem.noise
     seen: dict[tuple[int, str], int] = {}
     running = {s.clip for s in problem.segments if s.before == "start"}
     for k, (s, track) in enumerate(zip(problem.segments, fits.tracks, strict=True)):
@@ -83,13 +92,12 @@ def samples_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Samples:
         slip, motion = motions(v, w, problem.model.ball.radius)
         shot = tracks[s.clip]
         b = shot.names.index(s.ball)
-        parts.append(Samples(
+        yield Samples(
             np.full(n, s.clip), (s.ball,) * n, np.full(n, b == 0 and s.clip not in running), s.time, s.xy,
             errors[k, : 2 * n].reshape(n, 2),
             np.hypot(*v.T), np.arctan2(v[:, 1], v[:, 0]), sidespin(shot, b, s.time), _words(motion), (s.before,) * n,
             np.full(n, events), np.full(n, np.nan), slip, (s.rail,) * n, s.time - s.time[0], np.full(n, k),
-        ))  # fmt: skip
-    return joined(parts)
+        )  # fmt: skip
 
 
 def sidespin(track: Track, ball: int, time: Array) -> Array:
@@ -97,17 +105,27 @@ def sidespin(track: Track, ball: int, time: Array) -> Array:
     return np.interp(time, track.times, np.nan_to_num(track.spin[:, ball, 2]))
 
 
-def joined(parts: Sequence[Samples]) -> Samples:
-    """Samples one after another."""
-    if not parts:
+def joined(parts: Iterable[Samples], most: int = 0) -> Samples:
+    """Samples one after another, of at most so many; a part is let go once it is written into the whole."""
+    numbers: dict[str, NDArray[Any]] = {}
+    words: dict[str, list[str]] = {}
+    n = 0
+    for part in parts:
+        end = n + len(part.time)
+        for key, value in vars(part).items():
+            if isinstance(value, tuple):
+                words.setdefault(key, []).extend(value)
+            else:
+                if key not in numbers:
+                    numbers[key] = np.empty((most, *value.shape[1:]), value.dtype)
+                numbers[key][n:end] = value
+        n = end
+    if not numbers:
         none, index = np.empty(0), np.empty(0, dtype=np.int64)
         pair, no = np.empty((0, 2)), np.empty(0, dtype=bool)
         return Samples(index, (), no, none, pair, pair, none, none, none, (), (), index, none, none, (), none, index)
-    whole: dict[str, Any] = {}
-    for key in vars(parts[0]):
-        values = [getattr(p, key) for p in parts]
-        whole[key] = tuple(chain(*values)) if isinstance(values[0], tuple) else np.concatenate(values)
-    return Samples(**whole)
+    whole: dict[str, Any] = {key: value[:n] for key, value in numbers.items()}
+    return Samples(**whole | {key: tuple(values) for key, values in words.items()})
 
 
 def _words(values: NDArray[np.str_]) -> tuple[str, ...]:
