@@ -48,6 +48,17 @@ class SlowNoise:
         both = noise**2 + self.sd**2
         return (noise**2 * correlation + self.sd**2 * self.correlation_time) / both if both > 0 else correlation
 
+    def in_words(self) -> str:
+        """How large it is, and what it may come from."""
+        return (
+            f"tracks wander by {1e3 * self.sd:.2f} mm an axis about smooth paths, over some "
+            f"{self.correlation_time:.0f} samples: errors of the image, or cloth that is not flat"
+        )
+
+    def as_white(self, noise: float) -> float:
+        """White noise [m] that leaves as much in means over many samples as this beside white noise."""
+        return math.hypot(noise, self.sd * math.sqrt(self.correlation_time))
+
 
 def slow_noise(clip_set: ClipSet, noise: float) -> SlowNoise:
     """The slow noise of a clip set's tracks.

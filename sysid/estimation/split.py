@@ -37,10 +37,6 @@ MAX_EVENTS = 4  # of a whole shot, in the middle of the set, where the model doe
 CLOCK_CONSTANT = "clock_scale.factor"  # known from the time stamps of the clips
 LOST_M = 0.3  # rms residual per axis from which a shot may be lost
 LOST_RATIO = 20.0  # and over the median of all shots
-SLOW_NOISE = (
-    "tracks wander by {:.2f} mm an axis about smooth paths, over some {:.0f} samples: errors of the image, "
-    "or cloth that is not flat; fits count it beside the noise"
-)
 log = logging.getLogger(__name__)
 
 
@@ -111,7 +107,7 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
     slow = slow_noise(clip_set, noise)
     correlation = slow.together(noise, noise_correlation(clip_set))
     if slow.sd:
-        log.info(SLOW_NOISE.format(1e3 * slow.sd, slow.correlation_time))
+        log.info("%s; fits count it beside the noise", slow.in_words())
     scale, sd = stamp_scale(clip_set)
     known = {CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {}
     rows = training_clips(clip_set)

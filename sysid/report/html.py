@@ -134,6 +134,7 @@ def _cards(comparison: Comparison) -> list[tuple[str, str]]:
         (str(len(comparison.clips)), f"clips, {held} of them held out" if held else "clips"),
         (number(len(comparison.samples.time)), "samples compared"),
         (millimetres(comparison.noise_m), "noise, one standard deviation per axis"),
+        (millimetres(comparison.slow_noise.sd or math.nan), "in it, what tracks wander about smooth paths"),
         (millimetres(medians["struck_rms_median_m"]), "struck ball, rms miss over a shot, median"),
         (millimetres(medians["struck_rms_median_held_out_m"]), "the same, held-out clips only"),
         (millimetres(medians["mujoco_struck_rms_median_m"]), "struck ball, the same constants in MuJoCo"),

@@ -72,6 +72,8 @@ def summary_lines(comparison: Comparison) -> list[str]:
     s, mm = comparison.summary(), 1e3
     names = ", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact"
     lines = [f"{len(comparison.clips)} clips, noise {comparison.noise_m * mm:.2f} mm an axis, model: {names}"]
+    if comparison.slow_noise.sd:
+        lines.append(f"in it, {comparison.slow_noise.in_words()}")
     count = len(comparison.segments)
     lines.append(f"{count} segments between impacts: median rms {s['segment_ratio_median']:.2f} times the noise")
     lines.append(f"rms miss of the struck ball over a clip, median: {s['struck_rms_median_m'] * mm:.1f} mm")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import math
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from models.shot import Track
 from sysid.clips import ClipSet
 from sysid.clips.noise import position_noise
 from sysid.clips.outliers import remove_outliers
+from sysid.clips.slow_noise import slow_noise
 from sysid.estimation.discrepancy import events_and_paths
 from sysid.estimation.initial_states import grown_states, polished
 from sysid.estimation.problem import STATE_STEPS, Array, by_events
@@ -43,10 +45,12 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
     """
     sigma = position_noise(clip_set)
     clip_set, _ = remove_outliers(clip_set, sigma)
+    slow = slow_noise(clip_set, sigma)
+    noise, in_means = math.hypot(sigma, slow.sd), slow.as_white(sigma)
     fits = fit_segments(clip_set, model, sigma)
-    segments = _segment_rows(fits, clip_set) if fits else ()
+    segments = _segment_rows(fits, clip_set, noise) if fits else ()
     log.info("%d segments between events", len(segments))
-    problem = shot_problem(model, (), clip_set, sigma)
+    problem = shot_problem(model, (), clip_set, sigma, slow_noise=slow.sd)
     none = np.zeros(0)
     x = grown_states(problem, none) if start is None else start
     x = polished(problem, x, none)
@@ -69,13 +73,14 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
     if fits:
         log.info("segments and impacts, one by one")
         segment_samples = samples_of_segments(fits, tracks)
-        after = impacts(fits, problem, tracks, clip_set)
+        after = impacts(fits, problem, tracks, clip_set, in_means)
     del problem, fits  # with thousands of clips, what is laid out for fits is large
     sd_theta = theta_noise(clip_set.clips)
     return Comparison(
-        clip_set, model, sigma, rows, segments, groups(samples, segments, rows, clip_set, sigma, sd_theta), samples,
-        tuple(tracks), clip_set.clips, x, segment_samples, after,
-        find(segment_samples, samples, after, clip_set.table, n, sigma, sd_theta), whiteness(samples, sigma), in_mujoco,
+        clip_set, model, noise, slow, rows, segments, groups(samples, segments, rows, clip_set, noise, sd_theta),
+        samples, tuple(tracks), clip_set.clips, x, segment_samples, after,
+        find(segment_samples, samples, after, clip_set.table, n, in_means, sd_theta), whiteness(samples, noise),
+        in_mujoco,
     )  # fmt: skip
 
 
@@ -83,7 +88,8 @@ def played_clips(clip_set: ClipSet, model: Model, start: Array | None = None) ->
     """A model's whole shots by clip, as `compare` plays them; the arguments are the same."""
     sigma = position_noise(clip_set)
     clip_set, _ = remove_outliers(clip_set, sigma)
-    problem, none, n = shot_problem(model, (), clip_set, sigma), np.zeros(0), len(clip_set.clips)
+    slow, none, n = slow_noise(clip_set, sigma), np.zeros(0), len(clip_set.clips)
+    problem = shot_problem(model, (), clip_set, sigma, slow_noise=slow.sd)
     x = polished(problem, grown_states(problem, none) if start is None else start, none)
     tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))
     return {clip.file: track for clip, track in zip(clip_set.clips, tracks, strict=True)}
@@ -94,19 +100,20 @@ def with_mujoco(problem: ShotProblem) -> ShotProblem:
     return dataclasses.replace(problem, model=dataclasses.replace(problem.model, engine="mujoco"))
 
 
-def _segment_rows(fits: SegmentFits, clip_set: ClipSet) -> tuple[SegmentRow, ...]:
-    """Every segment's figures."""
+def _segment_rows(fits: SegmentFits, clip_set: ClipSet, noise: float) -> tuple[SegmentRow, ...]:
+    """Every segment's figures, with noise that includes what tracks wander [m]."""
+    share = fits.problem.noise / noise
     return tuple(
         SegmentRow(
             clip_set.clips[s.clip].file, s.ball, s.before, float(s.time[0]), float(s.time[-1]),
-            float(np.hypot(x[2], x[3])), float(ratio),
+            float(np.hypot(x[2], x[3])), float(ratio) * share,
         )
         for s, x, ratio in zip(fits.problem.segments, fits.initial_states, fits.ratio, strict=True)
     )  # fmt: skip
 
 
 def _clip_row(problem: ShotProblem, k: int, track: Track, held: bool) -> ClipRow:
-    clip, sigma = problem.clips[k], problem.noise
+    clip, sigma = problem.clips[k], problem.noise_of_fits
     square, count, moved, moved_count, chi, freedom = 0.0, 0, 0.0, 0, 0.0, -len(STATE_STEPS) * len(clip.first)
     for b, name in enumerate(track.names):
         seen = clip.balls[name]
@@ -127,7 +134,7 @@ def _clip_row(problem: ShotProblem, k: int, track: Track, held: bool) -> ClipRow
 def coverage(comparison: Comparison, rate: float) -> float:
     """Share of held-out residuals inside the 95 % band of noise and discrepancy; NaN without held-out clips."""
     clip_set, sigma = comparison.clip_set, comparison.noise_m
-    _, path = events_and_paths(clip_set, sigma)
+    _, path = events_and_paths(clip_set, position_noise(clip_set))
     inside = total = 0
     for k, row in enumerate(comparison.clips):
         if not row.held_out:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from models.model_file import Model
 from models.shot import Track
 from sysid.clips import Clip, ClipSet
+from sysid.clips.slow_noise import SlowNoise
 from sysid.residuals.impacts import Impacts
 from sysid.residuals.samples import Samples
 from sysid.residuals.significance import Findings
@@ -63,7 +64,8 @@ class Comparison:
 
     clip_set: ClipSet
     model: Model
-    noise_m: float  # one standard deviation per axis
+    noise_m: float  # one standard deviation per axis, with what tracks wander
+    slow_noise: SlowNoise  # of it, what tracks wander about smooth paths
     clips: tuple[ClipRow, ...]
     segments: tuple[SegmentRow, ...]
     where: tuple[Group, ...]  # whole shots, by group
@@ -100,6 +102,7 @@ class Comparison:
         return {
             "format": "billiard-comparison/1",
             "noise_m": self.noise_m,
+            "slow_noise": vars(self.slow_noise),
             "summary": self.summary(),
             "clips": [vars(c) for c in self.clips],
             "engine": "events" if self.mujoco else "mujoco",

@@ -72,7 +72,7 @@ class _Case:
     after: tuple[tuple[int, int], ...]
 
 
-def impacts(fits: SegmentFits, shots: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) -> Impacts:
+def impacts(fits: SegmentFits, shots: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet, noise: float) -> Impacts:
     """Simulate every good segment on through the event that ended it.
 
     Args:
@@ -80,6 +80,7 @@ def impacts(fits: SegmentFits, shots: ShotProblem, tracks: Sequence[Track], clip
         shots: the whole shots, whose model has cushions.
         tracks: theirs.
         clip_set: their clips.
+        noise: of positions in means, one standard deviation per axis [m].
     """
     cases = []
     for k, s in enumerate(fits.problem.segments):
@@ -91,7 +92,7 @@ def impacts(fits: SegmentFits, shots: ShotProblem, tracks: Sequence[Track], clip
     for case, track in zip(cases, simulate(shots.model, [c.shot for c in cases]), strict=True):
         events = [e for e in track.events if track.names[0] in e.balls]
         if len(track.events) == len(events) == 1 and events[0].kind == fits.problem.segments[case.before].after:
-            rows += _rows(case, track, events[0], fits)
+            rows += _rows(case, track, events[0], fits, noise)
     if not rows:
         return no_impacts()
     clip, time, xy, kinds, rails, approach, angle, spin, jumps, sds = zip(*rows, strict=True)
@@ -137,9 +138,9 @@ def _case(k: int, fits: SegmentFits, whole: Track, clip_set: ClipSet) -> _Case |
     return _Case(k, Shot(names, position, velocity, spin, times), tuple(after))
 
 
-def _rows(case: _Case, track: Track, event: Event, fits: SegmentFits) -> list[tuple[Any, ...]]:
+def _rows(case: _Case, track: Track, event: Event, fits: SegmentFits, sigma: float) -> list[tuple[Any, ...]]:
     """Rows of `Impacts` of a case that was simulated, one for each ball that moves after."""
-    segments, sigma, radius = fits.problem.segments, fits.problem.noise, fits.problem.model.ball.radius
+    segments, radius = fits.problem.segments, fits.problem.model.ball.radius
     s, before = segments[case.before], fits.tracks[case.before]
     velocity = case.shot.velocity[0]
     place = _position_at(case.shot, event.time, 2 * radius if s.after == "ball" else None)

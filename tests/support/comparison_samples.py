@@ -9,6 +9,7 @@ import numpy as np
 from models.model_file import full_model
 from models.shot import Ball, Table, Track
 from sysid.clips import Clip, ClipSet, Observation
+from sysid.clips.slow_noise import SlowNoise
 from sysid.residuals.comparison import ClipRow, Comparison, Group, SegmentRow
 from sysid.residuals.impacts import no_impacts
 from sysid.residuals.localise import find
@@ -58,8 +59,8 @@ def comparison(count: int = 3, size: float = 0.002, file: str = "clips/{}.csv") 
     )
     clip_set = ClipSet(TABLE, BALL, 50.0, tuple(shots), NOISE)
     return Comparison(
-        clip_set=clip_set, model=model, noise_m=NOISE, clips=tuple(rows), segments=tuple(segments),
-        where=where if n else (), samples=samples, tracks=tuple(tracks), shots=tuple(shots),
+        clip_set=clip_set, model=model, noise_m=NOISE, slow_noise=SlowNoise(), clips=tuple(rows),
+        segments=tuple(segments), where=where if n else (), samples=samples, tracks=tuple(tracks), shots=tuple(shots),
         initial_states=np.zeros((count, 7)), segment_samples=samples, impacts=no_impacts(),
         local=find(samples, samples, no_impacts(), TABLE, count, NOISE, 1.0), white=whiteness(samples, NOISE),
     )  # fmt: skip

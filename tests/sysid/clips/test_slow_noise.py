@@ -8,9 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from models.model_file import full_model
 from sysid.clips import ClipSet, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.clips.slow_noise import SlowNoise, slow_noise
+from sysid.report.text import summary_lines
+from sysid.residuals.compare import compare
+from tests.sysid.estimation.test_fit import truth_of
 from tests.truth.__main__ import main as generate
 from tests.truth.sizes import NATURAL
 
@@ -55,6 +59,17 @@ def test_tracks_that_wander_have_slow_noise(tmp_path: Path, sd: float) -> None:
     found = slow_noise(wandering(made(tmp_path), sd), SIGMA_M)
     assert 0.6 * sd < found.sd < 1.1 * sd
     assert 0.3 < found.correlation_time / (1 + 2 * WAVE_S * FPS) < 1.1
+
+
+def test_wandering_is_not_taken_for_physics(tmp_path: Path) -> None:
+    """Of the right model nothing is named, and its residuals are what the noise is."""
+    clip_set = wandering(made(tmp_path), 1e-3)
+    right = full_model(clip_set.table, clip_set.ball).with_values(truth_of(tmp_path / "set"))
+    found = compare(clip_set, right)
+    assert found.local.named == ()
+    assert 0.5 < found.summary()["segment_ratio_median"] < 1.25
+    assert found.noise_m == pytest.approx(np.hypot(SIGMA_M, found.slow_noise.sd))
+    assert "tracks wander by" in summary_lines(found)[1]
 
 
 def test_few_stretches_tell_nothing(tmp_path: Path) -> None:
