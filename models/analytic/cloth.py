@@ -53,7 +53,8 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
         gx = -2 / 7 * (r[rec.AX] - radius * r[rec.BY])
         gy = -2 / 7 * (r[rec.AY] + radius * r[rec.BX])
         most, need = slide * n, gx * gx + gy * gy
-        if need > most * most:
+        slips = need > most * most
+        if slips:
             need = most / math.sqrt(need)
             gx, gy = gx * need, gy * need
         resistance = max(rolling_resistance(r, roll), 0.0)
@@ -62,7 +63,10 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
         else:
             # A ball at rest stays there until the push exceeds what rolling resistance can hold.
             px, py = r[rec.AX] + gx, r[rec.AY] + gy
-            held = px * px + py * py <= resistance * resistance
+            force = math.sqrt(px * px + py * py)
+            held = force <= resistance
+            if not held and not slips:
+                dx, dy = resistance * px / force, resistance * py / force
     if held:
         r[rec.AX] = r[rec.AY] = r[rec.BX] = r[rec.BY] = 0.0
     else:

@@ -75,7 +75,9 @@ def test_a_resting_ball_stays_until_the_push_exceeds_rolling_friction(way: Array
     threshold = 1.4 * ROLL * GRAVITY
     a, b, moves = pushed(RESTING, NONE, NONE, 0.99 * threshold * way, NONE)
     assert not moves and not a.any() and not b.any()
-    assert pushed(RESTING, NONE, NONE, 1.01 * threshold * way, NONE)[2]
+    a, _, moves = pushed(RESTING, NONE, NONE, 1.01 * threshold * way, NONE)
+    assert moves
+    assert a[:2] == pytest.approx(0.01 * ROLL * GRAVITY * way, rel=1e-9), "it sets off against the same friction"
     torque = 1.01 * threshold / (0.4 * R) * np.array([-way[1], way[0]])
     assert pushed(RESTING, NONE, NONE, NONE, torque)[2]
     assert not pushed(RESTING, NONE, NONE, NONE, torque / 1.02)[2]
