@@ -3,7 +3,8 @@
 The steps are those of Dormand and Prince (models/engine/dense.py). A step ends where the ball changes: a slide or a
 roll ends, sidespin dies, a push switches. Inside a step friction keeps the direction in which it began to be reversed:
 a step that would pass through zero is cut. The last bit of a slide or of a roll is taken at a constant acceleration;
-what a ball rolls with at the end of a slide, v - 2/7 u, does not depend on how the slip dies.
+what a ball rolls with at the end of a slide, v - 2/7 u, does not depend on how the slip dies. So does a ball creep that
+is pushed by hardly more or less than what resists it.
 """
 
 from __future__ import annotations
@@ -50,6 +51,8 @@ TURN_ERROR = 4e-4  # error of a step of half of what is left of a motion, over h
 MAX_STEP_RATIO = 9.0  # a step over what it leaves of a motion, beyond which errors no longer grow with it
 MAX_REMAINING_S = 1e3  # what is left of a motion, at most [s]
 LAST_STAGE_LEAD_S = 1e-9  # by which a step's last look comes before its end, where a push may switch [s]
+CREEP_SPEED = 3e-3  # of a ball that creeps, at most: in SHORT_ROLL_S what acts on it does not change [m/s]
+CREEP_SHARE = 0.1  # of the resistance to rolling, by which what pushes a ball that creeps differs from it, at most
 NO_RESISTANCE = 1e-6  # rolling resistance that is none [m/s^2]
 MAX_GROWTH, MIN_GROWTH, SAFETY_FACTOR = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
 MAX_STEP_S = 2.0  # [s]
@@ -174,13 +177,17 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
     for x in range(col.STATE_SIZE):
         y[x] = b[x]
     _rates(y, now, mode, way, r, at, own, forces, support, cloth, k, 0)
+    creeps = mode == ROLLING and _creep(b, way, v, r, cloth, k)
+    if creeps:
+        way = (0.0, 0.0, b[col.VX] * per, b[col.VY] * per, b[col.WZ])
     b[col.AX], b[col.AY], b[col.MODE], b[col.LAST] = k[0, col.VX], k[0, col.VY], mode, GOES_ON
     h, left, straight = _room(b, mode, way, u, v, r, at, own, horizon, cloth, k)
     if mode == RESTING and b[col.WZ] == 0.0:
         b[col.AX] = b[col.AY] = b[col.BOUND] = 0.0
         b[col.END] = now + h if h < MAX_STEP_S else np.inf
         return REST
-    if straight:
+    if straight or creeps:
+        h = h if straight else min(h, most, SHORT_ROLL_S)
         straight_on(b, m, h, k)
     else:
         h = _step(b, m, min(h, most), left, until - now, mode, way, r, at, own, forces, support, cloth, y, k)
@@ -190,6 +197,30 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
         most_x, most_y = most_x + n * abs(m[col.VX, n]), most_y + n * abs(m[col.VY, n])
     b[col.BOUND] = math.sqrt(most_x * most_x + most_y * most_y) / h
     return CURVE
+
+
+@compiled_in_place
+def _creep(b, way, v, r, cloth, k):  # type: ignore[no-untyped-def]
+    """Whether a ball creeps: then it is turned to where it is pushed, and k[0] with it, at the speed v that it has.
+
+    Its direction follows the push within v / resistance [s], sideways by less than STEP_TOLERANCE_M: steps would have
+    to be as short, and be off by more than what drives or stops it.
+    """
+    against = rolling_resistance(r, cloth[1])
+    if v > CREEP_SPEED or against <= 0.0:
+        return False
+    px, py = k[0, col.VX] + against * way[2], k[0, col.VY] + against * way[3]
+    force, along, across = math.sqrt(px * px + py * py), way[2] * px + way[3] * py, abs(way[2] * py - way[3] * px)
+    if abs(force - against) > CREEP_SHARE * against or along <= 0.0:
+        return False
+    if across > CREEP_SHARE * against or v * v * across > STEP_TOLERANCE_M * against * against:
+        return False
+    nx, ny = px / force, py / force
+    b[col.VX], b[col.VY] = v * nx, v * ny
+    b[col.WX], b[col.WY] = -b[col.VY] / r[rec.RADIUS], b[col.VX] / r[rec.RADIUS]
+    k[0, col.X], k[0, col.Y] = b[col.VX], b[col.VY]
+    k[0, col.VX], k[0, col.VY] = (force - against) * nx, (force - against) * ny
+    return True
 
 
 @compiled_in_place

@@ -9,7 +9,7 @@ import pytest
 
 from models.engine.play import finish, play
 from models.model_file import Model, effect_class, full_model
-from models.shot import Ball, Shot, Table
+from models.shot import GRAVITY, Ball, Shot, Table
 from models.simulation.simulate import simulate
 from tests.random_shots.draws import batch, picked
 from tests.random_shots.laws import breaches
@@ -20,7 +20,7 @@ D = BALL.diameter
 ONCE_GIVEN_UP = [  # seed and row: packs and slopes, a grain that resists more once a ball rolls, pulls across the way
     (4, 3), (4, 26), (6, 4), (6, 9), (14, 28), (16, 8), (68, 17), (108, 29), (184, 29), (185, 50), (227, 54), (427, 9),
     (644, 51), (652, 23), (801, 12), (950, 34), (1086, 20), (1139, 43), (1336, 34), (1370, 35),  # beside mouths
-    (788, 61),  # a nap nearly as strong as the resistance
+    (788, 61), (745, 54),  # a nap nearly as strong as the resistance, a slope hardly stronger
 ]  # fmt: skip
 ONCE_INSIDE = [(2, 47), (10, 60), (15, 0), (231, 33), (669, 9), (1023, 5)]  # behind a cushion, beside a mouth
 ONCE_IN_RUBBER = [(845, 55), (1367, 8)]  # at rest there, since the cloth or another ball had stopped them
@@ -72,6 +72,26 @@ def test_a_slope_holds_balls_to_a_cushion_at_rest() -> None:
     end = finish(world, np.array([[[0.9, 0.5], [0.8, 0.2]]]), np.zeros((1, 2, 2)), np.zeros((1, 2, 3)), most=20_000)
     assert np.isfinite(end.time).all() and not end.velocity.any()
     assert end.position[0, :, 1] == pytest.approx(TABLE.centre_limits(BALL)[1], abs=1e-6)
+
+
+@pytest.mark.parametrize("engine", ["events", "mujoco"])
+@pytest.mark.parametrize(("net", "speed"), [(2.2e-5, 0.0), (2.2e-5, 1e-3), (-2.2e-5, 1e-3), (0.02, 0.0)])
+def test_a_slope_about_as_strong_as_the_resistance_drives_or_stops_a_ball_steadily(
+    engine: str, net: float, speed: float
+) -> None:
+    """It rolls downhill; the errors of its direction are not what stops it, nor is it looked at without end."""
+    roll, way, t = 0.008, np.array([0.6, 0.8]), np.linspace(0.0, 10.0, 21)
+    steep = 1.4 * (roll + net / GRAVITY) * way
+    world = model(roll, "table_tilt", slope_x=float(steep[0]), slope_y=float(steep[1]))
+    world = dataclasses.replace(world, table=Table(9.0, 9.0, False), engine=engine)
+    v = speed * way
+    start = Shot(("a",), np.array([[-2.0, -2.0]]), v[None], np.array([[-v[1], v[0], 0.0]]) / BALL.radius, t)
+    track = simulate(world, [start])[0]
+    way_gone = speed * t + 0.5 * net * t * t
+    assert track.position[:, 0] == pytest.approx(start.position + way_gone[:, None] * way, abs=1e-6)
+    if engine == "events":
+        end = finish(world, start.position[None], v[None, None], start.spin[None], until=10.0, most=1000)
+        assert np.isfinite(end.time).all()
 
 
 def test_a_ball_that_rolls_along_a_cushion_is_not_looked_at_without_end() -> None:
