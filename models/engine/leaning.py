@@ -1,7 +1,8 @@
 """Balls that lean on each other or on a cushion: when they are looked at again, and when they rest.
 
 What leans is known to for LEAN_MEMORY_S; what has been pressed without moving for HELD_AFTER_S is held, and rests until
-something beside it is hit.
+something beside it is hit. It is held after the short time where it has kept to its place, since it only sinks into
+what it is pressed to and is put back from there: looks of the same length would show it in rubber each time.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from models.engine.motion import POTTED, place
 from models.engine.touch import MAX_RECHECK_S, PRESSED_RECHECK_S
 
 LEAN_MEMORY_S = 5.0 * MAX_RECHECK_S  # for how long a ball that leans is known to [s]
-HELD_AFTER_S = 0.2  # for which what is pressed has not moved, before it rests [s]
+# For which what is pressed has moved by no more than a way, before it rests: what a net push of 8 mm/s2 drives goes
+# further in the short time, and what creeps along a cushion by its sinking in and friction rests after the long one.
+HELD_AFTER_S, HELD_WAY_M = (0.05, 0.2), (1e-5, 4e-4)  # [s], [m]
 CALM_SPEED = 1e-4  # between bodies that lean on each other, with which they may go on until the next look [m/s]
 CREEP_SPEED = 2e-3  # of what is pressed and has not moved: any rolling resistance would have stopped it [m/s]
 BESIDE_M = 1e-4  # gap to a ball that is hit, at which what is held is no longer known to be [m]
@@ -43,7 +46,7 @@ def look_later(now, i, b, m, kind, leans, pair, again, radius):  # type: ignore[
 def lean(i, now, leans, still):  # type: ignore[no-untyped-def]
     """Note that ball i leans on something."""
     if leans[i] <= now:
-        still[i, 2] = now
+        still[i, :, 2] = now
     leans[i] = now + LEAN_MEMORY_S
 
 
@@ -59,19 +62,27 @@ def release(b, held, touched, todo, still, now, radius):  # type: ignore[no-unty
             for q in range(b.shape[0]):
                 x, y = b[p, col.X] - b[q, col.X], b[p, col.Y] - b[q, col.Y]
                 if touched[q] and x * x + y * y < beside * beside:
-                    held[p], touched[p], todo[p], still[p, 2], more = False, True, True, now, True
+                    held[p], touched[p], todo[p], more = False, True, True, True
+                    still[p, :, 2] = now
                     break
 
 
 @compiled_in_place
 def is_held(b, still, now, radius):  # type: ignore[no-untyped-def]
-    """Whether a ball that is pressed has long not moved; then it rests. `still`: where it moved last, and when."""
-    x, y, creep = b[col.X] - still[0], b[col.Y] - still[1], CREEP_SPEED * CREEP_SPEED
+    """Whether a ball that is pressed has long not moved; then it rests.
+
+    `still` (2, 3): where it moved last by more than the short way and the long one [m], and when [s].
+    """
+    creep, holds = CREEP_SPEED * CREEP_SPEED, False
     ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
     v2, u2, side = b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY], ux * ux + uy * uy, radius * b[col.WZ]
-    if x * x + y * y > creep * HELD_AFTER_S * HELD_AFTER_S or v2 > creep or u2 > creep or side * side > creep:
-        still[0], still[1], still[2] = b[col.X], b[col.Y], now
-    if now - still[2] < HELD_AFTER_S:
+    moves = v2 > creep or u2 > creep or side * side > creep
+    for k in range(2):
+        x, y = b[col.X] - still[k, 0], b[col.Y] - still[k, 1]
+        if moves or x * x + y * y > HELD_WAY_M[k] * HELD_WAY_M[k]:
+            still[k, 0], still[k, 1], still[k, 2] = b[col.X], b[col.Y], now
+        holds = holds or now - still[k, 2] >= HELD_AFTER_S[k]
+    if not holds:
         return False
     b[col.VX] = b[col.VY] = b[col.WX] = b[col.WY] = b[col.WZ] = b[col.AX] = b[col.AY] = b[col.BOUND] = 0.0
     b[col.END] = np.inf

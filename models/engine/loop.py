@@ -74,7 +74,7 @@ def workspace(n, curved):  # type: ignore[no-untyped-def]
         np.zeros((n, 2), np.int64),
         np.zeros(n),
         np.zeros(n),
-        np.zeros((n, 3)),
+        np.zeros((n, 2, 3)),
         np.zeros((3, n), np.bool_),
     )
     one = (
@@ -99,7 +99,7 @@ def _lay_balls(balls, notes, start, launch, order, mass, radius):  # type: ignor
         if math.isnan(b[i, col.X]):
             kind[i] = POTTED
             b[i, col.END] = b[i, col.MEET] = np.inf
-        still[i, 0], still[i, 1], still[i, 2], held[i] = b[i, col.X], b[i, col.Y], 0.0, False
+        still[i, :, 0], still[i, :, 1], still[i, :, 2], held[i] = b[i, col.X], b[i, col.Y], 0.0, False
 
 
 @compiled_within

@@ -27,6 +27,9 @@ ONCE_IN_RUBBER = [(845, 55), (1367, 8)]  # at rest there, since the cloth or ano
 ONCE_NOWHERE = [(221, 26), (13, 2), (63, 41)]  # an approach whose square vanished; through facings
 ONCE_TOO_NEAR = [(57, 57), (57, 58), (128, 44), (558, 32), (1205, 62), (1341, 54)]  # at a jaw, or in a pressed chain
 ONCE_FASTER = [(154, 3), (588, 6), (835, 33), (871, 63)]  # in a turning roll, or without resistance to rolling
+ONCE_RISING = [  # in energy, where a slope or a nap presses: sunk in at every sample, and then lying where it touches
+    (202, 41), (274, 42), (425, 21), (442, 61), (572, 12), (670, 20), (1544, 12),
+]  # fmt: skip
 
 
 @pytest.mark.slow
@@ -37,7 +40,9 @@ def test_random_shots_break_no_law(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "row"), ONCE_GIVEN_UP + ONCE_INSIDE + ONCE_NOWHERE + ONCE_TOO_NEAR + ONCE_FASTER)
+@pytest.mark.parametrize(
+    ("seed", "row"), ONCE_GIVEN_UP + ONCE_INSIDE + ONCE_NOWHERE + ONCE_TOO_NEAR + ONCE_FASTER + ONCE_RISING
+)
 def test_shots_that_once_broke_a_law_break_none(seed: int, row: int) -> None:
     one = picked(batch(seed, 64, later=()), np.array([row]))
     assert breaches(one, judged(one)) == []
@@ -72,6 +77,27 @@ def test_a_slope_holds_balls_to_a_cushion_at_rest() -> None:
     end = finish(world, np.array([[[0.9, 0.5], [0.8, 0.2]]]), np.zeros((1, 2, 2)), np.zeros((1, 2, 3)), most=20_000)
     assert np.isfinite(end.time).all() and not end.velocity.any()
     assert end.position[0, :, 1] == pytest.approx(TABLE.centre_limits(BALL)[1], abs=1e-6)
+
+
+def test_what_is_pressed_to_a_cushion_soon_no_longer_sinks_in() -> None:
+    """A sample between two looks shows it in rubber, by less energy than it has at rest."""
+    x = TABLE.centre_limits(BALL)[0]
+    shot = Shot(("a",), np.array([[x, 0.3]]), np.zeros((1, 2)), np.zeros((1, 3)), np.linspace(0.06, 0.3, 481))
+    for world in (model(0.005, "cloth_nap", push=0.087), model(0.005, "table_tilt", slope_x=0.009, slope_y=0.001)):
+        track = play(world, [shot])[0]
+        assert np.abs(track.position[:, 0, 0] - x).max() < 1e-9
+
+
+def test_what_is_pressed_and_driven_along_is_not_held() -> None:
+    """From rest, along a cushion without friction, by 0.02 m/s2 more than the resistance to rolling."""
+    limits, roll, net = TABLE.centre_limits(BALL), 0.005, 0.02
+    steep = 1.4 * (roll + net / GRAVITY)
+    world = model(roll, "table_tilt", slope_x=0.1 * steep, slope_y=steep)
+    world = world.with_values({"cushion_impact.friction": 0.0})
+    end = finish(
+        world, np.array([[[limits[0], 0.1]]]), np.zeros((1, 1, 2)), np.zeros((1, 1, 3)), until=3.0, most=20_000
+    )
+    assert end.position[0, 0] == pytest.approx([limits[0], 0.1 + 0.5 * net * 3.0**2], rel=0.02)
 
 
 @pytest.mark.parametrize("engine", ["events", "mujoco"])
