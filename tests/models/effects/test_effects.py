@@ -178,12 +178,12 @@ class Misspelt(Effect):
 
 @dataclass(frozen=True)
 class Step(Effect):
-    """A force that jumps, and does not say when."""
+    """A force on a strip of the cloth, which does not say when a ball comes to it."""
 
-    size: float = param(0.5, off=0.0, unit="m/s^2", bounds=(0.0, 1.0), source="nowhere")
+    size: float = param(1.0, off=0.0, unit="m/s^2", bounds=(0.0, 2.0), source="nowhere")
 
     def forces(self, ball: BallState) -> None:
-        if ball.weight > 0 and ball.x > 0.05:
+        if ball.weight > 0 and -0.5 < ball.x < -0.3:
             ball.ay += self.size
 
 
