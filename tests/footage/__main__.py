@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from models.console import Progress
-from models.shot import Table
+from models.shot import Array, Table
 from sysid.vision.camera.projection import Camera, write_camera
 from tests.footage.cameras import aimed, in_view, overhead
 from tests.footage.film import Look, Picture, Spot, film
@@ -66,15 +66,21 @@ def pictures(
     picks: bool = False,
 ) -> Iterator[Picture]:  # fmt: skip
     """All frames of the recording, the first at 0 s; with `picks` every one may be half a period late."""
-    number, rng = 0, np.random.default_rng(seed)
-    for k, shot in enumerate(shots):
-        last = int(np.ceil(shot.ends * fps - 1e-9))
-        times = np.arange(number, last) / fps - shot.struck
-        times += rng.integers(0, 2, len(times)) / (2 * fps) if picks else 0.0
-        number = last
+    for k, (shot, times) in enumerate(zip(shots, moments(shots, fps, seed, picks), strict=True)):
         light = guide_light(camera, shot) if guides else None
-        for picture in film(camera, shot.motion, times, look, seed + k):
+        for picture in film(camera, shot.motion, times - shot.struck, look, seed + k):
             yield picture if light is None else cv2.add(picture, light)
+
+
+def moments(shots: Sequence[Scene], fps: float, seed: int, picks: bool = False) -> list[Array]:
+    """When the frames of each shot are taken, in the recording: (n,) [s]."""
+    number, rng, found = 0, np.random.default_rng(seed), []
+    for shot in shots:
+        last = int(np.ceil(shot.ends * fps - 1e-9))
+        times = np.arange(number, last) / fps
+        found.append(times + (rng.integers(0, 2, len(times)) / (2 * fps) if picks else 0.0))
+        number = last
+    return found
 
 
 def guide_light(camera: Camera, shot: Scene) -> Picture:

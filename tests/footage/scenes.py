@@ -20,6 +20,7 @@ from tests.truth.physics import Table as TrueTable
 LEAD = 0.45  # filmed before a strike [s]
 FINE = 1e-3  # between two places of a motion [s]
 TIP = 0.75  # speed of a cue's tip over that of the ball it strikes
+IMPACT_M_S = 0.02  # by which a speed changes between two places of a motion in an impact only
 NAMES = {"cue": "white"}  # of balls, as their colours are called
 SHORT = {"R": "radius", "m": "mass"}
 
@@ -42,6 +43,12 @@ class Scene:
         k = self.track.names.index(name)
         at = np.clip(np.asarray(times) - self.struck, 0.0, None)
         return np.column_stack([np.interp(at, self.track.times, self.track.position[:, k, axis]) for axis in (0, 1)])
+
+    def impacts(self, name: str) -> Array:
+        """When a ball is struck, or meets a ball or a cushion, in the recording: (n,) [s]."""
+        velocity = self.track.velocity[:, self.track.names.index(name)]
+        change = np.linalg.norm(np.diff(velocity, axis=0, prepend=np.zeros((1, 2))), axis=1)
+        return np.asarray(self.struck + self.track.times[change > IMPACT_M_S])
 
     def turned(self, name: str, times: Array) -> Array:
         """How far it has turned about the vertical since the strike: (n,) [rad]."""

@@ -25,9 +25,9 @@ import numpy as np
 from models.console import table
 from models.shot import Array
 from sysid.cli.verbs import main as sysid
-from sysid.clips import Clip, read_clip_set
+from sysid.clips import read_clip_set
 from sysid.vision.camera.projection import Camera, read_camera, write_camera
-from tests.footage.__main__ import camera_over, pictures
+from tests.footage.__main__ import camera_over, moments, pictures
 from tests.footage.cameras import aimed
 from tests.footage.film import Look
 from tests.footage.scenes import Scene, scenes
@@ -131,7 +131,7 @@ def judged(one: Recipe, folder: Path) -> dict[str, Any]:
         shutil.copy(folder / "true.toml", folder / "camera.toml")
     row["track"], said = _run(["track", video, "--camera", folder / "camera.toml", "--out", folder / "clips"])
     row["said"] += said
-    row |= _tracks(folder, shots, diameter)
+    row |= _tracks(folder, shots, np.concatenate(moments(shots, one.fps, one.number, one.picks)), diameter)
     row["picks"] = one.picks
     return row
 
@@ -145,8 +145,8 @@ def _run(words: Sequence[object]) -> tuple[int, list[str]]:
     return status, [*told, *error.getvalue().splitlines()[-1:]] if status else []
 
 
-def _tracks(folder: Path, shots: Sequence[Scene], diameter: float) -> dict[str, Any]:
-    """Shots that are usable, samples that are another ball's, and noise told over true."""
+def _tracks(folder: Path, shots: Sequence[Scene], taken: Array, diameter: float) -> dict[str, Any]:
+    """Shots that are usable, samples that are another ball's, and noise told over true, of frames taken at times."""
     if not (folder / "clips" / "clips.toml").is_file():
         return {"usable": 0, "samples": 0, "swapped": 0}
     clip_set = read_clip_set(folder / "clips")
@@ -154,16 +154,18 @@ def _tracks(folder: Path, shots: Sequence[Scene], diameter: float) -> dict[str, 
     scatter: list[Array] = []
     places: list[Array] = []  # squared errors of usable shots [m^2]
     for clip in clip_set.clips:
-        shot = _shot_of(clip, shots, clip_set.fps)
+        begins = float(taken[clip.extra["frames"][0]])  # the clip's first sample
+        shot = _shot_during(begins, shots)
         if shot is None:
             continue
-        errors, begins = [], _begins(clip, clip_set.fps)
+        errors = []
         for name, seen in clip.balls.items():
             if name not in shot.track.names:
                 continue
             true = shot.places(name, begins + seen.time)
             away, flipped = seen.xy - true, -seen.xy - true
             errors.append(away if np.nanmedian(np.abs(away)) <= np.nanmedian(np.abs(flipped)) else flipped)
+            scatter.append(smooth_errors(begins + seen.time, errors[-1], shot.impacts(name), 1 / clip_set.fps))
         if not errors:
             continue
         away = np.concatenate(errors)
@@ -175,8 +177,9 @@ def _tracks(folder: Path, shots: Sequence[Scene], diameter: float) -> dict[str, 
         if near and np.sqrt(np.mean(squares)) < MAX_SHOT_RMS_M:
             usable += 1
             places.append(squares)
-        scatter += [_scatter(e[np.isfinite(e).all(axis=1)]) for e in errors if len(e) > 9]
-    noise = float(np.sqrt(np.mean(np.concatenate(scatter)))) if scatter else np.nan
+    squares = np.concatenate(scatter) ** 2 if scatter else np.zeros(0)
+    squares = np.minimum(squares, np.median(squares) * 25) if squares.size else squares
+    noise = float(np.sqrt(np.mean(squares))) if squares.size else np.nan
     told = clip_set.sigma / noise if clip_set.sigma is not None and noise > 0 else np.nan
     return {
         "usable": min(usable, len(shots)), "samples": samples, "swapped": swapped, "noise_ratio": told,
@@ -185,21 +188,25 @@ def _tracks(folder: Path, shots: Sequence[Scene], diameter: float) -> dict[str, 
     }  # fmt: skip
 
 
-def _scatter(errors: Array) -> Array:
-    """Squares of errors (n, 2) about their local quadratics: what is noise, and no error of the camera."""
-    third = np.diff(errors, n=3, axis=0) / np.sqrt(20.0)
-    return np.asarray(np.minimum(third**2, np.median(third**2) * 25).ravel())
+def smooth_errors(times: Array, errors: Array, impacts: Array, period: float) -> Array:
+    """Third differences of errors (n, 2) in smooth motion: what is noise, and no error of the camera; (m,) [m].
+
+    A picture exposed through an impact shows the mean of two motions. That is no noise: it is left out here, as noise
+    is told of smooth motion.
+    """
+    known = np.isfinite(errors).all(axis=1)
+    times, errors = times[known], errors[known]
+    found = [np.zeros(0)]
+    for k in range(len(times) - 3):
+        first, last = times[k] - period / 2, times[k + 3] + period / 2
+        if last - first < 5 * period and not ((impacts > first) & (impacts < last)).any():
+            found.append(errors[k : k + 4].T @ [-1.0, 3.0, -3.0, 1.0] / np.sqrt(20.0))
+    return np.concatenate(found)
 
 
-def _begins(clip: Clip, fps: float) -> float:
-    """Time in the video of a clip's first sample [s]."""
-    return float(clip.extra["frames"][0]) / fps
-
-
-def _shot_of(clip: Clip, shots: Sequence[Scene], fps: float) -> Scene | None:
-    """The shot during which a clip begins."""
-    begins = _begins(clip, fps)
-    return next((shot for shot in shots if shot.struck - EARLY_S < begins < shot.ends), None)
+def _shot_during(time: float, shots: Sequence[Scene]) -> Scene | None:
+    """The shot during which a clip begins [s]."""
+    return next((shot for shot in shots if shot.struck - EARLY_S < time < shot.ends), None)
 
 
 def _one(job: tuple[int, Path]) -> dict[str, Any]:

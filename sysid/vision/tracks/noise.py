@@ -1,10 +1,10 @@
 """The noise of the detections, from the tracks themselves.
 
 In: the tracked scene. Out: `Noise`. Third differences of smooth motion give the noise: the motion of a ball vanishes in
-them except at impacts, which their median ignores. A local quadratic through several detections leaves more
-where errors last over some frames, as those of compressed pictures do; the larger of both is taken. The scatter of
-balls at rest is given beside it; it is smaller where the error of a detector depends on where a ball lies on the grid
-of pixels.
+them except at impacts, which are far larger than usual and left out. Two joined parabolas, a sliding one and a rolling
+one, through several detections leave more where errors last over some frames, as those of compressed pictures do; the
+larger of both is taken. The scatter of balls at rest is given beside it; it is smaller where the error of a detector
+depends on where a ball lies on the grid of pixels.
 """
 
 from __future__ import annotations
@@ -26,9 +26,16 @@ MIN_SWAY_FRAMES = 10  # of such a segment
 MIN_SWAY_SEGMENTS = 3  # of a ball
 IMPACT_FACTOR = 8.0  # third differences above this many times the noise are impacts
 CLEAR_QUANTILE = 0.25  # fraction of the segments that contain no impact, at least
-QUADRATIC_FRAMES = 9  # in a row, to which a quadratic is fitted,
-QUADRATIC_STRIDE = 4  # from one of them to the next
-MIN_QUADRATICS = 4  # that make an estimate
+USUAL_SD = 3.5  # standard deviations, beyond which third differences are unusual
+USUAL_ROUNDS = 5  # in which the usual ones and their standard deviation are found in turn
+PARABOLA_FRAMES = 9  # in a row, to which two joined parabolas are fitted,
+PARABOLA_STRIDE = 4  # from the first of them to that of the next
+PARABOLA_FREEDOM = (
+    2 * (PARABOLA_FRAMES - 4) - 1
+)  # degrees of it that are left: four of an axis, and the knot, are fitted
+MIN_PARABOLAS = 4  # fits that make an estimate
+MAX_USUAL_VARIANCE = 4.0  # of a fit, over the median; more is no noise
+INNER_KNOTS = np.linspace(-0.6, 0.6, 5)  # of so few detections
 KNOT_POSITIONS = np.linspace(-0.8, 0.8, 9)  # at which a ball may cease to slide, in a segment from -1 to 1
 
 
@@ -62,41 +69,49 @@ def estimate_noise(scene: TrackedScene) -> Noise:
                 scatter.append((places - np.median(places, axis=0)).ravel())
     values = np.abs(np.concatenate(scatter)) if scatter else np.zeros(0)
     resting = float(np.median(values)) / 0.6745 if values.size >= MIN_DIFFERENCES else math.nan
-    uncorrelated = difference_noise(scene, resting=False)
-    quadratics = {track.name: _quadratic_variances(scene, track, uncorrelated) for track in scene.tracks}
-    moving = np.fmax(
-        _typical_sd([v for values in quadratics.values() for v in values]), _correlated_noise(scene, uncorrelated)
-    )
-    each = {name: _typical_sd(values) for name, values in quadratics.items()}
+    quick = difference_noise(scene, resting=False)
+    variances = {track.name: _parabola_variances(scene, track, quick) for track in scene.tracks}
+    moving = np.fmax(_typical_sd([v for values in variances.values() for v in values]), _correlated_noise(scene, quick))
+    each = {name: _typical_sd(values) for name, values in variances.items()}
     known = {name: sd for name, sd in each.items() if math.isfinite(sd)}
-    return Noise(float(np.fmax(uncorrelated, moving)), resting, known)
+    return Noise(float(np.fmax(_usual_rms(_differences(scene, resting=False)), moving)), resting, known)
 
 
 def _typical_sd(variances: list[float]) -> float:
-    """Root of the median variance [m]; NaN where there are few."""
-    return math.sqrt(float(np.median(variances))) if len(variances) >= MIN_QUADRATICS else math.nan
+    """Root of the mean variance but for outlying ones [m]; NaN where there are few."""
+    if len(variances) < MIN_PARABOLAS:
+        return math.nan
+    values = np.array(variances)
+    return math.sqrt(float(np.mean(values[values <= MAX_USUAL_VARIANCE * np.median(values)])))
 
 
-def _quadratic_variances(scene: TrackedScene, track: BallTrack, quick: float) -> list[float]:
-    """Variance per axis that quadratics leave of some detections in a row of a moving ball [m^2].
+def _usual_rms(differences: Array) -> float:
+    """Root mean square of absolute third differences (n,) without unusually large ones [m]; NaN where there are few.
 
-    Of chi squared of 2 (n - 3) degrees of freedom the median is 1 - 2 / 9 / (2 (n - 3)), cubed, of the mean.
+    It scatters by less than the median does, which matters in films of few frames.
     """
-    n, found = QUADRATIC_FRAMES, []
+    if differences.size < MIN_DIFFERENCES:
+        return math.nan
+    sd = float(np.median(differences)) / 0.6745
+    for _ in range(USUAL_ROUNDS):
+        sd = float(np.sqrt(np.mean(differences[differences <= USUAL_SD * sd] ** 2)))
+    return sd
+
+
+def _parabola_variances(scene: TrackedScene, track: BallTrack, quick: float) -> list[float]:
+    """Variance per axis that two joined parabolas leave of some detections in a row of a moving ball [m^2]."""
+    n, found = PARABOLA_FRAMES, []
     moving = ~scene.at_rest(track) & ~_impacts(track, quick if math.isfinite(quick) else math.inf)
     order = np.searchsorted(scene.frames, track.frame)
-    freedom = 2 * (n - 3)
     k = 0
     while k + n <= len(order):
         part = slice(k, k + n)
         if order[k + n - 1] - order[k] > n - 1 or not moving[part].all():
             k += 1
             continue
-        time = track.time[part] - track.time[k]
-        basis = np.vander(time / time[-1], 3)
-        left = track.xy[part] - basis @ np.linalg.lstsq(basis, track.xy[part], rcond=None)[0]
-        found.append(float(np.sum(left**2)) / freedom / (1 - 2 / (9 * freedom)) ** 3)
-        k += QUADRATIC_STRIDE
+        left = min(_parabola_residual(track.time[part], track.xy[part], knot) for knot in INNER_KNOTS)
+        found.append(left / PARABOLA_FREEDOM)
+        k += PARABOLA_STRIDE
     return found
 
 
@@ -171,6 +186,12 @@ def _weighted_sums(time: Array, xy: Array, weights: Array) -> Array:
 
 def difference_noise(scene: TrackedScene, *, resting: bool) -> float:
     """Noise from third differences, with or without those of balls at rest [m]; NaN if there are few."""
+    values = _differences(scene, resting=resting)
+    return float(np.median(values)) / 0.6745 if values.size >= MIN_DIFFERENCES else math.nan
+
+
+def _differences(scene: TrackedScene, *, resting: bool) -> Array:
+    """Absolute third differences of all balls, with or without those of balls at rest: (n,) [m]."""
     found = []
     for track in scene.tracks:
         if len(track.time) < 4:
@@ -180,8 +201,7 @@ def difference_noise(scene: TrackedScene, *, resting: bool) -> float:
             at_rest = scene.at_rest(track)
             differences[at_rest[:-3] | at_rest[1:-2] | at_rest[2:-1] | at_rest[3:]] = np.nan
         found.append(differences[np.isfinite(differences)])
-    values = np.abs(np.concatenate(found)) if found else np.zeros(0)
-    return float(np.median(values)) / 0.6745 if values.size >= MIN_DIFFERENCES else math.nan
+    return np.abs(np.concatenate(found)) if found else np.zeros(0)
 
 
 def residuals(time: Array, xy: Array) -> Array:

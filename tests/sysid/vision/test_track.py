@@ -13,9 +13,9 @@ from models.errors import BadInput
 from sysid.clips import check_clip_set, read_clip_set, write_clip_set
 from sysid.vision.camera.projection import Camera
 from sysid.vision.tracks.clips import Extra, clip_set
-from sysid.vision.tracks.follow import Follower
-from sysid.vision.tracks.moves import fastest_step
-from sysid.vision.tracks.noise import Noise, residuals
+from sysid.vision.tracks.follow import BallTrack, Follower
+from sysid.vision.tracks.moves import TrackedScene, fastest_step
+from sysid.vision.tracks.noise import Noise, estimate_noise, residuals
 from sysid.vision.tracks.strikes import balls_there
 from sysid.vision.tracks.track import Tracked, tracked
 from tests.sysid.vision.test_follow import (
@@ -25,6 +25,7 @@ from tests.sysid.vision.test_follow import (
     HOME,
     NAMES,
     NOISE,
+    TABLE,
     Recording,
     random_tracks,
     sightings,
@@ -110,6 +111,22 @@ def test_a_ball_that_was_taken_away_on_its_way_sets_nothing_in_motion() -> None:
     made.now[1] = np.nan
     made.wait(1.5).shot((0.8, 0.3)).wait(0.5)
     assert [shot.struck for shot in tracked_of(made).shots] == ["red", "white"]
+
+
+@pytest.mark.parametrize("noise", [3e-4, 5e-4])
+def test_a_ball_that_slides_and_then_rolls_makes_no_noise_in_a_few_frames(noise: float) -> None:
+    """At 25 frames a second some of them show two motions, and a film holds few."""
+    told = []
+    for seed in range(20):
+        rng, time, tracks = np.random.default_rng(seed), np.arange(22) / 25, []
+        for ball, slides in enumerate((0.25, 0.4, 0.5)):
+            way = 1.2 * time - 0.05 * time**2 - 0.95 * np.minimum(time - slides, 0.0) ** 2
+            xy = np.column_stack([way - 0.5, np.full(22, 0.2 * ball)]) + rng.normal(0, noise, (22, 2))
+            even = np.ones(22)
+            tracks.append(BallTrack(f"ball {ball}", np.arange(22), time, xy, xy, even, even, even))
+        told.append(estimate_noise(TrackedScene(tracks, np.arange(22), time, TABLE, BALL.radius, noise)).moving)
+    assert np.median(told) == pytest.approx(noise, rel=0.1)
+    assert np.ptp(np.quantile(told, [0.05, 0.95])) < 0.5 * noise
 
 
 def test_errors_that_change_slowly_count_as_noise() -> None:
