@@ -3,8 +3,9 @@
 In: the tracks, at times of stamps. Out: how long after the one before each frame was taken, in units of the finer
 sequence. Cut or converted films keep one, two or three pictures of 60 a second in turn, so that every ball that moves
 seems to scatter along its way, all at once and not across it. A ball that rolls freely shows the time between two
-frames by the length of its step beside those around it; the balls of a frame must agree. Nothing is changed unless
-such times explain the steps far better than the stamps do.
+frames by the length of its step beside those around it; the balls of a frame must agree. No frame is late by a period
+or more, so the steps before and after an impact, which shows nothing, tell together when its frames were taken.
+Nothing is changed unless such times explain the steps far better than the stamps do.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from sysid.vision.tracks.follow import BallTrack
 FINER_PICTURES = 2  # of a period: the finer sequence has twice as many pictures
 MIN_STEP_SD = 4.0  # of a step that counts, in standard deviations of its own,
 MIN_STEP_M = 2e-3  # and its length
+MIN_SD_M = 2e-5  # of a place
 MAX_TURN_SINE = 0.3  # between steps of a ball that rolls freely, beside what noise turns them
 IMPACT_STEPS = 4  # before an impact and after it,
 MAX_SPEED_RATIO = 1.7  # of whose means there is none
@@ -37,7 +39,8 @@ MAX_OFF_PARTS = 0.4  # of a duration from a whole number of them
 MIN_UNEVEN = 8  # durations that are not what stamps say,
 MIN_UNEVEN_FRACTION = 0.2  # and of those that are known,
 MIN_KNOWN_FRACTION = 0.75  # of those that can be, by agreeing balls
-MAX_ERROR_RATIO = 0.35  # of the rms misfit of steps to that by the stamps; picks from four times as many leave 0.45
+MAX_ERROR_RATIO = 0.35  # of the mean misfit of steps to that by the stamps; picks from four times as many leave 0.45
+CHANGE_COST = 1e-3  # of what no step shows, so that a frame is as late as the one before
 
 
 @dataclass(frozen=True)
@@ -102,12 +105,40 @@ def find_picks(
         return None
     if misfit > MAX_ERROR_RATIO * _misfit(runs, stamps, determined, period):
         return None
-    whole = np.rint(durations * FINER_PICTURES).astype(int)
-    return Picks({int(frames[k + 1]): int(whole[k]) for k in np.flatnonzero(uneven)})
+    change = np.diff(_late(runs, durations, stamps, period))
+    whole = np.rint(stamps * FINER_PICTURES).astype(int) + change
+    return Picks({int(frames[k + 1]): int(whole[k]) for k in np.flatnonzero(change)})
+
+
+def _late(runs: Sequence[_Run], durations: Array, stamps: Array, period: float) -> NDArray[np.int64]:
+    """By how many parts each frame (n + 1,) is late, by all steps (n,) at once; at most one less than a period has.
+
+    The least sum of the squared misfits of steps to the speeds around them, by dynamic programming. A step that no
+    duration explains shows none.
+    """
+    parts = FINER_PICTURES
+    cost = np.zeros((len(stamps), parts, parts))  # of a frame late by so many parts after one late by so many
+    later = np.arange(parts)[None, :] - np.arange(parts)[:, None]
+    for run in runs:
+        speed = _speeds(run, durations, period, 0.0)
+        for at, length, v in zip(run.at, run.length, speed, strict=True):
+            if np.isfinite(v):
+                lasts = stamps[at] + later / parts
+                off = np.where(lasts > 0, np.abs(length - v * lasts), np.inf)
+                cost[at] += np.minimum(off, MAX_OFF_PARTS * v / parts) ** 2 / run.sd**2
+    total, before = np.zeros(parts), np.zeros((len(stamps), parts), np.int64)
+    for k in range(len(stamps)):
+        paths = total[:, None] + cost[k] + CHANGE_COST * np.abs(later)
+        before[k], total = paths.argmin(axis=0), paths.min(axis=0)
+    found = np.empty(len(stamps) + 1, np.int64)
+    found[-1] = total.argmin()
+    for k in range(len(stamps) - 1, -1, -1):
+        found[k] = before[k, found[k + 1]]
+    return found
 
 
 def _durations(runs: Sequence[_Run], stamps: Array, period: float) -> tuple[Array, NDArray[np.bool_], float]:
-    """Durations of steps (n,) in periods, which of them the balls show (n,), and the rms misfit of their steps [sd].
+    """Durations of steps (n,) in periods, which of them the balls show (n,), and the mean misfit of their steps [sd].
 
     The misfit is infinite where too few durations are whole numbers of parts on which the balls agree.
     """
@@ -138,14 +169,14 @@ def _durations(runs: Sequence[_Run], stamps: Array, period: float) -> tuple[Arra
 
 
 def _misfit(runs: Sequence[_Run], durations: Array, determined: NDArray[np.bool_], period: float) -> float:
-    """Root mean square of what steps whose duration is known differ from the speeds around them [sd]."""
+    """Mean of what steps whose duration is known differ from the speeds around them [sd]."""
     off = []
     for run in runs:
         speed = _speeds(run, durations, period, 0.0)
         use = np.isfinite(speed) & determined[run.at]
         off.append((run.length[use] - speed[use] * durations[run.at[use]]) / run.sd)
     values = np.concatenate(off) if off else np.zeros(0)
-    return float(np.sqrt(np.mean(values**2))) if values.size else np.inf
+    return float(np.mean(np.abs(values))) if values.size else np.inf
 
 
 def _runs(track: BallTrack, frames: NDArray[np.int64], sigma: float) -> list[_Run]:
@@ -153,7 +184,7 @@ def _runs(track: BallTrack, frames: NDArray[np.int64], sigma: float) -> list[_Ru
     at = np.searchsorted(frames, track.frame)
     step = np.diff(track.xy, axis=0)
     length = np.linalg.norm(step, axis=1)
-    moving = (np.diff(at) == 1) & (length > max(MIN_STEP_SD * np.sqrt(2) * sigma, MIN_STEP_M))
+    moving = (np.diff(at) == 1) & (length > MIN_STEP_M)
     if not moving.any():
         return []
     turn = np.zeros(len(step))  # between a step and the one before, across the way [m]
@@ -163,7 +194,7 @@ def _runs(track: BallTrack, frames: NDArray[np.int64], sigma: float) -> list[_Ru
     both = moving[1:] & moving[:-1]
     # Of the second difference of places with an error sd each, across the way, the sd is sqrt(6) sd.
     scatter = float(np.median(np.abs(turn[1:][both]))) / 0.6745 / np.sqrt(6) if both.any() else sigma
-    sd = max(sigma, scatter)
+    sd = max(scatter, MIN_SD_M)
     bends = np.abs(turn) > np.maximum(MAX_TURN_SINE * length, 4 * np.sqrt(6) * sd)
     found, first = [], 0
     moving &= length > MIN_STEP_SD * np.sqrt(2) * sd

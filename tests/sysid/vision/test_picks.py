@@ -55,6 +55,15 @@ def test_uneven_times_are_told_by_the_steps_of_all_balls() -> None:
     assert np.std(after) < 0.5 * np.std(before)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_no_frame_is_later_than_its_stamp_by_a_period_however_many_impacts_there_are(seed: int) -> None:
+    tracks, stamps, true = picked(2, seed)
+    _, _, times, _ = _stamped(tracks, frames_of(stamps), stamps, np.zeros(len(stamps), bool), CAMERA)
+    assert np.ptp(times - stamps) < 0.6 * PERIOD
+    off = (times - true)[18:75]
+    assert np.mean(np.abs(off - np.median(off)) < 0.1 * PERIOD) > 0.93
+
+
 @pytest.mark.parametrize("noise", [0.05, 0.3, 2.0])
 def test_even_times_are_left_alone_however_much_balls_scatter(noise: float) -> None:
     tracks, stamps, _ = picked(1, noise=noise)
