@@ -31,7 +31,7 @@ from sysid.vision.tracks.moves import (
 MAX_CONTACT_S = 0.002  # longest contact of cue and ball
 CLIP_TAIL_S = 0.3  # of rest at the end of a clip
 MAX_LOST_S = 1.0  # a moving ball lost for longer was taken away and sets nothing in motion
-MIN_JUDGED_FRAMES = 2.5  # over which the first speed is taken: the strike may fall into the first of them
+MIN_JUDGED_FRAMES = 2.5  # over which a speed is taken: the strike may fall into them, one of them may be late
 MIN_SPEED_RATIO = 0.7  # of the first speed to later ones; below it a ball was moved by hand
 MAX_LULL_S = 1.0  # without motion, after which a shot is over
 SIMULTANEOUS_FRAMES = 1.5  # within which balls begin to move that may have been set in motion together
@@ -220,7 +220,7 @@ def gains_speed(scene: TrackedScene, move: Move) -> bool:
     for k in range(move.first + 1, stop):
         distance = float(np.linalg.norm(xy[k] - xy[start]))
         lasts = float(track.time[k] - track.time[start])
-        if distance >= min_distance and (lasts > MIN_JUDGED_FRAMES * scene.period or not math.isnan(first_speed)):
+        if distance >= min_distance and lasts > MIN_JUDGED_FRAMES * scene.period:
             speed = distance / lasts
             if first_speed < MIN_SPEED_RATIO * speed:
                 return True

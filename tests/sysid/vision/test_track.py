@@ -113,6 +113,21 @@ def test_a_ball_that_was_taken_away_on_its_way_sets_nothing_in_motion() -> None:
     assert [shot.struck for shot in tracked_of(made).shots] == ["red", "white"]
 
 
+@pytest.mark.parametrize("late", [4, 6, 8])
+def test_one_frame_that_is_taken_late_is_no_hand_that_pushes(late: int) -> None:
+    """The step after it seems twice as fast."""
+    made, follower = Recording(fps=30.0).wait(0.5).shot((1.6, 0.3), seconds=1.5).wait(0.5), Follower(CAMERA)
+    position = np.concatenate(made.rows)
+    for index, some in enumerate(sightings(position, NAMES, np.random.default_rng(0))):
+        follower.update(index, index / made.fps, some)
+    frames, struck = np.arange(len(position)), round(made.struck[0] * made.fps)
+    times = frames / made.fps
+    times[struck + late] += 0.5 / made.fps
+    found = tracked([dataclasses.replace(t, time=times[t.frame]) for t in follower.tracks()], frames, times, CAMERA)
+    assert found.left_out == ()
+    assert [shot.struck for shot in found.shots] == ["white"]
+
+
 @pytest.mark.parametrize("noise", [3e-4, 5e-4])
 def test_a_ball_that_slides_and_then_rolls_makes_no_noise_in_a_few_frames(noise: float) -> None:
     """At 25 frames a second some of them show two motions, and a film holds few."""
