@@ -39,7 +39,9 @@ MAX_OFF_PARTS = 0.4  # of a duration from a whole number of them
 MIN_UNEVEN = 8  # durations that are not what stamps say,
 MIN_UNEVEN_FRACTION = 0.2  # and of those that are known,
 MIN_KNOWN_FRACTION = 0.75  # of those that can be, by agreeing balls
-MAX_ERROR_RATIO = 0.35  # of the mean misfit of steps to that by the stamps; picks from four times as many leave 0.45
+MAX_ERROR_RATIO = (
+    0.35  # of the mean misfit of steps to that by the stamps; picks from four times as many leave 0.39 or more
+)
 CHANGE_COST = 1e-3  # of what no step shows, so that a frame is as late as the one before
 
 
@@ -99,13 +101,14 @@ def find_picks(
     """The finer sequence that frames (n,) at times (n,) [s] were picked from, if balls show one beyond doubt."""
     runs = [run for track in tracks for run in _runs(track, frames, sigma)]
     stamps = np.diff(times) / period
-    durations, determined, misfit = _durations(runs, stamps, period)
+    durations, determined = _durations(runs, stamps, period)
     uneven = determined & (np.abs(durations - stamps) > 0.5 / FINER_PICTURES)
     if uneven.sum() < max(MIN_UNEVEN, MIN_UNEVEN_FRACTION * determined.sum()):
         return None
+    change = np.diff(_late(runs, durations, stamps, period))
+    misfit = _misfit(runs, stamps + change / FINER_PICTURES, determined, period)
     if misfit > MAX_ERROR_RATIO * _misfit(runs, stamps, determined, period):
         return None
-    change = np.diff(_late(runs, durations, stamps, period))
     whole = np.rint(stamps * FINER_PICTURES).astype(int) + change
     return Picks({int(frames[k + 1]): int(whole[k]) for k in np.flatnonzero(change)})
 
@@ -137,10 +140,10 @@ def _late(runs: Sequence[_Run], durations: Array, stamps: Array, period: float) 
     return found
 
 
-def _durations(runs: Sequence[_Run], stamps: Array, period: float) -> tuple[Array, NDArray[np.bool_], float]:
-    """Durations of steps (n,) in periods, which of them the balls show (n,), and the mean misfit of their steps [sd].
+def _durations(runs: Sequence[_Run], stamps: Array, period: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Durations of steps (n,) in periods, and which of them the balls show (n,).
 
-    The misfit is infinite where too few durations are whole numbers of parts on which the balls agree.
+    None where too few are whole numbers of parts on which the balls agree.
     """
     durations = stamps.copy()
     determined = np.zeros(len(stamps), bool)
@@ -163,9 +166,9 @@ def _durations(runs: Sequence[_Run], stamps: Array, period: float) -> tuple[Arra
             agree[k[off > 2 * MAX_OFF_PARTS * speed[known] / FINER_PICTURES]] = False
         determined = sure & agree
         durations = np.where(determined, whole, np.where(sure, np.maximum(seen, 0.5 / FINER_PICTURES), stamps))
-    durations = np.where(determined, durations, stamps)
-    enough = determined.sum() >= MIN_KNOWN_FRACTION * sure.sum()
-    return durations, determined, _misfit(runs, durations, determined, period) if enough else np.inf
+    if determined.sum() < MIN_KNOWN_FRACTION * sure.sum():
+        determined[:] = False
+    return np.where(determined, durations, stamps), determined
 
 
 def _misfit(runs: Sequence[_Run], durations: Array, determined: NDArray[np.bool_], period: float) -> float:

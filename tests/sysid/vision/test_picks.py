@@ -71,8 +71,9 @@ def test_even_times_are_left_alone_however_much_balls_scatter(noise: float) -> N
     assert find_picks(tracks, frames_of(stamps), stamps, PERIOD, 0.0) is None
 
 
-def test_times_of_a_sequence_four_times_as_fine_are_not_rounded_to_halves() -> None:
-    tracks, stamps, _ = picked(4)
+@pytest.mark.parametrize("seed", range(4))
+def test_times_of_a_sequence_four_times_as_fine_are_not_rounded_to_halves(seed: int) -> None:
+    tracks, stamps, _ = picked(4, seed)
     assert seem_uneven(tracks, frames_of(stamps))
     assert find_picks(tracks, frames_of(stamps), stamps, PERIOD, 0.0) is None
 
