@@ -3,8 +3,8 @@
 The steps are those of Dormand and Prince (models/engine/dense.py). A step ends where the ball changes: a slide or a
 roll ends, sidespin dies, a push switches. Inside a step friction keeps the direction in which it began to be reversed:
 a step that would pass through zero is cut. The last bit of a slide or of a roll is taken at a constant acceleration;
-what a ball rolls with at the end of a slide, v - 2/7 u, does not depend on how the slip dies. So does a ball creep that
-is pushed by hardly more or less than what resists it.
+what a ball rolls with at the end of a slide, v - 2/7 u, does not depend on how the slip dies. A ball that is pushed by
+hardly more or less than what resists it creeps at a constant acceleration, too.
 """
 
 from __future__ import annotations

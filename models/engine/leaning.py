@@ -1,8 +1,8 @@
 """Balls that lean on each other or on a cushion: when they are looked at again, and when they rest.
 
 What leans is known to for LEAN_MEMORY_S; what has been pressed without moving for HELD_AFTER_S is held, and rests until
-something beside it is hit. It is held after the short time where it has kept to its place, since it only sinks into
-what it is pressed to and is put back from there: looks of the same length would show it in rubber each time.
+something beside it is hit. A ball that keeps to its place is held after the shorter time: until then it sinks, between
+two looks, into what it is pressed to, and is put back at the second.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from models.engine.motion import POTTED, place
 from models.engine.touch import MAX_RECHECK_S, PRESSED_RECHECK_S
 
 LEAN_MEMORY_S = 5.0 * MAX_RECHECK_S  # for how long a ball that leans is known to [s]
-# For which what is pressed has moved by no more than a way, before it rests: what a net push of 8 mm/s2 drives goes
-# further in the short time, and what creeps along a cushion by its sinking in and friction rests after the long one.
+# What is pressed rests once it has moved by no more than a way for a time. In the shorter time a net push of 8 mm/s2
+# drives it further; the longer one ends creeping along a cushion, which sinking in and friction sustain.
 HELD_AFTER_S, HELD_WAY_M = (0.05, 0.2), (1e-5, 4e-4)  # [s], [m]
 CALM_SPEED = 1e-4  # between bodies that lean on each other, with which they may go on until the next look [m/s]
 CREEP_SPEED = 2e-3  # of what is pressed and has not moved: any rolling resistance would have stopped it [m/s]

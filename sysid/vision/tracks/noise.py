@@ -30,9 +30,7 @@ USUAL_SD = 3.5  # standard deviations, beyond which third differences are unusua
 USUAL_ROUNDS = 5  # in which the usual ones and their standard deviation are found in turn
 PARABOLA_FRAMES = 9  # in a row, to which two joined parabolas are fitted,
 PARABOLA_STRIDE = 4  # from the first of them to that of the next
-PARABOLA_FREEDOM = (
-    2 * (PARABOLA_FRAMES - 4) - 1
-)  # degrees of it that are left: four of an axis, and the knot, are fitted
+PARABOLA_FREEDOM = 2 * (PARABOLA_FRAMES - 4) - 1  # that is left: four unknowns of each axis and the knot are fitted
 MIN_PARABOLAS = 4  # fits that make an estimate
 MAX_USUAL_VARIANCE = 4.0  # of a fit, over the median; more is no noise
 INNER_KNOTS = np.linspace(-0.6, 0.6, 5)  # of so few detections
