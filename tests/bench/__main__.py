@@ -19,6 +19,7 @@ from tests.bench.accuracy import cloth_rows, hidden_rows
 from tests.bench.growth import clip_growth, noted, shot_growth
 from tests.bench.speed import jacobian_rows, peak_memory_mb, shot_rows
 from tests.bench.video import video_rows
+from tests.bench.workers import worker_growth
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -47,7 +48,7 @@ def main() -> int:
     else:
         print("hidden set: no data at $CUELAB_DATA or ../shared/data, so not fitted\n")
     figures: dict[str, str] = {}
-    for growth in (shot_growth, clip_growth):
+    for growth in (shot_growth, clip_growth, worker_growth):
         rows, more = growth()
         print(table(rows) + "\n", flush=True)
         figures |= more
