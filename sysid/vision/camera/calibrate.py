@@ -24,11 +24,12 @@ from models.shot import RAIL_NAMES, Table
 from sysid.vision.camera import table_edges, table_lines
 from sysid.vision.camera.ball_outlines import NO_BALLS, BallOutlines, find_balls
 from sysid.vision.camera.board import Lens
+from sysid.vision.camera.cloth_end import cloth_ends
 from sysid.vision.camera.diamonds import NO_DIAMONDS, Diamonds, find_diamonds
 from sysid.vision.camera.edge_blur import blur_notes
-from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, MIN_LEAD, evidence, evidence_doubts
+from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, MIN_LEAD, evidence, evidence_doubts, unsure
 from sysid.vision.camera.final_lens import MAX_FITTED_FOCAL_SD, with_lens
-from sysid.vision.camera.first_view import first_view, initial_camera, sides_of
+from sysid.vision.camera.first_view import CLOTH_MARGIN_M, first_view, initial_camera, sides_of
 from sysid.vision.camera.marker_camera import MIN_MARKERS, MarkerView, marker_notes, marker_view
 from sysid.vision.camera.markers import MARKER_SIZE_M, Markers, find_markers, no_markers
 from sysid.vision.camera.near_view import CUSHION_REACH_M, MIN_REACH_M, cloth_sides, corners_compared, on_noses
@@ -180,7 +181,7 @@ def calibrate(
     said, against = marker_notes(lines.camera, markers, view, len(reading.noses))
     shifts, apart_sd = parallax(lines), _apart_sd(lines, reading, hints)
     if not found and hints.focal_from == "assumed" and not len(seen.diamonds.pixels) + len(seen.markers):
-        warnings += assumed_focal_doubts(shifts[0], reading.focal_sd)
+        warnings += assumed_focal_doubts(shifts[0], reading.focal_sd, uncertainty(lines)[0])
     if scene.by_hand and len(hints.sees) == 4:
         their_notes, their_doubts = corners_compared(lines.camera, np.asarray(hints.corners, float))
         notes, against = [*notes, *their_notes], [*against, *their_doubts]
@@ -264,7 +265,9 @@ def _side_left_out(
         f"no edge at {RAIL_NAMES[rail]} goes with the others: that side is left out"
         for rail in unseen if rail not in fitted
     ]  # fmt: skip
-    return notes, [] if scene.view else [doubt for rail in unseen for doubt in outline_doubts(lines, first, rail)]
+    dark = [rail for rail in unseen if cloth_ends(scene.light, lines.camera, rail, reading.cushion_width)]
+    outline = [rail for rail in unseen if rail not in dark and not scene.view]
+    return notes, [doubt for rail in outline for doubt in outline_doubts(lines, first, rail)]
 
 
 def _unaided(
@@ -290,13 +293,16 @@ def _read(
 ) -> tuple[CameraFit, TableEvidence, CushionReading | None]:
     """The first view, what is seen from it, and the likeliest reading.
 
-    Where a side shows no nose, or another reading is about as likely, the cloth may have seemed to end elsewhere: what
-    is seen from the camera of the reading, and from that of its rival, is then read again.
+    Where a side shows no nose, what is seen does not go together, or another reading is about as likely, the cloth may
+    have seemed to end elsewhere, as a cushion in the dark has not its colour: what is seen from the camera of the
+    reading, and from that of its rival, is then read again.
     """
     near = bool(scene.near)
     first, seen, reading = _look(scene, first, unknown, focal)
-    if reading is not None and (near or len(reading.noses) < len(seen.edges) or reading.lead < MIN_LEAD):
+    if reading is not None and (near or len(reading.noses) < len(seen.edges) or unsure(seen, reading)):
         margin = 0.0 if near else reading.cushion_width
+        if not near and not CUSHION_WIDTHS_M[0] < margin < CUSHION_WIDTHS_M[1]:  # drawn to what is no end of the cloth
+            margin = CLOTH_MARGIN_M
         unclear = reading.lead < MIN_LEAD and not near
         cameras = [reading.camera, *([reading.rival] if unclear and reading.rival is not None else [])]
         looks = [_look(scene, dataclasses.replace(first, camera=one, margin=margin), unknown, focal) for one in cameras]
