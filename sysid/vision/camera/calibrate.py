@@ -24,9 +24,12 @@ from models.shot import RAIL_NAMES, Table
 from sysid.vision.camera import table_edges, table_lines
 from sysid.vision.camera.ball_outlines import NO_BALLS, BallOutlines, find_balls
 from sysid.vision.camera.board import Lens
+from sysid.vision.camera.cloth_end import cloth_ends
 from sysid.vision.camera.diamonds import NO_DIAMONDS, Diamonds, find_diamonds
-from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, MIN_LEAD, evidence, evidence_doubts
-from sysid.vision.camera.first_view import first_view, initial_camera, sides_of
+from sysid.vision.camera.edge_blur import blur_notes
+from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, MIN_LEAD, evidence, evidence_doubts, unsure
+from sysid.vision.camera.final_lens import MAX_FITTED_FOCAL_SD, with_lens
+from sysid.vision.camera.first_view import CLOTH_MARGIN_M, first_view, initial_camera, sides_of
 from sysid.vision.camera.marker_camera import MIN_MARKERS, MarkerView, marker_notes, marker_view
 from sysid.vision.camera.markers import MARKER_SIZE_M, Markers, find_markers, no_markers
 from sysid.vision.camera.near_view import CUSHION_REACH_M, MIN_REACH_M, cloth_sides, corners_compared, on_noses
@@ -39,12 +42,12 @@ from sysid.vision.camera.noses import (
     what_is_seen,
     with_rival,
 )
-from sysid.vision.camera.pose import CameraFit, Mask, fit_camera
+from sysid.vision.camera.pose import CameraFit
 from sysid.vision.camera.projection import MIN_FOCAL_PX, Array, Camera
 from sysid.vision.camera.side_points import fitted_to_edges, side_edges
 from sysid.vision.camera.table_edges import Edge
 from sysid.vision.camera.trust import (
-    K1_PRIOR,
+    FOCAL_ERROR,
     TABLE_SIZE_REMEDY,
     assumed_focal_doubts,
     corner_doubts,
@@ -52,12 +55,10 @@ from sysid.vision.camera.trust import (
     outline_doubts,
     parallax,
     uncertainty,
-    with_focal,
 )
+from sysid.vision.camera.weighed_sides import weighed
 
-MAX_FITTED_FOCAL_SD = 0.2  # relative; above, the focal length is assumed rather than fitted
 MAX_CUSHION_SPREAD_M = 8e-3  # of the widths of the cushions, up to which edges may be noses
-MAX_K2_ERROR_RATIO = 0.8  # of the reprojection errors with and without k2, up to which k2 is used
 ONLY_EDGE = "the end of the cloth, the only edge seen"
 BY_HAND = "none: from the corners given alone"
 BY_MARKERS = "none: from the markers alone"
@@ -74,6 +75,7 @@ class Calibration:
     edge: str  # which edge of the cushions was used
     spread: tuple[float, float]  # rms and worst standard deviation of places on the balls' plane [m]
     parallax: tuple[float, float]  # rms and worst error there if the focal length is 10 % off [m]
+    apart_sd: float  # relative, of a focal length that is not among the parameters of the lines; 0 where it is
     notes: tuple[str, ...]
     doubts: tuple[str, ...]  # reasons not to trust it
     diamonds: Diamonds = NO_DIAMONDS
@@ -164,9 +166,10 @@ def calibrate(
         return _without_edges(first, scene, hints.focal_from, source)
     edge, warnings = _edge_taken(seen, reading, first) if not scene.near else (scene.near, [])
     sides = side_edges(reading, seen, first.camera, scene.agreeing)
-    lines, sure = fitted_to_edges(scene.light, reading.camera, sides, unknown, progress)
+    points = fitted_to_edges(scene.light, reading.camera, sides, unknown, progress)
     progress("least squares")
-    lines, focal_sd = _with_lens(lines, float(reading.camera.matrix[0, 0]), unknown, sure)
+    lines, focal_sd = with_lens(points.lines, float(reading.camera.matrix[0, 0]), unknown, points.sure)
+    lines = lines if scene.near else weighed(lines, points.ends, points.shifts)
     if not (lines.camera.matrix[0, 0] > MIN_FOCAL_PX and lines.camera.translation[2] > 0):
         raise BadInput("no camera over a table sees it so: check --length and --width, or give --corners")
     by_sides = bool(np.isfinite(focal_sd))
@@ -174,11 +177,11 @@ def calibrate(
     focal_sd = focal_sd if by_sides or not found else reading.focal_sd
     notes, of_sides = _side_left_out(lines, first, reading, scene)
     warnings = [*warnings, *doubts(lines, by_sides, edge == ONLY_EDGE), *evidence_doubts(lines.camera, seen, reading)]
-    warnings += of_sides
+    notes, warnings = [*notes, *blur_notes(points.shifts)], [*warnings, *of_sides]
     said, against = marker_notes(lines.camera, markers, view, len(reading.noses))
-    shifts = parallax(lines)
+    shifts, apart_sd = parallax(lines), _apart_sd(lines, reading, hints)
     if not found and hints.focal_from == "assumed" and not len(seen.diamonds.pixels) + len(seen.markers):
-        warnings += assumed_focal_doubts(shifts[0], reading.focal_sd)
+        warnings += assumed_focal_doubts(shifts[0], reading.focal_sd, uncertainty(lines)[0])
     if scene.by_hand and len(hints.sees) == 4:
         their_notes, their_doubts = corners_compared(lines.camera, np.asarray(hints.corners, float))
         notes, against = [*notes, *their_notes], [*against, *their_doubts]
@@ -188,7 +191,7 @@ def calibrate(
     return Calibration(
         dataclasses.replace(lines.camera, residual_m=lines.rms, source=text), lines,
         "found" if found else hints.focal_from, hints.lens.focal_sd if hints.lens else focal_sd, edge,
-        uncertainty(lines), shifts, (*notes, *said, *evidence(lines.camera, seen, reading)), tuple(warnings),
+        uncertainty(lines), shifts, apart_sd, (*notes, *said, *evidence(lines.camera, seen, reading)), tuple(warnings),
         seen.diamonds, seen.balls, reading.diamond_margin, markers,
     )  # fmt: skip
 
@@ -241,6 +244,15 @@ def _from_corners(start: Camera, hints: CameraHints) -> CameraFit:
     return first_view(start, sides, hints.sees, hints.unknown[:1], True)
 
 
+def _apart_sd(lines: CameraFit, reading: CushionReading, hints: CameraHints) -> float:
+    """Of a focal length that is not among the parameters of the lines, relative; 0 where it is."""
+    if "focal" in lines.free:
+        return 0.0
+    if hints.lens:
+        return hints.lens.focal_sd
+    return reading.focal_sd if np.isfinite(reading.focal_sd) else FOCAL_ERROR
+
+
 def _side_left_out(
     lines: CameraFit, first: CameraFit, reading: CushionReading, scene: _Scene
 ) -> tuple[list[str], list[str]]:
@@ -253,7 +265,9 @@ def _side_left_out(
         f"no edge at {RAIL_NAMES[rail]} goes with the others: that side is left out"
         for rail in unseen if rail not in fitted
     ]  # fmt: skip
-    return notes, [] if scene.view else [doubt for rail in unseen for doubt in outline_doubts(lines, first, rail)]
+    dark = [rail for rail in unseen if cloth_ends(scene.light, lines.camera, rail, reading.cushion_width)]
+    outline = [rail for rail in unseen if rail not in dark and not scene.view]
+    return notes, [doubt for rail in outline for doubt in outline_doubts(lines, first, rail)]
 
 
 def _unaided(
@@ -279,13 +293,16 @@ def _read(
 ) -> tuple[CameraFit, TableEvidence, CushionReading | None]:
     """The first view, what is seen from it, and the likeliest reading.
 
-    Where a side shows no nose, or another reading is about as likely, the cloth may have seemed to end elsewhere: what
-    is seen from the camera of the reading, and from that of its rival, is then read again.
+    Where a side shows no nose, what is seen does not go together, or another reading is about as likely, the cloth may
+    have seemed to end elsewhere, as a cushion in the dark has not its colour: what is seen from the camera of the
+    reading, and from that of its rival, is then read again.
     """
     near = bool(scene.near)
     first, seen, reading = _look(scene, first, unknown, focal)
-    if reading is not None and (near or len(reading.noses) < len(seen.edges) or reading.lead < MIN_LEAD):
+    if reading is not None and (near or len(reading.noses) < len(seen.edges) or unsure(seen, reading)):
         margin = 0.0 if near else reading.cushion_width
+        if not near and not CUSHION_WIDTHS_M[0] < margin < CUSHION_WIDTHS_M[1]:  # drawn to what is no end of the cloth
+            margin = CLOTH_MARGIN_M
         unclear = reading.lead < MIN_LEAD and not near
         cameras = [reading.camera, *([reading.rival] if unclear and reading.rival is not None else [])]
         looks = [_look(scene, dataclasses.replace(first, camera=one, margin=margin), unknown, focal) for one in cameras]
@@ -358,31 +375,6 @@ def _without_edges(first: CameraFit, scene: _Scene, focal_from: str, source: str
     warnings = (*(corner_doubts(first) if scene.by_hand else ()), doubt, *against)
     edge, unknown = BY_HAND if scene.by_hand else BY_MARKERS, (np.nan, np.nan)
     return Calibration(
-        camera, first, focal_from, np.nan, edge, unknown, parallax(first), tuple(notes), warnings, markers=scene.markers
-    )
-
-
-def _with_lens(lines: CameraFit, focal: float, unknown: tuple[str, ...], sure: Mask) -> tuple[CameraFit, float]:
-    """The final fit, with the intrinsic parameters that the lines determine; relative sd of the focal length or NaN.
-
-    Where they do not determine the focal length, it is the one given, in pixels.
-    """
-    pixels, rails, focal_sd = lines.pixels, lines.rails, np.nan
-    free = tuple(name for name in unknown if name != "focal")
-    if "focal" in unknown:
-        if "focal" in lines.free:
-            lines = fit_camera(lines.camera, pixels, rails, unknown, prior={"focal": (0.0, 1.0), **K1_PRIOR}, sure=sure)
-            focal_sd = lines.total_sd["focal"]
-        if focal_sd < MAX_FITTED_FOCAL_SD:
-            free = unknown
-        else:
-            focal_sd = np.nan
-            lines = fit_camera(with_focal(lines.camera, focal), pixels, rails, free, prior=K1_PRIOR, sure=sure)
-    if "k1" in unknown:
-        more = fit_camera(lines.camera, pixels, rails, (*free, "k2"), prior=K1_PRIOR, sure=sure)
-        if (
-            more.reprojection_error < MAX_K2_ERROR_RATIO * lines.reprojection_error
-            and more.kept.sum() >= 0.98 * lines.kept.sum()
-        ):
-            return more, focal_sd
-    return lines, focal_sd
+        camera, first, focal_from, np.nan, edge, unknown, parallax(first), FOCAL_ERROR, tuple(notes), warnings,
+        markers=scene.markers,
+    )  # fmt: skip

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from sysid.vision.camera.calibrate import Calibration
+from sysid.vision.camera.trust import FOCAL_ERROR
 
 
 def rows(found: Calibration) -> list[tuple[str, str]]:
@@ -36,11 +37,10 @@ def rows(found: Calibration) -> list[tuple[str, str]]:
 
 
 def place_sd(found: Calibration) -> float:
-    """Standard deviation of balls' places over the table, an assumed focal length 10 % off: rms [m]; NaN if unknown."""
+    """Standard deviation of balls' places over the table, with that of the focal length: rms [m]; NaN if unknown."""
     if not found.edges:
         return math.nan
-    assumed = found.parallax[0] if math.isnan(found.focal_sd) else 0.0
-    return math.hypot(found.spread[0], assumed)
+    return math.hypot(found.spread[0], found.parallax[0] * found.apart_sd / FOCAL_ERROR)
 
 
 def to_json(found: Calibration) -> dict[str, Any]:

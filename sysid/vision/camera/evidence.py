@@ -44,10 +44,23 @@ def evidence(camera: Camera, seen: TableEvidence, reading: CushionReading) -> li
     return ["no diamonds and no balls were seen: the noses alone determine the camera"]
 
 
+def unsure(seen: TableEvidence, reading: CushionReading) -> bool:
+    """Whether another reading is about as likely, or what is seen does not go together."""
+    return reading.lead < MIN_LEAD or reading.cost > _max_cost(seen)
+
+
+def _max_cost(seen: TableEvidence) -> float:
+    """Of a reading in which all that is seen goes together."""
+    return MAX_COST + MAX_DIAMOND_COST * len(seen.diamonds.pixels) + MAX_MARKER_COST * len(seen.markers)
+
+
 def evidence_doubts(camera: Camera, seen: TableEvidence, reading: CushionReading) -> list[str]:
     """What speaks against a camera."""
-    limit = MAX_COST + MAX_DIAMOND_COST * len(seen.diamonds.pixels) + MAX_MARKER_COST * len(seen.markers)
-    return [*_reading_doubts(camera, reading, limit), *_size_doubts(camera, seen, reading), *_lens_doubts(camera)]
+    return [
+        *_reading_doubts(camera, reading, _max_cost(seen)),
+        *_size_doubts(camera, seen, reading),
+        *_lens_doubts(camera),
+    ]
 
 
 def _reading_doubts(camera: Camera, reading: CushionReading, max_cost: float) -> list[str]:

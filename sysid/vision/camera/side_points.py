@@ -15,6 +15,7 @@ import numpy as np
 
 from models.errors import BadInput
 from models.shot import NOSE_HEIGHT
+from sysid.vision.camera.edge_blur import blur_shift
 from sysid.vision.camera.marker_camera import stand_ins
 from sysid.vision.camera.markers import Markers
 from sysid.vision.camera.noses import CushionReading, TableEvidence, with_offsets
@@ -33,16 +34,27 @@ class SideEdges:
 
     noses: Mapping[int, Edge]  # by rail
     ends: Mapping[int, Edge]  # of the cloth, at sides whose nose is not seen
+    behind: Mapping[int, Edge]  # ends of the cloth behind noses that are seen
     width: float  # from the noses to the end of the cloth [m]
     markers: Markers  # that agree
 
     def found(self) -> SideEdges:
         """The same about a camera that was fitted to them."""
-        noses, ends = (
+        noses, ends, behind = (
             {rail: dataclasses.replace(edge, offset=offset) for rail, edge in some.items()}
-            for some, offset in ((self.noses, 0.0), (self.ends, self.width))
+            for some, offset in ((self.noses, 0.0), (self.ends, self.width), (self.behind, self.width))
         )
-        return dataclasses.replace(self, noses=noses, ends=ends)
+        return dataclasses.replace(self, noses=noses, ends=ends, behind=behind)
+
+
+@dataclass(frozen=True)
+class FittedSides:
+    """A camera fitted to points along the sides."""
+
+    lines: CameraFit
+    sure: Mask  # (n,) points in front of markers
+    ends: Mapping[int, Array]  # points where the cloth ends behind noses that are seen, by rail: (n, 2) [pixels]
+    shifts: Mapping[int, float]  # of the noses by blur, by rail, which were taken off them [m]
 
 
 def side_edges(reading: CushionReading, seen: TableEvidence, rough: Camera, markers: Markers) -> SideEdges:
@@ -58,14 +70,17 @@ def side_edges(reading: CushionReading, seen: TableEvidence, rough: Camera, mark
     instead = {rail: seen.ends[rail] for rail in unseen if rail in seen.ends}
     if len(markers) or len(unseen) != 1 or len(seen.ends) < len(seen.edges) or reading.at_end:
         instead = {}
-    noses, ends = (with_offsets(some, rough, reading.camera) for some in (reading.noses, instead))
-    return SideEdges(noses, ends, reading.cushion_width, markers)
+    behind = {rail: end for rail, end in seen.ends.items() if rail in reading.noses}
+    if len(markers) or reading.at_end:  # markers' edges, or the noses themselves
+        behind = {}
+    noses, ends, behind = (with_offsets(some, rough, reading.camera) for some in (reading.noses, instead, behind))
+    return SideEdges(noses, ends, behind, reading.cushion_width, markers)
 
 
 def fitted_to_edges(
     light: Image, camera: Camera, edges: SideEdges, unknown: tuple[str, ...], progress: Callable[[str], None]
-) -> tuple[CameraFit, Mask]:
-    """The camera fitted to points of the edges, searched within ever smaller distances, and which are sure.
+) -> FittedSides:
+    """The camera fitted to points of the edges, searched within ever smaller distances.
 
     Raises:
         BadInput: fewer than three sides have edges that can be followed.
@@ -78,7 +93,14 @@ def fitted_to_edges(
         prior["focal"] = (float(np.log(focal / camera.matrix[0, 0])), 0.3)
         lines = fit_camera(camera, pixels, rails, free, prior=prior, sure=sure)
         camera, edges = lines.camera, edges.found()
-    return lines, sure
+    shifts = {rail: blur_shift(light, camera, rail, edge) for rail, edge in edges.noses.items()}
+    for rail, shift in shifts.items():
+        pixels[rails == rail] = _inwards(camera, pixels[rails == rail], rail, shift)
+    prior["focal"] = (float(np.log(focal / camera.matrix[0, 0])), 0.3)
+    lines = fit_camera(camera, pixels, rails, free, prior=prior, sure=sure)
+    search = EDGE_SEARCH_PX[-1]
+    ends = {rail: edge_points(light, camera, rail, edge, search) for rail, edge in edges.behind.items()}
+    return FittedSides(lines, sure, ends, shifts)
 
 
 def _points(light: Image, camera: Camera, edges: SideEdges, search: float) -> tuple[Array, Rails, Mask]:

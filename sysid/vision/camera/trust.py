@@ -17,7 +17,8 @@ MAX_BEND_M = 2e-3  # of a side from its line,
 MAX_BEND_PX = 0.75  # or this if it is more
 MAX_MARGIN_M = 6e-3  # by which another size of the table may fit better
 MAX_OUTLINE_STEP_M = 0.015  # of the end of the cloth behind one nose relative to the others
-MAX_PLACE_SD_M = 3e-3  # of a place on the table
+MAX_PLACE_SD_M = 3e-3  # of a place on the table, at worst,
+MAX_RMS_SD_M = 2.5e-3  # and rms over it
 MAX_CORNER_RMS_PX = 2.0  # of corners given by hand
 MAX_TILT_DEG = 70.0  # beyond which the table is hardly seen from above
 MAX_OUTLIER_FRACTION = 0.4  # of the edge points
@@ -97,15 +98,16 @@ def doubts(lines: CameraFit, found_focal: bool, only_edge: bool) -> list[str]:
     return messages
 
 
-def assumed_focal_doubts(shift: float, focal_sd: float) -> list[str]:
+def assumed_focal_doubts(shift: float, focal_sd: float, spread: float) -> list[str]:
     """Doubts about places where the focal length is assumed, and nothing but the sides shows it.
 
     Args:
         shift: rms error of places for a focal length that is 10 % off [m].
         focal_sd: of the focal length, relative.
+        spread: standard deviation of places for that focal length, rms [m].
     """
-    error = focal_sd / FOCAL_ERROR * shift
-    if error < MAX_PLACE_SD_M:
+    error = float(np.hypot(focal_sd / FOCAL_ERROR * shift, spread))
+    if error < MAX_RMS_SD_M:
         return []
     return [
         f"the focal length is assumed, and may be {100 * focal_sd:.0f} % off: places would be {1e3 * error:.0f}"

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from models.errors import BadInput
 from models.shot import Table
+from sysid.cli.calibrate import MEDIAN_FRAMES, frames
 from sysid.vision.camera import noses, table_edges, table_lines
 from sysid.vision.camera.calibrate import calibrate
+from sysid.vision.camera.cloth_end import cloth_ends
 from sysid.vision.camera.diamonds import find_diamonds
+from sysid.vision.camera.footages import table_view
 from sysid.vision.camera.pose import distances
 from sysid.vision.camera.projection import Camera
 from sysid.vision.camera.table_edges import SIDE_PARTS, Edge
 from tests.footage.__main__ import camera_over
 from tests.footage.film import RUBBER, Look, Picture, developed, table_picture
+from tests.footage.study import made, recipe
 from tests.sysid.vision.test_calibrate import rms
 
 PLAIN = Look(noise=1.5)  # of the median of some frames
@@ -108,3 +114,24 @@ def test_the_end_of_the_cloth_stands_in_for_a_nose_as_dark_as_its_shadow() -> No
     assert found.doubts == ()
     assert any("no nose is seen at -x: the end of the cloth" in note for note in found.notes)
     assert over_bed(camera, found.camera) < 3.0
+
+
+@pytest.mark.slow
+def test_a_dark_cushion_whose_nose_seemed_the_end_of_the_cloth_is_looked_at_again(tmp_path: Path) -> None:
+    film = recipe(137)  # under an arm; its diamonds and noses show, its left cushion is dark
+    camera, _, video = made(film, tmp_path)
+    view = table_view({video.name: list(frames(video, MEDIAN_FRAMES))})
+    found = calibrate(view.picture, camera.table, camera.diameter, stills=view.stills)
+    assert found.doubts == ()
+    assert over_bed(camera, found.camera) < 1.0
+
+
+def test_the_cloth_ends_where_its_colour_does_however_dark() -> None:
+    camera, _ = plain("small")
+    look = Look(noise=1.5, cushion_shadow=0.009, cloth_tops=True)
+    picture = developed(table_picture(camera, look), look, np.random.default_rng(0)).astype(np.float32)
+    for rail in range(4):
+        assert cloth_ends(picture, camera, rail, RUBBER)
+        assert not cloth_ends(picture, camera, rail, 0.0), "its nose"
+        assert not cloth_ends(picture, camera, rail, -0.018), "its shadow"
+        assert not cloth_ends(picture, camera, rail, RUBBER + 0.03), "on the wood"
