@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from sysid.vision.balls.background import Background, View
 from sysid.vision.balls.candidates import candidates
 from sysid.vision.balls.cover import DiscFit
-from sysid.vision.balls.discs import Shutter, core_colour, known_disc, new_discs
+from sysid.vision.balls.discs import Shutter, core_colour, is_disc, known_disc, new_discs
 from sysid.vision.balls.edges import Optics
 from sysid.vision.balls.faces import ANY_BALL, face, names_by_faces
 from sysid.vision.balls.outline_fit import (
@@ -100,7 +101,9 @@ class Detector:
     def _outlines(self, view: View) -> list[Detection]:
         """All balls that are seen as outlines, the best first."""
         seen = [self._identified(view, fit) for fit in balls(view, self.optics)]
-        return sorted((s for s in seen if s is not None), key=lambda s: -s.score)
+        patterned = self.palette is not None
+        sound = [s for s in seen if s is not None and is_disc(view, s.xy, patterned=patterned)]
+        return sorted(sound, key=lambda s: -s.score)
 
     def _discs(
         self, view: View, expected: Sequence[tuple[str, Array]], steps: Sequence[Array], shutter: Shutter
@@ -111,7 +114,7 @@ class Detector:
             return [_unnamed(fit) for fit in new_discs(view, None) if self._on_bed(view, fit)]
         if not expected:
             for name, colour in self.ball_colours:
-                for fit in new_discs(view, self._in_picture(view, colour)):
+                for fit in new_discs(view, self._in_picture(view, colour), partial(self._in_picture, view, colour)):
                     found += self._named_disc(view, name, fit, found) if self._on_bed(view, fit) else []
             return found
         reach, colours = SEARCH_RADII[-1], dict(self.ball_colours)
