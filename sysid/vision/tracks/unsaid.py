@@ -42,13 +42,15 @@ def _held(move: Move, shots: Sequence[TrackedShot]) -> bool:
 
 def _unseen(scene: TrackedScene, track: BallTrack, shots: Sequence[TrackedShot]) -> Iterator[tuple[float, str]]:
     """Times [s] from which a ball is not seen where it may have moved, and until when."""
-    potted = {shot.potted[track.name] for shot in shots if track.name in shot.potted}
+    drops = [scene.time_of(shot.potted[track.name]) for shot in shots if track.name in shot.potted]
+    whole = np.append(track.time, scene.times[-1])
     spans = [(m.first - 1, m.stop) for m in scene.moves if m.name == track.name] + scene.resting[track.name]
     if track.time[0] - scene.times[0] > MAX_LOST_S:
         yield float(scene.times[0]), f"{track.name} is not seen before frame {track.frame[0]}"
-    for k in np.flatnonzero(np.diff(track.time) > MAX_BRIDGED_S):
-        known = any(first <= k < last for first, last in spans)
-        if not known and int(track.frame[k]) not in potted:
-            yield float(track.time[k]), f"{track.name} is not seen until frame {track.frame[k + 1]}, and elsewhere then"
-    if scene.times[-1] - track.time[-1] > MAX_LOST_S and int(track.frame[-1]) not in potted:
-        yield float(track.time[-1]), f"{track.name} is not seen any more"
+    for k in np.flatnonzero(np.diff(whole) > MAX_BRIDGED_S):
+        time, last = float(whole[k]), k + 1 == len(track.time)
+        potted = any(0 <= time - drop < MAX_BRIDGED_S for drop in drops)
+        if potted or any(begin <= k < end for begin, end in spans) or (last and whole[-1] - time < MAX_LOST_S):
+            continue
+        until = "any more" if last else f"until frame {track.frame[k + 1]}, and elsewhere then"
+        yield time, f"{track.name} is not seen {until}"

@@ -174,12 +174,13 @@ def test_a_potted_ball_ends_at_its_pocket() -> None:
     start[1] = [0.85, 0.36]
     way = np.array([1.0, 0.5]) - start[1]
     start[0] = start[1] - 0.4 * way / np.linalg.norm(way)
-    made = Recording(start).wait(0.4).shot(1.2 * way / np.linalg.norm(way)).wait(0.5)
+    made = Recording(start).wait(0.4).shot(1.2 * way / np.linalg.norm(way)).wait(1.5)
     assert np.isnan(made.now[1]).all()
     found = tracked_of(made)
     (shot,) = found.shots
     assert "red" in shot.potted
     assert "red potted" in shot.remarks
+    assert found.left_out == ()
     path, rows = found.found[0]["red"]
     assert np.linalg.norm(np.abs(path.xy[rows]) - [1.0, 0.5], axis=1).min() > 0.045
     assert found.doubts == ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sysid.vision.tracks.unsaid import unsaid
 from tests.sysid.vision.test_follow import FPS, Recording
 from tests.sysid.vision.test_track import tracked_of
 
@@ -19,20 +20,15 @@ def test_a_shot_during_which_the_ball_is_not_seen_is_said() -> None:
     assert f"frame {hidden}" in line or f"frame {hidden - 1}" in line
 
 
-def test_a_strike_beside_a_ball_in_a_hand_is_said() -> None:
-    """It seems to be set in motion by that ball."""
-    made = Recording().wait(0.5).shot((1.2, 0.45)).wait(0.6)
-    here = made.now[0].copy()
-    made.push(1, here + np.array([0.08, 0.0]), 0.6)
-    made.shot((-0.9, 0.1), seconds=1.0)
-    made.rows[-1][:40, 1] += np.linspace(0.0, 0.08, 40)[:, None] * [0.0, 1.0]
-    made.rows[-1][40:, 1] += [0.0, 0.08]
-    found = tracked_of(made)
-    seconds = made.struck[1]
-    in_clip = any(
-        shot.first / FPS <= seconds + 0.1 <= shot.last / FPS and "white" in shot.balls for shot in found.shots
-    )
-    assert in_clip or any("white" in line for line in found.left_out), found.left_out
+def test_every_move_is_in_a_clip_or_in_a_message() -> None:
+    found = tracked_of(Recording().wait(0.5).shot((1.2, 0.45)).wait(0.5).push(1, (0.3, 0.3)).wait(0.5))
+    assert len(found.left_out) == 1, "the red that a hand moves; the shot is a clip"
+    moved = {move.name for move in found.scene.moves}
+    said = unsaid(found.scene, [], [])
+    assert {text.split()[0] for _, text in said} == moved
+    assert all("moved until frame" in text and text.endswith(": in no clip") for _, text in said)
+    (shot,) = found.shots
+    assert [text.split()[0] for _, text in unsaid(found.scene, [shot], [])] == ["red"]
 
 
 def test_a_ball_that_is_lost_to_the_end_is_said() -> None:
