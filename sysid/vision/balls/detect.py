@@ -16,7 +16,7 @@ import numpy as np
 from sysid.vision.balls.background import Background, View
 from sysid.vision.balls.candidates import candidates
 from sysid.vision.balls.cover import DiscFit
-from sysid.vision.balls.discs import Shutter, core_colour, is_disc, known_disc, new_discs
+from sysid.vision.balls.discs import Shutter, core_colour, known_disc, new_discs
 from sysid.vision.balls.edges import Optics
 from sysid.vision.balls.faces import ANY_BALL, face, names_by_faces
 from sysid.vision.balls.outline_fit import (
@@ -101,9 +101,7 @@ class Detector:
     def _outlines(self, view: View) -> list[Detection]:
         """All balls that are seen as outlines, the best first."""
         seen = [self._identified(view, fit) for fit in balls(view, self.optics)]
-        patterned = self.palette is not None
-        sound = [s for s in seen if s is not None and is_disc(view, s.xy, patterned=patterned)]
-        return sorted(sound, key=lambda s: -s.score)
+        return sorted((s for s in seen if s is not None), key=lambda s: -s.score)
 
     def _discs(
         self, view: View, expected: Sequence[tuple[str, Array]], steps: Sequence[Array], shutter: Shutter

@@ -84,8 +84,10 @@ def learn_detector(
     background, resting = learn_background(geometry, pictures, still)
     progress("learning what the balls look like")
     views = [background.view(picture) for picture in pictures]
-    outlines = [(k, fit) for k, view in enumerate(views) for fit in balls(view, optics)]
-    found = [(k, fit) for k, fit in outlines if is_disc(views[k], fit.xy, patterned=palette.patterned)]
+    found = [(k, fit) for k, view in enumerate(views) for fit in balls(view, optics)]
+    small = geometry.radius(np.array(camera.size) / 2) < MIN_OUTLINE_RADIUS_PX
+    if small:
+        found = [(k, fit) for k, fit in found if is_disc(views[k], fit.xy, patterned=palette.patterned)] or found
     optics = _optics([(views[k], fit) for k, fit in found], optics)
     lights = np.array([view.gain.mean() for view in views])
     if palette.patterned and are_patterned(
@@ -102,7 +104,6 @@ def learn_detector(
     named = [(name, colour) for name, colour in zip(naming.names, colours, strict=True) if name is not None]
     counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
     detector = Detector(background, optics, tuple(named), ())
-    small = geometry.radius(np.array(camera.size) / 2) < MIN_OUTLINE_RADIUS_PX
     rough = len(found) >= OPTICS_OUTLINES and (small or _rough(optics, background.noise))
     # How many outlines are seen again once the noise of edges is known.
     held = 0 if rough else sum(len(detector._outlines(view)) for view in views)
