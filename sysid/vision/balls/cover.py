@@ -44,7 +44,7 @@ CORRELATED_PX = 12.0  # pixels of a compressed picture whose errors are common
 SIZE_SD_FRACTION = 0.03  # of the radius, standard deviation
 SECTORS = 24  # of the rim, of which each is seen or not
 RING_RADII = (0.72, 1.32)  # within and beyond the rim where a sector is judged
-MIN_CONTRAST = 0.4  # of cover across the rim, of a sector that is seen
+MIN_CONTRAST = 0.4  # of cover across the rim, relative to that of the disc, of a sector that is seen
 CLIPPED_GREY = 250  # from which on a channel is clipped; where all are, a ball may be overexposed
 
 
@@ -201,4 +201,5 @@ def _rim(view: View, colour: Array | None, fit: DiscFit) -> float:
         table = view.table[row, column][None] * view.gain.astype(np.float32)
         values.append(covered(view.picture[row, column][None].astype(np.float32), table, colour)[0])
     swept = 1.0 / (1.0 + math.hypot(*fit.motion) / (2 * fit.radius))
-    return float((values[0] - values[1] > MIN_CONTRAST * swept).mean())
+    # In dim light, or turned from the lamp, all of a ball seems to cover less.
+    return float((values[0] - values[1] > MIN_CONTRAST * swept * min(fit.height, 1.0)).mean())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -111,7 +112,7 @@ class Detector:
             return [_unnamed(fit) for fit in new_discs(view, None) if self._on_bed(view, fit)]
         if not expected:
             for name, colour in self.ball_colours:
-                for fit in new_discs(view, self._in_picture(view, colour)):
+                for fit in new_discs(view, self._in_picture(view, colour), partial(self._in_picture, view, colour)):
                     found += self._named_disc(view, name, fit, found) if self._on_bed(view, fit) else []
             return found
         reach, colours = SEARCH_RADII[-1], dict(self.ball_colours)

@@ -9,14 +9,16 @@ too little rim.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 
 from sysid.vision.balls.background import View
+from sysid.vision.balls.candidates import motion_blurred
 from sysid.vision.balls.cover import DiscFit, covered, fit_disc, is_white, swept_share
+from sysid.vision.balls.palette import colour_distance
 from sysid.vision.balls.view_geometry import Array, Image
 
 CELLS_PER_RADIUS = 4.0  # of the coarse picture in which balls are sought
@@ -118,14 +120,38 @@ def acceptable(fit: DiscFit | None, kind: str) -> bool:
     )
 
 
-def new_discs(view: View, colour: Array | None) -> list[DiscFit]:
-    """Balls of this colour anywhere in a picture, not moving fast."""
-    fits = [fit_disc(view, colour, at, view.geometry.radius(at), np.zeros(2)) for at in peaks(view, colour)]
+def new_discs(
+    view: View, colour: Array | None, shown_at: Callable[[Array], Array] | None = None
+) -> list[DiscFit]:  # fmt: skip
+    """Balls of this colour anywhere in a picture, not moving fast; `shown_at` is it in the light at a pixel (2,)."""
+    fits = []
+    for at in peaks(view, colour):
+        shown = colour if shown_at is None else shown_at(at)
+        fits.append(fit_disc(view, shown, at, view.geometry.radius(at), np.zeros(2)))
     found: list[DiscFit] = []
     for fit in sorted((f for f in fits if f is not None and acceptable(f, "new")), key=lambda f: f.residual):
         if all(np.hypot(*(fit.xy - other.xy)) > fit.radius for other in found):
             found.append(fit)
     return found
+
+
+def is_disc(view: View, pixel: Array, *, patterned: bool = False) -> bool:
+    """Whether what is seen about a pixel (2,) covers the table as a disc does, at rest or in motion.
+
+    A cue, a sleeve or a fold of light may have an outline, and has no such rim. What has the table's own colour covers
+    nothing that could be judged, and passes. Balls of several colours are judged by whatever is not the table.
+    """
+    radius = view.geometry.radius(pixel)
+    seen = core_colour(view, DiscFit(pixel, radius, np.zeros(2), 1.0, 0.0, 0.0, 0.0, 1.0, 1.0))
+    row, column = (round(float(v)) for v in pixel[::-1])
+    height, width = view.table.shape[:2]
+    table = view.table[min(max(row, 0), height - 1), min(max(column, 0), width - 1)] * view.gain
+    if not colour_distance(seen / 255, table / 255) > MIN_BED_CONTRAST:
+        return True
+    blur = motion_blurred(view, pixel)
+    motions = [np.zeros(2), *([] if blur is None else [blur[1]])]
+    colour = None if patterned else seen
+    return any(acceptable(fit_disc(view, colour, pixel, radius, motion), "new") for motion in motions)
 
 
 def known_disc(

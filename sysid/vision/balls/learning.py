@@ -15,8 +15,8 @@ from models.errors import BadInput
 from sysid.vision.balls.background import Background, View, learn_background
 from sysid.vision.balls.cover import CLIPPED_GREY, DiscFit
 from sysid.vision.balls.detect import Detector, outline_colour
-from sysid.vision.balls.discs import MIN_BED_CONTRAST, core_colour, new_discs
-from sysid.vision.balls.edges import Optics
+from sysid.vision.balls.discs import MIN_BED_CONTRAST, core_colour, is_disc, new_discs
+from sysid.vision.balls.edges import INNER_PX, OUTER_PX, Optics
 from sysid.vision.balls.faces import are_patterned, face
 from sysid.vision.balls.outline_fit import (
     MIN_FOREGROUND,
@@ -42,6 +42,7 @@ INITIAL_BLUR_PX = (0.85, 1.0)
 INITIAL_SIZE_ERROR = 0.05  # of the radius, relative
 MIN_EDGE_NOISE_GREY = 1.0
 ROUGH_EDGE_RATIO = 4.0  # of edge noise to that of the pictures, from which on balls are measured by what they cover
+MIN_OUTLINE_RADIUS_PX = INNER_PX + OUTER_PX  # of balls below which normals show little beside the edges themselves
 MIN_HELD_FRACTION = 0.8  # of the balls that are seen as outlines, once the edges' noise is known, for these to be used
 MAX_UNSTEADY_PX = 0.08  # of balls at rest by their outlines, from which on discs are tried, and taken if they are
 STEADIER = 0.6  # by this factor
@@ -84,6 +85,9 @@ def learn_detector(
     progress("learning what the balls look like")
     views = [background.view(picture) for picture in pictures]
     found = [(k, fit) for k, view in enumerate(views) for fit in balls(view, optics)]
+    small = geometry.radius(np.array(camera.size) / 2) < MIN_OUTLINE_RADIUS_PX
+    if small:
+        found = [(k, fit) for k, fit in found if is_disc(views[k], fit.xy, patterned=palette.patterned)] or found
     optics = _optics([(views[k], fit) for k, fit in found], optics)
     lights = np.array([view.gain.mean() for view in views])
     if palette.patterned and are_patterned(
@@ -100,7 +104,7 @@ def learn_detector(
     named = [(name, colour) for name, colour in zip(naming.names, colours, strict=True) if name is not None]
     counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
     detector = Detector(background, optics, tuple(named), ())
-    rough = len(found) >= OPTICS_OUTLINES and _rough(optics, background.noise)
+    rough = len(found) >= OPTICS_OUTLINES and (small or _rough(optics, background.noise))
     # How many outlines are seen again once the noise of edges is known.
     held = 0 if rough else sum(len(detector._outlines(view)) for view in views)
     unsteady = 0.0 if rough else unsteadiness(detector, pictures)

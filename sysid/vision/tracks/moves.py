@@ -20,6 +20,8 @@ from sysid.vision.tracks.follow import BallTrack
 
 MIN_REST_S = 0.15  # in which a ball at rest stays in its place
 MIN_REST_DETECTIONS = 3  # of a rest
+MAX_SWING_RADII = 0.1  # between two places of one ball at rest, between which its fits jump
+SWING_QUANTILE = 0.95  # of its distances from its place at rest, beyond which a ball has left it
 MAX_UNSEEN_S = 0.1  # a ball hidden for longer was set in motion unseen
 MAX_BRIDGED_S = 0.5  # a ball hidden for longer may have been moved by hand
 BRIDGE_DETECTIONS = 12  # from which the way back over a gap is extrapolated
@@ -128,7 +130,11 @@ def rests(scene: TrackedScene, track: BallTrack) -> list[tuple[int, int]]:
         return []
     room = 2 * max(4 * float(np.fmin(scene.sigma, scene.rest_sigma)), 0.025 * scene.radius)
     windows = np.lib.stride_tricks.sliding_window_view(track.xy, count, axis=0)
-    still = (np.ptp(windows, axis=2) < room).all(axis=1)
+    # A fit may jump between two places near each other: then a ball at rest comes back, one that rolls does not.
+    half = count // 2
+    drift = np.median(windows[:, :, -half:], axis=2) - np.median(windows[:, :, :half], axis=2)
+    swing = max(room, MAX_SWING_RADII * scene.radius)
+    still = ((np.ptp(windows, axis=2) < swing) & (np.abs(drift) < room / 2)).all(axis=1)
     joined = np.zeros(len(track.frame) - 1, bool)  # whether a detection and the next are of one rest
     for k in range(count - 1):
         joined[k : k + len(still)] |= still
@@ -164,7 +170,10 @@ def moves_of(scene: TrackedScene, track: BallTrack, resting: Sequence[tuple[int,
             continue
         count = max(MIN_REST_DETECTIONS, int(MIN_REST_S / scene.period) + 1)
         place = rest_place(track, max(rest[0], rest[1] - 30 - count), max(rest[1] - count, rest[0] + 1))
-        away = np.linalg.norm(track.xy - place, axis=1) > max(5 * scene.sigma, 0.02 * scene.radius)
+        distance = np.linalg.norm(track.xy - place, axis=1)
+        resting_part = distance[rest[0] : max(rest[1] - count, rest[0] + 1)]
+        swing = min(1.2 * float(np.quantile(resting_part, SWING_QUANTILE)), MAX_SWING_RADII * scene.radius)
+        away = distance > max(5 * scene.sigma, 0.02 * scene.radius, swing)
         first = max(rest[0] + 1, rest[1] - count)
         while first < stop and not away[first : first + 3].all():
             first += 1

@@ -17,7 +17,15 @@ from models.shot import Ball
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.running import from_free_motion
 from sysid.vision.tracks.moves import MAX_UNSEEN_S, Move, TrackedScene, mean_velocity
-from sysid.vision.tracks.strikes import Split, TrackedShot, Unstruck, balls_there, ending, gains_speed
+from sysid.vision.tracks.strikes import (
+    MIN_CLIP_DETECTIONS,
+    Split,
+    TrackedShot,
+    Unstruck,
+    balls_there,
+    ending,
+    gains_speed,
+)
 
 UNUSED_MASS_KG = 1.0  # of a ball, which no motion shows
 TOO_SHORT = "too little of it is followed freely"
@@ -28,16 +36,31 @@ def running_shots(scene: TrackedScene, split: Split) -> tuple[list[TrackedShot],
     found: list[TrackedShot] = []
     notes: list[tuple[float, str]] = []
     covered = [(shot.first, shot.last) for shot in split.shots]
-    for one in split.unstruck:
+    pending = [*split.unstruck, *(one for shot in split.shots for one in _cut_off(scene, shot, split.strikes))]
+    while pending:
+        one = min(pending, key=lambda u: u.frame)
+        pending.remove(one)
         if any(first <= one.frame <= last for first, last in covered):
             continue
         shot, why = _running(scene, one, [*split.strikes, *(shot.first for shot in split.shots)])
         if shot is not None:
             found.append(shot)
             covered.append((one.frame, shot.last))
+            pending += _cut_off(scene, shot, split.strikes)
         else:
             notes.append((scene.time_of(one.frame), f"{one.why}; {why}: left out"))
     return found, notes
+
+
+def _cut_off(scene: TrackedScene, shot: TrackedShot, strikes: Iterable[int]) -> list[Unstruck]:
+    """Motion that goes on after a clip was cut short, as where a ball jumps; none where the next strike ends it."""
+    stop = min((frame for frame in strikes if frame >= shot.last), default=int(scene.frames[-1]))
+    going = [m for m in scene.moves if m.began <= shot.last and min(m.ended, stop) > shot.last + MIN_CLIP_DETECTIONS]
+    if not going:
+        return []
+    after = [int(m.track.frame[np.searchsorted(m.track.frame, shot.last, side="right")]) for m in going]
+    names = _listed(list(dict.fromkeys(m.name for m in going)))
+    return [Unstruck(min(after), f"{names} moved on after a clip that was cut short at frame {shot.last}")]
 
 
 def _running(scene: TrackedScene, one: Unstruck, strikes: Iterable[int]) -> tuple[TrackedShot | None, str]:

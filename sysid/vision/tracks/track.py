@@ -32,6 +32,7 @@ from sysid.vision.tracks.running import running_shots
 from sysid.vision.tracks.spins import face_change, spins
 from sysid.vision.tracks.stamps import delays, later, marked, missing
 from sysid.vision.tracks.strikes import TrackedShot, split_shots
+from sysid.vision.tracks.unsaid import unsaid
 
 if TYPE_CHECKING:
     from sysid.vision.balls.detect import Detection, Detector
@@ -217,7 +218,7 @@ def tracked(
         found = _clip_tracks(shot, scene)
         gap = overlap(found, camera.radius)
         if gap < 2 * camera.radius - MAX_OVERLAP_M - 6 * scene.sigma:
-            omitted.append(f"{shot.time:.2f} s: balls {1e3 * gap:.1f} mm apart at the start: left out")
+            omitted.append(f"{_moment(scene, shot.time)}: balls {1e3 * gap:.1f} mm apart at the start: left out")
             doubts.append(f"at {shot.time:.2f} s balls are seen within each other: check calibration and ball diameter")
             continue
         outside = {
@@ -249,8 +250,17 @@ def _shots(scene: TrackedScene) -> tuple[list[TrackedShot], list[str]]:
     split = split_shots(scene)
     running, notes = running_shots(scene, split)
     shots = [*split.shots, *running]
-    left_out = [f"{time:.2f} s: {text}" for time, text in sorted([*split.left_out, *notes])]
-    return sorted([*shots, *spins(scene, shots)], key=lambda shot: shot.time), left_out
+    shots += spins(scene, shots)
+    notes = [*split.left_out, *notes]
+    notes += unsaid(scene, shots, notes)
+    left_out = [f"{_moment(scene, time)}: {text}" for time, text in sorted(notes)]
+    return sorted(shots, key=lambda shot: shot.time), left_out
+
+
+def _moment(scene: TrackedScene, time: float) -> str:
+    """A time [s] and the frame that was taken then, or last before."""
+    k = max(int(np.searchsorted(scene.times, time + 0.1 * scene.period, side="right")) - 1, 0)
+    return f"{time:.2f} s, frame {scene.frames[k]}"
 
 
 def without_shots(result: Tracked, bad: Sequence[bool]) -> Tracked:

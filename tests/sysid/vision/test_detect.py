@@ -318,3 +318,17 @@ def test_balls_at_rest_tell_how_steady_a_measure_is() -> None:
     pictures = [np.full((2, 2, 3), k, np.uint8) for k in range(8)]
     assert unsteadiness(cast(Detector, Jumping()), pictures) == pytest.approx(np.sqrt(0.125))
     assert unsteadiness(cast(Detector, Jumping()), pictures[:2]) == 0.0
+
+
+def test_an_arm_and_a_cue_are_no_balls_however_small_these_are(tmp_path: Path) -> None:
+    """Outlines of balls of 4 pixels hold all that is there: cue, hand and sleeve became four balls."""
+    camera = overhead(Table(3.569, 1.778), 0.0525, (640, 360), 6.0, 4.2, (0.05, -0.05))
+    places = np.array([[(1.2 - 0.2 * k, -0.5 + 0.03 * k)] for k in range(8)])
+    cue = Cue(1.0, (-1.0, 0.4, 0.03), -1.0, 0.5)
+    pictures = shown(camera, ("white",), places, Look(noise=2.7, blur=1.0, player=True), cue)
+    footage = footage_of(tmp_path, pictures)
+    detector = learn_detector(camera, footage, default_palette())
+    assert {name for name, _ in detector.ball_colours} == {"white"}
+    for picture, xy in zip(pictures, places, strict=True):
+        (one,) = detector.find(picture)
+        assert np.hypot(*(one.xy - camera.outline(xy)[0])) < 0.5 * one.radius

@@ -174,12 +174,13 @@ def test_a_potted_ball_ends_at_its_pocket() -> None:
     start[1] = [0.85, 0.36]
     way = np.array([1.0, 0.5]) - start[1]
     start[0] = start[1] - 0.4 * way / np.linalg.norm(way)
-    made = Recording(start).wait(0.4).shot(1.2 * way / np.linalg.norm(way)).wait(0.5)
+    made = Recording(start).wait(0.4).shot(1.2 * way / np.linalg.norm(way)).wait(1.5)
     assert np.isnan(made.now[1]).all()
     found = tracked_of(made)
     (shot,) = found.shots
     assert "red" in shot.potted
     assert "red potted" in shot.remarks
+    assert found.left_out == ()
     path, rows = found.found[0]["red"]
     assert np.linalg.norm(np.abs(path.xy[rows]) - [1.0, 0.5], axis=1).min() > 0.045
     assert found.doubts == ()
@@ -349,3 +350,15 @@ def test_the_speed_of_a_ball_that_is_stopped_at_once_is_that_before() -> None:
     track = tracked_of(Recording().wait(0.5)).scene.tracks[0]
     track = dataclasses.replace(track, time=np.arange(5) / 30, xy=np.column_stack([at, 0 * at]), frame=np.arange(5))
     assert fastest_step(track, 0, 5) == pytest.approx(2.7)
+
+
+def test_a_ball_at_rest_whose_fits_jump_between_two_places_is_at_rest() -> None:
+    """It seemed on its way when the video began, so that its shot was lost."""
+    made = Recording().wait(0.6).shot((1.2, 0.45)).wait(0.5)
+    runs = np.repeat([0, 1, 0, 1, 0, 1, 0, 1, 0], [5, 2, 12, 5, 4, 1, 8, 7, 99])[: len(made.rows[0])]
+    made.rows[0][:, 0, 1] += 1.5e-3 * runs
+    found = tracked_of(made)
+    assert found.left_out == ()
+    (shot,) = found.shots
+    assert (shot.struck, shot.running) == ("white", ())
+    assert shot.time == pytest.approx(made.struck[0], abs=1.5 / FPS)
