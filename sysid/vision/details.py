@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.cue.motion import CueMotion, watch_cue
+from sysid.vision.cue.motion import CueMotion, against_ball, watch_cue
 from sysid.vision.frames import Footage
 from sysid.vision.rotation.spin import turning
 from sysid.vision.rotation.spots import Spots, find_spots
@@ -123,4 +123,5 @@ def _cue_of(result: Tracked, k: int, frames: list[tuple[float, Picture]], camera
     before = np.flatnonzero(track.time < shot.time)
     if len(frames) < 3 or before.size == 0:
         return None
-    return watch_cue(frames, camera, np.median(track.xy[before[-5:]], axis=0))
+    cue = watch_cue(frames, camera, np.median(track.xy[before[-5:]], axis=0))
+    return None if cue is None else against_ball(cue, shot.speed, camera.radius)

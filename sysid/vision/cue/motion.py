@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.analytic.cueing import miscue_limit
 from models.errors import BadInput
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.cue.axis import CueAxis, align_axis, candidate_axes, plane_pixels
@@ -22,6 +23,10 @@ REPORTED_ELEVATION_RAD = math.radians(5.0)  # whose effect on direction and spee
 SPEED_WINDOW_S = 0.15  # before contact, from which the speed is taken
 MAX_SPEED_FRAMES = 16  # of that window
 MAX_SWING_RAD = math.radians(0.3)  # of the axis, above which a note is made
+MAX_GAIN = 2.0  # of a ball's speed over the tip's: an elastic tip on a cue of any mass
+MAX_TIP_FRICTION = 0.7  # of chalked leather, which is some 0.6
+TIP_RADIUS_M = 0.01  # of its dome, which touches nearer to the middle than its axis passes
+SURE_SD = 3.0  # beyond which a limit is passed for sure
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,30 @@ class CueMotion:
     def off(self, azimuth: float) -> float:
         """Angle of the cue from another azimuth, counter-clockwise [rad]."""
         return math.remainder(self.azimuth - azimuth, 2 * math.pi)
+
+
+def against_ball(cue: CueMotion, speed: float, radius: float) -> CueMotion:
+    """The motion, without its figures where no cue that moves so can have given the ball its speed.
+
+    Args:
+        cue: as seen; an arm, a shadow or a line may have been followed instead.
+        speed: of the ball after the strike [m/s].
+        radius: of the ball [m].
+    """
+    if not math.isfinite(cue.azimuth):
+        return cue
+    why, farthest = "", miscue_limit(MAX_TIP_FRICTION) * (radius + TIP_RADIUS_M)
+    if abs(cue.side) - SURE_SD * cue.side_sd > farthest:
+        why = f"a tip {1e3 * abs(cue.side):.0f} mm beside the ball's centre would slip off"
+    elif speed > MAX_GAIN * (cue.speed + SURE_SD * cue.speed_sd):
+        why = f"a tip at {cue.speed:.2f} m/s cannot give the ball {speed:.2f} m/s"
+    if not why:
+        return cue
+    nan = math.nan
+    return replace(
+        cue, speed=nan, speed_sd=nan, acceleration=nan, azimuth=nan, azimuth_sd=nan, side=nan, side_sd=nan, contact=nan,
+        contact_sd=nan, notes=(f"{why}: what was followed is not the cue, and is left out",),
+    )  # fmt: skip
 
 
 def watch_cue(frames: Sequence[tuple[float, Picture]], camera: Camera, ball_xy: Array) -> CueMotion | None:

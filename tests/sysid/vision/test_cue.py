@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.shot import Table
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.cue.motion import CueMotion, watch_cue
+from sysid.vision.cue.motion import CueMotion, against_ball, watch_cue
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import Cue, Motion
@@ -176,6 +176,23 @@ def test_a_cue_that_hardly_moves_has_no_speed() -> None:
     assert seen is not None
     assert math.isnan(seen.speed) and math.isnan(seen.contact)
     assert any("speed" in note and "pictures before contact" in note for note in seen.notes)
+
+
+def test_what_cannot_have_struck_the_ball_is_no_cue() -> None:
+    played = scene(20, 0.5, 0.006, 12)
+    seen = played.seen(played.pictures())
+    assert seen is not None
+    radius = DIAMETER / 2
+    assert against_ball(seen, 1.4 * 0.5, radius) == seen
+    slow = against_ball(seen, 2.2 * 0.5, radius)
+    assert math.isnan(slow.speed) and math.isnan(slow.azimuth)
+    assert slow.notes == (
+        "a tip at 0.50 m/s cannot give the ball 1.10 m/s: what was followed is not the cue, and is left out",
+    )
+    aside = against_ball(dataclasses.replace(seen, side=-0.86 * radius), 0.6, radius)
+    assert math.isnan(aside.side) and "23 mm beside the ball's centre would slip off" in aside.notes[0]
+    unsure = dataclasses.replace(seen, speed=0.1, speed_sd=0.3)
+    assert against_ball(unsure, 1.0, radius) == unsure
 
 
 def test_bad_input_is_named() -> None:
