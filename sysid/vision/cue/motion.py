@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.analytic.cueing import miscue_limit
+from models.analytic.cueing import CueStick, miscue_limit
 from models.errors import BadInput
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.cue.axis import CueAxis, align_axis, candidate_axes, plane_pixels
@@ -25,7 +25,6 @@ MAX_SPEED_FRAMES = 16  # of that window
 MAX_SWING_RAD = math.radians(0.3)  # of the axis, above which a note is made
 MAX_GAIN = 2.0  # of a ball's speed over the tip's: an elastic tip on a cue of any mass
 MAX_TIP_FRICTION = 0.7  # of chalked leather, which is some 0.6
-TIP_RADIUS_M = 0.01  # of its dome, which touches nearer to the middle than its axis passes
 SURE_SD = 3.0  # beyond which a limit is passed for sure
 
 
@@ -62,7 +61,8 @@ def against_ball(cue: CueMotion, speed: float, radius: float) -> CueMotion:
     """
     if not math.isfinite(cue.azimuth):
         return cue
-    why, farthest = "", miscue_limit(MAX_TIP_FRICTION) * (radius + TIP_RADIUS_M)
+    # The dome of a tip touches nearer to the middle than its axis passes.
+    why, farthest = "", miscue_limit(MAX_TIP_FRICTION) * (radius + CueStick.tip_radius)
     if abs(cue.side) - SURE_SD * cue.side_sd > farthest:
         why = f"a tip {1e3 * abs(cue.side):.0f} mm beside the ball's centre would slip off"
     elif speed > MAX_GAIN * (cue.speed + SURE_SD * cue.speed_sd):
