@@ -296,10 +296,7 @@ def run(
     except reported as error:
         status, fault = Status.BAD_INPUT if isinstance(error, BadInput) else Status.FINDING, str(error)
         more = getattr(error, "__notes__", more)  # further faults of a file
-    except (KeyboardInterrupt, ImportError, SystemError) as error:  # compiled modules wrap what interrupts their start
-        stop = _interrupt_behind(error)
-        if stop is None:
-            raise
+    except KeyboardInterrupt as stop:
         status = SIGNAL_STATUS + (stop.number if isinstance(stop, Terminated) else signal.SIGINT)
         fault = "; ".join([f"interrupted{interrupted}", *getattr(stop, "__notes__", ())])  # what was kept
     except BrokenPipeError:
@@ -333,14 +330,6 @@ def _prepare_process(own: bool) -> None:
     for stream in ("stdout", "stderr"):  # one that the shell has closed goes nowhere
         if getattr(sys, stream) is None:
             setattr(sys, stream, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
-
-
-def _interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
-    """The interrupt that an exception is, or was raised from."""
-    before: BaseException | None = error
-    while before is not None and not isinstance(before, KeyboardInterrupt):
-        before = before.__cause__ or before.__context__
-    return before
 
 
 def _usage_fault(error: click.ClickException, path: str, verbs: Sequence[str]) -> str:

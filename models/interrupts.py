@@ -9,6 +9,7 @@ worker sees the pipe from its parent close.
 from __future__ import annotations
 
 import contextlib
+import functools
 import multiprocessing
 import os
 import signal
@@ -16,11 +17,12 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
-from types import FrameType
+from types import FrameType, TracebackType
 
 ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 SIGNAL_STATUS = 128  # and the number of a signal: the exit status that shells give
-AGAIN_AFTER_S = 0.01  # an interrupt that a finaliser has swallowed
+AGAIN_AFTER_S = 0.01  # an interrupt that was dropped
+Dropped = list[tuple[KeyboardInterrupt, threading.Timer]]  # interrupts, and what sends them again
 
 
 class Terminated(KeyboardInterrupt):
@@ -39,30 +41,65 @@ def terminate(number: int, at: FrameType | None = None) -> None:
 
 @contextlib.contextmanager
 def as_interrupts() -> Iterator[None]:
-    """Signals that end a process raise `Terminated` inside; those that are ignored, as by nohup, stay ignored."""
+    """Signals that end a process raise `Terminated` inside; those that are ignored, as by nohup, stay ignored.
+
+    An interrupt in the midst of an import is raised in place of what Python and compiled modules wrap it in. One that
+    they print and drop is not lost: where the module then fails, it is raised; elsewhere it comes once more.
+    """
     before = {}
-    usual_hook = sys.unraisablehook
+    usual_hooks = sys.unraisablehook, sys.excepthook
+    dropped: Dropped = []
     if threading.current_thread() is threading.main_thread():
-        sys.unraisablehook = _interrupt_again
+        sys.unraisablehook = functools.partial(_unraisable, dropped)
+        sys.excepthook = functools.partial(_printed, dropped)
         for number in ENDING_SIGNALS:
             if signal.getsignal(number) == signal.SIG_DFL:
                 before[number] = signal.signal(number, terminate)
     try:
         yield
+    except (ImportError, SystemError, RuntimeError) as error:
+        stop = _interrupt_behind(error) or (dropped[-1][0] if dropped else None)
+        own = isinstance(error, RuntimeError) and type(error) is not RuntimeError  # as of a launcher that did not stop
+        if stop is None or own:
+            raise
+        for _, again in dropped:
+            again.cancel()
+        raise stop from None
     finally:
-        sys.unraisablehook = usual_hook
+        sys.unraisablehook, sys.excepthook = usual_hooks
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
-def _interrupt_again(unraisable: sys.UnraisableHookArgs) -> None:
-    """An interrupt that falls into a finaliser or a callback of C is printed and lost by Python: it comes once more."""
-    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+def _interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
+    """The interrupt that an exception was raised from."""
+    before: BaseException | None = error
+    while before is not None and not isinstance(before, KeyboardInterrupt):
+        before = before.__cause__ or before.__context__
+    return before
+
+
+def _unraisable(dropped: Dropped, unraisable: sys.UnraisableHookArgs) -> None:
+    """What falls into a finaliser or a callback of C; an interrupt comes again."""
+    if isinstance(unraisable.exc_value, KeyboardInterrupt):
+        _come_again(dropped, unraisable.exc_value)
+    else:
         sys.__unraisablehook__(unraisable)
-        return
-    number = unraisable.exc_value.number if isinstance(unraisable.exc_value, Terminated) else signal.SIGINT
+
+
+def _printed(dropped: Dropped, kind: type[BaseException], error: BaseException, at: TracebackType | None) -> None:
+    """What a compiled module prints and drops; an interrupt comes again."""
+    if isinstance(error, KeyboardInterrupt):
+        _come_again(dropped, error)
+    else:
+        sys.__excepthook__(kind, error, at)
+
+
+def _come_again(dropped: Dropped, stop: KeyboardInterrupt) -> None:
+    number = stop.number if isinstance(stop, Terminated) else signal.SIGINT
     again = threading.Timer(AGAIN_AFTER_S, os.kill, (os.getpid(), number))
     again.daemon = True
+    dropped.append((stop, again))
     again.start()
 
 

@@ -13,7 +13,8 @@ import pytest
 
 from models.errors import BadInput
 from models.files import alone_in
-from models.interrupts import Terminated, as_interrupts
+from models.interrupts import AGAIN_AFTER_S, Terminated, as_interrupts
+from robot.device.protocol import LauncherError
 
 ROOT = Path(__file__).parents[2]
 WORKERS = """
@@ -69,6 +70,58 @@ def test_an_interrupt_in_a_finaliser_is_not_lost(number: signal.Signals, capfd: 
     finally:
         signal.signal(signal.SIGINT, ctrl_c)
     assert capfd.readouterr().err == "" and sys.unraisablehook == before
+
+
+def interrupted_in_c(number: signal.Signals) -> None:
+    """Interrupt the process, and print and drop that as C does."""
+    try:
+        signal.raise_signal(number)
+    except KeyboardInterrupt as stop:
+        sys.excepthook(type(stop), stop, stop.__traceback__)
+
+
+@pytest.mark.parametrize("fails", [True, False])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_a_compiled_module_drops_is_not_lost(
+    number: signal.Signals, fails: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As numba does while it is imported: it prints the interrupt, and fails with an ImportError of its own."""
+    before = sys.excepthook
+    ctrl_c = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt) as caught, as_interrupts():
+            interrupted_in_c(number)
+            if fails:
+                raise ImportError("numba._devicearray failed to import")
+            time.sleep(5)
+        time.sleep(5 * AGAIN_AFTER_S)  # it does not come twice
+    finally:
+        signal.signal(signal.SIGINT, ctrl_c)
+    assert isinstance(caught.value, Terminated) == (number == signal.SIGTERM)
+    assert capfd.readouterr().err == "" and sys.excepthook == before
+
+
+@pytest.mark.parametrize("kind", [ImportError, SystemError, RuntimeError])
+def test_an_interrupt_that_an_import_wraps_is_an_interrupt(kind: type[Exception]) -> None:
+    """Python wraps what happens while a class is made in a RuntimeError."""
+    with pytest.raises(KeyboardInterrupt), as_interrupts():
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as stop:
+            raise kind("Error calling __set_name__") from stop
+
+
+def test_what_goes_wrong_at_an_interrupt_is_told_all_the_same() -> None:
+    with pytest.raises(LauncherError, match="did not stop"), as_interrupts():
+        try:
+            raise KeyboardInterrupt
+        finally:
+            raise LauncherError("the launcher did not stop")
+
+
+def test_a_module_that_fails_by_itself_is_told() -> None:
+    with pytest.raises(ImportError, match="no such module"), as_interrupts():
+        raise ImportError("no such module")
 
 
 def test_what_nohup_ignores_stays_ignored() -> None:
