@@ -253,17 +253,19 @@ def _nap(found: Finding) -> HealthLine:
 
 
 def _worn(found: Finding) -> HealthLine:
-    values = found.model.parameters()
-    x, y, radius = (values[f"worn_patch.{key}"] for key in ("x", "y", "radius"))
+    names = [f"worn_patch.{key}" for key in ("x", "y", "radius")]
+    x, y, radius = (found.model.parameters()[name] for name in names)
+    placed = all(name in found.model.estimates and math.isfinite(found.model.estimates[name].sd) for name in names)
     verdict = UNDETERMINED
-    if found.significant:
+    if found.significant and placed:
         more = "more" if found.value > 0 else "less"
         verdict = (
             f"within {radius:.2f} m of x = {x:.2f}, y = {y:.2f} m rolling balls are braked "
             f"{abs(100 * found.value):.2g} % {more} than elsewhere: look for wear, dirt or a seam there"
         )
     measured = _measured(100 * found.value, 100 * found.sd, "%")
-    return HealthLine("cloth, a patch of its own friction", measured, "0", "an even cloth", verdict, found.significant)
+    determined = found.significant and placed
+    return HealthLine("cloth, a patch of its own friction", measured, "0", "an even cloth", verdict, determined)
 
 
 def _clock(found: Finding) -> HealthLine:

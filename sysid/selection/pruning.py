@@ -3,8 +3,8 @@
 In: clips (`Split`), their fit and its named effects. Out: the fit without those that are not needed, and the others.
 
 Beside much that is not explained, any effect explains a little: it fits some part of what is missing. So one whose part
-is small is not named there, even if its evidence alone would suffice; nor one on whose size the clips do not agree, or
-that follows held-out clips worse once the others are pruned.
+is small is not named there, even if its evidence alone would suffice; nor one on whose size the clips do not agree, of
+whose shape they tell nothing, or that follows held-out clips worse once the others are pruned.
 """
 
 from __future__ import annotations
@@ -89,10 +89,15 @@ def without_undetermined(parts: Split, now: FittedModel, verdict: tuple[str, ...
 def distance_from_absence(found: FittedModel, name: str) -> float:
     """How far the parameters of an effect are from where it vanishes [standard deviations]; inf where none is known.
 
-    The root of Wald's statistic, less what chance adds to it where there are several parameters.
+    The root of Wald's statistic, less what chance adds to it where there are several parameters. It is 0 where the
+    clips tell nothing of the shape: a patch that may lie anywhere is any difference between two motions.
     """
     off = {n: found.model.meta(n)["off"] for n in found.names if n.startswith(name + ".")}
-    rows = [k for k, n in enumerate(found.names) if off.get(n) is not None and np.isfinite(found.covariance[k, k])]
+    known = {n for n, variance in zip(found.names, np.diag(found.covariance), strict=True) if np.isfinite(variance)}
+    shape = {n for n, vanishes in off.items() if vanishes is None}
+    if shape and not shape & known:
+        return 0.0
+    rows = [k for k, n in enumerate(found.names) if off.get(n) is not None and n in known]
     if not rows:
         return float("inf")
     away = found.constants[rows] - np.array([off[found.names[k]] for k in rows])

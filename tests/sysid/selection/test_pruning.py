@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from models.effects.cloth.worn_patch import WornPatch
 from models.model_file import full_model
+from models.shot import Ball, Table
 from sysid.clips import read_clip_set
 from sysid.estimation import FittedModel, begin
 from sysid.estimation.clip_fit import ClipFit
@@ -16,6 +20,23 @@ from sysid.selection.pruning import distance_from_absence, without_minor, withou
 from sysid.selection.score import score_all
 from sysid.selection.screening import candidates_for, fit_candidate
 from tests.truth.__main__ import main as generate
+
+
+def test_a_patch_that_may_lie_anywhere_is_not_shown() -> None:
+    """Its size is far beyond its uncertainty; what counts besides is whether the clips say where it lies."""
+    plain = full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406))
+    model = dataclasses.replace(plain, effects=(WornPatch(roll=-0.15, slide=0.03),))
+    names = [name for name in model.parameters() if name.startswith("worn_patch.")]
+    constants = np.array([float(model.parameters()[name]) for name in names])
+    problem = SimpleNamespace(model=model, names=names)
+
+    def distance(*sds: float) -> float:
+        fit = FittedModel(problem, np.zeros(0), constants, 0.0, np.diag(sds) ** 2, True, 1.0, 1.0)  # type: ignore[arg-type]
+        return distance_from_absence(fit, "worn_patch")
+
+    assert distance(0.013, 0.26, 0.01, 0.01, 0.02) == pytest.approx(np.hypot(0.15 / 0.013, 0.03 / 0.26), abs=0.1)
+    assert distance(0.013, 0.26, np.nan, 0.01, np.nan) > 10.0  # as high as its y is
+    assert distance(0.013, 0.26, np.nan, np.nan, np.nan) == 0.0
 
 
 @pytest.mark.slow
