@@ -27,6 +27,8 @@ LIGHT_PROBE_PIXELS = 600  # of the bed, that give the light of a frame
 MIN_NOISE_GREY = 0.5  # of a picture [grey levels]: rounding alone makes 0.3
 NOISE_FACTOR = 2.5  # standard deviations of the noise, and
 CONTRAST_FRACTION = 0.06  # fraction of the background's colour, above which a difference is foreground
+HOLLOW_INNER_RADII, HOLLOW_RIM_RADII = 0.5, 0.8  # within which a ring shows the table, and from where on itself
+HOLLOW_RATIO = 0.35  # of the difference from the table within, to that at the rim, below which it is a ring
 
 
 @dataclass(frozen=True)
@@ -49,10 +51,22 @@ class View:
 
     def foreground_fraction(self, centre: Array, radius: float) -> float:
         """Fraction of a disc about a pixel (2,) that is foreground."""
+        off, table, share = self._about(centre, radius)
+        disc = share < 1.0
+        return float(is_foreground(off, table, self.noise)[disc].mean()) if disc.any() else 0.0
+
+    def hollow(self, centre: Array, radius: float) -> bool:
+        """Whether a disc about a pixel (2,) shows the table within a rim, as a circle does that light draws on it."""
+        off, _, share = self._about(centre, radius)
+        bands = share < HOLLOW_INNER_RADII, (share > HOLLOW_RIM_RADII) & (share < 1.0)
+        inner, rim = (off[band].sum(axis=1) for band in bands)
+        return bool(inner.size and rim.size and np.median(inner) < HOLLOW_RATIO * np.median(rim))
+
+    def _about(self, centre: Array, radius: float) -> tuple[Image, Image, Array]:
+        """Differences from the table and the table (rows, columns, 3), and distances from a pixel over the radius."""
         window, table, corner = self.window(centre, radius)
         y, x = np.ogrid[: window.shape[0], : window.shape[1]]
-        disc = (x + corner[0] - centre[0]) ** 2 + (y + corner[1] - centre[1]) ** 2 < radius**2
-        return float(is_foreground(np.abs(window - table), table, self.noise)[disc].mean()) if disc.any() else 0.0
+        return np.abs(window - table), table, np.hypot(x + corner[0] - centre[0], y + corner[1] - centre[1]) / radius
 
 
 @dataclass(frozen=True)

@@ -180,11 +180,11 @@ def _better(one: OutlineFit | None, other: OutlineFit | None) -> OutlineFit | No
 
 
 def plausible(view: View, fit: OutlineFit | None, coverage: float = MIN_COVERAGE) -> bool:
-    """Whether an outline can be that of a ball: well enough seen, and filled unless nearly all of it is seen."""
+    """Whether an outline can be that of a ball: well enough seen, and filled; no ring, if nearly all of it is seen."""
     if fit is None or fit.coverage < coverage or fit.agreement < MIN_AGREEMENT or fit.sd > MAX_CENTRE_SD_PX:
         return False
     if fit.coverage > FULL_COVERAGE:
-        return True
+        return not view.hollow(fit.xy, fit.radius)
     return view.foreground_fraction(fit.xy, FOREGROUND_DISC_RADII * fit.radius) > MIN_FOREGROUND
 
 

@@ -184,6 +184,24 @@ def test_nothing_is_found_where_there_is_no_ball(tmp_path: Path) -> None:
     assert all(detector.find(p, [("white", middle), ("red", middle + 30)]) == [] for p in pictures)
 
 
+def test_a_circle_of_light_is_no_ball_however_long_it_stays(tmp_path: Path) -> None:
+    """A projector shows where the ball will come to rest: a ring of its size, with a little light within."""
+    camera, rng = camera_of(20), np.random.default_rng(8)
+    places = np.array([scattered(camera, 2, rng, edge=4.0) for _ in range(8)])
+    places[:, :, 0] = np.abs(places[:, :, 0])  # on one half of the table, the ring on the other
+    places = places[[np.hypot(*(a - b)) > 3 * camera.radius for a, b in places]]
+    pictures = shown(camera, THREE[:2], places)
+    ring = camera.outline(np.array([[-0.2, 0.05]]))[0]
+    for k, picture in enumerate(pictures):
+        light = np.zeros(picture.shape, np.uint8)
+        cv2.circle(light, tuple(np.rint(ring).astype(int).tolist()), 19, (12, 10, 4), -1)
+        cv2.circle(light, tuple(np.rint(ring).astype(int).tolist()), 18, (110, 100, 40), 3, cv2.LINE_AA)
+        pictures[k] = cv2.add(picture, cv2.GaussianBlur(light, (0, 0), 0.9))
+    detector = learnt(tmp_path / "f", camera, pictures)
+    assert sorted(name for name, _ in detector.ball_colours) == sorted(THREE[:2])
+    assert all(np.hypot(*(one.xy - ring)) > camera.radius for p in pictures for one in detector.find(p))
+
+
 @pytest.mark.slow
 def test_a_ball_that_is_looked_for_in_a_black_pocket_is_not_there(tmp_path: Path) -> None:
     camera = camera_of(10)
