@@ -109,11 +109,11 @@ class Detector:
         """As `find`, by what the balls cover."""
         found: list[Detection] = []
         if self.palette is not None and not expected:
-            return [_unnamed(fit) for fit in new_discs(view, None) if self._on_bed(view, fit)]
+            return [_unnamed(fit) for fit in new_discs(view, None)]
         if not expected:
             for name, colour in self.ball_colours:
                 for fit in new_discs(view, self._in_picture(view, colour), partial(self._in_picture, view, colour)):
-                    found += self._named_disc(view, name, fit, found) if self._on_bed(view, fit) else []
+                    found += self._named_disc(view, name, fit, found)
             return found
         reach, colours = SEARCH_RADII[-1], dict(self.ball_colours)
         for k, (name, pixel) in enumerate(expected):
@@ -124,13 +124,6 @@ class Detector:
                 one = known_disc(view, shown, pixel, step, reach * radius, shutter)
                 found += self._named_disc(view, name, one, found)
         return found
-
-    def _on_bed(self, view: View, fit: DiscFit) -> bool:
-        """Whether a disc lies on the bed, clear of the pockets, which are discs themselves."""
-        camera = view.geometry.camera
-        xy = camera.on_plane(fit.xy[None], camera.radius)
-        half = np.array([camera.table.length, camera.table.width]) / 2
-        return bool((np.abs(xy) < half).all() and camera.table.to_pocket(xy)[0] > camera.diameter)
 
     def _in_picture(self, view: View, colour: Array, pixel: Array | None = None) -> Array:
         """A colour in white light (3,) red, green, blue as a picture shows it (3,) blue, green, red [grey levels].

@@ -123,14 +123,15 @@ def acceptable(fit: DiscFit | None, kind: str) -> bool:
 def new_discs(
     view: View, colour: Array | None, shown_at: Callable[[Array], Array] | None = None
 ) -> list[DiscFit]:  # fmt: skip
-    """Balls of this colour anywhere in a picture, not moving fast; `shown_at` is it in the light at a pixel (2,)."""
+    """Balls of this colour anywhere on the bed, not moving fast; `shown_at` is it in the light at a pixel (2,)."""
     fits = []
     for at in peaks(view, colour):
         shown = colour if shown_at is None else shown_at(at)
         fits.append(fit_disc(view, shown, at, view.geometry.radius(at), np.zeros(2)))
     found: list[DiscFit] = []
     for fit in sorted((f for f in fits if f is not None and acceptable(f, "new")), key=lambda f: f.residual):
-        if all(np.hypot(*(fit.xy - other.xy)) > fit.radius for other in found):
+        apart = all(np.hypot(*(fit.xy - other.xy)) > fit.radius for other in found)
+        if apart and view.geometry.on_bed(fit.xy):
             found.append(fit)
     return found
 

@@ -78,10 +78,7 @@ def learn_detector(
     size_sd = INITIAL_SIZE_ERROR * geometry.radius(np.array(camera.size) / 2)
     optics = Optics(INITIAL_EDGE_NOISE, INITIAL_BLUR_PX, size_sd=size_sd)
 
-    def still(view: View) -> list[Array]:
-        return [f.xy for f in (new_discs(view, None) if palette.patterned else balls(view, optics, MIN_FOREGROUND))]
-
-    background, resting = learn_background(geometry, pictures, still)
+    background, resting = learn_background(geometry, pictures, lambda view: _resting(view, optics, palette))
     progress("learning what the balls look like")
     views = [background.view(picture) for picture in pictures]
     found = [(k, fit) for k, view in enumerate(views) for fit in balls(view, optics)]
@@ -121,6 +118,15 @@ def learn_detector(
     notes += [doubt for doubt in naming.doubts if len(detector.ball_colours) == len(named)]
     notes += _warnings(detector, [fit for _, fit in found], resting, lights)
     return replace(detector, notes=tuple(notes))
+
+
+def _resting(view: View, optics: Optics, palette: Palette) -> list[Array]:
+    """Pixels (2,) of balls in what pictures show most of the time: outlines, and what out of focus has none."""
+    found = [] if palette.patterned else [fit.xy for fit in balls(view, optics, MIN_FOREGROUND)]
+    for fit in new_discs(view, None):
+        if all(np.hypot(*(fit.xy - xy)) > fit.radius for xy in found):
+            found.append(fit.xy)
+    return found
 
 
 def _patterned_detector(

@@ -55,6 +55,12 @@ class ViewGeometry:
         """Mean radius of the outline of a ball centred at a pixel (2,) [pixels]."""
         return float(np.linalg.norm(self.outline(pixel)[0], axis=1).mean())
 
+    def on_bed(self, pixel: Array) -> bool:
+        """Whether a ball centred at a pixel (2,) is on the bed, clear of the pockets, which are discs themselves."""
+        xy = self.camera.on_plane(pixel[None], self.camera.radius)
+        half = np.array([self.camera.table.length, self.camera.table.width]) / 2
+        return bool((np.abs(xy) < half).all() and self.camera.table.to_pocket(xy)[0] > self.camera.diameter)
+
 
 def view_geometry(camera: Camera) -> ViewGeometry:
     """Where bed, cushions and balls are or can be in the picture of a camera."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import cast
@@ -230,6 +231,16 @@ def test_balls_at_rest_all_along_do_not_hide_in_the_backdrop(tmp_path: Path) -> 
     assert detector.find(empty) == [], "what is painted below them looks like the table"
     single = learnt(tmp_path / "one", camera, pictures[:1])
     assert sorted(s.name for s in single.find(pictures[0])) == sorted(THREE)
+
+
+def test_a_ball_at_rest_out_of_focus_does_not_hide_in_the_backdrop(tmp_path: Path) -> None:
+    camera = camera_of(10)
+    places = np.array([[(0.2, 0.1), (-0.3 + 0.06 * k, -0.15)] for k in range(9)])
+    pictures = shown(camera, THREE[:2], places, replace(LOOK, blur=1.6, noise=2.0))
+    detector = learnt(tmp_path / "f", camera, pictures)
+    truth = camera.outline(places[0])[0]
+    for picture in pictures:
+        assert [s.name for s in detector.find(picture) if np.hypot(*(s.xy - truth)) < 2.0] == ["white"]
 
 
 @pytest.mark.slow
