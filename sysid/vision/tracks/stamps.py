@@ -1,8 +1,9 @@
 """Frames that stamps do not show: the same picture twice, and pictures that were never stored.
 
 In: frames, and the tracks. Out: which frames are doubled, to be left out; where frames are missing, and how many, to
-set the later stamps right. A doubled picture differs by far less than its neighbours. Where pictures are missing,
-every ball that rolls freely takes a step that is a multiple of those before and after it; no free ball can.
+set the later stamps right. A doubled picture differs by far less than its neighbours, or, where it was compressed
+anew, shows every ball that was and will be on its way at rest; no ball can. Where pictures are missing, every ball that
+rolls freely takes a step that is a multiple of those before and after it; no free ball can.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ USUAL_QUANTILE = 0.75  # of theirs, that is usual
 DOUBLED_FRACTION = 0.25  # of the usual change, below which a picture is the one before
 MIN_STEP_SD = 12.0  # of a ball that moves clearly, between frames
 MIN_STEP_M = 2.5e-3
+MAX_STILL_SHARE = 0.1  # of the steps before and after it, of a ball in a doubled picture
 MAX_STEP_CHANGE = 0.2  # between the two steps before, relative, of a ball that rolls freely
 MAX_LATER_CHANGE = 0.5  # and to the one after
 MAX_TURN_SINE = 0.15  # between these steps
@@ -55,6 +57,20 @@ def marked(footage: Iterable[Frame]) -> Iterator[tuple[Frame, bool]]:
     while waiting:
         k = len(changes) - len(waiting)
         yield waiting.popleft(), is_doubled(changes, k)
+
+
+def doubled(tracks: Sequence[BallTrack], frames: NDArray[np.int64], sigma: float) -> NDArray[np.bool_]:
+    """Which frames (m,) show the picture before once more, by balls that stand still on their way."""
+    still, moving = np.zeros(len(frames), int), np.zeros(len(frames), int)
+    for track in tracks:
+        at = np.searchsorted(frames, track.frame)
+        length = np.linalg.norm(np.diff(track.xy, axis=0), axis=1)
+        one_frame = np.diff(at) == 1
+        usual = np.minimum(length[:-2], length[2:])
+        clear = one_frame[:-2] & one_frame[1:-1] & one_frame[2:] & (usual > max(MIN_STEP_SD * sigma, MIN_STEP_M))
+        moving[at[2:-1][clear]] += 1
+        still[at[2:-1][clear & (length[1:-1] < MAX_STILL_SHARE * usual)]] += 1
+    return (moving > 0) & (still == moving)
 
 
 def missing(tracks: Sequence[BallTrack], frames: NDArray[np.int64], period: float, sigma: float) -> dict[int, int]:

@@ -30,7 +30,7 @@ from sysid.vision.tracks.picks import UNEVEN_SD, find_picks, seem_uneven
 from sysid.vision.tracks.places import PlaceError, place_error
 from sysid.vision.tracks.running import running_shots
 from sysid.vision.tracks.spins import face_change, spins
-from sysid.vision.tracks.stamps import delays, later, marked, missing
+from sysid.vision.tracks.stamps import delays, doubled, later, marked, missing
 from sysid.vision.tracks.strikes import TrackedShot, split_shots
 from sysid.vision.tracks.unsaid import unsaid
 
@@ -156,19 +156,18 @@ def _stamped(
     tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array, twice: NDArray[np.bool_], camera: Camera
 ) -> tuple[Sequence[BallTrack], NDArray[np.int64], Array, list[str]]:
     """Tracks, frames and times without doubled frames, those after missing ones later; and what to report of it."""
-    notes = []
+    again = frames[twice].tolist()
+    tracks, frames, times = _without(twice, tracks, frames, times)
+    sigma = _resting_noise(tracks, frames, times, camera)
+    twice = doubled(tracks, frames, sigma)
     if twice.any():
-        kept, again = frames[~twice], set(frames[twice].tolist())
-        tracks = [_dropping(t, np.isin(t.frame, frames[twice])) for t in tracks]
-        tracks = [t for t in tracks if len(t.frame)]
-        notes.append(f"{_listed(sorted(again))} the same picture as before: left out")
-        frames, times = kept, times[~twice]
+        again = sorted([*again, *frames[twice].tolist()])
+        tracks, frames, times = _without(twice, tracks, frames, times)
+        sigma = _resting_noise(tracks, frames, times, camera)
+    notes = [f"{_listed(again)} the same picture as before: left out"] if again else []
     if len(times) < 2 or not tracks:
         return tracks, frames, times, notes
     period = float(np.median(np.diff(times)))
-    scene = TrackedScene(tracks, frames, times, camera.table, camera.radius, 0.0)
-    sigma = difference_noise(scene, resting=True)
-    sigma = sigma if math.isfinite(sigma) else DEFAULT_NOISE_RADII * camera.radius
     picks = find_picks(tracks, frames, times, period, sigma)
     if picks is not None:
         notes.append(picks.text(period))
@@ -179,6 +178,23 @@ def _stamped(
     for frame, count in gaps.items():
         notes.append(f"before frame {frame} {count} missing, though stamps are even: later stamps set right")
     return later(tracks, gaps, period), frames, times + delays(frames, gaps, period), notes
+
+
+def _without(
+    left_out: NDArray[np.bool_], tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array
+) -> tuple[Sequence[BallTrack], NDArray[np.int64], Array]:
+    """Tracks, frames and times (m,) without some of the frames (m,)."""
+    if left_out.any():
+        tracks = [_dropping(track, np.isin(track.frame, frames[left_out])) for track in tracks]
+    return [track for track in tracks if len(track.frame)], frames[~left_out], times[~left_out]
+
+
+def _resting_noise(tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array, camera: Camera) -> float:
+    """Of balls at rest, per axis [m]; a usual value where none rests."""
+    if len(times) < 2 or not tracks:
+        return math.nan
+    sigma = difference_noise(TrackedScene(tracks, frames, times, camera.table, camera.radius, 0.0), resting=True)
+    return sigma if math.isfinite(sigma) else DEFAULT_NOISE_RADII * camera.radius
 
 
 def _listed(frames: Sequence[int]) -> str:

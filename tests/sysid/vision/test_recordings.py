@@ -15,7 +15,7 @@ from sysid.vision.frames import Frame
 from sysid.vision.sheet import TEXT_PX, TEXT_SCALE, wrapped
 from sysid.vision.tracks.clips import clip_set
 from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
-from sysid.vision.tracks.stamps import is_doubled, marked, missing
+from sysid.vision.tracks.stamps import doubled, is_doubled, marked, missing
 from tests.footage.cameras import overhead
 from tests.sysid.vision.test_follow import BALL, CAMERA, FPS, Recording
 from tests.sysid.vision.test_track import tracked_of
@@ -80,6 +80,19 @@ def test_frames_come_in_order_each_marked_where_it_is_the_one_before(count: int)
     assert [frame.index for frame, _ in found] == list(range(count))
     if count > 3:
         assert [again for _, again in found] == [k % 2 == 1 for k in range(count)]
+
+
+def test_a_picture_compressed_twice_is_known_by_balls_that_stand_still() -> None:
+    """Its change is as large as that of others, but a ball that moves on does not rest for a frame."""
+    made = Recording().wait(0.5).shot((0.8, 0.2), seconds=1.0)
+    true = tracked_of(made, noise=0.02)
+    assert not doubled(true.scene.tracks, true.scene.frames, true.scene.sigma).any()
+    rows = made.rows[1]
+    made.rows[1] = np.concatenate([rows[:20], rows[19:35], rows[34:]])
+    twice = tracked_of(made, noise=0.02)
+    first = len(made.rows[0])
+    found = doubled(twice.scene.tracks, twice.scene.frames, twice.scene.sigma)
+    assert twice.scene.frames[found].tolist() == [first + 20, first + 36]
 
 
 def test_pictures_missing_at_even_stamps_are_counted() -> None:
