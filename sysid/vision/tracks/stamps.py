@@ -1,8 +1,8 @@
 """Frames that stamps do not show: the same picture twice, and pictures that were never stored.
 
 In: frames, and the tracks. Out: which frames are doubled, to be left out; where frames are missing, and how many, to
-set the later stamps right. A doubled picture differs by far less than its neighbours, or, where it was compressed
-anew, shows every ball that was and will be on its way at rest; no ball can. Where pictures are missing, every ball that
+set the later stamps right. A doubled picture differs by far less than its neighbours, or shows every ball that was and
+will be on its way at rest; no ball can. Where pictures are missing, every ball that
 rolls freely takes a step that is a multiple of those before and after it; no free ball can.
 """
 
@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,10 +20,12 @@ from sysid.vision.camera.projection import Array
 from sysid.vision.frames import Frame, Picture
 from sysid.vision.tracks.follow import BallTrack
 
-PROBE_PX = 4  # every so many pixels are compared
+PROBE_PX = 4  # every so many pixels are compared; or means of cells of this size
+CHANGED_CELLS = 24  # whose channels have changed, where a ball has moved
 NEIGHBOURING_PICTURES = 5  # on either side, with whose changes that of a picture is compared
 USUAL_QUANTILE = 0.75  # of theirs, that is usual
 DOUBLED_FRACTION = 0.25  # of the usual change, below which a picture is the one before
+MAX_COPIES = 2  # of a picture that was compressed anew; what rests for longer may rest
 MIN_STEP_SD = 12.0  # of a ball that moves clearly, between frames
 MIN_STEP_M = 2.5e-3
 MAX_STILL_SHARE = 0.1  # of the steps before and after it, of a ball in a doubled picture
@@ -33,24 +36,53 @@ MULTIPLE_TOLERANCE = 0.2  # of a step, relative to the usual one, from a whole m
 MAX_MULTIPLE = 12
 
 
-def change(before: Picture, picture: Picture) -> float:
-    """Mean difference of two pictures [grey levels]."""
+@dataclass(frozen=True)
+class Change:
+    """Differences of a picture from the one before [grey levels]."""
+
+    mean: float  # of all pixels
+    most: float  # of the cells that have changed most: of what moves, as noise is little in their means
+
+
+def change(before: Picture, picture: Picture) -> Change:
+    """How a picture differs from the one before."""
     one, two = (p[::PROBE_PX, ::PROBE_PX].astype(np.int16) for p in (before, picture))
-    return float(np.abs(one - two).mean())
+    off = cv2.absdiff(_cells(before), _cells(picture)).ravel()
+    last = len(off) - min(CHANGED_CELLS, len(off))
+    return Change(float(np.abs(one - two).mean()), float(np.partition(off, last)[last]))
 
 
-def is_doubled(changes: Sequence[float], k: int) -> bool:
-    """Whether picture k is the one before, stored once more, by the changes of pictures; the first has none."""
+def _cells(picture: Picture) -> Picture:
+    """Means of the cells of a picture (h, w, 3)."""
+    height, width = picture.shape[:2]
+    size = max(1, width // PROBE_PX), max(1, height // PROBE_PX)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def is_doubled(changes: Sequence[Change], k: int) -> bool:
+    """Whether picture k is the one before, stored once more, by the changes of pictures; the first has none.
+
+    Its pixels are those of the one before, or, where it was compressed anew, nothing moves in it while something does
+    just before and after.
+    """
+    if k == 0:
+        return False
     around = [*changes[max(1, k - NEIGHBOURING_PICTURES) : k], *changes[k + 1 : k + 1 + NEIGHBOURING_PICTURES]]
-    return k > 0 and len(around) > 2 and changes[k] < DOUBLED_FRACTION * float(np.quantile(around, USUAL_QUANTILE))
+    if len(around) > 2:
+        usual = float(np.quantile([one.mean for one in around], USUAL_QUANTILE))
+        if changes[k].mean < DOUBLED_FRACTION * usual:
+            return True
+    sides = changes[max(1, k - MAX_COPIES) : k], changes[k + 1 : k + 1 + MAX_COPIES]
+    moving = [max((one.most for one in side), default=0.0) for side in sides]
+    return changes[k].most < DOUBLED_FRACTION * min(moving)
 
 
 def marked(footage: Iterable[Frame]) -> Iterator[tuple[Frame, bool]]:
     """The frames of a footage, and whether each shows the same picture as the one before."""
-    changes: list[float] = []
+    changes: list[Change] = []
     waiting: deque[Frame] = deque()  # for those after them, by whose changes they are judged
     for frame in footage:
-        changes.append(change(waiting[-1].picture, frame.picture) if waiting else 0.0)
+        changes.append(change(waiting[-1].picture if waiting else frame.picture, frame.picture))
         waiting.append(frame)
         if len(waiting) > NEIGHBOURING_PICTURES:
             yield waiting.popleft(), is_doubled(changes, len(changes) - 1 - NEIGHBOURING_PICTURES)

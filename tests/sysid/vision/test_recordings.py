@@ -15,7 +15,7 @@ from sysid.vision.frames import Frame
 from sysid.vision.sheet import TEXT_PX, TEXT_SCALE, wrapped
 from sysid.vision.tracks.clips import clip_set
 from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
-from sysid.vision.tracks.stamps import doubled, is_doubled, marked, missing
+from sysid.vision.tracks.stamps import Change, doubled, is_doubled, marked, missing
 from tests.footage.cameras import overhead
 from tests.sysid.vision.test_follow import BALL, CAMERA, FPS, Recording
 from tests.sysid.vision.test_track import tracked_of
@@ -65,9 +65,27 @@ def test_a_strike_hidden_for_some_frames_is_bridged() -> None:
 
 
 def test_a_picture_stored_twice_is_known_by_its_small_change() -> None:
-    changes = [0.0, 1.0, 1.1, 0.9, 0.02, 1.2, 1.0, 1.1, 1.0]
+    changes = [Change(mean, 50.0) for mean in (0.0, 1.0, 1.1, 0.9, 0.02, 1.2, 1.0, 1.1, 1.0)]
     assert [is_doubled(changes, k) for k in range(9)] == [k == 4 for k in range(9)]
-    assert not any(is_doubled([0.9] * 20, k) for k in range(20))
+    assert not any(is_doubled([Change(0.9, 50.0)] * 20, k) for k in range(20))
+
+
+def test_a_noisy_picture_stored_twice_is_known_as_nothing_moves_in_it() -> None:
+    """What moves before and after it stands still; before a strike, or after all has come to rest, nothing did."""
+    rng = np.random.default_rng(1)
+
+    def seen(step: int, k: int) -> Frame:
+        picture = rng.normal(90.0, 6.0, (120, 200, 3))
+        picture[40:70, 20 + 12 * step : 50 + 12 * step] += 100
+        return Frame(k, 0.1 * k, picture.clip(0, 255).astype(np.uint8))
+
+    frames = [seen(min(max(k - 6, 0), 10), k) for k in range(24)]  # at rest until frame 6 and from frame 16 on
+    stored = frames[11].picture.astype(float)
+    again = (stored + rng.normal(0.0, 3.0, stored.shape)).clip(0, 255).astype(np.uint8)
+    found = list(marked([*frames[:12], Frame(99, 1.15, again), *frames[12:]]))
+    assert [frame.index for frame, twice in found if twice] == [99]
+    pause = [seen(5, 99) for _ in range(5)]
+    assert not any(twice for _, twice in marked([*frames[:12], *pause, *frames[12:]])), "a pause is no copy"
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 30])
