@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from models.errors import BadInput
 from models.shot import NOSE_COSINE, Table
 from sysid.vision.balls.detect import Detection, Detector
-from sysid.vision.balls.learning import learn_detector, unsteadiness
+from sysid.vision.balls.learning import learn_detector, steadier, unsteadiness
 from sysid.vision.balls.palette import default_palette, group_colours, name_colours, read_palette
 from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Footage, Picture, open_footage
@@ -260,6 +260,14 @@ def test_learning_is_deterministic_and_minds_the_size(tmp_path: Path) -> None:
     bare = learnt(tmp_path / "bare", camera, shown(camera, (), np.zeros((3, 0, 2))))
     assert bare.find(pictures[0]) == []
     assert "no ball was found" in bare.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("discs", "more", "chosen"), [(0.10, True, True), (0.10, False, False), (0.08, False, True), (0.16, True, False)]
+)
+def test_discs_that_are_seen_more_often_need_only_be_steadier(discs: float, more: bool, chosen: bool) -> None:
+    """Outlines that are lost in every sixth picture are kept only if they are the steadier ones."""
+    assert steadier(discs, 0.15, more=more) == chosen
 
 
 @pytest.mark.parametrize(("together", "balls"), [(0, 1), (1, 1), (3, 2)])
