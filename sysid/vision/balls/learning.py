@@ -45,7 +45,7 @@ ROUGH_EDGE_RATIO = 4.0  # of edge noise to that of the pictures, from which on b
 MIN_OUTLINE_RADIUS_PX = INNER_PX + OUTER_PX  # of balls below which normals show little beside the edges themselves
 MIN_HELD_FRACTION = 0.8  # of the balls that are seen as outlines, once the edges' noise is known, for these to be used
 MAX_UNSTEADY_PX = 0.08  # of balls at rest by their outlines, from which on discs are tried, and taken if they are
-STEADIER = 0.6  # by this factor
+STEADIER = 0.6  # by this factor, or at all and seen more often
 MAX_RESTING_MOVE_PX = 1.5  # between pictures of a ball at rest
 MIN_RESTING_PICTURES = 3
 MIN_ROUGH_NOISE_GREY = 1.4  # that is assumed of pictures for this: compression removes noise
@@ -108,10 +108,11 @@ def learn_detector(
     few = held < max(MIN_HELD_FRACTION * sum(n for _, n in counts), OPTICS_OUTLINES)
     if rough or few or unsteady > MAX_UNSTEADY_PX:
         by_discs, disc_counts = _rough_detector(detector, pictures, counts)
-        better = MIN_HELD_FRACTION * sum(n for _, n in disc_counts) > held
+        seen = sum(n for _, n in disc_counts)
+        better = MIN_HELD_FRACTION * seen > held
         if unsteady > MAX_UNSTEADY_PX and not better:
             same = {name for name, _ in by_discs.ball_colours} == {name for name, _ in detector.ball_colours}
-            better = same and unsteadiness(by_discs, pictures) < STEADIER * unsteady
+            better = same and steadier(unsteadiness(by_discs, pictures), unsteady, more=seen > held)
         if by_discs.ball_colours and (rough or better):
             detector, counts = by_discs, disc_counts
     notes = [f"{name}: in {n} of {len(views)} frames" for name, n in counts]
@@ -177,6 +178,14 @@ def _rough_detector(
             kept.append((name, np.where(clipped, CLIPPED_FACTOR, 1.0) * colour))
             found.append((name, len(seen[name])))
     return replace(detector, ball_colours=tuple(kept)), found
+
+
+def steadier(discs: float, outlines: float, *, more: bool) -> bool:
+    """Whether discs are to be taken by how much balls at rest differ by discs and by outlines [pixels].
+
+    Where they are seen in `more` pictures it is enough that they are steadier; else they must be far steadier.
+    """
+    return discs < (1.0 if more else STEADIER) * outlines
 
 
 def unsteadiness(detector: Detector, pictures: Sequence[Picture]) -> float:

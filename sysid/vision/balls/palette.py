@@ -33,7 +33,8 @@ MIN_COST_MARGIN = 4.0  # by which the second best assignment must cost more to b
 UNNAMED_COST = 100.0  # of a colour without a name
 NO_WHITE_COST = 8.0  # of naming no ball as the whitest of the palette: there is nearly always a cue ball
 LINK_DISTANCE = 0.13  # between colours that are of the same ball
-MERGE_DISTANCE = 0.2  # between groups of colours of the same ball, if they are never seen in one frame
+MERGE_DISTANCE = 0.2  # between groups of colours of the same ball, if they are not seen in the same frames
+MAX_STRAY_FRACTION = 0.1  # of the frames of the rarer group, in which a stray outline may have the other's colour
 CORE_FRACTION = 0.65  # of the radius, whose pixels give the colour of a ball
 DIM_QUANTILE = 0.5  # of the brightness of these, above which pixels count
 GLOSS_QUANTILE = 0.9  # above which they are highlights
@@ -253,7 +254,10 @@ def ball_colour(picture: Picture, xy: Array, radius: float, light: Array) -> Arr
 
 
 def group_colours(found: Sequence[tuple[int, Array]]) -> list[list[tuple[int, Array]]]:
-    """Group colours (3,), given with the indices of their frames, into those of the same ball."""
+    """Group colours (3,), given with the indices of their frames, into those of the same ball.
+
+    Two balls are seen in the same frames; one that only changes its colour, as by the light where it lies, is not.
+    """
 
     def median(group: list[tuple[int, Array]]) -> Array:
         return np.asarray(np.median([colour for _, colour in group], axis=0))
@@ -269,12 +273,16 @@ def group_colours(found: Sequence[tuple[int, Array]]) -> list[list[tuple[int, Ar
     for group in sorted(groups, key=lambda g: -len(g)):
         frames = {frame for frame, _ in group}
         same = [
-            k
-            for k in kept
-            if colour_distance(median(k), median(group)) < MERGE_DISTANCE and not frames & {f for f, _ in k}
-        ]
+            k for k in kept
+            if colour_distance(median(k), median(group)) < MERGE_DISTANCE and _apart(frames, {f for f, _ in k})
+        ]  # fmt: skip
         if same:
             same[0].extend(group)
         else:
             kept.append(group)
     return kept
+
+
+def _apart(one: set[int], other: set[int]) -> bool:
+    """Whether two groups of colours are seen in different frames, but for a stray outline."""
+    return len(one & other) <= MAX_STRAY_FRACTION * min(len(one), len(other))

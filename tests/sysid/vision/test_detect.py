@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from models.errors import BadInput
 from models.shot import NOSE_COSINE, Table
 from sysid.vision.balls.detect import Detection, Detector
-from sysid.vision.balls.learning import learn_detector, unsteadiness
-from sysid.vision.balls.palette import default_palette, name_colours, read_palette
+from sysid.vision.balls.learning import learn_detector, steadier, unsteadiness
+from sysid.vision.balls.palette import default_palette, group_colours, name_colours, read_palette
 from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Footage, Picture, open_footage
 from tests.footage.cameras import overhead
@@ -289,6 +289,22 @@ def test_learning_is_deterministic_and_minds_the_size(tmp_path: Path) -> None:
     bare = learnt(tmp_path / "bare", camera, shown(camera, (), np.zeros((3, 0, 2))))
     assert bare.find(pictures[0]) == []
     assert "no ball was found" in bare.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("discs", "more", "chosen"), [(0.10, True, True), (0.10, False, False), (0.08, False, True), (0.16, True, False)]
+)
+def test_discs_that_are_seen_more_often_need_only_be_steadier(discs: float, more: bool, chosen: bool) -> None:
+    """Outlines that are lost in every sixth picture are kept only if they are the steadier ones."""
+    assert steadier(discs, 0.15, more=more) == chosen
+
+
+@pytest.mark.parametrize(("together", "balls"), [(0, 1), (1, 1), (3, 2)])
+def test_a_ball_in_other_light_is_no_other_ball(together: int, balls: int) -> None:
+    """Colours 0.15 to 0.2 apart, of one ball under two lamps; a stray outline in a frame does not part them."""
+    here, there = np.array([0.88, 0.77, 0.52]), np.array([0.67, 0.76, 0.74])
+    seen = [(k, here) for k in range(15)] + [(k, there) for k in range(15 - together, 29)]
+    assert len(group_colours(seen)) == balls
 
 
 def test_a_palette_of_ones_own(tmp_path: Path) -> None:
