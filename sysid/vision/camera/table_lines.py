@@ -82,8 +82,9 @@ def cloth_coloured(picture: NDArray[np.uint8]) -> Mask:
     """Which pixels of a picture (height, width, 3) have the colour that the cloth has there: (height, width).
 
     The hue of the cloth is that of most saturated pixels in the middle. The light of lamps and projectors colours it,
-    here more than there: logarithms of green and blue over red are fitted by a quadratic function of the place, in
-    rounds, first to the pixels of that hue.
+    here more than there: the shares of blue, green and red in its light are fitted by quadratic functions of the place,
+    in rounds, first to the pixels of that hue. A pixel is compared with cloth of its own brightness by logarithms of
+    blue and green over red: a cushion that leans away from the lamp is cloth as well.
 
     Raises:
         BadInput: no colour prevails in the middle.
@@ -100,17 +101,24 @@ def cloth_coloured(picture: NDArray[np.uint8]) -> Mask:
     if good.sum() < MIN_CORE_FRACTION * core.sum():
         raise BadInput(f"no table found: no saturated colour fills the middle of the picture; {NO_TABLE_REMEDY}")
     bright = value > 0.25 * np.median(value[good])
-    light = blurred.astype(np.float32) + DARK_GREY
-    ratios = np.log(light[..., :2] / light[..., 2:])
+    light = blurred.astype(np.float32)
+    whole = np.maximum(light.sum(axis=2, keepdims=True), 1.0)
+    shares, ratios = light / whole, _ratios(light)
     u, v = np.meshgrid(np.linspace(-1, 1, width, dtype=np.float32), np.linspace(-1, 1, height, dtype=np.float32))
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
     thin = (slice(None, None, 4),) * 2
     for _ in range(COLOUR_ROUNDS):
-        fit = np.linalg.lstsq(terms[thin][good[thin]], ratios[thin][good[thin]], rcond=None)[0]
-        off = np.abs(ratios - terms @ fit)
+        fit = np.linalg.lstsq(terms[thin][good[thin]], shares[thin][good[thin]], rcond=None)[0]
+        off = np.abs(ratios - _ratios(whole * np.maximum(terms @ fit, 0)))
         limit = np.clip(COLOUR_OUTLIER_SD * 1.4826 * np.median(off[good], axis=0), *COLOUR_LIMITS)
         good = (off < limit).all(axis=-1) & bright
     return np.asarray(good)
+
+
+def _ratios(light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Logarithms of blue and green over red in light (height, width, 3), from which noise in the dark is kept away."""
+    above = np.log(light + np.float32(DARK_GREY))
+    return np.asarray(above[..., :2] - above[..., 2:])
 
 
 def sides(region: NDArray[np.uint8]) -> list[Side]:

@@ -78,6 +78,17 @@ def test_the_sides_of_the_cloth_end_where_it_does() -> None:
         assert min(abs(np.median(one)) for one in away) < 4e-3, "0.6 of a pixel"
 
 
+def test_the_sides_of_the_cloth_end_where_it_does_on_cushions_in_shade() -> None:
+    camera, _ = plain("small")
+    look = Look(noise=1.5, cloth_tops=True, lamps=0.7)  # one cushion half as bright as the bed
+    picture = developed(table_picture(camera, look), look, np.random.default_rng(0))
+    found = table_lines.at_edges(table_lines.sides(table_lines.cloth(picture)), picture)
+    assert len(found) == 4
+    for side in found:
+        away = [distances(camera, side.points, np.full(len(side.points), rail), RUBBER) for rail in range(4)]
+        assert min(abs(np.median(one)) for one in away) < 4e-3
+
+
 def test_a_strip_goes_no_farther_than_the_picture() -> None:
     camera, picture = plain("tiny")
     for rail in range(4):
