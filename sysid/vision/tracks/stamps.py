@@ -26,6 +26,7 @@ NEIGHBOURING_PICTURES = 5  # on either side, with whose changes that of a pictur
 USUAL_QUANTILE = 0.75  # of theirs, that is usual
 DOUBLED_FRACTION = 0.25  # of the usual change, below which a picture is the one before
 MAX_COPIES = 2  # of a picture that was compressed anew; what rests for longer may rest
+MAX_NOISE_FRACTION = 0.6  # of the usual change of all pixels, which it may leave
 MIN_STEP_SD = 12.0  # of a ball that moves clearly, between frames
 MIN_STEP_M = 2.5e-3
 MAX_STILL_SHARE = 0.1  # of the steps before and after it, of a ball in a doubled picture
@@ -62,8 +63,8 @@ def _cells(picture: Picture) -> Picture:
 def is_doubled(changes: Sequence[Change], k: int) -> bool:
     """Whether picture k is the one before, stored once more, by the changes of pictures; the first has none.
 
-    Its pixels are those of the one before, or, where it was compressed anew, nothing moves in it while something does
-    just before and after.
+    Its pixels are those of the one before, or, where it was compressed anew, nothing moves in it and little changes,
+    while something moves just before and after.
     """
     if k == 0:
         return False
@@ -73,8 +74,11 @@ def is_doubled(changes: Sequence[Change], k: int) -> bool:
         if changes[k].mean < DOUBLED_FRACTION * usual:
             return True
     sides = changes[max(1, k - MAX_COPIES) : k], changes[k + 1 : k + 1 + MAX_COPIES]
-    moving = [max((one.most for one in side), default=0.0) for side in sides]
-    return changes[k].most < DOUBLED_FRACTION * min(moving)
+    if not all(sides):
+        return False
+    moving = min(max(one.most for one in side) for side in sides)
+    changing = min(max(one.mean for one in side) for side in sides)
+    return changes[k].most < DOUBLED_FRACTION * moving and changes[k].mean < MAX_NOISE_FRACTION * changing
 
 
 def marked(footage: Iterable[Frame]) -> Iterator[tuple[Frame, bool]]:
