@@ -2,8 +2,8 @@
 
 In: frames, and the tracks. Out: which frames are doubled, to be left out; where frames are missing, and how many, to
 set the later stamps right. A doubled picture differs by far less than its neighbours, or shows every ball that was and
-will be on its way at rest; no ball can. Where pictures are missing, every ball that
-rolls freely takes a step that is a multiple of those before and after it; no free ball can.
+will be on its way at rest; no ball can. Where pictures are missing, every ball that rolls freely takes a step that is a
+multiple of those before and after it; no free ball can.
 """
 
 from __future__ import annotations
