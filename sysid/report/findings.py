@@ -153,7 +153,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
     excluded = [*found.parts.excluded, *(line for one in found.whole.values() for line in one.parts.excluded)]
     lines += list(dict.fromkeys(excluded))
     if found.pruned:
-        lines.append(f"added in an early round, and not needed in the end: {', '.join(found.pruned)}")
+        lines.append(f"added in an early round, and not kept in the end: {', '.join(found.pruned)}")
     lines += list(dict.fromkeys(line for r in found.rounds for line in confounded_lines(r)))
     doubtful = sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict))
     if doubtful:

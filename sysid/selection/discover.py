@@ -39,11 +39,13 @@ from sysid.selection.judge import diagnose_fit
 from sysid.selection.next_shot import NextShot, propose_shot
 from sysid.selection.pruning import (
     MIN_DISTANCE_SD,
+    Pruned,
     distance_from_absence,
     fit_without,
     without_needless,
     without_unclear,
     without_undetermined,
+    without_unsettled,
 )
 from sysid.selection.remainder import remainder
 from sysid.selection.score import Score
@@ -129,9 +131,11 @@ def prune(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
     return found if verdict == found.verdict else _ending_with(found, now, verdict)
 
 
-def _without_unclear(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
-    """The result without effects whose size is not determined, or that explain only a small part of the rest."""
-    now, verdict = without_unclear(parts, found.last, found.verdict)
+def _without(
+    by: Callable[[Split, FittedModel, tuple[str, ...]], Pruned], parts: Split, found: DiscoveryResult
+) -> DiscoveryResult:
+    """The result without the effects that one of the functions of pruning.py drops beside what is not explained."""
+    now, verdict = by(parts, found.last, found.verdict)
     if verdict == found.verdict:
         return found
     if not verdict:  # the base that no effect has bent
@@ -200,10 +204,12 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
         found = prune(parts, found)
         found = dataclasses.replace(found, unexplained=remainder(found.last))
         if found.unexplained is not None and not parts.cut:  # of cut shots, whole ones decide
-            found = _without_unclear(parts, found)
+            found = _without(without_unclear, parts, found)
     if found.verdict and found.explained is None:
         last = settled_on(parts, found.last)
         found = dataclasses.replace(found, ladder=(*found.ladder[:-1], last))
+        if found.unexplained is not None:
+            found = _without(without_unsettled, parts, found)
     found = without_idle(parts, clip_set, dataclasses.replace(found, whole=fit_whole_shots(clip_set, found)))
     return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
 

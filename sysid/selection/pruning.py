@@ -4,7 +4,8 @@ In: clips (`Split`), their fit and its named effects. Out: the fit without those
 
 Beside much that is not explained, any effect explains a little: it fits some part of what is missing. So one whose part
 is small is not named there, even if its evidence alone would suffice; nor one on whose size the clips do not agree, of
-whose shape they tell nothing, or that follows held-out clips worse once the others are pruned.
+whose shape they tell nothing, that follows held-out clips worse once the others are pruned, or with which the fit no
+longer converges then.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import logging
 import numpy as np
 
 from sysid.estimation.fitted import FittedModel
-from sysid.estimation.split import Split, fit_on
+from sysid.estimation.split import Split, fit_on, settled_on
 from sysid.selection.evidence import (
     MAX_LOSS_RATIO,
     compare_fits,
@@ -84,6 +85,21 @@ def without_undetermined(parts: Split, now: FittedModel, verdict: tuple[str, ...
         log.info("%s is %.1f standard deviations from none", verdict[k], distances[k])
         now, verdict = fit_without(parts, now, verdict[k]), _others(verdict, verdict[k])
     return now, verdict
+
+
+def without_unsettled(parts: Split, now: FittedModel, verdict: tuple[str, ...]) -> Pruned:
+    """The fit without the least needed of several effects where it converges so, and with it does not.
+
+    A fit that does not converge gives no uncertainty, of what is needed neither.
+    """
+    if now.converged or parts.cut or len(verdict) < 2:
+        return now, verdict
+    name, _ = _least_needed(now, verdict)
+    less = settled_on(parts, fit_without(parts, now, name))
+    if not less.converged:
+        return now, verdict
+    log.info("with %s the fit does not converge", name)
+    return less, _others(verdict, name)
 
 
 def distance_from_absence(found: FittedModel, name: str) -> float:

@@ -15,8 +15,9 @@ from models.shot import Ball, Table
 from sysid.clips import read_clip_set
 from sysid.estimation import FittedModel, begin
 from sysid.estimation.clip_fit import ClipFit
+from sysid.selection import pruning
 from sysid.selection.discover import DiscoveryResult, without_idle
-from sysid.selection.pruning import distance_from_absence, without_minor, without_unclear
+from sysid.selection.pruning import distance_from_absence, without_minor, without_unclear, without_unsettled
 from sysid.selection.score import score_all
 from sysid.selection.screening import candidates_for, fit_candidate
 from tests.truth.__main__ import main as generate
@@ -37,6 +38,22 @@ def test_a_patch_that_may_lie_anywhere_is_not_shown() -> None:
     assert distance(0.013, 0.26, 0.01, 0.01, 0.02) == pytest.approx(np.hypot(0.15 / 0.013, 0.03 / 0.26), abs=0.1)
     assert distance(0.013, 0.26, np.nan, 0.01, np.nan) > 10.0  # as high as its y is
     assert distance(0.013, 0.26, np.nan, np.nan, np.nan) == 0.0
+
+
+def test_an_effect_with_which_the_fit_no_longer_converges_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it converges without it: it is then known how well the other effects are."""
+    fits = {("tilt",): SimpleNamespace(converged=True), ("tilt", "patch"): SimpleNamespace(converged=False)}
+    both, tilt = fits["tilt", "patch"], fits["tilt",]
+    monkeypatch.setattr(pruning, "fit_without", lambda parts, now, name: tilt)
+    monkeypatch.setattr(pruning, "settled_on", lambda parts, now: now)
+    monkeypatch.setattr(pruning, "loss_ratio_without", lambda now, name: {"tilt": 9.0, "patch": 1.2}[name])
+    whole = SimpleNamespace(cut=())
+    assert without_unsettled(whole, both, ("tilt", "patch")) == (tilt, ("tilt",))  # type: ignore[arg-type]
+    assert without_unsettled(whole, both, ("tilt",)) == (both, ("tilt",))  # type: ignore[arg-type]
+    tilt.converged = False
+    assert without_unsettled(whole, both, ("tilt", "patch")) == (both, ("tilt", "patch"))  # type: ignore[arg-type]
+    both.converged = tilt.converged = True
+    assert without_unsettled(whole, both, ("tilt", "patch")) == (both, ("tilt", "patch"))  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
