@@ -6,7 +6,7 @@ by what the balls cover.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from sysid.vision.balls.outline_fit import (
     balls,
     fit_outlines,
 )
-from sysid.vision.balls.palette import Palette, colour_distance, group_colours, name_colours
+from sysid.vision.balls.palette import LINK_DISTANCE, Palette, colour_distance, group_colours, name_colours
 from sysid.vision.balls.view_geometry import Array, view_geometry
 from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Footage, Picture
@@ -171,13 +171,27 @@ def _rough_detector(
                 core_colour(view, DiscFit(one.xy, one.radius, np.zeros(2), 1.0, one.sd, 0.0, 0.0, 1.0, 1.0))[::-1]
             )
     outlines = dict(counts)
-    kept, found = [], []
+    kept = []
     for name, colour in named:
         if len(seen[name]) >= MIN_DISC_FRACTION * outlines[name]:
             clipped = np.median(seen[name], axis=0) >= CLIPPED_GREY if seen[name] else np.zeros(3, bool)
             kept.append((name, np.where(clipped, CLIPPED_FACTOR, 1.0) * colour))
-            found.append((name, len(seen[name])))
-    return replace(detector, ball_colours=tuple(kept)), found
+    found = {name: len(seen[name]) for name, _ in kept}
+    kept = distinct(kept, found)
+    return replace(detector, ball_colours=tuple(kept)), [(name, found[name]) for name, _ in kept]
+
+
+def distinct(colours: Sequence[tuple[str, Array]], seen: Mapping[str, int]) -> list[tuple[str, Array]]:
+    """Names and colours (3,) that pictures can tell apart; of those that look alike when clipped, the one seen most.
+
+    A hand or a cue beside an overexposed ball may have given another colour, which a picture shows as the same white.
+    """
+    kept: list[tuple[str, Array]] = []
+    for name, colour in sorted(colours, key=lambda one: -seen[one[0]]):
+        if all(colour_distance(colour.clip(0, 1), other.clip(0, 1)) > LINK_DISTANCE for _, other in kept):
+            kept.append((name, colour))
+    names = {name for name, _ in kept}
+    return [(name, colour) for name, colour in colours if name in names]
 
 
 def steadier(discs: float, outlines: float, *, more: bool) -> bool:

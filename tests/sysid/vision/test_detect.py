@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from models.errors import BadInput
 from models.shot import NOSE_COSINE, Table
 from sysid.vision.balls.detect import Detection, Detector
-from sysid.vision.balls.learning import learn_detector, steadier, unsteadiness
+from sysid.vision.balls.learning import distinct, learn_detector, steadier, unsteadiness
 from sysid.vision.balls.palette import default_palette, group_colours, name_colours, read_palette
 from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Footage, Picture, open_footage
@@ -347,6 +347,17 @@ def test_a_bad_palette_is_named_in_one_line(tmp_path: Path, text: str, word: str
         read_palette(path)
     assert "\n" not in str(caught.value)
     assert "p.toml" in str(caught.value)
+
+
+def test_colours_that_an_overexposed_picture_shows_alike_are_of_one_ball() -> None:
+    """A hand beside the white had been named pink, and the white of some frames with it."""
+    white, pink, red = np.array([1.15, 1.33, 1.01]), np.array([1.66, 1.37, 1.07]), np.array([0.81, 0.03, 0.22])
+    named = [("pink", pink), ("white", white), ("red", red)]
+    assert distinct(named, {"white": 24, "pink": 6, "red": 30}) == named[1:]
+    assert (
+        distinct([("pink", np.array([0.97, 0.6, 0.65])), *named[1:]], {"white": 24, "pink": 6, "red": 30})[0][0]
+        == "pink"
+    )
 
 
 def test_balls_at_rest_tell_how_steady_a_measure_is() -> None:
