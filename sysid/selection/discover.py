@@ -131,7 +131,7 @@ def prune(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
     return found if verdict == found.verdict else _ending_with(found, now, verdict)
 
 
-def _without(
+def _pruned(
     by: Callable[[Split, FittedModel, tuple[str, ...]], Pruned], parts: Split, found: DiscoveryResult
 ) -> DiscoveryResult:
     """The result without the effects that one of the functions of pruning.py drops beside what is not explained."""
@@ -204,12 +204,12 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
         found = prune(parts, found)
         found = dataclasses.replace(found, unexplained=remainder(found.last))
         if found.unexplained is not None and not parts.cut:  # of cut shots, whole ones decide
-            found = _without(without_unclear, parts, found)
+            found = _pruned(without_unclear, parts, found)
     if found.verdict and found.explained is None:
         last = settled_on(parts, found.last)
         found = dataclasses.replace(found, ladder=(*found.ladder[:-1], last))
         if found.unexplained is not None:
-            found = _without(without_unsettled, parts, found)
+            found = _pruned(without_unsettled, parts, found)
     found = without_idle(parts, clip_set, dataclasses.replace(found, whole=fit_whole_shots(clip_set, found)))
     return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
 

@@ -90,7 +90,7 @@ def without_undetermined(parts: Split, now: FittedModel, verdict: tuple[str, ...
 def without_unsettled(parts: Split, now: FittedModel, verdict: tuple[str, ...]) -> Pruned:
     """The fit without the least needed of several effects where it converges so, and with it does not.
 
-    A fit that does not converge gives no uncertainty, of what is needed neither.
+    A fit that does not converge gives no uncertainty, not even of the effects that are needed.
     """
     if now.converged or parts.cut or len(verdict) < 2:
         return now, verdict

@@ -21,12 +21,12 @@ from sysid.vision.frames import Frame, Picture
 from sysid.vision.tracks.follow import BallTrack
 
 PROBE_PX = 4  # every so many pixels are compared; or means of cells of this size
-CHANGED_CELLS = 24  # whose channels have changed, where a ball has moved
+CHANGED_VALUES = 24  # of cells, three a cell, that change at least where a ball moves
 NEIGHBOURING_PICTURES = 5  # on either side, with whose changes that of a picture is compared
 USUAL_QUANTILE = 0.75  # of theirs, that is usual
 DOUBLED_FRACTION = 0.25  # of the usual change, below which a picture is the one before
-MAX_COPIES = 2  # of a picture that was compressed anew; what rests for longer may rest
-MAX_NOISE_FRACTION = 0.6  # of the usual change of all pixels, which it may leave
+MAX_COPIES = 2  # in a row, of a picture that was compressed anew; a longer standstill may be a real one
+MAX_NOISE_FRACTION = 0.6  # of the usual mean change, up to which such a copy differs by noise
 MIN_STEP_SD = 12.0  # of a ball that moves clearly, between frames
 MIN_STEP_M = 2.5e-3
 MAX_STILL_SHARE = 0.1  # of the steps before and after it, of a ball in a doubled picture
@@ -38,29 +38,35 @@ MAX_MULTIPLE = 12
 
 
 @dataclass(frozen=True)
-class Change:
+class PictureChange:
     """Differences of a picture from the one before [grey levels]."""
 
     mean: float  # of all pixels
     most: float  # of the cells that have changed most: of what moves, as noise is little in their means
 
 
-def change(before: Picture, picture: Picture) -> Change:
-    """How a picture differs from the one before."""
-    one, two = (p[::PROBE_PX, ::PROBE_PX].astype(np.int16) for p in (before, picture))
-    off = cv2.absdiff(_cells(before), _cells(picture)).ravel()
-    last = len(off) - min(CHANGED_CELLS, len(off))
-    return Change(float(np.abs(one - two).mean()), float(np.partition(off, last)[last]))
+@dataclass(frozen=True)
+class _Probes:
+    """What of a picture is compared with others."""
+
+    pixels: NDArray[np.int16]  # (rows, columns, 3) every so many
+    cells: Picture  # (rows, columns, 3) means of as many around them
+
+    def change(self, before: _Probes) -> PictureChange:
+        """How the picture differs from the one before."""
+        off = cv2.absdiff(before.cells, self.cells).ravel()
+        last = len(off) - min(CHANGED_VALUES, len(off))
+        return PictureChange(float(np.abs(before.pixels - self.pixels).mean()), float(np.partition(off, last)[last]))
 
 
-def _cells(picture: Picture) -> Picture:
-    """Means of the cells of a picture (h, w, 3)."""
+def _probes(picture: Picture) -> _Probes:
     height, width = picture.shape[:2]
     size = max(1, width // PROBE_PX), max(1, height // PROBE_PX)
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    cells = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return _Probes(picture[::PROBE_PX, ::PROBE_PX].astype(np.int16), cells)
 
 
-def is_doubled(changes: Sequence[Change], k: int) -> bool:
+def is_doubled(changes: Sequence[PictureChange], k: int) -> bool:
     """Whether picture k is the one before, stored once more, by the changes of pictures; the first has none.
 
     Its pixels are those of the one before, or, where it was compressed anew, nothing moves in it and little changes,
@@ -83,11 +89,14 @@ def is_doubled(changes: Sequence[Change], k: int) -> bool:
 
 def marked(footage: Iterable[Frame]) -> Iterator[tuple[Frame, bool]]:
     """The frames of a footage, and whether each shows the same picture as the one before."""
-    changes: list[Change] = []
+    changes: list[PictureChange] = []
     waiting: deque[Frame] = deque()  # for those after them, by whose changes they are judged
+    before: _Probes | None = None
     for frame in footage:
-        changes.append(change(waiting[-1].picture if waiting else frame.picture, frame.picture))
+        now = _probes(frame.picture)
+        changes.append(now.change(before or now))
         waiting.append(frame)
+        before = now
         if len(waiting) > NEIGHBOURING_PICTURES:
             yield waiting.popleft(), is_doubled(changes, len(changes) - 1 - NEIGHBOURING_PICTURES)
     while waiting:

@@ -354,10 +354,8 @@ def test_colours_that_an_overexposed_picture_shows_alike_are_of_one_ball() -> No
     white, pink, red = np.array([1.15, 1.33, 1.01]), np.array([1.66, 1.37, 1.07]), np.array([0.81, 0.03, 0.22])
     named = [("pink", pink), ("white", white), ("red", red)]
     assert distinct(named, {"white": 24, "pink": 6, "red": 30}) == named[1:]
-    assert (
-        distinct([("pink", np.array([0.97, 0.6, 0.65])), *named[1:]], {"white": 24, "pink": 6, "red": 30})[0][0]
-        == "pink"
-    )
+    real = [("pink", np.array([0.97, 0.6, 0.65])), *named[1:]]
+    assert distinct(real, {"white": 24, "pink": 6, "red": 30})[0][0] == "pink"
 
 
 def test_balls_at_rest_tell_how_steady_a_measure_is() -> None:

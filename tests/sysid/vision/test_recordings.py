@@ -15,7 +15,7 @@ from sysid.vision.frames import Frame
 from sysid.vision.sheet import TEXT_PX, TEXT_SCALE, wrapped
 from sysid.vision.tracks.clips import clip_set
 from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
-from sysid.vision.tracks.stamps import Change, doubled, is_doubled, marked, missing
+from sysid.vision.tracks.stamps import PictureChange, doubled, is_doubled, marked, missing
 from tests.footage.cameras import overhead
 from tests.sysid.vision.test_follow import BALL, CAMERA, FPS, Recording
 from tests.sysid.vision.test_track import tracked_of
@@ -65,9 +65,9 @@ def test_a_strike_hidden_for_some_frames_is_bridged() -> None:
 
 
 def test_a_picture_stored_twice_is_known_by_its_small_change() -> None:
-    changes = [Change(mean, 50.0) for mean in (0.0, 1.0, 1.1, 0.9, 0.02, 1.2, 1.0, 1.1, 1.0)]
+    changes = [PictureChange(mean, 50.0) for mean in (0.0, 1.0, 1.1, 0.9, 0.02, 1.2, 1.0, 1.1, 1.0)]
     assert [is_doubled(changes, k) for k in range(9)] == [k == 4 for k in range(9)]
-    assert not any(is_doubled([Change(0.9, 50.0)] * 20, k) for k in range(20))
+    assert not any(is_doubled([PictureChange(0.9, 50.0)] * 20, k) for k in range(20))
 
 
 def test_a_noisy_picture_stored_twice_is_known_as_nothing_moves_in_it() -> None:
