@@ -3,9 +3,9 @@
 In: clips (`Split`), their fit and its named effects. Out: the fit without those that are not needed, and the others.
 
 Beside much that is not explained, any effect explains a little: it fits some part of what is missing. So one whose part
-is small is not named there, even if its evidence alone would suffice; nor one on whose size the clips do not agree, of
-whose shape they tell nothing, that follows held-out clips worse once the others are pruned, or with which the fit no
-longer converges then.
+is small is not named there, even if its evidence alone would suffice; nor one on whose size the clips do not agree,
+whose shape they do not determine at all, that follows held-out clips worse once the others are pruned, or with which
+the fit no longer converges then.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def distance_from_absence(found: FittedModel, name: str) -> float:
     """How far the parameters of an effect are from where it vanishes [standard deviations]; inf where none is known.
 
     The root of Wald's statistic, less what chance adds to it where there are several parameters. It is 0 where the
-    clips tell nothing of the shape: a patch that may lie anywhere is any difference between two motions.
+    clips do not determine the shape at all: a patch that may lie anywhere is any difference between two motions.
     """
     off = {n: found.model.meta(n)["off"] for n in found.names if n.startswith(name + ".")}
     known = {n for n, variance in zip(found.names, np.diag(found.covariance), strict=True) if np.isfinite(variance)}

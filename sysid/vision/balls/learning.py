@@ -182,7 +182,7 @@ def _rough_detector(
 
 
 def distinct(colours: Sequence[tuple[str, Array]], seen: Mapping[str, int]) -> list[tuple[str, Array]]:
-    """Names and colours (3,) that pictures can tell apart; of those that look alike when clipped, the one seen most.
+    """Names and colours (3,) that pictures can distinguish; of those that look alike when clipped, the one seen most.
 
     A hand or a cue beside an overexposed ball may have given another colour, which a picture shows as the same white.
     """
