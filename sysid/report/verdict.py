@@ -103,9 +103,8 @@ def _next_step(found: DiscoveryResult) -> str:
     shot = found.next_shot
     if shot is not None:
         cue, (x, y) = shot.cue, shot.place
-        why = f"it {shot.why}" if shot.why.startswith("parts") else shot.why
         return (
             f"film the ball from x = {x:.2f}, y = {y:.2f} m at {cue.speed:.2f} m/s, azimuth {cue.azimuth:.2f} rad"
-            f"{' at another' if shot.other else ''}: {why}"
+            f"{' at another' if shot.other else ''}: {shot.why}"
         )
     return "plan shots in this model; film more clips to see what these do not show"

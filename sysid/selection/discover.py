@@ -64,6 +64,7 @@ MAX_SHAPE_EXCESS = 0.05  # variance beyond noise that a formula's shape may leav
 MAX_SHAPE_SHARE = 0.01  # the same over what was left without it
 log = logging.getLogger(__name__)
 Show = Callable[["DiscoveryResult"], None]
+Prune = Callable[[Split, FittedModel, tuple[str, ...]], Pruned]
 
 
 @dataclass(frozen=True)
@@ -123,24 +124,18 @@ class DiscoveryResult:
         return dataclasses.replace(self, ladder=(*self.ladder, now), verdicts=(*self.verdicts, verdict))
 
 
-def prune(parts: Split, found: DiscoveryResult) -> DiscoveryResult:
-    """Drop effects that the fit does not need: they may have been named beside a fit in a false optimum."""
-    if len(found.verdict) < 2:
-        return found
-    now, verdict = without_needless(parts, found.last, found.verdict, 1)
-    return found if verdict == found.verdict else _ending_with(found, now, verdict)
+def prune(parts: Split, found: DiscoveryResult, by: Prune = without_needless) -> DiscoveryResult:
+    """The result without the effects that one of the functions of pruning.py drops.
 
-
-def _pruned(
-    by: Callable[[Split, FittedModel, tuple[str, ...]], Pruned], parts: Split, found: DiscoveryResult
-) -> DiscoveryResult:
-    """The result without the effects that one of the functions of pruning.py drops beside what is not explained."""
+    Beside what is not explained, `unexplained` is that of the fit without them.
+    """
     now, verdict = by(parts, found.last, found.verdict)
     if verdict == found.verdict:
         return found
     if not verdict:  # the base that no effect has bent
         now = found.ladder[0]
-    return dataclasses.replace(_ending_with(found, now, verdict), unexplained=remainder(now))
+    less = _ending_with(found, now, verdict)
+    return less if found.unexplained is None else dataclasses.replace(less, unexplained=remainder(now))
 
 
 def _ending_with(found: DiscoveryResult, now: FittedModel, verdict: tuple[str, ...]) -> DiscoveryResult:
@@ -204,12 +199,12 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
         found = prune(parts, found)
         found = dataclasses.replace(found, unexplained=remainder(found.last))
         if found.unexplained is not None and not parts.cut:  # of cut shots, whole ones decide
-            found = _pruned(without_unclear, parts, found)
+            found = prune(parts, found, without_unclear)
     if found.verdict and found.explained is None:
         last = settled_on(parts, found.last)
         found = dataclasses.replace(found, ladder=(*found.ladder[:-1], last))
         if found.unexplained is not None:
-            found = _pruned(without_unsettled, parts, found)
+            found = prune(parts, found, without_unsettled)
     found = without_idle(parts, clip_set, dataclasses.replace(found, whole=fit_whole_shots(clip_set, found)))
     return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
 
@@ -265,7 +260,7 @@ def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, form
     Effects that were named before the formula may have stood in for it, or explain what it was found for: then they, or
     it, are dropped.
     """
-    now, verdict = without_undetermined(parts, *without_needless(parts, now, found.verdict, 0))
+    now, verdict = without_undetermined(parts, *without_needless(parts, now, found.verdict, least=0))
     earlier = _formula_earlier(parts, found, now, verdict)
     if earlier is not None:
         formula, now, verdict = earlier
@@ -323,7 +318,7 @@ def propose_next(
         rivals = [one for one in named[-1].fits if one.name != best.name]
         if rivals:
             rival = rivals[0].fitted
-            why = f"parts {best.name} from {rivals[0].name}, the next best"
+            why = f"to separate {best.name} from {rivals[0].name}, the next best"
             return propose_shot(rival, best.fitted.model, rival.covariance, parts.noise, why)
     # An effect that the active ones can imitate wholly is hidden at any size: no shot would show it.
     rows = [row for row in rounds[-1].scores.rows if _is_separate(row)]

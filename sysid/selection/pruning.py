@@ -38,7 +38,7 @@ def fit_without(parts: Split, found: FittedModel, name: str) -> FittedModel:
     return warm_started(parts, plain, found, f"without {name}") or plain
 
 
-def without_needless(parts: Split, now: FittedModel, verdict: tuple[str, ...], least: int) -> Pruned:
+def without_needless(parts: Split, now: FittedModel, verdict: tuple[str, ...], least: int = 1) -> Pruned:
     """The fit without those of the named effects whose evidence, beside the others, is gone; at least so many stay."""
     while len(verdict) > least:
         log.info("whether all of them are needed")

@@ -42,7 +42,7 @@ def remainder(now: Point) -> Mapping[str, Any] | None:
     where = EVENT_PLACES.get(shared_cause(now) or "", "not located")
     return oscillation(now) or {
         "where": where, "depends_on": [], "size": now.problem.noise * float(np.sqrt(excess)), "unit": "m",
-        "what": f"error beyond the noise, rms, {tau:.0f} samples of which hang together", "form": None,
+        "what": f"error beyond the noise, rms, correlated over {tau:.0f} samples", "form": None,
         "delta_bic": None, "terms": [],
     }  # fmt: skip
 

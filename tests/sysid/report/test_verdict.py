@@ -39,14 +39,14 @@ def found(*effects: str, held: int = 5, converged: bool = True, **more: Any) -> 
 
 
 def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> None:
-    shot = NextShot(CueCommand(2.0, 0.5), (-1.0, 0.2), (0.0, 0.3), 9.0, "parts table_tilt from cloth_nap")
+    shot = NextShot(CueCommand(2.0, 0.5), (-1.0, 0.2), (0.0, 0.3), 9.0, "to separate table_tilt from cloth_nap")
     missing, size, certainty, step = verdict_of(found("table_tilt", next_shot=shot)).lines()
     assert missing == "missing: table_tilt (slope_x 0.000700 ± 0.000010 rad, slope_y -0.0016 ± – rad)"
     assert size.startswith("size: the rms miss falls from 10.0 mm to 0.500 mm (held out 11.0 mm to 0.550 mm);")
     assert size.endswith("noise alone leaves 0.707 mm")
     assert certainty == "certainty: table_tilt has a delta BIC of 5120, 1800 more than the next"
     assert step.startswith("next: film the ball from x = -1.00, y = 0.20 m at 2.00 m/s, azimuth 0.50 rad at another:")
-    assert step.endswith("it parts table_tilt from cloth_nap")
+    assert step.endswith("to separate table_tilt from cloth_nap")
 
 
 def test_nothing_missing_is_said_plainly() -> None:
