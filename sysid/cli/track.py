@@ -143,7 +143,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
         reports.append(_report(progress, filmed, outputs, video, camera, film))
         doubtful |= bool(result.doubts)
         if film.clips is not None:
-            so_far = joined(so_far, of_video(film.clips, name, result, place_of(video, outputs.out)))
+            so_far = joined(so_far, of_video(film.clips, name, result, place_of(video, outputs.out), film.fps))
             write_clip_set(so_far, outputs.out)
             print(f"\nclips: {outputs.out}")
         for doubt in result.doubts:

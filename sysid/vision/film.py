@@ -57,6 +57,7 @@ class TrackedFilm:
     seen: tuple[Details, ...]  # of each shot
     clips: ClipSet | None  # None where there is no shot
     remarks: tuple[str, ...]  # for the user
+    fps: float  # at which it is read [1/s]
 
 
 def track_film(
@@ -87,8 +88,8 @@ def track_film(
     if taken.mass is None:
         remarks.append(f"mass {mass:.4f} kg, that of a snooker ball of this size: give yours with --mass")
     extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
-    clips = clip_set(result, camera, mass, footage.fps, extras) if result.shots else None
-    return TrackedFilm(result, seen, clips, tuple(remarks))
+    clips = clip_set(result, camera, mass, result.picture_rate or footage.fps, extras) if result.shots else None
+    return TrackedFilm(result, seen, clips, tuple(remarks), footage.fps)
 
 
 def _show(live: LiveTrack, camera: Camera, frame: Frame, seen: Sequence[Detection]) -> None:

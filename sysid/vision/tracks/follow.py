@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -101,6 +101,14 @@ class BallTrack:
     sd: Array  # (n,) of a detection, estimated by the detector [pixels]
     radius: Array  # (n,) of its outline [pixels]
     face_change: Array  # (n,) of its face since the previous frame, 1 for noise alone; NaN where unknown
+
+    def without(self, dropped: NDArray[np.bool_]) -> BallTrack:
+        """The track without some of its detections (n,)."""
+        keep = ~dropped
+        return replace(
+            self, frame=self.frame[keep], time=self.time[keep], pixels=self.pixels[keep], xy=self.xy[keep],
+            sd=self.sd[keep], radius=self.radius[keep], face_change=self.face_change[keep],
+        )  # fmt: skip
 
 
 @dataclass

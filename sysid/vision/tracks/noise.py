@@ -20,6 +20,7 @@ from sysid.vision.camera.projection import Array
 from sysid.vision.tracks.follow import BallTrack
 from sysid.vision.tracks.moves import TrackedScene
 
+DEFAULT_NOISE_RADII = 0.01  # standard deviation to use where it cannot be estimated, in ball radii
 MIN_DIFFERENCES = 50  # that make an estimate of the noise
 SWAY_TURNS = 2.0  # of a ball, over which correlated errors are estimated
 MIN_SWAY_FRAMES = 10  # of such a segment

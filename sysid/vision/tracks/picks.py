@@ -87,7 +87,7 @@ def seem_uneven(tracks: Sequence[BallTrack], frames: NDArray[np.int64]) -> bool:
 
 
 @dataclass(frozen=True)
-class _Run:
+class Run:
     """Steps in a row of a ball that rolls freely."""
 
     at: NDArray[np.int64]  # (n,) index of the step, among those between frames
@@ -99,21 +99,21 @@ def find_picks(
     tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array, period: float, sigma: float
 ) -> Picks | None:
     """The finer sequence that frames (n,) at times (n,) [s] were picked from, if balls show one beyond doubt."""
-    runs = [run for track in tracks for run in _runs(track, frames, sigma)]
+    runs = free_runs(tracks, frames, sigma)
     stamps = np.diff(times) / period
     durations, determined = _durations(runs, stamps, period)
     uneven = determined & (np.abs(durations - stamps) > 0.5 / FINER_PICTURES)
     if uneven.sum() < max(MIN_UNEVEN, MIN_UNEVEN_FRACTION * determined.sum()):
         return None
     change = np.diff(_late(runs, durations, stamps, period))
-    misfit = _misfit(runs, stamps + change / FINER_PICTURES, determined, period)
-    if misfit > MAX_ERROR_RATIO * _misfit(runs, stamps, determined, period):
+    misfit = step_misfit(runs, stamps + change / FINER_PICTURES, determined, period)
+    if misfit > MAX_ERROR_RATIO * step_misfit(runs, stamps, determined, period):
         return None
     whole = np.rint(stamps * FINER_PICTURES).astype(int) + change
     return Picks({int(frames[k + 1]): int(whole[k]) for k in np.flatnonzero(change)})
 
 
-def _late(runs: Sequence[_Run], durations: Array, stamps: Array, period: float) -> NDArray[np.int64]:
+def _late(runs: Sequence[Run], durations: Array, stamps: Array, period: float) -> NDArray[np.int64]:
     """By how many parts each frame (n + 1,) is late, by all steps (n,) at once; at most one less than a period has.
 
     The least sum of the squared misfits of steps to the speeds around them, by dynamic programming. A step that no
@@ -140,7 +140,7 @@ def _late(runs: Sequence[_Run], durations: Array, stamps: Array, period: float) 
     return found
 
 
-def _durations(runs: Sequence[_Run], stamps: Array, period: float) -> tuple[Array, NDArray[np.bool_]]:
+def _durations(runs: Sequence[Run], stamps: Array, period: float) -> tuple[Array, NDArray[np.bool_]]:
     """Durations of steps (n,) in periods, and which of them the balls show (n,).
 
     None where too few are whole numbers of parts on which the balls agree.
@@ -171,8 +171,15 @@ def _durations(runs: Sequence[_Run], stamps: Array, period: float) -> tuple[Arra
     return np.where(determined, durations, stamps), determined
 
 
-def _misfit(runs: Sequence[_Run], durations: Array, determined: NDArray[np.bool_], period: float) -> float:
-    """Mean of what steps whose duration is known differ from the speeds around them [sd]."""
+def step_misfit(runs: Sequence[Run], durations: Array, determined: NDArray[np.bool_], period: float) -> float:
+    """Mean of what steps whose duration is known differ from the speeds around them [sd]; infinite where none is.
+
+    Args:
+        runs: of all balls.
+        durations: of all steps (n,) [periods].
+        determined: of which they are known (n,).
+        period: of the stamps [s].
+    """
     off = []
     for run in runs:
         speed = _speeds(run, durations, period, 0.0)
@@ -182,7 +189,12 @@ def _misfit(runs: Sequence[_Run], durations: Array, determined: NDArray[np.bool_
     return float(np.mean(np.abs(values))) if values.size else np.inf
 
 
-def _runs(track: BallTrack, frames: NDArray[np.int64], sigma: float) -> list[_Run]:
+def free_runs(tracks: Sequence[BallTrack], frames: NDArray[np.int64], sigma: float) -> list[Run]:
+    """Steps between frames (m,) of all balls, in rows without an impact."""
+    return [run for track in tracks for run in _runs(track, frames, sigma)]
+
+
+def _runs(track: BallTrack, frames: NDArray[np.int64], sigma: float) -> list[Run]:
     """Steps of a ball in a row without an impact, with the scatter that it has across its way."""
     at = np.searchsorted(frames, track.frame)
     step = np.diff(track.xy, axis=0)
@@ -205,7 +217,7 @@ def _runs(track: BallTrack, frames: NDArray[np.int64], sigma: float) -> list[_Ru
         if k == len(step) or not moving[k] or bends[k]:
             # The first step and the last may hold an impact.
             for part in _even_parts(length, first + 1, k - 1):
-                found.append(_Run(at[part].astype(np.int64), length[part], float(np.sqrt(2) * sd)))
+                found.append(Run(at[part].astype(np.int64), length[part], float(np.sqrt(2) * sd)))
             first = k if k < len(step) and moving[k] else k + 1
     return found
 
@@ -224,7 +236,7 @@ def _even_parts(length: Array, first: int, stop: int) -> list[slice]:
     return [*_even_parts(length, first, at - 1), *_even_parts(length, at + 1, stop)]
 
 
-def _speeds(run: _Run, durations: Array, period: float, uneven: float) -> Array:
+def _speeds(run: Run, durations: Array, period: float, uneven: float) -> Array:
     """Speeds (n,) at the steps of a run, from the steps around each and not itself [m a period]; NaN if few.
 
     Args:

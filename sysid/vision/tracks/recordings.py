@@ -15,6 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from models.errors import BadInput
 from sysid.clips import ClipSet, read_clip_set
 from sysid.vision.camera.projection import Camera
@@ -55,8 +57,16 @@ def videos_in(clip_set: ClipSet | None) -> dict[str, dict[str, Any]]:
     return {v["name"]: v for v in entries if isinstance(v, dict) and isinstance(v.get("name"), str)}
 
 
-def of_video(clip_set: ClipSet, name: str, result: Tracked, file: str = "") -> ClipSet:
-    """The clips of one video, named by it and their time; `file` is where it is, as the clip set says."""
+def of_video(clip_set: ClipSet, name: str, result: Tracked, file: str = "", fps: float = math.nan) -> ClipSet:
+    """The clips of one video, named by it and their time.
+
+    Args:
+        clip_set: the clips.
+        name: of the video.
+        result: of tracking it.
+        file: where it is, as the clip set says.
+        fps: at which it is read [1/s].
+    """
     clips, samples = [], 0
     for clip, shot, found in zip(clip_set.clips, result.shots, result.found, strict=True):
         told_as = f"clips/{name}-{round(1e3 * shot.time):06d}ms.csv"
@@ -64,7 +74,7 @@ def of_video(clip_set: ClipSet, name: str, result: Tracked, file: str = "") -> C
         clips.append(replace(clip, file=told_as, extra={**clip.extra, "video": name, "frames": [first, shot.last]}))
         samples += sum(len(seen.time) for seen in clip.balls.values())
     entry = {"name": name, "clips": len(clips), "samples": samples, "left_out": list(result.left_out)}
-    entry |= {"file": file, "fps": clip_set.fps} if file else {}
+    entry |= {"file": file, "fps": fps} if file else {}
     if math.isfinite(result.noise.moving):  # the scatter at rest says too little of balls that move
         entry["sigma"] = result.noise.moving
     entry["places_rms"] = result.places.rms
@@ -77,16 +87,18 @@ def place_of(video: str, folder: Path) -> str:
 
 
 def joined(before: ClipSet | None, more: ClipSet) -> ClipSet:
-    """Both clip sets in one."""
+    """Both clip sets in one, at the frame rate of most samples."""
     if before is None:
         return more
     videos = [*before.extra[VIDEOS_KEY], *more.extra[VIDEOS_KEY]]
     weights = [(v["samples"], v["sigma"]) for v in videos if "sigma" in v]
     total = sum(count for count, _ in weights)
     sigma = math.sqrt(sum(count * sd**2 for count, sd in weights) / total) if total else more.sigma
-    return replace(
-        before, clips=(*before.clips, *more.clips), sigma=sigma, extra={**before.extra, VIDEOS_KEY: videos}
-    )  # fmt: skip
+    clips = (*before.clips, *more.clips)
+    steps = [np.diff(np.unique(np.concatenate([seen.time for seen in clip.balls.values()]))) for clip in clips]
+    usual = float(np.median(np.concatenate(steps)))
+    fps = min(before.fps, more.fps, key=lambda rate: abs(usual * rate - 1))
+    return replace(before, clips=clips, fps=fps, sigma=sigma, extra={**before.extra, VIDEOS_KEY: videos})
 
 
 def check_camera(before: ClipSet, camera: Camera, folder: Path) -> None:

@@ -15,11 +15,11 @@ import numpy as np
 
 from models.shot import Ball
 from sysid.clips import Clip, ClipSet, Observation
-from sysid.clips.running import from_free_motion
+from sysid.clips.running import MAX_BENT_SD, from_free_motion
 from sysid.vision.tracks.moves import MAX_UNSEEN_S, Move, TrackedScene, mean_velocity
 from sysid.vision.tracks.strikes import (
     MIN_CLIP_DETECTIONS,
-    Split,
+    FoundShots,
     TrackedShot,
     Unstruck,
     balls_there,
@@ -28,25 +28,30 @@ from sysid.vision.tracks.strikes import (
 )
 
 UNUSED_MASS_KG = 1.0  # of a ball, which no motion shows
+MAX_STRUCK_S = 0.3  # after the video begins, within which a ball may be struck that was not seen at rest for long
+STRUCK_STEPS = 5  # after the strike, from which the speed is known
+MAX_SLOW_SHARE = 0.1  # of it, before the strike
+MIN_FAST_SHARE = 0.75  # and in each of these steps,
+MAX_GAIN = 1.1  # in which it grows no more than by this factor
 TOO_SHORT = "too little of it is followed freely"
 
 
-def running_shots(scene: TrackedScene, split: Split) -> tuple[list[TrackedShot], list[tuple[float, str]]]:
+def running_shots(scene: TrackedScene, struck: FoundShots) -> tuple[list[TrackedShot], list[tuple[float, str]]]:
     """Running clips in order of time, and times [s] and messages of motion that makes none."""
     found: list[TrackedShot] = []
     notes: list[tuple[float, str]] = []
-    covered = [(shot.first, shot.last) for shot in split.shots]
-    pending = [*split.unstruck, *(one for shot in split.shots for one in _cut_off(scene, shot, split.strikes))]
+    covered = [(shot.first, shot.last) for shot in struck.shots]
+    pending = [*struck.unstruck, *(one for shot in struck.shots for one in _cut_off(scene, shot, struck.strikes))]
     while pending:
         one = min(pending, key=lambda u: u.frame)
         pending.remove(one)
         if any(first <= one.frame <= last for first, last in covered):
             continue
-        shot, why = _running(scene, one, [*split.strikes, *(shot.first for shot in split.shots)])
+        shot, why = _running(scene, one, [*struck.strikes, *(shot.first for shot in struck.shots)])
         if shot is not None:
             found.append(shot)
             covered.append((one.frame, shot.last))
-            pending += _cut_off(scene, shot, split.strikes)
+            pending += _cut_off(scene, shot, struck.strikes)
         else:
             notes.append((scene.time_of(one.frame), f"{one.why}; {why}: left out"))
     return found, notes
@@ -84,13 +89,38 @@ def _running(scene: TrackedScene, one: Unstruck, strikes: Iterable[int]) -> tupl
     seen, why = balls_there(scene, names, start, last, [m for m in after if m.name not in names])
     if seen is None:
         return None, why
-    by_hand = [move.name for move in moving if gains_speed(scene, move)]
+    by_hand = [move for move in moving if gains_speed(scene, move)]
     if by_hand:
-        return None, f"{by_hand[0]} gains speed, as if moved by hand"
+        frame, shot = _struck_at(scene, by_hand[0]), None
+        if frame is not None:
+            why = f"{by_hand[0].name} was struck just after the video begins"
+            shot, _ = _running(scene, dataclasses.replace(one, frame=frame, why=why), strikes)
+        return shot, f"{by_hand[0].name} gains speed, as if moved by hand" * (shot is None)
     shot = TrackedShot(
         names[0], scene.time_of(start), start, last, seen.names, 0.0, seen.potted, (*ends, *seen.remarks), running=names
     )
     return _begun(scene, shot, one.why)
+
+
+def _struck_at(scene: TrackedScene, move: Move) -> int | None:
+    """The frame from which on a ball moves that was struck just after the video begins; None where it was not.
+
+    A cue gives it its speed within one step or two, a hand over many.
+    """
+    if move.place is not None:
+        return None
+    track, rows = move.track, slice(move.first, move.stop)
+    speed = np.hypot(*np.diff(track.xy[rows], axis=0).T) / np.diff(track.time[rows])
+    noise = MAX_BENT_SD * scene.sigma / scene.period
+    for k in range(len(speed) - STRUCK_STEPS):
+        if track.time[move.first + k] - scene.times[0] > MAX_STRUCK_S:
+            return None
+        after = speed[k + 1 : k + 1 + STRUCK_STEPS]
+        usual = float(np.median(after))
+        still = speed[:k].max(initial=0.0) < MAX_SLOW_SHARE * usual + noise
+        if still and after.min() > MIN_FAST_SHARE * usual and after.max() < MAX_GAIN * after[0] + noise:
+            return int(track.frame[move.first + k + 1])
+    return None
 
 
 def _since(move: Move, frame: int) -> Move:

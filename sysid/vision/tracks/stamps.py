@@ -9,8 +9,8 @@ multiple of those before and after it; no free ball can.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -21,10 +21,13 @@ from sysid.vision.frames import Frame, Picture
 from sysid.vision.tracks.follow import BallTrack
 
 PROBE_PX = 4  # every so many pixels are compared; or means of cells of this size
+LIGHT_STEP = 4  # of these cells, every so many tell how the light changes
+MIN_LIGHT_VARIANCE = 1.0  # of their values, to tell it
 CHANGED_VALUES = 24  # of cells, three a cell, that change at least where a ball moves
 NEIGHBOURING_PICTURES = 5  # on either side, with whose changes that of a picture is compared
 USUAL_QUANTILE = 0.75  # of theirs, that is usual
 DOUBLED_FRACTION = 0.25  # of the usual change, below which a picture is the one before
+MAX_STILL_FRACTION = 0.5  # of what moves on both sides of it: by more, something moves in it, in whatever light
 MAX_COPIES = 2  # in a row, of a picture that was compressed anew; a longer standstill may be a real one
 MAX_NOISE_FRACTION = 0.6  # of the usual mean change, up to which such a copy differs by noise
 MIN_STEP_SD = 12.0  # of a ball that moves clearly, between frames
@@ -39,7 +42,7 @@ MAX_MULTIPLE = 12
 
 @dataclass(frozen=True)
 class PictureChange:
-    """Differences of a picture from the one before [grey levels]."""
+    """Differences of a picture from the one before in the same light [grey levels]."""
 
     mean: float  # of all pixels
     most: float  # of the cells that have changed most: of what moves, as noise is little in their means
@@ -49,42 +52,54 @@ class PictureChange:
 class _Probes:
     """What of a picture is compared with others."""
 
-    pixels: NDArray[np.int16]  # (rows, columns, 3) every so many
+    pixels: NDArray[np.float32]  # (rows, columns, 3) every so many
     cells: Picture  # (rows, columns, 3) means of as many around them
 
     def change(self, before: _Probes) -> PictureChange:
-        """How the picture differs from the one before."""
-        off = cv2.absdiff(before.cells, self.cells).ravel()
+        """How the picture differs from the one before, apart from a lamp that flickers or an exposure that adapts."""
+        gain, offset = self._light_change(before)
+        off = cv2.absdiff(cv2.convertScaleAbs(before.cells, alpha=gain, beta=offset), self.cells).ravel()
         last = len(off) - min(CHANGED_VALUES, len(off))
-        return PictureChange(float(np.abs(before.pixels - self.pixels).mean()), float(np.partition(off, last)[last]))
+        mean = float(np.abs(gain * before.pixels + offset - self.pixels).mean())
+        return PictureChange(mean, float(np.partition(off, last)[last]))
+
+    def _light_change(self, before: _Probes) -> tuple[float, float]:
+        """Gain and offset of grey levels since the picture before, by least squares."""
+        earlier, now = (probes.cells[::LIGHT_STEP, ::LIGHT_STEP].ravel() for probes in (before, self))
+        spread = float(earlier.var())
+        if spread < MIN_LIGHT_VARIANCE:
+            return 1.0, 0.0
+        gain = float(np.mean((earlier - earlier.mean()) * now)) / spread
+        return gain, float(now.mean() - gain * earlier.mean())
 
 
 def _probes(picture: Picture) -> _Probes:
     height, width = picture.shape[:2]
     size = max(1, width // PROBE_PX), max(1, height // PROBE_PX)
     cells = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return _Probes(picture[::PROBE_PX, ::PROBE_PX].astype(np.int16), cells)
+    return _Probes(picture[::PROBE_PX, ::PROBE_PX].astype(np.float32), cells)
 
 
 def is_doubled(changes: Sequence[PictureChange], k: int) -> bool:
     """Whether picture k is the one before, stored once more, by the changes of pictures; the first has none.
 
-    Its pixels are those of the one before, or, where it was compressed anew, nothing moves in it and little changes,
-    while something moves just before and after.
+    Its pixels are nearly those of the one before, or, where it was compressed anew, nothing moves in it and little
+    changes, while something moves just before and after.
     """
     if k == 0:
         return False
+    now = changes[k]
+    sides = changes[max(1, k - MAX_COPIES) : k], changes[k + 1 : k + 1 + MAX_COPIES]
+    moving = min(max((one.most for one in side), default=np.inf) for side in sides)
     around = [*changes[max(1, k - NEIGHBOURING_PICTURES) : k], *changes[k + 1 : k + 1 + NEIGHBOURING_PICTURES]]
     if len(around) > 2:
         usual = float(np.quantile([one.mean for one in around], USUAL_QUANTILE))
-        if changes[k].mean < DOUBLED_FRACTION * usual:
+        if now.mean < DOUBLED_FRACTION * usual and now.most < MAX_STILL_FRACTION * moving:
             return True
-    sides = changes[max(1, k - MAX_COPIES) : k], changes[k + 1 : k + 1 + MAX_COPIES]
     if not all(sides):
         return False
-    moving = min(max(one.most for one in side) for side in sides)
     changing = min(max(one.mean for one in side) for side in sides)
-    return changes[k].most < DOUBLED_FRACTION * moving and changes[k].mean < MAX_NOISE_FRACTION * changing
+    return now.most < DOUBLED_FRACTION * moving and now.mean < MAX_NOISE_FRACTION * changing
 
 
 def marked(footage: Iterable[Frame]) -> Iterator[tuple[Frame, bool]]:
@@ -128,14 +143,15 @@ def missing(tracks: Sequence[BallTrack], frames: NDArray[np.int64], period: floa
         length = np.linalg.norm(step, axis=1)
         count = np.maximum(np.rint(np.diff(track.time) / period), 1).astype(int)
         for k in range(2, len(step) - 1):
-            around = length[[k - 2, k - 1, k + 1]]
+            near = [k - 2, k - 1, k + 1]
+            around = length[near] / count[near]
             usual = float(around[:2].mean())
-            if (count[[k - 2, k - 1, k + 1]] != 1).any() or usual < max(MIN_STEP_SD * sigma, MIN_STEP_M):
+            if usual < max(MIN_STEP_SD * sigma, MIN_STEP_M):
                 continue
             even = abs(around[0] - around[1]) < MAX_STEP_CHANGE * usual
             even &= abs(around[2] - usual) < MAX_LATER_CHANGE * usual
             turn = abs(float(step[k, 0] * step[k - 1, 1] - step[k, 1] * step[k - 1, 0]))
-            straight = turn < MAX_TURN_SINE * length[k] * around[1] and float(step[k] @ step[k - 1]) > 0
+            straight = turn < MAX_TURN_SINE * length[k] * length[k - 1] and float(step[k] @ step[k - 1]) > 0
             ratio = length[k] / usual if even and straight else float(count[k])
             steps.setdefault(int(frames[at[k] + 1]), []).append((ratio, int(count[k])))
     found = {}
@@ -147,12 +163,7 @@ def missing(tracks: Sequence[BallTrack], frames: NDArray[np.int64], period: floa
     return found
 
 
-def later(tracks: Sequence[BallTrack], gaps: dict[int, int], period: float) -> tuple[BallTrack, ...]:
-    """The tracks with the times after every gap set right."""
-    return tuple(replace(t, time=t.time + delays(t.frame, gaps, period)) for t in tracks)
-
-
-def delays(frames: NDArray[np.int64], gaps: dict[int, int], period: float) -> Array:
+def delays(frames: NDArray[np.int64], gaps: Mapping[int, int], period: float) -> Array:
     """What is to be added to the stamps of frames (n,) [s]."""
     total = np.zeros(len(frames))
     for frame, count in gaps.items():

@@ -64,7 +64,7 @@ class Unstruck:
 
 
 @dataclass(frozen=True)
-class Split:
+class FoundShots:
     """What the moves of a footage are made of."""
 
     shots: tuple[TrackedShot, ...]  # in order of time
@@ -73,7 +73,7 @@ class Split:
     left_out: tuple[tuple[float, str], ...]  # time [s], and why
 
 
-def split_shots(scene: TrackedScene) -> Split:
+def split_shots(scene: TrackedScene) -> FoundShots:
     """Shots, motion that may begin a running clip, and messages on what was left out."""
     moves = scene.moves
     notes: list[tuple[float, str]] = []
@@ -100,7 +100,7 @@ def split_shots(scene: TrackedScene) -> Split:
             else:
                 unstruck.append(Unstruck(struck.began + 1, f"{struck.name} was struck, but {why}"))
     unstruck.sort(key=lambda one: one.frame)
-    return Split(tuple(shots), tuple(unstruck), tuple(s.before for s, _, _ in strikes), tuple(notes))
+    return FoundShots(tuple(shots), tuple(unstruck), tuple(s.before for s, _, _ in strikes), tuple(notes))
 
 
 def _may_touch(scene: TrackedScene, other: Move, move: Move) -> bool:

@@ -15,8 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.shot import Table
-from sysid.clips import Observation
-from sysid.clips.outliers import find_outliers
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
 from sysid.vision.ahead import ahead
 from sysid.vision.balls.discs import Shutter
@@ -25,12 +23,14 @@ from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.naming import named
-from sysid.vision.tracks.noise import Noise, difference_noise, estimate_noise
-from sysid.vision.tracks.picks import UNEVEN_SD, find_picks, seem_uneven
+from sysid.vision.tracks.noise import DEFAULT_NOISE_RADII, Noise, difference_noise, estimate_noise
+from sysid.vision.tracks.outliers import without_outliers
+from sysid.vision.tracks.picks import UNEVEN_SD, seem_uneven
+from sysid.vision.tracks.picture_times import TimedTracks, set_right
 from sysid.vision.tracks.places import PlaceError, place_error
 from sysid.vision.tracks.running import running_shots
 from sysid.vision.tracks.spins import face_change, spins
-from sysid.vision.tracks.stamps import delays, doubled, later, marked, missing
+from sysid.vision.tracks.stamps import marked
 from sysid.vision.tracks.strikes import TrackedShot, split_shots
 from sysid.vision.tracks.unsaid import unsaid
 
@@ -43,14 +43,9 @@ if TYPE_CHECKING:
 FULL_SEARCH_INTERVAL_S = 0.2  # between two searches of the whole picture
 PROGRESS_INTERVAL_S = 0.2  # between two lines of progress
 SAME_BALL_RADII = 1.2  # within which two detections are of the same ball
-DEFAULT_NOISE_RADII = 0.01  # standard deviation to use where it cannot be estimated, in ball radii
-MAX_SD_RATIO = 8.0  # of a detection to the median; less accurate ones are not used
 MAX_LOST_FRACTION = 0.5  # of the struck ball's frames without a detection, above which a clip is doubtful
 MAX_NOISE_RADII = 0.15  # noise above which the result is doubtful, in ball radii
-MAX_ASIDE_SD = 4.0  # of a place from the line between its neighbours, on which it may be early or late,
-MAX_ASIDE_M = 1e-3  # or this far
 USUAL_FRAMES = 12  # the last ones, that show how often a picture is new
-MAX_LISTED = 8  # frames that are named
 MAX_BEYOND_NOSE_M = 0.004  # of a detection beyond the nose line
 NO_SHOT = "no shot was found, neither from a clean stroke on nor in mid-motion"
 
@@ -70,6 +65,7 @@ class Tracked:
     notes: tuple[str, ...]  # what was assumed or discarded, for the user
     rate: float  # of the tracking [frames/s]
     places: PlaceError  # of its clips
+    picture_rate: float | None = None  # pictures taken in a second, where it is not the film's [1/s]
 
 
 def track(
@@ -93,9 +89,9 @@ def track(
         progress("frames seem to be taken at uneven times: following the balls once more")
         found = _followed(footage, camera, detector, counts, progress, shutter, watch, UNEVEN_SD / footage.fps)
     followed, names = named(found.tracks, footage, detector)
-    tracks, index, stamps, told = _stamped(followed, found.frames, found.times, found.twice, camera)
-    result = tracked(tracks, index, stamps, camera, found.rate)
-    return replace(result, notes=(*names, *told, *result.notes))
+    timed = set_right(TimedTracks(followed, found.frames, found.times), found.twice, camera)
+    result = tracked(timed.tracks, timed.frames, timed.times, camera, found.rate)
+    return replace(result, notes=(*names, *timed.notes, *result.notes), picture_rate=timed.rate)
 
 
 @dataclass(frozen=True)
@@ -152,58 +148,6 @@ def _usual_interval(times: Sequence[float], twice: Sequence[bool], default: floa
     return float(np.median(np.diff(fresh))) if len(fresh) > 2 else default
 
 
-def _stamped(
-    tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array, twice: NDArray[np.bool_], camera: Camera
-) -> tuple[Sequence[BallTrack], NDArray[np.int64], Array, list[str]]:
-    """Tracks, frames and times without doubled frames, those after missing ones later; and what to report of it."""
-    again = frames[twice].tolist()
-    tracks, frames, times = _without(twice, tracks, frames, times)
-    sigma = _resting_noise(tracks, frames, times, camera)
-    twice = doubled(tracks, frames, sigma)
-    if twice.any():
-        again = sorted([*again, *frames[twice].tolist()])
-        tracks, frames, times = _without(twice, tracks, frames, times)
-        sigma = _resting_noise(tracks, frames, times, camera)
-    notes = [f"{_listed(again)} the same picture as before: left out"] if again else []
-    if len(times) < 2 or not tracks:
-        return tracks, frames, times, notes
-    period = float(np.median(np.diff(times)))
-    picks = find_picks(tracks, frames, times, period, sigma)
-    if picks is not None:
-        notes.append(picks.text(period))
-        late = picks.delays(frames, times, period)
-        tracks = [replace(t, time=t.time + late[np.searchsorted(frames, t.frame)]) for t in tracks]
-        return tracks, frames, times + late, notes
-    gaps = missing([_without_outliers(track, sigma, []) for track in tracks], frames, period, sigma)
-    for frame, count in gaps.items():
-        notes.append(f"before frame {frame} {count} missing, though stamps are even: later stamps set right")
-    return later(tracks, gaps, period), frames, times + delays(frames, gaps, period), notes
-
-
-def _without(
-    left_out: NDArray[np.bool_], tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array
-) -> tuple[Sequence[BallTrack], NDArray[np.int64], Array]:
-    """Tracks, frames and times (m,) without some of the frames (m,)."""
-    if left_out.any():
-        tracks = [_dropping(track, np.isin(track.frame, frames[left_out])) for track in tracks]
-    return [track for track in tracks if len(track.frame)], frames[~left_out], times[~left_out]
-
-
-def _resting_noise(tracks: Sequence[BallTrack], frames: NDArray[np.int64], times: Array, camera: Camera) -> float:
-    """Of balls at rest, per axis [m]; a usual value where none rests."""
-    if len(times) < 2 or not tracks:
-        return math.nan
-    sigma = difference_noise(TrackedScene(tracks, frames, times, camera.table, camera.radius, 0.0), resting=True)
-    return sigma if math.isfinite(sigma) else DEFAULT_NOISE_RADII * camera.radius
-
-
-def _listed(frames: Sequence[int]) -> str:
-    """Frames in words, the first few by number."""
-    first = ", ".join(str(f) for f in frames[:MAX_LISTED])
-    rest = f" and {len(frames) - MAX_LISTED} more" if len(frames) > MAX_LISTED else ""
-    return f"frame{'s' * (len(frames) > 1)} {first}{rest} show{'s' * (len(frames) == 1)}"
-
-
 def _detect(
     detector: Detector, picture: Picture, expected: Sequence[tuple[str, Array]], steps: Sequence[Array],
     shutter: Shutter, full_search: bool,
@@ -224,7 +168,7 @@ def tracked(
     scene = TrackedScene(tracks, frames, times, camera.table, camera.radius, 0.0)
     initial_noise = difference_noise(scene, resting=True)
     scene = replace(scene, sigma=initial_noise if math.isfinite(initial_noise) else DEFAULT_NOISE_RADII * camera.radius)
-    scene = replace(scene, tracks=[_without_outliers(track, scene.sigma, notes) for track in tracks])
+    scene = replace(scene, tracks=[without_outliers(track, scene.sigma, notes) for track in tracks])
     noise = estimate_noise(scene)
     if math.isfinite(noise.sigma):
         scene = replace(scene, sigma=max(noise.sigma, 1e-6), rest_sigma=initial_noise)
@@ -263,11 +207,11 @@ def tracked(
 
 def _shots(scene: TrackedScene) -> tuple[list[TrackedShot], list[str]]:
     """Shots, running clips and spins in place, in order of time, and messages on what was left out."""
-    split = split_shots(scene)
-    running, notes = running_shots(scene, split)
-    shots = [*split.shots, *running]
+    struck = split_shots(scene)
+    running, notes = running_shots(scene, struck)
+    shots = [*struck.shots, *running]
     shots += spins(scene, shots)
-    notes = [*split.left_out, *notes]
+    notes = [*struck.left_out, *notes]
     notes += unsaid(scene, shots, notes)
     left_out = [f"{_moment(scene, time)}: {text}" for time, text in sorted(notes)]
     return sorted(shots, key=lambda shot: shot.time), left_out
@@ -295,39 +239,6 @@ def _clip_tracks(shot: TrackedShot, scene: TrackedScene) -> ClipTracks:
             stop = shot.potted.get(track.name, shot.last)
             found[track.name] = (track, np.flatnonzero((track.frame >= shot.first) & (track.frame <= stop)))
     return {name: found[name] for name in shot.balls}
-
-
-def _without_outliers(track: BallTrack, sigma: float, notes: list[str]) -> BallTrack:
-    """A track without inaccurate detections and outliers; appends to the notes."""
-    inaccurate = track.sd > MAX_SD_RATIO * np.median(track.sd)
-    track = _dropping(track, inaccurate) if inaccurate.any() else track
-    outlying = find_outliers(Observation(track.time, track.xy, np.full(len(track.time), np.nan)), sigma)
-    outlying &= ~_on_the_way(track.xy, max(MAX_ASIDE_SD * sigma, MAX_ASIDE_M))
-    if count := int(inaccurate.sum() + outlying.sum()):
-        notes.append(f"{track.name}: {count} detection{'s' * (count > 1)} too inaccurate or outlying: not used")
-    return _dropping(track, outlying)
-
-
-def _on_the_way(xy: Array, room: float) -> NDArray[np.bool_]:
-    """Which places (n, 2) lie between their neighbours, on the line that joins them: early or late, but of the ball."""
-    found = np.zeros(len(xy), bool)
-    if len(xy) < 3:
-        return found
-    chord, offset = xy[2:] - xy[:-2], xy[1:-1] - xy[:-2]
-    length = np.maximum(np.linalg.norm(chord, axis=1), 1e-9)
-    along = np.sum(offset * chord, axis=1) / length
-    aside = np.abs(offset[:, 0] * chord[:, 1] - offset[:, 1] * chord[:, 0]) / length
-    found[1:-1] = (along > 0) & (along < length) & (aside < room)
-    return found
-
-
-def _dropping(track: BallTrack, dropped: NDArray[np.bool_]) -> BallTrack:
-    """A track without some of its detections (n,)."""
-    keep = ~dropped
-    return replace(
-        track, frame=track.frame[keep], time=track.time[keep], pixels=track.pixels[keep], xy=track.xy[keep],
-        sd=track.sd[keep], radius=track.radius[keep], face_change=track.face_change[keep],
-    )  # fmt: skip
 
 
 def overlap(found: ClipTracks, radius: float) -> float:

@@ -33,7 +33,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     (folder / "films").mkdir()
     write_film(folder / "films" / "game one.mp4", len(np.concatenate(made.rows)))
     place = place_of(str(folder / "films" / "game one.mp4"), folder / "set")
-    one = of_video(clip_set(found, CAMERA, BALL.mass, FILM_RATE), "game_one", found, place)
+    one = of_video(clip_set(found, CAMERA, BALL.mass, FILM_RATE), "game_one", found, place, FILM_RATE)
     write_clip_set(one, folder / "set")
     return folder / "set", folder / "films"
 

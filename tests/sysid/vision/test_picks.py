@@ -10,8 +10,8 @@ from models.shot import Array
 from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.noise import _parabola_residual
 from sysid.vision.tracks.picks import find_picks, seem_uneven
+from sysid.vision.tracks.picture_times import TimedTracks, set_right
 from sysid.vision.tracks.prediction import State
-from sysid.vision.tracks.track import _stamped
 from tests.sysid.vision.test_follow import CAMERA, FPS, NAMES, Recording, sightings
 
 PERIOD = 1 / 30
@@ -48,8 +48,9 @@ def test_uneven_times_are_told_by_the_steps_of_all_balls() -> None:
     wrong = [k for k, lasts in told.items() if abs(lasts - (true[k] - true[k - 1]) / PERIOD) > 0.01]
     assert len(told) > 20
     assert len(wrong) <= 0.05 * len(told)
-    _, _, times, notes = _stamped(tracks, frames_of(stamps), stamps, np.zeros(len(stamps), bool), CAMERA)
-    assert any("picks from 60 a second" in text for text in notes)
+    found = set_right(TimedTracks(tracks, frames_of(stamps), stamps), np.zeros(len(stamps), bool), CAMERA)
+    times = found.times
+    assert any("picks from 60 a second" in text for text in found.notes)
     moving = slice(18, 60)
     before, after = (np.diff(t[moving]) - np.diff(true[moving]) for t in (stamps, times))
     assert np.std(after) < 0.5 * np.std(before)
@@ -58,7 +59,7 @@ def test_uneven_times_are_told_by_the_steps_of_all_balls() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_no_frame_is_later_than_its_stamp_by_a_period_however_many_impacts_there_are(seed: int) -> None:
     tracks, stamps, true = picked(2, seed)
-    _, _, times, _ = _stamped(tracks, frames_of(stamps), stamps, np.zeros(len(stamps), bool), CAMERA)
+    times = set_right(TimedTracks(tracks, frames_of(stamps), stamps), np.zeros(len(stamps), bool), CAMERA).times
     assert np.ptp(times - stamps) < 0.6 * PERIOD
     off = (times - true)[18:75]
     assert np.mean(np.abs(off - np.median(off)) < 0.1 * PERIOD) > 0.93

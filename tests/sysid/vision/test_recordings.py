@@ -65,7 +65,8 @@ def test_a_strike_hidden_for_some_frames_is_bridged() -> None:
 
 
 def test_a_picture_stored_twice_is_known_by_its_small_change() -> None:
-    changes = [PictureChange(mean, 50.0) for mean in (0.0, 1.0, 1.1, 0.9, 0.02, 1.2, 1.0, 1.1, 1.0)]
+    means = (0.0, 1.0, 1.1, 0.9, 0.02, 1.2, 1.0, 1.1, 1.0)
+    changes = [PictureChange(mean, 50.0 * (mean > 0.1)) for mean in means]
     assert [is_doubled(changes, k) for k in range(9)] == [k == 4 for k in range(9)]
     assert not any(is_doubled([PictureChange(0.9, 50.0)] * 20, k) for k in range(20))
 
@@ -86,6 +87,25 @@ def test_a_noisy_picture_stored_twice_is_known_as_nothing_moves_in_it() -> None:
     assert [frame.index for frame, twice in found if twice] == [99]
     pause = [seen(5, 99) for _ in range(5)]
     assert not any(twice for _, twice in marked([*frames[:12], *pause, *frames[12:]])), "a pause is no copy"
+
+
+def test_pictures_in_flickering_light_are_not_taken_for_the_ones_before() -> None:
+    """A lamp on the mains, filmed at 30 a second, gives pairs of pictures that are equally bright."""
+    rng = np.random.default_rng(2)
+    cloth = cv2.resize(rng.uniform(40.0, 140.0, (6, 10, 3)), (200, 120), interpolation=cv2.INTER_CUBIC)
+
+    def seen(k: int) -> Frame:
+        picture = cloth.copy()
+        picture[40:60, 10 + 5 * k : 30 + 5 * k] = 230.0
+        picture = picture * (1 + 0.1 * np.sin(2.1 * k)) + rng.normal(0.0, 1.5, cloth.shape)
+        return Frame(k, k / 30, picture.clip(0, 255).astype(np.uint8))
+
+    frames = [seen(k) for k in range(30)]
+    assert not any(twice for _, twice in marked(frames))
+    stored = frames[11].picture.astype(float)
+    again = (stored + rng.normal(0.0, 0.5, stored.shape)).clip(0, 255).astype(np.uint8)
+    found = list(marked([*frames[:12], Frame(99, 0.38, again), *frames[12:]]))
+    assert [frame.index for frame, twice in found if twice] == [99]
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 30])

@@ -243,6 +243,15 @@ def test_a_strike_hidden_for_too_long_leaves_a_running_clip() -> None:
     assert "white was set in motion unseen" in shot.remarks[0]
 
 
+@pytest.mark.parametrize("rest", [1, 3, 8])  # frames, of a tenth of a second
+def test_a_video_that_begins_just_before_the_strike_gives_a_running_clip(rest: int) -> None:
+    made = Recording().wait(rest / FPS).shot((1.2, 0.45)).wait(0.5)
+    (shot,) = tracked_of(made).shots
+    assert (shot.running, set(shot.balls)) == (("white",), set(NAMES))
+    assert rest - 1 <= shot.first <= rest + 0.2 * FPS
+    assert shot.speed == pytest.approx(np.hypot(1.2, 0.45), rel=0.1)
+
+
 def test_a_ball_that_a_hand_moves_when_the_video_begins_is_left_out() -> None:
     made = Recording().push(1, (0.3, 0.3)).wait(0.5).shot((1.2, 0.45)).wait(0.5)
     made.rows[0] = made.rows[0][20:]
