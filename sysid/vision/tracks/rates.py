@@ -27,10 +27,9 @@ MAX_PAUSE_PERIODS = 3.5  # a longer one between stamps is real
 MIN_UNEVEN_PERIODS = 0.1  # standard deviation of the stamps from even times, for them to be in question
 MAX_EVEN_MISFIT = 0.5  # of the steps of balls to even times, over that to the stamps
 MIN_REGULAR = 5  # gaps
-MIN_REGULAR_SHARE = 0.9  # of all gaps, that are at regular intervals,
+MIN_REGULAR_SHARE = 0.8  # of all gaps, that are at regular intervals,
 MIN_SEEN_SHARE = 0.5  # and of such places between the first and the last of them, at which there is a gap
 MAX_INTERVAL = 12  # pictures
-MAX_JITTER = 1  # of a gap's place, of regular ones [pictures]
 
 
 @dataclass(frozen=True)
@@ -92,13 +91,10 @@ def regular_gaps(gaps: Mapping[int, int]) -> Conversion | None:
     single = [frame for frame, count in gaps.items() if count == 1]
     for interval in range(MAX_INTERVAL, 1, -1):
         phases = Counter(frame % interval for frame in single)
-        phase = max(phases, key=lambda one: phases[one], default=0)
-        places = {frame: round((frame - phase) / interval) for frame in single}
-        jitter = MAX_JITTER if interval > 2 * MAX_JITTER + 1 else 0
-        regular = [f for f, place in places.items() if abs(f - phase - place * interval) <= jitter]
-        if len(regular) < MIN_REGULAR or len(regular) < MIN_REGULAR_SHARE * len(gaps):
+        phase, count = max(phases.items(), key=lambda one: one[1], default=(0, 0))
+        if count < max(MIN_REGULAR, MIN_REGULAR_SHARE * len(gaps)):
             continue
-        seen = {places[frame] for frame in regular}
-        if len(seen) >= MIN_SEEN_SHARE * (max(seen) - min(seen) + 1):
+        places = [frame // interval for frame in single if frame % interval == phase]
+        if count >= MIN_SEEN_SHARE * (max(places) - min(places) + 1):
             return Conversion(interval, phase)
     return None
