@@ -24,6 +24,8 @@ from sysid.vision.tracks.picks import free_runs, step_misfit
 
 MEAN_PICTURES = 31  # whose stamps show together when the middle one was taken
 MAX_PAUSE_PERIODS = 3.5  # a longer one between stamps is real
+MIN_LATE_PERIODS = 1.4  # of a step over pictures that were stored twice,
+MIN_LATE_STEPS = 8  # in a film; fewer say nothing of the rate of its camera
 MIN_UNEVEN_PERIODS = 0.1  # standard deviation of the stamps from even times, for them to be in question
 MAX_EVEN_MISFIT = 0.5  # of the steps of balls to even times, over that to the stamps
 MIN_REGULAR = 5  # gaps
@@ -64,6 +66,8 @@ def even_times(
     None where they were stored at even times (n,) [s], or where the steps of balls agree with the stamps.
     """
     period = float(np.median(np.diff(times)))
+    if np.count_nonzero(np.diff(times) > MIN_LATE_PERIODS * period) < MIN_LATE_STEPS:
+        return None
     even = np.concatenate([_smooth(part) for part in np.split(times, _pauses(times, period))])
     if float(np.std(even - times)) < MIN_UNEVEN_PERIODS * period:
         return None
