@@ -9,9 +9,12 @@ imitated by every friction.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
-from sysid.clips.clip_set import ClipSet
+from models.shot import Array
+from sysid.clips.clip_set import Clip, ClipSet
 
 FRAME_RATE_TOLERANCE = 2e-4  # relative standard deviation of a frame rate from its nominal value
 MAX_OFF_WHOLE_FRAMES = 0.2  # intervals farther than this from a whole number of frames, relative, are not used
@@ -20,8 +23,7 @@ MIN_INTERVALS = 30
 
 def stamp_scale(clip_set: ClipSet) -> tuple[float, float]:
     """Interval of the stamps over the nominal one, and its standard deviation; inf where there are too few stamps."""
-    times = [np.unique(np.concatenate([o.time for o in c.balls.values()])) for c in clip_set.clips]
-    frames = np.concatenate([np.diff(t) for t in times]) * clip_set.fps if times else np.zeros(0)
+    frames = sample_intervals(clip_set.clips) * clip_set.fps
     whole = np.round(frames)
     use = (whole >= 1) & (whole <= 20) & (np.abs(frames - whole) < MAX_OFF_WHOLE_FRAMES * whole)
     if use.sum() < MIN_INTERVALS:
@@ -32,3 +34,9 @@ def stamp_scale(clip_set: ClipSet) -> tuple[float, float]:
     digits = len(repr(float(clip_set.fps)).partition(".")[2])
     rounding = 0.5 * 10.0**-digits / clip_set.fps / float(np.sqrt(3))
     return scale, float(np.sqrt(FRAME_RATE_TOLERANCE**2 + scatter**2 + rounding**2))
+
+
+def sample_intervals(clips: Iterable[Clip]) -> Array:
+    """Between one sampled time and the next of each clip, of all its balls together: (n,) [s]."""
+    steps = [np.diff(np.unique(np.concatenate([seen.time for seen in clip.balls.values()]))) for clip in clips]
+    return np.concatenate([np.zeros(0), *steps])

@@ -15,6 +15,7 @@ import numpy as np
 
 from sysid.clips.aims import reading_command
 from sysid.clips.clip_set import Clip, ClipSet, Observation
+from sysid.clips.clock import sample_intervals
 from sysid.clips.contradiction import ALL_CLIPS, Contradiction
 from sysid.clips.names import CLIPS_TOML
 from sysid.clips.segments import split_all
@@ -35,8 +36,7 @@ MIN_ROLLING_SEGMENTS = 4
 
 def frame_rate(clip_set: ClipSet, times_are_wrong: bool = False) -> Contradiction | None:
     """Stamps whose interval is not that of the stated frame rate; `times_are_wrong` where motions say so as well."""
-    steps = [np.diff(np.unique(np.concatenate([o.time for o in c.balls.values()]))) for c in clip_set.clips]
-    pooled = np.concatenate([np.zeros(0), *steps])
+    pooled = sample_intervals(clip_set.clips)
     if len(pooled) < MIN_INTERVALS:
         return None
     step = float(np.median(pooled))

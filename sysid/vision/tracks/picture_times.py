@@ -68,14 +68,17 @@ def set_right(found: TimedTracks, twice: NDArray[np.bool_], camera: Camera) -> T
     """
     again = found.frames[twice].tolist()
     found = found.without(twice)
-    still = doubled(found.tracks, found.frames, found.resting_noise(camera))
-    again = sorted([*again, *found.frames[still].tolist()])
-    found = found.without(still)
+    sigma = found.resting_noise(camera)
+    still = doubled(found.tracks, found.frames, sigma)
+    if still.any():
+        again = sorted([*again, *found.frames[still].tolist()])
+        found = found.without(still)
+        sigma = found.resting_noise(camera)
     if again:
         found = replace(found, notes=(f"{_listed(again)} the same picture as before: left out",))
     if len(found.times) < 2 or not found.tracks:
         return found
-    sigma, period = found.resting_noise(camera), float(np.median(np.diff(found.times)))
+    period = float(np.median(np.diff(found.times)))
     picks = find_picks(found.tracks, found.frames, found.times, period, sigma)
     if picks is not None:
         return found.at(found.times + picks.delays(found.frames, found.times, period), picks.text(period))

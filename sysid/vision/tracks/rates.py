@@ -4,7 +4,7 @@ In: the tracks, at times of stamps. Out: when the pictures were taken.
 
 A recorder that waits for a slower camera stores some of its pictures twice. Without these, the others seem to come at
 uneven times, though the camera took them at even ones: then the balls' steps are even. A conversion to a lower rate
-leaves out every so many-th picture: balls then take double steps at regular intervals, and the stamps are right in the
+leaves out one picture of every few: balls then take double steps at regular intervals, and the stamps are right in the
 mean. Pictures that are missing at irregular places were lost: then all stamps after them are early.
 """
 
@@ -36,7 +36,7 @@ MAX_INTERVAL = 12  # pictures
 
 @dataclass(frozen=True)
 class Conversion:
-    """Every so many pictures, one was left out."""
+    """To a lower rate: at regular intervals one picture was left out."""
 
     interval: int  # from one gap to the next [stored pictures]
     phase: int  # a frame before which one is missing, less than the interval

@@ -19,6 +19,7 @@ import numpy as np
 
 from models.errors import BadInput
 from sysid.clips import ClipSet, read_clip_set
+from sysid.clips.clock import sample_intervals
 from sysid.vision.camera.projection import Camera
 from sysid.vision.tracks.track import Tracked
 
@@ -95,8 +96,7 @@ def joined(before: ClipSet | None, more: ClipSet) -> ClipSet:
     total = sum(count for count, _ in weights)
     sigma = math.sqrt(sum(count * sd**2 for count, sd in weights) / total) if total else more.sigma
     clips = (*before.clips, *more.clips)
-    steps = [np.diff(np.unique(np.concatenate([seen.time for seen in clip.balls.values()]))) for clip in clips]
-    usual = float(np.median(np.concatenate(steps)))
+    usual = float(np.median(sample_intervals(clips)))
     fps = min(before.fps, more.fps, key=lambda rate: abs(usual * rate - 1))
     return replace(before, clips=clips, fps=fps, sigma=sigma, extra={**before.extra, VIDEOS_KEY: videos})
 

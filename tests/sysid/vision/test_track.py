@@ -243,7 +243,7 @@ def test_a_strike_hidden_for_too_long_leaves_a_running_clip() -> None:
     assert "white was set in motion unseen" in shot.remarks[0]
 
 
-@pytest.mark.parametrize("rest", [1, 3, 8])  # frames, of a tenth of a second
+@pytest.mark.parametrize("rest", [1, 3, 8])  # frames before the strike
 def test_a_video_that_begins_just_before_the_strike_gives_a_running_clip(rest: int) -> None:
     made = Recording().wait(rest / FPS).shot((1.2, 0.45)).wait(0.5)
     (shot,) = tracked_of(made).shots
