@@ -128,6 +128,7 @@ def balls_in_picture(
         sizes = " and ".join(f"{w} x {h}" for w, h in (footage.size, camera.size))
         raise BadInput(f"{path}: {sizes} pixels in it and in {camera_path}; calibrate with pictures of this size")
     detector = learn_detector(camera, footage, palette, progress)
+    camera = detector.camera
     progress("finding the balls in the last frame")
     pictures = deque((frame.picture for frame in footage), maxlen=LAST_FRAMES)
     notes = list(detector.notes)

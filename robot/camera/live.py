@@ -163,9 +163,10 @@ class LiveCamera:
         footage = recording.footage()
         palette = palette_for(self._options.palette_path, self.seen_with.table, self.seen_with.diameter)
         detector = learn_detector(self.seen_with, footage, palette)
-        result = track(footage, self.seen_with, detector, dict(zip(palette.names, palette.counts, strict=True)))
+        camera = detector.camera
+        result = track(footage, camera, detector, dict(zip(palette.names, palette.counts, strict=True)))
         result = without_shots(result, [bool(shot.running) for shot in result.shots])  # it is the stroke that is wanted
-        result, seen = details(result, footage, self.seen_with)
+        result, seen = details(result, footage, camera)
         warnings += [*footage.assumed[1:], *result.left_out, *result.doubts]
         if not result.shots:
             return {}

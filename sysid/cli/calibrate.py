@@ -171,6 +171,7 @@ def calibrate(
     from sysid.vision.camera.calibrate import calibrate as calibrate_picture
     from sysid.vision.camera.calibration_picture import draw
     from sysid.vision.camera.calibration_report import place_sd, rows, to_json
+    from sysid.vision.camera.camera_motion import side_profiles
     from sysid.vision.camera.footages import table_view
     from sysid.vision.camera.markers import MARKER_SIZE_M
     from sysid.vision.camera.projection import write_camera
@@ -199,7 +200,8 @@ def calibrate(
         progress=progress,
     )  # fmt: skip
     progress.close()
-    write_camera(files.out, replace(found.camera, place_sd_m=place_sd(found)))
+    profiles = side_profiles([np.rint(table_seen.picture).astype(np.uint8)], found.camera)
+    write_camera(files.out, replace(found.camera, place_sd_m=place_sd(found), sides=profiles))
     print(table(rows(found), right=2))
     for line in (*notes, *found.notes):
         print(line)

@@ -74,6 +74,7 @@ def track_film(
         sizes = " and ".join(f"{w} x {h}" for w, h in (footage.size, camera.size))
         raise BadInput(f"{video}: {sizes} pixels in video and {taken.camera_name}; calibrate with this video's frames")
     detector = learn_detector(camera, footage, palette, progress)
+    camera = detector.camera
     shutter = Shutter(None if taken.exposure is None else min(taken.exposure * footage.fps, 1.0))
     counts = dict(zip(palette.names, palette.counts, strict=True))
     live = None if feed is None else LiveTrack(feed, Path(video).name, camera.table, camera.diameter)

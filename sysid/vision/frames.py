@@ -69,7 +69,8 @@ class Footage:
 
     def __init__(self, source: Video | Pictures, fps: float | None) -> None:
         """Read the first frames; `fps` is the rate at which they were taken, if the container cannot know it [1/s]."""
-        self._source, self.files = source, source.files  # files that hold the frames, in order
+        self._source, self.name = source, source.name
+        self.files = source.files  # that hold the frames, in order
         self._frame_times = source.frame_times(fps)
         self._broken = self._missing = 0
         self._whole = False

@@ -15,6 +15,7 @@ import numpy as np
 from models.files import write_whole
 from models.recording.palette import ball_colour
 from sysid.clips import Clip, ClipSet
+from sysid.vision.camera.camera_motion import standing
 from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Footage, Picture, open_footage
 from sysid.vision.tracks.recordings import videos_in
@@ -36,11 +37,12 @@ def write_sheet(path: File, clip_set: ClipSet, camera: Camera, videos: Mapping[s
         clips = [clip for clip in clip_set.clips if clip.extra.get("video") == name]
         wanted = {int(frame) for clip in clips for frame in clip.extra["frames"]} or {0}
         pictures = _pictures(open_footage(videos[name], fps), wanted)
+        there = standing(camera, list(pictures.values()))[0] if pictures else camera
         left_out = [f"left out: {text}" for text in video.get("left_out", ())]
         for clip in clips:
             first, last = (pictures.get(int(frame)) for frame in clip.extra["frames"])
             if first is not None and last is not None:
-                rows.append(_row([first, _drawn(first, clip, camera), last], [clip.file, clip.note, *left_out]))
+                rows.append(_row([first, _drawn(first, clip, there), last], [clip.file, clip.note, *left_out]))
         if not clips and pictures:
             rows.append(_row([next(iter(pictures.values()))] * 3, [name, "no shot", *left_out]))
     if rows:

@@ -1,6 +1,6 @@
 """What webcams and players make of pictures: compression, a hand over the table, projected rings, doubled frames.
 
-In: pictures, in order. Out: the same pictures, with these difficulties.
+In: pictures, in order. Out: the same pictures, with these difficulties, seen by a camera that is bumped if wanted.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ class Webcam:
     ring: tuple[float, float] | None = None  # of projected light, from the middle, in widths and heights
     doubled: tuple[int, ...] = ()  # frames that are stored twice
     dropped: tuple[int, ...] = ()  # frames that are not stored
+    bumped: tuple[int, tuple[float, float]] | None = None  # from which picture on all is seen elsewhere [pixels]
     seed: int = 0  # of the hand's trembling
 
 
@@ -39,6 +40,9 @@ def webcam(pictures: Iterable[Picture], how: Webcam) -> Iterator[Picture]:
             continue
         out = picture.copy()
         h, w = out.shape[:2]
+        if how.bumped is not None and k >= how.bumped[0]:
+            aside = np.array([[1.0, 0.0, how.bumped[1][0]], [0.0, 1.0, how.bumped[1][1]]])
+            out = np.asarray(cv2.warpAffine(out, aside, (w, h), borderMode=cv2.BORDER_REPLICATE), np.uint8)
         if how.ring is not None:
             light = np.zeros_like(out)
             at = round(w * (0.5 + how.ring[0])), round(h * (0.5 + how.ring[1]))

@@ -28,6 +28,7 @@ from sysid.vision.balls.outline_fit import (
 )
 from sysid.vision.balls.palette import Palette, ball_colour, colour_distance
 from sysid.vision.balls.view_geometry import Array
+from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Picture
 
 MAX_OFFSET_PX = 2.5  # from the expected centre, within which a detection is accepted at once
@@ -59,6 +60,11 @@ class Detector:
     notes: tuple[str, ...]  # what was found, and warnings, for the user
     rough: bool = False  # whether edges are too rough for outlines, so that balls are measured by what they cover
     palette: Palette | None = None  # of balls that have several colours: these are found without names
+
+    @property
+    def camera(self) -> Camera:
+        """Where it stands in the footage that the detector was learnt from."""
+        return self.background.geometry.camera
 
     @property
     def noise(self) -> float:

@@ -26,6 +26,7 @@ from sysid.vision.balls.outline_fit import (
 )
 from sysid.vision.balls.palette import LINK_DISTANCE, Palette, colour_distance, group_colours, name_colours
 from sysid.vision.balls.view_geometry import Array, view_geometry
+from sysid.vision.camera.camera_motion import standing
 from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Footage, Picture
 
@@ -62,19 +63,24 @@ def learn_detector(
 ) -> Detector:
     """Learn the background, the noise and the colours of the balls from frames spread over the footage.
 
+    The camera may have been bumped since it was calibrated: the detector has the one that stands where it does now.
     Balls of a palette of several colours each are taken as plain where all that are seen show one.
 
     Raises:
-        BadInput: the pictures have another size than those of the camera, or show no table.
+        BadInput: the pictures have another size than those of the camera, show no table, or show it elsewhere.
     """
     if footage.size != camera.size:
         sizes = "{} x {} pixels, the camera's file {} x {}".format(*footage.size, *camera.size)
         raise BadInput(f"footage: has {sizes}; calibrate with pictures of this size")
+    progress("learning what the empty table looks like")
+    pictures = [frame.picture for frame in footage.sample(LEARNING_FRAMES)]
+    try:
+        camera, moved = standing(camera, pictures)
+    except BadInput as error:
+        raise BadInput(f"{footage.name}: {error}") from None
     geometry = view_geometry(camera)
     if geometry.bed.sum() < 1000:
         raise BadInput("camera: no table is in its pictures; calibrate it anew")
-    progress("learning what the empty table looks like")
-    pictures = [frame.picture for frame in footage.sample(LEARNING_FRAMES)]
     size_sd = INITIAL_SIZE_ERROR * geometry.radius(np.array(camera.size) / 2)
     optics = Optics(INITIAL_EDGE_NOISE, INITIAL_BLUR_PX, size_sd=size_sd)
 
@@ -91,7 +97,9 @@ def learn_detector(
         [face(background, view, one.xy, one.radius) for view in views[::3] for one in new_discs(view, None)]
     ):
         detector, notes = _patterned_detector(background, optics, palette, pictures)
-        return replace(detector, notes=(*notes, *_warnings(detector, [fit for _, fit in found], resting, lights)))
+        return replace(
+            detector, notes=(*moved, *notes, *_warnings(detector, [fit for _, fit in found], resting, lights))
+        )
     groups = group_colours([(k, outline_colour(background, views[k], fit)) for k, fit in found])
     frames_seen = [len({k for k, _ in group}) for group in groups]
     least = max(1, MIN_FRAME_FRACTION * len(views))
@@ -118,7 +126,7 @@ def learn_detector(
     notes = [f"{name}: in {n} of {len(views)} frames" for name, n in counts]
     notes += [doubt for doubt in naming.doubts if len(detector.ball_colours) == len(named)]
     notes += _warnings(detector, [fit for _, fit in found], resting, lights)
-    return replace(detector, notes=tuple(notes))
+    return replace(detector, notes=(*moved, *notes))
 
 
 def _resting(view: View, optics: Optics, palette: Palette) -> list[Array]:

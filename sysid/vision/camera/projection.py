@@ -7,6 +7,8 @@ at 45 degrees, the point of the cloth behind a centre is a radius away from the 
 
 from __future__ import annotations
 
+import base64
+import binascii
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -26,6 +28,7 @@ from models.shot import Ball, Table
 Array = NDArray[np.float64]
 FILE_FORMAT = "billiard-camera/1"
 MIN_FOCAL_PX = 10.0  # focal length of a camera
+SIDE_PROFILES = (40, 43)  # places at the sides and samples across the noses of `Camera.sides`
 OUTLINE_POINTS = 24  # of a ball
 CENTRE_ROUNDS = 3  # of the fixed-point iteration from the centre of an outline to that of the ball
 
@@ -45,6 +48,7 @@ class Camera:
     readout: float = math.nan  # time from the first row to the last of a rolling shutter [s]; NaN where it is unknown
     place_sd_m: float = math.nan  # of balls' places over the table, as its calibration estimates, rms [m]
     source: str = ""  # what it was calibrated from
+    sides: NDArray[np.uint8] | None = None  # SIDE_PROFILES, brightness across the noses, see camera_motion.py
 
     @property
     def radius(self) -> float:
@@ -148,6 +152,8 @@ def write_camera(path: Path | str, camera: Camera) -> None:
     for key in ("residual_m", "readout", "place_sd_m"):
         if math.isfinite(value := getattr(camera, key)):
             known[key] = float(value)
+    if camera.sides is not None:
+        known["sides"] = base64.b64encode(camera.sides.tobytes()).decode()
     scalars = {k: v for k, v in known.items() if not isinstance(v, dict)}
     sections = {k: v for k, v in known.items() if isinstance(v, dict)}
     write_whole(path, tomli_w.dumps(scalars | sections).encode())
@@ -158,6 +164,16 @@ class BallSize:
     """The keys of a camera file's [ball]."""
 
     diameter: Annotated[float, Allowed(0.02, 0.1, "m")]
+
+
+def _read_sides(value: Any) -> NDArray[np.uint8]:
+    """Profiles of the sides from their text; BadInput where it holds none."""
+    try:
+        held = np.frombuffer(base64.b64decode(value, validate=True), np.uint8)
+        return held.reshape(SIDE_PROFILES)
+    except (TypeError, ValueError, binascii.Error):
+        count = SIDE_PROFILES[0] * SIDE_PROFILES[1]
+        raise BadInput(f"sides is not {count} bytes in base64: take it out, or make a camera file anew") from None
 
 
 @dataclass(frozen=True)
@@ -175,6 +191,7 @@ class CameraFile:
     readout: Annotated[float, Allowed(0.0, 1.0, "s")] = math.nan
     place_sd_m: Annotated[float, Allowed(0.0, 1.0, "m")] = math.nan
     source: str = ""
+    sides: Annotated[NDArray[np.uint8] | None, Allowed(reader=_read_sides)] = None
 
     def __post_init__(self) -> None:
         """BadInput for what is no matrix of a camera, or one that does not look at the table."""

@@ -19,6 +19,7 @@ from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
 from sysid.vision.ahead import ahead
 from sysid.vision.balls.discs import Shutter
 from sysid.vision.balls.faces import ANY_BALL
+from sysid.vision.camera.camera_motion import CameraWatch
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
@@ -91,7 +92,19 @@ def track(
     followed, names = named(found.tracks, footage, detector)
     timed = set_right(TimedTracks(followed, found.frames, found.times), found.twice, camera)
     result = tracked(timed.tracks, timed.frames, timed.times, camera, found.rate)
-    return replace(result, notes=(*names, *timed.notes, *result.notes), picture_rate=timed.rate)
+    result = replace(result, notes=(*names, *timed.notes, *result.notes), picture_rate=timed.rate)
+    return _while_standing(result, found.standing)
+
+
+def _while_standing(result: Tracked, standing: CameraWatch) -> Tracked:
+    """The result without the shots during which the camera stands elsewhere."""
+    scene = result.scene
+    moved = [standing.moved_by(scene.time_of(shot.first), scene.time_of(shot.last)) for shot in result.shots]
+    left_out = [
+        f"{_moment(scene, shot.time)}: the camera stands {1e3 * by:.1f} mm elsewhere than in most of the film: left out"
+        for shot, by in zip(result.shots, moved, strict=True) if by
+    ]  # fmt: skip
+    return replace(without_shots(result, [by > 0 for by in moved]), left_out=(*result.left_out, *left_out))
 
 
 @dataclass(frozen=True)
@@ -103,6 +116,7 @@ class _Followed:
     times: Array  # (m,) by stamps [s]
     twice: NDArray[np.bool_]  # (m,) which show the picture before once more
     rate: float  # [frames/s]
+    standing: CameraWatch
 
 
 def _followed(
@@ -114,13 +128,14 @@ def _followed(
     follower = Follower(camera, counts, time_sd=time_sd)
     frames, times, twice = [], [], []
     began = reported = clock.monotonic()
-    last_full_search, previous = -math.inf, None
+    last_full_search, previous, standing = -math.inf, None, CameraWatch(camera)
     for frame, again in ahead(marked(footage)):
         frames.append(frame.index)
         times.append(frame.time)
         twice.append(again)
         if again:
             continue
+        standing.see(frame.picture, frame.time)
         expected = follower.expected(frame.time)
         full_search = not expected or follower.seeking or frame.time - last_full_search >= FULL_SEARCH_INTERVAL_S
         # A given exposure is a part of the time between frames; one that is estimated, of that between pictures.
@@ -139,7 +154,9 @@ def _followed(
             of = f" of {footage.count}" if footage.count else ""
             progress(f"{len(frames)}{of} frames, {rate:.0f} frames/s, {follower.in_sight} balls in sight")
     rate = len(frames) / max(clock.monotonic() - began, 1e-9)
-    return _Followed(follower.tracks(), np.array(frames, np.int64), np.array(times), np.array(twice, bool), rate)
+    return _Followed(
+        follower.tracks(), np.array(frames, np.int64), np.array(times), np.array(twice, bool), rate, standing
+    )
 
 
 def _usual_interval(times: Sequence[float], twice: Sequence[bool], default: float) -> float:

@@ -1,0 +1,202 @@
+"""Whether a camera still stands where it was calibrated: the table's sides, looked at again in later pictures.
+
+In: a picture and its camera. Out: brightness across the noses at places along each side, which the camera file keeps.
+In another picture each of these profiles is found again, somewhat farther out or in (normalised correlation), and the
+pose is fitted to where. Hands, balls and cues cover some of the places only, and do not agree on one pose.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import BadInput
+from models.shot import NOSE_HEIGHT
+from sysid.vision.camera.pose import fit_camera
+from sysid.vision.camera.projection import SIDE_PROFILES, Array, Camera
+from sysid.vision.frames import Picture
+
+# Places between diamonds, which are at eighths, and away from pockets; in lengths of a side.
+PLACES = np.array([5, 7, 9, 11, 13, 19, 21, 23, 25, 27]) / 32
+STEP_M = 2.5e-3  # of a profile,
+INSIDE_M = 0.03  # which begins so far inside of the nose
+SEARCH_M = 0.06  # farther in or out, where a profile is looked for
+ALONG_M = 0.03  # of a side, over which a profile is averaged,
+ALONG_SAMPLES = 9  # at so many points
+MIN_CONTRAST = 6.0  # standard deviation of a profile, below which it shows nothing [grey levels]
+MIN_SAMPLES = 20  # of a profile in the picture,
+MIN_COVER = 0.7  # and of these, that are in another
+MAX_GAIN = 4.0  # of the light, either way
+MIN_LIKENESS = 0.9  # normalised correlation of a profile with what it is found at
+MIN_PLACES = 12  # found again, at three sides or more,
+MIN_FOUND, MIN_WATCHED = 0.8, 0.4  # and of those that show something, in most pictures and in a single one
+MIN_SHIFT_M, MIN_SHIFT_PX = 0.15e-3, 0.1  # of the middle one of the places, below which the camera stands as it did
+SETTLED_M = 1e-3  # of the pose found: farther off, the profiles are looked for once more, from there
+ROUNDS = 4  # of this, at most
+MAX_FOLLOWED_M = 0.03  # by which a camera may have moved since it was calibrated, rms over the table,
+MAX_MOVED_M, MAX_MOVED_PX = 1.5e-3, 0.8  # and within a film, by the greater of both
+WATCH_INTERVAL_S = 0.5  # between two pictures that are compared
+
+
+class SideView:
+    """The sides of the table as a camera saw them when it was calibrated."""
+
+    def __init__(self, camera: Camera, profiles: NDArray[np.uint8], least: float = MIN_FOUND) -> None:
+        """Of a camera and its profiles; `least` as MIN_FOUND."""
+        self._camera, self._profiles, self._least = camera, profiles.astype(float), least
+        self._known, self._shows = profiles > 0, _shows(profiles)
+        self._shifts = np.arange(-round(SEARCH_M / STEP_M), round(SEARCH_M / STEP_M) + 1) * STEP_M
+        self._lines = _lines(camera, SEARCH_M)
+
+    def camera_in(self, pictures: Sequence[Picture]) -> Camera | None:
+        """The camera where it stands in most of some pictures; None where too little of the sides is found."""
+        out, likeness = self._found(_light(pictures, self._lines))
+        xy, rails = _places(self._camera)
+        good = likeness >= MIN_LIKENESS
+        if good.sum() < max(MIN_PLACES, self._least * self._shows.sum()) or len(set(rails[good].tolist())) < 3:
+            return None
+        if np.median(np.abs(out[good])) < max(MIN_SHIFT_M, MIN_SHIFT_PX * _pixel(self._camera)):
+            return self._camera
+        axis, sign = rails // 2, 1.0 - 2.0 * (rails % 2)
+        xy[np.arange(len(xy)), axis] += sign * out
+        places = np.column_stack([xy, np.full(len(xy), NOSE_HEIGHT * self._camera.radius)])
+        fit = fit_camera(self._camera, self._camera.project(places[good]), rails[good])
+        return fit.camera if fit.kept.sum() >= self._least * self._shows.sum() else None
+
+    def _found(self, light: Array) -> tuple[Array, Array]:
+        """How far out each profile is found (places,) [m], and its correlation there (places,); -1 for none."""
+        windows = np.lib.stride_tricks.sliding_window_view(light, self._profiles.shape[1], axis=1)
+        both = np.isfinite(windows) & self._known[:, None]  # (places, shifts, samples)
+        count = both.sum(axis=2)
+        ours, theirs = np.where(both, self._profiles[:, None], 0.0), np.where(both, windows, 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ours = np.where(both, ours - ours.sum(axis=2, keepdims=True) / count[..., None], 0.0)
+            theirs = np.where(both, theirs - theirs.sum(axis=2, keepdims=True) / count[..., None], 0.0)
+            contrast = np.sqrt((ours**2).sum(axis=2) / count)
+            their_contrast = np.sqrt((theirs**2).sum(axis=2) / count)
+            likeness = (ours * theirs).sum(axis=2) / count / contrast / their_contrast
+            gain = their_contrast / contrast
+        enough = count >= MIN_COVER * self._known.sum(axis=1, keepdims=True)
+        like = enough & (contrast >= MIN_CONTRAST) & (gain > 1 / MAX_GAIN) & (gain < MAX_GAIN)
+        likeness = np.where(like & self._shows[:, None], np.nan_to_num(likeness), -1.0)
+        best = np.clip(likeness.argmax(axis=1), 1, likeness.shape[1] - 2)
+        before, at, after = (likeness[np.arange(len(best)), best + k] for k in (-1, 0, 1))
+        curve = np.minimum(before - 2 * at + after, -1e-9)
+        peak = (at >= before) & (at >= after) & (np.minimum(before, after) > -1)  # and not where the picture ends
+        return self._shifts[best] + STEP_M * 0.5 * (before - after) / curve, np.where(peak, at, -1.0)
+
+
+def _shows(profiles: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Which profiles show something that can be found again: (places,)."""
+    known = np.where(profiles > 0, profiles.astype(float), np.nan)
+    seen = np.isfinite(known).sum(axis=1)
+    known[seen == 0] = 0.0
+    return np.asarray((seen >= MIN_SAMPLES) & (np.nanstd(known, axis=1) >= MIN_CONTRAST))
+
+
+class CameraWatch:
+    """Looks now and then whether the camera of a film still stands where it does in most of it."""
+
+    def __init__(self, camera: Camera) -> None:
+        """Of a camera as `standing` returns it."""
+        self._camera = camera
+        self._view = None if camera.sides is None else SideView(camera, camera.sides, MIN_WATCHED)
+        self._limit = max(MAX_MOVED_M, MAX_MOVED_PX * _pixel(camera))
+        self._looked = -math.inf  # when [s]
+        self.moved: list[tuple[float, float]] = []  # when [s] it stands elsewhere, and how far: rms over the table [m]
+
+    def see(self, picture: Picture, time: float) -> None:
+        """The picture taken at a time [s]."""
+        if self._view is None or time - self._looked < WATCH_INTERVAL_S:
+            return
+        self._looked = time
+        found = self._view.camera_in([picture])
+        if found is not None and (by := apart(self._camera, found)) > self._limit:
+            self.moved.append((time, by))
+
+    def moved_by(self, begins: float, ends: float) -> float:
+        """How far the camera moves in a span of time [s], rms over the table [m]; 0 where it stays."""
+        near = (by for time, by in self.moved if begins - WATCH_INTERVAL_S < time < ends + WATCH_INTERVAL_S)
+        return max(near, default=0.0)
+
+
+def standing(camera: Camera, pictures: Sequence[Picture]) -> tuple[Camera, tuple[str, ...]]:
+    """The camera where it stands in pictures, with their profiles of the sides, and what is to be said of it.
+
+    Raises:
+        BadInput: the table's sides are not where the camera has them.
+    """
+    found = camera
+    said: tuple[str, ...] = ()
+    if camera.sides is not None and _shows(camera.sides).sum() >= 2 * MIN_PLACES:
+        for _ in range(ROUNDS):
+            seen = SideView(found, camera.sides).camera_in(pictures)
+            if seen is None or apart(camera, seen) > MAX_FOLLOWED_M:
+                raise BadInput("shows the table elsewhere than its camera's file has it; calibrate with this video")
+            found, before = seen, found
+            if apart(found, before) < SETTLED_M:
+                break
+        if found is not camera:
+            said = (f"the camera stands {1e3 * apart(camera, found):.1f} mm from where it was calibrated: followed",)
+    return dataclasses.replace(found, sides=side_profiles(pictures, found)), said
+
+
+def side_profiles(pictures: Sequence[Picture], camera: Camera) -> NDArray[np.uint8]:
+    """Brightness across the noses where a camera stands: (places, samples), 1 to 255; 0 out of the picture."""
+    light = _light(pictures, _lines(camera, 0.0))
+    return np.where(np.isfinite(light), np.rint(np.clip(np.nan_to_num(light), 1, 255)), 0).astype(np.uint8)
+
+
+def apart(one: Camera, other: Camera) -> float:
+    """Between the places that two cameras give to the same balls: rms over the table [m]."""
+    half = np.array([one.table.length, one.table.width]) / 2 - one.radius
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 7), np.linspace(-1, 1, 5)), axis=-1).reshape(-1, 2) * half
+    return float(np.sqrt(np.mean(np.sum((other.centres(one.outline(grid)) - grid) ** 2, axis=1))))
+
+
+def _pixel(camera: Camera) -> float:
+    """Size of a pixel in the middle of the table [m]."""
+    return camera.radius / float(camera.radius_px(np.zeros((1, 2)))[0])
+
+
+def _places(camera: Camera) -> tuple[Array, NDArray[np.intp]]:
+    """Where profiles cross the noses (places, 2) [m], and the rail there (places,)."""
+    half = np.array([camera.table.length, camera.table.width]) / 2
+    rails = np.repeat(np.arange(4), len(PLACES))
+    axis, sign, rows = rails // 2, 1.0 - 2.0 * (rails % 2), np.arange(len(rails))
+    xy = np.empty((len(rails), 2))
+    xy[rows, axis], xy[rows, 1 - axis] = sign * half[axis], (2 * np.tile(PLACES, 4) - 1) * half[1 - axis]
+    return xy, rails
+
+
+def _lines(camera: Camera, search: float) -> NDArray[np.float32]:
+    """Pixels of the points of profiles that go so much farther in and out [m]: (places, samples, along, 2)."""
+    xy, rails = _places(camera)
+    axis, sign, rows = rails // 2, 1.0 - 2.0 * (rails % 2), np.arange(len(rails))
+    beyond = round(search / STEP_M)
+    across = np.arange(-beyond, SIDE_PROFILES[1] + beyond) * STEP_M - INSIDE_M
+    along = np.linspace(-0.5, 0.5, ALONG_SAMPLES) * ALONG_M
+    points = np.empty((len(xy), len(across), len(along), 3))
+    points[..., :2], points[..., 2] = xy[:, None, None], NOSE_HEIGHT * camera.radius
+    points[rows, :, :, axis] += sign[:, None, None] * across[None, :, None]
+    points[rows, :, :, 1 - axis] += along[None, None, :]
+    return camera.project(points).astype(np.float32).reshape(*points.shape[:3], 2)
+
+
+def _light(pictures: Sequence[Picture], lines: NDArray[np.float32]) -> Array:
+    """Brightness at such points, averaged along the sides, the median of pictures: (places, samples) [grey levels].
+
+    NaN out of the picture.
+    """
+    flat = lines.reshape(-1, lines.shape[2], 2)
+    seen = []
+    for picture in pictures:
+        grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.float32)
+        light = cv2.remap(grey, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan)
+        seen.append(light.mean(axis=1))
+    return np.asarray(np.median(seen, axis=0).reshape(lines.shape[:2]), float)

@@ -1,0 +1,171 @@
+"""A camera bumped since its calibration is followed or refused; one bumped in mid-film costs what it spoils."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from models.errors import BadInput
+from models.shot import Table
+from sysid.vision.balls.learning import learn_detector
+from sysid.vision.balls.palette import default_palette
+from sysid.vision.camera.camera_motion import CameraWatch, apart, side_profiles, standing
+from sysid.vision.camera.projection import Camera, read_camera, write_camera
+from sysid.vision.frames import Footage, Picture, open_footage
+from sysid.vision.tracks.track import Tracked, track
+from tests.footage.cameras import overhead
+from tests.footage.film import Look, film
+from tests.footage.motion import Motion
+from tests.footage.webcam import Webcam, webcam
+from tests.sysid.vision.test_detect import footage_of
+from tests.sysid.vision.test_discs import CAMERA, FPS, rolling
+
+TRUE = overhead(Table(1.2, 0.65), 0.0523, (640, 380), 1.5, 1.55, (0.02, -0.02))
+BALLS = rolling(np.array([[-0.45, -0.2], [0.3, 0.2]]), [(0.9, 0.35), (0.0, 0.0)], 2.0, 0.4)
+LOOK = Look(noise=2.0, shadow=0.45, light=(0.05, 0.03, 1.0))
+MM = 1e-3
+
+
+def seen_by(camera: Camera, hand: tuple[float, float] | None = None, look: Look = LOOK) -> Picture:
+    """One picture with two balls and, if wanted, a hand."""
+    return next(webcam(film(camera, BALLS, np.array([0.1]), look), Webcam(hand=hand)))
+
+
+def calibrated() -> Camera:
+    return replace(TRUE, sides=side_profiles([seen_by(TRUE)], TRUE))
+
+
+def bumped(*change: float) -> Camera:
+    """The camera turned about three of its axes [rad], and then shifted along them [m]."""
+    turn = cv2.Rodrigues(np.array(change[:3]))[0]
+    return replace(
+        TRUE, rotation=cv2.Rodrigues(turn @ TRUE.axes)[0].ravel(), translation=turn @ TRUE.translation + change[3:]
+    )
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        (0.0, 0.0, 0.0, 0.002, -0.001, 0.0), (0.004, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, -0.003, 0.004, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.01), (0.004, 0.006, -0.003, 0.002, 0.0, -0.004),
+    ],
+)  # fmt: skip
+def test_a_camera_bumped_since_its_calibration_is_followed(change: tuple[float, ...]) -> None:
+    there = bumped(*change)
+    known = calibrated()
+    for hand in (None, (0.3, 0.4)):
+        found, said = standing(known, [seen_by(there, hand)])
+        away = apart(TRUE, there)
+        assert apart(found, there) < 0.6 * MM + 0.02 * away
+        assert len(said) == 1
+        assert float(said[0].split()[3]) == pytest.approx(1e3 * away, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    "look",
+    [
+        replace(LOOK, noise=8.0, blur=1.0), replace(LOOK, lamps=0.6), replace(LOOK, uneven=0.35),
+        replace(LOOK, player=True),
+    ],
+)  # fmt: skip
+def test_other_light_is_no_bump(look: Look) -> None:
+    found, _ = standing(calibrated(), [seen_by(TRUE, look=look)])
+    assert apart(found, TRUE) < 0.5 * MM
+
+
+def test_a_camera_that_stays_is_left_as_it_is() -> None:
+    known = calibrated()
+    for hand in (None, (0.1, 0.3), (-0.4, 0.6)):
+        found, said = standing(known, [seen_by(TRUE, hand)])
+        assert said == ()
+        assert (found.rotation == known.rotation).all()
+        assert (found.translation == known.translation).all()
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [
+        seen_by(bumped(0.0, 0.03, 0.0, 0.0, 0.0, 0.0)), seen_by(bumped(0.0, 0.0, 0.0, 0.15, 0.0, 0.0)),
+        np.zeros((380, 640, 3), np.uint8),
+        np.random.default_rng(1).integers(0, 256, (380, 640, 3), np.uint8),
+    ],
+)  # fmt: skip
+def test_a_table_that_is_elsewhere_is_refused(picture: NDArray[np.uint8]) -> None:
+    with pytest.raises(BadInput, match="elsewhere than its camera's file has it; calibrate with this video"):
+        standing(calibrated(), [picture])
+
+
+def test_the_camera_s_file_keeps_the_sides(tmp_path: Path) -> None:
+    known = calibrated()
+    write_camera(tmp_path / "camera.toml", known)
+    again = read_camera(tmp_path / "camera.toml")
+    assert known.sides is not None
+    assert again.sides is not None
+    assert (again.sides == known.sides).all()
+    text = (tmp_path / "camera.toml").read_text()
+    line = next(line for line in text.splitlines() if line.startswith("sides"))
+    for wrong in ('sides = "AAAA"', 'sides = "no base64 !"', "sides = 3", 'sides = ""'):
+        (tmp_path / "camera.toml").write_text(text.replace(line, wrong))
+        with pytest.raises(BadInput, match="sides is not 1720 bytes in base64"):
+            read_camera(tmp_path / "camera.toml")
+    (tmp_path / "camera.toml").write_text(text.replace(line, ""))
+    assert read_camera(tmp_path / "camera.toml").sides is None
+
+
+def test_without_known_sides_a_camera_stands_where_its_file_has_it() -> None:
+    there = bumped(0.0, 0.0, 0.0, 0.01, 0.0, 0.0)
+    found, said = standing(TRUE, [seen_by(there)])
+    assert said == ()
+    assert apart(found, TRUE) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_hands_do_not_move_the_camera_of_a_film_and_a_bump_does() -> None:
+    pictures = list(film(TRUE, BALLS, np.arange(60) / FPS, LOOK))
+    camera, _ = standing(calibrated(), pictures[::6])
+    for how, bump in ((Webcam(hand=(-0.3, 0.5), seed=2), False), (Webcam(bumped=(40, (3.0, -2.0))), True)):
+        watch = CameraWatch(camera)
+        for k, picture in enumerate(webcam(pictures, how)):
+            watch.see(picture, k / FPS)
+        assert bool(watch.moved) == bump
+        if bump:
+            assert watch.moved_by(0.0, 0.9) == 0.0
+            assert watch.moved_by(0.0, 1.8) == pytest.approx(np.hypot(3, 2) * 1.55 / 640, rel=0.1)
+
+
+def shown(folder: Path, pictures: list[Picture]) -> Footage:
+    footage_of(folder, pictures)
+    return open_footage(folder, FPS)
+
+
+def followed(folder: Path, motion: Motion, how: Webcam) -> Tracked:
+    pictures = list(webcam(film(CAMERA, motion, np.arange(0, 1.6, 1 / FPS), LOOK), how))
+    footage = shown(folder, pictures)
+    detector = learn_detector(CAMERA, footage, default_palette())
+    return track(footage, detector.camera, detector, {"white": 1, "red": 1})
+
+
+def test_a_shot_during_which_the_camera_is_bumped_is_left_out_with_its_reason(tmp_path: Path) -> None:
+    result = followed(tmp_path, BALLS, Webcam(quality=70, bumped=(30, (4.0, 3.0))))
+    assert result.shots == ()
+    said = " ".join(result.left_out)
+    assert "the camera stands 1" in said
+    assert "mm elsewhere than in most of the film" in said
+
+
+def test_places_are_those_of_the_true_camera_where_it_was_bumped(tmp_path: Path) -> None:
+    there = bumped(0.003, -0.004, 0.002, 0.0, 0.0, 0.0)
+    pictures = list(film(there, BALLS, np.arange(0, 1.6, 1 / FPS), LOOK))
+    footage = shown(tmp_path, pictures)
+    detector = learn_detector(calibrated(), footage, default_palette())
+    result = track(footage, detector.camera, detector, {"white": 1, "red": 1})
+    (shot,) = result.shots
+    path, rows = result.found[0][shot.struck]
+    true = np.column_stack([np.interp(path.time[rows], BALLS.times, BALLS.position[:, 0, axis]) for axis in (0, 1)])
+    off = np.linalg.norm(path.xy[rows] - true, axis=1)
+    assert np.sqrt(np.mean(off**2)) < 0.8 * MM < 3 * MM < apart(TRUE, there)
+    assert any("followed" in note for note in detector.notes)
