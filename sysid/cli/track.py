@@ -122,7 +122,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
     so_far = None if outputs.force else finished(outputs.out)
     if so_far is not None:
         check_camera(so_far, camera, outputs.out)
-    reports, doubtful = [], False
+    reports, refused, doubtful = [], list[BadInput](), False
     done = videos_in(so_far)
     feed = click.get_current_context().with_resource(live.feed())
     films = _films(progress, filmed, camera, [video for name, video in named.items() if name not in done], feed)
@@ -139,6 +139,12 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
             if so_far is not None:
                 end.add_note(f"{len(videos_in(so_far))} videos are kept in {outputs.out}: the same command continues")
             raise
+        if isinstance(film, BadInput):
+            refused.append(film)
+            progress.close()
+            if len(named) > 1:
+                print(f"left out: {film}")
+            continue
         result = film.result
         reports.append(_report(progress, filmed, outputs, video, camera, film))
         doubtful |= bool(result.doubts)
@@ -157,23 +163,25 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
         write_sheet(outputs.sheet_file, so_far, camera, named, filmed.fps)
         progress.close()
         print(f"contact sheet: {outputs.sheet_file}")
+    if refused:
+        raise refused[0]
     return Status.FINDING if doubtful else Status.DONE
 
 
 def _films(
     progress: Progress, filmed: Filmed, camera: Camera, videos: Sequence[str], feed: Feed | None
-) -> Generator[tuple[str, TrackedFilm], None, None]:
+) -> Generator[tuple[str, TrackedFilm | BadInput], None, None]:
     """Videos with what became of them, in order; tracked by a cluster where it has an address."""
     from models.workers import open_workers
     from sysid.vision.balls.palette import palette_for
-    from sysid.vision.film import Taken, film_mark, track_film, track_same_film
+    from sysid.vision.film import Taken, film_mark, track_same_film, tried_film
     from sysid.vision.tracks.recordings import video_name
 
     palette = palette_for(filmed.palette_file, camera.table, camera.diameter)
     taken = Taken(camera, str(filmed.camera_file), palette, filmed.fps, filmed.exposure, filmed.mass)
     if filmed.scheduler is None:
         for video in videos:
-            yield video, track_film(video, taken, progress, feed)
+            yield video, tried_film(video, taken, progress, feed)
         return
     tasks = [(os.path.abspath(video), video_name(video), taken, film_mark(video)) for video in videos]
     with open_workers(filmed.scheduler, 0, progress=progress) as workers:

@@ -93,6 +93,16 @@ def track_film(
     return TrackedFilm(result, seen, clips, tuple(remarks), footage.fps)
 
 
+def tried_film(
+    video: str, taken: Taken, progress: Callable[[str], None], feed: Feed | None = None
+) -> TrackedFilm | BadInput:  # fmt: skip
+    """The same, or what is wrong with the film."""
+    try:
+        return track_film(video, taken, progress, feed)
+    except BadInput as error:
+        return error
+
+
 def _show(live: LiveTrack, camera: Camera, frame: Frame, seen: Sequence[Detection]) -> None:
     """Show a frame with the balls that were found in it."""
     if live.due():
@@ -101,8 +111,11 @@ def _show(live: LiveTrack, camera: Camera, frame: Frame, seen: Sequence[Detectio
         live.frame(frame.index, frame.time, frame.picture, names, pixels, radii, camera.centres(pixels))
 
 
-def track_same_film(video: str, name: str, taken: Taken, mark: str) -> TrackedFilm:
-    """The same on a worker, which reports what it does; BadInput where its film is another one, see `film_mark`."""
+def track_same_film(video: str, name: str, taken: Taken, mark: str) -> TrackedFilm | BadInput:
+    """The same on a worker, which reports what it does; BadInput where its film is another one, see `film_mark`.
+
+    What is wrong with the film itself is returned, as other films go on.
+    """
     import cv2
 
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
@@ -116,7 +129,7 @@ def track_same_film(video: str, name: str, taken: Taken, mark: str) -> TrackedFi
         raise BadInput(
             f"{video}: is another film on the worker on {platform.node()}; copy it there, or share the folder"
         )
-    return track_film(video, taken, lambda line: report(f"{name}: {line}"))
+    return tried_film(video, taken, lambda line: report(f"{name}: {line}"))
 
 
 def film_mark(video: str) -> str:

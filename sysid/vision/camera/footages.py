@@ -37,13 +37,13 @@ class TableView:
 
 
 def table_view(videos: Mapping[str, Sequence[Picture]]) -> TableView:
-    """The view of the camera that most videos agree upon.
+    """The view of the camera that most videos agree upon, or of several such the first.
 
     Args:
         videos: frames (height, width, 3) of each, by name.
 
     Raises:
-        BadInput: sizes differ, or no majority of the videos has the same camera.
+        BadInput: sizes differ.
     """
     names = list(videos)
     first = videos[names[0]][0].shape
@@ -55,9 +55,7 @@ def table_view(videos: Mapping[str, Sequence[Picture]]) -> TableView:
     same = {a: [b for b in names if a == b or shift(medians[a], medians[b]) <= MAX_SHIFT_PX] for a in names}
     used = max(same.values(), key=len)
     left = [name for name in names if name not in used]
-    if left and 2 * len(used) <= len(names):
-        raise BadInput(f"the camera stands elsewhere in {', '.join(left)} than in {used[0]}: calibrate them apart")
-    notes = [f"{name}: the camera stands elsewhere in it; it is left out" for name in left]
+    notes = [f"{name}: the camera stands elsewhere in it; it is left out of the calibration" for name in left]
     notes += [
         f"{name}: the camera moves between its first frame and its last"
         for name in used
