@@ -33,8 +33,10 @@ MIN_SAMPLES = 20  # of a profile in the picture,
 MIN_COVER = 0.7  # and of these, that are in another
 MAX_GAIN = 4.0  # of the light, either way
 MIN_LIKENESS = 0.9  # normalised correlation of a profile with what it is found at
-MIN_PLACES = 12  # found again, at three sides or more,
-MIN_FOUND, MIN_WATCHED = 0.8, 0.4  # and of those that show something, in most pictures and in a single one
+MIN_PLACES = 16  # that must show something, at three sides or more, to know whether a camera stands
+MIN_FOUND, MIN_FOUND_SIDE = 0.5, 0.2  # of these, found again where one pose has them: of all, and of each side
+MIN_SIDE = 5  # that show something, for a side to count
+MAX_RESIDUAL_PX = 1.0  # of that pose, rms
 MIN_SHIFT_M, MIN_SHIFT_PX = 0.15e-3, 0.1  # of the middle one of the places, below which the camera stands as it did
 SETTLED_M = 1e-3  # of the pose found: farther off, the profiles are looked for once more, from there
 ROUNDS = 4  # of this, at most
@@ -46,9 +48,9 @@ WATCH_INTERVAL_S = 0.5  # between two pictures that are compared
 class SideView:
     """The sides of the table as a camera saw them when it was calibrated."""
 
-    def __init__(self, camera: Camera, profiles: NDArray[np.uint8], least: float = MIN_FOUND) -> None:
-        """Of a camera and its profiles; `least` as MIN_FOUND."""
-        self._camera, self._profiles, self._least = camera, profiles.astype(float), least
+    def __init__(self, camera: Camera, profiles: NDArray[np.uint8]) -> None:
+        """Of a camera and its profiles."""
+        self._camera, self._profiles = camera, profiles.astype(float)
         self._known, self._shows = profiles > 0, _shows(profiles)
         self._shifts = np.arange(-round(SEARCH_M / STEP_M), round(SEARCH_M / STEP_M) + 1) * STEP_M
         self._lines = _lines(camera, SEARCH_M)
@@ -58,7 +60,7 @@ class SideView:
         out, likeness = self._found(_light(pictures, self._lines))
         xy, rails = _places(self._camera)
         good = likeness >= MIN_LIKENESS
-        if good.sum() < max(MIN_PLACES, self._least * self._shows.sum()) or len(set(rails[good].tolist())) < 3:
+        if not self._enough(good):
             return None
         if np.median(np.abs(out[good])) < max(MIN_SHIFT_M, MIN_SHIFT_PX * _pixel(self._camera)):
             return self._camera
@@ -66,7 +68,14 @@ class SideView:
         xy[np.arange(len(xy)), axis] += sign * out
         places = np.column_stack([xy, np.full(len(xy), NOSE_HEIGHT * self._camera.radius)])
         fit = fit_camera(self._camera, self._camera.project(places[good]), rails[good])
-        return fit.camera if fit.kept.sum() >= self._least * self._shows.sum() else None
+        good[good] = fit.kept
+        return fit.camera if self._enough(good) and fit.reprojection_error < MAX_RESIDUAL_PX else None
+
+    def _enough(self, found: NDArray[np.bool_]) -> bool:
+        """Whether so many of the places (places,) are found that it is this table, seen by this camera."""
+        shows, found = self._shows.reshape(4, -1).sum(axis=1), found.reshape(4, -1).sum(axis=1)
+        sides = bool((found >= MIN_FOUND_SIDE * shows)[shows >= MIN_SIDE].all())
+        return sides and _can_tell(self._shows) and found.sum() >= MIN_FOUND * shows.sum()
 
     def _found(self, light: Array) -> tuple[Array, Array]:
         """How far out each profile is found (places,) [m], and its correlation there (places,); -1 for none."""
@@ -99,13 +108,18 @@ def _shows(profiles: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return np.asarray((seen >= MIN_SAMPLES) & (np.nanstd(known, axis=1) >= MIN_CONTRAST))
 
 
+def _can_tell(shows: NDArray[np.bool_]) -> bool:
+    """Whether places that show something (places,) are so many that a camera's place is known by them."""
+    return bool(shows.sum() >= MIN_PLACES and (shows.reshape(4, -1).sum(axis=1) >= MIN_SIDE).sum() >= 3)
+
+
 class CameraWatch:
     """Looks now and then whether the camera of a film still stands where it does in most of it."""
 
     def __init__(self, camera: Camera) -> None:
         """Of a camera as `standing` returns it."""
         self._camera = camera
-        self._view = None if camera.sides is None else SideView(camera, camera.sides, MIN_WATCHED)
+        self._view = None if camera.sides is None else SideView(camera, camera.sides)
         self._limit = max(MAX_MOVED_M, MAX_MOVED_PX * _pixel(camera))
         self._looked = -math.inf  # when [s]
         self.moved: list[tuple[float, float]] = []  # when [s] it stands elsewhere, and how far: rms over the table [m]
@@ -133,7 +147,7 @@ def standing(camera: Camera, pictures: Sequence[Picture]) -> tuple[Camera, tuple
     """
     found = camera
     said: tuple[str, ...] = ()
-    if camera.sides is not None and _shows(camera.sides).sum() >= 2 * MIN_PLACES:
+    if camera.sides is not None and _can_tell(_shows(camera.sides)):
         for _ in range(ROUNDS):
             seen = SideView(found, camera.sides).camera_in(pictures)
             if seen is None or apart(camera, seen) > MAX_FOLLOWED_M:
