@@ -193,3 +193,7 @@ def test_from_video_to_clips(tmp_path: File, capsys: pytest.CaptureFixture[str])
     assert (tmp_path / "p" / "0001.png").is_file()
     assert run(*given) == 0
     assert "kept" in capsys.readouterr().out, "a finished video is not tracked again"
+    (tmp_path / "broken.mkv").write_text("no video")
+    with pytest.raises(BadInput, match=r"broken\.mkv: is not a readable video"):
+        run(str(tmp_path / "broken.mkv"), *given)
+    assert "kept" in capsys.readouterr().out, "the others go on"
