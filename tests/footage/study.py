@@ -146,16 +146,21 @@ def _run(words: Sequence[object]) -> tuple[int, list[str]]:
 
 
 def _tracks(folder: Path, shots: Sequence[Scene], taken: Array, diameter: float) -> dict[str, Any]:
-    """Shots that are usable, samples that are another ball's, and noise told over true, of frames taken at times."""
+    """Shots that are usable, samples that are another ball's or none's, noise told over true; frames taken at times."""
     if not (folder / "clips" / "clips.toml").is_file():
         return {"usable": 0, "samples": 0, "swapped": 0}
     clip_set = read_clip_set(folder / "clips")
     usable = samples = swapped = 0
+    names = {name for shot in shots for name in shot.track.names}
     scatter: list[Array] = []
     places: list[Array] = []  # squared errors of usable shots [m^2]
     for clip in clip_set.clips:
         begins = float(taken[clip.extra["frames"][0]])  # the clip's first sample
         shot = _shot_during(begins, shots)
+        unknown = [
+            len(seen.time) for name, seen in clip.balls.items() if name not in (shot.track.names if shot else names)
+        ]
+        samples, swapped = samples + sum(unknown), swapped + sum(unknown)
         if shot is None:
             continue
         errors = []

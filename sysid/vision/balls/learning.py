@@ -19,12 +19,12 @@ from sysid.vision.balls.discs import MIN_BED_CONTRAST, core_colour, is_disc, new
 from sysid.vision.balls.edges import INNER_PX, OUTER_PX, Optics
 from sysid.vision.balls.faces import are_patterned, face
 from sysid.vision.balls.outline_fit import (
-    MIN_FOREGROUND,
     OutlineFit,
     balls,
     fit_outlines,
 )
 from sysid.vision.balls.palette import LINK_DISTANCE, Palette, colour_distance, group_colours, name_colours
+from sysid.vision.balls.resting import resting_balls
 from sysid.vision.balls.view_geometry import Array, view_geometry
 from sysid.vision.camera.camera_motion import standing
 from sysid.vision.camera.projection import Camera
@@ -84,7 +84,7 @@ def learn_detector(
     size_sd = INITIAL_SIZE_ERROR * geometry.radius(np.array(camera.size) / 2)
     optics = Optics(INITIAL_EDGE_NOISE, INITIAL_BLUR_PX, size_sd=size_sd)
 
-    background, resting = learn_background(geometry, pictures, lambda view: _resting(view, optics, palette))
+    background, resting = learn_background(geometry, pictures, lambda view: resting_balls(view, optics, palette))
     progress("learning what the balls look like")
     views = [background.view(picture) for picture in pictures]
     found = [(k, fit) for k, view in enumerate(views) for fit in balls(view, optics)]
@@ -127,15 +127,6 @@ def learn_detector(
     notes += [doubt for doubt in naming.doubts if len(detector.ball_colours) == len(named)]
     notes += _warnings(detector, [fit for _, fit in found], resting, lights)
     return replace(detector, notes=(*moved, *notes))
-
-
-def _resting(view: View, optics: Optics, palette: Palette) -> list[Array]:
-    """Pixels (2,) of balls in what pictures show most of the time: outlines, and what out of focus has none."""
-    found = [] if palette.patterned else [fit.xy for fit in balls(view, optics, MIN_FOREGROUND)]
-    for fit in new_discs(view, None):
-        if all(np.hypot(*(fit.xy - xy)) > fit.radius for xy in found):
-            found.append(fit.xy)
-    return found
 
 
 def _patterned_detector(

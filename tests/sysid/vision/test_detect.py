@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import cast
@@ -217,32 +216,6 @@ def test_a_ball_that_is_looked_for_in_a_black_pocket_is_not_there(tmp_path: Path
 
 
 @pytest.mark.slow
-def test_balls_at_rest_all_along_do_not_hide_in_the_backdrop(tmp_path: Path) -> None:
-    camera = camera_of(10)
-    half = camera.table.width / 2 - 0.95 * camera.radius
-    places = np.array([[(0.2, 0.1), (-0.25, half), (-0.3 + 0.08 * k, -0.15)] for k in range(7)])
-    pictures = shown(camera, THREE, places)
-    detector = learnt(tmp_path / "f", camera, pictures)
-    off, _ = errors(detector, camera, pictures, THREE, places)
-    assert np.isfinite(off).all()
-    assert rms(off) < 0.1
-    assert any("at rest" in line for line in detector.notes)
-    empty = shown(camera, (), np.zeros((1, 0, 2)))[0]
-    assert detector.find(empty) == [], "what is painted below them looks like the table"
-    single = learnt(tmp_path / "one", camera, pictures[:1])
-    assert sorted(s.name for s in single.find(pictures[0])) == sorted(THREE)
-
-
-def test_a_ball_at_rest_out_of_focus_does_not_hide_in_the_backdrop(tmp_path: Path) -> None:
-    camera = camera_of(10)
-    places = np.array([[(0.2, 0.1), (-0.3 + 0.06 * k, -0.15)] for k in range(9)])
-    pictures = shown(camera, THREE[:2], places, replace(LOOK, blur=1.6, noise=2.0))
-    detector = learnt(tmp_path / "f", camera, pictures)
-    truth = camera.outline(places[0])[0]
-    for picture in pictures:
-        assert [s.name for s in detector.find(picture) if np.hypot(*(s.xy - truth)) < 2.0] == ["white"]
-
-
 @pytest.mark.slow
 def test_a_ball_with_the_cue_at_it_and_one_that_moves_are_found(tmp_path: Path) -> None:
     camera, rng = camera_of(20), np.random.default_rng(6)

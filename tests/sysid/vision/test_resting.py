@@ -1,0 +1,60 @@
+"""Balls that rest all the time stand out from the empty table; pieces of a hand that stays are none of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from models.shot import NOSE_COSINE, Table
+from tests.footage.__main__ import camera_over
+from tests.footage.cameras import aimed, overhead
+from tests.footage.study import RAIL_WIDTH_M, recipe
+from tests.sysid.vision.test_detect import LOOK, THREE, camera_of, errors, learnt, rms, shown
+
+
+def test_balls_at_rest_all_along_do_not_hide_in_the_backdrop(tmp_path: Path) -> None:
+    camera = camera_of(10)
+    half = camera.table.width / 2 - 0.95 * camera.radius
+    places = np.array([[(0.2, 0.1), (-0.25, half), (-0.3 + 0.08 * k, -0.15)] for k in range(7)])
+    pictures = shown(camera, THREE, places)
+    detector = learnt(tmp_path / "f", camera, pictures)
+    off, _ = errors(detector, camera, pictures, THREE, places)
+    assert np.isfinite(off).all()
+    assert rms(off) < 0.1
+    assert any("at rest" in line for line in detector.notes)
+    empty = shown(camera, (), np.zeros((1, 0, 2)))[0]
+    assert detector.find(empty) == [], "what is painted below them looks like the table"
+    single = learnt(tmp_path / "one", camera, pictures[:1])
+    assert sorted(s.name for s in single.find(pictures[0])) == sorted(THREE)
+
+
+def test_a_ball_at_rest_out_of_focus_does_not_hide_in_the_backdrop(tmp_path: Path) -> None:
+    camera = camera_of(10)
+    places = np.array([[(0.2, 0.1), (-0.3 + 0.06 * k, -0.15)] for k in range(9)])
+    pictures = shown(camera, THREE[:2], places, replace(LOOK, blur=1.6, noise=2.0))
+    detector = learnt(tmp_path / "f", camera, pictures)
+    truth = camera.outline(places[0])[0]
+    for picture in pictures:
+        assert [s.name for s in detector.find(picture) if np.hypot(*(s.xy - truth)) < 2.0] == ["white"]
+
+
+def test_balls_that_touch_each_other_and_a_cushion_all_along_are_balls(tmp_path: Path) -> None:
+    camera = overhead(Table(1.2, 0.65), 0.0523, (640, 380), 1.5, 1.36)
+    row = np.array([(0.1 + 0.0005 * k, 0.65 / 2 - 0.026 * NOSE_COSINE - 0.0525 * k) for k in range(4)])
+    places = np.repeat(np.concatenate([row, [(-0.3, -0.1)]])[None], 8, axis=0)
+    names = ("red", "yellow", "blue", "black", "white")
+    detector = learnt(tmp_path, camera, shown(camera, names, places))
+    found = detector.find(shown(camera, names, places[:1])[0])
+    assert sorted(one.name for one in found) == sorted(names)
+
+
+def test_a_hand_that_stays_has_no_ball_in_it(tmp_path: Path) -> None:
+    """Its fist was mended out of the empty table, and so was a ball from then on."""
+    one = recipe(42)
+    camera = aimed(camera_over(Table(3.569, 1.778), 0.0525, one.size, one.tilt, one.lens), one.aside, RAIL_WIDTH_M)
+    places = np.array([[(0.3 - 0.05 * k, -0.44 + 0.02 * k)] for k in range(10)])
+    pictures = shown(camera, ("white",), places, replace(one.look, exposure=0.0))
+    detector = learnt(tmp_path, camera, pictures)
+    assert {name for name, _ in detector.ball_colours} == {"white"}
