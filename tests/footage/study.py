@@ -244,7 +244,7 @@ def rows(found: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
         ("cameras passed and wrong", str(len(passed) - len(right)), str(len(found))),
         ("error of those passed, median; worst [mm]", _two(errors, np.median, np.max), str(len(errors))),
         ("shots usable", str(sum(r["usable"] for r in found)), str(shots)),
-        ("samples of another ball", str(sum(r["swapped"] for r in found)), str(samples)),
+        ("samples of another ball, or of none", str(sum(r["swapped"] for r in found)), str(samples)),
         ("noise told over true, median; worst", _two(ratios, np.median, np.max), str(len(ratios))),
         (
             "error of places over what is told, camera passed, median; worst",

@@ -115,7 +115,7 @@ class Detector:
         """As `find`, by what the balls cover."""
         found: list[Detection] = []
         if self.palette is not None and not expected:
-            return [_unnamed(fit) for fit in new_discs(view, None)]
+            return [_unnamed(fit) for fit in new_discs(view, None, kind="any")]
         if not expected:
             for name, colour in self.ball_colours:
                 for fit in new_discs(view, self._in_picture(view, colour), partial(self._in_picture, view, colour)):

@@ -32,6 +32,7 @@ from sysid.vision.frames import Footage, Picture
 
 LEARNING_FRAMES = 30  # spread over the footage
 MIN_FRAME_FRACTION = 0.1  # of these, that show a ball
+CLEAREST, MAX_CLEAREST_RESIDUAL = 0.2, 0.22  # part of the discs of a colour, whose cover a ball explains so well
 CLIPPED_FACTOR = 1.4  # by which the true brightness of a clipped channel may exceed what it shows
 MIN_DISC_FRACTION = 0.3  # of the frames in which outlines have its colour, that show a disc of that colour, too
 OPTICS_OUTLINES = 16  # the clearest ones, from which the optics are learnt
@@ -96,7 +97,7 @@ def learn_detector(
     if palette.patterned and are_patterned(
         [face(background, view, one.xy, one.radius) for view in views[::3] for one in new_discs(view, None)]
     ):
-        detector, notes = _patterned_detector(background, optics, palette, pictures)
+        detector, notes = _patterned_detector(background, optics, palette, pictures, small)
         return replace(
             detector, notes=(*moved, *notes, *_warnings(detector, [fit for _, fit in found], resting, lights))
         )
@@ -130,12 +131,15 @@ def learn_detector(
 
 
 def _patterned_detector(
-    background: Background, optics: Optics, palette: Palette, pictures: Sequence[Picture]
+    background: Background, optics: Optics, palette: Palette, pictures: Sequence[Picture], small: bool
 ) -> tuple[Detector, list[str]]:
-    """A detector of balls that have several colours, by outlines where these are seen as often; and what it sees."""
+    """A detector of balls that have several colours, and what it sees.
+
+    By outlines where these are seen as often, but for `small` balls, in whose outlines a cue or a sleeve fits as well.
+    """
     by_discs = Detector(background, optics, (), (), rough=True, palette=palette)
     chosen, seen = by_discs, [len(by_discs.find(picture)) for picture in pictures]
-    if not _rough(optics, background.noise):
+    if not (small or _rough(optics, background.noise)):
         outlines = replace(by_discs, rough=False)
         held = [len(outlines.find(picture)) for picture in pictures]
         if sum(held) >= max(MIN_HELD_FRACTION * sum(seen), OPTICS_OUTLINES):
@@ -162,18 +166,21 @@ def _rough_detector(
     )
     detector = replace(detector, rough=True, ball_colours=named)
     seen: dict[str, list[Array]] = {name: [] for name, _ in named}
+    residuals: dict[str, list[float]] = {name: [] for name, _ in named}
     for picture in pictures:
         view = detector.background.view(picture)
         best = {one.name: one for one in detector.find(picture)[::-1]}
         for name, one in best.items():
+            residuals[name].append(1 - one.score / one.coverage)
             seen[name].append(
                 core_colour(view, DiscFit(one.xy, one.radius, np.zeros(2), 1.0, one.sd, 0.0, 0.0, 1.0, 1.0))[::-1]
             )
     outlines = dict(counts)
     kept = []
     for name, colour in named:
-        if len(seen[name]) >= MIN_DISC_FRACTION * outlines[name]:
-            clipped = np.median(seen[name], axis=0) >= CLIPPED_GREY if seen[name] else np.zeros(3, bool)
+        shaped = bool(seen[name]) and np.quantile(residuals[name], CLEAREST) <= MAX_CLEAREST_RESIDUAL
+        if shaped and len(seen[name]) >= MIN_DISC_FRACTION * outlines[name]:
+            clipped = np.median(seen[name], axis=0) >= CLIPPED_GREY
             kept.append((name, np.where(clipped, CLIPPED_FACTOR, 1.0) * colour))
     found = {name: len(seen[name]) for name, _ in kept}
     kept = distinct(kept, found)

@@ -1,4 +1,4 @@
-"""Balls that rest all the time stand out from the empty table; pieces of a hand that stays are none of them."""
+"""Balls that rest all the time stand out from the empty table; pieces of a hand that stays, or of a cue, do not."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from models.shot import NOSE_COSINE, Table
+from sysid.vision.camera.projection import Camera
 from tests.footage.__main__ import camera_over
 from tests.footage.cameras import aimed, overhead
+from tests.footage.motion import Cue
 from tests.footage.study import RAIL_WIDTH_M, recipe
 from tests.sysid.vision.test_detect import LOOK, THREE, camera_of, errors, learnt, rms, shown
 
@@ -50,11 +52,23 @@ def test_balls_that_touch_each_other_and_a_cushion_all_along_are_balls(tmp_path:
     assert sorted(one.name for one in found) == sorted(names)
 
 
+def snooker_from_afar(number: int) -> Camera:
+    """The camera of a random film, in which balls have 4 pixels in radius."""
+    one = recipe(number)
+    return aimed(camera_over(Table(3.569, 1.778), 0.0525, one.size, one.tilt, one.lens), one.aside, RAIL_WIDTH_M)
+
+
 def test_a_hand_that_stays_has_no_ball_in_it(tmp_path: Path) -> None:
     """Its fist was mended out of the empty table, and so was a ball from then on."""
-    one = recipe(42)
-    camera = aimed(camera_over(Table(3.569, 1.778), 0.0525, one.size, one.tilt, one.lens), one.aside, RAIL_WIDTH_M)
     places = np.array([[(0.3 - 0.05 * k, -0.44 + 0.02 * k)] for k in range(10)])
-    pictures = shown(camera, ("white",), places, replace(one.look, exposure=0.0))
+    camera, look = snooker_from_afar(42), replace(recipe(42).look, exposure=0.0)
+    detector = learnt(tmp_path, camera, shown(camera, ("white",), places, look))
+    assert {name for name, _ in detector.ball_colours} == {"white"}
+
+
+def test_the_butt_of_a_cue_is_no_ball_of_its_colour(tmp_path: Path) -> None:
+    camera, look = snooker_from_afar(31), replace(recipe(31).look, exposure=0.0, player=False)
+    cue = Cue(0.35, (0.05, -0.12, 0.03), 0.2, 0.02)
+    pictures = shown(camera, ("white",), np.repeat(np.array([[(0.1, -0.1)]]), 10, axis=0), look, cue)
     detector = learnt(tmp_path, camera, pictures)
     assert {name for name, _ in detector.ball_colours} == {"white"}
