@@ -17,7 +17,7 @@ from sysid.vision.balls.background import Background, View
 from sysid.vision.balls.candidates import candidates
 from sysid.vision.balls.cover import DiscFit
 from sysid.vision.balls.discs import Shutter, core_colour, known_disc, new_discs
-from sysid.vision.balls.edges import Optics
+from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
 from sysid.vision.balls.faces import ANY_BALL, face, names_by_faces
 from sysid.vision.balls.outline_fit import (
     MIN_SEPARATION_RADII,
@@ -115,7 +115,8 @@ class Detector:
         """As `find`, by what the balls cover."""
         found: list[Detection] = []
         if self.palette is not None and not expected:
-            return [_unnamed(fit) for fit in new_discs(view, None, kind="any")]
+            small = view.geometry.radius(np.array(self.camera.size) / 2) < MIN_OUTLINE_RADIUS_PX
+            return [_unnamed(fit) for fit in new_discs(view, None, kind="small" if small else "new")]
         if not expected:
             for name, colour in self.ball_colours:
                 for fit in new_discs(view, self._in_picture(view, colour), partial(self._in_picture, view, colour)):

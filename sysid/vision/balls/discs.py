@@ -25,9 +25,9 @@ CELLS_PER_RADIUS = 4.0  # of the coarse picture in which balls are sought
 RING_WIDTH_RADII = 0.45  # about a disc, with which its cover is compared
 MIN_PEAK = 0.22  # cover of a disc less that of its ring; a ball swept by three radii still has a third
 MAX_PEAKS = {"one": 6, "any": 40}  # in a picture, of one colour and of any
-MIN_RIM = {"new": 0.75, "any": 0.75, "known": 0.5}  # of a ball found, found by any colours, and followed
+MIN_RIM = {"new": 0.75, "small": 0.75, "known": 0.5}  # of a ball found, a small one of any colours, and one followed
 MIN_HEIGHT = 0.6
-MAX_RESIDUAL = {"new": 0.3, "any": 0.2, "known": 0.4}  # of cover
+MAX_RESIDUAL = {"new": 0.3, "small": 0.2, "known": 0.4}  # of cover
 CLEAR_RESIDUAL = 0.2  # of a motion that needs no other to be tried
 SWEEP_RATIO = 1.15  # of misfits, by which a ball that stands still must explain a picture better than a moving one
 LEAST_SWEEP_RADII = 0.1  # of a motion, below which a disc is not swept
@@ -114,7 +114,7 @@ def peaks(view: View, colour: Array | None, centre: Array | None = None, reach: 
 
 
 def acceptable(fit: DiscFit | None, kind: str) -> bool:
-    """Whether a fit shows a ball, which is `new`, `any` or `known`."""
+    """Whether a fit shows a ball, which is `new`, `small` or `known`."""
     return (
         fit is not None and fit.rim >= MIN_RIM[kind] and fit.height > MIN_HEIGHT and fit.residual < MAX_RESIDUAL[kind]
     )

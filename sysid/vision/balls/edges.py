@@ -24,6 +24,7 @@ from sysid.vision.balls.view_geometry import OUTLINE_NORMALS, Array
 
 INNER_PX = 3.0  # of a normal, within the outline, that are sampled
 OUTER_PX = 4.0  # and outside of it
+MIN_OUTLINE_RADIUS_PX = INNER_PX + OUTER_PX  # of balls below which normals show little beside the edges themselves
 SAMPLE_STEP_PX = 0.5  # between samples along a normal
 SAMPLE_OFFSETS_PX = np.arange(-INNER_PX, OUTER_PX + SAMPLE_STEP_PX / 2, SAMPLE_STEP_PX)
 EDGE_SAMPLE = int(INNER_PX / SAMPLE_STEP_PX)  # index of the sample on the outline

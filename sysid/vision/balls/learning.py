@@ -16,7 +16,7 @@ from sysid.vision.balls.background import Background, View, learn_background
 from sysid.vision.balls.cover import CLIPPED_GREY, DiscFit
 from sysid.vision.balls.detect import Detector, outline_colour
 from sysid.vision.balls.discs import MIN_BED_CONTRAST, core_colour, is_disc, new_discs
-from sysid.vision.balls.edges import INNER_PX, OUTER_PX, Optics
+from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
 from sysid.vision.balls.faces import are_patterned, face
 from sysid.vision.balls.outline_fit import (
     OutlineFit,
@@ -44,7 +44,6 @@ INITIAL_BLUR_PX = (0.85, 1.0)
 INITIAL_SIZE_ERROR = 0.05  # of the radius, relative
 MIN_EDGE_NOISE_GREY = 1.0
 ROUGH_EDGE_RATIO = 4.0  # of edge noise to that of the pictures, from which on balls are measured by what they cover
-MIN_OUTLINE_RADIUS_PX = INNER_PX + OUTER_PX  # of balls below which normals show little beside the edges themselves
 MIN_HELD_FRACTION = 0.8  # of the balls that are seen as outlines, once the edges' noise is known, for these to be used
 MAX_UNSTEADY_PX = 0.08  # of balls at rest by their outlines, from which on discs are tried, and taken if they are
 STEADIER = 0.6  # by this factor, or at all and seen more often
