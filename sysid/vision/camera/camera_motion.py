@@ -151,7 +151,7 @@ def standing(camera: Camera, pictures: Sequence[Picture]) -> tuple[Camera, tuple
         for _ in range(ROUNDS):
             seen = SideView(found, camera.sides).camera_in(pictures)
             if seen is None or apart(camera, seen) > MAX_FOLLOWED_M:
-                raise BadInput("shows the table elsewhere than its camera's file has it; calibrate anew, with this picture or film")
+                raise BadInput("shows the table elsewhere than its camera's file has it; calibrate it anew")
             found, before = seen, found
             if apart(found, before) < SETTLED_M:
                 break

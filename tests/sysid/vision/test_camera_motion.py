@@ -102,7 +102,7 @@ def test_a_table_that_is_elsewhere_is_refused() -> None:
 
 
 def refused(picture: Picture) -> None:
-    with pytest.raises(BadInput, match="elsewhere than its camera's file has it; calibrate anew, with this picture or film"):
+    with pytest.raises(BadInput, match="elsewhere than its camera's file has it; calibrate it anew"):
         standing(calibrated(), [picture])
 
 
