@@ -47,7 +47,8 @@ def test_outlines_are_as_large_and_as_long_as_the_camera_says(height: float) -> 
     assert np.sum(seen.elongation_errors(wide) ** 2) > 4 * np.sum(seen.elongation_errors(camera) ** 2)
 
 
-@pytest.mark.parametrize("height", [pytest.param(1.5, marks=pytest.mark.slow), 3.5])
+@pytest.mark.slow
+@pytest.mark.parametrize("height", [1.5, 3.5])
 def test_balls_tell_the_focal_length_of_a_straight_view(height: float) -> None:
     camera, picture = view(height)
     found = calibrate(picture, camera.table, camera.diameter, CameraHints())

@@ -101,6 +101,7 @@ def test_a_straight_view_does_not_tell_the_focal_length_and_it_hardly_matters(
     assert 0.1e-3 < found.parallax[0] < 1e-3
 
 
+@pytest.mark.slow
 def test_a_tilted_view_tells_the_focal_length() -> None:
     camera = over_table((0.05, 0.4), span=3.0, pockets=False)
     found = calibrated(camera, taken(camera))

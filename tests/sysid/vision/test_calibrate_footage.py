@@ -42,7 +42,8 @@ def test_the_nose_is_neither_its_shadow_nor_the_end_of_the_cloth(view: tuple[Cam
     assert "diamonds" in found.notes[-1]
 
 
-@pytest.mark.parametrize("off", [3, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("off", [3, 4])
 def test_corners_ten_pixels_off_are_enough(view: tuple[Camera, Picture], off: int) -> None:
     camera, picture = view
     signs = np.array([[1, 1], [-1, 1], [1, -1], [-1, -1.0]])

@@ -227,6 +227,7 @@ def test_prints_of_another_size_are_noticed(scale: float) -> None:
     assert marker_notes(CAMERA, right, view, 4)[1] == []
 
 
+@pytest.mark.slow
 def test_markers_without_any_nose_are_not_trusted() -> None:
     picture = np.full_like(filmed(CARDS), 90)
     for number in seen(CARDS).numbers:  # nothing but the cards is left of the picture

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from models.shot import NOSE_COSINE, Table
 from sysid.vision.camera.projection import Camera
@@ -16,6 +17,7 @@ from tests.footage.study import RAIL_WIDTH_M, recipe
 from tests.sysid.vision.test_detect import LOOK, THREE, camera_of, errors, learnt, rms, shown
 
 
+@pytest.mark.slow
 def test_balls_at_rest_all_along_do_not_hide_in_the_backdrop(tmp_path: Path) -> None:
     camera = camera_of(10)
     half = camera.table.width / 2 - 0.95 * camera.radius
@@ -58,6 +60,7 @@ def snooker_from_afar(number: int) -> Camera:
     return aimed(camera_over(Table(3.569, 1.778), 0.0525, one.size, one.tilt, one.lens), one.aside, RAIL_WIDTH_M)
 
 
+@pytest.mark.slow
 def test_a_hand_that_stays_has_no_ball_in_it(tmp_path: Path) -> None:
     """Its fist was mended out of the empty table, and so was a ball from then on."""
     places = np.array([[(0.3 - 0.05 * k, -0.44 + 0.02 * k)] for k in range(10)])
@@ -66,6 +69,7 @@ def test_a_hand_that_stays_has_no_ball_in_it(tmp_path: Path) -> None:
     assert {name for name, _ in detector.ball_colours} == {"white"}
 
 
+@pytest.mark.slow
 def test_the_butt_of_a_cue_is_no_ball_of_its_colour(tmp_path: Path) -> None:
     camera, look = snooker_from_afar(31), replace(recipe(31).look, exposure=0.0, player=False)
     cue = Cue(0.35, (0.05, -0.12, 0.03), 0.2, 0.02)

@@ -78,6 +78,7 @@ def test_the_sides_of_the_cloth_end_where_it_does() -> None:
         assert min(abs(np.median(one)) for one in away) < 4e-3, "0.6 of a pixel"
 
 
+@pytest.mark.slow
 def test_the_sides_of_the_cloth_end_where_it_does_on_cushions_in_shade() -> None:
     camera, _ = plain("small")
     look = Look(noise=1.5, cloth_tops=True, lamps=0.7)  # one cushion half as bright as the bed
@@ -137,6 +138,7 @@ def test_a_dark_cushion_whose_nose_seemed_the_end_of_the_cloth_is_looked_at_agai
     assert over_bed(camera, found.camera) < 1.0
 
 
+@pytest.mark.slow
 def test_the_cloth_ends_where_its_colour_does_however_dark() -> None:
     camera, _ = plain("small")
     look = Look(noise=1.5, cushion_shadow=0.009, cloth_tops=True)
