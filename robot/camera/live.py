@@ -79,8 +79,8 @@ class LiveCamera:
         self.ball: Ball = ball_of(
             camera, options.mass if options.mass is not None else MASS_PER_CUBED_DIAMETER * camera.diameter**3
         )
-        pixel = camera.radius / float(camera.radius_px(np.zeros((1, 2)))[0])  # [m]
-        self.fps, self.sigma = rate, options.sigma if options.sigma is not None else round(PLACE_ERROR_PX * pixel, 5)
+        self.fps = rate
+        self.sigma = options.sigma if options.sigma is not None else round(PLACE_ERROR_PX * camera.pixel, 5)
         self.warnings: tuple[str, ...] = ()  # of the last look or film
         self.filmed: FilmedFrames | None = None  # what the last film is of
         self._source, self.seen_with, self._folder = source, camera, Path(folder)

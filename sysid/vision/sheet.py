@@ -12,6 +12,7 @@ from pathlib import Path as File
 import cv2
 import numpy as np
 
+from models.errors import BadInput
 from models.files import write_whole
 from models.recording.palette import ball_colour
 from sysid.clips import Clip, ClipSet
@@ -37,7 +38,7 @@ def write_sheet(path: File, clip_set: ClipSet, camera: Camera, videos: Mapping[s
         clips = [clip for clip in clip_set.clips if clip.extra.get("video") == name]
         wanted = {int(frame) for clip in clips for frame in clip.extra["frames"]} or {0}
         pictures = _pictures(open_footage(videos[name], fps), wanted)
-        there = standing(camera, list(pictures.values()))[0] if pictures else camera
+        there = _standing(camera, list(pictures.values()))
         left_out = [f"left out: {text}" for text in video.get("left_out", ())]
         for clip in clips:
             first, last = (pictures.get(int(frame)) for frame in clip.extra["frames"])
@@ -58,6 +59,14 @@ def _pictures(footage: Footage, wanted: set[int]) -> dict[int, Picture]:
         if frame.index >= max(wanted):
             break
     return found
+
+
+def _standing(camera: Camera, pictures: Sequence[Picture]) -> Camera:
+    """The camera where it stands, to draw with; as calibrated where so few pictures do not show it."""
+    try:
+        return standing(camera, pictures)[0] if pictures else camera
+    except BadInput:
+        return camera
 
 
 def _drawn(picture: Picture, clip: Clip, camera: Camera) -> Picture:

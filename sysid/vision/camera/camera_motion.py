@@ -62,7 +62,7 @@ class SideView:
         good = likeness >= MIN_LIKENESS
         if not self._enough(good):
             return None
-        if np.median(np.abs(out[good])) < max(MIN_SHIFT_M, MIN_SHIFT_PX * _pixel(self._camera)):
+        if np.median(np.abs(out[good])) < max(MIN_SHIFT_M, MIN_SHIFT_PX * self._camera.pixel):
             return self._camera
         axis, sign = rails // 2, 1.0 - 2.0 * (rails % 2)
         xy[np.arange(len(xy)), axis] += sign * out
@@ -120,7 +120,7 @@ class CameraWatch:
         """Of a camera as `standing` returns it."""
         self._camera = camera
         self._view = None if camera.sides is None else SideView(camera, camera.sides)
-        self._limit = max(MAX_MOVED_M, MAX_MOVED_PX * _pixel(camera))
+        self._limit = max(MAX_MOVED_M, MAX_MOVED_PX * camera.pixel)
         self._looked = -math.inf  # when [s]
         self.moved: list[tuple[float, float]] = []  # when [s] it stands elsewhere, and how far: rms over the table [m]
 
@@ -171,11 +171,6 @@ def apart(one: Camera, other: Camera) -> float:
     half = np.array([one.table.length, one.table.width]) / 2 - one.radius
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, 7), np.linspace(-1, 1, 5)), axis=-1).reshape(-1, 2) * half
     return float(np.sqrt(np.mean(np.sum((other.centres(one.outline(grid)) - grid) ** 2, axis=1))))
-
-
-def _pixel(camera: Camera) -> float:
-    """Size of a pixel in the middle of the table [m]."""
-    return camera.radius / float(camera.radius_px(np.zeros((1, 2)))[0])
 
 
 def _places(camera: Camera) -> tuple[Array, NDArray[np.intp]]:

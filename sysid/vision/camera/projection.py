@@ -65,6 +65,11 @@ class Camera:
         """Position of the camera: (3,) [m], table frame."""
         return np.asarray(-self.axes.T @ self.translation)
 
+    @property
+    def pixel(self) -> float:
+        """Size of a pixel at the balls, in the middle of the table [m]."""
+        return self.radius / float(self.radius_px(np.zeros((1, 2)))[0])
+
     def row_delay(self, rows: Array | float) -> Array:
         """When rows of a picture are exposed after its middle row (n,) [s]; 0 where the readout is unknown."""
         readout = self.readout if math.isfinite(self.readout) else 0.0

@@ -93,13 +93,14 @@ def track(
     timed = set_right(TimedTracks(followed, found.frames, found.times), found.twice, camera)
     result = tracked(timed.tracks, timed.frames, timed.times, camera, found.rate)
     result = replace(result, notes=(*names, *timed.notes, *result.notes), picture_rate=timed.rate)
-    return _while_standing(result, found.standing)
+    return _while_standing(result, found)
 
 
-def _while_standing(result: Tracked, standing: CameraWatch) -> Tracked:
-    """The result without the shots during which the camera stands elsewhere."""
+def _while_standing(result: Tracked, found: _Followed) -> Tracked:
+    """The result without the shots during which the camera stands elsewhere, as pictures of these stamps show."""
     scene = result.scene
-    moved = [standing.moved_by(scene.time_of(shot.first), scene.time_of(shot.last)) for shot in result.shots]
+    ends = [found.times[np.searchsorted(found.frames, [shot.first, shot.last])] for shot in result.shots]
+    moved = [found.standing.moved_by(*span) for span in ends]
     left_out = [
         f"{_moment(scene, shot.time)}: the camera stands {1e3 * by:.1f} mm elsewhere than in most of the film: left out"
         for shot, by in zip(result.shots, moved, strict=True) if by

@@ -12,11 +12,13 @@ import pytest
 
 from models.errors import BadInput
 from models.shot import Table
+from sysid.clips import ClipSet
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import default_palette
 from sysid.vision.camera.camera_motion import CameraWatch, apart, side_profiles, standing
-from sysid.vision.camera.projection import Camera, read_camera, write_camera
+from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
 from sysid.vision.frames import Footage, Picture, open_footage
+from sysid.vision.sheet import write_sheet
 from sysid.vision.tracks.track import Tracked, track
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
@@ -178,3 +180,12 @@ def test_places_are_those_of_the_true_camera_where_it_was_bumped(tmp_path: Path)
     off = np.linalg.norm(path.xy[rows] - true, axis=1)
     assert np.sqrt(np.mean(off**2)) < 0.8 * MM < 3 * MM < apart(TRUE, there)
     assert any("followed" in note for note in detector.notes)
+
+
+def test_a_sheet_is_drawn_though_its_few_pictures_do_not_show_the_sides(tmp_path: Path) -> None:
+    """A film that fades in begins with black."""
+    shown(tmp_path / "dark", [np.zeros((380, 640, 3), np.uint8)] * 3)
+    videos = [{"name": "dark", "clips": 0, "samples": 0, "left_out": []}]
+    clips = ClipSet(TRUE.table, ball_of(TRUE, 0.14), FPS, (), extra={"videos": videos})
+    write_sheet(tmp_path / "sheet.png", clips, calibrated(), {"dark": str(tmp_path / "dark")}, FPS)
+    assert cv2.imread(str(tmp_path / "sheet.png")) is not None
