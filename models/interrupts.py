@@ -1,9 +1,9 @@
-"""Ends from outside: SIGTERM and a lost terminal act as Ctrl-C does, and workers end with the process they work for.
+"""Ends from outside: signals and a lost terminal act as Ctrl-C does, and workers end with the process they work for.
 
-In: signals, the end of a parent process, work that nobody waits for any more. Out: `Terminated`, which is a
-KeyboardInterrupt, so that whatever keeps finished work after Ctrl-C keeps it then too; `Abandoned`, in a worker.
-SIGKILL and a full memory leave no time for anything: what must survive them is written as soon as it is known, and a
-worker sees the pipe from its parent close.
+In: SIGTERM, SIGHUP, SIGQUIT (Ctrl-\\), the end of a parent process, work that nobody waits for any more. Out:
+`Terminated`, which is a KeyboardInterrupt, so that whatever keeps finished work after Ctrl-C keeps it then too;
+`Abandoned`, in a worker. SIGKILL and a full memory leave no time for anything: what must survive them is written as
+soon as it is known, and a worker sees the pipe from its parent close.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from types import FrameType, TracebackType
 
-ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 SIGNAL_STATUS = 128  # and the number of a signal: the exit status that shells give
 AGAIN_AFTER_S = 0.01  # an interrupt that was dropped
 Dropped = list[tuple[KeyboardInterrupt, threading.Timer]]  # interrupts, and what sends them again
@@ -131,8 +131,9 @@ def go_on() -> None:
 
 
 def work_for_parent() -> None:
-    """Make this process a worker: Ctrl-C is left to its parent, and it ends as soon as that is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Make this process a worker: Ctrl-C and Ctrl-\\ are left to its parent, and it ends as soon as that is gone."""
+    for number in (signal.SIGINT, signal.SIGQUIT):
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

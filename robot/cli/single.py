@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +14,9 @@ from robot.cli.common import RequiredWire
 
 if TYPE_CHECKING:
     from robot.device.outcome import Did
+    from robot.device.protocol import LauncherStatus
+
+HOLDER_ANSWERS_S = 2.0  # for which the holder of the port may take to ask the launcher
 
 
 @click.command()
@@ -52,7 +55,38 @@ def _request(name: str, text: str, moves: bool = False) -> click.Command:
     return request
 
 
-status = _request("status", "Print the state of the launcher.")
+@click.command()
+@gathered("wire", RequiredWire)
+def status(wire: RequiredWire) -> int:
+    """Print the state of the launcher.
+
+    Also while another program holds the port, which is named then.
+
+    Example: robot status --port /dev/ttyUSB0
+    """
+    from robot.device.protocol import parse_status
+    from robot.device.relay import STATUS, ask, this_program
+
+    settings = wire.settings()
+    holder = ask(settings.port.device, STATUS, this_program(), HOLDER_ANSWERS_S)
+    if holder is None:
+        with wire.launcher(settings) as launcher:
+            return _report(launcher.status())
+    answer = holder.answer or {}
+    found = parse_status(str(answer.get("status")))
+    if found is None:
+        why = answer.get("error", "no answer")
+        print(f"{holder} holds the port and has no status ({why}); robot stop goes through")
+        return Status.FINDING
+    status = _print_status(found, *settings.tip_mm(found.x_um, found.y_um))
+    print(f"{holder} holds the port{_busy_with(answer)}; robot stop goes through")
+    return status
+
+
+def _busy_with(answer: dict[str, Any]) -> str:
+    return f", last with {answer['doing']}" if answer.get("doing") else ""
+
+
 reset = _request("reset", "Reset the launcher after a stop or a fault.")
 home = _request("home", "Move rack and stage to their switches.", moves=True)
 
@@ -62,25 +96,34 @@ home = _request("home", "Move rack and stage to their switches.", moves=True)
 def stop(wire: RequiredWire) -> int:
     """Stop the launcher at once.
 
-    Status 1 if the launcher does not confirm it.
+    Also while another program holds the port; says what it interrupted. Status 1 if the launcher does not confirm it.
 
     Example: robot stop --port /dev/ttyUSB0
     """
-    with wire.link(wire.settings()) as link:
-        stopped = link.stop()
+    from robot.device.past_lock import stop_past_lock
+
+    stopped, holder = stop_past_lock(wire.settings(), wire.log)
+    if holder is not None:
+        silent = " and does not answer" if holder.answer is None else ""
+        print(f"{holder} holds the port{silent}{_busy_with(holder.answer or {})}")
     sent = f"{stopped.bytes_sent} bytes" if stopped.bytes_sent != 1 else "1 byte"
     if not stopped.confirmed:
         print(f"not confirmed after {sent}: cut the power")
         return Status.FINDING
-    print(f"stopped, confirmed in {1e3 * stopped.seconds:.0f} ms ({sent}); robot reset leaves it")
+    was = f" from {stopped.interrupted}" if stopped.interrupted else ""
+    print(f"stopped, confirmed in {1e3 * stopped.seconds:.0f} ms ({sent}){was}; robot reset leaves it")
     return Status.DONE
 
 
 def _report(did: Did) -> int:
-    s = did.status
-    print(
-        f"{s.state}: tip at {did.x0_mm:+.2f}, {did.y0_mm:+.2f} mm, {s.done} strokes, {s.stops} stops, {s.boots} boots"
-    )
-    for line in (*s.troubles(), *did.noted):
+    status = _print_status(did.status, did.x0_mm, did.y0_mm)
+    for line in did.noted:
+        print(f"noted: {line}")
+    return status
+
+
+def _print_status(s: LauncherStatus, x0_mm: float, y0_mm: float) -> int:
+    print(f"{s.state}: tip at {x0_mm:+.2f}, {y0_mm:+.2f} mm, {s.done} strokes, {s.stops} stops, {s.boots} boots")
+    for line in s.troubles():
         print(f"noted: {line}")
     return Status.FINDING if s.state in ("STOPPED", "FAULT") else Status.DONE

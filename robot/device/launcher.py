@@ -19,11 +19,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from models.errors import BadInput
-from robot.device.link import Link, Stopped
-from robot.device.outcome import Did, Done, LauncherFault, NotStruck, Refused, StrokeUnknown
+from robot.device.link import Link
+from robot.device.outcome import Did, Done, LauncherFault, NotStruck, Refused, Stopped, StrokeUnknown
 from robot.device.protocol import (
     BUSY_STATES,
+    FAULT_BITS,
     PROTOCOL_VERSION,
+    SILENCE_BIT,
+    UNGUARDED_VERSION,
     LauncherError,
     LauncherStatus,
     LauncherStopped,
@@ -39,7 +42,6 @@ SETTLE_STATES = ("IDLE", "EXTENDED")  # in which motions end well
 REFUSAL_REMEDIES = {
     "NO UNHOMED": "home it first",
     "NO EXTENDED": "retract first",
-    "NO STOPPED": "reset and home it first",
     "NO FAULT": "reset and home it first",
     "NO STOPS": "it was stopped again meanwhile; look first",
 }
@@ -98,6 +100,11 @@ class Launcher:
             self._line.open()
             got = self._line.greet()
             job.retries += got.retries
+            if got.body == f"OK {UNGUARDED_VERSION}":
+                raise LauncherError(
+                    f"the launcher speaks {UNGUARDED_VERSION} and does not stop when its controller falls silent; "
+                    f"load firmware that speaks {PROTOCOL_VERSION}"
+                )
             if got.body != f"OK {PROTOCOL_VERSION}":
                 raise LauncherError(f"the other end says {got.body!r}; this driver speaks {PROTOCOL_VERSION}")
         return self._did(job, "connected", self._ask(job, through_stop=True))
@@ -121,6 +128,7 @@ class Launcher:
         """Bring rack and stage to their switches; their places are known from then on."""
         job = self._job()
         self._taken_up = False
+        self._doing("homing")
         self._command(job, "HOME")
         status = self._settle(job, "homing")
         if status.state != "IDLE" or status.x_um or status.y_um:
@@ -136,6 +144,7 @@ class Launcher:
             LauncherError: it was not reached.
         """
         target = self.settings.stage_um(x0_mm, y0_mm)
+        self._doing("a move of the tip")
         job = self._job()
         here = self._ask(job)
         below = round(1e3 * self.settings.stage.takeup_mm)
@@ -168,6 +177,7 @@ class Launcher:
         self.settings.check_speed(n)
         job = self._job()
         number = self._ask(job).begun + 1
+        self._doing(f"stroke {number} ({n:03d}p)")
         for _ in range(1 if self.dry_run else MAX_ARMINGS):
             self._command(job, f"ARM {n} {number}")
             if self.dry_run:
@@ -184,6 +194,7 @@ class Launcher:
     def retract(self) -> Did:
         """Bring the cue back after a stroke."""
         job = self._job()
+        self._doing("the retract")
         self._command(job, "RETRACT")
         if self.dry_run:
             self._dry = dataclasses.replace(self._dry, state="IDLE")
@@ -219,7 +230,7 @@ class Launcher:
                 if status.begun >= number:
                     return self._made(name, n, number, status)
                 if status.state == "STOPPED":
-                    raise LauncherStopped(f"stopped before {name} began; reset and home")
+                    raise LauncherStopped(f"{self._stopped(status)} before {name} began; reset and home")
                 if status.state == "IDLE":
                     return None
                 if status.state != "ARMED" or status.armed != n:
@@ -240,6 +251,8 @@ class Launcher:
         if status.done == number and status.begun == number and status.string == n:
             return status
         why = "; ".join(status.troubles()) or f"the launcher is {status.state} and reports stroke {status.done}"
+        if status.state == "STOPPED":
+            why = self._stopped(status)
         raise StrokeUnknown(f"{name} was begun, but not ended: {why}; look at the table")
 
     def _after_stop(self, job: _Command, name: str, n: int, number: int) -> LauncherStatus:
@@ -256,14 +269,25 @@ class Launcher:
         except LinkLost as error:
             raise StrokeUnknown(f"{name} was stopped, and the launcher does not answer; look at the table") from error
         if status.begun < number:
-            raise LauncherStopped(f"stopped before {name} began; reset and home")
+            raise LauncherStopped(f"{self._stopped(status)} before {name} began; reset and home")
         return self._made(name, n, number, status)
+
+    def _stopped(self, status: LauncherStatus) -> str:
+        """How it came to be stopped."""
+        if status.faults & SILENCE_BIT:
+            return f"the launcher {FAULT_BITS[SILENCE_BIT]}"
+        return "the launcher was stopped" + (f" by {self._line.stopped_by}" if self._line.stopped_by else "")
+
+    def _doing(self, what: str) -> None:
+        """For other shells that ask."""
+        if not self.dry_run:
+            self._line.doing = what
 
     def _settle(self, job: _Command, what: str) -> LauncherStatus:
         """Wait until a motion has ended; LauncherStopped and LauncherFault where it ended badly."""
         status = self._wait(job, BUSY_STATES, what)
         if status.state == "STOPPED":
-            raise LauncherStopped(f"stopped during {what}; reset and home")
+            raise LauncherStopped(f"{self._stopped(status)} during {what}; reset and home")
         if status.state == "FAULT":
             raise LauncherFault(f"{what} failed: {'; '.join(status.troubles()) or 'no reason given'}; reset and home")
         if status.state not in SETTLE_STATES:
@@ -310,7 +334,9 @@ class Launcher:
         job.retries += got.retries
         if got.body == "OK":
             return
-        kind = {"NO STOPPED": LauncherStopped, "NO FAULT": LauncherFault}.get(got.body, Refused)
+        if got.body == "NO STOPPED":
+            raise LauncherStopped(f"{self._stopped(self._ask(job, through_stop=True))}; reset and home it first")
+        kind = LauncherFault if got.body == "NO FAULT" else Refused
         raise kind(
             f"the launcher refused {body!r} ({got.body}); {REFUSAL_REMEDIES.get(got.body, 'ask for its status')}"
         )

@@ -8,70 +8,52 @@ is opened again for up to `reconnect_s`. Everything unusual is noted (`incidents
 
 The stop has a path of its own: `halt` takes no lock that is held while waiting, empties what is still queued for
 sending, writes the byte and wakes the thread that reads. From then on every other thread gets LauncherStopped until a
-reset. Where no cable is in, the byte is the first to be sent when it is back. An interrupt, SIGTERM, an exception and
-the end of the program stop the launcher too.
+reset. Where no cable is in, the byte is the first to be sent when it is back. Signals (robot/device/signals.py), an
+exception and the end of the program stop the launcher too. Other shells stop it past this link: the answer to their
+byte halts it (`stopped_by`), and they are answered by robot/device/relay.py.
+
+A killed controller is silent, and the launcher then stops by itself; one that waits for a late reply is not, and sends
+beats, in the thread that waits: where that hangs there are none.
 """
 
 from __future__ import annotations
 
 import atexit
-import signal
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Any
 
 from models.errors import BadInput
-from models.interrupts import Terminated
 from robot.device.exchange_log import ExchangeLog
-from robot.device.port import PORT_ERRORS, READ_SLICE_S, Port
+from robot.device.outcome import Incident, Reply, Stopped
+from robot.device.port import PORT_ERRORS, READ_SLICE_S, Port, PortHeld
 from robot.device.protocol import (
+    BEAT,
+    BEAT_S,
     STOP_BYTE,
     UNSOLICITED_SEQUENCE,
+    LauncherError,
     LauncherStopped,
     LinkLost,
     Message,
     Reader,
     frame,
+    interrupted_state,
     next_sequence,
     stroke_line,
 )
+from robot.device.relay import STATUS, STOP, Relay
 from robot.device.settings import Clock, RealClock, Timing
+from robot.device.signals import StopOnSignals
 
 QUIET_BEFORE_RETRY_S = (
     0.02  # of silence before a line is sent again [s], so that the remains of the last reply are gone
 )
 MAX_REPLY_BYTES = 96  # bytes
 MAX_STOP_TRIES, STOP_WAIT_S = 10, 0.06  # bytes sent until one is answered; for each [s]
-
-
-@dataclass(frozen=True)
-class Incident:
-    """Something unusual on the line."""
-
-    time: float  # of the link's clock [s]
-    kind: str  # silence, lost, junk, stale, slow, cable, stop, log, or what launcher.py adds
-    detail: str
-
-
-@dataclass(frozen=True)
-class Reply:
-    """The reply to a request."""
-
-    body: str
-    retries: int
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Stopped:
-    """The result of a stop."""
-
-    confirmed: bool  # the launcher has answered that it stopped
-    bytes_sent: int
-    seconds: float  # until that answer, or until the last try
 
 
 class Link:
@@ -85,9 +67,19 @@ class Link:
         baud: int,
         clock: Clock | None = None,
         log: Path | str | None = None,
+        answers: bool = True,
     ) -> None:
-        """A line that is not open yet; `log` gets every exchange as a line of JSON, added to what it holds."""
-        self._open_port, self.timing, self.clock = open_port, timing, clock or RealClock()
+        """A line that is not open yet.
+
+        Args:
+            open_port: opens the port, now and after a disconnected cable.
+            timing: time-outs and retries.
+            baud: of the port [bit/s].
+            clock: the machine's by default.
+            log: gets every exchange as a line of JSON, added to what it holds.
+            answers: other shells while it is open, as the holder of the port.
+        """
+        self._open_port, self.timing, self.clock, self._answers = open_port, timing, clock or RealClock(), answers
         self._byte_s = 10.0 / baud  # start, eight bits, stop
         self._turn = threading.RLock()  # held for an exchange
         self._swap = threading.RLock()  # held while the port changes; never while waiting for anything
@@ -96,18 +88,21 @@ class Link:
         self._reader = Reader("=", commands=False)
         self._sequence = UNSOLICITED_SEQUENCE
         self._notices = 0  # answers to stop bytes
+        self._interrupted = ""  # state that the last of them names
+        self._sent_at = 0.0  # a line was [s]
+        self._relay: Relay | None = None
+        self.stopped_by = ""  # who stopped it from elsewhere
+        self.doing = ""  # what is in progress, for others
         self._overdue = 0  # replies that may still come late, to lines that were sent again
-        self._handlers: dict[signal.Signals, Any] = {}
+        self._signals = StopOnSignals(self.halt)
         self.incidents: list[Incident] = []
         self.exchanges = 0
         self._log = ExchangeLog(log, self.clock, self.note)
 
     def __enter__(self) -> Link:
-        """Open, and let interrupts and SIGTERM stop the launcher."""
+        """Open, and let the signals that end a program stop the launcher."""
         self.open()
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                self._handlers[number] = signal.signal(number, self._on_signal)
+        self._signals.install()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
@@ -116,23 +111,18 @@ class Link:
             if kind is not None and not issubclass(kind, BadInput):
                 self.stop()
         finally:
-            for number, handler in self._handlers.items():
-                signal.signal(number, handler)
-            self._handlers.clear()
+            self._signals.remove()
             self.close()
-
-    def _on_signal(self, number: int, at: FrameType | None) -> None:
-        self.halt()
-        if number == signal.SIGINT:
-            raise KeyboardInterrupt
-        raise Terminated(number)
 
     def open(self) -> None:
         """Open the port and greet; BadInput when it cannot be opened, LinkLost when nobody answers."""
         with self._turn:
             if self._port is None:
                 try:
-                    self._take(self._open_port())
+                    port = self._open_port()
+                    self._take(port)
+                except PortHeld as error:
+                    raise BadInput(f"the port cannot be opened: {error}") from None
                 except (*PORT_ERRORS, ValueError) as error:
                     raise BadInput(
                         f"the port cannot be opened ({error}); plug the cable in, or correct [port]"
@@ -142,6 +132,8 @@ class Link:
                 except BadInput:
                     self._drop()
                     raise
+                if self._answers and self._relay is None and port.name:
+                    self._relay = Relay(port.name, self._answer)
                 atexit.register(self._at_exit)
 
     def greet(self) -> Reply:
@@ -151,7 +143,10 @@ class Link:
             return self._exchange(UNSOLICITED_SEQUENCE, "VERSION", through_stop=True)
 
     def close(self) -> None:
-        """Close the port; the launcher continues what it is doing."""
+        """Close the port; a launcher that moves then stops by itself."""
+        if self._relay is not None:
+            self._relay.close()
+            self._relay = None
         with self._turn, self._swap:
             self._drop()
             atexit.unregister(self._at_exit)
@@ -182,6 +177,7 @@ class Link:
             began, line, fault = self.clock.now(), stroke_line(string), ""
             try:
                 self._clear(0.0)
+                self._check(through_stop=False)
                 self._send(line)
             except PORT_ERRORS as error:
                 fault = str(error)
@@ -222,7 +218,8 @@ class Link:
                     self.clock.sleep(STOP_WAIT_S)
                 finally:
                     self._turn.release()
-        report = Stopped(self._notices > seen, sent, self.clock.now() - began)
+        confirmed = self._notices > seen
+        report = Stopped(confirmed, sent, self.clock.now() - began, self._interrupted if confirmed else "")
         self._log.write("stop", began, confirmed=report.confirmed, bytes=sent)
         return report
 
@@ -233,7 +230,21 @@ class Link:
 
     def release(self) -> None:
         """Allow motions again; for the reset, once the launcher has confirmed it."""
+        self.stopped_by = ""
         self._halted.clear()
+
+    def _answer(self, request: str, by: str) -> dict[str, Any]:
+        """To another shell: what was in progress, and the result."""
+        doing = self.doing
+        if request == STOP:
+            self.stopped_by = by
+            return {"doing": doing, **asdict(self.stop())}
+        if request == STATUS:
+            try:
+                return {"doing": doing, "status": self.exchange("STATUS", through_stop=True).body}
+            except LauncherError as error:
+                return {"doing": doing, "error": str(error)}
+        return {"doing": doing}
 
     def note(self, kind: str, detail: str) -> None:
         """Note something unusual."""
@@ -241,7 +252,8 @@ class Link:
 
     def _check(self, through_stop: bool) -> None:
         if self._halted.is_set() and not through_stop:
-            raise LauncherStopped("the launcher is stopped; look, then reset it and home it")
+            by = f" by {self.stopped_by}" if self.stopped_by else ""
+            raise LauncherStopped(f"the launcher was stopped{by}; look, then reset it and home it")
 
     def _exchange(self, sequence: int, body: str, through_stop: bool) -> Reply:
         line = frame(":", sequence, body)
@@ -285,7 +297,13 @@ class Link:
                     return got.body
                 self._came_late(got)
             self._check(through_stop)
+            self._beat()
         return None
+
+    def _beat(self) -> None:
+        """Tell the launcher that somebody is there, where nothing has for a while."""
+        if self.clock.now() - self._sent_at >= BEAT_S:
+            self._send(frame(":", UNSOLICITED_SEQUENCE, BEAT))
 
     def _came_late(self, reply: Message) -> None:
         self._overdue = max(self._overdue - 1, 0)
@@ -306,9 +324,14 @@ class Link:
         found = [a for a in self._reader.feed(data) if isinstance(a, Message)]
         if self._reader.dropped > before:
             self.note("junk", f"{self._reader.dropped - before} bytes thrown away")
-        notices = [f for f in found if f.sequence == UNSOLICITED_SEQUENCE and f.body.startswith("STOPPED")]
-        self._notices += len(notices)
-        return [f for f in found if f not in notices]
+        states = [(f, interrupted_state(f)) for f in found]
+        for state in (state for _, state in states if state is not None):
+            self._notices, self._interrupted = self._notices + 1, state
+            if not self._halted.is_set():
+                self.stopped_by = self.stopped_by or "another program, or by noise"
+                self.note("stopped", f"by {self.stopped_by}")
+                self._halted.set()
+        return [f for f, state in states if state is None]
 
     def _clear(self, quiet: float) -> None:
         """Discard late replies until it has been quiet for that long [s]; they are noted."""
@@ -318,6 +341,8 @@ class Link:
             data = port.read(waiting) if waiting else b""
             for late in self._sort(data):
                 self._came_late(late)
+            if data or quiet > 0:
+                self._beat()
             if not data:
                 if quiet <= 0:
                     break
@@ -330,6 +355,7 @@ class Link:
     def _send(self, data: bytes) -> None:
         if self._port is None:
             raise OSError("the port is closed")
+        self._sent_at = self.clock.now()
         self._port.write(data)
 
     def _broken(self, error: Exception) -> None:

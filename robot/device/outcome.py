@@ -1,6 +1,6 @@
-"""Results of the launcher's commands, and the errors that say what did not happen.
+"""Results of exchanges and of the launcher's commands, and the errors that say what did not happen.
 
-In: nothing. Out: the values that robot/device/launcher.py returns, and the exceptions that it raises.
+In: nothing. Out: the values that robot/device/link.py and launcher.py return, and exceptions of the latter.
 """
 
 from __future__ import annotations
@@ -24,6 +24,34 @@ class NotStruck(LauncherError):
 
 class StrokeUnknown(LauncherError):
     """It is not known whether, or how, the ball was struck. Inspect the table before any further stroke."""
+
+
+@dataclass(frozen=True)
+class Incident:
+    """Something unusual on the line."""
+
+    time: float  # of the link's clock [s]
+    kind: str  # silence, lost, junk, stale, slow, cable, stop, stopped, log, or what launcher.py adds
+    detail: str
+
+
+@dataclass(frozen=True)
+class Reply:
+    """The reply to a request."""
+
+    body: str
+    retries: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """The result of a stop."""
+
+    confirmed: bool  # the launcher has answered that it stopped
+    bytes_sent: int
+    seconds: float  # until that answer, or until the last try
+    interrupted: str = ""  # state that it ended, where the launcher has said so
 
 
 @dataclass(frozen=True)

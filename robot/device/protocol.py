@@ -7,6 +7,7 @@ A stroke is 'NNNp', as in Robotic Billiards (2015), section V: three digits, 001
     request   :SSSS BODY*CCCC\\n        SSSS sequence number, CCCC checksum, both in upper-case hexadecimal digits
     reply     =SSSS BODY*CCCC\\n        with the request's number; 0000 for the greeting and what was not requested
     stop      !                        one byte, anywhere, also in the middle of a frame
+    beat      :0000 ALIVE*CCCC\\n       keeps a waiting controller from counting as gone; has no reply
 
 The checksum is CRC-16/CCITT-FALSE (x^16 + x^12 + x^5 + 1, start FFFF) over all that stands before the '*': it finds
 every error of up to three bits in a frame, and one in 65536 of all others passes. Bodies hold upper-case letters,
@@ -15,6 +16,10 @@ digits, blanks, '.' and '-', so that neither a stroke nor a stop can stand insid
 'NNNp' has no checksum, and so it never acts alone: `ARM NNN K` goes before it in a frame, where K is one more than the
 number of strokes ever begun. Armed, the launcher strikes on this very NNN, once, and is disarmed by it; K makes a
 second stroke of the same number impossible for ever, however often either line is sent, and whoever sends it.
+
+A launcher in one of GUARDED_STATES stops by itself once it has heard no undamaged frame for SILENCE_S: its controller
+was killed, hangs, or its cable is out. A controller that waits for a late reply sends a beat every BEAT_S, so that
+three lines in a row may be lost.
 Leaves out encryption and addressing: one launcher at the end of one cable.
 """
 
@@ -27,15 +32,26 @@ from dataclasses import dataclass
 
 from models.errors import BadInput
 
-PROTOCOL_VERSION = "CUELAB 1"
+PROTOCOL_VERSION = "CUELAB 2"
+UNGUARDED_VERSION = "CUELAB 1"  # which does not stop when its controller is gone
 STOP_BYTE = b"!"
 FIRST_STRING, LAST_STRING = 1, 200  # strings of the paper
-UNSOLICITED_SEQUENCE = 0  # sequence number of the greeting, and of messages without a request
+UNSOLICITED_SEQUENCE = 0  # sequence number of the greeting, of beats, and of messages without a request
+BEAT = "ALIVE"  # body of a beat
+SILENCE_S = 0.4  # without an undamaged frame [s], after which a guarded launcher stops by itself
+BEAT_S = 0.08  # between beats [s]
 MAX_SEQUENCE = 0xFFFF
 MAX_FRAME_BYTES = 96  # in a frame
 LAUNCHER_STATES = ("UNHOMED", "IDLE", "MOVING", "ARMED", "STRIKING", "EXTENDED", "RETRACTING", "STOPPED", "FAULT")
 BUSY_STATES = ("MOVING", "STRIKING", "RETRACTING")  # which end without a command
-FAULT_BITS = {1: "the stage is stuck", 2: "the rack did not come back", 4: "restarted in mid-stroke"}
+GUARDED_STATES = (*BUSY_STATES, "ARMED")  # in which a controller has to be heard
+SILENCE_BIT = 8  # of FAULT_BITS
+FAULT_BITS = {
+    1: "the stage is stuck",
+    2: "the rack did not come back",
+    4: "restarted in mid-stroke",
+    SILENCE_BIT: f"stopped by itself, its controller being silent for {SILENCE_S:g} s",
+}
 BODY_PATTERN = re.compile(r"[A-Z0-9.\- ]{1,80}")
 FRAME_PATTERN = re.compile(rb"([:=][0-9A-F]{4} [A-Z0-9.\- ]{1,80})\*([0-9A-F]{4})")
 
@@ -81,7 +97,7 @@ class LauncherStatus:
 
     state: str = "UNHOMED"  # one of LAUNCHER_STATES
     boots: int = 0  # times it was switched on; another number says that it has forgotten where its stage is
-    stops: int = 0  # stop bytes ever acted on; a reset must name it
+    stops: int = 0  # stops ever, by the byte or by silence; a reset must name it
     begun: int = 0  # strokes ever begun; kept without power, written before the first pulse
     done: int = 0  # number of the last stroke that ran to its end
     armed: int = 0  # string that may strike now, 0 for none
@@ -130,6 +146,19 @@ def unframe(line: bytes) -> Message | None:
     if found is None or checksum(found[1]) != int(found[2], 16):
         return None
     return Message(int(found[1][1:5], 16), found[1][6:].decode("ascii"))
+
+
+def stop_notice(stops: int, interrupted: str) -> bytes:
+    """The answer to a stop byte: how many stops there have been, and the state that the first since a reset ended."""
+    return frame("=", UNSOLICITED_SEQUENCE, f"STOPPED {stops} {interrupted}")
+
+
+def interrupted_state(message: Message) -> str | None:
+    """The state that a stop ended, where this is a stop's answer; None where it is none."""
+    words = message.body.split(" ")
+    if message.sequence != UNSOLICITED_SEQUENCE or words[0] != "STOPPED":
+        return None
+    return words[2] if len(words) == 3 and words[2] in LAUNCHER_STATES else ""
 
 
 def next_sequence(sequence: int) -> int:

@@ -39,7 +39,7 @@ class PortSettings:
     """Where the launcher is."""
 
     device: str = "/dev/ttyUSB0"
-    baud: Annotated[int, Allowed(1200, 921600, "bit/s")] = 19200  # the paper names none
+    baud: Annotated[int, Allowed(4800, 921600, "bit/s")] = 19200  # the paper names none; slower, beats take the line
 
     def __post_init__(self) -> None:
         """BadInput where it is no name."""
@@ -53,7 +53,7 @@ class Timing:
 
     reply_s: Annotated[float, Allowed(0.01, 10, "s")] = 0.25  # of silence until a request is sent again
     retries: Annotated[int, Allowed(0, 50, "1")] = 5  # of one request, and of one stroke line
-    poll_s: Annotated[float, Allowed(0.001, 1, "s")] = 0.02  # between questions while something moves
+    poll_s: Annotated[float, Allowed(0.001, 0.1, "s")] = 0.02  # between questions in a motion; well within SILENCE_S
     motion_s: Annotated[float, Allowed(0.1, 600, "s")] = 30  # after which a motion counts as hung
     reconnect_s: Annotated[float, Allowed(0, 600, "s")] = 5  # for a disconnected cable to come back
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.errors import BadInput
+from robot.device.protocol import BEAT
 
 REQUEST_FAULTS = ("silent-up", "garbage-up", "dropped-up", "flipped-up")  # to the launcher
 REPLY_FAULTS = ("silent-down", "garbage-down", "partial-down", "dropped-down", "flipped-down", "slow")  # its reply
@@ -94,11 +95,12 @@ class FaultInjection:
 
     def _draw(self, line: bytes) -> str | None:
         framed = line.startswith(b":")
+        answered = framed and line[6:11] != BEAT.encode()
         moves = framed and line[6:10] in (b"MOVE", b"HOME")
         possible = [
             k
             for k in FAULT_KINDS
-            if k in REQUEST_FAULTS or k in ("restart", "pulled") or (k in REPLY_FAULTS and framed) or moves
+            if k in REQUEST_FAULTS or k in ("restart", "pulled") or (k in REPLY_FAULTS and answered) or moves
         ]
         if self._forced:
             return self._forced.pop(0) if self._forced[0] in possible else None

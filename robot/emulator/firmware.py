@@ -6,9 +6,11 @@ under robot/device/protocol.py. Nothing runs by itself: each byte and each query
 given clock, so that a virtual clock gives the same strokes as a real one, at once.
 
 Stroke: robot/emulator/stroke_motion.py, with a ripple along the rack, v (1 + A sin(2 pi (s + s_rest) / lambda + phi));
-the tip meets the ball at BALL_DISTANCE_M. Stage: a backlash of b between motor and tip, x_tip = clip(x_tip, x_motor,
-x_motor + b), zero where it came from below. Grades of the sizes: A two sources, B one, C estimate. Leaves out the
-ball's push on the rack, lost steps short of a stall, and vibration.
+the tip meets the ball at BALL_DISTANCE_M. Stage: robot/emulator/stage.py. Grades of the sizes: A two sources, B one,
+C estimate. Leaves out the ball's push on the rack, lost steps short of a stall, and vibration.
+
+Armed or moving it stops by itself SILENCE_S after the last undamaged frame. That time is the line's: where mechanics
+run faster than it, `pace` says by how much.
 """
 
 from __future__ import annotations
@@ -22,14 +24,19 @@ import numpy as np
 
 from robot.device import protocol
 from robot.device.protocol import (
+    BEAT,
     BUSY_STATES,
     FIRST_STRING,
+    GUARDED_STATES,
     LAST_STRING,
+    SILENCE_BIT,
+    SILENCE_S,
     UNSOLICITED_SEQUENCE,
     Arrival,
     LauncherStatus,
     Message,
 )
+from robot.emulator import stage
 from robot.emulator.stroke_motion import BALL_DISTANCE_M, BRAKING_DECELERATION, LEVEL_END_M, StrokeMotion, paper_law
 
 SPEED_RIPPLE, TOOTH_PITCH_M = 0.01, 0.002 * math.pi  # over the speed [1]; pitch of a module 2 rack [m]; C
@@ -39,10 +46,6 @@ ENCODER_SPEED_SD = 0.001  # sd of the measured speed over it [1]: 5.9 micrometre
 RETRACT_SPEED = 0.25  # [m/s]; C
 FORCE_PER_SPEED = 313.0  # peak force on the tip over the cue speed [N s/m]: 860 N at 2.75 m/s in launcher.md; B
 MAX_SENSOR_FORCE, SENSOR_SD = 440.0, 0.03  # FlexiForce A201-100: 100 lb, 3 %, from memory of its sheet; C
-STAGE_STEP_UM = 10  # 200 steps a turn, 2 mm of lead, C
-STAGE_RANGE_UM = 25_000  # each way: 2 in of travel (AEROTECH ATS302, from memory), C
-STAGE_SPEED, STAGE_ACCELERATION = 0.010, 0.050  # [m/s], [m/s^2]; C
-BACKLASH_UM = (150.0, 250.0)  # of x and y; screws of that class 0.1 to 0.3 mm, C
 CUE_TILT = math.radians(6.5)  # of the cue (Robotic Billiards 2015), A
 ARMED_TIMEOUT_S = 5.0  # until an unused arming lapses
 ARGUMENT_COUNTS = {
@@ -65,7 +68,7 @@ class Deed:
     """Something that the launcher truly did."""
 
     time: float  # of its clock [s]
-    what: str  # homed, moved, struck, retracted, stopped, reset, booted, stuck, refused
+    what: str  # homed, moved, struck, retracted, stopped, silenced, reset, booted, stuck, refused
     string: int = 0
     number: int = 0  # of the stroke
     speed: float = 0.0  # of the cue at the ball [m/s]
@@ -75,7 +78,7 @@ class Deed:
 
 @dataclass
 class Memory:
-    """What survives a loss of power: 20 bytes of the PIC18F458's EEPROM."""
+    """What survives a loss of power: 22 bytes of the PIC18F458's EEPROM."""
 
     boots: int = 0
     stops: int = 0
@@ -85,6 +88,8 @@ class Memory:
     speed: float = 0.0
     force: float = 0.0
     stopped: bool = False
+    interrupted: str = ""  # state that the stop ended
+    silent: bool = False  # it stopped because it heard nothing
 
 
 class Firmware:
@@ -98,7 +103,8 @@ class Firmware:
         on_strike: Callable[[float, float, float], None] | None = None,
         law: Callable[[int], float] = paper_law,
         ripple: float = SPEED_RIPPLE,
-        backlash: tuple[float, float] = BACKLASH_UM,
+        backlash: tuple[float, float] = stage.BACKLASH_UM,
+        pace: Callable[[], float] = lambda: 1.0,
     ) -> None:
         """Switch it on.
 
@@ -109,19 +115,20 @@ class Firmware:
             law: true cue speed of a string [m/s], which a calibration is to find.
             ripple: of the speed along the rack, part of it.
             backlash: of the stage in x and y [micrometre].
+            pace: seconds of its clock in a second of the line.
         """
         self._now, self._rng, self._on_strike, self._law = now, rng, on_strike, law
-        self._ripple, self._backlash = ripple, backlash
+        self._ripple, self._pace = ripple, pace
         self._phase = rng.uniform(0, 2 * math.pi)
         self.memory = Memory()
         self.deeds: list[Deed] = []
         self._events: list[tuple[float, Callable[[], None], bool]] = []  # time, action, whether it survives a stop
         self._time = now()  # of the event in progress
-        self._motor, self._tip = [0.0, 0.0], [0.0, 0.0]  # [micrometre]
+        self._stage = stage.Stage(backlash)
         self._stuck = False
         self._last: tuple[Message, str] | None = None  # the last request and its reply
         self._armed = self._refused = self._faults = 0
-        self._heard = self._deaf_until = self._time
+        self._heard = self._deaf_until = self._silent_at = self._time
         self.state = "UNHOMED"
         self._rack, self._rest = 0.0, 0.0  # [m]
         self._boot()
@@ -139,24 +146,32 @@ class Firmware:
     def update(self) -> None:
         """Bring it up to the clock."""
         now = self._now()
-        while self._events and self._events[0][0] <= now:
-            self._time, event, _ = self._events.pop(0)
-            event()
+        while (self._events and self._events[0][0] <= now) or self._silent_by(now):
+            if self._silent_by(self._events[0][0] if self._events else now):
+                self._time = self._silent_at
+                self._fall_silent()
+            else:
+                self._time, event, _ = self._events.pop(0)
+                event()
         self._time = now
+
+    def _silent_by(self, then: float) -> bool:
+        """Whether its controller counts as gone at that time."""
+        return self.state in GUARDED_STATES and self._silent_at <= then
 
     def status(self) -> LauncherStatus:
         """The status now."""
         self.update()
         m = self.memory
-        x, y = (round(v) for v in (self._under_way() if self.state == "MOVING" else self._motor))
+        x, y = (round(v) for v in (self._stage.under_way(self._time) if self.state == "MOVING" else self._stage.motor))
         return LauncherStatus(
             self.state, m.boots, m.stops, m.begun, m.done, self._armed, x, y, m.string, round(m.speed * 1e6),
-            round(m.force * 1e3), self._reader.dropped, self._refused, self._faults,
+            round(m.force * 1e3), self._reader.dropped, self._refused, self._faults | SILENCE_BIT * m.silent,
         )  # fmt: skip
 
     def tip(self) -> tuple[float, float]:
         """Where the cue's axis truly is: side, height [m] from where home puts it, across the cue."""
-        return self._tip[0] * 1e-6, self._tip[1] * 1e-6 * math.cos(CUE_TILT)
+        return self._stage.tip[0] * 1e-6, self._stage.tip[1] * 1e-6 * math.cos(CUE_TILT)
 
     def restart(self, after: float = 0.0) -> None:
         """Lose power for a moment, `after` seconds from now."""
@@ -168,10 +183,13 @@ class Firmware:
 
     def _answer(self, arrival: Arrival) -> bytes:
         if isinstance(arrival, protocol.StopByte):
-            self._stop()
-            return protocol.frame("=", UNSOLICITED_SEQUENCE, f"STOPPED {self.memory.stops}")
+            self._stop("stopped")
+            return protocol.stop_notice(self.memory.stops, self.memory.interrupted)
         if isinstance(arrival, protocol.StrokeLine):
             self._stroke(arrival.string)
+            return b""
+        self._silent_at = self._time + SILENCE_S * self._pace()
+        if arrival == Message(UNSOLICITED_SEQUENCE, BEAT):
             return b""
         return protocol.frame("=", arrival.sequence, self._reply(arrival))
 
@@ -221,6 +239,7 @@ class Firmware:
             return "NO STOPS"  # a stop came in between, which the sender has not seen
         if self.state in ("STOPPED", "FAULT"):
             self.memory.stopped, self._stuck, self._faults = False, False, 0
+            self.memory.interrupted, self.memory.silent = "", False
             self.state = "UNHOMED"
             self._note("reset")
         return "OK"
@@ -234,12 +253,11 @@ class Firmware:
     def _move(self, x: int, y: int) -> str:
         if self.state != "IDLE":
             return f"NO {self.state}"
-        if max(abs(x), abs(y)) > STAGE_RANGE_UM:
+        if max(abs(x), abs(y)) > stage.RANGE_UM:
             return "NO RANGE"
         self.state = "MOVING"
-        self._travel(
-            (round(x / STAGE_STEP_UM) * STAGE_STEP_UM, round(y / STAGE_STEP_UM) * STAGE_STEP_UM), self._time, "moved"
-        )
+        steps = round(x / stage.STEP_UM), round(y / stage.STEP_UM)
+        self._travel((steps[0] * stage.STEP_UM, steps[1] * stage.STEP_UM), self._time, "moved")
         return "OK"
 
     def _arm(self, string: int, number: int) -> str:
@@ -303,46 +321,38 @@ class Firmware:
 
     def _travel(self, target: tuple[float, float], start: float, what: str, extra: float = 0.0) -> None:
         """Move the stage to a target [micrometre], both axes at once."""
-        distance = 1e-6 * max(abs(t - m) for t, m in zip(target, self._motor, strict=True))
-        full = STAGE_SPEED**2 / STAGE_ACCELERATION
-        needs = distance / STAGE_SPEED + STAGE_SPEED / STAGE_ACCELERATION
-        needs = needs if distance > full else 2 * math.sqrt(distance / STAGE_ACCELERATION)
-        self._journey = (start, list(self._motor), target, needs)
+        needs = self._stage.travel(target, start)
         self._at(start + needs + extra, lambda: self._arrived(what))
 
     def _arrived(self, what: str) -> None:
         if self._stuck:
             self._stall()
             return
-        self._put(self._journey[2])
+        self._stage.arrive(home=what == "homed")
         if what == "homed":
-            self._tip, self._rack, self._rest = [0.0, 0.0], 0.0, 0.0  # it ends upwards, off the switches
+            self._rack = self._rest = 0.0
             self._faults = 0
         self.state = "IDLE"
-        self._note(what, x=self._tip[0] * 1e-6, y=self._tip[1] * 1e-6)
+        x, y = self._stage.tip
+        self._note(what, x=x * 1e-6, y=y * 1e-6)
 
     def _stall(self) -> None:
         """The drive reports a stall in mid-motion (assumed: a stepper without that would notice at home only)."""
-        part = self._rng.uniform(0, 1)
-        self._put([m + part * (t - m) for m, t in zip(self._motor, self._journey[2], strict=True)])
+        self._stage.stall(self._rng.uniform(0, 1))
         self.state, self._faults = "FAULT", self._faults | 1
         self._note("stuck")
 
-    def _under_way(self) -> list[float]:
-        """Positions of the stage's motors in motion [micrometre], as if at constant speed."""
-        start, origin, target, needs = self._journey
-        part = min(max((self._time - start) / needs, 0.0), 1.0) if needs > 0 else 1.0
-        return [m + part * (t - m) for m, t in zip(origin, target, strict=True)]
-
-    def _put(self, motor: tuple[float, float] | list[float]) -> None:
-        self._motor = list(motor)
-        self._tip = [min(max(t, m), m + b) for t, m, b in zip(self._tip, motor, self._backlash, strict=True)]
-
-    def _stop(self) -> None:
+    def _stop(self, what: str) -> None:
         self._cease()
         self.memory.stops += 1
+        self.memory.interrupted = self.memory.interrupted or self.state
         self.memory.stopped, self.state, self._armed = True, "STOPPED", 0
-        self._note("stopped")
+        self._note(what)
+
+    def _fall_silent(self) -> None:
+        """Nobody has been heard for too long."""
+        self.memory.silent = True
+        self._stop("silenced")
 
     def _cease(self) -> None:
         """No more pulses: the stage stands, the rack brakes and may still touch the ball."""
@@ -356,7 +366,7 @@ class Firmware:
                 slower = math.sqrt(at_ball)
                 self._at(now + (speed - slower) / BRAKING_DECELERATION, lambda: self._hit(slower), lasting=True)
         elif self.state == "MOVING":
-            self._put(self._under_way())
+            self._stage.halt(now)
 
     def _lose_power(self) -> None:
         interrupted = self.state == "STRIKING"

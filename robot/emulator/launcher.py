@@ -39,6 +39,10 @@ class Pace:
         """Seconds of the mechanics."""
         return self._mechanics_s + (time.monotonic() - self._real_s) * self._factor
 
+    def factor(self) -> float:
+        """Seconds of the mechanics in a real second."""
+        return self._factor
+
     def set(self, factor: float) -> None:
         """Another factor from now on."""
         self._mechanics_s, self._real_s = self.now(), time.monotonic()
@@ -173,7 +177,8 @@ def serve(
     if not 0 < pace <= 1000:
         raise BadInput(f"pace is {pace}; give a number above 0, up to 1000")
     rng, chance = np.random.default_rng(seed).spawn(2)
-    firmware = Firmware(Pace(pace).now, rng)
+    clock = Pace(pace)
+    firmware = Firmware(clock.now, rng, pace=clock.factor)
     faults = FaultInjection(fault_rate, chance) if fault_rate else None
     ending, reported = until or threading.Event(), 0
     with Emulator(firmware, baud=baud, faults=faults, path=path) as emulator, contextlib.suppress(KeyboardInterrupt):

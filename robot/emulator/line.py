@@ -107,6 +107,8 @@ class VirtualClock:
 class WirePort:
     """A port of the virtual line, with the behaviour and errors of serial.Serial."""
 
+    name = None
+
     def __init__(self, line: Line, clock: VirtualClock) -> None:
         """Plug in; OSError while the cable is out."""
         if clock.now() < line.out_until:

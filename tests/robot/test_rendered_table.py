@@ -84,7 +84,8 @@ def test_a_stroke_of_a_campaign_is_played_filmed_and_measured(tmp_path: Path, mo
 
     monkeypatch.setattr("robot.camera.live.LiveCamera.open", opened)
     monkeypatch.setattr("builtins.input", lambda prompt: "yes")
-    firmware = Firmware(Pace(20.0).now, np.random.default_rng(0), on_strike=drawn.table.hit)
+    clock = Pace(20.0)
+    firmware = Firmware(clock.now, np.random.default_rng(0), pace=clock.factor, on_strike=drawn.table.hit)
     said, wrong = io.StringIO(), io.StringIO()
     with Emulator(firmware, baud=19200) as emulator:
         words = ["campaign", out, "--most", 1, "--seed", SEED, "--port", emulator.path, "--camera", "cam.toml"]

@@ -143,7 +143,8 @@ def test_rows_of_another_seed_are_refused_before_the_torn_one_is_removed(run: Ru
 @contextlib.contextmanager
 def at_a_port() -> Iterator[tuple[str, Firmware]]:
     """A launcher at the end of a pseudo-terminal."""
-    device = Firmware(Pace(20.0).now, np.random.default_rng(0))
+    clock = Pace(20.0)
+    device = Firmware(clock.now, np.random.default_rng(0), pace=clock.factor)
     with Emulator(device, baud=19200) as emulator:
         yield emulator.path, device
 

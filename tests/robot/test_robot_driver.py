@@ -28,9 +28,10 @@ from robot.device.outcome import Refused, StrokeUnknown
 from robot.device.port import serial_opener
 from robot.device.protocol import LauncherStopped, LinkLost
 from robot.device.settings import PortSettings, Settings
-from robot.emulator.firmware import BACKLASH_UM, Firmware
+from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace, serve
 from robot.emulator.line import Line, VirtualClock, WirePort
+from robot.emulator.stage import BACKLASH_UM
 
 BAUD = 19200
 PLACES = ("virtual", "terminal", "port")
@@ -63,7 +64,8 @@ def virtual(log: Path) -> Iterator[Bench]:
 @contextlib.contextmanager
 def terminal(log: Path, pace: float = 10.0, reconnect_s: float = 5.0) -> Iterator[Bench]:
     hits = list[tuple[float, float, float]]()
-    device = Firmware(Pace(pace).now, np.random.default_rng(0), on_strike=lambda *hit: hits.append(hit))
+    clock = Pace(pace)
+    device = Firmware(clock.now, np.random.default_rng(0), pace=clock.factor, on_strike=lambda *hit: hits.append(hit))
     with Emulator(device, baud=BAUD) as emulator:
         ours = replace(Settings(), port=PortSettings(emulator.path, BAUD))
         ours = replace(ours, timing=replace(ours.timing, reconnect_s=reconnect_s))
@@ -314,7 +316,7 @@ WAYS = {
     "SIGTERM": "time.sleep(30)",
     "SIGINT": "time.sleep(30)",
     "exception": "raise RuntimeError('lost my mind')",
-    "forgotten": "launcher._line._handlers.clear(); sys.exit(0)",
+    "forgotten": "launcher._line._signals.remove(); sys.exit(0)",
 }
 CHILD = """
 import sys, time
@@ -344,7 +346,8 @@ except BaseException:
 @pytest.mark.parametrize("way", WAYS)
 def test_a_program_that_ends_badly_stops_the_launcher(way: str) -> None:
     """By a signal, by an exception, or without closing the line."""
-    device = Firmware(Pace(1.0).now, np.random.default_rng(0))
+    clock = Pace(1.0)
+    device = Firmware(clock.now, np.random.default_rng(0), pace=clock.factor)
     with Emulator(device, baud=BAUD) as emulator:
         code = CHILD.replace("BODY", WAYS[way])
         child = subprocess.Popen(

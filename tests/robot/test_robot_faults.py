@@ -182,7 +182,7 @@ def test_faults_are_drawn_at_their_rate_from_their_seed() -> None:
 def stop_times(state: str, count: int) -> list[float]:
     """Seconds from the call of `stop` until the launcher commands no motion, in real time over a pseudo-terminal."""
     pace = Pace(200.0)
-    device = Firmware(pace.now, np.random.default_rng(0))
+    device = Firmware(pace.now, np.random.default_rng(0), pace=pace.factor)
     times = []
     with Emulator(device, baud=BAUD) as emulator:
         settings = replace(Settings(), port=PortSettings(emulator.path, BAUD))

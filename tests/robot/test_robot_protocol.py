@@ -21,6 +21,7 @@ from robot.device.protocol import LauncherStatus, Message, Reader, StopByte, Str
 from robot.device.settings import Settings, SpeedTable, read_settings, write_settings
 from robot.emulator import firmware as fw
 from robot.emulator.firmware import Firmware
+from robot.emulator.stage import BACKLASH_UM
 from robot.emulator.stroke_motion import RUN_UP_M, paper_law
 
 BODIES = st.text("ABCXYZ0123456789.- ", min_size=1, max_size=80)
@@ -47,8 +48,13 @@ class Hand:
         assert got.sequence == self.sequence
         return got.body
 
-    def wait(self, seconds: float = 10.0) -> LauncherStatus:
-        self.time += seconds
+    def wait(self, seconds: float = 10.0, *, silent: bool = False) -> LauncherStatus:
+        """Let time pass, as a controller that waits or as one that is gone."""
+        end = self.time + seconds
+        while not silent and self.time + protocol.BEAT_S < end:
+            self.time += protocol.BEAT_S
+            self.device.receive(frame(":", protocol.UNSOLICITED_SEQUENCE, protocol.BEAT))
+        self.time = end
         return self.device.status()
 
     def ready(self) -> None:
@@ -309,7 +315,7 @@ def test_the_stage_lags_after_a_reversal() -> None:
         assert hand.ask(f"MOVE {x} 0") == "OK"
         hand.wait()
         places.append(round(hand.device.tip()[0] * 1e6))
-    play = fw.BACKLASH_UM[0]
+    play = BACKLASH_UM[0]
     assert places == [3000, 6000, 3000 + play, 2900 + play, 3000 + play - 100]
 
 

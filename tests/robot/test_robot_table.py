@@ -177,7 +177,9 @@ def options(eye: Eye) -> Iterator[tuple[str, ...]]:
 @contextlib.contextmanager
 def at_port(eye: Eye, pace: float, baud: int) -> Iterator[tuple[str, ...]]:
     """The options of a launcher behind a pseudo-terminal that strikes the balls under a camera."""
-    eye.devices.append(Firmware(Pace(pace).now, np.random.default_rng(0), on_strike=lambda *how: eye.now.hit(*how)))
+    clock = Pace(pace)
+    device = Firmware(clock.now, np.random.default_rng(0), pace=clock.factor, on_strike=lambda *how: eye.now.hit(*how))
+    eye.devices.append(device)
     with Emulator(eye.devices[0], baud=baud) as emulator:
         yield "--port", emulator.path, "--camera", "cam.toml", "--video", "0"
 

@@ -1,0 +1,62 @@
+"""A stop that goes past whatever holds the port: first the byte, which depends on nobody, then its confirmation.
+
+In: settings. Out: `Stopped`, and who held the port.
+
+The byte is written at once, by a port that is opened without the lock, and again every STOP_WAIT_S until the stop is
+confirmed. Two readers of one port would take each other's bytes: where a program of ours holds it, that is asked
+to stop too, and has confirmed once it has heard the launcher's answer. One that hangs or is suspended reads nothing;
+then, as where nobody holds the port, the answer is read here.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+from models.errors import BadInput
+from robot.device.link import STOP_WAIT_S, Link
+from robot.device.outcome import Stopped
+from robot.device.port import serial_opener
+from robot.device.relay import STOP, Holder, ask, this_program
+from robot.device.settings import Settings
+
+HOLDER_CONFIRMS_S = 1.0  # for which the holder of the port may take to hear that the launcher has stopped
+
+
+def stop_past_lock(settings: Settings, log: Path | str | None = None) -> tuple[Stopped, Holder | None]:
+    """Stop the launcher, whoever holds its port.
+
+    Raises:
+        BadInput: the port cannot be opened, and nobody holds it.
+    """
+    port, began = settings.port, time.monotonic()
+    link = Link(serial_opener(port, past_lock=True), settings.timing, baud=port.baud, log=log, answers=False)
+    closed: BadInput | None = None
+    try:
+        link.open()
+    except BadInput as error:  # a cable that is out: its holder sends the byte first when it is back
+        closed = error
+    try:
+        sent = int(link.halt())
+        found: list[Holder | None] = []
+        asking = threading.Thread(
+            target=lambda: found.append(ask(port.device, STOP, this_program(), HOLDER_CONFIRMS_S)), daemon=True
+        )
+        asking.start()
+        asking.join(STOP_WAIT_S)
+        while asking.is_alive():
+            sent += link.halt()
+            asking.join(STOP_WAIT_S)
+        holder = found[0] if found else None
+        if holder is not None and holder.answer is not None and holder.answer.get("confirmed"):
+            seconds, state = time.monotonic() - began, str(holder.answer.get("interrupted", ""))
+            return Stopped(True, sent + int(holder.answer.get("bytes_sent", 0)), seconds, state), holder
+        if closed is not None and holder is None:
+            raise closed
+        if closed is not None:
+            return Stopped(False, sent, time.monotonic() - began), holder
+        own = link.stop()
+        return Stopped(own.confirmed, sent + own.bytes_sent, time.monotonic() - began, own.interrupted), holder
+    finally:
+        link.close()

@@ -1,0 +1,140 @@
+"""What the holder of a port tells other shells, and does for them: a stop, the launcher's status, who it is.
+
+In: the port's name, and what answers a request. Out: a local socket, named after the port, that lives as long as the
+link; one JSON object answers each line. Asked from elsewhere: `ask`, which returns None where nobody holds the port.
+
+A stop never depends on it: `robot stop` writes its byte to the port first (robot/device/past_lock.py). But two readers
+of one port take each other's bytes, so that the holder is asked to listen for the answer. Sockets are in Linux's
+abstract namespace, which leaves nothing behind; elsewhere nobody is found, and the stop listens for itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import struct
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+STOP, STATUS, WHO = "stop", "status", "who"
+MAX_BYTES = 4096  # of a request or an answer
+Answer = Callable[[str, str], dict[str, Any]]  # to a request, asked by somebody
+
+
+@dataclass(frozen=True)
+class Holder:
+    """The program that holds a port, and its answer."""
+
+    process: int
+    title: str  # as its command line begins
+    answer: dict[str, Any] | None = field(default=None)  # None: it did not answer in time
+
+    def __str__(self) -> str:
+        """For a message."""
+        return f"{self.title} (process {self.process})"
+
+
+def _names(device: str) -> list[bytes]:
+    """Addresses of a port: as it is called, and as what it leads to."""
+    if sys.platform != "linux":
+        return []
+    paths = dict.fromkeys((os.path.abspath(device), os.path.realpath(device)))
+    return [b"\0cuelab-launcher:" + path.encode()[-80:] for path in paths]
+
+
+class Relay:
+    """Answers other shells while a port is held."""
+
+    def __init__(self, device: str, answer: Answer) -> None:
+        """Listen, in threads of its own."""
+        self._answer, self._open = answer, True
+        self._sockets: list[socket.socket] = []
+        self._serving: set[threading.Thread] = set()
+        for name in _names(device):
+            listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            try:
+                listening.bind(name)
+                listening.listen(8)
+            except OSError:  # another program's, of a terminal that had this number before
+                listening.close()
+                continue
+            self._sockets.append(listening)
+            threading.Thread(target=self._accept, args=(listening,), name="relay", daemon=True).start()
+
+    def close(self, wait_s: float = 2.0) -> None:
+        """Listen no more; answers under way are given."""
+        self._open = False
+        for listening in self._sockets:
+            with contextlib.suppress(OSError):
+                listening.shutdown(socket.SHUT_RDWR)  # wakes the thread
+            listening.close()
+        for thread in list(self._serving):
+            thread.join(wait_s)
+
+    def _accept(self, listening: socket.socket) -> None:
+        while self._open:
+            try:
+                connection, _ = listening.accept()
+            except OSError:
+                return
+            thread = threading.Thread(target=self._serve, args=(connection,), name="relay answer", daemon=True)
+            self._serving.add(thread)
+            thread.start()
+
+    def _serve(self, connection: socket.socket) -> None:
+        with connection, contextlib.suppress(OSError):
+            connection.settimeout(1.0)
+            request, _, by = _line(connection).partition(" ")
+            connection.sendall(json.dumps(self._answer(request, by)).encode() + b"\n")
+        self._serving.discard(threading.current_thread())
+
+
+def ask(device: str, request: str, by: str, timeout_s: float) -> Holder | None:
+    """Ask the holder of a port; None where there is none that answers to this name."""
+    for name in _names(device):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
+            asking.settimeout(timeout_s)
+            try:
+                asking.connect(name)
+            except OSError:
+                continue
+            process = struct.unpack("3i", asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[0]
+            try:
+                asking.sendall(f"{request} {by}\n".encode())
+                answer = json.loads(_line(asking))
+            except (OSError, ValueError):  # it hangs, or ends
+                answer = None
+            return Holder(process, _title(process), answer if isinstance(answer, dict) else None)
+    return None
+
+
+def _line(connection: socket.socket) -> str:
+    """A line that the other end sends; OSError where it takes too long."""
+    data = b""
+    while not data.endswith(b"\n") and len(data) < MAX_BYTES and (more := connection.recv(MAX_BYTES)):
+        data += more
+    return data.decode(errors="replace").strip()
+
+
+def this_program() -> str:
+    """This process, as others name it."""
+    return str(Holder(os.getpid(), _title(os.getpid())))
+
+
+def _title(process: int) -> str:
+    """The first words of a process's command line, without the interpreter and paths."""
+    try:
+        words = [w for w in Path(f"/proc/{process}/cmdline").read_text(errors="replace").split("\0") if w]
+    except OSError:
+        return "a program"
+    if words and Path(words[0]).name.startswith("python"):
+        words = [w for w in words[1:] if w != "-m"]
+    if not words or words[0].startswith("-"):
+        return "a Python program"
+    return " ".join([Path(words[0]).name.replace("robot.cli", "robot"), *words[1:2]])
