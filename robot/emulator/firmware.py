@@ -68,7 +68,7 @@ class Deed:
     """Something that the launcher truly did."""
 
     time: float  # of its clock [s]
-    what: str  # homed, moved, struck, retracted, stopped, silenced, reset, booted, stuck, refused
+    what: str  # homed, moved, begun, struck, retracted, stopped, silenced, reset, booted, stuck, refused
     string: int = 0
     number: int = 0  # of the stroke
     speed: float = 0.0  # of the cue at the ball [m/s]
@@ -286,6 +286,7 @@ class Firmware:
         self._cancel()
         self._armed, self.state = 0, "STRIKING"
         self.memory.begun += 1  # before the first pulse: a number is used up even if power fails now
+        self._note("begun", string=string, number=self.memory.begun)
         scattered = self._law(string) * (1 + SPEED_SCATTER * self._rng.standard_normal())
         self._motion = StrokeMotion(self._time, scattered, string)
         self._at(self._motion.at(BALL_DISTANCE_M), lambda: self._hit(scattered))

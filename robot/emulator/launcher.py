@@ -195,4 +195,6 @@ def _details(deed: Deed) -> str:
     tip = f"side {1e3 * deed.x:+.2f} mm, height {1e3 * deed.y:+.2f} mm"
     if deed.what == "struck":
         return f"{deed.string:03d}p  cue {deed.speed:.3f} m/s at {tip}"
+    if deed.what == "begun":
+        return f"{deed.string:03d}p"
     return tip if deed.what == "moved" else ""
