@@ -47,10 +47,28 @@ class Wire:
         return Link(serial_opener(settings.port), settings.timing, baud=settings.port.baud, log=self.log)
 
     def launcher(self, settings: Settings) -> Launcher:
-        """The launcher at the port, not yet connected."""
+        """The launcher at the port, not yet connected; BadInput for one that reports nothing."""
         from robot.device.launcher import Launcher
+        from robot.device.protocol import PAPER
 
+        if settings.port.protocol == PAPER:
+            raise BadInput(
+                f"{self.settings_file}: protocol = \"{PAPER}\": this launcher takes 'NNNp' alone and reports nothing; "
+                "only robot play works with it"
+            )
         return Launcher(settings, self.link(settings))
+
+    def striker(self, settings: Settings, *, yes: bool) -> Launcher:
+        """The launcher at the port, also one that only strikes: a person places its tip, and must be asked."""
+        from robot.device.paper import PaperLauncher
+        from robot.device.port import serial_opener
+        from robot.device.protocol import PAPER
+
+        if settings.port.protocol != PAPER:
+            return self.launcher(settings)
+        if yes:
+            raise BadInput("--yes: the tip of this launcher is placed by hand before each stroke; leave --yes out")
+        return PaperLauncher(settings, serial_opener(settings.port), log=self.log)
 
     def refuse(self, *names: str) -> None:
         """BadInput for options of the line that nothing emulated uses."""

@@ -188,7 +188,7 @@ def _play_filmed(
         wire.print_needs(*needs, yes=request.yes)
         if not _aligned(camera, azimuth, ball):
             raise BadInput(f"--video {filming.video}: no more pictures came, and the stand is not aligned; try again")
-        with wire.launcher(settings) as launcher:
+        with wire.striker(settings, yes=request.yes) as launcher:
             confirm = None if request.yes else _confirmed
             return play_plan(
                 request.plan, launcher, camera, confirm, clips=request.clips, tolerance=request.tolerance_m
@@ -210,7 +210,7 @@ def _play_unfilmed(
         return play_plan(request.plan, _dry(settings), seen, tolerance=request.tolerance_m)
     needs = (request.balls, f"the stand behind the cue ball, turned to {_degrees(azimuth)}: robot align shows it")
     wire.print_needs(*needs, yes=request.yes)
-    with wire.launcher(settings) as launcher:
+    with wire.striker(settings, yes=request.yes) as launcher:
         confirm = None if request.yes else _confirmed
         return play_plan(request.plan, launcher, seen, confirm, tolerance=request.tolerance_m)
 
@@ -284,10 +284,9 @@ def _print_played(played: Played, request: Request, emulated: EmulatedTable | No
         return Status.DONE
     done = played.done
     if done is not None:
-        print(
-            f"struck {done.string}: cue {done.cue_speed:.3f} m/s ({done.asked_speed:.3f} asked), "
-            f"peak {done.peak_force:.0f} N, tip at {done.x0_mm:+.2f}, {done.y0_mm:+.2f} mm"
-        )
+        measured = f"{done.cue_speed:.3f} m/s ({done.asked_speed:.3f} asked), peak {done.peak_force:.0f} N"
+        reported = measured if math.isfinite(done.cue_speed) else f"{done.asked_speed:.3f} m/s asked"
+        print(f"struck {done.string}: cue {reported}, tip at {done.x0_mm:+.2f}, {done.y0_mm:+.2f} mm")
     if played.potted is not None:
         print(f"object ball: {f'potted, {played.pocket}' if played.potted else played.pocket or 'not potted'}")
     if played.cue_fell:

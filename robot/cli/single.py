@@ -11,6 +11,7 @@ import click
 from models.command_line import Number, gathered, seed_option
 from models.console import Status
 from robot.cli.common import RequiredWire
+from robot.device.protocol import CUELAB, PAPER, PROTOCOLS
 
 if TYPE_CHECKING:
     from robot.device.outcome import Did
@@ -24,19 +25,23 @@ HOLDER_ANSWERS_S = 2.0  # for which the holder of the port may take to ask the l
 @click.option("--baud", metavar="B", type=int, default=19200, show_default=True, help="Speed of the line [bit/s].")
 @click.option("--pace", metavar="X", type=float, default=1.0, show_default=True, help="Mechanics, over real time.")
 @click.option("--fault-rate", metavar="R", type=Number(0, 1), default=0.0, help="Share of lines with a fault, 0 to 1.")
+@click.option("--protocol", type=click.Choice(PROTOCOLS), default=CUELAB, show_default=True, help="What it speaks.")
 @seed_option()
-def emulate(path: str | None, baud: int, pace: float, fault_rate: float, seed: int) -> int:
+def emulate(path: str | None, baud: int, pace: float, fault_rate: float, protocol: str, seed: int) -> int:
     """Emulate a launcher on a pseudo-terminal, until interrupted.
 
     Prints the path of the port first, then a line for everything that the launcher does.
 
     Example: robot emulate --pace 10
     """
+    from robot.emulator.firmware import Firmware
     from robot.emulator.launcher import serve
+    from robot.emulator.paper import PaperFirmware
 
     for name in (signal.SIGINT, signal.SIGTERM):  # so that the port is removed too, also when started from a script
         signal.signal(name, signal.default_int_handler)
-    serve(path, say=partial(print, flush=True), baud=baud, pace=pace, fault_rate=fault_rate, seed=seed)
+    firmware = PaperFirmware if protocol == PAPER else Firmware
+    serve(path, firmware, say=partial(print, flush=True), baud=baud, pace=pace, fault_rate=fault_rate, seed=seed)
     return Status.DONE
 
 
@@ -100,9 +105,14 @@ def stop(wire: RequiredWire) -> int:
 
     Example: robot stop --port /dev/ttyUSB0
     """
+    from robot.device.paper import PAPER_LIMITS
     from robot.device.past_lock import stop_past_lock
 
-    stopped, holder = stop_past_lock(wire.settings(), wire.log)
+    settings = wire.settings()
+    if settings.port.protocol == PAPER:
+        print(PAPER_LIMITS)
+        return Status.FINDING
+    stopped, holder = stop_past_lock(settings, wire.log)
     if holder is not None:
         silent = " and does not answer" if holder.answer is None else ""
         print(f"{holder} holds the port{silent}{_busy_with(holder.answer or {})}")

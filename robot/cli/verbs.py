@@ -27,6 +27,4 @@ PROGRAM = Program(
 def main(words: Sequence[str] | None = None) -> int:
     """Run a verb: 0 done, 1 the launcher needs attention, 2 bad input."""
     words = list(sys.argv[1:] if words is None else words)
-    at_port = any(word.partition("=")[0] == "--port" for word in words)
-    stopped = "; the launcher was stopped, reset and home it" if at_port else ""
-    return run(PROGRAM, words, interrupted=stopped, failures=(LauncherError,))
+    return run(PROGRAM, words, failures=(LauncherError,))

@@ -108,8 +108,13 @@ class Link:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         """Stop after anything but bad input, which never reached the launcher; close."""
         try:
-            if kind is not None and not issubclass(kind, BadInput):
-                self.stop()
+            if error is not None and not isinstance(error, BadInput):
+                stopped = self.stop()
+                if isinstance(error, KeyboardInterrupt):
+                    said = (
+                        "was stopped, reset and home it" if stopped.confirmed else "did not confirm a stop: look at it"
+                    )
+                    error.add_note(f"the launcher {said}")
         finally:
             self._signals.remove()
             self.close()

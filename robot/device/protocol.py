@@ -33,6 +33,7 @@ from dataclasses import dataclass
 from models.errors import BadInput
 
 PROTOCOL_VERSION = "CUELAB 2"
+PROTOCOLS = CUELAB, PAPER = "cuelab", "paper"  # this one, and 'NNNp' alone
 UNGUARDED_VERSION = "CUELAB 1"  # which does not stop when its controller is gone
 STOP_BYTE = b"!"
 FIRST_STRING, LAST_STRING = 1, 200  # strings of the paper

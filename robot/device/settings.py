@@ -28,7 +28,7 @@ from models.errors import BadInput
 from models.files import read_toml, write_whole
 from models.files.decode import Allowed
 from models.files.faults import shown
-from robot.device.protocol import FIRST_STRING, LAST_STRING
+from robot.device.protocol import CUELAB, FIRST_STRING, LAST_STRING, PROTOCOLS
 
 SETTINGS_FORMAT = "cuelab-launcher/1"
 PAPER_SOURCE = "the line through the two figures of Robotic Billiards (2015), section V"
@@ -36,15 +36,18 @@ PAPER_SOURCE = "the line through the two figures of Robotic Billiards (2015), se
 
 @dataclass(frozen=True)
 class PortSettings:
-    """Where the launcher is."""
+    """Where the launcher is, and what it speaks."""
 
     device: str = "/dev/ttyUSB0"
+    protocol: str = CUELAB  # or "paper": the paper's 'NNNp' alone (robot/device/paper.py)
     baud: Annotated[int, Allowed(4800, 921600, "bit/s")] = 19200  # the paper names none; slower, beats take the line
 
     def __post_init__(self) -> None:
         """BadInput where it is no name."""
         if not self.device or "\0" in self.device:
             raise BadInput(f"device = {shown(self.device)} is no port: write the name of one")
+        if self.protocol not in PROTOCOLS:
+            raise BadInput(f"protocol = {shown(self.protocol)} is none: write {' or '.join(map(repr, PROTOCOLS))}")
 
 
 @dataclass(frozen=True)

@@ -155,6 +155,7 @@ def _lines(data: bytes) -> list[bytes]:
 
 def serve(
     path: Path | str | None = None,
+    kind: type[Firmware] = Firmware,
     *,
     baud: int = 19200,
     pace: float = 1.0,
@@ -167,6 +168,7 @@ def serve(
 
     Args:
         path: of the port; None: a new one. It is reported first.
+        kind: of the launcher.
         baud: of the line [bit/s].
         pace: of the mechanics, seconds in a real second.
         fault_rate: probability of a fault in a line, 0 to 1.
@@ -178,7 +180,7 @@ def serve(
         raise BadInput(f"pace is {pace}; give a number above 0, up to 1000")
     rng, chance = np.random.default_rng(seed).spawn(2)
     clock = Pace(pace)
-    firmware = Firmware(clock.now, rng, pace=clock.factor)
+    firmware = kind(clock.now, rng, pace=clock.factor)
     faults = FaultInjection(fault_rate, chance) if fault_rate else None
     ending, reported = until or threading.Event(), 0
     with Emulator(firmware, baud=baud, faults=faults, path=path) as emulator, contextlib.suppress(KeyboardInterrupt):

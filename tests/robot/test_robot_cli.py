@@ -8,6 +8,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from robot.device import calibrate
 from robot.device.settings import read_settings, write_settings
 from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
+from robot.emulator.paper import PaperFirmware
 from robot.play import played_file, read_order
 from sysid.clips import read_clip_set
 from tests.robot.test_robot_play import MODEL, OURS, straight_plan, struck
@@ -161,6 +163,57 @@ def test_single_verbs_at_a_port(run: Run) -> None:
         assert said.status == 1 and "robot home: " in said.err and "reset" in said.err
         assert run("reset", "--port", port).status == 0
         assert run("home", "--port", port).status == 0
+
+
+def test_a_held_port_names_its_holder_and_lets_status_and_stop_through(run: Run, tmp_path: Path) -> None:
+    words = ["calibrate", "--yes", "--out", str(tmp_path / "new.toml"), "--strings", "100", "200", "--repeats", "100"]
+    with at_a_port() as (port, device):
+        with subprocess.Popen(
+            [sys.executable, "-m", "robot.cli", *words, "--port", port], stderr=subprocess.PIPE, text=True,
+            stdout=subprocess.DEVNULL,
+        ) as series:  # fmt: skip
+            until = time.monotonic() + 30
+            while not struck(device) and time.monotonic() < until:
+                time.sleep(0.01)
+            said = run("status", "--port", port)
+            assert said.status == 0 and "strokes, 0 stops" in said.out
+            assert f"robot calibrate (process {series.pid}) holds the port, last with" in said.out
+            said = run("home", "--port", port)
+            [line] = said.err.splitlines()
+            assert said.status == 2 and f"robot calibrate (process {series.pid}) holds it" in line
+            said = run("stop", "--port", port)
+            assert said.status == 0 and "stopped, confirmed" in said.out
+            assert f"robot calibrate (process {series.pid}) holds the port, last with" in said.out
+            assert series.stderr is not None
+            [line] = [text for text in series.stderr.read().splitlines() if text.startswith("robot ")]
+            assert "stopped by" in line
+        assert series.returncode == 1 and device.state == "STOPPED"
+        assert run("status", "--port", port).status == 1 and not (tmp_path / "new.toml").exists()
+
+
+def test_a_launcher_of_the_paper_plays_a_plan_after_a_yes_and_nothing_else(
+    run: Run, plan: Path, tmp_path: Path, monkeypatch: Any
+) -> None:
+    clock, settings = Pace(20.0), tmp_path / "l.toml"
+    device = PaperFirmware(clock.now, np.random.default_rng(0))
+    write_settings(dataclasses.replace(OURS, port=dataclasses.replace(OURS.port, protocol="paper")), settings)
+    monkeypatch.setattr("builtins.input", lambda prompt: "yes")
+    with Emulator(device, baud=19200) as emulator:
+        at = ("--port", emulator.path, "--settings", settings)
+        for words in (
+            ("status",),
+            ("home",),
+            ("repeat", "--camera", "c.toml", "--video", "0"),
+            ("play", plan, "--yes"),
+        ):
+            said = run(*words, *at)
+            assert said.status == 2 and len(said.err.splitlines()) == 1 and not struck(device), said
+        said = run("stop", *at)
+        assert said.status == 1 and "neither robot stop nor a silent controller stops it" in said.out
+        said = run("play", plan, *at)
+        assert said.status == 0 and "by hand" in said.out and len(struck(device)) == 1, said
+    told = json.loads(played_file(plan).read_text())
+    assert told["struck"] == "yes" and told["done"]["cue_speed"] is None
 
 
 def test_a_port_gets_the_stroke_once_after_a_yes(run: Run, plan: Path, tmp_path: Path, monkeypatch: Any) -> None:

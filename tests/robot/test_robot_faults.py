@@ -185,7 +185,7 @@ def stop_times(state: str, count: int) -> list[float]:
     device = Firmware(pace.now, np.random.default_rng(0), pace=pace.factor)
     times = []
     with Emulator(device, baud=BAUD) as emulator:
-        settings = replace(Settings(), port=PortSettings(emulator.path, BAUD))
+        settings = replace(Settings(), port=PortSettings(emulator.path, baud=BAUD))
         link = Link(serial_opener(settings.port), settings.timing, baud=BAUD)
         with Launcher(settings, link) as launcher:
             for _ in range(count):

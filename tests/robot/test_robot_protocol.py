@@ -21,6 +21,7 @@ from robot.device.protocol import LauncherStatus, Message, Reader, StopByte, Str
 from robot.device.settings import Settings, SpeedTable, read_settings, write_settings
 from robot.emulator import firmware as fw
 from robot.emulator.firmware import Firmware
+from robot.emulator.paper import PaperFirmware
 from robot.emulator.stage import BACKLASH_UM
 from robot.emulator.stroke_motion import RUN_UP_M, paper_law
 
@@ -31,10 +32,10 @@ GARBAGE = st.binary(max_size=60)
 class Hand:
     """A firmware with a clock turned by hand, and a host that numbers its requests."""
 
-    def __init__(self, seed: int = 0, **options: object) -> None:
+    def __init__(self, seed: int = 0, kind: type[Firmware] = Firmware, **options: object) -> None:
         self.time, self.sequence = 0.0, 0
         self.hits: list[tuple[float, float, float]] = []
-        self.device = Firmware(
+        self.device = kind(
             lambda: self.time,
             np.random.default_rng(seed),
             on_strike=lambda *hit: self.hits.append(hit),
@@ -66,7 +67,7 @@ class Hand:
         self.device.receive(stroke_line(string))
         assert self.wait().state == "EXTENDED"
 
-    def bring(self, state: str) -> None:
+    def bring(self, state: str, string: int = 47) -> None:
         """Into that state, from new."""
         if state == "UNHOMED":
             return
@@ -76,9 +77,9 @@ class Hand:
                 self.device.stick()
             self.ask("MOVE 9000 0")
         elif state in ("ARMED", "STRIKING", "EXTENDED", "RETRACTING"):
-            self.ask("ARM 47 1")
+            self.ask(f"ARM {string} 1")
             if state != "ARMED":
-                self.device.receive(b"047p")
+                self.device.receive(stroke_line(string))
                 self.time += 0.05
         elif state == "STOPPED":
             self.device.receive(b"!")
@@ -251,6 +252,61 @@ def test_the_stop_byte_ends_every_state_and_only_a_reset_leaves_it(state: str) -
 
 
 @pytest.mark.parametrize("state", protocol.LAUNCHER_STATES)
+def test_a_silent_controller_stops_what_moves_or_may(state: str) -> None:
+    hand = Hand()
+    hand.bring(state, 200)  # a stroke of 0.8 s
+    before = hand.device.status()
+    guarded = state in protocol.GUARDED_STATES
+    after = hand.wait(protocol.SILENCE_S, silent=True)
+    assert (after.stops - before.stops, bool(after.faults & protocol.SILENCE_BIT)) == (guarded, guarded)
+    if not guarded:
+        assert after.state == state
+        return
+    assert after.state == "STOPPED" and hand.device.memory.interrupted == state
+    assert any("silent" in trouble for trouble in after.troubles())
+    hand.device.receive(b"200p")
+    strokes = struck(hand)
+    hand.device.restart()  # it is still said after a loss of power
+    assert hand.wait().faults & protocol.SILENCE_BIT
+    assert hand.ask(f"RESET {before.stops}") == "NO STOPS"
+    assert hand.ask(f"RESET {after.stops}") == "OK"
+    assert hand.device.status().troubles() == () and struck(hand) == strokes
+
+
+def test_the_answer_to_a_stop_names_the_state_that_the_first_one_ended() -> None:
+    hand = Hand()
+    hand.bring("RETRACTING")
+    for stops in (1, 2):
+        got = unframe(hand.device.receive(b"!").rstrip(b"\n"))
+        assert got == Message(0, f"STOPPED {stops} RETRACTING")
+        assert protocol.interrupted_state(got) == "RETRACTING"
+    assert protocol.interrupted_state(Message(1, "STOPPED 1 IDLE")) is None
+    assert protocol.interrupted_state(Message(0, "STOPPED 1")) == ""
+
+
+def test_a_beat_has_no_answer_and_forgets_nothing() -> None:
+    hand = Hand()
+    hand.ready()
+    line = frame(":", 77, "MOVE 5000 0")
+    first = hand.device.receive(line)
+    assert hand.device.receive(frame(":", 0, protocol.BEAT)) == b""
+    assert hand.device.receive(line) == first
+    hand.wait()
+    assert [d.x for d in hand.device.deeds if d.what == "moved"] == [pytest.approx(0.005)]
+
+
+def test_a_launcher_of_the_paper_strikes_without_arming_and_stops_for_nothing() -> None:
+    hand = Hand(kind=PaperFirmware)
+    assert hand.device.receive(b"047p") == b""
+    hand.time += 0.1
+    assert hand.device.receive(b"048p!" + frame(":", 0, "VERSION")) == b""
+    hand.wait(silent=True)
+    hand.device.receive(b"100p")
+    hand.wait(silent=True)
+    assert struck(hand) == [47, 100] and hand.device.status().state == "IDLE"
+
+
+@pytest.mark.parametrize("state", protocol.LAUNCHER_STATES)
 def test_what_each_state_allows(state: str) -> None:
     allowed = {
         "HOME": ("UNHOMED", "IDLE", "EXTENDED"),
@@ -366,6 +422,8 @@ BAD = {
     "key": ({"port": {"bau": 3}}, "did you mean 'baud'"),
     "baud": ({"port": {"baud": 19200.5}}, "whole number"),
     "device": ({"port": {"device": ""}}, "write the name"),
+    "protocol": ({"port": {"protocol": "morse"}}, "write 'cuelab' or 'paper'"),
+    "poll": ({"timing": {"poll_s": 0.5}}, "outside 0.001 to 0.1"),
     "bool": ({"timing": {"retries": True}}, "whole number"),
     "bounds": ({"timing": {"reply_s": 1000}}, "outside 0.01 to 10"),
     "nan": ({"limits": {"offset": math.nan}}, "not finite.* 0 to 0.6"),
