@@ -194,7 +194,7 @@ def test_a_held_port_names_its_holder_and_lets_status_and_stop_through(run: Run,
 def test_a_launcher_of_the_paper_plays_a_plan_after_a_yes_and_nothing_else(
     run: Run, plan: Path, tmp_path: Path, monkeypatch: Any
 ) -> None:
-    clock, settings = Pace(20.0), tmp_path / "l.toml"
+    clock, settings, new = Pace(20.0), tmp_path / "l.toml", tmp_path / "new.toml"
     device = PaperFirmware(clock.now, np.random.default_rng(0))
     write_settings(dataclasses.replace(OURS, port=dataclasses.replace(OURS.port, protocol="paper")), settings)
     monkeypatch.setattr("builtins.input", lambda prompt: "yes")
@@ -203,11 +203,12 @@ def test_a_launcher_of_the_paper_plays_a_plan_after_a_yes_and_nothing_else(
         for words in (
             ("status",),
             ("home",),
-            ("repeat", "--camera", "c.toml", "--video", "0"),
+            ("calibrate", "--yes", "--out", new),
             ("play", plan, "--yes"),
         ):
             said = run(*words, *at)
             assert said.status == 2 and len(said.err.splitlines()) == 1 and not struck(device), said
+            assert "by hand" in said.err or "takes 'NNNp' alone" in said.err
         said = run("stop", *at)
         assert said.status == 1 and "neither robot stop nor a silent controller stops it" in said.out
         said = run("play", plan, *at)

@@ -25,7 +25,8 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--ways", nargs="+", choices=list(WAYS), default=list(WAYS))
     asked = parser.parse_args(words)
-    rows: list[tuple[str, ...]] = [("way", "rounds", "confirmed", "strokes after", "moved after 0.5 s", "stopped", "stood, median ms", "worst ms")]  # fmt: skip
+    head = ("way", "rounds", "confirmed", "strokes after", "moved after 0.5 s", "stopped", "median ms", "worst ms")
+    rows: list[tuple[str, ...]] = [head]
     wrong = 0
     for way in asked.ways:
         elsewhere, rounds = way in FROM_ELSEWHERE, list[Round]()
@@ -37,9 +38,10 @@ def main(words: Sequence[str] | None = None) -> int:
                 print(f"{way}, round {k}: {fault}: {rounds[-1]}", flush=True)
             print(f"{way}: {k + 1} of {asked.rounds}", file=sys.stderr, flush=True)
         stood = 1e3 * np.array([r.stood_s for r in rounds])
+        confirmed, late = sum(r.confirmed for r in rounds), sum(r.stood_s > STANDS_WITHIN_S for r in rounds)
+        counts = (str(confirmed), "-") if elsewhere else ("-", str(late))
         rows.append((
-            way, str(len(rounds)), str(sum(r.confirmed for r in rounds)) if elsewhere else "-",
-            str(sum(r.later for r in rounds)), str(sum(r.stood_s > STANDS_WITHIN_S for r in rounds)) if not elsewhere else "-",
+            way, str(len(rounds)), counts[0], str(sum(r.later for r in rounds)), counts[1],
             str(sum(r.stopped for r in rounds)), f"{np.median(stood):.0f}", f"{stood.max():.0f}",
         ))  # fmt: skip
     print(table(rows))
