@@ -54,9 +54,7 @@ def stop_past_lock(settings: Settings, log: Path | str | None = None) -> tuple[S
             return Stopped(True, sent + int(holder.answer.get("bytes_sent", 0)), seconds, state), holder
         if closed is not None and holder is None:
             raise closed
-        if closed is not None:
-            return Stopped(False, sent, time.monotonic() - began), holder
-        own = link.stop()
+        own = link.stop()  # opens the port as soon as its cable is back
         return Stopped(own.confirmed, sent + own.bytes_sent, time.monotonic() - began, own.interrupted), holder
     finally:
         link.close()

@@ -56,7 +56,9 @@ def faults_of(done: Round) -> list[str]:
     else:
         faults += [f"moved {done.stood_s:.3f} s"] * (done.stood_s > STANDS_WITHIN_S)
     faults += [f"{done.later} strokes afterwards"] * bool(done.later)
-    if done.way != "KILL" and (done.stopped or done.status):  # it says how it ended, in one line
+    if done.status is None:
+        faults += ["did not end"] * done.stopped
+    elif done.way != "KILL":  # it says how it ended, in one line
         faults += [f"{len(done.told)} lines at its end"] * (len(done.told) != 1)
         faults += [f"status {done.status}"] * (done.status != (128 + signal.SIGQUIT if done.way == "QUIT" else 1))
     return faults

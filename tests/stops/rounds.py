@@ -19,7 +19,7 @@ import numpy as np
 
 from robot.device.protocol import GUARDED_STATES
 from robot.emulator.faults import REPLY_FAULTS, REQUEST_FAULTS, FaultInjection
-from robot.emulator.firmware import Firmware
+from robot.emulator.firmware import Deed, Firmware
 from robot.emulator.launcher import Emulator, Pace
 from robot.emulator.stroke_motion import BRAKING_DECELERATION, paper_law
 
@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[2]
 BAUD = 19200
 STRINGS = ("1", "100", "200")  # the fastest stroke, a usual one, the longest
 REPEATS = "4"
-BEGINS_WITHIN_S, ENDS_WITHIN_S = 30.0, 30.0  # of the controller
+BEGINS_WITHIN_S, ENDS_WITHIN_S = 30.0, 6.0  # of the controller
 SERIES_S = 8.0  # of which a moment is drawn; the series takes twice as long
 STANDS_WITHIN_S = 0.5  # after the controller's end
 CABLE_OUT_S = 2.0
@@ -44,7 +44,7 @@ class Round:
     stood_s: float  # after which nothing moved any more [s]
     later: int  # strokes begun after that
     said: str  # by what stopped it
-    status: int  # of the controller
+    status: int | None  # of the controller; None where it went on, as the launcher had not been stopped
     told: tuple[str, ...]  # by the controller in its end
 
     @property
@@ -146,27 +146,28 @@ def _played(way: str, rng: np.random.Generator, rate: float) -> Round | None:
             said = WAYS[way](series)
             time.sleep(max(began + STANDS_WITHIN_S - clock.now(), 0.0))
             moving = series.state in GUARDED_STATES
-            told = controller.communicate(timeout=ENDS_WITHIN_S)[1]
+            try:
+                told, status = controller.communicate(timeout=ENDS_WITHIN_S)[1], controller.returncode
+            except subprocess.TimeoutExpired:
+                told, status = "", None
+            time.sleep(2 * STANDS_WITHIN_S)  # whatever may still come, comes
+            with emulator.lock:
+                deeds, interrupted = list(device.deeds), device.memory.interrupted
         finally:
             controller.kill()
-            controller.wait()
-        time.sleep(2 * STANDS_WITHIN_S)  # whatever may still come, comes
-        return _judged(way, state, began, moving, device, said, controller.returncode, told)
+            controller.communicate()
+        stood, stopped, later = _judged(began, deeds, interrupted, goes_on=status is None)
+        lines = tuple(line for line in told.splitlines() if line.startswith("robot "))  # without its progress
+        return Round(way, state, stopped, np.inf if moving else stood, later, said, status, lines)
 
 
-def _judged(
-    way: str, state: str, began: float, moving: bool, device: Firmware, said: str, status: int, told: str
-) -> Round:
-    stops = [d for d in device.deeds if d.what in ("stopped", "silenced")]
-    begun = [d for d in device.deeds if d.what == "begun"]
-    stood, since = np.inf if moving else 0.0, began + STANDS_WITHIN_S
-    if stops:
-        since = stops[0].time
-        stood = max(stood, since - began)
-    if device.memory.interrupted == "STRIKING":  # brakes from its full speed, at most
-        last = [d for d in begun if d.time <= since][-1]
-        stood += paper_law(last.string) / BRAKING_DECELERATION
-    goes_on = not stops and status == 0  # nothing moved when the line was silent, and the series was played to its end
-    later = 0 if goes_on else sum(d.time > since for d in begun)
-    lines = tuple(line for line in told.splitlines() if line.startswith("robot "))  # without its progress
-    return Round(way, state, bool(stops), stood, later, said, status, lines)
+def _judged(began: float, deeds: list[Deed], interrupted: str, goes_on: bool) -> tuple[float, bool, int]:
+    """When the launcher stood [s], whether it was stopped, and strokes begun after that."""
+    stops = [d.time for d in deeds if d.what in ("stopped", "silenced")]
+    begun = [d for d in deeds if d.what == "begun"]
+    if not stops:  # what moved had come to its end
+        return 0.0, False, 0 if goes_on else sum(d.time > began + STANDS_WITHIN_S for d in begun)
+    stood = stops[0] - began
+    if interrupted == "STRIKING":  # it braked from its full speed, at most
+        stood += paper_law([d for d in begun if d.time <= stops[0]][-1].string) / BRAKING_DECELERATION
+    return max(stood, 0.0), True, sum(d.time > stops[0] for d in begun)
