@@ -11,8 +11,9 @@ import pytest
 from models.mjcf.gl import RENDERING_NEEDS, can_render, choose_backend
 
 choose_backend()
-if hasattr(signal, "SIGHUP"):  # under nohup it is ignored, and tests that send it would wait in vain
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+for name in ("SIGHUP", "SIGQUIT"):  # ignored under nohup and in the background of a script: tests would wait in vain
+    if hasattr(signal, name):
+        signal.signal(getattr(signal, name), signal.SIG_DFL)
 
 ROOT = Path(__file__).resolve().parents[1]
 

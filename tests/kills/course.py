@@ -19,7 +19,7 @@ import numpy as np
 
 from tests.kills.works import Work, films, in_session, lines_of, results, start
 
-SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGQUIT)
 BEGUN_S = 0.5  # before which Python itself may not have begun
 GONE_WITHIN_S, STOPS_WITHIN_S = 10.0, 60.0
 ENDED = (0, 1)  # 1: a finding

@@ -78,7 +78,9 @@ def test_faults_are_one_line(words: list[str], status: int, line: str, capsys: p
     assert capsys.readouterr().err == line + "\n"
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGQUIT, 131)]
+)
 def test_a_signal_ends_a_verb_in_a_line(number: int, status: int, capsys: pytest.CaptureFixture[str]) -> None:
     """Also where a compiled module that was being imported has made another exception of it."""
 

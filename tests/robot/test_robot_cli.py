@@ -24,6 +24,7 @@ from robot.cli.verbs import main
 from robot.cueing import repeated
 from robot.cueing.campaign import CAMPAIGN_COLUMNS
 from robot.device import calibrate
+from robot.device.past_lock import stop_past_lock
 from robot.device.settings import read_settings, write_settings
 from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
@@ -189,6 +190,20 @@ def test_a_held_port_names_its_holder_and_lets_status_and_stop_through(run: Run,
             assert "stopped by" in line
         assert series.returncode == 1 and device.state == "STOPPED"
         assert run("status", "--port", port).status == 1 and not (tmp_path / "new.toml").exists()
+
+
+def test_a_stop_while_a_person_is_asked_leaves_nothing_to_strike_with(
+    run: Run, plan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(prompt: str) -> str:
+        assert stop_past_lock(dataclasses.replace(OURS, port=dataclasses.replace(OURS.port, device=port)))[0].confirmed
+        return "yes"
+
+    with at_a_port() as (port, device):
+        monkeypatch.setattr("builtins.input", stopped)
+        said = run("play", plan, "--port", port)
+        [line] = said.err.splitlines()
+        assert said.status == 1 and "was stopped by" in line and not struck(device) and device.state == "STOPPED"
 
 
 def test_a_launcher_of_the_paper_plays_a_plan_after_a_yes_and_nothing_else(
