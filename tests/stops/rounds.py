@@ -115,7 +115,7 @@ WAYS: dict[str, Callable[[Series], str]] = {
     "suspended": Series.suspend,
 }
 FROM_ELSEWHERE = ("stop", "stop of a suspended one")
-CONTROLLER_GONE = ("KILL", "QUIT", "cable out")
+MAY_GO_ON = ("cable out", "suspended")  # where nothing moved for longer than the silence
 
 
 def play(way: str, rng: np.random.Generator, rate: float = 0.0) -> Round:
