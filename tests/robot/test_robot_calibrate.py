@@ -75,7 +75,7 @@ def test_every_stroke_is_retracted_and_the_tip_stays_in_the_middle() -> None:
     with launcher:
         measured = measure_strings(launcher, ["001p", 100, 200], 3)
     what = [deed.what for deed in device.deeds if deed.what not in ("booted", "moved")]
-    assert what == ["homed"] + ["struck", "retracted"] * 9
+    assert what == ["homed"] + ["begun", "struck", "retracted"] * 9
     struck = [deed for deed in device.deeds if deed.what == "struck"]
     assert [deed.string for deed in struck] == [200, 100, 1] * 3
     assert all(deed.x == deed.y == 0 for deed in struck)

@@ -103,6 +103,7 @@ def test_one_call_makes_one_stroke_and_leaves_the_cue_back(plan: Path) -> None:
         "homed",
         "moved",
         "moved",
+        "begun",
         "struck",
         "retracted",
     ]  # up to its place from below
