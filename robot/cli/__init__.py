@@ -1,5 +1,16 @@
 """The `robot` command, a file for each group of verbs."""
 
-from robot.cli.verbs import main
+import sys
+from collections.abc import Sequence
+
+from robot.cli.first_byte import write_first_byte
 
 __all__ = ["main"]
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run a verb (robot/cli/verbs.py); a stop has its first byte written before anything else."""
+    write_first_byte(sys.argv[1:] if words is None else words)
+    from robot.cli.verbs import main as run_verb
+
+    return run_verb(words)

@@ -6,7 +6,6 @@ interrupt stops the launcher before anything else (robot/device/link.py).
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 from models.command_line import Program, run
@@ -26,5 +25,4 @@ PROGRAM = Program(
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run a verb: 0 done, 1 the launcher needs attention, 2 bad input."""
-    words = list(sys.argv[1:] if words is None else words)
     return run(PROGRAM, words, failures=(LauncherError,))

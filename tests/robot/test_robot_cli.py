@@ -20,6 +20,7 @@ import robot.cli.play
 from models.model_file import write_model
 from planner.scene import scene_from, write_scene
 from robot.cli import measure
+from robot.cli.first_byte import write_first_byte
 from robot.cli.verbs import main
 from robot.cueing import repeated
 from robot.cueing.campaign import CAMPAIGN_COLUMNS
@@ -190,6 +191,23 @@ def test_a_held_port_names_its_holder_and_lets_status_and_stop_through(run: Run,
             assert "stopped by" in line
         assert series.returncode == 1 and device.state == "STOPPED"
         assert run("status", "--port", port).status == 1 and not (tmp_path / "new.toml").exists()
+
+
+def test_the_first_byte_of_a_stop_goes_to_a_terminal_and_to_nothing_else(tmp_path: Path) -> None:
+    notes = tmp_path / "notes.txt"
+    notes.write_text("mine")
+    with at_a_port() as (port, device):
+        for words in (["stop", "--port", port], ["stop", f"--port={port}"]):
+            stops = device.memory.stops
+            write_first_byte(words)
+            until = time.monotonic() + 5
+            while device.memory.stops == stops and time.monotonic() < until:
+                time.sleep(0.01)
+            assert device.memory.stops == stops + 1
+        for words in (["home", "--port", port], ["stop", "--port", str(notes)], ["stop", "--port"], ["stop"], []):
+            write_first_byte(words)
+        time.sleep(0.1)
+        assert device.memory.stops == stops + 1 and notes.read_text() == "mine"
 
 
 def test_a_stop_while_a_person_is_asked_leaves_nothing_to_strike_with(
