@@ -3,14 +3,14 @@
 import sys
 from collections.abc import Sequence
 
-from robot.cli.first_byte import write_first_byte
+from robot.cli.first_byte import begin_stop
 
 __all__ = ["main"]
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run a verb (robot/cli/verbs.py); a stop has its first byte written before anything else."""
-    write_first_byte(sys.argv[1:] if words is None else words)
+    begin_stop(sys.argv[1:] if words is None else words)
     from robot.cli.verbs import main as run_verb
 
     return run_verb(words)

@@ -10,6 +10,7 @@ import click
 
 from models.command_line import Number, gathered, seed_option
 from models.console import Status
+from robot.cli import first_byte
 from robot.cli.common import RequiredWire
 from robot.device.protocol import CUELAB, PAPER, PROTOCOLS
 
@@ -112,7 +113,7 @@ def stop(wire: RequiredWire) -> int:
     if settings.port.protocol == PAPER:
         print(PAPER_LIMITS)
         return Status.FINDING
-    stopped, holder = stop_past_lock(settings, wire.log)
+    stopped, holder = stop_past_lock(settings, wire.log, first_byte.asked.pop(settings.port.device, None))
     if holder is not None:
         silent = " and does not answer" if holder.answer is None else ""
         print(f"{holder} holds the port{silent}{_busy_with(holder.answer or {})}")

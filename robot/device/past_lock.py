@@ -18,14 +18,21 @@ from models.errors import BadInput
 from robot.device.link import STOP_WAIT_S, Link
 from robot.device.outcome import Stopped
 from robot.device.port import serial_opener
-from robot.device.relay import STOP, Holder, ask, this_program
+from robot.device.relay import STOP, Asked, Holder, begin, this_program
 from robot.device.settings import Settings
 
 HOLDER_CONFIRMS_S = 1.0  # for which the holder of the port may take to hear that the launcher has stopped
 
 
-def stop_past_lock(settings: Settings, log: Path | str | None = None) -> tuple[Stopped, Holder | None]:
+def stop_past_lock(
+    settings: Settings, log: Path | str | None = None, asked: Asked | None = None
+) -> tuple[Stopped, Holder | None]:
     """Stop the launcher, whoever holds its port.
+
+    Args:
+        settings: whose port it is.
+        log: gets every exchange.
+        asked: the holder to whom the stop was sent before.
 
     Raises:
         BadInput: the port cannot be opened, and nobody holds it.
@@ -39,15 +46,15 @@ def stop_past_lock(settings: Settings, log: Path | str | None = None) -> tuple[S
         closed = error
     try:
         sent = int(link.halt())
-        found: list[Holder | None] = []
-        asking = threading.Thread(
-            target=lambda: found.append(ask(port.device, STOP, this_program(), HOLDER_CONFIRMS_S)), daemon=True
-        )
-        asking.start()
-        asking.join(STOP_WAIT_S)
-        while asking.is_alive():
-            sent += link.halt()
-            asking.join(STOP_WAIT_S)
+        found: list[Holder] = []
+        asked = asked or begin(port.device, STOP, this_program())
+        if asked is not None:
+            waiting = threading.Thread(target=lambda: found.append(asked.answered(HOLDER_CONFIRMS_S)), daemon=True)
+            waiting.start()
+            waiting.join(STOP_WAIT_S)
+            while waiting.is_alive():
+                sent += link.halt()
+                waiting.join(STOP_WAIT_S)
         holder = found[0] if found else None
         if holder is not None and holder.answer is not None and holder.answer.get("confirmed"):
             seconds, state = time.monotonic() - began, str(holder.answer.get("interrupted", ""))

@@ -95,23 +95,45 @@ class Relay:
         self._serving.discard(threading.current_thread())
 
 
-def ask(device: str, request: str, by: str, timeout_s: float) -> Holder | None:
-    """Ask the holder of a port; None where there is none that answers to this name."""
-    for name in _names(device):
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
-            asking.settimeout(timeout_s)
+@dataclass(frozen=True)
+class Asked:
+    """A question to the holder of a port that is on its way."""
+
+    process: int
+    title: str
+    _connection: socket.socket
+
+    def answered(self, timeout_s: float) -> Holder:
+        """The holder, with its answer where that comes in time."""
+        with self._connection:
+            self._connection.settimeout(timeout_s)
             try:
-                asking.connect(name)
-            except OSError:
-                continue
-            process = struct.unpack("3i", asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[0]
-            try:
-                asking.sendall(f"{request} {by}\n".encode())
-                answer = json.loads(_line(asking))
+                answer = json.loads(_line(self._connection))
             except (OSError, ValueError):  # it hangs, or ends
                 answer = None
-            return Holder(process, _title(process), answer if isinstance(answer, dict) else None)
+        return Holder(self.process, self.title, answer if isinstance(answer, dict) else None)
+
+
+def begin(device: str, request: str, by: str) -> Asked | None:
+    """Ask the holder of a port, and do not wait; None where there is none that answers to this name."""
+    for name in _names(device):
+        asking = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            asking.setblocking(False)  # a holder with too many questions waiting is as good as one that hangs
+            asking.connect(name)
+            process = struct.unpack("3i", asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[0]
+            asking.sendall(f"{request} {by}\n".encode())
+        except OSError:
+            asking.close()
+            continue
+        return Asked(process, _title(process), asking)
     return None
+
+
+def ask(device: str, request: str, by: str, timeout_s: float) -> Holder | None:
+    """Ask the holder of a port, and wait; None where there is none."""
+    asked = begin(device, request, by)
+    return None if asked is None else asked.answered(timeout_s)
 
 
 def _line(connection: socket.socket) -> str:

@@ -20,7 +20,7 @@ import robot.cli.play
 from models.model_file import write_model
 from planner.scene import scene_from, write_scene
 from robot.cli import measure
-from robot.cli.first_byte import write_first_byte
+from robot.cli.first_byte import begin_stop
 from robot.cli.verbs import main
 from robot.cueing import repeated
 from robot.cueing.campaign import CAMPAIGN_COLUMNS
@@ -199,13 +199,13 @@ def test_the_first_byte_of_a_stop_goes_to_a_terminal_and_to_nothing_else(tmp_pat
     with at_a_port() as (port, device):
         for words in (["stop", "--port", port], ["stop", f"--port={port}"]):
             stops = device.memory.stops
-            write_first_byte(words)
+            begin_stop(words)
             until = time.monotonic() + 5
             while device.memory.stops == stops and time.monotonic() < until:
                 time.sleep(0.01)
             assert device.memory.stops == stops + 1
         for words in (["home", "--port", port], ["stop", "--port", str(notes)], ["stop", "--port"], ["stop"], []):
-            write_first_byte(words)
+            begin_stop(words)
         time.sleep(0.1)
         assert device.memory.stops == stops + 1 and notes.read_text() == "mine"
 

@@ -49,8 +49,8 @@ class Round:
 
     @property
     def confirmed(self) -> bool:
-        """Whether the stop was."""
-        return "stopped, confirmed" in self.said
+        """Whether the stop was, and what it interrupted was named."""
+        return "stopped, confirmed" in self.said and "robot calibrate (process" in self.said
 
 
 @dataclass
