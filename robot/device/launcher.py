@@ -276,12 +276,13 @@ class Launcher:
         """How it came to be stopped."""
         if status.faults & SILENCE_BIT:
             return f"the launcher {FAULT_BITS[SILENCE_BIT]}"
-        return "the launcher was stopped" + (f" by {self._line.stopped_by}" if self._line.stopped_by else "")
+        by = self._line.elsewhere.stopped_by()
+        return f"the launcher was stopped by {by}" if by else "the launcher was stopped"
 
     def _doing(self, what: str) -> None:
         """For other shells that ask."""
         if not self.dry_run:
-            self._line.doing = what
+            self._line.elsewhere.doing = what
 
     def _settle(self, job: _Command, what: str) -> LauncherStatus:
         """Wait until a motion has ended; LauncherStopped and LauncherFault where it ended badly."""

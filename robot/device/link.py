@@ -10,7 +10,7 @@ The stop has a path of its own: `halt` takes no lock that is held while waiting,
 sending, writes the byte and wakes the thread that reads. From then on every other thread gets LauncherStopped until a
 reset. Where no cable is in, the byte is the first to be sent when it is back. Signals (robot/device/signals.py), an
 exception and the end of the program stop the launcher too. Other shells stop it past this link: the answer to their
-byte halts it (`stopped_by`), and they are answered by robot/device/relay.py.
+byte halts it (robot/device/elsewhere.py).
 
 A killed controller is silent, and the launcher then stops by itself; one that waits for a late reply is not, and sends
 beats, in the thread that waits: where that hangs there are none.
@@ -21,12 +21,11 @@ from __future__ import annotations
 import atexit
 import threading
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from models.errors import BadInput
+from robot.device.elsewhere import Elsewhere
 from robot.device.exchange_log import ExchangeLog
 from robot.device.outcome import Incident, Reply, Stopped
 from robot.device.port import PORT_ERRORS, READ_SLICE_S, Port, PortHeld
@@ -35,7 +34,6 @@ from robot.device.protocol import (
     BEAT_S,
     STOP_BYTE,
     UNSOLICITED_SEQUENCE,
-    LauncherError,
     LauncherStopped,
     LinkLost,
     Message,
@@ -45,7 +43,6 @@ from robot.device.protocol import (
     next_sequence,
     stroke_line,
 )
-from robot.device.relay import STATUS, STOP, Relay
 from robot.device.settings import Clock, RealClock, Timing
 from robot.device.signals import StopOnSignals
 
@@ -90,9 +87,7 @@ class Link:
         self._notices = 0  # answers to stop bytes
         self._interrupted = ""  # state that the last of them names
         self._sent_at = 0.0  # a line was [s]
-        self._relay: Relay | None = None
-        self.stopped_by = ""  # who stopped it from elsewhere
-        self.doing = ""  # what is in progress, for others
+        self.elsewhere = Elsewhere(self.stop, lambda: self.exchange("STATUS", through_stop=True).body)
         self._overdue = 0  # replies that may still come late, to lines that were sent again
         self._signals = StopOnSignals(self.halt)
         self.incidents: list[Incident] = []
@@ -137,8 +132,8 @@ class Link:
                 except BadInput:
                     self._drop()
                     raise
-                if self._answers and self._relay is None and port.name:
-                    self._relay = Relay(port.name, self._answer)
+                if self._answers:
+                    self.elsewhere.open(port.name)
                 atexit.register(self._at_exit)
 
     def greet(self) -> Reply:
@@ -149,9 +144,7 @@ class Link:
 
     def close(self) -> None:
         """Close the port; a launcher that moves then stops by itself."""
-        if self._relay is not None:
-            self._relay.close()
-            self._relay = None
+        self.elsewhere.close()
         with self._turn, self._swap:
             self._drop()
             atexit.unregister(self._at_exit)
@@ -235,21 +228,8 @@ class Link:
 
     def release(self) -> None:
         """Allow motions again; for the reset, once the launcher has confirmed it."""
-        self.stopped_by = ""
+        self.elsewhere.forget()
         self._halted.clear()
-
-    def _answer(self, request: str, by: str) -> dict[str, Any]:
-        """To another shell: what was in progress, and the result."""
-        doing = self.doing
-        if request == STOP:
-            self.stopped_by = by
-            return {"doing": doing, **asdict(self.stop())}
-        if request == STATUS:
-            try:
-                return {"doing": doing, "status": self.exchange("STATUS", through_stop=True).body}
-            except LauncherError as error:
-                return {"doing": doing, "error": str(error)}
-        return {"doing": doing}
 
     def note(self, kind: str, detail: str) -> None:
         """Note something unusual."""
@@ -257,8 +237,8 @@ class Link:
 
     def _check(self, through_stop: bool) -> None:
         if self._halted.is_set() and not through_stop:
-            by = f" by {self.stopped_by}" if self.stopped_by else ""
-            raise LauncherStopped(f"the launcher was stopped{by}; look, then reset it and home it")
+            by = self.elsewhere.stopped_by()
+            raise LauncherStopped(f"the launcher was stopped{by and f' by {by}'}; look, then reset it and home it")
 
     def _exchange(self, sequence: int, body: str, through_stop: bool) -> Reply:
         line = frame(":", sequence, body)
@@ -333,8 +313,8 @@ class Link:
         for state in (state for _, state in states if state is not None):
             self._notices, self._interrupted = self._notices + 1, state
             if not self._halted.is_set():
-                self.stopped_by = self.stopped_by or "another program, or by noise"
-                self.note("stopped", f"by {self.stopped_by}")
+                self.elsewhere.noticed()
+                self.note("stopped", "from elsewhere")
                 self._halted.set()
         return [f for f, state in states if state is None]
 

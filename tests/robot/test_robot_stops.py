@@ -68,7 +68,7 @@ def test_a_holder_that_reads_nothing_is_stopped_all_the_same(tmp_path: Path) -> 
     """As where it hangs: it answers neither the launcher nor the other program."""
     with terminal(tmp_path / "log", pace=1.0) as made:
         made.launcher.home()
-        made.link._relay.close()  # type: ignore[union-attr]
+        made.link.elsewhere.close()
         stopped, holder = stop_past_lock(made.launcher.settings)
         assert stopped.confirmed and holder is None
         with pytest.raises(LauncherStopped):

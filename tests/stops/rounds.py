@@ -157,7 +157,7 @@ def _played(way: str, rng: np.random.Generator, rate: float) -> Round | None:
             controller.kill()
             controller.communicate()
         stood, stopped, later = _judged(began, deeds, interrupted, goes_on=status is None)
-        lines = tuple(line for line in told.splitlines() if line.startswith("robot "))  # without its progress
+        lines = tuple(line for line in told.splitlines() if "of 12: " not in line)  # without its progress
         return Round(way, state, stopped, np.inf if moving else stood, later, said, status, lines)
 
 
