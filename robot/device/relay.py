@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import select
 import socket
 import struct
 import sys
@@ -53,9 +54,10 @@ class Relay:
 
     def __init__(self, device: str, answer: Answer) -> None:
         """Listen, in threads of its own."""
-        self._answer, self._open = answer, True
-        self._sockets: list[socket.socket] = []
-        self._serving: set[threading.Thread] = set()
+        self._answer = answer
+        self._serving: list[threading.Thread] = []
+        self._woken, self._wake = socket.socketpair()
+        self._listening = []
         for name in _names(device):
             listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             try:
@@ -63,36 +65,36 @@ class Relay:
                 listening.listen(8)
             except OSError:  # another program's, of a terminal that had this number before
                 listening.close()
-                continue
-            self._sockets.append(listening)
-            threading.Thread(target=self._accept, args=(listening,), name="relay", daemon=True).start()
+            else:
+                self._listening.append(listening)
+        self._thread = threading.Thread(target=self._accept, name="relay", daemon=True)
+        self._thread.start()
 
     def close(self, wait_s: float = 2.0) -> None:
-        """Listen no more; answers under way are given."""
-        self._open = False
-        for listening in self._sockets:
-            with contextlib.suppress(OSError):
-                listening.shutdown(socket.SHUT_RDWR)  # wakes the thread
-            listening.close()
-        for thread in list(self._serving):
+        """Listen no more, with the names free again; who has asked by now is answered."""
+        self._wake.send(b"x")
+        self._thread.join(wait_s)
+        for thread in self._serving:
             thread.join(wait_s)
+        for end in (*self._listening, self._woken, self._wake):
+            end.close()
 
-    def _accept(self, listening: socket.socket) -> None:
-        while self._open:
-            try:
-                connection, _ = listening.accept()
-            except OSError:
+    def _accept(self) -> None:
+        while True:
+            ready, _, _ = select.select([*self._listening, self._woken], [], [])
+            for end in ready:
+                if end is not self._woken:
+                    thread = threading.Thread(target=self._serve, args=(end.accept()[0],), name="relay", daemon=True)
+                    thread.start()
+                    self._serving = [t for t in self._serving if t.is_alive()] + [thread]
+            if ready == [self._woken]:
                 return
-            thread = threading.Thread(target=self._serve, args=(connection,), name="relay answer", daemon=True)
-            self._serving.add(thread)
-            thread.start()
 
     def _serve(self, connection: socket.socket) -> None:
         with connection, contextlib.suppress(OSError):
             connection.settimeout(1.0)
             request, _, by = _line(connection).partition(" ")
             connection.sendall(json.dumps(self._answer(request, by)).encode() + b"\n")
-        self._serving.discard(threading.current_thread())
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from robot.device.paper import PaperLauncher
 from robot.device.past_lock import stop_past_lock
 from robot.device.port import serial_opener
 from robot.device.protocol import SILENCE_S, LauncherError, LauncherStopped
-from robot.device.relay import Holder
+from robot.device.relay import WHO, Holder, Relay, begin
 from robot.device.settings import PortSettings, Settings
 from robot.emulator.faults import FaultInjection
 from robot.emulator.firmware import Firmware
@@ -62,6 +62,17 @@ def test_a_byte_past_the_lock_ends_a_stroke_also_where_nobody_says_who_wrote_it(
         with pytest.raises(LauncherStopped):
             made.launcher.retract()
         assert made.hits == []
+
+
+def test_a_holder_that_ends_answers_who_has_asked_before(tmp_path: Path) -> None:
+    port = str(tmp_path / "port")
+    for _ in range(300):
+        relay = Relay(port, lambda request, by: {"request": request, "by": by})
+        asked = begin(port, WHO, "me")
+        assert asked is not None and asked.process == os.getpid(), "the name of the last one is not free again"
+        relay.close()
+        assert asked.answered(1.0).answer == {"request": WHO, "by": "me"}
+    assert begin(port, WHO, "me") is None
 
 
 def test_a_holder_that_reads_nothing_is_stopped_all_the_same(tmp_path: Path) -> None:
