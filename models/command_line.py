@@ -27,6 +27,7 @@ from models.console import OUTPUT_KEY, STANDARD_OUTPUT, Progress, Status, show_p
 from models.errors import BadInput
 from models.files.documents import MAX_PICTURE_PIXELS
 from models.files.faults import one_line
+from models.files.writing import NO_ROOM, unwritable
 from models.interrupts import SIGNAL_STATUS, Terminated, as_interrupts
 
 Verb = TypeVar("Verb", bound=Callable[..., Any])
@@ -305,7 +306,8 @@ def run(
         status = Status.BROKEN_PIPE
     except OSError as error:  # a disk that is full, a file that went away
         where = error.filename or "standard output"
-        status, fault = Status.BAD_INPUT, f"{where}: {error.strerror or error}; look at the disk and at access rights"
+        text = f"{where}: {error.strerror or error}; look at the disk and at access rights"
+        status, fault = Status.BAD_INPUT, str(unwritable(where, error)) if error.errno in NO_ROOM else text
     except MemoryError:
         status, fault = Status.BAD_INPUT, "the memory is full; give less input at a time"
     if not _flushed():

@@ -1,6 +1,7 @@
 """Files of users and of our own: read within bounds, decoded, their faults collected; written whole or not at all.
 
-documents   TOML, JSON and text, read and written
+documents   TOML, JSON and text, read within bounds
+writing     files written, and lines added, whole or not at all
 decode      parsed data into dataclasses, with every fault by its place
 alone       one run at a time in a place
 faults      faults of an input, one line each, with the remedy
@@ -9,17 +10,17 @@ faults      faults of an input, one line each, with the remedy
 from models.files.alone import alone_in
 from models.files.documents import (
     entries_of,
-    made_folder,
     parse,
     read_document,
     read_json,
     read_text,
     read_toml,
-    write_whole,
 )
+from models.files.writing import append_whole, made_folder, scratch_folder, write_whole
 
 __all__ = [
     "alone_in",
+    "append_whole",
     "entries_of",
     "made_folder",
     "parse",
@@ -27,5 +28,6 @@ __all__ = [
     "read_json",
     "read_text",
     "read_toml",
+    "scratch_folder",
     "write_whole",
 ]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, islice
@@ -19,6 +18,7 @@ import cv2
 import numpy as np
 
 from models.errors import BadInput
+from models.files import scratch_folder, write_whole
 from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
 from models.shot import Array, Ball, Table
 from planner.from_picture import CUE_BALL_NAMES, DetectedBalls, balls_in_picture
@@ -185,12 +185,12 @@ def balls_in(
     pictures: Sequence[Picture], camera: Camera, palette_path: Path | str | None = None, mass: float | None = None
 ) -> DetectedBalls:  # fmt: skip
     """The balls that lie on the table in pictures, found as in a photo."""
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
+    with scratch_folder() as place:
         write_camera(place / "camera.toml", camera)
         (place / "seen").mkdir()
         for k, picture in enumerate(pictures):
-            cv2.imwrite(str(place / "seen" / f"{k:02d}.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+            png = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
+            write_whole(place / "seen" / f"{k:02d}.png", png.tobytes())
         try:
             return balls_in_picture(place / "seen", place / "camera.toml", palette_path=palette_path, mass=mass)
         except BadInput as error:

@@ -327,10 +327,7 @@ def _record(path: Path, video: str, result: Tracked, footage: Footage, camera: C
         p.name: Sightings(p.frame, p.time, p.pixels, p.radius, p.xy, residuals(p.time, p.xy)) for p in scene.tracks
     }
     shots = [(scene.time_of(s.first), scene.time_of(s.last), note(k, s)) for k, s in enumerate(result.shots, 1)]
-    try:
-        write_track(
-            path, video, (scene.frames, scene.times), lambda: (frame.picture for frame in footage), balls,
-            shots, camera.table, camera.diameter,
-        )  # fmt: skip
-    except OSError as error:
-        raise BadInput(f"{path}: the recording cannot be written ({error.strerror or error})") from error
+    write_track(
+        path, video, (scene.frames, scene.times), lambda: (frame.picture for frame in footage), balls,
+        shots, camera.table, camera.diameter,
+    )  # fmt: skip

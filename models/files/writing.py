@@ -1,0 +1,107 @@
+"""Files written whole or not at all, and lines added to one whole or not at all, at whatever byte a disk is full.
+
+In: paths and their content. Out: files; BadInput in one line where one cannot be written, which then is as it was.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from models.errors import BadInput
+from models.files.faults import one_line
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def unwritable(path: Path | str, error: OSError) -> BadInput:
+    """What is said of a place that cannot be written, with the remedy."""
+    remedy = "make room on its disk, or choose another place" if error.errno in NO_ROOM else "choose another place"
+    return BadInput(one_line(f"{path}: cannot be written ({error.strerror or error}); {remedy}"))
+
+
+def made_folder(path: Path | str) -> Path:
+    """A folder for results, made with those above it where it is not there; BadInput where it cannot be."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    return folder
+
+
+def write_whole(path: Path | str, content: bytes, *, parents: bool = False) -> None:
+    """Write a file by way of a scratch file beside it, which never stays behind.
+
+    Args:
+        path: the file; one that is there is replaced.
+        content: all of it.
+        parents: make missing folders.
+
+    Raises:
+        BadInput: it cannot be written there, in one line.
+    """
+    path = Path(path)
+    scratch = path.with_name(f".{path.name}.{os.getpid()}") if path.name else path
+    try:
+        if path.is_dir():
+            raise BadInput(one_line(f"{path}: is a folder; name a file"))
+        if path.exists() and not path.is_file():  # a device would be replaced by a file
+            raise BadInput(one_line(f"{path}: is no regular file; name another"))
+        if parents:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        scratch.write_bytes(content)
+        scratch.replace(path)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    finally:
+        with contextlib.suppress(OSError):  # where it was never made, or has taken its place
+            scratch.unlink()
+
+
+def append_whole(path: Path | str, content: bytes) -> None:
+    """Add to the end of a file, which is made where it is not there; on the disk when this returns.
+
+    Raises:
+        BadInput: there is no room for all of it, or it cannot be written there; nothing was added.
+    """
+    try:
+        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    try:
+        append_to(file, content)
+        os.fsync(file)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    finally:
+        os.close(file)
+
+
+def append_to(file: int, content: bytes) -> None:
+    """Add to the end of an open file (its descriptor), all or nothing; OSError where there is no room."""
+    size, left = os.fstat(file).st_size, content
+    try:
+        while left:
+            left = left[os.write(file, left) :]
+    except BaseException:
+        with contextlib.suppress(OSError):  # of what is no regular file
+            os.ftruncate(file, size)
+        raise
+
+
+@contextlib.contextmanager
+def scratch_folder(prefix: str = "cuelab-") -> Iterator[Path]:
+    """A folder for what is needed for a while only; BadInput where there is no room for temporary files."""
+    try:
+        made = tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True)
+    except OSError as error:
+        place = os.environ.get("TMPDIR", "the usual folders")
+        text = f"{place}: no room for temporary files; make some there, or set TMPDIR to another folder"
+        raise BadInput(one_line(text)) from error
+    with made as folder:
+        yield Path(folder)
