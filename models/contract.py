@@ -20,6 +20,7 @@ import numpy as np
 
 from models.effect import Effect
 from models.engine.play import lacking
+from models.files import scratch_folder
 from models.hooks import COMPILED_HOOKS, HookError, address
 from models.mjcf.native import Native
 from models.model_file import Model, add_folder, effect_class, full_model, read_model, write_model

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import click
 from models.command_line import FILE_PATH, at_most_one, effects_option, gathered, given, out_option
 from models.console import Progress, Status, table
 from models.errors import BadInput
-from sysid.cli.common import camera_option, mass_option, palette_option
+from sysid.cli.common import accept_camera_option, camera_option, mass_option, palette_option
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ class SceneSource:
     clip: str | None = given("--clip", "CLIP", "Of a clip set: a file or its number; by default the last.")
     palette_file: Path | None = given(palette_option)
     mass: float | None = given(mass_option)
+    accept_camera: bool = given(accept_camera_option, default=False)
 
 
 @click.command()
@@ -70,6 +72,7 @@ def scene(progress: Progress, source: SceneSource, wanted: Wanted, out: Path) ->
     """
     from planner.from_picture import scene_from_clips, scene_from_picture
     from planner.scene import write_scene
+    from sysid.clips.trust import doubt_line, refuse_doubted
 
     goal, path, camera = wanted.goal(), source.source, source.camera_file
     if (path / "clips.toml").is_file():
@@ -86,6 +89,9 @@ def scene(progress: Progress, source: SceneSource, wanted: Wanted, out: Path) ->
             path, camera, goal, palette_path=source.palette_file, mass=source.mass, progress=progress
         )
     progress.close()
+    refuse_doubted(camera or path, made.camera_doubts, source.accept_camera)
+    if doubt := doubt_line(camera or path, made.camera_doubts):
+        print(f"warning: {doubt}", file=sys.stderr)
     rows = [("ball", "x [m]", "y [m]")]
     rows += [(n, f"{x:.4f}", f"{y:.4f}") for n, (x, y) in zip(made.names, made.position, strict=True)]
     print(table(rows))

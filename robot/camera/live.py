@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, islice
@@ -26,6 +27,7 @@ from robot.camera.recorder import NO_PICTURE, FilmRecorder, checked
 from robot.camera.source import Device, Source
 from robot.play import FilmedFrames
 from sysid.clips import Observation
+from sysid.clips.trust import doubt_line, refuse_doubted
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import palette_for
 from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
@@ -49,6 +51,7 @@ class CameraOptions:
     mass: float | None = None  # of a ball [kg]; None: that of a snooker ball of its size
     sigma: float | None = None  # of a place, each axis [m]; None: PLACE_ERROR_PX
     max_roll_s: float = MAX_ROLL_S  # after `film` is called, until which balls may roll
+    accept_doubts: bool = False  # open a camera whose calibration is not to be trusted
 
 
 class LiveCamera:
@@ -83,6 +86,7 @@ class LiveCamera:
         self.sigma = options.sigma if options.sigma is not None else round(PLACE_ERROR_PX * camera.pixel, 5)
         self.warnings: tuple[str, ...] = ()  # of the last look or film
         self.filmed: FilmedFrames | None = None  # what the last film is of
+        self.doubts = camera.doubts
         self._source, self.seen_with, self._folder = source, camera, Path(folder)
         self._options, self._say = options, say
         self._seen: dict[str, Array] = {}
@@ -92,8 +96,14 @@ class LiveCamera:
     def open(
         name: int | str, camera_path: Path | str, folder: Path | str, options: CameraOptions | None = None
     ) -> LiveCamera:
-        """A device's number, an address or a file, with its camera file; the rest as above."""
+        """A device's number, an address or a file, with its camera file; the rest as above.
+
+        BadInput for a camera that is not to be trusted, as a robot goes by it, unless the options accept that.
+        """
         camera = read_camera(camera_path)
+        refuse_doubted(camera_path, camera.doubts, options is not None and options.accept_doubts)
+        if doubt := doubt_line(camera_path, camera.doubts):
+            print(f"warning: {doubt}", file=sys.stderr, flush=True)
         return LiveCamera(Device(name, camera.size), camera, folder, options)
 
     def __enter__(self) -> LiveCamera:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -108,6 +109,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
     import cv2
 
     from sysid.clips import write_clip_set
+    from sysid.clips.trust import doubt_line
     from sysid.vision.camera.projection import read_camera
     from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, place_of, videos_in
 
@@ -118,6 +120,8 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
         raise BadInput("--live shows what this machine tracks; leave it out, or leave --scheduler out")
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
     camera = read_camera(filmed.camera_file)
+    if doubt := doubt_line(filmed.camera_file, camera.doubts):
+        print(f"warning: {doubt}", file=sys.stderr, flush=True)
     camera = camera if filmed.readout is None else replace(camera, readout=filmed.readout)
     so_far = None if outputs.force else finished(outputs.out)
     if so_far is not None:
