@@ -18,7 +18,7 @@ import numpy as np
 from models.console import table
 from tests.full_disk.course import Course, NotHere, Tally, prepare
 from tests.full_disk.disk import can_mount
-from tests.full_disk.works import WORKS
+from tests.full_disk.works import WORKS, film
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -35,11 +35,14 @@ def main(words: Sequence[str] | None = None) -> int:
     rows: list[tuple[str, ...]] = [("verb", "points", "refused", "ended well", "wrong", "s a point")]
     bad = False
     with tempfile.TemporaryDirectory(prefix="cuelab-disk-") as place:
+        films = Path(place, "films")
+        if any("{films}" in WORKS[name] for name in asked.verbs):
+            film(films)
         for name in asked.verbs:
             tally, began = Tally(), time.monotonic()
             rng = np.random.default_rng([asked.seed, *name.encode()])
             try:
-                course = Course(WORKS[name], Path(place, "work"), mounted=mounted)
+                course = Course(WORKS[name].format(films=films), Path(place, "work"), mounted=mounted)
             except NotHere as error:
                 print(f"{name}: left out, does not run here: {error}", flush=True)
                 continue
