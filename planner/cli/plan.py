@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,11 +127,10 @@ def plan(
     """
     from planner.planning import make_plan
     from planner.scene import read_scene
-    from sysid.clips.trust import doubt_line
+    from sysid.clips.trust import tell_doubts
 
     asked = read_scene(scene)
-    if doubt := doubt_line(scene, asked.camera_doubts):
-        print(f"warning: {doubt}", file=sys.stderr, flush=True)
+    tell_doubts(scene, asked.camera_doubts)
     model = load_model(model_file, asked)
     launcher, execution = hardware.launcher(asked.ball)
     execution = execution or load_execution(hardware.execution_file, model)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,26 +71,27 @@ def scene(progress: Progress, source: SceneSource, wanted: Wanted, out: Path) ->
     """
     from planner.from_picture import scene_from_clips, scene_from_picture
     from planner.scene import write_scene
-    from sysid.clips.trust import doubt_line, refuse_doubted
+    from sysid.clips.trust import heed_doubts
 
     goal, path, camera = wanted.goal(), source.source, source.camera_file
     if (path / "clips.toml").is_file():
         if camera:
             raise BadInput(f"--camera {camera}: {path} is a clip set, whose positions are known; leave it out")
         made, found = scene_from_clips(path, goal, source.clip)
+        heed_doubts(path, made.camera_doubts, source.accept_camera)
     else:
         if not camera:
             raise BadInput(f"{path}: a picture needs --camera CAM.toml (made with: sysid calibrate)")
         import cv2
 
+        from sysid.vision.camera.projection import read_camera
+
+        heed_doubts(camera, read_camera(camera).doubts, source.accept_camera)
         cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
         made, found = scene_from_picture(
             path, camera, goal, palette_path=source.palette_file, mass=source.mass, progress=progress
         )
     progress.close()
-    refuse_doubted(camera or path, made.camera_doubts, source.accept_camera)
-    if doubt := doubt_line(camera or path, made.camera_doubts):
-        print(f"warning: {doubt}", file=sys.stderr)
     rows = [("ball", "x [m]", "y [m]")]
     rows += [(n, f"{x:.4f}", f"{y:.4f}") for n, (x, y) in zip(made.names, made.position, strict=True)]
     print(table(rows))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, islice
@@ -27,7 +26,7 @@ from robot.camera.recorder import NO_PICTURE, FilmRecorder, checked
 from robot.camera.source import Device, Source
 from robot.play import FilmedFrames
 from sysid.clips import Observation
-from sysid.clips.trust import doubt_line, refuse_doubted
+from sysid.clips.trust import heed_doubts
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import palette_for
 from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
@@ -101,9 +100,7 @@ class LiveCamera:
         BadInput for a camera that is not to be trusted, as a robot goes by it, unless the options accept that.
         """
         camera = read_camera(camera_path)
-        refuse_doubted(camera_path, camera.doubts, options is not None and options.accept_doubts)
-        if doubt := doubt_line(camera_path, camera.doubts):
-            print(f"warning: {doubt}", file=sys.stderr, flush=True)
+        heed_doubts(camera_path, camera.doubts, options is not None and options.accept_doubts)
         return LiveCamera(Device(name, camera.size), camera, folder, options)
 
     def __enter__(self) -> LiveCamera:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -155,17 +154,16 @@ def play(request: Request, wire: Wire, filming: Filming, emulation: Emulation) -
     """
     from planner.scene import read_scene
     from robot.play import play_plan, read_order
-    from sysid.clips.trust import doubt_line, refuse_doubted
+    from sysid.clips.trust import heed_doubts
 
     settings = wire.settings()
     order = read_order(request.plan, settings)
     scene = read_scene(request.scene_file) if request.scene_file else None
     azimuth = math.radians(order.yaw_deg)
     for file, held in ((request.plan, order.scene), (request.scene_file, scene)):
-        if file is not None and held is not None and held.camera_doubts:
+        if file is not None and held is not None:
             nothing_moves = request.dry_run or not wire.port
-            refuse_doubted(file, held.camera_doubts, filming.accept_camera or nothing_moves)
-            print(f"warning: {doubt_line(file, held.camera_doubts)}", file=sys.stderr, flush=True)
+            heed_doubts(file, held.camera_doubts, filming.accept_camera or nothing_moves)
     if wire.port:
         emulation.refuse()
         if filming.is_given():

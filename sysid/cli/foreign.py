@@ -86,7 +86,7 @@ def import_(
     from models.files import write_whole
     from sysid.clips.contradiction import is_sound
     from sysid.clips.contradictions import contradictions
-    from sysid.clips.trust import camera_doubts, doubt_line, with_doubts
+    from sysid.clips.trust import camera_doubts, tell_doubts, with_doubts
     from sysid.clips.write import write_clip_set
     from sysid.foreign.convert import import_files
     from sysid.report.plot import tracks_png
@@ -115,8 +115,7 @@ def import_(
     picture = picture_file or out.with_name(out.name + ".png")
     write_whole(picture, tracks_png(clip_set, found.says[0]), parents=True)
     print(f"picture: {picture}", flush=True)
-    if doubt := doubt_line(camera_file or files[0], camera_doubts(clip_set)):
-        print(f"warning: {doubt}", file=sys.stderr, flush=True)
+    tell_doubts(camera_file or files[0], camera_doubts(clip_set))
     source = files[0] if header is not None else Path("FILES")
     clips = tuple(clip for clip in clip_set.clips if is_sound(clip))
     for one in contradictions(dataclasses.replace(clip_set, clips=clips, folder=source)):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import sys
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -109,7 +108,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
     import cv2
 
     from sysid.clips import write_clip_set
-    from sysid.clips.trust import doubt_line
+    from sysid.clips.trust import tell_doubts
     from sysid.vision.camera.projection import read_camera
     from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, place_of, videos_in
 
@@ -120,8 +119,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
         raise BadInput("--live shows what this machine tracks; leave it out, or leave --scheduler out")
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
     camera = read_camera(filmed.camera_file)
-    if doubt := doubt_line(filmed.camera_file, camera.doubts):
-        print(f"warning: {doubt}", file=sys.stderr, flush=True)
+    tell_doubts(filmed.camera_file, camera.doubts)
     camera = camera if filmed.readout is None else replace(camera, readout=filmed.readout)
     so_far = None if outputs.force else finished(outputs.out)
     if so_far is not None:

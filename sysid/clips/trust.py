@@ -5,6 +5,7 @@ In: a clip set, or the doubts of a camera. Out: one line wherever they matter, a
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -38,7 +39,14 @@ def doubt_line(name: Path | str, doubts: Sequence[str]) -> str:
     return one_line(f"{name}: the camera is not to be trusted: {'; '.join(doubts)}") if doubts else ""
 
 
-def refuse_doubted(name: Path | str, doubts: Sequence[str], accepted: bool) -> None:
-    """BadInput where a robot, or a plan for one, would go by a camera that is not to be trusted, unless accepted."""
+def tell_doubts(name: Path | str, doubts: Sequence[str]) -> None:
+    """That line as a warning, where there are doubts."""
+    if doubts:
+        print(f"warning: {doubt_line(name, doubts)}", file=sys.stderr, flush=True)
+
+
+def heed_doubts(name: Path | str, doubts: Sequence[str], accepted: bool) -> None:
+    """The same where a robot, or a plan for one, goes by the camera: BadInput where it was not accepted in doubt."""
     if doubts and not accepted:
         raise BadInput(one_line(f"{doubt_line(name, doubts)}: calibrate it anew, or go on with --accept-camera"))
+    tell_doubts(name, doubts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -12,9 +13,11 @@ import planner.cli
 import robot.cli
 import sysid.cli
 from models.errors import BadInput
-from sysid.clips import read_clip_set
-from sysid.clips.trust import camera_doubts
+from planner.scene import read_scene
+from sysid.clips import read_clip_set, write_clip_set
+from sysid.clips.trust import camera_doubts, with_doubts
 from sysid.vision.camera.projection import read_camera, write_camera
+from tests.full_disk.works import film
 from tests.fuzz.verbs import SEEDS
 
 DOUBT = "edges 40 mm farther in do not fit the table's aspect"
@@ -55,18 +58,32 @@ def test_files_of_earlier_versions_tell_it_in_their_source(place: Path) -> None:
         read_camera("both.toml")
 
 
-def test_tracking_tells_it_and_so_do_the_clips(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert sysid.cli.main(["track", "film.avi", *SEEN, "--out", "tracked"]) in (0, 1)
+def test_tracking_tells_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sysid.cli.main(["track", "film.avi", *SEEN, "--out", "tracked"])
     assert f"warning: {TOLD}\n" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_tracked_clips_tell_it(place: Path) -> None:
+    film(place / "films")
+    camera = Path("films/camera.toml")
+    write_camera(camera, dataclasses.replace(read_camera(camera), doubts=(DOUBT,)))
+    assert sysid.cli.main(["track", "films/one.mp4", "--camera", str(camera), "--out", "tracked"]) in (0, 1)
     assert camera_doubts(read_clip_set("tracked")) == (DOUBT,)
+
+
+def test_clips_that_were_seen_by_it_tell_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_clip_set(with_doubts(read_clip_set("clips"), (DOUBT,)), "tracked")
+    assert camera_doubts(read_clip_set("tracked")) == (DOUBT,)
+    told = f"warning: clips.toml: the camera is not to be trusted: {DOUBT}\n"
     sysid.cli.main(["check", "tracked"])
-    assert f"clips.toml: the camera is not to be trusted: {DOUBT}" in capsys.readouterr().out
+    assert told in capsys.readouterr().out
     sysid.cli.main(["measure", "tracked"])
-    assert f"warning: clips.toml: the camera is not to be trusted: {DOUBT}" in capsys.readouterr().err
-    struck = read_clip_set("tracked").clips[0].struck
-    goal = ["--cue", struck, "--object", "red", "--out", "scene.new.toml"]
-    assert planner.cli.main(["scene", "tracked", *goal]) == 2
-    assert REMEDY in capsys.readouterr().err
+    assert told in capsys.readouterr().err
+    words = ["scene", "tracked", "--clip", "3", "--cue", "cue", "--object", "red", "--out", "new.toml"]
+    assert planner.cli.main(words) == 2
+    assert f"planner scene: tracked: the camera is not to be trusted: {DOUBT}: calibrate" in capsys.readouterr().err
+    assert planner.cli.main([*words, "--accept-camera"]) == 0 and read_scene("new.toml").camera_doubts == (DOUBT,)
 
 
 def test_imported_pixels_tell_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -80,18 +97,20 @@ def test_imported_pixels_tell_it(place: Path, capsys: pytest.CaptureFixture[str]
     assert camera_doubts(read_clip_set("imported")) == (DOUBT,)
 
 
-def test_a_scene_for_a_plan_is_refused_and_carries_the_doubt_where_accepted(
-    place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["scene", "pictures/0000.png", "--camera", "cam.toml", "--object", "red", "--out", "new.toml"]
+def test_a_scene_for_a_plan_is_refused_before_the_work(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copy("pictures/0000.png", "picture.png")
+    words = ["scene", "picture.png", "--camera", "cam.toml", "--object", "red", "--out", "new.toml"]
     assert planner.cli.main(words) == 2
+    assert capsys.readouterr().err == f"planner scene: {TOLD}: calibrate it anew, or {REMEDY}\n"
+    planner.cli.main([*words, "--accept-camera"])  # there are no balls in it
     error = capsys.readouterr().err
-    assert error.startswith(f"planner scene: {TOLD}") and REMEDY in error and error.count("\n") == 1
-    assert not Path("new.toml").exists()
-    assert planner.cli.main([*words, "--accept-camera"]) == 0
-    assert f"warning: {TOLD}" in capsys.readouterr().err
-    planner.cli.main(["plan", "new.toml", "--out", "new.json"])
-    assert f"warning: new.toml: the camera is not to be trusted: {DOUBT}" in capsys.readouterr().err
+    assert f"warning: {TOLD}\n" in error and "no ball is seen" in error
+
+
+def test_a_plan_tells_what_its_scene_carries(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("new.toml").write_text(f'camera_doubts = ["{DOUBT}"]\n' + Path("scene.toml").read_text())
+    planner.cli.main(["plan", "new.toml", "--model", "model.toml", "--out", "new.json"])
+    assert f"warning: new.toml: the camera is not to be trusted: {DOUBT}\n" in capsys.readouterr().err
     assert json.loads(Path("new.json").read_text())["scene"]["camera_doubts"] == [DOUBT]
 
 
