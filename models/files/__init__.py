@@ -2,6 +2,7 @@
 
 documents   TOML, JSON and text, read within bounds
 writing     files written, and lines added, whole or not at all
+made        results replaced by the command and input that made them, or not at all; record: what says so in a file
 decode      parsed data into dataclasses, with every fault by its place
 alone       one run at a time in a place
 faults      faults of an input, one line each, with the remedy

@@ -6,7 +6,9 @@ In: paths and their content. Out: files; BadInput in one line where one cannot b
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import errno
+import json
 import os
 import tempfile
 from collections.abc import Iterator
@@ -14,7 +16,9 @@ from pathlib import Path
 
 from models.errors import BadInput
 from models.files.faults import one_line
+from models.files.record import Origin, expected, with_record
 
+MADE_FORMAT, MADE_FILE = "billiard-made/1", "made.json"
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -25,17 +29,25 @@ def unwritable(path: Path | str, error: OSError) -> BadInput:
 
 
 def made_folder(path: Path | str) -> Path:
-    """A folder for results, made with those above it where it is not there; BadInput where it cannot be."""
+    """A folder for results, made with those above it where it is not there; BadInput where it cannot be.
+
+    That of a command's results (made.py) gets the record of their origin.
+    """
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise unwritable(folder, error) from error
+    if origin := _expected(folder):
+        record = {"format": MADE_FORMAT, **dataclasses.asdict(origin)}
+        write_whole(folder / MADE_FILE, f"{json.dumps(record, indent=1)}\n".encode())
     return folder
 
 
 def write_whole(path: Path | str, content: bytes, *, parents: bool = False) -> None:
     """Write a file by way of a scratch file beside it, which never stays behind.
+
+    The result of a command (made.py) gets the record of its origin.
 
     Args:
         path: the file; one that is there is replaced.
@@ -54,13 +66,20 @@ def write_whole(path: Path | str, content: bytes, *, parents: bool = False) -> N
             raise BadInput(one_line(f"{path}: is no regular file; name another"))
         if parents:
             path.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_bytes(content)
+        origin = _expected(path)
+        scratch.write_bytes(content if origin is None else with_record(content, origin))
         scratch.replace(path)
     except OSError as error:
         raise unwritable(path, error) from error
     finally:
         with contextlib.suppress(OSError):  # where it was never made, or has taken its place
             scratch.unlink()
+
+
+def _expected(path: Path) -> Origin | None:
+    """The origin of what is written there, where it is a result of the command that runs."""
+    known = expected.get()
+    return known.get(Path(os.path.realpath(path))) if known else None
 
 
 def append_whole(path: Path | str, content: bytes) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given
+from models.command_line import ABOVE_ZERO, gathered, given, out_folder_option
 from models.console import Progress, Status, as_called
 from models.files import made_folder
 from sysid.cli.calibrate import calibrate
@@ -55,7 +55,7 @@ class FilmedTable:
 @click.command()
 @click.argument("videos", metavar="VIDEO...", nargs=-1, required=True)
 @gathered("filmed", FilmedTable)
-@click.option("--out", metavar="DIR", type=FILE_PATH, required=True, help="Folder of all results.")
+@out_folder_option("Folder of all results.", CLIPS_FOLDER, FOUND_FOLDER, joined=("videos", "corners", "click"))
 @accept_camera_option
 @click.pass_context
 def doctor(
@@ -103,7 +103,7 @@ def doctor(
         return Status.FINDING
     if status := _step(context, check, [clips]):
         return status
-    status = _step(context, discover, [clips, "--out", folder / FOUND_FOLDER])
+    status = _step(context, discover, [clips, "--out", folder / FOUND_FOLDER, "--overwrite"])  # of fewer films
     progress.close()
     print(f"\nexamined: open {folder / FOUND_FOLDER / 'report.html'} in a browser")
     return status
