@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from tests.full_disk.disk import disk, leave_room, limit_files, used
+from tests.full_disk.known import keep_results
 from tests.full_disk.whole import broken
 from tests.fuzz import trial
 from tests.fuzz.verbs import SEEDS, program_of
@@ -59,7 +60,9 @@ class Course:
     def __init__(self, line: str, place: Path, *, mounted: bool) -> None:
         """Run the command undisturbed, once."""
         self.words, self.place, self.mounted, self._said = line.split(), place, mounted, ""
-        place.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(place, ignore_errors=True)
+        (place / "known").mkdir(parents=True)
+        keep_results(place / "known")
         with self._disk() as folder:
             before = used(folder) if mounted else 0
             self.status = self._run(folder)

@@ -63,7 +63,7 @@ def film(folder: Path) -> None:
     """One film of a short shot, one.mp4, and its camera."""
     folder.mkdir()
     sizes = ["--length", "1.881", "--width", "0.943", "--diameter", "0.0615", "--no-pockets"]
-    shot = ["--clips", "1", "--seconds", "0.8", "--fps", "60", "--kind", "roll", "--seed", "0"]
+    shot = ["--clips", "3", "--seconds", "0.8", "--fps", "60", "--kind", "roll", "--seed", "0"]
     for words in (
         ["tests.truth", "one", *shot, *sizes],
         ["tests.footage", "one", "one.mp4"],
