@@ -1,7 +1,7 @@
 """Computations whose results an undisturbed run leaves to the runs after it, which then only write.
 
-In: a folder for the results. Out: the functions in their modules, each computing once. What is computed and written in turn,
-as discoveries and series are, is computed each time.
+In: a folder for the results. Out: the functions in their modules, each computing once. What is computed and written
+in turn, as discoveries and series are, is computed each time.
 """
 
 from __future__ import annotations
