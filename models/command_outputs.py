@@ -117,7 +117,7 @@ def _checked(ctx: click.Context) -> Iterator[None]:
     outputs = [(p, v) for p, v in given if isinstance(p.type, OutputFile) and isinstance(v, Path)]
     results = [v for p, v in outputs if isinstance(p.type, ResultFile)]
     folders = [(p.type, v) for p, v in given if isinstance(p.type, ResultFolder) and isinstance(v, Path)]
-    read = {os.path.realpath(path) for p, v in given for path in _paths(p, v)}
+    read = {place for p, v in given for path in _paths(p, v) if (place := _real(path))}
     for param, path in outputs:
         if not isinstance(param.type, ResultFile):
             _check_beside(param, path, read)
@@ -141,6 +141,14 @@ def _checked(ctx: click.Context) -> Iterator[None]:
         yield
 
 
+def _real(path: Path) -> str:
+    """Where a path leads; "" for what is no file name."""
+    try:
+        return os.path.realpath(path)
+    except (OSError, ValueError):
+        return ""
+
+
 def _counts(param: click.Parameter) -> bool:
     """Whether a parameter is part of what a result is made from."""
     return not isinstance(param.type, OutputFile | ResultFolder) and str(param.name) not in WITHOUT_EFFECT
@@ -154,10 +162,14 @@ def _paths(param: click.Parameter, value: Any) -> list[Path]:
 
 def _check_beside(param: click.Parameter, path: Path, read: set[str]) -> None:
     """BadInput where a picture, report, recording or figures would replace what is read, or a file of another kind."""
-    if os.path.realpath(path) in read and not isinstance(param, click.Argument):
+    if isinstance(param, click.Argument) or not path.is_file():  # it continues what is there
+        return
+    place = Path(os.path.realpath(path))
+    if read & {str(place), *map(str, place.parents)}:
         raise BadInput(one_line(f"{param.opts[0]} {path}: is what this command reads; name another file"))
-    kinds = [suffix for name in str(param.metavar).split("|") if (suffix := Path(name).suffix)]
-    if path.is_file() and kinds and path.suffix.lower() not in kinds and not isinstance(param, click.Argument):
+    named = "FILE.json" if isinstance(param.type, JsonFile) else str(param.metavar)
+    kinds = [suffix for name in named.split("|") if (suffix := Path(name).suffix)]
+    if kinds and path.suffix.lower() not in kinds:
         kind = " or ".join(kinds)
         text = f"{param.opts[0]} {path}: is there already and its name does not end in {kind}; name another file"
         raise BadInput(one_line(text))

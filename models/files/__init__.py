@@ -17,7 +17,7 @@ from models.files.documents import (
     read_text,
     read_toml,
 )
-from models.files.writing import append_whole, made_folder, scratch_folder, write_whole
+from models.files.writing import append_whole, made_folder, result_folder, scratch_folder, write_whole
 
 __all__ = [
     "alone_in",
@@ -29,6 +29,7 @@ __all__ = [
     "read_json",
     "read_text",
     "read_toml",
+    "result_folder",
     "scratch_folder",
     "write_whole",
 ]

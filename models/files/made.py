@@ -27,7 +27,10 @@ def digest(values: Iterable[object]) -> str:
     """A digest of values; files and folders count by what they hold, wherever they are."""
     seen = hashlib.sha256()
     for value in values:
-        _add(seen, value)
+        try:
+            _add(seen, value)
+        except (OSError, ValueError):  # no file name: the command itself will tell
+            seen.update(f"{value!r}\0".encode())
     return seen.hexdigest()[:DIGEST_CHARS]
 
 

@@ -29,15 +29,18 @@ def unwritable(path: Path | str, error: OSError) -> BadInput:
 
 
 def made_folder(path: Path | str) -> Path:
-    """A folder for results, made with those above it where it is not there; BadInput where it cannot be.
-
-    That of a command's results (made.py) gets the record of their origin.
-    """
+    """A folder for results, made with those above it where it is not there; BadInput where it cannot be."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise unwritable(folder, error) from error
+    return folder
+
+
+def result_folder(path: Path | str) -> Path:
+    """The same; that of a command's results (made.py) gets the record of their origin."""
+    folder = made_folder(path)
     if origin := _expected(folder):
         record = {"format": MADE_FORMAT, **dataclasses.asdict(origin)}
         write_whole(folder / MADE_FILE, f"{json.dumps(record, indent=1)}\n".encode())

@@ -11,7 +11,7 @@ import click
 
 from models.command_line import effects_option, gathered, json_option, out_folder_option, scheduler_option
 from models.console import Progress, Status, as_called, print_constants, table, write_json
-from models.files import alone_in, made_folder
+from models.files import alone_in, result_folder
 from sysid.cli.common import Start, report_option, spread_over_cluster
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def demo(progress: Progress, out: Path) -> int:
     """
     from sysid.cli.demo import run
 
-    click.get_current_context().with_resource(alone_in(made_folder(out)))
+    click.get_current_context().with_resource(alone_in(result_folder(out)))
     return run(out, progress)
 
 
@@ -111,7 +111,7 @@ def discover(
     from sysid.report.text import engines_line, held_out_line
 
     clip_set, model = start.load()
-    click.get_current_context().with_resource(alone_in(made_folder(out)))
+    click.get_current_context().with_resource(alone_in(result_folder(out)))
     journal = Journal(out / JOURNAL_FILE, _fingerprint(clip_set, model))
     if journal.found:
         print(f"continuing from {journal.path}: {journal.found} fits are known already", flush=True)

@@ -12,7 +12,7 @@ import click
 
 from models.command_line import ABOVE_ZERO, gathered, given, out_folder_option
 from models.console import Progress, Status, as_called
-from models.files import made_folder
+from models.files import made_folder, result_folder
 from sysid.cli.calibrate import calibrate
 from sysid.cli.common import accept_camera_option, mass_option, palette_option
 from sysid.cli.compare import check
@@ -90,6 +90,7 @@ def doctor(
             print(f"stopped: the camera is not to be trusted; look at {folder / CAMERA_PICTURE}")
             print('corners that are right to ten pixels help: --click, or --corners "u,v u,v u,v u,v"')
             return Status.FINDING
+    result_folder(folder)
     words = [*videos, "--camera", camera, "--out", clips, "--sheet", folder / SHEET_FILE]
     for option, value in (("--fps", filmed.fps), ("--palette", filmed.palette_file), ("--mass", mass)):
         words += [option, value] if value is not None else []

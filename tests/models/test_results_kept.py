@@ -113,6 +113,10 @@ def test_what_is_drawn_replaces_its_own_kind_and_no_input(place: Path, capsys: p
     assert "model.toml: is what this command reads; name another file" in capsys.readouterr().err
     assert sysid.cli.main([*compare, "--report", "scene.toml"]) == 2
     assert "its name does not end in .html" in capsys.readouterr().err
+    assert sysid.cli.main(["check", "clips", "--json", "clips/clips/0001.csv"]) == 2
+    assert "clips/clips/0001.csv: is what this command reads" in capsys.readouterr().err
+    assert sysid.cli.main(["check", "clips", "--json", "scene.toml"]) == 2
+    assert "its name does not end in .json" in capsys.readouterr().err
     assert Path("model.toml").read_bytes() == model
     for _ in range(2):
         assert sysid.cli.main(["check", "clips", "--json", "a.json"]) == 0
