@@ -317,7 +317,8 @@ def _prepare_process(own: bool) -> None:
     """Environment and streams of a command; warnings too, where it has its `own` process. NumPy comes later."""
     # Matrices are small here: threads of linear algebra wait for each other longer than they work.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # OpenCV and FFmpeg: our own messages name what they cannot read, and no picture may fill the memory.
+    # OpenCV and FFmpeg: our own messages name what they cannot read or write, and no picture may fill the memory.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
     if own and not sys.warnoptions:  # what NumPy meets in bad input is in our own messages

@@ -25,6 +25,7 @@ import numpy as np
 from tests.full_disk.disk import disk, leave_room, limit_files, used
 from tests.full_disk.known import keep_results
 from tests.full_disk.whole import broken
+from tests.full_disk.works import NOTED
 from tests.fuzz import trial
 from tests.fuzz.verbs import SEEDS, program_of
 
@@ -117,7 +118,8 @@ class Course:
         if status == trial.TRACEBACK_STATUS or "Traceback" in said:
             return [f"traceback: {' | '.join(lines[-3:])}"]
         wrong = [f"foreign line: {line[:200]}" for line in lines if not trial.OWN_LINE.match(line)]
-        if status not in (self.status, 2):
+        noted = " ".join(self.words[:2]) in NOTED
+        if status not in (self.status, 2, *([1] if noted else [])):
             wrong.append(f"status {status}")
         if status == 2 and not any(REMEDY.search(line) for line in lines):
             wrong.append(f"no place or no remedy: {lines}")

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import pytest
 
 from models.errors import BadInput
@@ -64,6 +65,27 @@ def test_lines_are_added_whole_or_not_at_all(small_files: Path) -> None:
     with pytest.raises(BadInput, match="make room on its disk"):
         append_whole(path, b"y" * 30 + b"\n")
     assert path.read_bytes() == 3 * (b"x" * 30 + b"\n")
+
+
+def test_a_film_that_has_no_room_is_none(small_files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import numpy as np
+
+    from models.recording import viewer
+
+    class Drawn:
+        """A viewer that shows noise."""
+
+        def set_time(self, *_: object, **__: object) -> None:
+            """Nothing moves."""
+
+        def take_screenshot(self) -> bytes:
+            """A picture."""
+            return bytes(cv2.imencode(".png", np.zeros((9, 16, 3), np.uint8))[1])
+
+    monkeypatch.setattr(viewer, "_moments", lambda client: ("t", [{"sequence": k} for k in range(3)], 10.0))
+    with pytest.raises(BadInput, match=r"film\.mp4: cannot be written \(no room in "):
+        viewer._write_film(small_files / "film.mp4", Drawn(), lambda line: None)
+    assert not os.listdir(small_files)
 
 
 def test_no_room_for_temporary_files(monkeypatch: pytest.MonkeyPatch) -> None:
