@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 FUNCTIONS = (
-    "sysid.interface.compare", "sysid.interface.fit", "sysid.interface.diagnose", "sysid.cli.demo.discover",
+    "sysid.interface.compare", "sysid.interface.fit", "sysid.interface.diagnose",
     "sysid.report.outcome.compare", "sysid.vision.film.tried_film", "sysid.vision.camera.calibrate.calibrate",
     "planner.planning.make_plan", "planner.study.runs.study_scene", "robot.cueing.map_fit.fit_map",
     "robot.cueing.held_out.compare_maps",
