@@ -26,7 +26,7 @@ help:
 	@echo "PYTHON=/path/to/python chooses the Python (3.11, 3.12 or 3.13) that .venv is made from."
 
 demo: $(READY)
-	@$(BIN)/sysid demo --out out/demo
+	@$(BIN)/sysid demo --out out/demo --overwrite
 
 test: lint
 	@$(TESTS) -m "not slow" $(PYTEST_ARGS)

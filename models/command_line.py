@@ -23,10 +23,21 @@ from typing import Any, TypeVar
 
 import click
 
-from models.console import OUTPUT_KEY, STANDARD_OUTPUT, Progress, Status, show_progress
+from models.command_outputs import (
+    EFFECTS_KEY,
+    JsonFile,
+    OutputFile,
+    ResultFile,
+    ResultFolder,
+    has_result,
+    keeping_results,
+    overwrite_option,
+)
+from models.console import Progress, Status, show_progress
 from models.errors import BadInput
 from models.files.documents import MAX_PICTURE_PIXELS
 from models.files.faults import one_line
+from models.files.writing import NO_ROOM, unwritable
 from models.interrupts import SIGNAL_STATUS, Terminated, as_interrupts
 
 Verb = TypeVar("Verb", bound=Callable[..., Any])
@@ -35,35 +46,7 @@ HELP_COLUMNS = 110  # width of help texts at most
 HELP_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": HELP_COLUMNS}
 
 
-class OutputFile(click.ParamType[Path, str]):
-    """A file to write: refused before the work if it could not be written after it."""
-
-    name = "file"
-
-    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Check that its folder exists."""
-        path = Path(value)
-        if not path.resolve().parent.is_dir():
-            raise BadInput(f"{path}: its folder does not exist; make it or choose another place")
-        if path.is_dir():
-            raise BadInput(f"{path}: is a folder; name a file")
-        return path
-
-
-class JsonFile(OutputFile):
-    """A file to write, or - for standard output, which then holds nothing else: tables go to standard error."""
-
-    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Check that its folder exists, or make way on standard output."""
-        if str(value) != STANDARD_OUTPUT or ctx is None:
-            return super().convert(value, param, ctx)
-        if OUTPUT_KEY not in ctx.meta:
-            ctx.meta[OUTPUT_KEY] = sys.stdout
-            ctx.with_resource(contextlib.redirect_stdout(sys.stderr))
-        return Path(STANDARD_OUTPUT)
-
-
-OUTPUT_FILE = OutputFile()
+OUTPUT_FILE, RESULT_FILE = OutputFile(), ResultFile()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,7 +97,13 @@ json_option = click.option(
 
 def out_option(metavar: str, text: str, **more: Any) -> Callable[[Verb], Verb]:
     """The file that a verb is there to write."""
-    return click.option("--out", metavar=metavar, type=OUTPUT_FILE, help=text, **{"required": True} | more)
+    return click.option("--out", metavar=metavar, type=RESULT_FILE, help=text, **{"required": True} | more)
+
+
+def out_folder_option(text: str, *writes: str, joined: Sequence[str] = (), **more: Any) -> Callable[[Verb], Verb]:
+    """The folder that a verb is there to write, with what it writes there, by patterns (`ResultFolder`)."""
+    kind = ResultFolder(*writes, joined=joined)
+    return click.option("--out", metavar="DIR", type=kind, help=text, **{"required": True} | more)
 
 
 def output_option(name: str, metavar: str, text: str) -> Callable[[Verb], Verb]:
@@ -152,6 +141,7 @@ def _add_effects(ctx: click.Context, param: click.Parameter, folders: tuple[str,
     if folders and not ctx.resilient_parsing:
         from models.model_file import add_folder
 
+        ctx.meta[EFFECTS_KEY] = [Path(folder) for folder in folders]
         for folder in folders:
             add_folder(folder)
     return folders
@@ -239,8 +229,12 @@ class Program(click.Group):
         """Collect the verbs."""
         verbs = {str(verb.name): verb for section in sections.values() for verb in section}
         for verb in verbs.values():
-            if QUIET_OPTION not in verb.params:
-                verb.params.append(QUIET_OPTION)
+            if QUIET_OPTION in verb.params:
+                continue
+            if has_result(verb):
+                verb.params.append(overwrite_option())
+            verb.params.append(QUIET_OPTION)
+            verb.callback = keeping_results(verb)
         asked = f"_{name.upper()}_COMPLETE"
         epilog = (
             f'Tab completion, with .venv/bin on the PATH: eval "$({asked}=bash_source {name})" in bash, zsh_source in '
@@ -305,7 +299,8 @@ def run(
         status = Status.BROKEN_PIPE
     except OSError as error:  # a disk that is full, a file that went away
         where = error.filename or "standard output"
-        status, fault = Status.BAD_INPUT, f"{where}: {error.strerror or error}; look at the disk and at access rights"
+        text = f"{where}: {error.strerror or error}; look at the disk and at access rights"
+        status, fault = Status.BAD_INPUT, str(unwritable(where, error)) if error.errno in NO_ROOM else text
     except MemoryError:
         status, fault = Status.BAD_INPUT, "the memory is full; give less input at a time"
     if not _flushed():
@@ -322,7 +317,8 @@ def _prepare_process(own: bool) -> None:
     """Environment and streams of a command; warnings too, where it has its `own` process. NumPy comes later."""
     # Matrices are small here: threads of linear algebra wait for each other longer than they work.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # OpenCV and FFmpeg: our own messages name what they cannot read, and no picture may fill the memory.
+    # OpenCV and FFmpeg: our own messages name what they cannot read or write, and no picture may fill the memory.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
     if own and not sys.warnoptions:  # what NumPy meets in bad input is in our own messages

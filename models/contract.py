@@ -11,7 +11,6 @@ import math
 import pickle
 import re
 import sys
-import tempfile
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 
 from models.effect import Effect
 from models.engine.play import lacking
+from models.files import scratch_folder
 from models.hooks import COMPILED_HOOKS, HookError, address
 from models.mjcf.native import Native
 from models.model_file import Model, add_folder, effect_class, full_model, read_model, write_model
@@ -180,8 +180,8 @@ def gives_way(kind: type[Effect]) -> list[str]:
 def file_keeps_it(kind: type[Effect]) -> list[str]:
     """A model file gives back what was written."""
     effect = kind(**{key: float(tried(kind, key)[1]) for key in kind.parameters()})
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.toml"
+    with scratch_folder() as folder:
+        path = folder / "model.toml"
         write_model(full_model(TABLE, BALL).add(effect), path)
         back = next(e for e in read_model(path).effects if e.name() == kind.name())
     return [] if back == effect else [f"a model file gives back {back} for {effect}"]

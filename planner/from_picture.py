@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ from planner.scene import FORMAT, Scene, largest_overlap, pocket_name, pocket_of
 from sysid.clips import read_clip_set
 from sysid.clips.choose import chosen_clip
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH, START_FRAMES
+from sysid.clips.trust import camera_doubts
 
 if TYPE_CHECKING:
     from sysid.vision.balls.detect import Detection, Detector
@@ -53,6 +54,7 @@ class DetectedBalls:
     names: tuple[str, ...]
     position: Array  # (n, 2) [m]
     notes: tuple[str, ...]  # what was assumed, left out or is in doubt, in plain words
+    camera_doubts: tuple[str, ...] = ()  # why the camera that saw them is not to be trusted
 
 
 def scene_from_picture(
@@ -107,7 +109,8 @@ def scene_of(found: DetectedBalls, goal: Mapping[str, Any], where: str) -> Scene
             remedy = f"did you mean {near!r}?" if near else "name one of them"
             text = f"{where}: {key} {name!r} was not found, only {listed(balls)}: {remedy}"
             raise BadInput(one_line(text))
-    return scene_from({"format": FORMAT, **sizes, "balls": balls, "goal": wanted}, where)
+    doubts = {"camera_doubts": found.camera_doubts}
+    return scene_from({"format": FORMAT, **doubts, **sizes, "balls": balls, "goal": wanted}, where)
 
 
 def balls_in_picture(
@@ -150,7 +153,8 @@ def balls_in_picture(
     if mass is None:
         mass = MASS_PER_CUBED_DIAMETER * camera.diameter**3
         notes.append(f"mass {mass:.4f} kg, that of a snooker ball of this size")
-    return _balls_on_table((camera.table, ball_of(camera, mass)), places, 0.0, notes, str(path))
+    found = _balls_on_table((camera.table, ball_of(camera, mass)), places, 0.0, notes, str(path))
+    return replace(found, camera_doubts=camera.doubts)
 
 
 def balls_in_clip(folder: Path | str, clip: str | int | None = None) -> DetectedBalls:
@@ -171,7 +175,8 @@ def balls_in_clip(folder: Path | str, clip: str | int | None = None) -> Detected
             notes.append(f"{name} was last seen {early:.2f} s before the end: assumed to lie there")
         places[name] = seen.xy[-LAST_FRAMES:]
     sizes = clip_set.table, clip_set.ball
-    return _balls_on_table(sizes, places, clip_set.sigma or 0.0, notes, f"{folder}: {chosen.file}")
+    found = _balls_on_table(sizes, places, clip_set.sigma or 0.0, notes, f"{folder}: {chosen.file}")
+    return replace(found, camera_doubts=camera_doubts(clip_set))
 
 
 def _numbered(detections: Sequence[Detection], counts: Mapping[str, int], notes: list[str]) -> dict[str, Detection]:

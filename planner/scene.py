@@ -76,6 +76,7 @@ class SceneFile:
     ball: Ball
     balls: Mapping[str, Any]
     goal: GoalEntries
+    camera_doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,7 @@ class Scene:
     names: tuple[str, ...]  # the cue ball first, then the object ball
     position: Array  # (n, 2) [m]
     goal: Goal
+    camera_doubts: tuple[str, ...] = ()  # why the camera that saw it is not to be trusted
 
 
 def pocket_places(table: Table) -> dict[Pocket, Array]:
@@ -167,7 +169,8 @@ def scene_dict(scene: Scene) -> dict[str, Any]:
         entries["avoid"] = list(goal.avoid)
     balls = {name: [float(v) for v in xy] for name, xy in zip(scene.names, scene.position, strict=True)}
     table, ball = dataclasses.asdict(scene.table), dataclasses.asdict(scene.ball)
-    return {"format": FORMAT, "table": table, "ball": ball, "balls": balls, "goal": entries}
+    doubts = {"camera_doubts": list(scene.camera_doubts)} if scene.camera_doubts else {}
+    return {"format": FORMAT, **doubts, "table": table, "ball": ball, "balls": balls, "goal": entries}
 
 
 def scene_from(data: Any, where: str) -> Scene:
@@ -193,7 +196,8 @@ def scene_from(data: Any, where: str) -> Scene:
     places = faults.settle(_places(file.balls, table, ball, top.below("balls")))
     goal = faults.settle(_goal(file.goal, tuple(places), table, ball, top.below("goal")))
     names = (goal.cue, goal.object, *(n for n in places if n not in (goal.cue, goal.object)))
-    return Scene(table, ball, names, separate_overlaps(np.array([places[n] for n in names]), table, ball), goal)
+    position = separate_overlaps(np.array([places[n] for n in names]), table, ball)
+    return Scene(table, ball, names, position, goal, file.camera_doubts)
 
 
 def _places(data: Mapping[str, Any], table: Table, ball: Ball, at: Place) -> dict[str, Array]:

@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 
 from models.errors import BadInput
+from models.files import result_folder
 from models.model_file import Model
 from models.recording.viewer import NO_DISPLAY, display_missing
 from models.shot import Array
@@ -156,10 +157,7 @@ def write_frames(
     from models.mjcf.render import write_png
 
     renderer = offscreen(session.world.mj_model, size)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"{folder}: cannot be made ({error.strerror}); choose another folder") from error
+    result_folder(folder)
     world, data, written = session.world, session.data, []
     parts = int(np.ceil(1.0 / (fps * STEP_S) - 1e-9))
     world.mj_model.opt.timestep = 1.0 / (fps * parts)

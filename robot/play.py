@@ -35,6 +35,7 @@ from robot.device.outcome import Done, StrokeUnknown
 from robot.device.protocol import LauncherError, string_number
 from robot.device.settings import Settings
 from sysid.clips import Clip, ClipSet, CueCommand, Observation, read_clip_set, write_clip_set
+from sysid.clips.trust import with_doubts
 
 PLAYED_FORMAT = "billiard-played/1"
 PLACE_TOLERANCE_M = 5e-3  # of a ball's place against the plan's
@@ -64,6 +65,8 @@ class ShotCamera(Protocol):
     def fps(self) -> float: ...  # [1/s]
     @property
     def sigma(self) -> float: ...  # of a place, each axis [m]
+    @property
+    def doubts(self) -> tuple[str, ...]: ...  # why its calibration is not to be trusted
     @property
     def filmed(self) -> FilmedFrames | None: ...  # of the last film; None where there is no video
 
@@ -284,6 +287,7 @@ def _clips_so_far(folder: Path | str | None, camera: ShotCamera | None) -> ClipS
     if folder is None or camera is None:
         return None
     new = ClipSet(camera.table, camera.ball, camera.fps, (), camera.sigma, Path(folder))
+    new = with_doubts(new, camera.doubts)
     if not Path(folder).exists() or (Path(folder).is_dir() and not any(Path(folder).iterdir())):
         return new
     old = read_clip_set(folder)
@@ -293,7 +297,7 @@ def _clips_so_far(folder: Path | str | None, camera: ShotCamera | None) -> ClipS
                 f"{folder}: its {name} is {getattr(old, name)}, this camera's {getattr(new, name)}; "
                 "name another folder for the clips"
             )
-    return old
+    return with_doubts(old, camera.doubts)
 
 
 def add_clip(

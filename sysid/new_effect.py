@@ -166,7 +166,11 @@ def write(name: str, folder: Path | str, source: str | None = None) -> tuple[Pat
     title = name.replace("_", " ").capitalize()
     text = EFFECT_TEMPLATE.format(title=title, cls=class_name(name)) if source is None else source
     write_whole(effect, text.encode(), parents=True)
-    write_whole(test, (TEST_TEMPLATE if source is None else TEST_OF_FORMULA).format(name=name).encode())
+    try:
+        write_whole(test, (TEST_TEMPLATE if source is None else TEST_OF_FORMULA).format(name=name).encode())
+    except BaseException:  # both or none: the same command goes on once there is room
+        effect.unlink(missing_ok=True)
+        raise
     return effect, test
 
 

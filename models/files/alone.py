@@ -10,6 +10,7 @@ from pathlib import Path
 
 from models.errors import BadInput
 from models.files.faults import one_line
+from models.files.writing import unwritable
 
 
 @contextlib.contextmanager
@@ -31,7 +32,7 @@ def alone_in(path: Path | str) -> Iterator[None]:
         lock.parent.mkdir(parents=True, exist_ok=True)
         held = _open(lock, target)
     except OSError as error:
-        raise BadInput(one_line(f"{path}: cannot be written ({error.strerror}); choose another place")) from error
+        raise unwritable(path, error) from error
     if held is None:
         raise BadInput(one_line(f"{path}: another run is writing there; wait until it ends, or choose another place"))
     try:

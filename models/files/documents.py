@@ -1,4 +1,4 @@
-"""Files: TOML and JSON read within bounds and decoded, and anything written whole or not at all."""
+"""Files of TOML, JSON and text, read within bounds and decoded."""
 
 from __future__ import annotations
 
@@ -120,43 +120,3 @@ def read_text(path: Path | str, file: str, faults: Faults, remedy: str, most: in
         row = data[: error.start].count(b"\n") + 1
         faults.add(file, f"byte {data[error.start]:#04x} is not UTF-8 text: save the file as UTF-8", row)
         return None
-
-
-def made_folder(path: Path | str) -> Path:
-    """A folder for results, made with those above it where it is not there; BadInput where it cannot be."""
-    folder = Path(path)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"{folder}: cannot be made ({error.strerror}); choose another folder") from error
-    return folder
-
-
-def write_whole(path: Path | str, content: bytes, *, parents: bool = False) -> None:
-    """Write a file by way of a scratch file beside it, which never stays behind.
-
-    Args:
-        path: the file; one that is there is replaced.
-        content: all of it.
-        parents: make missing folders.
-
-    Raises:
-        BadInput: it cannot be written there, in one line.
-    """
-    path = Path(path)
-    scratch = path.with_name(f".{path.name}.{os.getpid()}") if path.name else path
-    try:
-        if path.is_dir():
-            raise BadInput(" ".join(f"{path}: is a folder; name a file".split()))
-        if path.exists() and not path.is_file():  # a device would be replaced by a file
-            raise BadInput(" ".join(f"{path}: is no regular file; name another".split()))
-        if parents:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_bytes(content)
-        scratch.replace(path)
-    except OSError as error:
-        text = f"{path}: cannot be written ({error.strerror}); choose another place"
-        raise BadInput(" ".join(text.split())) from error
-    finally:
-        with contextlib.suppress(OSError):  # where it was never made, or has taken its place
-            scratch.unlink()

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from models.errors import BadInput
+from models.files import write_whole
 
 
 def silent_stream(application: str, digest: str | None) -> Any:
@@ -23,23 +22,18 @@ def silent_stream(application: str, digest: str | None) -> Any:
 
 @contextmanager
 def whole_recording(path: Path | str, application: str, digest: str, title: str, blueprint: Any) -> Iterator[Any]:
-    """A stream into a file that appears whole or not at all; BadInput where it cannot be written."""
-    from rerun.chunk import RrdReader
+    """A stream into a file that appears whole or not at all; BadInput where it cannot be written.
 
-    target = Path(path)
+    It is gathered in memory: where Rerun itself writes a file, a full disk makes it wait for ever, or speak for itself.
+    """
     stream = silent_stream(application, digest)
     try:
-        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
-            part = Path(folder) / target.name
-            stream.save(part, default_blueprint=blueprint)
-            stream.send_recording_name(title)
-            yield stream
-            stream.flush()
-            stream.disconnect()
-            RrdReader(part).store()  # refuses a file that was cut short
-            part.replace(target)
-    except (OSError, RuntimeError) as error:  # Rerun raises the latter for a full disk
-        text = f"{path}: cannot be written ({error}); choose another place"
-        raise BadInput(" ".join(text.split())) from error
+        memory = stream.memory_recording()
+        stream.send_blueprint(blueprint, make_active=False, make_default=True)
+        stream.send_recording_name(title)
+        yield stream
+        stream.flush()
+        content = memory.drain_as_bytes()
     finally:
         stream.disconnect()
+    write_whole(path, content)

@@ -14,7 +14,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -26,7 +25,7 @@ import cv2
 import numpy as np
 
 from models.errors import BadInput
-from models.files import write_whole
+from models.files import scratch_folder, write_whole
 from models.recording.file import silent_stream
 
 VIEWER_PROGRAM = "rerun"
@@ -135,7 +134,7 @@ def _started(options: Sequence[str], what: str, *, stays: bool = False) -> Itera
     """A viewer that listens at the address it gives; BadInput names `what` where it does not start."""
     port = _free_port()
     words = [viewer_program(), "--bind", THIS_MACHINE, "--port", str(port), *options]
-    with tempfile.TemporaryFile() as said:
+    with scratch_folder() as folder, (folder / "said").open("w+b") as said:
         running = subprocess.Popen(
             words, stdout=said, stderr=said, stdin=subprocess.DEVNULL, start_new_session=True,
             env={**os.environ, **own_settings()},
@@ -259,8 +258,8 @@ def _moments(client: Any) -> tuple[str, list[dict[str, float | int]], float]:
 def _write_film(path: Path, client: Any, progress: Callable[[str], None]) -> None:
     """A film of the recording that the viewer shows, whole or not at all."""
     timeline, moments, rate = _moments(client)
-    with tempfile.TemporaryDirectory() as folder:
-        part = Path(folder) / "film.mp4"
+    with scratch_folder() as folder:
+        part = folder / "film.mp4"
         writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"vp09"), rate, FILM_SIZE_PX)
         if not writer.isOpened():
             raise BadInput(f"{path}: this OpenCV writes no VP9; write a picture (.png) instead")
@@ -270,4 +269,6 @@ def _write_film(path: Path, client: Any, progress: Callable[[str], None]) -> Non
             picture = cv2.imdecode(np.frombuffer(client.take_screenshot(), np.uint8), cv2.IMREAD_COLOR)
             writer.write(cv2.resize(picture, FILM_SIZE_PX, interpolation=cv2.INTER_AREA))
         writer.release()
+        if cv2.VideoCapture(str(part)).get(cv2.CAP_PROP_FRAME_COUNT) != len(moments):  # the writer tells of no fault
+            raise BadInput(f"{path}: cannot be written (no room in {folder.parent}); make room there, or set TMPDIR")
         write_whole(path, part.read_bytes())

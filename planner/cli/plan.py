@@ -127,8 +127,10 @@ def plan(
     """
     from planner.planning import make_plan
     from planner.scene import read_scene
+    from sysid.clips.trust import tell_doubts
 
     asked = read_scene(scene)
+    tell_doubts(scene, asked.camera_doubts)
     model = load_model(model_file, asked)
     launcher, execution = hardware.launcher(asked.ball)
     execution = execution or load_execution(hardware.execution_file, model)

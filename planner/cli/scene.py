@@ -11,7 +11,7 @@ import click
 from models.command_line import FILE_PATH, at_most_one, effects_option, gathered, given, out_option
 from models.console import Progress, Status, table
 from models.errors import BadInput
-from sysid.cli.common import camera_option, mass_option, palette_option
+from sysid.cli.common import accept_camera_option, camera_option, mass_option, palette_option
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,7 @@ class SceneSource:
     clip: str | None = given("--clip", "CLIP", "Of a clip set: a file or its number; by default the last.")
     palette_file: Path | None = given(palette_option)
     mass: float | None = given(mass_option)
+    accept_camera: bool = given(accept_camera_option, default=False)
 
 
 @click.command()
@@ -70,17 +71,22 @@ def scene(progress: Progress, source: SceneSource, wanted: Wanted, out: Path) ->
     """
     from planner.from_picture import scene_from_clips, scene_from_picture
     from planner.scene import write_scene
+    from sysid.clips.trust import heed_doubts
 
     goal, path, camera = wanted.goal(), source.source, source.camera_file
     if (path / "clips.toml").is_file():
         if camera:
             raise BadInput(f"--camera {camera}: {path} is a clip set, whose positions are known; leave it out")
         made, found = scene_from_clips(path, goal, source.clip)
+        heed_doubts(path, made.camera_doubts, source.accept_camera)
     else:
         if not camera:
             raise BadInput(f"{path}: a picture needs --camera CAM.toml (made with: sysid calibrate)")
         import cv2
 
+        from sysid.vision.camera.projection import read_camera
+
+        heed_doubts(camera, read_camera(camera).doubts, source.accept_camera)
         cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
         made, found = scene_from_picture(
             path, camera, goal, palette_path=source.palette_file, mass=source.mass, progress=progress

@@ -137,7 +137,7 @@ def study(
 
 def _write_scene(out: Path, number: str, path: Path) -> int:
     """One scene as a scene file."""
-    from planner.scene import scene_from, write_scene
+    from planner.scene import read_scene, scene_dict, scene_from, write_scene
     from planner.study.folder import read_object, scene_path
 
     result = read_object(scene_path(out, int(number))) if number.isdigit() else None
@@ -147,6 +147,11 @@ def _write_scene(out: Path, number: str, path: Path) -> int:
     with entries_of(source, "remove it; the study's command simulates it again"):
         asked = scene_from(result["scene"], str(source))
         stroke = result["methods"].get("risk", {}).get("stroke")
+    same = not path.exists()
+    with contextlib.suppress(BadInput):
+        same = same or scene_dict(read_scene(path)) == scene_dict(asked)
+    if not same:
+        raise BadInput(f"{path}: is there already and holds something else; name another file")
     write_scene(asked, path)
     print(f"scene: {path}" + ("" if stroke else " (no stroke was found for it)"))
     return Status.DONE

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import ANY_NUMBER, FILE_PATH, Number, effects_option, gathered, given
+from models.command_line import ANY_NUMBER, FILE_PATH, Number, effects_option, gathered, given, out_folder_option
 from models.console import Progress, Status
 from models.errors import BadInput
 from planner.cli.common import model_option
@@ -62,7 +62,7 @@ class PictureOptions:
     frames: int | None = given(
         "--frames", "N", "Write so many pictures instead, into --out.", Number(1, 100_000, whole=True)
     )
-    out: Path | None = given("--out", "DIR", "Folder for the pictures.", FILE_PATH)
+    out: Path | None = given(out_folder_option("Folder for the pictures.", "*.png", required=False))
     fps: float = given("--fps", "F", "Pictures per second.", Number(0.1, 10_000), 25.0)
     camera: str = given("--camera", "", "Viewpoint.", click.Choice(CAMERA_NAMES), "corner")
     width: int = given(

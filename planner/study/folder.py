@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from planner.study.draws import Study
 
 STUDY_FORMAT = "billiard-study-plans/1"
+MODEL_FILE = "model.toml"
 # Sources that show and ask, but change no figure: another version of them may continue a study.
 UNCHECKED_SOURCES = (
     "cli/*.py", "command_line.py", "console.py", "*report.py", "figures.py", "pictures.py",
@@ -60,10 +61,10 @@ def begin(out: Path | str, study: Study) -> None:
         raise BadInput(f"{out}: is a file; name a folder for the study")
     head = out / "study.json"
     if not head.exists():
-        if out.is_dir() and any(out.iterdir()):
+        if out.is_dir() and {path.name for path in out.iterdir()} - {MODEL_FILE}:
             raise BadInput(f"{out}: holds something else than a study; choose another folder")
-        write_whole(head, (json.dumps(now, indent=1) + "\n").encode(), parents=True)
-        write_model(study.model, out / "model.toml")  # to plan and view single scenes with
+        write_model(study.model, out / MODEL_FILE)  # to plan and view single scenes with
+        write_whole(head, (json.dumps(now, indent=1) + "\n").encode())  # the last: it marks a whole beginning
         return
     then = read_object(head)
     if then is None or then.get("format") != STUDY_FORMAT:

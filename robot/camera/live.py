@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, islice
@@ -19,6 +18,7 @@ import cv2
 import numpy as np
 
 from models.errors import BadInput
+from models.files import scratch_folder, write_whole
 from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
 from models.shot import Array, Ball, Table
 from planner.from_picture import CUE_BALL_NAMES, DetectedBalls, balls_in_picture
@@ -26,6 +26,7 @@ from robot.camera.recorder import NO_PICTURE, FilmRecorder, checked
 from robot.camera.source import Device, Source
 from robot.play import FilmedFrames
 from sysid.clips import Observation
+from sysid.clips.trust import heed_doubts
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import palette_for
 from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
@@ -49,6 +50,7 @@ class CameraOptions:
     mass: float | None = None  # of a ball [kg]; None: that of a snooker ball of its size
     sigma: float | None = None  # of a place, each axis [m]; None: PLACE_ERROR_PX
     max_roll_s: float = MAX_ROLL_S  # after `film` is called, until which balls may roll
+    accept_doubts: bool = False  # open a camera whose calibration is not to be trusted
 
 
 class LiveCamera:
@@ -83,6 +85,7 @@ class LiveCamera:
         self.sigma = options.sigma if options.sigma is not None else round(PLACE_ERROR_PX * camera.pixel, 5)
         self.warnings: tuple[str, ...] = ()  # of the last look or film
         self.filmed: FilmedFrames | None = None  # what the last film is of
+        self.doubts = camera.doubts
         self._source, self.seen_with, self._folder = source, camera, Path(folder)
         self._options, self._say = options, say
         self._seen: dict[str, Array] = {}
@@ -92,8 +95,12 @@ class LiveCamera:
     def open(
         name: int | str, camera_path: Path | str, folder: Path | str, options: CameraOptions | None = None
     ) -> LiveCamera:
-        """A device's number, an address or a file, with its camera file; the rest as above."""
+        """A device's number, an address or a file, with its camera file; the rest as above.
+
+        BadInput for a camera that is not to be trusted, as a robot goes by it, unless the options accept that.
+        """
         camera = read_camera(camera_path)
+        heed_doubts(camera_path, camera.doubts, options is not None and options.accept_doubts)
         return LiveCamera(Device(name, camera.size), camera, folder, options)
 
     def __enter__(self) -> LiveCamera:
@@ -185,12 +192,12 @@ def balls_in(
     pictures: Sequence[Picture], camera: Camera, palette_path: Path | str | None = None, mass: float | None = None
 ) -> DetectedBalls:  # fmt: skip
     """The balls that lie on the table in pictures, found as in a photo."""
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
+    with scratch_folder() as place:
         write_camera(place / "camera.toml", camera)
         (place / "seen").mkdir()
         for k, picture in enumerate(pictures):
-            cv2.imwrite(str(place / "seen" / f"{k:02d}.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+            png = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
+            write_whole(place / "seen" / f"{k:02d}.png", png.tobytes())
         try:
             return balls_in_picture(place / "seen", place / "camera.toml", palette_path=palette_path, mass=mass)
         except BadInput as error:

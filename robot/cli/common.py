@@ -10,7 +10,7 @@ import click
 
 from models.command_line import FILE_PATH, given, input_option
 from models.errors import BadInput
-from sysid.cli.common import camera_option, mass_option, palette_option
+from sysid.cli.common import accept_camera_option, camera_option, mass_option, palette_option
 
 if TYPE_CHECKING:
     from robot.camera.live import LiveCamera
@@ -101,6 +101,7 @@ class Filming:
     fps: float | None = given("--fps", "F", "Pictures per second; by default what the camera reports.", float)
     palette_file: Path | None = given(palette_option)
     mass: float | None = given(mass_option)
+    accept_camera: bool = given(accept_camera_option, default=False)
 
     def is_given(self) -> bool:
         """Whether a camera was named; BadInput for half of one."""
@@ -130,7 +131,7 @@ class Filming:
 
         if self.camera_file is None or self.video is None:
             raise BadInput("give --camera CAM.toml and --video SOURCE")
-        options = CameraOptions(fps=self.fps, palette_path=self.palette_file, mass=self.mass)
+        options = CameraOptions(self.fps, self.palette_file, self.mass, accept_doubts=self.accept_camera)
         return LiveCamera.open(self.video, self.camera_file, folder, options)
 
 

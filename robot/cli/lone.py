@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import click
 
 from models.command_line import ABOVE_ZERO, FILE_PATH, given
 from models.errors import BadInput
+from models.files import scratch_folder
 from robot.cli.common import Filming, Wire, confirmed, set_up, yes_option
 
 if TYPE_CHECKING:
@@ -49,8 +49,8 @@ class AtTable:
         from robot.table.lone_ball import PLACE_TOLERANCE_M, LoneBall, place_of
 
         tolerance = PLACE_TOLERANCE_M if self.tolerance is None else 1e-3 * self.tolerance
-        with tempfile.TemporaryDirectory(prefix="films-") as passing:
-            folder = Path(passing) / "films"
+        with scratch_folder() as passing:
+            folder = passing / "films"
 
             def clear() -> None:
                 if not self.films:

@@ -112,6 +112,11 @@ class SeenScene:
     filmed: None = None
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """Of the camera that saw the scene."""
+        return self.scene.camera_doubts
+
+    @property
     def table(self) -> Table:
         """Of the scene."""
         return self.scene.table
@@ -149,11 +154,16 @@ def play(request: Request, wire: Wire, filming: Filming, emulation: Emulation) -
     """
     from planner.scene import read_scene
     from robot.play import play_plan, read_order
+    from sysid.clips.trust import heed_doubts
 
     settings = wire.settings()
     order = read_order(request.plan, settings)
     scene = read_scene(request.scene_file) if request.scene_file else None
     azimuth = math.radians(order.yaw_deg)
+    for file, held in ((request.plan, order.scene), (request.scene_file, scene)):
+        if file is not None and held is not None:
+            nothing_moves = request.dry_run or not wire.port
+            heed_doubts(file, held.camera_doubts, filming.accept_camera or nothing_moves)
     if wire.port:
         emulation.refuse()
         if filming.is_given():

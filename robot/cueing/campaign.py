@@ -14,7 +14,6 @@ import csv
 import dataclasses
 import itertools
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.files import read_text, write_whole
+from models.files import append_whole, read_text, write_whole
 from models.files.faults import Faults, shown
 from planner.launcher.stroke import LauncherModel
 
@@ -109,20 +108,13 @@ def run_campaign(
     todo = list(make_grid() if grid is None else grid)
     todo = [todo[k] for k in np.random.default_rng(seed).permutation(len(todo))]
     done = _begun(path, todo)
-    try:
-        with path.open("a", encoding="utf-8", newline="") as file:
-            if not done and path.stat().st_size == 0:
-                file.write(",".join(CAMPAIGN_COLUMNS) + "\n")
-            for k in range(len(done), len(todo) if most is None else min(len(todo), len(done) + most)):
-                shot = dataclasses.replace(striker(*todo[k]), order=k)
-                file.write(_row(shot) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-                done.append(shot)
-                if progress:
-                    progress(f"shot {k + 1} of {len(todo)}: {shot.ball_speed:.3f} m/s for {shot.cue_speed:.3f} m/s")
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    append_whole(path, b"" if path.exists() and path.stat().st_size else f"{','.join(CAMPAIGN_COLUMNS)}\n".encode())
+    for k in range(len(done), len(todo) if most is None else min(len(todo), len(done) + most)):
+        shot = dataclasses.replace(striker(*todo[k]), order=k)
+        append_whole(path, f"{_row(shot)}\n".encode())
+        done.append(shot)
+        if progress:
+            progress(f"shot {k + 1} of {len(todo)}: {shot.ball_speed:.3f} m/s for {shot.cue_speed:.3f} m/s")
     return done
 
 

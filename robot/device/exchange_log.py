@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from models.errors import BadInput
+from models.files.writing import append_to, unwritable
 from robot.device.settings import Clock
 
 
@@ -32,7 +32,7 @@ class ExchangeLog:
         try:
             self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
         except OSError as error:
-            raise BadInput(f"{self._path}: cannot be written ({error.strerror}); choose another place") from None
+            raise unwritable(self._path, error) from None
 
     def write(self, event: str, began: float, **facts: Any) -> None:
         """Append an event that began at a time of the clock [s]."""
@@ -41,7 +41,7 @@ class ExchangeLog:
         now = self._clock.now()
         record = {"utc": time.time(), "event": event, "began": began, "seconds": now - began} | facts
         try:
-            os.write(self._file, (json.dumps(record) + "\n").encode())
+            append_to(self._file, (json.dumps(record) + "\n").encode())
         except OSError as error:  # a full disk must not keep a stroke's result from its caller
             self._note("log", f"not written: {error.strerror}")
 

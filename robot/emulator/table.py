@@ -100,6 +100,11 @@ class EmulatedTable:
         self.turn_to(azimuth)
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """None: it knows where the balls are."""
+        return ()
+
+    @property
     def filmed(self) -> None:
         """Nothing: there is no video."""
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from models.console import write_json
 from models.errors import BadInput
-from models.files import write_whole
+from models.files import made_folder, write_whole
 from models.model_file import Model, read_model, write_model
 from models.shot import Array
 from planner.evaluation.value import UtilityWeights
@@ -128,12 +128,10 @@ def begin(folder: Path | str, config: LearningConfig) -> None:
         if other:
             raise BadInput(f"{folder}: holds a series with another {other[0]}; use that again, or name another folder")
         return
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    begun = {model.name, cueing_map.name, "shots"}  # of a beginning that was cut short
+    if folder.exists() and (not folder.is_dir() or {path.name for path in folder.iterdir()} - begun):
         raise BadInput(f"{folder}: exists and holds no series; name another folder")
-    try:
-        (folder / "shots").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"{folder}: cannot be made ({error.strerror}); choose another folder") from error
+    made_folder(folder / "shots")
     write_model(config.model, model)
     write_map(cueing_map, config.cueing_map)
     write_json(str(folder / "course.json"), fixed)
@@ -247,7 +245,7 @@ def _refit(folder: Path, config: LearningConfig, learnt: int, report: Report) ->
     """Fit table and launcher to the shots so far and write the result; the result in words."""
     began = time.monotonic()
     out = fit_folder(folder, learnt)
-    out.mkdir(parents=True, exist_ok=True)
+    made_folder(out)
     clip_set, played = films(folder, learnt)
     report(f"{len(clip_set.clips)} clips")
     known, _ = latest(folder, config, learnt - config.every)

@@ -201,7 +201,6 @@ def calibrate(
     )  # fmt: skip
     progress.close()
     profiles = side_profiles([np.rint(table_seen.picture).astype(np.uint8)], found.camera)
-    write_camera(files.out, replace(found.camera, place_sd_m=place_sd(found), sides=profiles))
     print(table(rows(found), right=2))
     for line in (*notes, *found.notes):
         print(line)
@@ -212,6 +211,8 @@ def calibrate(
         print(f"report: {files.report_file}")
     if files.json_file:
         write_json(files.json_file, to_json(found))
+    # The last: doctor takes a camera that is there for a calibration that came to its end.
+    write_camera(files.out, replace(found.camera, place_sd_m=place_sd(found), sides=profiles))
     print(f"camera: {files.out}")
     return Status.FINDING if found.doubts else Status.DONE
 

@@ -44,6 +44,11 @@ def camera_option(*, required: bool = False) -> Any:
     return input_option("camera", "CAM.toml", "Camera file, made with: sysid calibrate.", required=required)
 
 
+accept_camera_option = click.option(
+    "--accept-camera", is_flag=True, help="Go on with a camera whose calibration is not to be trusted."
+)
+
+
 @dataclasses.dataclass(frozen=True)
 class Start:
     """What a verb begins with: clips, a model, how far to look at each shot, and what simulates it."""

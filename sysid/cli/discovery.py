@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import FILE_PATH, effects_option, gathered, json_option, scheduler_option
+from models.command_line import effects_option, gathered, json_option, out_folder_option, scheduler_option
 from models.console import Progress, Status, as_called, print_constants, table, write_json
-from models.files import alone_in, made_folder
+from models.files import alone_in, result_folder
 from sysid.cli.common import Start, report_option, spread_over_cluster
 
 if TYPE_CHECKING:
@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     from sysid.selection.discover import DiscoveryResult
 
 JOURNAL_FILE, RESULT_FILE = "unfinished.jsonl", "result.json"
+WRITTEN = ("model.toml", RESULT_FILE, "report.html", "review.rrd")
 
 
 @click.command()
-@click.option("--out", metavar="DIR", type=FILE_PATH, default="out/demo", show_default=True, help="Folder of results.")
+@out_folder_option("Folder of results.", *WRITTEN, required=False, default="out/demo", show_default=True)
 @click.pass_obj
 def demo(progress: Progress, out: Path) -> int:
     """Run the shipped example: find the effect that it hides.
@@ -35,7 +36,7 @@ def demo(progress: Progress, out: Path) -> int:
     """
     from sysid.cli.demo import run
 
-    click.get_current_context().with_resource(alone_in(made_folder(out)))
+    click.get_current_context().with_resource(alone_in(result_folder(out)))
     return run(out, progress)
 
 
@@ -85,7 +86,7 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
 
 @click.command()
 @gathered("start", Start)
-@click.option("--out", metavar="DIR", type=FILE_PATH, required=True, help="Folder of results.")
+@out_folder_option("Folder of results.", JOURNAL_FILE, *WRITTEN)
 @effects_option(exposed=True)
 @json_option
 @scheduler_option
@@ -110,7 +111,7 @@ def discover(
     from sysid.report.text import engines_line, held_out_line
 
     clip_set, model = start.load()
-    click.get_current_context().with_resource(alone_in(made_folder(out)))
+    click.get_current_context().with_resource(alone_in(result_folder(out)))
     journal = Journal(out / JOURNAL_FILE, _fingerprint(clip_set, model))
     if journal.found:
         print(f"continuing from {journal.path}: {journal.found} fits are known already", flush=True)

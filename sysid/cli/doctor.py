@@ -10,11 +10,11 @@ from typing import Any
 
 import click
 
-from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given
+from models.command_line import ABOVE_ZERO, gathered, given, out_folder_option
 from models.console import Progress, Status, as_called
-from models.files import made_folder
+from models.files import made_folder, result_folder
 from sysid.cli.calibrate import calibrate
-from sysid.cli.common import mass_option, palette_option
+from sysid.cli.common import accept_camera_option, mass_option, palette_option
 from sysid.cli.compare import check
 from sysid.cli.discovery import discover
 from sysid.cli.tables import TABLE_HELP, diameter_option, table_set
@@ -55,9 +55,12 @@ class FilmedTable:
 @click.command()
 @click.argument("videos", metavar="VIDEO...", nargs=-1, required=True)
 @gathered("filmed", FilmedTable)
-@click.option("--out", metavar="DIR", type=FILE_PATH, required=True, help="Folder of all results.")
+@out_folder_option("Folder of all results.", CLIPS_FOLDER, FOUND_FOLDER, joined=("videos", "corners", "click"))
+@accept_camera_option
 @click.pass_context
-def doctor(context: click.Context, videos: tuple[str, ...], filmed: FilmedTable, out: Path) -> int:
+def doctor(
+    context: click.Context, videos: tuple[str, ...], filmed: FilmedTable, out: Path, accept_camera: bool
+) -> int:  # fmt: skip
     """Examine a table from films of it: calibrate, track, check and discover.
 
     VIDEO... are films of shots by one camera that stays where it is. Writes the camera, its picture, the clips, a sheet
@@ -71,16 +74,23 @@ def doctor(context: click.Context, videos: tuple[str, ...], filmed: FilmedTable,
     camera, clips = folder / CAMERA_FILE, folder / CLIPS_FOLDER
     progress: Progress = context.obj
     if camera.is_file():
+        from sysid.clips.trust import doubt_line
+        from sysid.vision.camera.projection import read_camera
+
+        if (doubt := doubt_line(camera, read_camera(camera).doubts)) and not accept_camera:
+            print(f"stopped: {doubt}; delete it to calibrate anew, or go on with --accept-camera")
+            return Status.FINDING
         print(f"camera: {camera} is there, kept; delete it to calibrate anew")
     else:
         words = [*videos, *sizes, "--out", camera, "--report", folder / CAMERA_PICTURE]
         words += ["--corners", filmed.corners] if filmed.corners else []
         words += ["--click"] * filmed.click
-        if _step(context, calibrate, words):
+        if _step(context, calibrate, words) and not accept_camera:
             camera.unlink(missing_ok=True)
             print(f"stopped: the camera is not to be trusted; look at {folder / CAMERA_PICTURE}")
             print('corners that are right to ten pixels help: --click, or --corners "u,v u,v u,v u,v"')
             return Status.FINDING
+    result_folder(folder)
     words = [*videos, "--camera", camera, "--out", clips, "--sheet", folder / SHEET_FILE]
     for option, value in (("--fps", filmed.fps), ("--palette", filmed.palette_file), ("--mass", mass)):
         words += [option, value] if value is not None else []
@@ -94,7 +104,7 @@ def doctor(context: click.Context, videos: tuple[str, ...], filmed: FilmedTable,
         return Status.FINDING
     if status := _step(context, check, [clips]):
         return status
-    status = _step(context, discover, [clips, "--out", folder / FOUND_FOLDER])
+    status = _step(context, discover, [clips, "--out", folder / FOUND_FOLDER, "--overwrite"])  # of fewer films
     progress.close()
     print(f"\nexamined: open {folder / FOUND_FOLDER / 'report.html'} in a browser")
     return status

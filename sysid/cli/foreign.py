@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sysid.clips.header import Header
     from sysid.foreign.convert import ShotFile, Stated
     from sysid.foreign.pixels import Pixels
+    from sysid.vision.camera.projection import Camera
 
 Y_HELP = "up where x, y and up are right-handed (of pixels: from the last row upwards), down as in pictures."
 TIME_UNITS = ("seconds", "frames", "milliseconds", "microseconds")
@@ -85,6 +86,7 @@ def import_(
     from models.files import write_whole
     from sysid.clips.contradiction import is_sound
     from sysid.clips.contradictions import contradictions
+    from sysid.clips.trust import camera_doubts, tell_doubts, with_doubts
     from sysid.clips.write import write_clip_set
     from sysid.foreign.convert import import_files
     from sysid.report.plot import tracks_png
@@ -92,13 +94,19 @@ def import_(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise BadInput(f"{out}: is there already; choose another folder")
     paths, shots, header = _shots(files)
-    known, pixels = _table(sizes, camera_file, header)
+    camera = None
+    if camera_file is not None:
+        from sysid.vision.camera.projection import read_camera
+
+        camera = read_camera(camera_file)
+    known, pixels = _table(sizes, camera, header)
     fps = header.camera.get("fps") if header else None
     found = import_files(paths, shots, known.table, known.ball, reading.stated(fps), pixels)
     clip_set = found.clip_set
     if header is not None:
         sigma = header.camera.get("sigma")
         clip_set = dataclasses.replace(clip_set, sigma=sigma, extra=header.extra)
+    clip_set = with_doubts(clip_set, camera.doubts if camera else ())
     progress.close()
     for line in found.says:
         print(line)
@@ -107,6 +115,7 @@ def import_(
     picture = picture_file or out.with_name(out.name + ".png")
     write_whole(picture, tracks_png(clip_set, found.says[0]), parents=True)
     print(f"picture: {picture}", flush=True)
+    tell_doubts(camera_file or files[0], camera_doubts(clip_set))
     source = files[0] if header is not None else Path("FILES")
     clips = tuple(clip for clip in clip_set.clips if is_sound(clip))
     for one in contradictions(dataclasses.replace(clip_set, clips=clips, folder=source)):
@@ -143,17 +152,12 @@ def _shots(files: tuple[Path, ...]) -> tuple[list[Path], list[ShotFile], Header 
     return list(files), [ShotFile(f"clips/{name}.csv") for name in names], None
 
 
-def _table(sizes: TableOptions, camera_file: Path | None, header: Header | None) -> tuple[TableSet, Pixels | None]:
+def _table(sizes: TableOptions, camera: Camera | None, header: Header | None) -> tuple[TableSet, Pixels | None]:
     """Table and balls, by the options, the camera or the clip set; and how pixels become places."""
     from models.presets import TableSet
     from models.shot import Ball
     from sysid.foreign.pixels import Pixels
 
-    camera = None
-    if camera_file is not None:
-        from sysid.vision.camera.projection import read_camera
-
-        camera = read_camera(camera_file)
     if sizes.table_name is None and camera is None and header is not None and header.table and header.ball:
         ball = header.ball
         if sizes.diameter is not None or sizes.mass is not None:

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
-from models.command_line import FILE_PATH, OUTPUT_FILE, at_most_one, json_option
+from models.command_line import FILE_PATH, RESULT_FILE, at_most_one, json_option
 from models.console import Progress, Status, print_constants, write_json
+from models.errors import BadInput
 
 
 @click.command()
 @json_option
-@click.option("--tune", metavar="M.toml", type=OUTPUT_FILE, help="Instead, fit the native MJCF to the analytic models.")
+@click.option("--tune", metavar="M.toml", type=RESULT_FILE, help="Instead, fit the native MJCF to the analytic models.")
 @click.option("--clips", metavar="DIR", type=FILE_PATH, help="Instead, write shots of the analytic models as clips.")
 @click.pass_obj
 def match(progress: Progress, json_file: Path | None, tune: Path | None, clips: Path | None) -> int:
@@ -35,6 +36,8 @@ def match(progress: Progress, json_file: Path | None, tune: Path | None, clips: 
         print(f"\nmodel: {tune}")
         return Status.DONE
     if clips:
+        if clips.exists() and (not clips.is_dir() or any(clips.iterdir())):
+            raise BadInput(f"{clips}: is there already; choose another folder")
         from sysid.validation.clips import write_clips
 
         write_clips(clips)

@@ -108,6 +108,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
     import cv2
 
     from sysid.clips import write_clip_set
+    from sysid.clips.trust import tell_doubts
     from sysid.vision.camera.projection import read_camera
     from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, place_of, videos_in
 
@@ -118,6 +119,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
         raise BadInput("--live shows what this machine tracks; leave it out, or leave --scheduler out")
     cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
     camera = read_camera(filmed.camera_file)
+    tell_doubts(filmed.camera_file, camera.doubts)
     camera = camera if filmed.readout is None else replace(camera, readout=filmed.readout)
     so_far = None if outputs.force else finished(outputs.out)
     if so_far is not None:
@@ -327,10 +329,7 @@ def _record(path: Path, video: str, result: Tracked, footage: Footage, camera: C
         p.name: Sightings(p.frame, p.time, p.pixels, p.radius, p.xy, residuals(p.time, p.xy)) for p in scene.tracks
     }
     shots = [(scene.time_of(s.first), scene.time_of(s.last), note(k, s)) for k, s in enumerate(result.shots, 1)]
-    try:
-        write_track(
-            path, video, (scene.frames, scene.times), lambda: (frame.picture for frame in footage), balls,
-            shots, camera.table, camera.diameter,
-        )  # fmt: skip
-    except OSError as error:
-        raise BadInput(f"{path}: the recording cannot be written ({error.strerror or error})") from error
+    write_track(
+        path, video, (scene.frames, scene.times), lambda: (frame.picture for frame in footage), balls,
+        shots, camera.table, camera.diameter,
+    )  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 from models.command_line import at_most_one, given, output_option
 from models.console import Progress, Status
 from models.errors import BadInput
+from models.files import scratch_folder
 from sysid.cli.common import print_recording
 
 if TYPE_CHECKING:
@@ -47,8 +47,8 @@ class Viewing:
         """Have the recording written into a file, and show it; the exit status."""
         from models.recording.viewer import draw_recording, open_viewer
 
-        with tempfile.TemporaryDirectory(prefix="cuelab-") as folder:
-            recording = self.save_file or Path(folder) / "review.rrd"
+        with scratch_folder() as folder:
+            recording = self.save_file or folder / "review.rrd"
             write(recording)
             progress.close()
             if self.save_file:

@@ -8,6 +8,7 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
     template        a clip set to fill in
     plausibility    times increase, balls are on the table and do not overlap
     strike          when the struck ball sets off, and whether it is the one
+    trust           doubts about the camera, carried along
     running         clips that begin in mid-motion, and which balls move then
     readings, units coordinates and times in other units, from elsewhere, along other axes
     contradictions  what the tracks of a set contradict: diameter, table; commands (aims), times (tempo), marks

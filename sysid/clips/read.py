@@ -21,10 +21,12 @@ from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.contradiction import ALL_CLIPS, Contradiction, is_sound
 from sysid.clips.contradictions import contradictions
 from sysid.clips.header import SET_REMEDY, Entry, read_header
+from sysid.clips.names import CLIPS_TOML
 from sysid.clips.plausibility import PLACES, TIMES, check_rows, check_struck
 from sysid.clips.rows import Rows, parse_rows
 from sysid.clips.running import MIN_RUNNING_SAMPLES, begun_running
 from sysid.clips.strike import STAMP_DECIMALS, from_strike
+from sysid.clips.trust import camera_doubts, doubt_line
 from sysid.clips.units import coordinates_fault, times_fault
 
 MAX_CLIP_BYTES = 1 << 28  # of one clip
@@ -42,7 +44,7 @@ class Inspection:
     folder: Path
     clip_set: ClipSet | None  # None if there are faults
     faults: Faults
-    warnings: tuple[str, ...] = ()  # contradictions that leave a doubt, one line each; none beside faults
+    warnings: tuple[str, ...] = ()  # doubts of the camera and by contradictions, one line each; none beside faults
     resting: int = 0  # clips that began before the strike, which is left out
 
     def fault_lines(self) -> list[str]:
@@ -66,6 +68,8 @@ def inspect_clip_set(folder: Path | str, named: Path | None = None) -> Inspectio
     if faults or clip_set is None:
         return Inspection(Path(folder), None, faults)
     doubts = tuple(one_line(f"{one.where}: {one.text}") for one in found if not one.certain)
+    if doubted := doubt_line(CLIPS_TOML, camera_doubts(clip_set)):
+        doubts = (doubted, *doubts)
     return Inspection(Path(folder), clip_set, faults, doubts, resting)
 
 

@@ -22,6 +22,7 @@ import tomli_w
 from models.errors import BadInput
 from models.files import read_document
 from models.files.faults import Faults, one_line, shown
+from models.files.writing import unwritable
 from sysid.clips.clip_set import Clip, ClipSet
 from sysid.clips.header import CLIP_SET_FORMAT
 from sysid.clips.names import CLIPS_TOML, name_fault, path_fault
@@ -157,9 +158,11 @@ def replace_folder(folder: Path, texts: Mapping[str, str], check: Callable[[Path
                 raise BadInput(f"{fault} (no clip was written)")
             _exchange(new, target, old)
             made.clear()
-    except (OSError, UnicodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "text that is not Unicode"
-        raise BadInput(one_line(f"{folder}: cannot be written ({reason}): choose another folder")) from error
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    except UnicodeError as error:
+        text = f"{folder}: cannot be written (text that is not Unicode): choose another folder"
+        raise BadInput(one_line(text)) from error
     finally:
         for parent in made:
             parent.rmdir()

@@ -6,6 +6,7 @@ differs from the analytic models, and which effects make up for it, as they woul
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -60,4 +61,8 @@ def write_clips(folder: Path | str, count: int = 30) -> None:
             balls[name] = Observation(track.times, xy, theta)
         clips.append(Clip(f"clips/{SHOT_KINDS[k % len(SHOT_KINDS)]}-{k:03d}.csv", "white", balls))
     write_clip_set(ClipSet(MATHAVAN_TABLE, SNOOKER_BALL, CAMERA_FPS, tuple(clips), POSITION_NOISE_M), folder)
-    write_model(Model(MATHAVAN_TABLE, SNOOKER_BALL), Path(folder) / "native.toml")
+    try:
+        write_model(Model(MATHAVAN_TABLE, SNOOKER_BALL), Path(folder) / "native.toml")
+    except BaseException:  # all or nothing: the same command goes on once there is room
+        shutil.rmtree(folder)
+        raise

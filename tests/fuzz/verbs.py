@@ -48,7 +48,7 @@ VERBS = (
     Verb("sysid fit clips --out out.toml", CLIPS),
     Verb("sysid measure clips --json out.json", CLIPS, 2),
     Verb("sysid diagnose clips --model model.toml", CLIPS),
-    Verb("sysid discover clips --out found", (*CLIPS, "found/unfinished.jsonl"), 1, ("found/",)),
+    Verb("sysid discover clips --out found --overwrite", (*CLIPS, "found/unfinished.jsonl"), 1, ("found/",)),
     Verb("sysid plot clips --clip 3 --model model.toml --out out.png", (*CLIPS, "model.toml")),
     Verb(f"sysid import track.csv {SIZES} --unit m --origin centre --x-along length --fps 60 --out out",
          ("track.csv",), 6, draws=True),

@@ -118,7 +118,8 @@ def test_a_full_disk_and_closed_streams_are_told_by_the_status() -> None:
     with open("/dev/full", "w") as full:
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, env=environment, text=True, check=False)
         assert done.returncode == 2 and done.stderr.splitlines() == [
-            "sysid effects: standard output: No space left on device; look at the disk and at access rights"
+            "sysid effects: standard output: cannot be written (No space left on device); make room on its disk, or "
+            "choose another place"
         ]
         done = subprocess.run([*words, "none"], stderr=full, stdout=full, env=environment, check=False)
         assert done.returncode == 2

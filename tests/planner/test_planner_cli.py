@@ -121,7 +121,7 @@ def test_options_reach_the_plan(run: Any, asked: Path, tmp_path: Path) -> None:
     assert "squirt" in told["model"]["effects"] and told["launcher"]["squirt"] == 0.0
     (tmp_path / "e.toml").write_text("[execution]\nazimuth_sd = 0.004\n")
     more = ("--execution", tmp_path / "e.toml", "--cue-speed", "0.9", "1.3", "--rest-weight", "0.7", "--far", "0.3")
-    assert run(*words, *more, "--foul-cost", "1").status == 0
+    assert run(*words, *more, "--foul-cost", "1", "--overwrite").status == 0
     told = read_plan(tmp_path / "p.json")
     assert told["execution"]["azimuth_sd"] == 0.004 and told["execution"]["speed_sd"] == 0.012
     assert told["wish"] == {"rest": 0.7, "far": 0.3, "foul": 1.0}
@@ -142,7 +142,9 @@ def test_a_map_makes_terms_of_its_own_launcher(run: Any, asked: Path, tmp_path: 
     assert np.ravel(given) == pytest.approx(wanted, abs=2e-6)
     assert plan["execution"]["speed_sd"] == 0.01, "the map's repeatability"
     write_map(file, dataclasses.replace(made, geometry=Geometry(Ball(0.0572, 0.17))))
-    assert "the cueing map is of balls of 57.2 mm" in refused(run, tmp_path, "plan", asked, "--out", out, "--map", file)
+    assert "the cueing map is of balls of 57.2 mm" in refused(
+        run, tmp_path, "plan", asked, "--out", tmp_path / "p2.json", "--map", file
+    )
 
 
 def test_the_papers_method_by_name(run: Any, asked: Path, tmp_path: Path) -> None:

@@ -251,7 +251,7 @@ def test_a_map_is_of_the_balls_that_were_struck(lone: Lone, tmp_path: Path) -> N
     run_campaign(strike, out, 1, grid=[(60, x, y) for x in (0.0, 4.0, 8.0, 12.0) for y in (-8.0, -4.0, 0.0, 4.0)])
     write_model(full_model(Table(2.54, 1.27), Ball(0.05715, 0.163)), model)
     for words, diameter in (((), 0.0525), (("--model", model), 0.05715)):
-        assert run("map", out, "--out", made, *words).status == 0
+        assert run("map", out, "--out", made, *words, "--overwrite").status == 0
         assert read_map(made).geometry.ball.diameter == pytest.approx(diameter)
 
 

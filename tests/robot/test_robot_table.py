@@ -111,7 +111,7 @@ def test_align_refuses_what_it_cannot_use(filmed: Any, tmp_path: Path) -> None:
 class Eye:
     """A camera over an emulated table; notes what it is asked for, and how many strokes had been made by then."""
 
-    fps, sigma, seen_with, filmed = CAMERA_FPS, PLACE_SIGMA_M, "camera", None
+    fps, sigma, seen_with, filmed, doubts = CAMERA_FPS, PLACE_SIGMA_M, "camera", None, ()
 
     def __init__(self, plan: Path) -> None:
         scene = read_order(plan, OURS).scene

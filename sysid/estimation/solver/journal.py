@@ -23,8 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import BadInput
-from models.files import read_text, write_whole
+from models.files import append_whole, read_text, write_whole
 from models.files.faults import Faults
 
 Array = NDArray[np.float64]
@@ -85,11 +84,7 @@ class Journal:
         if not self._kept:
             write_whole(self.path, ("\n".join([self._head, *self._old]) + "\n").encode())
             self._kept = True
-        try:
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(line + "\n")
-        except OSError as error:
-            raise BadInput(f"{self.path}: cannot be written ({error.strerror}); choose another folder") from error
+        append_whole(self.path, f"{line}\n".encode())
 
 
 def _numbers(entry: dict[str, Any], shapes: Sequence[tuple[int, ...]]) -> tuple[Array, ...] | None:

@@ -77,11 +77,15 @@ class Calibration:
     parallax: tuple[float, float]  # rms and worst error there if the focal length is 10 % off [m]
     apart_sd: float  # relative, of a focal length that is not among the parameters of the lines; 0 where it is
     notes: tuple[str, ...]
-    doubts: tuple[str, ...]  # reasons not to trust it
     diamonds: Diamonds = NO_DIAMONDS
     balls: BallOutlines = NO_BALLS
     diamond_margin: float = np.nan  # of their rows outside the noses [m]
     markers: Markers | None = None  # seen
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons not to trust it."""
+        return self.camera.doubts
 
     @property
     def fov(self) -> float:
@@ -187,11 +191,10 @@ def calibrate(
         notes, against = [*notes, *their_notes], [*against, *their_doubts]
     warnings += against
     text = f"{len(set(lines.rails.tolist()))} cushion lines, {int(lines.kept.sum())} edge points, from {source}"
-    text += "; not to be trusted" if warnings else ""
     return Calibration(
-        dataclasses.replace(lines.camera, residual_m=lines.rms, source=text), lines,
+        dataclasses.replace(lines.camera, residual_m=lines.rms, source=text, doubts=tuple(warnings)), lines,
         "found" if found else hints.focal_from, hints.lens.focal_sd if hints.lens else focal_sd, edge,
-        uncertainty(lines), shifts, apart_sd, (*notes, *said, *evidence(lines.camera, seen, reading)), tuple(warnings),
+        uncertainty(lines), shifts, apart_sd, (*notes, *said, *evidence(lines.camera, seen, reading)),
         seen.diamonds, seen.balls, reading.diamond_margin, markers,
     )  # fmt: skip
 
@@ -367,7 +370,7 @@ def _edge_taken(seen: TableEvidence, reading: CushionReading, first: CameraFit) 
 def _without_edges(first: CameraFit, scene: _Scene, focal_from: str, source: str) -> Calibration:
     """The result where no noses are found: never to be trusted, as nothing says how good corners or markers are."""
     what = "4 corners by hand" if scene.by_hand else f"{len(scene.agreeing)} markers"
-    camera = dataclasses.replace(first.camera, residual_m=first.rms, source=f"{what}, from {source}; not to be trusted")
+    camera = dataclasses.replace(first.camera, residual_m=first.rms, source=f"{what}, from {source}")
     pixel = 1e3 * camera.eye[2] / camera.matrix[0, 0]
     doubt = f"no edges beside the {'corners' if scene.by_hand else 'markers'} go together: places are only as good as"
     doubt += " those are" + f", a pixel being {pixel:.1f} mm" * scene.by_hand + "; light the table so that noses show"
@@ -375,6 +378,7 @@ def _without_edges(first: CameraFit, scene: _Scene, focal_from: str, source: str
     warnings = (*(corner_doubts(first) if scene.by_hand else ()), doubt, *against)
     edge, unknown = BY_HAND if scene.by_hand else BY_MARKERS, (np.nan, np.nan)
     return Calibration(
-        camera, first, focal_from, np.nan, edge, unknown, parallax(first), FOCAL_ERROR, tuple(notes), warnings,
+        dataclasses.replace(camera, doubts=warnings), first, focal_from, np.nan, edge, unknown, parallax(first),
+        FOCAL_ERROR, tuple(notes),
         markers=scene.markers,
     )  # fmt: skip

@@ -27,6 +27,8 @@ from models.shot import Ball, Table
 
 Array = NDArray[np.float64]
 FILE_FORMAT = "billiard-camera/1"
+DOUBTED_SOURCE = "not to be trusted"  # in the `source` of files without `trusted`
+UNKNOWN_DOUBT = "its file says so, and not why"
 MIN_FOCAL_PX = 10.0  # focal length of a camera
 SIDE_PROFILES = (40, 43)  # places at the sides and samples across the noses of `Camera.sides`
 OUTLINE_POINTS = 24  # of a ball
@@ -49,6 +51,12 @@ class Camera:
     place_sd_m: float = math.nan  # of balls' places over the table, as its calibration estimates, rms [m]
     source: str = ""  # what it was calibrated from
     sides: NDArray[np.uint8] | None = None  # SIDE_PROFILES, brightness across the noses, see camera_motion.py
+    doubts: tuple[str, ...] = ()  # why it is not to be trusted; none where it is
+
+    @property
+    def trusted(self) -> bool:
+        """Whether its calibration left no doubt."""
+        return not self.doubts
 
     @property
     def radius(self) -> float:
@@ -151,6 +159,8 @@ def write_camera(path: Path | str, camera: Camera) -> None:
         "rotation": np.asarray(camera.rotation, float).tolist(),
         "translation": np.asarray(camera.translation, float).tolist(),
         "source": camera.source,
+        "trusted": camera.trusted,
+        "doubts": list(camera.doubts),
         "table": dataclasses.asdict(camera.table),
         "ball": {"diameter": camera.diameter},
     }
@@ -197,9 +207,13 @@ class CameraFile:
     place_sd_m: Annotated[float, Allowed(0.0, 1.0, "m")] = math.nan
     source: str = ""
     sides: Annotated[NDArray[np.uint8] | None, Allowed(reader=_read_sides)] = None
+    trusted: bool | None = None  # None in files of versions that wrote it into the source
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """BadInput for what is no matrix of a camera, or one that does not look at the table."""
+        """BadInput for no matrix of a camera, one that does not look at the table, or one both trusted and doubted."""
+        if self.trusted and self.doubts:
+            raise BadInput("trusted = true stands beside doubts: take one of the two out")
         (fx, _, _), (below, fy, _), last = self.matrix.tolist()
         if min(fx, fy) < MIN_FOCAL_PX or below != 0 or last != [0.0, 0.0, 1.0]:
             raise BadInput("matrix is none of a camera: write [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels")
@@ -212,6 +226,11 @@ class CameraFile:
 def read_camera(path: Path | str) -> Camera:
     """Read a camera file; BadInput names the entry that is missing or wrong, and the remedy."""
     found = dict(vars(read_toml(path, CameraFile, FILE_FORMAT, "make a camera file with: sysid calibrate", more=True)))
+    trusted = found.pop("trusted")
+    if trusted is None:
+        trusted = DOUBTED_SOURCE not in found["source"]
+    if not trusted and not found["doubts"]:
+        found["doubts"] = (UNKNOWN_DOUBT,)
     return Camera(diameter=found.pop("ball").diameter, **found)
 
 

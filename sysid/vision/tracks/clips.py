@@ -13,6 +13,7 @@ import numpy as np
 
 from models.errors import BadInput
 from sysid.clips import Clip, ClipSet, Observation
+from sysid.clips.trust import with_doubts
 from sysid.vision.camera.projection import Array, Camera, ball_of
 from sysid.vision.tracks.strikes import TrackedShot
 from sysid.vision.tracks.track import Tracked
@@ -58,4 +59,5 @@ def clip_set(result: Tracked, camera: Camera, mass: float, fps: float, extras: S
         text = note(number, shot, extra)
         clips.append(Clip(f"clips/{number:04d}.csv", shot.struck, balls, note=text, running=shot.running))
     sigma = result.noise.sigma
-    return ClipSet(camera.table, ball_of(camera, mass), fps, tuple(clips), sigma if math.isfinite(sigma) else None)
+    known = sigma if math.isfinite(sigma) else None
+    return with_doubts(ClipSet(camera.table, ball_of(camera, mass), fps, tuple(clips), known), camera.doubts)

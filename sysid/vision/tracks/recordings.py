@@ -20,6 +20,7 @@ import numpy as np
 from models.errors import BadInput
 from sysid.clips import ClipSet, read_clip_set
 from sysid.clips.clock import sample_intervals
+from sysid.clips.trust import camera_doubts, with_doubts
 from sysid.vision.camera.projection import Camera
 from sysid.vision.tracks.track import Tracked
 
@@ -79,7 +80,7 @@ def of_video(clip_set: ClipSet, name: str, result: Tracked, file: str = "", fps:
     if math.isfinite(result.noise.moving):  # the scatter at rest says too little of balls that move
         entry["sigma"] = result.noise.moving
     entry["places_rms"] = result.places.rms
-    return replace(clip_set, clips=tuple(clips), extra={VIDEOS_KEY: [entry]})
+    return replace(clip_set, clips=tuple(clips), extra={**clip_set.extra, VIDEOS_KEY: [entry]})
 
 
 def place_of(video: str, folder: Path) -> str:
@@ -98,7 +99,8 @@ def joined(before: ClipSet | None, more: ClipSet) -> ClipSet:
     clips = (*before.clips, *more.clips)
     usual = float(np.median(sample_intervals(clips)))
     fps = min(before.fps, more.fps, key=lambda rate: abs(usual * rate - 1))
-    return replace(before, clips=clips, fps=fps, sigma=sigma, extra={**before.extra, VIDEOS_KEY: videos})
+    both = replace(before, clips=clips, fps=fps, sigma=sigma, extra={**before.extra, VIDEOS_KEY: videos})
+    return with_doubts(both, camera_doubts(more))
 
 
 def check_camera(before: ClipSet, camera: Camera, folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import click
@@ -10,6 +11,7 @@ import pytest
 from models.console import Status
 from sysid.cli import doctor
 from sysid.cli.verbs import main
+from tests.fuzz.verbs import SEEDS
 
 CLIPS = 'format = "billiard-clips/1"\n'
 
@@ -58,7 +60,7 @@ def test_a_table_by_name_may_be_said_to_have_no_pockets(called: list[tuple[str, 
 
 
 def test_a_camera_that_is_there_is_kept(called: list[tuple[str, ...]], tmp_path: Path) -> None:
-    (tmp_path / "camera.toml").write_text("", encoding="utf-8")
+    shutil.copy(SEEDS / "camera.toml", tmp_path / "camera.toml")
     assert main(["doctor", "a.mp4", "--table", "carom", "--out", str(tmp_path)]) == 1
     assert [words[0] for words in called] == ["track", "check", "discover"]
 

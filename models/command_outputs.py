@@ -1,0 +1,175 @@
+"""What verbs write: types of their options, and that no result replaces another's without --overwrite.
+
+A result is what a verb is there to write (`ResultFile`, `ResultFolder`): it is replaced by the same verb with the same
+options and inputs alone (models/files/made.py). Pictures, reports, figures and recordings beside it (`OutputFile`) can
+be drawn again: they replace files of their own kind. Nothing but a result replaces what the verb reads.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import sys
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from models.console import OUTPUT_KEY, STANDARD_OUTPUT
+from models.errors import BadInput
+from models.files.faults import one_line
+
+OVERWRITE_KEY, EFFECTS_KEY = "cuelab.overwrite", "cuelab.effects"  # of the context
+# Options that change nothing of a result, or name places that fill up beside it.
+WITHOUT_EFFECT = {"jobs", "scheduler", "live", "web", "yes", "log", "films", "accept_camera", "preview"}
+PORT = "port"  # of a launcher: what was measured there cannot be made again
+
+
+class OutputFile(click.ParamType[Path, str]):
+    """A file to write: refused before the work if it could not be written after it."""
+
+    name = "file"
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Check that its folder exists."""
+        path = Path(value)
+        if not path.resolve().parent.is_dir():
+            raise BadInput(f"{path}: its folder does not exist; make it or choose another place")
+        if path.is_dir():
+            raise BadInput(f"{path}: is a folder; name a file")
+        return path
+
+
+class JsonFile(OutputFile):
+    """A file to write, or - for standard output, which then holds nothing else: tables go to standard error."""
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Check that its folder exists, or make way on standard output."""
+        if str(value) != STANDARD_OUTPUT or ctx is None:
+            return super().convert(value, param, ctx)
+        if OUTPUT_KEY not in ctx.meta:
+            ctx.meta[OUTPUT_KEY] = sys.stdout
+            ctx.with_resource(contextlib.redirect_stdout(sys.stderr))
+        return Path(STANDARD_OUTPUT)
+
+
+class ResultFile(OutputFile):
+    """The file that a verb is there to write."""
+
+
+class ResultFolder(click.ParamType[Path, str]):
+    """The folder that a verb is there to write.
+
+    Args:
+        writes: what it writes there, by patterns; a folder with none of it is taken as it is.
+        joined: parameters whose results join those that are there, so that they may differ.
+    """
+
+    name = "path"
+
+    def __init__(self, *writes: str, joined: Sequence[str] = ()) -> None:
+        """Nothing is looked at yet."""
+        self.writes, self.joined = writes, joined
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """A path, whatever is there."""
+        return Path(value)
+
+
+def _note_overwrite(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
+    ctx.meta[OVERWRITE_KEY] = asked
+
+
+def overwrite_option() -> click.Option:
+    """Given to every verb that has a result."""
+    return click.Option(
+        ["--overwrite"], is_flag=True, expose_value=False, callback=_note_overwrite,
+        help="Replace a result that another command, or other input, has made.",
+    )  # fmt: skip
+
+
+def has_result(verb: click.Command) -> bool:
+    """Whether a verb is there to write something."""
+    return any(isinstance(param.type, ResultFile | ResultFolder) for param in verb.params)
+
+
+def keeping_results(verb: click.Command) -> Callable[..., Any] | None:
+    """The verb's function, which is called once nothing that it writes replaces what it should not."""
+    inner = verb.callback
+    if inner is None:
+        return None
+
+    @functools.wraps(inner)
+    def call(*words: Any, **named: Any) -> Any:
+        with _checked(click.get_current_context()):
+            return inner(*words, **named)
+
+    return call
+
+
+@contextlib.contextmanager
+def _checked(ctx: click.Context) -> Iterator[None]:
+    """Results inside are marked with their origin; BadInput where one would replace what it should not."""
+    given = [(param, ctx.params.get(str(param.name))) for param in ctx.command.params]
+    outputs = [(p, v) for p, v in given if isinstance(p.type, OutputFile) and isinstance(v, Path)]
+    results = [v for p, v in outputs if isinstance(p.type, ResultFile)]
+    folders = [(p.type, v) for p, v in given if isinstance(p.type, ResultFolder) and isinstance(v, Path)]
+    read = {place for p, v in given for path in _paths(p, v) if (place := _real(path))}
+    for param, path in outputs:
+        if not isinstance(param.type, ResultFile):
+            _check_beside(param, path, read)
+    if not results and not folders:
+        yield
+        return
+    from models.files.made import check_file, check_folder, digest, marked
+    from models.files.record import Origin
+
+    joined = {name for kind, _ in folders for name in kind.joined}
+    values = [(p.name, v) for p, v in given if _counts(p) and p.name not in joined]
+    once = [uuid.uuid4().hex] if ctx.params.get(PORT) else []
+    command = ctx.command_path.replace("python -m ", "")
+    origin = Origin(command, digest([command, *sorted(values, key=str), ctx.meta.get(EFFECTS_KEY, ()), *once]))
+    if not ctx.meta.get(OVERWRITE_KEY):
+        for path in results:
+            check_file(path, origin)
+        for kind, path in folders:
+            check_folder(path, kind.writes, origin)
+    with marked(origin, [*results, *(path for _, path in folders)]):
+        yield
+
+
+def _real(path: Path) -> str:
+    """Where a path leads; "" for what is no file name."""
+    try:
+        return os.path.realpath(path)
+    except (OSError, ValueError):
+        return ""
+
+
+def _counts(param: click.Parameter) -> bool:
+    """Whether a parameter is part of what a result is made from."""
+    return not isinstance(param.type, OutputFile | ResultFolder) and str(param.name) not in WITHOUT_EFFECT
+
+
+def _paths(param: click.Parameter, value: Any) -> list[Path]:
+    """Files that a parameter names to be read."""
+    values = value if isinstance(value, list | tuple) else [value]
+    return [path for path in values if isinstance(path, Path)] if _counts(param) else []
+
+
+def _check_beside(param: click.Parameter, path: Path, read: set[str]) -> None:
+    """BadInput where a picture, report, recording or figures would replace what is read, or a file of another kind."""
+    if isinstance(param, click.Argument) or not path.is_file():  # it continues what is there
+        return
+    place = Path(os.path.realpath(path))
+    if read & {str(place), *map(str, place.parents)}:
+        raise BadInput(one_line(f"{param.opts[0]} {path}: is what this command reads; name another file"))
+    named = "FILE.json" if isinstance(param.type, JsonFile) else str(param.metavar)
+    kinds = [suffix for name in named.split("|") if (suffix := Path(name).suffix)]
+    if kinds and path.suffix.lower() not in kinds:
+        kind = " or ".join(kinds)
+        text = f"{param.opts[0]} {path}: is there already and its name does not end in {kind}; name another file"
+        raise BadInput(one_line(text))
