@@ -25,8 +25,8 @@ import click
 
 from models.console import OUTPUT_KEY, STANDARD_OUTPUT, Progress, Status, show_progress
 from models.errors import BadInput
-from models.files.documents import MAX_PICTURE_PIXELS
 from models.files.faults import one_line
+from models.files.limits import MAX_PICTURE_PIXELS
 from models.interrupts import SIGNAL_STATUS, Terminated, as_interrupts
 
 Verb = TypeVar("Verb", bound=Callable[..., Any])

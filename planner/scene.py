@@ -23,6 +23,7 @@ import tomli_w
 from models.files import read_document, write_whole
 from models.files.decode import Allowed, Place, decode, of_format, read_value
 from models.files.faults import Faults, closest, listed, shown
+from models.files.limits import excess
 from models.shot import Array, Ball, Table
 from sysid.clips.header import size_faults
 from sysid.clips.names import name_fault
@@ -198,7 +199,10 @@ def scene_from(data: Any, where: str) -> Scene:
 
 def _places(data: Mapping[str, Any], table: Table, ball: Ball, at: Place) -> dict[str, Array]:
     """Positions (2,) [m] of the balls, by name; those without faults."""
-    places = {}
+    places = dict[str, Array]()
+    if problem := excess(len(data), MAX_BALLS, "balls", "snooker has no more, remove some"):
+        at.fault(problem)
+        return places
     for name, value in data.items():
         if fault := name_fault(name):
             at.fault(f"ball {shown(name)} {fault}")
@@ -206,8 +210,6 @@ def _places(data: Mapping[str, Any], table: Table, ball: Ball, at: Place) -> dic
             at.fault(f"ball {shown(name)} has a reserved name: choose one without slashes that is not world")
         elif (xy := _on_table(value, shown(name), table, ball, at)) is not None:
             places[name] = xy
-    if len(data) > MAX_BALLS:
-        at.fault(f"{len(data)} balls are more than the {MAX_BALLS} of snooker: remove some")
     depth, i, j = largest_overlap(np.array(list(places.values())).reshape(-1, 2), ball)
     if depth > MAX_OVERLAP_M:
         one, other = (shown(list(places)[k]) for k in (i, j))

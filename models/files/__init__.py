@@ -1,7 +1,10 @@
 """Files of users and of our own: read within bounds, decoded, their faults collected; written whole or not at all.
 
+limits      the budgets of all readers
 documents   TOML, JSON and text, read and written
 decode      parsed data into dataclasses, with every fault by its place
+tables      CSV, row by row
+texts       columns of texts, packed
 alone       one run at a time in a place
 faults      faults of an input, one line each, with the remedy
 """

@@ -115,7 +115,9 @@ def _distances(clip: Clip) -> Iterator[float]:
 
 def _gap(seen: Observation, place: Array, time: float) -> float:
     """How far a ball is from a place at about a time [m]."""
-    k = int(np.argmin(np.abs(seen.time - time)))
+    after = int(np.searchsorted(seen.time, time))
+    near = range(max(after - 1, 0), min(after + 1, len(seen.time)))
+    k = min(near, key=lambda one: abs(seen.time[one] - time))
     return float(np.hypot(*(seen.xy[k] - place)))
 
 

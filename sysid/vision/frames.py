@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.files.documents import MAX_PICTURE_PIXELS, read_text
+from models.files import read_text
 from models.files.faults import Faults
+from models.files.limits import MAX_FRAMES, MAX_PICTURE_PIXELS, excess
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it is read once, when a video is first opened or written
 
@@ -37,6 +38,7 @@ RATE_TOLERANCE = 0.003  # relative difference from the rate given by the user th
 GAP_PERIODS = 1.75  # time between two frames from which on frames are missing
 SEEK_FRAMES = 1500  # longer videos are sampled by seeking, shorter ones by reading them through
 STDERR = 2  # its descriptor
+MAX_REMARKS = 1000  # lines of a file of times beside two for each picture
 MIN_RATE_HZ = 1.0  # below this frame rate the times of pictures cannot be in seconds
 
 
@@ -167,7 +169,7 @@ class Video:
         check_size(path, width, height)
         if not opened:
             raise BadInput(f"{self.name}: is not a readable video; convert it to MP4 (H.264) or to pictures")
-        self.count = int(counted) if 0 < counted < 1e9 else None
+        self.count = int(counted) if 0 < counted <= MAX_FRAMES else None
 
     def read(
         self, jumps: Sequence[int] | None = None, wanted: set[int] | None = None, most: int | None = None
@@ -176,7 +178,7 @@ class Video:
         with quiet():
             capture = cv2.VideoCapture(self.name)
         try:
-            for index in jumps if jumps is not None else range(most if most is not None else 10**9):
+            for index in jumps if jumps is not None else range(most if most is not None else MAX_FRAMES):
                 if jumps is not None:
                     capture.set(cv2.CAP_PROP_POS_FRAMES, index)
                 if not capture.grab():
@@ -189,6 +191,8 @@ class Video:
                     done, found = capture.retrieve()
                     picture = _as_colour(found) if done else None
                 yield stamp, picture
+            if jumps is None and most is None:
+                raise BadInput(f"{self.name}: has more than {MAX_FRAMES} frames: cut it into several")
         finally:
             capture.release()
 
@@ -352,6 +356,10 @@ def _read_times(path: Path, count: int) -> Array:
     """Times of pictures [s] from a text file, one per line: the column headed time or t, else the last."""
     faults = Faults()
     text = faults.settle(read_text(path, str(path), faults, "write one time in seconds on a line"))
+    if problem := excess(
+        text.count("\n"), 2 * count + MAX_REMARKS, "lines", f"write one time for each of {count} pictures"
+    ):
+        raise BadInput(f"{path}: {problem}")
     lines = [re.split(r"[,;\s]+", line.strip().rstrip(",;")) for line in text.splitlines()]
     rows = [row for row in lines if row != [""] and not row[0].startswith("#")]
     column = -1

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from models.engine import play
-from models.files.documents import MAX_PICTURE_PIXELS
+from models.files.limits import MAX_PICTURE_PIXELS
 from tests.fuzz.damage import Damaged
 from tests.fuzz.verbs import SEEDS, program_of
 
