@@ -20,6 +20,8 @@ from typing import Annotated, Any
 import numpy as np
 import tomli_w
 
+from models.analytic.pocket import pockets_of
+from models.errors import BadInput
 from models.files import read_document, write_whole
 from models.files.decode import Allowed, Place, decode, of_format, read_value
 from models.files.faults import Faults, closest, listed, shown
@@ -190,6 +192,10 @@ def scene_from(data: Any, where: str) -> Scene:
         top.below(section).fault(problem)
     if not table.pockets:
         top.below("table").fault("pockets = false leaves no pocket to play for: write true, or remove it")
+    try:
+        pockets_of(table, ball)
+    except BadInput as problem:
+        top.below("table").fault(str(problem))
     faults.settle(table)  # places and names go by what comes before them
     places = faults.settle(_places(file.balls, table, ball, top.below("balls")))
     goal = faults.settle(_goal(file.goal, tuple(places), table, ball, top.below("goal")))

@@ -31,6 +31,7 @@ NUMBER_REMEDIES = {
     "y": "write metres, such as -0.34",
 }
 MAX_ANGLE_RAD = 1e6  # that a ball has turned
+MAX_STAMP, MAX_PLACE = 1e16, 1e9  # in any unit: what is larger is no stamp of a camera, and no place on a table
 ANGLE_REMEDY = "write radians, or leave it empty where the mark was not seen"
 
 
@@ -131,7 +132,8 @@ def _plain_numbers(cells: Sequence[str]) -> Array | None:
 
 def _numbers(cells: Sequence[str], key: str, lines: Sequence[int], file: str, faults: Faults) -> Array:
     """A column of numbers (n,); a cell that is none becomes NaN and a fault."""
-    if (values := _plain_numbers(cells)) is not None:
+    most = MAX_STAMP if key == "t" else MAX_PLACE
+    if (values := _plain_numbers(cells)) is not None and (np.abs(values) <= most).all():
         return values
     return np.array([_number(cell, key, line, file, faults) for cell, line in zip(cells, lines, strict=True)])
 
@@ -159,6 +161,9 @@ def _number(cell: str, key: str, line: int, file: str, faults: Faults) -> float:
         faults.add(file, f"{key} is empty: {remedy}, or remove the row where the ball was not seen", line)
         return math.nan
     values = _plain_numbers([cell])
+    if values is not None and abs(values[0]) > {"t": MAX_STAMP, "theta": math.inf}.get(key, MAX_PLACE):
+        faults.add(file, f"{key} = {shown(cell)} is too large: {remedy}", line)
+        return math.nan
     if values is not None:
         return float(values[0])
     try:

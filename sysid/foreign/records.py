@@ -111,8 +111,10 @@ def _parquet(path: Path) -> dict[str, Sequence[str]]:
         raise BadInput(f"{path}: {problem}")
     try:
         return _parquet_columns(pyarrow, path)
-    except (OSError, pyarrow.ArrowException, UnicodeError) as error:
-        said = one_line(str(error).split(". ")[0].removesuffix("."))
+    except BadInput:
+        raise
+    except (OSError, pyarrow.ArrowException, OverflowError, ValueError) as error:  # dates that no calendar has
+        said = one_line(" ".join(str(error).split()).split(". ")[0].removesuffix("."))
         said = said if len(said) <= MAX_SAID_CHARS else f"{said[:MAX_SAID_CHARS]} ..."
         raise BadInput(f"{path}: is not a sound Parquet file ({said}): {MAKE_AGAIN}") from error
 

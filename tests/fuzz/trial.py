@@ -1,4 +1,4 @@
-"""One damaged command in a process of its own, and what is wrong with how it ended.
+"""One changed command in a process of its own, and what is wrong with how it ended.
 
 A process is forked from one that has imported everything. What counts as a defect: a traceback, a status that no
 command has, an end by a signal, a hang, too much memory, more on standard error than lines of ours, a line too long or
@@ -21,8 +21,7 @@ from typing import Any
 
 from models.engine import play
 from models.files.limits import MAX_PICTURE_PIXELS
-from tests.fuzz.damage import Damaged
-from tests.fuzz.verbs import SEEDS, program_of
+from tests.fuzz.verbs import SEEDS, Command, program_of
 
 LIMIT_S = 60.0
 LIMIT_MEMORY_KB = 2 << 20
@@ -88,7 +87,7 @@ def prepare() -> None:
     play._cores.cache_clear()
 
 
-def tried(command: Damaged, folder: Path) -> Ended:
+def tried(command: Command, folder: Path) -> Ended:
     """Run a command in `folder`, which is filled anew."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(SEEDS, folder / "in")
@@ -117,7 +116,7 @@ def _contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-def _run(command: Damaged, folder: Path) -> None:
+def _run(command: Command, folder: Path) -> None:
     """The child: never returns."""
     status = TRACEBACK_STATUS
     try:
