@@ -23,7 +23,7 @@ from models.engine import play
 from models.files.limits import MAX_PICTURE_PIXELS
 from tests.fuzz.verbs import SEEDS, Command, program_of
 
-LIMIT_S = 60.0
+LIMIT_S, LIMIT_WAITING_S = 60.0, 300.0  # of processor time; of the clock, since other work may have the processor
 LIMIT_MEMORY_KB = 2 << 20
 LIMIT_ADDRESS_SPACE = 24 << 30  # so that what would fill the memory ends before it does
 MAX_LINE_CHARS = 620
@@ -57,7 +57,7 @@ class Ended:
         if self.status == TRACEBACK_STATUS or "Traceback" in self.err:
             frames = [line.strip() for line in lines if line.lstrip().startswith("File ")]
             return f"traceback: {lines[-1][:150] if lines else ''} | {frames[-1] if frames else ''}"
-        if self.status == -signal.SIGALRM:
+        if self.status in (-signal.SIGALRM, -signal.SIGPROF):
             return "hang"
         if self.status not in STATUSES:
             return f"status {self.status}"
@@ -129,7 +129,8 @@ def _run(command: Command, folder: Path) -> None:
             os.dup2(to, number)
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(k, mode) for k, mode in enumerate("rww"))
         os.chdir(folder / "in")
-        signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+        signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
+        signal.setitimer(signal.ITIMER_REAL, LIMIT_WAITING_S)
         main: Any = program_of(command.words[0])
         sys.argv = list(command.words)
         status = main()
