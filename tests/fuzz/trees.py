@@ -24,8 +24,8 @@ NUMBERS: tuple[Any, ...] = (
 WORDS = (
     "", " ", "x", "cue", "white", "red", "any", "none", "true", "nan", "-inf", "1e308", "3", "1,5", "a b", "a\nb",
     "a\rb", "\0", "\x1b[2J", "\u2028", "\u202e", "\ufeff", "e\u0301", "\U0001f3b1", "\ud800", "../../etc/passwd",
-    "/dev/zero", "/dev/null", "clips/../clips/0001.csv", "%s%n", "{0}", "<script>alert(1)</script>", "__class__", "world", "a/b",
-    "a.b.c", "[x]", "'", '"', "\\", "#", "=", "١٢",
+    "/dev/zero", "/dev/null", "clips/../clips/0001.csv", "%s%n", "{0}", "<script>alert(1)</script>", "__class__",
+    "world", "a/b", "a.b.c", "[x]", "'", '"', "\\", "#", "=", "١٢",
 )  # fmt: skip
 OTHER_KINDS: tuple[Any, ...] = (
     True, False, None, [], {}, [[]], [None], {"a": 1}, ["a"], [1], [1, "a"], datetime.date(2024, 2, 29),
