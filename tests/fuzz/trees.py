@@ -78,8 +78,10 @@ def number(rng: random.Random, old: float) -> Any:
 def _value(rng: random.Random, tree: Any, others: Sequence[Any]) -> None:
     """Another value of the same kind, or of another."""
     leaves = [(holder, key) for holder, key in parts(tree) if not isinstance(holder[key], dict | list)]
-    holder, key = rng.choice(leaves or [(tree, "x")])
-    old = holder[key] if leaves else 0
+    if not leaves:
+        return
+    holder, key = rng.choice(leaves)
+    old = holder[key]
     if rng.random() < 0.2:
         holder[key] = copy.deepcopy(rng.choice(OTHER_KINDS))
     elif isinstance(old, int | float) and not isinstance(old, bool):
