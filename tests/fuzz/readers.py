@@ -8,6 +8,7 @@ tests/fuzz/trial.py.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import signal
 import traceback
 import warnings
@@ -44,6 +45,7 @@ from sysid.vision.frames import Pictures, open_footage, read_picture
 from tests.fuzz.verbs import SEEDS, SERIES
 
 TABLE = TABLE_SETS["snooker"]
+FOREIGN = Stated("m", exchanged=False, y_down=False, fps=60.0)
 LIMIT_MEMORY = 2 << 30
 LIMIT_S, LIMIT_WAITING_S = 30.0, 240.0  # of processor time; of the clock, since other work may have the processor
 
@@ -92,7 +94,8 @@ def _line(path: Path) -> object:
 
 def _foreign(path: Path) -> object:
     """Tracks of another program, and the clip that they give."""
-    found = import_files([path], [ShotFile("clips/1.csv")], TABLE.table, TABLE.ball, Stated(fps=60.0))
+    stated = dataclasses.replace(FOREIGN, corner=path.suffix == ".json")
+    found = import_files([path], [ShotFile("clips/1.csv")], TABLE.table, TABLE.ball, stated)
     return found.says
 
 
