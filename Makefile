@@ -14,7 +14,7 @@ help:
 	@echo "make demo    the shipped example with a hidden effect, start to end, into out/demo"
 	@echo "make test    lint, then all tests but the slow ones (PYTEST_ARGS=\"-k name\" for some)"
 	@echo "make test-slow   the slow ones: whole discoveries, footage tracked from end to end"
-	@echo "make fuzz    damaged inputs of every verb for ten minutes (FUZZ_ARGS=\"--count 5000 --seed 3\")"
+	@echo "make fuzz    changed inputs of every reader and verb for ten minutes (FUZZ_ARGS=\"--count 200000\")"
 	@echo "make bench   speed, growth and accuracy figures (BENCH_ARGS=--note adds a row to docs/benchmarks.md)"
 	@echo "make mutation    formulas broken one at a time: which of it the tests notice (an hour; resumable)"
 	@echo "make study   how reliably hidden effects are found, into tests/study/REPORT.md (hours; resumable)"

@@ -35,8 +35,8 @@ from models.command_outputs import (
 )
 from models.console import Progress, Status, show_progress
 from models.errors import BadInput
-from models.files.documents import MAX_PICTURE_PIXELS
 from models.files.faults import one_line
+from models.files.limits import MAX_PICTURE_PIXELS
 from models.files.writing import NO_ROOM, unwritable
 from models.interrupts import SIGNAL_STATUS, Terminated, as_interrupts
 

@@ -123,14 +123,14 @@ def read_pockets(value: Any) -> bool | PocketShapes:
     if isinstance(value, str):
         near = get_close_matches(value, POCKET_SETS, 1)
         raise BadInput(
-            f"pockets = {value!r} is no set of pockets: "
+            f"pockets = {shown(value)} is no set of pockets: "
             + (f'did you mean "{near[0]}"?' if near else f"write true or false, or one of {names}")
         )
     if not isinstance(value, Mapping):
         raise BadInput(f"pockets = {shown(value)} is not true or false: write one of them, {names} or [table.pockets]")
     for key in value:
         if key not in ("corner", "middle"):
-            raise BadInput(f"pockets has an unknown key {key!r}: write corner and middle")
+            raise BadInput(f"pockets has an unknown key {shown(key)}: write corner and middle")
     return _plain(PocketShapes(_shape(value, "corner"), _shape(value, "middle")))
 
 
@@ -143,7 +143,7 @@ def _shape(pockets: Mapping[str, Any], which: str) -> PocketShape:
     entry = pockets.get(which)
     names = [f.name for f in fields(PocketShape)]
     if not isinstance(entry, Mapping):
-        raise BadInput(f"pockets.{which} is {entry!r}: write a table of {', '.join(names)}")
+        raise BadInput(f"pockets.{which} is {shown(entry)}: write a table of {', '.join(names)}")
     for key in entry:
         if key not in names:
             near = get_close_matches(str(key), names, 1)

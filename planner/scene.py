@@ -20,9 +20,12 @@ from typing import Annotated, Any
 import numpy as np
 import tomli_w
 
+from models.analytic.pocket import pockets_of
+from models.errors import BadInput
 from models.files import read_document, write_whole
 from models.files.decode import Allowed, Place, decode, of_format, read_value
 from models.files.faults import Faults, closest, listed, shown
+from models.files.limits import excess
 from models.shot import Array, Ball, Table
 from sysid.clips.header import size_faults
 from sysid.clips.names import name_fault
@@ -192,6 +195,10 @@ def scene_from(data: Any, where: str) -> Scene:
         top.below(section).fault(problem)
     if not table.pockets:
         top.below("table").fault("pockets = false leaves no pocket to play for: write true, or remove it")
+    try:
+        pockets_of(table, ball)
+    except BadInput as problem:
+        top.below("table").fault(str(problem))
     faults.settle(table)  # places and names go by what comes before them
     places = faults.settle(_places(file.balls, table, ball, top.below("balls")))
     goal = faults.settle(_goal(file.goal, tuple(places), table, ball, top.below("goal")))
@@ -202,7 +209,10 @@ def scene_from(data: Any, where: str) -> Scene:
 
 def _places(data: Mapping[str, Any], table: Table, ball: Ball, at: Place) -> dict[str, Array]:
     """Positions (2,) [m] of the balls, by name; those without faults."""
-    places = {}
+    places = dict[str, Array]()
+    if problem := excess(len(data), MAX_BALLS, "balls", "snooker has no more, remove some"):
+        at.fault(problem)
+        return places
     for name, value in data.items():
         if fault := name_fault(name):
             at.fault(f"ball {shown(name)} {fault}")
@@ -210,8 +220,6 @@ def _places(data: Mapping[str, Any], table: Table, ball: Ball, at: Place) -> dic
             at.fault(f"ball {shown(name)} has a reserved name: choose one without slashes that is not world")
         elif (xy := _on_table(value, shown(name), table, ball, at)) is not None:
             places[name] = xy
-    if len(data) > MAX_BALLS:
-        at.fault(f"{len(data)} balls are more than the {MAX_BALLS} of snooker: remove some")
     depth, i, j = largest_overlap(np.array(list(places.values())).reshape(-1, 2), ball)
     if depth > MAX_OVERLAP_M:
         one, other = (shown(list(places)[k]) for k in (i, j))

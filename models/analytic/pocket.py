@@ -104,6 +104,9 @@ def _mouth(shape: PocketShape, ball: Ball, *, middle: bool) -> _Mouth | None:
     return _Mouth(end, math.pi - shape.cut_angle, beyond, 0.0 if before else s + FACING_OVERLAP_M)
 
 
+OWN_POCKETS = "give [table] the pockets of its game"
+
+
 def pockets_of(table: Table, ball: Ball) -> Pockets:
     """Jaws and edges of a table for a ball.
 
@@ -115,10 +118,13 @@ def pockets_of(table: Table, ball: Ball) -> Pockets:
     shapes, near = table.shapes, ball.radius * NOSE_COSINE
     corner, middle = _mouth(shapes.corner, ball, middle=False), _mouth(shapes.middle, ball, middle=True)
     if corner is None or middle is None:
-        raise BadInput(f"a ball of {2e3 * ball.radius:.1f} mm is none for these pockets; play it without jaws")
+        raise BadInput(
+            f"a ball of {2e3 * ball.radius:.1f} mm is none for the pockets: correct diameter, or {OWN_POCKETS}"
+        )
     lx, ly, r, q = table.length / 2, table.width / 2, shapes.corner.nose_radius, shapes.middle.nose_radius
     if corner.end + middle.end >= lx or corner.end >= ly:
-        raise BadInput(f"a table of {table.length} x {table.width} m has no room for its jaws; play it without them")
+        size = f"a table of {table.length} x {table.width} m"
+        raise BadInput(f"{size} has no room for its pockets: correct length and width, or {OWN_POCKETS}")
     sides, rho = (1.0, -1.0), (r + near - ARC_SETBACK_M, q + near - ARC_SETBACK_M)
     arcs = [(sx * (lx + r), sy * (ly - corner.end), rho[0]) for sx in sides for sy in sides]
     along = [(0.0, sy) for _ in sides for sy in sides]  # towards the pocket

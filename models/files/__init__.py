@@ -1,9 +1,12 @@
 """Files of users and of our own: read within bounds, decoded, their faults collected; written whole or not at all.
 
+limits      the budgets of all readers
 documents   TOML, JSON and text, read within bounds
 writing     files written, and lines added, whole or not at all
 made        results replaced by the command and input that made them, or not at all; record: what says so in a file
 decode      parsed data into dataclasses, with every fault by its place
+tables      CSV, row by row
+texts       columns of texts, packed
 alone       one run at a time in a place
 faults      faults of an input, one line each, with the remedy
 """

@@ -13,9 +13,10 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass
-from functools import cache
+from functools import cache, lru_cache
 from types import NoneType, UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -24,6 +25,7 @@ from models.files.faults import Faults, closest, shown
 
 Kind = TypeVar("Kind")
 LIKELY_UNITS = {"m": ("mm", 1e-3), "m/s": ("mm/s", 1e-3), "kg": ("g", 1e-3), "rad": ("degrees", math.pi / 180)}
+ASSIGNED = re.compile(r"""\s*(?:([\w.-]+)|["']([^"']*)["'])\s*=""")
 TABLE_HEADING = re.compile(r"\s*\[\[?\s*([^\[\]]*?)\s*\]\]?\s*(#.*)?$")
 
 
@@ -68,21 +70,29 @@ class Place:
 
     def line(self, key: str = "") -> int | None:
         """Line number of a key, else of the table; None when neither is found."""
-        here, seen, table = not self.name, -1, None
-        for number, line in enumerate(self.text.split("\n"), 1):
-            if found := TABLE_HEADING.match(line):
-                seen += found[1] == self.name
-                here = found[1] == self.name and seen == (self.index or 0)
-                table = number if here else table
-            elif here and _assigns(line, key):
-                return number
-            elif seen < 0 and table is None and _assigns(line, self.name):
-                table = number  # written as name = { ... }
+        tables = _lines_of(self.text)
+        table, keys = tables.get((self.name, self.index or 0), (None, {}))
+        if key in keys:
+            return keys[key]
+        if table is None and self.name and (self.name, 0) not in tables:
+            table = tables[("", 0)][1].get(self.name)  # written as name = { ... }
         return table or (self.below(key).line() if key and not self.name else None)
 
 
-def _assigns(line: str, key: str) -> bool:
-    return bool(key) and re.match(rf"""\s*["']?{re.escape(key)}["']?\s*=""", line) is not None
+@lru_cache(maxsize=4)
+def _lines_of(text: str) -> dict[tuple[str, int], tuple[int | None, dict[str, int]]]:
+    """By a table's name, and its number among those of the name: its line, and those of its keys."""
+    keys: dict[str, int] = {}
+    found: dict[tuple[str, int], tuple[int | None, dict[str, int]]] = {("", 0): (None, keys)}
+    seen: Counter[str] = Counter()
+    for number, line in enumerate(text.split("\n"), 1):
+        if heading := TABLE_HEADING.match(line):
+            name, keys = heading[1], {}
+            found[name, seen[name]] = (number, keys)
+            seen[name] += 1
+        elif assigned := ASSIGNED.match(line):
+            keys.setdefault(assigned[1] or assigned[2], number)
+    return found
 
 
 def of_format(data: object, form: str, kind: Any, place: Place) -> Mapping[str, Any] | None:

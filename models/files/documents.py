@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from models.errors import BadInput
+from models.files import limits
 from models.files.decode import Place, decode, of_format
 from models.files.faults import Faults, one_line, shown
+from models.files.limits import excess
 
 Kind = TypeVar("Kind")
-MAX_FILE_BYTES = 32 << 20  # of TOML and JSON
-MAX_PICTURE_PIXELS = 1 << 26  # of a picture or a film: twice those of 8K video
-MAX_DEPTH = 32  # of tables and lists in each other
+# More parts of a dotted key than tables may lie in each other: TOML parsers take time by their square.
+LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){N}""".replace("N", str(limits.MAX_DEPTH)))
 
 
 def read_toml(path: Path | str, kind: type[Kind], form: str, remedy: str, *, more: bool = False) -> Kind:
@@ -68,13 +69,17 @@ def read_document(
     path: Path | str, file: str, faults: Faults, remedy: str, loads: Callable[[str], Any] = tomllib.loads
 ) -> Any:
     """What a TOML or JSON file holds; None, with the fault noted under `file`, where it cannot be read."""
-    text = read_text(path, file, faults, remedy)
+    most = limits.MAX_TOML_BYTES if loads is tomllib.loads else limits.MAX_JSON_BYTES
+    text = read_text(path, file, faults, remedy, most)
     return None if text is None else parse(text, file, faults, loads)
 
 
 def parse(text: str, file: str, faults: Faults, loads: Callable[[str], Any] = tomllib.loads) -> Any:
     """What a TOML or JSON text holds; None, with the fault noted, for a faulty or an absurd one."""
     language = "TOML" if loads is tomllib.loads else "JSON"
+    if problem := _too_much(text, language):
+        faults.add(file, problem)
+        return None
     try:
         data = loads(text)
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
@@ -87,10 +92,21 @@ def parse(text: str, file: str, faults: Faults, loads: Callable[[str], Any] = to
     except (ValueError, RecursionError):  # dates that do not exist, endless digits, a thousand brackets
         faults.add(file, f"holds a value that cannot be read: correct the {language}")
         return None
-    if _depth(data) > MAX_DEPTH:
-        faults.add(file, f"has tables or brackets more than {MAX_DEPTH} deep: correct the {language}")
+    if _depth(data) > limits.MAX_DEPTH:
+        faults.add(file, f"has tables or brackets more than {limits.MAX_DEPTH} deep: correct the {language}")
         return None
     return data
+
+
+def _too_much(text: str, language: str) -> str:
+    """What a text has too much of to be parsed; "" for nothing."""
+    if language == "TOML" and (found := LONG_KEY.search(text)):
+        line = text.count("\n", 0, found.start()) + 1
+        return f"has a key of more than {limits.MAX_DEPTH} parts in line {line}: correct the TOML"
+    remedy = "write fewer, or tables of numbers as CSV"
+    containers, values = text.count("{") + text.count("["), text.count(",") + text.count("=") * (language == "TOML")
+    problem = excess(containers, limits.MAX_CONTAINERS, "brackets", remedy)
+    return problem or excess(values, limits.MAX_VALUES, "values", remedy)
 
 
 def _depth(data: Any) -> int:
@@ -102,17 +118,28 @@ def _depth(data: Any) -> int:
     return depth
 
 
-def read_text(path: Path | str, file: str, faults: Faults, remedy: str, most: int = MAX_FILE_BYTES) -> str | None:
-    """The text of a file of `most` bytes at most; None, with the fault noted under `file`, where it has none."""
+def file_problem(path: Path | str, remedy: str, most: int) -> str:
+    """Why a file of `most` bytes at most cannot be read; "" where it can."""
     try:
         status = os.stat(path)
-        if not stat.S_ISREG(status.st_mode) or status.st_size > most:
-            problem = f"has more than {most >> 20} MB" if stat.S_ISREG(status.st_mode) else "is not a file"
-            faults.add(file, f"cannot be read ({problem}): {remedy}")
-            return None
-        data = Path(path).read_bytes()
     except (OSError, ValueError) as error:
-        faults.add(file, f"cannot be read ({getattr(error, 'strerror', None) or 'not a file name'}): {remedy}")
+        return f"cannot be read ({getattr(error, 'strerror', None) or 'not a file name'}): {remedy}"
+    if not stat.S_ISREG(status.st_mode):
+        return f"cannot be read (is not a file): {remedy}"
+    return excess(status.st_size, most, "MB", f"such a file is smaller; {remedy}", 1 << 20)
+
+
+def read_text(
+    path: Path | str, file: str, faults: Faults, remedy: str, most: int = limits.MAX_TEXT_BYTES
+) -> str | None:
+    """The text of a file of `most` bytes at most; None, with the fault noted under `file`, where it has none."""
+    if problem := file_problem(path, remedy, most):
+        faults.add(file, problem)
+        return None
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        faults.add(file, f"cannot be read ({error.strerror}): {remedy}")
         return None
     try:
         return data.decode("utf-8-sig")  # spreadsheets write a byte-order mark

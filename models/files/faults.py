@@ -6,10 +6,12 @@ In: texts and values. Out: `Faults`, and the parts of their messages.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
-from typing import TypeVar
+import reprlib
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeVar
 
 from models.errors import BadInput
+from models.files.limits import MAX_FAULTS, MAX_FILE_FAULTS, MAX_NAME_CHARS
 
 Kind = TypeVar("Kind")
 MAX_LINE_CHARS = 400  # of a message: a damaged file must not flood the screen
@@ -17,17 +19,29 @@ MAX_VALUE_CHARS = 60  # of a value in a message
 MAX_FAULT_LINES = 20  # that a refusal lists
 
 
+class TooManyFaults(BadInput):
+    """A file has so many faults that no more are looked for."""
+
+
 class Faults:
     """Collects faults, so that one reading can name them all; those of one file come in the order of its rows."""
 
     def __init__(self) -> None:
         self._found: dict[str, list[tuple[float, str]]] = {}
+        self._count = 0
 
     def __len__(self) -> int:
-        return sum(len(found) for found in self._found.values())
+        return self._count
 
     def add(self, file: str, text: str, row: int | None = None) -> None:
-        """Add one fault; `row` is the line number in the file, from 1."""
+        """Add one fault; `row` is the line number in the file, from 1.
+
+        Raises:
+            TooManyFaults: the file, or all of them, have too many to look for more.
+        """
+        if len(self._found.get(file, ())) >= MAX_FILE_FAULTS or self._count >= MAX_FAULTS:
+            raise self._refusal(TooManyFaults)
+        self._count += 1
         where = "" if row is None else f", {'line' if file.endswith('.toml') else 'row'} {row}"
         # Faults of a whole file come last: they often follow from those of its rows.
         self._found.setdefault(file, []).append((float("inf") if row is None else row, f"{file}{where}: {text}"))
@@ -39,19 +53,24 @@ class Faults:
             ordered = sorted(found, key=lambda fault: fault[0])
             lines += [one_line(text) for _, text in ordered[:per_file]]
             if per_file is not None and len(ordered) > per_file:
-                lines.append(one_line(f"{file}: {len(ordered) - per_file} more faults: correct those above first"))
+                least = "at least " if len(ordered) >= MAX_FILE_FAULTS else ""
+                more = len(ordered) - per_file
+                lines.append(one_line(f"{file}: {least}{more} more faults: correct those above first"))
         return lines
 
     def settle(self, value: Kind | None) -> Kind:
         """The value, where there are no faults; BadInput with the first otherwise, and the others as notes."""
-        lines = self.lines()
-        if value is not None and not lines:
+        if value is not None and not self._count:
             return value
-        error = BadInput(lines[0] if lines else "nothing can be read: name another file")
+        raise self._refusal(BadInput)
+
+    def _refusal(self, kind: type[BadInput]) -> BadInput:
+        lines = self.lines()
+        error = kind(lines[0] if lines else "nothing can be read: name another file")
         more = len(lines) - MAX_FAULT_LINES
         for line in lines[1:MAX_FAULT_LINES] + [f"{more} more faults: correct those above first"] * (more > 0):
             error.add_note(line)
-        raise error
+        return error
 
 
 def one_line(text: str) -> str:
@@ -63,10 +82,31 @@ def one_line(text: str) -> str:
     return f"{line[:half]} ... {line[-half:]}"
 
 
+class _Short(reprlib.Repr):
+    """As repr, but of large values only as much as is shown."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 8
+        self.maxlist = self.maxtuple = self.maxdict = MAX_VALUE_CHARS
+        self.maxother = self.maxlong = 10 * MAX_VALUE_CHARS
+
+    def repr_str(self, text: str, level: int) -> str:
+        return repr(text[: MAX_VALUE_CHARS + 1])
+
+    def repr_dict(self, table: dict[Any, Any], level: int) -> str:
+        first = [f"{self.repr1(k, level - 1)}: {self.repr1(table[k], level - 1)}" for k in _first(table)]
+        return "{" + ", ".join(first) + "}"
+
+
+def _first(table: dict[Any, Any]) -> Sequence[Any]:
+    return [key for key, _ in zip(table, range(MAX_VALUE_CHARS), strict=False)]
+
+
 def shown(value: object) -> str:
     """A value as a message shows it: quoted text, numbers as they are, shortened."""
     try:
-        text = repr(value)
+        text = _Short().repr(value)
     except ValueError:  # an integer of thousands of digits
         text = "a number too long to show"
     return text if len(text) <= MAX_VALUE_CHARS else text[: MAX_VALUE_CHARS - 4] + " ..."
@@ -74,12 +114,15 @@ def shown(value: object) -> str:
 
 def listed(names: Iterable[str]) -> str:
     """Names for a message, quoted, the first few."""
-    quoted = [shown(name) for name in names]
-    return ", ".join(quoted[:8]) + (f" and {len(quoted) - 8} more" if len(quoted) > 8 else "")
+    names = list(names)
+    quoted = ", ".join(shown(name) for name in names[:8])
+    return quoted + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
 
 def closest(name: str, known: Iterable[str]) -> str | None:
     """The known name that `name` is probably a slip of."""
+    if len(name) > MAX_NAME_CHARS:
+        return None
     by_lower = {k.lower(): k for k in known}
     found = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.75)
     return by_lower[found[0]] if found else None

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.files import append_whole, read_text, write_whole
 from models.files.faults import Faults, shown
+from models.files.limits import excess
 from planner.launcher.stroke import LauncherModel
 
 Array = NDArray[np.float64]
@@ -32,6 +33,7 @@ CUE_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # [m/s]
 SIDES_MM = tuple(float(v) for v in range(0, 13, 2))
 HEIGHTS_MM = tuple(float(v) for v in range(-12, 13, 2))
 DEFAULT_REPEATS = 5
+MAX_SHOTS = 100_000  # of one campaign
 MAX_CUE_SPEED = 2.75  # of '001p' [m/s]: the paper's campaign exceeded the 2.2 m/s of its planned shots
 
 
@@ -157,6 +159,8 @@ def _text(path: Path) -> str:
 
 
 def _shots(text: str, path: Path) -> list[CueShot]:
+    if problem := excess(text.count("\n"), MAX_SHOTS, "shots", "split it"):
+        raise BadInput(f"{path}: {problem}")
     try:
         rows = list(csv.reader(text.splitlines()))
     except csv.Error as error:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from models.files.decode import Allowed
+from models.files.texts import picked
 from models.shot import Array, Ball, Table
 
 
@@ -30,7 +34,12 @@ class Observation:
     time: Array  # (n,) [s], increasing; as read, 0 at the first sample of the clip
     xy: Array  # (n, 2) [m], table frame
     theta: Array  # (n,) [rad], turned angle of the mark about the vertical, unwrapped; NaN where unseen
-    extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # n cells of each column that is not known here
+    extra: Mapping[str, Sequence[str]] = field(default_factory=dict)  # n cells of each column that is not known here
+
+    def at(self, rows: NDArray[np.int64]) -> Observation:
+        """Some of its samples."""
+        extra = {key: picked(cells, rows) for key, cells in self.extra.items()}
+        return Observation(self.time[rows], self.xy[rows], self.theta[rows], extra)
 
 
 @dataclass(frozen=True)

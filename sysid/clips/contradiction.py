@@ -10,7 +10,7 @@ from sysid.clips.clip_set import Clip
 
 ALL_CLIPS = "all clips"
 MIN_SIGNIFICANCE = 5.0  # standard errors
-MAX_PLACE_M, MIN_STEP_S = 100.0, 1e-6  # of rows that can be computed with
+MAX_PLACE_M, MAX_TIME_S, MIN_STEP_S = 100.0, 1e7, 1e-6  # of rows that can be computed with
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def is_sound(clip: Clip) -> bool:
     """Whether times increase and everything is finite and of a size that can be computed with."""
     return bool(clip.balls) and all(
         len(seen.time) > 0
-        and bool(np.isfinite(seen.time).all())
+        and bool((np.abs(seen.time) < MAX_TIME_S).all())
         and bool((np.abs(seen.xy) < MAX_PLACE_M).all())
         and bool((np.diff(seen.time) > MIN_STEP_S).all())
         for seen in clip.balls.values()

@@ -115,7 +115,9 @@ def _distances(clip: Clip) -> Iterator[float]:
 
 def _gap(seen: Observation, place: Array, time: float) -> float:
     """How far a ball is from a place at about a time [m]."""
-    k = int(np.argmin(np.abs(seen.time - time)))
+    after = int(np.searchsorted(seen.time, time))
+    near = range(max(after - 1, 0), min(after + 1, len(seen.time)))
+    k = min(near, key=lambda one: abs(seen.time[one] - time))
     return float(np.hypot(*(seen.xy[k] - place)))
 
 
@@ -186,18 +188,30 @@ def _turns(clip: Clip, name: str, out: Array, least: float) -> Iterator[tuple[fl
     if len(out) <= 2 * n:
         return
     peaks = 1 + np.flatnonzero((out[1:-1] >= out[:-2]) & (out[1:-1] > out[2:]) & (out[1:-1] > least))
-    for k in peaks[(peaks >= n) & (peaks < len(out) - n)].tolist():
-        clock, parts = time - time[k], (slice(k - n, k), slice(k + 1, k + n + 1))
-        lines = [np.polyfit(clock[part], out[part], 1) for part in parts]
-        bent = max(float(np.abs(out[p] - np.polyval(fit, clock[p])).max()) for p, fit in zip(parts, lines, strict=True))
-        (towards, there), (away, back) = lines
-        by_cloth = SLIDE_M_S2 * float(np.mean(clock[parts[1]]) - np.mean(clock[parts[0]]))
-        if towards < MIN_TOWARDS or away > -MIN_AWAY or towards - away < MIN_TURN_RATIO * by_cloth or bent > MAX_BENT_M:
-            continue
-        met = (back - there) / (towards - away)
-        alone = all(_gap(seen, xy[k], float(time[k])) > ALONE_M for o, seen in clip.balls.items() if o != name)
-        if clock[k - 1] <= met <= clock[k + 1] and alone:
-            yield float(there + towards * met), xy[k]
+    peaks = peaks[(peaks >= n) & (peaks < len(out) - n)]
+    parts = [peaks[:, None] + steps for steps in (np.arange(-n, 0), np.arange(1, n + 1))]
+    clocks = [time[part] - time[peaks, None] for part in parts]
+    (towards, there, bent), (away, back, bent_after) = (
+        _lines(c, out[part]) for c, part in zip(clocks, parts, strict=True)
+    )
+    by_cloth = SLIDE_M_S2 * (clocks[1].mean(axis=1) - clocks[0].mean(axis=1))
+    turns = (towards >= MIN_TOWARDS) & (away <= -MIN_AWAY) & (towards - away >= MIN_TURN_RATIO * by_cloth)
+    turns &= np.maximum(bent, bent_after) <= MAX_BENT_M
+    met = (back - there) / np.where(turns, towards - away, 1.0)
+    turns &= (clocks[0][:, -1] <= met) & (met <= clocks[1][:, 0])
+    for j in np.flatnonzero(turns).tolist():
+        k = int(peaks[j])
+        if all(_gap(seen, xy[k], float(time[k])) > ALONE_M for o, seen in clip.balls.items() if o != name):
+            yield float(there[j] + towards[j] * met[j]), xy[k]
+
+
+def _lines(clock: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Straight lines through the rows of (n, m): slopes, values at 0, and the largest residuals, (n,) each."""
+    middle, mean = clock.mean(axis=1, keepdims=True), values.mean(axis=1, keepdims=True)
+    off = clock - middle
+    slope = (off * (values - mean)).sum(axis=1, keepdims=True) / (off**2).sum(axis=1, keepdims=True)
+    bent = np.abs(values - mean - slope * off).max(axis=1)
+    return slope[:, 0], (mean - slope * middle)[:, 0], bent
 
 
 def _cushions(clip_set: ClipSet, seen: dict[str, Typical]) -> Iterator[Contradiction]:

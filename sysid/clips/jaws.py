@@ -68,5 +68,4 @@ def _until(seen: Observation, end: float) -> Observation:
     if rows.size == len(seen.time):
         return seen
     rows = rows if rows.size else np.array([0])
-    extra = {key: tuple(cells[i] for i in rows.tolist()) for key, cells in seen.extra.items()}
-    return Observation(seen.time[rows], seen.xy[rows], seen.theta[rows], extra)
+    return seen.at(rows)

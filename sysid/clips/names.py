@@ -9,6 +9,8 @@ import os
 import stat
 from pathlib import Path
 
+from models.files.limits import MAX_NAME_CHARS
+
 CLIPS_TOML = "clips.toml"
 
 
@@ -18,6 +20,8 @@ def name_fault(name: str) -> str | None:
         return "is empty: name the ball"
     if name != name.strip():
         return "starts or ends with a blank: remove it"
+    if len(name) > MAX_NAME_CHARS:
+        return f"has {len(name)} characters, the limit is {MAX_NAME_CHARS}: shorten it"
     if not name.isprintable():
         return "holds unprintable characters: name the ball with letters and digits"
     return None

@@ -23,6 +23,7 @@ from sysid.clips.clip_set import ClipSet, Observation
 THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # of white noise: root of 1 + 9 + 9 + 1
 
 WINDOW_SAMPLES, WINDOW_DEGREE = 15, 3  # evenly timed, and the polynomial that motion follows over them
+MIN_VALUES = 30  # third differences that give an estimate
 MAX_LAG = 2  # samples, of the autocovariance: more are hardly distinguished from the motion
 MAX_WINDOW_RATIO = 2.5  # of a window's variance to the median: beyond it holds an impact, or the end of a slide
 MIN_WINDOWS = 20
@@ -42,7 +43,7 @@ def position_noise(clip_set: ClipSet) -> float:
     covariances = _autocovariance(clip_set)
     if covariances is not None:
         return float(np.sqrt(covariances[0]))
-    found = []
+    found, at_rest = [], 0
     for clip in clip_set.clips:
         for seen in clip.balls.values():
             step = np.diff(seen.time)
@@ -53,9 +54,13 @@ def position_noise(clip_set: ClipSet) -> float:
             third = np.diff(seen.xy, 3, axis=0)[smooth]
             moving = np.hypot(*np.diff(seen.xy, axis=0)[1:-1][smooth].T) > 1e-4
             found.append(third[moving].ravel())
+            at_rest += third[~moving].size
     values = np.concatenate(found) if found else np.zeros(0)
-    if values.size < 30:
-        raise BadInput("clips.toml: sigma is missing and the tracks are too short to estimate it; add [camera] sigma")
+    if values.size < MIN_VALUES:
+        more = "hardly any" if values.size else "no"
+        why = f"{more} ball moves" if at_rest >= MIN_VALUES else "the tracks are too short"
+        remedy = "record shots in which balls move, or add [camera] sigma"
+        raise BadInput(f"clips.toml: sigma is missing and {why} to estimate it; {remedy}")
     return max(smooth_noise(values), 1e-6)
 
 

@@ -112,6 +112,4 @@ def beyond_cushions(seen: Observation, clip_set: ClipSet) -> NDArray[np.bool_]:
 
 
 def _without(seen: Observation, bad: NDArray[np.bool_]) -> Observation:
-    keep = np.flatnonzero(~bad)
-    extra = {key: tuple(cells[i] for i in keep) for key, cells in seen.extra.items()}
-    return Observation(seen.time[keep], seen.xy[keep], seen.theta[keep], extra)
+    return seen.at(np.flatnonzero(~bad))

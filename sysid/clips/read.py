@@ -5,6 +5,7 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`, or the list of 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 from collections.abc import Sequence
@@ -15,21 +16,21 @@ import numpy as np
 
 from models.console import as_called
 from models.errors import BadInput
-from models.files import read_text
-from models.files.faults import Faults, one_line
+from models.files.faults import Faults, TooManyFaults, one_line
+from models.files.limits import MAX_SET_BYTES, excess
+from models.files.texts import picked
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.contradiction import ALL_CLIPS, Contradiction, is_sound
 from sysid.clips.contradictions import contradictions
-from sysid.clips.header import SET_REMEDY, Entry, read_header
+from sysid.clips.header import Entry, read_header
 from sysid.clips.names import CLIPS_TOML
 from sysid.clips.plausibility import PLACES, TIMES, check_rows, check_struck
-from sysid.clips.rows import Rows, parse_rows
+from sysid.clips.rows import Rows, read_rows
 from sysid.clips.running import MIN_RUNNING_SAMPLES, begun_running
 from sysid.clips.strike import STAMP_DECIMALS, from_strike
 from sysid.clips.trust import camera_doubts, doubt_line
 from sysid.clips.units import coordinates_fault, times_fault
 
-MAX_CLIP_BYTES = 1 << 28  # of one clip
 NO_MOTION = (
     f"running = true, but no ball moves for {MIN_RUNNING_SAMPLES} samples: remove the clip, or running where it begins "
     "with the strike"
@@ -64,7 +65,10 @@ class Inspection:
 def inspect_clip_set(folder: Path | str, named: Path | None = None) -> Inspection:
     """Read a clip set, and name its faults or what its tracks contradict; messages name the folder as it is passed."""
     faults = Faults()
-    clip_set, found, resting = _read(Path(folder), faults, named or Path(folder))
+    try:
+        clip_set, found, resting = _read(Path(folder), faults, named or Path(folder))
+    except TooManyFaults:
+        return Inspection(Path(folder), None, faults)
     if faults or clip_set is None:
         return Inspection(Path(folder), None, faults)
     doubts = tuple(one_line(f"{one.where}: {one.text}") for one in found if not one.certain)
@@ -96,13 +100,18 @@ def _read(folder: Path, faults: Faults, named: Path) -> tuple[ClipSet | None, Se
     header = read_header(root, faults)
     if header is None:
         return None, (), 0
+    size = sum(entry.path.stat().st_size for entry in header.entries)
+    if problem := excess(size, MAX_SET_BYTES, "MB of clips", "split it into several clip sets", 1 << 20):
+        faults.add(CLIPS_TOML, problem)
+        return None, (), 0
     parsed = []
     last = max(len(header.entries) - 1, 1)
     for number, entry in enumerate(header.entries):
-        text = read_text(entry.path, entry.file, faults, SET_REMEDY, MAX_CLIP_BYTES)
-        rows = None if text is None else parse_rows(text, entry.file, faults)
-        if rows is not None:
-            parsed.append((entry, rows, _clip(entry, rows, number / last)))
+        with contextlib.suppress(TooManyFaults):
+            rows = read_rows(entry.path, entry.file, faults)
+            if rows is not None:
+                clip = _clip(entry, rows, number / last)
+                parsed.append((entry, dataclasses.replace(rows, extra={}), clip))  # each clip has its own cells
     table, ball, camera = header.table, header.ball, header.camera
     clip_set = None
     still: list[str] = []
@@ -112,7 +121,8 @@ def _read(folder: Path, faults: Faults, named: Path) -> tuple[ClipSet | None, Se
         clip_set, still = begun_running(clip_set)
     doubted, found = ((), ()) if clip_set is None else _doubted(clip_set, faults)
     for entry, rows, _ in parsed:
-        check_rows(rows, entry.file, header, faults, doubted)
+        with contextlib.suppress(TooManyFaults):
+            check_rows(rows, entry.file, header, faults, doubted)
         check_struck(rows, entry, faults)
         if entry.file in still:
             entry.place.fault(NO_MOTION, "running")
@@ -144,7 +154,7 @@ def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
     time = np.round(rows.time - origin, STAMP_DECIMALS)
     for k, name in enumerate(rows.names):
         of_ball = np.flatnonzero(rows.ball == k)
-        extra = {key: tuple(cells[i] for i in of_ball.tolist()) for key, cells in rows.extra.items()}
+        extra = {key: picked(cells, of_ball) for key, cells in rows.extra.items()}
         balls[name] = Observation(time[of_ball], rows.xy[of_ball], rows.theta[of_ball], extra)
     cue = None if entry.cue is None else CueCommand(**entry.cue)
     if not entry.running:

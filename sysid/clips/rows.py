@@ -1,20 +1,25 @@
 """The rows of one clip: CSV with the columns `t,ball,x,y,theta` in any order, and others that are preserved.
 
-In: the text of a CSV file. Out: `Rows`, and its faults in `Faults`.
+In: a CSV file. Out: `Rows`, and its faults in `Faults`.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import math
+from array import array
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.errors import BadInput
 from models.files.faults import Faults, closest, listed, shown
+from models.files.limits import MAX_BALLS, excess
+from models.files.tables import csv_rows
+from models.files.texts import TextPacker, Texts
 from models.shot import Array
 from sysid.clips.header import SET_REMEDY
 from sysid.clips.names import name_fault
@@ -25,8 +30,8 @@ NUMBER_REMEDIES = {
     "x": "write metres, such as -0.34",
     "y": "write metres, such as -0.34",
 }
-MAX_COLUMNS, MAX_ROWS = 256, 1_000_000  # of one clip
 MAX_ANGLE_RAD = 1e6  # that a ball has turned
+MAX_STAMP, MAX_PLACE = 1e16, 1e9  # in any unit: what is larger is no stamp of a camera, and no place on a table
 ANGLE_REMEDY = "write radians, or leave it empty where the mark was not seen"
 
 
@@ -43,54 +48,61 @@ class Rows:
     extra: Mapping[str, Sequence[str]]  # cells of other columns
 
 
-def parse_rows(text: str, file: str, faults: Faults) -> Rows | None:
-    """The rows of a clip; None, with the fault noted, where its header cannot be used."""
-    if not text.strip():
+def read_rows(path: Path, file: str, faults: Faults) -> Rows | None:
+    """The rows of a clip; None, with the fault noted, where its header cannot be used.
+
+    Args:
+        path: the file.
+        file: its name in messages.
+        faults: get what is wrong in it.
+    """
+    lines = array("L")
+    header: list[str] = []
+    packers: list[TextPacker] = []
+    try:
+        for line, row in csv_rows(path, file, faults, SET_REMEDY):
+            if not packers:
+                header = [name.strip() for name in row]
+                if not _header_is_good(header, line, file, faults):
+                    return None
+                packers = [TextPacker() for _ in header]
+            elif len(row) != len(header):
+                count = f"{len(row)} cells where the header has {len(header)} columns"
+                faults.add(file, f"{shown(','.join(row))} has {count}: complete or remove the row", line)
+            else:
+                lines.append(line)
+                for packer, cell in zip(packers, row, strict=True):
+                    packer.add(cell)
+    except BadInput:  # faults have it
+        return None
+    if not packers:
         faults.add(file, f"is empty: {SET_REMEDY}")
         return None
-    cells: list[list[str]] = []
-    lines: list[int] = []
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    start = 1  # a quoted cell may span lines: a row is where it starts
-    try:
-        for row in reader:
-            if (not cells and len(row) > MAX_COLUMNS) or len(cells) > MAX_ROWS:
-                what = f"{len(row)} columns" if not cells else f"more than {MAX_ROWS} rows"
-                most = f"{MAX_COLUMNS} columns and {MAX_ROWS} rows"
-                faults.add(file, f"has {what}: a clip is one shot, of at most {most}", start)
-                return None
-            if row:
-                cells.append(row)
-                lines.append(start)
-            start = reader.line_num + 1
-    except csv.Error as error:
-        faults.add(file, f"is not CSV ({error}): correct the quotes", max(reader.line_num, 1))
-        return None
-    header = [name.strip() for name in cells[0]]
-    if not _header_is_good(header, lines[0], file, faults):
-        return None
-    body, lines = cells[1:], lines[1:]
-    if any(len(row) != len(header) for row in body):
-        body, lines = _whole_rows(body, lines, len(header), file, faults)
-    columns = dict(zip(header, zip(*body, strict=True) if body else ((),) * len(header), strict=True))
-    values = {key: _numbers(columns[key], key, lines, file, faults) for key in NUMBER_REMEDIES}
-    theta = _angles(columns["theta"], lines, file, faults)
+    columns = {}
+    for name in header:
+        columns[name] = packers.pop(0).texts()
+    return _rows(columns, lines, file, faults)
+
+
+def _rows(columns: Mapping[str, Texts], lines: Sequence[int], file: str, faults: Faults) -> Rows | None:
     index: dict[str, int] = {}
     ball = np.array([index.setdefault(name, len(index)) for name in columns["ball"]], dtype=np.int64)
-    for name in index:
-        if problem := name_fault(name):
-            faults.add(file, f"ball = {shown(name)} {problem}", lines[columns["ball"].index(name)])
+    if problem := excess(len(index), MAX_BALLS, "balls", "give a ball one name in all its rows"):
+        faults.add(file, problem)
+        return None
+    values = {key: _numbers(columns[key], key, lines, file, faults) for key in NUMBER_REMEDIES}
+    theta = _angles(columns["theta"], lines, file, faults)
+    for name, k in index.items():
+        if fault := name_fault(name):
+            faults.add(file, f"ball = {shown(name)} {fault}", lines[int(np.argmax(ball == k))])
     extra = {key: column for key, column in columns.items() if key not in COLUMN_NAMES}
     xy = np.stack([values["x"], values["y"]], axis=1)
-    number: Sequence[int] = lines
-    if lines and lines[-1] - lines[0] + 1 == len(lines):  # they rise; a range takes no room
-        number = range(lines[0], lines[-1] + 1)
-    return Rows(number, tuple(index), ball, values["t"], xy, theta, extra)
+    return Rows(lines, tuple(index), ball, values["t"], xy, theta, extra)
 
 
 def _header_is_good(header: list[str], line: int, file: str, faults: Faults) -> bool:
     missing = [key for key in COLUMN_NAMES if key not in header]
-    twice = sorted({key for key in header if header.count(key) > 1})
+    twice = sorted(key for key, count in Counter(header).items() if count > 1)
     if missing:
         others = [key for key in header if key not in COLUMN_NAMES]
         slips = [f"{meant!r}, not {key!r}" for key in others if (meant := closest(key, missing))]
@@ -104,22 +116,6 @@ def _header_is_good(header: list[str], line: int, file: str, faults: Faults) -> 
     if twice:
         faults.add(file, f"columns named {listed(twice)} appear more than once: keep one of each", line)
     return not missing and not twice
-
-
-def _whole_rows(
-    body: list[list[str]], lines: list[int], width: int, file: str, faults: Faults
-) -> tuple[list[list[str]], list[int]]:
-    """The rows that have a cell for every column; the others are faults."""
-    whole: list[list[str]] = []
-    whole_lines: list[int] = []
-    for row, line in zip(body, lines, strict=True):
-        if len(row) == width:
-            whole.append(row)
-            whole_lines.append(line)
-        else:
-            count = f"{len(row)} cells where the header has {width} columns"
-            faults.add(file, f"{shown(','.join(row))} has {count}: complete or remove the row", line)
-    return whole, whole_lines
 
 
 def _plain_numbers(cells: Sequence[str]) -> Array | None:
@@ -136,7 +132,8 @@ def _plain_numbers(cells: Sequence[str]) -> Array | None:
 
 def _numbers(cells: Sequence[str], key: str, lines: Sequence[int], file: str, faults: Faults) -> Array:
     """A column of numbers (n,); a cell that is none becomes NaN and a fault."""
-    if (values := _plain_numbers(cells)) is not None:
+    most = MAX_STAMP if key == "t" else MAX_PLACE
+    if (values := _plain_numbers(cells)) is not None and (np.abs(values) <= most).all():
         return values
     return np.array([_number(cell, key, line, file, faults) for cell, line in zip(cells, lines, strict=True)])
 
@@ -164,6 +161,9 @@ def _number(cell: str, key: str, line: int, file: str, faults: Faults) -> float:
         faults.add(file, f"{key} is empty: {remedy}, or remove the row where the ball was not seen", line)
         return math.nan
     values = _plain_numbers([cell])
+    if values is not None and abs(values[0]) > {"t": MAX_STAMP, "theta": math.inf}.get(key, MAX_PLACE):
+        faults.add(file, f"{key} = {shown(cell)} is too large: {remedy}", line)
+        return math.nan
     if values is not None:
         return float(values[0])
     try:

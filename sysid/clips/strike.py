@@ -72,9 +72,8 @@ def from_strike(clip: Clip) -> Clip:
 
 def after_time(seen: Observation, start: float) -> Observation:
     """The samples of a ball from a time on [s], which becomes 0."""
-    keep = seen.time >= start
-    extra = {key: tuple(np.array(cells, object)[keep]) for key, cells in seen.extra.items()}
-    return Observation(np.round(seen.time[keep] - start, STAMP_DECIMALS), seen.xy[keep], seen.theta[keep], extra)
+    kept = seen.at(np.flatnonzero(seen.time >= start))
+    return dataclasses.replace(kept, time=np.round(kept.time - start, STAMP_DECIMALS))
 
 
 def struck_fault(clip_set: ClipSet) -> tuple[str, str] | None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from models.errors import BadInput
 from models.files.faults import closest, listed
+from models.files.limits import MAX_BALLS, excess
 from models.shot import Array
 from sysid.clips.readings import METRES_BY_UNIT
 from sysid.foreign.records import Columns, numbers
@@ -141,12 +142,18 @@ def _tracks(
         raise BadInput(f"{found.file}, row {row}: {stamp} is empty: give every row its time")
     theta = column(columns["theta"]) if "theta" in columns else np.full(len(time), math.nan)
     long = "x" in columns and "ball" in columns
-    names = np.array(found.cells[columns["ball"]] if long else [""] * len(time))
+    index: dict[str, int] = {}
+    cells = found.cells[columns["ball"]] if long else ("",) * len(time)
+    of_row = np.array([index.setdefault(name, len(index)) for name in cells], np.int64)
+    hint = f"say which column tells the balls apart with --columns ball=NAME, not {columns.get('ball', '')!r}"
+    if problem := excess(max(len(index), len(pairs)), MAX_BALLS, "balls", hint):
+        raise BadInput(f"{found.file}: {problem}")
     tracks = {}
     for ball, (x, y) in pairs.items():
         xy = np.column_stack([column(x), column(y)])
-        for one in dict.fromkeys(names.tolist()):
-            rows = np.flatnonzero((names == one) & np.isfinite(xy).all(axis=1))
+        seen = np.isfinite(xy).all(axis=1)
+        for one, k in index.items():
+            rows = np.flatnonzero((of_row == k) & seen)
             rows = rows[np.argsort(time[rows], kind="stable")]
             name = _ball_name(one) if long else ball
             twice = np.flatnonzero(np.diff(time[rows]) == 0)

@@ -5,8 +5,6 @@ In: a file. Out: its `Columns`.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,12 +13,19 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import BadInput
-from models.files import parse, read_text
-from models.files.faults import Faults, shown
+from models.files import limits, parse, read_text
+from models.files.documents import file_problem
+from models.files.faults import Faults, one_line, shown
+from models.files.limits import excess
+from models.files.tables import NARROWER, SMALLER, csv_rows
+from models.files.texts import TextPacker
 
 COLUMN_SEPARATORS = ",;\t|"
-MAX_BYTES = 1 << 30  # of one file
+REMEDY = "name a CSV, JSON or Parquet file"
+PARQUET_BATCH_ROWS = 4096
 PLACE_NAMES = ("xy", "pos", "position", "center", "centre", "point", "location")  # of pairs (x, y)
+MAX_SAID_CHARS = 120  # of what a library says of a file
+MAKE_AGAIN = "save it again, or as CSV"
 GROUP_KEYS = ("balls", "tracks", "objects", "detections", "frames", "data", "samples", "points", "shots", "positions")
 
 
@@ -43,35 +48,44 @@ def read_columns(path: Path) -> Columns:
     suffix = path.suffix.lower()
     if suffix in (".parquet", ".pq"):
         return Columns(str(path), _parquet(path))
-    faults = Faults()
-    text = faults.settle(read_text(path, str(path), faults, "name a CSV, JSON or Parquet file", MAX_BYTES))
-    if suffix == ".json" or text.lstrip()[:1] in ("{", "["):
+    if suffix == ".json" or _looks_like_json(path):
+        faults = Faults()
+        text = faults.settle(read_text(path, str(path), faults, REMEDY, limits.MAX_TRACKS_JSON_BYTES))
         return Columns(str(path), _json(text, str(path)), 1)
-    return _csv(text, str(path))
+    return _csv(path)
 
 
-def _csv(text: str, file: str) -> Columns:
-    """Of a CSV: lines that begin with # are remarks, and a comma may be the decimal one beside other separators."""
-    lines = text.splitlines()
-    skipped = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
-    body = lines[skipped:]
-    separator = max(COLUMN_SEPARATORS, key="".join(body[:1]).count)
+def _looks_like_json(path: Path) -> bool:
+    """Whether a file that may be read begins as JSON does."""
+    if file_problem(path, REMEDY, limits.MAX_TABLE_BYTES):
+        return False
     try:
-        rows = [row for row in csv.reader(io.StringIO("\n".join(body)), delimiter=separator, strict=True) if row]
-    except csv.Error as error:
-        raise BadInput(f"{file}: is not CSV ({error}): save it again as CSV") from error
-    if len(rows) < 2:
+        with path.open("rb") as file:
+            return file.read(1000).removeprefix(b"\xef\xbb\xbf").lstrip()[:1] in (b"{", b"[")
+    except OSError:
+        return False
+
+
+def _csv(path: Path) -> Columns:
+    """Of a CSV: lines that begin with # are remarks, and a comma may be the decimal one beside other separators."""
+    file, head, first_line = str(path), list[str](), 2
+    packers: list[TextPacker] = []
+    rows = csv_rows(path, file, Faults(), REMEDY, separators=COLUMN_SEPARATORS, remarks=True)
+    for line, row in rows:
+        if not head:
+            head, first_line = [name.strip().lstrip("\ufeff") for name in row], line + 1
+            if len(set(head)) < len(head) or not any(c.isalpha() for c in "".join(head)):
+                raise BadInput(f"{file}: row {line} names no columns, or some twice: begin with a row of names")
+            packers = [TextPacker() for _ in head]
+        elif len(row) != len(head):
+            raise BadInput(f"{file}, row {line}: {len(row)} cells where {len(head)} columns are named: complete it")
+        else:
+            for packer, cell in zip(packers, row, strict=True):
+                cell = cell.strip()
+                packer.add(_decimal(cell) if "," in cell else cell)
+    if not packers or not len(packers[0]):
         raise BadInput(f"{file}: holds no rows: name the tracker's CSV, JSON or Parquet file")
-    head = [name.strip().lstrip("\ufeff") for name in rows[0]]
-    if len(set(head)) < len(head) or not any(c.isalpha() for c in "".join(head)):
-        raise BadInput(f"{file}: row {skipped + 1} names no columns, or some twice: begin with a row of names")
-    for number, row in enumerate(rows[1:], skipped + 2):
-        if len(row) != len(head):
-            raise BadInput(f"{file}, row {number}: {len(row)} cells where {len(head)} columns are named: complete it")
-    columns = [[cell.strip() for cell in column] for column in zip(*rows[1:], strict=True)]
-    if separator != ",":
-        columns = [[_decimal(cell) for cell in column] for column in columns]
-    return Columns(file, dict(zip(head, columns, strict=True)), skipped + 2)
+    return Columns(file, {name: packer.texts() for name, packer in zip(head, packers, strict=True)}, first_line)
 
 
 def _decimal(cell: str) -> str:
@@ -84,38 +98,126 @@ def _decimal(cell: str) -> str:
     return changed
 
 
-def _parquet(path: Path) -> dict[str, list[str]]:
+def _parquet(path: Path) -> dict[str, Sequence[str]]:
     try:
         import pyarrow
+        import pyarrow.compute
         import pyarrow.parquet
     except ImportError as error:
         raise BadInput(
             f"{path}: Parquet needs pyarrow: pip install 'cuelab[parquet]', or save the file as CSV"
         ) from error
+    if problem := file_problem(path, REMEDY, limits.MAX_TABLE_BYTES) or _long_head(path):
+        raise BadInput(f"{path}: {problem}")
     try:
-        found = pyarrow.parquet.read_table(path).to_pydict()
-    except (OSError, pyarrow.ArrowException) as error:
-        raise BadInput(f"{path}: cannot be read as Parquet ({' '.join(str(error).split())[:80]})") from error
-    return {name: [_text(value) for value in column] for name, column in found.items()}
+        return _parquet_columns(pyarrow, path)
+    except BadInput:
+        raise
+    except (OSError, pyarrow.ArrowException, OverflowError, ValueError) as error:  # dates that no calendar has
+        said = one_line(" ".join(str(error).split()).split(". ")[0].removesuffix("."))
+        said = said if len(said) <= MAX_SAID_CHARS else f"{said[:MAX_SAID_CHARS]} ..."
+        raise BadInput(f"{path}: is not a sound Parquet file ({said}): {MAKE_AGAIN}") from error
 
 
-def _json(text: str, file: str) -> dict[str, list[str]]:
+def _long_head(path: Path) -> str:
+    """What is wrong with the length of what a Parquet file says of itself, which its end gives."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(path.stat().st_size - 8, 0))
+            end = file.read(8)
+    except OSError as error:
+        return f"cannot be read ({error.strerror}): {REMEDY}"
+    if len(end) < 8 or end[4:] != b"PAR1":
+        return f"does not end as a Parquet file does: {MAKE_AGAIN}"
+    size = int.from_bytes(end[:4], "little")
+    return excess(size, limits.MAX_PARQUET_HEAD_BYTES, "MB of description", NARROWER, 1 << 20)
+
+
+def _parquet_columns(pyarrow: Any, path: Path) -> dict[str, Sequence[str]]:
+    """The columns of a Parquet file; what it says of their sizes, and their longest texts, are looked at before."""
+    with pyarrow.parquet.ParquetFile(path) as plain:
+        about, schema = plain.metadata, plain.schema_arrow
+        groups = [about.row_group(k) for k in range(about.num_row_groups)]
+        chunks = [group.column(j) for group in groups for j in range(group.num_columns)]
+    problem = (
+        excess(about.num_columns, limits.MAX_COLUMNS, "columns", NARROWER)
+        or excess(about.num_rows, limits.MAX_ROWS, "rows", SMALLER)
+        or excess(sum(max(chunk.num_values, 0) for chunk in chunks), limits.MAX_CELLS, "cells", SMALLER)
+        or excess(
+            sum(max(chunk.total_uncompressed_size, 0) for chunk in chunks), limits.MAX_TABLE_BYTES, "MB unpacked",
+            SMALLER, 1 << 20,
+        )
+    )  # fmt: skip
+    if problem:
+        raise BadInput(f"{path}: {problem}")
+    # Texts stay as the file has them, each once however often it is there: a small file may hold a long one for
+    # every row.
+    names = [field.name for field in schema if pyarrow.types.is_string(field.type) or _is_bytes(pyarrow, field.type)]
+    packers = {name: TextPacker() for name in schema.names}
+    with pyarrow.parquet.ParquetFile(path, read_dictionary=names) as file:
+        for batch in file.iter_batches(batch_size=PARQUET_BATCH_ROWS):
+            for name, column in zip(batch.schema.names, batch.columns, strict=True):
+                if problem := _long_text(pyarrow, column):
+                    raise BadInput(f"{path}, column {shown(name)}: {problem}")
+                packers[name].extend([_text(value) for value in column.to_pylist()])
+            size = sum(packer.size for packer in packers.values())
+            if problem := excess(size, limits.MAX_TABLE_BYTES, "MB of texts", SMALLER, 1 << 20):
+                raise BadInput(f"{path}: {problem}")
+    return {name: packer.texts() for name, packer in packers.items()}
+
+
+def _is_bytes(pyarrow: Any, kind: Any) -> bool:
+    return bool(pyarrow.types.is_binary(kind))
+
+
+def _long_text(pyarrow: Any, column: Any) -> str:
+    """What is wrong with the longest text of a column, and with what its rows hold where they hold lists."""
+    if pyarrow.types.is_dictionary(column.type):
+        column = column.dictionary
+    if pyarrow.types.is_string(column.type) or _is_bytes(pyarrow, column.type):
+        longest = pyarrow.compute.max(pyarrow.compute.binary_length(column)).as_py() or 0
+        return excess(longest, limits.MAX_CELL_CHARS, "characters in a cell", "leave that column out")
+    if pyarrow.types.is_nested(column.type):
+        return excess(column.nbytes, limits.MAX_CELL_CHARS * max(len(column), 1), "bytes in lists", "leave it out")
+    return ""
+
+
+def _json(text: str, file: str) -> dict[str, Sequence[str]]:
     faults = Faults()
     data = faults.settle(parse(text, file, faults, json.loads))
-    records = list(_records(data, {}))
-    names = list(dict.fromkeys(name for record in records for name in record))
-    if not records or not names:
+    del text
+    packers: dict[str, TextPacker] = {}
+    count = 0
+    for record in _records(data, {}, file):
+        for name, value in record.items():
+            if name not in packers:
+                packers[name] = TextPacker()
+                _within(file, len(packers), limits.MAX_COLUMNS, "columns", NARROWER)
+            packers[name].pad(count)
+            packers[name].add(_text(value))
+        count += 1
+        if count > limits.MAX_ROWS or count * len(packers) > limits.MAX_CELLS:
+            _within(file, count, min(limits.MAX_ROWS, limits.MAX_CELLS // len(packers)), "rows", SMALLER)
+    if not packers:
         raise BadInput(
             f"{file}: holds no rows: write a list of objects such as " + '{"t": 0, "ball": "cue", "x": 0, "y": 0}'
         )
-    return {name: [_text(record.get(name)) for record in records] for name in names}
+    for packer in packers.values():
+        packer.pad(count)
+    return {name: packer.texts() for name, packer in packers.items()}
 
 
-def _records(data: Any, known: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def _within(file: str, count: int, most: int, what: str, remedy: str) -> None:
+    """BadInput for more than a file may hold."""
+    if problem := excess(count, most, what, remedy):
+        raise BadInput(f"{file}: {problem}")
+
+
+def _records(data: Any, known: Mapping[str, Any], file: str) -> Iterator[dict[str, Any]]:
     """Rows of nested lists and objects: an inner one has what the outer ones say, and the name it is known by."""
     if isinstance(data, list):
         for item in data:
-            yield from _records(item, known)
+            yield from _records(item, known, file)
         return
     if not isinstance(data, dict):
         return
@@ -125,6 +227,7 @@ def _records(data: Any, known: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     inner = {key: value for key, value in inner.items() if key not in pairs}
     own = {key: value for key, value in data.items() if not isinstance(value, dict | list)}
     own = {**known, **own, **{axis: v for pair in pairs.values() for axis, v in zip("xy", pair, strict=True)}}
+    _within(file, len(own) + len(columns), limits.MAX_COLUMNS, "columns", NARROWER)  # each row has them all
     if columns and len({len(column) for column in columns.values()}) == 1:
         for row in zip(*columns.values(), strict=True):
             yield {**own, **dict(zip(columns, row, strict=True))}
@@ -132,7 +235,7 @@ def _records(data: Any, known: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         yield dict(own)
     for key, value in inner.items():
         name = {} if key.lower() in GROUP_KEYS or "ball" in own else {"ball": key}
-        yield from _records(value, {**own, **name})
+        yield from _records(value, {**own, **name}, file)
 
 
 def _is_flat(values: list[Any]) -> bool:

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.files.documents import MAX_PICTURE_PIXELS, read_text
-from models.files.faults import Faults
+from models.files.limits import MAX_FRAMES, MAX_PICTURE_PIXELS
+from sysid.vision.times import read_times
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it is read once, when a video is first opened or written
 
@@ -37,7 +37,6 @@ RATE_TOLERANCE = 0.003  # relative difference from the rate given by the user th
 GAP_PERIODS = 1.75  # time between two frames from which on frames are missing
 SEEK_FRAMES = 1500  # longer videos are sampled by seeking, shorter ones by reading them through
 STDERR = 2  # its descriptor
-MIN_RATE_HZ = 1.0  # below this frame rate the times of pictures cannot be in seconds
 
 
 @dataclass(frozen=True)
@@ -167,7 +166,7 @@ class Video:
         check_size(path, width, height)
         if not opened:
             raise BadInput(f"{self.name}: is not a readable video; convert it to MP4 (H.264) or to pictures")
-        self.count = int(counted) if 0 < counted < 1e9 else None
+        self.count = int(counted) if 0 < counted <= MAX_FRAMES else None
 
     def read(
         self, jumps: Sequence[int] | None = None, wanted: set[int] | None = None, most: int | None = None
@@ -176,7 +175,7 @@ class Video:
         with quiet():
             capture = cv2.VideoCapture(self.name)
         try:
-            for index in jumps if jumps is not None else range(most if most is not None else 10**9):
+            for index in jumps if jumps is not None else range(most if most is not None else MAX_FRAMES):
                 if jumps is not None:
                     capture.set(cv2.CAP_PROP_POS_FRAMES, index)
                 if not capture.grab():
@@ -189,6 +188,8 @@ class Video:
                     done, found = capture.retrieve()
                     picture = _as_colour(found) if done else None
                 yield stamp, picture
+            if jumps is None and most is None:
+                raise BadInput(f"{self.name}: has more than {MAX_FRAMES} frames: cut it into several")
         finally:
             capture.release()
 
@@ -232,7 +233,7 @@ class Pictures:
         """Times from the file beside the pictures, from the numbers in their names, or at an even rate."""
         time_file = next((p for n in TIME_FILES if (p := self.paths[0].parent / n).is_file()), None)
         if time_file is not None:
-            self._read_times = _read_times(time_file, len(self.paths))
+            self._read_times = read_times(time_file, len(self.paths))
             if len(self._read_times) > 1:
                 period = float(np.median(np.diff(self._read_times)))
                 return _retimed(
@@ -346,38 +347,6 @@ def _retimed(frame_times: FrameTimes, fps: float | None) -> FrameTimes:
         scale,
         (*frame_times.notes, notes) if abs(scale - 1) > RATE_TOLERANCE else frame_times.notes,
     )
-
-
-def _read_times(path: Path, count: int) -> Array:
-    """Times of pictures [s] from a text file, one per line: the column headed time or t, else the last."""
-    faults = Faults()
-    text = faults.settle(read_text(path, str(path), faults, "write one time in seconds on a line"))
-    lines = [re.split(r"[,;\s]+", line.strip().rstrip(",;")) for line in text.splitlines()]
-    rows = [row for row in lines if row != [""] and not row[0].startswith("#")]
-    column = -1
-    if rows and not _number(rows[0][-1]):
-        columns = [head.lower() for head in rows.pop(0)]
-        column = next((k for k, head in enumerate(columns) if head in ("t", "time", "timestamp", "time_s")), -1)
-    for number, row in enumerate(rows, 1):
-        if column >= len(row) or not _number(row[column]):
-            raise BadInput(f"{path}: time {number} is {' '.join(row)!r}; write one time in seconds on a line")
-    times = np.array([float(row[column]) for row in rows])
-    if len(times) != count:
-        raise BadInput(f"{path}: holds {len(times)} times for {count} pictures; write one for each")
-    steps = np.diff(times)
-    if not np.isfinite(times).all() or (len(steps) and steps.min() <= 0):
-        raise BadInput(f"{path}: times must increase; put them in the order of the pictures' names")
-    if len(steps) and np.median(steps) > 1 / MIN_RATE_HZ:
-        raise BadInput(f"{path}: pictures {np.median(steps):g} apart; times must be in seconds")
-    return times
-
-
-def _number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 @contextlib.contextmanager

@@ -1,139 +1,177 @@
-"""Try damaged inputs for a time or a count: `python -m tests.fuzz --seconds 600`, or `--count 5000`.
+"""Try changed inputs: `python -m tests.fuzz --count 200000`, or `--seconds 600`.
 
-With `--readers` files are read in this process, without a command, many times as fast.
+Sound files are taken apart as what they are (trees of TOML and JSON, tables of CSV and Parquet, chunks of PNG and AVI),
+changed, and written again. Most are read in workers of this program, whose memory and time are limited; one in
+`--verbs` is given to a command in a process of its own. Every trial follows from the seed and its number alone.
 
-A failing input is kept in its own folder below --out, with `command.txt` to run there and what was wrong. Status 1 if
-there is any. The same seed tries the same commands.
+A failing input is kept in its own folder below --out, with what was wrong. Status 1 if there is any.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
+import json
+import os
+import random
+import resource
+import select
 import shlex
 import shutil
+import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
-from hypothesis import HealthCheck, Phase, given, seed, settings
-from hypothesis.strategies import SearchStrategy
+from tests.fuzz.mutate import changed_command, changed_file
+from tests.fuzz.readers import LIMIT_MEMORY, LIMIT_WAITING_S, READERS, FileReader, defect_of
+from tests.fuzz.trial import prepare, tried
+from tests.fuzz.verbs import SEEDS, VERBS, Command
 
-from tests.fuzz.damage import Damaged, commands, damaged_files
-from tests.fuzz.readers import READERS, FileReader, defect_of
-from tests.fuzz.trial import Ended, prepare, tried
-from tests.fuzz.verbs import SEEDS
-
-BATCH = 50  # commands of one seed
+BATCH = 400  # trials of one worker
 MAX_KEPT_PER_DEFECT = 2
+TOLD_EVERY_S = 60.0
 
 
-def keep(out: Path, command: Damaged, ended: Ended, work: Path) -> Path:
-    """Keep a failing input in a folder that is named by its defect."""
-    name = hashlib.sha256(repr((command.words, sorted(command.files.items()))).encode()).hexdigest()[:10]
-    folder = out / name
-    shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(work, folder, ignore=shutil.ignore_patterns("stdout"))
-    for path, content in command.files.items():
-        (folder / "in" / path).write_bytes(content)
-    line = f"cd in && python -m {command.words[0]}.cli {shlex.join(command.words[1:])}"
-    text = f"{line}\n\n{ended.defect}\nstatus {ended.status}\ndamaged: {', '.join(command.files)}\n"
-    (folder / "command.txt").write_text(text, encoding="utf-8", errors="backslashreplace")
-    return folder
+def drawn_file(seed: int, number: int, readers: Sequence[FileReader]) -> tuple[FileReader, str, bytes]:
+    """A reader, the name of the seed that is changed, and its content; of a trial's number."""
+    rng = random.Random(f"file {seed} {number}")
+    reader = rng.choices(readers, [one.share for one in readers])[0]
+    name = rng.choice(reader.seeds)
+    return reader, name, changed_file(rng, name)
 
 
-def keep_file(out: Path, name: str, raw: bytes, defect: str) -> Path:
-    """Keep a file that is read badly in a folder of its own."""
-    folder = out / hashlib.sha256(name.encode() + raw).hexdigest()[:10]
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / Path(name).name).write_bytes(raw)
-    (folder / "defect.txt").write_text(f"{name}\n{defect}\n", encoding="utf-8", errors="backslashreplace")
-    return folder
+def drawn_command(seed: int, number: int, only: str) -> Command:
+    """The command of a trial's number."""
+    verbs = [verb for verb in VERBS if verb.line.startswith(only)]
+    return changed_command(random.Random(f"command {seed} {number}"), verbs)
+
+
+def in_worker(seed: int, numbers: Sequence[int], readers: Sequence[FileReader]) -> Iterator[tuple[int, str, str]]:
+    """Numbers of trials, readers and defects, as they end; the last one's where it ended the worker as well."""
+    ours, theirs = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(ours)
+        _work(theirs, seed, numbers, readers)
+    os.close(theirs)
+    done = 0
+    with os.fdopen(ours, "rb") as results:
+        while done < len(numbers):
+            if not select.select([results], [], [], 1.5 * LIMIT_WAITING_S)[0]:
+                os.kill(child, signal.SIGKILL)
+                break
+            if not (line := results.readline()):
+                break
+            yield numbers[done], *json.loads(line)
+            done += 1
+    _, code = os.waitpid(child, 0)
+    if done < len(numbers):
+        reader = drawn_file(seed, numbers[done], readers)[0]
+        yield numbers[done], reader.name, f"{reader.name}: worker ended with {os.waitstatus_to_exitcode(code)}"
+
+
+def _work(to: int, seed: int, numbers: Sequence[int], readers: Sequence[FileReader]) -> None:
+    """A worker: never returns."""
+    try:
+        own = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (own + LIMIT_MEMORY + (1 << 29),) * 2)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        with tempfile.TemporaryDirectory(prefix="cuelab-fuzz-") as place:
+            work = Path(place, "seeds")
+            shutil.copytree(SEEDS, work)
+            for number in numbers:
+                reader, name, raw = drawn_file(seed, number, readers)
+                (work / name).write_bytes(raw)
+                del raw
+                defect = defect_of(reader, work / name)
+                shutil.copyfile(SEEDS / name, work / name)
+                os.write(to, json.dumps([reader.name, defect]).encode() + b"\n")
+    finally:
+        os._exit(0)
 
 
 class Campaign:
-    """Damaged commands, or files, tried one after the other, and their defects."""
+    """What was tried, and what was wrong."""
 
     def __init__(self, out: Path) -> None:
         """Nothing is tried yet."""
-        self.out, self.count, self.since = out, 0, 0
-        self.defects: dict[str, int] = {}
+        self.out, self.counts, self.defects = out, Counter[str](), Counter[str]()
 
-    def run(self, number: int, count: int, ends: float, drawn: SearchStrategy[Any], judge: Callable[..., None]) -> None:
-        """Judge what is drawn from one seed, in a folder of its own."""
-        with tempfile.TemporaryDirectory(prefix="cuelab-fuzz-") as place:
-
-            @seed(number)
-            @settings(
-                max_examples=count, deadline=None, database=None, phases=[Phase.generate],
-                suppress_health_check=list(HealthCheck),
-            )  # fmt: skip
-            @given(one=drawn)
-            def each(one: Any) -> None:
-                if time.monotonic() < ends:
-                    judge(one, Path(place, "trial"))
-
-            each()
-
-    def command(self, command: Damaged, work: Path) -> None:
-        """Try one command, and keep it where it shows a defect."""
-        ended = tried(command, work)
-        if self._counted(ended.defect):
-            print(f"{keep(self.out, command, ended, work)}: {ended.defect}", flush=True)
-
-    def file(self, damaged: tuple[FileReader, str, bytes], work: Path) -> None:
-        """Read one file, and keep it where that shows a defect."""
-        reader, name, raw = damaged
-        if not work.exists():
-            shutil.copytree(SEEDS, work)
-        (work / name).write_bytes(raw)
-        defect = defect_of(reader, work / name)
-        shutil.copyfile(SEEDS / name, work / name)
-        if self._counted(defect):
-            print(f"{keep_file(self.out, name, raw, defect)}: {defect}", flush=True)
-
-    def _counted(self, defect: str) -> bool:
+    def count(self, kind: str, defect: str) -> bool:
         """Count a trial; whether it is to be kept."""
-        self.count += 1
-        self.since += 1
-        if not defect:
-            return False
-        self.since = 0
-        self.defects[defect] = self.defects.get(defect, 0) + 1
-        return self.defects[defect] <= MAX_KEPT_PER_DEFECT
+        self.counts[kind] += 1
+        self.defects.update([defect] * bool(defect))
+        return bool(defect) and self.defects[defect] <= MAX_KEPT_PER_DEFECT
+
+    def keep(self, name: str, files: dict[str, bytes], text: str) -> None:
+        """Keep a failing input in a folder of its own."""
+        folder = self.out / name
+        shutil.rmtree(folder, ignore_errors=True)
+        for file, content in files.items():
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            (folder / file).write_bytes(content)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "defect.txt").write_text(text, encoding="utf-8", errors="backslashreplace")
+        print(f"{folder}: {text.splitlines()[-1]}", flush=True)
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Try damaged inputs: 0 no defect, 1 some."""
+    """Try changed inputs: 0 no defect, 1 some."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--seconds", type=float, default=float("inf"))
     parser.add_argument("--count", type=int, default=10**9)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="number of the first trial")
+    parser.add_argument("--verbs", type=int, default=40, help="one of so many trials is a command; 0 for none")
     parser.add_argument("--out", type=Path, default=Path("out/fuzz"))
     parser.add_argument("--only", default="", help="verbs, or readers, whose line begins so, such as 'sysid check'")
-    parser.add_argument("--readers", action="store_true", help="read files in this process, without commands")
-    given_words = parser.parse_args(words)
-    if given_words.seconds == float("inf") and given_words.count == 10**9:
+    given = parser.parse_args(words)
+    if given.seconds == float("inf") and given.count == 10**9:
         parser.error("give --seconds or --count")
-    campaign, began, number = Campaign(given_words.out), time.monotonic(), 0
-    only, ends = given_words.only, began + given_words.seconds
-    drawn: SearchStrategy[Any]
-    if given_words.readers:
-        drawn, judge = damaged_files([r for r in READERS if r.name.startswith(only)]), campaign.file
-    else:
-        prepare()
-        drawn, judge = commands(only), campaign.command
-    while campaign.count < given_words.count and time.monotonic() < ends:
-        count = min(BATCH, given_words.count - campaign.count)
-        campaign.run(1000 * given_words.seed + number, count, ends, drawn, judge)
-        number += 1
-    kinds = len(campaign.defects)
-    rate, what = campaign.count / (time.monotonic() - began), "files" if given_words.readers else "commands"
-    print(f"{campaign.count} damaged {what}, {kinds} kinds of defects, {campaign.since} since the last, {rate:.1f}/s")
-    return 1 if kinds else 0
+    readers = [reader for reader in READERS if reader.name.startswith(given.only)]
+    commands = given.verbs if any(verb.line.startswith(given.only) for verb in VERBS) else 0
+    if not readers and not commands:
+        parser.error(f"--only {given.only}: neither a reader nor a verb begins so")
+    prepare()
+    campaign, began, told = Campaign(given.out), time.monotonic(), 0.0
+    todo, end = given.first, given.first + given.count
+    with tempfile.TemporaryDirectory(prefix="cuelab-fuzz-") as place:
+        while todo < end and time.monotonic() - began < given.seconds:
+            numbers = range(todo, min(todo + BATCH, end))
+            of_files = [n for n in numbers if readers and not (commands and n % commands == 0)]
+            while of_files and time.monotonic() - began < given.seconds:
+                for number, kind, defect in in_worker(given.seed, of_files, readers):
+                    if campaign.count(kind, defect):
+                        _, name, raw = drawn_file(given.seed, number, readers)
+                        campaign.keep(f"file-{number}", {name: raw}, f"{name}\n{defect}\n")
+                of_files = of_files[of_files.index(number) + 1 :]
+            for number in numbers if commands else ():
+                if number % commands == 0 or not readers:
+                    if time.monotonic() - began >= given.seconds:
+                        break
+                    command = drawn_command(given.seed, number, given.only)
+                    ended = tried(command, Path(place, "trial"))
+                    if campaign.count(" ".join(command.verb.words[:2]), ended.defect):
+                        line = f"cd in && python -m {command.words[0]}.cli {shlex.join(command.words[1:])}"
+                        text = f"{line}\nstatus {ended.status}\n{ended.defect}\n"
+                        campaign.keep(f"command-{number}", {f"in/{n}": c for n, c in command.files.items()}, text)
+            todo = numbers[-1] + 1
+            if time.monotonic() - told > TOLD_EVERY_S:
+                told = time.monotonic()
+                print(f"{told - began:.0f} s  {campaign.counts.total()} inputs, {len(campaign.defects)} kinds of "
+                      f"defects", flush=True)  # fmt: skip
+    for kind, count in sorted(campaign.counts.items()):
+        print(f"{count:8} {kind}")
+    campaign.defects = +campaign.defects
+    for defect, count in campaign.defects.most_common():
+        print(f"{count:8} {defect}")
+    total = campaign.counts.total()
+    rate = total / (time.monotonic() - began)
+    print(f"{total} changed inputs, {campaign.defects.total()} of them with defects, {rate:.1f}/s")
+    return 1 if campaign.defects else 0
 
 
 if __name__ == "__main__":

@@ -1,12 +1,14 @@
-"""Readers of files, called in this process: thousands of damaged files in the time of some commands.
+"""Readers of files, called in this process: thousands of changed files in the time of some commands.
 
-In: a seed of each reader and damage to it. Out: what is wrong with how it was read: an exception that is none of ours,
-or a wait. What a command says of it, and does with what was read, is tried by tests/fuzz/trial.py.
+In: a changed seed of a reader. Out: what is wrong with how it was read: an exception that is none of ours, a message
+that is no line, a wait, too much memory. What a command says of it, and does with what was read, is tried by
+tests/fuzz/trial.py.
 """
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import signal
 import traceback
 import warnings
@@ -20,6 +22,7 @@ import numpy as np
 
 from models.errors import BadInput
 from models.model_file import read_model
+from models.presets import TABLE_SETS
 from planner.launcher.cueing_map import read_map
 from planner.launcher.execution import read_execution
 from planner.planning import read_plan
@@ -33,16 +36,18 @@ from robot.learning.history import read_history
 from robot.play import read_order
 from sysid.clips import read_clip_set
 from sysid.estimation.solver.journal import Journal
-from sysid.foreign.columns import read_clip
-from sysid.foreign.records import read_columns
+from sysid.foreign.convert import ShotFile, Stated, import_files
 from sysid.new_effect import source_of
 from sysid.vision.balls.palette import read_palette
 from sysid.vision.camera.clicks import read_points
 from sysid.vision.camera.projection import read_camera
-from sysid.vision.frames import Pictures, read_picture
+from sysid.vision.frames import Pictures, open_footage, read_picture
 from tests.fuzz.verbs import SEEDS, SERIES
 
-LIMIT_S, LIMIT_WAITING_S = 10.0, 120.0  # of processor time; of the clock, since other work may have the processor
+TABLE = TABLE_SETS["snooker"]
+FOREIGN = Stated("m", exchanged=False, y_down=False, fps=60.0)
+LIMIT_MEMORY = 2 << 30
+LIMIT_S, LIMIT_WAITING_S = 30.0, 240.0  # of processor time; of the clock, since other work may have the processor
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,8 @@ class FileReader:
 
     name: str
     seeds: tuple[str, ...]
-    read: Callable[[Path], object]  # of the damaged file, which lies among the other seeds
+    read: Callable[[Path], object]  # of the changed file, which lies among the other seeds
+    share: int = 1  # how often it is chosen
 
 
 def _journal(path: Path) -> object:
@@ -86,6 +92,18 @@ def _line(path: Path) -> object:
     return found, parse_status(raw.decode("latin-1"))
 
 
+def _foreign(path: Path) -> object:
+    """Tracks of another program, and the clip that they give."""
+    stated = dataclasses.replace(FOREIGN, corner=path.suffix == ".json")
+    found = import_files([path], [ShotFile("clips/1.csv")], TABLE.table, TABLE.ball, stated)
+    return found.says
+
+
+def _film(path: Path) -> object:
+    """Some frames of a film."""
+    return [frame.time for frame in open_footage(path).sample(3)]
+
+
 READERS = (
     FileReader("model", ("model.toml",), read_model),
     FileReader("scene", ("scene.toml",), read_scene),
@@ -103,7 +121,8 @@ READERS = (
     FileReader("result", ("result.json",), lambda path: source_of(path, "mine")),
     FileReader("clip set", ("clips/clips.toml",), lambda path: read_clip_set(path.parent)),
     FileReader("clip", ("clips/clips/0001.csv", "clips/clips/0003.csv"), lambda path: read_clip_set(path.parents[1])),
-    FileReader("foreign", ("track.csv", "track.json"), lambda path: read_clip(read_columns(path), {})),
+    FileReader("foreign", ("track.csv", "track.json", "track.parquet"), _foreign, 3),
+    FileReader("film", ("film.avi",), _film),
     FileReader("series", SERIES, _series),
     FileReader("journal", ("found/unfinished.jsonl",), _journal),
     FileReader("clicks", ("clicks.json",), lambda path: read_points(path.read_bytes(), (1920, 1080))),
@@ -129,6 +148,7 @@ def _within(seconds: float, timer: int, number: signal.Signals) -> Iterator[None
 
 def defect_of(reader: FileReader, path: Path) -> str:
     """What is wrong with how a file is read; "" for nothing."""
+    before = _begin_measuring()
     try:
         with (
             _within(LIMIT_S, signal.ITIMER_PROF, signal.SIGPROF),
@@ -137,11 +157,30 @@ def defect_of(reader: FileReader, path: Path) -> str:
         ):
             warnings.simplefilter("ignore", RuntimeWarning)  # as commands do
             reader.read(path)
-    except BadInput:
-        return ""
+    except BadInput as error:
+        if not str(error).isprintable() or not str(error):  # a command shortens it
+            return f"{reader.name}: message is no line: {str(error)[:60]!a}"
     except TimeoutError:
         return f"{reader.name}: hang"
     except Exception as error:  # noqa: BLE001 (whatever it is, it is what we look for)
         frame = traceback.extract_tb(error.__traceback__)[-1]
         return f"{reader.name}: {type(error).__name__} at {Path(frame.filename).name}:{frame.lineno}"
+    if (used := _memory("VmHWM") - before) > LIMIT_MEMORY:
+        return f"{reader.name}: memory {used >> 20} MB"
     return ""
+
+
+def _begin_measuring() -> int:
+    """Memory in use [bytes]; the most that is in use is counted anew from here on."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+    return _memory("VmRSS")
+
+
+def _memory(what: str) -> int:
+    """Memory of this process [bytes], as the system names it; 0 where it does not."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith(what):
+                return int(line.split()[1]) << 10
+    return 0

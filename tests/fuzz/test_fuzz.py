@@ -1,4 +1,4 @@
-"""Damaged inputs for some seconds, on every run of the tests; and inputs that once did harm."""
+"""Changed inputs for some seconds, on every run of the tests; and inputs that once did harm."""
 
 from __future__ import annotations
 
@@ -16,12 +16,11 @@ from models.errors import BadInput
 from sysid.foreign.records import read_columns
 from tests.fuzz import readers
 from tests.fuzz.__main__ import main
-from tests.fuzz.damage import Damaged
 from tests.fuzz.readers import READERS, FileReader
 from tests.fuzz.trial import Ended, prepare, tried
-from tests.fuzz.verbs import SEEDS, VERBS, Verb
+from tests.fuzz.verbs import SEEDS, VERBS, Command, Verb
 
-SHORT_COUNT = 25
+SHORT_COUNT = 800
 LONG = ("sysid discover", "robot learn")
 CHECK, COMPARE, ADD = "sysid check clips", "sysid compare clips", "sysid add squirt --model model.toml --out out.toml"
 NEW_EFFECT = "sysid new-effect mine --from result.json --dir out"
@@ -35,24 +34,20 @@ def ready() -> None:
     prepare()
 
 
-def test_damaged_inputs_are_refused_in_a_line(tmp_path: Path) -> None:
-    assert main(["--count", str(SHORT_COUNT), "--out", str(tmp_path / "fuzz")]) == 0
+def test_changed_inputs_are_refused_in_a_line(tmp_path: Path) -> None:
+    assert main(["--count", str(SHORT_COUNT), "--verbs", "40", "--out", str(tmp_path / "fuzz")]) == 0
 
 
 @pytest.mark.parametrize("verb", [
     pytest.param(verb, id=verb.line[:40], marks=[pytest.mark.slow] * verb.line.startswith(LONG)) for verb in VERBS
 ])  # fmt: skip
 def test_seeds_are_sound(verb: Verb, tmp_path: Path) -> None:
-    ended = tried(Damaged(verb, tuple(verb.words), {}), tmp_path / "trial")
+    ended = tried(Command(verb, tuple(verb.words), {}), tmp_path / "trial")
     assert ended.defect == ""
     # Nothing is on these pictures, and no launcher is at the port.
     wanted = {"planner scene pictures": 2, "sysid calibrate": 2, "sysid track": 1, "robot status": 2, "sysid doctor": 2,
               "robot align": 2}  # fmt: skip
     assert ended.status == next((s for head, s in wanted.items() if verb.line.startswith(head)), 0), ended.err
-
-
-def test_damaged_files_are_refused_by_their_readers(tmp_path: Path) -> None:
-    assert main(["--readers", "--count", str(20 * SHORT_COUNT), "--out", str(tmp_path / "fuzz")]) == 0
 
 
 @pytest.mark.parametrize("reader", READERS, ids=[reader.name for reader in READERS])
@@ -79,7 +74,7 @@ def test_a_series_with_a_wrong_entry_is_refused(file: str, old: str, new: str, t
     assert old in text
     words = "robot review learn --save out.rrd"
     raw = text.replace(old, new, 1).encode("utf-8", "surrogateescape")
-    found = tried(Damaged(Verb(words, ()), tuple(words.split()), {file: raw}), tmp_path / "trial")
+    found = tried(Command(Verb(words, ()), tuple(words.split()), {file: raw}), tmp_path / "trial")
     assert found.defect == "" and found.status == 2, found.err
 
 
@@ -93,7 +88,7 @@ def test_a_file_without_rows_holds_none(text: str, tmp_path: Path) -> None:
 def ended(line: str, tmp_path: Path, **files: bytes) -> Ended:
     """How a command ends with other files: `clip`, `model`, ..."""
     changed = {FILES.get(key, CLIP): text for key, text in files.items()}
-    return tried(Damaged(Verb(line, ()), tuple(line.split(" ")), changed), tmp_path / "trial")
+    return tried(Command(Verb(line, ()), tuple(line.split(" ")), changed), tmp_path / "trial")
 
 
 def changed_rows(change: Callable[[int, list[str]], None]) -> bytes:
@@ -135,7 +130,7 @@ CASES: dict[str, tuple[str, dict[str, bytes], str]] = {
     "stamps compared": (COMPARE, {"clip": changed_rows(at_denormal_times)}, "keep one row"),
     "angles": (COMPARE, {"clip": changed_rows(turned_without_end)}, "no angle of a ball"),
     "columns": (CHECK, {"clip": b"t,ball,x,y,theta" + b",a" * 1_000_000 + b"\n"}, "1000005 columns"),
-    "rows": (CHECK, {"clip": b"t,ball,x,y,theta\n" + b"0,cue,0,0,\n" * 1_100_000}, "more than 1000000 rows"),
+    "rows": (CHECK, {"clip": b"t,ball,x,y,theta\n" + b"0,cue,0,0,\n" * 2_100_000}, "more than 2000000 rows"),
     "pixels": (f"sysid calibrate pictures/0000.png {SIZES} --out out.toml", {"picture": blank_picture(9_000, 9_000)},
                "is not a picture that can be read"),
     "line break": ("sysid effects sq\nuirt", {}, "unknown effect 'sq\\nuirt'"),

@@ -1,4 +1,4 @@
-"""One damaged command in a process of its own, and what is wrong with how it ended.
+"""One changed command in a process of its own, and what is wrong with how it ended.
 
 A process is forked from one that has imported everything. What counts as a defect: a traceback, a status that no
 command has, an end by a signal, a hang, too much memory, more on standard error than lines of ours, a line too long or
@@ -20,11 +20,10 @@ from pathlib import Path
 from typing import Any
 
 from models.engine import play
-from models.files.documents import MAX_PICTURE_PIXELS
-from tests.fuzz.damage import Damaged
-from tests.fuzz.verbs import SEEDS, program_of
+from models.files.limits import MAX_PICTURE_PIXELS
+from tests.fuzz.verbs import SEEDS, Command, program_of
 
-LIMIT_S = 60.0
+LIMIT_S, LIMIT_WAITING_S = 60.0, 300.0  # of processor time; of the clock, since other work may have the processor
 LIMIT_MEMORY_KB = 2 << 20
 LIMIT_ADDRESS_SPACE = 24 << 30  # so that what would fill the memory ends before it does
 MAX_LINE_CHARS = 620
@@ -58,7 +57,7 @@ class Ended:
         if self.status == TRACEBACK_STATUS or "Traceback" in self.err:
             frames = [line.strip() for line in lines if line.lstrip().startswith("File ")]
             return f"traceback: {lines[-1][:150] if lines else ''} | {frames[-1] if frames else ''}"
-        if self.status == -signal.SIGALRM:
+        if self.status in (-signal.SIGALRM, -signal.SIGPROF):
             return "hang"
         if self.status not in STATUSES:
             return f"status {self.status}"
@@ -88,7 +87,7 @@ def prepare() -> None:
     play._cores.cache_clear()
 
 
-def tried(command: Damaged, folder: Path) -> Ended:
+def tried(command: Command, folder: Path) -> Ended:
     """Run a command in `folder`, which is filled anew."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(SEEDS, folder / "in")
@@ -117,7 +116,7 @@ def _contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-def _run(command: Damaged, folder: Path) -> None:
+def _run(command: Command, folder: Path) -> None:
     """The child: never returns."""
     status = TRACEBACK_STATUS
     try:
@@ -130,7 +129,8 @@ def _run(command: Damaged, folder: Path) -> None:
             os.dup2(to, number)
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(k, mode) for k, mode in enumerate("rww"))
         os.chdir(folder / "in")
-        signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+        signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
+        signal.setitimer(signal.ITIMER_REAL, LIMIT_WAITING_S)
         main: Any = program_of(command.words[0])
         sys.argv = list(command.words)
         status = main()

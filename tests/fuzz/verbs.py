@@ -28,6 +28,15 @@ class Verb:
         return self.line.split()
 
 
+@dataclass(frozen=True)
+class Command:
+    """A command line, and the files that differ from the seeds."""
+
+    verb: Verb
+    words: tuple[str, ...]
+    files: Mapping[str, bytes]
+
+
 CLIPS = ("clips/clips.toml", "clips/clips/0001.csv", "clips/clips/0003.csv", "clips/clips/0004.csv")
 PICTURES = ("pictures/0000.png", "pictures/0001.png")
 SHOTS = tuple(f"learn/shots/000{n}{kind}.json" for n in (1, 2) for kind in ("", ".played", ".repeats"))
@@ -54,6 +63,8 @@ VERBS = (
          ("track.csv",), 6, draws=True),
     Verb(f"sysid import track.json {SIZES} --unit m --origin corner --x-along length --fps 60 --out out",
          ("track.json",), 6, draws=True),
+    Verb(f"sysid import track.parquet {SIZES} --unit m --origin centre --x-along length --fps 60 --out out",
+         ("track.parquet",), 4, draws=True),
     Verb("sysid review clips --save out.rrd", CLIPS),
     Verb("sysid add squirt --model model.toml --out out.toml", ("model.toml",), 6),
     Verb("sysid remove slide_friction_speed --model learn/fits/0002/model.toml --out out.toml", REFIT[1:2], 4),

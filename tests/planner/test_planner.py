@@ -24,7 +24,7 @@ from planner.evaluation.risk import draw_errors, evaluate, wilson_interval
 from planner.evaluation.value import UtilityWeights, position_quality, rest_distance, utility
 from planner.launcher.execution import Execution, execution_from, normal_samples, read_execution
 from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel, launch, stroke_terms, with_speeds
-from planner.scene import POCKETS, Goal, Scene
+from planner.scene import POCKETS, Goal, Scene, scene_dict, scene_from
 from sysid.clips import Clip, ClipSet, CueCommand, Observation
 from sysid.estimation.problem import turn
 from sysid.estimation.shot_problem import shot_problem
@@ -389,3 +389,11 @@ def test_a_probability_is_that_of_independent_plays() -> None:
     assert figures["rest"]["sd"] == pytest.approx(cue.std(axis=0), rel=0.1)
     assert figures["fouls"].keys() == set(FOULS)
     assert told.value == pytest.approx(utility(player.scene, out, UtilityWeights()).mean(), abs=0.03)
+
+
+def test_a_table_without_room_for_its_pockets_is_refused_as_a_scene() -> None:
+    tiny = dataclasses.replace(scene((0, 0), (0.08, 0)), table=Table(0.3, 0.28))
+    told = refusal(lambda: scene_from(scene_dict(tiny), "s.toml"))
+    assert told.startswith(
+        "s.toml [table]: a table of 0.3 x 0.28 m has no room for its pockets: correct length and width"
+    )

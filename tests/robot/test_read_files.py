@@ -21,7 +21,7 @@ from models.analytic.cue_impulse import Constants, Geometry
 from models.command_line import lone_command, run
 from models.contract import BALL, TABLE
 from models.errors import BadInput
-from models.files.documents import MAX_DEPTH
+from models.files.limits import MAX_DEPTH
 from models.model_file import full_model, read_model, write_model
 from models.shot import Ball
 from planner.launcher.cueing_map import CueingMap, read_map, write_map

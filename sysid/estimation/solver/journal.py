@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from models.files import append_whole, read_text, write_whole
 from models.files.faults import Faults
+from models.files.limits import MAX_JSON_BYTES
 
 Array = NDArray[np.float64]
 JOURNAL_FORMAT = "billiard-unfinished/1"
@@ -59,8 +60,8 @@ class Journal:
         if self._used == len(self._old):
             return None
         try:
-            entry = json.loads(self._old[self._used])
-        except (ValueError, RecursionError):
+            entry = json.loads(self._old[self._used][:MAX_JSON_BYTES])
+        except (ValueError, RecursionError):  # a longer line is none
             entry = None
         found = _numbers(entry, shapes) if isinstance(entry, dict) and entry.get("asked") == asked else None
         if found is None:

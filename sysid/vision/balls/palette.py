@@ -8,6 +8,7 @@ apart by the colours of many places on their faces, and by how many of these are
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from models.errors import BadInput
 from models.files import read_toml
 from models.files.decode import Allowed
 from models.files.faults import shown
+from models.files.limits import MAX_BALLS, excess
 from models.shot import Table
 from sysid.vision.balls.view_geometry import Array
 from sysid.vision.frames import Picture
@@ -123,8 +125,10 @@ class PaletteFile:
         names = [ball.name.strip() for ball in self.ball]
         if not all(names) or not names:
             raise BadInput("names no ball, or one by blanks: write [[ball]] name, rgb for each ball")
-        if twice := [name for name in names if names.count(name) > 1]:
+        if twice := [name for name, count in Counter(names).items() if count > 1]:
             raise BadInput(f"{shown(twice[0])} is there twice: give its count instead")
+        if problem := excess(sum(ball.count for ball in self.ball), MAX_BALLS, "balls", "name those on the table"):
+            raise BadInput(problem)
 
 
 def read_palette(path: Path | str) -> Palette:

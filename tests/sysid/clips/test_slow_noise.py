@@ -8,8 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from models.errors import BadInput
 from models.model_file import full_model
+from models.shot import Ball, Table
 from sysid.clips import ClipSet, read_clip_set
+from sysid.clips.clip_set import Clip, Observation
 from sysid.clips.noise import position_noise
 from sysid.clips.slow_noise import SlowNoise, slow_noise
 from sysid.report.text import summary_lines
@@ -82,3 +85,15 @@ def test_noises_together_have_the_correlation_of_the_larger() -> None:
     assert SlowNoise().together(1e-3, 2.0) == 2.0
     assert SlowNoise(1e-3, 11.0).together(1e-3, 1.0) == pytest.approx(6.0)
     assert SlowNoise(1e-3, 11.0).together(1e-6, 1.0) == pytest.approx(11.0, rel=1e-4)
+
+
+def test_clips_in_which_nothing_moves_are_not_called_too_short() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(300) / FPS
+    still = Observation(time, rng.normal(0, 1e-5, (300, 2)), np.full(300, np.nan))
+    clip_set = ClipSet(Table(3.569, 1.778), Ball(0.0525, 0.14), FPS, (Clip("1.csv", "cue", {"cue": still}),))
+    with pytest.raises(BadInput, match="no ball moves to estimate it; record shots in which balls move, or add"):
+        position_noise(clip_set)
+    short = dataclasses.replace(clip_set, clips=(Clip("1.csv", "cue", {"cue": still.at(np.arange(5))}),))
+    with pytest.raises(BadInput, match="the tracks are too short to estimate it"):
+        position_noise(short)

@@ -1,0 +1,123 @@
+"""CSV files read row by row, within the budgets of models/files/limits.py.
+
+In: a file. Out: its rows as they come, and the line that each begins at; faults in `Faults`.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TextIO
+
+from models.errors import BadInput
+from models.files import limits
+from models.files.documents import file_problem
+from models.files.faults import Faults
+from models.files.limits import excess
+
+SMALLER = "split it into shots of one strike each"
+NARROWER = "keep the columns that are needed"
+
+
+def csv_rows(
+    path: Path | str, file: str, faults: Faults, remedy: str, *, separators: str = ",", remarks: bool = False
+) -> Iterator[tuple[int, list[str]]]:
+    """The rows of a CSV file that are not empty, each with the number of its first line.
+
+    Args:
+        path: the file.
+        file: its name in messages.
+        faults: get what is wrong with it.
+        remedy: what to do where it cannot be read.
+        separators: of columns; of several the one that the first row has most of.
+        remarks: lines before the first row that begin with # are skipped.
+
+    Raises:
+        BadInput: there is a fault, which `faults` has got.
+    """
+    problem, row = file_problem(path, remedy, limits.MAX_TABLE_BYTES), None
+    if not problem:
+        try:
+            # Spreadsheets write a byte-order mark.
+            with Path(path).open(encoding="utf-8-sig", newline="") as text:
+                yield from _Reading(text, separators, remarks).rows()
+            return
+        except _Unfit as unfit:
+            problem, row = unfit.args
+        except UnicodeDecodeError as error:
+            problem, row = (
+                f"byte {error.object[error.start]:#04x} is not UTF-8 text: save the file as UTF-8",
+                _row(path),
+            )
+        except OSError as error:
+            problem = f"cannot be read ({error.strerror}): {remedy}"
+    faults.add(file, problem, row)
+    faults.settle(None)
+
+
+def _row(path: Path | str) -> int | None:
+    """The first line of a file that is not UTF-8."""
+    with Path(path).open("rb") as raw:
+        for number, line in enumerate(iter(lambda: raw.readline(limits.MAX_LINE_CHARS), b""), 1):
+            try:
+                line.decode()
+            except UnicodeDecodeError:
+                return number
+    return None
+
+
+class _Unfit(BadInput):
+    """What is wrong with a file, and in which line."""
+
+
+class _Reading:
+    """One reading of a file."""
+
+    def __init__(self, text: TextIO, separators: str, remarks: bool) -> None:
+        self._text, self._separators, self._remarks = text, separators, remarks
+        self._line = self._start = 0  # numbers of the line that was read last, and of that before the row
+
+    def rows(self) -> Iterator[tuple[int, list[str]]]:
+        """All rows that are not empty; _Unfit where they are none, or too many."""
+        first = self._first()
+        separator = max(self._separators, key=first.count)
+        count = cells = 0
+        try:
+            for row in csv.reader(self._lines(first), delimiter=separator, strict=True):
+                start, self._start = self._start + 1, self._line
+                if not row:
+                    continue
+                count, cells = count + 1, cells + len(row)
+                if len(row) > limits.MAX_COLUMNS:
+                    raise _Unfit(excess(len(row), limits.MAX_COLUMNS, "columns", NARROWER), start)
+                if count > limits.MAX_ROWS + 1 or cells > limits.MAX_CELLS:
+                    most, what = (limits.MAX_ROWS, "rows") if count > limits.MAX_ROWS else (limits.MAX_CELLS, "cells")
+                    raise _Unfit(f"has more than {most} {what}: {SMALLER}", start)
+                yield start, row
+        except csv.Error as error:
+            raise _Unfit(f"is not CSV ({error}): correct the quotes", max(self._line, 1)) from error
+
+    def _next(self) -> str:
+        line = self._text.readline(limits.MAX_LINE_CHARS + 1)
+        self._line += bool(line)
+        if len(line) > limits.MAX_LINE_CHARS:
+            what = f"characters in one line, {line.count(',')} commas among them"
+            raise _Unfit(f"has more than {limits.MAX_LINE_CHARS} {what}: write a line for each row", self._line)
+        return line
+
+    def _first(self) -> str:
+        """The first line of a row."""
+        while line := self._next():
+            if not line.strip() or (self._remarks and line.startswith("#")):
+                self._start = self._line
+            else:
+                break
+        return line
+
+    def _lines(self, line: str) -> Iterator[str]:
+        while line:
+            if self._line - self._start > limits.MAX_CELL_LINES:  # within quotes
+                raise _Unfit(f"has a row of more than {limits.MAX_CELL_LINES} lines: correct the quotes", self._line)
+            yield line
+            line = self._next()
