@@ -23,7 +23,7 @@ BALL, CUSHION, POCKET = 1, 2, 3
 PUSH_STEP = (
     4e-4  # step while something is pressed against something without moving [s]: 2.4 m/s^2 stay below DEAD_SPEED
 )
-LEAN_STEP = 2e-3  # between two looks at what leans, at most [s]
+LEAN_STEP = 1e-3  # between two looks at what leans, at most [s]
 
 
 @compiled
