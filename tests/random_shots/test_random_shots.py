@@ -31,6 +31,9 @@ ONCE_RISING = [  # in energy, where a slope or a nap presses: sunk in at every s
     (202, 41), (274, 42), (425, 21), (442, 61), (572, 12), (670, 20), (1544, 12),
 ]  # fmt: skip
 
+ONCE_DRIVEN = [(30011, 6)]  # by a slide's curve, which pushed as hard as spin and speed said
+ONCE_THROWN = [(40350, 4)]  # by the spring of a cushion into which a ball came from a mouth, sideways, among others
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 3, 5, 9, 11, 12, 17])
@@ -45,6 +48,12 @@ def test_random_shots_break_no_law(seed: int) -> None:
 )
 def test_shots_that_once_broke_a_law_break_none(seed: int, row: int) -> None:
     one = picked(batch(seed, 64, later=(), others=0.0), np.array([row]))
+    assert breaches(one, judged(one)) == []
+
+
+@pytest.mark.parametrize(("seed", "row"), ONCE_DRIVEN + ONCE_THROWN)
+def test_nothing_gives_energy_on_any_table(seed: int, row: int) -> None:
+    one = picked(batch(seed, 64), np.array([row]))
     assert breaches(one, judged(one)) == []
 
 
