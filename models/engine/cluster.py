@@ -61,12 +61,19 @@ def _meets(b, i, j, radius, limits, half, mouths, jaws):  # type: ignore[no-unty
 
 
 @compiled_in_place
-def rail_gap(b, rail, jaws, limits, half, mouths):  # type: ignore[no-untyped-def]
-    """How far a ball is from where it meets a rail or a jaw; inf where that is open or elsewhere."""
+def _line_gap(b, rail, jaws, limits):  # type: ignore[no-untyped-def]
+    """How far a ball is from a jaw, or from the line along which a rail is met, also where that is open."""
     if rail >= 4:
         return jaw_gap(jaws[rail - 4], b[col.X], b[col.Y])
-    k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-    return math.inf if in_mouth(b[1 - k], rail, half, mouths) else limits[k] - sign * b[k]
+    return limits[rail // 2] - (1.0 - 2.0 * (rail % 2)) * b[rail // 2]
+
+
+@compiled_in_place
+def rail_gap(b, rail, jaws, limits, half, mouths):  # type: ignore[no-untyped-def]
+    """How far a ball is from where it meets a rail or a jaw; inf where that is open or elsewhere."""
+    if rail < 4 and in_mouth(b[1 - rail // 2], rail, half, mouths):
+        return math.inf
+    return _line_gap(b, rail, jaws, limits)
 
 
 @compiled_in_place
@@ -158,7 +165,7 @@ def _near(b, kind, first, second, radius, limits, half, mouths, jaws, near):  # 
             x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
             away = x * x + y * y > apart * apart
         else:
-            away = rail_gap(b[i], -1 - j, jaws, limits, half, mouths) > CONTACT_RANGE_M
+            away = _line_gap(b[i], -1 - j, jaws, limits) > CONTACT_RANGE_M  # what is in a mouth may come from aside
         if not away:
             near[found] = c
             found += 1
