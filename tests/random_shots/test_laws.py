@@ -55,3 +55,14 @@ def test_a_ball_may_be_laid_into_a_cushion_uphill() -> None:
     samples[0, :, 0, 0] = uphill * played.game.limits[0, 0]
     samples[0, 3 * ENERGY_WINDOW :, 0, 0] += uphill * 0.9 * MAX_RAIL_DEPTH * one.model.ball.radius
     assert "energy" not in [b.law for b in breaches(one, with_samples(played, samples))]
+
+
+def test_a_nap_does_no_work_on_a_ball_in_flight() -> None:
+    """The flight's way is left out of it, and what is gained in flight is seen."""
+    seed = next(s for s in range(10_000) if {"cloth_nap", "cue_hop"} <= {e.name() for e in batch(s, 1).model.effects})
+    one = picked(batch(seed, 64), np.array([0]))
+    played = play(one)
+    assert breaches(one, played) == []
+    samples = played.samples.copy()
+    samples[0, 2 * ENERGY_WINDOW, 0, 2] += 1.0
+    assert [b.law for b in breaches(one, with_samples(played, samples))] == ["energy"]
