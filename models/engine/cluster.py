@@ -216,7 +216,8 @@ def through(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Carry a shot through a cluster: returns when it has parted, the next sample's number and how much is logged.
 
-    `stays` (n,): which balls no pocket takes. `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work, `table` as in models/analytic/spring.py.
+    `stays` (n,): which balls no pocket takes. `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work,
+    `table` as in models/analytic/spring.py.
     """
     n = b.shape[0]
     rails = 4 + jaws.shape[0]

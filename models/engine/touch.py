@@ -12,7 +12,16 @@ import math
 
 import numpy as np
 
-from models.analytic.events import CLOSED_GAP_M, INSIDE_M, LEAN_SPEED, MIN_IMPACT_SPEED, in_mouth, line, meeting, mouth_sides
+from models.analytic.events import (
+    CLOSED_GAP_M,
+    INSIDE_M,
+    LEAN_SPEED,
+    MIN_IMPACT_SPEED,
+    in_mouth,
+    line,
+    meeting,
+    mouth_sides,
+)
 from models.analytic.pocket import is_behind, is_facing, meet_jaw, straight
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col

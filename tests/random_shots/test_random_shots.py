@@ -32,7 +32,7 @@ ONCE_RISING = [  # in energy, where a slope or a nap presses: sunk in at every s
 ]  # fmt: skip
 
 ONCE_DRIVEN = [(30011, 6)]  # by a slide's curve, which pushed as hard as spin and speed said
-ONCE_THROWN = [(40350, 4), (100039, 18)]  # by the spring of a cushion into which a ball came from a mouth, sideways, among others
+ONCE_THROWN = [(40350, 4), (100039, 18)]  # by a cushion into which a ball came from a mouth, beside a cluster
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""A ball that rubs at a rail, spun into it by the cloth: the same in both engines, and it gains nothing from the rail."""
+"""A ball that rubs at a rail, spun into it by the cloth: it plays alike in both engines, and is not thrown back."""
 
 from __future__ import annotations
 
