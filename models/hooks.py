@@ -61,6 +61,7 @@ class BallState:
     roll_factor: float = 1.0  # on the deceleration of a rolling ball
     spin_factor: float = 1.0  # on the deceleration of sidespin
     drag: float = 0.0  # beside the rolling resistance, which is never less than none with it [m/s^2]
+    across: float = 0.0  # of the cloth on a sliding ball, to the left of its way, never above its friction [m/s^2]
 
 
 @dataclass

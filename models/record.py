@@ -11,7 +11,7 @@ from models.hooks import BallState, ImpactState, fields_of
 BALL_FIELDS, IMPACT_FIELDS = len(fields_of(BallState)), len(fields_of(ImpactState))
 (
     X, Y, VX, VY, WX, WY, WZ, SLIP_X, SLIP_Y, TIME, LAUNCH, ORDER, ROLLED, NUMBER, RADIUS, MASS, ROLLING, WEIGHT,
-    AX, AY, BX, BY, BZ, SLIDE_FACTOR, ROLL_FACTOR, SPIN_FACTOR, DRAG,
+    AX, AY, BX, BY, BZ, SLIDE_FACTOR, ROLL_FACTOR, SPIN_FACTOR, DRAG, ACROSS,
 ) = range(BALL_FIELDS)  # fmt: skip
 (
     CUSHION_HIT, APPROACH, SLIP, HIT_X, HIT_Y, HIT_VX, HIT_VY, FIRST, SECOND, HIT_ORDER, HIT_TIME, RESTITUTION,

@@ -37,6 +37,8 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
 
     `mode`: whether it slides, rolls or rests. Sliding friction acts against the unit vector (ux, uy) of the slip, of
     size `slip`; rolling friction against that of the velocity, (vx, vy); friction of sidespin against the sign of wz.
+    What it does across the way of a sliding ball is friction, too: as it is no larger than the friction against the
+    slip, the two together never drive the slip, and take energy whatever an effect says.
     A rolling or resting ball is held at no slip by a reaction to the pushes, up to the friction of a sliding one.
     """
     n, radius, held = r[rec.WEIGHT] * GRAVITY, r[rec.RADIUS], False
@@ -48,6 +50,10 @@ def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ig
         if slip > 3.5 * friction * LAST_SLIP_S * (1.0 + LAST_SLIP_MARGIN):
             friction *= r[rec.SLIDE_FACTOR]
         gx, gy = -friction * ux, -friction * uy
+        speed = math.sqrt(r[rec.VX] * r[rec.VX] + r[rec.VY] * r[rec.VY])
+        if r[rec.ACROSS] != 0.0 and speed > 0.0:
+            left = min(max(r[rec.ACROSS], -friction), friction) / speed
+            gx, gy = gx - left * r[rec.VY], gy + left * r[rec.VX]
     else:
         # Without friction the slip would change at push + torque x R / I; 2/7 of that holds it at zero.
         gx = -2 / 7 * (r[rec.AX] - radius * r[rec.BY])

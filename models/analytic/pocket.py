@@ -99,7 +99,8 @@ def _mouth(shape: PocketShape, ball: Ball, *, middle: bool) -> _Mouth | None:
     room = towards**2 - (depth**2 + across**2 - shape.edge_radius**2)
     before = math.hypot(depth, across) <= shape.edge_radius or (towards >= 0 and touching)  # the arc comes to the edge
     s = -towards - math.sqrt(room) if room >= 0 and towards < 0 else math.inf
-    if clean <= 0 or bend < 0 or across <= 0 or not (before or s * math.sin(closing) < across):
+    closed = before or (s < math.inf and s * math.sin(closing) < across)  # nothing leaves beside the edge
+    if clean <= 0 or bend < 0 or across <= 0 or not closed:
         return None
     return _Mouth(end, math.pi - shape.cut_angle, beyond, 0.0 if before else s + FACING_OVERLAP_M)
 

@@ -4,7 +4,8 @@ The same springs as those of MuJoCo's contacts in simulation/contact.py, stepped
 Hertz with the damper of Tsuji, Tanaka, Ishida 1992, a cushion a linear one. What a spring gives back of the work done
 on it does not depend on what else acts, so restitution is energetic. Friction at a contact, and of the cloth under a
 ball that is pressed down, follow from its force by the increments of the impulse models. Jaws have the springs of
-cushions, but are no third body that makes a cluster of two.
+cushions, but are no third body that makes a cluster of two. A ball that comes into a cushion from a mouth, sideways, is
+the pocket's; there and wherever else one is suddenly deep in something, no spring throws it out.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
 from models.engine.curve import push
 from models.engine.impacts import ask, describe
-from models.engine.motion import POTTED
-from models.engine.touch import BALL, CUSHION
+from models.engine.motion import POTTED, pot
+from models.engine.touch import BALL, CUSHION, MOUTH_DEPTH_M, POCKET
 from models.shot import GRAVITY
 
 CONTACT_RANGE_M = 1e-3  # gap up to which a contact is looked at in every step [m]
@@ -60,12 +61,19 @@ def _meets(b, i, j, radius, limits, half, mouths, jaws):  # type: ignore[no-unty
 
 
 @compiled_in_place
-def rail_gap(b, rail, jaws, limits, half, mouths):  # type: ignore[no-untyped-def]
-    """How far a ball is from where it meets a rail or a jaw; inf where that is open or elsewhere."""
+def _line_gap(b, rail, jaws, limits):  # type: ignore[no-untyped-def]
+    """How far a ball is from a jaw, or from the line along which a rail is met, also where that is open."""
     if rail >= 4:
         return jaw_gap(jaws[rail - 4], b[col.X], b[col.Y])
-    k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-    return math.inf if in_mouth(b[1 - k], rail, half, mouths) else limits[k] - sign * b[k]
+    return limits[rail // 2] - (1.0 - 2.0 * (rail % 2)) * b[rail // 2]
+
+
+@compiled_in_place
+def rail_gap(b, rail, jaws, limits, half, mouths):  # type: ignore[no-untyped-def]
+    """How far a ball is from where it meets a rail or a jaw; inf where that is open or elsewhere."""
+    if rail < 4 and in_mouth(b[1 - rail // 2], rail, half, mouths):
+        return math.inf
+    return _line_gap(b, rail, jaws, limits)
 
 
 @compiled_in_place
@@ -157,7 +165,7 @@ def _near(b, kind, first, second, radius, limits, half, mouths, jaws, near):  # 
             x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
             away = x * x + y * y > apart * apart
         else:
-            away = rail_gap(b[i], -1 - j, jaws, limits, half, mouths) > CONTACT_RANGE_M
+            away = _line_gap(b[i], -1 - j, jaws, limits) > CONTACT_RANGE_M  # what is in a mouth may come from aside
         if not away:
             near[found] = c
             found += 1
@@ -192,14 +200,24 @@ def _go(b, dv, kind, lasts):  # type: ignore[no-untyped-def]
     return lasts - 2.0 * SPRING_STEP_S * math.sqrt(most)
 
 
+@compiled_in_place
+def _note(log, who, logged, count, now, what, i, other):  # type: ignore[no-untyped-def]
+    """Count an event of ball i, and log it where there is room; returns the number of the next."""
+    count[what] += 1
+    if logged < log.size:
+        log[logged], who[logged, 0], who[logged, 1], who[logged, 2] = now, what, i, other
+    return logged + 1
+
+
 @compiled
 def through(  # type: ignore[no-untyped-def]
-    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths, jaws, order,
-    hit, table, times, begin, out, log, who, logged, count,
+    b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths, jaws,
+    order, hit, table, times, begin, out, log, who, logged, count,
 ):  # fmt: skip
     """Carry a shot through a cluster: returns when it has parted, the next sample's number and how much is logged.
 
-    `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work, `table` as in models/analytic/spring.py.
+    `stays` (n,): which balls no pocket takes. `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work,
+    `table` as in models/analytic/spring.py.
     """
     n = b.shape[0]
     rails = 4 + jaws.shape[0]
@@ -208,15 +226,15 @@ def through(  # type: ignore[no-untyped-def]
     springs = np.zeros(contacts), np.zeros((contacts, 4)), np.zeros(contacts), np.zeros(contacts)
     work = bodies, springs, np.zeros(contacts, np.bool_), np.ones(n), np.zeros((n, 5)), np.zeros((4, 10))
     return _through(
-        work, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths,
-        jaws, order, hit, table, times, begin, out, log, who, logged, count,
+        work, b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half,
+        mouths, jaws, order, hit, table, times, begin, out, log, who, logged, count,
     )  # fmt: skip
 
 
 @compiled_in_place
 def _through(  # type: ignore[no-untyped-def]
-    arrays, b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths,
-    jaws, order, hit, table, times, begin, out, log, who, logged, count,
+    arrays, b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half,
+    mouths, jaws, order, hit, table, times, begin, out, log, who, logged, count,
 ):  # fmt: skip
     n = b.shape[0]
     (first, second, near), (damping, mu, peak, given), known, heavier, dv, work = arrays
@@ -248,11 +266,20 @@ def _through(  # type: ignore[no-untyped-def]
                 _flow(b, i, records[i], records[i].ctypes.data, own, forces, support, cloth, now, dv)
         for c in near[:looked]:
             i, j = first[c], second[c]
+            if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
+                continue
             gap, approach, nx, ny = _meets(b, i, j, radius, limits, half, mouths, jaws)
             if gap > CONTACT_GAP_M:
                 peak[c] = given[c] = 0.0
                 continue
             cushion = j < 0
+            sudden = peak[c] == 0.0 and given[c] == 0.0
+            if sudden and -gap > CROWD_GAP_M + 2.0 * SPRING_STEP_S * abs(approach):  # it came from aside
+                given[c] = depth_of(cushion, gap, radius)[0]
+                if cushion and gap < -MOUTH_DEPTH_M and jaws.shape[0] == 0 and not stays[i]:
+                    pot(b, kind, i)
+                    logged = _note(log, who, logged, count, now, POCKET, i, -1 - j)
+                    continue
             if approach > max(peak[c], MIN_IMPACT_SPEED):
                 peak[c] = approach
                 describe(
@@ -267,12 +294,8 @@ def _through(  # type: ignore[no-untyped-def]
                     heavier[j] = hit[rec.MASS_SECOND]
                 if not known[c]:
                     known[c] = True
-                    count[CUSHION if cushion else BALL] += 1
-                    if logged < log.size:
-                        log[logged] = now
-                        who[logged, 0], who[logged, 1] = CUSHION if cushion else BALL, i
-                        who[logged, 2] = -1 - j if cushion else j
-                    logged += 1
+                    what, other = (CUSHION, -1 - j) if cushion else (BALL, j)
+                    logged = _note(log, who, logged, count, now, what, i, other)
             depth, level = depth_of(cushion, gap, radius)
             given[c] = min(given[c], max(depth, 0.0))
             pressed = depth - given[c]
@@ -308,6 +331,8 @@ def _through(  # type: ignore[no-untyped-def]
         free, rests = True, True
         for c in near[:looked]:
             i, j = first[c], second[c]
+            if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
+                continue
             gap, approach, _, _ = _meets(b, i, j, radius, limits, half, mouths, jaws)
             if gap > CONTACT_GAP_M:
                 continue

@@ -62,7 +62,7 @@ MIN_STEP_S = 1e-7  # step that is taken whatever its error [s]
 @compiled_in_place
 def push(r, at, own, forces, support):  # type: ignore[no-untyped-def]
     """Ask the effects what acts on the ball in record r, at address `at`, beside the cloth."""
-    r[rec.AX] = r[rec.AY] = r[rec.BX] = r[rec.BY] = r[rec.BZ] = r[rec.DRAG] = 0.0
+    r[rec.AX] = r[rec.AY] = r[rec.BX] = r[rec.BY] = r[rec.BZ] = r[rec.DRAG] = r[rec.ACROSS] = 0.0
     r[rec.SLIDE_FACTOR] = r[rec.ROLL_FACTOR] = r[rec.SPIN_FACTOR] = r[rec.WEIGHT] = 1.0
     for k in range(forces.shape[0]):
         if k == support and r[rec.WEIGHT] <= 0.0:

@@ -31,7 +31,7 @@ from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import lay_record
 from models.engine.impacts import deliver, is_crowded, part
 from models.engine.leaning import lean, release
-from models.engine.motion import POTTED, REST, advance, arrive
+from models.engine.motion import POTTED, REST, advance, arrive, pot
 from models.engine.rigid import approach_speed, collide_alone, settle
 from models.engine.rubber import delay_rebound, push_out, stopped_in_rail
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH
@@ -171,15 +171,6 @@ def _leave_rail(balls, notes, i, jaws, radius, alpha, limits, half, mouths, now)
 
 
 @compiled_within
-def _pot(b, kind, i):  # type: ignore[no-untyped-def]
-    """Take a ball off the table."""
-    kind[i] = POTTED
-    for x in range(col.VX, col.WZ + 1):
-        b[i, x] = 0.0
-    b[i, col.END] = np.inf
-
-
-@compiled_within
 def _last_motion(b, kind, alpha):  # type: ignore[no-untyped-def]
     """When the last ball has come to rest, and its sidespin is gone."""
     last = 0.0
@@ -249,8 +240,8 @@ def play_shot(  # type: ignore[no-untyped-def]
             ):  # fmt: skip
                 count[SWITCH] += 1
                 now, next_, logged = through(
-                    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half,
-                    mouths, jaws, order, hit, table, times, next_, out, log, who, logged, count,
+                    b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits,
+                    half, mouths, jaws, order, hit, table, times, next_, out, log, who, logged, count,
                 )  # fmt: skip
                 _after_crowd(b, notes, now, radius)
                 continue
@@ -272,7 +263,7 @@ def play_shot(  # type: ignore[no-untyped-def]
             )
         count[event] += 1
         if event == POCKET:
-            _pot(b, kind, i)
+            pot(b, kind, i)
         if event != SWITCH:
             if logged < log.size:
                 log[logged] = t

@@ -128,3 +128,12 @@ def arrive(b, kind, radius):  # type: ignore[no-untyped-def]
             b[col.VX] = b[col.VY] = b[col.WX] = b[col.WY] = 0.0
         if abs(b[col.WZ]) <= STILL_SPIN:
             b[col.WZ] = 0.0
+
+
+@compiled_in_place
+def pot(b, kind, i):  # type: ignore[no-untyped-def]
+    """Take a ball off the table."""
+    kind[i] = POTTED
+    for x in range(col.VX, col.WZ + 1):
+        b[i, x] = 0.0
+    b[i, col.END] = np.inf

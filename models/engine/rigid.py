@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 
 from models import record as rec
+from models.analytic.cloth import LAST_SLIP_S
 from models.analytic.coulomb import MIN_STEPS
 from models.analytic.events import DEAD_SPEED, LEAN_SPEED
 from models.analytic.impulse import collide
@@ -27,7 +28,6 @@ from models.shot import GRAVITY
 MAX_SWEEPS = 20  # over all that press on each other; what is left of their approach waits for the next look
 SETTLED_SPEED = 1e-6  # approach speed that is left between bodies that press on each other [m/s]
 PARTED_M = 1e-7  # overlap that is left between them, which putting one back may have made [m]
-SOON_S = 1e-4  # in which the cloth would end what slip and sidespin such impacts leave: it does so at once [s]
 
 
 @compiled_in_place
@@ -107,8 +107,11 @@ def _sweep(  # type: ignore[no-untyped-def]
 
 @compiled_in_place
 def _roll(b, touched, cloth, radius):  # type: ignore[no-untyped-def]
-    """Let balls that are `touched` roll where the cloth ends their slip within SOON_S; the largest slip ended [m/s]."""
-    most, slip, spin = 0.0, 3.5 * cloth[0] * GRAVITY * SOON_S, cloth[2] * SOON_S
+    """Let balls that are `touched` roll where full friction ends their slip in LAST_SLIP_S; the largest ended [m/s].
+
+    Any longer one may last: an effect can weaken the friction that it meets (models/analytic/cloth.py).
+    """
+    most, slip, spin = 0.0, 3.5 * cloth[0] * GRAVITY * LAST_SLIP_S, cloth[2] * LAST_SLIP_S
     for p in range(b.shape[0]):
         if not touched[p]:
             continue

@@ -23,7 +23,7 @@ from models.engine.cluster import CROWD_GAP_M, through
 from models.engine.curve import curve, lay_record
 from models.engine.impacts import is_crowded, part
 from models.engine.leaning import LEAN_MEMORY_S
-from models.engine.motion import POTTED, REST, advance, arrive, plain_phase
+from models.engine.motion import POTTED, REST, advance, arrive, plain_phase, pot
 from models.engine.rigid import approach_speed, collide_alone, settle
 from models.engine.rubber import delay_rebound, push_out, stopped_in_rail
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH, meet_balls, meet_table
@@ -223,7 +223,7 @@ def play_step(  # type: ignore[no-untyped-def]
         lay_record(records[i], i, kept[LAUNCH], order, radius, mass)
         b[i, : col.ROLLED + 1], b[i, col.CLOCK] = balls[i, : col.ROLLED + 1], now
         kind[i] = REST if balls[i, IN_PLAY] > 0.0 else POTTED
-    moved = np.zeros(n, np.bool_)
+    moved, stays = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     for _ in range(MAX_STEP_EVENTS):
         for i in range(n):
             moved[i] = entered[i] == 0.0 and (moved[i] or b[i, col.VX] != 0.0 or b[i, col.VY] != 0.0)
@@ -252,7 +252,7 @@ def play_step(  # type: ignore[no-untyped-def]
                 if b[i, col.END] <= t:
                     arrive(b[i], kind[i], radius)
         elif event == POCKET:
-            kind[one], b[one, col.VX : col.TURN] = POTTED, 0.0
+            pot(b, kind, one)
             balls[one, IN_PLAY] = JUST_POTTED
         else:
             rail = what[one, 1] if event == CUSHION else -1
@@ -263,23 +263,27 @@ def play_step(  # type: ignore[no-untyped-def]
                 and speed >= LEAN_SPEED
                 and is_crowded(b, kind, one, two, rail, near, radius, limits, half, mouths)
             ):
-                seen, wanted, before = np.zeros((1, n, 8)), np.full(1, until), b.copy()
+                seen, wanted, before, kinds = np.zeros((1, n, 8)), np.full(1, until), b.copy(), kind.copy()
                 now, got, _ = through(
-                    b, kind, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half,
-                    mouths, jaws, order, hit, table, wanted, 0, seen, np.zeros(0), np.zeros((0, 3), np.int64), 0,
+                    b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits,
+                    half, mouths, jaws, order, hit, table, wanted, 0, seen, np.zeros(0), np.zeros((0, 3), np.int64), 0,
                     np.zeros(4, np.int64),
                 )  # fmt: skip
                 if got:  # the step ends within the cluster: its beginning is kept
-                    _keep(balls, before, kind, orientation, leans)
+                    _keep(balls, before, kinds, orientation, leans)
                     kept[STATE_TIME] = t + kept[STRUCK_AT]
-                    b[:, :8] = seen[0]
+                    for i in range(n):
+                        if kind[i] != POTTED:
+                            b[i, :8] = seen[0, i]
                     now = until
                 _turn_all(b, before, kind, orientation, t, now)
                 if got:
                     shown = balls.copy()
+                    _fell(shown, kinds, kind)
                     _keep(shown, b, kind, orientation, leans)
                     _write(shown, kept, end, places, speeds, qpos, qvel, radius)
                     return True
+                _fell(balls, kinds, kind)
                 continue
             known = now < leans[one] <= now + LEAN_MEMORY_S or (two >= 0 and now < leans[two] <= now + LEAN_MEMORY_S)
             if collide_alone(b, one, two, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now):
@@ -294,6 +298,14 @@ def play_step(  # type: ignore[no-untyped-def]
             else:
                 delay_rebound(b[one], b[one, col.VX :], rail, hit[rec.CONTACT_TIME], cloth[0], radius, half, mouths)
     return False
+
+
+@compiled
+def _fell(balls, before, kind):  # type: ignore[no-untyped-def]
+    """Note which balls were potted since `before`."""
+    for i in range(kind.size):
+        if kind[i] == POTTED and before[i] != POTTED:
+            balls[i, IN_PLAY] = JUST_POTTED
 
 
 @compiled

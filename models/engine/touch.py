@@ -12,7 +12,16 @@ import math
 
 import numpy as np
 
-from models.analytic.events import CLOSED_GAP_M, INSIDE_M, MIN_IMPACT_SPEED, in_mouth, line, meeting, mouth_sides
+from models.analytic.events import (
+    CLOSED_GAP_M,
+    INSIDE_M,
+    LEAN_SPEED,
+    MIN_IMPACT_SPEED,
+    in_mouth,
+    line,
+    meeting,
+    mouth_sides,
+)
 from models.analytic.pocket import is_behind, is_facing, meet_jaw, straight
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
@@ -20,8 +29,9 @@ from models.engine.motion import CURVE, POTTED, REST, place, pull
 
 BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
 MOUTH_DEPTH_M = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
-# Until what is pressed together at rest is looked at again [s]: at most what lets it sink by PRESSED_DEPTH_M.
-PRESSED_RECHECK_S, MAX_RECHECK_S, PRESSED_DEPTH_M = 1e-3, 4e-3, 5e-7
+# Until what is pressed together at rest is looked at again [s]: at most what lets it sink by PRESSED_DEPTH_M, but for
+# the shortest time, and what lets it come to this part of the speed at which it no longer leans.
+PRESSED_RECHECK_S, MAX_RECHECK_S, PRESSED_DEPTH_M, LEAN_SHARE = 1e-3, 4e-3, 5e-7, 0.8
 BESIDE_MOUTH_M = 1e-9  # beyond a mouth's side or its nose line, where a ball has left it or is in it for certain [m]
 MOST_STEPS = 200  # towards a touch
 NO_STEP_S = 1e-15  # step that is none [s]
@@ -30,7 +40,9 @@ NO_STEP_S = 1e-15  # step that is none [s]
 @compiled
 def recheck(push):  # type: ignore[no-untyped-def]
     """Until what is pressed by an acceleration `push` [m/s^2] is looked at again [s]."""
-    return min(max(math.sqrt(2.0 * PRESSED_DEPTH_M / max(push, 1e-9)), PRESSED_RECHECK_S), MAX_RECHECK_S)
+    push = max(push, 1e-9)
+    soon = min(PRESSED_RECHECK_S, LEAN_SHARE * LEAN_SPEED / push)
+    return min(max(math.sqrt(2.0 * PRESSED_DEPTH_M / push), soon), MAX_RECHECK_S)
 
 
 @compiled

@@ -1,4 +1,8 @@
-"""Recordings as files: whole or absent, and the same bytes whenever they are written."""
+"""Recordings as files: whole or absent, and the same content whenever they are written.
+
+Not the same bytes: Rerun stamps files, chunks, rows and views with identifiers from the clock and from chance, those of
+a file and of its layout even where a reader's chunks are given others and written anew.
+"""
 
 from __future__ import annotations
 

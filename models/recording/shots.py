@@ -1,8 +1,7 @@
 """Shots to look at in the Rerun viewer: measured balls against those of one model, or of every model of a ladder.
 
 The recording opens at the first of the clips, so the one that shows most goes first. All models are in it; the table
-shows the first and the last, and the others once their entity is made visible. Left out: the balls' rotation. Row
-identifiers in the file come from the clock; all that a reader of the file sees follows from the arguments.
+shows the first and the last, and the others once their entity is made visible. Left out: the balls' rotation.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from models.analytic.events import LEAN_SPEED, in_mouth, line, meeting, mouth_sides
 from models.analytic.pocket import meet_jaw, outward, straight
 from models.compiled import compiled, compiled_within
-from models.engine.touch import MOUTH_DEPTH_M
+from models.engine.touch import LEAN_SHARE, MOUTH_DEPTH_M
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,20 @@ BALL, CUSHION, POCKET = 1, 2, 3
 PUSH_STEP = (
     4e-4  # step while something is pressed against something without moving [s]: 2.4 m/s^2 stay below DEAD_SPEED
 )
-LEAN_STEP = 2e-3  # between two looks at what leans [s]
+LEAN_STEP = 1e-3  # between two looks at what leans, at most [s]
+
+
+@compiled
+def _looked_at(t, quiet, closing, faster):  # type: ignore[no-untyped-def]
+    """When a touch at t is looked at, of what leans until `quiet`: before that only where it gets too fast to lean.
+
+    It closes at `closing` + `faster` t. What leans gives nothing back, so it must not come to more than LEAN_SPEED.
+    """
+    if quiet <= t or closing + faster * t >= LEAN_SPEED:
+        return t
+    if faster > 0.0:
+        quiet = min(quiet, (LEAN_SHARE * LEAN_SPEED - closing) / faster)
+    return max(t, quiet)
 
 
 @compiled_within
@@ -51,8 +64,7 @@ def _meet_rails(  # type: ignore[no-untyped-def]
         if t < 0.0:
             push = min(push, PUSH_STEP) if cushions else push
             continue
-        if quiet[nball + rail] > t and sign * (v[k] + a[k] * t) < LEAN_SPEED:
-            t = quiet[nball + rail]
+        t = _looked_at(t, quiet[nball + rail], sign * v[k], sign * a[k])
         if pockets and in_mouth(p[o] + v[o] * t + 0.5 * a[o] * t * t, rail, half, mouths):
             if bent:
                 continue
@@ -83,8 +95,7 @@ def _meet_jaws(i, p, v, a, nball, jaws, edges, quiet, hit, h, push):  # type: ig
             continue
         if quiet[nball + 4 + k] > t:
             x, y = outward(4 + k, p[0] + v[0] * t, p[1] + v[1] * t, jaws)
-            closing = x * (v[0] + a[0] * t) + y * (v[1] + a[1] * t)
-            t = quiet[nball + 4 + k] if closing < LEAN_SPEED else t
+            t = _looked_at(t, quiet[nball + 4 + k], x * v[0] + y * v[1], x * a[0] + y * a[1])
         if t < h or (t == h and hit[0] == 0):
             h, hit[0], hit[1], hit[2] = t, CUSHION, i, 4 + k
     return h, push
@@ -104,9 +115,9 @@ def _meet_balls(  # type: ignore[no-untyped-def]
             push = min(push, PUSH_STEP)
             continue
         if quiet[j, i] > t:
-            x, y = (p[0] - q[0]) + t * (v[0] - w[0]), (p[1] - q[1]) + t * (v[1] - w[1])
-            closing = -(x * (v[0] - w[0] + t * (a[0] - b[0])) + y * (v[1] - w[1] + t * (a[1] - b[1]))) / diameter
-            t = quiet[j, i] if closing < LEAN_SPEED else t
+            x, y = (q[0] - p[0] - t * (v[0] - w[0])) / diameter, (q[1] - p[1] - t * (v[1] - w[1])) / diameter
+            closing, faster = x * (v[0] - w[0]) + y * (v[1] - w[1]), x * (a[0] - b[0]) + y * (a[1] - b[1])
+            t = _looked_at(t, quiet[j, i], closing, faster)
         if t < h:
             h, hit[0], hit[1], hit[2] = t, BALL, j, i
     return h, push

@@ -1,5 +1,7 @@
 """Random models and shots: constants and effects anywhere within their bounds, balls anywhere that they may lie.
 
+Tables are those that ship, and any others that a file may describe: sizes, balls and pockets within what is allowed.
+
 A batch is shots of one number of balls on one table with the same effects; constants, places and strokes differ from
 shot to shot.
 """
@@ -9,15 +11,19 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.analytic.pocket import pockets_of
 from models.effect import Effect
+from models.errors import BadInput
+from models.files.decode import Allowed
 from models.model_file import Model, catalogue, full_model
-from models.presets import TABLE_SETS, TableSet
-from models.shot import Array, Shot
+from models.pocket_shape import SHAPE_BOUNDS, read_pockets
+from models.presets import TABLE_SETS
+from models.shot import Array, Ball, Shot, Table
 
 MAX_BALLS, MAX_EFFECTS = 22, 4
 MAX_SPEED, MAX_SPIN = 10.0, 250.0  # of a struck ball [m/s], [rad/s]
@@ -29,6 +35,8 @@ SLOW_SHARE = 0.15  # of the shots, those with a push instead of a stroke
 MOST_TRIES = 400
 LATER = ("cushion_contact_time",)  # effects that came after shots were noted by seed and row
 LATER_SHARE = 0.2  # of the batches, that have one of them beside the others
+OTHER_TABLES_SHARE = 0.3  # of the batches, on tables that do not ship
+FILLED_SHARE = 0.3  # of such a cloth, that balls cover at most
 
 
 @dataclass(frozen=True)
@@ -62,41 +70,79 @@ def values(kind: type[Effect], n: int, rng: np.random.Generator) -> dict[str, An
     return found
 
 
-def batch(seed: int, n: int, later: Sequence[str] = LATER) -> Batch:
-    """The batch of a seed, of n shots; without `later` effects it is as it was before there were any."""
+def allowed(kind: type, key: str) -> Allowed:
+    """What a file may say of a field of Table or Ball."""
+    [found] = [a for a in get_type_hints(kind, include_extras=True)[key].__metadata__ if isinstance(a, Allowed)]
+    return found
+
+
+def other_table(rng: np.random.Generator) -> tuple[Table, Ball]:
+    """Any table and ball that a file may describe."""
+
+    def size(kind: type, key: str) -> float:
+        one = allowed(kind, key)
+        low, high = float(one.low), float(one.high)
+        return float(np.clip(np.exp(rng.uniform(np.log(low), np.log(high))), low, high))
+
+    pockets: Any = bool(rng.random() < 0.5)
+    if rng.random() < 0.5:
+        pockets = {
+            which: {key: float(rng.uniform(low, high)) for key, (_, low, high) in SHAPE_BOUNDS.items()}
+            for which in ("corner", "middle")
+        }
+    table = Table(size(Table, "length"), size(Table, "width"), read_pockets(pockets))
+    return table, Ball(size(Ball, "diameter"), size(Ball, "mass"))
+
+
+def has_jaws(table: Table, ball: Ball) -> bool:
+    """Whether a table has pockets whose jaws can be played with a ball; others are refused in a line."""
+    try:
+        return len(pockets_of(table, ball).jaws) > 0
+    except BadInput:
+        return False
+
+
+def batch(seed: int, n: int, later: Sequence[str] = LATER, others: float = OTHER_TABLES_SHARE) -> Batch:
+    """The batch of a seed, of n shots; without `later` effects and `others` of tables it is as it was before them."""
     rng = np.random.default_rng([seed, 22])
-    which = list(TABLE_SETS.values())[rng.integers(len(TABLE_SETS))]
+    shipped = list(TABLE_SETS.values())[rng.integers(len(TABLE_SETS))]
+    which = (shipped.table, shipped.ball)
     balls = int(rng.choice([1, 2, 3, 4, 6, 10, 16, MAX_BALLS]))
+    tables = np.random.default_rng([seed, 24])
+    if tables.random() < others:
+        which = other_table(tables)
+        room = 4 * np.prod(which[0].centre_limits(which[1])) / which[1].diameter ** 2
+        balls = min(balls, max(int(FILLED_SHARE * room), 1))
     layout = LAYOUTS[rng.integers(len(LAYOUTS))]
     kinds = physical()
     chosen = rng.choice(sorted(set(kinds) - set(LATER)), int(rng.integers(0, MAX_EFFECTS + 1)), replace=False)
-    model = full_model(which.table, which.ball)
+    model = full_model(*which)
     model = dataclasses.replace(model, effects=tuple(type(e)(**values(type(e), n, rng)) for e in model.effects))
     for name in chosen:
         model = model.add(kinds[str(name)](**values(kinds[str(name)], n, rng)))
-    jaws = bool(which.table.pockets) and bool(rng.random() < 0.5)
+    jaws = bool(which[0].pockets) and bool(rng.random() < 0.5) and has_jaws(*which)
     more = np.random.default_rng([seed, 23])
     for name in later:
         if more.random() < LATER_SHARE:
             model = model.add(kinds[name](**values(kinds[name], n, more)))
-    return Batch(seed, layout, jaws, model, [shot(which, layout, balls, rng) for _ in range(n)])
+    return Batch(seed, layout, jaws, model, [shot(*which, layout, balls, rng) for _ in range(n)])
 
 
-def shot(which: TableSet, layout: str, balls: int, rng: np.random.Generator) -> Shot:
+def shot(table: Table, ball: Ball, layout: str, balls: int, rng: np.random.Generator) -> Shot:
     """One shot: the struck ball, which is the first, goes for another one or anywhere."""
-    places = laid(which, layout, balls, rng)
+    places = laid(table, ball, layout, balls, rng)
     v, w = np.zeros((balls, 2)), np.zeros((balls, 3))
     slow = rng.random() < SLOW_SHARE
     speed = rng.uniform(0.0, 0.05) if slow else rng.uniform(0.05, MAX_SPEED)
     heading = rng.uniform(-np.pi, np.pi)
     if balls > 1 and rng.random() < 0.8:
         to = places[int(rng.integers(1, balls))] - places[0]
-        off = rng.uniform(-1, 1) * which.ball.diameter / max(float(np.hypot(*to)), which.ball.diameter)
+        off = rng.uniform(-1, 1) * ball.diameter / max(float(np.hypot(*to)), ball.diameter)
         heading = float(np.arctan2(to[1], to[0])) + float(np.arcsin(np.clip(off, -1, 1)))
     v[0] = speed * np.array([np.cos(heading), np.sin(heading)])
     w[0] = rng.uniform(-1, 1, 3) * rng.choice([0.0, 20.0, 80.0, MAX_SPIN])
     if rng.random() < 0.3:  # it rolls
-        w[0, :2] = [-v[0, 1] / which.ball.radius, v[0, 0] / which.ball.radius]
+        w[0, :2] = [-v[0, 1] / ball.radius, v[0, 0] / ball.radius]
     order = rng.permutation(balls)
     order = np.concatenate([[0], order[order != 0]]).astype(int)
     return Shot(
@@ -105,9 +151,9 @@ def shot(which: TableSet, layout: str, balls: int, rng: np.random.Generator) -> 
     )  # fmt: skip
 
 
-def laid(which: TableSet, layout: str, balls: int, rng: np.random.Generator) -> Array:
+def laid(table: Table, ball: Ball, layout: str, balls: int, rng: np.random.Generator) -> Array:
     """Places of balls (n, 2) [m] that neither overlap nor stand in a cushion, the struck one first."""
-    limits, d = which.table.centre_limits(which.ball), which.ball.diameter
+    limits, d = table.centre_limits(ball), ball.diameter
     step = d + float(rng.choice(GAPS_M))
     jitter = 0.0 if rng.random() < 0.5 else 1e-9
     if layout == "rack":
@@ -149,7 +195,7 @@ def laid(which: TableSet, layout: str, balls: int, rng: np.random.Generator) -> 
         if (np.abs(p) <= limits).all() and is_free(p, found, d):
             found.append(p)
     if len(found) < balls:
-        raise RuntimeError(f"no room for {balls} balls of {d} m on {which.table}")
+        raise RuntimeError(f"no room for {balls} balls of {d} m on {table}")
     return np.array(found[::-1])
 
 

@@ -1,8 +1,8 @@
 """What no shot may do, whatever the table, the effects and their constants: one line for each breach.
 
-Energy counts kinetic energy over the mass of a ball, and the potential of pushes that are the same everywhere (slope,
-nap). Springs of balls that touch several at once hold some for a moment: what counts is the most of three samples. A
-ball that stays in a cushion is laid into it without work against a push: so much may come out of it.
+Energy counts kinetic energy over the mass of a ball, and the work of pushes that are the same everywhere (slope, and
+nap but for a flight). Springs of balls that touch several at once hold some for a moment: what counts is the most of
+three samples. A ball that stays in a cushion is laid into it without work against a push: so much may come out of it.
 Bodies may overlap by what springs give while they meet, and no more than rounding otherwise.
 """
 
@@ -162,28 +162,42 @@ def _deepest(batch: Batch) -> float:
     return MAX_RAIL_DEPTH * batch.model.ball.radius if stays else 0.0
 
 
-def pushes(batch: Batch, row: int) -> Array | None:
-    """The constant push of slope and nap (2,) [m/s^2]; None where energy may come from elsewhere."""
-    push, names = np.zeros(2), {effect.name() for effect in batch.model.effects}
-    if {"cloth_nap", "cue_hop"} <= names:  # no nap pushes a ball in flight
-        return None
+def pushes(batch: Batch, row: int) -> tuple[Array, float]:
+    """What pushes every ball the same way everywhere: a slope (2,), and the nap along x what the cloth carries."""
+    slope, nap = np.zeros(2), 0.0
     for effect in batch.model.select(np.array([row])).effects:
-        name = effect.name()
         own = {k: float(np.ravel(getattr(effect, k))[0]) for k in effect.parameters()}
-        if name == "table_tilt":
-            push += GRAVITY * np.array([own["slope_x"], own["slope_y"]])
-        elif name == "cloth_nap":
-            push[0] += own["push"]
-        elif name == "slide_curve" or (name == "air_drag" and own["rate"] < 0):
-            return None
-    return push
+        if effect.name() == "table_tilt":
+            slope += GRAVITY * np.array([own["slope_x"], own["slope_y"]])
+        elif effect.name() == "cloth_nap":
+            nap += own["push"]
+    return slope, nap
+
+
+def _landing(batch: Batch, row: int) -> float:
+    """When the struck ball lies on the cloth [s]."""
+    hops = [e for e in batch.model.select(np.array([row])).effects if e.name() == "cue_hop"]
+    speed = float(np.hypot(*batch.shots[row].velocity[0]))
+    return sum(float(np.ravel(e.time_per_speed)[0]) * speed for e in hops)  # type: ignore[attr-defined]
+
+
+def _napped(batch: Batch, row: int, x: Array, nap: float) -> Array:
+    """How far along x (m, nball) the nap has pushed every ball: the whole way, but for a flight (m, nball) [m]."""
+    times, landing = batch.shots[row].times, _landing(batch, row)
+    way = np.diff(x[:, 0])
+    flies, lands = times[1:] <= landing, (times[:-1] < landing) & (landing < times[1:])
+    # Where it lands within an interval the nap has done no more than its work of the whole of it.
+    counted = np.where(flies | (lands & (nap * way < 0.0)), 0.0, way)
+    out = x.copy()
+    out[:, 0] = x[0, 0] + np.concatenate([[0.0], np.cumsum(counted)])
+    return out
 
 
 def _energy(batch: Batch, played: Played, row: int) -> Iterator[str]:
     """No energy comes from nowhere."""
-    push = pushes(batch, row)
-    if push is None or not np.isfinite(played.result.time[row]):
+    if not np.isfinite(played.result.time[row]):
         return
+    slope, nap = pushes(batch, row)
     seen = played.samples[row]
     weight = np.ones(seen.shape[1])
     for effect in batch.model.select(np.array([row])).effects:
@@ -193,9 +207,9 @@ def _energy(batch: Batch, played: Played, row: int) -> Iterator[str]:
     speed = np.sum(seen[..., 2:4] ** 2, axis=-1) + 0.4 * batch.model.ball.radius**2 * np.sum(
         seen[..., 4:7] ** 2, axis=-1
     )
-    height = -2.0 * np.sum(push * seen[..., :2], axis=-1)
+    height = -2.0 * (np.sum(slope * seen[..., :2], axis=-1) + nap * _napped(batch, row, seen[..., 0], nap))
     kinetic = np.nansum(weight * speed, axis=1)
-    if not push.any():
+    if not slope.any() and nap == 0.0:
         whole = kinetic
     else:
         few = int(np.argmax(~here.all(axis=1))) if not here.all() else len(here)  # until the first is potted
@@ -206,7 +220,7 @@ def _energy(batch: Batch, played: Played, row: int) -> Iterator[str]:
     before = sliding_window_view(whole[:-1], w).max(axis=1)
     # What moves meanwhile counts: a slope may have driven balls that began at next to nothing.
     moving = sliding_window_view(kinetic[: len(whole)], w + 1).max(axis=1)
-    laid = 2.0 * float(np.abs(push).sum()) * _deepest(batch) * float(weight.sum())
+    laid = 2.0 * float(np.abs(slope).sum() + abs(nap)) * _deepest(batch) * float(weight.sum())
     rises = whole[w:] > before + ENERGY_SHARE * moving + ENERGY_FLOOR + laid
     if rises.any():
         k = int(np.argmax(rises))

@@ -166,7 +166,10 @@ def _slide_rates(s: Array, c: Constants) -> tuple[float, float, float, float, fl
     mus = max(0.05 * c.mus, c.mus * (1.0 - c.mus_v * (np.hypot(ux, uy) - 1.0))) * _worn(s, c)
     mus *= 1.0 + s[STRUCK] * c.cue_mus
     friction = mus * GRAVITY / total if total > 0.0 else 0.0
-    side = c.slide_swerve * s[WZ]
+    side, speed = c.slide_swerve * s[WZ], np.hypot(s[VX], s[VY])
+    gripped = friction * np.hypot(ux, uy)  # Coulomb: no more across than there is against the slip
+    if abs(side) * speed > gripped:
+        side = np.sign(side) * gripped / speed
     fx, fy = friction * ux + side * s[VY], friction * uy - side * s[VX]
     decay = _spin_decay(s, c)
     if c.contensou > 0.0 and total > 0.0:

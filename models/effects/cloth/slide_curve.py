@@ -6,6 +6,7 @@ contact, where a ball that turns moves sideways over the cloth. Source: an engin
 and speed; a lead d of the pressure gives mu_s g d omega_z / u at a slip u: d = 0.5 mm is k = 0.001 at 1 m/s. Sign and
 size are for the data to say. Once the ball rolls it is side_curve. Leaves out what a raised cue gives, which is in the
 stroke's spin.
+As it is friction, it is never more than the friction against the slip: the cloth only takes energy.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from models.effect import STILL, BallState, Effect, param
+from models.effect import BallState, Effect, param
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,5 @@ class SlideCurve(Effect):
     )
 
     def forces(self, ball: BallState) -> None:
-        """The cloth's push across the motion, and its torque."""
-        slip = math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y)
-        if not ball.rolling and slip > STILL:
-            turn = self.rate * ball.weight * ball.wz
-            left_x, left_y = -turn * ball.vy, turn * ball.vx
-            ball.ax += left_x
-            ball.ay += left_y
-            ball.bx += 2.5 * left_y / ball.radius
-            ball.by -= 2.5 * left_x / ball.radius
+        """The cloth's push across the motion, with its torque."""
+        ball.across += self.rate * ball.wz * math.sqrt(ball.vx * ball.vx + ball.vy * ball.vy)

@@ -15,7 +15,7 @@ from models.analytic.pocket import JAW_RAILS, outward, pockets_of, rail_of, stra
 from models.engine.play import Result, finish, play
 from models.errors import BadInput
 from models.model_file import full_model
-from models.pocket_shape import SNOOKER_POCKETS
+from models.pocket_shape import SNOOKER_POCKETS, PocketShape, PocketShapes
 from models.shot import NOSE_COSINE, Ball, Shot, Table
 
 Array = NDArray[np.float64]
@@ -270,6 +270,14 @@ def test_shots_given_up_early_are_told_by_their_time() -> None:
 def test_what_has_no_jaws_is_named(table: Table, ball: Ball, names: str) -> None:
     with pytest.raises(BadInput, match=names):
         pockets_of(table, ball)
+
+
+def test_facings_that_miss_the_edge_of_the_slate_close_no_pocket() -> None:
+    """They run on beside it for ever, and balls would leave the table there."""
+    corner = PocketShape(0.2144, 0.1736, 1.596, 0.0284, 0.0931, 0.0544)
+    table = Table(6.456, 1.539, PocketShapes(corner, SNOOKER_POCKETS.middle))
+    with pytest.raises(BadInput, match=r"25\.9 mm is none for these pockets"):
+        pockets_of(table, Ball(0.0259, 0.00167))
 
 
 def test_a_table_without_pockets_has_no_jaws() -> None:

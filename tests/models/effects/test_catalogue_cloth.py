@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from models.model_file import Model, effect_class, full_model
-from models.shot import Array, Shot, Track
+from models.shot import Array, Shot, Table, Track
 from models.simulation.simulate import simulate
 from tests.models.effects.test_catalogue import BALL, BASE, ENGINES, TABLE, shots
 from tests.truth import physics
@@ -28,6 +28,7 @@ CASES = [
     ("cloth_grain", {"along": 0.2, "diagonal": 0.0}, {"ripple": 0.2}),
     ("cloth_grain", {"along": 0.0, "diagonal": -0.2}, {"ripple": 0.2, "ripple_phi": -np.pi / 4}),
     ("slide_curve", {"rate": 0.003}, {"slide_swerve": 0.003}),
+    ("slide_curve", {"rate": -0.01}, {"slide_swerve": -0.01}),
     ("worn_patch", {"roll": 0.9, "slide": 0.9, "radius": 0.35}, {"patch": 0.9, "patch_x": 0.0, "patch_y": 0.0}),
     (
         "worn_patch",
@@ -142,6 +143,18 @@ def test_slip_and_sidespin_share_their_friction(engine: str) -> None:
     track = simulate(model("spin_slide_coupling", {"lever": 0.01}, engine), [shot])[0]
     assert (u - track.velocity[1, 0, 0]) / h == pytest.approx(0.212 * 9.81 / np.sqrt(2), rel=1e-3)
     assert (wz - track.spin[1, 0, 2]) / h == pytest.approx(22.0 / np.sqrt(2), rel=1e-3)
+
+
+@ENGINES
+@pytest.mark.parametrize("rate", [-0.01, 0.01])
+def test_no_friction_drives_a_sliding_ball(rate: float, engine: str) -> None:
+    """At any bound, however fast it is and turns: what bends its path is friction, and takes energy."""
+    v, w = np.array([[6.0, 2.0]]), np.array([[-60.0, 150.0, 200.0]])
+    shot = Shot(("white",), np.zeros((1, 2)), v, w, np.linspace(0, 1.0, 101))
+    wide = dataclasses.replace(model("slide_curve", {"rate": rate}, engine), table=Table(10.0, 10.0, False))
+    track = simulate(wide, [shot])[0]
+    whole = np.sum(track.velocity[:, 0] ** 2, axis=1) + 0.4 * BALL.radius**2 * np.sum(track.spin[:, 0] ** 2, axis=1)
+    assert (np.diff(whole) <= 0.0).all()
 
 
 @ENGINES

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -281,6 +282,30 @@ def test_the_same_review_is_the_same_recording(tmp_path: Path) -> None:
         write_review(tmp_path / name, TABLE, BALL, [clip("x")], title=title)
     ids = [RrdReader(tmp_path / name).recordings()[0].recording_id for name in "abc"]
     assert ids[0] == ids[1] != ids[2]
+    one, other, third = (content(tmp_path / name) for name in "abc")
+    assert one == other != third
+    assert any(rows > 100 for _, rows, _ in one), "the paths of balls"
+
+
+UUID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
+
+
+def content(path: Path) -> list[tuple[str, int, str]]:
+    """What a file holds, but for what Rerun stamps it with: of every chunk its entity, rows and values, in order.
+
+    Of the layout, which names its views anew each time and by them its entities, only what it is made of.
+    """
+    from rerun.chunk import RrdReader
+
+    found, reader = [], RrdReader(path)
+    for chunk in reader.stream().to_chunks():
+        batch = chunk.to_record_batch()
+        kept = {name: batch[name].to_pylist() for name in sorted(batch.schema.names) if "RowId" not in name}
+        found.append((chunk.entity_path, batch.num_rows, repr(kept)))
+    for chunk in (chunk for store in reader.blueprints() for chunk in reader.stream(store=store).to_chunks()):
+        entity, batch = UUID.sub("...", chunk.entity_path), chunk.to_record_batch()
+        found.append((entity, batch.num_rows, repr(sorted(batch.schema.names))))
+    return sorted(found)
 
 
 def test_an_interrupted_write_leaves_nothing_and_keeps_what_was_there(

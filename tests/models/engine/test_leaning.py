@@ -1,0 +1,60 @@
+"""A ball that rubs at a rail, spun into it by the cloth: it plays alike in both engines, and is not thrown back."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from models.model_file import Model, effect_class, full_model
+from models.shot import Ball, Shot, Table, Track
+from models.simulation.simulate import simulate
+
+TABLE, BALL = Table(2.84, 1.42, False), Ball(0.0615, 0.21)
+LIMIT = float(TABLE.centre_limits(BALL)[0])
+MAX_APART_M = 1e-3  # what is left of steps of a millisecond while a ball rubs, after it has rolled for seconds [m]
+ROUGH = {  # constants, effects, and velocity [m/s] and spin [rad/s] of a ball at a gap [m]
+    "strong cloth": (
+        {"decoupled_cloth.slide": 0.6, "cushion_impact.restitution": 0.8, "cushion_impact.friction": 0.0},
+        {"cushion_friction_px": {"change": 0.4}},
+        (3.093e-4, (0.00201, -0.0029), (119.0, 82.312, 0.0)),
+    ),
+    "slip and sidespin share": (
+        {"decoupled_cloth.slide": 0.171, "decoupled_cloth.spin": 1.13, "cushion_impact.restitution": 0.987},
+        {"spin_slide_coupling": {"lever": 0.0256}, "cushion_friction_px": {"change": 0.4}},
+        (9.7e-5, (0.0152, -0.036), (14.38, 6.07, 23.76)),
+    ),
+    "worn patch": (
+        {"decoupled_cloth.slide": 0.5, "cushion_impact.restitution": 0.9},
+        {"worn_patch": {"roll": 0.0, "slide": 4.0, "x": LIMIT, "y": 0.0, "radius": 1.0}},
+        (1e-5, (0.004, 0.02), (0.0, 80.0, 0.0)),
+    ),
+}
+
+
+def tracks(case: str) -> dict[str, Track]:
+    constants, effects, (gap, v, w) = ROUGH[case]
+    world: Model = full_model(TABLE, BALL).with_values(constants)
+    for name, values in effects.items():
+        world = world.add(effect_class(name)(**values))
+    place = np.array([[LIMIT - gap, 0.1]])
+    shot = Shot(("a",), place, np.array([v]), np.array([w]), np.linspace(0.0, 4.0, 401))
+    return {e: simulate(dataclasses.replace(world, engine=e), [shot])[0] for e in ("events", "mujoco")}
+
+
+@pytest.mark.parametrize("case", ROUGH)
+def test_engines_agree_where_a_ball_rubs_at_a_rail(case: str) -> None:
+    found = tracks(case)
+    assert np.abs(found["events"].position - found["mujoco"].position).max() < MAX_APART_M
+
+
+@pytest.mark.parametrize("engine", ["events", "mujoco"])
+@pytest.mark.parametrize("case", ["strong cloth", "worn patch"])
+def test_what_leans_on_a_rail_is_not_thrown_back(case: str, engine: str) -> None:
+    """Each impact gives back a part of the last: once the ball leans, none lets it leave."""
+    track = tracks(case)[engine]
+    impacts = [e.time for e in track.events if e.rail == "+x"]
+    leans = track.times > impacts[0] + 0.5
+    assert len(impacts) < 40
+    assert np.abs(track.position[leans, 0, 0] - LIMIT).max() < 5e-6
