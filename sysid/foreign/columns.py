@@ -17,6 +17,7 @@ from models.files.faults import closest, listed
 from models.files.limits import MAX_BALLS, excess
 from models.shot import Array
 from sysid.clips.readings import METRES_BY_UNIT
+from sysid.clips.rows import MAX_PLACE, MAX_STAMP
 from sysid.foreign.records import Columns, numbers
 
 KNOWN_NAMES: Mapping[str, tuple[str, ...]] = {
@@ -133,14 +134,21 @@ def _tracks(
 ) -> dict[str, RawTrack]:
     """Every ball's track in order of time, without rows where it was not seen."""
 
-    def column(name: str) -> Array:
-        return np.array(numbers(found.cells[name], f"{found.file}, column {name}", found.first_line))
+    def column(name: str, most: float) -> Array:
+        values = np.array(numbers(found.cells[name], f"{found.file}, column {name}", found.first_line))
+        beyond = np.flatnonzero(np.abs(values) > most)
+        if len(beyond):
+            row = int(beyond[0]) + found.first_line
+            raise BadInput(
+                f"{found.file}, row {row}: {name} = {values[beyond[0]]:g} is too large: correct it, or remove the row"
+            )
+        return values
 
-    time = column(stamp)
+    time = column(stamp, MAX_STAMP)
     if not np.isfinite(time).all():
         row = int(np.flatnonzero(~np.isfinite(time))[0]) + found.first_line
         raise BadInput(f"{found.file}, row {row}: {stamp} is empty: give every row its time")
-    theta = column(columns["theta"]) if "theta" in columns else np.full(len(time), math.nan)
+    theta = column(columns["theta"], MAX_PLACE) if "theta" in columns else np.full(len(time), math.nan)
     long = "x" in columns and "ball" in columns
     index: dict[str, int] = {}
     cells = found.cells[columns["ball"]] if long else ("",) * len(time)
@@ -150,7 +158,7 @@ def _tracks(
         raise BadInput(f"{found.file}: {problem}")
     tracks = {}
     for ball, (x, y) in pairs.items():
-        xy = np.column_stack([column(x), column(y)])
+        xy = np.column_stack([column(x, MAX_PLACE), column(y, MAX_PLACE)])
         seen = np.isfinite(xy).all(axis=1)
         for one, k in index.items():
             rows = np.flatnonzero((of_row == k) & seen)

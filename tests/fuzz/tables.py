@@ -201,7 +201,7 @@ def parquet_of(rng: random.Random, table: Table) -> bytes:
     import pyarrow as pa
     import pyarrow.parquet
 
-    names = [name or f"c{k}" for k, name in enumerate(table.head)]
+    names = [name.encode("utf-8", "replace").decode() or f"c{k}" for k, name in enumerate(table.head)]
     width = len(names)
     rows = [[*row, *[""] * width][:width] for row in table.rows]
     columns = {}

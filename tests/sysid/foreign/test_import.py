@@ -176,6 +176,8 @@ BAD: dict[str, tuple[str, tuple[str, ...], str]] = {
     "frames": ("frame,x,y\n0,1,2\n1,1,2\n2,1,2\n", (), "--fps"),
     "text": ("t,ball,x,y\n0,cue,1,2\n0.1,cue,far,2\n", (), "row 3: 'far' is not a number"),
     "twice": ("t,ball,x,y\n0,cue,1,2\n0,cue,1,2\n", (), "is there twice"),
+    "late": ("t,ball,x,y\n0,cue,1,2\n-1e308,cue,1,2\n", (), "row 3: t = -1e+308 is too large: "),
+    "far": ("t,ball,x,y\n0,cue,1,2\n1,cue,1,2e99\n", (), "row 3: y = 2e+99 is too large: "),
     "ragged": ("t,ball,x,y\n0,cue,1\n", (), "row 2: 3 cells where 4"),
     "nothing": ("t,ball,x,y\n", (), "holds no rows"),
     "no times": ("a,b,x,y\n1,2,3,4\n", (), "--columns"),
