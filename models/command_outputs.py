@@ -124,7 +124,7 @@ def _checked(ctx: click.Context) -> Iterator[None]:
     if not results and not folders:
         yield
         return
-    from models.files.made import check_file, check_folder, digest, marked
+    from models.files.made import check_file, check_folder, digest, marked, without_lone_record
     from models.files.record import Origin
 
     joined = {name for kind, _ in folders for name in kind.joined}
@@ -137,7 +137,7 @@ def _checked(ctx: click.Context) -> Iterator[None]:
             check_file(path, origin)
         for kind, path in folders:
             check_folder(path, kind.writes, origin)
-    with marked(origin, [*results, *(path for _, path in folders)]):
+    with without_lone_record([path for _, path in folders]), marked(origin, [*results, *(path for _, path in folders)]):
         yield
 
 

@@ -61,6 +61,19 @@ def marked(origin: Origin, paths: Sequence[Path]) -> Iterator[None]:
         expected.reset(token)
 
 
+@contextlib.contextmanager
+def without_lone_record(folders: Sequence[Path]) -> Iterator[None]:
+    """Folders in which a command that fails inside has written nothing keep no record of its origin either."""
+    try:
+        yield
+    except BaseException:
+        for folder in folders:
+            with contextlib.suppress(OSError):
+                if [file.name for file in folder.iterdir() if not file.name.startswith(".")] == [MADE_FILE]:
+                    (folder / MADE_FILE).unlink()
+        raise
+
+
 def check_file(path: Path, origin: Origin) -> None:
     """BadInput where a file is there that another command, or other input, has made, or that was changed since."""
     if not path.is_file():

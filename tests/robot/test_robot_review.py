@@ -61,7 +61,7 @@ def test_a_campaign_is_held_against_its_map(tmp_path: Path, capsys: pytest.Captu
     assert main(["review", str(tmp_path / "shots.csv"), *more]) == 0
     misses = np.array(column(read(tmp_path / "m.rrd")["/miss/squirt"], "Scalars:scalars"), float).ravel()
     assert misses[np.isfinite(misses)] == pytest.approx([-2.0, -2.0], abs=0.05)
-    assert main(["review", str(tmp_path), *more]) == 2
+    assert main(["review", str(tmp_path), *more[:2], "--save", str(tmp_path / "series.rrd")]) == 2
     assert "belongs to a campaign" in capsys.readouterr().err
 
 

@@ -276,7 +276,7 @@ def test_facings_that_miss_the_edge_of_the_slate_close_no_pocket() -> None:
     """They run on beside it for ever, and balls would leave the table there."""
     corner = PocketShape(0.2144, 0.1736, 1.596, 0.0284, 0.0931, 0.0544)
     table = Table(6.456, 1.539, PocketShapes(corner, SNOOKER_POCKETS.middle))
-    with pytest.raises(BadInput, match=r"25\.9 mm is none for these pockets"):
+    with pytest.raises(BadInput, match=r"25\.9 mm is none for the pockets"):
         pockets_of(table, Ball(0.0259, 0.00167))
 
 

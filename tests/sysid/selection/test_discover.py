@@ -233,7 +233,7 @@ def test_a_pickle_in_the_folder_of_results_is_not_opened(tmp_path: Path, monkeyp
 
     monkeypatch.setattr(room, "begin", stop)
     folder = Path(__file__).parents[3] / "sysid" / "example"
-    assert cli.main(["discover", str(folder), "--out", str(tmp_path)]) == Status.INTERRUPTED
+    assert cli.main(["discover", str(folder), "--out", str(tmp_path), "--overwrite"]) == Status.INTERRUPTED
     assert not (tmp_path / "sprung").exists()
 
 
@@ -243,7 +243,7 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_work(
     (tmp_path / "file").write_text("")
     folder = Path(__file__).parents[3] / "sysid" / "example"
     assert cli.main(["discover", str(folder), "--out", str(tmp_path / "file" / "out")]) == 2
-    assert "cannot be made" in capsys.readouterr().err
+    assert "cannot be written (Not a directory)" in capsys.readouterr().err
     assert cli.main(["diagnose", str(folder), "--json", str(tmp_path / "none" / "f.json")]) == 2
 
 
