@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -37,9 +38,10 @@ def broken(path: Path) -> str:
             seen = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
             if seen is None or not content.endswith(PNG_END):
                 return "no whole picture"
-        elif kind in (".html", ".pdf"):
-            if not content.rstrip().endswith((b"</html>", b"%%EOF")):
-                return "no end"
+        elif kind == ".html":
+            return "" if content.rstrip().endswith(b"</html>") else "no end"
+        elif kind == ".pdf":  # comments may follow its end
+            return "" if re.search(rb"%%EOF\s+(% .*\n)*\Z", content) else "no end"
         elif kind in (".md", ".txt"):
             return "" if content.endswith(b"\n") else "no end"
         else:

@@ -340,7 +340,8 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 @pytest.mark.slow
 def test_the_demo_writes_its_files(demo: tuple[Path, str]) -> None:
     out, said = demo
-    assert sorted(p.name for p in out.iterdir()) == ["model.toml", "report.html", "result.json", "review.rrd"]
+    results = ["model.toml", "report.html", "result.json", "review.rrd"]
+    assert sorted(p.name for p in out.iterdir()) == ["made.json", *results]
     for name in ("model.toml", "report.html", "result.json", "review.rrd"):
         assert name in said
     page = (out / "report.html").read_text(encoding="utf-8")

@@ -200,7 +200,7 @@ def test_an_interrupted_discovery_goes_on(
     monkeypatch.setattr(room.Journal, "add", add_until)
     for known in (9, 15):
         assert cli.main(["discover", str(folder), "--out", str(parted)]) == Status.INTERRUPTED
-        assert sorted(p.name for p in parted.iterdir()) == ["unfinished.jsonl"]
+        assert sorted(p.name for p in parted.iterdir()) == ["made.json", "unfinished.jsonl"]
         assert len((parted / "unfinished.jsonl").read_text().splitlines()) == 1 + known
     capsys.readouterr()
     assert cli.main(["discover", str(folder), "--out", str(parted)]) == 0
