@@ -18,10 +18,11 @@ from sysid.clips.noise import position_noise
 from sysid.clips.outliers import remove_outliers
 from sysid.clips.slow_noise import slow_noise
 from sysid.estimation.discrepancy import events_and_paths
-from sysid.estimation.initial_states import grown_states, polished
+from sysid.estimation.initial_states import polished
 from sysid.estimation.problem import STATE_STEPS, Array, by_events
 from sysid.estimation.shot_problem import ShotProblem, residual, shot_problem
 from sysid.estimation.start_values import theta_noise
+from sysid.estimation.state_search import found_states
 from sysid.residuals.collect import joined, samples_of_segments, samples_of_shots
 from sysid.residuals.comparison import ClipRow, Comparison, SegmentRow
 from sysid.residuals.groups import groups
@@ -52,7 +53,7 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
     log.info("%d segments between events", len(segments))
     problem = shot_problem(model, (), clip_set, sigma, slow_noise=slow.sd)
     none = np.zeros(0)
-    x = grown_states(problem, none) if start is None else start
+    x = found_states(problem, none) if start is None else start
     x = polished(problem, x, none)
     n = len(clip_set.clips)
     tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))
@@ -90,7 +91,7 @@ def played_clips(clip_set: ClipSet, model: Model, start: Array | None = None) ->
     clip_set, _ = remove_outliers(clip_set, sigma)
     slow, none, n = slow_noise(clip_set, sigma), np.zeros(0), len(clip_set.clips)
     problem = shot_problem(model, (), clip_set, sigma, slow_noise=slow.sd)
-    x = polished(problem, grown_states(problem, none) if start is None else start, none)
+    x = polished(problem, found_states(problem, none) if start is None else start, none)
     tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))
     return {clip.file: track for clip, track in zip(clip_set.clips, tracks, strict=True)}
 

@@ -22,9 +22,10 @@ from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.clips.outliers import remove_outliers
-from sysid.estimation.initial_states import grown_states, polished
+from sysid.estimation.initial_states import polished
 from sysid.estimation.shot_problem import ShotProblem, residual, shot_problem
 from sysid.estimation.split import subset, training_clips
+from sysid.estimation.state_search import found_states
 
 Array = NDArray[np.float64]
 NO_CONSTANTS = np.zeros(0)
@@ -34,7 +35,7 @@ DEFAULT_SEEDS = 3
 
 def errors_of(problem: ShotProblem) -> tuple[Array, Array]:
     """Initial states (n, p) of whole shots, and the struck ball's rms distance (n,) [m]."""
-    x, n = polished(problem, grown_states(problem, NO_CONSTANTS), NO_CONSTANTS), len(problem.clips)
+    x, n = polished(problem, found_states(problem, NO_CONSTANTS), NO_CONSTANTS), len(problem.clips)
     found = []
     for track, clip in zip(problem.tracks(x, np.zeros((n, 0)), np.arange(n)), problem.clips, strict=True):
         seen = clip.balls[clip.struck]

@@ -178,6 +178,8 @@ def csv_of(rng: random.Random, table: Table) -> bytes:
     separator = rng.choice((*[","] * 12, ";", "\t", "|", " "))
     out = io.StringIO()
     quoting = rng.choice((*[csv.QUOTE_MINIMAL] * 8, csv.QUOTE_ALL, csv.QUOTE_NONE))
+    if quoting == csv.QUOTE_NONE and [""] in [table.head, *table.rows]:  # which cannot be written so
+        quoting = csv.QUOTE_MINIMAL
     writer = csv.writer(
         out,
         delimiter=separator,
