@@ -6,8 +6,8 @@ From nothing, the horizon of the shots grows from event to event with the consta
 simulated with constants that are already nearly right; sizes of table and ball are held as stated until then. Where
 the model lacks something, sizes are also freed only after all else was fitted, and the better fit is kept. The
 discrepancy rate, which sets how much a late sample counts, is estimated in turn with the constants until both have
-settled. Shots that miss by more than noise and discrepancy explain are searched again from their strike with the new
-constants, since a model that lacked an effect may have left them in a false optimum.
+settled. Shots that fit much worse than the rest are grown again from their strike with the new constants, since a model
+that lacked an effect may have left them in a false optimum.
 """
 
 from __future__ import annotations
@@ -18,23 +18,22 @@ import logging
 import numpy as np
 
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
-from sysid.estimation.initial_states import fit_states, shot_losses, with_scatter
+from sysid.estimation.initial_states import (
+    REGROWN_STEPS,
+    fit_states,
+    from_other_spins,
+    grown_by_stage,
+    grown_states,
+    losses_per_residual,
+    regrown,
+    shot_losses,
+    with_scatter,
+)
 from sysid.estimation.lone_shots import SpinScan, scan_lone_shots
-from sysid.estimation.problem import Array, shared_constants, values_of
+from sysid.estimation.problem import Array, Index, shared_constants, values_of
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint, newton_step
-from sysid.estimation.state_search import (
-    BETTER_LOSS,
-    POLISH_STEPS,
-    TOLERATED_RATE,
-    Optima,
-    best_whole,
-    found_states,
-    grown_states,
-    searched_again,
-    standing_out,
-    up_to_event,
-)
+from sysid.estimation.start_values import RUNNING_SPIN
 
 CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
 NO_RATE = 1e-5  # and which counts as none
@@ -47,8 +46,14 @@ GROWING_FIT = StoppingRule(6, 2, 1e-5)  # while shots grow
 FIRST_EVENTS_FIT = StoppingRule(15, 3, 1e-5)
 SHORT_FIT = StoppingRule(4, 1, 1e-5)
 NO_STEP = StoppingRule(0, 1, 1e-5)  # information and gradient where the constants are
-MIN_OTHERS = 3  # shots that give constants without those that stand out
 MIN_LONGER_SHOTS = 4  # shots that must have grown for the constants to be fitted at a stage
+ASTRAY_LOSS = 1.5  # loss per residual over the shots' median from which a shot is grown again
+ODD_LOSS = 1.15  # the same where shots are followed to the noise
+MAX_ALONE_SHARE = 0.5  # of the shots that may be astray for other spins to be tried
+NOISE_LOSS = 0.5  # loss per residual of noise
+COARSE_STATE_STEPS = 6  # of a shot that is grown again while the fit is coarse
+MAX_OUTLIER_TRIALS = 3  # times that shots which stand out are tried anew, while it helps
+MIN_IMPROVEMENT = 2.0  # of the loss, for which shots are moved
 STUCK_LOSS = 1e-6  # share of the loss by which that of a round differs from that before, at most
 CHAOS_RATE = 1e-3  # discrepancy rate beyond which derivatives of whole shots claim too much
 CHAOS_EVENTS = 2  # events up to which the derivatives of a shot that is not followed are valid
@@ -57,23 +62,46 @@ HELD_OUT_STEPS, HELD_OUT_STEPS_UNFOLLOWED = 40, 8  # of initial states, where th
 log = logging.getLogger(__name__)
 
 
-def fit_from_nothing(problem: ShotProblem, what: str = "") -> FittedModel:
+def fit_from_nothing(problem: ShotProblem, what: str = "", pieces: bool = False) -> FittedModel:
     """Every constant of the problem and every initial state, the shots grown from their beginnings.
 
     Args:
         problem: whole shots, or pieces of them; its model's values are where the constants begin.
         what: is fitted, for the log.
+        pieces: shots begin in motion, so that nothing is known of their spins, and other ones are tried.
     """
     held = problem.with_model(problem.model, [n for n in problem.names if n not in problem.model.sizes])
     x, c = _grown(held, what)
     problem, held = with_scatter(problem, x), with_scatter(held, x)
-    found = fit(_freed(problem, held, x, c), what)
-    if held.names != problem.names and found.discrepancy_rate > CLOSE_RATE:
-        # What the model lacks may have bent the sizes before the other constants were near their best.
-        alone = fit(Point(held, x, c, held.discrepancy_rate(x, c)), f"{what}, sizes as stated")
-        other = fit(_freed(problem, held, alone.initial_states, alone.constants), what)
-        found = _better(found, other)
-    return settled(found, what)
+    start = _freed(problem, held, x, c)
+    if not pieces:
+        start = _other_spins_of_running(start, what)
+        found = fit(start, what, UNFOLLOWED_RATE)
+        if held.names != problem.names and found.discrepancy_rate > CLOSE_RATE:
+            # What the model lacks may have bent the sizes before the other constants were near their best.
+            alone = fit(Point(held, x, c, held.discrepancy_rate(x, c)), f"{what}, sizes as stated", UNFOLLOWED_RATE)
+            other = fit(_freed(problem, held, alone.initial_states, alone.constants), what, UNFOLLOWED_RATE)
+            found = _better(found, other)
+        return settled(found, what)
+    for _ in range(2):
+        log.info("%s, other spins", what)
+        seen = problem.with_discrepancy(start.discrepancy_rate)
+        x = from_other_spins(seen, np.arange(len(x)), start.initial_states, start.constants)
+        start = Point(problem, x, start.constants, problem.discrepancy_rate(x, start.constants))
+        start = found = fit(start, what, UNFOLLOWED_RATE)
+    return found
+
+
+def _other_spins_of_running(start: Point, what: str) -> Point:
+    """A start with other spins tried of the clips that begin in mid-motion, of which nothing is known."""
+    problem = start.problem
+    rows = np.array([k for k, clip in enumerate(problem.clips) if clip.running], np.int64)
+    if not rows.size:
+        return start
+    log.info("%s, other spins of running clips", what)
+    seen = problem.with_discrepancy(start.discrepancy_rate)
+    x = from_other_spins(seen, rows, start.initial_states, start.constants, RUNNING_SPIN)
+    return Point(problem, x, start.constants, problem.discrepancy_rate(x, start.constants))
 
 
 def _freed(problem: ShotProblem, held: ShotProblem, x: Array, c: Array) -> Point:
@@ -104,7 +132,7 @@ def settled(found: FittedModel, what: str) -> FittedModel:
         for scan in scans:
             if scan.best:
                 x[scan.row], c[scan.some] = scan.states[scan.best], scan.constants[scan.best]
-        other = fit(Point(found.problem, x, c, found.discrepancy_rate), what)
+        other = fit(Point(found.problem, x, c, found.discrepancy_rate), what, UNFOLLOWED_RATE)
         if _better(found, other) is other:
             found, scans = other, _scans(other, what)
     variance = np.diag(found.covariance).copy()
@@ -122,83 +150,64 @@ def _scans(found: FittedModel, what: str) -> list[SpinScan]:
 
 def _grown(problem: ShotProblem, what: str) -> tuple[Array, Array]:
     """Initial states and constants, grown from event to event."""
-    c, optima = values_of(problem.model, problem.names), Optima.at(problem.start)
-    tolerant = problem.with_discrepancy(TOLERATED_RATE)
+    c, x = values_of(problem.model, problem.names), problem.start.copy()
     for stage in range(problem.stages):
-        optima = up_to_event(tolerant, optima, c, stage)
+        x = grown_by_stage(problem, x, c, stage)
         longer = problem.horizon_at(stage) > problem.horizon_at(stage - 1)
         if stage and np.sum(longer) >= MIN_LONGER_SHOTS:
-            found = _solve(
-                tolerant.until(problem.horizon_at(stage)),
-                optima.best,
-                c,
-                GROWING_FIT,
-                f"{what}, up to event {stage + 1}",
-            )
-            optima, c = optima.with_best(found.initial_states), found.constants
+            seen = problem.growing(stage)
+            found = _solve(seen, x, c, GROWING_FIT, f"{what}, up to event {stage + 1}")
+            x, c = found.initial_states, found.constants
         log.info("%s, up to event %d of %d", what, stage + 1, problem.stages)
-    return best_whole(tolerant, optima, c), c
+    return x, c
 
 
-def fit(start: Point, what: str = "") -> FittedModel:
+def fit(start: Point, what: str = "", doubt_below: float = CLOSE_RATE) -> FittedModel:
     """Constants and initial states from a start that is nearly right.
 
     A model that does not follow the shots to the noise is fitted coarsely: what it lacks moves its constants by more.
-    Shots that miss by more than noise and discrepancy explain are searched again at the new constants, as long as that
-    finds better initial states.
 
     Args:
         start: a problem, and where another fit has arrived or a candidate is expected.
         what: is fitted, for the log.
+        doubt_below: discrepancy rate up to which single shots that stand out are tried anew, since the model follows
+            the others well enough.
     """
     problem, x, c, rate = start.problem, start.initial_states, start.constants, start.discrepancy_rate
-    search, cost = True, np.inf
+    regrow, trials, cost = True, MAX_OUTLIER_TRIALS, np.inf
     coarse = rate > CLOSE_RATE
     for round_ in range(MAX_ROUNDS):
         found = _solve(problem.with_discrepancy(rate), x, c, COARSE_FIT if coarse else FINE_FIT, what)
         x, c = found.initial_states, found.constants
         new = problem.discrepancy_rate(x, c)
-        if search:
-            better = _from_the_others(problem.with_discrepancy(min(new, rate)), x, c)
-            search = better is not None
-            while better is not None:
-                log.info("%s, shots that stood out with better initial states", what)
-                x, c = better
-                new = problem.discrepancy_rate(x, c)
-                better = _from_the_others(problem.with_discrepancy(min(new, rate)), x, c)
+        better = False
+        seen = problem.with_discrepancy(min(new, rate))
+        astray = _astray(seen, x, c) if regrow else np.zeros(0, np.int64)
+        if astray.size:
+            regrow = False
+            x, count = regrown(seen, astray, x, c, COARSE_STATE_STEPS if coarse else REGROWN_STEPS)
+            alone = _astray(seen, x, c)
+            if 0 < alone.size <= MAX_ALONE_SHARE * len(x):  # the model follows the others: it is their spin
+                before, x = x, from_other_spins(seen, alone, x, c)
+                count += int(np.any(x != before))
+            if count:
+                better, new = True, problem.discrepancy_rate(x, c)
+        if new <= doubt_below and trials:
+            trials -= 1
+            others = _outliers_retried(problem.with_discrepancy(new), x, c)
+            if others is None:
+                trials = 0
+            else:
+                log.info("%s, without shots that bias the constants", what)
+                x, c = others
+                better, new = True, problem.discrepancy_rate(x, c)
         settled = abs(new - rate) < SETTLED_RATE_CHANGE * rate + NO_RATE
         slow = round_ > 0 and new > max(MAX_RATE_RATIO * rate, CLOSE_RATE)
         stuck = abs(cost - found.cost) < STUCK_LOSS * found.cost  # the same fit again would change nothing
         rate, coarse, cost = new, new > CLOSE_RATE, found.cost
-        if not search and ((settled and (found.converged or stuck)) or slow):
+        if (settled and not better and (found.converged or stuck)) or slow:
             break
     return _fitted(Point(problem, x, c, rate), found)
-
-
-def _from_the_others(seen: ShotProblem, x: Array, c: Array) -> tuple[Array, Array] | None:
-    """Initial states and constants with the shots that stand out searched anew; None where the loss stays.
-
-    A shot in a false optimum biases the constants until it nearly fits. At the constants of the others, where they are
-    most, it can find its true one.
-    """
-    loss, count = shot_losses(seen, x, c)
-    each = loss / np.maximum(count, 1)
-    noise = 0.5 + 3.0 * np.sqrt(0.5 * seen.correlation_time / np.maximum(count, 1))
-    odd = np.flatnonzero((each > np.median(each)) & (each > noise))
-    rest = np.setdiff1d(np.arange(len(x)), odd)
-    if not odd.size:
-        return None
-    new, at = x.copy(), c
-    if rest.size >= MIN_OTHERS:
-        others = _solve(seen.only(rest), x[rest], c, COARSE_FIT, "the other shots")
-        new[rest], at = others.initial_states, others.constants
-    part = seen.only(odd)
-    new[odd] = fit_states(part, grown_states(part, at), at, POLISH_STEPS)
-    each, losses = (shot_losses(seen, x, c)[0], shot_losses(seen, new, at)[0])
-    if losses.sum() < each.sum() - BETTER_LOSS:
-        return new, at
-    same = shot_losses(seen, new, c)[0] < each - BETTER_LOSS
-    return (np.where(same[:, None], new, x), c) if same.any() else None
 
 
 def widened(found: FittedModel) -> FittedModel:
@@ -247,27 +256,60 @@ def _solve(problem: ShotProblem, x: Array, c: Array, rule: StoppingRule, what: s
     return fit_joint(problem.objective(), x, c, shared, rule, what)
 
 
+def _outliers_retried(seen: ShotProblem, x: Array, c: Array) -> tuple[Array, Array] | None:
+    """Initial states and constants with the shots that stand out tried anew at the constants of the others.
+
+    A shot in a false optimum biases the constants until it nearly fits; at those of the others alone, it can find its
+    true optimum. None where no shot stands out, or where the loss does not improve.
+    """
+    old, count = shot_losses(seen, x, c)
+    losses = old / np.maximum(count, 1)
+    odd = np.flatnonzero(losses > ODD_LOSS * float(np.median(losses)))
+    rest = np.setdiff1d(np.arange(len(x)), odd)
+    if odd.size == 0 or rest.size < max(3, 2 * len(x) // 3):
+        return None
+    alone = _solve(seen.only(rest), x[rest], c, COARSE_FIT, "the other shots")
+    new, at = x.copy(), alone.constants
+    new[rest] = alone.initial_states
+    new, _ = regrown(seen, odd, new, at)
+    new = from_other_spins(seen, odd, new, at)
+    return (new, at) if shot_losses(seen, new, at)[0].sum() < old.sum() - MIN_IMPROVEMENT else None
+
+
+def _astray(seen: ShotProblem, x: Array, c: Array) -> Index:
+    """Shots whose loss per residual is far above the median."""
+    losses = losses_per_residual(seen, x, c)
+    return np.flatnonzero(losses > ASTRAY_LOSS * max(float(np.median(losses)), NOISE_LOSS))
+
+
 def loss_soon(problem: ShotProblem, x: Array, c: Array) -> float:
     """The loss after a few steps from a point."""
     return _solve(problem, x, c, SHORT_FIT, "a few steps").cost
 
 
-def fit_held_out(found: Point, problem: ShotProblem, before: HeldOut | None) -> HeldOut:
+def fit_held_out(found: Point, problem: ShotProblem, before: HeldOut | None, pieces: bool = False) -> HeldOut:
     """The initial states of held-out clips at the constants of a fit, and the remaining error.
 
     Args:
         found: the fit.
         problem: the clips; its model and constants are replaced.
-        before: initial states that are nearly right; None to search them.
+        before: initial states that are nearly right; None to grow the shots from their beginnings.
+        pieces: see `fit_from_nothing`.
     """
     problem, c = problem.with_model(found.problem.model, found.names), found.constants
+    follows = found.discrepancy_rate < UNFOLLOWED_RATE
     # A model that does not follow its training clips need not be fitted finely to others.
-    steps = HELD_OUT_STEPS if found.discrepancy_rate < UNFOLLOWED_RATE else HELD_OUT_STEPS_UNFOLLOWED
+    steps = HELD_OUT_STEPS if follows else HELD_OUT_STEPS_UNFOLLOWED
+    x = grown_states(problem, c) if before is None else before.initial_states
     seen = problem.with_discrepancy(found.discrepancy_rate)
-    if before is None:
-        x = found_states(seen, c)
-    else:
-        x, _ = searched_again(seen, fit_states(seen, before.initial_states, c, steps), c)
+    x = fit_states(seen, x, c, steps)
+    astray = np.flatnonzero(losses_per_residual(problem, x, c) > ODD_LOSS * NOISE_LOSS)
+    if pieces and before is None:
+        x = from_other_spins(seen, astray, x, c)
+    elif astray.size and follows:
+        x, _ = regrown(seen, astray, x, c)
+        if found.discrepancy_rate < CLOSE_RATE:
+            x = from_other_spins(seen, astray, x, c)
     x = fit_states(problem, x, c, steps)
     r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
     return HeldOut(x, problem.noise * float(np.sqrt(np.nanmean(r**2))), r)

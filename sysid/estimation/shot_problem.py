@@ -49,6 +49,7 @@ from sysid.estimation.start_values import running_sd, running_start, shot_start,
 
 REST_STEP = 1e-7  # finite difference of a resting ball's position [m]
 REST_SD = 2.0  # of both noises: prior sd of its displacement from where it was seen
+GROWING_RATE = 0.02  # discrepancy rate that is tolerated while the horizon grows
 MAX_STAGES = 12  # horizons of a shot that grows from event to event
 BEFORE_EVENT_S = 1e-3  # by which a horizon ends before an event
 Item = TypeVar("Item")
@@ -129,6 +130,10 @@ class ShotProblem:
             end if whole or stage >= len(e) else min(float(e[stage]) - BEFORE_EVENT_S, float(end))
             for e, end in zip(self.events, self.end, strict=True)
         ])  # fmt: skip
+
+    def growing(self, stage: int) -> ShotProblem:
+        """The problem of a stage, with the discrepancy that is tolerated while the horizon grows."""
+        return self.with_discrepancy(GROWING_RATE).until(self.horizon_at(stage))
 
     @property
     def steps(self) -> Array:

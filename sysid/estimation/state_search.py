@@ -20,10 +20,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from sysid.estimation.initial_states import fit_states, shot_losses
+from sysid.estimation.initial_states import fit_states, grown_states, shot_losses
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.journal import recorded
@@ -61,12 +62,6 @@ class Optima:
         """Of every shot: (n, p)."""
         return self.states[np.unique(self.shots, return_index=True)[1]]
 
-    def with_best(self, states: Array) -> Optima:
-        """The same with another best one of every shot: (n, p)."""
-        changed = self.states.copy()
-        changed[np.unique(self.shots, return_index=True)[1]] = states
-        return Optima(self.shots, changed)
-
     def only(self, rows: Index) -> Optima:
         """Those of some shots, which are then numbered in that order; `rows` ascending."""
         mine = np.isin(self.shots, rows)
@@ -76,58 +71,74 @@ class Optima:
 def found_states(problem: ShotProblem, c: Array) -> Array:
     """The initial state of every shot at constants (q,): (n, p).
 
-    Searched from event to event; shots that then miss by more than noise and the discrepancy of the others explain are
-    searched with more and more effort.
+    Grown from event to event; shots that then miss by more than noise are searched, and those that still miss by more
+    than noise and the discrepancy of the others explain, with more and more effort.
     """
-    x = fit_states(problem, grown_states(problem.with_discrepancy(TOLERATED_RATE), c), c, POLISH_STEPS)
+    x = grown_states(problem, c)
+    rows = np.flatnonzero(~within_noise(*shot_losses(problem, x, c), problem.correlation_time))
+    if rows.size:
+        part = problem.only(rows)
+        new = fit_states(part, searched_states(part.with_discrepancy(TOLERATED_RATE), c), c, POLISH_STEPS)
+        x = _better(problem, rows, x, new, c)
     for effort in EFFORTS[1:]:
-        x, _ = searched_again(problem.with_discrepancy(problem.discrepancy_rate(x, c)), x, c, effort)
+        x = _searched_again(problem.with_discrepancy(problem.discrepancy_rate(x, c)), x, c, effort)
     return x
 
 
-def grown_states(problem: ShotProblem, c: Array, effort: int = 1) -> Array:
+def searched_states(problem: ShotProblem, c: Array, effort: int = 1) -> Array:
     """The initial state of every shot at constants (q,), searched once from event to event: (n, p).
 
     Samples count as the problem weighs them; see `ShotProblem.with_discrepancy`.
     """
     optima = Optima.at(problem.start)
     for stage in range(problem.stages):
-        optima = up_to_event(problem, optima, c, stage, effort)
+        optima = _up_to_event(problem, optima, c, stage, effort)
         log.info("%d shots up to event %d of %d", len(problem.clips), stage + 1, problem.stages)
-    return best_whole(problem, optima, c)
+    return _best_whole(problem, optima, c)
 
 
-def best_whole(problem: ShotProblem, optima: Optima, c: Array) -> Array:
+def _best_whole(problem: ShotProblem, optima: Optima, c: Array) -> Array:
     """The best of the optima of every shot as the problem weighs whole shots: (n, p)."""
     x, loss = fit_each(problem.objective(), optima.states, c, FINE_STEPS, optima.shots)
     order = np.lexsort((loss, optima.shots))
     return Optima(optima.shots[order], x[order]).best
 
 
-def searched_again(problem: ShotProblem, x: Array, c: Array, effort: int = 1) -> tuple[Array, int]:
-    """Initial states (n, p), those of shots that stand out searched anew; how many end better."""
-    rows = standing_out(problem, x, c)
+def _searched_again(problem: ShotProblem, x: Array, c: Array, effort: int) -> Array:
+    """Initial states (n, p), those of shots that stand out searched anew where that ends better."""
+    rows = _standing_out(problem, x, c)
     if not rows.size:
-        return x, 0
-    loss, part = shot_losses(problem, x, c)[0], problem.only(rows)
-    new = fit_states(part, grown_states(part, c, effort), c, POLISH_STEPS)
-    better = shot_losses(part, new, c)[0] < loss[rows] - BETTER_LOSS
+        return x
+    part = problem.only(rows)
+    new = fit_states(part, searched_states(part, c, effort), c, POLISH_STEPS)
+    return _better(problem, rows, x, new, c)
+
+
+def _better(problem: ShotProblem, rows: Index, x: Array, new: Array, c: Array) -> Array:
+    """Initial states x (n, p), some of them replaced by new ones that fit better."""
+    part = problem.only(rows)
+    better = shot_losses(part, new, c)[0] < shot_losses(part, x[rows], c)[0] - BETTER_LOSS
     x = x.copy()
     x[rows[better]] = new[better]
-    return x, int(better.sum())
+    return x
 
 
-def standing_out(problem: ShotProblem, x: Array, c: Array) -> Index:
+def within_noise(loss: Array, count: Array, correlation_time: float) -> NDArray[np.bool_]:
+    """Whether shots miss by no more than noise explains, from their losses (n,) and numbers of residuals (n,)."""
+    sd = np.sqrt(0.5 * correlation_time / np.maximum(count, 1))
+    return np.asarray(loss / np.maximum(count, 1) <= 0.5 + CHANCE_SD * sd)
+
+
+def _standing_out(problem: ShotProblem, x: Array, c: Array) -> Index:
     """Shots whose loss per residual is beyond that of noise, and of the other shots, by more than chance."""
     loss, count = shot_losses(problem, x, c)
     each = loss / np.maximum(count, 1)
     quarter, middle = np.quantile(each, (0.25, 0.5))  # shots that are followed worse spread above the middle
-    others = middle + CHANCE_SD * QUARTILE_TO_SD * (middle - quarter)
-    noise = 0.5 + CHANCE_SD * np.sqrt(0.5 * problem.correlation_time / np.maximum(count, 1))
-    return np.flatnonzero(~(each <= np.maximum(others, noise)))
+    others = each <= middle + CHANCE_SD * QUARTILE_TO_SD * (middle - quarter)
+    return np.flatnonzero(~(others | within_noise(loss, count, problem.correlation_time)))
 
 
-def up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, effort: int = 1) -> Optima:
+def _up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, effort: int = 1) -> Optima:
     """Optima up to the event of a stage, from those up to the one before it."""
     rows = np.flatnonzero(problem.horizon_at(stage) > problem.horizon_at(stage - 1))
     if not rows.size:

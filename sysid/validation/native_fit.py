@@ -34,7 +34,6 @@ from sysid.validation.shots import (
 )
 
 RANDOM_STATES = 60  # states of motion, or impacts, that a case is fitted to
-ROUGH_DAMPING = 1e-3  # of the first step: impacts of MuJoCo end at steps of its time, so that the loss is rough
 RELATIVE_STEP = 0.01  # of finite differences
 CAUCHY_SCALE = 10.0  # of the robust loss
 POSITION_SCALE_M, SIDESPIN_SCALE_M_S, SPEED_SCALE = (
@@ -94,13 +93,7 @@ def tune(case: str, native: Native, report: Callable[[str], None] | None = None)
 
     start = np.log([[getattr(native, name) for name in names]])
     none = Prior(start, np.full_like(start, np.inf))
-    x, _ = fit_each(
-        Objective(evaluate, np.full(len(names), RELATIVE_STEP), none, CAUCHY_SCALE),
-        start,
-        np.zeros(0),
-        25,
-        damping=ROUGH_DAMPING,
-    )
+    x, _ = fit_each(Objective(evaluate, np.full(len(names), RELATIVE_STEP), none, CAUCHY_SCALE), start, np.zeros(0), 25)
     found = np.exp(np.clip(x[0], bounds[:, 0], bounds[:, 1]))
     return dataclasses.replace(native, **{n: float(v) for n, v in zip(names, found, strict=True)})
 

@@ -307,13 +307,9 @@ def covariance(
     k = np.ix_(determined, determined)
     inverse = np.linalg.pinv(h[k])
     g = gradient[:, determined] / correlation_time
-    counted = np.any(g != 0, axis=1)
-    each = information[counted][:, k[0], k[1]] / correlation_time
-    # Without one of the problems the constants would be elsewhere by the Newton step of the others.
-    apart = np.einsum("npq,nq->np", np.linalg.pinv(h[k] - each), g[counted])
-    n = len(apart)
-    jackknife = (apart**2).sum(axis=0) * (n - 1) / max(n, 1)
+    n = max(int(np.sum(np.any(g != 0, axis=1))), 1)
+    sandwich = inverse @ (g.T @ g) @ inverse * (n / max(n - determined.sum(), 1))
     # Correlations are those of the information; standard deviations are the larger ones of both.
-    grow = np.sqrt(np.maximum(1.0, jackknife / np.maximum(np.diag(inverse), 1e-300)))
+    grow = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300)))
     out[k] = inverse * np.outer(grow, grow)
     return out

@@ -23,9 +23,9 @@ from sysid.estimation.solver.normal_equations import NormalEquations, from_diffe
 from sysid.estimation.solver.spread import by_parts
 
 Array = NDArray[np.float64]
-FIRST_STATE_DAMPING = 1e-7  # hardly any: after a dozen impacts the directions of a state differ that much
+FIRST_STATE_DAMPING = 1e-3
 MIN_DAMPING = 1e-9
-MAX_STATE_ATTEMPTS, DAMPING_GROWTH = 6, 4.0  # at a step of the initial states, each attempt grows faster
+MAX_STATE_ATTEMPTS = 6  # at a step of the initial states, ten times the damping each
 BATCH_PROBLEMS = 256  # whose residuals are in memory at a time, once for each finite difference
 NO_BOUNDS = np.array([[-np.inf, np.inf]])
 SINGULAR_SHARE = 1e-9  # eigenvalue of a scaled matrix up to which nothing is determined
@@ -152,7 +152,6 @@ def fit_each(
     iterations: int,
     which: NDArray[np.int64] | None = None,
     tolerance: float = 1e-4,
-    damping: float = FIRST_STATE_DAMPING,
 ) -> tuple[Array, Array]:
     """Initial states of problems at constants c (q,), and the loss of each: (n, p), (n,).
 
@@ -163,26 +162,24 @@ def fit_each(
         iterations: at most.
         which: (n,) numbers of the problems; None for all in order.
         tolerance: share of its loss by which a problem must improve in an iteration to be continued.
-        damping: of the first step, in units of Marquardt's scaling.
     """
     which = np.arange(len(x)) if which is None else which
 
     def work() -> tuple[Array, ...]:
-        return by_parts(_fit_each, objective, x, c, which, iterations, tolerance, damping)
+        return by_parts(_fit_each, objective, x, c, which, iterations, tolerance)
 
-    question = (x, c, which.astype(float), np.array([iterations, tolerance, objective.cauchy_sd, damping]))
+    question = (x, c, which.astype(float), np.array([iterations, tolerance, objective.cauchy_sd]))
     states, cost = recorded(work, question, (x.shape, x.shape[:1]), lambda found: objective.holds(found[0]))
     return states, cost
 
 
 def _fit_each(
-    objective: Objective, x: Array, c: Array, which: NDArray[np.int64], iterations: int, tolerance: float,
-    first_damping: float,
-) -> tuple[Array, Array]:  # fmt: skip
+    objective: Objective, x: Array, c: Array, which: NDArray[np.int64], iterations: int, tolerance: float
+) -> tuple[Array, Array]:
     """See `fit_each`."""
     n, p = x.shape
     prior = objective.prior.only(which)
-    x, damping, cost = objective.inside(x), np.full(n, first_damping), np.full(n, np.inf)
+    x, damping, cost = objective.inside(x), np.full(n, FIRST_STATE_DAMPING), np.full(n, np.inf)
     active = np.arange(n)
     means, sds = np.broadcast_to(prior.mean, (n, p)), np.broadcast_to(prior.sd, (n, p))
     for _step in range(iterations):
@@ -191,7 +188,7 @@ def _fit_each(
         diagonal = np.einsum("npp->np", a) + 1 / here.sd**2
         trial, trial_cost = x[active].copy(), np.full(active.size, np.inf)
         todo = np.arange(active.size)
-        for attempt in range(MAX_STATE_ATTEMPTS):
+        for _ in range(MAX_STATE_ATTEMPTS):
             lhs = a[todo] + np.einsum(
                 "np,pq->npq", 1 / here.sd[todo] ** 2 + damping[active[todo], None] * diagonal[todo] + 1e-12, np.eye(p)
             )
@@ -203,7 +200,7 @@ def _fit_each(
             trial[todo[better]], trial_cost[todo[better]] = new[better], new_cost[better]
             damping[active[todo[better]]] = np.maximum(damping[active[todo[better]]] / 10, MIN_DAMPING)
             todo = todo[~better]
-            damping[active[todo]] *= DAMPING_GROWTH ** (attempt + 1)
+            damping[active[todo]] *= 10
             if todo.size == 0:
                 break
         failed = ~np.isfinite(trial_cost)
