@@ -24,8 +24,8 @@ from sysid.estimation.solver.least_squares import Prior
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-STATE_STEPS = np.array([1e-7, 1e-7, 1e-6, 1e-6, 1e-5, 1e-5, 1e-5])  # finite differences, [m] and [m/s]
-CONSTANT_STEP, VARIED_CONSTANT_STEP = 1e-7, 1e-4  # the same of constants, of their bounds' width
+STATE_STEPS = np.array([1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4])  # finite differences, [m] and [m/s]
+CONSTANT_STEP, VARIED_CONSTANT_STEP = 1e-5, 1e-3  # the same of constants, of their bounds' width
 MAX_SPEED_M_S = 15.0  # of a ball: no break shot is faster
 MAX_SPIN_M_S = 20.0  # surface speed of its spin: the miscue limit at that speed, and a little more
 OPEN_TABLE_M = 1e3  # length and width of a table whose cushions are out of range

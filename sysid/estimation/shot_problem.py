@@ -47,7 +47,7 @@ from sysid.estimation.residual_rows import (
 from sysid.estimation.solver.least_squares import Evaluate, Objective, Prior
 from sysid.estimation.start_values import running_sd, running_start, shot_start, theta_noise
 
-REST_STEP = 1e-7  # finite difference of a resting ball's position [m]
+REST_STEP = 1e-6  # finite difference of a resting ball's position [m]
 REST_SD = 2.0  # of both noises: prior sd of its displacement from where it was seen
 GROWING_RATE = 0.02  # discrepancy rate that is tolerated while the horizon grows
 MAX_STAGES = 12  # horizons of a shot that grows from event to event

@@ -14,6 +14,7 @@ depends on no other.
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,12 +25,13 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from sysid.estimation.initial_states import fit_states, grown_states, shot_losses
+from sysid.estimation.initial_states import grown_states, shot_losses
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.journal import recorded
 from sysid.estimation.solver.least_squares import Objective, fit_each, linearised
 
+FINE_STEP_SHARE = 0.1  # of the finite differences that fits take
 TOLERATED_RATE = 0.02  # discrepancy rate of a model of which nothing is known yet
 MAX_OPTIMA = 8  # of a shot that go on
 FIRST_DRAWS, MORE_DRAWS, MAX_DRAWS = 8, 16, 96  # starts of a shot at an event: at first, while they help, in all
@@ -68,6 +70,16 @@ class Optima:
         return Optima(np.searchsorted(rows, self.shots[mine]), self.states[mine])
 
 
+def fine_objective(problem: ShotProblem) -> Objective:
+    """The problem's, with derivatives over steps that are small against what a dozen impacts determine a start to."""
+    return dataclasses.replace(problem.objective(), steps=FINE_STEP_SHARE * problem.steps)
+
+
+def _polished(problem: ShotProblem, x: Array, c: Array) -> Array:
+    found, _ = fit_each(fine_objective(problem), x, c, POLISH_STEPS)
+    return found
+
+
 def found_states(problem: ShotProblem, c: Array) -> Array:
     """The initial state of every shot at constants (q,): (n, p).
 
@@ -78,7 +90,7 @@ def found_states(problem: ShotProblem, c: Array) -> Array:
     rows = np.flatnonzero(~within_noise(*shot_losses(problem, x, c), problem.correlation_time))
     if rows.size:
         part = problem.only(rows)
-        new = fit_states(part, searched_states(part.with_discrepancy(TOLERATED_RATE), c), c, POLISH_STEPS)
+        new = _polished(part, searched_states(part.with_discrepancy(TOLERATED_RATE), c), c)
         x = _better(problem, rows, x, new, c)
     for effort in EFFORTS[1:]:
         x = _searched_again(problem.with_discrepancy(problem.discrepancy_rate(x, c)), x, c, effort)
@@ -99,7 +111,7 @@ def searched_states(problem: ShotProblem, c: Array, effort: int = 1) -> Array:
 
 def _best_whole(problem: ShotProblem, optima: Optima, c: Array) -> Array:
     """The best of the optima of every shot as the problem weighs whole shots: (n, p)."""
-    x, loss = fit_each(problem.objective(), optima.states, c, FINE_STEPS, optima.shots)
+    x, loss = fit_each(fine_objective(problem), optima.states, c, FINE_STEPS, optima.shots)
     order = np.lexsort((loss, optima.shots))
     return Optima(optima.shots[order], x[order]).best
 
@@ -110,7 +122,7 @@ def _searched_again(problem: ShotProblem, x: Array, c: Array, effort: int) -> Ar
     if not rows.size:
         return x
     part = problem.only(rows)
-    new = fit_states(part, searched_states(part, c, effort), c, POLISH_STEPS)
+    new = _polished(part, searched_states(part, c, effort), c)
     return _better(problem, rows, x, new, c)
 
 
@@ -146,7 +158,9 @@ def _up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, eff
     seen, before = (problem.until(problem.horizon_at(k)) for k in (stage, max(stage - 1, 0)))
     shots, states = [optima.shots], [optima.states]
     for some in np.split(rows, range(SHOTS_AT_ONCE, rows.size, SHOTS_AT_ONCE)):
-        found = _recorded(seen.only(some).objective(), before.only(some).objective(), optima.only(some), c, effort)
+        found = _recorded(
+            fine_objective(seen.only(some)), fine_objective(before.only(some)), optima.only(some), c, effort
+        )
         shots.append(some[found.shots])
         states.append(found.states)
     stay = ~np.isin(optima.shots, rows)
