@@ -12,13 +12,11 @@ import os
 import re
 import shutil
 import signal
-import sys
-import traceback
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
 
 import numpy as np
 
@@ -27,7 +25,7 @@ from tests.full_disk.known import keep_results
 from tests.full_disk.whole import broken
 from tests.full_disk.works import NOTED
 from tests.fuzz import trial
-from tests.fuzz.verbs import SEEDS, program_of
+from tests.fuzz.verbs import SEEDS
 
 LIMIT_S = 120
 REMEDY = re.compile(r": (.+) (cannot be (written|made)|not written)|no room for temporary files")
@@ -74,7 +72,7 @@ class Course:
             self.largest = max((len(content) for content in left.values()), default=1)
             self.names = set(left)
 
-    def _disk(self) -> Any:
+    def _disk(self) -> _Filled:
         return _Filled(self.place / "disk", self.mounted)
 
     def points(self, count: int, rng: np.random.Generator, tally: Tally, say: Callable[[str], None] = print) -> None:
@@ -140,32 +138,16 @@ class Course:
             self._said = said.read().decode(errors="replace")
         return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
-    def _become(self, folder: Path, errors: int, largest: int | None) -> None:
-        """The child: never returns."""
-        status = trial.TRACEBACK_STATUS
-        try:
-            if hasattr(os, "sched_setaffinity"):
-                os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-            nowhere = os.open(os.devnull, os.O_RDWR)
-            for number, to in enumerate((nowhere, nowhere, errors)):
-                os.dup2(to, number)
-            sys.stdin, sys.stdout, sys.stderr = (os.fdopen(k, mode) for k, mode in enumerate("rww"))
-            os.chdir(folder)
+    def _become(self, folder: Path, errors: int, largest: int | None) -> NoReturn:
+        """The child."""
+
+        def limit() -> None:
             signal.alarm(LIMIT_S)
             if largest is not None:
                 limit_files(largest)
-            main: Any = program_of(self.words[0])
-            sys.argv = list(self.words)
-            status = main()
-        except BaseException:  # noqa: BLE001 (whatever it is, it is what we look for)
-            traceback.print_exc()
-        finally:
-            for stream in (sys.stdout, sys.stderr):
-                try:
-                    stream.flush()
-                except (OSError, ValueError):
-                    status = trial.TRACEBACK_STATUS
-            os._exit(status)
+
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        trial.become(self.words, folder, (nowhere, nowhere, errors), limit)
 
 
 class _Filled:
@@ -180,7 +162,7 @@ class _Filled:
         (self.folder / "out").mkdir()
         return self.folder
 
-    def __exit__(self, *error: Any) -> None:
+    def __exit__(self, *error: object) -> None:
         self._disk.__exit__(*error)
         shutil.rmtree(self.folder, ignore_errors=True)
 

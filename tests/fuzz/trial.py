@@ -15,9 +15,10 @@ import shutil
 import signal
 import sys
 import traceback
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from models.engine import play
 from models.files.limits import MAX_PICTURE_PIXELS
@@ -118,21 +119,38 @@ def _contents(folder: Path) -> dict[str, bytes]:
 
 def _run(command: Command, folder: Path) -> None:
     """The child: never returns."""
-    status = TRACEBACK_STATUS
-    try:
+
+    def limit() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (LIMIT_ADDRESS_SPACE, LIMIT_ADDRESS_SPACE))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        if hasattr(os, "sched_setaffinity"):  # one thread: others are left to whoever works here
-            os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-        for number, name in enumerate(("/dev/null", str(folder / "stdout"), str(folder / "stderr"))):
-            to = os.open(name, os.O_RDWR | os.O_CREAT, 0o644)
-            os.dup2(to, number)
-        sys.stdin, sys.stdout, sys.stderr = (os.fdopen(k, mode) for k, mode in enumerate("rww"))
-        os.chdir(folder / "in")
         signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
         signal.setitimer(signal.ITIMER_REAL, LIMIT_WAITING_S)
-        main: Any = program_of(command.words[0])
-        sys.argv = list(command.words)
+
+    names = ("/dev/null", str(folder / "stdout"), str(folder / "stderr"))
+    streams = [os.open(name, os.O_RDWR | os.O_CREAT, 0o644) for name in names]
+    become(command.words, folder / "in", streams, limit)
+
+
+def become(words: Sequence[str], folder: Path, streams: Sequence[int], limit: Callable[[], None]) -> NoReturn:
+    """Make this forked process a command in a folder, with these standard streams, and end with its status.
+
+    Args:
+        words: program and arguments.
+        folder: in which it runs.
+        streams: descriptors for input, output and errors.
+        limit: sets its limits, just before it begins.
+    """
+    status = TRACEBACK_STATUS
+    try:
+        if hasattr(os, "sched_setaffinity"):  # one thread: others are left to whoever works here
+            os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+        for number, to in enumerate(streams):
+            os.dup2(to, number)
+        sys.stdin, sys.stdout, sys.stderr = (os.fdopen(k, mode) for k, mode in enumerate("rww"))
+        os.chdir(folder)
+        limit()
+        main: Any = program_of(words[0])
+        sys.argv = list(words)
         status = main()
     except BaseException:  # noqa: BLE001 (whatever it is, it is what we look for)
         traceback.print_exc()
