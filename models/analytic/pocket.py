@@ -34,6 +34,7 @@ from models.pocket_shape import CORNER_PARALLEL_RAD, MIDDLE_PARALLEL_RAD, Pocket
 from models.shot import NOSE_COSINE, RAIL_NAMES, Ball, Table
 
 Array = NDArray[np.float64]
+OWN_POCKETS = "give [table] the pockets of its game"  # the remedy for pockets that fit no ball or table
 ARC_SETBACK_M = (
     1e-10  # by which arcs stand back, so that what rolls along a cushion does not graze them by rounding [m]
 )
@@ -103,9 +104,6 @@ def _mouth(shape: PocketShape, ball: Ball, *, middle: bool) -> _Mouth | None:
     if clean <= 0 or bend < 0 or across <= 0 or not closed:
         return None
     return _Mouth(end, math.pi - shape.cut_angle, beyond, 0.0 if before else s + FACING_OVERLAP_M)
-
-
-OWN_POCKETS = "give [table] the pockets of its game"
 
 
 def pockets_of(table: Table, ball: Ball) -> Pockets:

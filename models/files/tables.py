@@ -43,7 +43,7 @@ def csv_rows(
             with Path(path).open(encoding="utf-8-sig", newline="") as text:
                 yield from _Reading(text, separators, remarks).rows()
             return
-        except _Unfit as unfit:
+        except _UnfitTable as unfit:
             problem, row = unfit.args
         except UnicodeDecodeError as error:
             problem, row = (
@@ -67,7 +67,7 @@ def _row(path: Path | str) -> int | None:
     return None
 
 
-class _Unfit(BadInput):
+class _UnfitTable(BadInput):
     """What is wrong with a file, and in which line."""
 
 
@@ -79,7 +79,7 @@ class _Reading:
         self._line = self._start = 0  # numbers of the line that was read last, and of that before the row
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
-        """All rows that are not empty; _Unfit where they are none, or too many."""
+        """All rows that are not empty; _UnfitTable where they are none, or too many."""
         first = self._first()
         separator = max(self._separators, key=first.count)
         count = cells = 0
@@ -90,20 +90,20 @@ class _Reading:
                     continue
                 count, cells = count + 1, cells + len(row)
                 if len(row) > limits.MAX_COLUMNS:
-                    raise _Unfit(excess(len(row), limits.MAX_COLUMNS, "columns", NARROWER), start)
+                    raise _UnfitTable(excess(len(row), limits.MAX_COLUMNS, "columns", NARROWER), start)
                 if count > limits.MAX_ROWS + 1 or cells > limits.MAX_CELLS:
                     most, what = (limits.MAX_ROWS, "rows") if count > limits.MAX_ROWS else (limits.MAX_CELLS, "cells")
-                    raise _Unfit(f"has more than {most} {what}: {SMALLER}", start)
+                    raise _UnfitTable(f"has more than {most} {what}: {SMALLER}", start)
                 yield start, row
         except csv.Error as error:
-            raise _Unfit(f"is not CSV ({error}): correct the quotes", max(self._line, 1)) from error
+            raise _UnfitTable(f"is not CSV ({error}): correct the quotes", max(self._line, 1)) from error
 
     def _next(self) -> str:
         line = self._text.readline(limits.MAX_LINE_CHARS + 1)
         self._line += bool(line)
         if len(line) > limits.MAX_LINE_CHARS:
             what = f"characters in one line, {line.count(',')} commas among them"
-            raise _Unfit(f"has more than {limits.MAX_LINE_CHARS} {what}: write a line for each row", self._line)
+            raise _UnfitTable(f"has more than {limits.MAX_LINE_CHARS} {what}: write a line for each row", self._line)
         return line
 
     def _first(self) -> str:
@@ -118,6 +118,8 @@ class _Reading:
     def _lines(self, line: str) -> Iterator[str]:
         while line:
             if self._line - self._start > limits.MAX_CELL_LINES:  # within quotes
-                raise _Unfit(f"has a row of more than {limits.MAX_CELL_LINES} lines: correct the quotes", self._line)
+                raise _UnfitTable(
+                    f"has a row of more than {limits.MAX_CELL_LINES} lines: correct the quotes", self._line
+                )
             yield line
             line = self._next()

@@ -124,7 +124,7 @@ class Firmware:
         self.deeds: list[Deed] = []
         self._events: list[tuple[float, Callable[[], None], bool]] = []  # time, action, whether it survives a stop
         self._time = now()  # of the event in progress
-        self._stage = stage.Stage(backlash)
+        self._stage = stage.EmulatedStage(backlash)
         self._stuck = False
         self._last: tuple[Message, str] | None = None  # the last request and its reply
         self._armed = self._refused = self._faults = 0

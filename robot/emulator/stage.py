@@ -16,7 +16,7 @@ BACKLASH_UM = (150.0, 250.0)  # of x and y; screws of that class 0.1 to 0.3 mm, 
 Place = tuple[float, float]  # [micrometre]
 
 
-class Stage:
+class EmulatedStage:
     """Where the stage is and goes [micrometre]."""
 
     def __init__(self, backlash: Place = BACKLASH_UM) -> None:

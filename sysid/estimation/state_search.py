@@ -27,12 +27,11 @@ from scipy.stats import qmc
 
 from sysid.estimation.initial_states import grown_states, shot_losses
 from sysid.estimation.problem import Array, Index
-from sysid.estimation.shot_problem import ShotProblem
+from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
 from sysid.estimation.solver.journal import recorded
 from sysid.estimation.solver.least_squares import Objective, fit_each, linearised
 
 FINE_STEP_SHARE = 0.1  # of the finite differences that fits take
-TOLERATED_RATE = 0.02  # discrepancy rate of a model of which nothing is known yet
 MAX_OPTIMA = 8  # of a shot that go on
 FIRST_DRAWS, MORE_DRAWS, MAX_DRAWS = 8, 16, 96  # starts of a shot at an event: at first, while they help, in all
 COARSE_STEPS, FINE_STEPS = 2, 4  # of a draw, and of those that are then the best
@@ -90,7 +89,7 @@ def found_states(problem: ShotProblem, c: Array) -> Array:
     rows = np.flatnonzero(~within_noise(*shot_losses(problem, x, c), problem.correlation_time))
     if rows.size:
         part = problem.only(rows)
-        new = _polished(part, searched_states(part.with_discrepancy(TOLERATED_RATE), c), c)
+        new = _polished(part, searched_states(part.with_discrepancy(GROWING_RATE), c), c)
         x = _better(problem, rows, x, new, c)
     for effort in EFFORTS[1:]:
         x = _searched_again(problem.with_discrepancy(problem.discrepancy_rate(x, c)), x, c, effort)
