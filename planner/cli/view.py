@@ -177,12 +177,10 @@ def _source(shown: Shown) -> tuple[Table, Ball, dict[str, Array], dict[str, floa
 def _clip(source: Path, wanted: str) -> tuple[Table, Ball, dict[str, Array], dict[str, float]]:
     """The beginning of a clip, and its cue's stroke where it is known."""
     from sysid.clips import read_clip_set
+    from sysid.clips.choose import chosen_clip
 
     clips = read_clip_set(source)
-    found = [c for k, c in enumerate(clips.clips, 1) if wanted in (c.file, Path(c.file).stem, str(k))]
-    if not found:
-        raise BadInput(f"--clip {wanted}: {source} has {len(clips.clips)} clips; name one of its files or 1 to that")
-    clip = found[0]
+    clip = chosen_clip(clips, wanted, source)
     if clip.running:
         raise BadInput(f"--clip {wanted}: begins in mid-motion, so that there is no stroke to play; name another clip")
     names = (clip.struck, *[n for n in clip.balls if n != clip.struck])

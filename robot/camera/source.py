@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from models.errors import BadInput
-from sysid.vision.frames import Picture, quiet
+from sysid.vision.frames import Picture, grabbed, quiet, retrieved
 
 
 class Source(Protocol):
@@ -54,17 +54,17 @@ class Device:
 
     def read(self) -> tuple[float, Picture] | None:
         """The next picture; a live one is stamped as it comes."""
-        if not self._capture.grab():
+        if not grabbed(self._capture):
             return None
         stamp = time.monotonic() if self._live else float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
-        done, picture = self._capture.retrieve()
-        return (stamp, np.asarray(picture, np.uint8)) if done else None
+        picture = retrieved(self._capture)
+        return None if picture is None else (stamp, picture)
 
     def newest(self) -> tuple[float, Picture] | None:
         """Skip buffered pictures, which arrive at once."""
         for _ in range(10 if self._live and self.fps > 0 else 0):
             began = time.monotonic()
-            if not self._capture.grab() or time.monotonic() - began > 0.3 / self.fps:
+            if not grabbed(self._capture) or time.monotonic() - began > 0.3 / self.fps:
                 break
         return self.read()
 

@@ -222,7 +222,7 @@ def frames(path: Path, count: int) -> Iterator[Picture]:
     import cv2
     import numpy as np
 
-    from sysid.vision.frames import check_size, quiet, read_picture
+    from sysid.vision.frames import check_size, grabbed, quiet, read_picture, retrieved
 
     if not (path.is_file() or path.is_dir()):
         raise BadInput(f"{path}: does not exist; name a video, a picture, or a folder of pictures")
@@ -251,8 +251,8 @@ def frames(path: Path, count: int) -> Iterator[Picture]:
         for k in np.unique(np.linspace(0, max(total - 1, 0), count).astype(int)):
             if k > 0:
                 video.set(cv2.CAP_PROP_POS_FRAMES, int(k))
-            good, picture = video.read()
-            if good:
+            picture = retrieved(video) if grabbed(video) else None
+            if picture is not None:
                 yielded = True
                 yield picture
         if not yielded:

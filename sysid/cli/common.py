@@ -74,11 +74,12 @@ class Start:
         """The clip set, and all models named, or the base alone."""
         from models.model_file import full_model
         from sysid.clips import inspect_clip_set
+        from sysid.clips.choose import with_shots
         from sysid.clips.running import running_line
         from sysid.prepare import prepare
 
         inspection = inspect_clip_set(self.clips)
-        clip_set = inspection.sound()
+        clip_set = with_shots(inspection.sound(), self.clips)
         for warning in inspection.warnings:
             print(f"warning: {warning}", file=sys.stderr, flush=True)
         if running := running_line(clip_set.clips):

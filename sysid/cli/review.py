@@ -69,11 +69,15 @@ def _review_clips(
     """A clip set: its films, what was measured, and each model's shots where models are named."""
     from sysid.cli.compare import labels_of
     from sysid.clips import read_clip_set
+    from sysid.clips.choose import with_shots
     from sysid.interface import compare
     from sysid.report.recording import write_measured, write_rrd
     from sysid.vision.films import films_of, missing_line
 
-    clip_set, models = Start(shots, model_files).load_several() if model_files else (read_clip_set(shots), [])
+    if model_files:
+        clip_set, models = Start(shots, model_files).load_several()
+    else:
+        clip_set, models = with_shots(read_clip_set(shots), shots), []
     progress("looking at the films")
     films, missing = films_of(clip_set, video)
     progress.close()

@@ -1,4 +1,4 @@
-"""One clip of a set, by its file or its number, as users name it."""
+"""The clips of a set that users mean: all of them, of which there is one at least, or one by its file or number."""
 
 from __future__ import annotations
 
@@ -9,13 +9,20 @@ from models.files.faults import closest, listed, one_line
 from sysid.clips.clip_set import Clip, ClipSet
 
 
+def with_shots(clip_set: ClipSet, folder: Path | str) -> ClipSet:
+    """The clip set; BadInput where it holds no clip yet. `folder` is what the user named."""
+    if not clip_set.clips:
+        raise BadInput(f"{folder}: holds no clip: add some with sysid track or sysid import, or write them in by hand")
+    return clip_set
+
+
 def chosen_clip(clip_set: ClipSet, wanted: str | int | None, folder: Path | str) -> Clip:
     """The clip of this file, with or without folder and suffix, or of this number from 1; the last one if None.
 
     Raises:
         BadInput: there is none, or several are called so; `folder` is what the user named.
     """
-    clips = clip_set.clips
+    clips = with_shots(clip_set, folder).clips
     if wanted is None:
         return clips[-1]
     if isinstance(wanted, int) or wanted.isdecimal():

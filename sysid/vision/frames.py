@@ -178,15 +178,15 @@ class Video:
             for index in jumps if jumps is not None else range(most if most is not None else MAX_FRAMES):
                 if jumps is not None:
                     capture.set(cv2.CAP_PROP_POS_FRAMES, index)
-                if not capture.grab():
+                if not grabbed(capture):
                     if jumps is None:
                         return
                     continue
                 stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
                 picture = None
                 if wanted is None or index in wanted:
-                    done, found = capture.retrieve()
-                    picture = _as_colour(found) if done else None
+                    found = retrieved(capture)
+                    picture = None if found is None else _as_colour(found)
                 yield stamp, picture
             if jumps is None and most is None:
                 raise BadInput(f"{self.name}: has more than {MAX_FRAMES} frames: cut it into several")
@@ -347,6 +347,23 @@ def _retimed(frame_times: FrameTimes, fps: float | None) -> FrameTimes:
         scale,
         (*frame_times.notes, notes) if abs(scale - 1) > RATE_TOLERANCE else frame_times.notes,
     )
+
+
+def grabbed(capture: cv2.VideoCapture) -> bool:
+    """Go to the next picture; False where there is none, or where OpenCV fails at a damaged one."""
+    try:
+        return bool(capture.grab())
+    except cv2.error:
+        return False
+
+
+def retrieved(capture: cv2.VideoCapture) -> Picture | None:
+    """The picture gone to; None where it cannot be decoded, or where OpenCV fails at it."""
+    try:
+        done, picture = capture.retrieve()
+    except cv2.error:
+        return None
+    return np.asarray(picture, np.uint8) if done else None
 
 
 @contextlib.contextmanager

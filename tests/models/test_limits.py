@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import resource
 import time
 from collections.abc import Callable
@@ -134,6 +135,21 @@ def test_a_small_parquet_is_not_unpacked_into_much(tmp_path: Path) -> None:
     assert refused(lambda: read_columns(file)).endswith("): save it again, or as CSV")
     file.write_bytes(sound[:-8] + b"\xff\xff\xff\x7fPAR1")
     assert "MB of description, the limit is 16" in refused(lambda: read_columns(file))
+
+
+def test_no_damage_to_what_a_parquet_says_of_itself_ends_the_process(tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path = tmp_path / "a.parquet"
+    table = pa.table({"t": [0.0, 0.1], "x": [1, None], "ball": ["cue", "red"]})
+    parquet.write_table(table, path, store_schema=False)
+    sound = path.read_bytes()
+    first = len(sound) - 8 - int.from_bytes(sound[-8:-4], "little")
+    for at in range(first, len(sound) - 8):
+        for value in (sound[at] ^ 1, sound[at] ^ 16, 0, 255):
+            path.write_bytes(sound[:at] + bytes([value]) + sound[at + 1 :])
+            with contextlib.suppress(BadInput):
+                read_columns(path)
 
 
 def test_faults_end_as_well(tmp_path: Path) -> None:

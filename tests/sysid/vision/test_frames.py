@@ -162,6 +162,16 @@ def test_an_unreadable_picture_is_left_out_and_told(tmp_path: Path) -> None:
     assert any("2 frames unreadable" in line for line in footage.assumed)
 
 
+def test_a_frame_at_which_opencv_fails_is_left_out_and_told(tmp_path: Path) -> None:
+    path = video(tmp_path / "film.avi", 6, code="MJPG")
+    raw = bytearray(path.read_bytes())
+    at = [k for k in range(len(raw) - 8) if raw[k : k + 4] == b"00dc" and raw[k + 8 : k + 10] == b"\xff\xd8"]
+    raw[at[1] + 4 : at[1] + 8] = (0x7FFFFFF0).to_bytes(4, "little")  # the second picture's length
+    path.write_bytes(raw)
+    footage = open_footage(path)
+    assert 1 <= len(list(footage)) < 6
+
+
 def test_bad_input_is_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     whole = video(tmp_path / "a.mp4", 20, code="mp4v").read_bytes()
     bad = {
