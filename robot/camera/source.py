@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Protocol
 
 import cv2
-import numpy as np
 
 from models.errors import BadInput
 from sysid.vision.frames import Picture, grabbed, quiet, retrieved

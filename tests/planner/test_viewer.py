@@ -149,7 +149,7 @@ def test_pictures_of_a_stroke(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         (["--frames", "1", "--out", "x", "--side", "0.03"], "30.0 mm off the centre misses a ball of 26.2 mm"),
         (["planner/example.toml", "--frames", "1", "--out", "x", "--clip", "2"], "is no clip set; leave it out"),
         (["nowhere.toml", "--frames", "1", "--out", "x"], "nowhere.toml"),
-        ([str(CLIPS), "--frames", "1", "--out", "x", "--clip", "99"], "--clip 99:"),
+        ([str(CLIPS), "--frames", "1", "--out", "x", "--clip", "99"], "there is no clip 99: choose from"),
     ],
 )
 def test_bad_input_is_named(
