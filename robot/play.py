@@ -247,7 +247,7 @@ def play_plan(
         done = launcher.strike(order.string)
     except StrokeUnknown as error:
         played = _record(order, None, when, camera, clips, log, (*order.notes, str(error)))
-        _write(plan, order, played, clips)
+        _kept(plan, order, played, clips)
         raise
     noted = (*order.notes, *done.noted)
     try:
@@ -256,9 +256,7 @@ def play_plan(
         noted = (*noted, f"the cue is not back: {error}")
     if launcher.dry_run:
         return Played("dry", done, when, None, None, None, None, None, None, None, noted)
-    played = _record(order, done, when, camera, clips, log, noted)
-    _write(plan, order, played, clips)
-    return played
+    return _kept(plan, order, _record(order, done, when, camera, clips, log, noted), clips)
 
 
 def _check_camera(order: Order, camera: ShotCamera, plan: Path | str, tolerance: float) -> None:
@@ -370,11 +368,15 @@ def pocket_near(xy: Array, table: Table) -> Pocket | None:
     return POCKETS[k] if distances[k] <= POCKETED_DISTANCE_M else None
 
 
-def _write(plan: Path | str, order: Order, played: Played, clips: Path | str | None) -> None:
-    """The played file, whole."""
+def _kept(plan: Path | str, order: Order, played: Played, clips: Path | str | None) -> Played:
+    """What was played, written to the played file, whole; noted where it cannot be, since the stroke has been made."""
     result = dataclasses.asdict(played)
     clip = None if played.clip is None else {"folder": str(clips), "file": played.clip}
     head = {"format": PLAYED_FORMAT, "plan": Path(plan).name, "stroke": dataclasses.asdict(order.cue)}
     asked = {"string": order.string, "x0_mm": order.x0_mm, "y0_mm": order.y0_mm, "theta_deg": order.yaw_deg}
     balls = {"cue_ball": order.scene.names[0], "object_ball": order.scene.names[1]}
-    write_json(str(played_file(plan)), head | balls | {"asked": asked} | result | {"clip": clip})
+    try:
+        write_json(str(played_file(plan)), head | balls | {"asked": asked} | result | {"clip": clip})
+    except BadInput as error:
+        return dataclasses.replace(played, noted=(*played.noted, f"the record is lost: {error}"))
+    return played

@@ -310,8 +310,10 @@ def _print_played(played: Played, request: Request, emulated: EmulatedTable | No
         print(f"clip: {request.clips}/{played.clip}")
     elif request.clips:
         print("clip: none, no shot was seen")
-    print(f"played: {played_file(request.plan)}")
+    lost = any("the record is lost" in line for line in played.noted)
+    if not lost:
+        print(f"played: {played_file(request.plan)}")
     if emulated is not None and emulated.strokes != 1:
         print(f"the emulated cue ball was struck {emulated.strokes} times")
-    troubled = any("the cue is not back" in line or "the film is lost" in line for line in played.noted)
+    troubled = lost or any("the cue is not back" in line or "the film is lost" in line for line in played.noted)
     return Status.FINDING if troubled or (request.clips and not played.clip) else Status.DONE

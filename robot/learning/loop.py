@@ -225,6 +225,8 @@ def _play(
     setup.turn(math.radians(plan["launcher"]["theta_deg"]))
     with setup.launcher as launcher:
         played = play_plan(path, launcher, setup.camera, setup.confirm, clips=folder / "clips", say=report)
+    if not played_file(path).is_file():
+        raise BadInput(f"shot {number} was played, and {played.noted[-1]}")
     _repeat(path, rig, number)
     pot = {True: "potted", False: "not potted", None: "not seen"}[played.potted]
     miss = "not on the table"
