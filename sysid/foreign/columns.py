@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from models.errors import BadInput
-from models.files.faults import closest, listed
+from models.files.faults import closest, listed, shown
 from models.files.limits import MAX_BALLS, excess
 from models.shot import Array
 from sysid.clips.readings import METRES_BY_UNIT
@@ -135,7 +135,7 @@ def _tracks(
     """Every ball's track in order of time, without rows where it was not seen."""
 
     def column(name: str, most: float) -> Array:
-        values = np.array(numbers(found.cells[name], f"{found.file}, column {name}", found.first_line))
+        values = np.array(numbers(found.cells[name], f"{found.file}, column {shown(name)}", found.first_line))
         beyond = np.flatnonzero(np.abs(values) > most)
         if len(beyond):
             row = int(beyond[0]) + found.first_line
@@ -188,7 +188,7 @@ def _commands(found: Columns, columns: Mapping[str, str]) -> dict[str, float]:
     for what, name in columns.items():
         if not what.startswith("cue."):
             continue
-        values = np.array(numbers(found.cells[name], f"{found.file}, column {name}", found.first_line))
+        values = np.array(numbers(found.cells[name], f"{found.file}, column {shown(name)}", found.first_line))
         own = np.unique(values[np.isfinite(values)])
         if len(own) == 1:
             cue[what.removeprefix("cue.")] = float(np.radians(own[0]) if _unit(name) == "deg" else own[0])

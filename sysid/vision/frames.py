@@ -36,6 +36,7 @@ MAX_JITTER_PERIODS = 0.05  # stamps farther off the even rate than this make it 
 RATE_TOLERANCE = 0.003  # relative difference from the rate given by the user that needs no note
 GAP_PERIODS = 1.75  # time between two frames from which on frames are missing
 SEEK_FRAMES = 1500  # longer videos are sampled by seeking, shorter ones by reading them through
+PNG_BEGINS = b"\x89PNG\r\n\x1a\n"
 STDERR = 2  # its descriptor
 
 
@@ -313,7 +314,7 @@ def check_size(name: Path | str, width: float, height: float) -> None:
 
 def read_picture(path: Path) -> Picture | None:
     """A picture of a file; None where there is none that can be read, or one of too many pixels."""
-    if not path.is_file():
+    if not path.is_file() or _claims_more_than_it_has(path):
         return None
     with quiet():
         try:
@@ -324,6 +325,21 @@ def read_picture(path: Path) -> Picture | None:
     if picture is not None and picture.shape[0] * picture.shape[1] > MAX_PICTURE_PIXELS:
         return None
     return picture
+
+
+def _claims_more_than_it_has(path: Path) -> bool:
+    """Whether a chunk of a PNG file says that it is longer than the file: OpenCV takes as much memory as it says."""
+    with path.open("rb") as file:
+        whole = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        if file.read(len(PNG_BEGINS)) != PNG_BEGINS:
+            return False
+        while len(head := file.read(8)) == 8:
+            size = int.from_bytes(head[:4], "big")
+            if size > whole:
+                return True
+            file.seek(size + 4, os.SEEK_CUR)
+    return False
 
 
 def _as_colour(picture: NDArray[np.uint8] | None) -> Picture | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from sysid.vision.frames import Picture, open_footage
+from sysid.vision.frames import Picture, open_footage, read_picture
 
 SIZE = (64, 48)
 RATE = 119.88
@@ -170,6 +171,16 @@ def test_a_frame_at_which_opencv_fails_is_left_out_and_told(tmp_path: Path) -> N
     path.write_bytes(raw)
     footage = open_footage(path)
     assert 1 <= len(list(footage)) < 6
+
+
+def test_a_png_takes_no_more_memory_than_it_has(tmp_path: Path) -> None:
+    assert cv2.imwrite(str(tmp_path / "a.png"), grey(1))
+    raw = bytearray((tmp_path / "a.png").read_bytes())
+    at = raw.index(b"IDAT")
+    (tmp_path / "b.png").write_bytes(raw[: at - 4] + (0x7FFFFFFF).to_bytes(4, "big") + raw[at:])
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert read_picture(tmp_path / "a.png") is not None and read_picture(tmp_path / "b.png") is None
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < before + (1 << 19)
 
 
 def test_bad_input_is_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
