@@ -175,7 +175,9 @@ BAD: dict[str, tuple[str, tuple[str, ...], str]] = {
     "pixels": (lone(1e3 * STRAIGHT, STRAIGHT, "t,ball,x_px,y_px"), (), "give the camera's file with --camera"),
     "frames": ("frame,x,y\n0,1,2\n1,1,2\n2,1,2\n", (), "--fps"),
     "a column of another line": (
-        't,ball,"x\u2028z",y\n0,cue,1,2\n0.1,cue,far,2\n', ("--columns", "x=x\u2028z"), "column 'x\\u2028z', row 3",
+        't,ball,"x\u2028z",y\n0,cue,1,2\n0.1,cue,far,2\n',
+        ("--columns", "x=x\u2028z"),
+        "column 'x\\u2028z', row 3",
     ),
     "text": ("t,ball,x,y\n0,cue,1,2\n0.1,cue,far,2\n", (), "row 3: 'far' is not a number"),
     "twice": ("t,ball,x,y\n0,cue,1,2\n0,cue,1,2\n", (), "is there twice"),
