@@ -34,8 +34,7 @@ from models.command_outputs import (
     overwrite_option,
 )
 from models.console import Progress, Status, show_progress
-from models.errors import BadInput
-from models.files.faults import one_line
+from models.errors import BadInput, one_line
 from models.files.limits import MAX_PICTURE_PIXELS
 from models.files.writing import NO_ROOM, unwritable
 from models.interrupts import SIGNAL_STATUS, Terminated, as_interrupts

@@ -20,7 +20,6 @@ import click
 
 from models.console import OUTPUT_KEY, STANDARD_OUTPUT
 from models.errors import BadInput
-from models.files.faults import one_line
 
 OVERWRITE_KEY, EFFECTS_KEY = "cuelab.overwrite", "cuelab.effects"  # of the context
 # Options that change nothing of a result, or name places that fill up beside it.
@@ -166,10 +165,10 @@ def _check_beside(param: click.Parameter, path: Path, read: set[str]) -> None:
         return
     place = Path(os.path.realpath(path))
     if read & {str(place), *map(str, place.parents)}:
-        raise BadInput(one_line(f"{param.opts[0]} {path}: is what this command reads; name another file"))
+        raise BadInput(f"{param.opts[0]} {path}: is what this command reads; name another file")
     named = "FILE.json" if isinstance(param.type, JsonFile) else str(param.metavar)
     kinds = [suffix for name in named.split("|") if (suffix := Path(name).suffix)]
     if kinds and path.suffix.lower() not in kinds:
         kind = " or ".join(kinds)
         text = f"{param.opts[0]} {path}: is there already and its name does not end in {kind}; name another file"
-        raise BadInput(one_line(text))
+        raise BadInput(text)

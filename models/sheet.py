@@ -13,8 +13,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from models.console import table
-from models.errors import BadInput
-from models.files.faults import one_line
+from models.errors import BadInput, one_line
 
 FRAME_LIBRARIES = ("pandas", "polars")  # in the order in which they are taken
 NO_FRAME_REMEDY = "a data frame needs pandas or Polars, and neither is installed: pip install pandas"

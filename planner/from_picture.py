@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.errors import BadInput
-from models.files.faults import closest, listed, one_line
+from models.files.faults import closest, listed
 from models.shot import Array, Ball, Table
 from planner.scene import FORMAT, Scene, largest_overlap, pocket_name, pocket_of, scene_from, separate_overlaps
 from sysid.clips import read_clip_set
@@ -95,7 +95,7 @@ def scene_of(found: DetectedBalls, goal: Mapping[str, Any], where: str) -> Scene
     if "cue" not in wanted:
         cue = next((name for name in CUE_BALL_NAMES if name in found.names), None)
         if cue is None:
-            raise BadInput(one_line(f"{where}: no white ball among {listed(found.names)}: name the cue ball"))
+            raise BadInput(f"{where}: no white ball among {listed(found.names)}: name the cue ball")
         wanted["cue"] = cue
     sizes = {
         "table": {"length": found.table.length, "width": found.table.width, "pockets": found.table.pockets},
@@ -108,7 +108,7 @@ def scene_of(found: DetectedBalls, goal: Mapping[str, Any], where: str) -> Scene
             near = closest(name, balls)
             remedy = f"did you mean {near!r}?" if near else "name one of them"
             text = f"{where}: {key} {name!r} was not found, only {listed(balls)}: {remedy}"
-            raise BadInput(one_line(text))
+            raise BadInput(text)
     doubts = {"camera_doubts": found.camera_doubts}
     return scene_from({"format": FORMAT, **doubts, **sizes, "balls": balls, "goal": wanted}, where)
 
@@ -262,10 +262,10 @@ def _balls_on_table(
         else:
             on_table[name] = xy.round(6)
     if not on_table:
-        raise BadInput(one_line(f"{where}: no ball is left on the table at the end"))
+        raise BadInput(f"{where}: no ball is left on the table at the end")
     names, position = tuple(on_table), np.array(list(on_table.values()))
     depth, i, j = largest_overlap(position, ball)
     if depth > max(MAX_OVERLAP_M, 6 * sigma):
         text = f"{names[i]} and {names[j]} are seen {1e3 * depth:.1f} mm within each other"
-        raise BadInput(one_line(f"{where}: {text}: check calibration and ball diameter"))
+        raise BadInput(f"{where}: {text}: check calibration and ball diameter")
     return DetectedBalls(table, ball, names, separate_overlaps(position, table, ball), tuple(notes))

@@ -7,9 +7,9 @@ import keyword
 import re
 from pathlib import Path
 
-from models.errors import BadInput
+from models.errors import BadInput, one_line
 from models.files import read_document, write_whole
-from models.files.faults import Faults, one_line
+from models.files.faults import Faults
 from models.model_file import catalogue
 from sysid.selection.formula import source_from
 

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from models.errors import BadInput
-from models.files.faults import one_line
 from models.files.writing import unwritable
 
 
@@ -25,7 +24,7 @@ def alone_in(path: Path | str) -> Iterator[None]:
     """
     target = Path(os.path.realpath(path))
     if not target.name:
-        raise BadInput(one_line(f"{path}: is the root of all folders; name a folder in it"))
+        raise BadInput(f"{path}: is the root of all folders; name a folder in it")
     lock = target.with_name(f".{target.name}.lock")
     made = [parent for parent in lock.parents if not parent.exists()]
     try:
@@ -34,7 +33,7 @@ def alone_in(path: Path | str) -> Iterator[None]:
     except OSError as error:
         raise unwritable(path, error) from error
     if held is None:
-        raise BadInput(one_line(f"{path}: another run is writing there; wait until it ends, or choose another place"))
+        raise BadInput(f"{path}: another run is writing there; wait until it ends, or choose another place")
     try:
         yield
     finally:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from models.errors import BadInput
 from models.files import limits
 from models.files.decode import Place, decode, of_format
-from models.files.faults import Faults, one_line, shown
+from models.files.faults import Faults, shown
 from models.files.limits import excess
 
 Kind = TypeVar("Kind")
@@ -62,7 +62,7 @@ def entries_of(path: Path | str, remedy: str) -> Iterator[None]:
         raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         kind = "lacks" if isinstance(error, KeyError) else "has a wrong entry:"
-        raise BadInput(one_line(f"{path}: {kind} {error}; {remedy}")) from error
+        raise BadInput(f"{path}: {kind} {error}; {remedy}") from error
 
 
 def read_document(

@@ -10,11 +10,10 @@ import reprlib
 from collections.abc import Iterable, Sequence
 from typing import Any, TypeVar
 
-from models.errors import BadInput
+from models.errors import BadInput, one_line
 from models.files.limits import MAX_FAULTS, MAX_FILE_FAULTS, MAX_NAME_CHARS
 
 Kind = TypeVar("Kind")
-MAX_LINE_CHARS = 400  # of a message: a damaged file must not flood the screen
 MAX_VALUE_CHARS = 60  # of a value in a message
 MAX_FAULT_LINES = 20  # that a refusal lists
 
@@ -71,15 +70,6 @@ class Faults:
         for line in lines[1:MAX_FAULT_LINES] + [f"{more} more faults: correct those above first"] * (more > 0):
             error.add_note(line)
         return error
-
-
-def one_line(text: str) -> str:
-    """The text without line breaks or other unprintable characters, not too long."""
-    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
-    if len(line) <= MAX_LINE_CHARS:
-        return line
-    half = (MAX_LINE_CHARS - 5) // 2  # the place comes first and the remedy last
-    return f"{line[:half]} ... {line[-half:]}"
 
 
 class _Short(reprlib.Repr):

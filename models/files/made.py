@@ -15,7 +15,6 @@ from pathlib import Path
 
 from models.errors import BadInput
 from models.files.documents import read_json
-from models.files.faults import one_line
 from models.files.record import DIGEST_CHARS, Origin, expected, origin_of
 from models.files.writing import MADE_FILE, MADE_FORMAT
 
@@ -81,7 +80,7 @@ def check_file(path: Path, origin: Origin) -> None:
     with contextlib.suppress(OSError):
         if origin_of(path.read_bytes()) == origin:
             return
-    raise BadInput(one_line(f"{path}: is there already, and not made by this command from the same input; {REMEDY}"))
+    raise BadInput(f"{path}: is there already, and not made by this command from the same input; {REMEDY}")
 
 
 def check_folder(folder: Path, writes: Sequence[str], origin: Origin) -> None:
@@ -94,4 +93,4 @@ def check_folder(folder: Path, writes: Sequence[str], origin: Origin) -> None:
         if (found.get("command"), found.get("inputs")) == (origin.command, origin.inputs):
             return
     text = f"{folder}: holds {there.name}, not made by this command from the same input; {REMEDY}"
-    raise BadInput(one_line(text))
+    raise BadInput(text)

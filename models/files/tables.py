@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 
-from models.errors import BadInput
 from models.files import limits
 from models.files.documents import file_problem
 from models.files.faults import Faults
@@ -67,7 +66,7 @@ def _row(path: Path | str) -> int | None:
     return None
 
 
-class _UnfitTable(BadInput):
+class _UnfitTable(ValueError):
     """What is wrong with a file, and in which line."""
 
 

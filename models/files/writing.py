@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from models.errors import BadInput
-from models.files.faults import one_line
 from models.files.record import Origin, expected, with_record
 
 MADE_FORMAT, MADE_FILE = "billiard-made/1", "made.json"
@@ -25,7 +24,7 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 def unwritable(path: Path | str, error: OSError) -> BadInput:
     """What is said of a place that cannot be written, with the remedy."""
     remedy = "make room on its disk, or choose another place" if error.errno in NO_ROOM else "choose another place"
-    return BadInput(one_line(f"{path}: cannot be written ({error.strerror or error}); {remedy}"))
+    return BadInput(f"{path}: cannot be written ({error.strerror or error}); {remedy}")
 
 
 def made_folder(path: Path | str) -> Path:
@@ -64,9 +63,9 @@ def write_whole(path: Path | str, content: bytes, *, parents: bool = False) -> N
     scratch = path.with_name(f".{path.name}.{os.getpid()}") if path.name else path
     try:
         if path.is_dir():
-            raise BadInput(one_line(f"{path}: is a folder; name a file"))
+            raise BadInput(f"{path}: is a folder; name a file")
         if path.exists() and not path.is_file():  # a device would be replaced by a file
-            raise BadInput(one_line(f"{path}: is no regular file; name another"))
+            raise BadInput(f"{path}: is no regular file; name another")
         if parents:
             path.parent.mkdir(parents=True, exist_ok=True)
         origin = _expected(path)
@@ -124,6 +123,6 @@ def scratch_folder(prefix: str = "cuelab-") -> Iterator[Path]:
     except OSError as error:
         place = os.environ.get("TMPDIR", "the usual folders")
         text = f"{place}: no room for temporary files; make some there, or set TMPDIR to another folder"
-        raise BadInput(one_line(text)) from error
+        raise BadInput(text) from error
     with made as folder:
         yield Path(folder)

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from models.files.faults import one_line
+from models.errors import one_line
 from models.report.axes import LONG_RANGE
 from models.shot import Table
 

@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 
 from models import files
-from models.files.faults import Faults, one_line
+from models.errors import one_line
+from models.files.faults import Faults
 from models.shot import Array
 from planner.planning import read_plan
 from planner.scene import Scene, scene_from

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from models.files.faults import one_line
+from models.errors import one_line
 from models.report.axes import TABLE_MARGIN_M, draw_table, legend_on_cloth, plain_log_ticks
 from models.report.figure import (
     FIGURE_WIDTH_IN,

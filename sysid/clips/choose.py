@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from models.errors import BadInput
-from models.files.faults import closest, listed, one_line
+from models.files.faults import closest, listed
 from sysid.clips.clip_set import Clip, ClipSet
 
 
@@ -27,12 +27,12 @@ def chosen_clip(clip_set: ClipSet, wanted: str | int | None, folder: Path | str)
         return clips[-1]
     if isinstance(wanted, int) or wanted.isdecimal():
         if not 1 <= int(wanted) <= len(clips):
-            raise BadInput(one_line(f"{folder}: there is no clip {wanted}: choose from 1 to {len(clips)}"))
+            raise BadInput(f"{folder}: there is no clip {wanted}: choose from 1 to {len(clips)}")
         return clips[int(wanted) - 1]
     same = [c for c in clips if wanted in (c.file, Path(c.file).name, Path(c.file).stem)]
     if len(same) != 1:
         files = [c.file for c in clips]
         meant = closest(wanted, files)
         remedy = f"did you mean {meant!r}?" if meant and not same else f"choose from {listed(files)}, or a number"
-        raise BadInput(one_line(f"{folder}: {len(same) or 'no'} clips are called {wanted!r}: {remedy}"))
+        raise BadInput(f"{folder}: {len(same) or 'no'} clips are called {wanted!r}: {remedy}")
     return same[0]

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from models.console import as_called
-from models.errors import BadInput
-from models.files.faults import Faults, TooManyFaults, one_line
+from models.errors import BadInput, one_line
+from models.files.faults import Faults, TooManyFaults
 from models.files.limits import MAX_SET_BYTES, excess
 from models.files.texts import picked
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation

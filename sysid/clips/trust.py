@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from models.errors import BadInput
-from models.files.faults import one_line
+from models.errors import BadInput, one_line
 from sysid.clips.clip_set import ClipSet
 
 CAMERA_KEY, DOUBTS_KEY = "camera", "doubts"  # of clips.toml
@@ -48,5 +47,5 @@ def tell_doubts(name: Path | str, doubts: Sequence[str]) -> None:
 def heed_doubts(name: Path | str, doubts: Sequence[str], accepted: bool) -> None:
     """The same where a robot, or a plan for one, goes by the camera: BadInput where it was not accepted in doubt."""
     if doubts and not accepted:
-        raise BadInput(one_line(f"{doubt_line(name, doubts)}: calibrate it anew, or go on with --accept-camera"))
+        raise BadInput(f"{doubt_line(name, doubts)}: calibrate it anew, or go on with --accept-camera")
     tell_doubts(name, doubts)

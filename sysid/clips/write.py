@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from models.errors import BadInput
+from models.errors import BadInput, one_line
 from models.files import read_document
-from models.files.faults import Faults, one_line, shown
+from models.files.faults import Faults, shown
 from models.files.writing import unwritable
 from sysid.clips.clip_set import Clip, ClipSet
 from sysid.clips.header import CLIP_SET_FORMAT
@@ -46,10 +46,10 @@ def texts_of(clip_set: ClipSet) -> dict[str, str]:
     texts = {CLIPS_TOML: _settings(clip_set)}
     for clip in clip_set.clips:
         if problem := path_fault(clip.file):
-            raise BadInput(one_line(f"file = {shown(clip.file)} of a clip {problem}"))
+            raise BadInput(f"file = {shown(clip.file)} of a clip {problem}")
         path = os.path.normpath(clip.file)
         if path in texts:
-            raise BadInput(one_line(f"file = {shown(clip.file)} is the file of two clips: name each clip's file once"))
+            raise BadInput(f"file = {shown(clip.file)} is the file of two clips: name each clip's file once")
         texts[path] = _csv(clip)
     return texts
 
@@ -106,19 +106,19 @@ def _csv(clip: Clip) -> str:
     more = list(dict.fromkeys(key for seen in clip.balls.values() for key in seen.extra))
     for name, seen in clip.balls.items():
         if problem := name_fault(name):
-            raise BadInput(one_line(f"{clip.file}: ball = {shown(name)} {problem}"))
+            raise BadInput(f"{clip.file}: ball = {shown(name)} {problem}")
         count = len(seen.time)
         shapes = {"time": (count,), "xy": (count, 2), "theta": (count,)}
         for key, shape in shapes.items():
             if (found := np.shape(getattr(seen, key))) != shape:
                 problem = f"{key} of ball {shown(name)} has shape {found}, not {shape}: give one value for each time"
-                raise BadInput(one_line(f"{clip.file}: {problem}"))
+                raise BadInput(f"{clip.file}: {problem}")
         if not count or any(len(cells) != count for cells in seen.extra.values()):
             problem = "has columns of different lengths: give" if count else "has no samples: leave it out or give"
-            raise BadInput(one_line(f"{clip.file}: ball {shown(name)} {problem} one value for each time"))
+            raise BadInput(f"{clip.file}: ball {shown(name)} {problem} one value for each time")
     for key in more:
         if key in COLUMN_NAMES or key != key.strip():
-            raise BadInput(one_line(f"{clip.file}: {shown(key)} cannot name an extra column: choose another name"))
+            raise BadInput(f"{clip.file}: {shown(key)} cannot name an extra column: choose another name")
     rows: list[tuple[float, str]] = []
     for name, seen in clip.balls.items():
         blank = ("",) * len(seen.time)
@@ -142,7 +142,7 @@ def _cell(text: str) -> str:
 def replace_folder(folder: Path, texts: Mapping[str, str], check: Callable[[Path], Iterable[str]]) -> None:
     """Make `folder` hold exactly `texts`, relative path -> content, once `check` finds no fault in it."""
     if not str(folder).isprintable():
-        raise BadInput(one_line(f"{folder}: holds unprintable characters: choose another name for the folder"))
+        raise BadInput(f"{folder}: holds unprintable characters: choose another name for the folder")
     made: list[Path] = []
     try:
         target = Path(os.path.realpath(folder))
@@ -162,7 +162,7 @@ def replace_folder(folder: Path, texts: Mapping[str, str], check: Callable[[Path
         raise unwritable(folder, error) from error
     except UnicodeError as error:
         text = f"{folder}: cannot be written (text that is not Unicode): choose another folder"
-        raise BadInput(one_line(text)) from error
+        raise BadInput(text) from error
     finally:
         for parent in made:
             parent.rmdir()
@@ -201,12 +201,12 @@ def _refuse_foreign(folder: Path, target: Path) -> None:
     if not target.exists():
         return
     if not target.is_dir():
-        raise BadInput(one_line(f"{folder}: is a file: name a folder for the clip set"))
+        raise BadInput(f"{folder}: is a file: name a folder for the clip set")
     found = {os.path.relpath(os.path.join(at, file), target) for at, _, files in os.walk(target) for file in files}
     foreign = sorted(found - _own_files(target))
     if foreign:
         what = "is no clip set" if CLIPS_TOML in foreign or CLIPS_TOML not in found else "is no part of its clip set"
-        raise BadInput(one_line(f"{folder}: holds {shown(foreign[0])} and {what}: choose another folder"))
+        raise BadInput(f"{folder}: holds {shown(foreign[0])} and {what}: choose another folder")
 
 
 def _own_files(target: Path) -> set[str]:

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from models.errors import BadInput
+from models.errors import BadInput, one_line
 from models.files import limits, parse, read_text
 from models.files.documents import file_problem
-from models.files.faults import Faults, one_line, shown
+from models.files.faults import Faults, shown
 from models.files.limits import excess
 from models.files.tables import NARROWER, SMALLER, csv_rows
 from models.files.texts import TextPacker

@@ -330,13 +330,9 @@ def read_picture(path: Path) -> Picture | None:
 def _claims_more_than_it_has(path: Path) -> bool:
     """Whether a chunk of a PNG file says that it is longer than the file: OpenCV takes as much memory as it says."""
     with path.open("rb") as file:
-        whole = file.seek(0, os.SEEK_END)
-        file.seek(0)
-        if file.read(len(PNG_BEGINS)) != PNG_BEGINS:
-            return False
-        while len(head := file.read(8)) == 8:
-            size = int.from_bytes(head[:4], "big")
-            if size > whole:
+        sound = file.read(len(PNG_BEGINS)) == PNG_BEGINS
+        while sound and len(head := file.read(8)) == 8:
+            if (size := int.from_bytes(head[:4], "big")) > path.stat().st_size:
                 return True
             file.seek(size + 4, os.SEEK_CUR)
     return False

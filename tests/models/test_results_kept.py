@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 import pytest
 
-import planner.cli
-import robot.cli
-import sysid.cli
+import planner.cli.verbs
+import robot.cli.verbs
+import sysid.cli.verbs
 from models.command_line import Program
 from models.command_outputs import OutputFile, ResultFile, ResultFolder
 from models.files import write_whole

@@ -259,20 +259,12 @@ def test_an_unknown_stroke_is_said_and_what_was_seen_is_kept(
     assert len(read_clip_set(tmp_path / "set").clips) == 1
 
 
-def test_a_stroke_whose_record_is_lost_is_said_to_be_made(
-    plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(path: str, _: Any) -> None:
-        raise BadInput(f"{path}: cannot be written (No space left on device); make room on its disk")
-
-    table = emulated(plan)
-    launcher, _ = emulated_launcher(OURS, table.hit, np.random.default_rng(1), say=quiet)
-    monkeypatch.setattr("robot.play.write_json", full)
-    with launcher:
-        outcome = play_plan(plan, launcher, table, clips=tmp_path / "set", say=quiet)
-    assert outcome.struck == "yes" and outcome.potted is True
-    assert outcome.noted[-1].startswith("the record is lost: ") and "make room" in outcome.noted[-1]
-    assert not played_file(plan).exists() and len(read_clip_set(tmp_path / "set").clips) == 1
+def test_a_stroke_whose_record_is_lost_is_said_to_be_made(plan: Path, tmp_path: Path) -> None:
+    played_file(plan).mkdir()
+    outcome, device = played(plan, emulated(plan), clips=tmp_path / "set")
+    assert len(struck(device)) == 1 and outcome.struck == "yes" and outcome.potted is True
+    assert outcome.noted[-1].startswith("the record is lost: ") and "is a folder" in outcome.noted[-1]
+    assert len(read_clip_set(tmp_path / "set").clips) == 1
 
 
 def test_without_a_camera_nothing_is_known_of_the_balls(plan: Path) -> None:

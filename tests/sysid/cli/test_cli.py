@@ -146,20 +146,6 @@ def test_clips_that_cannot_be_used(run: Any, clips: Path, tmp_path: Path, verb: 
     assert not (tmp_path / "m2.toml").exists()
 
 
-@pytest.mark.parametrize("verb", ["compare", "fit", "discover", "diagnose", "measure", "plot", "review"])
-def test_a_clip_set_without_a_clip(run: Any, clips: Path, tmp_path: Path, verb: str) -> None:
-    text = (clips / "clips.toml").read_text()
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    (empty / "clips.toml").write_text("clip = []\n" + text[: text.index("[[clip]]")])
-    out = {"fit": ["--out", tmp_path / "m.toml"], "plot": ["--out", tmp_path / "p.png"]}
-    out |= {"discover": ["--out", tmp_path / "found"], "review": ["--save", tmp_path / "a.rrd"]}
-    said = run(verb, empty, *out.get(verb, []))
-    assert said.status == 2
-    assert said.err.splitlines()[-1].startswith(f"sysid {verb}: {empty}: holds no clip")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["clips", "empty"]
-
-
 def test_a_clip_set_too_short_to_fit(run: Any, clips: Path, tmp_path: Path) -> None:
     one_line(run("fit", clips, "--out", tmp_path / "m2.toml"))
     assert not (tmp_path / "m2.toml").exists()

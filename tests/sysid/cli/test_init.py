@@ -52,3 +52,23 @@ def test_pockets_of_snooker_on_a_table_of_pool_are_noted(tmp_path: Path, capsys:
     toml.write_text(toml.read_text().replace('pockets = "pool 8 ft"', "pockets = true"))
     assert main(["check", str(toml.parent)]) == 0
     assert 'on a table of the size of pool 8 ft: pockets = "pool 8 ft"' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("verb", ["compare", "fit", "discover", "diagnose", "measure", "plot", "review"])
+def test_a_set_without_a_clip_is_refused(tmp_path: Path, verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "new"
+    assert main(["init", str(folder), "--table", "8ft"]) == 0
+    header, _, _ = (folder / "clips.toml").read_text().partition("[[clip]]")
+    (folder / "clips.toml").write_text(f"clip = []\n{header}")
+    before = contents(tmp_path)
+    out = {
+        "fit": ["--out", "m.toml"],
+        "plot": ["--out", "p.png"],
+        "discover": ["--out", "d"],
+        "review": ["--save", "a"],
+    }
+    assert (
+        main([verb, str(folder), *[str(tmp_path / word) if word[0] != "-" else word for word in out.get(verb, [])]])
+        == 2
+    )
+    assert f"{folder}: holds no clip: " in capsys.readouterr().err and contents(tmp_path) == before
