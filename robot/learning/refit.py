@@ -32,9 +32,10 @@ from sysid.clips import ClipSet, CueCommand
 from sysid.clips.jaws import before_jaws
 from sysid.clips.noise import position_noise
 from sysid.clips.outliers import remove_outliers
-from sysid.estimation.initial_states import fit_states, grown_by_stage
+from sysid.estimation.initial_states import fit_states
 from sysid.estimation.problem import turn
-from sysid.estimation.shot_problem import shot_problem
+from sysid.estimation.shot_problem import GROWING_RATE, shot_problem
+from sysid.estimation.state_search import Optima, up_to_event
 from sysid.report.result_json import result_of
 from sysid.selection.discover import discover
 
@@ -117,7 +118,8 @@ def first_velocities(clip_set: ClipSet, model: Model) -> dict[str, tuple[Array, 
     problem = shot_problem(model, (), clip_set, sigma)
     none = np.zeros(0)
     start = problem.until(np.clip(problem.horizon_at(0), 2 / clip_set.fps, MAX_START_S))
-    x = fit_states(start, grown_by_stage(problem, problem.start, none, 0), none, 10)
+    tolerant = problem.with_discrepancy(GROWING_RATE)
+    x = fit_states(start, up_to_event(tolerant, Optima.at(problem.start), none, 0).best, none, 10)
     every, constants = np.arange(len(x)), np.zeros((len(x), 0))
     steps = np.diag(problem.steps)
     slopes = [(start.evaluate(x + s, constants, every) - start.evaluate(x - s, constants, every)) for s in steps]

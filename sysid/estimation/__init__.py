@@ -7,8 +7,8 @@ rate, whether it converged, and the error on held-out clips. In the order of a f
     problem           unknowns and steps that all problems have in common
     shot_problem      whole shots: residuals from initial states and constants (residual_rows, compiled)
     segment_problem   segments between events, on open cloth; open_cloth fits them
-    initial_states    the initial state of every shot at given constants; how far shots scatter about their commands
-    state_search      the same, of shots that growing does not find: several optima stay alive from event to event
+    initial_states    initial states from nearly right ones; how far shots scatter about their commands
+    state_search      initial states at given constants: several optima of a shot live on from event to event
     sizes             length, width and diameter as constants, known as well as a tape and a caliper measure them
     lone_shots        shots that determine a constant nearly alone, at every sidespin they may have had
     discrepancy       discrepancy of the model, which grows along a shot

@@ -9,11 +9,12 @@ the first event counts a tenth: impacts amplify errors, open cloth does not.
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import ndtri
 
 from sysid.clips import Clip, ClipSet
 from sysid.clips.segments import event_times
-from sysid.estimation.problem import Array
+from sysid.estimation.problem import CAUCHY_SD, Array
 
 SHARE_BEFORE_FIRST_EVENT = 0.1  # of the path there that counts
 MOVED_M = 0.02  # a ball with a shorter path was not set moving
@@ -74,3 +75,25 @@ def discrepancy_rate(residual: Array, path: Array, noise: float, share: float = 
         else:
             high = middle
     return low if low > MIN_RATE else 0.0
+
+
+def likely_rate(residual: Array, path: Array, noise: float) -> float:
+    """The most likely model error per path length under Cauchy's loss; 0 if noise alone suffices.
+
+    Args:
+        residual: per axis (m,) [m], NaN unused.
+        path: path length of each (m,) [m].
+        noise: one standard deviation per axis [m].
+    """
+    use = np.isfinite(residual) & (path > 0)
+    square, length = residual[use] ** 2, path[use] ** 2
+
+    def slope(rate: float) -> float:
+        """Of the log likelihood over the variance rate^2, twice."""
+        variance = noise**2 + rate**2 * length
+        counted = square / (variance + square / CAUCHY_SD**2)
+        return float(np.sum((counted - 1) * length / variance))
+
+    if slope(0.0) <= 0:
+        return 0.0
+    return MAX_RATE if slope(MAX_RATE) >= 0 else float(brentq(slope, 0.0, MAX_RATE, xtol=MIN_RATE))

@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar
 
@@ -33,7 +33,7 @@ from models.sizes import BALL_DIAMETER, stated_size
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 from sysid.clips.segments import CLAMP_MARGIN_M, free_from, moving_from
-from sysid.estimation.discrepancy import discrepancy_rate, events_and_paths
+from sysid.estimation.discrepancy import discrepancy_rate, events_and_paths, likely_rate
 from sysid.estimation.problem import CAUCHY_SD, STATE_STEPS, Array, Index, ball_of, by_events, state_bounds, turn
 from sysid.estimation.residual_rows import (
     MOTION_SIZE,
@@ -78,6 +78,7 @@ class ShotProblem:
     end: Array  # (n,) of each clip [s]
     horizon: Array  # (n,) after which a shot counts no more [s]
     correlation_time: float = 1.0  # of both noises [samples], see sysid/clips/noise.py
+    own_rates: Array = field(default_factory=lambda: np.zeros(1))  # (n,) discrepancy rate of each shot
     slow_noise: float = 0.0  # one standard deviation per axis [m], see sysid/clips/slow_noise.py
 
     @property
@@ -97,6 +98,7 @@ class ShotProblem:
             azimuth=self.azimuth[few], prior=self.prior.only(rows), rest=part(self.rest), staying=part(self.staying),
             trusted=part(self.trusted), events=part(self.events), path=self.path[few], data=self.data.only(rows),
             sd=self.sd[few], sd_theta=self.sd_theta[few], end=self.end[few], horizon=self.horizon[few],
+            own_rates=self.own_rates[few],
         )  # fmt: skip
 
     def until(self, horizon: Array) -> ShotProblem:
@@ -108,8 +110,16 @@ class ShotProblem:
         return dataclasses.replace(self, model=model, names=tuple(names))
 
     def with_discrepancy(self, rate: float) -> ShotProblem:
-        """The same shots as fits weigh them: by both noises, and an error that grows by `rate` along their paths."""
-        return dataclasses.replace(self, sd=np.hypot(self.noise_of_fits, rate * self.path))
+        """The same shots as fits weigh them: by both noises, and an error that grows along their paths.
+
+        That error is of `rate`, and of their own rate where it is larger.
+        """
+        rates = np.maximum(rate, self.own_rates)[:, None, None]
+        return dataclasses.replace(self, sd=np.hypot(self.noise_of_fits, rates * self.path))
+
+    def with_own_rates(self, rates: Array) -> ShotProblem:
+        """The same shots, each with a discrepancy rate of its own: (n,)."""
+        return dataclasses.replace(self, own_rates=rates)
 
     @property
     def noise_of_fits(self) -> float:
@@ -130,10 +140,6 @@ class ShotProblem:
             end if whole or stage >= len(e) else min(float(e[stage]) - BEFORE_EVENT_S, float(end))
             for e, end in zip(self.events, self.end, strict=True)
         ])  # fmt: skip
-
-    def growing(self, stage: int) -> ShotProblem:
-        """The problem of a stage, with the discrepancy that is tolerated while the horizon grows."""
-        return self.with_discrepancy(GROWING_RATE).until(self.horizon_at(stage))
 
     @property
     def steps(self) -> Array:
@@ -253,16 +259,23 @@ class ShotProblem:
                 at += RESIDUALS_PER_SAMPLE * len(seen.time)
         return out
 
+    def discrepancy_rates(self, x: Array, c: Array) -> Array:
+        """The most likely error per path length of each shot by itself: (n,)."""
+        return np.array([likely_rate(e, path, self.noise_of_fits) for e, path in self._errors(x, c)])
+
     def discrepancy_rate(self, x: Array, c: Array, share: float = 0.5) -> float:
         """The model's error per path length at initial states (n, p) and constants (q,)."""
+        errors, paths = (np.concatenate(part) for part in zip(*self._errors(x, c), strict=True))
+        return discrepancy_rate(errors, paths, self.noise_of_fits, share)
+
+    def _errors(self, x: Array, c: Array) -> list[tuple[Array, Array]]:
+        """Residuals per axis of each shot [m], NaN where unused, and their path lengths [m]: (m,), (m,)."""
         unweighted = dataclasses.replace(self, sd=np.ones_like(self.sd))
         r = unweighted.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
-        errors, path, ball, clip = [], [], 0, -1
+        found: list[list[tuple[Array, Array]]] = [[] for _ in x]
         for k, _, xy in self.by_ball(r):
-            ball, clip = (ball + 1, clip) if k == clip else (0, k)
-            errors.append(xy.ravel())
-            path.append(np.repeat(self.path[k, ball, : len(xy)], 2))
-        return discrepancy_rate(np.concatenate(errors), np.concatenate(path), self.noise_of_fits, share)
+            found[k].append((xy.ravel(), np.repeat(self.path[k, len(found[k]), : len(xy)], 2)))
+        return [(np.concatenate([e for e, _ in of]), np.concatenate([path for _, path in of])) for of in found]
 
 
 def residual(track: Track, ball: int, seen: Observation, n: int) -> tuple[Array, Array]:
@@ -303,7 +316,7 @@ def shot_problem(
     return ShotProblem(
         model, tuple(names), clip_set, noise, dict(known or {}), start, azimuth, Prior(mean, sd),
         tuple(shot.rest for shot in shots), tuple(staying), tuple(trusted), tuple(events), path, data,
-        np.full(path.shape, noise), np.full(n, theta_noise(clips)), end, end, correlation_time, slow_noise,
+        np.full(path.shape, noise), np.full(n, theta_noise(clips)), end, end, correlation_time, np.zeros(n), slow_noise,
     )  # fmt: skip
 
 

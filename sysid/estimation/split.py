@@ -120,7 +120,7 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
 
     problem = problem_of(training)
     shots = 0
-    if cloth.follows or np.median([len(e) for e in problem.events]) <= MAX_EVENTS:
+    if not cut or np.median([len(e) for e in problem.events]) <= MAX_EVENTS:
         # Sizes of shots that are followed: others would bend them to make up for what the model lacks.
         model = with_free_sizes(model)
         known |= known_sizes(model)
@@ -218,7 +218,7 @@ def fit_anew(parts: Split, model: Model, what: str) -> FittedModel:
 
 def _fit_training(parts: Split, model: Model, what: str) -> FittedModel:
     problem = parts.training.with_model(model, tuple(model.parameters()))
-    return fit_from_nothing(problem, what, pieces=bool(parts.cut))
+    return fit_from_nothing(problem, what)
 
 
 def fit_on(parts: Split, start: Point, before: FittedModel, what: str) -> FittedModel:
@@ -238,5 +238,5 @@ def tried(parts: Split, found: FittedModel, before: FittedModel | None) -> Fitte
     """A fit with its error on the held-out clips."""
     if parts.held_out is None:
         return found
-    held = fit_held_out(found, parts.held_out, before.held_out if before else None, pieces=bool(parts.cut))
+    held = fit_held_out(found, parts.held_out, before.held_out if before else None)
     return dataclasses.replace(found, held_out=held)

@@ -14,31 +14,27 @@ depends on no other.
 
 from __future__ import annotations
 
-import dataclasses
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from sysid.estimation.initial_states import grown_states, shot_losses
+from sysid.estimation.initial_states import CHANCE_SD, fit_states, shot_losses, within_noise
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
 from sysid.estimation.solver.journal import recorded
 from sysid.estimation.solver.least_squares import Objective, fit_each, linearised
 
-FINE_STEP_SHARE = 0.1  # of the finite differences that fits take
 MAX_OPTIMA = 8  # of a shot that go on
 FIRST_DRAWS, MORE_DRAWS, MAX_DRAWS = 8, 16, 96  # starts of a shot at an event: at first, while they help, in all
 COARSE_STEPS, FINE_STEPS = 2, 4  # of a draw, and of those that are then the best
 FINE_SHARE = 3  # one of so many draws goes on to the fine steps
 BETTER_LOSS = 0.5  # of a shot's loss, for which more starts are drawn: half a standard deviation squared
 SAME_OPTIMUM_SD = 1.0  # standard deviations within which two optima are one
-CHANCE_SD = 3.0  # standard deviations of a shot's chi-square beyond which it is no chance
 QUARTILE_TO_SD = 1.4826  # of a normal distribution: sd over the distance of its median from its lower quartile
 POLISH_STEPS = 20  # of a shot that was searched anew
 EFFORTS = (1, 3, 9)  # times as many optima and draws, where a shot is not found with fewer
@@ -63,36 +59,47 @@ class Optima:
         """Of every shot: (n, p)."""
         return self.states[np.unique(self.shots, return_index=True)[1]]
 
+    def with_best(self, states: Array) -> Optima:
+        """Those with other states in place of the best ones: (n, p)."""
+        moved = self.states.copy()
+        moved[np.unique(self.shots, return_index=True)[1]] = states
+        return Optima(self.shots, moved)
+
     def only(self, rows: Index) -> Optima:
         """Those of some shots, which are then numbered in that order; `rows` ascending."""
         mine = np.isin(self.shots, rows)
         return Optima(np.searchsorted(rows, self.shots[mine]), self.states[mine])
 
 
-def fine_objective(problem: ShotProblem) -> Objective:
-    """The problem's, with derivatives over steps that are small against what a dozen impacts determine a start to."""
-    return dataclasses.replace(problem.objective(), steps=FINE_STEP_SHARE * problem.steps)
+def polished(problem: ShotProblem, x: Array, c: Array) -> Array:
+    """Initial states (n, p) at constants (q,), at the optima that are near."""
+    return fit_states(problem, x, c, POLISH_STEPS)
 
 
-def _polished(problem: ShotProblem, x: Array, c: Array) -> Array:
-    found, _ = fit_each(fine_objective(problem), x, c, POLISH_STEPS)
-    return found
-
-
-def found_states(problem: ShotProblem, c: Array) -> Array:
+def found_states(problem: ShotProblem, c: Array, x: Array | None = None) -> Array:
     """The initial state of every shot at constants (q,): (n, p).
 
-    Grown from event to event; shots that then miss by more than noise are searched, and those that still miss by more
-    than noise and the discrepancy of the others explain, with more and more effort.
+    Searched from event to event; shots that then miss by more than noise and the discrepancy of the others explain are
+    searched with more and more effort.
+
+    Args:
+        problem: the shots.
+        c: constants.
+        x: initial states that are nearly right, of which those that stand out are searched; None to search all.
     """
-    x = grown_states(problem, c)
-    rows = np.flatnonzero(~within_noise(*shot_losses(problem, x, c), problem.correlation_time))
-    if rows.size:
-        part = problem.only(rows)
-        new = _polished(part, searched_states(part.with_discrepancy(GROWING_RATE), c), c)
-        x = _better(problem, rows, x, new, c)
-    for effort in EFFORTS[1:]:
-        x = _searched_again(problem.with_discrepancy(problem.discrepancy_rate(x, c)), x, c, effort)
+    efforts: Sequence[int] = EFFORTS
+    if x is None:
+        x = polished(problem, searched_states(problem.with_discrepancy(GROWING_RATE), c), c)
+        efforts = EFFORTS[1:]
+    for effort in efforts:
+        seen = problem.with_discrepancy(problem.discrepancy_rate(x, c))
+        rows = _standing_out(seen, x, c)
+        if rows.size:
+            part = seen.only(rows)
+            new = polished(part, searched_states(part, c, effort), c)
+            better = shot_losses(part, new, c)[0] < shot_losses(part, x[rows], c)[0] - BETTER_LOSS
+            x = x.copy()
+            x[rows[better]] = new[better]
     return x
 
 
@@ -103,41 +110,16 @@ def searched_states(problem: ShotProblem, c: Array, effort: int = 1) -> Array:
     """
     optima = Optima.at(problem.start)
     for stage in range(problem.stages):
-        optima = _up_to_event(problem, optima, c, stage, effort)
+        optima = up_to_event(problem, optima, c, stage, effort)
         log.info("%d shots up to event %d of %d", len(problem.clips), stage + 1, problem.stages)
-    return _best_whole(problem, optima, c)
+    return best_whole(problem, optima, c)
 
 
-def _best_whole(problem: ShotProblem, optima: Optima, c: Array) -> Array:
+def best_whole(problem: ShotProblem, optima: Optima, c: Array) -> Array:
     """The best of the optima of every shot as the problem weighs whole shots: (n, p)."""
-    x, loss = fit_each(fine_objective(problem), optima.states, c, FINE_STEPS, optima.shots)
+    x, loss = fit_each(problem.objective(), optima.states, c, FINE_STEPS, optima.shots)
     order = np.lexsort((loss, optima.shots))
     return Optima(optima.shots[order], x[order]).best
-
-
-def _searched_again(problem: ShotProblem, x: Array, c: Array, effort: int) -> Array:
-    """Initial states (n, p), those of shots that stand out searched anew where that ends better."""
-    rows = _standing_out(problem, x, c)
-    if not rows.size:
-        return x
-    part = problem.only(rows)
-    new = _polished(part, searched_states(part, c, effort), c)
-    return _better(problem, rows, x, new, c)
-
-
-def _better(problem: ShotProblem, rows: Index, x: Array, new: Array, c: Array) -> Array:
-    """Initial states x (n, p), some of them replaced by new ones that fit better."""
-    part = problem.only(rows)
-    better = shot_losses(part, new, c)[0] < shot_losses(part, x[rows], c)[0] - BETTER_LOSS
-    x = x.copy()
-    x[rows[better]] = new[better]
-    return x
-
-
-def within_noise(loss: Array, count: Array, correlation_time: float) -> NDArray[np.bool_]:
-    """Whether shots miss by no more than noise explains, from their losses (n,) and numbers of residuals (n,)."""
-    sd = np.sqrt(0.5 * correlation_time / np.maximum(count, 1))
-    return np.asarray(loss / np.maximum(count, 1) <= 0.5 + CHANCE_SD * sd)
 
 
 def _standing_out(problem: ShotProblem, x: Array, c: Array) -> Index:
@@ -149,7 +131,7 @@ def _standing_out(problem: ShotProblem, x: Array, c: Array) -> Index:
     return np.flatnonzero(~(others | within_noise(loss, count, problem.correlation_time)))
 
 
-def _up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, effort: int = 1) -> Optima:
+def up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, effort: int = 1) -> Optima:
     """Optima up to the event of a stage, from those up to the one before it."""
     rows = np.flatnonzero(problem.horizon_at(stage) > problem.horizon_at(stage - 1))
     if not rows.size:
@@ -157,9 +139,7 @@ def _up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, eff
     seen, before = (problem.until(problem.horizon_at(k)) for k in (stage, max(stage - 1, 0)))
     shots, states = [optima.shots], [optima.states]
     for some in np.split(rows, range(SHOTS_AT_ONCE, rows.size, SHOTS_AT_ONCE)):
-        found = _recorded(
-            fine_objective(seen.only(some)), fine_objective(before.only(some)), optima.only(some), c, effort
-        )
+        found = _recorded(seen.only(some).objective(), before.only(some).objective(), optima.only(some), c, effort)
         shots.append(some[found.shots])
         states.append(found.states)
     stay = ~np.isin(optima.shots, rows)

@@ -18,7 +18,7 @@ import numpy as np
 from sysid.clips.correlation import integrated_time
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.fitting import loss_soon
-from sysid.estimation.initial_states import fit_states, shot_losses
+from sysid.estimation.initial_states import CHANCE_SD, fit_states, shot_losses, weighed_scores
 from sysid.estimation.problem import Array
 from sysid.estimation.split import LOST_RATIO
 
@@ -26,9 +26,6 @@ MAX_LOSS_RATIO = 1.5  # of the loss a few iterations after an effect was removed
 MAX_LAG = 40  # samples, of the autocorrelation
 MIN_CORRELATION = 0.02  # at which the sum of the autocorrelation stops
 MAX_RESIDUAL_SD = 4.0  # at which residuals are clipped
-MAX_HELD_OUT_LOG_RATIO = math.log(1.5)  # of mean squares of held-out clips, summed over them, for a fit to generalise
-# From how many held-out clips that sum may be larger, in proportion, and their rms counts too; by how much it may rise.
-MANY_HELD_OUT_CLIPS, MAX_HELD_OUT_RATIO = 30, 1.02
 COMPARED_STEPS = 5  # iterations of the initial states before two fits are compared
 
 
@@ -43,27 +40,26 @@ class Evidence:
     top_shot_ratio: float  # loss per residual of that shot in the second, over the median of all
 
 
-def compare_fits(one: Point, two: Point, by: Point | None = None, tau: float | None = None) -> Evidence:
-    """Evidence for `two` over `one`, at the same standard deviations and priors: those of `by`, or of the better one.
+def compare_fits(one: Point, two: Point, tau: float | None = None) -> Evidence:
+    """Evidence for `two` over `one`, each at its own most likely discrepancies, with the priors of the better one.
 
     `tau`: autocorrelation time [samples]; computed from the better one's residuals if not given.
     """
-    by = min((one, two), key=lambda s: s.discrepancy_rate) if by is None else by
-    rate = by.discrepancy_rate
+    by = min((one, two), key=lambda s: s.discrepancy_rate)
 
     def cost(at: Point) -> tuple[Array, Array]:
-        seen = dataclasses.replace(at.problem, prior=by.problem.prior).with_discrepancy(rate)
-        x = fit_states(seen, at.initial_states, at.constants, COMPARED_STEPS)
-        total, count = shot_losses(seen, x, at.constants)
+        seen = dataclasses.replace(at.problem, prior=by.problem.prior)
+        x = fit_states(seen.with_discrepancy(at.discrepancy_rate), at.initial_states, at.constants, COMPARED_STEPS)
+        total, count = weighed_scores(seen, x, at.constants, at.discrepancy_rate)
         return 2 * total, count
 
     (first, count), (second, _) = cost(one), cost(two)
     a, b = (float(part.sum()) + _chi2_of_known(at) for part, at in ((first, one), (second, two)))
     if tau is None:
         better = two if b < a else one
-        r = better.residuals(better.problem.with_discrepancy(rate))
+        r = better.residuals(better.weighted)
         spread = max(1.0, (float(np.nanmedian(np.abs(r))) / 0.6745) ** 2)
-        tau = max(correlation_time(better, rate), better.problem.correlation_time) * spread
+        tau = max(correlation_time(better, better.discrepancy_rate), better.problem.correlation_time) * spread
     penalty = (two.constants.size - one.constants.size) * float(np.log(max(count.sum() / tau, 2)))
     top = int(np.argmax(first - second))
     share = second / np.maximum(count, 1)
@@ -79,11 +75,8 @@ def mean_squares(r: Array, limit: float = math.inf) -> tuple[Array, Array]:
 
 
 def generalises(one: FittedModel, two: FittedModel) -> bool:
-    """Whether the second fit does not follow the held-out clips worse than the first.
-
-    By the mean squares of single clips, as one may be in a false optimum; where there are many, by that of all as well.
-    """
-    return _held_out_within(one, two, MAX_HELD_OUT_LOG_RATIO, MAX_HELD_OUT_RATIO)
+    """Whether the second fit does not follow the held-out clips worse than the first."""
+    return _held_out_gain(one, two) >= 0.0
 
 
 def holds(one: FittedModel, two: FittedModel) -> bool:
@@ -92,23 +85,22 @@ def holds(one: FittedModel, two: FittedModel) -> bool:
     A formula is made for these clips, of any of a hundred terms; an effect is physics that is known from elsewhere. So
     one that merely does no harm where it was not fitted is not offered.
     """
-    return _held_out_within(one, two, 0.0, 1.0)
+    return one.held_out is None or two.held_out is None or _held_out_gain(one, two) > 0.0
 
 
-def _held_out_within(one: FittedModel, two: FittedModel, log_ratio: float, ratio: float) -> bool:
-    """Whether the second fit's mean squares of held-out clips rise by less than that, summed over clips and of all.
+def _held_out_gain(one: FittedModel, two: FittedModel) -> float:
+    """Fall of the logarithms of held-out clips' mean squares, summed over clips; 0 without any.
 
-    A clip that is lost in a false optimum is lost in both, however far it ends: how far is chance.
+    What is within noise is no fall or rise. A clip that is lost in a false optimum is lost in both, however far it
+    ends: how far is chance.
     """
     if one.held_out is None or two.held_out is None:
-        return True
-    old, new = (np.maximum(mean_squares(at.residuals)[0], 1.0) for at in (one.held_out, two.held_out))
-    lost = LOST_RATIO**2 * float(np.median(old))
-    old, new = np.minimum(old, lost), np.minimum(new, lost)
-    many = len(old) / MANY_HELD_OUT_CLIPS
-    if many >= 1.0 and new.sum() > ratio**2 * old.sum():
-        return False
-    return float(np.sum(np.log(new / old))) < log_ratio * max(many, 1.0)
+        return 0.0
+    (old, counts), (new, _) = (mean_squares(at.residuals) for at in (one.held_out, two.held_out))
+    tau = one.problem.correlation_time
+    noise = 1.0 + CHANCE_SD * np.sqrt(2.0 * tau / np.maximum(counts, 1))
+    lost = np.maximum(LOST_RATIO**2 * float(np.median(old)), noise)
+    return float(np.sum(np.log(np.clip(old, noise, lost) / np.clip(new, noise, lost))))
 
 
 def _chi2_of_known(at: Point) -> float:

@@ -170,13 +170,12 @@ def screen(
         more = excess_variance(best.fitted) >= MAX_EXCESS_VARIANCE
         if more or loss_ratio_without(best.fitted, best.name) <= MAX_LOSS_RATIO:
             base = warm_started(parts, base, best.fitted, "base") or base
-        # All are compared at the same standard deviations and correlation time.
-        by = min((one.fitted for one in fits), key=lambda s: s.discrepancy_rate)
+        # All are compared at the same correlation time.
         first = max(fits, key=lambda one: one.evidence.improvement)
-        tau = compare_fits(base, first.fitted, by).tau
+        tau = compare_fits(base, first.fitted).tau
         fits = [
             dataclasses.replace(
-                one, evidence=compare_fits(base, one.fitted, by, tau), generalises=generalises(base, one.fitted)
+                one, evidence=compare_fits(base, one.fitted, tau), generalises=generalises(base, one.fitted)
             )
             for one in fits
         ]

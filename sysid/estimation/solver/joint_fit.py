@@ -40,10 +40,9 @@ MAX_STALLED_STEPS = 2  # in a row that improve nothing
 MAX_ATTEMPTS = 8  # at a step of the constants, ten times the damping each
 FIRST_DAMPING = 1e-4
 MORE_STATE_STEPS = 6  # times as many, where no step of the constants helps
-NEGLIGIBLE_LOSS = 0.5  # less than a standard deviation along a direction that the data hardly determine
+NEGLIGIBLE_LOSS = 0.5  # less than a standard deviation along any direction
 ROUGH_LOSS = 10.0  # times the tolerance: what a step may still predict where the loss is rough
 ARRIVED_SD = 0.02  # of a standard deviation: a predicted step that is small enough
-STUCK_SD = 0.1  # the same where no step lowers the loss
 MIN_WIDTH_SD = 4.0  # standard deviations of a constant that must fit into its bounds, or the data do not determine it
 log = logging.getLogger(__name__)
 
@@ -133,10 +132,10 @@ def fit_joint(
     """Shared constants (q,) with every problem's initial state fitted beside them.
 
     Converged means that the last full (undamped) step asked to change no constant by more than 2 % of its standard
-    deviation, or predicted to lower the loss by less than the tolerance, or by less than ten times that after steps
-    that improved nothing. The covariance is the larger of the inverse information and the sandwich over problems, which
-    holds where the model is not quite right. Noise that is correlated from sample to sample gives less information than
-    independent samples, by its correlation time.
+    deviation, or predicted to lower the loss by less than the tolerance, or by less than a half where no step improves
+    anything. The covariance is the larger of the inverse information and the sandwich over problems, which holds where
+    the model is not quite right. Noise that is correlated from sample to sample gives less information than independent
+    samples, by its correlation time.
 
     Args:
         objective: of all problems.
@@ -175,8 +174,8 @@ def _minimised(joint: _Joint, x: Array, c: Array, what: str) -> tuple[Array, ...
         arrived = joint.arrived(newton, at)
         new = joint.lower(at, reduced, newton, 1 if arrived else 2 * MAX_ATTEMPTS)
         if new is None:
-            # No step lowers the loss: at the optimum if the full step is small against the uncertainty.
-            converged = arrived or bool(np.all(np.abs(newton.full) < STUCK_SD * newton.sd + 1e-12))
+            # No step lowers the loss: at the optimum, but for its roughness, if hardly anything is left to improve.
+            converged = arrived or newton.predicted < NEGLIGIBLE_LOSS
             break
         # A loss that is rough at the scale of what is left to improve has no better optimum to offer.
         threshold = rule.tolerance * at.cost

@@ -17,13 +17,13 @@ from models.simulation.observe import camera, observed, undone
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, Observation
 from sysid.clips.segments import split_all
-from sysid.estimation.initial_states import grown_states
 from sysid.estimation.open_cloth import cloth_constants
 from sysid.estimation.problem import CAUCHY_SD, shared_constants, values_of
 from sysid.estimation.segment_problem import segment_problem
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.solver.joint_fit import fit_joint
 from sysid.estimation.solver.least_squares import fit_each
+from sysid.estimation.state_search import found_states
 from tests.sysid.estimation.test_fit import changed, make, truth_of
 from tests.truth.camera import image
 from tests.truth.cloth import Constants
@@ -290,7 +290,7 @@ def test_whole_shots_meet_resting_balls_through_the_camera(clean: tuple[ClipSet,
     for clips, table in ((few, model), (changed(few, bent), filmed)):
         problem = shot_problem(table, (), clips, SIGMA)
         n = len(clips.clips)
-        x = grown_states(problem, np.zeros(0))
+        x = found_states(problem, np.zeros(0))
         r = problem.evaluate(x, np.zeros((n, 0)), np.arange(n))
         left.append(np.sqrt(np.nanmedian(r**2, axis=1)))
         tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))

@@ -12,8 +12,9 @@ from models.model_file import full_model
 from sysid.clips import ClipSet, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation import begin, fit_clips
-from sysid.estimation.initial_states import fit_states, grown_states
+from sysid.estimation.initial_states import fit_states
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
+from sysid.estimation.state_search import found_states
 from sysid.residuals.compare import compare
 from sysid.selection.discover import discover
 from tests.support.running_clips import cut_in_motion, written_running
@@ -58,7 +59,7 @@ def test_the_state_of_every_ball_in_motion_is_found(made: Made) -> None:
     rows = np.array([k for k, clip in enumerate(cut.clips) if len(clip.running) > 1])
     assert rows.size
     problem = at_truth(cut, truth).only(rows)
-    x = fit_states(problem, grown_states(problem, np.zeros(0)), np.zeros(0), 30)
+    x = fit_states(problem, found_states(problem, np.zeros(0)), np.zeros(0), 30)
     r = problem.evaluate(x, np.zeros((len(x), 0)), np.arange(len(x)))
     assert np.sqrt(np.nanmean(r**2, axis=1)).max() < 1.15
     for k, row in enumerate(rows.tolist()):

@@ -17,7 +17,7 @@ from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem, residual, shot_problem
-from sysid.estimation.state_search import fine_objective, found_states, searched_states
+from sysid.estimation.state_search import found_states, searched_states
 
 NOISE_M, FPS, LAST_TIME_S = 0.0003, 60.0, 14.0
 NO_CONSTANTS = np.zeros(0)
@@ -102,7 +102,7 @@ def test_derivatives_after_a_dozen_impacts_are_those_of_half_the_step() -> None:
 
     def slopes(share: float) -> Array:
         rows = []
-        for step in np.diag(share * fine_objective(problem).steps):
+        for step in np.diag(share * problem.steps):
             moved = problem.evaluate(x + step, np.zeros((n, 0)), np.arange(n))
             rows.append((moved - problem.evaluate(x, np.zeros((n, 0)), np.arange(n))) / step.sum())
         return np.nan_to_num(np.stack(rows, axis=-1))
