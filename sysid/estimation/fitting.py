@@ -3,10 +3,10 @@
 In: a `ShotProblem`, or a `Point`: a problem with values for its unknowns. Out: a `FittedModel`.
 
 From nothing, the horizon of the shots grows from event to event with the constants fitted along, so that each impact is
-simulated with constants that are already nearly right; sizes of table and ball are held as stated until then. How much
-a shot counts follows from its own discrepancy: a shot that the model does not follow, or that sits in a false optimum,
-pulls the constants little. So constants, discrepancies and, of shots that miss by more than noise, searched initial
-states are found in turn until their likelihood stays.
+simulated with constants that are already nearly right; sizes of table and ball are held as stated until then. Where
+most shots are followed, how much one counts follows from its own discrepancy: a shot that the model does not follow, or
+that sits in a false optimum, pulls the constants little. So constants, discrepancies and, of shots that miss by more
+than noise, searched initial states are found in turn until their likelihood stays.
 """
 
 from __future__ import annotations
@@ -115,11 +115,9 @@ def _grown(problem: ShotProblem, what: str) -> tuple[Array, Array]:
         optima = up_to_event(tolerant, optima, c, stage)
         longer = problem.horizon_at(stage) > problem.horizon_at(stage - 1)
         if stage and np.sum(longer) >= MIN_LONGER_SHOTS:
-            seen = problem.until(problem.horizon_at(stage))
-            _, own = shot_scores(seen, optima.best, c)
-            rate = float(np.median(own))
-            weighted = seen.with_own_rates(own if rate <= CLOSE_RATE else np.zeros_like(own)).with_discrepancy(rate)
-            found = _solve(weighted, optima.best, c, GROWING_FIT, f"{what}, up to event {stage + 1}")
+            seen, rate, _ = _weighed(problem.until(problem.horizon_at(stage)), optima.best, c)
+            up_to = f"{what}, up to event {stage + 1}"
+            found = _solve(seen.with_discrepancy(rate), optima.best, c, GROWING_FIT, up_to)
             optima, c = optima.with_best(found.initial_states), found.constants
         log.info("%s, up to event %d of %d", what, stage + 1, problem.stages)
     return best_whole(tolerant, optima, c), c
@@ -128,10 +126,10 @@ def _grown(problem: ShotProblem, what: str) -> tuple[Array, Array]:
 def fit(start: Point, what: str = "") -> FittedModel:
     """Constants and initial states from a start that is nearly right.
 
-    Each shot counts as much as its own discrepancy lets it, at least that of the middle one. Shots that miss by more
-    than noise are searched again at the new constants, as long as that finds where they began; where the others are at
-    the noise, with more and more effort. A model that does not follow the shots is fitted coarsely: what it lacks moves
-    its constants by more.
+    Where the model follows most shots, each counts as much as its own discrepancy lets it. Shots that miss by more than
+    noise are searched again at the new constants, as long as that finds where they began; where the others are at the
+    noise, with more and more effort. A model that does not follow the shots is fitted coarsely: what it lacks moves its
+    constants by more.
 
     Args:
         start: a problem, and where another fit has arrived or a candidate is expected.
@@ -143,14 +141,11 @@ def fit(start: Point, what: str = "") -> FittedModel:
         elsewhere = 0
         if searching:
             x, elsewhere = _searched(problem, x, c, tolerated, EFFORTS[effort])
-        _, own = shot_scores(problem, x, c)
-        tolerated = float(np.median(own))
-        problem = problem.with_own_rates(own if tolerated <= CLOSE_RATE else np.zeros_like(own))
+        problem, tolerated, own = _weighed(problem, x, c)
         rule = COARSE_FIT if tolerated > CLOSE_RATE else FINE_FIT
         found = _solve(problem.with_discrepancy(tolerated), x, c, rule, what)
         x, c = found.initial_states, found.constants
-        scores, own = shot_scores(problem, x, c)
-        score = float(scores.sum())
+        score = float(shot_scores(problem, x, c)[0].sum())
         log.info("%s: negative log likelihood %.1f, %d shots began elsewhere", what, score, elsewhere)
         improved, best = score < best - BETTER_LOSS, min(score, best)
         if improved:
@@ -162,6 +157,16 @@ def fit(start: Point, what: str = "") -> FittedModel:
         else:
             break
     return _fitted(Point(problem, x, c, tolerated), found)
+
+
+def _weighed(problem: ShotProblem, x: Array, c: Array) -> tuple[ShotProblem, float, Array]:
+    """The problem as its shots count, the discrepancy rate of the middle one, and that of each: (n,).
+
+    Where the model does not follow most shots it lacks something in all of them: then all count by the middle one's.
+    """
+    _, own = shot_scores(problem, x, c)
+    rate = float(np.median(own))
+    return problem.with_own_rates(own if rate <= CLOSE_RATE else np.zeros_like(own)), rate, own
 
 
 def _searched(problem: ShotProblem, x: Array, c: Array, tolerated: float, effort: int) -> tuple[Array, int]:
