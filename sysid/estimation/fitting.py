@@ -3,10 +3,10 @@
 In: a `ShotProblem`, or a `Point`: a problem with values for its unknowns. Out: a `FittedModel`.
 
 From nothing, the horizon of the shots grows from event to event with the constants fitted along, so that each impact is
-simulated with constants that are already nearly right; sizes of table and ball are held as stated until then. Where
-most shots are followed, how much one counts follows from its own discrepancy: a shot that the model does not follow, or
-that sits in a false optimum, pulls the constants little. So constants, discrepancies and, of shots that miss by more
-than noise, searched initial states are found in turn until their likelihood stays.
+simulated with constants that are already nearly right; sizes of table and ball are held as stated until then. How much
+a shot counts follows from its own discrepancy: one that the model does not follow, or that sits in a false optimum,
+pulls the constants little. So constants, discrepancies and, of shots that miss by more than noise, searched initial
+states are found in turn until their likelihood stays.
 """
 
 from __future__ import annotations
@@ -115,9 +115,10 @@ def _grown(problem: ShotProblem, what: str) -> tuple[Array, Array]:
         optima = up_to_event(tolerant, optima, c, stage)
         longer = problem.horizon_at(stage) > problem.horizon_at(stage - 1)
         if stage and np.sum(longer) >= MIN_LONGER_SHOTS:
-            seen, rate, _ = _weighed(problem.until(problem.horizon_at(stage)), optima.best, c)
-            up_to = f"{what}, up to event {stage + 1}"
-            found = _solve(seen.with_discrepancy(rate), optima.best, c, GROWING_FIT, up_to)
+            seen, up_to = problem.until(problem.horizon_at(stage)), f"{what}, up to event {stage + 1}"
+            _, own = shot_scores(seen, optima.best, c)
+            weighted = seen.with_own_rates(own).with_discrepancy(float(np.median(own)))
+            found = _solve(weighted, optima.best, c, GROWING_FIT, up_to)
             optima, c = optima.with_best(found.initial_states), found.constants
         log.info("%s, up to event %d of %d", what, stage + 1, problem.stages)
     return best_whole(tolerant, optima, c), c
@@ -126,14 +127,26 @@ def _grown(problem: ShotProblem, what: str) -> tuple[Array, Array]:
 def fit(start: Point, what: str = "") -> FittedModel:
     """Constants and initial states from a start that is nearly right.
 
-    Where the model follows most shots, each counts as much as its own discrepancy lets it. Shots that miss by more than
-    noise are searched again at the new constants, as long as that finds where they began; where the others are at the
-    noise, with more and more effort. A model that does not follow the shots is fitted coarsely: what it lacks moves its
-    constants by more.
+    Each shot counts as much as its own discrepancy lets it, so that those that are followed lead to where all are.
+    Where most are not followed in the end, the model lacks something in all of them, and they count alike.
 
     Args:
         start: a problem, and where another fit has arrived or a candidate is expected.
         what: is fitted, for the log.
+    """
+    found = _in_turn(start, what)
+    if found.discrepancy_rate > CLOSE_RATE:
+        found = _in_turn(found, f"{what}, all shots alike", alike=True)
+    return found
+
+
+def _in_turn(start: Point, what: str, alike: bool = False) -> FittedModel:
+    """Constants, discrepancies and initial states, found in turn until their likelihood stays.
+
+    Shots count by their own discrepancies, or `alike` by that of the middle one.
+    Shots that miss by more than noise are searched again at the new constants, as long as that finds where they began;
+    where they are few, with more and more effort, up to the work of searching all. A model that does not follow the
+    shots is fitted coarsely: what it lacks moves its constants by more.
     """
     problem, x, c = start.problem, start.initial_states, start.constants
     tolerated, effort, searching, best = GROWING_RATE, 0, True, np.inf
@@ -141,7 +154,9 @@ def fit(start: Point, what: str = "") -> FittedModel:
         elsewhere = 0
         if searching:
             x, elsewhere = _searched(problem, x, c, tolerated, EFFORTS[effort])
-        problem, tolerated, own = _weighed(problem, x, c)
+        _, own = shot_scores(problem, x, c)
+        tolerated = float(np.median(own))
+        problem = problem.with_own_rates(np.zeros_like(own) if alike else own)
         rule = COARSE_FIT if tolerated > CLOSE_RATE else FINE_FIT
         found = _solve(problem.with_discrepancy(tolerated), x, c, rule, what)
         x, c = found.initial_states, found.constants
@@ -152,21 +167,11 @@ def fit(start: Point, what: str = "") -> FittedModel:
             searching = elsewhere > 0
         elif not searching:
             searching = True
-        elif effort + 1 < len(EFFORTS) and tolerated == 0.0 and own.any():  # the model follows most others
+        elif effort + 1 < len(EFFORTS) and 0 < EFFORTS[effort + 1] * np.count_nonzero(own) <= len(x):
             effort += 1
         else:
             break
     return _fitted(Point(problem, x, c, tolerated), found)
-
-
-def _weighed(problem: ShotProblem, x: Array, c: Array) -> tuple[ShotProblem, float, Array]:
-    """The problem as its shots count, the discrepancy rate of the middle one, and that of each: (n,).
-
-    Where the model does not follow most shots it lacks something in all of them: then all count by the middle one's.
-    """
-    _, own = shot_scores(problem, x, c)
-    rate = float(np.median(own))
-    return problem.with_own_rates(own if rate <= CLOSE_RATE else np.zeros_like(own)), rate, own
 
 
 def _searched(problem: ShotProblem, x: Array, c: Array, tolerated: float, effort: int) -> tuple[Array, int]:
