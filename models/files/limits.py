@@ -16,7 +16,7 @@ MAX_CONTAINERS, MAX_VALUES = 3 << 19, 1 << 24  # of a JSON file: objects and lis
 MAX_DEPTH = 32  # of tables and lists in each other, and parts of a dotted key
 
 MAX_TABLE_BYTES = 1 << 30  # of one CSV or Parquet file
-MAX_TEXT_BYTES = MAX_TABLE_BYTES // 2  # of its texts in memory, which are copied as they grow
+MAX_CELL_BYTES = MAX_TABLE_BYTES // 2  # of its texts in memory, which are copied as they grow
 MAX_ROWS, MAX_COLUMNS = 2_000_000, 256  # of one table
 MAX_CELLS = 1 << 26  # of one table
 MAX_CELL_CHARS = 10_000

@@ -161,7 +161,7 @@ def _parquet_columns(pyarrow: Any, path: Path) -> dict[str, Sequence[str]]:
                     raise BadInput(f"{path}, column {shown(name)}: {problem}")
                 packers[name].extend([_text(value) for value in column.to_pylist()])
             size = sum(packer.size for packer in packers.values())
-            if problem := excess(size, limits.MAX_TEXT_BYTES, "MB of texts", SMALLER, 1 << 20):
+            if problem := excess(size, limits.MAX_CELL_BYTES, "MB of texts", SMALLER, 1 << 20):
                 raise BadInput(f"{path}: {problem}")
     return {name: packer.texts() for name, packer in packers.items()}
 
