@@ -2,9 +2,9 @@
 
 In: fits (`FittedModel`, or `Point`). Out: `Evidence`, and ratios of losses and variances.
 
-Both fits are compared at the same standard deviations, those of the better one. Residuals are correlated, so chi-square
-counts one in tau of them, the integrated autocorrelation time:
-delta BIC = (fall of chi-square) / tau - (constants more) log(residuals / tau).
+Each fit is taken at its own most likely discrepancies, so that what is compared are likelihoods. Residuals are
+correlated, so one in tau of them counts, the integrated autocorrelation time:
+delta BIC = 2 (gain of log likelihood) / tau - (constants more) log(residuals / tau).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Evidence:
     """Evidence for a fit over another."""
 
     delta_bic: float  # positive speaks for the second
-    improvement: float  # fall of chi-square
+    improvement: float  # twice the gain of log likelihood
     tau: float  # integrated autocorrelation time of the residuals [samples]
     others_delta_bic: float  # without the shot that the second improves most
     top_shot_ratio: float  # loss per residual of that shot in the second, over the median of all
