@@ -93,7 +93,8 @@ def tune(case: str, native: Native, report: Callable[[str], None] | None = None)
 
     start = np.log([[getattr(native, name) for name in names]])
     none = Prior(start, np.full_like(start, np.inf))
-    x, _ = fit_each(Objective(evaluate, np.full(len(names), RELATIVE_STEP), none, CAUCHY_SCALE), start, np.zeros(0), 25)
+    steps = np.full(len(names), RELATIVE_STEP)
+    x, _ = fit_each(Objective(evaluate, steps, none, CAUCHY_SCALE, rough=True), start, np.zeros(0), 25)
     found = np.exp(np.clip(x[0], bounds[:, 0], bounds[:, 1]))
     return dataclasses.replace(native, **{n: float(v) for n, v in zip(names, found, strict=True)})
 

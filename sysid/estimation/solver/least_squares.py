@@ -62,6 +62,7 @@ class Objective:
     correlation_time: float = 1.0  # of the noise [samples]: so many count as one
     bounds: Array = field(default_factory=NO_BOUNDS.copy)  # (p, 2) of the initial state, or (1, 2)
     part: Callable[[NDArray[np.int64]], Evaluate] | None = None  # `evaluate` of some, for other processes
+    rough: bool = False  # whether residuals are too rough for differences over shorter steps
 
     def only(self, rows: NDArray[np.int64]) -> Objective | None:
         """That of some problems, for other processes; None where it cannot leave this one."""
@@ -256,7 +257,7 @@ def _differenced(objective: Objective, x: Array, c: Array, which: NDArray[np.int
         moved(objective.evaluate, x, c, which, objective.steps, steps_c), steps, objective.cauchy_sd
     )
     share = np.ones(len(x))
-    for _ in range(MAX_SHORTENINGS):
+    for _ in range(0 if objective.rough else MAX_SHORTENINGS):
         told = np.sqrt(np.max(np.einsum("npp->np", found.matrix) * steps**2, axis=1, initial=0.0))  # steps over sd
         far = np.flatnonzero(share * told > MAX_STEP_SD)
         if not far.size:
