@@ -25,10 +25,10 @@ from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint,
 from sysid.estimation.state_search import (
     BETTER_LOSS,
     EFFORTS,
+    SETTLING_STEPS,
     Optima,
     best_whole,
     found_states,
-    polished,
     searched_states,
     up_to_event,
 )
@@ -183,7 +183,7 @@ def _searched(problem: ShotProblem, x: Array, c: Array, tolerated: float, effort
     part = bare.only(odd)
     own = part.with_own_rates(shot_scores(part, x[odd], c)[1]).with_discrepancy(0.0)
     searched = searched_states(part.with_discrepancy(tolerated), c, effort)
-    old, new = (polished(own, at, c) for at in (x[odd], searched))
+    old, new = (fit_states(own, at, c, SETTLING_STEPS) for at in (x[odd], searched))
     elsewhere = shot_scores(part, new, c)[0] < shot_scores(part, old, c)[0] - BETTER_LOSS
     x = x.copy()
     x[odd] = np.where(elsewhere[:, None], new, old)

@@ -33,9 +33,15 @@ LAUNCHER_REPEATABILITY = {"speed": 0.003, "azimuth": 0.001}  # fraction, [rad]: 
 
 def shot_losses(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]:
     """Loss of every shot, its prior with it, and how many residuals it has: (n,), (n,)."""
+    losses, used = _losses(problem, x, c)
+    return losses, used.sum(axis=1)
+
+
+def _losses(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Loss of every shot, its prior with it, and which residuals it has: (n,), (n, m)."""
     n = len(x)
     r = problem.evaluate(x, np.tile(c, (n, 1)), np.arange(n))
-    return loss(r, CAUCHY_SD) + 0.5 * np.sum(problem.prior.residuals(x) ** 2, axis=1), np.isfinite(r).sum(axis=1)
+    return loss(r, CAUCHY_SD) + 0.5 * np.sum(problem.prior.residuals(x) ** 2, axis=1), np.isfinite(r)
 
 
 def within_noise(loss: Array, count: Array, correlation_time: float) -> NDArray[np.bool_]:
@@ -58,14 +64,13 @@ def shot_scores(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]
 
 def weighed_scores(problem: ShotProblem, x: Array, c: Array, rate: float) -> tuple[Array, Array]:
     """Negative log likelihood of every shot at these discrepancies, and how many residuals it has: (n,), (n,)."""
-    seen, n = problem.with_discrepancy(rate), len(x)
-    losses, count = shot_losses(seen, x, c)
-    used = np.isfinite(seen.evaluate(x, np.tile(c, (n, 1)), np.arange(n)))
-    logs, clip, ball = np.zeros(n), -1, 0
-    for k, _, xy in problem.by_ball(used):
+    seen = problem.with_discrepancy(rate)
+    losses, used = _losses(seen, x, c)
+    logs, clip, ball = np.zeros(len(x)), -1, 0
+    for k, _, xy in problem.by_ball(used.astype(float)):
         ball, clip = (ball + 1 if k == clip else 0), k
         logs[k] += float(np.sum(np.log(seen.sd[k, ball, : len(xy), None] / problem.noise_of_fits) * xy))
-    return losses + logs, count
+    return losses + logs, used.sum(axis=1)
 
 
 def fit_states(problem: ShotProblem, x: Array, c: Array, steps: int, tolerance: float = 1e-4) -> Array:

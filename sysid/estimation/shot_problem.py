@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
@@ -77,8 +77,8 @@ class ShotProblem:
     sd_theta: Array  # (n,) of a marked ball's angle [rad]
     end: Array  # (n,) of each clip [s]
     horizon: Array  # (n,) after which a shot counts no more [s]
+    own_rates: Array  # (n,) discrepancy rate of each shot, where it counts by its own
     correlation_time: float = 1.0  # of both noises [samples], see sysid/clips/noise.py
-    own_rates: Array = field(default_factory=lambda: np.zeros(1))  # (n,) discrepancy rate of each shot
     slow_noise: float = 0.0  # one standard deviation per axis [m], see sysid/clips/slow_noise.py
 
     @property
@@ -316,7 +316,7 @@ def shot_problem(
     return ShotProblem(
         model, tuple(names), clip_set, noise, dict(known or {}), start, azimuth, Prior(mean, sd),
         tuple(shot.rest for shot in shots), tuple(staying), tuple(trusted), tuple(events), path, data,
-        np.full(path.shape, noise), np.full(n, theta_noise(clips)), end, end, correlation_time, np.zeros(n), slow_noise,
+        np.full(path.shape, noise), np.full(n, theta_noise(clips)), end, end, np.zeros(n), correlation_time, slow_noise,
     )  # fmt: skip
 
 

@@ -36,7 +36,7 @@ FINE_SHARE = 3  # one of so many draws goes on to the fine steps
 BETTER_LOSS = 0.5  # of a shot's loss, for which more starts are drawn: half a standard deviation squared
 SAME_OPTIMUM_SD = 1.0  # standard deviations within which two optima are one
 QUARTILE_TO_SD = 1.4826  # of a normal distribution: sd over the distance of its median from its lower quartile
-POLISH_STEPS = 20  # of a shot that was searched anew
+SETTLING_STEPS = 20  # of a shot that was searched anew
 EFFORTS = (1, 3, 9)  # times as many optima and draws, where a shot is not found with fewer
 SHOTS_AT_ONCE = 128  # which bounds the memory
 log = logging.getLogger(__name__)
@@ -71,11 +71,6 @@ class Optima:
         return Optima(np.searchsorted(rows, self.shots[mine]), self.states[mine])
 
 
-def polished(problem: ShotProblem, x: Array, c: Array) -> Array:
-    """Initial states (n, p) at constants (q,), at the optima that are near."""
-    return fit_states(problem, x, c, POLISH_STEPS)
-
-
 def found_states(problem: ShotProblem, c: Array, x: Array | None = None) -> Array:
     """The initial state of every shot at constants (q,): (n, p).
 
@@ -89,14 +84,14 @@ def found_states(problem: ShotProblem, c: Array, x: Array | None = None) -> Arra
     """
     efforts: Sequence[int] = EFFORTS
     if x is None:
-        x = polished(problem, searched_states(problem.with_discrepancy(GROWING_RATE), c), c)
+        x = fit_states(problem, searched_states(problem.with_discrepancy(GROWING_RATE), c), c, SETTLING_STEPS)
         efforts = EFFORTS[1:]
     for effort in efforts:
         seen = problem.with_discrepancy(problem.discrepancy_rate(x, c))
         rows = _standing_out(seen, x, c)
         if rows.size:
             part = seen.only(rows)
-            new = polished(part, searched_states(part, c, effort), c)
+            new = fit_states(part, searched_states(part, c, effort), c, SETTLING_STEPS)
             better = shot_losses(part, new, c)[0] < shot_losses(part, x[rows], c)[0] - BETTER_LOSS
             x = x.copy()
             x[rows[better]] = new[better]

@@ -314,12 +314,14 @@ def check_size(name: Path | str, width: float, height: float) -> None:
 
 def read_picture(path: Path) -> Picture | None:
     """A picture of a file; None where there is none that can be read, or one of too many pixels."""
-    if not path.is_file() or _claims_more_than_it_has(path):
+    if not path.is_file():
         return None
     with quiet():
         try:
+            if _claims_more_than_it_has(path):
+                return None
             picture = _as_colour(cv2.imread(str(path), cv2.IMREAD_COLOR))
-        except cv2.error:
+        except (OSError, cv2.error):
             return None
     # OpenCV refuses them undecoded, unless it was imported before a command told it to.
     if picture is not None and picture.shape[0] * picture.shape[1] > MAX_PICTURE_PIXELS:
@@ -330,9 +332,9 @@ def read_picture(path: Path) -> Picture | None:
 def _claims_more_than_it_has(path: Path) -> bool:
     """Whether a chunk of a PNG file says that it is longer than the file: OpenCV takes as much memory as it says."""
     with path.open("rb") as file:
-        sound = file.read(len(PNG_BEGINS)) == PNG_BEGINS
-        while sound and len(head := file.read(8)) == 8:
-            if (size := int.from_bytes(head[:4], "big")) > path.stat().st_size:
+        whole, chunked = path.stat().st_size, file.read(len(PNG_BEGINS)) == PNG_BEGINS
+        while chunked and len(head := file.read(8)) == 8:
+            if (size := int.from_bytes(head[:4], "big")) > whole:
                 return True
             file.seek(size + 4, os.SEEK_CUR)
     return False

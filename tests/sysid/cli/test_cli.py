@@ -358,7 +358,7 @@ def test_the_demo_names_what_the_example_hides(demo: tuple[Path, str]) -> None:
     assert result["unexplained"] is None and result["converged"] and result["doubtful"] == []
     assert result["next_shot"]["separates_sd"] > 3
     first, last = result["rounds"][0], result["rounds"][-1]
-    assert first[0]["effect"] == hidden[0] and first[0]["delta_bic"] > 2 * first[1]["delta_bic"] > 0
+    assert first[0]["effect"] == hidden[0] and first[0]["delta_bic"] > 5 * first[1]["delta_bic"] > 0
     assert max(row["delta_bic"] for row in last) < 10
     told = [f"missing: {hidden[0]}", "are pulled by", "is predicted", "confounded", "Nothing stands out", "next shot"]
     assert all(words in said for words in told)
@@ -370,7 +370,7 @@ def test_the_demo_takes_the_error_down_to_the_noise(demo: tuple[Path, str]) -> N
     result = json.loads((demo[0] / "result.json").read_text())
     base, last = result["ladder"]
     assert result["noise_floor_m"] == pytest.approx(NOISE)
-    assert min(base["rms_m"], base["held_out_rms_m"]) > 2 * last["rms_m"]
+    assert min(base["rms_m"], base["held_out_rms_m"]) > 2.5 * last["rms_m"]
     assert last["rms_m"] == pytest.approx(NOISE, rel=0.05)
     assert 0.8 * NOISE < last["held_out_rms_m"] <= 1.05 * NOISE
     assert last["converged"] and last["chi2_reduced"] == pytest.approx(1, rel=0.1)

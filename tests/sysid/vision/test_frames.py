@@ -163,7 +163,7 @@ def test_an_unreadable_picture_is_left_out_and_told(tmp_path: Path) -> None:
     assert any("2 frames unreadable" in line for line in footage.assumed)
 
 
-def test_a_frame_at_which_opencv_fails_is_left_out_and_told(tmp_path: Path) -> None:
+def test_a_frame_at_which_opencv_fails_is_no_traceback(tmp_path: Path) -> None:
     path = video(tmp_path / "film.avi", 6, code="MJPG")
     raw = bytearray(path.read_bytes())
     at = [k for k in range(len(raw) - 8) if raw[k : k + 4] == b"00dc" and raw[k + 8 : k + 10] == b"\xff\xd8"]
@@ -171,6 +171,15 @@ def test_a_frame_at_which_opencv_fails_is_left_out_and_told(tmp_path: Path) -> N
     path.write_bytes(raw)
     footage = open_footage(path)
     assert 1 <= len(list(footage)) < 6
+
+
+def test_a_picture_that_may_not_be_read_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def forbidden(*_: object) -> None:
+        raise PermissionError
+
+    assert cv2.imwrite(str(tmp_path / "a.png"), grey(1))
+    monkeypatch.setattr(Path, "open", forbidden)
+    assert read_picture(tmp_path / "a.png") is None
 
 
 def test_a_png_takes_no_more_memory_than_it_has(tmp_path: Path) -> None:
