@@ -32,8 +32,8 @@ from sysid.residuals.compare import compare as compare_clips
 from sysid.residuals.comparison import Comparison
 from sysid.selection.diagnose import ClipDiagnosis
 from sysid.selection.diagnose import diagnose as diagnose_clips
-from sysid.selection.discover import DiscoveryResult, Show
 from sysid.selection.discover import discover as discover_effects
+from sysid.selection.result import DiscoveryResult, Show
 
 SDS_OF_95_PERCENT = 1.96  # standard deviations to either side
 CALLED_FROM = "sysid.discover"  # what model files name as their origin

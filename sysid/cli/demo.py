@@ -15,8 +15,9 @@ from sysid.report.findings import label, ladder_table, round_rows, shot_lines, v
 from sysid.report.health import print_health
 from sysid.report.outcome import compare_at, write_outcome
 from sysid.report.text import in_words
-from sysid.selection.discover import DiscoveryResult, discover
+from sysid.selection.discover import discover
 from sysid.selection.judge import Diagnosis
+from sysid.selection.result import DiscoveryResult
 
 COMMAND_NAME = "sysid demo"
 EXAMPLE_FOLDER = Path(__file__).parents[1] / "example"

@@ -17,7 +17,7 @@ from sysid.cli.common import Start, report_option, spread_over_cluster
 if TYPE_CHECKING:
     from models.model_file import Model
     from sysid.clips import ClipSet
-    from sysid.selection.discover import DiscoveryResult
+    from sysid.selection.result import DiscoveryResult
 
 JOURNAL_FILE, RESULT_FILE = "unfinished.jsonl", "result.json"
 WRITTEN = ("model.toml", RESULT_FILE, "report.html", "review.rrd")
@@ -54,9 +54,8 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
 
     Example: sysid diagnose CLIPS --model fitted.toml
     """
-    from sysid.clips.pieces import parent_clip
     from sysid.interface import diagnose as diagnose_clips
-    from sysid.report.findings import cut_line, noise_line, round_rows, shot_lines, verdict_lines
+    from sysid.report.findings import noise_line, round_rows, shot_lines, verdict_lines
     from sysid.report.result_json import judgement_json
 
     clip_set, model = start.load()
@@ -64,7 +63,7 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
     parts, base, judged = found.parts, found.fitted, found.diagnosis
     progress.close()
     seen = judged.screening
-    held_out = len({parent_clip(c.file) for c in parts.held_out.clips}) if parts.held_out else 0
+    held_out = len(parts.held_out.clips) if parts.held_out else 0
     print(f"{len(clip_set.clips)} clips, {held_out} of them held out; {noise_line(parts.noise)}")
     if seen.segments:
         print(
@@ -72,7 +71,7 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
         )
     print(f"base: miss {seen.base.miss * 1e3:.3f} mm, held out {seen.base.held_miss * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
-    notes = [*([cut_line(parts)] if parts.cut else []), *parts.excluded, *verdict_lines(judged, found.unexplained)]
+    notes = [*parts.excluded, *verdict_lines(judged, found.unexplained)]
     notes += shot_lines(found.next_shot)
     print("\n" + "\n".join(notes))
     if json_file:
@@ -103,6 +102,7 @@ def discover(
 
     Example: sysid discover CLIPS --out out/mine
     """
+    from sysid.estimation.clip_fit import band_rate
     from sysid.estimation.solver.journal import Journal, recorded_in
     from sysid.interface import discover as discover_effects
     from sysid.report.findings import discovery_lines, ladder_table, round_rows
@@ -138,8 +138,8 @@ def discover(
     outcome = write_outcome(out, clip_set, found, progress, journal.elapsed, f"sysid discover {start.clips}")
     print_constants(outcome.model)
     print("\n" + engines_line(outcome))
-    if whole := found.whole.get(found.verdict):
-        print(held_out_line(outcome, whole.band_rate))
+    if found.parts.held_out and not found.parts.follows(found.last):
+        print(held_out_line(outcome, band_rate(found.last)))
     print_health(outcome.model)
     print(f"\n{_to_paste(str(found), out)}")
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")

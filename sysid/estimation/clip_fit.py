@@ -20,11 +20,11 @@ import numpy as np
 
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.estimation.fitted import FittedModel, Point, as_model
-from sysid.estimation.fitting import fit, fit_from_nothing, widened
+from sysid.estimation.fitted import FittedModel, as_model
+from sysid.estimation.fitting import fit_from_nothing, widened
+from sysid.estimation.long_fit import fit_windows, whole_shots
 from sysid.estimation.open_cloth import OpenCloth
-from sysid.estimation.problem import values_of
-from sysid.estimation.split import Split, fit_followed, split, tried
+from sysid.estimation.split import Split, fit_followed, split
 
 BAND_SHARE = 0.95  # of the residuals inside the predicted band
 
@@ -67,7 +67,9 @@ def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> Cl
     Raises:
         BadInput: where there are too few segments between events.
     """
-    parts, cloth, model = split(clip_set, model, cut=False)
+    parts, cloth, model = split(clip_set, model)
+    if parts.training.is_long:
+        return _clip_fit(parts, whole_shots(parts, fit_windows(parts, model)), cloth, command)
     held, free = _held_and_free(cloth, model)
 
     def fit_training(parts: Split) -> FittedModel:
@@ -77,20 +79,6 @@ def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> Cl
     return _clip_fit(*fit_followed(parts, fit_training), cloth, command)
 
 
-def refit_without(clip_set: ClipSet, before: ClipFit, effect: str, command: str = "sysid fit") -> ClipFit:
-    """The fit of `fit_clips` without an effect, whole shots from where they are with it.
-
-    Raises:
-        BadInput: see `fit_clips`.
-    """
-    _, cloth, model = split(clip_set, before.model.without(effect), cut=False)
-    held, free = _held_and_free(cloth, model)
-    problem = before.parts.training.with_model(model, free)
-    start = Point(problem, before.fitted.initial_states, values_of(model, free), before.fitted.discrepancy_rate)
-    found = _with_cloth(widened(fit(start, f"whole shots without {effect}")), cloth, held)
-    return _clip_fit(before.parts, tried(before.parts, found, before.fitted), cloth, command)
-
-
 def _held_and_free(cloth: OpenCloth, model: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Constants that whole shots leave as segments gave them, and those that are fitted to whole shots."""
     held = () if cloth.follows else tuple(cloth.known)
@@ -98,10 +86,15 @@ def _held_and_free(cloth: OpenCloth, model: Model) -> tuple[tuple[str, ...], tup
 
 
 def _clip_fit(parts: Split, found: FittedModel, cloth: OpenCloth, command: str) -> ClipFit:
-    band = found.problem.discrepancy_rate(found.initial_states, found.constants, BAND_SHARE)
+    band = band_rate(found)
     files = [c.file for c in parts.training.clips]
     made = as_model(found, command, files, {"segment_ratio": cloth.ratio, "band_rate": band})
     return ClipFit(parts, found, made, cloth.ratio, band)
+
+
+def band_rate(found: FittedModel) -> float:
+    """Discrepancy rate whose band holds 95 % of a fit's residuals, those of shots in false optima included."""
+    return found.problem.discrepancy_rate(found.initial_states, found.constants, BAND_SHARE)
 
 
 def _with_cloth(found: FittedModel, cloth: OpenCloth, held: Sequence[str]) -> FittedModel:

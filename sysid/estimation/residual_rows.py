@@ -137,7 +137,14 @@ def packed(shots: Sequence[MeasuredShot]) -> ShotData:
 
 
 def residuals(
-    layout: Layout, samples: ShotData, weighting: Weighting, x: Array, c: Array, which: Index, size: int
+    layout: Layout,
+    samples: ShotData,
+    weighting: Weighting,
+    x: Array,
+    c: Array,
+    which: Index,
+    size: int,
+    ends: Array | None = None,
 ) -> Array:
     """Residuals over their standard deviation of rows of unknowns: (k, size), nan where there is none.
 
@@ -150,6 +157,8 @@ def residuals(
         c: (k, q) constants.
         which: (k,) numbers of the shots.
         size: of a row of residuals.
+        ends: (k, b, 7) filled with place, velocity and spin of each ball at the last stamp; states are then true, not
+            as the camera sees them. None where they are not asked for.
     """
     k = len(x)
     out = np.empty((k, size))
@@ -158,6 +167,7 @@ def residuals(
     game = layout.game(c)
     hooks, pockets, table = game.hooks, game.pockets, damping_table()
     faults = np.zeros(k, np.int64)
+    ends = np.zeros((0, 0, 0)) if ends is None else ends
     x = np.ascontiguousarray(x)
 
     def part(first: int, last: int) -> None:
@@ -168,7 +178,7 @@ def residuals(
             samples.theta, samples.trusted, weighting.sd, weighting.sd_theta, weighting.horizon, hooks.own,
             hooks.forces, hooks.support, hooks.horizon, hooks.impact, hooks.strike, hooks.observe, hooks.exposures,
             game.cloth, game.mass, game.radius, game.limits, game.half, pockets.ends, pockets.jaws, pockets.falls,
-            table, out, faults,
+            table, out, faults, ends,
         )  # fmt: skip
 
     over_threads(part, k)
@@ -250,7 +260,7 @@ def _write_row(  # type: ignore[no-untyped-def]
 def residual_rows(  # type: ignore[no-untyped-def]
     first, last, x, which, stamps, begun, azimuth, order, struck, balls, moving, rest, stays, count, at, xy, theta,
     trusted, sd, sd_theta, horizon, own, forces, support, horizons, impact, strike, observe, exposures, cloth, mass,
-    radius, span, half, mouths, jaws, falls, table, out, faults,
+    radius, span, half, mouths, jaws, falls, table, out, faults, ends,
 ):  # fmt: skip
     """See `residuals`. Flat arguments, since compiled code takes no objects."""
     most = rest.shape[1]
@@ -266,7 +276,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
         _lay_struck(start, u, azimuth[w], radius[row])
         for i in range(1, n):
             place[i, 0], place[i, 1] = rest[w, i, 0] + u[5 + 2 * i], rest[w, i, 1] + u[6 + 2 * i]
-        if observe.shape[0] > 0 and n > 1:
+        if observe.shape[0] > 0 and n > 1 and ends.shape[0] == 0:
             unsee(place[1:n].copy(), here, observe, place[1:n])
         for i in range(1, n):
             start[i, 0], start[i, 1] = place[i, 0], place[i, 1]
@@ -297,6 +307,8 @@ def residual_rows(  # type: ignore[no-untyped-def]
             mass, radius[row], span[row], half[row], mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS,
             looked, track[:seen, :n], log, who, counts, potted[:n],
         )  # fmt: skip
+        if ends.shape[0] > 0:
+            ends[row, :n] = track[seen - 1, :n, :7]
         _hold_last(track, seen, n, position, velocity)
         if observe.shape[0] > 0:
             see(position[:seen, :n], velocity[:seen, :n], moment, here, observe)

@@ -50,6 +50,7 @@ from sysid.estimation.start_values import running_sd, running_start, shot_start,
 REST_STEP = 1e-6  # finite difference of a resting ball's position [m]
 REST_SD = 2.0  # of both noises: prior sd of its displacement from where it was seen
 GROWING_RATE = 0.02  # discrepancy rate that is tolerated while the horizon grows
+MAX_EVENTS = 4  # impacts of a shot, in the middle of a set, beyond which its shots are long
 MAX_STAGES = 12  # horizons of a shot that grows from event to event
 BEFORE_EVENT_S = 1e-3  # by which a horizon ends before an event
 Item = TypeVar("Item")
@@ -125,6 +126,12 @@ class ShotProblem:
     def noise_of_fits(self) -> float:
         """Of the camera and of what its tracks wander, one standard deviation per axis [m]."""
         return math.hypot(self.noise, self.slow_noise)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether shots have so many impacts that an error of the model grows to more than can be followed."""
+        many = bool(self.clips) and float(np.median([len(e) for e in self.events])) > MAX_EVENTS
+        return many and by_events(self.model)
 
     @property
     def stages(self) -> int:

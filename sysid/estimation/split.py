@@ -23,7 +23,6 @@ from sysid.clips import ClipSet
 from sysid.clips.clock import stamp_scale
 from sysid.clips.noise import noise_correlation, position_noise
 from sysid.clips.outliers import remove_outliers
-from sysid.clips.pieces import cut_clips
 from sysid.clips.slow_noise import slow_noise
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out, settled
@@ -33,7 +32,6 @@ from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.sizes import known_sizes, with_free_sizes
 
 HELD_OUT_EVERY = 5  # clips, of which the last is held out
-MAX_EVENTS = 4  # of a whole shot, in the middle of the set, where the model does not follow the open cloth
 CLOCK_CONSTANT = "clock_scale.factor"  # known from the time stamps of the clips
 LOST_M = 0.3  # rms residual per axis from which a shot may be lost
 LOST_RATIO = 20.0  # and over the median of all shots
@@ -47,7 +45,6 @@ class Split:
     training: ShotProblem
     held_out: ShotProblem | None
     spikes: int  # samples left out as outliers
-    cut: int = 0  # shots that were cut into pieces of one impact each; 0 where whole shots are fitted
     excluded: tuple[str, ...] = ()  # shots that were set aside, a line each
 
     @property
@@ -57,17 +54,17 @@ class Split:
 
     def follows(self, found: FittedModel) -> bool:
         """Whether whole shots are followed closely enough to determine what acts on them between impacts."""
-        return not self.cut and found.discrepancy_rate <= UNFOLLOWED_RATE
+        return found.discrepancy_rate <= UNFOLLOWED_RATE
 
     def excluding(self, lines: tuple[str, ...], training: ShotProblem, held_out: ShotProblem | None) -> Split:
         """The split with those shots alone, the others set aside with a line each."""
         for line in lines:
             log.info("%s", line)
-        return Split(training, held_out, self.spikes, self.cut, (*self.excluded, *lines))
+        return Split(training, held_out, self.spikes, (*self.excluded, *lines))
 
     def states_of(self, found: FittedModel, files: Sequence[str]) -> Array | None:
         """Initial states of all clips, in the order of `files`: (n, p); None where some were not fitted."""
-        if self.cut or self.excluded:
+        if self.excluded:
             return None
         parts = [(self.training, found.initial_states)]
         if self.held_out and found.held_out:
@@ -96,12 +93,8 @@ def subset(clip_set: ClipSet, rows: Sequence[int]) -> ClipSet:
     return dataclasses.replace(clip_set, clips=tuple(clip_set.clips[k] for k in rows))
 
 
-def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, OpenCloth, Model]:
-    """The clips split, the constants of the open cloth from their segments, and the model with those constants.
-
-    Where the model does not follow the open cloth, long shots are cut into pieces, unless `cut` forbids it, and sizes
-    are held as stated.
-    """
+def split(clip_set: ClipSet, model: Model) -> tuple[Split, OpenCloth, Model]:
+    """The clips split, the constants of the open cloth from their segments, and the model with those constants."""
     noise = position_noise(clip_set)
     clip_set, spikes = remove_outliers(clip_set, noise)
     slow = slow_noise(clip_set, noise)
@@ -118,24 +111,19 @@ def split(clip_set: ClipSet, model: Model, cut: bool = True) -> tuple[Split, Ope
     def problem_of(part: ClipSet) -> ShotProblem:
         return shot_problem(model, tuple(model.parameters()), part, noise, known, correlation, slow.sd)
 
-    problem = problem_of(training)
-    shots = 0
-    if not cut or np.median([len(e) for e in problem.events]) <= MAX_EVENTS:
-        # Sizes of shots that are followed: others would bend them to make up for what the model lacks.
-        model = with_free_sizes(model)
-        known |= known_sizes(model)
-        problem = problem_of(training)
-    elif cut:
-        shots = len(clip_set.clips)
-        training, held = cut_clips(training, noise), cut_clips(held, noise)
-        log.info("%d shots cut into %d pieces of one impact each", shots, len(training.clips) + len(held.clips))
-        problem = problem_of(training)
-    return Split(problem, problem_of(held) if held.clips else None, spikes, shots), cloth, model
+    model = with_free_sizes(model)
+    known |= known_sizes(model)
+    return Split(problem_of(training), problem_of(held) if held.clips else None, spikes), cloth, model
 
 
 def begin(clip_set: ClipSet, model: Model) -> tuple[Split, FittedModel]:
     """The clips split, and the model with every constant of its stack fitted to them."""
     parts, _, model = split(clip_set, model)
+    return fit_base(parts, model)
+
+
+def fit_base(parts: Split, model: Model) -> tuple[Split, FittedModel]:
+    """The model with every constant of its stack fitted, and the split without the shots that are lost in it."""
     return fit_followed(parts, lambda parts: _fit_training(parts, model, "base"))
 
 
@@ -157,11 +145,7 @@ def fit_followed(parts: Split, fit_training: Callable[[Split], FittedModel]) -> 
         kept = np.setdiff1d(np.arange(len(errors)), lost)
         lines = exclusion_lines(parts.training, lost, errors)
         parts = parts.excluding(lines, parts.training.only(kept), parts.held_out)
-        if parts.cut:  # a few of many pieces hardly move the constants
-            rest = Point(found.problem.only(kept), found.initial_states[kept], found.constants, found.discrepancy_rate)
-            found = fit(rest, "without those set aside")
-        else:
-            found = fit_training(parts)
+        found = fit_training(parts)
     found = tried(parts, found, None)
     if parts.held_out is None or found.held_out is None:
         return parts, found
@@ -228,8 +212,6 @@ def fit_on(parts: Split, start: Point, before: FittedModel, what: str) -> Fitted
 
 def settled_on(parts: Split, found: FittedModel) -> FittedModel:
     """A fit of whole shots, see `settled`, evaluated on the held-out clips."""
-    if parts.cut:
-        return found
     now = settled(found, "the last model")
     return now if now.initial_states is found.initial_states else tried(parts, now, found)
 

@@ -88,7 +88,7 @@ def found_states(problem: ShotProblem, c: Array, x: Array | None = None) -> Arra
         efforts = EFFORTS[1:]
     for effort in efforts:
         seen = problem.with_discrepancy(problem.discrepancy_rate(x, c))
-        rows = _standing_out(seen, x, c)
+        rows = standing_out(seen, x, c)
         if rows.size:
             part = seen.only(rows)
             new = fit_states(part, searched_states(part, c, effort), c, SETTLING_STEPS)
@@ -117,7 +117,7 @@ def best_whole(problem: ShotProblem, optima: Optima, c: Array) -> Array:
     return Optima(optima.shots[order], x[order]).best
 
 
-def _standing_out(problem: ShotProblem, x: Array, c: Array) -> Index:
+def standing_out(problem: ShotProblem, x: Array, c: Array) -> Index:
     """Shots whose loss per residual is beyond that of noise, and of the other shots, by more than chance."""
     loss, count = shot_losses(problem, x, c)
     each = loss / np.maximum(count, 1)

@@ -12,10 +12,9 @@ import numpy as np
 
 from models.console import table
 from sysid.estimation.fitted import MISS_OVER_AXIS, FittedModel
-from sysid.estimation.split import Split
-from sysid.selection.discover import DiscoveryResult
 from sysid.selection.judge import Diagnosis
 from sysid.selection.next_shot import NextShot
+from sysid.selection.result import DiscoveryResult
 from sysid.selection.score import Score
 from sysid.selection.screening import MIN_DELTA_BIC, Screening
 
@@ -116,15 +115,6 @@ def shot_lines(shot: NextShot | None) -> list[str]:
     ]
 
 
-def cut_line(parts: Split) -> str:
-    """That long shots were cut, and into what."""
-    count = len(parts.training.clips) + (len(parts.held_out.clips) if parts.held_out else 0)
-    return (
-        f"{parts.cut} shots cut into {count} windows of one impact each: the cloth alone misses by more than the "
-        "noise, and every further impact multiplies that; errors are those of the windows"
-    )
-
-
 def label(names: Sequence[str]) -> str:
     """A model of the ladder by the effects added to the base."""
     return " + ".join(["base", *names])
@@ -146,12 +136,9 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
     if found.unexplained:
         lines += unexplained_lines(found.unexplained)
     lines += table_lines(found)
-    if found.parts.cut:
-        lines.append(cut_line(found.parts))
     if found.parts.spikes:
         lines.append(f"{found.parts.spikes} outliers of the tracker were left out")
-    excluded = [*found.parts.excluded, *(line for one in found.whole.values() for line in one.parts.excluded)]
-    lines += list(dict.fromkeys(excluded))
+    lines += list(dict.fromkeys(found.parts.excluded))
     if found.pruned:
         lines.append(f"added in an early round, and not kept in the end: {', '.join(found.pruned)}")
     lines += list(dict.fromkeys(line for r in found.rounds for line in confounded_lines(r)))

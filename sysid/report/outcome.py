@@ -13,7 +13,6 @@ from models.console import Progress, write_json
 from models.model_file import write_model
 from models.shot import Track
 from sysid.clips import ClipSet
-from sysid.clips.pieces import parent_clip
 from sysid.estimation.fitted import as_model
 from sysid.report.findings import discovery_lines, label, labelled_models
 from sysid.report.html import Rung, write_report
@@ -22,7 +21,7 @@ from sysid.report.result_json import result_of
 from sysid.report.verdict import verdict_of
 from sysid.residuals.compare import compare, played_clips
 from sysid.residuals.comparison import Comparison
-from sysid.selection.discover import DiscoveryResult
+from sysid.selection.result import DiscoveryResult
 
 log = logging.getLogger(__name__)
 
@@ -58,7 +57,7 @@ def compared_with_formula(clip_set: ClipSet, found: DiscoveryResult, command: st
     """The last model with the formula for what no effect explains, compared with all clips; none without a formula."""
     if found.explained is None:
         return []
-    files = list(dict.fromkeys(parent_clip(c.file) for c in found.parts.training.clips))
+    files = [c.file for c in found.parts.training.clips]
     initial_states = found.parts.states_of(found.explained, [c.file for c in clip_set.clips])
     name, fitted = labelled_models(found)[-1]
     log.info("comparing %s", name)

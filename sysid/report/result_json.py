@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from sysid.estimation.clip_fit import ClipFit
+from sysid.estimation.clip_fit import band_rate
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.split import Split
 from sysid.report.findings import predicted_delta_bic, unfitted
 from sysid.report.health import health_lines
 from sysid.residuals.compare import coverage
 from sysid.residuals.comparison import Comparison
-from sysid.selection.discover import DiscoveryResult
 from sysid.selection.judge import Diagnosis
 from sysid.selection.next_shot import NextShot
+from sysid.selection.result import DiscoveryResult
 from sysid.selection.screening import CONFOUNDED_CORRELATION, Screening
 
 
@@ -33,8 +33,8 @@ def result_of(
          "converged": s.converged}
         for s, v in zip(found.ladder, found.verdicts, strict=True)
     ]  # fmt: skip
-    best, whole = found.explained or now, found.whole.get(found.verdict)
-    values = whole.constants if whole else {n: best.value(n) for n in now.names}
+    best = found.explained or now
+    values = {n: best.value(n) for n in now.names}
     parameters = {n: {"value": v, "sd": sd, "unit": now.model.meta(n)["unit"]} for n, (v, sd) in values.items()}
     return {
         "format": "billiard-discovery/1", "verdict": list(found.verdict),
@@ -42,24 +42,24 @@ def result_of(
         "noise_floor_m": found.parts.noise, "ladder": ladder, "rounds": [round_json(r) for r in found.rounds],
         "look_alikes": [list(p) for p in found.confounded], "look_alike_from": CONFOUNDED_CORRELATION,
         "next_shot": found.next_shot.to_dict() if found.next_shot else None, "parameters": parameters,
-        "spikes_set_aside": found.parts.spikes, "shots_cut": found.parts.cut,
+        "spikes_set_aside": found.parts.spikes,
         "pruned": list(found.pruned), "converged": now.converged,
         "doubtful": sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict)), "elapsed_s": elapsed,
         "whole_shots": [
-            whole_json(verdict, one, comparison)
-            for (verdict, one), (_, comparison) in zip(found.whole.items(), compared, strict=False)
+            whole_json(found.verdicts[k], found.ladder[k], comparison)
+            for k, (_, comparison) in zip((0, -1), compared, strict=False)
         ],
         "engines": {name: engines_json(one) for name, one in compared},
         "health": health_lines(compared[-1][1].model) if compared else [],
     }  # fmt: skip
 
 
-def whole_json(verdict: Sequence[str], whole: ClipFit, comparison: Comparison) -> dict[str, Any]:
-    """A model of the ladder fitted to whole shots, where pieces of them have named the effects."""
+def whole_json(verdict: Sequence[str], fitted: FittedModel, comparison: Comparison) -> dict[str, Any]:
+    """The first or the last model of the ladder on whole shots."""
+    rate = band_rate(fitted)
     return {
-        "effects": list(verdict), "rms_m": whole.fitted.rms, "held_out_rms_m": whole.fitted.held_rms,
-        "converged": whole.converged, "band_rate": whole.band_rate,
-        "held_out_coverage": coverage(comparison, whole.band_rate),
+        "effects": list(verdict), "rms_m": fitted.rms, "held_out_rms_m": fitted.held_rms,
+        "converged": fitted.converged, "band_rate": rate, "held_out_coverage": coverage(comparison, rate),
         "struck_rms_median_held_out_m": comparison.summary()["struck_rms_median_held_out_m"],
         "segment_ratio_median": comparison.summary()["segment_ratio_median"],
     }  # fmt: skip

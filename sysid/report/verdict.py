@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from models.report.numbers import millimetres, value_with_sd
 from sysid.estimation.fitted import MISS_OVER_AXIS
 from sysid.report.findings import NEW_EFFECT_COMMAND
-from sysid.selection.discover import DiscoveryResult
+from sysid.selection.result import DiscoveryResult
 from sysid.selection.screening import MIN_DELTA_BIC, Screening
 
 MAX_NOISE_RATIO = 1.1  # held-out miss over that of the noise alone, up to which the noise is reached

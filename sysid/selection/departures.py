@@ -105,7 +105,7 @@ def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Spli
     """The clips without shots that depart from the last fit, and all fits anew; None where none or too many depart."""
     last, held = ladder[-1], ladder[-1].held_out
     odd, sizes, tau, median = _departing_from(last)
-    if parts.cut or median > MAX_MEDIAN:
+    if median > MAX_MEDIAN:
         return None
     held_squares, held_counts = mean_squares(held.residuals, MAX_RESIDUAL_SD) if held else (np.zeros(0), np.zeros(0))
     odd_held = departing(held_squares, held_counts, tau, median)

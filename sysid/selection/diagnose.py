@@ -12,12 +12,13 @@ from typing import Any
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
-from sysid.estimation.split import Split, begin
-from sysid.selection.discover import propose_next
+from sysid.estimation.long_fit import fit_windows, whole_shots
+from sysid.estimation.split import Split, fit_base, split
 from sysid.selection.evidence import holds
 from sysid.selection.formula import describe
 from sysid.selection.judge import Diagnosis, diagnose_fit
-from sysid.selection.next_shot import NextShot
+from sysid.selection.long_shots import screen_windows
+from sysid.selection.next_shot import NextShot, propose_next
 from sysid.selection.remainder import remainder
 
 
@@ -44,7 +45,15 @@ class ClipDiagnosis:
 
 def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
     """Fit the model to the clips and search what it lacks; every fifth clip is held out."""
-    parts, base = begin(clip_set, model)
+    parts, _, model = split(clip_set, model)
+    if parts.training.is_long:
+        at = fit_windows(parts, model)
+        base = whole_shots(parts, at)
+        diagnosis = Diagnosis(screen_windows(parts, at, base)[0])
+        named = (diagnosis.name,) if diagnosis.name else ()
+        shot = propose_next(parts, base, (diagnosis.screening,), named)
+        return ClipDiagnosis(parts, base, diagnosis, None if named else remainder(base), shot)
+    parts, base = fit_base(parts, model)
     diagnosis = diagnose_fit(parts, base)
     unexplained: Mapping[str, Any] | None = None
     fitted, seen = diagnosis.fitted_formula, diagnosis.screening

@@ -3,44 +3,32 @@
 In: a `ClipSet` and a `Model` to start from. Out: a `DiscoveryResult`: the ladder of fits, one effect more on each step,
 the screenings on the way, what stays unexplained, and the next shot to film.
 
-Where shots were cut, pieces have named the effects. Constants at impacts that pieces hardly show are those of whole
-shots, to which the first and the last model are fitted in the end; effects that do not lower the error of whole shots
-held out are dropped.
+Shots of many impacts go their own way (sysid/selection/long_shots.py).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import logging
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable
 
-import numpy as np
-
-from models.errors import BadInput
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.clips.pieces import parent_clip
-from sysid.estimation.clip_fit import ClipFit, fit_clips, refit_without
-from sysid.estimation.fitted import FittedModel, as_model
-from sysid.estimation.split import Split, begin, settled_on
+from sysid.estimation.fitted import FittedModel
+from sysid.estimation.split import Split, fit_base, settled_on, split
 from sysid.selection.departures import without_departing
 from sysid.selection.evidence import (
     compare_fits,
     excess_variance,
     generalises,
     holds,
-    mean_squares,
 )
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, score_terms, select_terms
 from sysid.selection.judge import diagnose_fit
-from sysid.selection.next_shot import NextShot, propose_shot
+from sysid.selection.long_shots import discover_long
+from sysid.selection.next_shot import propose_next
 from sysid.selection.pruning import (
-    MIN_DISTANCE_SD,
     Pruned,
-    distance_from_absence,
     fit_without,
     without_needless,
     without_unclear,
@@ -48,80 +36,19 @@ from sysid.selection.pruning import (
     without_unsettled,
 )
 from sysid.selection.remainder import remainder
-from sysid.selection.score import Score
+from sysid.selection.result import DiscoveryResult, Show
 from sysid.selection.screening import (
     MAX_EXCESS_VARIANCE,
     MIN_DELTA_BIC,
-    Screening,
     fit_candidate,
     is_enough,
 )
 
 MAX_EFFECTS = 6  # diagnoses of one discovery, and so effects added
-MAX_SD_OF_RANGE = 0.05  # of the bounds' width: an effect of larger standard deviation is imitated by the active ones
-NEXT_SHOT_EFFECT_SD = 3.0  # standard deviations: size of the effect that the next shot is to show
 MAX_SHAPE_EXCESS = 0.05  # variance beyond noise that a formula's shape may leave
 MAX_SHAPE_SHARE = 0.01  # the same over what was left without it
 log = logging.getLogger(__name__)
-Show = Callable[["DiscoveryResult"], None]
 Prune = Callable[[Split, FittedModel, tuple[str, ...]], Pruned]
-
-
-@dataclass(frozen=True)
-class DiscoveryResult:
-    """What was found, so far or in the end."""
-
-    parts: Split
-    ladder: tuple[FittedModel, ...]  # base first
-    verdicts: tuple[tuple[str, ...], ...]  # named effects in each of them
-    rounds: tuple[Screening, ...]
-    unexplained: Mapping[str, Any] | None = None  # what no effect of the catalogue explains, as result.json has it
-    explained: FittedModel | None = None  # the last fit with the formula for it
-    next_shot: NextShot | None = None
-    pruned: tuple[str, ...] = ()  # effects that were named and later dropped
-    whole: Mapping[tuple[str, ...], ClipFit] = field(default_factory=dict)  # by effects; whole shots, where pieces led
-
-    @property
-    def verdict(self) -> tuple[str, ...]:
-        """Effects added, in order."""
-        return self.verdicts[-1]
-
-    @property
-    def last(self) -> FittedModel:
-        """The fit that was found."""
-        return self.ladder[-1]
-
-    @property
-    def model(self) -> Model:
-        """The model that was found, with values, standard deviations, correlations and sources."""
-        return self.model_of(self.last)
-
-    def model_of(self, fitted: FittedModel, command: str = "sysid discover") -> Model:
-        """The model of one step of the ladder, with constants of whole shots where they were fitted.
-
-        With a formula for what no effect explains, the constants of the last step are those of the fit that included
-        it: without the formula they bend to make up for what is missing.
-        """
-        for step, verdict in zip(self.ladder, self.verdicts, strict=True):
-            if step is not fitted or verdict not in self.whole:
-                continue
-            made = self.whole[verdict].model
-            return dataclasses.replace(made, fitted={**(made.fitted or {}), "command": command})
-        if fitted is self.last and self.explained is not None:
-            problem = self.explained.problem.with_model(fitted.model, self.explained.names)
-            fitted = dataclasses.replace(self.explained, problem=problem)
-        files = list(dict.fromkeys(parent_clip(c.file) for c in self.parts.training.clips))
-        return as_model(fitted, command, files)
-
-    @property
-    def confounded(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of effects that the clips confound, or that the evidence did not separate."""
-        found = {(a, b) for r in self.rounds for a, b, _ in r.confounded} | {p for r in self.rounds for p in r.tied}
-        return tuple(sorted(found))
-
-    def with_step(self, now: FittedModel, verdict: tuple[str, ...]) -> DiscoveryResult:
-        """The ladder with one fit more."""
-        return dataclasses.replace(self, ladder=(*self.ladder, now), verdicts=(*self.verdicts, verdict))
 
 
 def prune(parts: Split, found: DiscoveryResult, by: Prune = without_needless) -> DiscoveryResult:
@@ -156,7 +83,10 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
         model: what to start from; all its constants are fitted.
         show: called with the result so far, after each effect.
     """
-    parts, now = begin(clip_set, model)
+    parts, _, model = split(clip_set, model)
+    if parts.training.is_long:
+        return discover_long(parts, model, show)
+    parts, now = fit_base(parts, model)
     found = DiscoveryResult(parts, (now,), ((),), ())
     show(found)
     formula: SparseFormula | None = None
@@ -198,60 +128,14 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
     if found.unexplained is None:
         found = prune(parts, found)
         found = dataclasses.replace(found, unexplained=remainder(found.last))
-        if found.unexplained is not None and not parts.cut:  # of cut shots, whole ones decide
+        if found.unexplained is not None:
             found = prune(parts, found, without_unclear)
     if found.verdict and found.explained is None:
         last = settled_on(parts, found.last)
         found = dataclasses.replace(found, ladder=(*found.ladder[:-1], last))
         if found.unexplained is not None:
             found = prune(parts, found, without_unsettled)
-    found = without_idle(parts, clip_set, dataclasses.replace(found, whole=fit_whole_shots(clip_set, found)))
     return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
-
-
-def fit_whole_shots(clip_set: ClipSet, found: DiscoveryResult) -> dict[tuple[str, ...], ClipFit]:
-    """The first and the last model of the ladder fitted to whole shots, by their effects; none where none was cut."""
-    fits: dict[tuple[str, ...], ClipFit] = {}
-    if not found.parts.cut:
-        return fits
-    for verdict, fitted in {found.verdicts[0]: found.ladder[0], found.verdict: found.last}.items():
-        log.info("whole shots with %s", ", ".join(verdict) or "the base")
-        try:
-            fits[verdict] = fit_clips(clip_set, found.model_of(fitted), "sysid discover")
-        except BadInput as error:  # most shots are lost: pieces are all that can be fitted
-            log.info("%s", error)
-    return fits
-
-
-def without_idle(parts: Split, clip_set: ClipSet, found: DiscoveryResult) -> DiscoveryResult:
-    """The result without effects that pieces named and whole shots do not need.
-
-    Pieces of one impact show little of what an effect does to a whole shot. It must lower the error of those held out,
-    and have a size there that is beyond its own uncertainty.
-    """
-    base, best = found.whole.get(()), found.whole.get(found.verdict)
-    for name in reversed(found.verdict):
-        if base is None or best is None:
-            break
-        verdict = tuple(v for v in found.verdict if v != name)
-        known = not best.converged or distance_from_absence(best.fitted, name) >= MIN_DISTANCE_SD
-        log.info("whole shots without %s", name)
-        less = refit_without(clip_set, best, name, "sysid discover") if verdict else base
-        if known and _held_out_error(less) > _held_out_error(best):
-            continue
-        why = "does not lower the error of whole shots held out" if known else "has no size that whole shots tell"
-        log.info("%s %s", name, why)
-        best = less
-        explained = fit_without(parts, found.explained, name) if found.explained else None
-        found = _ending_with(found, fit_without(parts, found.last, name), verdict)
-        found = dataclasses.replace(found, explained=explained, whole={(): base, verdict: best})
-    return found
-
-
-def _held_out_error(found: ClipFit) -> float:
-    """Mean logarithm of the mean squares of held-out shots, so that one in a false optimum does not outweigh them."""
-    held = found.fitted.held_out
-    return float(np.mean(np.log(np.maximum(mean_squares(held.residuals)[0], 1.0)))) if held else math.inf
 
 
 def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, formula: SparseFormula) -> DiscoveryResult:
@@ -297,47 +181,3 @@ def _formula_earlier(
         if (enough or compare_fits(one, now).delta_bic <= MIN_DELTA_BIC) and generalises(now, one):
             return structure, one, before
     return None
-
-
-def propose_next(
-    parts: Split, now: FittedModel, rounds: Sequence[Screening], verdict: Sequence[str]
-) -> NextShot | None:
-    """The shot that separates the verdict from its closest rival or, without one, shows what the clips may hide most.
-
-    Args:
-        parts: the clips.
-        now: their last fit.
-        rounds: all screenings.
-        verdict: effects that were named.
-    """
-    if not rounds:
-        return None
-    log.info("the next shot")
-    named = [r for r in rounds if r.best is not None and r.best.name in verdict]
-    if named and (best := named[-1].best) is not None:
-        rivals = [one for one in named[-1].fits if one.name != best.name]
-        if rivals:
-            rival = rivals[0].fitted
-            why = f"to separate {best.name} from {rivals[0].name}, the next best"
-            return propose_shot(rival, best.fitted.model, rival.covariance, parts.noise, why)
-    # An effect that the active ones can imitate wholly is hidden at any size: no shot would show it.
-    rows = [row for row in rounds[-1].scores.rows if _is_separate(row)]
-    if not rows:
-        return None
-    row = max(rows, key=_hidden_share)
-    one = row.candidate
-    value = np.clip(one.off() + NEXT_SHOT_EFFECT_SD * row.sd, *one.bounds().T)
-    hidden = ", ".join(f"{k} = {v:.3g}" for k, v in zip(one.keys, value, strict=True))
-    why = f"these clips say least about {one.name}: they could hide {hidden}"
-    return propose_shot(now, now.model.add(one.at(value)), now.covariance, parts.noise, why)
-
-
-def _is_separate(row: Score) -> bool:
-    """Whether the active effects do not imitate a candidate."""
-    low, high = row.candidate.bounds().T
-    return bool(np.all((row.sd > 0) & (row.sd < MAX_SD_OF_RANGE * (high - low))))
-
-
-def _hidden_share(row: Score) -> float:
-    """Standard deviation of a candidate's parameters over their usual size, the largest of them."""
-    return float(np.max(row.sd / np.maximum(np.abs(row.candidate.usual()), 1e-12)))

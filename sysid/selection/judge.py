@@ -75,10 +75,6 @@ def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments:
             confirmation = confirm(parts, now, by_segments.best, screen_whole_shots(parts, now))
             if confirmation.fitted is not None:
                 return Diagnosis(by_segments, confirmed=confirmation.fitted)
-            if confirmation.instead is not None:
-                return Diagnosis(
-                    confirmation.instead, confirmed=confirmation.instead.fits[0].fitted, segments=by_segments
-                )
             partial = confirmation.partial
     before = now
     searched: list[SparseFormula | None] = []  # the terms are scored once at most, and only where it is needed

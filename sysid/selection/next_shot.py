@@ -11,6 +11,7 @@ what the fit could make up for by its unknowns does not count.
 from __future__ import annotations
 
 import dataclasses
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,10 +22,13 @@ from models.model_file import Model
 from models.shot import Shot, Track
 from models.simulation.observe import observed
 from sysid.clips import Clip, ClipSet, CueCommand, Observation
-from sysid.estimation.fitted import Point
+from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array, constant_steps, turn
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.solver.least_squares import Prior, differences
+from sysid.estimation.split import Split
+from sysid.selection.score import Score
+from sysid.selection.screening import Screening
 
 TRIED_SHOTS = 64  # a power of two, as Sobol sequences need
 SHOT_DURATION_S = 4.0
@@ -33,7 +37,10 @@ BALL_SPEEDS_M_S = (0.6, 2.7)  # of the struck ball (Robotic Billiards 2015: to 2
 MAX_TIP_OFFSET_M = 0.012  # of the tip, sideways and up (the same)
 MAX_CUT_DIAMETERS = 0.8  # sideways distance at which the other ball is met
 MAX_DIFFERENCE_SD = 20.0  # more is not counted: the balls met something else
+MAX_SD_OF_RANGE = 0.05  # of the bounds' width: an effect of larger standard deviation is imitated by the active ones
+NEXT_SHOT_EFFECT_SD = 3.0  # standard deviations: size of the effect that the next shot is to show
 COMMAND_SD = (0.01, 0.005, 0.0003)  # scatter of speed (fraction), azimuth [rad], offsets [m]
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -159,3 +166,47 @@ def _separations(
         inner = np.linalg.solve(np.eye(len(p)) + p @ (j.T @ j), p @ (j.T @ d))
         separation[k] = np.sqrt(max(float(d @ d - (j.T @ d) @ inner), 0.0))
     return separation
+
+
+def propose_next(
+    parts: Split, now: FittedModel, rounds: Sequence[Screening], verdict: Sequence[str]
+) -> NextShot | None:
+    """The shot that separates the verdict from its closest rival or, without one, shows what the clips may hide most.
+
+    Args:
+        parts: the clips.
+        now: their last fit.
+        rounds: all screenings.
+        verdict: effects that were named.
+    """
+    if not rounds:
+        return None
+    log.info("the next shot")
+    named = [r for r in rounds if r.best is not None and r.best.name in verdict]
+    if named and (best := named[-1].best) is not None:
+        rivals = [one for one in named[-1].fits if one.name != best.name]
+        if rivals:
+            rival = rivals[0].fitted
+            why = f"to separate {best.name} from {rivals[0].name}, the next best"
+            return propose_shot(rival, best.fitted.model, rival.covariance, parts.noise, why)
+    # An effect that the active ones can imitate wholly is hidden at any size: no shot would show it.
+    rows = [row for row in rounds[-1].scores.rows if _is_separate(row)]
+    if not rows:
+        return None
+    row = max(rows, key=_hidden_share)
+    one = row.candidate
+    value = np.clip(one.off() + NEXT_SHOT_EFFECT_SD * row.sd, *one.bounds().T)
+    hidden = ", ".join(f"{k} = {v:.3g}" for k, v in zip(one.keys, value, strict=True))
+    why = f"these clips say least about {one.name}: they could hide {hidden}"
+    return propose_shot(now, now.model.add(one.at(value)), now.covariance, parts.noise, why)
+
+
+def _is_separate(row: Score) -> bool:
+    """Whether the active effects do not imitate a candidate."""
+    low, high = row.candidate.bounds().T
+    return bool(np.all((row.sd > 0) & (row.sd < MAX_SD_OF_RANGE * (high - low))))
+
+
+def _hidden_share(row: Score) -> float:
+    """Standard deviation of a candidate's parameters over their usual size, the largest of them."""
+    return float(np.max(row.sd / np.maximum(np.abs(row.candidate.usual()), 1e-12)))

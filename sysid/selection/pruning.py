@@ -92,7 +92,7 @@ def without_unsettled(parts: Split, now: FittedModel, verdict: tuple[str, ...]) 
 
     A fit that does not converge gives no uncertainty, not even of the effects that are needed.
     """
-    if now.converged or parts.cut or len(verdict) < 2:
+    if now.converged or len(verdict) < 2:
         return now, verdict
     name, _ = _least_needed(now, verdict)
     less = settled_on(parts, fit_without(parts, now, name))

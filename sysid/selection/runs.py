@@ -19,12 +19,12 @@ import numpy as np
 from models.effect import Effect
 from models.model_file import Model
 from sysid.clips.pieces import cut_clips
-from sysid.estimation.fitted import FittedModel, Point
+from sysid.estimation.fitted import FittedModel
 from sysid.estimation.open_cloth import MIN_SEGMENTS, START_CAUCHY_SD, UNSEEN_EVENT_RATIO, ratios
-from sysid.estimation.problem import on_open_table, values_of
+from sysid.estimation.problem import on_open_table
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.solver.least_squares import fit_each
-from sysid.estimation.split import Split, fit_anew, fit_on
+from sysid.estimation.split import Split, fit_anew
 from sysid.selection.evidence import compare_fits
 from sysid.selection.score import score_all
 from sysid.selection.screening import (
@@ -52,7 +52,7 @@ def segments_of(parts: Split, model: Model) -> Split:
 
 
 def _without_unseen_impacts(part: ShotProblem, model: Model) -> ShotProblem:
-    segments, none = cut_clips(part.clip_set, part.noise, impacts=False), np.zeros(0)
+    segments, none = cut_clips(part.clip_set, part.noise), np.zeros(0)
     problem = shot_problem(model, (), segments, part.noise, part.known, part.correlation_time, part.slow_noise)
     if not segments.clips:
         return problem
@@ -78,11 +78,10 @@ def screen_segments(parts: Split, now: FittedModel) -> Screening | None:
 
 @dataclass(frozen=True)
 class Confirmation:
-    """Whether whole shots confirm an effect that segments named; one of the three is given."""
+    """Whether whole shots confirm an effect that segments named; one of the two is given."""
 
     fitted: FittedModel | None = None  # whole shots with the effect, where they confirm it
     partial: PartialScreening | None = None  # what is known of their own screening, where they do not
-    instead: Screening | None = None  # of an effect at impacts that comes first
 
 
 def screen_whole_shots(parts: Split, now: FittedModel) -> PartialScreening:
@@ -104,7 +103,7 @@ def confirm(parts: Split, now: FittedModel, best: FittedCandidate, partial: Part
         best: the effect, fitted to the segments.
         partial: the screening of whole shots, with its best candidates fitted.
     """
-    new = _fit_whole(parts, best.fitted.model, now, f"with {best.name}")
+    new = fit_anew(parts, best.fitted.model, f"with {best.name}")
     # A shot that one of both fits has in a false optimum must not decide.
     evidence = compare_fits(with_better_states(now, new)[0], with_better_states(new, now)[0])
     if evidence.delta_bic <= MIN_DELTA_BIC:
@@ -122,18 +121,7 @@ def confirm(parts: Split, now: FittedModel, best: FittedCandidate, partial: Part
         return Confirmation(new)
     if compare_fits(new, first.fitted).delta_bic <= MIN_DELTA_BIC:
         return Confirmation(new)
-    if parts.cut:  # a loss so rough that what is right may only show after another, and what is wrong stand in for both
-        return Confirmation(instead=Screening(now, partial.scores, (first,), (), (), partial.scores.count))
     return Confirmation(partial=PartialScreening(partial.scores, (first,)))
-
-
-def _fit_whole(parts: Split, model: Model, now: FittedModel, what: str) -> FittedModel:
-    """A model fitted to whole shots from nothing, as the fit without it may be astray; to pieces of one impact on."""
-    if not parts.cut:
-        return fit_anew(parts, model, what)
-    problem = now.problem.with_model(model, tuple(model.parameters()))
-    start = Point(problem, now.initial_states, values_of(model, problem.names), now.discrepancy_rate)
-    return fit_on(parts, start, now, what)
 
 
 def _acts_between_impacts(kind: type[Effect]) -> bool:

@@ -242,8 +242,26 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
     j = np.concatenate([jc, extra], axis=2)
     per_shot, gradients, _, _ = eliminated(r, jx, j, x, problem.prior, CAUCHY_SD)
     information, gradient = per_shot.sum(axis=0), gradients.sum(axis=0)
+    marginal = from_jacobian(r, j, CAUCHY_SD).matrix.sum(axis=0).diagonal()[len(point.constants) :]
+    chi2 = float(np.sum(weights(r, CAUCHY_SD) * np.nan_to_num(r) ** 2))
+    return scores_of(point, signatures, information, gradient, marginal, chi2, int(np.isfinite(r).sum()))
+
+
+def scores_of(
+    point: Point, signatures: Sequence[Signature], information: Array, gradient: Array, marginal: Array, chi2: float,
+    count: int,
+) -> Scores:  # fmt: skip
+    """Scores from information (q + K, q + K) and gradient (q + K,) of constants and probes, states eliminated.
+
+    Args:
+        point: where the constants are, and what is known of them.
+        signatures: of the candidates, with K probes in all.
+        information, gradient: changed in place.
+        marginal: (K,) information of each probe alone.
+        chi2: weighted sum of squares.
+        count: of residuals.
+    """
     q = len(point.constants)
-    marginal = from_jacobian(r, j, CAUCHY_SD).matrix.sum(axis=0).diagonal()[q:]
     _add_known(information, gradient, point, signatures)
     schur, projected = _without_constants(information, gradient, q)
     ends = np.cumsum([0, *(len(one.probe) for one in signatures)])
@@ -259,11 +277,10 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
     for row in rows:
         blocks[row.candidate.name] = slice(start, start + len(row.values))
         start += len(row.values)
-    chi2 = float(np.sum(weights(r, CAUCHY_SD) * np.nan_to_num(r) ** 2))
     probes = np.concatenate([np.zeros(0), *(signatures[k].probe for k in kept)])
     order = tuple(sorted(rows, key=lambda row: -row.predicted_improvement))
     correlations = _canonical_correlations(schur, blocks)
-    return Scores(order, correlations, chi2, int(np.isfinite(r).sum()), schur, projected, marginal, blocks, probes)
+    return Scores(order, correlations, chi2, count, schur, projected, marginal, blocks, probes)
 
 
 def _best_of_each(rows: Sequence[Score]) -> list[int]:

@@ -78,15 +78,15 @@ def test_written_and_read_again_it_is_the_same(cut_set: ClipSet, tmp_path: Path)
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
 
 
-def test_segments_and_pieces_know_no_strike(cut_set: ClipSet) -> None:
+def test_segments_know_no_strike(cut_set: ClipSet) -> None:
     sigma = position_noise(cut_set)
     segments = split_all(cut_set.clips, cut_set.table, cut_set.ball, sigma, cut_set.fps)
     assert "start" in {s.before for s in segments}
     assert "strike" not in {s.before for s in segments}
     starts = {(s.clip, s.ball) for s in segments if s.before == "start"}
     assert starts == {(k, name) for k, clip in enumerate(cut_set.clips) for name in clip.running}
-    pieces = cut_clips(cut_set, sigma)
-    assert all(piece.running == (piece.struck,) for piece in pieces.clips)
+    alone = cut_clips(cut_set, sigma)
+    assert all(one.running == (one.struck,) for one in alone.clips)
 
 
 def test_check_tells_how_many_begin_in_mid_motion(

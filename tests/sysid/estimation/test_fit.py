@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from models.model_file import Model, catalogue, full_model, read_model, write_model
+from models.model_file import Model, full_model, read_model, write_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from models.sizes import BALL_DIAMETER, SIZE_NAMES, TABLE_LENGTH, TABLE_WIDTH
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation import ClipFit, fit_clips
-from sysid.estimation.clip_fit import refit_without
 from sysid.estimation.fitting import widened_covariance
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.solver.joint_fit import Solution
@@ -142,18 +141,6 @@ def test_a_second_run_gives_the_same_bytes(case: Case, start: Model, found: Clip
         write_model(one.model, tmp_path / name)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
     np.testing.assert_array_equal(found.fitted.covariance, again.fitted.covariance)
-
-
-def test_a_fit_that_goes_on_without_an_effect_ends_where_one_from_nothing_does(
-    case: Case, start: Model, found: ClipFit
-) -> None:
-    more = fit_clips(case[0], start.add(catalogue()["air_drag"]()))
-    less = refit_without(case[0], more, "air_drag")
-    assert less.fitted.names == found.fitted.names
-    assert less.fitted.rms == pytest.approx(found.fitted.rms, rel=1e-3)
-    assert less.fitted.held_rms == pytest.approx(found.fitted.held_rms, rel=1e-2)
-    for name, (value, sd) in found.constants.items():
-        assert less.constants[name][0] == pytest.approx(value, abs=0.1 * sd)
 
 
 def test_progress_is_logged(case: Case, start: Model, caplog: pytest.LogCaptureFixture) -> None:

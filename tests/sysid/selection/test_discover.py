@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import pickle
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,8 @@ from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation import FittedModel, begin
 from sysid.report.result_json import result_of
-from sysid.selection.discover import DiscoveryResult, discover, fit_whole_shots, prune
+from sysid.selection.discover import discover, prune
+from sysid.selection.result import DiscoveryResult
 from sysid.selection.score import score_all
 from sysid.selection.screening import candidates_for, fit_candidate
 from tests.truth.__main__ import main as generate
@@ -93,24 +93,6 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, words: tuple[s
     )
     assert not any(row["fitted"] for row in told["rounds"][0])
     assert len(clip_set.clips) == int(CLIPS)
-
-
-@pytest.mark.slow
-def test_shots_that_were_cut_give_the_constants_whole(tmp_path: Path) -> None:
-    """Pieces name the effects; the model that is written has the constants of whole shots, and says which clips."""
-    folder = clips(tmp_path / "set", 37, "--kind", "cushion", "--clips", "5")
-    clip_set = read_clip_set(folder)
-    parts, base = begin(clip_set, full_model(clip_set.table, clip_set.ball))
-    found = DiscoveryResult(parts, (base,), ((),), ())
-    assert fit_whole_shots(clip_set, found) == {}
-    cut = replace(found, parts=replace(parts, cut=5))
-    cut = replace(cut, whole=fit_whole_shots(clip_set, cut))
-    whole = cut.whole[()]
-    value, sd = whole.constants["cushion_impact.restitution"]
-    assert cut.model.parameters()["cushion_impact.restitution"] == value != base.value("cushion_impact.restitution")[0]
-    assert value == pytest.approx(base.value("cushion_impact.restitution")[0], abs=5 * sd)
-    assert cut.model.fitted is not None and cut.model.fitted["command"] == "sysid discover"
-    assert cut.model.fitted["clips"] == [c.file for c in parts.training.clips]
 
 
 @pytest.mark.slow

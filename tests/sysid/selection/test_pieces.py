@@ -1,4 +1,4 @@
-"""Shots cut into pieces of one impact each and runs of none, and what is found in them."""
+"""Shots cut into segments without impacts, and what is found in them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, read_clip_set
 from sysid.clips.noise import position_noise
-from sysid.clips.pieces import cut_clips, parent_clip
+from sysid.clips.pieces import cut_clips
 from sysid.estimation.initial_states import fit_states
 from sysid.estimation.shot_problem import shot_problem
-from sysid.estimation.split import fit_anew, split, subset
+from sysid.estimation.split import split, subset
 from sysid.selection.discover import discover
-from sysid.selection.runs import screen_segments, segments_of
+from sysid.selection.runs import segments_of
 from tests.truth.__main__ import main as generate
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -55,7 +55,7 @@ def shots(tmp_path_factory: pytest.TempPathFactory) -> tuple[ClipSet, dict[str, 
 
 def test_runs_hold_no_impact_and_are_followed_to_the_noise(shots: tuple[ClipSet, dict[str, float]]) -> None:
     clip_set, truth = shots
-    runs = cut_clips(clip_set, position_noise(clip_set), impacts=False)
+    runs = cut_clips(clip_set, position_noise(clip_set))
     assert len(runs.clips) > len(clip_set.clips)
     assert all(len(c.balls) == 1 for c in runs.clips)
     miss = misses(runs, truth)
@@ -63,40 +63,17 @@ def test_runs_hold_no_impact_and_are_followed_to_the_noise(shots: tuple[ClipSet,
     assert np.mean(miss < 1.5) > 0.9
 
 
-def test_pieces_hold_one_impact_and_are_followed_to_the_noise(shots: tuple[ClipSet, dict[str, float]]) -> None:
-    clip_set, truth = shots
-    pieces = cut_clips(clip_set, position_noise(clip_set))
-    runs = cut_clips(clip_set, position_noise(clip_set), impacts=False)
-    assert len(clip_set.clips) < len(pieces.clips) < len(runs.clips)
-    assert any(len(c.balls) == 2 for c in pieces.clips)
-    assert np.mean(misses(pieces, truth) < 1.5) > 0.8  # some begin with a sidespin that their run does not show
-
-
-def test_no_sample_is_in_two_pieces_and_times_begin_at_0(shots: tuple[ClipSet, dict[str, float]]) -> None:
+def test_no_sample_is_in_two_segments_and_times_begin_at_0(shots: tuple[ClipSet, dict[str, float]]) -> None:
     clip_set, _ = shots
-    for impacts in (False, True):
-        pieces = cut_clips(clip_set, position_noise(clip_set), impacts)
-        for clip in clip_set.clips:
-            own = [p for p in pieces.clips if parent_clip(p.file) == clip.file]
-            assert own
-            assert sum(bool(p.running) for p in own) == len(own) - 1, "one piece begins with the strike"
-            for name, seen in clip.balls.items():
-                known = {tuple(xy) for xy in seen.xy}
-                used = [tuple(xy) for p in own for b, o in p.balls.items() if b == name for xy in o.xy]
-                moving = [xy for xy in used if xy in known]  # the place of a ball that lay is a mean
-                assert len(moving) == len(set(moving))
-                assert len(moving) >= len(used) - 1
-            assert all(o.time[0] >= 0 and np.all(np.diff(o.time) > 0) for p in own for o in p.balls.values())
-            assert all(p.balls[p.struck].time[0] == 0 for p in own)
-
-
-def test_a_piece_is_called_after_its_clip() -> None:
-    assert (
-        parent_clip("clips/0001.csv#3")
-        == "clips/0001.csv"
-        == parent_clip("clips/0001.csv#3#12")
-        == parent_clip("clips/0001.csv")
-    )
+    runs = cut_clips(clip_set, position_noise(clip_set))
+    for clip in clip_set.clips:
+        own = [p for p in runs.clips if p.file.startswith(f"{clip.file}#")]
+        assert sum(bool(p.running) for p in own) == len(own) - 1, "one segment begins with the strike"
+        for name, seen in clip.balls.items():
+            known = {tuple(xy) for xy in seen.xy}
+            used = [tuple(xy) for p in own for b, o in p.balls.items() if b == name for xy in o.xy]
+            assert set(used) <= known and len(used) == len(set(used))
+        assert all(o.time[0] == 0 and np.all(np.diff(o.time) > 0) for p in own for o in p.balls.values())
 
 
 def test_what_the_cue_did_does_not_act_on_a_ball_that_was_on_its_way() -> None:
@@ -126,23 +103,6 @@ def test_a_strong_effect_on_the_cloth_is_found_where_whole_shots_are_not_followe
     assert found.last.value("speed_drag.rate")[0] == pytest.approx(truth["drag1"], rel=0.02)
     assert found.last.rms < 1.05 * 0.0005
     assert found.ladder[0].rms > 10 * found.last.rms
-
-
-@pytest.mark.slow
-def test_long_shots_that_are_not_followed_are_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    words = ("--seed", "6", "--clips", "6", "--seconds", "5", "--kind", "long", "--kind", "cushion")
-    clip_set, truth = made(tmp_path / "set", *words, "--effect", "speed_drag=0.06")
-    monkeypatch.setattr("sysid.estimation.split.MAX_EVENTS", 0)  # events beyond which a shot is long
-    parts, _, model = split(clip_set, full_model(clip_set.table, clip_set.ball))
-    assert parts.cut == 6
-    assert all(len(e) <= 1 for e in parts.training.events)
-    base = fit_anew(parts, model, "base")
-    assert not parts.follows(base)
-    seen = screen_segments(parts, base)
-    assert seen is not None and seen.best is not None
-    assert seen.best.name == "speed_drag"
-    assert seen.best.fitted.value("speed_drag.rate")[0] == pytest.approx(truth["drag1"], rel=0.05)
-    assert seen.best.fitted.model.table == clip_set.table
 
 
 def test_a_run_with_an_impact_that_nobody_saw_is_left_out(shots: tuple[ClipSet, dict[str, float]]) -> None:

@@ -14,9 +14,7 @@ from models.model_file import full_model
 from models.shot import Ball, Table
 from sysid.clips import read_clip_set
 from sysid.estimation import FittedModel, begin
-from sysid.estimation.clip_fit import ClipFit
 from sysid.selection import pruning
-from sysid.selection.discover import DiscoveryResult, without_idle
 from sysid.selection.pruning import distance_from_absence, without_minor, without_unclear, without_unsettled
 from sysid.selection.score import score_all
 from sysid.selection.screening import candidates_for, fit_candidate
@@ -47,7 +45,7 @@ def test_an_effect_with_which_the_fit_no_longer_converges_is_dropped(monkeypatch
     monkeypatch.setattr(pruning, "fit_without", lambda parts, now, name: tilt)
     monkeypatch.setattr(pruning, "settled_on", lambda parts, now: now)
     monkeypatch.setattr(pruning, "loss_ratio_without", lambda now, name: {"tilt": 9.0, "patch": 1.2}[name])
-    whole = SimpleNamespace(cut=())
+    whole = SimpleNamespace()
     assert without_unsettled(whole, both, ("tilt", "patch")) == (tilt, ("tilt",))  # type: ignore[arg-type]
     assert without_unsettled(whole, both, ("tilt",)) == (both, ("tilt",))  # type: ignore[arg-type]
     tilt.converged = False
@@ -83,10 +81,3 @@ def test_what_explains_little_beside_much_is_not_named(tmp_path: Path) -> None:
     assert distance_from_absence(vague, "speed_drag") == pytest.approx(1.0)
     now, verdict = without_unclear(parts, vague, ("speed_drag",))
     assert verdict == () and "speed_drag.rate" not in now.names
-
-    # Of shots that were cut, whole ones decide.
-    named = DiscoveryResult(parts, (base, dragged), ((), ("speed_drag",)), ())
-    for whole, expected in ((dragged, ("speed_drag",)), (vague, ())):
-        fits = {(): base, ("speed_drag",): whole}
-        fitted = {names: ClipFit(parts, fit, fit.model, 1.0, 0.0) for names, fit in fits.items()}
-        assert without_idle(parts, clip_set, dataclasses.replace(named, whole=fitted)).verdict == expected

@@ -1,0 +1,143 @@
+"""A model fitted to shots of many impacts: windows first, then whole shots from there.
+
+In: a `Split` and a model. Out: a `LongFit` of windows that hang together (sysid/estimation/chain.py), and the
+`FittedModel` of whole shots that it leads to.
+
+Constants are those of the windows. Where the model follows whole shots with them nearly to the noise, they are fitted
+once more to whole shots, which tell most then; where it does not, whole shots have false optima, and tell nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.model_file import Model
+from sysid.estimation.chain import Chain, ChainFit, fit_chain, likely_spread, settled_states
+from sysid.estimation.chain_search import better_windows, searched_windows, whole_states
+from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
+from sysid.estimation.fitting import fit
+from sysid.estimation.initial_states import shot_scores
+from sysid.estimation.problem import Array, values_of
+from sysid.estimation.shot_problem import ShotProblem
+from sysid.estimation.solver.joint_fit import covariance
+from sysid.estimation.split import Split, tried
+from sysid.estimation.windows import windows_of
+
+BASE_STEPS, BASE_ROUNDS = 8, 3  # of the constants, and of searching windows anew
+LAST_STEPS = 8
+HELD_OUT_STEPS = 4  # of the states of held-out windows at other constants
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LongFit:
+    """A model fitted to windows, with the held-out ones at its constants."""
+
+    fitted: ChainFit
+    held_out: Chain | None
+    held_states: Array  # (v, p)
+    design_effect: float  # by how much less shots tell than as many independent residuals
+
+    @property
+    def model(self) -> Model:
+        """The model at these constants."""
+        at = self.fitted
+        return at.chain.model.with_values(dict(zip(at.chain.names, at.constants.tolist(), strict=True)))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the constants over shots (q, q)."""
+        at = self.fitted
+        return covariance(at.information, at.gradient, at.chain.shared.width)
+
+    def held_losses(self) -> Array:
+        """Loss of every held-out shot: (m,)."""
+        if self.held_out is None:
+            return np.zeros(0)
+        return self.held_out.losses(self.held_states, self.fitted.constants, self.held_out.gap_sd(self.held_states))
+
+
+def fit_windows(parts: Split, model: Model) -> LongFit:
+    """The model fitted to windows from nothing."""
+    names = tuple(model.parameters())
+    problem = parts.training.with_model(model, names)
+    chain, c = Chain(problem, windows_of(problem), model, names), values_of(model, names)
+    log.info("%d windows of one impact each", len(chain.windows.shot))
+    states = searched_windows(chain, chain.windows.start, c)
+    for _ in range(BASE_ROUNDS):
+        found = fit_chain(chain, states, c, BASE_STEPS, "windows")
+        c = found.constants
+        states = better_windows(chain, found.states, c)
+        chain = chain.with_spread(likely_spread(chain, states, c))
+    found = fit_chain(chain, states, c, LAST_STEPS, "windows")
+    held, held_states = None, np.zeros((0, states.shape[1]))
+    if parts.held_out is not None:
+        other = parts.held_out.with_model(model, names)
+        held = Chain(other, windows_of(other), model, names, chain.spread)
+        held_states = searched_windows(held, held.windows.start, c)
+    return LongFit(found, held, held_states, design_effect(found))
+
+
+def design_effect(found: ChainFit) -> float:
+    """How much the gradients of shots scatter beyond what their information says, over the constants: 1 at least."""
+    information = found.information.sum(axis=0)
+    scatter = found.gradient.T @ found.gradient
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    inverse = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)
+    return max(float(np.trace(inverse @ (scatter / np.outer(scale, scale)))) / len(scale), 1.0)
+
+
+def moved_to(before: LongFit, found: ChainFit) -> LongFit:
+    """A fit from another one, the held-out windows settled at its constants."""
+    held, states = before.held_out, before.held_states
+    if held is not None:
+        held = held.with_model(found.chain.model, found.chain.names)
+        states = settled_states(held, states, found.constants, HELD_OUT_STEPS)
+    return LongFit(found, held, states, design_effect(found))
+
+
+def searched(at: LongFit) -> LongFit:
+    """The fit with windows searched anew at its constants, the errors of the model estimated again."""
+    found = at.fitted
+    states = better_windows(found.chain, found.states, found.constants)
+    chain = found.chain.with_spread(likely_spread(found.chain, states, found.constants))
+    now = fit_chain(chain, states, found.constants, LAST_STEPS, "windows")
+    held, held_states = at.held_out, at.held_states
+    if held is not None:
+        held = held.with_spread(chain.spread)
+        held_states = better_windows(held, held_states, now.constants)
+    return LongFit(now, held, held_states, design_effect(now))
+
+
+def as_fitted(at: LongFit, problem: ShotProblem, x: Array) -> FittedModel:
+    """The fit as one of whole shots with initial states x (n, p)."""
+    found = at.fitted
+    seen = problem.with_model(found.chain.model, found.chain.names)
+    rates = shot_scores(seen, x, found.constants)[1]
+    point = Point(seen.with_own_rates(np.zeros(len(x))), x, found.constants, float(np.median(rates)))
+    r = point.residuals()
+    count = max(int(np.isfinite(r).sum()), 1)
+    rms = problem.noise * float(np.sqrt(np.nanmean(r**2)))
+    return FittedModel(
+        point.problem, x, found.constants, point.discrepancy_rate, at.covariance, found.converged, rms,
+        float(np.nansum(r**2)) / count,
+    )  # fmt: skip
+
+
+def whole_shots(parts: Split, at: LongFit) -> FittedModel:
+    """Whole shots at the constants of windows; fitted together with them where the model follows whole shots."""
+    found = at.fitted
+    problem = parts.training.with_model(found.chain.model, found.chain.names)
+    found_states = whole_states(found.chain, found.states, found.constants, problem)
+    now = as_fitted(at, parts.training, found_states)
+    if now.discrepancy_rate <= UNFOLLOWED_RATE:
+        now = dataclasses.replace(fit(now, "whole shots"), held_out=None)
+    if at.held_out is None:
+        return now
+    x = whole_states(at.held_out, at.held_states, found.constants, at.held_out.problem)
+    return tried(parts, now, dataclasses.replace(now, held_out=HeldOut(x, math.nan, np.zeros((0, 0)))))

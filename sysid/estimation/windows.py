@@ -1,0 +1,219 @@
+"""Shots cut into windows of one impact each, which hang together: what multiple shooting needs of the clips.
+
+In: a `ShotProblem`. Out: `Windows`: samples, first guesses and priors of every window, and which window follows which.
+
+A window begins between two impacts, or with its shot, and ends where the next one begins: impacts that follow each
+other within a few frames share one. Its state is that of every ball: place (2) [m], velocity (2) and R omega (3) [m/s]
+of the first ball, places of the others (2 each), velocity and R omega of the others (5 each), in the table's frame
+but for the first window of a shot, whose first ball has the frame of its shot. A ball that rests has a place alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.clips import Clip, Observation
+from sysid.clips.segments import cuts_of, onsets
+from sysid.estimation.problem import STATE_STEPS, Array, Index
+from sysid.estimation.residual_rows import MOTION_SIZE, MeasuredShot, ShotData, packed
+from sysid.estimation.shot_problem import REST_STEP, ShotProblem
+from sysid.estimation.solver.least_squares import Prior
+
+MIN_GAP_FRAMES = 6.0  # between two impacts, for a window to begin between them
+MOVING_M_S = 0.02  # slower balls rest where a window begins
+GUESS_SAMPLES = 9  # nearest to the beginning of a window, from which place and velocity are guessed
+MIN_CURVED_SAMPLES = 5  # for a parabola through them; fewer give a line
+SMEARED_FRAMES = 0.5  # next to an impact, whose samples are not used for it
+Mask = NDArray[np.bool_]
+
+
+def columns(ball: int, balls: int) -> tuple[Index, Index]:
+    """Where in a window's state place (2) and motion (5) of a ball stand, of so many balls."""
+    first = 2 + MOTION_SIZE
+    if ball == 0:
+        return np.arange(2), np.arange(2, first)
+    places, motions = first + 2 * (ball - 1), first + 2 * (balls - 1) + MOTION_SIZE * (ball - 1)
+    return np.arange(places, places + 2), np.arange(motions, motions + MOTION_SIZE)
+
+
+@dataclass(frozen=True)
+class Windows:
+    """All windows of all shots, those of a shot side by side and in order."""
+
+    data: ShotData
+    shot: Index  # (w,) number of the shot
+    begin: Array  # (w,) [s] in its shot
+    hit: Mask  # (w, b) balls that have an impact in it
+    moving: Mask  # (w, b) balls that move where it begins
+    start: Array  # (w, p) first guess
+    prior: Prior  # (w, p) known beside the tracks: of the first window of a shot
+    travelled: Array  # (w, b, s) way of each ball from the window's beginning to its sample [m]
+
+    @property
+    def balls(self) -> int:
+        """Most balls of a shot."""
+        return self.data.rest.shape[1]
+
+    @cached_property
+    def first(self) -> Mask:
+        """Whether it is the first of its shot: (w,)."""
+        return np.concatenate([[True], self.shot[1:] != self.shot[:-1]])
+
+    @cached_property
+    def following(self) -> tuple[Index, Index]:
+        """Windows that another follows, and those that follow: (k,), (k,)."""
+        second = np.flatnonzero(~self.first)
+        return second - 1, second
+
+    @cached_property
+    def runs(self) -> list[Index]:
+        """The windows of each shot."""
+        edges = np.flatnonzero(self.first)
+        return [np.arange(a, b) for a, b in zip(edges, [*edges[1:], len(self.shot)], strict=True)]
+
+    @cached_property
+    def free(self) -> Mask:
+        """What of the states is unknown: (w, p). A ball that rests has no motion, one that is not there nothing."""
+        out = np.zeros(self.start.shape, bool)
+        for i in range(self.balls):
+            place, motion = columns(i, self.balls)
+            there = self.data.balls > i
+            out[:, place], out[:, motion] = there[:, None], (there & self.moving[:, i])[:, None]
+        return out
+
+    @property
+    def steps(self) -> Array:
+        """Finite differences of a state: (p,)."""
+        others = self.balls - 1
+        return np.concatenate([STATE_STEPS, np.full(2 * others, REST_STEP), np.tile(STATE_STEPS[2:], others)])
+
+
+def windows_of(problem: ShotProblem) -> Windows:
+    """The windows of all shots of a problem."""
+    most = problem.data.rest.shape[1]
+    size = (2 + MOTION_SIZE) * most
+    shots, rows = list[MeasuredShot](), list[tuple[int, float, Mask, Mask, Array]]()
+    for k, clip in enumerate(problem.clips):
+        for begin, end, before, after, hit in _spans(problem, clip, float(problem.end[k])):
+            start, moving = np.zeros(size), np.zeros(most, bool)
+            for i, name in enumerate(problem.balls(k)):
+                place, motion = columns(i, most)
+                if begin == 0.0:
+                    moving[i] = name in clip.first
+                    continue
+                at, state = _guess(clip.balls[name], begin, before, after, SMEARED_FRAMES / problem.clip_set.fps)
+                start[place], start[motion], moving[i] = at, state, state.any()
+            if begin == 0.0:
+                start = _first_state(problem, k, problem.start[k], size)
+            rows.append((k, begin, np.isin(np.arange(most), hit), moving, start))
+            shots.append(_measured(problem, k, begin, end))
+    data = packed(shots)
+    shot, begins, hits, moves, starts = (np.array(part) for part in zip(*rows, strict=True))
+    mean, sd = np.zeros(starts.shape), np.full(starts.shape, np.inf)
+    for w in np.flatnonzero(begins == 0.0):
+        k = int(shot[w])
+        mean[w] = _first_state(problem, k, problem.prior.mean[k], size)
+        sd[w] = _first_state(problem, k, problem.prior.sd[k], size, places=False)
+        sd[w][sd[w] == 0.0] = np.inf
+    return Windows(data, shot, begins, hits, moves, starts, Prior(mean, sd), _travelled(data))
+
+
+def _spans(problem: ShotProblem, clip: Clip, end: float) -> list[tuple[float, float, float, float, list[int]]]:
+    """Of each window: begin and end, the impacts before and after its beginning [s], and the balls that are hit."""
+    clips, names = problem.clip_set, clip.order_of_balls
+    tracks = onsets(clip, problem.noise, clips.fps)
+    impacts = sorted(
+        (float(tracks[name].time[cut.sample]), i, names.index(cut.with_) if cut.kind == "ball" else i)
+        for i, name in enumerate(names)
+        for cut in cuts_of(name, tracks, clips.table, clips.ball, problem.noise)
+    )
+    times = [t for t, _, _ in impacts if t < end]
+    begins = [(0.0, -np.inf, times[0] if times else np.inf)]
+    begins += [(0.5 * (a + b), a, b) for a, b in pairwise(times) if b - a > MIN_GAP_FRAMES / clips.fps]
+    ends = [*(b[0] for b in begins[1:]), end]
+    return [
+        (begin, stop, before, after, [x for t, i, j in impacts if begin <= t < stop for x in (i, j)])
+        for (begin, before, after), stop in zip(begins, ends, strict=True)
+    ]
+
+
+def _guess(seen: Observation, begin: float, before: float, after: float, smeared: float) -> tuple[Array, Array]:
+    """Place (2,) and motion (5,) of a ball, taken to roll, where a window begins; no motion for one that rests."""
+    k = int(np.searchsorted(seen.time, begin))
+    rest = np.array([np.interp(begin, seen.time, seen.xy[:, axis]) for axis in range(2)]), np.zeros(MOTION_SIZE)
+    if k in (0, len(seen.time)):
+        return rest
+    velocity = (seen.xy[k] - seen.xy[k - 1]) / (seen.time[k] - seen.time[k - 1])
+    if np.hypot(*velocity) < MOVING_M_S:
+        return rest
+    place = rest[0]
+    near = np.flatnonzero((seen.time > before + smeared) & (seen.time < after - smeared))
+    near = near[np.argsort(np.abs(seen.time[near] - begin), kind="stable")[:GUESS_SAMPLES]]
+    if near.size > 2:
+        order = 3 if near.size >= MIN_CURVED_SAMPLES else 2
+        powers = np.vander(seen.time[near] - begin, order, increasing=True)
+        place, velocity = np.linalg.lstsq(powers, seen.xy[near], rcond=None)[0][:2]
+    return place, np.array([*velocity, -velocity[1], velocity[0], 0.0])
+
+
+def _first_state(problem: ShotProblem, k: int, x: Array, size: int, places: bool = True) -> Array:
+    """Values of a shot's unknowns (p,) as the state of its first window; of others `places`, or what moves them."""
+    out, most, others = np.zeros(size), problem.data.rest.shape[1], problem.rest[k]
+    first = 2 + MOTION_SIZE
+    out[:first] = x[:first]
+    for i in range(1, len(others) + 1):
+        place, motion = columns(i, most)
+        out[place] = x[first + 2 * (i - 1) :][:2] + (others[i - 1] if places else 0.0)
+        if problem.balls(k)[i] in problem.clips[k].running:
+            out[motion] = x[problem.motions_from + MOTION_SIZE * (i - 1) :][:MOTION_SIZE]
+    return out
+
+
+def shot_states(problem: ShotProblem, windows: Windows, states: Array) -> Array:
+    """Initial states of shots (n, p) from the states of their first windows."""
+    out = problem.start.copy()
+    first, most = 2 + MOTION_SIZE, windows.balls
+    for w in np.flatnonzero(windows.first):
+        k = int(windows.shot[w])
+        out[k, :first] = states[w, :first]
+        for i in range(1, len(problem.rest[k]) + 1):
+            place, motion = columns(i, most)
+            out[k, first + 2 * (i - 1) : first + 2 * i] = states[w, place] - problem.rest[k][i - 1]
+            if problem.balls(k)[i] in problem.clips[k].running:
+                at = problem.motions_from + MOTION_SIZE * (i - 1)
+                out[k, at : at + MOTION_SIZE] = states[w, motion]
+    return out
+
+
+def _measured(problem: ShotProblem, k: int, begin: float, end: float) -> MeasuredShot:
+    """The samples of a window, and a stamp at its end that no sample has."""
+    clip, names = problem.clips[k], problem.balls(k)
+    times, places, angles, trusts = list[Array](), list[Array](), list[Array](), list[Mask]()
+    for i, name in enumerate(names):
+        seen, trusted = clip.balls[name], problem.trusted[k][name]
+        rows = np.flatnonzero((seen.time <= end) & ((seen.time > begin) | (begin == 0.0)))
+        part = seen.at(rows)
+        time, xy, theta, trust = part.time - begin, part.xy, part.theta, trusted[rows]
+        if i == 0:
+            time, xy = np.append(time, end - begin), np.vstack([xy, xy[-1:] if len(xy) else [[0.0, 0.0]]])
+            theta, trust = np.append(theta, np.nan), np.append(trust, False)
+        times.append(time)
+        places.append(xy)
+        angles.append(theta)
+        trusts.append(trust)
+    struck = begin == 0.0 and not clip.running
+    return MeasuredShot(
+        times, places, angles, trusts, np.zeros((len(names) - 1, 2)), [name in problem.staying[k] for name in names],
+        float(problem.azimuth[k]) if begin == 0.0 else 0.0, clip.order, struck, moving=len(names),
+    )  # fmt: skip
+
+
+def _travelled(data: ShotData) -> Array:
+    step = np.hypot(*np.moveaxis(np.diff(data.xy, axis=2, prepend=data.xy[:, :, :1]), -1, 0))
+    step[np.arange(data.xy.shape[2]) >= data.count[:, :, None]] = 0.0
+    return np.cumsum(step, axis=2)

@@ -1,0 +1,185 @@
+"""Discovery on shots of many impacts: effects judged by how each impact follows from the one before it.
+
+In: a clip set and a model. Out: a `DiscoveryResult`.
+
+Whole shots of a dozen impacts say little about a model that does not follow them (sysid/estimation/chain.py). Windows
+of one impact that hang together do: every candidate is scored on them at once, the best are fitted, and the one that
+explains most is named if its evidence suffices, if windows of held-out clips follow each other better with it, and if
+its size is beyond its uncertainty over the clips. In the end each effect must still be needed beside the others. How
+shots scatter about the model says how much less than independent residuals they tell (their design effect).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+
+import numpy as np
+
+from models.model_file import Model
+from sysid.estimation.chain import derivatives, equations, fit_chain, reduced
+from sysid.estimation.fitted import FittedModel, Point
+from sysid.estimation.long_fit import LongFit, as_fitted, fit_windows, moved_to, searched, whole_shots
+from sysid.estimation.problem import CAUCHY_SD
+from sysid.estimation.solver.least_squares import weights
+from sysid.estimation.split import Split
+from sysid.selection.evidence import Evidence
+from sysid.selection.next_shot import propose_next
+from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence
+from sysid.selection.remainder import remainder
+from sysid.selection.result import DiscoveryResult, Show
+from sysid.selection.score import Candidate, Score, Scores, Signature, scores_of
+from sysid.selection.screening import (
+    MAX_FITS,
+    MIN_DELTA_BIC,
+    MIN_IMPROVEMENT,
+    MIN_IMPROVEMENT_OF_BEST,
+    FittedCandidate,
+    Screening,
+    candidates_for,
+)
+
+MAX_EFFECTS = 8  # of one discovery
+CANDIDATE_STEPS = 6  # of the constants, with or without an effect
+PROBE_OF_USUAL = 0.1  # change of a candidate's parameter, over its usual size, from which its derivative is taken
+log = logging.getLogger(__name__)
+
+
+def score_windows(at: LongFit, candidates: list[Candidate]) -> Scores:
+    """Scores of candidates beside all constants and states of windows."""
+    found = at.fitted
+    chain, c, states = found.chain, found.constants, found.states
+    r, ends = derivatives(chain, states, c, chain.shared.steps_from(c))
+    count, signatures = len(states), []
+    more_r, more_ends = [r], [ends]
+    for one in candidates:
+        off, probe = one.off(), PROBE_OF_USUAL * one.usual()
+        keys = tuple(f"{one.name}.{key}" for key in one.keys)
+        changed = chain.with_model(chain.model.add(one.effect), (*chain.names, *keys))
+        rows = np.repeat(
+            [np.concatenate([c, off + probe * (np.arange(len(off)) == k)]) for k in range(len(off))], count, 0
+        )
+        a, b = changed.play(np.tile(states, (len(off), 1)), rows, np.tile(np.arange(count), len(off)))
+        more_r.append(np.nan_to_num(a.reshape(len(off), count, -1) - r[0]))
+        more_ends.append(np.nan_to_num(b.reshape(len(off), count, -1) - ends[0]))
+        signatures.append(Signature(one, np.abs(probe), np.zeros((0, 0, len(off)))))
+        more_r[-1] *= np.sign(probe)[:, None, None]
+        more_ends[-1] *= np.sign(probe)[:, None, None]
+    sd = chain.gap_sd(states)
+    _, shots = equations(chain, states, sd, np.concatenate(more_r), np.concatenate(more_ends))
+    _, information, gradient = reduced(shots)
+    marginal = np.sum([s.constants for s in shots], axis=0).diagonal()[len(c) :]
+    chi2, residuals = float(np.sum(weights(r[0], CAUCHY_SD) * np.nan_to_num(r[0]) ** 2)), int(np.isfinite(r[0]).sum())
+    point = Point(chain.problem, np.zeros((0, 0)), c, chain.spread.impact)
+    summed = information.sum(axis=0) / at.design_effect, gradient.sum(axis=0) / at.design_effect
+    return scores_of(point, signatures, *summed, marginal / at.design_effect, chi2, residuals)
+
+
+def with_effect(at: LongFit, score: Score) -> LongFit:
+    """The fit with one effect more, from its predicted size."""
+    one, found = score.candidate, at.fitted
+    keys = tuple(one.effect.parameters())
+    low, high = one.bounds().T
+    values = np.clip(score.values, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
+    begin = dict(zip(one.keys, values.tolist(), strict=True))
+    added = [begin.get(key, float(getattr(one.effect, key))) for key in keys]
+    names = (*found.chain.names, *(f"{one.name}.{key}" for key in keys))
+    chain = found.chain.with_model(found.chain.model.add(one.effect), names)
+    return moved_to(
+        at,
+        fit_chain(chain, found.states, np.concatenate([found.constants, added]), CANDIDATE_STEPS, f"with {one.name}"),
+    )
+
+
+def without_effect(at: LongFit, name: str) -> LongFit:
+    """The fit without one of its effects."""
+    found = at.fitted
+    keep = [k for k, n in enumerate(found.chain.names) if not n.startswith(f"{name}.")]
+    names = tuple(found.chain.names[k] for k in keep)
+    chain = found.chain.with_model(found.chain.model.without(name), names)
+    return moved_to(at, fit_chain(chain, found.states, found.constants[keep], CANDIDATE_STEPS, f"without {name}"))
+
+
+def evidence(less: LongFit, more: LongFit) -> Evidence:
+    """Evidence for a fit with more constants, on the same windows at the same errors of the model."""
+    gain = 2.0 * (less.fitted.losses - more.fitted.losses)
+    tau = max(less.design_effect, more.design_effect)
+    chain = more.fitted.chain
+    count = float(chain.windows.data.count.sum())
+    penalty = (len(chain.names) - len(less.fitted.chain.names)) * float(np.log(max(2 * count / tau, 2.0)))
+    top = float(gain.max(initial=0.0))
+    return Evidence(
+        float(gain.sum()) / tau - penalty, float(gain.sum()), tau, (float(gain.sum()) - top) / tau - penalty, 1.0
+    )
+
+
+def is_needed(less: LongFit, more: LongFit, name: str, found: FittedModel) -> bool:
+    """Whether evidence, held-out clips and its own size all speak for an effect."""
+    seen = evidence(less, more)
+    held = float(np.sum(less.held_losses() - more.held_losses()))
+    distance = distance_from_absence(found, name)
+    log.info("%s: delta BIC %.0f, held out %.0f, %.1f sd from none", name, seen.delta_bic, 2 * held, distance)
+    return bool(
+        seen.delta_bic > MIN_DELTA_BIC and seen.others_delta_bic > MIN_DELTA_BIC and distance >= MIN_DISTANCE_SD
+        and (more.held_out is None or held > 0)
+    )  # fmt: skip
+
+
+def screen_windows(parts: Split, at: LongFit, base: FittedModel) -> tuple[Screening, dict[str, LongFit]]:
+    """Candidates scored on windows, the best fitted; the fits of those that are needed.
+
+    Args:
+        parts: the clips.
+        at: their windows, fitted without any of the candidates.
+        base: whole shots of the first model, whose initial states stand for those of all fits.
+    """
+    scores = score_windows(at, candidates_for(at.model))
+    best = max((row.predicted_improvement for row in scores.rows), default=0.0)
+    least = max(MIN_IMPROVEMENT, MIN_IMPROVEMENT_OF_BEST * best)
+    fits, needed = list[FittedCandidate](), dict[str, LongFit]()
+    for row in [row for row in scores.rows if row.predicted_improvement >= least][:MAX_FITS]:
+        name, more = row.candidate.name, with_effect(at, row)
+        fitted = dataclasses.replace(as_fitted(more, parts.training, base.initial_states), converged=True)
+        fits.append(FittedCandidate(row, fitted, evidence(at, more), is_needed(at, more, name, fitted)))
+        if fits[-1].generalises:
+            needed[name] = more
+    fits.sort(key=lambda one: -one.evidence.delta_bic)
+    return Screening(base, scores, tuple(fits), (), (), scores.count), needed
+
+
+def discover_long(parts: Split, model: Model, show: Show = lambda found: None) -> DiscoveryResult:
+    """Effects that windows of long shots name, and whole shots with them; see `discover`."""
+    at = fit_windows(parts, model)
+    base = whole_shots(parts, at)
+    found = DiscoveryResult(parts, (base,), ((),), ())
+    show(found)
+    verdict: tuple[str, ...] = ()
+    for _ in range(MAX_EFFECTS):
+        seen, needed = screen_windows(parts, at, base)
+        found = dataclasses.replace(found, rounds=(*found.rounds, seen))
+        name = next((one.name for one in seen.fits if one.name in needed), None)
+        if name is None:
+            break
+        log.info("found %s", name)
+        verdict, at = (*verdict, name), searched(needed[name])
+    at, kept = without_needless(parts, at, verdict, base)
+    if kept:
+        found = found.with_step(whole_shots(parts, at), kept)
+    found = dataclasses.replace(
+        found, unexplained=remainder(found.last), pruned=tuple(name for name in verdict if name not in kept)
+    )
+    return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
+
+
+def without_needless(
+    parts: Split, at: LongFit, verdict: tuple[str, ...], base: FittedModel
+) -> tuple[LongFit, tuple[str, ...]]:  # fmt: skip
+    """The fit without the effects that are no longer needed beside the others, the least needed first."""
+    while len(verdict) > 1:
+        others = {name: without_effect(at, name) for name in verdict}
+        name = min(others, key=lambda one: evidence(others[one], at).delta_bic)
+        if is_needed(others[name], at, name, as_fitted(at, parts.training, base.initial_states)):
+            break
+        log.info("%s is not needed", name)
+        at, verdict = others[name], tuple(v for v in verdict if v != name)
+    return at, verdict

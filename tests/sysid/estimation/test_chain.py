@@ -1,0 +1,114 @@
+"""Multiple shooting: windows, their normal equations, and what they find in shots of another program."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.model_file import full_model
+from sysid.clips import read_clip_set
+from sysid.estimation.chain import (
+    FIRST_SPREAD,
+    Chain,
+    Spread,
+    derivatives,
+    equations,
+    fit_chain,
+    likely_spread,
+    settled_states,
+)
+from sysid.estimation.chain_search import long_states, searched_windows
+from sysid.estimation.problem import values_of
+from sysid.estimation.shot_problem import shot_problem
+from sysid.estimation.windows import columns, shot_states, windows_of
+from sysid.selection.discover import discover
+from tests.support.long_shots import CAROM, NO_CONSTANTS, NOISE_M, long_shots, struck_rms, true_model
+
+
+@pytest.fixture(scope="module")
+def chain() -> tuple[Chain, np.ndarray]:
+    """Windows at the true constants, and states that follow them."""
+    model = true_model(*CAROM)
+    names = tuple(model.parameters())
+    problem = shot_problem(model, names, long_shots(model, 12, 5), NOISE_M)
+    chain = Chain(problem, windows_of(problem), model, names)
+    return chain, searched_windows(chain, chain.windows.start, values_of(model, names))
+
+
+def test_windows_share_out_the_samples_and_hang_together(chain: tuple[Chain, np.ndarray]) -> None:
+    windows, problem = chain[0].windows, chain[0].problem
+    assert len(windows.shot) > 4 * len(problem.clips)
+    for k, clip in enumerate(problem.clips):
+        mine = np.flatnonzero(windows.shot == k)
+        for i, name in enumerate(problem.balls(k)):
+            held = windows.data.count[mine, i].sum() - (mine.size if i == 0 else 0)  # the first has a stamp at each end
+            assert held == len(clip.balls[name].time)
+    assert windows.hit.sum(axis=1).max() <= windows.balls
+    place, motion = columns(1, windows.balls)
+    assert not (set(place) & set(motion)) and len(motion) == 5
+
+
+def test_states_of_shots_and_of_their_first_windows_are_the_same(chain: tuple[Chain, np.ndarray]) -> None:
+    problem, windows = chain[0].problem, chain[0].windows
+    np.testing.assert_allclose(shot_states(problem, windows, windows.start), problem.start, atol=1e-12)
+
+
+def test_with_the_true_model_windows_follow_each_other(chain: tuple[Chain, np.ndarray]) -> None:
+    at, states = chain[0].with_spread(Spread(FIRST_SPREAD.impact, 0.0)), chain[1]
+    c = values_of(at.model, at.names)
+    r, ends = at.play(states, np.tile(c, (len(states), 1)), np.arange(len(states)))
+    assert np.nanmedian(np.abs(r)) / 0.6745 == pytest.approx(1.0, abs=0.15)
+    gaps = at.gaps(states, ends, at.gap_sd(states))
+    assert np.nanmedian(np.abs(gaps)) < 0.2  # of what a model that lacks something may leave
+    assert likely_spread(at, states, c).impact < 0.2 * FIRST_SPREAD.impact
+
+
+def test_normal_equations_are_the_derivatives_of_the_loss(chain: tuple[Chain, np.ndarray]) -> None:
+    at, states = chain
+    c, rng = values_of(at.model, at.names), np.random.default_rng(1)
+    sd = at.gap_sd(states)
+    _, shots = equations(at, states, sd, *derivatives(at, states, c, at.shared.steps_from(c)))
+    shot, run = shots[2], at.windows.runs[2]
+    direction = rng.normal(size=shot.free.sum()) * 1e-3 / np.sqrt(np.diag(shot.states) + 1e-6)
+    step = np.zeros(shot.free.shape)
+    step[shot.free] = direction
+
+    def loss(share: float) -> float:
+        moved = states.copy()
+        moved[run] += share * step
+        return float(at.losses(moved, c, sd)[2])
+
+    assert shot.state_gradient @ direction == pytest.approx(0.5 * (loss(1.0) - loss(-1.0)), rel=0.02, abs=1e-5)
+
+
+def test_shots_are_found_whole_by_closing_the_gaps(chain: tuple[Chain, np.ndarray]) -> None:
+    at, _ = chain
+    problem = at.problem.with_model(at.model, ())
+    assert (struck_rms(problem, long_states(problem, NO_CONSTANTS)) < 1.7 * NOISE_M).all()  # the noise has two axes
+
+
+def test_constants_come_from_windows_where_one_impact_is_wrong(chain: tuple[Chain, np.ndarray]) -> None:
+    """A share of impacts that differ hardly moves them: each is judged by itself."""
+    at, states = chain
+    c = values_of(at.model, at.names)
+    start = np.clip(1.05 * c, *at.shared.bounds.T)
+    found = fit_chain(at, settled_states(at, states, start, 4), start, 10, "test")
+    sd = np.sqrt(np.diag(np.linalg.pinv(found.information.sum(axis=0))))
+    for name in ("cushion_impact.restitution", "decoupled_cloth.roll", "decoupled_cloth.slide"):
+        k = at.names.index(name)
+        assert found.constants[k] == pytest.approx(c[k], abs=max(4 * sd[k], 3e-3 * c[k])), name
+
+
+@pytest.mark.slow
+def test_an_effect_of_impacts_is_found_in_long_shots(data_folder: Path) -> None:
+    """In shots of another program, which knows no model of ours: the restitution of cushions falls with the speed."""
+    clip_set = read_clip_set(data_folder / "long" / "set-51")
+    truth = json.loads((data_folder / "long" / "set-51.truth.json").read_text(encoding="utf-8"))["constants"]
+    found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
+    assert found.verdict == ("cushion_restitution_speed",)
+    assert found.last.value("cushion_restitution_speed.rate")[0] == pytest.approx(truth["ec_v"], rel=0.01)
+    assert found.last.value("cushion_impact.friction")[0] == pytest.approx(truth["muc"], rel=0.01)
+    assert found.last.rms < 1.05 * 0.0004
