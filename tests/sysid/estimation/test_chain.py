@@ -63,7 +63,8 @@ def test_with_the_true_model_windows_follow_each_other(chain: tuple[Chain, np.nd
     assert np.nanmedian(np.abs(r)) / 0.6745 == pytest.approx(1.0, abs=0.15)
     gaps = at.gaps(states, ends, at.gap_sd(states))
     assert np.nanmedian(np.abs(gaps)) < 0.2  # of what a model that lacks something may leave
-    assert likely_spread(at, states, c).impact < 0.2 * FIRST_SPREAD.impact
+    spread = likely_spread(at, states, c)
+    assert spread.impact < FIRST_SPREAD.impact and spread.path < 0.1 * FIRST_SPREAD.path
 
 
 def test_normal_equations_are_the_derivatives_of_the_loss(chain: tuple[Chain, np.ndarray]) -> None:

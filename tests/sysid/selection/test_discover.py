@@ -213,7 +213,7 @@ def test_a_pickle_in_the_folder_of_results_is_not_opened(tmp_path: Path, monkeyp
     def stop(*_words: Any, **_more: Any) -> Any:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(room, "begin", stop)
+    monkeypatch.setattr(room, "split", stop)
     folder = Path(__file__).parents[3] / "sysid" / "example"
     assert cli.main(["discover", str(folder), "--out", str(tmp_path), "--overwrite"]) == Status.INTERRUPTED
     assert not (tmp_path / "sprung").exists()
