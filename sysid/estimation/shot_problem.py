@@ -50,7 +50,7 @@ from sysid.estimation.start_values import running_sd, running_start, shot_start,
 REST_STEP = 1e-6  # finite difference of a resting ball's position [m]
 REST_SD = 2.0  # of both noises: prior sd of its displacement from where it was seen
 GROWING_RATE = 0.02  # discrepancy rate that is tolerated while the horizon grows
-MAX_EVENTS = 4  # impacts of a shot, in the middle of a set, beyond which its shots are long
+MAX_EVENTS = 3  # impacts of a shot, in the middle of a set, beyond which its shots are long
 MAX_STAGES = 12  # horizons of a shot that grows from event to event
 BEFORE_EVENT_S = 1e-3  # by which a horizon ends before an event
 Item = TypeVar("Item")
