@@ -30,7 +30,8 @@ from sysid.estimation.problem import CAUCHY_SD, Array, Index, shared_constants
 from sysid.estimation.residual_rows import ShotResiduals, Weighting, residuals
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import SharedConstants, covariance, newton_step
-from sysid.estimation.solver.least_squares import loss, weights
+from sysid.estimation.solver.journal import recorded
+from sysid.estimation.solver.least_squares import Prior, loss, weights
 from sysid.estimation.windows import Mask, Windows, columns
 
 PLACE_SD_M = 3e-4  # by which a window may begin elsewhere than the one before it ends
@@ -239,8 +240,22 @@ def equations(chain: Chain, states: Array, sd: Array, r: Array, ends: Array) -> 
 
 def settled_states(chain: Chain, states: Array, c: Array, steps: int, sd: Array | None = None) -> Array:
     """States (w, p) of windows at constants (q,) from nearly right ones; `sd` of the gaps, if other than `gap_sd`."""
-    damping = np.full(len(chain.windows.runs), FIRST_DAMPING)
     sd = chain.gap_sd(states) if sd is None else sd
+
+    def work() -> tuple[Array, ...]:
+        return (_settled(chain, states, c, steps, sd),)
+
+    (found,) = recorded(work, (states, c, sd, np.array([steps])), (states.shape,), _are_finite)
+    return found
+
+
+def _are_finite(found: tuple[Array, ...]) -> bool:
+    return all(bool(np.isfinite(values).all()) for values in found)
+
+
+def _settled(chain: Chain, states: Array, c: Array, steps: int, sd: Array) -> Array:
+    """See `settled_states`."""
+    damping = np.full(len(chain.windows.runs), FIRST_DAMPING)
     active = np.ones(len(damping), bool)
     for _ in range(steps):
         cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, np.zeros(0)))
@@ -295,25 +310,48 @@ class ChainFit:
 
 def fit_chain(chain: Chain, states: Array, c: Array, steps: int, what: str) -> ChainFit:
     """Constants (q,) and states (w, p) of windows from nearly right ones."""
-    shared, damping, sd = chain.shared, FIRST_DAMPING, chain.gap_sd(states)
+    shared, sd = chain.shared, chain.gap_sd(states)
+
+    def work() -> tuple[Array, ...]:
+        return _minimised(chain, states, c, sd, steps, what)
+
+    def fits(found: tuple[Array, ...]) -> bool:
+        low, high = shared.bounds.T
+        return _are_finite(found) and bool(np.all((found[1] >= low) & (found[1] <= high)))
+
+    question = (states, c, sd, shared.bounds, np.array([steps, *chain.spread]))
+    states, c = recorded(work, question, (states.shape, c.shape), fits)
+    cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, shared.steps_from(c)))
+    _, information, gradient = reduced(shots)
+    full = _newton(shared, shared.prior(c), information, gradient, c)
+    converged = negligible(full, information, gradient, shared.width)
+    return ChainFit(chain, states, c, cost, information, gradient, converged)
+
+
+def _newton(
+    shared: SharedConstants, prior: Prior, information: Array, gradient: Array, c: Array, damping: float = 0.0
+) -> Array:  # fmt: skip
+    """The step (q,) to subtract from constants within their bounds."""
+    h = information.sum(axis=0) + np.diag(1 / prior.sd**2)
+    g = gradient.sum(axis=0) + (c - prior.mean) / prior.sd**2
+    return newton_step(h + damping * np.diag(np.diag(h)), g, c, shared.bounds)[0]
+
+
+def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, what: str) -> tuple[Array, Array]:
+    """States and constants of less loss, until a step of the constants would be negligible."""
+    shared, damping = chain.shared, FIRST_DAMPING
     low, high = shared.bounds.T
-    prior, converged = shared.prior(c), False
-    every = np.full(len(chain.windows.runs), FIRST_DAMPING)
-    active = np.ones(len(every), bool)
-    for step in range(steps + 1):
+    prior = shared.prior(c)
+    every, active = np.full(len(chain.windows.runs), FIRST_DAMPING), np.ones(len(chain.windows.runs), bool)
+    for step in range(steps):
         cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, shared.steps_from(c)))
         solved, information, gradient = reduced(shots)
-        h = information.sum(axis=0) + np.diag(1 / prior.sd**2)
-        g = gradient.sum(axis=0) + (c - prior.mean) / prior.sd**2
-        full, _ = newton_step(h, g, c, shared.bounds)
-        converged = negligible(full, information, gradient, shared.width)
-        if step == steps or converged:
+        if negligible(_newton(shared, prior, information, gradient, c), information, gradient, shared.width):
             break
         total = float(cost.sum()) + 0.5 * float(np.sum(prior.residuals(c) ** 2))
         log.info("%s, step %d: loss %.0f", what, step, total)
         for _ in range(MAX_ATTEMPTS):
-            by, _ = newton_step(h + damping * np.diag(np.diag(h)), g, c, shared.bounds)
-            new = np.clip(c - by, low, high)
+            new = np.clip(c - _newton(shared, prior, information, gradient, c, damping), low, high)
             trial = states.copy()
             for run, shot, y in zip(chain.windows.runs, shots, solved, strict=True):
                 _move(trial, run, shot, y[:, :-1] @ (c - new) - y[:, -1])
@@ -322,14 +360,13 @@ def fit_chain(chain: Chain, states: Array, c: Array, steps: int, what: str) -> C
                 trial[chain.windows.runs[k]] = states[chain.windows.runs[k]]
             there, shots_there = equations(chain, trial, sd, *derivatives(chain, trial, new, np.zeros(0)))
             trial, losses, _ = _lowered(chain, trial, new, sd, there, shots_there, every, active)
-            now = float(losses.sum()) + 0.5 * float(np.sum(prior.residuals(new) ** 2))
-            if now < total:
+            if float(losses.sum()) + 0.5 * float(np.sum(prior.residuals(new) ** 2)) < total:
                 break
             damping = max(10 * damping, FIRST_DAMPING)
         else:
             break
         states, c, damping = trial, new, max(damping / 10, MIN_DAMPING)
-    return ChainFit(chain, states, c, cost, information, gradient, converged)
+    return states, c
 
 
 def negligible(step: Array, information: Array, gradient: Array, width: Array) -> bool:

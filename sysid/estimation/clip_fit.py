@@ -22,7 +22,7 @@ from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.fitting import fit_from_nothing, widened
-from sysid.estimation.long_fit import fit_windows, whole_shots
+from sysid.estimation.long_fit import fit_long
 from sysid.estimation.open_cloth import OpenCloth
 from sysid.estimation.split import Split, fit_followed, split
 
@@ -69,7 +69,8 @@ def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> Cl
     """
     parts, cloth, model = split(clip_set, model)
     if parts.training.is_long:
-        return _clip_fit(parts, whole_shots(parts, fit_windows(parts, model)), cloth, command)
+        parts, _, found = fit_long(parts, model)
+        return _clip_fit(parts, found, cloth, command)
     held, free = _held_and_free(cloth, model)
 
     def fit_training(parts: Split) -> FittedModel:

@@ -25,7 +25,7 @@ from sysid.estimation.initial_states import shot_scores
 from sysid.estimation.problem import Array, values_of
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import covariance
-from sysid.estimation.split import Split, tried
+from sysid.estimation.split import Split, exclusion_lines, lost_shots, shot_errors, tried, typical_error
 from sysid.estimation.windows import windows_of
 
 BASE_STEPS, BASE_ROUNDS = 8, 3  # of the constants, and of searching windows anew
@@ -141,3 +141,31 @@ def whole_shots(parts: Split, at: LongFit) -> FittedModel:
         return now
     x = whole_states(at.held_out, at.held_states, found.constants, at.held_out.problem)
     return tried(parts, now, dataclasses.replace(now, held_out=HeldOut(x, math.nan, np.zeros((0, 0)))))
+
+
+def fit_long(parts: Split, model: Model) -> tuple[Split, LongFit, FittedModel]:
+    """Windows and whole shots fitted from nothing, and the split without the shots that are lost in them.
+
+    Raises:
+        BadInput: where most shots are lost.
+    """
+    at = fit_windows(parts, model)
+    found = whole_shots(parts, at)
+    errors = shot_errors(found.problem, found.initial_states, found.constants)
+    typical = typical_error(errors)
+    lost, held_lost, held = lost_shots(errors, typical), np.zeros(0, np.int64), parts.held_out
+    lines = exclusion_lines(parts.training, lost, errors)
+    if held is not None and found.held_out is not None:
+        seen = held.with_model(found.problem.model, found.names)
+        errors = shot_errors(seen, found.held_out.initial_states, found.constants)
+        held_lost = lost_shots(errors, typical)
+        lines += exclusion_lines(held, held_lost, errors)
+    if not lines:
+        return parts, at, found
+    kept = np.setdiff1d(np.arange(len(parts.training.clips)), lost)
+    if held is not None:
+        others = np.setdiff1d(np.arange(len(held.clips)), held_lost)
+        held = held.only(others) if others.size else None
+    parts = parts.excluding(lines, parts.training.only(kept), held)
+    at = fit_windows(parts, model)
+    return parts, at, whole_shots(parts, at)

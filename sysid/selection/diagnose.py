@@ -12,7 +12,7 @@ from typing import Any
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
-from sysid.estimation.long_fit import fit_windows, whole_shots
+from sysid.estimation.long_fit import fit_long
 from sysid.estimation.split import Split, fit_base, split
 from sysid.selection.evidence import holds
 from sysid.selection.formula import describe
@@ -47,8 +47,7 @@ def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
     """Fit the model to the clips and search what it lacks; every fifth clip is held out."""
     parts, _, model = split(clip_set, model)
     if parts.training.is_long:
-        at = fit_windows(parts, model)
-        base = whole_shots(parts, at)
+        parts, at, base = fit_long(parts, model)
         diagnosis = Diagnosis(screen_windows(parts, at, base)[0])
         named = (diagnosis.name,) if diagnosis.name else ()
         shot = propose_next(parts, base, (diagnosis.screening,), named)

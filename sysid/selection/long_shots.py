@@ -19,7 +19,7 @@ import numpy as np
 from models.model_file import Model
 from sysid.estimation.chain import derivatives, equations, fit_chain, reduced
 from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.long_fit import LongFit, as_fitted, fit_windows, moved_to, searched, whole_shots
+from sysid.estimation.long_fit import LongFit, as_fitted, fit_long, moved_to, searched, whole_shots
 from sysid.estimation.problem import CAUCHY_SD
 from sysid.estimation.solver.least_squares import weights
 from sysid.estimation.split import Split
@@ -149,8 +149,7 @@ def screen_windows(parts: Split, at: LongFit, base: FittedModel) -> tuple[Screen
 
 def discover_long(parts: Split, model: Model, show: Show = lambda found: None) -> DiscoveryResult:
     """Effects that windows of long shots name, and whole shots with them; see `discover`."""
-    at = fit_windows(parts, model)
-    base = whole_shots(parts, at)
+    parts, at, base = fit_long(parts, model)
     found = DiscoveryResult(parts, (base,), ((),), ())
     show(found)
     verdict: tuple[str, ...] = ()
