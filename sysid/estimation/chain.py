@@ -26,6 +26,7 @@ import numpy as np
 from models.engine.play import Layout
 from models.model_file import Model
 from sysid.estimation.discrepancy import likely_rate
+from sysid.estimation.fitting import NEGLIGIBLE_STEP_SD
 from sysid.estimation.problem import CAUCHY_SD, Array, Index, shared_constants
 from sysid.estimation.residual_rows import ShotResiduals, Weighting, residuals
 from sysid.estimation.shot_problem import ShotProblem
@@ -39,7 +40,6 @@ MOTION_SD_M_S, MOTION_SHARE = 3e-3, 2e-3  # the same of velocity: at least, and 
 SPIN_OF_IMPULSE = 2.5  # change of R omega over that of velocity by a tangential impulse: radius^2 mass over inertia
 FIRST_DAMPING, MIN_DAMPING, MAX_ATTEMPTS = 1e-3, 1e-7, 5
 LEAST_SHARE, LEAST_INFORMATION = 1e-9, 1e-6  # added to the diagonal, where nothing tells of a state
-NEGLIGIBLE_STEP_SD = 0.1  # of a constant's standard deviation
 TOLERANCE = 1e-4  # share of the loss by which a step must lower it for another to be taken
 
 log = logging.getLogger(__name__)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+from functools import partial
 
 import numpy as np
 
@@ -40,7 +41,7 @@ from sysid.selection.screening import (
 )
 
 MAX_EFFECTS = 8  # of one discovery
-CANDIDATE_STEPS = 6  # of the constants, with or without an effect
+CANDIDATE_STEPS, FINAL_STEPS = 6, 30  # of the constants: with or without an effect, of the last model
 PROBE_OF_USUAL = 0.1  # change of a candidate's parameter, over its usual size, from which its derivative is taken
 log = logging.getLogger(__name__)
 
@@ -163,6 +164,8 @@ def discover_long(parts: Split, model: Model, show: Show = lambda found: None) -
         verdict, at = (*verdict, name), searched(needed[name])
     at, kept = without_needless(parts, at, verdict, base)
     if kept:
+        last = at.fitted
+        at = moved_to(at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))
         found = found.with_step(whole_shots(parts, at), kept)
     found = dataclasses.replace(
         found, unexplained=remainder(found.last), pruned=tuple(name for name in verdict if name not in kept)
@@ -173,12 +176,13 @@ def discover_long(parts: Split, model: Model, show: Show = lambda found: None) -
 def without_needless(
     parts: Split, at: LongFit, verdict: tuple[str, ...], base: FittedModel
 ) -> tuple[LongFit, tuple[str, ...]]:  # fmt: skip
-    """The fit without the effects that are no longer needed beside the others, the least needed first."""
+    """The fit without the effects that are no longer needed beside the others, those of least size first."""
     while len(verdict) > 1:
-        others = {name: without_effect(at, name) for name in verdict}
-        name = min(others, key=lambda one: evidence(others[one], at).delta_bic)
-        if is_needed(others[name], at, name, as_fitted(at, parts.training, base.initial_states)):
+        seen = as_fitted(at, parts.training, base.initial_states)
+        name = min(verdict, key=partial(distance_from_absence, seen))
+        less = without_effect(at, name)
+        if is_needed(less, at, name, seen):
             break
         log.info("%s is not needed", name)
-        at, verdict = others[name], tuple(v for v in verdict if v != name)
+        at, verdict = less, tuple(v for v in verdict if v != name)
     return at, verdict

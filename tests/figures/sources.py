@@ -55,7 +55,7 @@ def match(folder: Path) -> Figures:
     return {
         "base": f"{1e3 * base['struck_rms_median_held_out_m']:.0f} mm",
         "mended": f"{1e3 * mended['struck_rms_median_held_out_m']:.0f} mm",
-        "segments": f"{mended['segment_ratio_median']:.1f}",
+        "segments": f"{mended['segment_ratio_median']:.1f}", "time": f"{result['elapsed_s'] / 60:.0f} minutes",
         "inside_band": f"{100 * mended['held_out_coverage']:.0f} %",
     }  # fmt: skip
 

@@ -108,11 +108,13 @@ def test_a_match_and_films_are_read_from_their_results(tmp_path: Path) -> None:
         for m, r in ((0.116, 2.2), (0.0951, 1.96))
     ]
     slope = {"table_tilt.slope_x": {"value": -0.00157, "sd": 0.00026}}
-    write_json(tmp_path / "result.json", {"ladder": rungs, "whole_shots": whole, "parameters": slope})
+    write_json(
+        tmp_path / "result.json", {"elapsed_s": 610.0, "ladder": rungs, "whole_shots": whole, "parameters": slope}
+    )
     read = READERS["match"](tmp_path)
     assert set(read) == set(SOURCES["match"]["figures"])
     assert (read["base"], read["mended"], read["segments"]) == ("116 mm", "95 mm", "2.0")
-    assert read["inside_band"] == "93 %"
+    assert (read["inside_band"], read["time"]) == ("93 %", "10 minutes")
     assert READERS["films_found"](tmp_path) == {
         "slope": "1.6 +- 0.3 mm/m", "miss": "29.3 to 23.8 mm", "miss_held_out": "52.1 to 51.8 mm"
     }  # fmt: skip
