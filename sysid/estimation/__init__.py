@@ -11,7 +11,7 @@ rate, whether it converged, and the error on held-out clips. In the order of a f
     state_search      initial states at given constants: several optima of a shot live on from event to event
     sizes             length, width and diameter as constants, known as well as a tape and a caliper measure them
     windows           shots cut into windows of one impact each, which hang together
-    chain             multiple shooting: constants from windows of long shots; chain_search finds their states
+    chain             multiple shooting: windows of long shots; chain_fit has constants, chain_search their states
     long_fit          a model fitted to long shots: windows first, then whole shots from there
     lone_shots        shots that determine a constant nearly alone, at every sidespin they may have had
     discrepancy       discrepancy of the model, which grows along a shot

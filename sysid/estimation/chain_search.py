@@ -15,7 +15,8 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from sysid.estimation.chain import Chain, Spread, likely_spread, settled_states
+from sysid.estimation.chain import Chain, Spread, likely_spread
+from sysid.estimation.chain_fit import settled_states
 from sysid.estimation.initial_states import CHANCE_SD, fit_states, shot_scores
 from sysid.estimation.problem import CAUCHY_SD, Array, Index
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.model_file import Model
-from sysid.estimation.chain import Chain, ChainFit, fit_chain, likely_spread, settled_states
+from sysid.estimation.chain import Chain, likely_spread
+from sysid.estimation.chain_fit import ChainFit, fit_chain, settled_states
 from sysid.estimation.chain_search import better_windows, searched_windows, whole_states
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
 from sysid.estimation.fitting import fit

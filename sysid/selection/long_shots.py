@@ -18,7 +18,8 @@ from functools import partial
 import numpy as np
 
 from models.model_file import Model
-from sysid.estimation.chain import derivatives, equations, fit_chain, reduced
+from sysid.estimation.chain import derivatives, equations, reduced
+from sysid.estimation.chain_fit import fit_chain
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.long_fit import LongFit, as_fitted, fit_long, moved_to, searched, whole_shots
 from sysid.estimation.problem import CAUCHY_SD

@@ -16,10 +16,9 @@ from sysid.estimation.chain import (
     Spread,
     derivatives,
     equations,
-    fit_chain,
     likely_spread,
-    settled_states,
 )
+from sysid.estimation.chain_fit import fit_chain, settled_states
 from sysid.estimation.chain_search import long_states, searched_windows
 from sysid.estimation.problem import values_of
 from sysid.estimation.shot_problem import shot_problem

@@ -1,0 +1,164 @@
+"""Constants and states of windows at the least loss of a `Chain`.
+
+In: a chain, states of its windows and constants that are nearly right. Out: states, or a `ChainFit`.
+
+Levenberg and Marquardt's method, the states of each shot eliminated from its normal equations; a shot whose states do
+not follow a step of the constants keeps them.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.estimation.chain import Chain, Equations, derivatives, equations, reduced
+from sysid.estimation.fitting import NEGLIGIBLE_STEP_SD
+from sysid.estimation.problem import Array, Index
+from sysid.estimation.solver.joint_fit import SharedConstants, covariance, newton_step
+from sysid.estimation.solver.journal import recorded
+from sysid.estimation.solver.least_squares import Prior
+from sysid.estimation.windows import Mask
+
+FIRST_DAMPING, MIN_DAMPING, MAX_ATTEMPTS = 1e-3, 1e-7, 5
+TOLERANCE = 1e-4  # share of the loss by which a step must lower it for another to be taken
+log = logging.getLogger(__name__)
+
+
+def settled_states(chain: Chain, states: Array, c: Array, steps: int, sd: Array | None = None) -> Array:
+    """States (w, p) of windows at constants (q,) from nearly right ones; `sd` of the gaps, if other than `gap_sd`."""
+    sd = chain.gap_sd(states) if sd is None else sd
+
+    def work() -> tuple[Array, ...]:
+        return (_settled(chain, states, c, steps, sd),)
+
+    (found,) = recorded(work, (states, c, sd, np.array([steps])), (states.shape,), _are_finite)
+    return found
+
+
+def _are_finite(found: tuple[Array, ...]) -> bool:
+    return all(bool(np.isfinite(values).all()) for values in found)
+
+
+def _settled(chain: Chain, states: Array, c: Array, steps: int, sd: Array) -> Array:
+    """See `settled_states`."""
+    damping = np.full(len(chain.windows.runs), FIRST_DAMPING)
+    active = np.ones(len(damping), bool)
+    for _ in range(steps):
+        cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, np.zeros(0)))
+        states, new, damping = _lowered(chain, states, c, sd, cost, shots, damping, active)
+        active &= cost - new > TOLERANCE * cost
+        if not active.any():
+            break
+    return states
+
+
+def _lowered(
+    chain: Chain, states: Array, c: Array, sd: Array, cost: Array, shots: list[Equations], damping: Array, active: Mask
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """States after a step of each shot that lowers its loss, those losses, and the dampings (n,) that it took."""
+    todo, found, damping = active.copy(), states.copy(), damping.copy()
+    for _ in range(MAX_ATTEMPTS):
+        trial = states.copy()
+        for k in np.flatnonzero(todo):
+            _move(trial, chain.windows.runs[k], shots[k], -shots[k].solved(damping[k])[:, -1])
+        new = chain.losses(trial, c, sd)
+        better = todo & (new < cost)
+        for k in np.flatnonzero(better):
+            found[chain.windows.runs[k]] = trial[chain.windows.runs[k]]
+        cost = np.where(better, new, cost)
+        damping[better] = np.maximum(damping[better] / 10, MIN_DAMPING)
+        todo &= ~better
+        damping[todo] *= 10
+        if not todo.any():
+            break
+    return found, cost, damping
+
+
+def _move(states: Array, run: Index, shot: Equations, by: Array) -> None:
+    """Move the free states of a shot, in place."""
+    step = np.zeros(shot.free.shape)
+    step[shot.free] = by
+    states[run] += step
+
+
+@dataclass(frozen=True)
+class ChainFit:
+    """Constants and states of windows at their best."""
+
+    chain: Chain
+    states: Array  # (w, p)
+    constants: Array  # (q,)
+    losses: Array  # (n,) of shots
+    information: Array  # (n, q, q) of each shot on the constants, its states eliminated
+    gradient: Array  # (n, q)
+    converged: bool
+
+
+def fit_chain(chain: Chain, states: Array, c: Array, steps: int, what: str) -> ChainFit:
+    """Constants (q,) and states (w, p) of windows from nearly right ones."""
+    shared, sd = chain.shared, chain.gap_sd(states)
+
+    def work() -> tuple[Array, ...]:
+        return _minimised(chain, states, c, sd, steps, what)
+
+    def fits(found: tuple[Array, ...]) -> bool:
+        low, high = shared.bounds.T
+        return _are_finite(found) and bool(np.all((found[1] >= low) & (found[1] <= high)))
+
+    question = (states, c, sd, shared.bounds, np.array([steps, *chain.spread]))
+    states, c = recorded(work, question, (states.shape, c.shape), fits)
+    cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, shared.steps_from(c)))
+    _, information, gradient = reduced(shots)
+    full = _newton(shared, shared.prior(c), information, gradient, c)
+    converged = negligible(full, information, gradient, shared.width)
+    return ChainFit(chain, states, c, cost, information, gradient, converged)
+
+
+def _newton(
+    shared: SharedConstants, prior: Prior, information: Array, gradient: Array, c: Array, damping: float = 0.0
+) -> Array:  # fmt: skip
+    """The step (q,) to subtract from constants within their bounds."""
+    h = information.sum(axis=0) + np.diag(1 / prior.sd**2)
+    g = gradient.sum(axis=0) + (c - prior.mean) / prior.sd**2
+    return newton_step(h + damping * np.diag(np.diag(h)), g, c, shared.bounds)[0]
+
+
+def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, what: str) -> tuple[Array, Array]:
+    """States and constants of less loss, until a step of the constants would be negligible."""
+    shared, damping = chain.shared, FIRST_DAMPING
+    low, high = shared.bounds.T
+    prior = shared.prior(c)
+    every, active = np.full(len(chain.windows.runs), FIRST_DAMPING), np.ones(len(chain.windows.runs), bool)
+    for step in range(steps):
+        cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, shared.steps_from(c)))
+        solved, information, gradient = reduced(shots)
+        if negligible(_newton(shared, prior, information, gradient, c), information, gradient, shared.width):
+            break
+        total = float(cost.sum()) + 0.5 * float(np.sum(prior.residuals(c) ** 2))
+        log.info("%s, step %d: loss %.0f", what, step, total)
+        for _ in range(MAX_ATTEMPTS):
+            new = np.clip(c - _newton(shared, prior, information, gradient, c, damping), low, high)
+            trial = states.copy()
+            for run, shot, y in zip(chain.windows.runs, shots, solved, strict=True):
+                _move(trial, run, shot, y[:, :-1] @ (c - new) - y[:, -1])
+            moved, stayed = chain.losses(trial, new, sd), chain.losses(states, new, sd)
+            for k in np.flatnonzero(~(moved <= stayed)):
+                trial[chain.windows.runs[k]] = states[chain.windows.runs[k]]
+            there, shots_there = equations(chain, trial, sd, *derivatives(chain, trial, new, np.zeros(0)))
+            trial, losses, _ = _lowered(chain, trial, new, sd, there, shots_there, every, active)
+            if float(losses.sum()) + 0.5 * float(np.sum(prior.residuals(new) ** 2)) < total:
+                break
+            damping = max(10 * damping, FIRST_DAMPING)
+        else:
+            break
+        states, c, damping = trial, new, max(damping / 10, MIN_DAMPING)
+    return states, c
+
+
+def negligible(step: Array, information: Array, gradient: Array, width: Array) -> bool:
+    """Whether a step of the constants is small beside their standard deviations over shots."""
+    sd = np.sqrt(np.diag(covariance(information, gradient, width)))
+    known = np.isfinite(sd)
+    return bool(np.all(np.abs(step[known]) < NEGLIGIBLE_STEP_SD * sd[known]))
