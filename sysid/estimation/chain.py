@@ -27,10 +27,10 @@ from models.engine.play import Layout
 from models.model_file import Model
 from sysid.estimation.discrepancy import likely_rate
 from sysid.estimation.problem import CAUCHY_SD, Array, Index, shared_constants
-from sysid.estimation.residual_rows import ShotResiduals, Weighting, residuals
+from sysid.estimation.residual_rows import Weighting, residuals
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import SharedConstants
-from sysid.estimation.solver.least_squares import loss, weights
+from sysid.estimation.solver.least_squares import loss, moved, weights
 from sysid.estimation.windows import Mask, Windows, columns
 
 PLACE_SD_M = 3e-4  # by which a window may begin elsewhere than the one before it ends
@@ -53,15 +53,23 @@ FIRST_SPREAD = Spread(0.05, 3e-3)
 class Chain:
     """Windows of shots, played by a model with constants to fit."""
 
-    problem: ShotProblem  # the same shots as a whole: noise, and what is known of constants
+    problem: ShotProblem  # the same shots as a whole, with the model and the constants to fit
     windows: Windows
-    model: Model
-    names: tuple[str, ...]
     spread: Spread = FIRST_SPREAD
+
+    @property
+    def model(self) -> Model:
+        """What plays the windows."""
+        return self.problem.model
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The constants to fit."""
+        return self.problem.names
 
     def with_model(self, model: Model, names: tuple[str, ...]) -> Chain:
         """The same windows, played by another model."""
-        return dataclasses.replace(self, problem=self.problem.with_model(model, names), model=model, names=names)
+        return dataclasses.replace(self, problem=self.problem.with_model(model, names))
 
     def with_spread(self, spread: Spread) -> Chain:
         """The same, with other errors of the model."""
@@ -77,22 +85,17 @@ class Chain:
         return Layout(self.model, self.names)
 
     @cached_property
-    def sample_sd(self) -> Array:
-        """Standard deviation of each sample's place: (w, b, s) [m]."""
-        return np.asarray(np.hypot(self.problem.noise_of_fits, self.spread.path * self.windows.travelled))
-
-    @cached_property
-    def _played(self) -> ShotResiduals:
-        count = len(self.windows.shot)
-        theta = np.full(count, self.problem.sd_theta[0] if len(self.problem.sd_theta) else 1.0)
-        return ShotResiduals(self._layout, self.windows.data, Weighting(self.sample_sd, theta, np.full(count, np.inf)))
+    def _weighting(self) -> Weighting:
+        shot = self.windows.shot
+        sd = np.hypot(self.problem.noise_of_fits, self.spread.path * self.windows.travelled)
+        return Weighting(sd, self.problem.sd_theta[shot], np.full(len(shot), np.inf))
 
     def play(self, states: Array, c: Array, which: Index) -> tuple[Array, Array]:
         """Residuals (k, m) of windows over their standard deviations, and the states in which they end (k, p)."""
         balls = self.windows.balls
         ends = np.full((len(states), balls, 7), np.nan)
-        at = self._played
-        r = residuals(at.layout, at.data, at.weighting, states, c, which, at.data.size, ends)
+        data = self.windows.data
+        r = residuals(self._layout, data, self._weighting, states, c, which, data.size, ends)
         ends[..., 4:] *= self._layout.game(c).radius[:, None, None]
         out = np.empty(states.shape)
         for i in range(balls):
@@ -171,21 +174,15 @@ def derivatives(chain: Chain, states: Array, c: Array, steps_c: Array) -> tuple[
 
     The first are those at the point itself, the others derivatives.
     """
-    (count, p), q = states.shape, len(steps_c)
-    rows, constants = np.tile(states, (1 + p + q, 1, 1)), np.tile(c, (1 + p + q, count, 1))
+    count, p = states.shape
+
+    def both(x: Array, constants: Array, which: Index) -> Array:
+        return np.hstack(chain.play(x, constants, which))
+
+    found = moved(both, states, c, np.arange(count), chain.windows.steps, steps_c)
     steps = np.concatenate([chain.windows.steps, steps_c])
-    for k in range(p):
-        rows[1 + k, :, k] += steps[k]
-    for k in range(q):
-        constants[1 + p + k, :, k] += steps_c[k]
-    shape = (1 + p + q, count)
-    r, ends = chain.play(
-        rows.reshape(-1, p), constants.reshape(shape[0] * count, c.size), np.tile(np.arange(count), shape[0])
-    )
-    r, ends = r.reshape(*shape, -1), ends.reshape(*shape, p)
-    r[1:] = np.nan_to_num((r[1:] - r[0]) / steps[:, None, None])
-    ends[1:] = np.nan_to_num((ends[1:] - ends[0]) / steps[:, None, None])
-    return r, ends
+    found[1:] = np.nan_to_num((found[1:] - found[0]) / steps[:, None, None])
+    return found[..., :-p], found[..., -p:]
 
 
 def equations(chain: Chain, states: Array, sd: Array, r: Array, ends: Array) -> tuple[Array, list[Equations]]:
@@ -203,10 +200,11 @@ def equations(chain: Chain, states: Array, sd: Array, r: Array, ends: Array) -> 
     matrix[before] += np.swapaxes(jz * heavy[..., None], 1, 2) @ jz
     gradient[before] += np.einsum("kmj,km->kj", jz * heavy[..., None], np.nan_to_num(z))
     cross = -jz * (heavy * by)[..., None]  # by the state of the next window
-    matrix[np.ix_(after, np.arange(p), np.arange(p))] += np.einsum("kp,pq->kpq", heavy * by**2, np.eye(p))
+    diagonal = np.arange(p)
+    matrix[after[:, None], diagonal, diagonal] += heavy * by**2
     gradient[after, :p] -= heavy * by * np.nan_to_num(z)
     known = 1 / w.prior.sd**2
-    matrix[:, :p, :p] += np.einsum("wp,pq->wpq", known, np.eye(p))
+    matrix[:, diagonal, diagonal] += known
     gradient[:, :p] += np.where(known > 0, states - w.prior.mean, 0.0) * known
     number = np.full(len(w.shot), -1)
     number[after] = np.arange(len(after))

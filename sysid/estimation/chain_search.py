@@ -9,15 +9,13 @@ then drawn together: the gaps between them are allowed less and less, down to ne
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
 from sysid.estimation.chain import Chain, Spread, likely_spread
 from sysid.estimation.chain_fit import settled_states
-from sysid.estimation.initial_states import CHANCE_SD, fit_states, shot_scores
+from sysid.estimation.initial_states import fit_states, shot_scores, within_noise
 from sysid.estimation.problem import CAUCHY_SD, Array, Index
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
 from sysid.estimation.solver.least_squares import Objective, Prior, fit_each
@@ -26,14 +24,12 @@ from sysid.estimation.windows import columns, shot_states, windows_of
 
 DRAWS = 16  # of other spins, in windows that are not followed
 SPIN_SD = 0.5  # of R omega in these, over the speed
-FIRST_STEPS, DRAWN_STEPS, SETTLING_STEPS = 5, 4, 8
+FIRST_STEPS, DRAWN_STEPS, WINDOW_STEPS = 5, 4, 4  # of states: of a window at first, of a draw, of all windows together
 FIRST_SHOT_SD_M_S = 10.0  # of what nothing is known in the first window
 HELD_SD = 1e-9  # of what is no unknown
 SAME_SHARE, SAME_M_S = 0.3, 0.05  # of velocity, within which the end of a window and what was seen are of one motion
-WINDOW_STEPS = 4
-TIGHTENED = (0.5, 0.1, 0.02)  # of the gaps
-TIGHTENING_STEPS = 6
-log = logging.getLogger(__name__)
+TIGHTENED = (0.5, 0.1, 0.02)  # shares of the gaps that are allowed
+TIGHTENING_STEPS, SETTLING_STEPS = 6, 8  # of states: of windows at each share, of whole shots
 
 
 def searched_windows(chain: Chain, states: Array, c: Array) -> Array:
@@ -94,7 +90,7 @@ def _not_followed(chain: Chain, x: Array, c: Array, which: Index) -> Index:
     r = chain.evaluate(x, np.tile(c, (len(x), 1)), which)
     count = np.isfinite(r).sum(axis=1)
     square = np.nansum(np.minimum(r**2, CAUCHY_SD**2), axis=1)
-    return np.flatnonzero(square > count + CHANCE_SD * np.sqrt(2.0 * chain.problem.correlation_time * count))
+    return np.flatnonzero(~within_noise(0.5 * square, count, chain.problem.correlation_time))
 
 
 def _drawn(chain: Chain, states: Array, windows: Index) -> Array:
@@ -147,7 +143,7 @@ def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) ->
 
 def long_states(problem: ShotProblem, c: Array) -> Array:
     """Initial states of long shots (n, p) at constants (q,), from nothing."""
-    chain = Chain(problem, windows_of(problem), problem.model, problem.names)
+    chain = Chain(problem, windows_of(problem))
     states = searched_windows(chain, chain.windows.start, c)
     return whole_states(chain.with_spread(likely_spread(chain, states, c)), states, c, problem)
 

@@ -241,13 +241,13 @@ def loss_soon(problem: ShotProblem, x: Array, c: Array) -> float:
     return _solve(problem, x, c, SHORT_FIT, "a few steps").cost
 
 
-def fit_held_out(found: Point, problem: ShotProblem, before: HeldOut | None) -> HeldOut:
+def fit_held_out(found: Point, problem: ShotProblem, before: Array | None) -> HeldOut:
     """The initial states of held-out clips at the constants of a fit, and the remaining error.
 
     Args:
         found: the fit.
         problem: the clips; its model and constants are replaced.
-        before: initial states that are nearly right; None to search them.
+        before: (n, p) initial states that are nearly right; None to search them.
     """
     problem, c = problem.with_model(found.problem.model, found.names), found.constants
     # A model that does not follow its training clips need not be fitted finely to others.
@@ -256,7 +256,7 @@ def fit_held_out(found: Point, problem: ShotProblem, before: HeldOut | None) -> 
     if before is None:
         x = found_states(seen, c)
     else:
-        x = found_states(seen, c, fit_states(seen, before.initial_states, c, steps))
+        x = found_states(seen, c, fit_states(seen, before, c, steps))
     x = fit_states(problem, x, c, steps)
     r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
     return HeldOut(x, problem.noise * float(np.sqrt(np.nanmean(r**2))), r)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,13 +19,13 @@ from models.model_file import Model
 from sysid.estimation.chain import Chain, likely_spread
 from sysid.estimation.chain_fit import ChainFit, fit_chain, settled_states
 from sysid.estimation.chain_search import better_windows, searched_windows, whole_states
-from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
-from sysid.estimation.fitting import fit
+from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
+from sysid.estimation.fitting import fit, fit_held_out
 from sysid.estimation.initial_states import shot_scores
 from sysid.estimation.problem import Array, values_of
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import covariance
-from sysid.estimation.split import Split, exclusion_lines, lost_shots, shot_errors, tried, typical_error
+from sysid.estimation.split import Split, exclusion_lines, lost_shots, shot_errors, typical_error
 from sysid.estimation.windows import windows_of
 
 BASE_STEPS, BASE_ROUNDS = 8, 3  # of the constants, and of searching windows anew
@@ -67,7 +66,7 @@ def fit_windows(parts: Split, model: Model) -> LongFit:
     """The model fitted to windows from nothing."""
     names = tuple(model.parameters())
     problem = parts.training.with_model(model, names)
-    chain, c = Chain(problem, windows_of(problem), model, names), values_of(model, names)
+    chain, c = Chain(problem, windows_of(problem)), values_of(model, names)
     log.info("%d windows of one impact each", len(chain.windows.shot))
     states = searched_windows(chain, chain.windows.start, c)
     for _ in range(BASE_ROUNDS):
@@ -79,7 +78,7 @@ def fit_windows(parts: Split, model: Model) -> LongFit:
     held, held_states = None, np.zeros((0, states.shape[1]))
     if parts.held_out is not None:
         other = parts.held_out.with_model(model, names)
-        held = Chain(other, windows_of(other), model, names, chain.spread)
+        held = Chain(other, windows_of(other), chain.spread)
         held_states = searched_windows(held, held.windows.start, c)
     return LongFit(found, held, held_states, design_effect(found))
 
@@ -137,11 +136,11 @@ def whole_shots(parts: Split, at: LongFit) -> FittedModel:
     found_states = whole_states(found.chain, found.states, found.constants, problem)
     now = as_fitted(at, parts.training, found_states)
     if now.discrepancy_rate <= UNFOLLOWED_RATE:
-        now = dataclasses.replace(fit(now, "whole shots"), held_out=None)
+        now = fit(now, "whole shots")
     if at.held_out is None:
         return now
     x = whole_states(at.held_out, at.held_states, found.constants, at.held_out.problem)
-    return tried(parts, now, dataclasses.replace(now, held_out=HeldOut(x, math.nan, np.zeros((0, 0)))))
+    return dataclasses.replace(now, held_out=fit_held_out(now, at.held_out.problem, x))
 
 
 def fit_long(parts: Split, model: Model) -> tuple[Split, LongFit, FittedModel]:

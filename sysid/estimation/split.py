@@ -220,5 +220,6 @@ def tried(parts: Split, found: FittedModel, before: FittedModel | None) -> Fitte
     """A fit with its error on the held-out clips."""
     if parts.held_out is None:
         return found
-    held = fit_held_out(found, parts.held_out, before.held_out if before else None)
+    states = before.held_out.initial_states if before and before.held_out else None
+    held = fit_held_out(found, parts.held_out, states)
     return dataclasses.replace(found, held_out=held)

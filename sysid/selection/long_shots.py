@@ -58,15 +58,12 @@ def score_windows(at: LongFit, candidates: list[Candidate]) -> Scores:
         off, probe = one.off(), PROBE_OF_USUAL * one.usual()
         keys = tuple(f"{one.name}.{key}" for key in one.keys)
         changed = chain.with_model(chain.model.add(one.effect), (*chain.names, *keys))
-        rows = np.repeat(
-            [np.concatenate([c, off + probe * (np.arange(len(off)) == k)]) for k in range(len(off))], count, 0
-        )
+        rows = np.repeat(np.hstack([np.tile(c, (len(off), 1)), off + np.diag(probe)]), count, axis=0)
         a, b = changed.play(np.tile(states, (len(off), 1)), rows, np.tile(np.arange(count), len(off)))
-        more_r.append(np.nan_to_num(a.reshape(len(off), count, -1) - r[0]))
-        more_ends.append(np.nan_to_num(b.reshape(len(off), count, -1) - ends[0]))
+        sign = np.sign(probe)[:, None, None]
+        more_r.append(sign * np.nan_to_num(a.reshape(len(off), count, -1) - r[0]))
+        more_ends.append(sign * np.nan_to_num(b.reshape(len(off), count, -1) - ends[0]))
         signatures.append(Signature(one, np.abs(probe), np.zeros((0, 0, len(off)))))
-        more_r[-1] *= np.sign(probe)[:, None, None]
-        more_ends[-1] *= np.sign(probe)[:, None, None]
     sd = chain.gap_sd(states)
     _, shots = equations(chain, states, sd, np.concatenate(more_r), np.concatenate(more_ends))
     _, information, gradient = reduced(shots)
@@ -87,10 +84,8 @@ def with_effect(at: LongFit, score: Score) -> LongFit:
     added = [begin.get(key, float(getattr(one.effect, key))) for key in keys]
     names = (*found.chain.names, *(f"{one.name}.{key}" for key in keys))
     chain = found.chain.with_model(found.chain.model.add(one.effect), names)
-    return moved_to(
-        at,
-        fit_chain(chain, found.states, np.concatenate([found.constants, added]), CANDIDATE_STEPS, f"with {one.name}"),
-    )
+    c = np.concatenate([found.constants, added])
+    return moved_to(at, fit_chain(chain, found.states, c, CANDIDATE_STEPS, f"with {one.name}"))
 
 
 def without_effect(at: LongFit, name: str) -> LongFit:
@@ -109,10 +104,9 @@ def evidence(less: LongFit, more: LongFit) -> Evidence:
     chain = more.fitted.chain
     count = float(chain.windows.data.count.sum())
     penalty = (len(chain.names) - len(less.fitted.chain.names)) * float(np.log(max(2 * count / tau, 2.0)))
-    top = float(gain.max(initial=0.0))
-    return Evidence(
-        float(gain.sum()) / tau - penalty, float(gain.sum()), tau, (float(gain.sum()) - top) / tau - penalty, 1.0
-    )
+    total = float(gain.sum())
+    others = total - float(gain.max(initial=0.0))
+    return Evidence(total / tau - penalty, total, tau, others / tau - penalty, 1.0)
 
 
 def is_needed(less: LongFit, more: LongFit, name: str, found: FittedModel) -> bool:
