@@ -48,7 +48,7 @@ def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
     parts, _, model = split(clip_set, model)
     if parts.training.is_long:
         parts, at, base = fit_long(parts, model)
-        diagnosis = Diagnosis(screen_windows(parts, at, base)[0])
+        diagnosis = Diagnosis(screen_windows(at, base)[0])
         named = (diagnosis.name,) if diagnosis.name else ()
         shot = propose_next(parts, base, (diagnosis.screening,), named)
         return ClipDiagnosis(parts, base, diagnosis, None if named else remainder(base), shot)

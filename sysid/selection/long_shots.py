@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import math
 from functools import partial
 
 import numpy as np
@@ -21,7 +22,7 @@ from models.model_file import Model
 from sysid.estimation.chain import derivatives, equations, reduced
 from sysid.estimation.chain_fit import fit_chain
 from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.long_fit import LongFit, as_fitted, fit_long, moved_to, searched, whole_shots
+from sysid.estimation.long_fit import LongFit, fit_long, moved_to, searched, whole_shots
 from sysid.estimation.problem import CAUCHY_SD
 from sysid.estimation.solver.least_squares import weights
 from sysid.estimation.split import Split
@@ -121,12 +122,21 @@ def is_needed(less: LongFit, more: LongFit, name: str, found: FittedModel) -> bo
     )  # fmt: skip
 
 
-def screen_windows(parts: Split, at: LongFit, base: FittedModel) -> tuple[Screening, dict[str, LongFit]]:
+def of_windows(at: LongFit, base: FittedModel) -> FittedModel:
+    """A fit of windows as one of whole shots that are not played: with constants, and without any error."""
+    found = at.fitted
+    problem = base.problem.with_model(found.chain.model, found.chain.names)
+    return dataclasses.replace(
+        base, problem=problem, constants=found.constants, covariance=at.covariance, converged=found.converged,
+        rms=math.nan, chi2=math.nan, held_out=None,
+    )  # fmt: skip
+
+
+def screen_windows(at: LongFit, base: FittedModel) -> tuple[Screening, dict[str, LongFit]]:
     """Candidates scored on windows, the best fitted; the fits of those that are needed.
 
     Args:
-        parts: the clips.
-        at: their windows, fitted without any of the candidates.
+        at: windows, fitted without any of the candidates.
         base: whole shots of the first model, whose initial states stand for those of all fits.
     """
     scores = score_windows(at, candidates_for(at.model))
@@ -135,7 +145,7 @@ def screen_windows(parts: Split, at: LongFit, base: FittedModel) -> tuple[Screen
     fits, needed = list[FittedCandidate](), dict[str, LongFit]()
     for row in [row for row in scores.rows if row.predicted_improvement >= least][:MAX_FITS]:
         name, more = row.candidate.name, with_effect(at, row)
-        fitted = dataclasses.replace(as_fitted(more, parts.training, base.initial_states), converged=True)
+        fitted = dataclasses.replace(of_windows(more, base), converged=True)
         fits.append(FittedCandidate(row, fitted, evidence(at, more), is_needed(at, more, name, fitted)))
         if fits[-1].generalises:
             needed[name] = more
@@ -150,14 +160,14 @@ def discover_long(parts: Split, model: Model, show: Show = lambda found: None) -
     show(found)
     verdict: tuple[str, ...] = ()
     for _ in range(MAX_EFFECTS):
-        seen, needed = screen_windows(parts, at, base)
+        seen, needed = screen_windows(at, base)
         found = dataclasses.replace(found, rounds=(*found.rounds, seen))
         name = next((one.name for one in seen.fits if one.name in needed), None)
         if name is None:
             break
         log.info("found %s", name)
         verdict, at = (*verdict, name), searched(needed[name])
-    at, kept = without_needless(parts, at, verdict, base)
+    at, kept = without_needless(at, verdict, base)
     if kept:
         last = at.fitted
         at = moved_to(at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))
@@ -168,12 +178,10 @@ def discover_long(parts: Split, model: Model, show: Show = lambda found: None) -
     return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
 
 
-def without_needless(
-    parts: Split, at: LongFit, verdict: tuple[str, ...], base: FittedModel
-) -> tuple[LongFit, tuple[str, ...]]:  # fmt: skip
+def without_needless(at: LongFit, verdict: tuple[str, ...], base: FittedModel) -> tuple[LongFit, tuple[str, ...]]:
     """The fit without the effects that are no longer needed beside the others, those of least size first."""
     while len(verdict) > 1:
-        seen = as_fitted(at, parts.training, base.initial_states)
+        seen = of_windows(at, base)
         name = min(verdict, key=partial(distance_from_absence, seen))
         less = without_effect(at, name)
         if is_needed(less, at, name, seen):
