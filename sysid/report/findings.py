@@ -186,5 +186,6 @@ def noise_line(noise: float) -> str:
 
 
 def _misses_mm(fitted: FittedModel) -> tuple[str, str]:
-    """Rms miss in the clips used and in those held out [mm]."""
-    return f"{fitted.miss * 1e3:.3f}", f"{fitted.held_miss * 1e3:.3f}"
+    """Rms miss in the clips used and in those held out [mm]; nothing where there is none."""
+    used, held_out = (f"{1e3 * miss:.3f}" if np.isfinite(miss) else "" for miss in (fitted.miss, fitted.held_miss))
+    return used, held_out

@@ -137,7 +137,7 @@ def screen_windows(at: LongFit, base: FittedModel) -> tuple[Screening, dict[str,
 
     Args:
         at: windows, fitted without any of the candidates.
-        base: whole shots of the first model, whose initial states stand for those of all fits.
+        base: the same fit as one of whole shots.
     """
     scores = score_windows(at, candidates_for(at.model))
     best = max((row.predicted_improvement for row in scores.rows), default=0.0)
@@ -158,15 +158,16 @@ def discover_long(parts: Split, model: Model, show: Show = lambda found: None) -
     parts, at, base = fit_long(parts, model)
     found = DiscoveryResult(parts, (base,), ((),), ())
     show(found)
-    verdict: tuple[str, ...] = ()
+    now, verdict = base, tuple[str, ...]()
     for _ in range(MAX_EFFECTS):
-        seen, needed = screen_windows(at, base)
+        seen, needed = screen_windows(at, now)
         found = dataclasses.replace(found, rounds=(*found.rounds, seen))
         name = next((one.name for one in seen.fits if one.name in needed), None)
         if name is None:
             break
         log.info("found %s", name)
         verdict, at = (*verdict, name), searched(needed[name])
+        now = of_windows(at, base)
     at, kept = without_needless(at, verdict, base)
     if kept:
         last = at.fitted
