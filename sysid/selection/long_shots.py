@@ -145,6 +145,7 @@ def screen_windows(at: LongFit, base: FittedModel) -> tuple[Screening, dict[str,
     fits, needed = list[FittedCandidate](), dict[str, LongFit]()
     for row in [row for row in scores.rows if row.predicted_improvement >= least][:MAX_FITS]:
         name, more = row.candidate.name, with_effect(at, row)
+        # In few steps it need not arrive: it is judged by what it gains.
         fitted = dataclasses.replace(of_windows(more, base), converged=True)
         fits.append(FittedCandidate(row, fitted, evidence(at, more), is_needed(at, more, name, fitted)))
         if fits[-1].generalises:
