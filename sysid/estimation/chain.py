@@ -75,6 +75,10 @@ class Chain:
         """The same, with other errors of the model."""
         return dataclasses.replace(self, spread=spread)
 
+    def only(self, shots: Index) -> Chain:
+        """Some of the shots, in order."""
+        return Chain(self.problem.only(shots), self.windows.only(shots), self.spread)
+
     @property
     def shared(self) -> SharedConstants:
         """How the constants may move."""

@@ -2,12 +2,15 @@
 
 In: a `Chain` and constants. Out: states of its windows, or of its shots.
 
-Each window begins where the one before it ends, with place and velocity as seen. Where that does not lead to its
-samples, other spins are drawn: what a ball's spin is shows at its next impact only. For a whole shot the windows are
+Each window begins where the one before it ends. Where that does not lead to its samples, other starts are drawn: what a
+ball's spin is shows at its next impact only. For a whole shot the windows are
 then drawn together: the gaps between them are allowed less and less, down to nearly nothing (continuation).
 """
 
 from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,72 +20,145 @@ from sysid.estimation.chain import Chain, Spread, likely_spread
 from sysid.estimation.chain_fit import settled_states
 from sysid.estimation.initial_states import fit_states, shot_scores, within_noise
 from sysid.estimation.problem import CAUCHY_SD, Array, Index
+from sysid.estimation.residual_rows import MOTION_SIZE
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
-from sysid.estimation.solver.least_squares import Objective, Prior, fit_each
+from sysid.estimation.solver.least_squares import Objective, Prior, fit_each, loss
 from sysid.estimation.state_search import EFFORTS, searched_states, standing_out
 from sysid.estimation.windows import columns, shot_states, windows_of
 
-DRAWS = 16  # of other spins, in windows that are not followed
-SPIN_SD = 0.5  # of R omega in these, over the speed
-FIRST_STEPS, DRAWN_STEPS, WINDOW_STEPS = 5, 4, 4  # of states: of a window at first, of a draw, of all windows together
+SEARCHES = 3  # at most, of the states of all windows
+SAME_LOSS = 1.0  # of a shot, within which two searches have found the same
+DRAWS = 8  # of other starts about each of two, in windows that are not followed
+SPIN_SD, VELOCITY_SD = 0.5, 0.03  # of R omega and of velocity in these, over the speed
+SEEN_M, SEEN_SHARE, SEEN_M_S, SEEN_SPIN_M_S = 5e-3, 0.1, 0.05, 0.1  # how well place and motion are seen, no more known
+FIRST_STEPS, DRAWN_STEPS, WINDOW_STEPS = 5, 4, 10  # of states: of a window at first, of a draw, of all windows together
 FIRST_SHOT_SD_M_S = 10.0  # of what nothing is known in the first window
 HELD_SD = 1e-9  # of what is no unknown
-SAME_SHARE, SAME_M_S = 0.3, 0.05  # of velocity, within which the end of a window and what was seen are of one motion
 TIGHTENED = (0.5, 0.1, 0.02)  # shares of the gaps that are allowed
 TIGHTENING_STEPS, SETTLING_STEPS = 6, 8  # of states: of windows at each share, of whole shots
+log = logging.getLogger(__name__)
 
 
-def searched_windows(chain: Chain, states: Array, c: Array) -> Array:
-    """States of windows (w, p) at constants (q,), one after the other from the first of each shot."""
-    w, states = chain.windows, states.copy()
-    mean, sd = np.zeros(states.shape), np.full(states.shape, HELD_SD)
+def searched_windows(chain: Chain, c: Array, known: Array | None = None, searches: int = SEARCHES) -> Array:
+    """States of windows (w, p) at constants (q,): of several searches the best of each shot.
+
+    A shot is searched again until its best states have been found twice (multistart: C. G. E. Boender and A. H. G.
+    Rinnooy Kan, Mathematical Programming 37, 1987).
+
+    Args:
+        chain: the windows.
+        c: constants.
+        known: (w, p) states that are nearly right, which count as found once.
+        searches: at most.
+    """
+    shot = chain.windows.shot
+    sd = chain.gap_sd(chain.windows.start)
+    best = _searched_once(chain, c, 0) if known is None else known
+    cost = chain.losses(best, c, sd)
+    todo = np.arange(len(chain.windows.runs))
+    for seed in range(known is None, searches):
+        log.info("searching the states of %d shots", len(todo))
+        part, here = chain.only(todo), np.isin(shot, todo)
+        found = _searched_once(part, c, seed)
+        there = part.losses(found, c, part.gap_sd(part.windows.start))
+        better, again = there < cost[todo], np.abs(there - cost[todo]) < SAME_LOSS
+        best[here] = np.where(better[part.windows.shot][:, None], found, best[here])
+        cost[todo] = np.minimum(there, cost[todo])
+        todo = todo[~again]
+        if not todo.size:
+            break
+    return best
+
+
+def _searched_once(chain: Chain, c: Array, seed: int) -> Array:
+    """States of windows (w, p), one after the other from the first of each shot.
+
+    A window begins where the one before it ends. Where that does not lead to its samples, starts are drawn, half of
+    them about that end and half about what was seen there, as if nothing were known from before: what the window
+    before it has left may be wrong. The likelier one stays, by samples and gap.
+    """
+    w = chain.windows
+    states, told, seen = w.start.copy(), _Start.nothing(w.start.shape), _Start.nothing(w.start.shape)
     _, after = w.following
     gap = np.full(states.shape, np.inf)
     gap[after] = chain.gap_sd(states)
     depth = np.arange(len(w.shot)) - np.maximum.accumulate(np.where(w.first, np.arange(len(w.shot)), 0))
     ends = np.full(states.shape, np.nan)
-    objective = Objective(chain.evaluate, w.steps, Prior(mean, sd), CAUCHY_SD)  # whose prior is filled on the way
     for d in range(int(depth.max()) + 1):
         now = np.flatnonzero(depth == d)
         for window in now.tolist():
-            _begin(chain, window, ends, gap, states, mean, sd)
-        x, cost = fit_each(objective, states[now], c, FIRST_STEPS, now)
+            _begin(chain, window, ends, gap, told, seen)
+        x, _ = fit_each(told.objective(chain), told.at[now], c, FIRST_STEPS, now)
         odd = _not_followed(chain, x, c, now)
         if odd.size:
-            which = np.repeat(now[odd], DRAWS)
-            other, there = fit_each(objective, _drawn(chain, states, now[odd]), c, DRAWN_STEPS, which)
-            there = there.reshape(odd.size, DRAWS)
-            best = np.argmin(there, axis=1)
-            better = there[np.arange(odd.size), best] < cost[odd]
-            x[odd[better]] = other.reshape(odd.size, DRAWS, -1)[np.arange(odd.size), best][better]
+            which = now[odd]
+            found, cost = x[odd], told.costs(chain, x[odd], c, which)
+            for number, about in enumerate((told, seen)):
+                many = np.repeat(which, DRAWS)
+                other, _ = fit_each(
+                    about.objective(chain), _drawn(chain, about.at, which, 2 * seed + number), c, DRAWN_STEPS, many
+                )
+                there = told.costs(chain, other, c, many).reshape(odd.size, DRAWS)
+                best = np.argmin(there, axis=1)
+                least = there[np.arange(odd.size), best]
+                better = least < cost
+                found[better] = other.reshape(odd.size, DRAWS, -1)[np.arange(odd.size), best][better]
+                cost = np.minimum(cost, least)
+            x[odd] = found
         states[now] = x
         ends[now] = chain.play(x, np.tile(c, (now.size, 1)), now)[1]
     return settled_states(chain, states, c, WINDOW_STEPS)
 
 
-def _begin(chain: Chain, window: int, ends: Array, gap: Array, states: Array, mean: Array, sd: Array) -> None:
-    """Where a window begins, and what is known of it from the one before; filled in place."""
+@dataclass(frozen=True)
+class _Start:
+    """What is known of where windows begin, filled from one to the next."""
+
+    at: Array  # (w, p) where a fit of each begins
+    mean: Array  # (w, p)
+    sd: Array  # (w, p)
+
+    @classmethod
+    def nothing(cls, shape: tuple[int, ...]) -> _Start:
+        """Of no window yet."""
+        return cls(np.zeros(shape), np.zeros(shape), np.full(shape, HELD_SD))
+
+    def objective(self, chain: Chain) -> Objective:
+        """That of windows one by one, each with this beside its samples."""
+        return Objective(chain.evaluate, chain.windows.steps, Prior(self.mean, self.sd), CAUCHY_SD)
+
+    def costs(self, chain: Chain, x: Array, c: Array, which: Index) -> Array:
+        """Losses of windows (k,) at states (k, p): of samples, and of the gap to what is known."""
+        gap = (x - self.mean[which]) / self.sd[which]
+        return loss(chain.evaluate(x, np.tile(c, (len(x), 1)), which), CAUCHY_SD) + loss(gap, CAUCHY_SD)
+
+
+def _begin(chain: Chain, window: int, ends: Array, gap: Array, told: _Start, seen: _Start) -> None:
+    """What is known of a window from the one before it, and from what is seen where it begins; filled in place."""
     w = chain.windows
-    free, prior = w.free[window], w.prior.sd[window]
+    free, start = w.free[window], w.start[window]
+    seen.at[window] = seen.mean[window] = told.at[window] = told.mean[window] = start
     if w.first[window]:
+        prior = w.prior.sd[window]
         known = np.isfinite(prior)
-        mean[window] = np.where(known, w.prior.mean[window], states[window])
-        sd[window] = np.where(free, np.where(known, prior, FIRST_SHOT_SD_M_S), HELD_SD)
+        told.mean[window, known] = seen.mean[window, known] = w.prior.mean[window, known]
+        told.sd[window] = seen.sd[window] = np.where(free, np.where(known, prior, FIRST_SHOT_SD_M_S), HELD_SD)
         return
     end = ends[window - 1]
     known = free & np.isfinite(end) & np.isfinite(gap[window])
+    told.mean[window] = np.where(known, end, start)
+    told.at[window] = told.mean[window]
+    told.sd[window] = np.where(known, gap[window], np.where(free, 1.0, HELD_SD))
     for i in range(w.balls):
         place, motion = columns(i, w.balls)
-        seen = w.start[window, motion[:2]]
-        if known[motion].all() and np.hypot(*(end[motion[:2]] - seen)) > SAME_SHARE * np.hypot(*seen) + SAME_M_S:
-            known[place], known[motion] = False, False  # the window before it was not followed
-    states[window] = np.where(known, end, w.start[window])
-    mean[window] = states[window]
-    sd[window] = np.where(known, gap[window], np.where(free, 1.0, HELD_SD))
-    for i in range(w.balls):
-        place, motion = columns(i, w.balls)
-        if w.moving[window, i]:
-            states[window, place], states[window, motion[:2]] = w.start[window, place], w.start[window, motion[:2]]
+        if not w.moving[window, i]:
+            seen.mean[window, place], seen.sd[window, place] = told.mean[window, place], told.sd[window, place]
+            seen.at[window, place] = told.at[window, place]
+            continue
+        speed = float(np.hypot(*start[motion[:2]]))
+        told.at[window, place], told.at[window, motion[:2]] = start[place], start[motion[:2]]
+        seen.sd[window, place], seen.sd[window, motion[:2]] = SEEN_M, SEEN_SHARE * speed + SEEN_M_S
+        seen.sd[window, motion[2:]] = speed + SEEN_SPIN_M_S
 
 
 def _not_followed(chain: Chain, x: Array, c: Array, which: Index) -> Index:
@@ -93,24 +169,18 @@ def _not_followed(chain: Chain, x: Array, c: Array, which: Index) -> Index:
     return np.flatnonzero(~within_noise(0.5 * square, count, chain.problem.correlation_time))
 
 
-def _drawn(chain: Chain, states: Array, windows: Index) -> Array:
-    """Starts of windows with other spins: (len(windows) * DRAWS, p)."""
+def _drawn(chain: Chain, states: Array, windows: Index, seed: int) -> Array:
+    """Starts of windows with other spins, and velocities a little different: (len(windows) * DRAWS, p)."""
     w = chain.windows
-    normal = ndtri(qmc.Sobol(3 * w.balls, seed=0).random(DRAWS))
+    normal = ndtri(qmc.Sobol(MOTION_SIZE * w.balls, seed=seed).random(DRAWS))
     out = np.repeat(states[windows], DRAWS, axis=0)
+    share = np.array([VELOCITY_SD, VELOCITY_SD, SPIN_SD, SPIN_SD, SPIN_SD])
     for i in range(w.balls):
         motion = columns(i, w.balls)[1]
         speed = np.hypot(*out[:, motion[:2]].T) * np.repeat(w.moving[windows, i], DRAWS)
-        out[:, motion[2:]] += SPIN_SD * speed[:, None] * np.tile(normal[:, 3 * i : 3 * i + 3], (len(windows), 1))
+        drawn = np.tile(normal[:, MOTION_SIZE * i : MOTION_SIZE * (i + 1)], (len(windows), 1))
+        out[:, motion] += share * speed[:, None] * drawn
     return out
-
-
-def better_windows(chain: Chain, states: Array, c: Array) -> Array:
-    """States of windows, those of the shots replaced that a new search finds with less loss."""
-    sd = chain.gap_sd(states)
-    found = searched_windows(chain, states, c)
-    better = chain.losses(found, c, sd) < chain.losses(states, c, sd)
-    return np.where(better[chain.windows.shot][:, None], found, states)
 
 
 def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) -> Array:
@@ -144,7 +214,7 @@ def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) ->
 def long_states(problem: ShotProblem, c: Array) -> Array:
     """Initial states of long shots (n, p) at constants (q,), from nothing."""
     chain = Chain(problem, windows_of(problem))
-    states = searched_windows(chain, chain.windows.start, c)
+    states = searched_windows(chain, c)
     return whole_states(chain.with_spread(likely_spread(chain, states, c)), states, c, problem)
 
 

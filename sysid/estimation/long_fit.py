@@ -18,7 +18,7 @@ import numpy as np
 from models.model_file import Model
 from sysid.estimation.chain import Chain, likely_spread
 from sysid.estimation.chain_fit import ChainFit, fit_chain, settled_states
-from sysid.estimation.chain_search import better_windows, searched_windows, whole_states
+from sysid.estimation.chain_search import searched_windows, whole_states
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_held_out
 from sysid.estimation.initial_states import shot_scores
@@ -30,6 +30,7 @@ from sysid.estimation.windows import windows_of
 
 BASE_STEPS, BASE_ROUNDS = 8, 3  # of the constants, and of searching windows anew
 LAST_STEPS = 8
+AGAIN = 1  # search more, from states that are nearly right
 HELD_OUT_STEPS = 4  # of the states of held-out windows at other constants
 log = logging.getLogger(__name__)
 
@@ -68,18 +69,18 @@ def fit_windows(parts: Split, model: Model) -> LongFit:
     problem = parts.training.with_model(model, names)
     chain, c = Chain(problem, windows_of(problem)), values_of(model, names)
     log.info("%d windows of one impact each", len(chain.windows.shot))
-    states = searched_windows(chain, chain.windows.start, c)
+    states = searched_windows(chain, c)
     for _ in range(BASE_ROUNDS):
         found = fit_chain(chain, states, c, BASE_STEPS, "windows")
         c = found.constants
-        states = better_windows(chain, found.states, c)
+        states = searched_windows(chain, c, found.states, AGAIN)
         chain = chain.with_spread(likely_spread(chain, states, c))
     found = fit_chain(chain, states, c, LAST_STEPS, "windows")
     held, held_states = None, np.zeros((0, states.shape[1]))
     if parts.held_out is not None:
         other = parts.held_out.with_model(model, names)
         held = Chain(other, windows_of(other), chain.spread)
-        held_states = searched_windows(held, held.windows.start, c)
+        held_states = searched_windows(held, c)
     return LongFit(found, held, held_states, design_effect(found))
 
 
@@ -104,13 +105,13 @@ def moved_to(before: LongFit, found: ChainFit) -> LongFit:
 def searched(at: LongFit) -> LongFit:
     """The fit with windows searched anew at its constants, the errors of the model estimated again."""
     found = at.fitted
-    states = better_windows(found.chain, found.states, found.constants)
+    states = searched_windows(found.chain, found.constants, found.states, AGAIN)
     chain = found.chain.with_spread(likely_spread(found.chain, states, found.constants))
     now = fit_chain(chain, states, found.constants, LAST_STEPS, "windows")
     held, held_states = at.held_out, at.held_states
     if held is not None:
         held = held.with_spread(chain.spread)
-        held_states = better_windows(held, held_states, now.constants)
+        held_states = searched_windows(held, now.constants, held_states, AGAIN)
     return LongFit(now, held, held_states, design_effect(now))
 
 

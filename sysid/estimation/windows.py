@@ -86,6 +86,14 @@ class Windows:
             out[:, place], out[:, motion] = there[:, None], (there & self.moving[:, i])[:, None]
         return out
 
+    def only(self, shots: Index) -> Windows:
+        """Those of some shots, in order."""
+        rows = np.flatnonzero(np.isin(self.shot, shots))
+        return Windows(
+            self.data.only(rows), np.searchsorted(shots, self.shot[rows]), self.begin[rows], self.hit[rows],
+            self.moving[rows], self.start[rows], self.prior.only(rows), self.travelled[rows],
+        )  # fmt: skip
+
     @property
     def steps(self) -> Array:
         """Finite differences of a state: (p,)."""

@@ -19,6 +19,7 @@ from sysid.selection.score import Score
 from sysid.selection.screening import MIN_DELTA_BIC, Screening
 
 NEW_EFFECT_COMMAND = "sysid new-effect NAME --from result.json"  # in the folder of results
+MIN_SHARE_OF_DRAWS = 0.1  # of the clips, in which an effect that is not named must be selected to be mentioned
 MAX_LISTED = 8  # candidates in the table of a round
 NOTHING_MISSING = f"none: no effect of the catalogue justifies its parameters (delta BIC under {MIN_DELTA_BIC:.0f})"
 
@@ -136,6 +137,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
     if found.unexplained:
         lines += unexplained_lines(found.unexplained)
     lines += table_lines(found)
+    lines += stability_lines(found)
     if found.parts.spikes:
         lines.append(f"{found.parts.spikes} outliers of the tracker were left out")
     lines += list(dict.fromkeys(found.parts.excluded))
@@ -145,7 +147,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
     doubtful = sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict))
     if doubtful:
         lines.append(f"did not converge, and gave no verdict: {', '.join(doubtful)}")
-    refuted = sorted({n for r in found.rounds for n in r.refuted} - set(found.verdict))
+    refuted = sorted(found.refuted - set(found.verdict))
     if refuted:
         lines.append(
             f"explains the clips used, but follows those held out worse, and so is not named: {', '.join(refuted)}"
@@ -153,6 +155,24 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
     if not found.last.converged:
         lines.append("the last fit did not converge: its constants have no uncertainty")
     return lines + shot_lines(found.next_shot)
+
+
+def stability_lines(found: DiscoveryResult) -> list[str]:
+    """How often the verdict returns on other draws of the clips, and what would be named beside it or in its place."""
+    seen = found.stability
+    if seen is None:
+        return []
+    named = [f"{name} in {seen.times[name]}" for name in seen.times if name in found.verdict]
+    others = [
+        f"{name} in {times}"
+        for name, times in seen.times.items()
+        if name not in found.verdict and times >= MIN_SHARE_OF_DRAWS * seen.draws
+    ]
+    if not named and not others:
+        return []
+    line = f"selected anew on {seen.draws} draws of the clips: {', '.join(named) or 'nothing else'}"
+    lines = [f"{line}; this verdict and nothing else in {seen.same}" if named else f"{line}, in {seen.same}"]
+    return [*lines, f"and not in the verdict: {', '.join(others)}"] if others else lines
 
 
 def table_lines(found: DiscoveryResult) -> list[str]:

@@ -77,10 +77,13 @@ def _size(found: DiscoveryResult) -> str:
 
 
 def _certainty(found: DiscoveryResult) -> str:
-    """Delta BIC of what was named, over the model without and over the next best; what speaks against it."""
+    """Delta BIC of what was named, how often it returns, and what speaks against it."""
     doubts = [] if found.last.converged else ["the last fit did NOT converge, so this is a hint"]
     named = [(seen.best, seen) for seen in found.rounds if seen.best is not None and seen.best.name in found.verdict]
-    words = [f"{best.name} has a delta BIC of {best.evidence.delta_bic:.0f}{_over_next(seen)}" for best, seen in named]
+    words = [
+        f"{best.name} has a delta BIC of {best.evidence.delta_bic:.0f}{_over_next(seen)}{_returns(found, best.name)}"
+        for best, seen in named
+    ]
     if found.unexplained is not None and found.unexplained.get("delta_bic") is not None:
         words.append(f"what is outside the catalogue has a delta BIC of {found.unexplained['delta_bic']:.0f}")
     if not words:
@@ -89,6 +92,12 @@ def _certainty(found: DiscoveryResult) -> str:
     if held is None or len(held.clips) <= FEW_HELD_OUT:
         doubts.append("few clips are held out to judge it by" if held else "no clip is held out to judge it by")
     return "; ".join([*words, *doubts])
+
+
+def _returns(found: DiscoveryResult, name: str) -> str:
+    """How often an effect returns on other draws of the clips."""
+    seen = found.stability
+    return "" if seen is None else f", and is found in {seen.times[name]} of {seen.draws} draws of the clips"
 
 
 def _over_next(seen: Screening) -> str:

@@ -19,6 +19,7 @@ from sysid.estimation.split import Split, fit_base, settled_on, split
 from sysid.selection.departures import without_departing
 from sysid.selection.evidence import (
     compare_fits,
+    counted_as_one,
     excess_variance,
     generalises,
     holds,
@@ -37,12 +38,15 @@ from sysid.selection.pruning import (
 )
 from sysid.selection.remainder import remainder
 from sysid.selection.result import DiscoveryResult, Show
+from sysid.selection.score import linearise
 from sysid.selection.screening import (
     MAX_EXCESS_VARIANCE,
     MIN_DELTA_BIC,
+    candidates_for,
     fit_candidate,
     is_enough,
 )
+from sysid.selection.stability import stability_of
 
 MAX_EFFECTS = 6  # diagnoses of one discovery, and so effects added
 MAX_SHAPE_EXCESS = 0.05  # variance beyond noise that a formula's shape may leave
@@ -135,6 +139,10 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
         found = dataclasses.replace(found, ladder=(*found.ladder[:-1], last))
         if found.unexplained is not None:
             found = prune(parts, found, without_unsettled)
+    if found.explained is None:
+        last = found.last
+        seen = linearise(last, [one for one in candidates_for(last.model) if one.name not in found.refuted])
+        found = dataclasses.replace(found, stability=stability_of(last, found.verdict, seen, counted_as_one(last)))
     return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
 
 

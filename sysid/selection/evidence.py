@@ -56,16 +56,20 @@ def compare_fits(one: Point, two: Point, tau: float | None = None) -> Evidence:
     (first, count), (second, _) = cost(one), cost(two)
     a, b = (float(part.sum()) + _chi2_of_known(at) for part, at in ((first, one), (second, two)))
     if tau is None:
-        better = two if b < a else one
-        r = better.residuals(better.weighted)
-        spread = max(1.0, (float(np.nanmedian(np.abs(r))) / 0.6745) ** 2)
-        tau = max(correlation_time(better, better.discrepancy_rate), better.problem.correlation_time) * spread
+        tau = counted_as_one(two if b < a else one)
     penalty = (two.constants.size - one.constants.size) * float(np.log(max(count.sum() / tau, 2)))
     top = int(np.argmax(first - second))
     share = second / np.maximum(count, 1)
     others = a - b - float((first - second)[top])
     ratio = float(share[top] / max(float(np.median(share)), 1e-12))
     return Evidence((a - b) / tau - penalty, a - b, tau, others / tau - penalty, ratio)
+
+
+def counted_as_one(at: Point) -> float:
+    """How many residuals of a fit tell as much as an independent one of the size that it expects."""
+    r = at.residuals(at.weighted)
+    spread = max(1.0, (float(np.nanmedian(np.abs(r))) / 0.6745) ** 2)
+    return max(correlation_time(at, at.discrepancy_rate), at.problem.correlation_time) * spread
 
 
 def mean_squares(r: Array, limit: float = math.inf) -> tuple[Array, Array]:

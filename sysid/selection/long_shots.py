@@ -31,7 +31,7 @@ from sysid.selection.next_shot import propose_next
 from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence
 from sysid.selection.remainder import remainder
 from sysid.selection.result import DiscoveryResult, Show
-from sysid.selection.score import Candidate, Score, Scores, Signature, scores_of
+from sysid.selection.score import Candidate, Linearised, Score, Scores, Signature, scores_of
 from sysid.selection.screening import (
     MAX_FITS,
     MIN_DELTA_BIC,
@@ -41,6 +41,7 @@ from sysid.selection.screening import (
     Screening,
     candidates_for,
 )
+from sysid.selection.stability import stability_of
 
 MAX_EFFECTS = 8  # of one discovery
 CANDIDATE_STEPS, FINAL_STEPS = 6, 30  # of the constants: with or without an effect, of the last model
@@ -50,6 +51,17 @@ log = logging.getLogger(__name__)
 
 def score_windows(at: LongFit, candidates: list[Candidate]) -> Scores:
     """Scores of candidates beside all constants and states of windows."""
+    return scores_of(as_point(at), linearise_windows(at, candidates), at.design_effect)
+
+
+def as_point(at: LongFit) -> Point:
+    """Where a fit of windows is, without states."""
+    chain = at.fitted.chain
+    return Point(chain.problem, np.zeros((0, 0)), at.fitted.constants, chain.spread.impact)
+
+
+def linearise_windows(at: LongFit, candidates: list[Candidate]) -> Linearised:
+    """A fit of windows with candidates beside it as quadratic losses of its shots."""
     found = at.fitted
     chain, c, states = found.chain, found.constants, found.states
     r, ends = derivatives(chain, states, c, chain.shared.steps_from(c))
@@ -70,9 +82,7 @@ def score_windows(at: LongFit, candidates: list[Candidate]) -> Scores:
     _, information, gradient = reduced(shots)
     marginal = np.sum([s.constants for s in shots], axis=0).diagonal()[len(c) :]
     chi2, residuals = float(np.sum(weights(r[0], CAUCHY_SD) * np.nan_to_num(r[0]) ** 2)), int(np.isfinite(r[0]).sum())
-    point = Point(chain.problem, np.zeros((0, 0)), c, chain.spread.impact)
-    summed = information.sum(axis=0) / at.design_effect, gradient.sum(axis=0) / at.design_effect
-    return scores_of(point, signatures, *summed, marginal / at.design_effect, chi2, residuals)
+    return Linearised(tuple(signatures), information, gradient, marginal, chi2, residuals)
 
 
 def with_effect(at: LongFit, score: Score) -> LongFit:
@@ -174,6 +184,8 @@ def discover_long(parts: Split, model: Model, show: Show = lambda found: None) -
         last = at.fitted
         at = moved_to(at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))
         found = found.with_step(whole_shots(parts, at), kept)
+    losses = linearise_windows(at, [one for one in candidates_for(at.model) if one.name not in found.refuted])
+    found = dataclasses.replace(found, stability=stability_of(as_point(at), kept, losses, at.design_effect))
     found = dataclasses.replace(
         found, unexplained=remainder(found.last), pruned=tuple(name for name in verdict if name not in kept)
     )

@@ -12,6 +12,7 @@ from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.split import Split
 from sysid.selection.next_shot import NextShot
 from sysid.selection.screening import Screening
+from sysid.selection.stability import Stability
 
 Show = Callable[["DiscoveryResult"], None]
 
@@ -27,6 +28,7 @@ class DiscoveryResult:
     unexplained: Mapping[str, Any] | None = None  # what no effect of the catalogue explains, as result.json has it
     explained: FittedModel | None = None  # the last fit with the formula for it
     next_shot: NextShot | None = None
+    stability: Stability | None = None  # how often the verdict returns; None beside a formula
     pruned: tuple[str, ...] = ()  # effects that were named and later dropped
 
     @property
@@ -60,6 +62,11 @@ class DiscoveryResult:
         """Pairs of effects that the clips confound, or that the evidence did not separate."""
         found = {(a, b) for r in self.rounds for a, b, _ in r.confounded} | {p for r in self.rounds for p in r.tied}
         return tuple(sorted(found))
+
+    @property
+    def refuted(self) -> frozenset[str]:
+        """Effects with evidence in the training clips whose fits followed the held-out ones worse."""
+        return frozenset(name for one in self.rounds for name in one.refuted)
 
     def with_step(self, now: FittedModel, verdict: tuple[str, ...]) -> DiscoveryResult:
         """The ladder with one fit more."""

@@ -216,6 +216,18 @@ class Scores:
         return self.correlations.get((one, two), self.correlations.get((two, one), 0.0))
 
 
+@dataclass(frozen=True)
+class Linearised:
+    """Every shot's loss as a quadratic one of the constants, then of the probes of candidates, states eliminated."""
+
+    signatures: tuple[Signature, ...]  # of the candidates, with K probes in all
+    information: Array  # (n, q + K, q + K)
+    gradient: Array  # (n, q + K)
+    marginal_information: Array  # (K,) see `Scores`
+    chi2: float  # weighted sum of squares
+    count: int  # of residuals
+
+
 def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False) -> Scores:
     """Score every candidate jointly with initial states and constants.
 
@@ -224,6 +236,11 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
         candidates: what may be missing; of several with one name only the best is kept.
         quick: see `signature`.
     """
+    return scores_of(point, linearise(point, candidates, quick))
+
+
+def linearise(point: Point, candidates: Sequence[Candidate], quick: bool = False) -> Linearised:
+    """A fit with candidates beside it, see `score_all`, as quadratic losses of its shots."""
     log.info("scoring %d candidates beside %s", len(candidates), ", ".join(point.names) or "nothing")
     problem = point.weighted
     point = dataclasses.replace(point, problem=problem)
@@ -232,36 +249,30 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
     r, jx, jc = differences(problem.evaluate, x, point.constants, np.arange(n), problem.steps, steps_c)
 
     several = Counter(one.name for one in candidates)
-    signatures = [
+    signatures = tuple(
         strike_signature(point, jx, one)
         if acts_at_strike_only(one.effect)
         else signature(point, r, one, quick or several[one.name] > 1)
         for one in candidates
-    ]
+    )
     extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
     j = np.concatenate([jc, extra], axis=2)
-    per_shot, gradients, _, _ = eliminated(r, jx, j, x, problem.prior, CAUCHY_SD)
-    information, gradient = per_shot.sum(axis=0), gradients.sum(axis=0)
+    information, gradient, _, _ = eliminated(r, jx, j, x, problem.prior, CAUCHY_SD)
     marginal = from_jacobian(r, j, CAUCHY_SD).matrix.sum(axis=0).diagonal()[len(point.constants) :]
     chi2 = float(np.sum(weights(r, CAUCHY_SD) * np.nan_to_num(r) ** 2))
-    return scores_of(point, signatures, information, gradient, marginal, chi2, int(np.isfinite(r).sum()))
+    return Linearised(signatures, information, gradient, marginal, chi2, int(np.isfinite(r).sum()))
 
 
-def scores_of(
-    point: Point, signatures: Sequence[Signature], information: Array, gradient: Array, marginal: Array, chi2: float,
-    count: int,
-) -> Scores:  # fmt: skip
-    """Scores from information (q + K, q + K) and gradient (q + K,) of constants and probes, states eliminated.
+def scores_of(point: Point, seen: Linearised, design_effect: float = 1.0) -> Scores:
+    """Scores of candidates.
 
     Args:
         point: where the constants are, and what is known of them.
-        signatures: of the candidates, with K probes in all.
-        information, gradient: changed in place.
-        marginal: (K,) information of each probe alone.
-        chi2: weighted sum of squares.
-        count: of residuals.
+        seen: the losses of its shots.
+        design_effect: by how much less than that the shots tell.
     """
-    q = len(point.constants)
+    q, signatures, marginal = len(point.constants), seen.signatures, seen.marginal_information / design_effect
+    information, gradient = seen.information.sum(axis=0) / design_effect, seen.gradient.sum(axis=0) / design_effect
     _add_known(information, gradient, point, signatures)
     schur, projected = _without_constants(information, gradient, q)
     ends = np.cumsum([0, *(len(one.probe) for one in signatures)])
@@ -280,7 +291,7 @@ def scores_of(
     probes = np.concatenate([np.zeros(0), *(signatures[k].probe for k in kept)])
     order = tuple(sorted(rows, key=lambda row: -row.predicted_improvement))
     correlations = _canonical_correlations(schur, blocks)
-    return Scores(order, correlations, chi2, count, schur, projected, marginal, blocks, probes)
+    return Scores(order, correlations, seen.chi2, seen.count, schur, projected, marginal, blocks, probes)
 
 
 def _best_of_each(rows: Sequence[Score]) -> list[int]:

@@ -1,7 +1,8 @@
 """The clip sets of the study: what each hides, how large it is, and the options of the generator that make it.
 
 Every set has 12 clips of at most 4 s with 0.5 mm of noise and 1 % of the frames missing, unless its variation says
-otherwise. Seeds follow from what a set is, not from its place in the plan, so that one more set changes no other.
+otherwise; those of long shots have 30, of carom from the stroke to rest. Seeds follow from what a set is, not from its
+place in the plan, so that one more set changes no other.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from tests.truth.sizes import options
 
 CLIPS: Final = 12
 SIGMA: Final = 0.0005  # [m]
-GROUPS: Final = ("none", "natural", "quarter", "sixteenth", "two", "outside", "soiled")
+GROUPS: Final = ("none", "natural", "quarter", "sixteenth", "two", "outside", "soiled", "long")
 SCALES: Final = {"natural": 1.0, "quarter": 1 / 4, "sixteenth": 1 / 16}
 TIMES: Final = {"natural": 3, "quarter": 3, "sixteenth": 2}  # sets per effect
 OUTSIDE: Final = 2  # sets per structure
@@ -25,6 +26,17 @@ SOILED_NONE: Final = 12
 SOILED_PAIRS: Final = 6  # the first of PAIRS
 SOILED_CLIPS: Final = 16
 SOILED_OPTIONS: Final = ("--soiled", "--fps", "60", "--outliers", "0.005", "--no-sigma")
+LONG_CLIPS: Final = 30
+LONG_OPTIONS: Final = (
+    *("--no-cue", "--no-pockets", "--length", "2.84", "--width", "1.42", "--diameter", "0.0615", "--mass", "0.21"),
+    *("--fps", "60"),
+)
+LONG: Final = (  # carom shots of 6 to 14 impacts
+    *("table_tilt", "cloth_nap", "speed_drag", "spin_slide_coupling", "cushion_restitution_speed"),
+    *("cushion_friction_speed", "cushion_restitution_py", "cushion_compliance", "camera_tilt", "ball_friction_speed"),
+    *("air_drag", "side_curve", "nose_height", "slide_friction_speed", "lens_distortion", "rolling_shutter"),
+    *("worn_patch", "soft_bed", "cushion_contact_time", "ball_restitution_speed"),
+)
 NEEDS_CUE: Final = "squirt"  # which shows against commands alone; other soiled sets have none
 FIRST_SEED: Final = {group: 10000 * k for k, group in enumerate(GROUPS, 1)}
 PER_EFFECT: Final = 10  # seeds kept for each
@@ -105,6 +117,8 @@ class Entry:
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of shots, repeated in this order; empty for all that the generator has."""
+        if self.group == "long":
+            return ("carom",)
         mix = mix_of(self.hidden)
         return mix.kinds if mix else ()
 
@@ -113,9 +127,11 @@ class Entry:
         basis = ("--seed", str(self.seed), "--clips", str(self.clips), "--sigma", repr(SIGMA), "--missing", "0.01")
         kinds = ("--kind", ",".join(self.kinds)) if self.kinds else ()
         return (*basis, "--seconds", "4", *kinds, *self.options, *VARIATIONS.get(self.variation, ()),
-                *self._soiling())  # fmt: skip
+                *self._circumstances())  # fmt: skip
 
-    def _soiling(self) -> tuple[str, ...]:
+    def _circumstances(self) -> tuple[str, ...]:
+        if self.group == "long":
+            return LONG_OPTIONS
         if self.group != "soiled":
             return ()
         return SOILED_OPTIONS if NEEDS_CUE in self.hidden else (*SOILED_OPTIONS, "--no-cue")
@@ -173,7 +189,14 @@ def _soiled() -> list[Entry]:
     ]  # fmt: skip
 
 
+def _long() -> list[Entry]:
+    return [
+        Entry(f"long-{name}", "long", (name,), FIRST_SEED["long"] + k, tuple(options(name)), clips=LONG_CLIPS)
+        for k, name in enumerate(LONG)
+    ]
+
+
 def plan() -> list[Entry]:
     """Every set, the groups in turn, so that a part of the study already gives a picture."""
-    groups = [_none(), *(_single(g) for g in SCALES), _two(), _outside(), _soiled()]
+    groups = [_none(), *(_single(g) for g in SCALES), _two(), _outside(), _soiled(), _long()]
     return [entry for turn in zip_longest(*groups) for entry in turn if entry is not None]

@@ -12,7 +12,7 @@ import numpy as np
 
 from models.files import write_whole
 from tests.study.judge import EFFECT_TRUTH, RIGHT, WITHIN, Row
-from tests.study.plan import CLIPS, GROUPS, MIXES, VARIATIONS, mix_of
+from tests.study.plan import CLIPS, GROUPS, LONG_CLIPS, MIXES, VARIATIONS, mix_of
 from tests.study.run import LIMIT
 from tests.truth.effects import EFFECTS, STRUCTURES
 
@@ -104,6 +104,8 @@ def figures(rows: Sequence[Row]) -> str:
          share(soiled[2], lambda r: r.exact), len(soiled[2])),
         ("soiled clips, nothing hidden: an effect named", "1 of 12",
          share(soiled[0], lambda r: bool(r.error or r.wrong)), len(soiled[0])),
+        ("shots of 6 to 14 impacts: the verdict", "90 %",
+         share(by["long"], lambda r: r.exact), len(by["long"])),
         ("soiled clips: structure told where there is none", "",
          share(by["soiled"], lambda r: bool(r.unexplained)), len(by["soiled"])),
         ("size of the effect, error of its main parameter", "within 10 %", _spread(sizes), len(named)),
@@ -237,7 +239,8 @@ def text(results: Sequence[Mapping[str, Any]], planned: int) -> str:
         "Written by `make study` (`python -m tests.study`); change nothing by hand.",
         f"{len(rows)} of {planned} planned sets. " + _versions(rows),
         f"Every set: {CLIPS} clips of at most 4 s made by the independent generator (`tests/truth`), 0.5 mm noise, 1 %"
-        " of the frames missing, constants moved by the seed; every fifth clip is held out. Shots are of all kinds in"
+        f" of the frames missing, constants moved by the seed; sets of long shots have {LONG_CLIPS}, of carom from the"
+        " stroke to rest. Every fifth clip is held out. Other shots are of all kinds in"
         f" turn, but for effects that those hardly show: {mixes}. A set that failed or took over {LIMIT / 60:g}"
         " minutes is a miss. Intervals behind rates are Wilson's, 95 %.",
         "## Figures",

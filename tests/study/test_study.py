@@ -17,7 +17,7 @@ from models.model_file import catalogue
 from tests.study import __main__ as command
 from tests.study import run
 from tests.study.judge import BASE, EFFECT_TRUTH, RIGHT, Row
-from tests.study.plan import CLIPS, GROUPS, MIXES, NONE, PAIRS, VARIATIONS, Entry, plan
+from tests.study.plan import CLIPS, GROUPS, LONG, MIXES, NONE, PAIRS, VARIATIONS, Entry, plan
 from tests.study.report import rate, text
 from tests.truth.__main__ import constants, parser
 from tests.truth.effects import EFFECTS, STRUCTURES
@@ -59,7 +59,7 @@ def figure(report: str, name: str) -> str:
 def test_plan_is_well_formed() -> None:
     entries = plan()
     assert len({e.name for e in entries}) == len({e.seed for e in entries}) == len({e.words() for e in entries})
-    assert {e.group for e in entries[:7]} == set(GROUPS)
+    assert {e.group for e in entries[: len(GROUPS) + 2]} == set(GROUPS)
     none = [e for e in entries if e.group == "none"]
     assert len(none) == NONE and sum(bool(e.variation) for e in none) == NONE // 3
     assert {e.variation for e in none} == {"", *VARIATIONS}
@@ -68,9 +68,10 @@ def test_plan_is_well_formed() -> None:
     assert sorted(e.hidden[0] for e in entries if e.group == "outside") == sorted([*STRUCTURES] * 2)
     soiled = [e.hidden for e in entries if e.group == "soiled"]
     assert sorted(soiled) == sorted([()] * 12 + [(effect,) for effect in EFFECTS] + list(PAIRS[:6]))
+    assert [e.hidden for e in entries if e.group == "long"] == [(effect,) for effect in LONG]
     assert len(PAIRS) == 15 and {effect for pair in PAIRS for effect in pair} <= set(EFFECTS)
     for entry in entries:
-        assert len(entry.kinds) in (0, CLIPS)
+        assert len(entry.kinds) in (0, CLIPS) or entry.group == "long"
     cuts, sides = (mix.kinds for mix in MIXES)
     assert sum(k.startswith("cut") for k in cuts) == CLIPS // 2
     assert sum(k.endswith("side") or k == "swerve" for k in sides) == CLIPS * 7 // 12

@@ -14,7 +14,7 @@ from tests.truth.camera import Camera
 from tests.truth.cloth import Constants
 from tests.truth.effects import EFFECTS, HIDDEN, STRUCTURES
 from tests.truth.physics import MOST_GRIP, Table
-from tests.truth.shots import KINDS, NoShot, clip_constants, play
+from tests.truth.shots import KINDS, USUAL, NoShot, clip_constants, play
 from tests.truth.sizes import NATURAL
 from tests.truth.soil import SOILED, Soil
 from tests.truth.write import Refused, write
@@ -104,7 +104,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("out", type=Path, metavar="OUT", help="folder to make; its truth goes to OUT.truth.json")
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--clips", type=int, default=30, metavar="M")
-    p.add_argument("--kind", action="append", default=[], metavar="KIND", help=f"repeatable; all of {', '.join(KINDS)}")
+    kinds = f"repeatable: {', '.join(KINDS)}; otherwise all that need not be filmed to their end"
+    p.add_argument("--kind", action="append", default=[], metavar="KIND", help=kinds)
     form = "NAME=VALUE[,VALUE]"
     p.add_argument("--effect", action="append", default=[], metavar=form, help=", ".join(EFFECTS))
     outside = f"the same, for what no catalogue names: {', '.join(STRUCTURES)}"
@@ -139,7 +140,7 @@ def parser() -> argparse.ArgumentParser:
 def make(args: argparse.Namespace) -> Path:
     """Make the clip set that the options ask for; the path of its truth."""
     c = constants(args)
-    kinds = [pick(k, tuple(KINDS), "kind") for text in args.kind or [",".join(KINDS)] for k in text.split(",")]
+    kinds = [pick(k, tuple(KINDS), "kind") for text in args.kind or [",".join(USUAL)] for k in text.split(",")]
     for name, low, high in (
         ("seed", 0, 2**63),
         ("clips", 1, 9999),

@@ -72,6 +72,15 @@ class Draw:
     def scene(self, cue: Cue) -> Scene:
         return Scene({"cue": strike(self.place(), cue, self.c.radius, self.c.squirt)}, cue)
 
+    def carom_scene(self, cue: Cue) -> Scene:
+        """As `cut_scene`, with a third ball, "yellow", somewhere clear of the others."""
+        scene = self.cut_scene(cue)
+        while True:
+            yellow = Start(self.place())
+            gaps = [np.hypot(*np.subtract(yellow.xy, ball.xy)) for ball in scene.balls.values()]
+            if min(gaps) > 3 * self.c.radius:
+                return Scene({**scene.balls, "yellow": yellow}, cue)
+
     def cut_scene(self, cue: Cue) -> Scene:
         """The struck ball runs 0.15 to 0.45 table widths into "red", 5 to 55 degrees off the line of centres."""
         x, y = self.place()
@@ -108,6 +117,7 @@ class Kind:
     first: str = ""
     cushions: int = 0  # met by the struck ball at least
     longer: float = 1.0  # filmed this many times as long
+    impacts: tuple[int, int] = (0, 0)  # at least and at most, of a shot filmed to its end; 0, 0 where others count
 
 
 KINDS: dict[str, Kind] = {
@@ -125,8 +135,14 @@ KINDS: dict[str, Kind] = {
         lambda d: d.cut_scene(d.cue((0.9, 2.3), d.either(0.15, 0.33), d.between(-0.33, 0.33))),
         "ball",
     ),
+    "carom": Kind(
+        lambda d: d.carom_scene(d.cue((2.5, 5.5), d.between(-0.33, 0.33), d.between(-0.2, 0.4))),
+        longer=4.0,
+        impacts=(6, 14),
+    ),
     "long": Kind(lambda d: d.scene(d.cue((1.8, 3.2), d.between(-0.2, 0.2), 0.35)), "cushion", 2, 1.5),
 }
+USUAL = tuple(name for name, kind in KINDS.items() if not any(kind.impacts))  # not filmed to their end
 
 
 def _shows(kind: Kind, motion: Motion, open_cloth: bool) -> bool:
@@ -134,6 +150,8 @@ def _shows(kind: Kind, motion: Motion, open_cloth: bool) -> bool:
     seen = np.isfinite(motion.xy[:, 0, 0])
     if np.count_nonzero(seen) < max(3, 0.6 * len(seen)):
         return False
+    if any(kind.impacts):
+        return kind.impacts[0] <= len(motion.events) <= kind.impacts[1]
     if not kind.first:
         return not (open_cloth and motion.events)
     cushions = sum(e.kind == "cushion" and e.balls[0] == motion.names[0] for e in motion.events)

@@ -41,6 +41,7 @@ def test_a_clip_set_of_every_kind(tmp_path: Path) -> None:
     """On a table, ball and camera of another size, with effects on."""
     options = "--length 2.84 --width 1.42 --diameter 0.0615 --mass 0.21 --no-pockets --fps 100 --missing 0.1 --seed 2"
     more = ["--effect", "table_tilt=0.001,-0.002", "--constant", "mus=0.2", "--clips", str(len(KINDS))]
+    more += ["--kind", ",".join(KINDS)]
     out = tmp_path / "set"
     assert main([str(out), *options.split(), *more]) == 0
     head = tomllib.loads((out / "clips.toml").read_text())

@@ -35,7 +35,7 @@ def chain() -> tuple[Chain, np.ndarray]:
     names = tuple(model.parameters())
     problem = shot_problem(model, names, long_shots(model, 12, 5), NOISE_M)
     chain = Chain(problem, windows_of(problem))
-    return chain, searched_windows(chain, chain.windows.start, values_of(model, names))
+    return chain, searched_windows(chain, values_of(model, names))
 
 
 def test_windows_share_out_the_samples_and_hang_together(chain: tuple[Chain, np.ndarray]) -> None:

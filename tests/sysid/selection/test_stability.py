@@ -1,0 +1,76 @@
+"""How often effects return on draws of the clips, in linear models where their share is known."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from models.model_file import effect_class, full_model
+from models.shot import Ball, Table
+from sysid.estimation.fitted import Point
+from sysid.estimation.problem import Array
+from sysid.selection.score import Linearised, Signature, candidate
+from sysid.selection.stability import Stability, stability_of
+
+SHOTS, SAMPLES = 30, 40
+DRAG, LARGE = 0.02, 8.0
+CONSTANTS = ("decoupled_cloth.slide", "decoupled_cloth.roll")
+
+
+def seen(everywhere: float, some: tuple[int, ...] = (), verdict: tuple[str, ...] = ("air_drag",)) -> Stability:
+    """Stability of a fit with air drag, which every shot shows by so many standard deviations a residual.
+
+    `some` shots alone show a drag in proportion to the speed.
+    """
+    rng = np.random.default_rng(3)
+    model = full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406))
+    fitted = model.add(effect_class("air_drag")(DRAG)) if verdict else model
+    names = (*CONSTANTS, "air_drag.rate") if verdict else CONSTANTS
+    one = candidate(effect_class("speed_drag"))
+    jacobian = rng.normal(size=(SHOTS, SAMPLES, len(names) + 1))
+    if verdict:
+        jacobian[..., -2] *= everywhere / DRAG
+    r = rng.normal(size=(SHOTS, SAMPLES))
+    for k in some:
+        r[k] -= LARGE * jacobian[k, :, -1]
+    constants = np.array([float(fitted.parameters()[n]) for n in names])
+    problem = cast(Any, SimpleNamespace(names=names, model=fitted, known={}))
+    point = Point(problem, np.zeros((0, 0)), constants, 0.0)
+    signature = Signature(one, np.array([0.1 * float(one.usual()[0])]), np.zeros((0, 0, 1)))
+    losses = Linearised(
+        (signature,), np.swapaxes(jacobian, 1, 2) @ jacobian, np.einsum("nmk,nm->nk", jacobian, r),
+        np.array([squares(jacobian[..., -1])]), squares(r), r.size,
+    )  # fmt: skip
+    return stability_of(point, verdict, losses, 1.0)
+
+
+def squares(values: Array) -> float:
+    return float(np.sum(values**2))
+
+
+def test_an_effect_that_every_shot_shows_returns_in_every_draw() -> None:
+    found = seen(everywhere=0.5)
+    assert found.times == {"air_drag": found.draws} and found.same == found.draws
+
+
+def test_an_effect_that_one_shot_shows_never_returns() -> None:
+    assert seen(everywhere=0.5, some=(7,)).times == {"air_drag": 100}
+
+
+def test_an_effect_that_three_shots_show_returns_where_enough_of_them_are_drawn() -> None:
+    found = seen(everywhere=0.5, some=(7, 8, 9))
+    assert 0.2 * found.draws < found.times["speed_drag"] < 0.8 * found.draws
+    assert found.times["air_drag"] == found.draws
+    assert found.same == found.draws - found.times["speed_drag"]
+
+
+def test_an_effect_that_hardly_shows_returns_seldom() -> None:
+    found = seen(everywhere=0.08)  # a fall of chi-square by some 8
+    assert found.times["air_drag"] < 0.3 * found.draws
+
+
+def test_nothing_returns_where_nothing_shows() -> None:
+    found = seen(everywhere=0.0, verdict=())
+    assert found.times == {} and found.same == found.draws
