@@ -51,13 +51,10 @@ accept_camera_option = click.option(
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """What a verb begins with: clips, a model, how far to look at each shot, and what simulates it."""
+    """What a verb begins with: clips, a model, and what simulates the shots."""
 
     clips: Path = given(clips_argument)
     model_files: tuple[Path, ...] = given(models_option, default=())
-    jaws: bool = given(
-        "--jaws", "", "The table's pockets have jaws: use every shot only until a ball touches one.", bool, False
-    )
     engine: str = given(
         "--engine", "", "What simulates the shots: the compiled event engine, or MuJoCo, which checks results anyway.",
         click.Choice(["events", "mujoco"]), "events",
@@ -75,6 +72,7 @@ class Start:
         from models.model_file import full_model
         from sysid.clips import inspect_clip_set
         from sysid.clips.choose import with_shots
+        from sysid.clips.jaws import before_jaws, jaws_line
         from sysid.clips.running import running_line
         from sysid.prepare import prepare
 
@@ -84,10 +82,9 @@ class Start:
             print(f"warning: {warning}", file=sys.stderr, flush=True)
         if running := running_line(clip_set.clips):
             print(f"note: {running}")
-        if self.jaws:
-            from sysid.clips.jaws import before_jaws
-
-            clip_set = before_jaws(clip_set)
+        whole, clip_set = clip_set, before_jaws(clip_set)
+        if line := jaws_line(whole, clip_set):
+            print(f"note: {line}")
         prepare()
         if not self.model_files:
             return clip_set, [dataclasses.replace(full_model(clip_set.table, clip_set.ball), engine=self.engine)]

@@ -9,6 +9,7 @@ whole clip ends there. The jaws are those of models/analytic/pocket.py, with a m
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 
 JAW_MARGIN_M = 3e-3  # for noise, and for the uncertainty of the jaws' place
+MOST_LISTED = 3  # clips that are named
 MIN_CLIP_SAMPLES = 12  # of the struck ball: shorter clips are left out
 
 
@@ -34,6 +36,28 @@ def before_jaws(clip_set: ClipSet) -> ClipSet:
     return dataclasses.replace(
         clip_set, clips=tuple(c for c in clips if len(c.balls[c.struck].time) >= MIN_CLIP_SAMPLES)
     )
+
+
+def jaws_line(whole: ClipSet, cut: ClipSet) -> str | None:
+    """What `before_jaws` has cut and left out, in words; None where nothing."""
+    if cut is whole:
+        return None
+    before = {clip.file: clip for clip in whole.clips}
+    shorter = [clip.file for clip in cut.clips if before[clip.file] is not clip]
+    gone = sorted(set(before) - {clip.file for clip in cut.clips})
+    parts = []
+    if shorter:
+        parts.append(f"{_listed(shorter)} used up to where a ball touches a pocket's jaws, which no fit follows")
+    if gone:
+        parts.append(f"{_listed(gone)} left out: a ball touches them at once")
+    return "; ".join(parts) or None
+
+
+def _listed(files: Sequence[str]) -> str:
+    """Some clips by name, many by their number."""
+    if len(files) <= MOST_LISTED:
+        return f"{', '.join(files)} {'is' if len(files) == 1 else 'are'}"
+    return f"{len(files)} clips are"
 
 
 def _before(clip: Clip, clip_set: ClipSet, jaws: Array) -> Clip:

@@ -56,6 +56,7 @@ class Chain:
     problem: ShotProblem  # the same shots as a whole, with the model and the constants to fit
     windows: Windows
     spread: Spread = FIRST_SPREAD
+    roughness: float = 1.0  # variance of constants between halves of the shots, over what their information claims
 
     @property
     def model(self) -> Model:
@@ -77,7 +78,7 @@ class Chain:
 
     def only(self, shots: Index) -> Chain:
         """Some of the shots, in order."""
-        return Chain(self.problem.only(shots), self.windows.only(shots), self.spread)
+        return dataclasses.replace(self, problem=self.problem.only(shots), windows=self.windows.only(shots))
 
     @property
     def shared(self) -> SharedConstants:

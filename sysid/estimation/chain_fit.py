@@ -93,7 +93,26 @@ class ChainFit:
     losses: Array  # (n,) of shots
     information: Array  # (n, q, q) of each shot on the constants, its states eliminated
     gradient: Array  # (n, q)
-    converged: bool
+    step: Array  # (q,) that remains to the optimum, its sign reversed
+
+    @property
+    def design_effect(self) -> float:
+        """By how much less shots tell of constants than their information says: 1 at least.
+
+        Their gradients scatter by more, and a rough loss has many optima, which halves of the shots do not share.
+        """
+        return design_effect(self.information, self.gradient) * self.chain.roughness
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the constants over shots (q, q), the step that remains counted in."""
+        found = covariance(self.information, self.gradient, self.chain.shared.width)
+        return self.chain.roughness * found + np.outer(self.step, self.step)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the step that remains is small beside the standard deviations."""
+        return _negligible(self.chain, self.step, self.information, self.gradient)
 
 
 def fit_chain(chain: Chain, states: Array, c: Array, steps: int, what: str) -> ChainFit:
@@ -107,13 +126,13 @@ def fit_chain(chain: Chain, states: Array, c: Array, steps: int, what: str) -> C
         low, high = shared.bounds.T
         return _are_finite(found) and bool(np.all((found[1] >= low) & (found[1] <= high)))
 
-    question = (states, c, sd, shared.bounds, np.array([steps, *chain.spread]))
+    question = (states, c, sd, shared.bounds, np.array([steps, *chain.spread, chain.roughness]))
     states, c = recorded(work, question, (states.shape, c.shape), fits)
     cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, shared.steps_from(c)))
     _, information, gradient = reduced(shots)
-    full = _newton(shared, shared.prior(c), information, gradient, c)
-    converged = negligible(full, information, gradient, shared.width)
-    return ChainFit(chain, states, c, cost, information, gradient, converged)
+    return ChainFit(
+        chain, states, c, cost, information, gradient, _newton(shared, shared.prior(c), information, gradient, c)
+    )
 
 
 def _newton(
@@ -134,7 +153,7 @@ def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, wha
     for step in range(steps):
         cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, shared.steps_from(c)))
         solved, information, gradient = reduced(shots)
-        if negligible(_newton(shared, prior, information, gradient, c), information, gradient, shared.width):
+        if _negligible(chain, _newton(shared, prior, information, gradient, c), information, gradient):
             break
         total = float(cost.sum()) + 0.5 * float(np.sum(prior.residuals(c) ** 2))
         log.info("%s, step %d: loss %.0f", what, step, total)
@@ -157,8 +176,15 @@ def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, wha
     return states, c
 
 
-def negligible(step: Array, information: Array, gradient: Array, width: Array) -> bool:
-    """Whether a step of the constants is small beside their standard deviations over shots."""
-    sd = np.sqrt(np.diag(covariance(information, gradient, width)))
-    known = np.isfinite(sd)
-    return bool(np.all(np.abs(step[known]) < NEGLIGIBLE_STEP_SD * sd[known]))
+def _negligible(chain: Chain, step: Array, information: Array, gradient: Array) -> bool:
+    """Whether a step of the constants is small beside their standard deviations over shots, together."""
+    distance = float(gradient.sum(axis=0) @ step)  # squared, in standard deviations of independent residuals
+    return distance < NEGLIGIBLE_STEP_SD**2 * design_effect(information, gradient) * chain.roughness
+
+
+def design_effect(information: Array, gradient: Array) -> float:
+    """How much gradients (n, q) of shots scatter beyond what their information (n, q, q) says: 1 at least."""
+    total, scatter = information.sum(axis=0), gradient.T @ gradient
+    scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
+    inverse = np.linalg.pinv(total / np.outer(scale, scale), hermitian=True)
+    return max(float(np.trace(inverse @ (scatter / np.outer(scale, scale)))) / len(scale), 1.0)

@@ -24,12 +24,12 @@ from sysid.estimation.fitting import fit, fit_held_out
 from sysid.estimation.initial_states import shot_scores
 from sysid.estimation.problem import Array, values_of
 from sysid.estimation.shot_problem import ShotProblem
-from sysid.estimation.solver.joint_fit import covariance
 from sysid.estimation.split import Split, exclusion_lines, lost_shots, shot_errors, typical_error
 from sysid.estimation.windows import windows_of
 
 BASE_STEPS, BASE_ROUNDS = 8, 3  # of the constants, and of searching windows anew
 LAST_STEPS = 8
+SEED_OF_HALVES = 0
 AGAIN = 1  # search more, from states that are nearly right
 HELD_OUT_STEPS = 4  # of the states of held-out windows at other constants
 log = logging.getLogger(__name__)
@@ -42,19 +42,12 @@ class LongFit:
     fitted: ChainFit
     held_out: Chain | None
     held_states: Array  # (v, p)
-    design_effect: float  # by how much less shots tell than as many independent residuals
 
     @property
     def model(self) -> Model:
         """The model at these constants."""
         at = self.fitted
         return at.chain.model.with_values(dict(zip(at.chain.names, at.constants.tolist(), strict=True)))
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance of the constants over shots (q, q)."""
-        at = self.fitted
-        return covariance(at.information, at.gradient, at.chain.shared.width)
 
     def held_losses(self) -> Array:
         """Loss of every held-out shot: (m,)."""
@@ -63,11 +56,11 @@ class LongFit:
         return self.held_out.losses(self.held_states, self.fitted.constants, self.held_out.gap_sd(self.held_states))
 
 
-def fit_windows(parts: Split, model: Model) -> LongFit:
+def fit_windows(parts: Split, model: Model, roughness: float = 1.0) -> LongFit:
     """The model fitted to windows from nothing."""
     names = tuple(model.parameters())
     problem = parts.training.with_model(model, names)
-    chain, c = Chain(problem, windows_of(problem)), values_of(model, names)
+    chain, c = Chain(problem, windows_of(problem), roughness=roughness), values_of(model, names)
     log.info("%d windows of one impact each", len(chain.windows.shot))
     states = searched_windows(chain, c)
     for _ in range(BASE_ROUNDS):
@@ -81,16 +74,25 @@ def fit_windows(parts: Split, model: Model) -> LongFit:
         other = parts.held_out.with_model(model, names)
         held = Chain(other, windows_of(other), chain.spread)
         held_states = searched_windows(held, c)
-    return LongFit(found, held, held_states, design_effect(found))
+    return LongFit(found, held, held_states)
 
 
-def design_effect(found: ChainFit) -> float:
-    """How much the gradients of shots scatter beyond what their information says, over the constants: 1 at least."""
-    information = found.information.sum(axis=0)
-    scatter = found.gradient.T @ found.gradient
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)
-    return max(float(np.trace(inverse @ (scatter / np.outer(scale, scale)))) / len(scale), 1.0)
+def roughness_of(parts: Split, model: Model) -> float:
+    """Roughness of the loss, see `Chain`, from fits of two halves of the shots, each from nothing: 1 at least.
+
+    A loss of many windows has as many optima, each sharper than the loss is over all of them. What constants of halves
+    differ by is what their standard deviations must explain.
+    """
+    training = parts.training
+    order = np.random.default_rng(SEED_OF_HALVES).permutation(len(training.clips))
+    halves = [
+        fit_windows(dataclasses.replace(parts, training=training.only(np.sort(half)), held_out=None), model).fitted
+        for half in np.array_split(order, 2)
+    ]
+    one, two = ((half.constants, np.diag(half.covariance)) for half in halves)
+    squares = (one[0] - two[0]) ** 2 / (one[1] + two[1])
+    log.info("constants of halves differ by %.1f standard deviations", np.sqrt(np.nanmean(squares)))
+    return max(float(np.nanmean(squares)), 1.0)
 
 
 def moved_to(before: LongFit, found: ChainFit) -> LongFit:
@@ -99,7 +101,7 @@ def moved_to(before: LongFit, found: ChainFit) -> LongFit:
     if held is not None:
         held = held.with_model(found.chain.model, found.chain.names)
         states = settled_states(held, states, found.constants, HELD_OUT_STEPS)
-    return LongFit(found, held, states, design_effect(found))
+    return LongFit(found, held, states)
 
 
 def searched(at: LongFit) -> LongFit:
@@ -112,7 +114,7 @@ def searched(at: LongFit) -> LongFit:
     if held is not None:
         held = held.with_spread(chain.spread)
         held_states = searched_windows(held, now.constants, held_states, AGAIN)
-    return LongFit(now, held, held_states, design_effect(now))
+    return LongFit(now, held, held_states)
 
 
 def as_fitted(at: LongFit, problem: ShotProblem, x: Array) -> FittedModel:
@@ -125,7 +127,7 @@ def as_fitted(at: LongFit, problem: ShotProblem, x: Array) -> FittedModel:
     count = max(int(np.isfinite(r).sum()), 1)
     rms = problem.noise * float(np.sqrt(np.nanmean(r**2)))
     return FittedModel(
-        point.problem, x, found.constants, point.discrepancy_rate, at.covariance, found.converged, rms,
+        point.problem, x, found.constants, point.discrepancy_rate, found.covariance, found.converged, rms,
         float(np.nansum(r**2)) / count,
     )  # fmt: skip
 
@@ -150,7 +152,8 @@ def fit_long(parts: Split, model: Model) -> tuple[Split, LongFit, FittedModel]:
     Raises:
         BadInput: where most shots are lost.
     """
-    at = fit_windows(parts, model)
+    roughness = roughness_of(parts, model)
+    at = fit_windows(parts, model, roughness)
     found = whole_shots(parts, at)
     errors = shot_errors(found.problem, found.initial_states, found.constants)
     typical = typical_error(errors)
@@ -168,5 +171,5 @@ def fit_long(parts: Split, model: Model) -> tuple[Split, LongFit, FittedModel]:
         others = np.setdiff1d(np.arange(len(held.clips)), held_lost)
         held = held.only(others) if others.size else None
     parts = parts.excluding(lines, parts.training.only(kept), held)
-    at = fit_windows(parts, model)
+    at = fit_windows(parts, model, roughness)
     return parts, at, whole_shots(parts, at)

@@ -51,7 +51,7 @@ log = logging.getLogger(__name__)
 
 def score_windows(at: LongFit, candidates: list[Candidate]) -> Scores:
     """Scores of candidates beside all constants and states of windows."""
-    return scores_of(as_point(at), linearise_windows(at, candidates), at.design_effect)
+    return scores_of(as_point(at), linearise_windows(at, candidates), at.fitted.design_effect)
 
 
 def as_point(at: LongFit) -> Point:
@@ -111,7 +111,7 @@ def without_effect(at: LongFit, name: str) -> LongFit:
 def evidence(less: LongFit, more: LongFit) -> Evidence:
     """Evidence for a fit with more constants, on the same windows at the same errors of the model."""
     gain = 2.0 * (less.fitted.losses - more.fitted.losses)
-    tau = max(less.design_effect, more.design_effect)
+    tau = max(less.fitted.design_effect, more.fitted.design_effect)
     chain = more.fitted.chain
     count = float(chain.windows.data.count.sum())
     penalty = (len(chain.names) - len(less.fitted.chain.names)) * float(np.log(max(2 * count / tau, 2.0)))
@@ -137,7 +137,7 @@ def of_windows(at: LongFit, base: FittedModel) -> FittedModel:
     found = at.fitted
     problem = base.problem.with_model(found.chain.model, found.chain.names)
     return dataclasses.replace(
-        base, problem=problem, constants=found.constants, covariance=at.covariance, converged=found.converged,
+        base, problem=problem, constants=found.constants, covariance=found.covariance, converged=found.converged,
         rms=math.nan, chi2=math.nan, held_out=None,
     )  # fmt: skip
 
@@ -185,7 +185,7 @@ def discover_long(parts: Split, model: Model, show: Show = lambda found: None) -
         at = moved_to(at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))
         found = found.with_step(whole_shots(parts, at), kept)
     losses = linearise_windows(at, [one for one in candidates_for(at.model) if one.name not in found.refuted])
-    found = dataclasses.replace(found, stability=stability_of(as_point(at), kept, losses, at.design_effect))
+    found = dataclasses.replace(found, stability=stability_of(as_point(at), kept, losses, at.fitted.design_effect))
     found = dataclasses.replace(
         found, unexplained=remainder(found.last), pruned=tuple(name for name in verdict if name not in kept)
     )

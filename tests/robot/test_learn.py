@@ -171,11 +171,16 @@ def test_a_clip_ends_where_a_ball_rattles() -> None:
             assert np.array_equal(seen.xy, whole.balls[name].xy[whole.balls[name].time < touch])
 
 
-def test_the_command_looks_up_to_the_jaws(tmp_path: Path) -> None:
+def test_the_commands_look_up_to_the_jaws_and_say_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     whole = film(by_fate("rattled")[0], "clips/0001.csv")
     write_clip_set(clip_set(whole), tmp_path / "set")
-    both = [Start(tmp_path / "set", jaws=jaws).load()[0].clips[0].balls["b"].time for jaws in (False, True)]
-    assert len(both[0]) == len(whole.balls["b"].time) > len(both[1])
+    assert len(Start(tmp_path / "set").load()[0].clips[0].balls["b"].time) < len(whole.balls["b"].time)
+    told = capsys.readouterr().out
+    assert "note: clips/0001.csv is used up to where a ball touches a pocket's jaws" in told
+    clean = film(by_fate("clean")[0], "clips/0001.csv")
+    write_clip_set(clip_set(clean), tmp_path / "clean")
+    Start(tmp_path / "clean").load()
+    assert "jaws" not in capsys.readouterr().out
 
 
 def test_a_ball_that_drops_off_a_jaw_leaves_the_others_their_samples() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from sysid.estimation.chain import (
     likely_spread,
 )
 from sysid.estimation.chain_fit import fit_chain, settled_states
-from sysid.estimation.chain_search import long_states, searched_windows
+from sysid.estimation.chain_search import SAME_LOSS, long_states, searched_windows
 from sysid.estimation.initial_states import shot_losses, within_noise
 from sysid.estimation.problem import values_of
 from sysid.estimation.shot_problem import shot_problem
@@ -89,6 +90,50 @@ def test_shots_are_found_whole_by_closing_the_gaps(chain: tuple[Chain, np.ndarra
     at, _ = chain
     problem = at.problem.with_model(at.model, ())
     assert (struck_rms(problem, long_states(problem, NO_CONSTANTS)) < 1.7 * NOISE_M).all()  # the noise has two axes
+
+
+def test_some_of_the_shots_are_what_they_are_among_all(chain: tuple[Chain, np.ndarray]) -> None:
+    at, states = chain
+    c, some = values_of(at.model, at.names), np.array([1, 3])
+    rows = np.isin(at.windows.shot, some)
+    part = at.only(some)
+    np.testing.assert_array_equal(part.gap_sd(states[rows]), at.gap_sd(states)[rows[at.windows.following[1]]])
+    few = part.losses(states[rows], c, part.gap_sd(states[rows]))
+    np.testing.assert_allclose(few, at.losses(states, c, at.gap_sd(states))[some], rtol=1e-12)
+
+
+def test_searches_agree_on_the_states_at_the_true_constants(chain: tuple[Chain, np.ndarray]) -> None:
+    at, states = chain
+    c, sd = values_of(at.model, at.names), at.gap_sd(at.windows.start)
+    again = at.losses(searched_windows(at, c, states, 1), c, sd)
+    np.testing.assert_array_less(again, at.losses(states, c, sd) + 1e-9)  # nothing that was known is lost
+    from_nothing = at.losses(searched_windows(at, c, searches=2), c, sd)
+    assert np.sum(np.abs(from_nothing - again) < SAME_LOSS) >= len(again) - 1
+
+
+def test_known_states_that_are_wrong_are_found_anew(chain: tuple[Chain, np.ndarray]) -> None:
+    """Every ball spins the other way and wildly: nothing of that is needed to find them."""
+    at, states = chain
+    c, sd = values_of(at.model, at.names), at.gap_sd(at.windows.start)
+    wrong = states.copy()
+    for i in range(at.windows.balls):
+        spin = columns(i, at.windows.balls)[1][2:]
+        wrong[:, spin] *= -3.0
+    best = at.losses(states, c, sd)
+    assert np.median(at.losses(wrong, c, sd) / best) > 3
+    found = at.losses(searched_windows(at, c, wrong, 2), c, sd)
+    assert np.sum(np.abs(found - best) < SAME_LOSS) >= len(best) - 1
+
+
+def test_intervals_hold_the_step_that_remains_and_what_halves_differ_by(chain: tuple[Chain, np.ndarray]) -> None:
+    at, states = chain
+    found = fit_chain(at, states, values_of(at.model, at.names), 10, "test")
+    rough = dataclasses.replace(found, chain=dataclasses.replace(at, roughness=4.0))
+    assert rough.design_effect == pytest.approx(4 * found.design_effect)
+    sd, step = np.sqrt(np.diag(rough.covariance)), np.abs(found.step)
+    assert (sd[np.isfinite(sd)] >= step[np.isfinite(sd)]).all()
+    far = fit_chain(at, states, np.clip(1.02 * found.constants, *at.shared.bounds.T), 0, "test")
+    assert found.converged and not far.converged
 
 
 def test_constants_that_are_off_by_a_twentieth_come_back(chain: tuple[Chain, np.ndarray]) -> None:
