@@ -44,6 +44,7 @@ from sysid.selection.screening import (
 from sysid.selection.stability import stability_of
 
 MAX_EFFECTS = 8  # of one discovery
+MAX_TRIALS = 2 * MAX_FITS  # of candidates in a round, as long as none is needed
 CANDIDATE_STEPS, FINAL_STEPS = 6, 30  # of the constants: with or without an effect, of the last model
 PROBE_OF_USUAL = 0.1  # change of a candidate's parameter, over its usual size, from which its derivative is taken
 log = logging.getLogger(__name__)
@@ -150,16 +151,18 @@ def screen_windows(at: LongFit, base: FittedModel) -> tuple[Screening, dict[str,
         base: the same fit as one of whole shots.
     """
     scores = score_windows(at, candidates_for(at.model))
-    best = max((row.predicted_improvement for row in scores.rows), default=0.0)
-    least = max(MIN_IMPROVEMENT, MIN_IMPROVEMENT_OF_BEST * best)
-    fits, needed = list[FittedCandidate](), dict[str, LongFit]()
-    for row in [row for row in scores.rows if row.predicted_improvement >= least][:MAX_FITS]:
+    fits, needed, least = list[FittedCandidate](), dict[str, LongFit](), MIN_IMPROVEMENT
+    for row in scores.rows:
+        # Where none of the first is needed, more was predicted of them than they gain: others may win.
+        if row.predicted_improvement < least or len(fits) >= (MAX_FITS if needed else MAX_TRIALS):
+            break
         name, more = row.candidate.name, with_effect(at, row)
         # In few steps it need not arrive: it is judged by what it gains.
         fitted = dataclasses.replace(of_windows(more, base), converged=True)
         fits.append(FittedCandidate(row, fitted, evidence(at, more), is_needed(at, more, name, fitted)))
         if fits[-1].generalises:
             needed[name] = more
+            least = max(least, MIN_IMPROVEMENT_OF_BEST * row.predicted_improvement)
     fits.sort(key=lambda one: -one.evidence.delta_bic)
     return Screening(base, scores, tuple(fits), (), (), scores.count), needed
 
