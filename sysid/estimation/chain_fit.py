@@ -9,6 +9,7 @@ not follow a step of the constants keeps them.
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,8 +112,11 @@ class ChainFit:
 
     @property
     def converged(self) -> bool:
-        """Whether the step that remains is small beside the standard deviations."""
-        return _negligible(self.chain, self.step, self.information, self.gradient)
+        """Whether the step that remains, which the covariance holds, is within a standard deviation.
+
+        A rough loss has optima from which no step leads down, though a little is left to go.
+        """
+        return _distance(self.chain, self.step, self.information, self.gradient) < 1.0
 
 
 def fit_chain(chain: Chain, states: Array, c: Array, steps: int, what: str) -> ChainFit:
@@ -153,7 +157,8 @@ def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, wha
     for step in range(steps):
         cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, shared.steps_from(c)))
         solved, information, gradient = reduced(shots)
-        if _negligible(chain, _newton(shared, prior, information, gradient, c), information, gradient):
+        full = _newton(shared, prior, information, gradient, c)
+        if _distance(chain, full, information, gradient) < NEGLIGIBLE_STEP_SD:
             break
         total = float(cost.sum()) + 0.5 * float(np.sum(prior.residuals(c) ** 2))
         log.info("%s, step %d: loss %.0f", what, step, total)
@@ -176,10 +181,10 @@ def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, wha
     return states, c
 
 
-def _negligible(chain: Chain, step: Array, information: Array, gradient: Array) -> bool:
-    """Whether a step of the constants is small beside their standard deviations over shots, together."""
-    distance = float(gradient.sum(axis=0) @ step)  # squared, in standard deviations of independent residuals
-    return distance < NEGLIGIBLE_STEP_SD**2 * design_effect(information, gradient) * chain.roughness
+def _distance(chain: Chain, step: Array, information: Array, gradient: Array) -> float:
+    """How far a step of the constants goes, all together [standard deviations over shots]."""
+    told = float(gradient.sum(axis=0) @ step) / (design_effect(information, gradient) * chain.roughness)
+    return math.sqrt(max(told, 0.0))
 
 
 def design_effect(information: Array, gradient: Array) -> float:
