@@ -98,17 +98,22 @@ class ChainFit:
 
     @property
     def design_effect(self) -> float:
-        """By how much less shots tell of constants than their information says: 1 at least.
-
-        Their gradients scatter by more, and a rough loss has many optima, which halves of the shots do not share.
-        """
-        return design_effect(self.information, self.gradient) * self.chain.roughness
+        """By how much less shots tell than as many independent residuals, see `design_effect`."""
+        return design_effect(self.information, self.gradient)
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the constants over shots (q, q), the step that remains counted in."""
-        found = covariance(self.information, self.gradient, self.chain.shared.width)
-        return self.chain.roughness * found + np.outer(self.step, self.step)
+        """Covariance of the constants over shots (q, q), what is known beside them and the step that remains counted in.
+
+        A rough loss has many optima, which halves of the shots do not share: what these differ by is in it as well.
+        """
+        shared = self.chain.shared
+        sd = shared.prior(self.constants).sd
+        known = np.where(sd < shared.width, 1 / sd**2, 0.0)
+        found = covariance(
+            self.information / self.chain.roughness, self.gradient / self.chain.roughness, shared.width, known
+        )
+        return found + np.outer(self.step, self.step)
 
     @property
     def converged(self) -> bool:

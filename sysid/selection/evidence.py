@@ -54,7 +54,7 @@ def compare_fits(one: Point, two: Point, tau: float | None = None) -> Evidence:
         return 2 * total, count
 
     (first, count), (second, _) = cost(one), cost(two)
-    a, b = (float(part.sum()) + _chi2_of_known(at) for part, at in ((first, one), (second, two)))
+    a, b = (float(part.sum()) + chi2_of_known(at) for part, at in ((first, one), (second, two)))
     if tau is None:
         tau = counted_as_one(two if b < a else one)
     penalty = (two.constants.size - one.constants.size) * float(np.log(max(count.sum() / tau, 2)))
@@ -107,7 +107,7 @@ def _held_out_gain(one: FittedModel, two: FittedModel) -> float:
     return float(np.sum(np.log(np.clip(old, noise, lost) / np.clip(new, noise, lost))))
 
 
-def _chi2_of_known(at: Point) -> float:
+def chi2_of_known(at: Point) -> float:
     """Chi-square of constants against prior knowledge of them; one that the model lacks counts at its off value.
 
     Sizes, which segments lack in both fits that are compared, have none and count nothing.

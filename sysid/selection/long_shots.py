@@ -26,7 +26,7 @@ from sysid.estimation.long_fit import LongFit, fit_long, moved_to, searched, who
 from sysid.estimation.problem import CAUCHY_SD
 from sysid.estimation.solver.least_squares import weights
 from sysid.estimation.split import Split
-from sysid.selection.evidence import Evidence
+from sysid.selection.evidence import Evidence, chi2_of_known
 from sysid.selection.next_shot import propose_next
 from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence
 from sysid.selection.remainder import remainder
@@ -100,6 +100,12 @@ def with_effect(at: LongFit, score: Score) -> LongFit:
     return moved_to(at, fit_chain(chain, found.states, c, CANDIDATE_STEPS, f"with {one.name}"))
 
 
+def continued(at: LongFit) -> LongFit:
+    """The fit after as many steps more as one with a candidate gets."""
+    found = at.fitted
+    return moved_to(at, fit_chain(found.chain, found.states, found.constants, CANDIDATE_STEPS, "with nothing more"))
+
+
 def without_effect(at: LongFit, name: str) -> LongFit:
     """The fit without one of its effects."""
     found = at.fitted
@@ -116,9 +122,10 @@ def evidence(less: LongFit, more: LongFit) -> Evidence:
     chain = more.fitted.chain
     count = float(chain.windows.data.count.sum())
     penalty = (len(chain.names) - len(less.fitted.chain.names)) * float(np.log(max(2 * count / tau, 2.0)))
+    known = chi2_of_known(as_point(less)) - chi2_of_known(as_point(more))
     total = float(gain.sum())
     others = total - float(gain.max(initial=0.0))
-    return Evidence(total / tau - penalty, total, tau, others / tau - penalty, 1.0)
+    return Evidence(total / tau + known - penalty, total + known * tau, tau, others / tau + known - penalty, 1.0)
 
 
 def is_needed(less: LongFit, more: LongFit, name: str, found: FittedModel) -> bool:
@@ -151,6 +158,7 @@ def screen_windows(at: LongFit, base: FittedModel) -> tuple[Screening, dict[str,
         base: the same fit as one of whole shots.
     """
     scores = score_windows(at, candidates_for(at.model))
+    less = continued(at)
     fits, needed, least = list[FittedCandidate](), dict[str, LongFit](), MIN_IMPROVEMENT
     for row in scores.rows:
         # Where none of the first is needed, more was predicted of them than they gain: others may win.
@@ -159,7 +167,7 @@ def screen_windows(at: LongFit, base: FittedModel) -> tuple[Screening, dict[str,
         name, more = row.candidate.name, with_effect(at, row)
         # In few steps it need not arrive: it is judged by what it gains.
         fitted = dataclasses.replace(of_windows(more, base), converged=True)
-        fits.append(FittedCandidate(row, fitted, evidence(at, more), is_needed(at, more, name, fitted)))
+        fits.append(FittedCandidate(row, fitted, evidence(less, more), is_needed(less, more, name, fitted)))
         if fits[-1].generalises:
             needed[name] = more
             least = max(least, MIN_IMPROVEMENT_OF_BEST * row.predicted_improvement)
