@@ -103,16 +103,16 @@ class ChainFit:
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the constants over shots (q, q), what is known beside them and the step that remains counted in.
+        """Covariance of the constants over shots (q, q), with what is known beside them and the step that remains.
 
         A rough loss has many optima, which halves of the shots do not share: what these differ by is in it as well.
         """
         shared = self.chain.shared
         sd = shared.prior(self.constants).sd
         known = np.where(sd < shared.width, 1 / sd**2, 0.0)
-        found = covariance(
-            self.information / self.chain.roughness, self.gradient / self.chain.roughness, shared.width, known
-        )
+        # Each shot tells less by the roughness, and its gradients scatter by as much more than that says.
+        rough = self.chain.roughness
+        found = covariance(self.information / rough, self.gradient / math.sqrt(rough), shared.width, known)
         return found + np.outer(self.step, self.step)
 
     @property
