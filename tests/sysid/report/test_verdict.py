@@ -15,6 +15,7 @@ from sysid.clips import CueCommand
 from sysid.report.findings import unexplained_lines
 from sysid.report.verdict import verdict_of
 from sysid.selection.next_shot import NextShot
+from sysid.selection.stability import Stability
 
 NOISE = 0.0005
 FORMULA = {
@@ -33,6 +34,7 @@ def found(*effects: str, held: int = 5, converged: bool = True, **more: Any) -> 
     values = {
         "verdict": effects, "unexplained": None, "explained": None, "model": model, "ladder": ladder,
         "last": ladder[-1], "rounds": [SimpleNamespace(best=best, margin=1800.0)], "next_shot": None,
+        "stability": Stability(100, 91, dict.fromkeys(effects, 97)),
         "parts": SimpleNamespace(noise=NOISE, held_out=SimpleNamespace(clips=range(held)) if held else None),
     }  # fmt: skip
     return SimpleNamespace(**(values | more))
@@ -44,7 +46,8 @@ def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> Non
     assert missing == "missing: table_tilt (slope_x 0.000700 ± 0.000010 rad, slope_y -0.0016 ± – rad)"
     assert size.startswith("size: the rms miss falls from 10.0 mm to 0.500 mm (held out 11.0 mm to 0.550 mm);")
     assert size.endswith("noise alone leaves 0.707 mm")
-    assert certainty == "certainty: table_tilt has a delta BIC of 5120, 1800 more than the next"
+    told = "table_tilt has a delta BIC of 5120, 1800 more than the next, and is found in 97 of 100 draws of the clips"
+    assert certainty == f"certainty: {told}"
     assert step.startswith("next: film the ball from x = -1.00, y = 0.20 m at 2.00 m/s, azimuth 0.50 rad at another:")
     assert step.endswith("to separate table_tilt from cloth_nap")
 

@@ -11,6 +11,7 @@ from models.model_file import effect_class, full_model
 from models.shot import Ball, Table
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array
+from sysid.report.findings import stability_lines
 from sysid.selection.score import Linearised, Signature, candidate
 from sysid.selection.stability import Stability, stability_of
 
@@ -61,7 +62,7 @@ def test_an_effect_that_one_shot_shows_never_returns() -> None:
 
 def test_an_effect_that_three_shots_show_returns_where_enough_of_them_are_drawn() -> None:
     found = seen(everywhere=0.5, some=(7, 8, 9))
-    assert 0.2 * found.draws < found.times["speed_drag"] < 0.8 * found.draws
+    assert 0.1 * found.draws < found.times["speed_drag"] < 0.7 * found.draws
     assert found.times["air_drag"] == found.draws
     assert found.same == found.draws - found.times["speed_drag"]
 
@@ -74,3 +75,13 @@ def test_an_effect_that_hardly_shows_returns_seldom() -> None:
 def test_nothing_returns_where_nothing_shows() -> None:
     found = seen(everywhere=0.0, verdict=())
     assert found.times == {} and found.same == found.draws
+
+
+def test_what_else_comes_up_is_told_where_it_does_so_often() -> None:
+    told = Stability(100, 61, {"air_drag": 98, "speed_drag": 30, "squirt": 4})
+    assert stability_lines(cast(Any, SimpleNamespace(verdict=("air_drag",), stability=told))) == [
+        "selected anew on 100 draws of the clips: air_drag in 98; this verdict and nothing else in 61",
+        "and not in the verdict: speed_drag in 30",
+    ]
+    for quiet in (Stability(100, 100, {}), None):
+        assert stability_lines(cast(Any, SimpleNamespace(verdict=(), stability=quiet))) == []
