@@ -4,7 +4,7 @@ In: a clip set and a model. Out: a `DiscoveryResult`.
 
 Whole shots of a dozen impacts say little about a model that does not follow them (sysid/estimation/chain.py). Windows
 of one impact that hang together do: every candidate is scored on them at once, the best are fitted, and the one that
-explains most is named if its evidence suffices, if windows of held-out clips follow each other better with it, and if
+explains most is named if its evidence suffices, if held-out windows do not follow each other worse beyond chance, and if
 its size is beyond its uncertainty over the clips. In the end each effect must still be needed beside the others. How
 shots scatter about the model says how much less than independent residuals they tell (their design effect).
 """
@@ -129,14 +129,20 @@ def evidence(less: LongFit, more: LongFit) -> Evidence:
 
 
 def is_needed(less: LongFit, more: LongFit, name: str, found: FittedModel) -> bool:
-    """Whether evidence, held-out clips and its own size all speak for an effect."""
+    """Whether evidence and its own size speak for an effect, and held-out clips not against it.
+
+    These do where their loss rises by more than the standard error of its change over shots.
+    """
     seen = evidence(less, more)
-    held = float(np.sum(less.held_losses() - more.held_losses()))
+    gains = less.held_losses() - more.held_losses()
+    held, error = float(gains.sum()), float(gains.std()) * math.sqrt(len(gains)) if len(gains) else 0.0
     distance = distance_from_absence(found, name)
-    log.info("%s: delta BIC %.0f, held out %.0f, %.1f sd from none", name, seen.delta_bic, 2 * held, distance)
+    log.info(
+        "%s: delta BIC %.0f, held out %.0f +- %.0f, %.1f sd from none", name, seen.delta_bic, held, error, distance
+    )
     return bool(
         seen.delta_bic > MIN_DELTA_BIC and seen.others_delta_bic > MIN_DELTA_BIC and distance >= MIN_DISTANCE_SD
-        and (more.held_out is None or held > 0)
+        and held >= -error
     )  # fmt: skip
 
 
