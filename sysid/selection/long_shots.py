@@ -4,9 +4,9 @@ In: a clip set and a model. Out: a `DiscoveryResult`.
 
 Whole shots of a dozen impacts say little about a model that does not follow them (sysid/estimation/chain.py). Windows
 of one impact that hang together do: every candidate is scored on them at once, the best are fitted, and the one that
-explains most is named if its evidence suffices, if held-out windows do not follow each other worse beyond chance, and if
-its size is beyond its uncertainty over the clips. In the end each effect must still be needed beside the others. How
-shots scatter about the model says how much less than independent residuals they tell (their design effect).
+explains most is named if its evidence suffices, if windows of held-out clips do not follow each other worse beyond
+chance, and if its size is beyond its uncertainty over the clips. In the end each effect must still be needed beside the
+others. How shots scatter about the model says how much less than independent residuals they tell (their design effect).
 """
 
 from __future__ import annotations
