@@ -186,22 +186,18 @@ def _drawn(chain: Chain, states: Array, windows: Index, seed: int) -> Array:
 def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) -> Array:
     """Initial states of whole shots (n, p) at constants (q,) from states of windows, the gaps of these closed.
 
-    Of what each tightening leads to, from these states and from others searched anew, every shot has the most likely.
-    Those that miss by more than noise are searched from event to event too (sysid/estimation/state_search.py); those
-    that stand out then with more tolerance and effort.
+    Of what each tightening leads to every shot has the most likely. Those that miss by more than noise are searched
+    from event to event as well (sysid/estimation/state_search.py); those that stand out then with more tolerance and
+    effort.
     """
     x = fit_states(
         problem.with_discrepancy(chain.spread.path), _first_states(chain, states, problem), c, SETTLING_STEPS
     )
     score, own = shot_scores(problem, x, c)
-    for begun in (states, searched_windows(chain, c)):
-        states = begun
-        for share in TIGHTENED:
-            loose = chain.with_spread(
-                Spread(chain.spread.impact, chain.spread.path + (1 - share) * float(np.median(own)))
-            )
-            states = settled_states(loose, states, c, TIGHTENING_STEPS, share * chain.gap_sd(states))
-            x, score, own = _better(problem, x, score, own, _first_states(chain, states, problem), c)
+    for share in TIGHTENED:
+        loose = chain.with_spread(Spread(chain.spread.impact, chain.spread.path + (1 - share) * float(np.median(own))))
+        states = settled_states(loose, states, c, TIGHTENING_STEPS, share * chain.gap_sd(states))
+        x, score, own = _better(problem, x, score, own, _first_states(chain, states, problem), c)
     for effort in (0, *EFFORTS):
         typical = float(np.median(own))
         seen = problem.with_discrepancy(typical)
