@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 STANDARD_OUTPUT = "-"  # as a file to write
 OUTPUT_KEY = "models.standard_output"  # of a click context: where that is, while tables are printed elsewhere
 CONTINUED_INDENT = "  "  # before a row of a table whose first cell stands on the line above
+MAX_NAMED = 4  # names in a message
 PIPED_INTERVAL_S = 5.0  # between progress lines that no terminal shows
 
 
@@ -115,6 +116,12 @@ def as_called(command: str) -> str:
                 near = os.path.relpath(beside)
                 return f"{beside if near.startswith('..') else near} {words}"
     return command
+
+
+def named(names: Sequence[str]) -> str:
+    """Names in words, the first few of many."""
+    rest = len(names) - MAX_NAMED
+    return ", ".join(names[:MAX_NAMED]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def table(rows: Sequence[Sequence[str]], right: int = 1) -> str:

@@ -9,18 +9,17 @@ whole clip ends there. The jaws are those of models/analytic/pocket.py, with a m
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 
 from models.analytic.pocket import jaw_gaps, pockets_of
+from models.console import named
 from models.errors import BadInput
 from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 
 JAW_MARGIN_M = 3e-3  # for noise, and for the uncertainty of the jaws' place
-MOST_LISTED = 3  # clips that are named
 MIN_CLIP_SAMPLES = 12  # of the struck ball: shorter clips are left out
 
 
@@ -40,24 +39,18 @@ def before_jaws(clip_set: ClipSet) -> ClipSet:
 
 def jaws_line(whole: ClipSet, cut: ClipSet) -> str | None:
     """What `before_jaws` has cut and left out, in words; None where nothing."""
-    if cut is whole:
-        return None
-    before = {clip.file: clip for clip in whole.clips}
-    shorter = [clip.file for clip in cut.clips if before[clip.file] is not clip]
-    gone = sorted(set(before) - {clip.file for clip in cut.clips})
-    parts = []
-    if shorter:
-        parts.append(f"{_listed(shorter)} used up to where a ball touches a pocket's jaws, which no fit follows")
-    if gone:
-        parts.append(f"{_listed(gone)} left out: a ball touches them at once")
+    left = {clip.file: clip for clip in cut.clips}
+    shorter = [clip.file for clip in whole.clips if left.get(clip.file, clip) is not clip]
+    gone = [clip.file for clip in whole.clips if clip.file not in left]
+    parts = [
+        f"{named(files)} {'is' if len(files) == 1 else 'are'} {what}"
+        for files, what in (
+            (shorter, "used up to where a ball touches a pocket's jaws, which no fit follows"),
+            (gone, "left out: a ball touches a pocket's jaws at once"),
+        )
+        if files
+    ]
     return "; ".join(parts) or None
-
-
-def _listed(files: Sequence[str]) -> str:
-    """Some clips by name, many by their number."""
-    if len(files) <= MOST_LISTED:
-        return f"{', '.join(files)} {'is' if len(files) == 1 else 'are'}"
-    return f"{len(files)} clips are"
 
 
 def _before(clip: Clip, clip_set: ClipSet, jaws: Array) -> Clip:

@@ -81,9 +81,12 @@ def roughness_of(parts: Split, model: Model) -> float:
     """Roughness of the loss, see `Chain`, from fits of two halves of the shots, each from nothing: 1 at least.
 
     A loss of many windows has as many optima, each sharper than the loss is over all of them. What constants of halves
-    differ by is what their standard deviations must explain.
+    differ by is what their standard deviations must explain. A single shot has no halves, and few of them may determine
+    nothing: then nothing is known of it.
     """
     training = parts.training
+    if len(training.clips) < 2:
+        return 1.0
     order = np.random.default_rng(SEED_OF_HALVES).permutation(len(training.clips))
     halves = [
         fit_windows(dataclasses.replace(parts, training=training.only(np.sort(half)), held_out=None), model).fitted
@@ -91,8 +94,11 @@ def roughness_of(parts: Split, model: Model) -> float:
     ]
     one, two = ((half.constants, np.diag(half.covariance)) for half in halves)
     squares = (one[0] - two[0]) ** 2 / (one[1] + two[1])
-    log.info("constants of halves differ by %.1f standard deviations", np.sqrt(np.nanmean(squares)))
-    return max(float(np.nanmean(squares)), 1.0)
+    squares = squares[np.isfinite(squares)]
+    if not squares.size:
+        return 1.0
+    log.info("constants of halves differ by %.1f standard deviations", np.sqrt(squares.mean()))
+    return max(float(squares.mean()), 1.0)
 
 
 def moved_to(before: LongFit, found: ChainFit) -> LongFit:

@@ -273,7 +273,7 @@ def scores_of(point: Point, seen: Linearised, design_effect: float = 1.0) -> Sco
     """
     q, signatures, marginal = len(point.constants), seen.signatures, seen.marginal_information / design_effect
     information, gradient = seen.information.sum(axis=0) / design_effect, seen.gradient.sum(axis=0) / design_effect
-    _add_known(information, gradient, point, signatures)
+    add_known(information, gradient, point, signatures)
     schur, projected = _without_constants(information, gradient, q)
     ends = np.cumsum([0, *(len(one.probe) for one in signatures)])
     columns = [np.arange(*ends[k : k + 2]) for k in range(len(signatures))]
@@ -325,8 +325,8 @@ def _score(s: Signature, schur: Array, gradient: Array, marginal: Array) -> Scor
     return Score(s.candidate, improvement, s.candidate.off() + step, sd, s.sudden)
 
 
-def _add_known(information: Array, gradient: Array, point: Point, signatures: Sequence[Signature]) -> None:
-    """Add, in place, prior knowledge of constants (per unit) and of switching parameters (per probe)."""
+def add_known(information: Array, gradient: Array, point: Point, signatures: Sequence[Signature]) -> None:
+    """Add, in place, what is known of constants (per unit) and of switching parameters (per probe) beside the clips."""
     entries = [(name, float(c), 1.0) for name, c in zip(point.names, point.constants, strict=True)]
     for s in signatures:
         named = [f"{s.candidate.name}.{k}" for k in s.candidate.keys]

@@ -18,7 +18,7 @@ import numpy as np
 
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array, Index
-from sysid.selection.score import Linearised
+from sysid.selection.score import Linearised, add_known
 from sysid.selection.screening import MIN_DELTA_BIC
 
 DRAWS, SEED = 100, 0
@@ -146,14 +146,11 @@ def stability_of(
     clips = len(seen.information)
     drawn = np.random.default_rng(SEED).multinomial(clips, np.full(clips, 1 / clips), draws) / design_effect
     penalty = float(np.log(max(seen.count / design_effect, 2.0)))
-    known = np.zeros(seen.gradient.shape[1])
-    for k, name in enumerate(point.names):
-        if name in point.problem.known:
-            known[k] = point.problem.known[name][1] ** -2
     found, same = Counter(dict.fromkeys(verdict, 0)), 0
     for weights in drawn:
-        matrix = np.tensordot(weights, seen.information, 1) + np.diag(known)
-        draw = _Draw(seen, weights, matrix, weights @ seen.gradient, constants, blocks, penalty)
+        matrix, gradient = np.tensordot(weights, seen.information, 1), weights @ seen.gradient
+        add_known(matrix, gradient, point, seen.signatures)
+        draw = _Draw(seen, weights, matrix, gradient, constants, blocks, penalty)
         names = {blocks[k].name for k in draw.selected()}
         found.update(names)
         same += names == set(verdict)

@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from models.console import named
 from models.errors import BadInput
 from models.recording.film import Film
 from sysid.clips import Clip, ClipSet
 from sysid.vision.frames import Picture, open_footage
 from sysid.vision.tracks.recordings import video_name, videos_in
 
-MAX_NAMED = 4  # videos in a message
 STRIKE_TOLERANCE_S = 1e-4  # of a frame's stamp from the strike
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".ts", ".wmv")
 
@@ -55,12 +55,6 @@ def missing_line(missing: Sequence[str], folder: Path | None) -> str:
     if folder is not None:
         return f"{folder} holds no film of {named(missing)}: these clips are shown without"
     return f"film not found of {named(missing)}: give its folder with --video DIR"
-
-
-def named(names: Sequence[str]) -> str:
-    """Names in words, the first few of many."""
-    rest = len(names) - MAX_NAMED
-    return ", ".join(names[:MAX_NAMED]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def _absent(clip_set: ClipSet, folder: Path, missing: Sequence[str]) -> str:

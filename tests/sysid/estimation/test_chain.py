@@ -21,6 +21,7 @@ from sysid.estimation.chain import (
 )
 from sysid.estimation.chain_fit import fit_chain, settled_states
 from sysid.estimation.chain_search import SAME_LOSS, long_states, searched_windows
+from sysid.estimation.clip_fit import fit_clips
 from sysid.estimation.initial_states import shot_losses, within_noise
 from sysid.estimation.problem import values_of
 from sysid.estimation.shot_problem import shot_problem
@@ -137,6 +138,13 @@ def test_intervals_hold_the_step_that_remains_and_what_halves_differ_by(chain: t
     assert (sd[np.isfinite(sd)] >= step[np.isfinite(sd)]).all()
     far = fit_chain(at, states, np.clip(1.02 * found.constants, *at.shared.bounds.T), 0, "test")
     assert found.converged and not far.converged
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_shots_too_few_for_halves_are_fitted_without_what_halves_differ_by(count: int) -> None:
+    model = true_model(*CAROM)
+    found = fit_clips(long_shots(model, 12, count), full_model(*CAROM)).fitted
+    assert found.rms < 3 * NOISE_M and found.names
 
 
 def test_constants_that_are_off_by_a_twentieth_come_back(chain: tuple[Chain, np.ndarray]) -> None:
