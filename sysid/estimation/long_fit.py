@@ -18,13 +18,14 @@ import numpy as np
 from models.model_file import Model
 from sysid.estimation.chain import Chain, likely_spread
 from sysid.estimation.chain_fit import ChainFit, fit_chain, settled_states
-from sysid.estimation.chain_search import searched_windows, whole_states
+from sysid.estimation.chain_search import long_states, searched_windows, whole_states
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_held_out
-from sysid.estimation.initial_states import shot_scores
+from sysid.estimation.initial_states import shot_losses, shot_scores, within_noise
 from sysid.estimation.problem import Array, values_of
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, exclusion_lines, lost_shots, shot_errors, typical_error
+from sysid.estimation.state_search import BETTER_LOSS
 from sysid.estimation.windows import windows_of
 
 BASE_STEPS, BASE_ROUNDS = 8, 3  # of the constants, and of searching windows anew
@@ -145,11 +146,32 @@ def whole_shots(parts: Split, at: LongFit) -> FittedModel:
     found_states = whole_states(found.chain, found.states, found.constants, problem)
     now = as_fitted(at, parts.training, found_states)
     if now.discrepancy_rate <= UNFOLLOWED_RATE:
-        now = fit(now, "whole shots")
+        now = with_found_starts(fit(now, "whole shots"))
     if at.held_out is None:
         return now
     x = whole_states(at.held_out, at.held_states, found.constants, at.held_out.problem)
     return dataclasses.replace(now, held_out=fit_held_out(now, at.held_out.problem, x))
+
+
+def with_found_starts(found: FittedModel) -> FittedModel:
+    """The fit with shots that miss by more than noise begun where windows lead at its constants, if that is likelier.
+
+    At the constants of windows, which are a little off, whole shots end in optima that they keep.
+    """
+    problem, x, c = found.problem, found.initial_states, found.constants
+    bare = problem.with_own_rates(np.zeros(len(x)))
+    odd = np.flatnonzero(~within_noise(*shot_losses(bare.with_discrepancy(0.0), x, c), problem.correlation_time))
+    if not odd.size:
+        return found
+    part = bare.only(odd)
+    other = long_states(part, c)
+    better = shot_scores(part, other, c)[0] < shot_scores(part, x[odd], c)[0] - BETTER_LOSS
+    log.info("%d of %d shots beyond the noise began elsewhere", better.sum(), odd.size)
+    if not better.any():
+        return found
+    x = x.copy()
+    x[odd[better]] = other[better]
+    return fit(dataclasses.replace(found, initial_states=x), "whole shots")
 
 
 def fit_long(parts: Split, model: Model) -> tuple[Split, LongFit, FittedModel]:
