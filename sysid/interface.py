@@ -127,8 +127,7 @@ class DiagnosedClips(Presented, ClipDiagnosis):
     @cached_property
     def comparison(self) -> ComparedClips:
         """The model that was diagnosed against all clips."""
-        seen = self.diagnosis.screening
-        at = self.fitted if seen.segments else seen.base
+        at = self.diagnosis.screening.base
         states = self.parts.states_of(at, [c.file for c in self.clips.clips])
         return _as(ComparedClips, compare_clips(self.clips, at.model, states))
 

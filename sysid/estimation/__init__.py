@@ -12,10 +12,9 @@ rate, whether it converged, and the error on held-out clips. In the order of a f
     sizes             length, width and diameter as constants, known as well as a tape and a caliper measure them
     windows           shots cut into windows of one impact each, which hang together
     chain             multiple shooting: windows of long shots; chain_fit has constants, chain_search their states
-    long_fit          a model fitted to long shots: windows first, then whole shots from there
-    lone_shots        shots that determine a constant nearly alone, at every sidespin they may have had
+    from_nothing      a model fitted to clips: windows first, then whole shots from there
     discrepancy       discrepancy of the model, which grows along a shot
-    fitting           `fit(start)` and `fit_from_nothing(problem)`: constants and initial states together
+    fitting           `fit(start)`: constants and initial states of whole shots together, from nearly right ones
     split             a clip set's training and held-out shots, those excluded that are lost; fits evaluated on both
     start_values      where initial states begin
     clip_fit          a model fitted to a clip set: `sysid fit`
@@ -23,9 +22,10 @@ rate, whether it converged, and the error on held-out clips. In the order of a f
 
 from sysid.estimation.clip_fit import ClipFit, fit_clips
 from sysid.estimation.fitted import FittedModel, HeldOut, Point, as_model
-from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out
+from sysid.estimation.fitting import fit, fit_held_out
+from sysid.estimation.from_nothing import begin, fit_anew, fit_from_nothing
 from sysid.estimation.shot_problem import ShotProblem
-from sysid.estimation.split import Split, begin, fit_anew, fit_on
+from sysid.estimation.split import Split, fit_on
 
 __all__ = [
     "ClipFit", "FittedModel", "HeldOut", "Point", "ShotProblem", "Split", "as_model", "begin", "fit", "fit_anew",

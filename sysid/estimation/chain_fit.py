@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.estimation.chain import Chain, Equations, derivatives, equations, reduced
-from sysid.estimation.fitting import NEGLIGIBLE_STEP_SD
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.solver.joint_fit import SharedConstants, covariance, newton_step
 from sysid.estimation.solver.journal import recorded
@@ -23,6 +22,7 @@ from sysid.estimation.solver.least_squares import Prior
 from sysid.estimation.windows import Mask
 
 FIRST_DAMPING, MIN_DAMPING, MAX_ATTEMPTS = 1e-3, 1e-7, 5
+NEGLIGIBLE_STEP_SD = 0.25  # of a standard deviation: a remaining step that is too small to matter
 TOLERANCE = 1e-4  # share of the loss by which a step must lower it for another to be taken
 log = logging.getLogger(__name__)
 
@@ -177,19 +177,28 @@ def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, wha
                 trial[chain.windows.runs[k]] = states[chain.windows.runs[k]]
             there, shots_there = equations(chain, trial, sd, *derivatives(chain, trial, new, np.zeros(0)))
             trial, losses, _ = _lowered(chain, trial, new, sd, there, shots_there, every, active)
-            if float(losses.sum()) + 0.5 * float(np.sum(prior.residuals(new) ** 2)) < total:
+            gain = total - float(losses.sum()) - 0.5 * float(np.sum(prior.residuals(new) ** 2))
+            if gain > 0:
                 break
             damping = max(10 * damping, FIRST_DAMPING)
         else:
             break
         states, c, damping = trial, new, max(damping / 10, MIN_DAMPING)
+        # The loss is a parabola of the distance: what so small a distance gains is no reason for another step.
+        if gain < 0.5 * NEGLIGIBLE_STEP_SD**2 * _count_as_one(chain, information, gradient):
+            break
     return states, c
 
 
 def _distance(chain: Chain, step: Array, information: Array, gradient: Array) -> float:
     """How far a step of the constants goes, all together [standard deviations over shots]."""
-    told = float(gradient.sum(axis=0) @ step) / (design_effect(information, gradient) * chain.roughness)
+    told = float(gradient.sum(axis=0) @ step) / _count_as_one(chain, information, gradient)
     return math.sqrt(max(told, 0.0))
+
+
+def _count_as_one(chain: Chain, information: Array, gradient: Array) -> float:
+    """How much of twice the loss tells as much as an independent residual's."""
+    return design_effect(information, gradient) * chain.roughness
 
 
 def design_effect(information: Array, gradient: Array) -> float:

@@ -53,7 +53,7 @@ def searched_windows(chain: Chain, c: Array, known: Array | None = None, searche
     """
     shot = chain.windows.shot
     sd = chain.gap_sd(chain.windows.start)
-    best = _searched_once(chain, c, 0) if known is None else known
+    best = _searched_once(chain, c, 0) if known is None else known.copy()
     cost = chain.losses(best, c, sd)
     todo = np.arange(len(chain.windows.runs))
     for seed in range(known is None, searches):
@@ -125,7 +125,9 @@ class _Start:
 
     def objective(self, chain: Chain) -> Objective:
         """That of windows one by one, each with this beside its samples."""
-        return Objective(chain.evaluate, chain.windows.steps, Prior(self.mean, self.sd), CAUCHY_SD)
+        return Objective(
+            chain.evaluate, chain.windows.steps, Prior(self.mean, self.sd), CAUCHY_SD, free=chain.windows.free
+        )
 
     def costs(self, chain: Chain, x: Array, c: Array, which: Index) -> Array:
         """Losses of windows (k,) at states (k, p): of samples, and of the gap to what is known."""

@@ -2,17 +2,15 @@
 
 In: a clip set and a model. Out: a `ClipFit`: the model with its constants and their uncertainty, and the split.
 
-Segments between events come first: they determine the constants of the open cloth. Then whole shots are fitted, with
-every fifth clip held out. Where the model does not follow the open cloth, its constants there stay as the segments gave
-them (long shots would bias them to compensate for what is missing elsewhere), and uncertainties are those of the first
-events.
+Segments between events come first: they give the constants of the open cloth a start. Then windows of one impact each
+are fitted and, where the model follows them, whole shots (sysid/estimation/from_nothing.py). Every fifth clip is held
+out.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -21,10 +19,9 @@ import numpy as np
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel, as_model
-from sysid.estimation.fitting import fit_from_nothing, widened
-from sysid.estimation.long_fit import fit_long
+from sysid.estimation.from_nothing import fit_from_nothing
 from sysid.estimation.open_cloth import OpenCloth
-from sysid.estimation.split import Split, fit_followed, split
+from sysid.estimation.split import Split, split
 
 BAND_SHARE = 0.95  # of the residuals inside the predicted band
 
@@ -68,22 +65,8 @@ def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> Cl
         BadInput: where there are too few segments between events.
     """
     parts, cloth, model = split(clip_set, model)
-    if parts.training.is_long:
-        parts, _, found = fit_long(parts, model)
-        return _clip_fit(parts, found, cloth, command)
-    held, free = _held_and_free(cloth, model)
-
-    def fit_training(parts: Split) -> FittedModel:
-        found = fit_from_nothing(parts.training.with_model(model, free), "whole shots")
-        return _with_cloth(widened(found), cloth, held)
-
-    return _clip_fit(*fit_followed(parts, fit_training), cloth, command)
-
-
-def _held_and_free(cloth: OpenCloth, model: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Constants that whole shots leave as segments gave them, and those that are fitted to whole shots."""
-    held = () if cloth.follows else tuple(cloth.known)
-    return held, tuple(n for n in model.parameters() if n not in held)
+    parts, _, found = fit_from_nothing(parts, model)
+    return _clip_fit(parts, found, cloth, command)
 
 
 def _clip_fit(parts: Split, found: FittedModel, cloth: OpenCloth, command: str) -> ClipFit:
@@ -96,17 +79,3 @@ def _clip_fit(parts: Split, found: FittedModel, cloth: OpenCloth, command: str) 
 def band_rate(found: FittedModel) -> float:
     """Discrepancy rate whose band holds 95 % of a fit's residuals, those of shots in false optima included."""
     return found.problem.discrepancy_rate(found.initial_states, found.constants, BAND_SHARE)
-
-
-def _with_cloth(found: FittedModel, cloth: OpenCloth, held: Sequence[str]) -> FittedModel:
-    """A fit with the constants that were held as segments gave them, which are taken as independent of the others."""
-    if not held:
-        return found
-    rows, q = [cloth.names.index(n) for n in held], len(found.names)
-    covariance = np.zeros((q + len(rows), q + len(rows)))
-    covariance[:q, :q], covariance[q:, q:] = found.covariance, cloth.solution.covariance[np.ix_(rows, rows)]
-    return dataclasses.replace(
-        found, problem=found.problem.with_model(found.problem.model, (*found.names, *held)),
-        constants=np.concatenate([found.constants, cloth.solution.constants[rows]]), covariance=covariance,
-        converged=found.converged and cloth.solution.converged,
-    )  # fmt: skip

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,7 @@ from sysid.clips.noise import noise_correlation, position_noise
 from sysid.clips.outliers import remove_outliers
 from sysid.clips.slow_noise import slow_noise
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
-from sysid.estimation.fitting import fit, fit_from_nothing, fit_held_out, settled
+from sysid.estimation.fitting import fit, fit_held_out
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
@@ -116,50 +116,6 @@ def split(clip_set: ClipSet, model: Model) -> tuple[Split, OpenCloth, Model]:
     return Split(problem_of(training), problem_of(held) if held.clips else None, spikes), cloth, model
 
 
-def begin(clip_set: ClipSet, model: Model) -> tuple[Split, FittedModel]:
-    """The clips split, and the model with every constant of its stack fitted to them."""
-    parts, _, model = split(clip_set, model)
-    return fit_base(parts, model)
-
-
-def fit_base(parts: Split, model: Model) -> tuple[Split, FittedModel]:
-    """The model with every constant of its stack fitted, and the split without the shots that are lost in it."""
-    return fit_followed(parts, lambda parts: _fit_training(parts, model, "base"))
-
-
-def fit_followed(parts: Split, fit_training: Callable[[Split], FittedModel]) -> tuple[Split, FittedModel]:
-    """A fit from nothing with its error on the held-out clips, and the split without the shots that are lost in it.
-
-    Args:
-        parts: the clips.
-        fit_training: fits the training clips of a split; done anew where some of them are lost.
-
-    Raises:
-        BadInput: where most shots are lost.
-    """
-    found = fit_training(parts)
-    errors = shot_errors(found.problem, found.initial_states, found.constants)
-    typical = typical_error(errors)
-    lost = lost_shots(errors, typical)
-    if lost.size:
-        kept = np.setdiff1d(np.arange(len(errors)), lost)
-        lines = exclusion_lines(parts.training, lost, errors)
-        parts = parts.excluding(lines, parts.training.only(kept), parts.held_out)
-        found = fit_training(parts)
-    found = tried(parts, found, None)
-    if parts.held_out is None or found.held_out is None:
-        return parts, found
-    seen = parts.held_out.with_model(found.problem.model, found.names)
-    errors = shot_errors(seen, found.held_out.initial_states, found.constants)
-    lost = lost_shots(errors, typical)
-    if not lost.size:
-        return parts, found
-    kept = np.setdiff1d(np.arange(len(errors)), lost)
-    held_out = parts.held_out.only(kept) if kept.size else None
-    parts = parts.excluding(exclusion_lines(parts.held_out, lost, errors), parts.training, held_out)
-    return parts, tried(parts, dataclasses.replace(found, held_out=None), None)
-
-
 def shot_errors(problem: ShotProblem, x: Array, c: Array) -> Array:
     """Rms residual of every shot per axis at initial states (n, p) and constants (q,): (n,) [m]."""
     r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
@@ -195,25 +151,9 @@ def exclusion_lines(problem: ShotProblem, rows: Index, errors: Array) -> tuple[s
     )
 
 
-def fit_anew(parts: Split, model: Model, what: str) -> FittedModel:
-    """A model fitted from nothing, its shots grown from their beginnings, its constants from their present values."""
-    return tried(parts, _fit_training(parts, model, what), None)
-
-
-def _fit_training(parts: Split, model: Model, what: str) -> FittedModel:
-    problem = parts.training.with_model(model, tuple(model.parameters()))
-    return fit_from_nothing(problem, what)
-
-
 def fit_on(parts: Split, start: Point, before: FittedModel, what: str) -> FittedModel:
     """A fit from a start, see `fit`, evaluated on the held-out clips; `before` has nearly right states of these."""
     return tried(parts, fit(start, what), before)
-
-
-def settled_on(parts: Split, found: FittedModel) -> FittedModel:
-    """A fit of whole shots, see `settled`, evaluated on the held-out clips."""
-    now = settled(found, "the last model")
-    return now if now.initial_states is found.initial_states else tried(parts, now, found)
 
 
 def tried(parts: Split, found: FittedModel, before: FittedModel | None) -> FittedModel:

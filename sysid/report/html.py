@@ -215,7 +215,7 @@ def _round(number: int, seen: Screening) -> dict[str, object]:
     top = max([1.0, *delta_bic])
     return {
         "number": number,
-        "segments": seen.segments,
+        "windows": seen.windows,
         "effects": ", ".join(e.name() for e in seen.base.model.effects) or "nothing",
         "heads": heads,
         "rows": [(row, 100 * math.log1p(v) / math.log1p(top)) for row, v in zip(rows, delta_bic, strict=True)],

@@ -76,7 +76,7 @@ def judgement_json(
         "unexplained": dict(unexplained) if unexplained else None, "noise_floor_m": parts.noise,
         "base": {"rms_m": seen.base.rms, "held_out_rms_m": seen.base.held_rms, "chi2_reduced": seen.base.chi2,
                  "converged": seen.base.converged},
-        "runs": seen.segments, "candidates": round_json(seen),
+        "windows": seen.windows, "candidates": round_json(seen),
         "margin_delta_bic": seen.margin if np.isfinite(seen.margin) else None,
         "look_alikes": [[a, b] for a, b, _ in seen.confounded], "not_told_apart": [list(p) for p in seen.tied],
         "doubtful": list(seen.doubtful), "next_shot": shot.to_dict() if shot else None,

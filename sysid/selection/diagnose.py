@@ -12,12 +12,12 @@ from typing import Any
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
-from sysid.estimation.long_fit import fit_long
-from sysid.estimation.split import Split, fit_base, split
+from sysid.estimation.from_nothing import fit_from_nothing
+from sysid.estimation.split import Split, fit_on, split
+from sysid.selection.by_windows import screen_windows
 from sysid.selection.evidence import holds
 from sysid.selection.formula import describe
 from sysid.selection.judge import Diagnosis, diagnose_fit
-from sysid.selection.long_shots import screen_windows
 from sysid.selection.next_shot import NextShot, propose_next
 from sysid.selection.remainder import remainder
 
@@ -46,13 +46,14 @@ class ClipDiagnosis:
 def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
     """Fit the model to the clips and search what it lacks; every fifth clip is held out."""
     parts, _, model = split(clip_set, model)
-    if parts.training.is_long:
-        parts, at, base = fit_long(parts, model)
+    parts, at, base = fit_from_nothing(parts, model)
+    if not parts.follows(base):
         diagnosis = Diagnosis(screen_windows(at, base)[0])
         named = (diagnosis.name,) if diagnosis.name else ()
-        shot = propose_next(parts, base, (diagnosis.screening,), named)
-        return ClipDiagnosis(parts, base, diagnosis, None if named else remainder(base), shot)
-    parts, base = fit_base(parts, model)
+        if named or parts.training.is_long:
+            shot = propose_next(parts, base, (diagnosis.screening,), named)
+            return ClipDiagnosis(parts, base, diagnosis, None if named else remainder(base), shot)
+        base = fit_on(parts, base, base, "whole shots")
     diagnosis = diagnose_fit(parts, base)
     unexplained: Mapping[str, Any] | None = None
     fitted, seen = diagnosis.fitted_formula, diagnosis.screening

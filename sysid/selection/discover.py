@@ -3,7 +3,7 @@
 In: a `ClipSet` and a `Model` to start from. Out: a `DiscoveryResult`: the ladder of fits, one effect more on each step,
 the screenings on the way, what stays unexplained, and the next shot to film.
 
-Shots of many impacts go their own way (sysid/selection/long_shots.py).
+Where whole shots are not followed, effects are first looked for in windows of one impact each (by_windows.py).
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from collections.abc import Callable
 from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
-from sysid.estimation.split import Split, fit_base, settled_on, split
+from sysid.estimation.from_nothing import fit_from_nothing
+from sysid.estimation.split import Split, fit_on, split
+from sysid.selection.by_windows import discover_by_windows, stability_by_windows
 from sysid.selection.departures import without_departing
 from sysid.selection.evidence import (
     compare_fits,
@@ -26,7 +28,6 @@ from sysid.selection.evidence import (
 )
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, score_terms, select_terms
 from sysid.selection.judge import diagnose_fit
-from sysid.selection.long_shots import discover_long
 from sysid.selection.next_shot import propose_next
 from sysid.selection.pruning import (
     Pruned,
@@ -88,23 +89,40 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
         show: called with the result so far, after each effect.
     """
     parts, _, model = split(clip_set, model)
-    if parts.training.is_long:
-        return discover_long(parts, model, show)
-    parts, now = fit_base(parts, model)
+    parts, at, now = fit_from_nothing(parts, model)
     found = DiscoveryResult(parts, (now,), ((),), ())
     show(found)
+    if not parts.follows(now):
+        found, at = discover_by_windows(found, at)
+        if parts.training.is_long and not parts.follows(found.last):
+            found = dataclasses.replace(
+                found, unexplained=remainder(found.last), stability=stability_by_windows(found, at)
+            )
+            return _with_next_shot(found)
+        found = _in_any_case(found)
+        show(found)
+    return _with_next_shot(_by_whole_shots(found, show))
+
+
+def _with_next_shot(found: DiscoveryResult) -> DiscoveryResult:
+    return dataclasses.replace(found, next_shot=propose_next(found.parts, found.last, found.rounds, found.verdict))
+
+
+def _in_any_case(found: DiscoveryResult) -> DiscoveryResult:
+    """The result with its last model fitted to whole shots, even if it does not follow them."""
+    last, parts = found.last, found.parts
+    if parts.follows(last):
+        return found
+    return dataclasses.replace(found, ladder=(*found.ladder[:-1], fit_on(parts, last, last, "whole shots")))
+
+
+def _by_whole_shots(found: DiscoveryResult, show: Show) -> DiscoveryResult:
+    """Effects that whole shots name beside those that are in the result, or a formula for what none explains."""
+    parts, now = found.parts, found.last
     formula: SparseFormula | None = None
-    segments = True  # whether segments may still show what whole shots do not
     for _ in range(MAX_EFFECTS):
-        diagnosis = diagnose_fit(parts, now, formula=formula is None, segments=segments)
-        found = dataclasses.replace(found, rounds=(*found.rounds, *diagnosis.rounds))
-        segments = diagnosis.confirmed is not None
-        if diagnosis.confirmed is not None and diagnosis.name is not None:
-            log.info("found %s", diagnosis.name)
-            now = diagnosis.confirmed
-            found = found.with_step(now, (*found.verdict, diagnosis.name))
-            show(found)
-            continue
+        diagnosis = diagnose_fit(parts, now, formula=formula is None)
+        found = dataclasses.replace(found, rounds=(*found.rounds, diagnosis.screening))
         if diagnosis.screening.base is not now:
             now = diagnosis.screening.base
             if formula is None:
@@ -134,16 +152,12 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
         found = dataclasses.replace(found, unexplained=remainder(found.last))
         if found.unexplained is not None:
             found = prune(parts, found, without_unclear)
-    if found.verdict and found.explained is None:
-        last = settled_on(parts, found.last)
-        found = dataclasses.replace(found, ladder=(*found.ladder[:-1], last))
-        if found.unexplained is not None:
             found = prune(parts, found, without_unsettled)
     if found.explained is None:
         last = found.last
         seen = linearise(last, [one for one in candidates_for(last.model) if one.name not in found.refuted])
         found = dataclasses.replace(found, stability=stability_of(last, found.verdict, seen, counted_as_one(last)))
-    return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
+    return found
 
 
 def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, formula: SparseFormula) -> DiscoveryResult:

@@ -2,9 +2,8 @@
 
 In: clips (`Split`) and their fit (`FittedModel`). Out: a `Diagnosis`.
 
-Where whole shots are not followed, segments between impacts are screened first; their best effect counts if whole shots
-confirm it (sysid/selection/runs.py). Otherwise whole shots are screened, and a sparse formula
-(sysid/selection/formula.py) takes the place of an effect that explains clearly less.
+Whole shots are screened, and a sparse formula (sysid/selection/formula.py) takes the place of an effect that explains
+clearly less.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ from sysid.estimation.split import Split
 from sysid.selection.departures import shared_cause
 from sysid.selection.evidence import excess_variance, generalises
 from sysid.selection.formula import SparseFormula, score_terms, select_terms
-from sysid.selection.runs import confirm, screen_segments, screen_whole_shots
 from sysid.selection.screening import (
     MAX_EXCESS_VARIANCE,
     FittedCandidate,
@@ -44,8 +42,6 @@ class Diagnosis:
     screening: Screening
     formula: SparseFormula | None = None  # of structure that no effect explains
     fitted_formula: FittedCandidate | None = None  # the same, fitted
-    confirmed: FittedModel | None = None  # whole shots with the effect, where segments named it
-    segments: Screening | None = None  # of segments, where whole shots did not confirm it
 
     @property
     def name(self) -> str | None:
@@ -53,29 +49,15 @@ class Diagnosis:
         best = self.screening.best
         return best.name if best is not None and self.formula is None else None
 
-    @property
-    def rounds(self) -> tuple[Screening, ...]:
-        """All screenings, in order."""
-        return (self.segments, self.screening) if self.segments is not None else (self.screening,)
 
-
-def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments: bool = True) -> Diagnosis:
+def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True) -> Diagnosis:
     """Find the effect that a fit lacks or, where none explains the residuals, a formula.
 
     Args:
         parts: the clips.
         now: their fit.
         formula: whether to look for structure outside the catalogue; False where a formula is in the model already.
-        segments: whether segments between impacts may be screened.
     """
-    by_segments, partial = None, None
-    if segments and formula and not parts.follows(now):
-        by_segments = screen_segments(parts, now)
-        if by_segments is not None and by_segments.best is not None:
-            confirmation = confirm(parts, now, by_segments.best, screen_whole_shots(parts, now))
-            if confirmation.fitted is not None:
-                return Diagnosis(by_segments, confirmed=confirmation.fitted)
-            partial = confirmation.partial
     before = now
     searched: list[SparseFormula | None] = []  # the terms are scored once at most, and only where it is needed
 
@@ -89,20 +71,20 @@ def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True, segments:
         return found.improvements[0] / MAX_TERM_ADVANTAGE if found else 0.0
 
     share = 0.0 if formula else MIN_SHARE_BESIDE_FORMULA
-    seen = screen(parts, now, candidates_for(now.model), competing, share, partial)
+    seen = screen(parts, now, candidates_for(now.model), competing, share)
     best, now = seen.best, seen.base
     if not formula or excess_variance(best.fitted if best else now) <= MAX_EXCESS_VARIANCE:
-        return Diagnosis(seen, segments=by_segments)
+        return Diagnosis(seen)
     structure = outside(now)
     if structure is None or (best is not None and not outdoes(parts, now, structure, best)):
-        return Diagnosis(seen, segments=by_segments)
+        return Diagnosis(seen)
     log.info("a formula: %s", ", ".join(t.name for t in structure.terms))
     fitted = fit_candidate(parts, now, structure.score())
     if not is_enough(fitted.evidence, seen.count) or not generalises(now, fitted.fitted):
-        return Diagnosis(seen, segments=by_segments)
+        return Diagnosis(seen)
     if excess_variance(fitted.fitted) > MAX_FORMULA_EXCESS and shared_cause(before) is not None:
-        return Diagnosis(seen, segments=by_segments)
-    return Diagnosis(seen, structure, fitted, segments=by_segments)
+        return Diagnosis(seen)
+    return Diagnosis(seen, structure, fitted)
 
 
 def outdoes(parts: Split, now: FittedModel, structure: SparseFormula, best: FittedCandidate) -> bool:

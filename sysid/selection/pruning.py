@@ -15,7 +15,7 @@ import logging
 import numpy as np
 
 from sysid.estimation.fitted import FittedModel
-from sysid.estimation.split import Split, fit_on, settled_on
+from sysid.estimation.split import Split, fit_on
 from sysid.selection.evidence import (
     MAX_LOSS_RATIO,
     compare_fits,
@@ -95,7 +95,7 @@ def without_unsettled(parts: Split, now: FittedModel, verdict: tuple[str, ...]) 
     if now.converged or len(verdict) < 2:
         return now, verdict
     name, _ = _least_needed(now, verdict)
-    less = settled_on(parts, fit_without(parts, now, name))
+    less = fit_without(parts, now, name)
     if not less.converged:
         return now, verdict
     log.info("with %s the fit does not converge", name)

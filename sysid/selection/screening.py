@@ -82,7 +82,7 @@ class Screening:
     confounded: tuple[tuple[str, str, float], ...]  # pairs of relevant candidates, with their correlation
     tied: tuple[tuple[str, str], ...]  # pairs of fits that the evidence does not separate
     count: int  # residuals
-    segments: int = 0  # number of segments without impacts that were screened; 0 for whole shots or windows of them
+    windows: int = 0  # of one impact each, on which candidates were scored; 0 where whole shots were
 
     @property
     def best(self) -> FittedCandidate | None:
@@ -105,14 +105,6 @@ class Screening:
     def doubtful(self) -> tuple[str, ...]:
         """Candidates whose fit did not converge."""
         return tuple(t.name for t in self.fits if not t.converged)
-
-
-@dataclass(frozen=True)
-class PartialScreening:
-    """Scores and fits that a screening need not compute again."""
-
-    scores: Scores
-    fitted: tuple[FittedCandidate, ...] = ()
 
 
 def is_enough(evidence: Evidence, count: int) -> bool:
@@ -139,7 +131,6 @@ def screen(
     candidates: Sequence[Candidate],
     competing: Callable[[], float] = lambda: 0.0,
     share: float = 0.0,
-    partial: PartialScreening | None = None,
 ) -> Screening:
     """Score all candidates, fit the best of them and compare the fits.
 
@@ -149,16 +140,13 @@ def screen(
         candidates: what may be missing.
         competing: predicted improvement that candidates after the first must exceed; called only where it is needed.
         share: least predicted improvement of any candidate, as a part of the excess of chi-square over noise.
-        partial: scores and fits of these candidates that are known already.
     """
-    partial = partial or PartialScreening(score_all(base, candidates))
-    scores, known = partial.scores, {one.name: one for one in partial.fitted}
+    scores = score_all(base, candidates)
 
     def fit(score: Score) -> FittedCandidate:
-        return known.get(score.candidate.name) or fit_candidate(parts, base, score)
+        return fit_candidate(parts, base, score)
 
     fits = _fit_chosen(scores, shortlist(scores, share), fit, competing)
-    fits += [one for one in partial.fitted if all(other.name != one.name for other in fits)]
     if fits and not any(one.converged for one in fits):  # candidates that predict less were left out for no verdict
         tried = {one.name for one in fits}
         others = [row for row in scores.rows if row.candidate.name not in tried]

@@ -16,6 +16,7 @@ were known (a projected Newton step; D. P. Bertsekas, SIAM Journal on Control an
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -131,10 +132,9 @@ def fit_joint(
 ) -> Solution:  # fmt: skip
     """Shared constants (q,) with every problem's initial state fitted beside them.
 
-    Converged means that the last full (undamped) step asked to change no constant by more than 2 % of its standard
-    deviation, or predicted to lower the loss by less than the tolerance, or by less than a half where no step improves
-    anything. The covariance is the larger of the inverse information and the sandwich over problems, which holds where
-    the model is not quite right. Noise that is correlated from sample to sample gives less information than independent
+    Converged means that the full (undamped) step that remains is within a standard deviation. The covariance is the
+    larger of the inverse information and the sandwich over problems, which holds where the model is not quite right,
+    and has that step in it. Noise that is correlated from sample to sample gives less information than independent
     samples, by its correlation time.
 
     Args:
@@ -153,20 +153,33 @@ def fit_joint(
         return objective.holds(found[0]) and bool(np.all((found[1] >= low) & (found[1] <= high)))
 
     limits = np.array([rule.steps, rule.state_steps, rule.tolerance, objective.cauchy_sd])
-    question, shapes = (x, c, shared.bounds, limits), (x.shape, c.shape, (), ())
-    x, c, cost, converged = recorded(lambda: _minimised(joint, x, c, what), question, shapes, fits)
+    question, shapes = (x, c, shared.bounds, limits), (x.shape, c.shape, ())
+    x, c, cost = recorded(lambda: _minimised(joint, x, c, what), question, shapes, fits)
     reduced, sd, width = joint.reduced(x, c), joint.prior.sd, shared.width
     known = np.where(sd < width, 1 / sd**2, 0.0)
     found = covariance(reduced.information, reduced.gradient, width, known, objective.correlation_time)
-    return Solution(x, c, found, float(cost), bool(converged), reduced.information, reduced.gradient)
+    step = joint.newton(reduced, c).full
+    converged = distance(step, found) < 1.0
+    return Solution(
+        x, c, found + np.outer(step, step), float(cost), converged, reduced.information, reduced.gradient
+    )  # fmt: skip
+
+
+def distance(step: Array, covariance: Array) -> float:
+    """How far a step of the constants (q,) goes, all together, where the covariance (q, q) is known [sd]."""
+    sd = np.sqrt(np.diag(covariance))
+    known = np.isfinite(sd) & (sd > 0)
+    scaled = covariance[np.ix_(known, known)] / np.outer(sd[known], sd[known])
+    z = step[known] / sd[known]
+    return math.sqrt(max(float(z @ np.linalg.pinv(scaled, hermitian=True) @ z), 0.0))
 
 
 def _minimised(joint: _Joint, x: Array, c: Array, what: str) -> tuple[Array, ...]:
-    """Initial states and constants of the least loss, that loss, and whether they converged (0 or 1)."""
+    """Initial states and constants of the least loss, and that loss."""
     objective, rule = joint.objective, joint.rule
     x, costs = fit_each(objective, x, c, 3 * rule.state_steps)
     at = _Iterate(x, c, joint.cost(costs, c), FIRST_DAMPING)
-    converged, stalled = False, 0
+    stalled = 0
     for step in range(rule.steps):
         log.info("%s, step %d: loss %.0f", what, step, at.cost)
         reduced = joint.reduced(at.x, at.c)
@@ -174,20 +187,15 @@ def _minimised(joint: _Joint, x: Array, c: Array, what: str) -> tuple[Array, ...
         arrived = joint.arrived(newton, at)
         new = joint.lower(at, reduced, newton, 1 if arrived else 2 * MAX_ATTEMPTS)
         if new is None:
-            # No step lowers the loss: at the optimum, but for its roughness, if hardly anything is left to improve.
-            converged = arrived or newton.predicted < NEGLIGIBLE_LOSS
             break
         # A loss that is rough at the scale of what is left to improve has no better optimum to offer.
         threshold = rule.tolerance * at.cost
         stalled = stalled + 1 if at.cost - new.cost < threshold else 0
         rough = stalled >= MAX_STALLED_STEPS and newton.predicted < max(ROUGH_LOSS * threshold, NEGLIGIBLE_LOSS)
         at = new
-        if arrived or rough:
-            converged = True
+        if arrived or rough or stalled > MAX_STALLED_STEPS:
             break
-        if stalled > MAX_STALLED_STEPS:
-            break
-    return at.x, at.c, np.array(at.cost), np.array(float(converged))
+    return at.x, at.c, np.array(at.cost)
 
 
 @dataclass(frozen=True)

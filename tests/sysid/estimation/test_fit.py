@@ -18,9 +18,7 @@ from models.sizes import BALL_DIAMETER, SIZE_NAMES, TABLE_LENGTH, TABLE_WIDTH
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation import ClipFit, fit_clips
-from sysid.estimation.fitting import widened_covariance
 from sysid.estimation.shot_problem import shot_problem
-from sysid.estimation.solver.joint_fit import Solution
 from sysid.estimation.split import HELD_OUT_EVERY, training_clips
 from sysid.residuals.compare import compare
 from tests.bench.accuracy import CONSTANTS
@@ -274,19 +272,6 @@ def test_real_shots_are_compared(data_folder: Path) -> None:
         assert 0 < clip.struck_rms_m < 2
     assert all(np.isfinite(s.ratio) for s in comparison.segments) and len(comparison.segments) > 20
     assert all(np.isfinite(d.ratio) for d in comparison.where)
-
-
-def test_a_constant_the_first_events_do_not_tell_leaves_the_others_their_uncertainty() -> None:
-    """Shots without ball-ball impacts up to the second event say nothing of the balls, and that is no failure."""
-    information = np.array([[[100.0, 0.0], [0.0, 0.0]]])
-    quiet = np.zeros((1, 2))
-    spread = np.array([[0.01, np.nan], [np.nan, np.nan]])
-    first = Solution(np.zeros((1, 7)), np.array([0.9, 0.05]), spread, 1.0, True, information, quiet)
-    whole = dataclasses.replace(first, constants=np.array([0.92, 0.06]))
-    covariance, arrived = widened_covariance(first, whole, np.array([[0.5, 1.0], [0.0, 0.2]]))
-    assert arrived
-    assert np.sqrt(covariance[0, 0]) == pytest.approx(np.hypot(0.1, 0.02))
-    assert np.isnan(covariance[1, 1])
 
 
 @pytest.mark.parametrize("row", [3, 4], ids=["training", "held out"])

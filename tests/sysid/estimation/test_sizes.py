@@ -14,7 +14,6 @@ from models.shot import Ball, Table
 from models.sizes import BALL_DIAMETER, SIZE_NAMES, TABLE_LENGTH, TABLE_WIDTH
 from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation import ClipFit, fit_clips
-from sysid.estimation.lone_shots import SpinScan
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.sizes import known_sizes, with_free_sizes
 from sysid.report.health import health_lines
@@ -83,15 +82,3 @@ def test_sizes_are_known_as_stated_where_the_event_engine_plays() -> None:
     assert known_sizes(free)[TABLE_LENGTH] == pytest.approx((3.569, 0.003 * 3.569))
     assert with_free_sizes(dataclasses.replace(model, engine="mujoco")).sizes == {}
     assert with_free_sizes(free.with_values({TABLE_LENGTH: 3.56})).sizes[TABLE_LENGTH] == 3.56
-
-
-def test_spins_that_fit_as_well_widen_and_worse_ones_do_not() -> None:
-    constants = np.array([[0.9], [0.9], [0.92], [0.5]])
-    scan = SpinScan(0, np.array([0]), np.zeros((4, 7)), constants, np.array([10.0, 10.0, 10.0, 60.0]), 1.0)
-    assert scan.best == 0
-    assert scan.variance == pytest.approx([0.5 * 0.02**2], rel=1e-6)
-    rows = [0, *[1] * 20, 2, 3]  # many that change nothing do not outvote one
-    many = SpinScan(0, scan.some, scan.states[rows], scan.constants[rows], scan.loss[rows], 1.0)
-    assert many.variance == pytest.approx([0.5 * 0.02**2], rel=1e-6)
-    better = dataclasses.replace(scan, loss=np.array([10.0, 10.0, 8.5, 60.0]))
-    assert better.best == 2

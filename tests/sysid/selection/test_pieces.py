@@ -18,9 +18,7 @@ from sysid.clips.noise import position_noise
 from sysid.clips.pieces import cut_clips
 from sysid.estimation.initial_states import fit_states
 from sysid.estimation.shot_problem import shot_problem
-from sysid.estimation.split import split, subset
 from sysid.selection.discover import discover
-from sysid.selection.runs import segments_of
 from tests.truth.__main__ import main as generate
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -98,20 +96,8 @@ def test_a_strong_effect_on_the_cloth_is_found_where_whole_shots_are_not_followe
     words = ("--seed", "5", "--clips", "10", "--seconds", "6", "--kind", "long", "--kind", "cushion_side")
     clip_set, truth = made(tmp_path / "set", *words, "--constant", "mur=0.005", "--effect", "speed_drag=0.08")
     found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
-    assert found.rounds[0].segments > 10
+    assert found.rounds[0].windows > 10
     assert found.verdict == ("speed_drag",)
     assert found.last.value("speed_drag.rate")[0] == pytest.approx(truth["drag1"], rel=0.02)
     assert found.last.rms < 1.05 * 0.0005
     assert found.ladder[0].rms > 10 * found.last.rms
-
-
-def test_a_run_with_an_impact_that_nobody_saw_is_left_out(shots: tuple[ClipSet, dict[str, float]]) -> None:
-    clip_set, _ = shots
-    parts, _, model = split(subset(clip_set, range(6)), full_model(TABLE, BALL))
-    runs = segments_of(parts, model)
-    one = next(k for k, c in enumerate(parts.training.clips) if c.note == "roll")
-    seen = parts.training.clips[one].balls["cue"]
-    half = len(seen.time) // 2
-    seen.xy[half:] += 0.3 * (seen.xy[half:] - seen.xy[half]) @ np.array([[0.0, 1.0], [-1.0, 0.0]])  # it turns by itself
-    fewer = segments_of(parts, model)
-    assert len(fewer.training.clips) < len(runs.training.clips)

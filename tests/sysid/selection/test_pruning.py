@@ -43,7 +43,6 @@ def test_an_effect_with_which_the_fit_no_longer_converges_is_dropped(monkeypatch
     fits = {("tilt",): SimpleNamespace(converged=True), ("tilt", "patch"): SimpleNamespace(converged=False)}
     both, tilt = fits["tilt", "patch"], fits["tilt",]
     monkeypatch.setattr(pruning, "fit_without", lambda parts, now, name: tilt)
-    monkeypatch.setattr(pruning, "settled_on", lambda parts, now: now)
     monkeypatch.setattr(pruning, "loss_ratio_without", lambda now, name: {"tilt": 9.0, "patch": 1.2}[name])
     whole = SimpleNamespace()
     assert without_unsettled(whole, both, ("tilt", "patch")) == (tilt, ("tilt",))  # type: ignore[arg-type]

@@ -1,10 +1,11 @@
-"""A model fitted to shots of many impacts: windows first, then whole shots from there.
+"""A model fitted to clips from nothing: windows first, then whole shots from there.
 
-In: a `Split` and a model. Out: a `LongFit` of windows that hang together (sysid/estimation/chain.py), and the
+In: a `Split` and a model. Out: a `WindowFit` of windows that hang together (sysid/estimation/chain.py), and the
 `FittedModel` of whole shots that it leads to.
 
-Constants are those of the windows. Where the model follows whole shots with them nearly to the noise, they are fitted
-once more to whole shots, which tell most then; where it does not, whole shots have false optima, and tell nothing.
+Windows have few false optima. Where the model follows whole shots with their constants, it is fitted once more to whole
+shots, which tell most then. Where it does not, late samples of whole shots are chaos, and the constants are those of
+the windows.
 """
 
 from __future__ import annotations
@@ -16,15 +17,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.model_file import Model
+from sysid.clips import ClipSet
 from sysid.estimation.chain import Chain, likely_spread
 from sysid.estimation.chain_fit import ChainFit, fit_chain, settled_states
 from sysid.estimation.chain_search import long_states, searched_windows, whole_states
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_held_out
-from sysid.estimation.initial_states import shot_losses, shot_scores, within_noise
+from sysid.estimation.initial_states import shot_losses, shot_scores, with_scatter, within_noise
 from sysid.estimation.problem import Array, values_of
 from sysid.estimation.shot_problem import ShotProblem
-from sysid.estimation.split import Split, exclusion_lines, lost_shots, shot_errors, typical_error
+from sysid.estimation.split import Split, exclusion_lines, lost_shots, shot_errors, split, typical_error
 from sysid.estimation.state_search import BETTER_LOSS
 from sysid.estimation.windows import windows_of
 
@@ -37,7 +39,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class LongFit:
+class WindowFit:
     """A model fitted to windows, with the held-out ones at its constants."""
 
     fitted: ChainFit
@@ -57,11 +59,11 @@ class LongFit:
         return self.held_out.losses(self.held_states, self.fitted.constants, self.held_out.gap_sd(self.held_states))
 
 
-def fit_windows(parts: Split, model: Model, roughness: float = 1.0) -> LongFit:
-    """The model fitted to windows from nothing."""
-    names = tuple(model.parameters())
+def fit_windows(parts: Split, model: Model) -> WindowFit:
+    """The model fitted to windows from nothing, played by the event engine."""
+    names, model = tuple(model.parameters()), dataclasses.replace(model, engine="events")
     problem = parts.training.with_model(model, names)
-    chain, c = Chain(problem, windows_of(problem), roughness=roughness), values_of(model, names)
+    chain, c = Chain(problem, windows_of(problem)), values_of(model, names)
     log.info("%d windows of one impact each", len(chain.windows.shot))
     states = searched_windows(chain, c)
     for _ in range(BASE_ROUNDS):
@@ -75,7 +77,7 @@ def fit_windows(parts: Split, model: Model, roughness: float = 1.0) -> LongFit:
         other = parts.held_out.with_model(model, names)
         held = Chain(other, windows_of(other), chain.spread)
         held_states = searched_windows(held, c)
-    return LongFit(found, held, held_states)
+    return WindowFit(found, held, held_states)
 
 
 def roughness_of(parts: Split, model: Model) -> float:
@@ -102,16 +104,16 @@ def roughness_of(parts: Split, model: Model) -> float:
     return max(float(squares.mean()), 1.0)
 
 
-def moved_to(before: LongFit, found: ChainFit) -> LongFit:
+def moved_to(before: WindowFit, found: ChainFit) -> WindowFit:
     """A fit from another one, the held-out windows settled at its constants."""
     held, states = before.held_out, before.held_states
     if held is not None:
         held = held.with_model(found.chain.model, found.chain.names)
         states = settled_states(held, states, found.constants, HELD_OUT_STEPS)
-    return LongFit(found, held, states)
+    return WindowFit(found, held, states)
 
 
-def searched(at: LongFit) -> LongFit:
+def searched(at: WindowFit) -> WindowFit:
     """The fit with windows searched anew at its constants, the errors of the model estimated again."""
     found = at.fitted
     states = searched_windows(found.chain, found.constants, found.states, AGAIN)
@@ -121,15 +123,14 @@ def searched(at: LongFit) -> LongFit:
     if held is not None:
         held = held.with_spread(chain.spread)
         held_states = searched_windows(held, now.constants, held_states, AGAIN)
-    return LongFit(now, held, held_states)
+    return WindowFit(now, held, held_states)
 
 
-def as_fitted(at: LongFit, problem: ShotProblem, x: Array) -> FittedModel:
+def as_fitted(at: WindowFit, problem: ShotProblem, x: Array) -> FittedModel:
     """The fit as one of whole shots with initial states x (n, p)."""
     found = at.fitted
-    seen = problem.with_model(found.chain.model, found.chain.names)
-    rates = shot_scores(seen, x, found.constants)[1]
-    point = Point(seen.with_own_rates(np.zeros(len(x))), x, found.constants, float(np.median(rates)))
+    rates = shot_scores(problem, x, found.constants)[1]
+    point = Point(problem.with_own_rates(np.zeros(len(x))), x, found.constants, float(np.median(rates)))
     r = point.residuals()
     count = max(int(np.isfinite(r).sum()), 1)
     rms = problem.noise * float(np.sqrt(np.nanmean(r**2)))
@@ -139,18 +140,24 @@ def as_fitted(at: LongFit, problem: ShotProblem, x: Array) -> FittedModel:
     )  # fmt: skip
 
 
-def whole_shots(parts: Split, at: LongFit) -> FittedModel:
-    """Whole shots at the constants of windows; fitted together with them where the model follows whole shots."""
+def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False) -> FittedModel:
+    """Whole shots at the constants of windows, with their error on the held-out clips.
+
+    They are fitted, constants and initial states, where the model follows them, or `in_any_case`.
+    """
     found = at.fitted
-    problem = parts.training.with_model(found.chain.model, found.chain.names)
-    found_states = whole_states(found.chain, found.states, found.constants, problem)
-    now = as_fitted(at, parts.training, found_states)
+    x = whole_states(found.chain, found.states, found.constants, found.chain.problem)
+    model = dataclasses.replace(found.chain.model, engine=parts.training.model.engine)
+    problem = with_scatter(parts.training.with_model(model, found.chain.names), x)
+    now = as_fitted(at, problem, x)
     if now.discrepancy_rate <= UNFOLLOWED_RATE:
         now = with_found_starts(fit(now, "whole shots"))
-    if at.held_out is None:
+    elif in_any_case:
+        now = fit(now, "whole shots")
+    if at.held_out is None or parts.held_out is None:
         return now
-    x = whole_states(at.held_out, at.held_states, found.constants, at.held_out.problem)
-    return dataclasses.replace(now, held_out=fit_held_out(now, at.held_out.problem, x))
+    x = whole_states(at.held_out, at.held_states, now.constants, at.held_out.problem)
+    return dataclasses.replace(now, held_out=fit_held_out(now, parts.held_out, x))
 
 
 def with_found_starts(found: FittedModel) -> FittedModel:
@@ -174,15 +181,26 @@ def with_found_starts(found: FittedModel) -> FittedModel:
     return fit(dataclasses.replace(found, initial_states=x), "whole shots")
 
 
-def fit_long(parts: Split, model: Model) -> tuple[Split, LongFit, FittedModel]:
-    """Windows and whole shots fitted from nothing, and the split without the shots that are lost in them.
+def begin(clip_set: ClipSet, model: Model) -> tuple[Split, FittedModel]:
+    """The clips split, and the model with every constant of its stack fitted to whole shots of them."""
+    parts, _, model = split(clip_set, model)
+    parts, _, found = fit_from_nothing(parts, model, in_any_case=True)
+    return parts, found
+
+
+def fit_anew(parts: Split, model: Model) -> FittedModel:
+    """A model fitted from nothing to whole shots, from its present values."""
+    return whole_shots(parts, fit_windows(parts, model), in_any_case=True)
+
+
+def fit_from_nothing(parts: Split, model: Model, in_any_case: bool = False) -> tuple[Split, WindowFit, FittedModel]:
+    """Windows and whole shots, see `whole_shots`, and the split without the shots that are lost in them.
 
     Raises:
         BadInput: where most shots are lost.
     """
-    roughness = roughness_of(parts, model)
-    at = fit_windows(parts, model, roughness)
-    found = whole_shots(parts, at)
+    at = fit_windows(parts, model)
+    found = whole_shots(parts, at, in_any_case)
     errors = shot_errors(found.problem, found.initial_states, found.constants)
     typical = typical_error(errors)
     lost, held_lost, held = lost_shots(errors, typical), np.zeros(0, np.int64), parts.held_out
@@ -192,12 +210,16 @@ def fit_long(parts: Split, model: Model) -> tuple[Split, LongFit, FittedModel]:
         errors = shot_errors(seen, found.held_out.initial_states, found.constants)
         held_lost = lost_shots(errors, typical)
         lines += exclusion_lines(held, held_lost, errors)
-    if not lines:
+    if lines:
+        kept = np.setdiff1d(np.arange(len(parts.training.clips)), lost)
+        if held is not None:
+            others = np.setdiff1d(np.arange(len(held.clips)), held_lost)
+            held = held.only(others) if others.size else None
+        parts = parts.excluding(lines, parts.training.only(kept), held)
+        at = fit_windows(parts, model)
+        found = whole_shots(parts, at, in_any_case)
+    if in_any_case or parts.follows(found):
         return parts, at, found
-    kept = np.setdiff1d(np.arange(len(parts.training.clips)), lost)
-    if held is not None:
-        others = np.setdiff1d(np.arange(len(held.clips)), held_lost)
-        held = held.only(others) if others.size else None
-    parts = parts.excluding(lines, parts.training.only(kept), held)
-    at = fit_windows(parts, model, roughness)
-    return parts, at, whole_shots(parts, at)
+    rough = dataclasses.replace(at.fitted.chain, roughness=roughness_of(parts, model))
+    at = dataclasses.replace(at, fitted=dataclasses.replace(at.fitted, chain=rough))
+    return parts, at, dataclasses.replace(found, covariance=at.fitted.covariance, converged=at.fitted.converged)

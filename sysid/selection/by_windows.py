@@ -1,12 +1,12 @@
-"""Discovery on shots of many impacts: effects judged by how each impact follows from the one before it.
+"""Discovery where whole shots are not followed: effects judged by how each impact follows from the one before it.
 
-In: a clip set and a model. Out: a `DiscoveryResult`.
+In: a fit of windows. Out: the effects that they name, and whole shots with these.
 
-Whole shots of a dozen impacts say little about a model that does not follow them (sysid/estimation/chain.py). Windows
-of one impact that hang together do: every candidate is scored on them at once, the best are fitted, and the one that
-explains most is named if its evidence suffices, if windows of held-out clips do not follow each other worse beyond
-chance, and if its size is beyond its uncertainty over the clips. In the end each effect must still be needed beside the
-others. How shots scatter about the model says how much less than independent residuals they tell (their design effect).
+Where a model lacks much, or after a dozen impacts, whole shots say little (sysid/estimation/chain.py). Windows of one
+impact that hang together do: every candidate is scored on them at once, the best are fitted, and the one that explains
+most is named if its evidence suffices, if windows of held-out clips do not follow each other worse beyond chance, and
+if its size is beyond its uncertainty over the clips. In the end each effect must still be needed beside the others. How
+shots scatter about the model says how much less than independent residuals they tell (their design effect).
 """
 
 from __future__ import annotations
@@ -18,19 +18,15 @@ from functools import partial
 
 import numpy as np
 
-from models.model_file import Model
 from sysid.estimation.chain import derivatives, equations, reduced
 from sysid.estimation.chain_fit import fit_chain
 from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.long_fit import LongFit, fit_long, moved_to, searched, whole_shots
+from sysid.estimation.from_nothing import WindowFit, moved_to, searched, whole_shots
 from sysid.estimation.problem import CAUCHY_SD
 from sysid.estimation.solver.least_squares import weights
-from sysid.estimation.split import Split
 from sysid.selection.evidence import Evidence, chi2_of_known
-from sysid.selection.next_shot import propose_next
 from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence
-from sysid.selection.remainder import remainder
-from sysid.selection.result import DiscoveryResult, Show
+from sysid.selection.result import DiscoveryResult
 from sysid.selection.score import Candidate, Linearised, Score, Scores, Signature, scores_of
 from sysid.selection.screening import (
     MAX_FITS,
@@ -41,7 +37,7 @@ from sysid.selection.screening import (
     Screening,
     candidates_for,
 )
-from sysid.selection.stability import stability_of
+from sysid.selection.stability import Stability, stability_of
 
 MAX_EFFECTS = 8  # of one discovery
 MAX_TRIALS = 2 * MAX_FITS  # of candidates in a round, as long as none is needed
@@ -50,18 +46,18 @@ PROBE_OF_USUAL = 0.1  # change of a candidate's parameter, over its usual size, 
 log = logging.getLogger(__name__)
 
 
-def score_windows(at: LongFit, candidates: list[Candidate]) -> Scores:
+def score_windows(at: WindowFit, candidates: list[Candidate]) -> Scores:
     """Scores of candidates beside all constants and states of windows."""
     return scores_of(as_point(at), linearise_windows(at, candidates), at.fitted.design_effect)
 
 
-def as_point(at: LongFit) -> Point:
+def as_point(at: WindowFit) -> Point:
     """Where a fit of windows is, without states."""
     chain = at.fitted.chain
     return Point(chain.problem, np.zeros((0, 0)), at.fitted.constants, chain.spread.impact)
 
 
-def linearise_windows(at: LongFit, candidates: list[Candidate]) -> Linearised:
+def linearise_windows(at: WindowFit, candidates: list[Candidate]) -> Linearised:
     """A fit of windows with candidates beside it as quadratic losses of its shots."""
     found = at.fitted
     chain, c, states = found.chain, found.constants, found.states
@@ -86,7 +82,7 @@ def linearise_windows(at: LongFit, candidates: list[Candidate]) -> Linearised:
     return Linearised(tuple(signatures), information, gradient, marginal, chi2, residuals)
 
 
-def with_effect(at: LongFit, score: Score) -> LongFit:
+def with_effect(at: WindowFit, score: Score) -> WindowFit:
     """The fit with one effect more, from its predicted size."""
     one, found = score.candidate, at.fitted
     keys = tuple(one.effect.parameters())
@@ -100,13 +96,13 @@ def with_effect(at: LongFit, score: Score) -> LongFit:
     return moved_to(at, fit_chain(chain, found.states, c, CANDIDATE_STEPS, f"with {one.name}"))
 
 
-def continued(at: LongFit) -> LongFit:
+def continued(at: WindowFit) -> WindowFit:
     """The fit after as many steps more as one with a candidate gets."""
     found = at.fitted
     return moved_to(at, fit_chain(found.chain, found.states, found.constants, CANDIDATE_STEPS, "with nothing more"))
 
 
-def without_effect(at: LongFit, name: str) -> LongFit:
+def without_effect(at: WindowFit, name: str) -> WindowFit:
     """The fit without one of its effects."""
     found = at.fitted
     keep = [k for k, n in enumerate(found.chain.names) if not n.startswith(f"{name}.")]
@@ -115,7 +111,7 @@ def without_effect(at: LongFit, name: str) -> LongFit:
     return moved_to(at, fit_chain(chain, found.states, found.constants[keep], CANDIDATE_STEPS, f"without {name}"))
 
 
-def evidence(less: LongFit, more: LongFit) -> Evidence:
+def evidence(less: WindowFit, more: WindowFit) -> Evidence:
     """Evidence for a fit with more constants, on the same windows at the same errors of the model."""
     gain = 2.0 * (less.fitted.losses - more.fitted.losses)
     tau = max(less.fitted.design_effect, more.fitted.design_effect)
@@ -128,7 +124,7 @@ def evidence(less: LongFit, more: LongFit) -> Evidence:
     return Evidence(total / tau + known - penalty, total + known * tau, tau, others / tau + known - penalty, 1.0)
 
 
-def is_needed(less: LongFit, more: LongFit, name: str, found: FittedModel) -> bool:
+def is_needed(less: WindowFit, more: WindowFit, name: str, found: FittedModel) -> bool:
     """Whether evidence and its own size speak for an effect, and held-out clips not against it.
 
     These do where their loss rises by more than the standard error of its change over shots.
@@ -146,7 +142,7 @@ def is_needed(less: LongFit, more: LongFit, name: str, found: FittedModel) -> bo
     )  # fmt: skip
 
 
-def of_windows(at: LongFit, base: FittedModel) -> FittedModel:
+def of_windows(at: WindowFit, base: FittedModel) -> FittedModel:
     """A fit of windows as one of whole shots that are not played: with constants, and without any error."""
     found = at.fitted
     problem = base.problem.with_model(found.chain.model, found.chain.names)
@@ -156,7 +152,7 @@ def of_windows(at: LongFit, base: FittedModel) -> FittedModel:
     )  # fmt: skip
 
 
-def screen_windows(at: LongFit, base: FittedModel) -> tuple[Screening, dict[str, LongFit]]:
+def screen_windows(at: WindowFit, base: FittedModel) -> tuple[Screening, dict[str, WindowFit]]:
     """Candidates scored on windows, the best fitted; the fits of those that are needed.
 
     Args:
@@ -165,7 +161,7 @@ def screen_windows(at: LongFit, base: FittedModel) -> tuple[Screening, dict[str,
     """
     scores = score_windows(at, candidates_for(at.model))
     less = continued(at)
-    fits, needed, least = list[FittedCandidate](), dict[str, LongFit](), MIN_IMPROVEMENT
+    fits, needed, least = list[FittedCandidate](), dict[str, WindowFit](), MIN_IMPROVEMENT
     for row in scores.rows:
         # Where none of the first is needed, more was predicted of them than they gain: others may win.
         if row.predicted_improvement < least or len(fits) >= (MAX_FITS if needed else MAX_TRIALS):
@@ -178,14 +174,12 @@ def screen_windows(at: LongFit, base: FittedModel) -> tuple[Screening, dict[str,
             needed[name] = more
             least = max(least, MIN_IMPROVEMENT_OF_BEST * row.predicted_improvement)
     fits.sort(key=lambda one: -one.evidence.delta_bic)
-    return Screening(base, scores, tuple(fits), (), (), scores.count), needed
+    return Screening(base, scores, tuple(fits), (), (), scores.count, len(at.fitted.states)), needed
 
 
-def discover_long(parts: Split, model: Model, show: Show = lambda found: None) -> DiscoveryResult:
-    """Effects that windows of long shots name, and whole shots with them; see `discover`."""
-    parts, at, base = fit_long(parts, model)
-    found = DiscoveryResult(parts, (base,), ((),), ())
-    show(found)
+def discover_by_windows(found: DiscoveryResult, at: WindowFit) -> tuple[DiscoveryResult, WindowFit]:
+    """Effects that windows name, and whole shots with them, added to a result that has the base alone."""
+    parts, base = found.parts, found.last
     now, verdict = base, tuple[str, ...]()
     for _ in range(MAX_EFFECTS):
         seen, needed = screen_windows(at, now)
@@ -201,15 +195,16 @@ def discover_long(parts: Split, model: Model, show: Show = lambda found: None) -
         last = at.fitted
         at = moved_to(at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))
         found = found.with_step(whole_shots(parts, at), kept)
+    return dataclasses.replace(found, pruned=tuple(name for name in verdict if name not in kept)), at
+
+
+def stability_by_windows(found: DiscoveryResult, at: WindowFit) -> Stability:
+    """How often the verdict returns, see `stability_of`."""
     losses = linearise_windows(at, [one for one in candidates_for(at.model) if one.name not in found.refuted])
-    found = dataclasses.replace(found, stability=stability_of(as_point(at), kept, losses, at.fitted.design_effect))
-    found = dataclasses.replace(
-        found, unexplained=remainder(found.last), pruned=tuple(name for name in verdict if name not in kept)
-    )
-    return dataclasses.replace(found, next_shot=propose_next(parts, found.last, found.rounds, found.verdict))
+    return stability_of(as_point(at), found.verdict, losses, at.fitted.design_effect)
 
 
-def without_needless(at: LongFit, verdict: tuple[str, ...], base: FittedModel) -> tuple[LongFit, tuple[str, ...]]:
+def without_needless(at: WindowFit, verdict: tuple[str, ...], base: FittedModel) -> tuple[WindowFit, tuple[str, ...]]:
     """The fit without the effects that are no longer needed beside the others, those of least size first."""
     while len(verdict) > 1:
         seen = of_windows(at, base)
