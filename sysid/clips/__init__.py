@@ -15,7 +15,6 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
     noise, clock    of the camera, estimated from the tracks
     outliers        single samples that the tracker placed elsewhere
     segments        motion between two impacts
-    pieces          shots cut into windows of one impact each, or into segments
     jaws            clips up to the first touch of a pocket's jaws
 """
 

@@ -23,11 +23,11 @@ rate, whether it converged, and the error on held-out clips. In the order of a f
 from sysid.estimation.clip_fit import ClipFit, fit_clips
 from sysid.estimation.fitted import FittedModel, HeldOut, Point, as_model
 from sysid.estimation.fitting import fit, fit_held_out
-from sysid.estimation.from_nothing import begin, fit_anew, fit_from_nothing
+from sysid.estimation.from_nothing import begin, fit_from_nothing
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, fit_on
 
 __all__ = [
-    "ClipFit", "FittedModel", "HeldOut", "Point", "ShotProblem", "Split", "as_model", "begin", "fit", "fit_anew",
+    "ClipFit", "FittedModel", "HeldOut", "Point", "ShotProblem", "Split", "as_model", "begin", "fit",
     "fit_clips", "fit_from_nothing", "fit_held_out", "fit_on",
 ]  # fmt: skip

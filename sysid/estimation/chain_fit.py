@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid.estimation.chain import Chain, Equations, derivatives, equations, reduced
 from sysid.estimation.problem import Array, Index
-from sysid.estimation.solver.joint_fit import SharedConstants, covariance, newton_step
+from sysid.estimation.solver.joint_fit import SharedConstants, covariance, is_within, newton_step
 from sysid.estimation.solver.journal import recorded
 from sysid.estimation.solver.least_squares import Prior
 from sysid.estimation.windows import Mask
@@ -103,25 +103,26 @@ class ChainFit:
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the constants over shots (q, q), with what is known beside them and the step that remains.
+        """Covariance of the constants over shots (q, q), with what is known beside them and the step that remains."""
+        return self._over_shots + np.outer(self.step, self.step)
 
-        A rough loss has many optima, which halves of the shots do not share: what these differ by is in it as well.
+    @property
+    def converged(self) -> bool:
+        """Whether the step that remains, which the covariance holds, moves no constant by a standard deviation.
+
+        A rough loss has optima from which no step leads down, though a little is left to go.
         """
+        return is_within(self.step, self._over_shots)
+
+    @property
+    def _over_shots(self) -> Array:
+        """The covariance without that step: a rough loss has many optima, by which halves of the shots differ."""
         shared = self.chain.shared
         sd = shared.prior(self.constants).sd
         known = np.where(sd < shared.width, 1 / sd**2, 0.0)
         # Each shot tells less by the roughness, and its gradients scatter by as much more than that says.
         rough = self.chain.roughness
-        found = covariance(self.information / rough, self.gradient / math.sqrt(rough), shared.width, known)
-        return found + np.outer(self.step, self.step)
-
-    @property
-    def converged(self) -> bool:
-        """Whether the step that remains, which the covariance holds, is within a standard deviation.
-
-        A rough loss has optima from which no step leads down, though a little is left to go.
-        """
-        return _distance(self.chain, self.step, self.information, self.gradient) < 1.0
+        return covariance(self.information / rough, self.gradient / math.sqrt(rough), shared.width, known)
 
 
 def fit_chain(chain: Chain, states: Array, c: Array, steps: int, what: str) -> ChainFit:

@@ -150,10 +150,10 @@ def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False) -> Fitte
     model = dataclasses.replace(found.chain.model, engine=parts.training.model.engine)
     problem = with_scatter(parts.training.with_model(model, found.chain.names), x)
     now = as_fitted(at, problem, x)
-    if now.discrepancy_rate <= UNFOLLOWED_RATE:
-        now = with_found_starts(fit(now, "whole shots"))
-    elif in_any_case:
+    if in_any_case or now.discrepancy_rate <= UNFOLLOWED_RATE:
         now = fit(now, "whole shots")
+        if now.discrepancy_rate == 0.0:  # where most are followed to the noise, others began elsewhere
+            now = with_found_starts(now)
     if at.held_out is None or parts.held_out is None:
         return now
     x = whole_states(at.held_out, at.held_states, now.constants, at.held_out.problem)
@@ -186,11 +186,6 @@ def begin(clip_set: ClipSet, model: Model) -> tuple[Split, FittedModel]:
     parts, _, model = split(clip_set, model)
     parts, _, found = fit_from_nothing(parts, model, in_any_case=True)
     return parts, found
-
-
-def fit_anew(parts: Split, model: Model) -> FittedModel:
-    """A model fitted from nothing to whole shots, from its present values."""
-    return whole_shots(parts, fit_windows(parts, model), in_any_case=True)
 
 
 def fit_from_nothing(parts: Split, model: Model, in_any_case: bool = False) -> tuple[Split, WindowFit, FittedModel]:

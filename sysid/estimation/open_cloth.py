@@ -46,11 +46,6 @@ class OpenCloth:
     ratio: float  # median rms of the segments over noise
 
     @property
-    def follows(self) -> bool:
-        """Whether the model follows the balls on open cloth."""
-        return self.ratio <= FOLLOWED_RATIO
-
-    @property
     def known(self) -> dict[str, float]:
         """Constants that the segments determine: not those that ran into a bound."""
         known, values = np.isfinite(np.diag(self.solution.covariance)), self.solution.constants

@@ -16,7 +16,6 @@ were known (a projected Newton step; D. P. Bertsekas, SIAM Journal on Control an
 from __future__ import annotations
 
 import logging
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -132,7 +131,8 @@ def fit_joint(
 ) -> Solution:  # fmt: skip
     """Shared constants (q,) with every problem's initial state fitted beside them.
 
-    Converged means that the full (undamped) step that remains is within a standard deviation. The covariance is the
+    Converged means that the full (undamped) step that remains moves no constant by more than its standard deviation. The
+    covariance is the
     larger of the inverse information and the sandwich over problems, which holds where the model is not quite right,
     and has that step in it. Noise that is correlated from sample to sample gives less information than independent
     samples, by its correlation time.
@@ -159,19 +159,16 @@ def fit_joint(
     known = np.where(sd < width, 1 / sd**2, 0.0)
     found = covariance(reduced.information, reduced.gradient, width, known, objective.correlation_time)
     step = joint.newton(reduced, c).full
-    converged = distance(step, found) < 1.0
+    converged = is_within(step, found)
     return Solution(
         x, c, found + np.outer(step, step), float(cost), converged, reduced.information, reduced.gradient
     )  # fmt: skip
 
 
-def distance(step: Array, covariance: Array) -> float:
-    """How far a step of the constants (q,) goes, all together, where the covariance (q, q) is known [sd]."""
+def is_within(step: Array, covariance: Array) -> bool:
+    """Whether a step (q,) moves no constant by more than its standard deviation, where that is known (q, q)."""
     sd = np.sqrt(np.diag(covariance))
-    known = np.isfinite(sd) & (sd > 0)
-    scaled = covariance[np.ix_(known, known)] / np.outer(sd[known], sd[known])
-    z = step[known] / sd[known]
-    return math.sqrt(max(float(z @ np.linalg.pinv(scaled, hermitian=True) @ z), 0.0))
+    return bool(np.all(np.abs(step)[np.isfinite(sd)] < sd[np.isfinite(sd)]))
 
 
 def _minimised(joint: _Joint, x: Array, c: Array, what: str) -> tuple[Array, ...]:

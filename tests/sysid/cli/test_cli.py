@@ -278,7 +278,7 @@ def test_models_are_set_beside_each_other(run: Any, filmed: Path, model: Path, t
 @pytest.mark.parametrize(
     ("verb", "where"),
     [
-        ("fit", "sysid.estimation.clip_fit.widened"), ("compare", "sysid.residuals.compare.polished"),
+        ("fit", "sysid.estimation.clip_fit.fit_from_nothing"), ("compare", "sysid.residuals.compare.polished"),
         ("fit", "models.model_file.tomli_w.dumps"), ("compare", "models.console.json.dumps"),
     ],
 )  # fmt: skip

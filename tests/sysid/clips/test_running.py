@@ -12,7 +12,6 @@ import pytest
 from sysid.cli import main
 from sysid.clips import ClipSet, Observation, read_clip_set, write_clip_set
 from sysid.clips.noise import position_noise
-from sysid.clips.pieces import cut_clips
 from sysid.clips.running import SMOOTH_SAMPLES
 from sysid.clips.segments import cuts_of, split_all
 from tests.support.clip_samples import ROWS, contents, edit, make, refusal
@@ -85,8 +84,6 @@ def test_segments_know_no_strike(cut_set: ClipSet) -> None:
     assert "strike" not in {s.before for s in segments}
     starts = {(s.clip, s.ball) for s in segments if s.before == "start"}
     assert starts == {(k, name) for k, clip in enumerate(cut_set.clips) for name in clip.running}
-    alone = cut_clips(cut_set, sigma)
-    assert all(one.running == (one.struck,) for one in alone.clips)
 
 
 def test_check_tells_how_many_begin_in_mid_motion(

@@ -1,0 +1,56 @@
+"""Effects that are found where whole shots are not followed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.effects.cue.cue_hop import CueHop
+from models.effects.cue.squirt import Squirt
+from models.model_file import full_model
+from models.shot import Ball, Shot, Table
+from models.simulation.simulate import simulate
+from sysid.clips import ClipSet, read_clip_set
+from sysid.selection.discover import discover
+from tests.truth.__main__ import main as generate
+
+TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
+
+
+def made(folder: Path, *words: str) -> tuple[ClipSet, dict[str, float]]:
+    """A clip set of the independent generator, and its constants."""
+    assert generate([str(folder), "--no-cue", *words]) == 0
+    truth: dict[str, float] = json.loads(Path(f"{folder}.truth.json").read_text())["parameters"]
+    return read_clip_set(folder), truth
+
+
+def test_what_the_cue_did_does_not_act_on_a_ball_that_was_on_its_way() -> None:
+    times = np.linspace(0, 0.5, 20)
+
+    def played(struck: bool, *effects: CueHop | Squirt) -> np.ndarray:
+        model = full_model(TABLE, BALL)
+        for effect in effects:
+            model = model.add(effect)
+        shot = Shot(
+            ("cue",), np.zeros((1, 2)), np.array([[1.5, 0.0]]), np.array([[0.0, 0.0, 60.0]]), times, struck=struck
+        )
+        return simulate(model, [shot])[0].position[:, 0]
+
+    cue = CueHop(time_per_speed=0.05), Squirt(per_offset=10.0)
+    np.testing.assert_allclose(played(False, *cue), played(False), atol=1e-9)
+    assert np.abs(played(True, *cue) - played(True)).max() > 0.005
+
+
+@pytest.mark.slow
+def test_a_strong_effect_on_the_cloth_is_found_where_whole_shots_are_not_followed(tmp_path: Path) -> None:
+    words = ("--seed", "5", "--clips", "10", "--seconds", "6", "--kind", "long", "--kind", "cushion_side")
+    clip_set, truth = made(tmp_path / "set", *words, "--constant", "mur=0.005", "--effect", "speed_drag=0.08")
+    found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
+    assert found.rounds[0].windows > 10
+    assert found.verdict == ("speed_drag",)
+    assert found.last.value("speed_drag.rate")[0] == pytest.approx(truth["drag1"], rel=0.02)
+    assert found.last.rms < 1.05 * 0.0005
+    assert found.ladder[0].rms > 10 * found.last.rms
