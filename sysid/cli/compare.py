@@ -119,7 +119,6 @@ def fit(
 
     Example: sysid fit CLIPS --out fitted.toml --report fit.html
     """
-    from sysid.estimation.fitting import CHAOS_RATE
     from sysid.interface import fit as fit_clips
     from sysid.report.health import print_health
     from sysid.report.text import in_words, print_comparison
@@ -136,7 +135,7 @@ def fit(
         print(line)
     if not found.converged:
         print("\nNOT converged: the constants are those at which the fit stopped; they have no standard deviations.")
-    if found.fitted.discrepancy_rate > CHAOS_RATE:
+    if not found.parts.follows(found.fitted):
         rate = f"{found.fitted.discrepancy_rate * 1e3:.0f} mm per metre"
         print(f"\nAfter the first impact the model's own error grows by {rate} of path.")
     print(f"\nmodel: {out}\n", flush=True)

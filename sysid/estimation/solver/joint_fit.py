@@ -131,11 +131,10 @@ def fit_joint(
 ) -> Solution:  # fmt: skip
     """Shared constants (q,) with every problem's initial state fitted beside them.
 
-    Converged means that the full (undamped) step that remains moves no constant by more than its standard deviation. The
-    covariance is the
-    larger of the inverse information and the sandwich over problems, which holds where the model is not quite right,
-    and has that step in it. Noise that is correlated from sample to sample gives less information than independent
-    samples, by its correlation time.
+    Converged means that the full (undamped) step that remains moves no constant by more than its standard deviation.
+    The covariance is the larger of the inverse information and the sandwich over problems, which holds where the model
+    is not quite right, and has that step in it. Noise that is correlated from sample to sample gives less information
+    than independent samples, by its correlation time.
 
     Args:
         objective: of all problems.
