@@ -59,6 +59,7 @@ class HeldOut:
     initial_states: Array  # (n, p)
     rms: float  # per axis [m]
     residuals: Array  # (n, m) [standard deviations of the noise]
+    open_residuals: Array  # (n, m) the same with constants moved as far as the fit leaves them open
 
 
 @dataclass(frozen=True)

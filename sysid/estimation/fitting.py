@@ -15,9 +15,10 @@ import numpy as np
 
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
 from sysid.estimation.initial_states import fit_states, shot_losses, shot_scores, within_noise
-from sysid.estimation.problem import Array, shared_constants
+from sysid.estimation.problem import CAUCHY_SD, Array, shared_constants
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
-from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint
+from sysid.estimation.solver.joint_fit import Solution, StoppingRule, eliminated, fit_joint
+from sysid.estimation.solver.least_squares import differences
 from sysid.estimation.state_search import BETTER_LOSS, EFFORTS, SETTLING_STEPS, found_states, searched_states
 
 CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
@@ -79,10 +80,21 @@ def _in_turn(start: Point, what: str, alike: bool = False) -> FittedModel:
     return _fitted(Point(problem, x, c, tolerated), found)
 
 
-def _searched(problem: ShotProblem, x: Array, c: Array, tolerated: float, effort: int) -> tuple[Array, int]:
-    """Initial states (n, p), those of shots that miss by more than noise searched anew; how many began elsewhere."""
+def _searched(
+    problem: ShotProblem, x: Array, c: Array, tolerated: float, effort: int, usual: float = 0.0
+) -> tuple[Array, int]:
+    """Initial states (n, p), those of shots that miss by more than noise searched anew; how many began elsewhere.
+
+    Args:
+        problem: the shots.
+        x: (n, p) initial states.
+        c: constants.
+        tolerated: discrepancy rate in the search.
+        effort: of the search.
+        usual: discrepancy rate that counts as noise.
+    """
     bare = problem.with_own_rates(np.zeros(len(x)))
-    odd = np.flatnonzero(~within_noise(*shot_losses(bare.with_discrepancy(0.0), x, c), problem.correlation_time))
+    odd = np.flatnonzero(~within_noise(*shot_losses(bare.with_discrepancy(usual), x, c), problem.correlation_time))
     if not odd.size:
         return x, 0
     part = bare.only(odd)
@@ -115,7 +127,7 @@ def loss_soon(problem: ShotProblem, x: Array, c: Array) -> float:
     return _solve(problem, x, c, SHORT_FIT, "a few steps").cost
 
 
-def fit_held_out(found: Point, problem: ShotProblem, before: Array | None) -> HeldOut:
+def fit_held_out(found: FittedModel, problem: ShotProblem, before: Array | None) -> HeldOut:
     """The initial states of held-out clips at the constants of a fit, and the remaining error.
 
     Args:
@@ -127,10 +139,41 @@ def fit_held_out(found: Point, problem: ShotProblem, before: Array | None) -> He
     # A model that does not follow its training clips need not be fitted finely to others.
     steps = HELD_OUT_STEPS if found.discrepancy_rate < UNFOLLOWED_RATE else HELD_OUT_STEPS_UNFOLLOWED
     seen = problem.with_discrepancy(found.discrepancy_rate)
-    if before is None:
-        x = found_states(seen, c)
-    else:
-        x = found_states(seen, c, fit_states(seen, before, c, steps))
+    x = found_states(seen, c) if before is None else fit_states(seen, before, c, steps)
+    x, _ = _searched(seen, x, c, max(found.discrepancy_rate, GROWING_RATE), EFFORTS[0], found.discrepancy_rate)
     x = fit_states(problem, x, c, steps)
     r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
-    return HeldOut(x, problem.noise * float(np.sqrt(np.nanmean(r**2))), r)
+    return HeldOut(x, problem.noise * float(np.sqrt(np.nanmean(r**2))), r, _open_residuals(found, problem, x, r))
+
+
+def _open_residuals(found: FittedModel, problem: ShotProblem, x: Array, r: Array) -> Array:
+    """Residuals (n, m) of held-out shots with the constants moved as far as the fit leaves them open.
+
+    A clip that shows what the training clips hardly do, a collision of balls say, speaks of the constants and not
+    against the model. So constants and initial states take one Newton step together, what the fit knows of the
+    constants being their prior.
+
+    Args:
+        found: the fit, with what it knows of its constants.
+        problem: the held-out shots.
+        x: (n, p) their initial states at the constants of the fit.
+        r: (n, m) their residuals there, which shots keep that do not come closer.
+    """
+    seen, c, rows = problem.with_discrepancy(found.discrepancy_rate), found.constants, np.arange(len(x))
+    shared = shared_constants(seen.model, seen.names, seen.known)
+    shots = eliminated(
+        *differences(seen.evaluate, x, c, rows, seen.steps, shared.steps_from(c)), x, seen.prior, CAUCHY_SD
+    )
+    known = np.isfinite(np.diag(found.covariance))
+    covariance = np.diag(shared.width**2)
+    covariance[np.ix_(known, known)] = found.covariance[np.ix_(known, known)]
+    covariance += np.diag(shared.steps**2)  # no constant is known better than over what its derivative is taken
+    scale = np.sqrt(np.diag(covariance))
+    prior = np.linalg.pinv(covariance / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+    step = np.linalg.lstsq(shots.information.sum(axis=0) + prior, shots.gradient.sum(axis=0), rcond=None)[0]
+    moved = np.clip(c - step, *shared.bounds.T)
+    states = seen.objective().inside(x - shots.state_by_constant @ (moved - c))
+    states = fit_states(problem, states, moved, HELD_OUT_STEPS_UNFOLLOWED)
+    other = problem.evaluate(states, np.tile(moved, (len(x), 1)), rows)
+    closer = np.nansum(other**2, axis=1) < np.nansum(r**2, axis=1)
+    return np.where(closer[:, None], other, r)

@@ -148,8 +148,7 @@ def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False) -> Fitte
     found = at.fitted
     x = whole_states(found.chain, found.states, found.constants, found.chain.problem)
     model = dataclasses.replace(found.chain.model, engine=parts.training.model.engine)
-    problem = with_scatter(parts.training.with_model(model, found.chain.names), x)
-    now = as_fitted(at, problem, x)
+    now = as_fitted(at, with_scatter(parts.training.with_model(model, found.chain.names), x), x)
     if in_any_case or now.discrepancy_rate <= UNFOLLOWED_RATE:
         now = fit(now, "whole shots")
         if now.discrepancy_rate == 0.0:  # where most are followed to the noise, others began elsewhere

@@ -100,7 +100,7 @@ def _held_out_gain(one: FittedModel, two: FittedModel) -> float:
     """
     if one.held_out is None or two.held_out is None:
         return 0.0
-    (old, counts), (new, _) = (mean_squares(at.residuals) for at in (one.held_out, two.held_out))
+    (old, counts), (new, _) = (mean_squares(at.open_residuals) for at in (one.held_out, two.held_out))
     tau = one.problem.correlation_time
     noise = 1.0 + CHANCE_SD * np.sqrt(2.0 * tau / np.maximum(counts, 1))
     lost = np.maximum(LOST_RATIO**2 * float(np.median(old)), noise)

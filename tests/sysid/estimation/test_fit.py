@@ -18,6 +18,7 @@ from models.sizes import BALL_DIAMETER, SIZE_NAMES, TABLE_LENGTH, TABLE_WIDTH
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation import ClipFit, fit_clips
+from sysid.estimation.fitting import fit_held_out
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.split import HELD_OUT_EVERY, training_clips
 from sysid.residuals.compare import compare
@@ -302,3 +303,23 @@ def test_a_shot_that_cannot_be_followed_is_set_aside_and_named(
         (value, sd), (other, _) = fit.fitted.value(name), found.fitted.value(name)
         assert abs(value - other) < 4 * sd, name
     assert fit.parts.states_of(fit.fitted, [c.file for c in damaged.clips]) is None
+
+
+def test_held_out_clips_speak_of_constants_that_a_fit_leaves_open(case: Case, found: ClipFit) -> None:
+    """A collision among them, where the training clips have none, is no reason against a model."""
+    fitted, held = found.fitted, found.parts.held_out
+    assert held is not None and fitted.held_out is not None
+    k = fitted.names.index("cushion_impact.restitution")
+    off = fitted.constants.copy()
+    off[k] -= 0.02
+
+    def squares(sd: float) -> tuple[float, float]:
+        covariance = fitted.covariance.copy()
+        covariance[k, :] = covariance[:, k] = 0.0
+        covariance[k, k] = sd**2
+        seen = fit_held_out(dataclasses.replace(fitted, constants=off, covariance=covariance), held, None)
+        return float(np.nanmean(seen.residuals**2)), float(np.nanmean(seen.open_residuals**2))
+
+    at_constants, left_open = squares(0.02)
+    assert at_constants > 1.5 and left_open < 1.15
+    assert squares(1e-5)[1] > 1.3

@@ -56,7 +56,7 @@ def test_a_fit_must_hold_for_other_clips(old: list[float], new: list[float], har
 
     def fitted(squares: list[float]) -> FittedModel:
         residuals = np.sqrt(np.array(squares))[:, None] * np.ones((len(squares), 100))
-        held = HeldOut(np.zeros((len(squares), 5)), float(np.sqrt(np.mean(squares))), residuals)
+        held = HeldOut(np.zeros((len(squares), 5)), float(np.sqrt(np.mean(squares))), residuals, residuals)
         return dataclasses.replace(blank, held_out=held)
 
     white = types.SimpleNamespace(correlation_time=1.0)
