@@ -310,7 +310,9 @@ def covariance(
     k = np.ix_(determined, determined)
     inverse = np.linalg.pinv(h[k])
     g = gradient[:, determined] / correlation_time
-    n = max(int(np.sum(np.any(g != 0, axis=1))), 1)
+    g = g[np.any(g != 0, axis=1)]
+    n = max(len(g), 1)
+    g = g - g.sum(axis=0) / n  # what they share is a step that remains, and no scatter
     sandwich = inverse @ (g.T @ g) @ inverse * (n / max(n - determined.sum(), 1))
     # Correlations are those of the information; standard deviations are the larger ones of both.
     grow = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300)))
