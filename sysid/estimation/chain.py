@@ -31,6 +31,7 @@ from sysid.estimation.residual_rows import Weighting, residuals
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import SharedConstants
 from sysid.estimation.solver.least_squares import loss, moved, weights
+from sysid.estimation.solver.normal_equations import from_derivatives
 from sysid.estimation.windows import Mask, Windows, columns
 
 PLACE_SD_M = 3e-4  # by which a window may begin elsewhere than the one before it ends
@@ -184,7 +185,7 @@ def derivatives(chain: Chain, states: Array, c: Array, steps_c: Array) -> tuple[
     def both(x: Array, constants: Array, which: Index) -> Array:
         return np.hstack(chain.play(x, constants, which))
 
-    found = moved(both, states, c, np.arange(count), chain.windows.steps, steps_c)
+    found = moved(both, states, c, np.arange(count), chain.windows.steps, steps_c, free=chain.windows.free)
     steps = np.concatenate([chain.windows.steps, steps_c])
     found[1:] = np.nan_to_num((found[1:] - found[0]) / steps[:, None, None])
     return found[..., :-p], found[..., -p:]
@@ -196,15 +197,13 @@ def equations(chain: Chain, states: Array, sd: Array, r: Array, ends: Array) -> 
     before, after = w.following
     z = chain.gaps(states, ends[0], sd)
     by = np.where(np.isfinite(sd), 1 / sd, 0.0)
-    j = np.moveaxis(r[1:], 0, 2)  # (w, m, p + q)
-    weighted = j * weights(r[0], CAUCHY_SD)[..., None]
-    matrix = np.swapaxes(weighted, 1, 2) @ j
-    gradient = np.einsum("wmk,wm->wk", weighted, np.nan_to_num(r[0]))
-    jz = np.moveaxis(ends[1:][:, before], 0, 2) * by[..., None]  # (k, p, p + q)
+    of_samples, jz = from_derivatives(r[0], r[1:], CAUCHY_SD), ends[1:][:, before] * by  # (p + q, k, p)
+    of_gaps = from_derivatives(z, jz, CAUCHY_SD)
+    matrix, gradient = of_samples.matrix, of_samples.gradient
+    matrix[before] += of_gaps.matrix
+    gradient[before] += of_gaps.gradient
     heavy = weights(z, CAUCHY_SD)
-    matrix[before] += np.swapaxes(jz * heavy[..., None], 1, 2) @ jz
-    gradient[before] += np.einsum("kmj,km->kj", jz * heavy[..., None], np.nan_to_num(z))
-    cross = -jz * (heavy * by)[..., None]  # by the state of the next window
+    cross = -np.moveaxis(jz, 0, 2) * (heavy * by)[..., None]  # by the state of the next window
     diagonal = np.arange(p)
     matrix[after[:, None], diagonal, diagonal] += heavy * by**2
     gradient[after, :p] -= heavy * by * np.nan_to_num(z)

@@ -110,9 +110,9 @@ class ShotResiduals:
         return ShotResiduals(self.layout, self.data.only(rows), self.weighting.only(rows))
 
 
-def packed(shots: Sequence[MeasuredShot]) -> ShotData:
-    """Lay out shots for compiled code."""
-    n, b = len(shots), max((len(shot.times) for shot in shots), default=1)
+def packed(shots: Sequence[MeasuredShot], balls: int = 1) -> ShotData:
+    """Lay out shots, and room for so many balls at least, for compiled code."""
+    n, b = len(shots), max([balls, *(len(shot.times) for shot in shots)])
     s = max((len(t) for shot in shots for t in shot.times), default=0)
     union = [np.unique(np.concatenate(shot.times)) for shot in shots]
     out = ShotData(

@@ -120,7 +120,7 @@ def windows_of(problem: ShotProblem) -> Windows:
                 start = _first_state(problem, k, problem.start[k], size)
             rows.append((k, begin, np.isin(np.arange(most), hit), moving, start))
             shots.append(_measured(problem, k, begin, end))
-    data = packed(shots)
+    data = packed(shots, most)
     shot, begins, hits, moves, starts = (np.array(part) for part in zip(*rows, strict=True))
     mean, sd = np.zeros(starts.shape), np.full(starts.shape, np.inf)
     for w in np.flatnonzero(begins == 0.0):

@@ -53,8 +53,12 @@ def from_differences(rows: Array, steps: Array, c: float) -> NormalEquations:
 
 def from_jacobian(residuals: Array, jacobian: Array, c: float) -> NormalEquations:
     """From residuals (n, m) and their derivatives (n, m, k)."""
-    rows = np.ascontiguousarray(np.moveaxis(jacobian, 2, 0))
-    return _summed(np.ascontiguousarray(residuals), rows, np.zeros(0), c)
+    return from_derivatives(residuals, np.moveaxis(jacobian, 2, 0), c)
+
+
+def from_derivatives(residuals: Array, rows: Array, c: float) -> NormalEquations:
+    """From residuals (n, m) and their derivatives by each unknown (k, n, m)."""
+    return _summed(np.ascontiguousarray(residuals), np.ascontiguousarray(rows), np.zeros(0), c)
 
 
 def _summed(residuals: Array, rows: Array, steps: Array, c: float) -> NormalEquations:

@@ -58,6 +58,16 @@ def test_states_of_shots_and_of_their_first_windows_are_the_same(chain: tuple[Ch
     np.testing.assert_allclose(shot_states(problem, windows, windows.start), problem.start, atol=1e-12)
 
 
+def test_shots_of_fewer_balls_than_their_set_have_windows_as_among_the_others(chain: tuple[Chain, np.ndarray]) -> None:
+    problem, windows = chain[0].problem, chain[0].windows
+    counts = np.array([len(problem.balls(k)) for k in range(len(problem.clips))])
+    few = np.flatnonzero(counts < counts.max())
+    assert few.size
+    alone, among = windows_of(problem.only(few)), windows.only(few)
+    np.testing.assert_array_equal(alone.start, among.start)
+    np.testing.assert_array_equal(alone.free, among.free)
+
+
 def test_with_the_true_model_windows_follow_each_other(chain: tuple[Chain, np.ndarray]) -> None:
     at, states = chain[0].with_spread(Spread(FIRST_SPREAD.impact, 0.0)), chain[1]
     c = values_of(at.model, at.names)
