@@ -185,7 +185,7 @@ def derivatives(chain: Chain, states: Array, c: Array, steps_c: Array) -> tuple[
     def both(x: Array, constants: Array, which: Index) -> Array:
         return np.hstack(chain.play(x, constants, which))
 
-    found = moved(both, states, c, np.arange(count), chain.windows.steps, steps_c, free=chain.windows.free)
+    found = moved(both, states, c, np.arange(count), chain.windows.steps, steps_c)
     steps = np.concatenate([chain.windows.steps, steps_c])
     found[1:] = np.nan_to_num((found[1:] - found[0]) / steps[:, None, None])
     return found[..., :-p], found[..., -p:]

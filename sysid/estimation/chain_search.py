@@ -125,9 +125,7 @@ class _Start:
 
     def objective(self, chain: Chain) -> Objective:
         """That of windows one by one, each with this beside its samples."""
-        return Objective(
-            chain.evaluate, chain.windows.steps, Prior(self.mean, self.sd), CAUCHY_SD, free=chain.windows.free
-        )
+        return Objective(chain.evaluate, chain.windows.steps, Prior(self.mean, self.sd), CAUCHY_SD)
 
     def costs(self, chain: Chain, x: Array, c: Array, which: Index) -> Array:
         """Losses of windows (k,) at states (k, p): of samples, and of the gap to what is known."""

@@ -212,8 +212,10 @@ def fit_from_nothing(parts: Split, model: Model, in_any_case: bool = False) -> t
         parts = parts.excluding(lines, parts.training.only(kept), held)
         at = fit_windows(parts, model)
         found = whole_shots(parts, at, in_any_case)
-    if in_any_case or parts.follows(found):
+    if in_any_case or not parts.needs_windows(found):
         return parts, at, found
     rough = dataclasses.replace(at.fitted.chain, roughness=roughness_of(parts, model))
     at = dataclasses.replace(at, fitted=dataclasses.replace(at.fitted, chain=rough))
+    if parts.follows(found):
+        return parts, at, found
     return parts, at, dataclasses.replace(found, covariance=at.fitted.covariance, converged=at.fitted.converged)

@@ -56,6 +56,13 @@ class Split:
         """Whether whole shots are followed closely enough to determine what acts on them between impacts."""
         return found.discrepancy_rate <= UNFOLLOWED_RATE
 
+    def needs_windows(self, found: FittedModel) -> bool:
+        """Whether impacts, each by itself, say more of what the model lacks than whole shots do.
+
+        Shots of many impacts may be followed, and hardly be, by constants that are bent.
+        """
+        return self.training.is_long or not self.follows(found)
+
     def excluding(self, lines: tuple[str, ...], training: ShotProblem, held_out: ShotProblem | None) -> Split:
         """The split with those shots alone, the others set aside with a line each."""
         for line in lines:

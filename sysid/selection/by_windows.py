@@ -36,6 +36,7 @@ from sysid.selection.screening import (
     FittedCandidate,
     Screening,
     candidates_for,
+    confounded_and_tied,
 )
 from sysid.selection.stability import Stability, stability_of
 
@@ -174,7 +175,8 @@ def screen_windows(at: WindowFit, base: FittedModel) -> tuple[Screening, dict[st
             needed[name] = more
             least = max(least, MIN_IMPROVEMENT_OF_BEST * row.predicted_improvement)
     fits.sort(key=lambda one: -one.evidence.delta_bic)
-    return Screening(base, scores, tuple(fits), (), (), scores.count, len(at.fitted.states)), needed
+    seen = Screening(base, scores, tuple(fits), *confounded_and_tied(scores, fits), scores.count, len(at.fitted.states))
+    return seen, needed
 
 
 def discover_by_windows(found: DiscoveryResult, at: WindowFit) -> tuple[DiscoveryResult, WindowFit]:

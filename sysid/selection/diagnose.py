@@ -47,13 +47,14 @@ def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
     """Fit the model to the clips and search what it lacks; every fifth clip is held out."""
     parts, _, model = split(clip_set, model)
     parts, at, base = fit_from_nothing(parts, model)
-    if not parts.follows(base):
+    if parts.needs_windows(base):
         diagnosis = Diagnosis(screen_windows(at, base)[0])
         named = (diagnosis.name,) if diagnosis.name else ()
-        if named or parts.training.is_long:
+        if named or (parts.training.is_long and not parts.follows(base)):
             shot = propose_next(parts, base, (diagnosis.screening,), named)
             return ClipDiagnosis(parts, base, diagnosis, None if named else remainder(base), shot)
-        base = fit_on(parts, base, base, "whole shots")
+        if not parts.follows(base):
+            base = fit_on(parts, base, base, "whole shots")
     diagnosis = diagnose_fit(parts, base)
     unexplained: Mapping[str, Any] | None = None
     fitted, seen = diagnosis.fitted_formula, diagnosis.screening

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 from collections.abc import Callable
+from functools import partial
 
 from models.model_file import Model
 from sysid.clips import ClipSet
@@ -32,6 +33,7 @@ from sysid.selection.next_shot import propose_next
 from sysid.selection.pruning import (
     Pruned,
     fit_without,
+    with_fewer,
     without_needless,
     without_unclear,
     without_undetermined,
@@ -92,7 +94,7 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
     parts, at, now = fit_from_nothing(parts, model)
     found = DiscoveryResult(parts, (now,), ((),), ())
     show(found)
-    if not parts.follows(now):
+    if parts.needs_windows(now):
         found, at = discover_by_windows(found, at)
         if parts.training.is_long and not parts.follows(found.last):
             found = dataclasses.replace(
@@ -149,6 +151,7 @@ def _by_whole_shots(found: DiscoveryResult, show: Show) -> DiscoveryResult:
         found = _beside_formula(parts, found, now, formula)
     if found.unexplained is None:
         found = prune(parts, found)
+        found = prune(parts, found, partial(with_fewer, pairs=found.confounded))
         found = dataclasses.replace(found, unexplained=remainder(found.last))
         if found.unexplained is not None:
             found = prune(parts, found, without_unclear)
@@ -170,7 +173,7 @@ def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, form
     earlier = _formula_earlier(parts, found, now, verdict)
     if earlier is not None:
         formula, now, verdict = earlier
-    plain = fit_without(parts, now, EFFECT_NAME)
+    plain = found.last if verdict == found.verdict else fit_without(parts, now, EFFECT_NAME)
     evidence = compare_fits(plain, now)
     found = _ending_with(found, plain, verdict)
     if not is_enough(evidence, found.rounds[-1].count) or not holds(plain, now):

@@ -167,7 +167,7 @@ def screen(
             )
             for one in fits
         ]
-    return Screening(base, scores, tuple(rank_fits(fits)), *_confounded_and_tied(scores, fits), scores.count)
+    return Screening(base, scores, tuple(rank_fits(fits)), *confounded_and_tied(scores, fits), scores.count)
 
 
 def _fit_chosen(
@@ -334,7 +334,7 @@ def ranking(fits: Sequence[tuple[float, int, bool]]) -> list[int]:
     return sorted(range(len(fits)), key=rank)
 
 
-def _confounded_and_tied(
+def confounded_and_tied(
     scores: Scores, fits: Sequence[FittedCandidate]
 ) -> tuple[tuple[tuple[str, str, float], ...], tuple[tuple[str, str], ...]]:
     """Pairs of confounded candidates of which one matters, and pairs of fits that the evidence does not separate."""

@@ -63,14 +63,12 @@ class Objective:
     bounds: Array = field(default_factory=NO_BOUNDS.copy)  # (p, 2) of the initial state, or (1, 2)
     part: Callable[[NDArray[np.int64]], Evaluate] | None = None  # `evaluate` of some, for other processes
     rough: bool = False  # whether residuals are too rough for differences over shorter steps
-    free: NDArray[np.bool_] | None = None  # (n, p) whether an unknown moves at all; None for all
 
     def only(self, rows: NDArray[np.int64]) -> Objective | None:
         """That of some problems, for other processes; None where it cannot leave this one."""
         if self.part is None:
             return None
-        free = None if self.free is None else self.free[rows]
-        return dataclasses.replace(self, evaluate=self.part(rows), prior=self.prior.only(rows), part=None, free=free)
+        return dataclasses.replace(self, evaluate=self.part(rows), prior=self.prior.only(rows), part=None)
 
     def inside(self, x: Array) -> Array:
         """Initial states (..., p), moved to where they may be."""
@@ -94,19 +92,11 @@ def weights(residuals: Array, c: float) -> Array:
 
 def moved(
     evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array, steps_c: Array,
-    share: Array | float = 1.0, free: NDArray[np.bool_] | None = None,
+    share: Array | float = 1.0,
 ) -> Array:  # fmt: skip
     """Residuals (1 + p + q, n, m) at a point, and with each unknown, then each constant, moved by its step.
 
-    Args:
-        evaluate: residuals.
-        x: (n, p) unknowns.
-        c: (q,) constants.
-        which: (n,) numbers of the problems.
-        steps: (p,) of the unknowns.
-        steps_c: (q,) of the constants.
-        share: of the steps, of all problems or of each (n,).
-        free: (n, p) whether an unknown moves; None for all.
+    `share` of the steps, of all problems or of each (n,).
     """
     (n, p), q = x.shape, len(steps_c)
     rows = np.tile(x, (1 + p + q, 1, 1))
@@ -115,14 +105,9 @@ def moved(
         rows[1 + k, :, k] += share * steps[k]
     for k in range(q):
         constants[1 + p + k, :, k] += share * steps_c[k]
-    todo = np.ones((1 + p + q, n), bool)
-    if free is not None:
-        todo[1 : 1 + p] = free.T
-    some = evaluate(rows[todo], constants[todo], np.tile(which, (1 + p + q, 1))[todo])
-    r = np.empty((1 + p + q, n, some.shape[1]))
-    r[:] = some[:n]
-    r[todo] = some
-    return r
+    count = (1 + p + q) * n
+    r = evaluate(rows.reshape(count, p), constants.reshape(count, c.size), np.tile(which, 1 + p + q))
+    return r.reshape(1 + p + q, n, -1)
 
 
 def differences(
@@ -268,9 +253,8 @@ def _differenced(objective: Objective, x: Array, c: Array, which: NDArray[np.int
     says nothing of the slope.
     """
     steps = np.concatenate([objective.steps, steps_c])
-    free = None if objective.free is None else objective.free[which]
     found = from_differences(
-        moved(objective.evaluate, x, c, which, objective.steps, steps_c, free=free), steps, objective.cauchy_sd
+        moved(objective.evaluate, x, c, which, objective.steps, steps_c), steps, objective.cauchy_sd
     )
     share = np.ones(len(x))
     for _ in range(0 if objective.rough else MAX_SHORTENINGS):
@@ -279,10 +263,7 @@ def _differenced(objective: Objective, x: Array, c: Array, which: NDArray[np.int
         if not far.size:
             break
         share[far] = SHORT_STEP_SD / told[far]
-        rows = moved(
-            objective.evaluate, x[far], c, which[far], objective.steps, steps_c, share[far],
-            None if free is None else free[far],
-        )  # fmt: skip
+        rows = moved(objective.evaluate, x[far], c, which[far], objective.steps, steps_c, share[far])
         finer = from_differences(rows, steps, objective.cauchy_sd)
         found.matrix[far] = finer.matrix / share[far, None, None] ** 2
         found.gradient[far] = finer.gradient / share[far, None]
