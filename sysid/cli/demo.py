@@ -47,6 +47,7 @@ def run(out: Path, progress: Progress) -> int:
         progress.close()
         if not found.rounds:
             _base_errors(clip_set, found, progress)
+        if not found.verdict:
             return
         _print_diagnosis(found)
         print(f"\n3. Added, and all constants fitted again: {label(found.verdict)}\n", flush=True)
@@ -82,7 +83,7 @@ def _base_errors(clip_set: ClipSet, found: DiscoveryResult, progress: Progress) 
 
 def _print_diagnosis(found: DiscoveryResult) -> None:
     """Print the ranked candidates and the verdict."""
-    seen = found.rounds[-1]
+    seen = next(one for one in found.rounds if one.best is not None and one.best.name in found.verdict)
     print("\n2. What could be missing? The evidence for each effect of the catalogue (delta BIC; 10 is enough):\n")
     print(table(round_rows(seen)) + "\n")
     _print_indented(verdict_lines(Diagnosis(seen), None))

@@ -114,10 +114,17 @@ def discover(
     if journal.found:
         print(f"continuing from {journal.path}: {journal.found} fits are known already", flush=True)
 
+    shown = 0
+
+    def show_rounds(found: DiscoveryResult) -> None:
+        nonlocal shown
+        for one in found.rounds[shown:]:
+            print(table(round_rows(one)) + "\n")
+        shown = len(found.rounds)
+
     def show(found: DiscoveryResult) -> None:
         progress.close()
-        if found.rounds:
-            print(table(round_rows(found.rounds[-1])) + "\n")
+        show_rounds(found)
         last = found.last
         name = ", ".join(found.verdict) or "base"
         print(f"{name}: miss {last.miss * 1e3:.3f} mm, held out {last.held_miss * 1e3:.3f} mm\n", flush=True)
@@ -130,7 +137,7 @@ def discover(
             end.add_note(f"{journal.path} is kept: the same command continues from there")
         raise
     progress.close()
-    print(table(round_rows(found.rounds[-1])) + "\n")
+    show_rounds(found)
     print(ladder_table(found))
     print("\n" + _to_paste("\n".join(discovery_lines(found)), out) + "\n")
     outcome = write_outcome(out, clip_set, found, progress, journal.elapsed, f"sysid discover {start.clips}")
