@@ -113,9 +113,12 @@ def without_effect(at: WindowFit, name: str) -> WindowFit:
 
 
 def evidence(less: WindowFit, more: WindowFit) -> Evidence:
-    """Evidence for a fit with more constants, on the same windows at the same errors of the model."""
+    """Evidence for a fit with more constants, on the same windows at the same errors of the model.
+
+    Shots tell as much as they scatter about the better of the two.
+    """
     gain = 2.0 * (less.fitted.losses - more.fitted.losses)
-    tau = max(less.fitted.design_effect, more.fitted.design_effect)
+    tau = (more if gain.sum() > 0 else less).fitted.design_effect
     chain = more.fitted.chain
     count = float(chain.windows.data.count.sum())
     penalty = (len(chain.names) - len(less.fitted.chain.names)) * float(np.log(max(2 * count / tau, 2.0)))
@@ -162,12 +165,14 @@ def screen_windows(at: WindowFit, base: FittedModel) -> tuple[Screening, dict[st
     """
     scores = score_windows(at, candidates_for(at.model))
     less = continued(at)
-    fits, needed, least = list[FittedCandidate](), dict[str, WindowFit](), MIN_IMPROVEMENT
+    tried, needed = dict[str, WindowFit](), dict[str, WindowFit]()
+    fits, least = list[FittedCandidate](), MIN_IMPROVEMENT
     for row in scores.rows:
         # Where none of the first is needed, more was predicted of them than they gain: others may win.
         if row.predicted_improvement < least or len(fits) >= (MAX_FITS if needed else MAX_TRIALS):
             break
-        name, more = row.candidate.name, with_effect(at, row)
+        name = row.candidate.name
+        more = tried[name] = with_effect(at, row)
         # In few steps it need not arrive: it is judged by what it gains.
         fitted = dataclasses.replace(of_windows(more, base), converged=True)
         fits.append(FittedCandidate(row, fitted, evidence(less, more), is_needed(less, more, name, fitted)))

@@ -32,8 +32,8 @@ from sysid.selection.judge import diagnose_fit
 from sysid.selection.next_shot import propose_next
 from sysid.selection.pruning import (
     Pruned,
+    exchanged,
     fit_without,
-    with_fewer,
     without_needless,
     without_unclear,
     without_undetermined,
@@ -151,7 +151,7 @@ def _by_whole_shots(found: DiscoveryResult, show: Show) -> DiscoveryResult:
         found = _beside_formula(parts, found, now, formula)
     if found.unexplained is None:
         found = prune(parts, found)
-        found = prune(parts, found, partial(with_fewer, pairs=found.confounded))
+        found = prune(parts, found, partial(exchanged, pairs=[pair for one in found.rounds for pair in one.tied]))
         found = dataclasses.replace(found, unexplained=remainder(found.last))
         if found.unexplained is not None:
             found = prune(parts, found, without_unclear)

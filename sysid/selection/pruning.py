@@ -26,7 +26,7 @@ from sysid.selection.evidence import (
     remove_effect,
 )
 from sysid.selection.score import score_all
-from sysid.selection.screening import MIN_DELTA_BIC, candidates_for, fit_candidate, warm_started
+from sysid.selection.screening import MIN_DELTA_BIC, candidates_for, fit_candidate, ranking, warm_started
 
 MIN_SHARE_OF_EXCESS = 0.02  # of the variance beyond noise, that an effect must explain where most is not explained
 MIN_DISTANCE_SD = 3.0  # standard deviations of an effect that is named there from where it vanishes
@@ -55,7 +55,7 @@ def without_needless(parts: Split, now: FittedModel, verdict: tuple[str, ...], l
     return now, verdict
 
 
-def with_fewer(parts: Split, now: FittedModel, verdict: tuple[str, ...], pairs: Sequence[tuple[str, str]]) -> Pruned:
+def exchanged(parts: Split, now: FittedModel, verdict: tuple[str, ...], pairs: Sequence[tuple[str, str]]) -> Pruned:
     """The fit with another effect in place of a named one, where that makes a third superfluous.
 
     Two effects may share what a single one explains; named first is then whichever came first.
@@ -67,16 +67,18 @@ def with_fewer(parts: Split, now: FittedModel, verdict: tuple[str, ...], pairs: 
         pairs: effects that the clips did not tell apart.
     """
     others = [(one, two) for a, b in pairs for one, two in ((a, b), (b, a)) if one in verdict and two not in verdict]
-    for name, other in others if len(verdict) > 1 else ():
+    for name, other in others:
         rest = remove_effect(now, name)
         rows = score_all(rest, [one for one in candidates_for(rest.model) if one.name == other]).rows
         if not rows:
             continue
-        log.info("whether %s in place of %s needs fewer others", other, name)
+        log.info("whether %s in place of %s explains more", other, name)
         swapped = fit_candidate(parts, rest, rows[0]).fitted
-        fewer, kept = without_needless(parts, swapped, (*_others(verdict, name), other))
-        if len(kept) < len(verdict) and fewer.converged and compare_fits(fewer, now).delta_bic <= MIN_DELTA_BIC:
-            return fewer, kept
+        swapped, kept = without_needless(parts, swapped, (*_others(verdict, name), other))
+        rivals = [(0.0, now.constants.size, now.converged)]
+        rivals.append((compare_fits(now, swapped).delta_bic, swapped.constants.size, swapped.converged))
+        if ranking(rivals)[0] and generalises(now, swapped):
+            return swapped, kept
     return now, verdict
 
 
