@@ -32,7 +32,7 @@ from sysid.selection.evidence import (
     loss_ratio_without,
 )
 from sysid.selection.score import Candidate, Score, Scores, candidate, score_all, with_candidate
-from sysid.selection.trials import fit_from_usual, fit_with, most_promising
+from sysid.selection.trials import fit_from_trial, fit_with, most_promising
 
 # Predicted improvement: fall of chi-square that the linear model predicts for a candidate (sysid/selection/score.py).
 MIN_IMPROVEMENT = 15.0  # predicted, for a candidate to be fitted
@@ -208,9 +208,9 @@ def fit_most_promising(
         return None
     by_name = {row.candidate.name: row for row in rows}
     tried = []
-    for kind in most_promising(base, list(dict.fromkeys(type(row.candidate.effect) for row in rows)), fits):
-        found = fit_from_usual(parts, base, kind)
-        evidence, row = compare_fits(base, found), by_name[kind.name()]
+    for effect in most_promising(base, list(dict.fromkeys(type(row.candidate.effect) for row in rows))):
+        found = fit_from_trial(parts, base, effect)
+        evidence, row = compare_fits(base, found), by_name[effect.name()]
         row = dataclasses.replace(row, predicted_improvement=max(row.predicted_improvement, evidence.improvement))
         tried.append(FittedCandidate(row, found, evidence, generalises(base, found)))
     return max(tried, key=lambda one: (one.converged and one.generalises, one.evidence.delta_bic), default=None)

@@ -1,10 +1,11 @@
-"""Candidates tried at their usual size, where a false optimum hides what is missing.
+"""Candidates tried at sizes that matter, where a false optimum hides what is missing, or an effect begins flat.
 
 In: clips (`Split`), a fit (`FittedModel`) and candidates. Out: the same clips fitted with one effect more.
 
 A fit that lacks a large effect may bend its constants so far that the derivative by that effect, of which its score is
-made, vanishes. Held at its usual size, with constants and initial states fitted again for a few steps, the right effect
-lowers the loss all the same.
+made, vanishes. So does that by an effect that grows with the square of its parameter. Held at its usual size, or at
+several times that if it vanishes at a bound, with constants and initial states fitted again for a few steps, the right
+effect lowers the loss all the same.
 """
 
 from __future__ import annotations
@@ -22,38 +23,47 @@ from sysid.selection.score import Candidate, candidate, with_candidate
 
 MAX_TRIAL_SHOTS = 60  # on which every candidate is tried
 MIN_TRIAL_SHARE = 0.02  # of the loss by which a trial must lower it
-MIN_TRIAL_OF_BEST = 0.5  # and of what the best fit lowers it by
+LARGER = 3.0  # times its usual size, at which an effect is tried as well that vanishes at a bound
 MAX_PROMISING = 2  # effects: of two that go together, one alone may be fitted into a false optimum
 log = logging.getLogger(__name__)
 
 
-def most_promising(base: FittedModel, kinds: Sequence[type[Effect]], fits: Sequence[FittedModel]) -> list[type[Effect]]:
-    """Effects that lower the loss of a fit most at their usual size, best first; those that rival the fits there are.
+def most_promising(base: FittedModel, kinds: Sequence[type[Effect]]) -> list[Effect]:
+    """Effects, at the size tried, that lower the loss of a fit most, best first.
 
     Args:
         base: the fit without any of them.
         kinds: effects that may be missing.
-        fits: the clips fitted with one effect more.
     """
     log.info("%d effects at their usual size", len(kinds))
     count = len(base.initial_states)
     rows = np.unique(np.linspace(0, count - 1, min(count, MAX_TRIAL_SHOTS)).astype(np.int64))
     few = base.weighted.only(rows)
 
-    def soon(at: Point, effect: Effect | None = None) -> float:
-        model = at.model if effect is None else at.model.add(effect)
-        return loss_soon(few.with_model(model, at.names), at.initial_states[rows], at.constants)
+    def soon(effect: Effect | None = None) -> float:
+        model = base.model if effect is None else base.model.add(effect)
+        return loss_soon(few.with_model(model, base.names), base.initial_states[rows], base.constants)
 
-    before = soon(base)
-    gains = [before - soon(base, kind()) for kind in kinds]
-    best = np.argsort(gains)[::-1][:MAX_PROMISING]
-    least = max([MIN_TRIAL_SHARE * before, *(MIN_TRIAL_OF_BEST * (before - soon(one)) for one in fits)])
-    return [kinds[k] for k in best if gains[k] > least]
+    before, best = soon(), list[tuple[float, Effect]]()
+    for kind in kinds:
+        gain, effect = max(((before - soon(one), one) for one in _sizes(kind)), key=lambda tried: tried[0])
+        if gain > MIN_TRIAL_SHARE * before:
+            best.append((gain, effect))
+    return [effect for _, effect in sorted(best, key=lambda tried: -tried[0])[:MAX_PROMISING]]
 
 
-def fit_from_usual(parts: Split, base: FittedModel, kind: type[Effect]) -> FittedModel:
-    """All constants and initial states fitted: first beside an effect held at its usual size, then with it."""
+def _sizes(kind: type[Effect]) -> list[Effect]:
+    """An effect at the sizes at which it is tried."""
     one = candidate(kind)
+    if not one.one_sided:
+        return [one.effect]
+    low, high = one.bounds().T
+    return [one.effect, one.at(np.clip(one.off() + LARGER * one.usual(), low, high))]
+
+
+def fit_from_trial(parts: Split, base: FittedModel, effect: Effect) -> FittedModel:
+    """All constants and initial states fitted: first beside an effect held at its size, then with it."""
+    one = candidate(effect)
     held = base.problem.with_model(base.model.add(one.effect), base.names)
     start = fit(Point(held, base.initial_states, base.constants, base.discrepancy_rate), f"beside {one.name}")
     return fit_with(parts, base, one, start, {})
