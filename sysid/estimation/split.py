@@ -26,6 +26,7 @@ from sysid.clips.outliers import remove_outliers
 from sysid.clips.slow_noise import slow_noise
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_held_out
+from sysid.estimation.initial_states import shot_scores
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
@@ -59,9 +60,11 @@ class Split:
     def needs_windows(self, found: FittedModel) -> bool:
         """Whether impacts, each by itself, say more of what the model lacks than whole shots do.
 
-        Shots of many impacts may be followed, and hardly be, by constants that are bent.
+        Where a single shot is not followed, what it tells is lost in whole shots; and shots of many impacts may be
+        followed, and hardly be, by constants that are bent.
         """
-        return self.training.is_long or not self.follows(found)
+        rates = shot_scores(found.problem, found.initial_states, found.constants)[1]
+        return self.training.is_long or float(rates.max()) > UNFOLLOWED_RATE
 
     def excluding(self, lines: tuple[str, ...], training: ShotProblem, held_out: ShotProblem | None) -> Split:
         """The split with those shots alone, the others set aside with a line each."""

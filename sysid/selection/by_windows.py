@@ -19,10 +19,10 @@ from functools import partial
 import numpy as np
 
 from sysid.estimation.chain import derivatives, equations, reduced
-from sysid.estimation.chain_fit import fit_chain
+from sysid.estimation.chain_fit import fit_chain, settled_states
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.from_nothing import WindowFit, moved_to, searched, whole_shots
-from sysid.estimation.problem import CAUCHY_SD
+from sysid.estimation.problem import CAUCHY_SD, Array
 from sysid.estimation.solver.least_squares import weights
 from sysid.selection.evidence import Evidence, chi2_of_known
 from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence
@@ -30,13 +30,15 @@ from sysid.selection.result import DiscoveryResult
 from sysid.selection.score import Candidate, Linearised, Score, Scores, Signature, scores_of
 from sysid.selection.screening import (
     MAX_FITS,
-    MIN_DELTA_BIC,
     MIN_IMPROVEMENT,
     MIN_IMPROVEMENT_OF_BEST,
+    SMALLER_TRIAL,
+    TRIAL_STEPS,
     FittedCandidate,
     Screening,
     candidates_for,
     confounded_and_tied,
+    is_enough,
 )
 from sysid.selection.stability import Stability, stability_of
 
@@ -84,16 +86,20 @@ def linearise_windows(at: WindowFit, candidates: list[Candidate]) -> Linearised:
 
 
 def with_effect(at: WindowFit, score: Score) -> WindowFit:
-    """The fit with one effect more, from its predicted size."""
+    """The fit with one effect more, from the likeliest of its predicted, a smaller and its usual size."""
     one, found = score.candidate, at.fitted
     keys = tuple(one.effect.parameters())
-    low, high = one.bounds().T
-    values = np.clip(score.values, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
-    begin = dict(zip(one.keys, values.tolist(), strict=True))
-    added = [begin.get(key, float(getattr(one.effect, key))) for key in keys]
     names = (*found.chain.names, *(f"{one.name}.{key}" for key in keys))
     chain = found.chain.with_model(found.chain.model.add(one.effect), names)
-    c = np.concatenate([found.constants, added])
+    low, high = one.bounds().T
+    sd, tried = chain.gap_sd(found.states), list[tuple[float, Array]]()
+    for step in (score.values - one.off(), SMALLER_TRIAL * (score.values - one.off()), one.usual()):
+        values = np.clip(one.off() + step, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
+        begin = dict(zip(one.keys, values.tolist(), strict=True))
+        c = np.concatenate([found.constants, [begin.get(key, float(getattr(one.effect, key))) for key in keys]])
+        states = settled_states(chain, found.states, c, TRIAL_STEPS)
+        tried.append((float(chain.losses(states, c, sd).sum()), c))
+    _, c = min(tried, key=lambda trial: trial[0])
     return moved_to(at, fit_chain(chain, found.states, c, CANDIDATE_STEPS, f"with {one.name}"))
 
 
@@ -123,9 +129,12 @@ def evidence(less: WindowFit, more: WindowFit) -> Evidence:
     count = float(chain.windows.data.count.sum())
     penalty = (len(chain.names) - len(less.fitted.chain.names)) * float(np.log(max(2 * count / tau, 2.0)))
     known = chi2_of_known(as_point(less)) - chi2_of_known(as_point(more))
-    total = float(gain.sum())
-    others = total - float(gain.max(initial=0.0))
-    return Evidence(total / tau + known - penalty, total + known * tau, tau, others / tau + known - penalty, 1.0)
+    total, top = float(gain.sum()), int(np.argmax(gain))
+    others = total - float(gain[top])
+    counts = np.array([chain.windows.data.count[run].sum() for run in chain.windows.runs])
+    share = more.fitted.losses / np.maximum(counts, 1)
+    ratio = float(share[top] / max(float(np.median(share)), 1e-12))
+    return Evidence(total / tau + known - penalty, total + known * tau, tau, others / tau + known - penalty, ratio)
 
 
 def is_needed(less: WindowFit, more: WindowFit, name: str, found: FittedModel) -> bool:
@@ -140,10 +149,8 @@ def is_needed(less: WindowFit, more: WindowFit, name: str, found: FittedModel) -
     log.info(
         "%s: delta BIC %.0f, held out %.0f +- %.0f, %.1f sd from none", name, seen.delta_bic, held, error, distance
     )
-    return bool(
-        seen.delta_bic > MIN_DELTA_BIC and seen.others_delta_bic > MIN_DELTA_BIC and distance >= MIN_DISTANCE_SD
-        and held >= -error
-    )  # fmt: skip
+    count = 2 * int(more.fitted.chain.windows.data.count.sum())
+    return is_enough(seen, count) and distance >= MIN_DISTANCE_SD and held >= -error
 
 
 def of_windows(at: WindowFit, base: FittedModel) -> FittedModel:

@@ -45,6 +45,7 @@ MIN_IMPROVEMENT_PER_RESIDUAL = 1e-3  # and its fall of chi-square per residual
 MAX_TOP_SHOT_RATIO = 1.5  # loss per residual of the only shot that speaks for an effect, over the median of all
 CONFOUNDED_CORRELATION = 0.9  # of two signatures, from which on candidates count as confounded
 TRIAL_STEPS = 3  # iterations of the initial states at each trial start of a fit
+SMALLER_TRIAL = 0.3  # of a predicted or usual size, at which a fit may start as well
 WARM_START_STEPS = 5  # iterations of the initial states from the optimum of another fit
 TIED_DELTA_BIC = 10.0  # difference below which the evidence does not separate two candidates
 MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE = 2.0, 1e-3  # of the loss, for another optimum to be taken
@@ -258,9 +259,9 @@ def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:
     """Initial states (n, p) and switching parameters (k,) to start from: of a few trial values those of least loss."""
     one, off = score.candidate, score.candidate.off()
     bounds, usual, step = one.bounds(), one.usual(), score.values - off
-    trials = [step, 0.3 * step]
+    trials = [step, SMALLER_TRIAL * step]
     if one.one_sided:  # such an effect may grow with the square of its parameter
-        trials = [step, usual, 0.3 * usual]
+        trials = [step, usual, SMALLER_TRIAL * usual]
     problem = with_candidate(base.problem, one).with_discrepancy(base.discrepancy_rate)
     found = []
     inner = bounds + np.outer(bounds[:, 1] - bounds[:, 0], [1e-4, -1e-4])
