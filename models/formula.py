@@ -51,7 +51,9 @@ HOOK_RANGES = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
     ALONG,  # power of the distance from the middle of a rail [m]
     SLIP,  # slip at the contact, less a [m/s]
     WITH,  # 1 where ball a takes part
-) = range(17)
+    APPROACH,  # normal approach speed of an impact, less a [m/s]
+    GRAZING,  # power a of the sine of the angle between the ball's way and the normal
+) = range(19)
 
 TERM_FIELDS = ("coefficient", "door", "factor", "a", "b", "c", "d")  # of a term
 TERM_LAYOUT = tuple(f"{number}_{k}" for number in TERM_FIELDS for k in range(MAX_TERMS))
@@ -72,9 +74,16 @@ class Part:
 
 
 @compiled
+def grazing_sine(vx: float, vy: float, approach: float) -> float:
+    """Sine of the angle between a ball's way and the normal of its impact; 0 for a ball at rest."""
+    square = vx * vx + vy * vy
+    return math.sqrt(max(1.0 - approach * approach / square, 0.0)) if square > 0.0 else 0.0
+
+
+@compiled
 def factor_value(
     factor: float, a: float, b: float, c: float, d: float, x: float, y: float, vx: float, vy: float, wz: float,
-    order: float, time: float, first: float, second: float, slip: float,
+    order: float, time: float, first: float, second: float, slip: float, approach: float,
 ) -> float:  # fmt: skip
     """A factor for a ball, an impact of ball `first` with ball or rail `second`, or an image."""
     if factor == BOX:
@@ -109,6 +118,10 @@ def factor_value(
         return slip - a
     if factor == WITH:
         return 1.0 if first == a or second == a else 0.0
+    if factor == APPROACH:
+        return approach - a
+    if factor == GRAZING:
+        return grazing_sine(vx, vy, approach) ** int(a)
     return 1.0
 
 
@@ -151,15 +164,17 @@ def _terms(own: Any) -> Any:
 @compiled
 def _of_ball(factor: float, a: float, b: float, c: float, d: float, ball: BallState) -> float:
     return factor_value(
-        factor, a, b, c, d, ball.x, ball.y, ball.vx, ball.vy, ball.wz, ball.order, ball.time, ball.number, -1.0, 0.0
-    )
+        factor, a, b, c, d, ball.x, ball.y, ball.vx, ball.vy, ball.wz, ball.order, ball.time, ball.number,
+        -1.0, 0.0, 0.0,
+    )  # fmt: skip
 
 
 @compiled
 def _of_impact(factor: float, a: float, b: float, c: float, d: float, hit: ImpactState) -> float:
     return factor_value(
-        factor, a, b, c, d, hit.x, hit.y, hit.vx, hit.vy, 0.0, hit.order, hit.time, hit.first, hit.second, hit.slip
-    )
+        factor, a, b, c, d, hit.x, hit.y, hit.vx, hit.vy, 0.0, hit.order, hit.time, hit.first, hit.second,
+        hit.slip, hit.approach,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -241,7 +256,7 @@ class Formula(Effect):
         for coefficient, door, factor, a, b, c, d in _terms(self):
             if door in (IMAGE_X, IMAGE_Y):
                 value = coefficient * factor_value(
-                    factor, a, b, c, d, x, y, image.vx, image.vy, 0.0, 0.0, image.time, -1.0, -1.0, 0.0
+                    factor, a, b, c, d, x, y, image.vx, image.vy, 0.0, 0.0, image.time, -1.0, -1.0, 0.0, 0.0
                 )
                 if door == IMAGE_X:
                     image.x += value

@@ -38,7 +38,9 @@ MOTION_VARIABLES = {
     "heading": "atan2(ball.vy, ball.vx)", "order": "ball.order", "time": "ball.time", "other": "ball.number > 0",
 }  # fmt: skip
 IMPACT_VARIABLES = {
-    "order": "hit.order", "slip": "hit.slip", "other": "hit.first > 0", "first": "hit.first", "second": "hit.second",
+    "order": "hit.order", "slip": "hit.slip", "approach": "hit.approach",
+    "grazing": "grazing_sine(hit.vx, hit.vy, hit.approach)",
+    "other": "hit.first > 0", "first": "hit.first", "second": "hit.second",
     "rail": "hit.second", "along": "hit.y if hit.second < 2 else hit.x",
 }  # fmt: skip
 IMAGE_VARIABLES = {"x": "image.x", "y": "image.y"}
@@ -154,7 +156,7 @@ def _imports(body: str) -> str:
         "math": ("atan2", "cos", "exp", "hypot", "sin"),
         "dataclasses": ("dataclass",),
         "models.effect": ("BallState", "Effect", "ImageState", "ImpactState", "param", "push_along"),
-        "models.formula": ("until_edge",),
+        "models.formula": ("grazing_sine", "until_edge"),
     }
     needed |= {"dataclass"}
     chosen = {module: [n for n in names if n in needed] for module, names in offered.items()}

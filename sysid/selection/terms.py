@@ -87,6 +87,8 @@ FACTOR_CODES: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and 
     "y**2": (kinds.POWER, (0.0, 2.0, 0.0)), "x * y": (kinds.POWER, (1.0, 1.0, 0.0)),
     "x * (x**2 + y**2) ** 2": (kinds.POWER, (1.0, 0.0, 2.0)), "y * (x**2 + y**2) ** 2": (kinds.POWER, (0.0, 1.0, 2.0)),
     "abs(along)": (kinds.ALONG, (1.0,)), "along**2": (kinds.ALONG, (2.0,)), "slip - 1.0": (kinds.SLIP, (1.0,)),
+    "approach - 1.0": (kinds.APPROACH, (1.0,)), "grazing": (kinds.GRAZING, (1.0,)),
+    "grazing**2": (kinds.GRAZING, (2.0,)),
 } | {f"rail == {k}": (kinds.RAIL, (float(k),)) for k in range(len(RAIL_NAMES))}  # fmt: skip
 
 
@@ -146,8 +148,12 @@ def library(table: Table, names: int = 2) -> list[Term]:
         add("place", quantity, "abs(along)", "m", "all cushions, along their length", "place")
         add("place_2", quantity, "along**2", "m^2", "all cushions, along their length", "place")
         add("other", quantity, "other", "", "cushions, balls that are not struck", "ball")
-    add("slip", "cushion_mu", "slip - 1.0", "m/s", "all cushions", "slip", width=0.3)
-    add("slip", "cushion_e", "slip - 1.0", "m/s", "all cushions", "slip", width=0.3)
+        add("grazing", quantity, "grazing", "", "all cushions", "angle")
+        add("grazing_2", quantity, "grazing**2", "", "all cushions", "angle")
+    for quantity in ("cushion_mu", "cushion_e", "ball_mu", "ball_e"):
+        where = "all cushions" if quantity.startswith("cushion") else "collisions of balls"
+        add("slip", quantity, "slip - 1.0", "m/s", where, "slip", width=0.3)
+        add("approach", quantity, "approach - 1.0", "m/s", where, "speed", width=0.3)
     for quantity in ("ball_e", "ball_mu"):
         add("order", quantity, "order", "", "collisions of balls", "order of the clips")
         for k in range(2, names):

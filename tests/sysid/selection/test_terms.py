@@ -144,10 +144,13 @@ def test_the_text_of_a_factor_says_what_its_code_does(term: Term) -> None:
         vx, vy, wz, order, time, slip = rng.normal(size=6)
         first, second = float(rng.integers(4)), float(rng.integers(4))
         numbers = (*term.constants, *[0.0] * (4 - len(term.constants)))
-        found = factor_value(float(term.kind), *numbers, x, y, vx, vy, wz, order, time, first, second, slip)
+        approach = rng.uniform(0.0, math.hypot(vx, vy))
+        found = factor_value(float(term.kind), *numbers, x, y, vx, vy, wz, order, time, first, second, slip, approach)
         variables = {
             "x": x, "y": y, "wz": wz, "order": order, "time": time, "first": first, "second": second, "rail": second,
-            "other": first > 0, "slip": slip, "along": y if second < 2 else x, "speed": math.hypot(vx, vy),
+            "other": first > 0, "slip": slip, "approach": approach,
+            "grazing": math.sqrt(1 - (approach / math.hypot(vx, vy)) ** 2),
+            "along": y if second < 2 else x, "speed": math.hypot(vx, vy),
             "heading": math.atan2(vy, vx), "abs": abs, "cos": math.cos, "sin": math.sin, "exp": math.exp,
         }  # fmt: skip
         said = eval(term.factor, {"__builtins__": {}}, variables)  # our own text
@@ -158,6 +161,7 @@ WRITTEN = [
     ("drag_at_3_1", "push_x_xy", "side_spin_cos", "cushion_e_rail_0", "grip_cos"),
     ("drag_sin2", "drag_fade_200", "ball_e_with_2", "ball_mu_order", "image_x_r5"),
     ("drag_at_3_1", "drag_at_4_1", "cushion_mu_slip", "cushion_e_place", "image_y_one"),
+    ("cushion_e_grazing", "cushion_mu_grazing_2", "ball_mu_approach", "ball_e_slip", "push_x_order"),
 ]
 
 
