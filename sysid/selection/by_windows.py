@@ -25,7 +25,9 @@ from sysid.estimation.from_nothing import WindowFit, moved_to, searched, whole_s
 from sysid.estimation.problem import CAUCHY_SD, Array
 from sysid.estimation.solver.least_squares import weights
 from sysid.selection.evidence import Evidence, chi2_of_known
+from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, select_terms, term_candidates
 from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence
+from sysid.selection.remainder import remainder
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.score import Candidate, Linearised, Score, Scores, Signature, scores_of
 from sysid.selection.screening import (
@@ -33,6 +35,7 @@ from sysid.selection.screening import (
     MIN_IMPROVEMENT,
     MIN_IMPROVEMENT_OF_BEST,
     SMALLER_TRIAL,
+    TIED_DELTA_BIC,
     TRIAL_STEPS,
     FittedCandidate,
     Screening,
@@ -198,11 +201,11 @@ def discover_by_windows(found: DiscoveryResult, at: WindowFit) -> tuple[Discover
     for _ in range(MAX_EFFECTS):
         seen, needed = screen_windows(at, now)
         found = dataclasses.replace(found, rounds=(*found.rounds, seen))
-        name = next((one.name for one in seen.fits if one.name in needed), None)
-        if name is None:
+        best = next((one for one in seen.fits if one.name in needed), None)
+        if best is None or is_outdone(at, best):
             break
-        log.info("found %s", name)
-        verdict, at = (*verdict, name), searched(needed[name])
+        log.info("found %s", best.name)
+        verdict, at = (*verdict, best.name), searched(needed[best.name])
         now = of_windows(at, base)
     at, kept = without_needless(at, verdict, base)
     if kept:
@@ -210,6 +213,37 @@ def discover_by_windows(found: DiscoveryResult, at: WindowFit) -> tuple[Discover
         at = moved_to(at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))
         found = found.with_step(whole_shots(parts, at), kept)
     return dataclasses.replace(found, pruned=tuple(name for name in verdict if name not in kept)), at
+
+
+def structure_in(at: WindowFit) -> SparseFormula | None:
+    """Terms that explain most of what windows leave; None where not even one explains enough."""
+    terms, candidates = term_candidates(as_point(at))
+    return select_terms(terms, score_windows(at, candidates))
+
+
+def is_outdone(at: WindowFit, best: FittedCandidate) -> bool:
+    """Whether a single term explains more than the best named effect, beyond what the evidence cannot separate."""
+    structure = structure_in(at)
+    if structure is None or structure.improvements[0] <= best.score.predicted_improvement:
+        return False
+    alone = evidence(continued(at), with_effect(at, structure.first().score()))
+    log.info(
+        "%s: delta BIC %.0f, %s: %.0f", structure.terms[0].name, alone.delta_bic, best.name, best.evidence.delta_bic
+    )
+    return alone.delta_bic > best.evidence.delta_bic + TIED_DELTA_BIC
+
+
+def with_formula(found: DiscoveryResult, at: WindowFit) -> DiscoveryResult:
+    """The result with a formula for what no effect explains, where windows need one; else with what remains."""
+    structure = structure_in(at)
+    if structure is not None:
+        log.info("a formula: %s", ", ".join(term.name for term in structure.terms))
+        less, more = continued(at), with_effect(at, structure.score())
+        seen = of_windows(more, found.last)
+        if is_needed(less, more, EFFECT_NAME, seen):
+            described = describe(structure, seen, evidence(less, more))
+            return dataclasses.replace(found, unexplained=described, explained=whole_shots(found.parts, more))
+    return dataclasses.replace(found, unexplained=remainder(found.last))
 
 
 def stability_by_windows(found: DiscoveryResult, at: WindowFit) -> Stability:

@@ -18,7 +18,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing
 from sysid.estimation.split import Split, fit_on, split
-from sysid.selection.by_windows import discover_by_windows, stability_by_windows
+from sysid.selection.by_windows import discover_by_windows, stability_by_windows, with_formula
 from sysid.selection.departures import without_departing
 from sysid.selection.evidence import (
     compare_fits,
@@ -97,9 +97,9 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
     if parts.needs_windows(now):
         found, at = discover_by_windows(found, at)
         if parts.training.is_long and not parts.follows(found.last):
-            found = dataclasses.replace(
-                found, unexplained=remainder(found.last), stability=stability_by_windows(found, at)
-            )
+            found = with_formula(found, at)
+            if found.explained is None:
+                found = dataclasses.replace(found, stability=stability_by_windows(found, at))
             return _with_next_shot(found)
         found = _in_any_case(found)
         show(found)

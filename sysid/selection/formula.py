@@ -54,12 +54,17 @@ class SparseFormula:
         return Score(self.candidate(), float(sum(self.improvements)), self.values, np.full(len(self.terms), np.inf))
 
 
-def score_terms(base: Point) -> tuple[list[Term], Scores]:
-    """All terms of the library, and their scores at a fit."""
+def term_candidates(base: Point) -> tuple[list[Term], list[Candidate]]:
+    """All terms of the library for the clips of a fit, and each as a candidate."""
     most = max((len(c.balls) for c in base.problem.clips), default=1)
     terms = library(base.model.table, most)
     log.info("looking for structure outside the catalogue: %d terms", len(terms))
-    candidates = [candidate(effect_from_terms(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
+    return terms, [candidate(effect_from_terms(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
+
+
+def score_terms(base: Point) -> tuple[list[Term], Scores]:
+    """All terms of the library, and their scores at a fit."""
+    terms, candidates = term_candidates(base)
     return terms, score_all(base, candidates, quick=True)
 
 
