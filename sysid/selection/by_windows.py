@@ -27,7 +27,6 @@ from sysid.estimation.solver.least_squares import weights
 from sysid.selection.evidence import Evidence, chi2_of_known
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, select_terms, term_candidates
 from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence
-from sysid.selection.remainder import remainder
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.score import Candidate, Linearised, Score, Scores, Signature, scores_of
 from sysid.selection.screening import (
@@ -194,15 +193,25 @@ def screen_windows(at: WindowFit, base: FittedModel) -> tuple[Screening, dict[st
     return seen, needed
 
 
-def discover_by_windows(found: DiscoveryResult, at: WindowFit) -> tuple[DiscoveryResult, WindowFit]:
-    """Effects that windows name, and whole shots with them, added to a result that has the base alone."""
+Explained = tuple[SparseFormula, WindowFit]  # a formula, and the fit with it
+
+
+def discover_by_windows(
+    found: DiscoveryResult, at: WindowFit
+) -> tuple[DiscoveryResult, WindowFit, SparseFormula | None]:
+    """Effects that windows name, and whole shots with them, added to a result that has the base alone.
+
+    Where a formula explains more than any effect, whole shots with it as well, as what `explained` the result; and the
+    formula.
+    """
     parts, base = found.parts, found.last
-    now, verdict = base, tuple[str, ...]()
+    now, verdict, explained = base, tuple[str, ...](), None
     for _ in range(MAX_EFFECTS):
         seen, needed = screen_windows(at, now)
         found = dataclasses.replace(found, rounds=(*found.rounds, seen))
         best = next((one for one in seen.fits if one.name in needed), None)
-        if best is None or is_outdone(at, best):
+        explained = formula_beside(at, base, best)
+        if best is None or explained is not None:
             break
         log.info("found %s", best.name)
         verdict, at = (*verdict, best.name), searched(needed[best.name])
@@ -212,7 +221,12 @@ def discover_by_windows(found: DiscoveryResult, at: WindowFit) -> tuple[Discover
         last = at.fitted
         at = moved_to(at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))
         found = found.with_step(whole_shots(parts, at), kept)
-    return dataclasses.replace(found, pruned=tuple(name for name in verdict if name not in kept)), at
+    found = dataclasses.replace(found, pruned=tuple(name for name in verdict if name not in kept))
+    if explained is None:
+        return found, at, None
+    formula, more = explained
+    described = describe(formula, of_windows(more, base), evidence(at, more))
+    return dataclasses.replace(found, unexplained=described, explained=whole_shots(parts, more)), at, formula
 
 
 def structure_in(at: WindowFit) -> SparseFormula | None:
@@ -221,29 +235,30 @@ def structure_in(at: WindowFit) -> SparseFormula | None:
     return select_terms(terms, score_windows(at, candidates))
 
 
-def is_outdone(at: WindowFit, best: FittedCandidate) -> bool:
-    """Whether a single term explains more than the best named effect, beyond what the evidence cannot separate."""
-    structure = structure_in(at)
-    if structure is None or structure.improvements[0] <= best.score.predicted_improvement:
-        return False
-    alone = evidence(continued(at), with_effect(at, structure.first().score()))
-    log.info(
-        "%s: delta BIC %.0f, %s: %.0f", structure.terms[0].name, alone.delta_bic, best.name, best.evidence.delta_bic
-    )
-    return alone.delta_bic > best.evidence.delta_bic + TIED_DELTA_BIC
+def formula_beside(at: WindowFit, base: FittedModel, best: FittedCandidate | None) -> Explained | None:
+    """A formula for what windows leave, and the fit with it.
 
-
-def with_formula(found: DiscoveryResult, at: WindowFit) -> DiscoveryResult:
-    """The result with a formula for what no effect explains, where windows need one; else with what remains."""
+    None where it is not needed, and where its first term does not explain more than the best named effect, beyond what
+    the evidence cannot separate.
+    """
     structure = structure_in(at)
-    if structure is not None:
-        log.info("a formula: %s", ", ".join(term.name for term in structure.terms))
-        less, more = continued(at), with_effect(at, structure.score())
-        seen = of_windows(more, found.last)
-        if is_needed(less, more, EFFECT_NAME, seen):
-            described = describe(structure, seen, evidence(less, more))
-            return dataclasses.replace(found, unexplained=described, explained=whole_shots(found.parts, more))
-    return dataclasses.replace(found, unexplained=remainder(found.last))
+    if structure is None:
+        return None
+    less = continued(at)
+    if best is not None:
+        if structure.improvements[0] <= best.score.predicted_improvement:
+            return None
+        alone = evidence(less, with_effect(at, structure.first().score()))
+        log.info(
+            "%s: delta BIC %.0f, %s: %.0f", structure.terms[0].name, alone.delta_bic, best.name, best.evidence.delta_bic
+        )
+        if alone.delta_bic <= best.evidence.delta_bic + TIED_DELTA_BIC:
+            return None
+    more = with_effect(at, structure.score())
+    if not is_needed(less, more, EFFECT_NAME, of_windows(more, base)):
+        return None
+    log.info("a formula: %s", ", ".join(term.name for term in structure.terms))
+    return structure, searched(more)
 
 
 def stability_by_windows(found: DiscoveryResult, at: WindowFit) -> Stability:

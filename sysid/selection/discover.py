@@ -18,7 +18,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing
 from sysid.estimation.split import Split, fit_on, split
-from sysid.selection.by_windows import discover_by_windows, stability_by_windows, with_formula
+from sysid.selection.by_windows import discover_by_windows, stability_by_windows
 from sysid.selection.departures import without_departing
 from sysid.selection.evidence import (
     compare_fits,
@@ -92,18 +92,27 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
     """
     parts, _, model = split(clip_set, model)
     parts, at, now = fit_from_nothing(parts, model)
-    found = DiscoveryResult(parts, (now,), ((),), ())
+    found, formula = DiscoveryResult(parts, (now,), ((),), ()), None
     show(found)
     if parts.needs_windows(now):
-        found, at = discover_by_windows(found, at)
-        if parts.training.is_long and not parts.follows(found.last):
-            found = with_formula(found, at)
-            if found.explained is None:
-                found = dataclasses.replace(found, stability=stability_by_windows(found, at))
+        found, at, formula = discover_by_windows(found, at)
+        if parts.training.is_long and not parts.follows(found.explained or found.last):
+            if formula is None:
+                found = dataclasses.replace(
+                    found, unexplained=remainder(found.last), stability=stability_by_windows(found, at)
+                )
             return _with_next_shot(found)
         found = _in_any_case(found)
         show(found)
-    return _with_next_shot(_by_whole_shots(found, show))
+    explained, found = found.explained, dataclasses.replace(found, explained=None)
+    if formula is not None and explained is not None:
+        if not parts.follows(explained):
+            explained = fit_on(parts, explained, explained, "whole shots")
+        seen = _by_whole_shots(found, show, explained, formula)
+        if seen.explained is not None:
+            return _with_next_shot(seen)
+        found = dataclasses.replace(found, unexplained=None)
+    return _with_next_shot(_by_whole_shots(found, show, found.last))
 
 
 def _with_next_shot(found: DiscoveryResult) -> DiscoveryResult:
@@ -118,10 +127,14 @@ def _in_any_case(found: DiscoveryResult) -> DiscoveryResult:
     return dataclasses.replace(found, ladder=(*found.ladder[:-1], fit_on(parts, last, last, "whole shots")))
 
 
-def _by_whole_shots(found: DiscoveryResult, show: Show) -> DiscoveryResult:
-    """Effects that whole shots name beside those that are in the result, or a formula for what none explains."""
-    parts, now = found.parts, found.last
-    formula: SparseFormula | None = None
+def _by_whole_shots(
+    found: DiscoveryResult, show: Show, now: FittedModel, formula: SparseFormula | None = None
+) -> DiscoveryResult:
+    """Effects that whole shots name beside those that are in the result, or a formula for what none explains.
+
+    `now`: the last fit, with the formula if there is one already.
+    """
+    parts = found.parts
     for _ in range(MAX_EFFECTS):
         diagnosis = diagnose_fit(parts, now, formula=formula is None)
         found = dataclasses.replace(found, rounds=(*found.rounds, diagnosis.screening))
