@@ -20,6 +20,7 @@ from models.errors import BadInput
 from models.formula import MAX_TERMS
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array
+from sysid.selection import score
 from sysid.selection.effect_file import effect_source
 from sysid.selection.evidence import Evidence
 from sysid.selection.score import Candidate, Score, Scores, candidate, score_all
@@ -28,7 +29,7 @@ from sysid.selection.terms import QUANTITY_TEXTS, RESULT_REMEDY, Term, effect_fr
 MIN_TERM_IMPROVEMENT = 40.0  # predicted fall of chi-square, for a term to be selected
 MIN_IMPROVEMENT_PER_RESIDUAL = 2e-3  # the same of the first term, per residual
 MIN_IMPROVEMENT_OF_FIRST = 0.04  # the same of every further term, over that of the first
-MIN_INFORMATION_LEFT = 1e-3  # Schur over marginal information of a term: below it the terms selected imitate it
+MIN_INFORMATION_LEFT = 1e-3  # of a term, beside those selected: below it they imitate it
 EFFECT_NAME = "unexplained"
 log = logging.getLogger(__name__)
 
@@ -72,11 +73,13 @@ def select_terms(terms: Sequence[Term], scores: Scores) -> SparseFormula | None:
     """Forward selection of terms; None where not even one explains enough."""
     information, gradient, marginal = scores.schur_information, scores.gradient, scores.marginal_information
     rows = np.array([scores.blocks[f"term{k}"].start for k in range(len(terms))])
+    alone = np.diag(information)[rows]
+    lost = alone <= score.MIN_INFORMATION_LEFT * np.maximum(marginal[rows], 1e-300)
     chosen: list[int] = []
     improvements: list[float] = []
     for _ in range(MAX_TERMS):
         size = np.diag(information)[rows]
-        distinct = size > MIN_INFORMATION_LEFT * np.maximum(marginal[rows], 1e-300)
+        distinct = (size > MIN_INFORMATION_LEFT * alone) & ~lost
         improvement = np.where(distinct, gradient[rows] ** 2 / np.where(distinct, size, 1.0), 0.0)
         improvement[chosen] = 0.0
         best = int(np.argmax(improvement))

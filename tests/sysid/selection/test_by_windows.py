@@ -54,3 +54,18 @@ def test_a_strong_effect_on_the_cloth_is_found_where_whole_shots_are_not_followe
     assert found.last.value("speed_drag.rate")[0] == pytest.approx(truth["drag1"], rel=0.02)
     assert found.last.rms < 1.05 * 0.0005
     assert found.ladder[0].rms > 10 * found.last.rms
+
+
+@pytest.mark.slow
+def test_a_law_of_the_angle_at_cushions_is_found_in_windows(data_folder: Path) -> None:
+    """Of another program: no effect of the catalogue comes near, so none is named beside the formula."""
+    folder = data_folder / "beyond" / "set-42"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    clip_set = read_clip_set(folder)
+    found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
+    assert found.verdict == () and found.unexplained is not None
+    assert found.unexplained["depends_on"] == ["angle"]
+    assert found.unexplained["size"] == pytest.approx(-0.10, rel=0.03)
+    assert found.explained is not None and found.explained.chi2 < 1.05
+    assert found.explained.held_rms < 1.1 * 0.0005 < found.last.held_rms / 2
