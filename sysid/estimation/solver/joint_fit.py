@@ -300,23 +300,20 @@ def covariance(
         correlation_time: of the noise [samples]; the residuals hold as much less information.
     """
     h = information.sum(axis=0) / correlation_time
+    q = len(h)
     if known is not None:
         h = h + np.diag(known)
     determined = np.diag(h) > (MIN_WIDTH_SD / width) ** 2
-    out = np.full(h.shape, np.nan)
+    out = np.full((q, q), np.nan)
     if not determined.any():
         return out
     k = np.ix_(determined, determined)
     inverse = np.linalg.pinv(h[k])
     g = gradient[:, determined] / correlation_time
     g = g[np.any(g != 0, axis=1)]
-    n = len(g)
-    lost = min(int(determined.sum()), n)
-    g = g - g.sum(axis=0) / max(n, 1)  # what they share is a step that remains, and no scatter
-    # Of few problems the scatter says little. Information, which it is where the model is right, counts beside it as in
-    # an inverse Wishart prior worth one problem more than there are constants; so much of the scatter is lost to these.
-    scatter = (n * (g.T @ g) + (lost + 1) * h[k]) / (n + 1)
-    sandwich = inverse @ scatter @ inverse
+    n = max(len(g), 1)
+    g = g - g.sum(axis=0) / n  # what they share is a step that remains, and no scatter
+    sandwich = inverse @ (g.T @ g) @ inverse * (n / max(n - determined.sum(), 1))
     # Correlations are those of the information; standard deviations are the larger ones of both.
     grow = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300)))
     out[k] = inverse * np.outer(grow, grow)
