@@ -174,14 +174,12 @@ def screen_windows(at: WindowFit, base: FittedModel) -> tuple[Screening, dict[st
     """
     scores = score_windows(at, candidates_for(at.model))
     less = continued(at)
-    tried, needed = dict[str, WindowFit](), dict[str, WindowFit]()
-    fits, least = list[FittedCandidate](), MIN_IMPROVEMENT
+    fits, needed, least = list[FittedCandidate](), dict[str, WindowFit](), MIN_IMPROVEMENT
     for row in scores.rows:
         # Where none of the first is needed, more was predicted of them than they gain: others may win.
         if row.predicted_improvement < least or len(fits) >= (MAX_FITS if needed else MAX_TRIALS):
             break
-        name = row.candidate.name
-        more = tried[name] = with_effect(at, row)
+        name, more = row.candidate.name, with_effect(at, row)
         # In few steps it need not arrive: it is judged by what it gains.
         fitted = dataclasses.replace(of_windows(more, base), converged=True)
         fits.append(FittedCandidate(row, fitted, evidence(less, more), is_needed(less, more, name, fitted)))
@@ -193,9 +191,6 @@ def screen_windows(at: WindowFit, base: FittedModel) -> tuple[Screening, dict[st
     return seen, needed
 
 
-Explained = tuple[SparseFormula, WindowFit]  # a formula, and the fit with it
-
-
 def discover_by_windows(
     found: DiscoveryResult, at: WindowFit
 ) -> tuple[DiscoveryResult, WindowFit, SparseFormula | None]:
@@ -205,13 +200,13 @@ def discover_by_windows(
     formula.
     """
     parts, base = found.parts, found.last
-    now, verdict, explained = base, tuple[str, ...](), None
+    now, verdict, formula = base, tuple[str, ...](), None
     for _ in range(MAX_EFFECTS):
         seen, needed = screen_windows(at, now)
         found = dataclasses.replace(found, rounds=(*found.rounds, seen))
         best = next((one for one in seen.fits if one.name in needed), None)
-        explained = formula_beside(at, base, best)
-        if best is None or explained is not None:
+        formula = formula_beside(at, base, best)
+        if best is None or formula is not None:
             break
         log.info("found %s", best.name)
         verdict, at = (*verdict, best.name), searched(needed[best.name])
@@ -222,10 +217,11 @@ def discover_by_windows(
         at = moved_to(at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))
         found = found.with_step(whole_shots(parts, at), kept)
     found = dataclasses.replace(found, pruned=tuple(name for name in verdict if name not in kept))
-    if explained is None:
+    if formula is None:
         return found, at, None
-    formula, more = explained
-    described = describe(formula, of_windows(more, base), evidence(at, more))
+    more = with_effect(at, formula.score())
+    gained, more = evidence(continued(at), more), searched(more)
+    described = describe(formula, of_windows(more, base), gained)
     return dataclasses.replace(found, unexplained=described, explained=whole_shots(parts, more)), at, formula
 
 
@@ -235,8 +231,8 @@ def structure_in(at: WindowFit) -> SparseFormula | None:
     return select_terms(terms, score_windows(at, candidates))
 
 
-def formula_beside(at: WindowFit, base: FittedModel, best: FittedCandidate | None) -> Explained | None:
-    """A formula for what windows leave, and the fit with it.
+def formula_beside(at: WindowFit, base: FittedModel, best: FittedCandidate | None) -> SparseFormula | None:
+    """A formula for what windows leave.
 
     None where it is not needed, and where its first term does not explain more than the best named effect, beyond what
     the evidence cannot separate.
@@ -258,7 +254,7 @@ def formula_beside(at: WindowFit, base: FittedModel, best: FittedCandidate | Non
     if not is_needed(less, more, EFFECT_NAME, of_windows(more, base)):
         return None
     log.info("a formula: %s", ", ".join(term.name for term in structure.terms))
-    return structure, searched(more)
+    return structure
 
 
 def stability_by_windows(found: DiscoveryResult, at: WindowFit) -> Stability:
