@@ -56,9 +56,10 @@ def without_needless(parts: Split, now: FittedModel, verdict: tuple[str, ...], l
 
 
 def exchanged(parts: Split, now: FittedModel, verdict: tuple[str, ...], pairs: Sequence[tuple[str, str]]) -> Pruned:
-    """The fit with another effect in place of a named one, where that makes a third superfluous.
+    """The fit with another effect in place of a named one, where that ranks higher, or makes a third superfluous.
 
-    Two effects may share what a single one explains; named first is then whichever came first.
+    Beside what was not explained yet, the clips may not have told them apart; and two effects may share what a single
+    one explains.
 
     Args:
         parts: clips.
