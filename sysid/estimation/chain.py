@@ -17,6 +17,7 @@ as in solver/joint_fit.py, and steps damped likewise.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -30,13 +31,14 @@ from sysid.estimation.problem import CAUCHY_SD, Array, Index, shared_constants
 from sysid.estimation.residual_rows import Weighting, residuals
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import SharedConstants
-from sysid.estimation.solver.least_squares import loss, moved, weights
-from sysid.estimation.solver.normal_equations import from_derivatives
+from sysid.estimation.solver.least_squares import Moves, batches, loss, weights
+from sysid.estimation.solver.normal_equations import NormalEquations, from_derivatives, from_differences
 from sysid.estimation.windows import Mask, Windows, columns
 
 PLACE_SD_M = 3e-4  # by which a window may begin elsewhere than the one before it ends
 MOTION_SD_M_S, MOTION_SHARE = 3e-3, 2e-3  # the same of velocity: at least, and of the speed, for the cloth
 SPIN_OF_IMPULSE = 2.5  # change of R omega over that of velocity by a tangential impulse: radius^2 mass over inertia
+NO_STEPS = np.zeros(0)
 LEAST_SHARE, LEAST_INFORMATION = 1e-9, 1e-6  # added to the diagonal, where nothing tells of a state
 
 
@@ -97,11 +99,14 @@ class Chain:
         return Weighting(sd, self.problem.sd_theta[shot], np.full(len(shot), np.inf))
 
     def play(self, states: Array, c: Array, which: Index) -> tuple[Array, Array]:
-        """Residuals (k, m) of windows over their standard deviations, and the states in which they end (k, p)."""
+        """Residuals (k, m) of windows over their standard deviations, and the states in which they end (k, p).
+
+        As many as the longest of these windows has, NaN beyond the others'.
+        """
         balls = self.windows.balls
         ends = np.full((len(states), balls, 7), np.nan)
-        data = self.windows.data
-        r = residuals(self._layout, data, self._weighting, states, c, which, data.size, ends)
+        size = int(self.windows.lengths[which].max(initial=0))
+        r = residuals(self._layout, self.windows.data, self._weighting, states, c, which, size, ends)
         ends[..., 4:] *= self._layout.game(c).radius[:, None, None]
         out = np.empty(states.shape)
         for i in range(balls):
@@ -150,11 +155,11 @@ class Chain:
     def losses(self, states: Array, c: Array, sd: Array) -> Array:
         """Loss of every shot: (n,)."""
         r, ends = self.play(states, np.tile(c, (len(states), 1)), np.arange(len(states)))
-        return self.summed(states, r, self.gaps(states, ends, sd))
+        return self.summed(states, loss(r, CAUCHY_SD), self.gaps(states, ends, sd))
 
-    def summed(self, states: Array, r: Array, z: Array) -> Array:
-        """Loss of every shot from the residuals of its windows and its gaps: (n,)."""
-        each = loss(r, CAUCHY_SD) + 0.5 * np.sum(self.windows.prior.residuals(states) ** 2, axis=1)
+    def summed(self, states: Array, of_samples: Array, z: Array) -> Array:
+        """Loss of every shot from those of its windows' samples and its gaps: (n,)."""
+        each = of_samples + 0.5 * np.sum(self.windows.prior.residuals(states) ** 2, axis=1)
         each[self.windows.following[0]] += loss(z, CAUCHY_SD)
         return np.asarray(np.add.reduceat(each, np.flatnonzero(self.windows.first)))
 
@@ -175,29 +180,63 @@ class Equations(NamedTuple):
         return np.asarray(np.linalg.solve(matrix, np.column_stack([self.by_constant, self.state_gradient])), float)
 
 
-def derivatives(chain: Chain, states: Array, c: Array, steps_c: Array) -> tuple[Array, Array]:
-    """Residuals (1 + p + q, w, m) and ends (1 + p + q, w, p) with each unknown moved by its step, divided by it.
+class Beside(NamedTuple):
+    """Parameters of a further effect that windows are played with, one after the other, by a probe each."""
 
-    The first are those at the point itself, the others derivatives.
+    chain: Chain  # its constants: those of the fit, then these
+    off: Array  # (j,) values at which the effect does nothing
+    probe: Array  # (j,) change of each, which is then its unit
+
+
+def _differences(
+    chain: Chain, states: Array, c: Array, steps_c: Array, beside: Sequence[Beside]
+) -> tuple[NormalEquations, Array]:
+    """Normal equations of windows' samples alone, and ends (1 + k, w, p): first as they are, then their derivatives.
+
+    By the states, constants (q,) of steps `steps_c`, and parameters of further effects: k in all.
     """
-    count, p = states.shape
+    count, p = states.shape  # of windows, and of what each has
+    steps = np.concatenate([chain.windows.steps, steps_c, *(np.sign(one.probe) for one in beside)])
+    k = len(steps)
+    normal = NormalEquations(np.empty(count), np.empty((count, k, k)), np.empty((count, k)))
+    ends = np.empty((1 + k, count, p))
+    for which in batches(chain.windows.lengths):
+        x, free = states[which], chain.windows.free[which]
+        moves = Moves.of(x, c, which, chain.windows.steps, steps_c, free=free)
+        rows, last = ([moves.laid_out(part)] for part in chain.play(moves.x, moves.c, moves.which))
+        for one in beside:
+            constants = np.hstack([np.tile(c, (one.off.size, 1)), one.off + np.diag(one.probe)])
+            with_it = one.chain.play(
+                np.tile(x, (one.off.size, 1)), constants.repeat(len(which), axis=0), np.tile(which, one.off.size)
+            )
+            for to, found in zip((rows, last), with_it, strict=True):
+                to.append(found.reshape(one.off.size, len(which), -1))
+        ends[:, which] = np.concatenate(last)
+        part = from_differences(np.concatenate(rows), steps, CAUCHY_SD)
+        normal.loss[which], normal.matrix[which], normal.gradient[which] = part.loss, part.matrix, part.gradient
+    ends[1:] = np.nan_to_num((ends[1:] - ends[0]) / steps[:, None, None])
+    return normal, ends
 
-    def both(x: Array, constants: Array, which: Index) -> Array:
-        return np.hstack(chain.play(x, constants, which))
 
-    found = moved(both, states, c, np.arange(count), chain.windows.steps, steps_c)
-    steps = np.concatenate([chain.windows.steps, steps_c])
-    found[1:] = np.nan_to_num((found[1:] - found[0]) / steps[:, None, None])
-    return found[..., :-p], found[..., -p:]
+def equations(
+    chain: Chain, states: Array, c: Array, sd: Array, steps_c: Array = NO_STEPS, beside: Sequence[Beside] = ()
+) -> tuple[Array, list[Equations]]:
+    """Losses of shots (n,), and their normal equations at constants (q,).
 
-
-def equations(chain: Chain, states: Array, sd: Array, r: Array, ends: Array) -> tuple[Array, list[Equations]]:
-    """Losses of shots (n,), and their normal equations, from `derivatives`."""
+    Args:
+        chain: the windows.
+        states: (w, p) of them.
+        c: constants.
+        sd: (k, p) of the gaps.
+        steps_c: (q,) finite differences of the constants; none where these are held.
+        beside: further effects, whose parameters count as constants after these.
+    """
     w, p = chain.windows, states.shape[1]
     before, after = w.following
+    of_samples, ends = _differences(chain, states, c, steps_c, beside)
     z = chain.gaps(states, ends[0], sd)
     by = np.where(np.isfinite(sd), 1 / sd, 0.0)
-    of_samples, jz = from_derivatives(r[0], r[1:], CAUCHY_SD), ends[1:][:, before] * by  # (p + q, k, p)
+    jz = ends[1:][:, before] * by  # (k, gaps, p)
     of_gaps = from_derivatives(z, jz, CAUCHY_SD)
     matrix, gradient = of_samples.matrix, of_samples.gradient
     matrix[before] += of_gaps.matrix
@@ -231,7 +270,7 @@ def equations(chain: Chain, states: Array, sd: Array, r: Array, ends: Array) -> 
                 gradient[run, p:].sum(axis=0),
             )
         )  # fmt: skip
-    return chain.summed(states, r[0], z), found
+    return chain.summed(states, of_samples.loss, z), found
 
 
 def reduced(shots: list[Equations]) -> tuple[list[Array], Array, Array]:

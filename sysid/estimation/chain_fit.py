@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.estimation.chain import Chain, Equations, derivatives, equations, reduced
+from sysid.estimation.chain import Chain, Equations, equations, reduced
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.solver.joint_fit import SharedConstants, covariance, is_within, newton_step
 from sysid.estimation.solver.journal import recorded
@@ -47,7 +47,7 @@ def _settled(chain: Chain, states: Array, c: Array, steps: int, sd: Array) -> Ar
     damping = np.full(len(chain.windows.runs), FIRST_DAMPING)
     active = np.ones(len(damping), bool)
     for _ in range(steps):
-        cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, np.zeros(0)))
+        cost, shots = equations(chain, states, c, sd)
         states, new, damping = _lowered(chain, states, c, sd, cost, shots, damping, active)
         active &= cost - new > TOLERANCE * cost
         if not active.any():
@@ -138,7 +138,7 @@ def fit_chain(chain: Chain, states: Array, c: Array, steps: int, what: str) -> C
 
     question = (states, c, sd, shared.bounds, np.array([steps, *chain.spread, chain.roughness]))
     states, c = recorded(work, question, (states.shape, c.shape), fits)
-    cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, shared.steps_from(c)))
+    cost, shots = equations(chain, states, c, sd, shared.steps_from(c))
     _, information, gradient = reduced(shots)
     return ChainFit(
         chain, states, c, cost, information, gradient, _newton(shared, shared.prior(c), information, gradient, c)
@@ -161,7 +161,7 @@ def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, wha
     prior = shared.prior(c)
     every, active = np.full(len(chain.windows.runs), FIRST_DAMPING), np.ones(len(chain.windows.runs), bool)
     for step in range(steps):
-        cost, shots = equations(chain, states, sd, *derivatives(chain, states, c, shared.steps_from(c)))
+        cost, shots = equations(chain, states, c, sd, shared.steps_from(c))
         solved, information, gradient = reduced(shots)
         full = _newton(shared, prior, information, gradient, c)
         if _distance(chain, full, information, gradient) < NEGLIGIBLE_STEP_SD:
@@ -176,7 +176,7 @@ def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, wha
             moved, stayed = chain.losses(trial, new, sd), chain.losses(states, new, sd)
             for k in np.flatnonzero(~(moved <= stayed)):
                 trial[chain.windows.runs[k]] = states[chain.windows.runs[k]]
-            there, shots_there = equations(chain, trial, sd, *derivatives(chain, trial, new, np.zeros(0)))
+            there, shots_there = equations(chain, trial, new, sd)
             trial, losses, _ = _lowered(chain, trial, new, sd, there, shots_there, every, active)
             gain = total - float(losses.sum()) - 0.5 * float(np.sum(prior.residuals(new) ** 2))
             if gain > 0:

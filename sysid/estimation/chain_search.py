@@ -125,7 +125,10 @@ class _Start:
 
     def objective(self, chain: Chain) -> Objective:
         """That of windows one by one, each with this beside its samples."""
-        return Objective(chain.evaluate, chain.windows.steps, Prior(self.mean, self.sd), CAUCHY_SD)
+        return Objective(
+            chain.evaluate, chain.windows.steps, Prior(self.mean, self.sd), CAUCHY_SD,
+            lengths=chain.windows.lengths, free=chain.windows.free,
+        )  # fmt: skip
 
     def costs(self, chain: Chain, x: Array, c: Array, which: Index) -> Array:
         """Losses of windows (k,) at states (k, p): of samples, and of the gap to what is known."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sysid.clips import Clip, Observation
 from sysid.clips.segments import cuts_of, onsets
 from sysid.estimation.problem import STATE_STEPS, Array, Index
-from sysid.estimation.residual_rows import MOTION_SIZE, MeasuredShot, ShotData, packed
+from sysid.estimation.residual_rows import MOTION_SIZE, RESIDUALS_PER_SAMPLE, MeasuredShot, ShotData, packed
 from sysid.estimation.shot_problem import REST_STEP, ShotProblem
 from sysid.estimation.solver.least_squares import Prior
 
@@ -58,6 +58,11 @@ class Windows:
     def balls(self) -> int:
         """Most balls of a shot."""
         return self.data.rest.shape[1]
+
+    @cached_property
+    def lengths(self) -> Index:
+        """Residuals of each window: (w,)."""
+        return RESIDUALS_PER_SAMPLE * self.data.count.sum(axis=1)
 
     @cached_property
     def first(self) -> Mask:

@@ -18,7 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from sysid.estimation.chain import derivatives, equations, reduced
+from sysid.estimation.chain import Beside, equations, reduced
 from sysid.estimation.chain_fit import fit_chain, settled_states
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.from_nothing import WindowFit, moved_to, searched, whole_shots
@@ -66,24 +66,18 @@ def linearise_windows(at: WindowFit, candidates: list[Candidate]) -> Linearised:
     """A fit of windows with candidates beside it as quadratic losses of its shots."""
     found = at.fitted
     chain, c, states = found.chain, found.constants, found.states
-    r, ends = derivatives(chain, states, c, chain.shared.steps_from(c))
-    count, signatures = len(states), []
-    more_r, more_ends = [r], [ends]
+    signatures, beside = list[Signature](), list[Beside]()
     for one in candidates:
         off, probe = one.off(), PROBE_OF_USUAL * one.usual()
         keys = tuple(f"{one.name}.{key}" for key in one.keys)
         changed = chain.with_model(chain.model.add(one.effect), (*chain.names, *keys))
-        rows = np.repeat(np.hstack([np.tile(c, (len(off), 1)), off + np.diag(probe)]), count, axis=0)
-        a, b = changed.play(np.tile(states, (len(off), 1)), rows, np.tile(np.arange(count), len(off)))
-        sign = np.sign(probe)[:, None, None]
-        more_r.append(sign * np.nan_to_num(a.reshape(len(off), count, -1) - r[0]))
-        more_ends.append(sign * np.nan_to_num(b.reshape(len(off), count, -1) - ends[0]))
+        beside.append(Beside(changed, off, probe))
         signatures.append(Signature(one, np.abs(probe), np.zeros((0, 0, len(off)))))
-    sd = chain.gap_sd(states)
-    _, shots = equations(chain, states, sd, np.concatenate(more_r), np.concatenate(more_ends))
+    _, shots = equations(chain, states, c, chain.gap_sd(states), chain.shared.steps_from(c), beside)
     _, information, gradient = reduced(shots)
     marginal = np.sum([s.constants for s in shots], axis=0).diagonal()[len(c) :]
-    chi2, residuals = float(np.sum(weights(r[0], CAUCHY_SD) * np.nan_to_num(r[0]) ** 2)), int(np.isfinite(r[0]).sum())
+    r = chain.play(states, np.tile(c, (len(states), 1)), np.arange(len(states)))[0]
+    chi2, residuals = float(np.sum(weights(r, CAUCHY_SD) * np.nan_to_num(r) ** 2)), int(np.isfinite(r).sum())
     return Linearised(tuple(signatures), information, gradient, marginal, chi2, residuals)
 
 

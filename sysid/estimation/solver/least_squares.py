@@ -28,9 +28,10 @@ MIN_DAMPING = 1e-9
 MAX_STEP_SD, SHORT_STEP_SD = 0.3, 0.1  # of what a difference tells of its unknown: its longest step, a shortened one
 MAX_SHORTENINGS = 3  # as a difference that is far too long tells too little
 MAX_STATE_ATTEMPTS = 6  # at a step of the initial states, ten times the damping each
-BATCH_PROBLEMS = 256  # whose residuals are in memory at a time, once for each finite difference
+BATCH_PROBLEMS = 32  # whose residuals are in memory at a time, once for each finite difference
 NO_BOUNDS = np.array([[-np.inf, np.inf]])
 SINGULAR_SHARE = 1e-9  # eigenvalue of a scaled matrix up to which nothing is determined
+Mask = NDArray[np.bool_]
 Evaluate = Callable[[Array, Array, NDArray[np.int64]], Array]
 """(k, p) initial states, (k, q) constants, (k,) problem numbers -> (k, m) residuals in units of noise, NaN unused."""
 
@@ -62,6 +63,8 @@ class Objective:
     correlation_time: float = 1.0  # of the noise [samples]: so many count as one
     bounds: Array = field(default_factory=NO_BOUNDS.copy)  # (p, 2) of the initial state, or (1, 2)
     part: Callable[[NDArray[np.int64]], Evaluate] | None = None  # `evaluate` of some, for other processes
+    lengths: NDArray[np.int64] | None = None  # (n,) residuals of each, for `evaluate` of some to give the longest's
+    free: Mask | None = None  # (n, p) which unknowns each has; None for all
     rough: bool = False  # whether residuals are too rough for differences over shorter steps
 
     def only(self, rows: NDArray[np.int64]) -> Objective | None:
@@ -92,22 +95,51 @@ def weights(residuals: Array, c: float) -> Array:
 
 def moved(
     evaluate: Evaluate, x: Array, c: Array, which: NDArray[np.int64], steps: Array, steps_c: Array,
-    share: Array | float = 1.0,
+    share: Array | float = 1.0, free: Mask | None = None,
 ) -> Array:  # fmt: skip
     """Residuals (1 + p + q, n, m) at a point, and with each unknown, then each constant, moved by its step.
 
-    `share` of the steps, of all problems or of each (n,).
+    `share` of the steps, of all problems or of each (n,). Unknowns that are not `free` (n, p) stay.
     """
-    (n, p), q = x.shape, len(steps_c)
-    rows = np.tile(x, (1 + p + q, 1, 1))
-    constants = np.tile(c, (1 + p + q, n, 1))
-    for k in range(p):
-        rows[1 + k, :, k] += share * steps[k]
-    for k in range(q):
-        constants[1 + p + k, :, k] += share * steps_c[k]
-    count = (1 + p + q) * n
-    r = evaluate(rows.reshape(count, p), constants.reshape(count, c.size), np.tile(which, 1 + p + q))
-    return r.reshape(1 + p + q, n, -1)
+    moves = Moves.of(x, c, which, steps, steps_c, share, free)
+    return moves.laid_out(evaluate(moves.x, moves.c, moves.which))
+
+
+@dataclass(frozen=True)
+class Moves:
+    """Problems at a point, and with each unknown, then each constant, moved by its step, one move after the other."""
+
+    x: Array  # (k, p)
+    c: Array  # (k, q)
+    which: NDArray[np.int64]  # (k,)
+    made: Mask  # (1 + p + q, n) which of the moves these are
+
+    @classmethod
+    def of(
+        cls, x: Array, c: Array, which: NDArray[np.int64], steps: Array, steps_c: Array, share: Array | float = 1.0,
+        free: Mask | None = None,
+    ) -> Moves:  # fmt: skip
+        """See `moved`."""
+        n, count = len(x), 1 + len(steps) + len(steps_c)
+        rows, constants = np.tile(x, (count, 1, 1)), np.tile(c, (count, n, 1))
+        for k in range(len(steps)):
+            rows[1 + k, :, k] += share * steps[k]
+        for k in range(len(steps_c)):
+            constants[1 + len(steps) + k, :, k] += share * steps_c[k]
+        made = np.ones((count, n), bool)
+        if free is not None:
+            made[1 : 1 + len(steps)] = free.T
+        return cls(rows[made], constants[made], np.broadcast_to(which, made.shape)[made], made)
+
+    def laid_out(self, found: Array) -> Array:
+        """What was found for each (k, m) as (1 + p + q, n, m): without a move as at the point."""
+        if self.made.all():
+            return found.reshape(*self.made.shape, -1)
+        n = self.made.shape[1]
+        out = np.empty((*self.made.shape, found.shape[1]))
+        out[:] = found[:n]
+        out[self.made] = found
+        return out
 
 
 def differences(
@@ -239,11 +271,18 @@ def _normal_equations(
     objective: Objective, x: Array, c: Array, which: NDArray[np.int64], steps_c: Array
 ) -> tuple[Array, ...]:
     """See `linearised`: loss, matrix and gradient."""
-    parts = [
-        _differenced(objective, x[k], c, which[k], steps_c)
-        for k in np.split(np.arange(len(x)), range(BATCH_PROBLEMS, len(x), BATCH_PROBLEMS))
-    ]
-    return tuple(np.concatenate([getattr(p, key) for p in parts]) for key in ("loss", "matrix", "gradient"))
+    n, k = len(x), x.shape[1] + len(steps_c)
+    loss, matrix, gradient = np.empty(n), np.empty((n, k, k)), np.empty((n, k))
+    for rows in batches(which if objective.lengths is None else objective.lengths[which]):
+        part = _differenced(objective, x[rows], c, which[rows], steps_c)
+        loss[rows], matrix[rows], gradient[rows] = part.loss, part.matrix, part.gradient
+    return loss, matrix, gradient
+
+
+def batches(lengths: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Numbers of problems with so many residuals each (n,), in batches of alike ones."""
+    order = np.argsort(lengths, kind="stable")
+    return np.split(order, range(BATCH_PROBLEMS, len(order), BATCH_PROBLEMS))
 
 
 def _differenced(objective: Objective, x: Array, c: Array, which: NDArray[np.int64], steps_c: Array) -> NormalEquations:
@@ -253,8 +292,9 @@ def _differenced(objective: Objective, x: Array, c: Array, which: NDArray[np.int
     says nothing of the slope.
     """
     steps = np.concatenate([objective.steps, steps_c])
+    free = None if objective.free is None else objective.free[which]
     found = from_differences(
-        moved(objective.evaluate, x, c, which, objective.steps, steps_c), steps, objective.cauchy_sd
+        moved(objective.evaluate, x, c, which, objective.steps, steps_c, free=free), steps, objective.cauchy_sd
     )
     share = np.ones(len(x))
     for _ in range(0 if objective.rough else MAX_SHORTENINGS):
@@ -263,7 +303,10 @@ def _differenced(objective: Objective, x: Array, c: Array, which: NDArray[np.int
         if not far.size:
             break
         share[far] = SHORT_STEP_SD / told[far]
-        rows = moved(objective.evaluate, x[far], c, which[far], objective.steps, steps_c, share[far])
+        rows = moved(
+            objective.evaluate, x[far], c, which[far], objective.steps, steps_c, share[far],
+            None if free is None else free[far],
+        )  # fmt: skip
         finer = from_differences(rows, steps, objective.cauchy_sd)
         found.matrix[far] = finer.matrix / share[far, None, None] ** 2
         found.gradient[far] = finer.gradient / share[far, None]

@@ -15,7 +15,6 @@ from sysid.estimation.chain import (
     FIRST_SPREAD,
     Chain,
     Spread,
-    derivatives,
     equations,
     likely_spread,
 )
@@ -83,7 +82,7 @@ def test_normal_equations_are_the_derivatives_of_the_loss(chain: tuple[Chain, np
     at, states = chain
     c, rng = values_of(at.model, at.names), np.random.default_rng(1)
     sd = at.gap_sd(states)
-    _, shots = equations(at, states, sd, *derivatives(at, states, c, at.shared.steps_from(c)))
+    _, shots = equations(at, states, c, sd, at.shared.steps_from(c))
     shot, run = shots[2], at.windows.runs[2]
     direction = rng.normal(size=shot.free.sum()) * 1e-3 / np.sqrt(np.diag(shot.states) + 1e-6)
     step = np.zeros(shot.free.shape)
