@@ -9,6 +9,7 @@ then drawn together: the gaps between them are allowed less and less, down to ne
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from models.engine.play import lacking
 from sysid.estimation.chain import Chain, Spread, likely_spread
 from sysid.estimation.chain_fit import settled_states
 from sysid.estimation.initial_states import fit_states, shot_scores, within_noise
@@ -201,21 +203,27 @@ def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) ->
         loose = chain.with_spread(Spread(chain.spread.impact, chain.spread.path + (1 - share) * float(np.median(own))))
         states = settled_states(loose, states, c, TIGHTENING_STEPS, share * chain.gap_sd(states))
         x, score, own = _better(problem, x, score, own, _first_states(chain, states, problem), c)
-    for effort in (0, *EFFORTS):
+    for effort in EFFORTS:
         typical = float(np.median(own))
         seen = problem.with_discrepancy(typical)
-        rows = standing_out(seen, x, c) if effort else np.flatnonzero(own > 0)
+        rows = standing_out(seen, x, c) if effort > 1 else np.flatnonzero(own > 0)
         if not rows.size or rows.size * effort > max(len(x), EFFORTS[-1]):
             continue
-        tolerant = problem.only(rows).with_discrepancy(max(typical, GROWING_RATE if effort else 0.0))
         other = x.copy()
-        other[rows] = searched_states(tolerant, c, max(effort, 1))
+        other[rows] = searched_states(seen.only(rows), c, effort)
         x, score, own = _better(problem, x, score, own, other, c)
     return x
 
 
-def long_states(problem: ShotProblem, c: Array) -> Array:
-    """Initial states of long shots (n, p) at constants (q,), from nothing."""
+def found_states(problem: ShotProblem, c: Array) -> Array:
+    """Initial states of shots (n, p) at constants (q,), from nothing.
+
+    The event engine plays them on the way; a model that it does not play has them searched from event to event.
+    """
+    if lacking(problem.model):
+        x = searched_states(problem.with_discrepancy(GROWING_RATE), c)
+        return fit_states(problem, x, c, SETTLING_STEPS)
+    problem = problem.with_model(dataclasses.replace(problem.model, engine="events"), problem.names)
     chain = Chain(problem, windows_of(problem))
     states = searched_windows(chain, c)
     return whole_states(chain.with_spread(likely_spread(chain, states, c)), states, c, problem)

@@ -19,7 +19,7 @@ from sysid.estimation.problem import CAUCHY_SD, Array, shared_constants
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
 from sysid.estimation.solver.joint_fit import Solution, StoppingRule, eliminated, fit_joint
 from sysid.estimation.solver.least_squares import differences
-from sysid.estimation.state_search import BETTER_LOSS, EFFORTS, SETTLING_STEPS, found_states, searched_states
+from sysid.estimation.state_search import BETTER_LOSS, EFFORTS, searched_states
 
 CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
 MAX_ROUNDS = 20  # of reweighing and searching
@@ -27,6 +27,7 @@ FINE_FIT = StoppingRule(15, 1, 1e-5)
 COARSE_FIT = StoppingRule(10, 1, 1e-4)
 SHORT_FIT = StoppingRule(4, 1, 1e-5)
 HELD_OUT_STEPS, HELD_OUT_STEPS_UNFOLLOWED = 40, 8  # of initial states, where the model follows its clips, or not
+SETTLING_STEPS = 20  # of a shot that was searched anew
 log = logging.getLogger(__name__)
 
 
@@ -127,19 +128,19 @@ def loss_soon(problem: ShotProblem, x: Array, c: Array) -> float:
     return _solve(problem, x, c, SHORT_FIT, "a few steps").cost
 
 
-def fit_held_out(found: FittedModel, problem: ShotProblem, before: Array | None) -> HeldOut:
+def fit_held_out(found: FittedModel, problem: ShotProblem, before: Array) -> HeldOut:
     """The initial states of held-out clips at the constants of a fit, and the remaining error.
 
     Args:
         found: the fit.
         problem: the clips; its model and constants are replaced.
-        before: (n, p) initial states that are nearly right; None to search them.
+        before: (n, p) initial states that are nearly right.
     """
     problem, c = problem.with_model(found.problem.model, found.names), found.constants
     # A model that does not follow its training clips need not be fitted finely to others.
     steps = HELD_OUT_STEPS if found.discrepancy_rate < UNFOLLOWED_RATE else HELD_OUT_STEPS_UNFOLLOWED
     seen = problem.with_discrepancy(found.discrepancy_rate)
-    x = found_states(seen, c) if before is None else fit_states(seen, before, c, steps)
+    x = fit_states(seen, before, c, steps)
     x, _ = _searched(seen, x, c, max(found.discrepancy_rate, GROWING_RATE), EFFORTS[0], found.discrepancy_rate)
     x = fit_states(problem, x, c, steps)
     r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))

@@ -20,7 +20,7 @@ from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.chain import Chain, likely_spread
 from sysid.estimation.chain_fit import ChainFit, fit_chain, settled_states
-from sysid.estimation.chain_search import long_states, searched_windows, whole_states
+from sysid.estimation.chain_search import found_states, searched_windows, whole_states
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_held_out
 from sysid.estimation.initial_states import shot_losses, shot_scores, with_scatter, within_noise
@@ -170,7 +170,7 @@ def with_found_starts(found: FittedModel) -> FittedModel:
     if not odd.size:
         return found
     part = bare.only(odd)
-    other = long_states(part, c)
+    other = found_states(part, c)
     better = shot_scores(part, other, c)[0] < shot_scores(part, x[odd], c)[0] - BETTER_LOSS
     log.info("%d of %d shots beyond the noise began elsewhere", better.sum(), odd.size)
     if not better.any():

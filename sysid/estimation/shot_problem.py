@@ -306,11 +306,11 @@ def shot_problem(
 ) -> ShotProblem:  # fmt: skip
     """Set up whole shots: starting values and their spread from the cue's command, or from the first samples."""
     clips, n = clip_set.clips, len(clip_set.clips)
-    start, mean, sd, azimuth = _starts(clip_set, noise, REST_SD * math.hypot(noise, slow_noise))
+    events, paths = events_and_paths(clip_set, noise)
+    start, mean, sd, azimuth = _starts(clip_set, noise, events, REST_SD * math.hypot(noise, slow_noise))
     shots = [_measured(clip, clip_set, noise, a) for clip, a in zip(clips, azimuth, strict=True)]
     names_of = [clip.order_of_balls for clip in clips]
     data = packed(shots)
-    events, paths = events_and_paths(clip_set, noise)
     path = np.ones(data.theta.shape)
     for k, balls in enumerate(names_of):
         for i, name in enumerate(balls):
@@ -327,7 +327,9 @@ def shot_problem(
     )  # fmt: skip
 
 
-def _starts(clip_set: ClipSet, noise: float, rest_sd: float) -> tuple[Array, Array, Array, Array]:
+def _starts(
+    clip_set: ClipSet, noise: float, events: Sequence[Array], rest_sd: float
+) -> tuple[Array, Array, Array, Array]:
     """Start, prior mean and sd of initial states (n, p), azimuths (n,); `rest_sd` [m] is that of balls at rest."""
     clips, n, first = clip_set.clips, len(clip_set.clips), len(STATE_STEPS)
     resting = first + 2 * (max((len(c.balls) for c in clips), default=1) - 1)
@@ -335,7 +337,8 @@ def _starts(clip_set: ClipSet, noise: float, rest_sd: float) -> tuple[Array, Arr
     start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), rest_sd), np.zeros(n)
     sd[:, resting:] = 1.0  # of balls that rest, where nothing depends on it
     for k, clip in enumerate(clips):
-        start[k, :first], mean[k, :first], sd[k, :first], azimuth[k] = shot_start(clip, clip_set, noise)
+        until = float(events[k][0]) if events[k].size else math.inf
+        start[k, :first], mean[k, :first], sd[k, :first], azimuth[k] = shot_start(clip, clip_set, noise, until)
         for other, name in enumerate(clip.running[1:]):
             motion = slice(resting + MOTION_SIZE * other, resting + MOTION_SIZE * (other + 1))
             _, start[k, motion] = running_start(clip.balls[name])

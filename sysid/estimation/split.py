@@ -161,15 +161,14 @@ def exclusion_lines(problem: ShotProblem, rows: Index, errors: Array) -> tuple[s
     )
 
 
+def in_any_case(parts: Split, found: FittedModel) -> FittedModel:
+    """A fit of windows fitted to whole shots, even where it does not follow them."""
+    return found if parts.follows(found) else fit_on(parts, found, found, "whole shots")
+
+
 def fit_on(parts: Split, start: Point, before: FittedModel, what: str) -> FittedModel:
     """A fit from a start, see `fit`, evaluated on the held-out clips; `before` has nearly right states of these."""
-    return tried(parts, fit(start, what), before)
-
-
-def tried(parts: Split, found: FittedModel, before: FittedModel | None) -> FittedModel:
-    """A fit with its error on the held-out clips."""
-    if parts.held_out is None:
+    found = fit(start, what)
+    if parts.held_out is None or before.held_out is None:
         return found
-    states = before.held_out.initial_states if before and before.held_out else None
-    held = fit_held_out(found, parts.held_out, states)
-    return dataclasses.replace(found, held_out=held)
+    return dataclasses.replace(found, held_out=fit_held_out(found, parts.held_out, before.held_out.initial_states))

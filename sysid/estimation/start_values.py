@@ -35,11 +35,15 @@ def running_sd(speed: float) -> Array:
     return np.array([np.inf] * 4 + [RUNNING_SPIN * speed + 0.05] * 3)
 
 
-def shot_start(clip: Clip, clip_set: ClipSet, noise: float) -> tuple[Array, Array, Array, float]:
-    """Start, mean and standard deviation of a shot's initial state, (7,) each, and its azimuth."""
+def shot_start(clip: Clip, clip_set: ClipSet, noise: float, hit: float) -> tuple[Array, Array, Array, float]:
+    """Start, mean and standard deviation of a shot's initial state, (7,) each, and its azimuth.
+
+    `hit` is the time of the struck ball's first impact [s]: what follows says nothing of where it was struck to.
+    """
     seen, radius = clip.balls[clip.struck], clip_set.ball.radius
     low = 0 if clip.running else free_from(seen, noise)
-    part = slice(low, low + LINE_SAMPLES)
+    before = int(np.searchsorted(seen.time, hit))
+    part = slice(low, min(low + LINE_SAMPLES, max(before, low + 2)))
     x, azimuth = straight(seen.time[part], seen.xy[part], 1.0 if clip.running else 0.5)
     marked = np.flatnonzero(np.isfinite(seen.theta))
     sd = np.full(7, np.inf)

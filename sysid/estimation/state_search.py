@@ -15,7 +15,7 @@ depends on no other.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -23,9 +23,9 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from sysid.estimation.initial_states import CHANCE_SD, fit_states, shot_losses, within_noise
+from sysid.estimation.initial_states import CHANCE_SD, shot_losses, within_noise
 from sysid.estimation.problem import Array, Index
-from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
+from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.journal import recorded
 from sysid.estimation.solver.least_squares import Objective, fit_each, linearised
 
@@ -36,7 +36,6 @@ FINE_SHARE = 3  # one of so many draws goes on to the fine steps
 BETTER_LOSS = 0.5  # of a shot's loss, for which more starts are drawn: half a standard deviation squared
 SAME_OPTIMUM_SD = 1.0  # standard deviations within which two optima are one
 QUARTILE_TO_SD = 1.4826  # of a normal distribution: sd over the distance of its median from its lower quartile
-SETTLING_STEPS = 20  # of a shot that was searched anew
 EFFORTS = (1, 3, 9)  # times as many optima and draws, where a shot is not found with fewer
 SHOTS_AT_ONCE = 128  # which bounds the memory
 log = logging.getLogger(__name__)
@@ -69,33 +68,6 @@ class Optima:
         """Those of some shots, which are then numbered in that order; `rows` ascending."""
         mine = np.isin(self.shots, rows)
         return Optima(np.searchsorted(rows, self.shots[mine]), self.states[mine])
-
-
-def found_states(problem: ShotProblem, c: Array, x: Array | None = None) -> Array:
-    """The initial state of every shot at constants (q,): (n, p).
-
-    Searched from event to event; shots that then miss by more than noise and the discrepancy of the others explain are
-    searched with more and more effort.
-
-    Args:
-        problem: the shots.
-        c: constants.
-        x: initial states that are nearly right, of which those that stand out are searched; None to search all.
-    """
-    efforts: Sequence[int] = EFFORTS
-    if x is None:
-        x = fit_states(problem, searched_states(problem.with_discrepancy(GROWING_RATE), c), c, SETTLING_STEPS)
-        efforts = EFFORTS[1:]
-    for effort in efforts:
-        seen = problem.with_discrepancy(problem.discrepancy_rate(x, c))
-        rows = standing_out(seen, x, c)
-        if rows.size:
-            part = seen.only(rows)
-            new = fit_states(part, searched_states(part, c, effort), c, SETTLING_STEPS)
-            better = shot_losses(part, new, c)[0] < shot_losses(part, x[rows], c)[0] - BETTER_LOSS
-            x = x.copy()
-            x[rows[better]] = new[better]
-    return x
 
 
 def searched_states(problem: ShotProblem, c: Array, effort: int = 1) -> Array:

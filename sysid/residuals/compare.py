@@ -17,13 +17,12 @@ from sysid.clips import ClipSet
 from sysid.clips.noise import position_noise
 from sysid.clips.outliers import remove_outliers
 from sysid.clips.slow_noise import slow_noise
-from sysid.estimation.chain_search import long_states
+from sysid.estimation.chain_search import found_states
 from sysid.estimation.discrepancy import events_and_paths
 from sysid.estimation.initial_states import polished
 from sysid.estimation.problem import STATE_STEPS, Array, by_events
 from sysid.estimation.shot_problem import ShotProblem, residual, shot_problem
 from sysid.estimation.start_values import theta_noise
-from sysid.estimation.state_search import found_states
 from sysid.residuals.collect import joined, samples_of_segments, samples_of_shots
 from sysid.residuals.comparison import ClipRow, Comparison, SegmentRow
 from sysid.residuals.groups import groups
@@ -54,7 +53,7 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
     log.info("%d segments between events", len(segments))
     problem = shot_problem(model, (), clip_set, sigma, slow_noise=slow.sd)
     none = np.zeros(0)
-    x = _states(problem) if start is None else start
+    x = found_states(problem, np.zeros(0)) if start is None else start
     x = polished(problem, x, none)
     n = len(clip_set.clips)
     tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))
@@ -92,15 +91,9 @@ def played_clips(clip_set: ClipSet, model: Model, start: Array | None = None) ->
     clip_set, _ = remove_outliers(clip_set, sigma)
     slow, none, n = slow_noise(clip_set, sigma), np.zeros(0), len(clip_set.clips)
     problem = shot_problem(model, (), clip_set, sigma, slow_noise=slow.sd)
-    x = polished(problem, _states(problem) if start is None else start, none)
+    x = polished(problem, found_states(problem, np.zeros(0)) if start is None else start, none)
     tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))
     return {clip.file: track for clip, track in zip(clip_set.clips, tracks, strict=True)}
-
-
-def _states(problem: ShotProblem) -> Array:
-    """Initial states of all shots, from nothing: (n, p)."""
-    none = np.zeros(0)
-    return long_states(problem, none) if problem.is_long else found_states(problem, none)
 
 
 def with_mujoco(problem: ShotProblem) -> ShotProblem:

@@ -14,7 +14,10 @@ from __future__ import annotations
 import dataclasses
 import logging
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +28,14 @@ from sysid.estimation.from_nothing import WindowFit, moved_to, searched, whole_s
 from sysid.estimation.problem import CAUCHY_SD, Array
 from sysid.estimation.solver.least_squares import weights
 from sysid.selection.evidence import Evidence, chi2_of_known
-from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, select_terms, term_candidates
+from sysid.selection.formula import (
+    EFFECT_NAME,
+    SparseFormula,
+    describe,
+    select_terms,
+    term_candidates,
+    term_candidates_of,
+)
 from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.score import Candidate, Linearised, Score, Scores, Signature, scores_of
@@ -133,12 +143,11 @@ def evidence(less: WindowFit, more: WindowFit) -> Evidence:
     return Evidence(total / tau + known - penalty, total + known * tau, tau, others / tau + known - penalty, ratio)
 
 
-def is_needed(less: WindowFit, more: WindowFit, name: str, found: FittedModel) -> bool:
+def is_needed(less: WindowFit, more: WindowFit, name: str, found: FittedModel, seen: Evidence) -> bool:
     """Whether evidence and its own size speak for an effect, and held-out clips not against it.
 
     These do where their loss rises by more than the standard error of its change over shots.
     """
-    seen = evidence(less, more)
     gains = less.held_losses() - more.held_losses()
     held, error = float(gains.sum()), float(gains.std()) * math.sqrt(len(gains)) if len(gains) else 0.0
     distance = distance_from_absence(found, name)
@@ -159,8 +168,18 @@ def of_windows(at: WindowFit, base: FittedModel) -> FittedModel:
     )  # fmt: skip
 
 
-def screen_windows(at: WindowFit, base: FittedModel) -> tuple[Screening, dict[str, WindowFit]]:
-    """Candidates scored on windows, the best fitted; the fits of those that are needed.
+@dataclass(frozen=True)
+class WindowScreening:
+    """What windows say that a model lacks."""
+
+    screening: Screening
+    name: str | None  # of the effect to add
+    fitted: WindowFit  # with it, or as it was
+    formula: SparseFormula | None  # what to add where no effect explains as much
+
+
+def screen_windows(at: WindowFit, base: FittedModel) -> WindowScreening:
+    """Candidates scored on windows, the best fitted, and what follows.
 
     Args:
         at: windows, fitted without any of the candidates.
@@ -175,14 +194,20 @@ def screen_windows(at: WindowFit, base: FittedModel) -> tuple[Screening, dict[st
             break
         name, more = row.candidate.name, with_effect(at, row)
         # In few steps it need not arrive: it is judged by what it gains.
-        fitted = dataclasses.replace(of_windows(more, base), converged=True)
-        fits.append(FittedCandidate(row, fitted, evidence(less, more), is_needed(less, more, name, fitted)))
+        fitted, seen = dataclasses.replace(of_windows(more, base), converged=True), evidence(less, more)
+        fits.append(FittedCandidate(row, fitted, seen, is_needed(less, more, name, fitted, seen)))
         if fits[-1].generalises:
             needed[name] = more
             least = max(least, MIN_IMPROVEMENT_OF_BEST * row.predicted_improvement)
     fits.sort(key=lambda one: -one.evidence.delta_bic)
-    seen = Screening(base, scores, tuple(fits), *confounded_and_tied(scores, fits), scores.count, len(at.fitted.states))
-    return seen, needed
+    best = next((one for one in fits if one.name in needed), None)
+    formula = formula_beside(at, less, base, best, needed)
+    screening = Screening(
+        base, scores, tuple(fits), *confounded_and_tied(scores, fits), scores.count, len(at.fitted.states)
+    )
+    if best is None or formula is not None:
+        return WindowScreening(screening, None, at, formula)
+    return WindowScreening(screening, best.name, needed[best.name], None)
 
 
 def discover_by_windows(
@@ -196,14 +221,12 @@ def discover_by_windows(
     parts, base = found.parts, found.last
     now, verdict, formula = base, tuple[str, ...](), None
     for _ in range(MAX_EFFECTS):
-        seen, needed = screen_windows(at, now)
-        found = dataclasses.replace(found, rounds=(*found.rounds, seen))
-        best = next((one for one in seen.fits if one.name in needed), None)
-        formula = formula_beside(at, base, best)
-        if best is None or formula is not None:
+        seen = screen_windows(at, now)
+        found, formula = dataclasses.replace(found, rounds=(*found.rounds, seen.screening)), seen.formula
+        if seen.name is None:
             break
-        log.info("found %s", best.name)
-        verdict, at = (*verdict, best.name), searched(needed[best.name])
+        log.info("found %s", seen.name)
+        verdict, at = (*verdict, seen.name), searched(seen.fitted)
         now = of_windows(at, base)
     at, kept = without_needless(at, verdict, base)
     if kept:
@@ -213,39 +236,51 @@ def discover_by_windows(
     found = dataclasses.replace(found, pruned=tuple(name for name in verdict if name not in kept))
     if formula is None:
         return found, at, None
+    described, more = described_in_windows(at, formula, base)
+    found = dataclasses.replace(found, unexplained=described, explained=whole_shots(parts, searched(more)))
+    return found, at, formula
+
+
+def described_in_windows(at: WindowFit, formula: SparseFormula, base: FittedModel) -> tuple[dict[str, Any], WindowFit]:
+    """A formula as result.json has it, and the fit with it."""
     more = with_effect(at, formula.score())
-    gained, more = evidence(continued(at), more), searched(more)
-    described = describe(formula, of_windows(more, base), gained)
-    return dataclasses.replace(found, unexplained=described, explained=whole_shots(parts, more)), at, formula
+    return describe(formula, of_windows(more, base), evidence(continued(at), more)), more
 
 
-def structure_in(at: WindowFit) -> SparseFormula | None:
-    """Terms that explain most of what windows leave; None where not even one explains enough."""
-    terms, candidates = term_candidates(as_point(at))
-    return select_terms(terms, score_windows(at, candidates))
-
-
-def formula_beside(at: WindowFit, base: FittedModel, best: FittedCandidate | None) -> SparseFormula | None:
+def formula_beside(
+    at: WindowFit, less: WindowFit, base: FittedModel, best: FittedCandidate | None, needed: Mapping[str, WindowFit]
+) -> SparseFormula | None:
     """A formula for what windows leave.
 
-    None where it is not needed, and where its first term does not explain more than the best named effect, beyond what
-    the evidence cannot separate.
+    None where it is not needed. It takes the place of the best named effect only where its first term explains
+    something beside that as well, and alone more than that, beyond what the evidence cannot separate.
+
+    Args:
+        at: windows, fitted with neither.
+        less: the same after as many steps as those with an effect.
+        base: the same fit as one of whole shots.
+        best: of the effects that are needed.
+        needed: the fits with each of these.
     """
-    structure = structure_in(at)
+    terms, candidates = term_candidates(as_point(at))
+    structure = select_terms(terms, score_windows(at, candidates))
     if structure is None:
         return None
-    less = continued(at)
     if best is not None:
         if structure.improvements[0] <= best.score.predicted_improvement:
             return None
-        alone = evidence(less, with_effect(at, structure.first().score()))
+        first = structure.first()
+        alone = evidence(less, with_effect(at, first.score()))
+        term = first.terms[0]
+        beside = select_terms([term], score_windows(needed[best.name], term_candidates_of([term])))
         log.info(
-            "%s: delta BIC %.0f, %s: %.0f", structure.terms[0].name, alone.delta_bic, best.name, best.evidence.delta_bic
-        )
-        if alone.delta_bic <= best.evidence.delta_bic + TIED_DELTA_BIC:
+            "%s: delta BIC %.0f, %s: %.0f; beside it %s", term.name, alone.delta_bic, best.name,
+            best.evidence.delta_bic, "nothing" if beside is None else f"chi-square {beside.improvements[0]:.0f}",
+        )  # fmt: skip
+        if beside is None or alone.delta_bic <= best.evidence.delta_bic + TIED_DELTA_BIC:
             return None
     more = with_effect(at, structure.score())
-    if not is_needed(less, more, EFFECT_NAME, of_windows(more, base)):
+    if not is_needed(less, more, EFFECT_NAME, of_windows(more, base), evidence(less, more)):
         return None
     log.info("a formula: %s", ", ".join(term.name for term in structure.terms))
     return structure
@@ -263,7 +298,7 @@ def without_needless(at: WindowFit, verdict: tuple[str, ...], base: FittedModel)
         seen = of_windows(at, base)
         name = min(verdict, key=partial(distance_from_absence, seen))
         less = without_effect(at, name)
-        if is_needed(less, at, name, seen):
+        if is_needed(less, at, name, seen, evidence(less, at)):
             break
         log.info("%s is not needed", name)
         at, verdict = less, tuple(v for v in verdict if v != name)

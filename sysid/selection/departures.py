@@ -9,6 +9,7 @@ that bend only its own track.
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,11 +18,10 @@ import numpy as np
 
 from models.shot import Event
 from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.fitting import fit
 from sysid.estimation.initial_states import fit_states
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem
-from sysid.estimation.split import Split, tried
+from sysid.estimation.split import Split, fit_on
 from sysid.selection.evidence import MAX_RESIDUAL_SD, mean_squares
 
 MIN_RATIO = 1.7  # of a shot's mean square over the median of all, for it to depart
@@ -114,7 +114,7 @@ def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Spli
         return None
     found = located(last, odd, sizes, tau, median)
     lines = tuple(one.text(last.problem.clips[one.row].file) for one in found)
-    held_out = parts.held_out
+    held_out, rest = parts.held_out, np.arange(len(held_counts))
     if held_out is not None and held is not None and odd_held.size:
         seen = Point(
             held_out.with_model(last.problem.model, last.names),
@@ -130,7 +130,7 @@ def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Spli
         return None
     kept = np.setdiff1d(np.arange(len(last.initial_states)), odd)
     fewer = parts.excluding(lines, parts.training.only(kept), held_out)
-    return fewer, tuple(_fit_again(fewer, one, kept) for one in ladder)
+    return fewer, tuple(_fit_again(fewer, one, kept, rest) for one in ladder)
 
 
 def shared_cause(now: Point) -> str | None:
@@ -156,7 +156,10 @@ def common_event(found: Sequence[ShotDeparture]) -> str | None:
     return kind if count >= MIN_SHARED and count >= MIN_SHARED_SHARE * len(found) else None
 
 
-def _fit_again(parts: Split, found: FittedModel, kept: Index) -> FittedModel:
-    """The fit anew, of some of its shots."""
+def _fit_again(parts: Split, found: FittedModel, kept: Index, held: Index) -> FittedModel:
+    """The fit anew, of some of its shots, and of those held out."""
+    if found.held_out is not None:
+        states = found.held_out.initial_states[held]
+        found = dataclasses.replace(found, held_out=dataclasses.replace(found.held_out, initial_states=states))
     start = Point(found.problem.only(kept), found.initial_states[kept], found.constants, found.discrepancy_rate)
-    return tried(parts, fit(start, "without shots that depart"), None)
+    return fit_on(parts, start, found, "without shots that depart")

@@ -13,8 +13,8 @@ from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing
-from sysid.estimation.split import Split, fit_on, split
-from sysid.selection.by_windows import screen_windows
+from sysid.estimation.split import Split, in_any_case, split
+from sysid.selection.by_windows import described_in_windows, screen_windows
 from sysid.selection.evidence import holds
 from sysid.selection.formula import describe
 from sysid.selection.judge import Diagnosis, diagnose_fit
@@ -48,20 +48,21 @@ def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
     parts, _, model = split(clip_set, model)
     parts, at, base = fit_from_nothing(parts, model)
     if parts.needs_windows(base):
-        diagnosis = Diagnosis(screen_windows(at, base)[0])
-        named = (diagnosis.name,) if diagnosis.name else ()
-        if named or (parts.training.is_long and not parts.follows(base)):
-            shot = propose_next(parts, base, (diagnosis.screening,), named)
-            return ClipDiagnosis(parts, base, diagnosis, None if named else remainder(base), shot)
-        if not parts.follows(base):
-            base = fit_on(parts, base, base, "whole shots")
+        seen = screen_windows(at, base)
+        named = (seen.name,) if seen.name else ()
+        if named or seen.formula or (parts.training.is_long and not parts.follows(base)):
+            unexplained = None if named else remainder(base)
+            if seen.formula is not None:
+                unexplained, _ = described_in_windows(at, seen.formula, base)
+            shot = propose_next(parts, base, (seen.screening,), named)
+            return ClipDiagnosis(parts, base, Diagnosis(seen.screening, seen.formula), unexplained, shot)
+        base = in_any_case(parts, base)
     diagnosis = diagnose_fit(parts, base)
-    unexplained: Mapping[str, Any] | None = None
-    fitted, seen = diagnosis.fitted_formula, diagnosis.screening
-    if diagnosis.formula is not None and fitted is not None and holds(seen.base, fitted.fitted):
+    unexplained, fitted, screening = None, diagnosis.fitted_formula, diagnosis.screening
+    if diagnosis.formula is not None and fitted is not None and holds(screening.base, fitted.fitted):
         unexplained = describe(diagnosis.formula, fitted.fitted, fitted.evidence)
     elif diagnosis.name is None:
-        unexplained = remainder(seen.base)
+        unexplained = remainder(screening.base)
     named = (diagnosis.name,) if diagnosis.name else ()
-    shot = propose_next(parts, base, (diagnosis.screening,), named)
+    shot = propose_next(parts, base, (screening,), named)
     return ClipDiagnosis(parts, base, diagnosis, unexplained, shot)

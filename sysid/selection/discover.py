@@ -17,7 +17,7 @@ from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing
-from sysid.estimation.split import Split, fit_on, split
+from sysid.estimation.split import Split, in_any_case, split
 from sysid.selection.by_windows import discover_by_windows, stability_by_windows
 from sysid.selection.departures import without_departing
 from sysid.selection.evidence import (
@@ -102,13 +102,11 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
                     found, unexplained=remainder(found.last), stability=stability_by_windows(found, at)
                 )
             return _with_next_shot(found)
-        found = _in_any_case(found)
+        found = dataclasses.replace(found, ladder=(*found.ladder[:-1], in_any_case(parts, found.last)))
         show(found)
     explained, found = found.explained, dataclasses.replace(found, explained=None)
     if formula is not None and explained is not None:
-        if not parts.follows(explained):
-            explained = fit_on(parts, explained, explained, "whole shots")
-        seen = _by_whole_shots(found, show, explained, formula)
+        seen = _by_whole_shots(found, show, in_any_case(parts, explained), formula)
         if seen.explained is not None:
             return _with_next_shot(seen)
         found = dataclasses.replace(found, unexplained=None)
@@ -117,14 +115,6 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
 
 def _with_next_shot(found: DiscoveryResult) -> DiscoveryResult:
     return dataclasses.replace(found, next_shot=propose_next(found.parts, found.last, found.rounds, found.verdict))
-
-
-def _in_any_case(found: DiscoveryResult) -> DiscoveryResult:
-    """The result with its last model fitted to whole shots, even if it does not follow them."""
-    last, parts = found.last, found.parts
-    if parts.follows(last):
-        return found
-    return dataclasses.replace(found, ladder=(*found.ladder[:-1], fit_on(parts, last, last, "whole shots")))
 
 
 def _by_whole_shots(

@@ -60,7 +60,12 @@ def term_candidates(base: Point) -> tuple[list[Term], list[Candidate]]:
     most = max((len(c.balls) for c in base.problem.clips), default=1)
     terms = library(base.model.table, most)
     log.info("looking for structure outside the catalogue: %d terms", len(terms))
-    return terms, [candidate(effect_from_terms(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
+    return terms, term_candidates_of(terms)
+
+
+def term_candidates_of(terms: Sequence[Term]) -> list[Candidate]:
+    """Each of these terms as a candidate."""
+    return [candidate(effect_from_terms(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
 
 
 def score_terms(base: Point) -> tuple[list[Term], Scores]:

@@ -17,13 +17,13 @@ from models.simulation.observe import camera, observed, undone
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, Observation
 from sysid.clips.segments import split_all
+from sysid.estimation.chain_search import found_states
 from sysid.estimation.open_cloth import cloth_constants
 from sysid.estimation.problem import CAUCHY_SD, shared_constants, values_of
 from sysid.estimation.segment_problem import segment_problem
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.solver.joint_fit import fit_joint
 from sysid.estimation.solver.least_squares import fit_each
-from sysid.estimation.state_search import found_states
 from tests.sysid.estimation.test_fit import changed, make, truth_of
 from tests.truth.camera import image
 from tests.truth.cloth import Constants

@@ -19,7 +19,7 @@ from sysid.estimation.chain import (
     likely_spread,
 )
 from sysid.estimation.chain_fit import fit_chain, settled_states
-from sysid.estimation.chain_search import SAME_LOSS, long_states, searched_windows
+from sysid.estimation.chain_search import SAME_LOSS, found_states, searched_windows
 from sysid.estimation.clip_fit import fit_clips
 from sysid.estimation.initial_states import shot_losses, within_noise
 from sysid.estimation.problem import values_of
@@ -99,7 +99,7 @@ def test_normal_equations_are_the_derivatives_of_the_loss(chain: tuple[Chain, np
 def test_shots_are_found_whole_by_closing_the_gaps(chain: tuple[Chain, np.ndarray]) -> None:
     at, _ = chain
     problem = at.problem.with_model(at.model, ())
-    assert (struck_rms(problem, long_states(problem, NO_CONSTANTS)) < 1.7 * NOISE_M).all()  # the noise has two axes
+    assert (struck_rms(problem, found_states(problem, NO_CONSTANTS)) < 1.7 * NOISE_M).all()  # the noise has two axes
 
 
 def test_some_of_the_shots_are_what_they_are_among_all(chain: tuple[Chain, np.ndarray]) -> None:

@@ -310,14 +310,15 @@ def test_held_out_clips_speak_of_constants_that_a_fit_leaves_open(case: Case, fo
     fitted, held = found.fitted, found.parts.held_out
     assert held is not None and fitted.held_out is not None
     k = fitted.names.index("cushion_impact.restitution")
-    off = fitted.constants.copy()
+    off, states = fitted.constants.copy(), fitted.held_out.initial_states
     off[k] -= 0.02
 
     def squares(sd: float) -> tuple[float, float]:
         covariance = fitted.covariance.copy()
         covariance[k, :] = covariance[:, k] = 0.0
         covariance[k, k] = sd**2
-        seen = fit_held_out(dataclasses.replace(fitted, constants=off, covariance=covariance), held, None)
+        other = dataclasses.replace(fitted, constants=off, covariance=covariance)
+        seen = fit_held_out(other, held, states)
         return float(np.nanmean(seen.residuals**2)), float(np.nanmean(seen.open_residuals**2))
 
     at_constants, left_open = squares(0.02)

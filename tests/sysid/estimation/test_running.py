@@ -12,9 +12,9 @@ from models.model_file import full_model
 from sysid.clips import ClipSet, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation import begin, fit_clips
+from sysid.estimation.chain_search import found_states
 from sysid.estimation.initial_states import fit_states
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
-from sysid.estimation.state_search import found_states
 from sysid.residuals.compare import compare
 from sysid.selection.discover import discover
 from tests.support.running_clips import cut_in_motion, written_running

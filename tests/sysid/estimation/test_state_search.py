@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from models.model_file import read_model
-from models.shot import Ball, Table
-from sysid.clips import read_clip_set
+from models.shot import Ball, Shot, Table
+from models.simulation.simulate import simulate
+from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
+from sysid.estimation.chain_search import found_states
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import shot_problem
-from sysid.estimation.state_search import found_states, searched_states
+from sysid.estimation.state_search import searched_states
 from tests.support.long_shots import CAROM, NO_CONSTANTS, NOISE_M, SNOOKER, long_shots, struck_rms, true_model
 
 
@@ -25,6 +27,21 @@ def test_long_shots_are_found_at_the_noise(table: tuple[Table, Ball]) -> None:
     problem = shot_problem(model, (), long_shots(model, 7, 6), NOISE_M)
     errors = struck_rms(problem, found_states(problem, NO_CONSTANTS))
     assert (errors < 1.2 * math.sqrt(2) * NOISE_M).sum() >= 6, errors
+
+
+def test_a_shot_begins_as_seen_before_its_first_impact() -> None:
+    """Two frames before a cushion: a line through more would turn the frame in which its spin is known."""
+    model = true_model(*CAROM)
+    reach = model.table.centre_limits(model.ball)[1]
+    times, azimuth = np.arange(0.0, 4.0, 1 / 60), 1.1
+    velocity = 3.0 * np.array([math.cos(azimuth), math.sin(azimuth)])
+    shot = Shot(("white",), np.array([[0.2, reach - 0.1]]), velocity[None], np.zeros((1, 3)), times)
+    path = simulate(model, [shot])[0].position[:, 0]
+    seen = Observation(times, path + np.random.default_rng(0).normal(0, NOISE_M, path.shape), times * np.nan)
+    clip = Clip("clips/0.csv", "white", {"white": seen}, order=0.0)
+    problem = shot_problem(model, (), ClipSet(model.table, model.ball, 60.0, (clip,), NOISE_M), NOISE_M)
+    assert problem.azimuth[0] == pytest.approx(azimuth, abs=0.05)
+    assert struck_rms(problem, found_states(problem, NO_CONSTANTS))[0] < 1.2 * math.sqrt(2) * NOISE_M
 
 
 def test_a_shot_is_found_whatever_others_are_beside_it() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
+
 import pytest
 
 from models.model_file import full_model
@@ -9,7 +12,7 @@ from sysid.clips import read_clip_set
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import WindowFit, fit_from_nothing
 from sysid.estimation.split import Split, fit_on, split
-from sysid.selection.by_windows import screen_windows, with_effect
+from sysid.selection.by_windows import formula_beside, screen_windows, with_effect
 from sysid.selection.judge import diagnose_fit
 from sysid.selection.screening import fit_candidate, ranking
 from tests.truth.__main__ import main as generate
@@ -30,24 +33,41 @@ def drag(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 def test_windows_name_the_hidden_effect_and_not_what_resembles_it(drag: Made) -> None:
     _, at, base = drag
-    seen, needed = screen_windows(at, base)
+    found = screen_windows(at, base)
+    seen = found.screening
     assert seen.windows == len(at.fitted.states) and seen.best is not None
-    assert seen.best.name == "speed_drag" and seen.best.name in needed
+    assert found.name == seen.best.name == "speed_drag" and found.formula is None
     assert [one.evidence.delta_bic for one in seen.fits] == sorted(
         (one.evidence.delta_bic for one in seen.fits), reverse=True
     )
-    after, still = screen_windows(needed["speed_drag"], base)
-    assert not still and after.best is None
+    after = screen_windows(found.fitted, base)
+    assert after.name is None and after.screening.best is None and after.fitted is found.fitted
 
 
 def test_windows_do_not_need_an_effect_that_does_not_help(drag: Made) -> None:
     _, at, base = drag
-    seen, needed = screen_windows(at, base)
-    row = next(row for row in seen.scores.rows if row.candidate.name == "side_curve")
-    assert row.predicted_improvement < 0.1 * seen.scores.rows[0].predicted_improvement
-    assert "side_curve" not in needed
+    found = screen_windows(at, base)
+    rows = found.screening.scores.rows
+    row = next(row for row in rows if row.candidate.name == "side_curve")
+    assert row.predicted_improvement < 0.1 * rows[0].predicted_improvement
+    assert "side_curve" not in [one.name for one in found.screening.fits if one.generalises]
     more = with_effect(at, row)
-    assert more.fitted.losses.sum() > needed["speed_drag"].fitted.losses.sum()
+    assert more.fitted.losses.sum() > found.fitted.fitted.losses.sum()
+
+
+def test_a_term_that_is_the_law_of_an_effect_does_not_take_its_place(tmp_path: Path) -> None:
+    """However many steps each of the two has come: beside the effect such a term explains nothing."""
+    words = ("--seed", "9", "--clips", "8", "--kind", "cushion", "--effect", "cushion_restitution_speed=0.09")
+    assert generate([str(tmp_path / "set"), *words]) == 0
+    clip_set = read_clip_set(tmp_path / "set")
+    parts, _, model = split(clip_set, full_model(clip_set.table, clip_set.ball))
+    _, at, base = fit_from_nothing(parts, model)
+    found = screen_windows(at, base)
+    assert found.name == "cushion_restitution_speed"
+    best = found.screening.best
+    worse = dataclasses.replace(best, evidence=dataclasses.replace(best.evidence, delta_bic=0.0))
+    assert formula_beside(at, at, base, worse, {best.name: found.fitted}) is None
+    assert formula_beside(at, at, base, None, {}) is not None
 
 
 def test_whole_shots_name_it_as_well(drag: Made) -> None:
