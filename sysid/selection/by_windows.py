@@ -44,7 +44,6 @@ from sysid.selection.screening import (
     MIN_IMPROVEMENT,
     MIN_IMPROVEMENT_OF_BEST,
     SMALLER_TRIAL,
-    TIED_DELTA_BIC,
     TRIAL_STEPS,
     FittedCandidate,
     Screening,
@@ -252,8 +251,9 @@ def formula_beside(
 ) -> SparseFormula | None:
     """A formula for what windows leave.
 
-    None where it is not needed. It takes the place of the best named effect only where its first term explains
-    something beside that as well, and alone more than that, beyond what the evidence cannot separate.
+    None where it is not needed. It takes the place of the best named effect only where its first term encompasses that:
+    the term explains something beside the effect, and the effect nothing beside the term (G. E. Mizon and J.-F.
+    Richard, Econometrica 54, 1986).
 
     Args:
         at: windows, fitted with neither.
@@ -270,14 +270,13 @@ def formula_beside(
         if structure.improvements[0] <= best.score.predicted_improvement:
             return None
         first = structure.first()
-        alone = evidence(less, with_effect(at, first.score()))
-        term = first.terms[0]
-        beside = select_terms([term], score_windows(needed[best.name], term_candidates_of([term])))
+        term = select_terms(first.terms, score_windows(needed[best.name], term_candidates_of(first.terms)))
+        (effect,) = score_windows(with_effect(at, first.score()), [best.score.candidate]).rows
         log.info(
-            "%s: delta BIC %.0f, %s: %.0f; beside it %s", term.name, alone.delta_bic, best.name,
-            best.evidence.delta_bic, "nothing" if beside is None else f"chi-square {beside.improvements[0]:.0f}",
+            "beside %s, %s explains %.0f of chi-square, and that beside it %.0f", best.name, first.terms[0].name,
+            term.improvements[0] if term else 0.0, effect.predicted_improvement,
         )  # fmt: skip
-        if beside is None or alone.delta_bic <= best.evidence.delta_bic + TIED_DELTA_BIC:
+        if term is None or effect.predicted_improvement >= MIN_IMPROVEMENT:
             return None
     more = with_effect(at, structure.score())
     if not is_needed(less, more, EFFECT_NAME, of_windows(more, base), evidence(less, more)):
