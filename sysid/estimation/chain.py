@@ -188,22 +188,41 @@ class Beside(NamedTuple):
     probe: Array  # (j,) change of each, which is then its unit
 
 
+def limited_move(at: Array, forward: Array, backward: Array) -> Array:
+    """What a move forward (k, ...) gives, with no steeper a slope than one backward, and none if they differ in sign.
+
+    A slope limiter (minmod: P. L. Roe, Annual Review of Fluid Mechanics 18, 1986): where an impact comes or goes
+    within a step, a difference over it is no derivative.
+    """
+    ahead, behind = forward - at, at - backward
+    slope = np.where(np.abs(ahead) < np.abs(behind), ahead, behind)
+    return at + np.where(ahead * behind > 0, slope, 0.0)
+
+
 def _differences(
-    chain: Chain, states: Array, c: Array, steps_c: Array, beside: Sequence[Beside]
+    chain: Chain, states: Array, c: Array, steps_c: Array, beside: Sequence[Beside], limited: bool
 ) -> tuple[NormalEquations, Array]:
     """Normal equations of windows' samples alone, and ends (1 + k, w, p): first as they are, then their derivatives.
 
-    By the states, constants (q,) of steps `steps_c`, and parameters of further effects: k in all.
+    By the states, constants (q,) of steps `steps_c`, and parameters of further effects: k in all. `limited`: see
+    `equations`.
     """
     count, p = states.shape  # of windows, and of what each has
     steps = np.concatenate([chain.windows.steps, steps_c, *(np.sign(one.probe) for one in beside)])
     k = len(steps)
     normal = NormalEquations(np.empty(count), np.empty((count, k, k)), np.empty((count, k)))
     ends = np.empty((1 + k, count, p))
+    low, high = chain.shared.bounds.T if steps_c.size else (c, c)
+    inside = (c - steps_c >= low) & (c - steps_c <= high) if limited else np.zeros(c.size, bool)
     for which in batches(chain.windows.lengths):
         x, free = states[which], chain.windows.free[which]
         moves = Moves.of(x, c, which, chain.windows.steps, steps_c, free=free)
         rows, last = ([moves.laid_out(part)] for part in chain.play(moves.x, moves.c, moves.which))
+        if inside.any():
+            back = Moves.of(x, c, which, NO_STEPS, -steps_c)
+            number = np.flatnonzero(inside)
+            for moved, found in zip((rows[0], last[0]), chain.play(back.x, back.c, back.which), strict=True):
+                moved[1 + p + number] = limited_move(moved[0], moved[1 + p + number], back.laid_out(found)[1 + number])
         for one in beside:
             constants = np.hstack([np.tile(c, (one.off.size, 1)), one.off + np.diag(one.probe)])
             with_it = one.chain.play(
@@ -219,8 +238,9 @@ def _differences(
 
 
 def equations(
-    chain: Chain, states: Array, c: Array, sd: Array, steps_c: Array = NO_STEPS, beside: Sequence[Beside] = ()
-) -> tuple[Array, list[Equations]]:
+    chain: Chain, states: Array, c: Array, sd: Array, steps_c: Array = NO_STEPS, beside: Sequence[Beside] = (),
+    limited: bool = False,
+) -> tuple[Array, list[Equations]]:  # fmt: skip
     """Losses of shots (n,), and their normal equations at constants (q,).
 
     Args:
@@ -230,10 +250,11 @@ def equations(
         sd: (k, p) of the gaps.
         steps_c: (q,) finite differences of the constants; none where these are held.
         beside: further effects, whose parameters count as constants after these.
+        limited: whether derivatives by constants are those that hold on both sides, see `limited_move`.
     """
     w, p = chain.windows, states.shape[1]
     before, after = w.following
-    of_samples, ends = _differences(chain, states, c, steps_c, beside)
+    of_samples, ends = _differences(chain, states, c, steps_c, beside, limited)
     z = chain.gaps(states, ends[0], sd)
     by = np.where(np.isfinite(sd), 1 / sd, 0.0)
     jz = ends[1:][:, before] * by  # (k, gaps, p)

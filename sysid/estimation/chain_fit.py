@@ -138,7 +138,7 @@ def fit_chain(chain: Chain, states: Array, c: Array, steps: int, what: str) -> C
 
     question = (states, c, sd, shared.bounds, np.array([steps, *chain.spread, chain.roughness]))
     states, c = recorded(work, question, (states.shape, c.shape), fits)
-    cost, shots = equations(chain, states, c, sd, shared.steps_from(c))
+    cost, shots = equations(chain, states, c, sd, shared.steps_from(c), limited=True)
     _, information, gradient = reduced(shots)
     return ChainFit(
         chain, states, c, cost, information, gradient, _newton(shared, shared.prior(c), information, gradient, c)

@@ -3,8 +3,7 @@
 In: a `Chain` and constants. Out: states of its windows, or of its shots.
 
 Each window begins where the one before it ends. Where that does not lead to its samples, other starts are drawn: what a
-ball's spin is shows at its next impact only. For a whole shot the windows are
-then drawn together: the gaps between them are allowed less and less, down to nearly nothing (continuation).
+ball's spin is shows at its next impact only.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from models.engine.play import lacking
-from sysid.estimation.chain import Chain, Spread, likely_spread
+from sysid.estimation.chain import Chain, likely_spread
 from sysid.estimation.chain_fit import settled_states
 from sysid.estimation.initial_states import fit_states, shot_scores, within_noise
 from sysid.estimation.problem import CAUCHY_SD, Array, Index
@@ -36,8 +35,7 @@ SEEN_M, SEEN_SHARE, SEEN_M_S, SEEN_SPIN_M_S = 5e-3, 0.1, 0.05, 0.1  # how well p
 FIRST_STEPS, DRAWN_STEPS, WINDOW_STEPS = 5, 4, 10  # of states: of a window at first, of a draw, of all windows together
 FIRST_SHOT_SD_M_S = 10.0  # of what nothing is known in the first window
 HELD_SD = 1e-9  # of what is no unknown
-TIGHTENED = (0.5, 0.1, 0.02)  # shares of the gaps that are allowed
-TIGHTENING_STEPS, SETTLING_STEPS = 6, 8  # of states: of windows at each share, of whole shots
+SETTLING_STEPS = 8  # of the states of whole shots
 log = logging.getLogger(__name__)
 
 
@@ -189,20 +187,15 @@ def _drawn(chain: Chain, states: Array, windows: Index, seed: int) -> Array:
 
 
 def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) -> Array:
-    """Initial states of whole shots (n, p) at constants (q,) from states of windows, the gaps of these closed.
+    """Initial states of whole shots (n, p) at constants (q,) from states of windows.
 
-    Of what each tightening leads to every shot has the most likely. Those that miss by more than noise are searched
-    from event to event as well (sysid/estimation/state_search.py); those that stand out then with more tolerance and
-    effort.
+    Those that miss by more than noise are searched from event to event as well (sysid/estimation/state_search.py),
+    those that stand out then with more effort; every shot has the most likely.
     """
     x = fit_states(
         problem.with_discrepancy(chain.spread.path), _first_states(chain, states, problem), c, SETTLING_STEPS
     )
     score, own = shot_scores(problem, x, c)
-    for share in TIGHTENED:
-        loose = chain.with_spread(Spread(chain.spread.impact, chain.spread.path + (1 - share) * float(np.median(own))))
-        states = settled_states(loose, states, c, TIGHTENING_STEPS, share * chain.gap_sd(states))
-        x, score, own = _better(problem, x, score, own, _first_states(chain, states, problem), c)
     for effort in EFFORTS:
         typical = float(np.median(own))
         seen = problem.with_discrepancy(typical)

@@ -17,6 +17,8 @@ from sysid.estimation.chain import (
     Spread,
     equations,
     likely_spread,
+    limited_move,
+    reduced,
 )
 from sysid.estimation.chain_fit import fit_chain, settled_states
 from sysid.estimation.chain_search import SAME_LOSS, found_states, searched_windows
@@ -96,7 +98,21 @@ def test_normal_equations_are_the_derivatives_of_the_loss(chain: tuple[Chain, np
     assert shot.state_gradient @ direction == pytest.approx(0.5 * (loss(1.0) - loss(-1.0)), rel=0.02, abs=1e-5)
 
 
-def test_shots_are_found_whole_by_closing_the_gaps(chain: tuple[Chain, np.ndarray]) -> None:
+def test_a_jump_within_a_step_tells_of_no_slope(chain: tuple[Chain, np.ndarray]) -> None:
+    at = np.array([1.0, 1.0, 1.0, 1.0])
+    moved = limited_move(at, np.array([[1.1, 9.0, 1.1, np.nan]]), np.array([[0.9, 0.9, 1.2, 0.9]]))
+    np.testing.assert_allclose(moved, [[1.1, 1.1, 1.0, 1.0]])
+    windows, states = chain  # where nothing jumps, the derivatives are what they were
+    c, sd = values_of(windows.model, windows.names), windows.gap_sd(states)
+    steps = windows.shared.steps_from(c)
+    one, two = (
+        np.diag(reduced(equations(windows, states, c, sd, steps, limited=limited)[1])[1].sum(axis=0))
+        for limited in (False, True)
+    )
+    assert np.all(two < 1.001 * one) and np.median(two / one) == pytest.approx(1.0, abs=0.02)
+
+
+def test_shots_are_found_whole_from_windows(chain: tuple[Chain, np.ndarray]) -> None:
     at, _ = chain
     problem = at.problem.with_model(at.model, ())
     assert (struck_rms(problem, found_states(problem, NO_CONSTANTS)) < 1.7 * NOISE_M).all()  # the noise has two axes
