@@ -66,7 +66,7 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
     held_out = len(parts.held_out.clips) if parts.held_out else 0
     print(f"{len(clip_set.clips)} clips, {held_out} of them held out; {noise_line(parts.noise)}")
     if seen.windows:
-        print(f"whole shots are not followed: candidates are scored on {seen.windows} windows of one impact each")
+        print(f"not every whole shot is followed: candidates are scored on {seen.windows} windows of one impact each")
     print(f"base: miss {seen.base.miss * 1e3:.3f} mm, held out {seen.base.held_miss * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
     notes = [*parts.excluded, *verdict_lines(judged, found.unexplained)]

@@ -1,4 +1,4 @@
-"""Discovery where whole shots are not followed: effects judged by how each impact follows from the one before it.
+"""Discovery where not every whole shot is followed: effects judged by how each impact follows from the one before it.
 
 In: a fit of windows. Out: the effects that they name, and whole shots with these.
 

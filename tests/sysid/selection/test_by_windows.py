@@ -14,6 +14,7 @@ from models.model_file import full_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, read_clip_set
+from sysid.selection.diagnose import diagnose
 from sysid.selection.discover import discover
 from tests.truth.__main__ import main as generate
 
@@ -69,3 +70,7 @@ def test_a_law_of_the_angle_at_cushions_is_found_in_windows(data_folder: Path) -
     assert found.unexplained["size"] == pytest.approx(-0.10, rel=0.03)
     assert found.explained is not None and found.explained.chi2 < 1.05
     assert found.explained.held_rms < 1.1 * 0.0005 < found.last.held_rms / 2
+    diagnosed = diagnose(clip_set, full_model(clip_set.table, clip_set.ball))
+    assert diagnosed.verdict is None and diagnosed.unexplained is not None
+    assert diagnosed.unexplained["depends_on"] == ["angle"]
+    assert diagnosed.unexplained["size"] == pytest.approx(-0.10, rel=0.03)
