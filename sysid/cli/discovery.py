@@ -103,7 +103,7 @@ def discover(
     from sysid.estimation.clip_fit import band_rate
     from sysid.estimation.solver.journal import Journal, recorded_in
     from sysid.interface import discover as discover_effects
-    from sysid.report.findings import discovery_lines, ladder_table, round_rows
+    from sysid.report.findings import discovery_lines, ladder_table
     from sysid.report.health import print_health
     from sysid.report.outcome import write_outcome
     from sysid.report.text import engines_line, held_out_line
@@ -114,30 +114,15 @@ def discover(
     if journal.found:
         print(f"continuing from {journal.path}: {journal.found} fits are known already", flush=True)
 
-    shown = 0
-
-    def show_rounds(found: DiscoveryResult) -> None:
-        nonlocal shown
-        for one in found.rounds[shown:]:
-            print(table(round_rows(one)) + "\n")
-        shown = len(found.rounds)
-
-    def show(found: DiscoveryResult) -> None:
-        progress.close()
-        show_rounds(found)
-        last = found.last
-        name = ", ".join(found.verdict) or "base"
-        print(f"{name}: miss {last.miss * 1e3:.3f} mm, held out {last.held_miss * 1e3:.3f} mm\n", flush=True)
-
+    printed = _Printed(progress)
     try:
         with recorded_in(journal), spread_over_cluster(scheduler, effect_folders):
-            found = discover_effects(clip_set, model, show)
+            found = discover_effects(clip_set, model, printed.step)
     except KeyboardInterrupt as end:
         if journal.path.exists():
             end.add_note(f"{journal.path} is kept: the same command continues from there")
         raise
-    progress.close()
-    show_rounds(found)
+    printed.rounds(found)
     print(ladder_table(found))
     print("\n" + _to_paste("\n".join(discovery_lines(found)), out) + "\n")
     outcome = write_outcome(out, clip_set, found, progress, journal.elapsed, f"sysid discover {start.clips}")
@@ -152,6 +137,28 @@ def discover(
     if json_file:
         write_json(json_file, json.loads((out / RESULT_FILE).read_text(encoding="utf-8")))
     return Status.DONE if found.last.converged else Status.FINDING
+
+
+class _Printed:
+    """What has been printed of a discovery that goes on."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress, self._rounds = progress, 0
+
+    def rounds(self, found: DiscoveryResult) -> None:
+        """Print the rounds that are new."""
+        from sysid.report.findings import round_rows
+
+        self._progress.close()
+        for one in found.rounds[self._rounds :]:
+            print(table(round_rows(one)) + "\n")
+        self._rounds = len(found.rounds)
+
+    def step(self, found: DiscoveryResult) -> None:
+        """Print the rounds that are new, and the miss with the last effect."""
+        self.rounds(found)
+        last, name = found.last, ", ".join(found.verdict) or "base"
+        print(f"{name}: miss {last.miss * 1e3:.3f} mm, held out {last.held_miss * 1e3:.3f} mm\n", flush=True)
 
 
 def _to_paste(text: str, out: Path) -> str:
