@@ -65,7 +65,7 @@ def run(out: Path, progress: Progress) -> int:
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     viewer = as_called(f"sysid review {shlex.quote(str(out))}")
     print(f"open {out / 'report.html'} in a browser, and the shots with: {viewer}")
-    return Status.DONE if found.last.converged else Status.FINDING
+    return Status.DONE if found.converged else Status.FINDING
 
 
 def _base_errors(clip_set: ClipSet, found: DiscoveryResult, progress: Progress) -> None:

@@ -136,7 +136,7 @@ def discover(
     journal.path.unlink(missing_ok=True)
     if json_file:
         write_json(json_file, json.loads((out / RESULT_FILE).read_text(encoding="utf-8")))
-    return Status.DONE if found.last.converged else Status.FINDING
+    return Status.DONE if found.converged else Status.FINDING
 
 
 class _Printed:

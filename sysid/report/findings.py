@@ -152,7 +152,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
         lines.append(
             f"explains the clips used, but follows those held out worse, and so is not named: {', '.join(refuted)}"
         )
-    if not found.last.converged:
+    if not found.converged:
         lines.append("the last fit did not converge: its constants have no uncertainty")
     return lines + shot_lines(found.next_shot)
 

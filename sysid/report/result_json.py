@@ -44,7 +44,7 @@ def result_of(
         "next_shot": found.next_shot.to_dict() if found.next_shot else None, "parameters": parameters,
         "spikes_set_aside": found.parts.spikes,
         "stability": vars(found.stability) if found.stability else None,
-        "pruned": list(found.pruned), "converged": now.converged,
+        "pruned": list(found.pruned), "converged": found.converged,
         "doubtful": sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict)), "elapsed_s": elapsed,
         "whole_shots": [
             whole_json(found.verdicts[k], found.ladder[k], comparison)

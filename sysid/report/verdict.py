@@ -78,7 +78,7 @@ def _size(found: DiscoveryResult) -> str:
 
 def _certainty(found: DiscoveryResult) -> str:
     """Delta BIC of what was named, how often it returns, and what speaks against it."""
-    doubts = [] if found.last.converged else ["the last fit did NOT converge, so this is a hint"]
+    doubts = [] if found.converged else ["the last fit did NOT converge, so this is a hint"]
     named = [(seen.best, seen) for seen in found.rounds if seen.best is not None and seen.best.name in found.verdict]
     words = [
         f"{best.name} has a delta BIC of {best.evidence.delta_bic:.0f}{_over_next(seen)}{_returns(found, best.name)}"

@@ -42,6 +42,11 @@ class DiscoveryResult:
         return self.ladder[-1]
 
     @property
+    def converged(self) -> bool:
+        """Whether the fit did whose constants the model has, see `model_of`."""
+        return (self.explained or self.last).converged
+
+    @property
     def model(self) -> Model:
         """The model that was found, with values, standard deviations, correlations and sources."""
         return self.model_of(self.last)
