@@ -29,11 +29,11 @@ def found(*effects: str, held: int = 5, converged: bool = True, **more: Any) -> 
     model = full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406)).add(TableTilt(0.0007, -0.0016))
     model = dataclasses.replace(model, estimates={"table_tilt.slope_x": Estimate(1e-5)})
     rms = [0.010, 0.0005]
-    ladder = [SimpleNamespace(miss=r, held_miss=1.1 * r, converged=converged) for r in rms[: 1 + len(effects)]]
+    ladder = [SimpleNamespace(miss=r, held_miss=1.1 * r) for r in rms[: 1 + len(effects)]]
     best = SimpleNamespace(name=effects[0], evidence=SimpleNamespace(delta_bic=5120.0)) if effects else None
     values = {
         "verdict": effects, "unexplained": None, "explained": None, "model": model, "ladder": ladder,
-        "last": ladder[-1], "rounds": [SimpleNamespace(best=best, margin=1800.0)], "next_shot": None,
+        "last": ladder[-1], "converged": converged, "rounds": [SimpleNamespace(best=best, margin=1800.0)], "next_shot": None,
         "stability": Stability(100, 91, dict.fromkeys(effects, 97)),
         "parts": SimpleNamespace(noise=NOISE, held_out=SimpleNamespace(clips=range(held)) if held else None),
     }  # fmt: skip
