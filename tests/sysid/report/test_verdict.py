@@ -33,7 +33,8 @@ def found(*effects: str, held: int = 5, converged: bool = True, **more: Any) -> 
     best = SimpleNamespace(name=effects[0], evidence=SimpleNamespace(delta_bic=5120.0)) if effects else None
     values = {
         "verdict": effects, "unexplained": None, "explained": None, "model": model, "ladder": ladder,
-        "last": ladder[-1], "converged": converged, "rounds": [SimpleNamespace(best=best, margin=1800.0)], "next_shot": None,
+        "last": ladder[-1], "converged": converged, "next_shot": None,
+        "rounds": [SimpleNamespace(best=best, margin=1800.0)],
         "stability": Stability(100, 91, dict.fromkeys(effects, 97)),
         "parts": SimpleNamespace(noise=NOISE, held_out=SimpleNamespace(clips=range(held)) if held else None),
     }  # fmt: skip
