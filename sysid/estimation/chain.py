@@ -212,17 +212,18 @@ def _differences(
     k = len(steps)
     normal = NormalEquations(np.empty(count), np.empty((count, k, k)), np.empty((count, k)))
     ends = np.empty((1 + k, count, p))
-    low, high = chain.shared.bounds.T if steps_c.size else (c, c)
-    inside = (c - steps_c >= low) & (c - steps_c <= high) if limited else np.zeros(c.size, bool)
+    inside = np.zeros(0, np.int64)  # constants that can be moved to both sides
+    if limited:
+        low, high = chain.shared.bounds.T
+        inside = np.flatnonzero((c - steps_c >= low) & (c - steps_c <= high))
     for which in batches(chain.windows.lengths):
         x, free = states[which], chain.windows.free[which]
         moves = Moves.of(x, c, which, chain.windows.steps, steps_c, free=free)
         rows, last = ([moves.laid_out(part)] for part in chain.play(moves.x, moves.c, moves.which))
-        if inside.any():
+        if inside.size:
             back = Moves.of(x, c, which, NO_STEPS, -steps_c)
-            number = np.flatnonzero(inside)
             for moved, found in zip((rows[0], last[0]), chain.play(back.x, back.c, back.which), strict=True):
-                moved[1 + p + number] = limited_move(moved[0], moved[1 + p + number], back.laid_out(found)[1 + number])
+                moved[1 + p + inside] = limited_move(moved[0], moved[1 + p + inside], back.laid_out(found)[1 + inside])
         for one in beside:
             constants = np.hstack([np.tile(c, (one.off.size, 1)), one.off + np.diag(one.probe)])
             with_it = one.chain.play(
