@@ -23,9 +23,9 @@ from sysid.estimation.state_search import BETTER_LOSS, EFFORTS, searched_states
 
 CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
 MAX_ROUNDS = 20  # of reweighing and searching
-FINE_FIT = StoppingRule(15, 1, 1e-5)
-COARSE_FIT = StoppingRule(10, 1, 1e-4)
-SHORT_FIT = StoppingRule(4, 1, 1e-5)
+FINE_FIT = StoppingRule(15, 1e-6)
+COARSE_FIT = StoppingRule(10, 1e-4)
+SHORT_FIT = StoppingRule(4, 1e-5)
 HELD_OUT_STEPS, HELD_OUT_STEPS_UNFOLLOWED = 40, 8  # of initial states, where the model follows its clips, or not
 SETTLING_STEPS = 20  # of a shot that was searched anew
 log = logging.getLogger(__name__)

@@ -160,24 +160,30 @@ def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False) -> Fitte
 
 
 def with_found_starts(found: FittedModel) -> FittedModel:
-    """The fit with shots that miss by more than noise begun where windows lead at its constants, if that is likelier.
+    """The fit with shots that miss by more than noise begun where windows lead, if that is likelier.
 
-    At the constants of windows, which are a little off, whole shots end in optima that they keep.
+    Such a shot may sit in a false optimum, and hold the constants there with it: so it is searched at the constants of
+    the others.
     """
-    problem, x, c = found.problem, found.initial_states, found.constants
-    bare = problem.with_own_rates(np.zeros(len(x)))
-    odd = np.flatnonzero(~within_noise(*shot_losses(bare.with_discrepancy(0.0), x, c), problem.correlation_time))
-    if not odd.size:
-        return found
-    part = bare.only(odd)
-    other = found_states(part, c)
-    better = shot_scores(part, other, c)[0] < shot_scores(part, x[odd], c)[0] - BETTER_LOSS
-    log.info("%d of %d shots beyond the noise began elsewhere", better.sum(), odd.size)
-    if not better.any():
-        return found
-    x = x.copy()
-    x[odd[better]] = other[better]
-    return fit(dataclasses.replace(found, initial_states=x), "whole shots")
+    while True:
+        problem, x = found.problem, found.initial_states.copy()
+        bare, c = problem.with_own_rates(np.zeros(len(x))), found.constants
+        followed = within_noise(*shot_losses(bare.with_discrepancy(0.0), x, c), problem.correlation_time)
+        odd, rest = np.flatnonzero(~followed), np.flatnonzero(followed)
+        if not odd.size or not rest.size:
+            return found
+        others = fit(Point(bare.only(rest), x[rest], c, 0.0), f"{rest.size} shots that are followed")
+        x[rest], x[odd] = others.initial_states, found_states(bare.only(odd), others.constants)
+        now = fit(Point(bare, x, others.constants, 0.0), "all shots")
+        if not _score(now) < _score(found) - BETTER_LOSS:
+            return found
+        log.info("%d shots beyond the noise searched at the constants of the others", odd.size)
+        found = now
+
+
+def _score(found: FittedModel) -> float:
+    """Negative log likelihood of all shots."""
+    return float(shot_scores(found.problem, found.initial_states, found.constants)[0].sum())
 
 
 def begin(clip_set: ClipSet, model: Model) -> tuple[Split, FittedModel]:

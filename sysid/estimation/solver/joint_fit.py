@@ -39,7 +39,7 @@ from sysid.estimation.solver.spread import by_parts
 MAX_STALLED_STEPS = 2  # in a row that improve nothing
 MAX_ATTEMPTS = 8  # at a step of the constants, ten times the damping each
 FIRST_DAMPING = 1e-4
-MORE_STATE_STEPS = 6  # times as many, where no step of the constants helps
+STATE_STEPS = 6  # of initial states, at most, for every step of the constants
 NEGLIGIBLE_LOSS = 0.5  # less than a standard deviation along any direction
 ROUGH_LOSS = 10.0  # times the tolerance: what a step may still predict where the loss is rough
 ARRIVED_SD = 0.02  # of a standard deviation: a predicted step that is small enough
@@ -81,7 +81,6 @@ class StoppingRule:
     """When a fit of constants ends."""
 
     steps: int = 20  # of the constants, at most
-    state_steps: int = 2  # of the initial states, for every step of the constants
     tolerance: float = 1e-5  # share of the loss
 
 
@@ -151,7 +150,7 @@ def fit_joint(
     def fits(found: tuple[Array, ...]) -> bool:
         return objective.holds(found[0]) and bool(np.all((found[1] >= low) & (found[1] <= high)))
 
-    limits = np.array([rule.steps, rule.state_steps, rule.tolerance, objective.cauchy_sd])
+    limits = np.array([rule.steps, rule.tolerance, objective.cauchy_sd])
     question, shapes = (x, c, shared.bounds, limits), (x.shape, c.shape, ())
     x, c, cost = recorded(lambda: _minimised(joint, x, c, what), question, shapes, fits)
     reduced, sd, width = joint.reduced(x, c), joint.prior.sd, shared.width
@@ -173,7 +172,7 @@ def is_within(step: Array, covariance: Array) -> bool:
 def _minimised(joint: _Joint, x: Array, c: Array, what: str) -> tuple[Array, ...]:
     """Initial states and constants of the least loss, and that loss."""
     objective, rule = joint.objective, joint.rule
-    x, costs = fit_each(objective, x, c, 3 * rule.state_steps)
+    x, costs = fit_each(objective, x, c, STATE_STEPS)
     at = _Iterate(x, c, joint.cost(costs, c), FIRST_DAMPING)
     stalled = 0
     for step in range(rule.steps):
@@ -181,7 +180,7 @@ def _minimised(joint: _Joint, x: Array, c: Array, what: str) -> tuple[Array, ...
         reduced = joint.reduced(at.x, at.c)
         newton = joint.newton(reduced, at.c)
         arrived = joint.arrived(newton, at)
-        new = joint.lower(at, reduced, newton, 1 if arrived else 2 * MAX_ATTEMPTS)
+        new = joint.lower(at, reduced, newton, 1 if arrived else MAX_ATTEMPTS)
         if new is None:
             break
         # A loss that is rough at the scale of what is left to improve has no better optimum to offer.
@@ -264,16 +263,14 @@ class _Joint:
 
     def lower(self, at: _Iterate, reduced: ReducedSystem, newton: _Newton, attempts: int) -> _Iterate | None:
         """A step that lowers the loss, damped as much as it takes; None where none is found."""
-        damping, state_steps, free = at.damping, self.rule.state_steps, newton.free
+        damping, free = at.damping, newton.free
         h, g, step = newton.hessian[np.ix_(free, free)], newton.gradient[free], np.zeros(at.c.size)
         low, high = self.shared.bounds.T
-        for attempt in range(attempts):
-            if attempt == MAX_ATTEMPTS:  # perhaps the initial states do not get to where a step would lead them
-                damping, state_steps = FIRST_DAMPING, MORE_STATE_STEPS * self.rule.state_steps
+        for _ in range(attempts):
             damped = h + damping * np.diag(np.diag(h)) + 1e-12 * np.eye(len(g))
             step[free] = np.linalg.solve(damped, g)
             c = np.clip(at.c - step, low, high)
-            x, costs = fit_each(self.objective, self._best_start(at, reduced, c), c, state_steps)
+            x, costs = fit_each(self.objective, self._best_start(at, reduced, c), c, STATE_STEPS)
             cost = self.cost(costs, c)
             if cost < at.cost:
                 return _Iterate(x, c, cost, max(damping / 10, MIN_DAMPING))

@@ -4,8 +4,9 @@ In: an `Objective`: residuals as a function of initial states and constants, fin
 Out: the initial states with the lowest loss. joint_fit.py beside it fits the constants that problems share.
 
 Every iteration asks for all residuals and their finite differences in one call, which is one batch of simulations.
-Levenberg-Marquardt with Marquardt's scaling and a damping for every problem. The loss is Cauchy's,
-c^2/2 log(1 + (r/c)^2), by reweighting.
+Levenberg-Marquardt with Marquardt's scaling and a damping for every problem, which ends where the full step promises
+no more; a step that fails follows the bend of its valley (`_Local.step`). The loss is Cauchy's, c^2/2 log(1 + (r/c)^2),
+by reweighting.
 """
 
 from __future__ import annotations
@@ -19,7 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.estimation.solver.journal import recorded
-from sysid.estimation.solver.normal_equations import NormalEquations, from_differences, robust_loss
+from sysid.estimation.solver.normal_equations import (
+    NormalEquations,
+    from_differences,
+    projected,
+    robust_loss,
+)
 from sysid.estimation.solver.spread import by_parts
 
 Array = NDArray[np.float64]
@@ -29,6 +35,8 @@ MAX_STEP_SD, SHORT_STEP_SD = 0.3, 0.1  # of what a difference tells of its unkno
 MAX_SHORTENINGS = 3  # as a difference that is far too long tells too little
 MAX_STATE_ATTEMPTS = 6  # at a step of the initial states, ten times the damping each
 BATCH_PROBLEMS = 32  # whose residuals are in memory at a time, once for each finite difference
+PROBED = 0.1  # of a step, over which its bend is measured
+NO_STEPS = np.zeros(0)
 NO_BOUNDS = np.array([[-np.inf, np.inf]])
 SINGULAR_SHARE = 1e-9  # eigenvalue of a scaled matrix up to which nothing is determined
 Mask = NDArray[np.bool_]
@@ -66,6 +74,10 @@ class Objective:
     lengths: NDArray[np.int64] | None = None  # (n,) residuals of each, for `evaluate` of some to give the longest's
     free: Mask | None = None  # (n, p) which unknowns each has; None for all
     rough: bool = False  # whether residuals are too rough for differences over shorter steps
+
+    def batches(self, which: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        """Places of problems (n,) in batches whose residuals are in memory at a time, of alike length."""
+        return batches(which if self.lengths is None else self.lengths[which])
 
     def only(self, rows: NDArray[np.int64]) -> Objective | None:
         """That of some problems, for other processes; None where it cannot leave this one."""
@@ -202,7 +214,7 @@ def fit_each(
         c: (q,) constants.
         iterations: at most.
         which: (n,) numbers of the problems; None for all in order.
-        tolerance: share of its loss by which a problem must improve in an iteration to be continued.
+        tolerance: share of its loss that a step must promise for a problem to be continued.
     """
     which = np.arange(len(x)) if which is None else which
 
@@ -218,48 +230,106 @@ def _fit_each(
     objective: Objective, x: Array, c: Array, which: NDArray[np.int64], iterations: int, tolerance: float
 ) -> tuple[Array, Array]:
     """See `fit_each`."""
-    n, p = x.shape
-    prior = objective.prior.only(which)
-    x, damping, cost = objective.inside(x), np.full(n, FIRST_STATE_DAMPING), np.full(n, np.inf)
-    active = np.arange(n)
-    means, sds = np.broadcast_to(prior.mean, (n, p)), np.broadcast_to(prior.sd, (n, p))
+    x, cost = objective.inside(x), np.full(len(x), np.inf)
+    for rows in objective.batches(which):
+        x[rows], cost[rows] = _fit_batch(objective, x[rows], c, which[rows], iterations, tolerance)
+    return x, cost
+
+
+def _fit_batch(
+    objective: Objective, x: Array, c: Array, which: NDArray[np.int64], iterations: int, tolerance: float
+) -> tuple[Array, Array]:
+    """See `fit_each`."""
+    n = len(x)
+    damping, cost, active = np.full(n, FIRST_STATE_DAMPING), np.full(n, np.inf), np.arange(n)
     for _step in range(iterations):
-        here = Prior(means[active], sds[active])
-        cost[active], a, g = _linearised(objective, x[active], c, which[active], here)
-        diagonal = np.einsum("npp->np", a) + 1 / here.sd**2
-        trial, trial_cost = x[active].copy(), np.full(active.size, np.inf)
-        todo = np.arange(active.size)
+        here = _Local.at(objective, x[active], c, which[active])
+        arrived = here.promised <= tolerance * (1.0 + here.cost)
+        found, new_cost, todo = here.x.copy(), here.cost.copy(), np.arange(active.size)
         for _ in range(MAX_STATE_ATTEMPTS):
-            lhs = a[todo] + np.einsum(
-                "np,pq->npq", 1 / here.sd[todo] ** 2 + damping[active[todo], None] * diagonal[todo] + 1e-12, np.eye(p)
-            )
-            step = -solve_each(lhs, g[todo][..., None])[..., 0]
-            new = objective.inside(x[active[todo]] + step)
-            r_new = objective.evaluate(new, np.broadcast_to(c, (todo.size, c.size)), which[active[todo]])
-            new_cost = loss(r_new, objective.cauchy_sd) + 0.5 * np.sum(here.only(todo).residuals(new) ** 2, axis=1)
-            better = new_cost < cost[active[todo]]
-            trial[todo[better]], trial_cost[todo[better]] = new[better], new_cost[better]
+            trial, trial_cost = here.step(todo, damping[active[todo]])
+            better = trial_cost < here.cost[todo]
+            found[todo[better]], new_cost[todo[better]] = trial[better], trial_cost[better]
             damping[active[todo[better]]] = np.maximum(damping[active[todo[better]]] / 10, MIN_DAMPING)
-            todo = todo[~better]
-            damping[active[todo]] *= 10
-            if todo.size == 0:
+            damping[active[todo[~better]]] *= 10
+            todo = todo[~better & ~arrived[todo]]
+            if not todo.size:
                 break
-        failed = ~np.isfinite(trial_cost)
-        improvement = np.where(failed, 0.0, cost[active] - np.where(failed, 0.0, trial_cost))
-        x[active] = trial
-        cost[active] = np.where(failed, cost[active], trial_cost)
-        active = active[improvement > tolerance * (1.0 + cost[active])]
+        x[active], cost[active] = found, new_cost
+        active = active[~arrived & (new_cost < here.cost)]
         if active.size == 0:
             break
     return x, cost
 
 
-def _linearised(
-    objective: Objective, x: Array, c: Array, which: NDArray[np.int64], prior: Prior
-) -> tuple[Array, Array, Array]:
-    """Loss (n,), J^T W J (n, p, p) of the data alone, and gradient of the loss (n, p); loss and gradient with prior."""
-    data, r = linearised(objective, x, c, which, np.zeros(0)), prior.residuals(x)
-    return data.loss + 0.5 * np.sum(r * r, axis=1), data.matrix, data.gradient + r / prior.sd
+@dataclass(frozen=True)
+class _Local:
+    """n problems about a point, and steps from there."""
+
+    objective: Objective
+    x: Array  # (n, p)
+    c: Array  # (q,)
+    which: NDArray[np.int64]  # (n,)
+    prior: Prior  # (n, p)
+    cost: Array  # (n,) the prior's with it
+    matrix: Array  # (n, p, p) J^T W J, the prior's with it
+    gradient: Array  # (n, p)
+    scale: Array  # (n, p) diagonal of the matrix
+    rows: Array  # (1 + p, n, m) residuals here, and with each unknown moved
+    steps: Array  # (n, p) by which
+
+    @classmethod
+    def at(cls, objective: Objective, x: Array, c: Array, which: NDArray[np.int64]) -> _Local:
+        """From finite differences."""
+        data, rows, share = _differenced(objective, x, c, which, NO_STEPS)
+        known = objective.prior.only(which)
+        prior = Prior(np.broadcast_to(known.mean, x.shape), np.broadcast_to(known.sd, x.shape))
+        r, precision = prior.residuals(x), 1 / prior.sd**2
+        matrix = data.matrix + np.einsum("np,pq->npq", precision + 1e-12, np.eye(x.shape[1]))
+        return cls(
+            objective, x, c, which, prior, data.loss + 0.5 * np.sum(r * r, axis=1), matrix,
+            data.gradient + r / prior.sd, np.einsum("npp->np", matrix), rows, share[:, None] * objective.steps,
+        )  # fmt: skip
+
+    def played(self, x: Array, some: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Residuals (k, m) of some problems at states (k, p), and their cost (k,)."""
+        r = self.objective.evaluate(x, np.broadcast_to(self.c, (some.size, self.c.size)), self.which[some])
+        known = self.prior.only(some).residuals(x)
+        return r, loss(r, self.objective.cauchy_sd) + 0.5 * np.sum(known**2, axis=1)
+
+    @property
+    def promised(self) -> Array:
+        """By how much the full step lowers a cost that is quadratic: (n,)."""
+        full = solve_each(self.matrix, self.gradient[..., None])[..., 0]
+        return np.asarray(0.5 * np.einsum("np,np->n", self.gradient, full))
+
+    def step(self, some: NDArray[np.int64], damping: Array) -> tuple[Array, Array]:
+        """States (k, p) after a step of some problems with a damping each (k,), and their cost (k,).
+
+        After a dozen impacts the cost has narrow valleys, which bend. Where it does not fall, the step follows the bend
+        (geodesic acceleration: M. K. Transtrum and J. P. Sethna, arXiv:1201.5885), if that is better.
+        """
+        matrix = self.matrix[some]
+        damped = matrix + np.einsum("n,np,pq->npq", damping, self.scale[some], np.eye(self.x.shape[1]))
+        straight = -solve_each(damped, self.gradient[some][..., None])[..., 0]
+        x = self.objective.inside(self.x[some] + straight)
+        _, cost = self.played(x, some)
+        bent = np.flatnonzero(~(cost < self.cost[some]))
+        if not bent.size:
+            return x, cost
+        rows, along = some[bent], straight[bent]
+        ahead, behind = (
+            self.played(self.objective.inside(self.x[rows] + part * along), rows)[0] for part in (PROBED, -PROBED)
+        )
+        now = self.rows[:, rows, : ahead.shape[1]]  # as long as the longest of them
+        curvature = (ahead - 2 * now[0] + behind) / PROBED**2
+        right = projected(now, self.steps[rows], curvature, self.objective.cauchy_sd)
+        bend = -0.5 * solve_each(damped[bent], right[..., None])[..., 0]
+        curved = self.objective.inside(self.x[rows] + along + bend)
+        _, curved_cost = self.played(curved, rows)
+        closer = curved_cost < cost[bent]
+        x[bent[closer]], cost[bent[closer]] = curved[closer], curved_cost[closer]
+        return x, cost
 
 
 def linearised(objective: Objective, x: Array, c: Array, which: NDArray[np.int64], steps_c: Array) -> NormalEquations:
@@ -273,8 +343,8 @@ def _normal_equations(
     """See `linearised`: loss, matrix and gradient."""
     n, k = len(x), x.shape[1] + len(steps_c)
     loss, matrix, gradient = np.empty(n), np.empty((n, k, k)), np.empty((n, k))
-    for rows in batches(which if objective.lengths is None else objective.lengths[which]):
-        part = _differenced(objective, x[rows], c, which[rows], steps_c)
+    for rows in objective.batches(which):
+        part, _, _ = _differenced(objective, x[rows], c, which[rows], steps_c)
         loss[rows], matrix[rows], gradient[rows] = part.loss, part.matrix, part.gradient
     return loss, matrix, gradient
 
@@ -285,17 +355,19 @@ def batches(lengths: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     return np.split(order, range(BATCH_PROBLEMS, len(order), BATCH_PROBLEMS))
 
 
-def _differenced(objective: Objective, x: Array, c: Array, which: NDArray[np.int64], steps_c: Array) -> NormalEquations:
+def _differenced(
+    objective: Objective, x: Array, c: Array, which: NDArray[np.int64], steps_c: Array
+) -> tuple[NormalEquations, Array, Array]:
     """Normal equations from finite differences, over shorter steps where they tell more of an unknown than that.
 
-    After a dozen impacts an initial state is known to a millionth of a millimetre, and a difference over a thousandth
-    says nothing of the slope.
+    With the residuals (1 + k, n, m) that they are of, and the share (n,) of the steps over which they are taken. After
+    a dozen impacts an initial state is known to a millionth of a millimetre, and a difference over a thousandth says
+    nothing of the slope.
     """
     steps = np.concatenate([objective.steps, steps_c])
     free = None if objective.free is None else objective.free[which]
-    found = from_differences(
-        moved(objective.evaluate, x, c, which, objective.steps, steps_c, free=free), steps, objective.cauchy_sd
-    )
+    rows = moved(objective.evaluate, x, c, which, objective.steps, steps_c, free=free)
+    found = from_differences(rows, steps, objective.cauchy_sd)
     share = np.ones(len(x))
     for _ in range(0 if objective.rough else MAX_SHORTENINGS):
         told = np.sqrt(np.max(np.einsum("npp->np", found.matrix) * steps**2, axis=1, initial=0.0))  # steps over sd
@@ -303,14 +375,15 @@ def _differenced(objective: Objective, x: Array, c: Array, which: NDArray[np.int
         if not far.size:
             break
         share[far] = SHORT_STEP_SD / told[far]
-        rows = moved(
+        now = moved(
             objective.evaluate, x[far], c, which[far], objective.steps, steps_c, share[far],
             None if free is None else free[far],
         )  # fmt: skip
-        finer = from_differences(rows, steps, objective.cauchy_sd)
+        rows[:, far, : now.shape[2]] = now
+        finer = from_differences(now, steps, objective.cauchy_sd)
         found.matrix[far] = finer.matrix / share[far, None, None] ** 2
         found.gradient[far] = finer.gradient / share[far, None]
-    return found
+    return found, rows, share
 
 
 def best_of(objective: Objective, starts: Array, c: Array, which: NDArray[np.int64]) -> tuple[Array, ...]:

@@ -61,6 +61,34 @@ def from_derivatives(residuals: Array, rows: Array, c: float) -> NormalEquations
     return _summed(np.ascontiguousarray(residuals), np.ascontiguousarray(rows), np.zeros(0), c)
 
 
+def projected(rows: Array, steps: Array, vectors: Array, c: float) -> Array:
+    """J^T W v of every problem (n, k), for vectors v (n, m).
+
+    Args:
+        rows: (1 + k, n, m) residuals at a point, and with each of k unknowns moved.
+        steps: (n, k) by which.
+        vectors: v; what is not finite counts nothing.
+        c: Cauchy's constant.
+    """
+    out = np.empty(steps.shape)
+    rows, steps, vectors = (np.ascontiguousarray(values, float) for values in (rows, steps, vectors))
+    over_threads(lambda first, last: _project(rows, steps, vectors, float(c), out, first, last), len(steps))
+    return out
+
+
+@compiled_sums
+def _project(rows, steps, vectors, c, out, first, last):  # type: ignore[no-untyped-def]
+    for n in range(first, last):
+        for k in range(steps.shape[1]):
+            total = 0.0
+            for s in range(rows.shape[2]):
+                value = rows[0, n, s]
+                d = (rows[1 + k, n, s] - value) * vectors[n, s]
+                if math.isfinite(d):
+                    total += d / (1.0 + (value / c) * (value / c))
+            out[n, k] = total / steps[n, k]
+
+
 def _summed(residuals: Array, rows: Array, steps: Array, c: float) -> NormalEquations:
     """From residuals (n, m) and rows (k, n, m): residuals moved by steps (k,), or derivatives where there are none."""
     k, n = rows.shape[:2]

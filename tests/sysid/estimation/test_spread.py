@@ -31,7 +31,7 @@ def problem_of(engine: str) -> ShotProblem:
 def fitted(problem: ShotProblem) -> Solution:
     shared = shared_constants(problem.model, problem.names, problem.known)
     c = values_of(problem.model, problem.names)
-    return fit_joint(problem.objective(), problem.start, c, shared, StoppingRule(2, 1, 1e-5))
+    return fit_joint(problem.objective(), problem.start, c, shared, StoppingRule(2, 1e-5))
 
 
 @pytest.mark.slow
