@@ -156,7 +156,7 @@ def test_a_narrow_valley_that_bends_is_followed_to_its_end() -> None:
 
 
 def test_a_small_first_gain_is_no_end() -> None:
-    """Along a direction that tells ten thousand times less than another, the first, damped steps gain nearly nothing."""
+    """Along a direction that tells 10,000 times less than another, the first, damped steps gain nearly nothing."""
 
     def evaluate(x: Array, c: Array, which: Index) -> Array:
         return np.column_stack([1e4 * (x[:, 0] - x[:, 1]), x[:, 0] + x[:, 1] - 4])
