@@ -15,6 +15,7 @@ rate, whether it converged, and the error on held-out clips. In the order of a f
     from_nothing      a model fitted to clips: windows first, then whole shots from there
     discrepancy       discrepancy of the model, which grows along a shot
     fitting           `fit(start)`: constants and initial states of whole shots together, from nearly right ones
+    profile           standard deviations from profiles of a loss that is rough
     split             a clip set's training and held-out shots, those excluded that are lost; fits evaluated on both
     start_values      where initial states begin
     clip_fit          a model fitted to a clip set: `sysid fit`

@@ -25,6 +25,7 @@ from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_held_out
 from sysid.estimation.initial_states import shot_losses, shot_scores, with_scatter, within_noise
 from sysid.estimation.problem import Array, values_of
+from sysid.estimation.profile import profiled
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, exclusion_lines, lost_shots, shot_errors, split, typical_error
 from sysid.estimation.state_search import BETTER_LOSS
@@ -153,6 +154,8 @@ def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False) -> Fitte
         now = fit(now, "whole shots")
         if now.discrepancy_rate == 0.0:  # where most are followed to the noise, others began elsewhere
             now = with_found_starts(now)
+            if now.problem.is_long:
+                now = profiled(now)
     if at.held_out is None or parts.held_out is None:
         return now
     x = whole_states(at.held_out, at.held_states, now.constants, at.held_out.problem)

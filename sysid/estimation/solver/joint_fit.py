@@ -124,6 +124,12 @@ def _eliminated(normal: NormalEquations, x: Array, prior: Prior) -> ReducedSyste
     return ReducedSystem(information, gradient, state_by_constant, state_step)
 
 
+def reduced_system(objective: Objective, x: Array, c: Array, shared: SharedConstants) -> ReducedSystem:
+    """`eliminated`, from finite differences about initial states (n, p) and constants (q,)."""
+    data = linearised(objective, x, c, np.arange(len(x)), shared.steps_from(c))
+    return _eliminated(data, x, objective.prior)
+
+
 def fit_joint(
     objective: Objective, x: Array, c: Array, shared: SharedConstants, rule: StoppingRule | None = None,
     what: str = "fit",
@@ -244,9 +250,8 @@ class _Joint:
         return float(each.sum()) + 0.5 * float(np.sum(self.prior.residuals(c) ** 2))
 
     def reduced(self, x: Array, c: Array) -> ReducedSystem:
-        """`eliminated`, from finite differences."""
-        data = linearised(self.objective, x, c, np.arange(len(x)), self.shared.steps_from(c))
-        return _eliminated(data, x, self.objective.prior)
+        """See `reduced_system`."""
+        return reduced_system(self.objective, x, c, self.shared)
 
     def newton(self, reduced: ReducedSystem, c: Array) -> _Newton:
         """The full step and the improvement that it predicts."""
