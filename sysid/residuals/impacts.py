@@ -38,7 +38,6 @@ RESTING_MOTION_M = 0.003  # apparent motion of a ball at rest
 ROLLED_SAMPLES = 12  # of rolling before an impact with which the spin is known
 DOUBTFUL_RATIO = 1.2  # rms of a segment over the median of all from which its initial state is doubtful
 DOUBTFUL_SD = 0.05  # of the approach: sd of a velocity where spin or segment are doubtful [1]
-VELOCITY_WINDOW_S = 0.25  # of a segment that determines the velocity at its end
 
 
 @dataclass(frozen=True)
@@ -157,7 +156,7 @@ def _rows(case: _Case, track: Track, event: Event, fits: SegmentFits, sigma: flo
     size = float(np.hypot(*tangent))
     tangent = tangent / size if size > 0.05 * approach else np.array([-normal[1], normal[0]])
     slip, _ = motions(before.velocity[:, 0], before.spin[:, 0], radius)
-    usual = np.median(fits.ratio[fits.good])
+    usual, scale = np.median(fits.ratio[fits.good]), sigma / fits.problem.noise
     rows = []
     for ball, after in case.after:
         t = segments[after].time
@@ -165,7 +164,7 @@ def _rows(case: _Case, track: Track, event: Event, fits: SegmentFits, sigma: flo
         jump = (fits.tracks[after].velocity[COMPARED_SAMPLE, 0] - track.velocity[index, ball]) / approach
         if not np.isfinite(jump).all():
             continue
-        sd = float(np.hypot(_velocity_sd(t, sigma), _velocity_sd(s.time[::-1], sigma))) / approach
+        sd = scale * float(np.hypot(fits.velocity_sds[after, 0], fits.velocity_sds[case.before, 1])) / approach
         slides = (slip[-ROLLED_SAMPLES:] > MIN_SLIP_M_S).any()
         if slides or max(fits.ratio[after], fits.ratio[case.before]) > DOUBTFUL_RATIO * usual:
             sd = float(np.hypot(sd, DOUBTFUL_SD))
@@ -203,11 +202,3 @@ def _position_at(shot: Shot, time: float, contact: float | None) -> Array:
     along = float(to @ unit)
     across_squared = float(to @ to) - along**2
     return np.asarray(start + unit * (along - np.sqrt(max(contact**2 - across_squared, 0.0))))
-
-
-def _velocity_sd(time: Array, sigma: float) -> float:
-    """Standard deviation of the velocity at the first of these times, from a straight line through a window [m/s]."""
-    part = time[np.abs(time - time[0]) <= VELOCITY_WINDOW_S] if abs(time[-1] - time[0]) > VELOCITY_WINDOW_S else time
-    if len(part) < 2:
-        part = time[:2]
-    return float(sigma / np.sqrt(np.sum((part - part.mean()) ** 2)))

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.model_file import read_model
+from models.model_file import full_model, read_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation.chain_search import found_states
+from sysid.estimation.from_nothing import begin
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.state_search import searched_states
@@ -78,3 +79,17 @@ def test_the_true_model_finds_five_shots_of_ten_impacts(data_folder: Path) -> No
     clip_set, model = read_clip_set(folder / "clips_without_cue"), read_model(folder / "truth.toml")
     problem = shot_problem(model, (), clip_set, position_noise(clip_set))
     assert struck_rms(problem, found_states(problem, NO_CONSTANTS)).max() < 0.00045
+
+
+@pytest.mark.slow
+def test_constants_of_long_shots_are_found_with_honest_intervals() -> None:
+    """All constants unknown: the shots end at the noise, and each constant within what the fit claims of it."""
+    table, ball = CAROM
+    true = true_model(table, ball)
+    _, found = begin(long_shots(true, 501, 10), full_model(table, ball))
+    sizes = {"table.length": table.length, "table.width": table.width, "ball.diameter": ball.diameter}
+    truth = np.array([{**true.parameters(), **sizes}[name] for name in found.names])
+    assert found.converged
+    assert found.chi2 < 1.02
+    off = (found.constants - truth) / np.sqrt(np.diag(found.covariance))
+    assert np.all(np.abs(off) < 4.0), dict(zip(found.names, off, strict=True))
