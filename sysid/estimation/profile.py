@@ -19,7 +19,7 @@ import numpy as np
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.fitting import fit
 from sysid.estimation.problem import Array, shared_constants
-from sysid.estimation.solver.joint_fit import STATE_STEPS, reduced_system
+from sysid.estimation.solver.joint_fit import MAX_STATE_STEPS, reduced_system
 from sysid.estimation.solver.least_squares import best_of, fit_each
 from sysid.estimation.state_search import BETTER_LOSS
 
@@ -47,7 +47,7 @@ def _widenings(found: FittedModel) -> tuple[Point | None, Array]:
     follow = reduced_system(objective, x, c, shared).state_by_constant
     known, sd = np.nan_to_num(found.covariance), np.sqrt(np.diag(found.covariance))
     low, high = shared.bounds.T
-    _, losses = fit_each(objective, x, c, STATE_STEPS)
+    _, losses = fit_each(objective, x, c, MAX_STATE_STEPS)
     widening = np.ones(c.size)
     for k in np.flatnonzero(np.isfinite(sd)):
         for side in (-1.0, 1.0):
@@ -55,7 +55,7 @@ def _widenings(found: FittedModel) -> tuple[Point | None, Array]:
                 moved = np.clip(c + side * wide * known[:, k] / sd[k], low, high)
                 along = objective.inside(x - np.einsum("npq,q->np", follow, moved - c))
                 (start,) = best_of(objective, np.stack([x, along], axis=1), moved, np.arange(len(x)))
-                states, there = fit_each(objective, start, moved, STATE_STEPS)
+                states, there = fit_each(objective, start, moved, MAX_STATE_STEPS)
                 rise = float(there.sum() - losses.sum())
                 if rise < -BETTER_LOSS:
                     log.info("%s: loss %.1f lower nearby", problem.names[k], -rise)

@@ -139,9 +139,9 @@ def _recorded(seen: Objective, before: Objective, optima: Optima, c: Array, effo
 
 def _searched(seen: Objective, before: Objective, optima: Optima, c: Array, effort: int) -> Optima:
     """Optima of an objective, from those of the one before it."""
-    origin = _information(before, optima.states, c, optima.shots)
+    origin = state_information(before, optima.states, c, optima.shots)
     x, loss = fit_each(seen, optima.states, c, COARSE_STEPS + FINE_STEPS, optima.shots)
-    found = _distinct(optima.shots, x, loss, _information(seen, x, c, optima.shots), effort * MAX_OPTIMA)
+    found = _distinct(optima.shots, x, loss, state_information(seen, x, c, optima.shots), effort * MAX_OPTIMA)
     drawing, drawn, count, most = np.unique(optima.shots), 0, effort * FIRST_DRAWS, effort * MAX_OPTIMA
     while drawing.size and drawn < effort * MAX_DRAWS:
         shots, starts = _draws(optima, origin, drawing, drawn, count)
@@ -153,7 +153,7 @@ def _searched(seen: Objective, before: Objective, optima: Optima, c: Array, effo
         now = _distinct(
             np.concatenate([found.shots, shots]), np.concatenate([found.states, x]),
             np.concatenate([found.losses, loss]),
-            np.concatenate([found.information, _information(seen, x, c, shots)]), most,
+            np.concatenate([found.information, state_information(seen, x, c, shots)]), most,
         )  # fmt: skip
         gain = found.lowest - now.lowest
         drawing, found = drawing[gain[drawing] > BETTER_LOSS], now
@@ -205,7 +205,7 @@ def _best_share(shots: Index, losses: Array) -> Index:
     return np.sort(np.concatenate(some))
 
 
-def _information(objective: Objective, x: Array, c: Array, shots: Index) -> Array:
+def state_information(objective: Objective, x: Array, c: Array, shots: Index) -> Array:
     """Of initial states (k, p) of these shots, what is known beside the samples with it: (k, p, p).
 
     A state that nothing determines is anywhere within its bounds.

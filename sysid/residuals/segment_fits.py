@@ -19,7 +19,8 @@ from sysid.clips.segments import split_all
 from sysid.estimation.open_cloth import START_CAUCHY_SD, UNSEEN_EVENT_RATIO, cloth_constants, ratios
 from sysid.estimation.problem import STATE_STEPS, Array, values_of
 from sysid.estimation.segment_problem import SegmentProblem, segment_problem
-from sysid.estimation.solver.least_squares import fit_each, linearised
+from sysid.estimation.solver.least_squares import fit_each
+from sysid.estimation.state_search import state_information
 
 MAX_FIT_STEPS = 10
 START_ROLLS = (1.0, 0.0)  # spin with which fits of a segment begin, of natural roll
@@ -48,27 +49,16 @@ class SegmentFits:
     def velocity_sds(self) -> Array:
         """(n, 2) Standard deviation an axis of the velocity with which each begins and ends [m/s].
 
-        From what its samples, and what is known before them, tell of its initial state.
+        From the information on its initial state, what is known beside its samples with it.
         """
         p, x = self.problem, self.initial_states
-        c, width = values_of(p.model, p.names), np.ptp(p.objective(START_CAUCHY_SD).bounds, axis=1)
-        told = linearised(p.objective(START_CAUCHY_SD), x, c, np.arange(len(x)), np.zeros(0)).matrix
-        known = 1 / np.broadcast_to(p.prior.sd, x.shape) ** 2 + 1 / width**2
-        covariance = np.linalg.inv(told + np.einsum("np,pq->npq", known, np.eye(x.shape[1])))
-        moved = [
-            simulate(p.model, [p.shot(row, k) for k, row in enumerate(x + step * unit)])
-            for step, unit in zip(STATE_STEPS, np.eye(x.shape[1]), strict=True)
-        ]
-        by_state = np.stack(
-            [
-                [
-                    (there.velocity[-1, 0] - here.velocity[-1, 0]) / step
-                    for there, here in zip(of, self.tracks, strict=True)
-                ]
-                for of, step in zip(moved, STATE_STEPS, strict=True)
-            ],
-            axis=2,
-        )  # (n, 2, p)
+        c, every = values_of(p.model, p.names), np.arange(len(x))
+        covariance = np.linalg.inv(state_information(p.objective(START_CAUCHY_SD), x, c, every))
+        steps = np.diag(STATE_STEPS)
+        shots = [p.shot(row, k) for step in steps for k, row in enumerate(x + step)]
+        end = np.array([track.velocity[-1, 0] for track in self.tracks])
+        moved = np.array([track.velocity[-1, 0] for track in simulate(p.model, shots)]).reshape(len(steps), *end.shape)
+        by_state = np.moveaxis((moved - end) / STATE_STEPS[:, None, None], 0, -1)  # (n, 2, p)
         at_end = np.einsum("nap,npq,naq->n", by_state, covariance, by_state)
         at_start = covariance[:, 2, 2] + covariance[:, 3, 3]
         return np.sqrt(np.column_stack([at_start, at_end]) / 2)

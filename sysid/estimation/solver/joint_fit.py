@@ -39,7 +39,7 @@ from sysid.estimation.solver.spread import by_parts
 MAX_STALLED_STEPS = 2  # in a row that improve nothing
 MAX_ATTEMPTS = 8  # at a step of the constants, ten times the damping each
 FIRST_DAMPING = 1e-4
-STATE_STEPS = 6  # of initial states, at most, for every step of the constants
+MAX_STATE_STEPS = 6  # of initial states, at most, for every step of the constants
 NEGLIGIBLE_LOSS = 0.5  # less than a standard deviation along any direction
 ROUGH_LOSS = 10.0  # times the tolerance: what a step may still predict where the loss is rough
 ARRIVED_SD = 0.02  # of a standard deviation: a predicted step that is small enough
@@ -178,7 +178,7 @@ def is_within(step: Array, covariance: Array) -> bool:
 def _minimised(joint: _Joint, x: Array, c: Array, what: str) -> tuple[Array, ...]:
     """Initial states and constants of the least loss, and that loss."""
     objective, rule = joint.objective, joint.rule
-    x, costs = fit_each(objective, x, c, STATE_STEPS)
+    x, costs = fit_each(objective, x, c, MAX_STATE_STEPS)
     at = _Iterate(x, c, joint.cost(costs, c), FIRST_DAMPING)
     stalled = 0
     for step in range(rule.steps):
@@ -275,7 +275,7 @@ class _Joint:
             damped = h + damping * np.diag(np.diag(h)) + 1e-12 * np.eye(len(g))
             step[free] = np.linalg.solve(damped, g)
             c = np.clip(at.c - step, low, high)
-            x, costs = fit_each(self.objective, self._best_start(at, reduced, c), c, STATE_STEPS)
+            x, costs = fit_each(self.objective, self._best_start(at, reduced, c), c, MAX_STATE_STEPS)
             cost = self.cost(costs, c)
             if cost < at.cost:
                 return _Iterate(x, c, cost, max(damping / 10, MIN_DAMPING))

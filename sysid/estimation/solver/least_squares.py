@@ -4,9 +4,9 @@ In: an `Objective`: residuals as a function of initial states and constants, fin
 Out: the initial states with the lowest loss. joint_fit.py beside it fits the constants that problems share.
 
 Every iteration asks for all residuals and their finite differences in one call, which is one batch of simulations.
-Levenberg-Marquardt with Marquardt's scaling and a damping for every problem, which ends where the full step promises
-no more; a step that fails follows the bend of its valley (`_Local.step`). The loss is Cauchy's, c^2/2 log(1 + (r/c)^2),
-by reweighting.
+Levenberg-Marquardt with Marquardt's scaling and a damping for every problem, which ends where the full step predicts
+no improvement; a step that fails follows the bend of its valley (`_Local.step`). The loss is Cauchy's,
+c^2/2 log(1 + (r/c)^2), by reweighting.
 """
 
 from __future__ import annotations
@@ -214,7 +214,7 @@ def fit_each(
         c: (q,) constants.
         iterations: at most.
         which: (n,) numbers of the problems; None for all in order.
-        tolerance: share of its loss that a step must promise for a problem to be continued.
+        tolerance: share of its loss that a full step must predict as improvement for a problem to be continued.
     """
     which = np.arange(len(x)) if which is None else which
 
@@ -244,7 +244,7 @@ def _fit_batch(
     damping, cost, active = np.full(n, FIRST_STATE_DAMPING), np.full(n, np.inf), np.arange(n)
     for _step in range(iterations):
         here = _Local.at(objective, x[active], c, which[active])
-        arrived = here.promised <= tolerance * (1.0 + here.cost)
+        arrived = here.predicted <= tolerance * (1.0 + here.cost)
         found, new_cost, todo = here.x.copy(), here.cost.copy(), np.arange(active.size)
         for _ in range(MAX_STATE_ATTEMPTS):
             trial, trial_cost = here.step(todo, damping[active[todo]])
@@ -274,7 +274,6 @@ class _Local:
     cost: Array  # (n,) the prior's with it
     matrix: Array  # (n, p, p) J^T W J, the prior's with it
     gradient: Array  # (n, p)
-    scale: Array  # (n, p) diagonal of the matrix
     rows: Array  # (1 + p, n, m) residuals here, and with each unknown moved
     steps: Array  # (n, p) by which
 
@@ -288,7 +287,7 @@ class _Local:
         matrix = data.matrix + np.einsum("np,pq->npq", precision + 1e-12, np.eye(x.shape[1]))
         return cls(
             objective, x, c, which, prior, data.loss + 0.5 * np.sum(r * r, axis=1), matrix,
-            data.gradient + r / prior.sd, np.einsum("npp->np", matrix), rows, share[:, None] * objective.steps,
+            data.gradient + r / prior.sd, rows, share[:, None] * objective.steps,
         )  # fmt: skip
 
     def played(self, x: Array, some: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -298,8 +297,8 @@ class _Local:
         return r, loss(r, self.objective.cauchy_sd) + 0.5 * np.sum(known**2, axis=1)
 
     @property
-    def promised(self) -> Array:
-        """By how much the full step lowers a cost that is quadratic: (n,)."""
+    def predicted(self) -> Array:
+        """Improvement of the cost by the full step, were it quadratic: (n,)."""
         full = solve_each(self.matrix, self.gradient[..., None])[..., 0]
         return np.asarray(0.5 * np.einsum("np,np->n", self.gradient, full))
 
@@ -310,7 +309,7 @@ class _Local:
         (geodesic acceleration: M. K. Transtrum and J. P. Sethna, arXiv:1201.5885), if that is better.
         """
         matrix = self.matrix[some]
-        damped = matrix + np.einsum("n,np,pq->npq", damping, self.scale[some], np.eye(self.x.shape[1]))
+        damped = matrix * (1 + damping[:, None, None] * np.eye(self.x.shape[1]))
         straight = -solve_each(damped, self.gradient[some][..., None])[..., 0]
         x = self.objective.inside(self.x[some] + straight)
         _, cost = self.played(x, some)
