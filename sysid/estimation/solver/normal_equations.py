@@ -78,15 +78,18 @@ def projected(rows: Array, steps: Array, vectors: Array, c: float) -> Array:
 
 @compiled_sums
 def _project(rows, steps, vectors, c, out, first, last):  # type: ignore[no-untyped-def]
+    size = rows.shape[2]
+    derivative, along = np.empty(size), np.empty(size)  # of what counts alone: sums are those of any batch
     for n in range(first, last):
         for k in range(steps.shape[1]):
-            total = 0.0
-            for s in range(rows.shape[2]):
+            used = 0
+            for s in range(size):
                 value = rows[0, n, s]
-                d = (rows[1 + k, n, s] - value) * vectors[n, s]
-                if math.isfinite(d):
-                    total += d / (1.0 + (value / c) * (value / c))
-            out[n, k] = total / steps[n, k]
+                d, v = rows[1 + k, n, s] - value, vectors[n, s]
+                if math.isfinite(d * v):
+                    derivative[used], along[used] = d, v / (1.0 + (value / c) * (value / c))
+                    used += 1
+            out[n, k] = _dot(derivative, along, used) / steps[n, k]
 
 
 def _summed(residuals: Array, rows: Array, steps: Array, c: float) -> NormalEquations:

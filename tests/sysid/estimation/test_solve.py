@@ -20,6 +20,7 @@ from sysid.estimation.solver.least_squares import (
     solve_each,
     weights,
 )
+from sysid.estimation.solver.normal_equations import from_derivatives, projected
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -357,3 +358,16 @@ def test_a_constant_leaves_an_upper_bound_beyond_which_nothing_changes() -> None
     found = joint(clipped, own, np.ones(2), bounds=bounds)
     assert found.converged
     np.testing.assert_allclose(found.constants, TRUE, atol=0.2)
+
+
+def test_sums_over_a_problem_s_residuals_are_those_of_any_batch() -> None:
+    """To the last bit, however many residuals its neighbours in the batch have: so any worker gives the same bytes."""
+    rng = np.random.default_rng(6)
+    for count in range(20, 40):
+        rows, vectors, steps = rng.normal(size=(4, 3, count)), rng.normal(size=(3, count)), np.ones((3, 3))
+        longer = np.full((4, 3, 37), np.nan)
+        wide, wide_vectors = np.concatenate([rows, longer], axis=2), np.concatenate([vectors, longer[0]], axis=1)
+        alone, beside = projected(rows, steps, vectors, 9.0), projected(wide, steps, wide_vectors, 9.0)
+        assert alone.tobytes() == beside.tobytes()
+        one, two = from_derivatives(rows[0], rows[1:], 9.0), from_derivatives(wide[0], wide[1:], 9.0)
+        assert one.matrix.tobytes() == two.matrix.tobytes() and one.gradient.tobytes() == two.gradient.tobytes()
