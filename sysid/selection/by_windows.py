@@ -53,7 +53,6 @@ from sysid.selection.screening import (
 )
 from sysid.selection.stability import Stability, stability_of
 
-MAX_EFFECTS = 8  # of one discovery
 MAX_TRIALS = 2 * MAX_FITS  # of candidates in a round, as long as none is needed
 CANDIDATE_STEPS, FINAL_STEPS = 6, 30  # of the constants: with or without an effect, of the last model
 PROBE_OF_USUAL = 0.1  # change of a candidate's parameter, over its usual size, from which its derivative is taken
@@ -219,7 +218,7 @@ def discover_by_windows(
     """
     parts, base = found.parts, found.last
     now, verdict, formula = base, tuple[str, ...](), None
-    for _ in range(MAX_EFFECTS):
+    while True:  # each round adds one of the catalogue's effects
         seen = screen_windows(at, now)
         found, formula = dataclasses.replace(found, rounds=(*found.rounds, seen.screening)), seen.formula
         if seen.name is None:

@@ -51,7 +51,6 @@ from sysid.selection.screening import (
 )
 from sysid.selection.stability import stability_of
 
-MAX_EFFECTS = 6  # diagnoses of one discovery, and so effects added
 MAX_SHAPE_EXCESS = 0.05  # variance beyond noise that a formula's shape may leave
 MAX_SHAPE_SHARE = 0.01  # the same over what was left without it
 log = logging.getLogger(__name__)
@@ -125,7 +124,7 @@ def _by_whole_shots(
     `now`: the last fit, with the formula if there is one already.
     """
     parts = found.parts
-    for _ in range(MAX_EFFECTS):
+    while True:  # each round adds an effect or the formula, or sets shots aside
         diagnosis = diagnose_fit(parts, now, formula=formula is None)
         found = dataclasses.replace(found, rounds=(*found.rounds, diagnosis.screening))
         if diagnosis.screening.base is not now:
