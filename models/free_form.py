@@ -1,0 +1,274 @@
+"""A free form: one quantity as an unknown smooth function of one or two variables, for what no law is known of.
+
+The function is a tensor product of uniform cubic B-splines, periodic ones for a heading, and of steps for what is
+counted (rails, balls): linear in its coefficients, so that a fit knows its derivatives by one probe each. Outside its
+range it goes on as at the end. The hooks are compiled once; which quantity and variables they read stands, with the
+splines, in the effect's row of parameters behind the coefficients (compare models/formula.py).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, make_dataclass
+from functools import cache
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.compiled import compiled
+from models.effect import Array, BallState, Effect, ImpactState, param, push_along
+from models.formula import (
+    BALL_E,
+    BALL_MU,
+    CLOTH,
+    CUSHION_E,
+    CUSHION_MU,
+    DRAG,
+    GRIP,
+    IMPACTS,
+    LEAST_GRIP,
+    PUSH_X,
+    PUSH_Y,
+    SIDE,
+    grazing_sine,
+)
+
+MAX_COEFFICIENTS = 32
+VARIABLES = (
+    "none", "x", "y", "heading", "speed", "slip", "wz", "time", "order", "number", "rail", "along", "sine", "approach",
+)  # fmt: skip
+NONE, X, Y, HEADING, SPEED, SLIP, WZ, TIME, ORDER, NUMBER, RAIL, ALONG, SINE, APPROACH = range(14)
+STEPS, SPLINE, PERIODIC = range(3)  # kinds of an axis
+SPLINE_REACH = 3  # coefficients of a spline beyond its intervals
+AXIS_FIELDS = ("variable", "low", "step", "count", "kind")
+LAYOUT = (
+    *(f"c{k}" for k in range(MAX_COEFFICIENTS)), "door",
+    *(f"{field}_{number}" for number in (1, 2) for field in AXIS_FIELDS),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A variable of a free form, and the pieces of its splines or steps."""
+
+    variable: int
+    low: float
+    step: float  # between nodes
+    count: int  # of coefficients
+    kind: int
+
+    @classmethod
+    def over(cls, variable: str, low: float, high: float, intervals: int) -> Axis:
+        """Splines of a variable over a range."""
+        step = (high - low) / intervals
+        return cls(VARIABLES.index(variable), low, step, intervals + SPLINE_REACH, SPLINE)
+
+    @classmethod
+    def around(cls, variable: str, intervals: int) -> Axis:
+        """Splines over a full turn."""
+        return cls(VARIABLES.index(variable), -math.pi, 2 * math.pi / intervals, intervals, PERIODIC)
+
+    @classmethod
+    def counted(cls, variable: str, count: int) -> Axis:
+        """A step for each of so many rails or balls."""
+        return cls(VARIABLES.index(variable), 0.0, 1.0, count, STEPS)
+
+    def weights(self, values: Array) -> Array:
+        """Weights (n, count) of the coefficients at values (n,) of the variable."""
+        out = np.zeros((len(values), self.count))
+        for row, value in zip(out, values.tolist(), strict=True):
+            first, *parts = _weights(value, self.low, self.step, float(self.count), float(self.kind))
+            for k, part in enumerate(parts):
+                row[(first + k) % self.count] += part
+        return out
+
+
+ALONE = Axis(NONE, 0.0, 1.0, 1, STEPS)  # the second axis of a function of one variable
+
+
+@compiled
+def _of_ball(variable: float, ball: BallState) -> float:
+    if variable == X:
+        return ball.x
+    if variable == Y:
+        return ball.y
+    if variable == HEADING:
+        return math.atan2(ball.vy, ball.vx)
+    if variable == SPEED:
+        return math.sqrt(ball.vx * ball.vx + ball.vy * ball.vy)
+    if variable == SLIP:
+        return math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y)
+    if variable == WZ:
+        return ball.wz
+    if variable == TIME:
+        return ball.time
+    if variable == ORDER:
+        return ball.order
+    return ball.number if variable == NUMBER else 0.0
+
+
+@compiled
+def _of_impact(variable: float, hit: ImpactState) -> float:
+    if variable == X:
+        return hit.x
+    if variable == Y:
+        return hit.y
+    if variable == SLIP:
+        return hit.slip
+    if variable == TIME:
+        return hit.time
+    if variable == ORDER:
+        return hit.order
+    if variable == NUMBER:
+        return hit.first
+    if variable == RAIL:
+        return hit.second
+    if variable == ALONG:
+        return hit.y if hit.second < 2.0 else hit.x
+    if variable == SINE:
+        return grazing_sine(hit.vx, hit.vy, hit.approach)
+    return hit.approach if variable == APPROACH else 0.0
+
+
+@compiled
+def _weights(
+    value: float, low: float, step: float, count: float, kind: float
+) -> tuple[int, float, float, float, float]:
+    """The first of four coefficients that count at a value, and their weights."""
+    at = (value - low) / step
+    if kind == STEPS:
+        return min(max(math.floor(at + 0.5), 0), int(count) - 1), 1.0, 0.0, 0.0, 0.0
+    if kind == PERIODIC:
+        at -= count * math.floor(at / count)
+    else:
+        at = min(max(at, 0.0), count - SPLINE_REACH)
+    first = math.floor(at)
+    if kind == SPLINE:
+        first = min(first, int(count) - SPLINE_REACH - 1)
+    f = at - first
+    g = 1.0 - f
+    return (
+        first, g * g * g / 6.0, (3.0 * f * f * f - 6.0 * f * f + 4.0) / 6.0,
+        (3.0 * g * g * g - 6.0 * g * g + 4.0) / 6.0, f * f * f / 6.0,
+    )  # fmt: skip
+
+
+@compiled
+def _coefficients(own: Any) -> Any:
+    return (
+        own.c0, own.c1, own.c2, own.c3, own.c4, own.c5, own.c6, own.c7, own.c8, own.c9, own.c10, own.c11, own.c12,
+        own.c13, own.c14, own.c15, own.c16, own.c17, own.c18, own.c19, own.c20, own.c21, own.c22, own.c23, own.c24,
+        own.c25, own.c26, own.c27, own.c28, own.c29, own.c30, own.c31,
+    )  # fmt: skip
+
+
+@compiled
+def _surface(own: Any, one: float, two: float) -> float:
+    """The function at values of its variables."""
+    i, a0, a1, a2, a3 = _weights(one, own.low_1, own.step_1, own.count_1, own.kind_1)
+    j, b0, b1, b2, b3 = _weights(two, own.low_2, own.step_2, own.count_2, own.kind_2)
+    a, b, c = (a0, a1, a2, a3), (b0, b1, b2, b3), _coefficients(own)
+    rows, columns, total = int(own.count_1), int(own.count_2), 0.0
+    for p in range(4):
+        if a[p] != 0.0:
+            for q in range(4):
+                if b[q] != 0.0:
+                    total += a[p] * b[q] * c[(i + p) % rows * columns + (j + q) % columns]
+    return total
+
+
+@dataclass(frozen=True)
+class FreeForm(Effect):
+    """Base of all free forms: `free_form` makes one, whose parameters are the coefficients of its function."""
+
+    called: ClassVar[str] = "free_form"
+    door: ClassVar[int] = 0
+    axes: ClassVar[tuple[Axis, Axis]] = (ALONE, ALONE)
+
+    @classmethod
+    def name(cls) -> str:
+        """The name given to `free_form`."""
+        return cls.called
+
+    @classmethod
+    def opens(cls, *hooks: str) -> bool:
+        """Whether its quantity is on any of these hooks."""
+        return ("forces" in hooks and cls.door in CLOTH) or ("impact" in hooks and cls.door in IMPACTS)
+
+    @classmethod
+    def layout(cls) -> tuple[str, ...]:
+        """The same for every free form, so that all share the compiled hooks."""
+        return LAYOUT
+
+    def row(self, count: int) -> Array:
+        """Coefficients, then the quantity's code and the axes: (count, k)."""
+        out = np.zeros((count, len(LAYOUT)))
+        for k, key in enumerate(self.parameters()):
+            out[:, k] = getattr(self, key)
+        numbers = [getattr(axis, field) for axis in self.axes for field in AXIS_FIELDS]
+        out[:, MAX_COEFFICIENTS:] = (self.door, *numbers)
+        return out
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle what makes the class, and the coefficients."""
+        width = max(abs(v) for v in next(iter(self.parameters().values()))["bounds"])
+        return _remade, (self.called, self.door, self.axes, width, tuple(getattr(self, k) for k in self.parameters()))
+
+    def forces(self, ball: BallState) -> None:
+        """What acts on a ball on the cloth."""
+        if DRAG <= self.door <= SIDE:
+            value = _surface(self, _of_ball(self.variable_1, ball), _of_ball(self.variable_2, ball))
+            if self.door == GRIP:
+                ball.slide_factor = max(ball.slide_factor * (1.0 + value), LEAST_GRIP)
+            elif self.door == PUSH_X and ball.weight > 0.0:
+                ball.ax += value
+            elif self.door == PUSH_Y and ball.weight > 0.0:
+                ball.ay += value
+            elif self.door == DRAG and ball.rolling > 0.0:
+                push_along(ball, -value, 0.0)
+            elif self.door == SIDE and ball.rolling > 0.0:
+                push_along(ball, 0.0, value)
+
+    def impact(self, hit: ImpactState) -> None:
+        """What changes at contacts."""
+        cushion = CUSHION_E <= self.door <= CUSHION_MU
+        if (cushion and hit.cushion > 0.0) or (BALL_E <= self.door <= BALL_MU and hit.cushion <= 0.0):
+            value = _surface(self, _of_impact(self.variable_1, hit), _of_impact(self.variable_2, hit))
+            if self.door in (CUSHION_E, BALL_E):
+                hit.restitution += value
+            else:
+                hit.friction += value
+
+
+@cache
+def free_form(name: str, door: int, one: Axis, two: Axis, width: float) -> type[FreeForm]:
+    """The class of free forms of a quantity over these axes, coefficients within +- `width`; the same for the same.
+
+    Raises:
+        ValueError: for more coefficients than a row has.
+    """
+    count = one.count * two.count
+    if not 0 < count <= MAX_COEFFICIENTS:
+        raise ValueError(f"{name}: {count} coefficients; give 1 to {MAX_COEFFICIENTS}")
+    source = "a free form: no law is known"
+    fields = [
+        (f"c{k}", float, param(0.1 * width, off=0.0, unit="1", bounds=(-width, width), source=source))
+        for k in range(count)
+    ]
+    own = {"__doc__": "A free form on trial.", "__module__": __name__, "called": name, "door": door, "axes": (one, two)}
+    title = "".join(word.capitalize() for word in name.split("_"))
+    return make_dataclass(title, fields, bases=(FreeForm,), namespace=own, frozen=True)
+
+
+def _remade(name: str, door: int, axes: tuple[Axis, Axis], width: float, values: tuple[Any, ...]) -> FreeForm:
+    return free_form(name, door, *axes, width)(*values)
+
+
+def values_at(form: FreeForm, one: Array, two: Array | None = None) -> NDArray[np.float64]:
+    """The function at values (n,) of its variables."""
+    a, b = form.axes
+    other = np.zeros(len(one)) if two is None else two
+    weights = np.einsum("ni,nj->nij", a.weights(one), b.weights(other)).reshape(len(one), -1)
+    return np.asarray(weights @ np.array([getattr(form, key) for key in form.parameters()]))

@@ -1,0 +1,162 @@
+"""Where a fit lacks something, and of what it depends there: all causes, named or not, by one marginal likelihood.
+
+In: the quadratic losses of a fit's shots beside all candidates (`Scores`). Out: `Cause`s, the likeliest first.
+
+A named effect adds its parameters, a free form (models/free_form.py) an unknown smooth function: both are Gaussian
+unknowns beside the constants. A function is a Gaussian process of unknown size and smoothness; a named effect has an
+unknown size about its usual one. With projected information S and gradient g of the unknowns and their covariance C,
+the marginal likelihood with them over that without is
+
+    log B = g' (S + C^-1)^-1 g / 2 - log det(1 + C S) / 2
+
+(C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning, 2006, chapter 5), averaged over sizes
+and smoothnesses. What many coefficients could explain by chance is so paid for, without a threshold for each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models import formula as kinds
+from models.free_form import ALONE, PERIODIC, STEPS, Axis, FreeForm, free_form
+from sysid.clips import Clip
+from sysid.estimation.problem import Array
+from sysid.selection.score import Candidate, Scores, candidate
+from sysid.selection.terms import COEFFICIENT_WIDTHS
+
+INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
+SMOOTHNESS = (1.0, 0.5, 0.25)  # lengths over which a function varies, of its range
+SIZES = np.geomspace(3e-3, 1.0, 12)  # standard deviations of a function, over its quantity's width
+USUAL_SIZES = np.geomspace(0.05, 3.0, 12)  # the same of a named effect, over its usual value
+FASTEST_QUANTILE = 0.95  # of the speeds of a track between frames, which beyond it may be outliers
+LEAST_VARIANCE = 1e-9  # added to a covariance, of its mean variance
+MOTION = ("x", "y", "heading", "speed", "wz", "time", "order", "number")
+CONTACT = ("sine", "approach", "slip", "order", "time", "number")
+SEEN_BY = {
+    "drag": MOTION, "side": MOTION, "push_x": MOTION, "push_y": MOTION, "grip": (*MOTION, "slip"),
+    "cushion_e": ("rail", "along", *CONTACT), "cushion_mu": ("rail", "along", *CONTACT),
+    "ball_e": ("x", "y", *CONTACT), "ball_mu": ("x", "y", *CONTACT),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Block:
+    """A quantity as an unknown function of what its hook sees."""
+
+    quantity: str
+    variables: tuple[str, ...]  # one or two
+    axes: tuple[Axis, Axis]
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return "_".join(("free", self.quantity, "by", *self.variables))
+
+    @property
+    def width(self) -> float:
+        """Size that the quantity may change by."""
+        return COEFFICIENT_WIDTHS[self.quantity]
+
+    def effect(self) -> type[FreeForm]:
+        """Its class of effects."""
+        return free_form(self.name, 1 + kinds.TERM_HOOKS.index(self.quantity), *self.axes, 4 * self.width)
+
+    def correlations(self) -> list[Array]:
+        """Of its coefficients (k, k), for each smoothness."""
+        smooth = any(axis.kind != STEPS for axis in self.axes)
+        return [
+            np.kron(*(_correlation(axis, part) for axis in self.axes)) for part in (SMOOTHNESS if smooth else (1.0,))
+        ]
+
+
+def _correlation(axis: Axis, part: float) -> Array:
+    """Of the coefficients of an axis: squared exponential, round for a heading; steps are independent."""
+    away = axis.step * np.abs(np.subtract.outer(np.arange(axis.count), np.arange(axis.count)))
+    if axis.kind == STEPS:
+        return np.eye(axis.count)
+    if axis.kind == PERIODIC:
+        return np.asarray(np.exp(-0.5 * (2 * np.sin(away / 2) / (2 * np.pi * part)) ** 2))
+    return np.asarray(np.exp(-0.5 * (away / (part * axis.step * (axis.count - 3))) ** 2))
+
+
+def ranges(clips: Sequence[Clip], length: float, width: float, radius: float) -> dict[str, tuple[float, float]]:
+    """Of what clips have seen: low and high of every variable."""
+    tracks = [ball for clip in clips for ball in clip.balls.values() if len(ball.time) > 1]
+    speeds = [np.hypot(*np.diff(ball.xy, axis=0).T) / np.diff(ball.time) for ball in tracks]
+    speed = max(float(np.nanquantile(one, FASTEST_QUANTILE)) for one in speeds)
+    duration = max(float(ball.time[-1]) for ball in tracks)
+    half = max(length, width) / 2
+    return {
+        "x": (-length / 2, length / 2), "y": (-width / 2, width / 2), "speed": (0.0, speed), "slip": (0.0, speed),
+        "wz": (-speed / radius, speed / radius), "time": (0.0, duration), "order": (0.0, 1.0), "along": (-half, half),
+        "sine": (0.0, 1.0), "approach": (0.0, speed),
+    }  # fmt: skip
+
+
+def blocks(seen: dict[str, tuple[float, float]], balls: int) -> list[Block]:
+    """All of one variable."""
+    counted = {"rail": 4, "number": balls}
+    axes = {name: Axis.over(name, *span, INTERVALS) for name, span in seen.items()}
+    axes |= {name: Axis.counted(name, count) for name, count in counted.items() if count > 1}
+    axes["heading"] = Axis.around("heading", TURNS)
+    return [
+        Block(quantity, (name,), (axes[name], ALONE))
+        for quantity, names in SEEN_BY.items()
+        for name in names
+        if name in axes
+    ]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What may be missing."""
+
+    name: str
+    log_odds: float  # marginal likelihood with it over that with nothing
+    block: Block | None  # None for a named effect
+    mean: Array  # (k,) its parameters, where the likelihood has its greatest value
+    covariance: Array  # (k, k)
+
+
+def log_odds(information: Array, gradient: Array, covariance: Array) -> float:
+    """Marginal likelihood with Gaussian unknowns over that without, of quadratic losses; see the module."""
+    root = np.linalg.cholesky(_regular(covariance))
+    matrix, right = np.eye(len(root)) + root.T @ information @ root, root.T @ gradient
+    return float(0.5 * right @ np.linalg.solve(matrix, right) - 0.5 * np.linalg.slogdet(matrix)[1])
+
+
+def _regular(covariance: Array) -> Array:
+    """That has an inverse."""
+    return np.asarray(covariance + LEAST_VARIANCE * np.trace(covariance) / len(covariance) * np.eye(len(covariance)))
+
+
+def causes(scores: Scores, free: Sequence[Block], named: Sequence[Candidate]) -> list[Cause]:
+    """All candidates that were scored, the likeliest first."""
+    by_name = {block.name: block for block in free}
+    found = []
+    for name, at in scores.blocks.items():
+        probe = scores.probe[at]
+        information = scores.schur_information[at, at] / np.outer(probe, probe)
+        gradient = scores.gradient[at] / probe
+        block = by_name.get(name)
+        if block is None:
+            usual = next(one.usual() for one in named if one.name == name)
+            priors = [np.diag((size * usual) ** 2) for size in USUAL_SIZES]
+        else:
+            priors = [(size * block.width) ** 2 * shape for shape in block.correlations() for size in SIZES]
+        odds = np.array([log_odds(information, gradient, prior) for prior in priors])
+        prior = priors[int(np.argmax(odds))]
+        covariance = np.linalg.inv(information + np.linalg.inv(_regular(prior)))
+        mean = -covariance @ gradient
+        average = float(np.logaddexp.reduce(odds)) - math.log(len(odds))
+        found.append(Cause(name, average, block, mean, covariance))
+    return sorted(found, key=lambda cause: -cause.log_odds)
+
+
+def free_candidates(free: Sequence[Block]) -> list[Candidate]:
+    """Each block as a candidate."""
+    return [candidate(block.effect()) for block in free]

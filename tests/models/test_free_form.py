@@ -1,0 +1,62 @@
+"""Free forms: splines as scipy has them, the shots that they play, and what pickles."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+
+from models import formula as kinds
+from models.free_form import ALONE, Axis, free_form, values_at
+from models.model_file import full_model
+from models.shot import Ball, Shot, Table
+from models.simulation.simulate import simulate
+
+TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
+
+
+def test_splines_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(1)
+    axis = Axis.over("speed", 0.5, 3.0, 5)
+    made = free_form("one", kinds.DRAG, axis, ALONE, 9.0)(*rng.normal(size=axis.count))
+    knots = axis.low + axis.step * np.arange(-3, axis.count + 1)
+    known = BSpline(knots, [getattr(made, key) for key in made.parameters()], 3)
+    at = rng.uniform(0.5, 3.0, 50)
+    np.testing.assert_allclose(values_at(made, at), known(at), atol=1e-12)
+    assert values_at(made, np.array([9.0])) == pytest.approx(values_at(made, np.array([3.0])))
+
+
+def test_a_heading_has_no_seam() -> None:
+    rng = np.random.default_rng(2)
+    made = free_form("round", kinds.DRAG, Axis.around("heading", 8), ALONE, 9.0)(*rng.normal(size=8))
+    before, after = values_at(made, np.array([np.pi - 1e-9, -np.pi + 1e-9]))
+    assert before == pytest.approx(after, abs=1e-6)
+
+
+def test_a_constant_function_is_the_constant() -> None:
+    """Of drag, of a cushion's restitution and of a push: as the same change of the model's own constants plays."""
+    times = np.linspace(0.0, 2.0, 9)
+    shot = Shot(("white",), np.zeros((1, 2)), np.array([[1.5, 0.7]]), np.array([[-0.7, 1.5, 0.0]]) / 0.02625, times)
+    base = full_model(TABLE, BALL)
+    cushion = base.parameters()["cushion_impact.restitution"]
+    axes = (Axis.over("x", -1.8, 1.8, 3), Axis.over("y", -0.9, 0.9, 2))
+    made = free_form("flat", kinds.CUSHION_E, *axes, 9.0)(*np.full(30, -0.1))
+    (one,) = simulate(base.add(made), [shot])
+    (two,) = simulate(base.with_values({"cushion_impact.restitution": float(cushion) - 0.1}), [shot])
+    np.testing.assert_allclose(one.position, two.position, atol=1e-9)
+    tilted = free_form("push", kinds.PUSH_X, Axis.around("heading", 8), ALONE, 9.0)(*np.full(8, 0.02))
+    (moved,) = simulate(base.add(tilted), [shot])
+    assert np.abs(moved.position - one.position).max() > 1e-3
+
+
+def test_it_pickles() -> None:
+    made = free_form("one", kinds.BALL_MU, Axis.counted("number", 3), ALONE, 0.5)(0.1, 0.2, 0.3)
+    again = pickle.loads(pickle.dumps(made))
+    assert again == made and type(again) is type(made)
+
+
+def test_too_many_coefficients_are_refused() -> None:
+    with pytest.raises(ValueError, match="40 coefficients; give 1 to 32"):
+        free_form("wide", kinds.DRAG, Axis.over("x", 0, 1, 5), Axis.over("y", 0, 1, 2), 1.0)
