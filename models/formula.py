@@ -20,6 +20,7 @@ import numpy as np
 
 from models.compiled import compiled
 from models.effect import EDGE_OVERSHOOT_M, Array, BallState, Effect, ImageState, ImpactState, param, push_along
+from models.variables import variable_value
 
 MAX_TERMS = 5
 MAX_CONSTANTS = 4
@@ -32,28 +33,23 @@ DRAG, GRIP, PUSH_X, PUSH_Y, SIDE, CUSHION_E, CUSHION_MU, BALL_E, BALL_MU, IMAGE_
 CLOTH, IMPACTS, IMAGE = range(DRAG, SIDE + 1), range(CUSHION_E, BALL_MU + 1), range(IMAGE_X, IMAGE_Y + 1)
 HOOK_RANGES = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
 
-# Factors, of constants a, b, c, d.
+# Factors, of constants a, b, c, d; "v" is the variable of code a (models/variables.py).
 (
     ONE,
     BOX,  # 1 where |x - a| <= b and |y - c| <= d [m]
     COS,  # cos(a heading)
     SIN,  # sin(a heading)
-    ORDER,  # place of the shot in its session
-    OTHER,  # 1 for balls that are not struck
-    TIME,  # [s]
-    SPEED,  # [m/s]
-    FADE,  # exp(-speed / a)
+    VARIABLE,  # (v - b)^c
+    ABOVE,  # 1 where v > b
+    EQUAL,  # 1 where v = b
+    DECAY,  # exp(-v / b)
     TWIST,  # |omega_z| [rad/s]
     SPIN_COS,  # omega_z cos(heading) [rad/s]
     SPIN_SIN,  # omega_z sin(heading) [rad/s]
     POWER,  # x^a y^b (x^2 + y^2)^c
-    RAIL,  # 1 at rail a
-    ALONG,  # power of the distance from the middle of a rail [m]
-    SLIP,  # slip at the contact, less a [m/s]
+    ALONG_RAIL,  # power a of the distance from the middle of a rail [m]
     WITH,  # 1 where ball a takes part
-    APPROACH,  # normal approach speed of an impact, less a [m/s]
-    GRAZING,  # power a of the sine of the angle between the ball's way and the normal
-) = range(19)
+) = range(14)
 
 TERM_FIELDS = ("coefficient", "door", "factor", "a", "b", "c", "d")  # of a term
 TERM_LAYOUT = tuple(f"{number}_{k}" for number in TERM_FIELDS for k in range(MAX_TERMS))
@@ -74,13 +70,6 @@ class Part:
 
 
 @compiled
-def grazing_sine(vx: float, vy: float, approach: float) -> float:
-    """Sine of the angle between a ball's way and the normal of its impact; 0 for a ball at rest."""
-    square = vx * vx + vy * vy
-    return math.sqrt(max(1.0 - approach * approach / square, 0.0)) if square > 0.0 else 0.0
-
-
-@compiled
 def factor_value(
     factor: float, a: float, b: float, c: float, d: float, x: float, y: float, vx: float, vy: float, wz: float,
     order: float, time: float, first: float, second: float, slip: float, approach: float,
@@ -92,16 +81,15 @@ def factor_value(
         return math.cos(a * math.atan2(vy, vx))
     if factor == SIN:
         return math.sin(a * math.atan2(vy, vx))
-    if factor == ORDER:
-        return order
-    if factor == OTHER:
-        return 1.0 if first > 0.0 else 0.0
-    if factor == TIME:
-        return time
-    if factor == SPEED:
-        return math.sqrt(vx * vx + vy * vy)
-    if factor == FADE:
-        return math.exp(-math.sqrt(vx * vx + vy * vy) / a)
+    if VARIABLE <= factor <= DECAY:
+        v = variable_value(a, x, y, vx, vy, wz, order, time, first, second, slip, approach)
+        if factor == VARIABLE:
+            return (v - b) ** int(c)
+        if factor == ABOVE:
+            return 1.0 if v > b else 0.0
+        if factor == EQUAL:
+            return 1.0 if v == b else 0.0
+        return math.exp(-v / b)
     if factor == TWIST:
         return abs(wz)
     if factor == SPIN_COS:
@@ -110,18 +98,10 @@ def factor_value(
         return wz * math.sin(math.atan2(vy, vx))
     if factor == POWER:
         return x ** int(a) * y ** int(b) * (x * x + y * y) ** int(c)
-    if factor == RAIL:
-        return 1.0 if second == a else 0.0
-    if factor == ALONG:
+    if factor == ALONG_RAIL:
         return (abs(y) if second < 2.0 else abs(x)) ** int(a)
-    if factor == SLIP:
-        return slip - a
     if factor == WITH:
         return 1.0 if first == a or second == a else 0.0
-    if factor == APPROACH:
-        return approach - a
-    if factor == GRAZING:
-        return grazing_sine(vx, vy, approach) ** int(a)
     return 1.0
 
 
@@ -165,7 +145,7 @@ def _terms(own: Any) -> Any:
 def _of_ball(factor: float, a: float, b: float, c: float, d: float, ball: BallState) -> float:
     return factor_value(
         factor, a, b, c, d, ball.x, ball.y, ball.vx, ball.vy, ball.wz, ball.order, ball.time, ball.number,
-        -1.0, 0.0, 0.0,
+        -1.0, math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y), 0.0,
     )  # fmt: skip
 
 

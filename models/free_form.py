@@ -32,14 +32,10 @@ from models.formula import (
     PUSH_X,
     PUSH_Y,
     SIDE,
-    grazing_sine,
 )
+from models.variables import NONE, VARIABLES, of_ball, of_impact
 
 MAX_COEFFICIENTS = 32
-VARIABLES = (
-    "none", "x", "y", "heading", "speed", "slip", "wz", "time", "order", "number", "rail", "along", "sine", "approach",
-)  # fmt: skip
-NONE, X, Y, HEADING, SPEED, SLIP, WZ, TIME, ORDER, NUMBER, RAIL, ALONG, SINE, APPROACH = range(14)
 STEPS, SPLINE, PERIODIC = range(3)  # kinds of an axis
 SPLINE_REACH = 3  # coefficients of a spline beyond its intervals
 AXIS_FIELDS = ("variable", "low", "step", "count", "kind")
@@ -89,50 +85,6 @@ ALONE = Axis(NONE, 0.0, 1.0, 1, STEPS)  # the second axis of a function of one v
 
 
 @compiled
-def _of_ball(variable: float, ball: BallState) -> float:
-    if variable == X:
-        return ball.x
-    if variable == Y:
-        return ball.y
-    if variable == HEADING:
-        return math.atan2(ball.vy, ball.vx)
-    if variable == SPEED:
-        return math.sqrt(ball.vx * ball.vx + ball.vy * ball.vy)
-    if variable == SLIP:
-        return math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y)
-    if variable == WZ:
-        return ball.wz
-    if variable == TIME:
-        return ball.time
-    if variable == ORDER:
-        return ball.order
-    return ball.number if variable == NUMBER else 0.0
-
-
-@compiled
-def _of_impact(variable: float, hit: ImpactState) -> float:
-    if variable == X:
-        return hit.x
-    if variable == Y:
-        return hit.y
-    if variable == SLIP:
-        return hit.slip
-    if variable == TIME:
-        return hit.time
-    if variable == ORDER:
-        return hit.order
-    if variable == NUMBER:
-        return hit.first
-    if variable == RAIL:
-        return hit.second
-    if variable == ALONG:
-        return hit.y if hit.second < 2.0 else hit.x
-    if variable == SINE:
-        return grazing_sine(hit.vx, hit.vy, hit.approach)
-    return hit.approach if variable == APPROACH else 0.0
-
-
-@compiled
 def _weights(
     value: float, low: float, step: float, count: float, kind: float
 ) -> tuple[int, float, float, float, float]:
@@ -179,6 +131,16 @@ def _surface(own: Any, one: float, two: float) -> float:
     return total
 
 
+@compiled
+def _for_ball(own: Any, ball: BallState) -> float:
+    return _surface(own, of_ball(own.variable_1, ball), of_ball(own.variable_2, ball))
+
+
+@compiled
+def _for_impact(own: Any, hit: ImpactState) -> float:
+    return _surface(own, of_impact(own.variable_1, hit), of_impact(own.variable_2, hit))
+
+
 @dataclass(frozen=True)
 class FreeForm(Effect):
     """Base of all free forms: `free_form` makes one, whose parameters are the coefficients of its function."""
@@ -219,7 +181,7 @@ class FreeForm(Effect):
     def forces(self, ball: BallState) -> None:
         """What acts on a ball on the cloth."""
         if DRAG <= self.door <= SIDE:
-            value = _surface(self, _of_ball(self.variable_1, ball), _of_ball(self.variable_2, ball))
+            value = _for_ball(self, ball)
             if self.door == GRIP:
                 ball.slide_factor = max(ball.slide_factor * (1.0 + value), LEAST_GRIP)
             elif self.door == PUSH_X and ball.weight > 0.0:
@@ -235,7 +197,7 @@ class FreeForm(Effect):
         """What changes at contacts."""
         cushion = CUSHION_E <= self.door <= CUSHION_MU
         if (cushion and hit.cushion > 0.0) or (BALL_E <= self.door <= BALL_MU and hit.cushion <= 0.0):
-            value = _surface(self, _of_impact(self.variable_1, hit), _of_impact(self.variable_2, hit))
+            value = _for_impact(self, hit)
             if self.door in (CUSHION_E, BALL_E):
                 hit.restitution += value
             else:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -28,19 +28,13 @@ from sysid.estimation.from_nothing import WindowFit, moved_to, searched, whole_s
 from sysid.estimation.problem import CAUCHY_SD, Array
 from sysid.estimation.solver.least_squares import weights
 from sysid.selection.evidence import Evidence, chi2_of_known
-from sysid.selection.formula import (
-    EFFECT_NAME,
-    SparseFormula,
-    describe,
-    select_terms,
-    term_candidates,
-    term_candidates_of,
-)
+from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, grown
 from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.score import Candidate, Linearised, Score, Scores, Signature, scores_of
 from sysid.selection.screening import (
     MAX_FITS,
+    MIN_DELTA_BIC,
     MIN_IMPROVEMENT,
     MIN_IMPROVEMENT_OF_BEST,
     SMALLER_TRIAL,
@@ -59,7 +53,7 @@ PROBE_OF_USUAL = 0.1  # change of a candidate's parameter, over its usual size, 
 log = logging.getLogger(__name__)
 
 
-def score_windows(at: WindowFit, candidates: list[Candidate]) -> Scores:
+def score_windows(at: WindowFit, candidates: Sequence[Candidate]) -> Scores:
     """Scores of candidates beside all constants and states of windows."""
     return scores_of(as_point(at), linearise_windows(at, candidates), at.fitted.design_effect)
 
@@ -70,7 +64,7 @@ def as_point(at: WindowFit) -> Point:
     return Point(chain.problem, np.zeros((0, 0)), at.fitted.constants, chain.spread.impact)
 
 
-def linearise_windows(at: WindowFit, candidates: list[Candidate]) -> Linearised:
+def linearise_windows(at: WindowFit, candidates: Sequence[Candidate]) -> Linearised:
     """A fit of windows with candidates beside it as quadratic losses of its shots."""
     found = at.fitted
     chain, c, states = found.chain, found.constants, found.states
@@ -90,17 +84,23 @@ def linearise_windows(at: WindowFit, candidates: list[Candidate]) -> Linearised:
 
 
 def with_effect(at: WindowFit, score: Score) -> WindowFit:
-    """The fit with one effect more, from the likeliest of its predicted, a smaller and its usual size."""
+    """The fit with one effect more, or with another formula, from the likeliest of a few sizes.
+
+    These are its predicted, a smaller and its usual size; what a formula had already begins where it is.
+    """
     one, found = score.candidate, at.fitted
+    had = dict(zip(found.chain.names, found.constants.tolist(), strict=True))
+    bare = {name: value for name, value in had.items() if not name.startswith(f"{one.name}.")}
     keys = tuple(one.effect.parameters())
-    names = (*found.chain.names, *(f"{one.name}.{key}" for key in keys))
+    names = (*bare, *(f"{one.name}.{key}" for key in keys))
     chain = found.chain.with_model(found.chain.model.add(one.effect), names)
     low, high = one.bounds().T
+    begin = np.array([had.get(f"{one.name}.{key}", off) for key, off in zip(one.keys, one.off().tolist(), strict=True)])
     sd, tried = chain.gap_sd(found.states), list[tuple[float, Array]]()
-    for step in (score.values - one.off(), SMALLER_TRIAL * (score.values - one.off()), one.usual()):
-        values = np.clip(one.off() + step, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
-        begin = dict(zip(one.keys, values.tolist(), strict=True))
-        c = np.concatenate([found.constants, [begin.get(key, float(getattr(one.effect, key))) for key in keys]])
+    for step in (score.values - begin, SMALLER_TRIAL * (score.values - begin), one.off() + one.usual() - begin):
+        values = np.clip(begin + step, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
+        tried_at = dict(zip(one.keys, values.tolist(), strict=True))
+        c = np.array([*bare.values(), *(tried_at.get(key, float(getattr(one.effect, key))) for key in keys)])
         states = settled_states(chain, found.states, c, TRIAL_STEPS)
         tried.append((float(chain.losses(states, c, sd).sum()), c))
     _, c = min(tried, key=lambda trial: trial[0])
@@ -172,16 +172,17 @@ class WindowScreening:
 
     screening: Screening
     name: str | None  # of the effect to add
-    fitted: WindowFit  # with it, or as it was
-    formula: SparseFormula | None  # what to add where no effect explains as much
+    fitted: WindowFit  # with it, or with the formula, or as it was
+    formula: SparseFormula | None = None  # with one term more, where that explains more than any effect
 
 
-def screen_windows(at: WindowFit, base: FittedModel) -> WindowScreening:
+def screen_windows(at: WindowFit, base: FittedModel, formula: SparseFormula | None = None) -> WindowScreening:
     """Candidates scored on windows, the best fitted, and what follows.
 
     Args:
         at: windows, fitted without any of the candidates.
         base: the same fit as one of whole shots.
+        formula: that it has already.
     """
     scores = score_windows(at, candidates_for(at.model))
     less = continued(at)
@@ -199,13 +200,20 @@ def screen_windows(at: WindowFit, base: FittedModel) -> WindowScreening:
             least = max(least, MIN_IMPROVEMENT_OF_BEST * row.predicted_improvement)
     fits.sort(key=lambda one: -one.evidence.delta_bic)
     best = next((one for one in fits if one.name in needed), None)
-    formula = formula_beside(at, less, base, best, needed)
     screening = Screening(
         base, scores, tuple(fits), *confounded_and_tied(scores, fits), scores.count, len(at.fitted.states)
     )
-    if best is None or formula is not None:
-        return WindowScreening(screening, None, at, formula)
-    return WindowScreening(screening, best.name, needed[best.name], None)
+    larger = grown(formula, as_point(at), lambda candidates: score_windows(at, candidates))
+    if larger is not None:
+        more = with_effect(at, larger.score())
+        seen = evidence(less, more)
+        rival = evidence(needed[best.name], more).delta_bic if best else math.inf
+        log.info("%s: a delta BIC of %.0f over the best effect", larger.terms[-1].name, rival)
+        if rival > MIN_DELTA_BIC and is_needed(less, more, EFFECT_NAME, of_windows(more, base), seen):
+            return WindowScreening(screening, None, more, larger)
+    if best is None:
+        return WindowScreening(screening, None, at)
+    return WindowScreening(screening, best.name, needed[best.name])
 
 
 def discover_by_windows(
@@ -218,15 +226,18 @@ def discover_by_windows(
     """
     parts, base = found.parts, found.last
     now, verdict, formula = base, tuple[str, ...](), None
-    while True:  # each round adds one of the catalogue's effects
-        seen = screen_windows(at, now)
-        found, formula = dataclasses.replace(found, rounds=(*found.rounds, seen.screening)), seen.formula
-        if seen.name is None:
+    while True:  # each round adds one of the catalogue's effects, or a term
+        seen = screen_windows(at, now, formula)
+        found, formula = dataclasses.replace(found, rounds=(*found.rounds, seen.screening)), seen.formula or formula
+        if seen.name is None and seen.formula is None:
             break
-        log.info("found %s", seen.name)
-        verdict, at = (*verdict, seen.name), searched(seen.fitted)
+        if seen.name is not None:
+            log.info("found %s", seen.name)
+            verdict = (*verdict, seen.name)
+        at = searched(seen.fitted)
         now = of_windows(at, base)
     at, kept = without_needless(at, verdict, base)
+    with_formula, at = at, without_effect(at, EFFECT_NAME) if formula is not None else at
     if kept:
         last = at.fitted
         at = moved_to(at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))
@@ -234,54 +245,19 @@ def discover_by_windows(
     found = dataclasses.replace(found, pruned=tuple(name for name in verdict if name not in kept))
     if formula is None:
         return found, at, None
-    described, more = described_in_windows(at, formula, base)
-    found = dataclasses.replace(found, unexplained=described, explained=whole_shots(parts, searched(more)))
-    return found, at, formula
+    last = with_formula.fitted
+    described = described_in_windows(formula, at, with_formula, base)
+    with_formula = searched(
+        moved_to(with_formula, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "with the formula"))
+    )
+    return dataclasses.replace(found, unexplained=described, explained=whole_shots(parts, with_formula)), at, formula
 
 
-def described_in_windows(at: WindowFit, formula: SparseFormula, base: FittedModel) -> tuple[dict[str, Any], WindowFit]:
-    """A formula as result.json has it, and the fit with it."""
-    more = with_effect(at, formula.score())
-    return describe(formula, of_windows(more, base), evidence(continued(at), more)), more
-
-
-def formula_beside(
-    at: WindowFit, less: WindowFit, base: FittedModel, best: FittedCandidate | None, needed: Mapping[str, WindowFit]
-) -> SparseFormula | None:
-    """A formula for what windows leave.
-
-    None where it is not needed. It takes the place of the best named effect only where its first term encompasses that:
-    the term explains something beside the effect, and the effect nothing beside the term (G. E. Mizon and J.-F.
-    Richard, Econometrica 54, 1986).
-
-    Args:
-        at: windows, fitted with neither.
-        less: the same after as many steps as those with an effect.
-        base: the same fit as one of whole shots.
-        best: of the effects that are needed.
-        needed: the fits with each of these.
-    """
-    terms, candidates = term_candidates(as_point(at))
-    structure = select_terms(terms, score_windows(at, candidates))
-    if structure is None:
-        return None
-    if best is not None:
-        if structure.improvements[0] <= best.score.predicted_improvement:
-            return None
-        first = structure.first()
-        term = select_terms(first.terms, score_windows(needed[best.name], term_candidates_of(first.terms)))
-        (effect,) = score_windows(with_effect(at, first.score()), [best.score.candidate]).rows
-        log.info(
-            "beside %s, %s explains %.0f of chi-square, and that beside it %.0f", best.name, first.terms[0].name,
-            term.improvements[0] if term else 0.0, effect.predicted_improvement,
-        )  # fmt: skip
-        if term is None or effect.predicted_improvement >= MIN_IMPROVEMENT:
-            return None
-    more = with_effect(at, structure.score())
-    if not is_needed(less, more, EFFECT_NAME, of_windows(more, base), evidence(less, more)):
-        return None
-    log.info("a formula: %s", ", ".join(term.name for term in structure.terms))
-    return structure
+def described_in_windows(
+    formula: SparseFormula, less: WindowFit, more: WindowFit, base: FittedModel
+) -> dict[str, Any]:  # fmt: skip
+    """A formula as result.json has it, from fits without and with it."""
+    return describe(formula, of_windows(more, base), evidence(less, more))
 
 
 def stability_by_windows(found: DiscoveryResult, at: WindowFit) -> Stability:
@@ -292,7 +268,7 @@ def stability_by_windows(found: DiscoveryResult, at: WindowFit) -> Stability:
 
 def without_needless(at: WindowFit, verdict: tuple[str, ...], base: FittedModel) -> tuple[WindowFit, tuple[str, ...]]:
     """The fit without the effects that are no longer needed beside the others, those of least size first."""
-    while len(verdict) > 1:
+    while len(at.model.effects) > len(base.model.effects) + 1:  # the only one was needed when it was added
         seen = of_windows(at, base)
         name = min(verdict, key=partial(distance_from_absence, seen))
         less = without_effect(at, name)

@@ -53,7 +53,7 @@ def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
         if named or seen.formula or (parts.training.is_long and not parts.follows(base)):
             unexplained = None if named else remainder(base)
             if seen.formula is not None:
-                unexplained, _ = described_in_windows(at, seen.formula, base)
+                unexplained = described_in_windows(seen.formula, at, seen.fitted, base)
             shot = propose_next(parts, base, (seen.screening,), named)
             return ClipDiagnosis(parts, base, Diagnosis(seen.screening, seen.formula), unexplained, shot)
         base = in_any_case(parts, base)

@@ -20,14 +20,8 @@ from sysid.estimation.from_nothing import fit_from_nothing
 from sysid.estimation.split import Split, in_any_case, split
 from sysid.selection.by_windows import discover_by_windows, stability_by_windows
 from sysid.selection.departures import without_departing
-from sysid.selection.evidence import (
-    compare_fits,
-    counted_as_one,
-    excess_variance,
-    generalises,
-    holds,
-)
-from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, score_terms, select_terms
+from sysid.selection.evidence import compare_fits, counted_as_one, holds
+from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe
 from sysid.selection.judge import diagnose_fit
 from sysid.selection.next_shot import propose_next
 from sysid.selection.pruning import (
@@ -42,17 +36,9 @@ from sysid.selection.pruning import (
 from sysid.selection.remainder import remainder
 from sysid.selection.result import DiscoveryResult, Show
 from sysid.selection.score import linearise
-from sysid.selection.screening import (
-    MAX_EXCESS_VARIANCE,
-    MIN_DELTA_BIC,
-    candidates_for,
-    fit_candidate,
-    is_enough,
-)
+from sysid.selection.screening import candidates_for, is_enough
 from sysid.selection.stability import stability_of
 
-MAX_SHAPE_EXCESS = 0.05  # variance beyond noise that a formula's shape may leave
-MAX_SHAPE_SHARE = 0.01  # the same over what was left without it
 log = logging.getLogger(__name__)
 Prune = Callable[[Split, FittedModel, tuple[str, ...]], Pruned]
 
@@ -125,7 +111,7 @@ def _by_whole_shots(
     """
     parts = found.parts
     while True:  # each round adds an effect or the formula, or sets shots aside
-        diagnosis = diagnose_fit(parts, now, formula=formula is None)
+        diagnosis = diagnose_fit(parts, now, formula)
         found = dataclasses.replace(found, rounds=(*found.rounds, diagnosis.screening))
         if diagnosis.screening.base is not now:
             now = diagnosis.screening.base
@@ -172,9 +158,6 @@ def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, form
     it, are dropped.
     """
     now, verdict = without_undetermined(parts, *without_needless(parts, now, found.verdict, least=0))
-    earlier = _formula_earlier(parts, found, now, verdict)
-    if earlier is not None:
-        formula, now, verdict = earlier
     plain = found.last if verdict == found.verdict else fit_without(parts, now, EFFECT_NAME)
     evidence = compare_fits(plain, now)
     found = _ending_with(found, plain, verdict)
@@ -184,27 +167,3 @@ def _beside_formula(parts: Split, found: DiscoveryResult, now: FittedModel, form
     described = describe(formula, now, evidence)
     described |= {"rms_m": now.rms, "held_out_rms_m": now.held_rms, "chi2_reduced": now.chi2}
     return dataclasses.replace(found, unexplained=described, explained=now)
-
-
-def _formula_earlier(
-    parts: Split, found: DiscoveryResult, now: FittedModel, verdict: tuple[str, ...]
-) -> tuple[SparseFormula, FittedModel, tuple[str, ...]] | None:
-    """A formula, found with fewer named effects, that leaves little, or no more than all of these and theirs leave.
-
-    Effects that imitate parts of what is missing are named one after the other, and the formula for the rest then needs
-    each of them. Fitted before them, a formula may need none.
-    """
-    for step, before in zip(found.ladder, found.verdicts, strict=True):
-        if not set(before) < set(verdict) or any(e.name() == EFFECT_NAME for e in step.model.effects):
-            continue
-        structure = select_terms(*score_terms(step))
-        if structure is None:
-            continue
-        log.info("a formula beside %s: %s", ", ".join(before) or "nothing", ", ".join(t.name for t in structure.terms))
-        one = fit_candidate(parts, step, structure.score()).fitted
-        # What a formula's shape leaves where it is nearly right is no reason to name effects that fill the gap.
-        left = min(MAX_SHAPE_EXCESS, MAX_SHAPE_SHARE * excess_variance(step))
-        enough = excess_variance(one) <= max(MAX_EXCESS_VARIANCE, left)
-        if (enough or compare_fits(one, now).delta_bic <= MIN_DELTA_BIC) and generalises(now, one):
-            return structure, one, before
-    return None

@@ -35,12 +35,13 @@ class {kind}(Effect):
 # Variables of a factor, as each hook finds them.
 MOTION_VARIABLES = {
     "x": "ball.x", "y": "ball.y", "wz": "ball.wz", "speed": "hypot(ball.vx, ball.vy)",
-    "heading": "atan2(ball.vy, ball.vx)", "order": "ball.order", "time": "ball.time", "other": "ball.number > 0",
+    "heading": "atan2(ball.vy, ball.vx)", "order": "ball.order", "time": "ball.time", "number": "ball.number",
+    "slip": "hypot(ball.slip_x, ball.slip_y)",
 }  # fmt: skip
 IMPACT_VARIABLES = {
-    "order": "hit.order", "slip": "hit.slip", "approach": "hit.approach",
-    "grazing": "grazing_sine(hit.vx, hit.vy, hit.approach)",
-    "other": "hit.first > 0", "first": "hit.first", "second": "hit.second",
+    "x": "hit.x", "y": "hit.y", "order": "hit.order", "time": "hit.time", "slip": "hit.slip",
+    "approach": "hit.approach", "grazing": "grazing_sine(hit.vx, hit.vy, hit.approach)",
+    "number": "hit.first", "first": "hit.first", "second": "hit.second",
     "rail": "hit.second", "along": "hit.y if hit.second < 2 else hit.x",
 }  # fmt: skip
 IMAGE_VARIABLES = {"x": "image.x", "y": "image.y"}
@@ -156,7 +157,8 @@ def _imports(body: str) -> str:
         "math": ("atan2", "cos", "exp", "hypot", "sin"),
         "dataclasses": ("dataclass",),
         "models.effect": ("BallState", "Effect", "ImageState", "ImpactState", "param", "push_along"),
-        "models.formula": ("grazing_sine", "until_edge"),
+        "models.formula": ("until_edge",),
+        "models.variables": ("grazing_sine",),
     }
     needed |= {"dataclass"}
     chosen = {module: [n for n in names if n in needed] for module, names in offered.items()}

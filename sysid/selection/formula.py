@@ -2,15 +2,16 @@
 
 In: a fit (`Point`). Out: a `SparseFormula`, and its description as result.json has it: place, dependence, size.
 
-Every term of the library (sysid/selection/terms.py) is scored like a candidate. Terms are selected by forward
-selection: at each step the one with the largest predicted improvement beside those selected already, as long as that
-is large enough. The formula is then fitted as an effect.
+It grows by a term at a time. Terms (sysid/selection/terms.py) and unknown functions (free_forms.py) are scored like
+candidates; the likeliest is added, as long as all of them together are likelier than nothing. The formula is then
+fitted as an effect, and the next term is looked for beside it.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,16 +21,13 @@ from models.errors import BadInput
 from models.formula import MAX_TERMS
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array
-from sysid.selection import score
 from sysid.selection.effect_file import effect_source
 from sysid.selection.evidence import Evidence
-from sysid.selection.score import Candidate, Score, Scores, candidate, score_all
+from sysid.selection.free_forms import blocks, causes, free_candidates, mean_odds, ranges
+from sysid.selection.score import Candidate, Score, Scores, candidate
 from sysid.selection.terms import QUANTITY_TEXTS, RESULT_REMEDY, Term, effect_from_terms, library, term_from_json
 
-MIN_TERM_IMPROVEMENT = 40.0  # predicted fall of chi-square, for a term to be selected
-MIN_IMPROVEMENT_PER_RESIDUAL = 2e-3  # the same of the first term, per residual
-MIN_IMPROVEMENT_OF_FIRST = 0.04  # the same of every further term, over that of the first
-MIN_INFORMATION_LEFT = 1e-3  # of a term, beside those selected: below it they imitate it
+MAX_PART_OF_BOUNDS = 0.95  # of a term's bounds, that it begins with
 EFFECT_NAME = "unexplained"
 log = logging.getLogger(__name__)
 
@@ -42,10 +40,6 @@ class SparseFormula:
     improvements: tuple[float, ...]  # predicted fall of chi-square by each, beside those before it
     values: Array  # (k,) coefficients of the linear model
 
-    def first(self) -> SparseFormula:
-        """The term that explains most, alone."""
-        return SparseFormula(self.terms[:1], self.improvements[:1], self.values[:1])
-
     def candidate(self) -> Candidate:
         """The formula as an effect to fit."""
         return candidate(effect_from_terms(EFFECT_NAME, self.terms, self.values.tolist()))
@@ -55,57 +49,70 @@ class SparseFormula:
         return Score(self.candidate(), float(sum(self.improvements)), self.values, np.full(len(self.terms), np.inf))
 
 
-def term_candidates(base: Point) -> tuple[list[Term], list[Candidate]]:
-    """All terms of the library for the clips of a fit, and each as a candidate."""
-    most = max((len(c.balls) for c in base.problem.clips), default=1)
-    terms = library(base.model.table, most)
-    log.info("looking for structure outside the catalogue: %d terms", len(terms))
-    return terms, term_candidates_of(terms)
+def grown(
+    before: SparseFormula | None, base: Point, score: Callable[[Sequence[Candidate]], Scores]
+) -> SparseFormula | None:
+    """A formula with one term more, for what a fit leaves; None where that is less likely than nothing.
+
+    Args:
+        before: the formula that the fit has.
+        base: the fit.
+        score: of candidates beside it.
+    """
+    old = before or SparseFormula((), (), np.zeros(0))
+    if len(old.terms) >= MAX_TERMS:
+        return None
+    clips, table = base.problem.clips, base.model.table
+    seen = ranges(clips, table.length, table.width, base.model.ball.radius)
+    balls = max(len(clip.balls) for clip in clips)
+    free, terms = blocks(seen, balls), _others(library(table, balls), old)
+    log.info("looking for structure outside the catalogue: %d functions, %d terms", len(free), len(terms))
+    scores = score([*free_candidates(free), *_candidates(terms)])
+    found = causes(scores, free)
+    if found[0].log_odds <= math.log(len(found)):  # beforehand all of them together are as likely as nothing
+        return None
+    block = found[0].block
+    if block is None:
+        term, row = _term_of(found[0].name, terms, scores)
+    else:
+        families = [family for family in (_others(one, old) for one in block.shapes(seen)) if family]
+        if not families:
+            return None
+        term, row = _likeliest(families, score)
+    log.info("likeliest is %s, with log odds of %.1f; as a term %s", found[0].name, found[0].log_odds, term.name)
+    at = dict(zip(base.names, base.constants.tolist(), strict=True))
+    values = [at[f"{EFFECT_NAME}.{one.name}"] for one in old.terms]
+    value = float(np.clip(row.values[0], -MAX_PART_OF_BOUNDS * term.width, MAX_PART_OF_BOUNDS * term.width))
+    gains = (*old.improvements, row.predicted_improvement)
+    return SparseFormula((*old.terms, term), gains, np.array([*values, value]))
 
 
-def term_candidates_of(terms: Sequence[Term]) -> list[Candidate]:
+def _likeliest(
+    families: Sequence[Sequence[Term]], score: Callable[[Sequence[Candidate]], Scores]
+) -> tuple[Term, Score]:  # fmt: skip
+    """The likeliest place or scale of the likeliest family of terms, and its score."""
+    terms = [term for family in families for term in family]
+    scores = score(_candidates(terms))
+    odds = {_term_of(cause.name, terms, scores)[0].name: cause for cause in causes(scores)}
+    best = max(families, key=lambda family: mean_odds(np.array([odds[term.name].log_odds for term in family])))
+    return _term_of(max((odds[term.name] for term in best), key=lambda cause: cause.log_odds).name, terms, scores)
+
+
+def _others(terms: Sequence[Term], formula: SparseFormula) -> list[Term]:
+    """Terms that a formula does not have yet."""
+    have = {term.name for term in formula.terms}
+    return [term for term in terms if term.name not in have]
+
+
+def _candidates(terms: Sequence[Term]) -> list[Candidate]:
     """Each of these terms as a candidate."""
     return [candidate(effect_from_terms(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
 
 
-def score_terms(base: Point) -> tuple[list[Term], Scores]:
-    """All terms of the library, and their scores at a fit."""
-    terms, candidates = term_candidates(base)
-    return terms, score_all(base, candidates, quick=True)
-
-
-def select_terms(terms: Sequence[Term], scores: Scores) -> SparseFormula | None:
-    """Forward selection of terms; None where not even one explains enough."""
-    information, gradient, marginal = scores.schur_information, scores.gradient, scores.marginal_information
-    rows = np.array([scores.blocks[f"term{k}"].start for k in range(len(terms))])
-    alone = np.diag(information)[rows]
-    lost = alone <= score.MIN_INFORMATION_LEFT * np.maximum(marginal[rows], 1e-300)
-    chosen: list[int] = []
-    improvements: list[float] = []
-    for _ in range(MAX_TERMS):
-        size = np.diag(information)[rows]
-        distinct = (size > MIN_INFORMATION_LEFT * alone) & ~lost
-        improvement = np.where(distinct, gradient[rows] ** 2 / np.where(distinct, size, 1.0), 0.0)
-        improvement[chosen] = 0.0
-        best = int(np.argmax(improvement))
-        relative = MIN_IMPROVEMENT_OF_FIRST * improvements[0] if chosen else MIN_IMPROVEMENT_PER_RESIDUAL * scores.count
-        if improvement[best] < max(MIN_TERM_IMPROVEMENT, relative):
-            break
-        chosen.append(best)
-        improvements.append(float(improvement[best]))
-        # Schur complement: the selected term is projected off all others.
-        k = rows[best]
-        lever = information[:, k] / information[k, k]
-        gradient = gradient - lever * gradient[k]
-        information = information - np.outer(lever, information[k, :])
-    if not chosen:
-        return None
-    at = rows[chosen]
-    block = scores.schur_information[np.ix_(at, at)]
-    values = -np.linalg.lstsq(block, scores.gradient[at], rcond=1e-10)[0] * scores.probe[at]
-    width = np.array([terms[k].width for k in chosen])
-    values = np.clip(values, -0.95 * width, 0.95 * width)
-    return SparseFormula(tuple(terms[k] for k in chosen), tuple(improvements), values)
+def _term_of(name: str, terms: Sequence[Term], scores: Scores) -> tuple[Term, Score]:
+    """The term that a candidate has, and its score."""
+    row = next(one for one in scores.rows if one.candidate.name == name)
+    return terms[int(name.removeprefix("term"))], row
 
 
 def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidence | None) -> dict[str, Any]:

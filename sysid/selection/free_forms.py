@@ -26,7 +26,7 @@ from models.free_form import ALONE, PERIODIC, STEPS, Axis, FreeForm, free_form
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
 from sysid.selection.score import Candidate, Scores, candidate
-from sysid.selection.terms import COEFFICIENT_WIDTHS
+from sysid.selection.terms import COEFFICIENT_WIDTHS, SEEN_BY, Term, shapes, straight
 
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
 SMOOTHNESS = (1.0, 0.5, 0.25)  # lengths over which a function varies, of its range
@@ -34,13 +34,6 @@ SIZES = np.geomspace(3e-3, 1.0, 12)  # standard deviations of a function, over i
 USUAL_SIZES = np.geomspace(0.05, 3.0, 12)  # the same of a named effect, over its usual value
 FASTEST_QUANTILE = 0.95  # of the speeds of a track between frames, which beyond it may be outliers
 LEAST_VARIANCE = 1e-9  # added to a covariance, of its mean variance
-MOTION = ("x", "y", "heading", "speed", "wz", "time", "order", "number")
-CONTACT = ("sine", "approach", "slip", "order", "time", "number")
-SEEN_BY = {
-    "drag": MOTION, "side": MOTION, "push_x": MOTION, "push_y": MOTION, "grip": (*MOTION, "slip"),
-    "cushion_e": ("rail", "along", *CONTACT), "cushion_mu": ("rail", "along", *CONTACT),
-    "ball_e": ("x", "y", *CONTACT), "ball_mu": ("x", "y", *CONTACT),
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -65,11 +58,19 @@ class Block:
         """Its class of effects."""
         return free_form(self.name, 1 + kinds.TERM_HOOKS.index(self.quantity), *self.axes, 4 * self.width)
 
+    def shapes(self, seen: dict[str, tuple[float, float]]) -> list[list[Term]]:
+        """Families of terms that it may have the shape of, over the ranges of what was seen."""
+        variable, axis = self.variables[0], self.axes[0]
+        if axis.kind == STEPS:
+            return [straight(self.quantity, variable, axis.count)]
+        return shapes(self.quantity, variable, *seen.get(variable, (-math.pi, math.pi)))
+
     def correlations(self) -> list[Array]:
         """Of its coefficients (k, k), for each smoothness."""
         smooth = any(axis.kind != STEPS for axis in self.axes)
         return [
-            np.kron(*(_correlation(axis, part) for axis in self.axes)) for part in (SMOOTHNESS if smooth else (1.0,))
+            np.asarray(np.kron(*(_correlation(axis, part) for axis in self.axes)), float)
+            for part in (SMOOTHNESS if smooth else (1.0,))
         ]
 
 
@@ -93,7 +94,7 @@ def ranges(clips: Sequence[Clip], length: float, width: float, radius: float) ->
     return {
         "x": (-length / 2, length / 2), "y": (-width / 2, width / 2), "speed": (0.0, speed), "slip": (0.0, speed),
         "wz": (-speed / radius, speed / radius), "time": (0.0, duration), "order": (0.0, 1.0), "along": (-half, half),
-        "sine": (0.0, 1.0), "approach": (0.0, speed),
+        "grazing": (0.0, 1.0), "approach": (0.0, speed),
     }  # fmt: skip
 
 
@@ -118,8 +119,7 @@ class Cause:
     name: str
     log_odds: float  # marginal likelihood with it over that with nothing
     block: Block | None  # None for a named effect
-    mean: Array  # (k,) its parameters, where the likelihood has its greatest value
-    covariance: Array  # (k, k)
+    mean: Array  # (k,) its parameters, as distances from where it does nothing, where they are likeliest
 
 
 def log_odds(information: Array, gradient: Array, covariance: Array) -> float:
@@ -134,9 +134,10 @@ def _regular(covariance: Array) -> Array:
     return np.asarray(covariance + LEAST_VARIANCE * np.trace(covariance) / len(covariance) * np.eye(len(covariance)))
 
 
-def causes(scores: Scores, free: Sequence[Block], named: Sequence[Candidate]) -> list[Cause]:
-    """All candidates that were scored, the likeliest first."""
+def causes(scores: Scores, free: Sequence[Block] = ()) -> list[Cause]:
+    """All candidates that were scored, the likeliest first; those of blocks are `free`."""
     by_name = {block.name: block for block in free}
+    usual = {row.candidate.name: row.candidate.usual() for row in scores.rows}
     found = []
     for name, at in scores.blocks.items():
         probe = scores.probe[at]
@@ -144,17 +145,19 @@ def causes(scores: Scores, free: Sequence[Block], named: Sequence[Candidate]) ->
         gradient = scores.gradient[at] / probe
         block = by_name.get(name)
         if block is None:
-            usual = next(one.usual() for one in named if one.name == name)
-            priors = [np.diag((size * usual) ** 2) for size in USUAL_SIZES]
+            priors = [np.diag((size * usual[name]) ** 2) for size in USUAL_SIZES]
         else:
             priors = [(size * block.width) ** 2 * shape for shape in block.correlations() for size in SIZES]
         odds = np.array([log_odds(information, gradient, prior) for prior in priors])
         prior = priors[int(np.argmax(odds))]
-        covariance = np.linalg.inv(information + np.linalg.inv(_regular(prior)))
-        mean = -covariance @ gradient
-        average = float(np.logaddexp.reduce(odds)) - math.log(len(odds))
-        found.append(Cause(name, average, block, mean, covariance))
+        mean = -np.asarray(np.linalg.solve(information + np.linalg.inv(_regular(prior)), gradient), float)
+        found.append(Cause(name, mean_odds(odds), block, mean))
     return sorted(found, key=lambda cause: -cause.log_odds)
+
+
+def mean_odds(odds: Array) -> float:
+    """Log odds of something that is one of several things, each as likely as the others beforehand."""
+    return float(np.logaddexp.reduce(odds)) - math.log(len(odds))
 
 
 def free_candidates(free: Sequence[Block]) -> list[Candidate]:

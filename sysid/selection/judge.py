@@ -2,22 +2,27 @@
 
 In: clips (`Split`) and their fit (`FittedModel`). Out: a `Diagnosis`.
 
-Whole shots are screened, and a sparse formula (sysid/selection/formula.py) takes the place of an effect that explains
-clearly less.
+Whole shots are screened, and a term of a sparse formula (sysid/selection/formula.py) takes the place of an effect that
+explains less.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.split import Split
 from sysid.selection.departures import shared_cause
-from sysid.selection.evidence import excess_variance, generalises
-from sysid.selection.formula import SparseFormula, score_terms, select_terms
+from sysid.selection.evidence import compare_fits, counted_as_one, excess_variance, generalises, remove_effect
+from sysid.selection.formula import EFFECT_NAME, SparseFormula, grown
+from sysid.selection.score import Candidate, Scores, linearise, scores_of
 from sysid.selection.screening import (
     MAX_EXCESS_VARIANCE,
+    MIN_DELTA_BIC,
     FittedCandidate,
     Screening,
     candidates_for,
@@ -26,8 +31,6 @@ from sysid.selection.screening import (
     screen,
 )
 
-MAX_TERM_ADVANTAGE = 3.0  # predicted improvement of the best term over that of an effect that is still fitted
-MIN_TERM_ADVANTAGE = 1.2  # the same over that of the best named effect, for the formula to take its place
 MIN_SHARE_BESIDE_FORMULA = (
     0.05  # of chi-square beyond noise, that an effect beside a formula must be predicted to explain
 )
@@ -50,50 +53,40 @@ class Diagnosis:
         return best.name if best is not None and self.formula is None else None
 
 
-def diagnose_fit(parts: Split, now: FittedModel, formula: bool = True) -> Diagnosis:
-    """Find the effect that a fit lacks or, where none explains the residuals, a formula.
+def diagnose_fit(parts: Split, now: FittedModel, formula: SparseFormula | None = None) -> Diagnosis:
+    """Find the effect that a fit lacks or, where none explains the residuals, a formula with one term more.
 
     Args:
         parts: the clips.
         now: their fit.
-        formula: whether to look for structure outside the catalogue; False where a formula is in the model already.
+        formula: that it has already.
     """
-    before = now
-    searched: list[SparseFormula | None] = []  # the terms are scored once at most, and only where it is needed
-
-    def outside(base: FittedModel) -> SparseFormula | None:
-        if not searched:
-            searched.append(select_terms(*score_terms(base)))
-        return searched[0]
-
-    def competing() -> float:
-        found = outside(now) if formula else None
-        return found.improvements[0] / MAX_TERM_ADVANTAGE if found else 0.0
-
-    share = 0.0 if formula else MIN_SHARE_BESIDE_FORMULA
-    seen = screen(parts, now, candidates_for(now.model), competing, share)
+    before, share = now, 0.0 if formula is None else MIN_SHARE_BESIDE_FORMULA
+    seen = screen(parts, now, candidates_for(now.model), share)
     best, now = seen.best, seen.base
-    if not formula or excess_variance(best.fitted if best else now) <= MAX_EXCESS_VARIANCE:
+    if excess_variance(best.fitted if best else now) <= MAX_EXCESS_VARIANCE:
         return Diagnosis(seen)
-    structure = outside(now)
-    if structure is None or (best is not None and not outdoes(parts, now, structure, best)):
+    larger = grown(formula, now, partial(_scored, now))
+    if larger is None:
         return Diagnosis(seen)
-    log.info("a formula: %s", ", ".join(t.name for t in structure.terms))
-    fitted = fit_candidate(parts, now, structure.score())
-    if not is_enough(fitted.evidence, seen.count) or not generalises(now, fitted.fitted):
+    bare = now if formula is None else remove_effect(now, EFFECT_NAME)
+    fitted = fit_candidate(parts, bare, larger.score())
+    fitted = dataclasses.replace(fitted, evidence=compare_fits(now, fitted.fitted))
+    if best is not None and not outdoes(best, fitted):
+        return Diagnosis(seen)
+    if not fitted.converged or not is_enough(fitted.evidence, seen.count) or not generalises(now, fitted.fitted):
         return Diagnosis(seen)
     if excess_variance(fitted.fitted) > MAX_FORMULA_EXCESS and shared_cause(before) is not None:
         return Diagnosis(seen)
-    return Diagnosis(seen, structure, fitted)
+    return Diagnosis(seen, larger, fitted)
 
 
-def outdoes(parts: Split, now: FittedModel, structure: SparseFormula, best: FittedCandidate) -> bool:
-    """Whether the first term of a formula explains clearly more than the best named effect, predicted and fitted.
+def _scored(now: FittedModel, candidates: Sequence[Candidate]) -> Scores:
+    """Scores of candidates beside a fit, its residuals as many as are independent."""
+    return scores_of(now, linearise(now, candidates, quick=True), counted_as_one(now))
 
-    Nor may it follow held-out clips worse.
-    """
-    if structure.improvements[0] <= MIN_TERM_ADVANTAGE * best.score.predicted_improvement:
-        return False
-    alone = fit_candidate(parts, now, structure.first().score())
-    more = alone.evidence.delta_bic > MIN_TERM_ADVANTAGE * best.evidence.delta_bic
-    return more and generalises(best.fitted, alone.fitted)
+
+def outdoes(best: FittedCandidate, fitted: FittedCandidate) -> bool:
+    """Whether the evidence for a formula separates it from the best named effect, and held-out clips agree."""
+    more = compare_fits(best.fitted, fitted.fitted).delta_bic > MIN_DELTA_BIC
+    return more and generalises(best.fitted, fitted.fitted)

@@ -16,6 +16,7 @@ import logging
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -202,7 +203,6 @@ class Scores:
     """All candidates at one operating point."""
 
     rows: tuple[Score, ...]  # best first
-    correlations: dict[tuple[str, str], float]  # of the projected signatures of two candidates
     chi2: float  # weighted sum of squares
     count: int  # of residuals
     schur_information: Array  # (K, K) of all probes, initial states and constants projected off
@@ -210,6 +210,11 @@ class Scores:
     marginal_information: Array  # (K,) of each probe alone, nothing projected off
     blocks: dict[str, slice]  # the probes of each candidate
     probe: Array  # (K,) parameter change of one probe
+
+    @cached_property
+    def correlations(self) -> dict[tuple[str, str], float]:
+        """Of the projected signatures of every two candidates."""
+        return _canonical_correlations(self.schur_information, self.blocks)
 
     def correlation(self, one: str, two: str) -> float:
         """Correlation of the projected signatures of two candidates; 0 for one that was not scored."""
@@ -290,8 +295,7 @@ def scores_of(point: Point, seen: Linearised, design_effect: float = 1.0) -> Sco
         start += len(row.values)
     probes = np.concatenate([np.zeros(0), *(signatures[k].probe for k in kept)])
     order = tuple(sorted(rows, key=lambda row: -row.predicted_improvement))
-    correlations = _canonical_correlations(schur, blocks)
-    return Scores(order, correlations, seen.chi2, seen.count, schur, projected, marginal, blocks, probes)
+    return Scores(order, seen.chi2, seen.count, schur, projected, marginal, blocks, probes)
 
 
 def _best_of_each(rows: Sequence[Score]) -> list[int]:

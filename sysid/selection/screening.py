@@ -130,7 +130,6 @@ def screen(
     parts: Split,
     base: FittedModel,
     candidates: Sequence[Candidate],
-    competing: Callable[[], float] = lambda: 0.0,
     share: float = 0.0,
 ) -> Screening:
     """Score all candidates, fit the best of them and compare the fits.
@@ -139,7 +138,6 @@ def screen(
         parts: clips to fit, and those held out.
         base: the fit without any of the candidates.
         candidates: what may be missing.
-        competing: predicted improvement that candidates after the first must exceed; called only where it is needed.
         share: least predicted improvement of any candidate, as a part of the excess of chi-square over noise.
     """
     scores = score_all(base, candidates)
@@ -147,7 +145,7 @@ def screen(
     def fit(score: Score) -> FittedCandidate:
         return fit_candidate(parts, base, score)
 
-    fits = _fit_chosen(scores, shortlist(scores, share), fit, competing)
+    fits = _fit_chosen(scores, shortlist(scores, share), fit)
     if fits and not any(one.converged for one in fits):  # candidates that predict less were left out for no verdict
         tried = {one.name for one in fits}
         others = [row for row in scores.rows if row.candidate.name not in tried]
@@ -175,22 +173,17 @@ def _fit_chosen(
     scores: Scores,
     chosen: Sequence[Score],
     fit: Callable[[Score], FittedCandidate],
-    competing: Callable[[], float],
 ) -> list[FittedCandidate]:
     """Fit the chosen candidates that may still win.
 
-    Where the first leaves nothing but noise, only those close to it are fitted; where it leaves more, those that
-    predict as much as structure outside the catalogue does.
+    Where the first leaves nothing but noise, only those close to it are fitted.
     """
     fits: list[FittedCandidate] = []
-    least = 0.0
     for score in chosen:
         sufficient = bool(fits) and excess_variance(fits[0].fitted) < MAX_EXCESS_VARIANCE and fits[0].converged
-        if len(fits) == 1 and not sufficient:
-            least = competing()
         correlation = scores.correlation(score.candidate.name, chosen[0].candidate.name) if fits else 0.0
         close = sufficient or correlation > CONFOUNDED_CORRELATION
-        bar = max(least, MIN_IMPROVEMENT_OF_SUFFICIENT * chosen[0].predicted_improvement if close else 0.0)
+        bar = MIN_IMPROVEMENT_OF_SUFFICIENT * chosen[0].predicted_improvement if close else 0.0
         if score.predicted_improvement > bar or (score.sudden and not sufficient):
             fits.append(fit(score))
     return fits

@@ -3,14 +3,14 @@
 In: a table, or the terms of an earlier result.json. Out: the library of terms, or an `Effect` to fit.
 
 A term is a factor on a quantity of the motion: a drag on rolling balls, a change of the sliding friction, a push, a
-lateral acceleration, a change of restitution or friction at a cushion or between balls, a shift in the image. Terms are
-data: codes and constants that models/formula.py plays, beside the same factor as text. Nothing of an earlier result is
-evaluated: its terms are looked up in the library by name and quantity.
+lateral acceleration, a change of restitution or friction at a cushion or between balls, a shift in the image. Of every
+variable that a quantity may depend on (`SEEN_BY`) there are lines, powers, steps and decays; of two at once a few that
+physics suggests. Terms are data: codes and constants that models/formula.py plays, beside the same factor as text.
+Nothing of an earlier result is evaluated: its factors are read as numbers and variables.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 from collections.abc import Sequence
@@ -23,6 +23,7 @@ from models.errors import BadInput
 from models.files.faults import shown
 from models.formula import Part, formula
 from models.shot import Table
+from models.variables import VARIABLES
 
 CLOTH_CELLS = (6, 3)  # cells of the cloth with a drag of their own, along and across
 RAIL_NAMES = ("+x", "-x", "+y", "-y")
@@ -73,125 +74,221 @@ COEFFICIENT_WIDTHS = {  # half of the bounds that a term without variables has
     "drag": 0.1, "grip": 0.5, "push_x": 0.1, "push_y": 0.1, "side": 0.1, "cushion_e": 0.3, "cushion_mu": 0.2,
     "ball_e": 0.2, "ball_mu": 0.2, "image_x": 0.05, "image_y": 0.05,
 }  # fmt: skip
+NUMBER = r"(-?\d{1,4}(?:\.\d{1,4})?)"
 CELL_PATTERN = re.compile(  # the factor of a cell
     r"abs\(x ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4}) and abs\(y ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4})", re.ASCII
 )
-FADING_SPEEDS_M_S = (0.1, 0.14, 0.2, 0.28, 0.4, 0.57, 0.8, 1.1)  # over which an excess of friction falls by e
-FACTOR_CODES: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and constants
+STEP_PATTERN, EQUAL_PATTERN, DECAY_PATTERN, POWER_PATTERN = (
+    re.compile(text, re.ASCII)
+    for text in (
+        rf"([a-z]+) > {NUMBER}", r"([a-z]+) == (\d{1,3})", rf"exp\(-([a-z]+) / {NUMBER}\)", r"([a-z]+)(\*\*2)?",
+    )
+)  # fmt: skip
+IMAGE_VARIABLES = ("x", "y")
+BEYOND_M, WIDE_M = 500.0, 1000.0  # half of what lies beyond a line on the cloth, and of its length
+FIXED_FACTORS: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and constants
     "1.0": (kinds.ONE, ()), "cos(heading)": (kinds.COS, (1.0,)), "sin(heading)": (kinds.SIN, (1.0,)),
-    "cos(2 * heading)": (kinds.COS, (2.0,)), "sin(2 * heading)": (kinds.SIN, (2.0,)), "order": (kinds.ORDER, ()),
-    "other": (kinds.OTHER, ()), "time": (kinds.TIME, ()), "speed": (kinds.SPEED, ()),
-    **{f"exp(-speed / {fade})": (kinds.FADE, (fade,)) for fade in FADING_SPEEDS_M_S}, "abs(wz)": (kinds.TWIST, ()),
+    "cos(2 * heading)": (kinds.COS, (2.0,)), "sin(2 * heading)": (kinds.SIN, (2.0,)), "abs(wz)": (kinds.TWIST, ()),
     "wz * cos(heading)": (kinds.SPIN_COS, ()), "wz * sin(heading)": (kinds.SPIN_SIN, ()),
-    "x": (kinds.POWER, (1.0, 0.0, 0.0)), "y": (kinds.POWER, (0.0, 1.0, 0.0)), "x**2": (kinds.POWER, (2.0, 0.0, 0.0)),
-    "y**2": (kinds.POWER, (0.0, 2.0, 0.0)), "x * y": (kinds.POWER, (1.0, 1.0, 0.0)),
-    "x * (x**2 + y**2) ** 2": (kinds.POWER, (1.0, 0.0, 2.0)), "y * (x**2 + y**2) ** 2": (kinds.POWER, (0.0, 1.0, 2.0)),
-    "abs(along)": (kinds.ALONG, (1.0,)), "along**2": (kinds.ALONG, (2.0,)), "slip - 1.0": (kinds.SLIP, (1.0,)),
-    "approach - 1.0": (kinds.APPROACH, (1.0,)), "grazing": (kinds.GRAZING, (1.0,)),
-    "grazing**2": (kinds.GRAZING, (2.0,)),
-} | {f"rail == {k}": (kinds.RAIL, (float(k),)) for k in range(len(RAIL_NAMES))}  # fmt: skip
+    "x * y": (kinds.POWER, (1.0, 1.0, 0.0)), "x * (x**2 + y**2) ** 2": (kinds.POWER, (1.0, 0.0, 2.0)),
+    "y * (x**2 + y**2) ** 2": (kinds.POWER, (0.0, 1.0, 2.0)), "abs(along)": (kinds.ALONG_RAIL, (1.0,)),
+}  # fmt: skip
+_MOTION = ("x", "y", "heading", "speed", "wz", "time", "order", "number")
+_CONTACT = ("grazing", "approach", "slip", "order", "time", "number")
+SEEN_BY = {  # what each quantity may depend on
+    "drag": _MOTION, "side": _MOTION, "push_x": _MOTION, "push_y": _MOTION, "grip": (*_MOTION, "slip"),
+    "cushion_e": ("rail", "along", *_CONTACT), "cushion_mu": ("rail", "along", *_CONTACT),
+    "ball_e": ("x", "y", *_CONTACT), "ball_mu": ("x", "y", *_CONTACT),
+}  # fmt: skip
+PLACES = {  # where each quantity acts
+    "drag": "rolling on the cloth", "side": "rolling on the cloth", "grip": "sliding on the cloth",
+    "push_x": "everywhere on the cloth", "push_y": "everywhere on the cloth", "cushion_e": "all cushions",
+    "cushion_mu": "all cushions", "ball_e": "collisions of balls", "ball_mu": "collisions of balls",
+}  # fmt: skip
+DEPENDENCES = {  # what a variable is called
+    "x": "place", "y": "place", "along": "place", "heading": "heading", "speed": "speed", "approach": "speed",
+    "slip": "slip", "wz": "spin", "time": "time", "order": "order of the clips", "number": "ball", "rail": "rail",
+    "grazing": "angle",
+}  # fmt: skip
+VARIABLE_UNITS = {
+    "x": "m", "y": "m", "along": "m", "speed": "m/s", "approach": "m/s", "slip": "m/s", "wz": "rad/s", "time": "s",
+}  # fmt: skip
+USUAL_VALUES = {"time": 5.0, "wz": 20.0, "slip": 3.0, "approach": 3.0}  # of a variable, where they are not about 1
+SIZED = ("wz", "along")  # of which the size may count alone
+DECAYING = ("speed", "slip", "approach", "time")  # of which a quantity may fade
+PARTS_OF_RANGE = 20  # steps and decays of a variable lie this close
 
 
-def _drag_at_places(table: Table) -> list[Term]:
-    """Of every cell of the cloth and every half."""
-    found: list[Term] = []
+def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | None:
+    """Code and constants of a factor that is written as the terms of this file write it; None for any other text."""
+    known = FIXED_FACTORS.get(factor)
+    if known is not None:
+        return known
+    if cell := CELL_PATTERN.fullmatch(factor):
+        x, half_x, y, half_y = (float(v) for v in cell.group(2, 3, 5, 6))
+        return kinds.BOX, (-x if cell[1] == "+" else x, half_x, -y if cell[4] == "+" else y, half_y)
+    for pattern, kind in (
+        (STEP_PATTERN, kinds.ABOVE), (EQUAL_PATTERN, kinds.EQUAL), (DECAY_PATTERN, kinds.DECAY),
+        (POWER_PATTERN, kinds.VARIABLE),
+    ):  # fmt: skip
+        found = pattern.fullmatch(factor)
+        if found is None or (found[1] not in SEEN_BY.get(quantity, ()) and found[1] not in IMAGE_VARIABLES):
+            continue
+        variable = float(VARIABLES.index(found[1]))
+        if kind == kinds.VARIABLE:
+            return kind, (variable, 0.0, 2.0 if found[2] else 1.0)
+        at = float(found[2])
+        if kind == kinds.DECAY and not at > 0.0:
+            return None
+        if kind == kinds.ABOVE and found[1] in ("x", "y") and quantity in ("drag", "grip", "side", "push_x", "push_y"):
+            line = (at + BEYOND_M, BEYOND_M, 0.0, WIDE_M)  # so that both engines know when a ball crosses it
+            return kinds.BOX, line if found[1] == "x" else (*line[2:], *line[:2])
+        return kind, (variable, at)
+    return None
+
+
+def _named(value: float) -> str:
+    """A number as part of a name, in thousandths."""
+    return f"{'m' if value < 0 else ''}{abs(round(1e3 * value))}"
+
+
+def _term(quantity: str, name: str, factor: str, variables: Sequence[str], power: float = 1.0, where: str = "") -> Term:
+    """A term of one or two variables that its quantity sees."""
+    code = factor_code(quantity, factor)
+    if code is None:
+        raise ValueError(f"{factor} is no factor of {quantity}")
+    units = [VARIABLE_UNITS[v] for v in variables if v in VARIABLE_UNITS] if power else []
+    per, times = units[0] if units else "", power * len(units)
+    if times > 1:
+        per = f"({per})^{times:.0f}" if "/" in per else f"{per}^{times:.0f}"
+    size = math.prod(USUAL_VALUES.get(v, 1.0) for v in variables) ** power
+    unit = QUANTITY_UNITS.get(quantity, "1") + (f" per {per}" if per else "")
+    on = tuple(dict.fromkeys(DEPENDENCES[v] for v in variables)) or ("nothing",)
+    return Term(
+        f"{quantity}_{name}", quantity, factor, unit, COEFFICIENT_WIDTHS[quantity] / size,
+        where or PLACES.get(quantity, "in the camera's image"), on, None, *code,
+    )  # fmt: skip
+
+
+def straight(quantity: str, variable: str, count: int) -> list[Term]:
+    """The plainest terms of a variable: its line, first waves of a heading, or each of `count` rails or balls."""
+    if variable == "heading":
+        waves = {"cos": "cos(heading)", "sin": "sin(heading)", "cos2": "cos(2 * heading)", "sin2": "sin(2 * heading)"}
+        return [_term(quantity, name, factor, ("heading",), 0.0) for name, factor in waves.items()]
+    if variable in ("rail", "number"):
+        return [
+            _term(quantity, f"{variable}_{k}", f"{variable} == {k}", (variable,), 0.0, _which(quantity, variable, k))
+            for k in range(count)
+        ]
+    return [_term(quantity, variable, variable, (variable,))]
+
+
+def _which(quantity: str, variable: str, k: int) -> str:
+    """Where a quantity changes that does so at one rail, or for one ball."""
+    if variable == "rail":
+        return f"the cushion at {RAIL_NAMES[k]}: its {'friction' if quantity.endswith('mu') else 'restitution'}"
+    return f"{PLACES[quantity]}, {'the struck ball' if k == 0 else f'ball {k}'}"
+
+
+def _square(quantity: str, variable: str) -> Term:
+    return _term(quantity, f"{variable}_2", f"{variable}**2", (variable,), 2.0)
+
+
+def _step(quantity: str, variable: str, at: float) -> Term:
+    """One beyond a value of the variable, to the thousandth."""
+    at = round(at, 3) + 0.0
+    beyond = f"where {variable} >" if variable in IMAGE_VARIABLES else f"{DEPENDENCES[variable]} above"
+    where = f"{PLACES[quantity]}, {beyond} {at:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
+    return _term(quantity, f"{variable}_above_{_named(at)}", f"{variable} > {at:g}", (variable,), 0.0, where)
+
+
+def _decay(quantity: str, variable: str, scale: float) -> Term:
+    """One that falls by e over a scale, to the thousandth."""
+    scale = round(scale, 3)
+    return _term(quantity, f"{variable}_fade_{_named(scale)}", f"exp(-{variable} / {scale:g})", (variable,), 0.0)
+
+
+def shapes(quantity: str, variable: str, low: float, high: float) -> list[list[Term]]:
+    """Families of terms of a variable over a range: of each the places or scales that it may have."""
+    families = [[one] for one in straight(quantity, variable, 0)]
+    if variable == "heading":
+        return families
+    parts = [(high - low) * k / PARTS_OF_RANGE for k in range(1, PARTS_OF_RANGE)]
+    families += [[_square(quantity, variable)], [_step(quantity, variable, low + part) for part in parts]]
+    if variable in DECAYING:
+        families.append([_decay(quantity, variable, part) for part in parts])
+    if variable in SIZED:
+        families.append([_size(quantity, variable)])
+    return families
+
+
+def _size(quantity: str, variable: str) -> Term:
+    return _term(quantity, f"{variable}_size", f"abs({variable})", (variable,))
+
+
+def _read(quantity: str, factor: str) -> Term | None:
+    """A term of `shapes` from its factor as text; None for any other text."""
+    if factor_code(quantity, factor) is None or quantity not in SEEN_BY:
+        return None
+    if found := STEP_PATTERN.fullmatch(factor):
+        return _step(quantity, found[1], float(found[2]))
+    if found := DECAY_PATTERN.fullmatch(factor):
+        return _decay(quantity, found[1], float(found[2]))
+    if (found := POWER_PATTERN.fullmatch(factor)) and found[2]:
+        return _square(quantity, found[1])
+    return next((_size(quantity, v) for v in SIZED if factor == f"abs({v})" and v in SEEN_BY[quantity]), None)
+
+
+def _cells(table: Table) -> list[Term]:
+    """A drag in every cell of the cloth."""
     nx, ny = CLOTH_CELLS
     dx, dy = table.length / nx, table.width / ny
-    for i in range(nx):
-        for j in range(ny):
-            x, y = (i + 0.5) * dx - table.length / 2, (j + 0.5) * dy - table.width / 2
-            found.append(_boxed(_CELL, f"drag_at_{i}_{j}", (x, dx / 2, y, dy / 2)))
-    for one in _HALVES:
-        at, across = (table.length / 4, 0.0), (table.length / 4, table.width / 2)
-        if one.name.endswith("y"):
-            at, across = (0.0, table.width / 4), (table.length / 2, table.width / 4)
-        found.append(_boxed(one, one.name, (at[0], across[0], at[1], across[1])))
-    return found
+    return [
+        _cell(f"drag_at_{i}_{j}", ((i + 0.5) * dx - table.length / 2, dx / 2, (j + 0.5) * dy - table.width / 2, dy / 2))
+        for i in range(nx) for j in range(ny)
+    ]  # fmt: skip
 
 
 def library(table: Table, names: int = 2) -> list[Term]:
-    """Every term that is scored on a table with so many balls at most."""
-    found = _drag_at_places(table)
-
-    def add(name: str, quantity: str, factor: str, per: str, where: str, *on: str, width: float = 1.0) -> None:
-        unit = QUANTITY_UNITS.get(quantity, "1") + (f" per {per}" if per else "")
-        kind, constants = FACTOR_CODES[factor]
-        half = width * COEFFICIENT_WIDTHS[quantity]
-        found.append(Term(f"{quantity}_{name}", quantity, factor, unit, half, where, on, None, kind, constants))
-
-    for quantity, word in (("drag", "rolling on the cloth"), ("grip", "sliding on the cloth")):
-        add("cos", quantity, "cos(heading)", "", word, "heading")
-        add("sin", quantity, "sin(heading)", "", word, "heading")
-        add("cos2", quantity, "cos(2 * heading)", "", word, "heading")
-        add("sin2", quantity, "sin(2 * heading)", "", word, "heading")
-        add("order", quantity, "order", "", word, "order of the clips")
-        add("other", quantity, "other", "", word + ", balls that are not struck", "ball")
-        add("time", quantity, "time", "s", word, "time", width=0.2)
-    for fade in FADING_SPEEDS_M_S:
-        where = "rolling slowly on the cloth" if fade < 0.5 else "rolling on the cloth"
-        add(f"fade_{round(1e3 * fade)}", "drag", f"exp(-speed / {fade})", "", where, "speed")
-    add("spin", "drag", "abs(wz)", "rad/s", "rolling on the cloth", "spin", width=0.05)
+    """Terms that are scored first on a table with so many balls at most; `shapes` has more of one variable."""
+    found = _cells(table)
+    counts = {"rail": len(RAIL_NAMES), "number": names if names > 1 else 0}
+    for quantity, variables in SEEN_BY.items():
+        for variable in variables:
+            found += straight(quantity, variable, counts.get(variable, 0))
     for axis in "xy":
-        quantity = f"push_{axis}"
-        for factor, name in (("x", "x"), ("y", "y"), ("x**2", "xx"), ("y**2", "yy"), ("x * y", "xy")):
-            per = "m" if len(name) == 1 else "m^2"
-            add(name, quantity, factor, per, "everywhere on the cloth", "place")
-        add("order", quantity, "order", "", "everywhere on the cloth", "order of the clips")
-    add("one", "side", "1.0", "", "rolling on the cloth", "nothing")
-    add("speed", "side", "speed", "m/s", "rolling on the cloth", "speed")
-    add("spin_cos", "side", "wz * cos(heading)", "rad/s", "rolling on the cloth", "spin", "heading", width=0.02)
-    add("spin_sin", "side", "wz * sin(heading)", "rad/s", "rolling on the cloth", "spin", "heading", width=0.02)
-    for quantity, word in (("cushion_e", "restitution"), ("cushion_mu", "friction")):
-        for k, rail in enumerate(RAIL_NAMES):
-            add(f"rail_{k}", quantity, f"rail == {k}", "", f"the cushion at {rail}: its {word}", "rail")
-        add("order", quantity, "order", "", "all cushions", "order of the clips")
-        add("place", quantity, "abs(along)", "m", "all cushions, along their length", "place")
-        add("place_2", quantity, "along**2", "m^2", "all cushions, along their length", "place")
-        add("other", quantity, "other", "", "cushions, balls that are not struck", "ball")
-        add("grazing", quantity, "grazing", "", "all cushions", "angle")
-        add("grazing_2", quantity, "grazing**2", "", "all cushions", "angle")
-    for quantity in ("cushion_mu", "cushion_e", "ball_mu", "ball_e"):
-        where = "all cushions" if quantity.startswith("cushion") else "collisions of balls"
-        add("slip", quantity, "slip - 1.0", "m/s", where, "slip", width=0.3)
-        add("approach", quantity, "approach - 1.0", "m/s", where, "speed", width=0.3)
+        found.append(_term(f"push_{axis}", "xy", "x * y", ("x", "y")))
+    found.append(_term("side", "one", "1.0", ()))
+    found.append(_term("side", "spin_cos", "wz * cos(heading)", ("wz", "heading")))
+    found.append(_term("side", "spin_sin", "wz * sin(heading)", ("wz", "heading")))
     for quantity in ("ball_e", "ball_mu"):
-        add("order", quantity, "order", "", "collisions of balls", "order of the clips")
         for k in range(2, names):
             name, factor, where = f"{quantity}_with_{k}", f"second == {k} or first == {k}", f"collisions with ball {k}"
             half = COEFFICIENT_WIDTHS[quantity]
             found.append(Term(name, quantity, factor, "1", half, where, ("ball",), None, kinds.WITH, (float(k),)))
-    for axis in "xy":
+    for axis, other in ("xy", "yx"):
         quantity = f"image_{axis}"
-        other = "y" if axis == "x" else "x"
-        for factor, name, per in (
-            ("1.0", "one", ""), (axis, axis, "m"), (other, other, "m"), ("x**2", "xx", "m^2"),
-            ("x * y", "xy", "m^2"), ("y**2", "yy", "m^2"), (f"{axis} * (x**2 + y**2) ** 2", "r5", "m^5"),
+        found.append(_term(quantity, "one", "1.0", ("x",), 0.0))
+        for name, factor, variables, power in (
+            (axis, axis, (axis,), 1.0), (other, other, (other,), 1.0), ("xx", "x**2", ("x",), 2.0),
+            ("xy", "x * y", ("x", "y"), 1.0), ("yy", "y**2", ("y",), 2.0),
+            ("r5", f"{axis} * (x**2 + y**2) ** 2", ("x",), 5.0),
         ):  # fmt: skip
-            add(name, quantity, factor, per, "in the camera's image", "place")
+            found.append(_term(quantity, name, factor, variables, power))
     return found
 
 
-_CELL = Term("", "drag", "", QUANTITY_UNITS["drag"], COEFFICIENT_WIDTHS["drag"], "", ("place",), (0.0, 0.0), kinds.BOX)
-_HALVES = tuple(
-    dataclasses.replace(
-        _CELL, name=f"{quantity}_half_{axis}", quantity=quantity, unit=QUANTITY_UNITS.get(quantity, "1"), place=None,
-        width=COEFFICIENT_WIDTHS[quantity], where=f"{doing} on the half of the cloth with {axis} > 0",
-    )
-    for quantity, doing in (("drag", "rolling"), ("grip", "sliding")) for axis in "xy"
-)  # fmt: skip
-
-
-def _boxed(term: Term, name: str, sizes: Sequence[float]) -> Term:
-    """A term on a rectangle of the cloth: x, half of its length, y, half of its width, rounded as its text has them."""
+def _cell(name: str, sizes: Sequence[float]) -> Term:
+    """A drag on a rectangle of the cloth: x, half of its length, y, half of its width, rounded as its text has them."""
     x, half_x, y, half_y = rounded = tuple(round(v, 4) for v in sizes)
     tests = [
         f"abs({axis} {'+' if at < 0 else '-'} {abs(at):.4f}) <= {half:.4f}"
         for axis, at, half in (("x", x, half_x), ("y", y, half_y))
     ]
-    where = term.where or f"on the cloth around x = {x:.2f} m, y = {y:.2f} m"
-    return dataclasses.replace(
-        term, name=name, factor=" and ".join(tests), where=where, place=(x, y) if term.place else None,
-        constants=rounded,
+    where = f"on the cloth around x = {x:.2f} m, y = {y:.2f} m"
+    return Term(
+        name, "drag", " and ".join(tests), QUANTITY_UNITS["drag"], COEFFICIENT_WIDTHS["drag"], where, ("place",),
+        (x, y), kinds.BOX, rounded,
     )  # fmt: skip
 
 
@@ -210,12 +307,11 @@ def term_from_json(entry: Any) -> tuple[Term, float]:
         raise BadInput(f"value of term {shown(name)} is {shown(value)}; {RESULT_REMEDY}")
     terms = {(t.name, t.quantity): t for t in library(Table(1.0, 1.0), MAX_BALLS)}
     term = terms.get((name, quantity))
-    if term is not None and term.kind == kinds.BOX and (sizes := CELL_PATTERN.fullmatch(factor)):
-        numbers = [float(v) for v in sizes.group(2, 3, 5, 6)]
-        x, y = (-v if sign == "+" else v for sign, v in zip(sizes.group(1, 4), numbers[::2], strict=True))
-        blank = dataclasses.replace(term, where="") if term.place else term
-        term = _boxed(blank, name, (x, numbers[1], y, numbers[3]))
-    if term is None or term.factor != factor:
+    if term is not None and term.place is not None and (code := factor_code(quantity, factor)) is not None:
+        term = _cell(name, code[1])
+    elif term is None:
+        term = _read(quantity, factor)
+    if term is None or (term.name, term.factor) != (name, factor):
         term_text = f"{shown(name)} on {shown(quantity)} with factor {shown(factor)}"
         raise BadInput(f"no term {term_text} is known; {RESULT_REMEDY}")
     if abs(number) > MAX_COEFFICIENT_WIDTHS * term.width:
