@@ -17,7 +17,7 @@ import pytest
 import models.model_file
 from models.contract import check_file
 from models.errors import BadInput
-from models.formula import MAX_TERMS, TERM_HOOKS, factor_value
+from models.formula import BOX, MAX_TERMS, TERM_HOOKS, factor_value
 from models.hooks import address, hooks_of
 from models.model_file import add_folder, effect_class, full_model
 from models.shot import Ball, Shot, Table, Track
@@ -25,11 +25,12 @@ from models.simulation.observe import observed
 from models.simulation.simulate import simulate
 from sysid.selection.effect_file import effect_source
 from sysid.selection.formula import source_from
-from sysid.selection.terms import Term, effect_from_terms, library, term_from_json
+from sysid.selection.terms import SEEN_BY, Term, effect_from_terms, library, shapes, term_from_json
 from tests.support.clip_samples import refusal
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
-TERMS = library(TABLE, 3)
+SHAPED = (("drag", "x"), ("drag", "speed"), ("cushion_e", "along"), ("ball_mu", "slip"), ("grip", "order"))
+TERMS = [*library(TABLE, 3), *(family[-1] for q, v in SHAPED for family in shapes(q, v, 0.0, 1.5)[1:])]
 
 
 def terms_of(*names: str) -> list[Term]:
@@ -109,22 +110,37 @@ def test_a_cell_acts_in_its_place_alone() -> None:
     assert np.abs(near.position - plain.position).max() > 1e-3
 
 
-def test_a_half_of_the_cloth_is_read_again_as_it_was_written() -> None:
-    """Halves, rails, time and order of the clips are among the terms; a single clip is set aside, never explained."""
-    names = {t.name for t in TERMS}
-    assert {"drag_half_x", "drag_half_y", "grip_half_x", "grip_half_y", "drag_time", "drag_order"} <= names
-    assert {f"cushion_e_rail_{k}" for k in range(4)} <= names
-    for name, sizes in (("drag_half_x", (0.25, 0.25, 0.0, 0.5)), ("grip_half_y", (0.0, 0.5, 0.25, 0.25))):
-        (half,) = terms_of(name)
-        expected = (TABLE.length, TABLE.length, TABLE.width, TABLE.width)
-        assert half.constants == pytest.approx([s * whole for s, whole in zip(sizes, expected, strict=True)], abs=1e-4)
-        read, value = term_from_json(told(half))
-        assert (read, value) == (half, told(half)["value"])
-    assert half.where == "sliding on the half of the cloth with y > 0" and half.place is None
+def test_every_shape_is_read_again_as_it_was_written() -> None:
+    """Of every variable that a quantity may depend on; on the cloth both engines know where a step lies."""
+    for quantity, variables in SEEN_BY.items():
+        for variable in (v for v in variables if v not in ("rail", "number")):
+            families = (
+                shapes(quantity, variable, -0.7, 1.1) if variable in "xy" else shapes(quantity, variable, 0.0, 3.0)
+            )
+            terms = [term for family in families for term in family]
+            assert len({t.name for t in terms}) == len(terms)
+            for term in terms:
+                assert term_from_json(told(term, 1e-3)) == (term, 1e-3)
+            at_lines = [t for t in terms if t.kind == BOX]
+            assert bool(at_lines) == (variable in ("x", "y") and quantity not in ("ball_e", "ball_mu"))
+    (half,) = [t for family in shapes("grip", "y", -1.0, 1.0) for t in family if t.name == "grip_y_above_0"]
+    assert half.where == "sliding on the cloth, where y > 0 m" and half.place is None
+
+
+def test_a_step_acts_beyond_its_line_alone() -> None:
+    (term,) = [t for family in shapes("drag", "x", -1.0, 1.0) for t in family if t.name == "drag_x_above_500"]
+    model, plain = full_model(TABLE, BALL), track()
+    v, w = np.array([[1.5, 0.2]]), np.array([[-0.2, 1.5, 0.0]]) / BALL.radius
+    shot = Shot(("cue",), np.array([[0.3, 0.0]]), v, w, np.linspace(0, 3, 31))
+    slower = simulate(model.add(effect_from_terms("odd_cloth", (term,), (0.05,))), [shot])[0]
+    before = plain.position[:, 0, 0] < 0.5
+    before &= np.cumsum(~before) == 0
+    np.testing.assert_allclose(slower.position[before], plain.position[before], atol=1e-9)
+    assert slower.velocity[5, 0, 0] < plain.velocity[5, 0, 0] - 1e-3
 
 
 @pytest.mark.parametrize(
-    "names", [("cushion_e_rail_2",), ("drag_half_x",), ("drag_at_1_1", "push_y_order"), ("image_x_xy", "ball_mu_order")]
+    "names", [("cushion_e_rail_2",), ("drag_cos",), ("drag_at_1_1", "push_y_order"), ("image_x_xy", "ball_mu_order")]
 )
 def test_the_file_is_clean(tmp_path: Path, names: tuple[str, ...]) -> None:
     """What is written passes a linter, and holds nothing that it does not use."""
@@ -148,7 +164,7 @@ def test_the_text_of_a_factor_says_what_its_code_does(term: Term) -> None:
         found = factor_value(float(term.kind), *numbers, x, y, vx, vy, wz, order, time, first, second, slip, approach)
         variables = {
             "x": x, "y": y, "wz": wz, "order": order, "time": time, "first": first, "second": second, "rail": second,
-            "other": first > 0, "slip": slip, "approach": approach,
+            "number": first, "slip": slip, "approach": approach,
             "grazing": math.sqrt(1 - (approach / math.hypot(vx, vy)) ** 2),
             "along": y if second < 2 else x, "speed": math.hypot(vx, vy),
             "heading": math.atan2(vy, vx), "abs": abs, "cos": math.cos, "sin": math.sin, "exp": math.exp,
@@ -159,9 +175,9 @@ def test_the_text_of_a_factor_says_what_its_code_does(term: Term) -> None:
 
 WRITTEN = [
     ("drag_at_3_1", "push_x_xy", "side_spin_cos", "cushion_e_rail_0", "grip_cos"),
-    ("drag_sin2", "drag_fade_200", "ball_e_with_2", "ball_mu_order", "image_x_r5"),
-    ("drag_at_3_1", "drag_at_4_1", "cushion_mu_slip", "cushion_e_place", "image_y_one"),
-    ("cushion_e_grazing", "cushion_mu_grazing_2", "ball_mu_approach", "ball_e_slip", "push_x_order"),
+    ("drag_sin2", "drag_wz", "ball_e_with_2", "ball_mu_order", "image_x_r5"),
+    ("drag_at_3_1", "drag_at_4_1", "cushion_mu_slip", "cushion_e_along", "image_y_one"),
+    ("cushion_e_grazing", "cushion_mu_grazing", "ball_mu_approach", "ball_e_slip", "push_x_order"),
 ]
 
 
