@@ -4,8 +4,9 @@ A term says by codes what it changes (its door) and by which factor of place, mo
 constants. Doors: a drag on rolling balls along their way, a pull to the left of it (models.hooks.push_along); a push
 along x or y on a ball that the cloth carries, 5/7 of it where that rolls; a relative change of the sliding friction; a
 change of restitution or friction at cushions or between balls; a shift of the image. The hooks are compiled once and
-read the terms from the effect's row of parameters: another formula compiles nothing. Where forces switch at the edges
-of cells of the cloth, `horizon` says when a ball gets there; all other factors vary smoothly.
+read the terms from the effect's row of parameters: another formula compiles nothing. Where forces switch at lines and
+at the edges of cells of the cloth, `horizon` says when a ball gets there. Where a step lies, and over what a decay
+falls, may be parameters as well.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 
 from models.compiled import compiled
 from models.effect import EDGE_OVERSHOOT_M, Array, BallState, Effect, ImageState, ImpactState, param, push_along
-from models.variables import variable_value
+from models.variables import X, Y, variable_value
 
 MAX_TERMS = 5
 MAX_CONSTANTS = 4
@@ -56,6 +57,16 @@ TERM_LAYOUT = tuple(f"{number}_{k}" for number in TERM_FIELDS for k in range(MAX
 
 
 @dataclass(frozen=True)
+class Place:
+    """Where a step lies, or over what a decay falls, where that is a parameter: the term's constant b."""
+
+    name: str
+    unit: str
+    default: float
+    bounds: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class Part:
     """One term of a formula, with what its coefficient's parameter declares."""
 
@@ -67,6 +78,12 @@ class Part:
     default: float
     bounds: tuple[float, float]
     source: str
+    place: Place | None = None
+
+    @property
+    def is_line(self) -> bool:
+        """Whether it is a step at a line on the cloth."""
+        return self.factor == ABOVE and self.constants[0] in (X, Y)
 
 
 @compiled
@@ -116,6 +133,16 @@ def _until(gap: float, speed: float, acceleration: float) -> float:
     first = 2.0 * way / both if both != 0.0 else math.inf
     second = -both / acceleration if acceleration != 0.0 else math.inf
     return min(first if first > 0.0 else math.inf, second if second > 0.0 else math.inf)
+
+
+@compiled
+def until_line(ball: BallState, variable: float, at: float) -> float:
+    """When a ball crosses the line x = at or y = at, at what pushes it now [s]; inf for another variable."""
+    if variable == X and ball.vx != 0.0:
+        return _until(at - ball.x, ball.vx, ball.ax)
+    if variable == Y and ball.vy != 0.0:
+        return _until(at - ball.y, ball.vy, ball.ay)
+    return math.inf
 
 
 @compiled
@@ -172,7 +199,7 @@ class Formula(Effect):
     @classmethod
     def opens(cls, *hooks: str) -> bool:
         """Whether a term of it is on any of these hooks."""
-        cells = any(part.door in CLOTH and part.factor == BOX for part in cls.parts)
+        cells = any(p.door in CLOTH and (p.factor == BOX or p.is_line) for p in cls.parts)
         return ("horizon" in hooks and cells) or any(
             p.door in HOOK_RANGES.get(hook, ()) for hook in hooks for p in cls.parts
         )
@@ -189,11 +216,13 @@ class Formula(Effect):
             numbers = (part.door, part.factor, *part.constants)
             out[0, k] = getattr(self, part.name)
             out[1 : 1 + len(numbers), k] = np.array(numbers, float)[:, None]
+            if part.place is not None:
+                out[TERM_FIELDS.index("b"), k] = getattr(self, part.place.name)
         return np.ascontiguousarray(out.reshape(-1, count).T)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """Pickle what makes the class, and the coefficients."""
-        return _remade, (self.called, self.parts, tuple(getattr(self, part.name) for part in self.parts))
+        """Pickle what makes the class, and the values."""
+        return _remade, (self.called, self.parts, tuple(getattr(self, key) for key in self.parameters()))
 
     def forces(self, ball: BallState) -> None:
         """What acts on a ball on the cloth."""
@@ -212,11 +241,13 @@ class Formula(Effect):
                     push_along(ball, 0.0, value)
 
     def horizon(self, ball: BallState) -> float:
-        """Until it crosses the edge of a cell [s]."""
+        """Until it crosses the edge of a cell, or a line [s]."""
         left = math.inf
         for _, door, factor, a, b, c, d in _terms(self):
             if DRAG <= door <= SIDE and factor == BOX:
                 left = min(left, until_edge(ball, a, b, c, d))
+            elif DRAG <= door <= SIDE and factor == ABOVE:
+                left = min(left, until_line(ball, a, b))
         return left
 
     def impact(self, hit: ImpactState) -> None:
@@ -255,7 +286,14 @@ def formula(name: str, parts: tuple[Part, ...]) -> type[Formula]:
         raise ValueError(f"{name}: {len(parts)} terms; give 1 to {MAX_TERMS}")
     if len({p.name for p in parts}) < len(parts) or any(len(p.constants) > MAX_CONSTANTS for p in parts):
         raise ValueError(f"{name}: terms named alike, or with more than {MAX_CONSTANTS} constants")
-    fields = [(p.name, float, param(p.default, off=0.0, unit=p.unit, bounds=p.bounds, source=p.source)) for p in parts]
+    fields = []
+    for p in parts:
+        fields.append((p.name, float, param(p.default, off=0.0, unit=p.unit, bounds=p.bounds, source=p.source)))
+        if p.place is not None:
+            at = p.place
+            fields.append(
+                (at.name, float, param(at.default, off=None, unit=at.unit, bounds=at.bounds, source=p.source))
+            )
     title = "".join(word.capitalize() for word in name.split("_"))
     own = {"__doc__": "A formula on trial.", "__module__": __name__, "called": name, "parts": parts}
     return make_dataclass(title, fields, bases=(Formula,), namespace=own, frozen=True)

@@ -28,7 +28,8 @@ from sysid.estimation.from_nothing import WindowFit, moved_to, searched, whole_s
 from sysid.estimation.problem import CAUCHY_SD, Array
 from sysid.estimation.solver.least_squares import weights
 from sysid.selection.evidence import Evidence, chi2_of_known
-from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, grown
+from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, grown, term_candidates
+from sysid.selection.free_forms import causes
 from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.score import Candidate, Linearised, Score, Scores, Signature, scores_of
@@ -46,6 +47,7 @@ from sysid.selection.screening import (
     is_enough,
 )
 from sysid.selection.stability import Stability, stability_of
+from sysid.selection.terms import Term
 
 MAX_TRIALS = 2 * MAX_FITS  # of candidates in a round, as long as none is needed
 CANDIDATE_STEPS, FINAL_STEPS = 6, 30  # of the constants: with or without an effect, of the last model
@@ -206,14 +208,25 @@ def screen_windows(at: WindowFit, base: FittedModel, formula: SparseFormula | No
     larger = grown(formula, as_point(at), lambda candidates: score_windows(at, candidates))
     if larger is not None:
         more = with_effect(at, larger.score())
-        seen = evidence(less, more)
-        rival = evidence(needed[best.name], more).delta_bic if best else math.inf
-        log.info("%s: a delta BIC of %.0f over the best effect", larger.terms[-1].name, rival)
-        if rival > MIN_DELTA_BIC and is_needed(less, more, EFFECT_NAME, of_windows(more, base), seen):
+        rivals = best is None or outdoes(larger.terms[-1], more, needed[best.name])
+        if rivals and is_needed(less, more, EFFECT_NAME, of_windows(more, base), evidence(less, more)):
             return WindowScreening(screening, None, more, larger)
     if best is None:
         return WindowScreening(screening, None, at)
     return WindowScreening(screening, best.name, needed[best.name])
+
+
+def outdoes(term: Term, more: WindowFit, best: WindowFit) -> bool:
+    """Whether a fit with a term explains more than one with an effect, and the term something beside that effect.
+
+    A term that is the law of the effect explains nothing beside it, however many steps each of the fits has come.
+    """
+    (beside,) = causes(score_windows(best, term_candidates([term])))
+    more_likely = evidence(best, more).delta_bic
+    log.info(
+        "%s: delta BIC %.0f over the best effect, log odds %.1f beside it", term.name, more_likely, beside.log_odds
+    )
+    return beside.log_odds > 0.0 and more_likely > MIN_DELTA_BIC
 
 
 def discover_by_windows(

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 from models import formula as kinds
 from models.errors import BadInput
+from models.variables import X, Y
 from sysid.selection.terms import QUANTITY_TEXTS, Term
 
 EFFECT_NAME_PATTERN = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
@@ -137,15 +138,21 @@ def _hook(terms: Sequence[Term], signature: str, summary: str, variables: dict[s
     return lines
 
 
+def is_line(term: Term) -> bool:
+    """Whether it is a step at a line on the cloth."""
+    on_cloth = 1 + kinds.TERM_HOOKS.index(term.quantity) in kinds.CLOTH
+    return on_cloth and term.kind == kinds.ABOVE and term.constants[0] in (X, Y)
+
+
 def _horizon(terms: Sequence[Term]) -> list[str]:
-    cells = [t.constants for t in terms if t.kind == kinds.BOX]
-    if not cells:
+    found = [f"until_edge(ball, {', '.join(map(repr, t.constants))})" for t in terms if t.kind == kinds.BOX]
+    found += [f"until_line(ball, {t.constants[0]!r}, {t.constants[1]!r})" for t in terms if is_line(t)]
+    if not found:
         return []
-    found = [f"until_edge(ball, {', '.join(map(repr, sizes))})" for sizes in cells]
     least = found[0] if len(found) == 1 else "min(\n            " + ",\n            ".join(found) + ",\n        )"
     return [
         "\n    def horizon(self, ball: BallState) -> float:\n",
-        '        """Until it crosses the edge of a cell, where the force switches [s]."""\n',
+        '        """Until it crosses the edge, where the force switches [s]."""\n',
         f"        return {least}\n",
     ]
 
@@ -157,7 +164,7 @@ def _imports(body: str) -> str:
         "math": ("atan2", "cos", "exp", "hypot", "sin"),
         "dataclasses": ("dataclass",),
         "models.effect": ("BallState", "Effect", "ImageState", "ImpactState", "param", "push_along"),
-        "models.formula": ("until_edge",),
+        "models.formula": ("until_edge", "until_line"),
         "models.variables": ("grazing_sine",),
     }
     needed |= {"dataclass"}

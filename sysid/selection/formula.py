@@ -9,6 +9,7 @@ fitted as an effect, and the next term is looked for beside it.
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import math
 from collections.abc import Callable, Sequence
@@ -40,6 +41,12 @@ class SparseFormula:
     improvements: tuple[float, ...]  # predicted fall of chi-square by each, beside those before it
     values: Array  # (k,) coefficients of the linear model
 
+    def placed(self, found: Point) -> SparseFormula:
+        """The formula with steps where a fit that has it puts them."""
+        at = dict(zip(found.names, found.constants.tolist(), strict=True))
+        terms = tuple(t.moved(at[f"{EFFECT_NAME}.{t.place_name}"]) if t.limits else t for t in self.terms)
+        return dataclasses.replace(self, terms=terms)
+
     def candidate(self) -> Candidate:
         """The formula as an effect to fit."""
         return candidate(effect_from_terms(EFFECT_NAME, self.terms, self.values.tolist()))
@@ -59,7 +66,7 @@ def grown(
         base: the fit.
         score: of candidates beside it.
     """
-    old = before or SparseFormula((), (), np.zeros(0))
+    old = SparseFormula((), (), np.zeros(0)) if before is None else before.placed(base)
     if len(old.terms) >= MAX_TERMS:
         return None
     clips, table = base.problem.clips, base.model.table
@@ -67,7 +74,7 @@ def grown(
     balls = max(len(clip.balls) for clip in clips)
     free, terms = blocks(seen, balls), _others(library(table, balls), old)
     log.info("looking for structure outside the catalogue: %d functions, %d terms", len(free), len(terms))
-    scores = score([*free_candidates(free), *_candidates(terms)])
+    scores = score([*free_candidates(free), *term_candidates(terms)])
     found = causes(scores, free)
     if found[0].log_odds <= math.log(len(found)):  # beforehand all of them together are as likely as nothing
         return None
@@ -92,10 +99,10 @@ def _likeliest(
 ) -> tuple[Term, Score]:  # fmt: skip
     """The likeliest place or scale of the likeliest family of terms, and its score."""
     terms = [term for family in families for term in family]
-    scores = score(_candidates(terms))
-    odds = {_term_of(cause.name, terms, scores)[0].name: cause for cause in causes(scores)}
-    best = max(families, key=lambda family: mean_odds(np.array([odds[term.name].log_odds for term in family])))
-    return _term_of(max((odds[term.name] for term in best), key=lambda cause: cause.log_odds).name, terms, scores)
+    scores = score(term_candidates(terms))
+    odds = {_term_of(cause.name, terms, scores)[0]: cause for cause in causes(scores)}
+    best = max(families, key=lambda family: mean_odds(np.array([odds[term].log_odds for term in family])))
+    return _term_of(max((odds[term] for term in best), key=lambda cause: cause.log_odds).name, terms, scores)
 
 
 def _others(terms: Sequence[Term], formula: SparseFormula) -> list[Term]:
@@ -104,7 +111,7 @@ def _others(terms: Sequence[Term], formula: SparseFormula) -> list[Term]:
     return [term for term in terms if term.name not in have]
 
 
-def _candidates(terms: Sequence[Term]) -> list[Candidate]:
+def term_candidates(terms: Sequence[Term]) -> list[Candidate]:
     """Each of these terms as a candidate."""
     return [candidate(effect_from_terms(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
 
@@ -119,6 +126,7 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
     """The formula as `unexplained` of result.json has it: where, on what it depends, how large, its terms."""
     names = [f"{EFFECT_NAME}.{t.name}" for t in found.terms]
     if fitted is not None:
+        found = found.placed(fitted)
         values, sds = zip(*(fitted.value(n) for n in names), strict=True)
     else:
         values, sds = tuple(found.values), tuple([float("nan")] * len(names))

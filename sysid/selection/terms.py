@@ -11,6 +11,7 @@ Nothing of an earlier result is evaluated: its factors are read as numbers and v
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ from models import formula as kinds
 from models.effect import Effect
 from models.errors import BadInput
 from models.files.faults import shown
-from models.formula import Part, formula
+from models.formula import Part, Place, formula
 from models.shot import Table
 from models.variables import VARIABLES
 
@@ -46,12 +47,27 @@ class Term:
     place: tuple[float, float] | None = None  # centre of the cell [m]
     kind: int = kinds.ONE  # the factor's code in models.formula
     constants: tuple[float, ...] = ()
+    limits: tuple[float, float] | None = None  # of the place of a step, or the scale of a decay
+
+    @property
+    def place_name(self) -> str | None:
+        """Of the parameter that says where its step lies, or over what it decays."""
+        return None if self.limits is None else f"{self.name}_{'at' if self.kind == kinds.ABOVE else 'over'}"
+
+    def moved(self, at: float) -> Term:
+        """The same step at another place, or decay over another scale."""
+        (make, variable) = (_step if self.kind == kinds.ABOVE else _decay), VARIABLES[int(self.constants[0])]
+        return dataclasses.replace(make(self.quantity, variable, at), limits=self.limits)
 
     def part(self, value: float, source: str) -> Part:
         """The term as a formula holds it, its coefficient at a value."""
         width = max(self.width, 2 * abs(value)) if math.isfinite(value) else self.width
         code = 1 + kinds.TERM_HOOKS.index(self.quantity)
-        return Part(self.name, code, self.kind, self.constants, self.unit, value, (-width, width), source)
+        place = None
+        if self.limits is not None and self.place_name is not None:
+            unit = VARIABLE_UNITS.get(VARIABLES[int(self.constants[0])], "1")
+            place = Place(self.place_name, unit, self.constants[1], self.limits)
+        return Part(self.name, code, self.kind, self.constants, self.unit, value, (-width, width), source, place)
 
 
 QUANTITY_TEXTS = {
@@ -85,7 +101,6 @@ STEP_PATTERN, EQUAL_PATTERN, DECAY_PATTERN, POWER_PATTERN = (
     )
 )  # fmt: skip
 IMAGE_VARIABLES = ("x", "y")
-BEYOND_M, WIDE_M = 500.0, 1000.0  # half of what lies beyond a line on the cloth, and of its length
 FIXED_FACTORS: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and constants
     "1.0": (kinds.ONE, ()), "cos(heading)": (kinds.COS, (1.0,)), "sin(heading)": (kinds.SIN, (1.0,)),
     "cos(2 * heading)": (kinds.COS, (2.0,)), "sin(2 * heading)": (kinds.SIN, (2.0,)), "abs(wz)": (kinds.TWIST, ()),
@@ -116,7 +131,8 @@ VARIABLE_UNITS = {
 USUAL_VALUES = {"time": 5.0, "wz": 20.0, "slip": 3.0, "approach": 3.0}  # of a variable, where they are not about 1
 SIZED = ("wz", "along")  # of which the size may count alone
 DECAYING = ("speed", "slip", "approach", "time")  # of which a quantity may fade
-PARTS_OF_RANGE = 20  # steps and decays of a variable lie this close
+PARTS_OF_RANGE = 20  # steps and decays of a variable are first tried this close
+PLACE_DIGITS = 4
 
 
 def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | None:
@@ -140,16 +156,8 @@ def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | N
         at = float(found[2])
         if kind == kinds.DECAY and not at > 0.0:
             return None
-        if kind == kinds.ABOVE and found[1] in ("x", "y") and quantity in ("drag", "grip", "side", "push_x", "push_y"):
-            line = (at + BEYOND_M, BEYOND_M, 0.0, WIDE_M)  # so that both engines know when a ball crosses it
-            return kinds.BOX, line if found[1] == "x" else (*line[2:], *line[:2])
         return kind, (variable, at)
     return None
-
-
-def _named(value: float) -> str:
-    """A number as part of a name, in thousandths."""
-    return f"{'m' if value < 0 else ''}{abs(round(1e3 * value))}"
 
 
 def _term(quantity: str, name: str, factor: str, variables: Sequence[str], power: float = 1.0, where: str = "") -> Term:
@@ -195,17 +203,17 @@ def _square(quantity: str, variable: str) -> Term:
 
 
 def _step(quantity: str, variable: str, at: float) -> Term:
-    """One beyond a value of the variable, to the thousandth."""
-    at = round(at, 3) + 0.0
+    """One beyond a value of the variable."""
+    at = round(at, PLACE_DIGITS) + 0.0
     beyond = f"where {variable} >" if variable in IMAGE_VARIABLES else f"{DEPENDENCES[variable]} above"
     where = f"{PLACES[quantity]}, {beyond} {at:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
-    return _term(quantity, f"{variable}_above_{_named(at)}", f"{variable} > {at:g}", (variable,), 0.0, where)
+    return _term(quantity, f"{variable}_above", f"{variable} > {at:g}", (variable,), 0.0, where)
 
 
 def _decay(quantity: str, variable: str, scale: float) -> Term:
-    """One that falls by e over a scale, to the thousandth."""
-    scale = round(scale, 3)
-    return _term(quantity, f"{variable}_fade_{_named(scale)}", f"exp(-{variable} / {scale:g})", (variable,), 0.0)
+    """One that falls by e over a scale."""
+    scale = max(round(scale, PLACE_DIGITS), 10.0**-PLACE_DIGITS)
+    return _term(quantity, f"{variable}_fade", f"exp(-{variable} / {scale:g})", (variable,), 0.0)
 
 
 def shapes(quantity: str, variable: str, low: float, high: float) -> list[list[Term]]:
@@ -214,9 +222,11 @@ def shapes(quantity: str, variable: str, low: float, high: float) -> list[list[T
     if variable == "heading":
         return families
     parts = [(high - low) * k / PARTS_OF_RANGE for k in range(1, PARTS_OF_RANGE)]
-    families += [[_square(quantity, variable)], [_step(quantity, variable, low + part) for part in parts]]
+    steps = [_step(quantity, variable, low + part) for part in parts]
+    families += [[_square(quantity, variable)], [dataclasses.replace(one, limits=(low, high)) for one in steps]]
     if variable in DECAYING:
-        families.append([_decay(quantity, variable, part) for part in parts])
+        decays, least = [_decay(quantity, variable, part) for part in parts], parts[0] / PARTS_OF_RANGE
+        families.append([dataclasses.replace(one, limits=(least, high - low)) for one in decays])
     if variable in SIZED:
         families.append([_size(quantity, variable)])
     return families

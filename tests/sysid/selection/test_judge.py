@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import pytest
@@ -12,9 +11,12 @@ from sysid.clips import read_clip_set
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import WindowFit, fit_from_nothing
 from sysid.estimation.split import Split, fit_on, split
-from sysid.selection.by_windows import formula_beside, screen_windows, with_effect
+from sysid.selection.by_windows import outdoes, score_windows, screen_windows, with_effect
+from sysid.selection.formula import SparseFormula, term_candidates
+from sysid.selection.free_forms import causes
 from sysid.selection.judge import diagnose_fit
 from sysid.selection.screening import fit_candidate, ranking
+from sysid.selection.terms import library
 from tests.truth.__main__ import main as generate
 
 Made = tuple[Split, WindowFit, FittedModel]
@@ -64,10 +66,11 @@ def test_a_term_that_is_the_law_of_an_effect_does_not_take_its_place(tmp_path: P
     _, at, base = fit_from_nothing(parts, model)
     found = screen_windows(at, base)
     assert found.name == "cushion_restitution_speed"
-    best = found.screening.best
-    worse = dataclasses.replace(best, evidence=dataclasses.replace(best.evidence, delta_bic=0.0))
-    assert formula_beside(at, at, base, worse, {best.name: found.fitted}) is None
-    assert formula_beside(at, at, base, None, {}) is not None
+    term = next(t for t in library(clip_set.table) if t.name == "cushion_e_approach")
+    (alone,), (beside,) = (causes(score_windows(fit, term_candidates([term]))) for fit in (at, found.fitted))
+    assert alone.log_odds > 10.0 and beside.log_odds < 0.0
+    with_term = with_effect(at, SparseFormula((term,), (0.0,), alone.mean).score())
+    assert not outdoes(term, with_term, found.fitted)
 
 
 def test_whole_shots_name_it_as_well(drag: Made) -> None:

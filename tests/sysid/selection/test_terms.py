@@ -17,7 +17,7 @@ import pytest
 import models.model_file
 from models.contract import check_file
 from models.errors import BadInput
-from models.formula import BOX, MAX_TERMS, TERM_HOOKS, factor_value
+from models.formula import MAX_TERMS, TERM_HOOKS, factor_value
 from models.hooks import address, hooks_of
 from models.model_file import add_folder, effect_class, full_model
 from models.shot import Ball, Shot, Table, Track
@@ -118,17 +118,17 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
                 shapes(quantity, variable, -0.7, 1.1) if variable in "xy" else shapes(quantity, variable, 0.0, 3.0)
             )
             terms = [term for family in families for term in family]
-            assert len({t.name for t in terms}) == len(terms)
+            assert len(set(terms)) == len(terms)
             for term in terms:
-                assert term_from_json(told(term, 1e-3)) == (term, 1e-3)
-            at_lines = [t for t in terms if t.kind == BOX]
+                assert term_from_json(told(term, 1e-3)) == (dataclasses.replace(term, limits=None), 1e-3)
+            at_lines = [t for t in terms if effect_from_terms("one", (t,), (0.01,)).opens("horizon")]
             assert bool(at_lines) == (variable in ("x", "y") and quantity not in ("ball_e", "ball_mu"))
-    (half,) = [t for family in shapes("grip", "y", -1.0, 1.0) for t in family if t.name == "grip_y_above_0"]
+    (half,) = [t for family in shapes("grip", "y", -1.0, 1.0) for t in family if t.factor == "y > 0"]
     assert half.where == "sliding on the cloth, where y > 0 m" and half.place is None
 
 
 def test_a_step_acts_beyond_its_line_alone() -> None:
-    (term,) = [t for family in shapes("drag", "x", -1.0, 1.0) for t in family if t.name == "drag_x_above_500"]
+    (term,) = [t for family in shapes("drag", "x", -1.0, 1.0) for t in family if t.factor == "x > 0.5"]
     model, plain = full_model(TABLE, BALL), track()
     v, w = np.array([[1.5, 0.2]]), np.array([[-0.2, 1.5, 0.0]]) / BALL.radius
     shot = Shot(("cue",), np.array([[0.3, 0.0]]), v, w, np.linspace(0, 3, 31))
@@ -137,6 +137,13 @@ def test_a_step_acts_beyond_its_line_alone() -> None:
     before &= np.cumsum(~before) == 0
     np.testing.assert_allclose(slower.position[before], plain.position[before], atol=1e-9)
     assert slower.velocity[5, 0, 0] < plain.velocity[5, 0, 0] - 1e-3
+    earlier = simulate(
+        model.add(effect_from_terms("odd_cloth", (term,), (0.05,))).with_values({"odd_cloth.drag_x_above_at": 0.4}),
+        [shot],
+    )[0]
+    assert earlier.velocity[5, 0, 0] < slower.velocity[5, 0, 0] - 1e-3
+    moved = simulate(model.add(effect_from_terms("odd_cloth", (term.moved(0.4),), (0.05,))), [shot])[0]
+    assert moved.position.tobytes() == earlier.position.tobytes()
 
 
 @pytest.mark.parametrize(
