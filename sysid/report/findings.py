@@ -95,6 +95,8 @@ def unexplained_lines(unexplained: Mapping[str, Any]) -> list[str]:
     lines = [f"something else: {unexplained['where']}", depends + size]
     if unexplained["form"]:
         lines.append(f"as a formula: {unexplained['form']}")
+    if unexplained.get("alike"):
+        lines.append(f"these clips hardly tell it from: {'; '.join(unexplained['alike'])}")
     if unexplained["terms"]:
         lines.append(f"to add it: {NEW_EFFECT_COMMAND}")
     elif not unexplained["form"]:

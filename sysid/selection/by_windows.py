@@ -30,7 +30,7 @@ from sysid.estimation.solver.least_squares import weights
 from sysid.selection.evidence import Evidence, chi2_of_known
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, describe, grown, term_candidates
 from sysid.selection.free_forms import causes
-from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence
+from sysid.selection.pruning import MIN_DISTANCE_SD, distance_from_absence, size_in_sd
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.score import Candidate, Linearised, Score, Scores, Signature, scores_of
 from sysid.selection.screening import (
@@ -150,7 +150,7 @@ def is_needed(less: WindowFit, more: WindowFit, name: str, found: FittedModel, s
     """
     gains = less.held_losses() - more.held_losses()
     held, error = float(gains.sum()), float(gains.std()) * math.sqrt(len(gains)) if len(gains) else 0.0
-    distance = distance_from_absence(found, name)
+    distance = (size_in_sd if name == EFFECT_NAME else distance_from_absence)(found, name)
     log.info(
         "%s: delta BIC %.0f, held out %.0f +- %.0f, %.1f sd from none", name, seen.delta_bic, held, error, distance
     )

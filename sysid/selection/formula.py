@@ -24,10 +24,19 @@ from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array
 from sysid.selection.effect_file import effect_source
 from sysid.selection.evidence import Evidence
-from sysid.selection.free_forms import blocks, causes, free_candidates, mean_odds, ranges
+from sysid.selection.free_forms import Cause, blocks, causes, free_candidates, mean_odds, ranges
 from sysid.selection.score import Candidate, Score, Scores, candidate
-from sysid.selection.terms import QUANTITY_TEXTS, RESULT_REMEDY, Term, effect_from_terms, library, term_from_json
+from sysid.selection.terms import (
+    DEPENDENCES,
+    QUANTITY_TEXTS,
+    RESULT_REMEDY,
+    Term,
+    effect_from_terms,
+    library,
+    term_from_json,
+)
 
+SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
 MAX_PART_OF_BOUNDS = 0.95  # of a term's bounds, that it begins with
 EFFECT_NAME = "unexplained"
 log = logging.getLogger(__name__)
@@ -40,6 +49,7 @@ class SparseFormula:
     terms: tuple[Term, ...]  # what explains most first
     improvements: tuple[float, ...]  # predicted fall of chi-square by each, beside those before it
     values: Array  # (k,) coefficients of the linear model
+    alike: tuple[tuple[str, ...], ...] = ()  # for each, what the clips did not tell it from, in words
 
     def placed(self, found: Point) -> SparseFormula:
         """The formula with steps where a fit that has it puts them."""
@@ -80,7 +90,7 @@ def grown(
         return None
     block = found[0].block
     if block is None:
-        term, row = _term_of(found[0].name, terms, scores)
+        term, row = _term_of(found[0].name, terms), _row_of(found[0].name, scores)
     else:
         families = [family for family in (_others(one, old) for one in block.shapes(seen)) if family]
         if not families:
@@ -91,7 +101,23 @@ def grown(
     values = [at[f"{EFFECT_NAME}.{one.name}"] for one in old.terms]
     value = float(np.clip(row.values[0], -MAX_PART_OF_BOUNDS * term.width, MAX_PART_OF_BOUNDS * term.width))
     gains = (*old.improvements, row.predicted_improvement)
-    return SparseFormula((*old.terms, term), gains, np.array([*values, value]))
+    alike = (*old.alike, _alike(term, found, terms))
+    return SparseFormula((*old.terms, term), gains, np.array([*values, value]), alike)
+
+
+def _alike(term: Term, found: Sequence[Cause], terms: Sequence[Term]) -> tuple[str, ...]:
+    """Other quantities, or other variables of the same, that are about as likely as the likeliest cause."""
+    words = []
+    for cause in found:
+        if cause.log_odds < found[0].log_odds - SEPARATED_LOG_ODDS:
+            break
+        if cause.block is not None:
+            quantity, on = cause.block.quantity, tuple(DEPENDENCES[v] for v in cause.block.variables)
+        else:
+            quantity, on = (other := _term_of(cause.name, terms)).quantity, other.depends_on
+        if (quantity, on) != (term.quantity, term.depends_on):
+            words.append(f"{QUANTITY_TEXTS[quantity].partition(' [')[0]} by {' and '.join(on)}")
+    return tuple(dict.fromkeys(words))
 
 
 def _likeliest(
@@ -100,9 +126,10 @@ def _likeliest(
     """The likeliest place or scale of the likeliest family of terms, and its score."""
     terms = [term for family in families for term in family]
     scores = score(term_candidates(terms))
-    odds = {_term_of(cause.name, terms, scores)[0]: cause for cause in causes(scores)}
+    odds = {_term_of(cause.name, terms): cause for cause in causes(scores)}
     best = max(families, key=lambda family: mean_odds(np.array([odds[term].log_odds for term in family])))
-    return _term_of(max((odds[term] for term in best), key=lambda cause: cause.log_odds).name, terms, scores)
+    term = max(best, key=lambda term: odds[term].log_odds)
+    return term, _row_of(odds[term].name, scores)
 
 
 def _others(terms: Sequence[Term], formula: SparseFormula) -> list[Term]:
@@ -116,10 +143,14 @@ def term_candidates(terms: Sequence[Term]) -> list[Candidate]:
     return [candidate(effect_from_terms(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
 
 
-def _term_of(name: str, terms: Sequence[Term], scores: Scores) -> tuple[Term, Score]:
-    """The term that a candidate has, and its score."""
-    row = next(one for one in scores.rows if one.candidate.name == name)
-    return terms[int(name.removeprefix("term"))], row
+def _term_of(name: str, terms: Sequence[Term]) -> Term:
+    """The term that a candidate has."""
+    return terms[int(name.removeprefix("term"))]
+
+
+def _row_of(name: str, scores: Scores) -> Score:
+    """The score of a candidate."""
+    return next(one for one in scores.rows if one.candidate.name == name)
 
 
 def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidence | None) -> dict[str, Any]:
@@ -150,11 +181,20 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
         "terms": [
             {"name": t.name, "door": t.quantity, "factor": t.factor, "unit": t.unit, "width": t.width,
              "value": float(v), "sd": float(s) if np.isfinite(s) else None, "where": t.where,
-             "depends_on": list(t.depends_on), "gain": g}
+             "depends_on": list(t.depends_on), "gain": g, **_place_of(t, fitted)}
             for t, v, s, g in zip(found.terms, values, sds, found.improvements, strict=True)
         ],
+        "alike": [word for words in found.alike for word in words],
         **place,
     }  # fmt: skip
+
+
+def _place_of(term: Term, fitted: FittedModel | None) -> dict[str, Any]:
+    """Where a term's step lies, or over what it decays, as `at` of result.json."""
+    if fitted is None or term.place_name is None:
+        return {}
+    at, sd = fitted.value(f"{EFFECT_NAME}.{term.place_name}")
+    return {"at": at, "at_sd": sd if np.isfinite(sd) else None}
 
 
 def source_from(name: str, described: dict[str, Any], origin: str) -> str:

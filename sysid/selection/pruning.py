@@ -133,16 +133,26 @@ def without_unsettled(parts: Split, now: FittedModel, verdict: tuple[str, ...]) 
 
 
 def distance_from_absence(found: FittedModel, name: str) -> float:
+    """How far an effect is from where it vanishes, see `size_in_sd`; 0 where the clips do not determine its shape.
+
+    A patch that may lie anywhere is any difference between two motions.
+    """
+    own = [n for n in found.names if n.startswith(name + ".")]
+    shape, known = [n for n in own if found.model.meta(n)["off"] is None], _known(found)
+    return 0.0 if shape and not known.intersection(shape) else size_in_sd(found, name)
+
+
+def _known(found: FittedModel) -> set[str]:
+    """Constants whose standard deviation is known."""
+    return {n for n, variance in zip(found.names, np.diag(found.covariance), strict=True) if np.isfinite(variance)}
+
+
+def size_in_sd(found: FittedModel, name: str) -> float:
     """How far the parameters of an effect are from where it vanishes [standard deviations]; inf where none is known.
 
-    The root of Wald's statistic, less what chance adds to it where there are several parameters. It is 0 where the
-    clips do not determine the shape at all: a patch that may lie anywhere is any difference between two motions.
+    The root of Wald's statistic, less what chance adds to it where there are several parameters.
     """
-    off = {n: found.model.meta(n)["off"] for n in found.names if n.startswith(name + ".")}
-    known = {n for n, variance in zip(found.names, np.diag(found.covariance), strict=True) if np.isfinite(variance)}
-    shape = {n for n, vanishes in off.items() if vanishes is None}
-    if shape and not shape & known:
-        return 0.0
+    off, known = {n: found.model.meta(n)["off"] for n in found.names if n.startswith(name + ".")}, _known(found)
     rows = [k for k, n in enumerate(found.names) if off.get(n) is not None and n in known]
     if not rows:
         return float("inf")
