@@ -18,7 +18,7 @@ import numpy as np
 
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.estimation.chain import Chain, likely_spread
+from sysid.estimation.chain import Chain, Spread, likely_spread
 from sysid.estimation.chain_fit import ChainFit, fit_chain, settled_states
 from sysid.estimation.chain_search import found_states, searched_windows, whole_states
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
@@ -114,11 +114,11 @@ def moved_to(before: WindowFit, found: ChainFit) -> WindowFit:
     return WindowFit(found, held, states)
 
 
-def searched(at: WindowFit) -> WindowFit:
-    """The fit with windows searched anew at its constants, the errors of the model estimated again."""
+def searched(at: WindowFit, spread: Spread | None = None) -> WindowFit:
+    """The fit with windows searched anew at its constants, at these errors of the model or the most likely ones."""
     found = at.fitted
     states = searched_windows(found.chain, found.constants, found.states, AGAIN)
-    chain = found.chain.with_spread(likely_spread(found.chain, states, found.constants))
+    chain = found.chain.with_spread(spread or likely_spread(found.chain, states, found.constants))
     now = fit_chain(chain, states, found.constants, LAST_STEPS, "windows")
     held, held_states = at.held_out, at.held_states
     if held is not None:

@@ -45,6 +45,7 @@ from sysid.selection.screening import (
     candidates_for,
     confounded_and_tied,
     is_enough,
+    rank_fits,
 )
 from sysid.selection.stability import Stability, stability_of
 from sysid.selection.terms import Term
@@ -200,7 +201,7 @@ def screen_windows(at: WindowFit, base: FittedModel, formula: SparseFormula | No
         if fits[-1].generalises:
             needed[name] = more
             least = max(least, MIN_IMPROVEMENT_OF_BEST * row.predicted_improvement)
-    fits.sort(key=lambda one: -one.evidence.delta_bic)
+    fits, needed = ranked(fits, needed)
     best = next((one for one in fits if one.name in needed), None)
     screening = Screening(
         base, scores, tuple(fits), *confounded_and_tied(scores, fits), scores.count, len(at.fitted.states)
@@ -208,12 +209,39 @@ def screen_windows(at: WindowFit, base: FittedModel, formula: SparseFormula | No
     larger = grown(formula, as_point(at), lambda candidates: score_windows(at, candidates))
     if larger is not None:
         more = with_effect(at, larger.score())
-        rivals = best is None or outdoes(larger.terms[-1], more, needed[best.name])
-        if rivals and is_needed(less, more, EFFECT_NAME, of_windows(more, base), evidence(less, more)):
-            return WindowScreening(screening, None, more, larger)
+        if is_needed(less, more, EFFECT_NAME, of_windows(more, base), evidence(less, more)):
+            more = searched(more)
+            if best is None or outdoes(larger.terms[-1], more, needed[best.name]):
+                return WindowScreening(screening, None, more, larger)
     if best is None:
         return WindowScreening(screening, None, at)
     return WindowScreening(screening, best.name, needed[best.name])
+
+
+def ranked(
+    fits: list[FittedCandidate], needed: dict[str, WindowFit]
+) -> tuple[list[FittedCandidate], dict[str, WindowFit]]:
+    """Fits, the best first, and those that are needed, all at the errors of the best of them.
+
+    They were fitted at those of the model that lacks them all, which hide by how much they differ.
+    """
+    fits = sorted(fits, key=lambda one: -one.evidence.delta_bic)
+    first = next((one for one in fits if one.name in needed), None)
+    if first is None:
+        return fits, needed
+    found = {first.name: searched(needed[first.name])}
+    spread = found[first.name].fitted.chain.spread
+    found |= {name: searched(fit, spread) for name, fit in needed.items() if name != first.name}
+    more = {name: evidence(found[first.name], fit).delta_bic for name, fit in found.items() if name != first.name}
+    fits = [
+        dataclasses.replace(
+            one, evidence=dataclasses.replace(one.evidence, delta_bic=first.evidence.delta_bic + more[one.name])
+        )
+        if one.name in more
+        else one
+        for one in fits
+    ]
+    return rank_fits(fits), found
 
 
 def outdoes(term: Term, more: WindowFit, best: WindowFit) -> bool:
@@ -222,7 +250,9 @@ def outdoes(term: Term, more: WindowFit, best: WindowFit) -> bool:
     A term that is the law of the effect explains nothing beside it, however many steps each of the fits has come.
     """
     (beside,) = causes(score_windows(best, term_candidates([term])))
-    more_likely = evidence(best, more).delta_bic
+    spread = min(best.fitted.chain.spread, more.fitted.chain.spread)
+    one, two = (fit if fit.fitted.chain.spread == spread else searched(fit, spread) for fit in (best, more))
+    more_likely = evidence(one, two).delta_bic
     log.info(
         "%s: delta BIC %.0f over the best effect, log odds %.1f beside it", term.name, more_likely, beside.log_odds
     )
@@ -247,7 +277,7 @@ def discover_by_windows(
         if seen.name is not None:
             log.info("found %s", seen.name)
             verdict = (*verdict, seen.name)
-        at = searched(seen.fitted)
+        at = seen.fitted
         now = of_windows(at, base)
     at, kept = without_needless(at, verdict, base)
     with_formula, at = at, without_effect(at, EFFECT_NAME) if formula is not None else at
