@@ -95,6 +95,11 @@ class Effect:
         """Where a search for the effect starts: itself at usual values; more than one where it acts in some place."""
         return (cls(),)
 
+    @classmethod
+    def column(cls, key: str) -> int:
+        """Where in `row` a parameter stands."""
+        return list(cls.parameters()).index(key)
+
     def row(self, count: int) -> Array:
         """Those numbers in `count` simulations: (count, k)."""
         out = np.empty((count, len(self.layout())))

@@ -209,6 +209,13 @@ class Formula(Effect):
         """The same for every formula, so that all share the compiled hooks."""
         return TERM_LAYOUT
 
+    @classmethod
+    def column(cls, key: str) -> int:
+        """Where in `row` a coefficient, or a place, stands."""
+        columns = {part.name: f"coefficient_{k}" for k, part in enumerate(cls.parts)}
+        columns |= {part.place.name: f"b_{k}" for k, part in enumerate(cls.parts) if part.place is not None}
+        return TERM_LAYOUT.index(columns[key])
+
     def row(self, count: int) -> Array:
         """Coefficients, then codes and constants of every term: (count, k)."""
         out = np.zeros((len(TERM_FIELDS), MAX_TERMS, count))

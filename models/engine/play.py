@@ -153,11 +153,11 @@ class Layout:
                 self.places.append(("cloth", CLOTH_CONSTANTS.index(key)))
             else:
                 n = owners.index(owner)
-                self.places.append(("own", int(self.begins[n]) + list(self.effects[n].parameters()).index(key)))
+                self.places.append(("own", int(self.begins[n]) + self.effects[n].column(key)))
         for n, effect in enumerate(self.effects):
-            for k, meta in enumerate(effect.parameters().values()):
+            for key, meta in effect.parameters().items():
                 if meta["off"] is not None:
-                    self.offs[n].append((int(self.begins[n]) + k, meta["off"]))
+                    self.offs[n].append((int(self.begins[n]) + effect.column(key), meta["off"]))
         self.hooks: dict[tuple[bool, ...], Hooks] = {}  # by which effects are on
 
     def __getstate__(self) -> dict[str, Any]:

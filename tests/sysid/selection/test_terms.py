@@ -327,3 +327,13 @@ def test_words_of_a_result_stay_words(tmp_path: Path, monkeypatch: pytest.Monkey
     add_folder(path)
     assert effect_class("odd_cloth").parameters()["drag_at_1_1"]["unit"] == "m/s^2"
     assert not (tmp_path / "evil").exists()
+
+
+def test_a_parameter_stands_where_its_row_has_it() -> None:
+    """Of a formula with two steps: a fit moves columns of the row."""
+    steps = [next(t for family in shapes(q, "x", -1.0, 1.0) for t in family if t.limits) for q in ("drag", "grip")]
+    effect = effect_from_terms("odd_cloth", [t.moved(0.5) for t in steps], (0.05, 0.3))
+    assert list(effect.parameters()) == ["drag_x_above", "drag_x_above_at", "grip_x_above", "grip_x_above_at"]
+    for key in effect.parameters():
+        moved = dataclasses.replace(effect, **{key: 0.8 * getattr(effect, key)})
+        assert np.flatnonzero(moved.row(1)[0] != effect.row(1)[0]).tolist() == [effect.column(key)]
