@@ -57,7 +57,7 @@ TERM_LAYOUT = tuple(f"{number}_{k}" for number in TERM_FIELDS for k in range(MAX
 
 
 @dataclass(frozen=True)
-class Place:
+class MovingPlace:
     """Where a step lies, or over what a decay falls, where that is a parameter: the term's constant b."""
 
     name: str
@@ -78,7 +78,7 @@ class Part:
     default: float
     bounds: tuple[float, float]
     source: str
-    place: Place | None = None
+    place: MovingPlace | None = None
 
     @property
     def is_line(self) -> bool:

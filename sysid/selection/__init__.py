@@ -7,6 +7,7 @@ next shot.
     screening          the candidates with the best scores fitted, ranked by evidence
     trials             where the fit of a candidate begins
     evidence           one fit against another; variance beyond noise
+    free_forms         where something is missing: unknown functions by their marginal likelihood
     terms, formula     structure outside the catalogue, as a sparse formula; effect_file writes it as an effect
     judge              what whole shots name: an effect, a formula, or nothing
     by_windows         the same where not every whole shot is followed, by windows of one impact each

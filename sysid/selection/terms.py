@@ -22,7 +22,7 @@ from models import formula as kinds
 from models.effect import Effect
 from models.errors import BadInput
 from models.files.faults import shown
-from models.formula import Part, Place, formula
+from models.formula import Part, MovingPlace, formula
 from models.shot import Table
 from models.variables import VARIABLES
 
@@ -66,7 +66,7 @@ class Term:
         place = None
         if self.limits is not None and self.place_name is not None:
             unit = VARIABLE_UNITS.get(VARIABLES[int(self.constants[0])], "1")
-            place = Place(self.place_name, unit, self.constants[1], self.limits)
+            place = MovingPlace(self.place_name, unit, self.constants[1], self.limits)
         return Part(self.name, code, self.kind, self.constants, self.unit, value, (-width, width), source, place)
 
 
