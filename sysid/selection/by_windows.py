@@ -206,16 +206,39 @@ def screen_windows(at: WindowFit, base: FittedModel, formula: SparseFormula | No
     screening = Screening(
         base, scores, tuple(fits), *confounded_and_tied(scores, fits), scores.count, len(at.fitted.states)
     )
-    larger = grown(formula, as_point(at), lambda candidates: score_windows(at, candidates))
-    if larger is not None:
-        more = with_effect(at, larger.score())
-        if is_needed(less, more, EFFECT_NAME, of_windows(more, base), evidence(less, more)):
-            more = searched(more)
-            if best is None or outdoes(larger.terms[-1], more, needed[best.name]):
-                return WindowScreening(screening, None, more, larger)
+    rival = None if best is None else needed[best.name]
+    if rival is None or rival.fitted.design_effect > 1.0:  # it leaves more than noise
+        found = explained_by_formula(at, less, base, formula, rival)
+        if found is not None:
+            return WindowScreening(screening, None, *found)
     if best is None:
         return WindowScreening(screening, None, at)
     return WindowScreening(screening, best.name, needed[best.name])
+
+
+def explained_by_formula(
+    at: WindowFit, less: WindowFit, base: FittedModel, formula: SparseFormula | None, rival: WindowFit | None
+) -> tuple[WindowFit, SparseFormula] | None:
+    """A formula with as many terms more as it takes to explain more than an effect, or with one where there is none.
+
+    Args:
+        at: windows, fitted without any of both.
+        less: the same after as many steps as one with a term gets.
+        base: the same fit as one of whole shots.
+        formula: that it has already.
+        rival: the fit with the effect.
+    """
+    had = 0 if formula is None else len(formula.terms)
+    while True:
+        formula = grown(formula, as_point(at), partial(score_windows, at))
+        if formula is None:
+            return None
+        more = with_effect(at, formula.score())
+        if not is_needed(less, more, EFFECT_NAME, of_windows(more, base), evidence(less, more)):
+            return None
+        at = less = searched(more)
+        if rival is None or outdoes(formula.terms[had:], at, rival):
+            return at, formula
 
 
 def ranked(
@@ -244,19 +267,17 @@ def ranked(
     return rank_fits(fits), found
 
 
-def outdoes(term: Term, more: WindowFit, best: WindowFit) -> bool:
-    """Whether a fit with a term explains more than one with an effect, and the term something beside that effect.
+def outdoes(terms: Sequence[Term], more: WindowFit, best: WindowFit) -> bool:
+    """Whether a fit with terms explains more than one with an effect, and one of them something beside that effect.
 
     A term that is the law of the effect explains nothing beside it, however many steps each of the fits has come.
     """
-    (beside,) = causes(score_windows(best, term_candidates([term])))
+    beside = causes(score_windows(best, term_candidates(terms)))[0].log_odds
     spread = min(best.fitted.chain.spread, more.fitted.chain.spread)
     one, two = (fit if fit.fitted.chain.spread == spread else searched(fit, spread) for fit in (best, more))
-    more_likely = evidence(one, two).delta_bic
-    log.info(
-        "%s: delta BIC %.0f over the best effect, log odds %.1f beside it", term.name, more_likely, beside.log_odds
-    )
-    return beside.log_odds > 0.0 and more_likely > MIN_DELTA_BIC
+    likelier = evidence(one, two).delta_bic
+    log.info("%s: delta BIC %.0f over the best effect, log odds %.1f beside it", terms[-1].name, likelier, beside)
+    return beside > 0.0 and likelier > MIN_DELTA_BIC
 
 
 def discover_by_windows(

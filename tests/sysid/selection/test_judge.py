@@ -70,7 +70,7 @@ def test_a_term_that_is_the_law_of_an_effect_does_not_take_its_place(tmp_path: P
     (alone,), (beside,) = (causes(score_windows(fit, term_candidates([term]))) for fit in (at, found.fitted))
     assert alone.log_odds > 10.0 and beside.log_odds < 0.0
     with_term = with_effect(at, SparseFormula((term,), (0.0,), alone.mean).score())
-    assert not outdoes(term, with_term, found.fitted)
+    assert not outdoes([term], with_term, found.fitted)
 
 
 def test_whole_shots_name_it_as_well(drag: Made) -> None:
