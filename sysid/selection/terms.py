@@ -22,7 +22,7 @@ from models import formula as kinds
 from models.effect import Effect
 from models.errors import BadInput
 from models.files.faults import shown
-from models.formula import Part, MovingPlace, formula
+from models.formula import MovingPlace, Part, formula
 from models.shot import Table
 from models.variables import VARIABLES
 
