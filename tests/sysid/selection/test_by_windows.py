@@ -58,6 +58,39 @@ def test_a_strong_effect_on_the_cloth_is_found_where_whole_shots_are_not_followe
 
 
 @pytest.mark.slow
+def test_a_step_has_its_place_and_two_quantities_share_it(data_folder: Path) -> None:
+    """Of another program: sliding and rolling friction are 1.3 times as high where x > 0.2 m."""
+    folder = data_folder / "beyond" / "set-41"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    clip_set = read_clip_set(folder)
+    found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
+    assert found.verdict == () and found.unexplained is not None and found.explained is not None
+    known = json.loads((folder.parent / "set-41.truth.json").read_text())["constants"]
+    values = dict(zip(found.explained.names, found.explained.constants.tolist(), strict=True))
+    for key, size in (("drag", 0.3 * 9.81 * known["mur"]), ("grip", 0.3)):
+        assert values[f"unexplained.{key}_x_above"] == pytest.approx(size, rel=0.05)
+        assert values[f"unexplained.{key}_x_above_at"] == pytest.approx(0.2, abs=0.01)
+    assert found.explained.held_rms < 1.1 * 0.0005 < found.last.held_rms / 2
+
+
+@pytest.mark.slow
+def test_a_drift_over_the_clips_is_found(data_folder: Path) -> None:
+    """Of another program: rolling friction grows by 1.2 % of its first value from clip to clip."""
+    folder = data_folder / "beyond" / "set-43"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    clip_set = read_clip_set(folder)
+    found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
+    known = json.loads((folder.parent / "set-43.truth.json").read_text())
+    whole = 0.012 * (len(known["clips"]) - 1) * 9.81 * known["constants"]["mur"]
+    assert found.verdict == () and found.unexplained is not None and found.explained is not None
+    assert found.unexplained["depends_on"] == ["order of the clips"]
+    assert found.unexplained["size"] == pytest.approx(whole, rel=0.03)
+    assert found.explained.held_rms < 1.1 * 0.0005
+
+
+@pytest.mark.slow
 def test_a_law_of_the_angle_at_cushions_is_found_in_windows(data_folder: Path) -> None:
     """Of another program: no effect of the catalogue comes near, so none is named beside the formula."""
     folder = data_folder / "beyond" / "set-42"
