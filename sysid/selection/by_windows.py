@@ -236,22 +236,9 @@ def explained_by_formula(
         more = with_effect(at, formula.score())
         if not is_needed(less, more, EFFECT_NAME, of_windows(more, base), evidence(less, more)):
             return None
-        new = formula.terms[-1].name
-        at, formula = without_undetermined_terms(searched(more), formula, base)
-        less = at
-        if formula.terms[-1].name != new:
-            return None
-        if rival is None or outdoes(formula.terms[had:] or formula.terms, at, rival):
+        at = less = searched(more)
+        if rival is None or outdoes(formula.terms[had:], at, rival):
             return at, formula
-
-
-def without_undetermined_terms(
-    at: WindowFit, formula: SparseFormula, base: FittedModel
-) -> tuple[WindowFit, SparseFormula]:  # fmt: skip
-    """The fit and its formula without the terms whose size it does not tell from zero."""
-    while (fewer := formula.without_undetermined(of_windows(at, base), MIN_DISTANCE_SD)) is not None:
-        at, formula = with_effect(at, fewer.score()), fewer
-    return at, formula
 
 
 def ranked(

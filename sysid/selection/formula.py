@@ -57,23 +57,6 @@ class SparseFormula:
         terms = tuple(t.moved(at[f"{EFFECT_NAME}.{t.place_name}"]) if t.limits else t for t in self.terms)
         return dataclasses.replace(self, terms=terms)
 
-    def without_undetermined(self, found: FittedModel, least: float) -> SparseFormula | None:
-        """The formula without its term of least size, if that is less than `least` standard deviations of a fit.
-
-        None where all are farther, or one is left. A term that was added early may have stood in for a later one.
-        """
-        values, sds = np.array([found.value(f"{EFFECT_NAME}.{t.name}") for t in self.terms]).T
-        sizes = np.abs(values) / np.where(np.isfinite(sds), sds, np.inf)
-        k = int(np.argmin(sizes))
-        if len(self.terms) == 1 or sizes[k] >= least:
-            return None
-        log.info("%s is not needed", self.terms[k].name)
-        rest, placed = [i for i in range(len(self.terms)) if i != k], self.placed(found)
-        return SparseFormula(
-            tuple(placed.terms[i] for i in rest), tuple(self.improvements[i] for i in rest), values[rest],
-            tuple(self.alike[i] for i in rest),
-        )  # fmt: skip
-
     def candidate(self) -> Candidate:
         """The formula as an effect to fit."""
         return candidate(effect_from_terms(EFFECT_NAME, self.terms, self.values.tolist()))

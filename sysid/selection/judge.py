@@ -19,7 +19,6 @@ from sysid.estimation.split import Split
 from sysid.selection.departures import shared_cause
 from sysid.selection.evidence import compare_fits, counted_as_one, excess_variance, generalises, remove_effect
 from sysid.selection.formula import EFFECT_NAME, SparseFormula, grown
-from sysid.selection.pruning import MIN_DISTANCE_SD
 from sysid.selection.score import Candidate, Scores, linearise, scores_of
 from sysid.selection.screening import (
     MAX_EXCESS_VARIANCE,
@@ -71,11 +70,7 @@ def diagnose_fit(parts: Split, now: FittedModel, formula: SparseFormula | None =
     if larger is None:
         return Diagnosis(seen)
     bare = now if formula is None else remove_effect(now, EFFECT_NAME)
-    fitted, new = fit_candidate(parts, bare, larger.score()), larger.terms[-1].name
-    while (fewer := larger.without_undetermined(fitted.fitted, MIN_DISTANCE_SD)) is not None:
-        larger, fitted = fewer, fit_candidate(parts, bare, fewer.score())
-    if larger.terms[-1].name != new:
-        return Diagnosis(seen)
+    fitted = fit_candidate(parts, bare, larger.score())
     fitted = dataclasses.replace(fitted, evidence=compare_fits(now, fitted.fitted))
     if best is not None and not outdoes(best, fitted):
         return Diagnosis(seen)
