@@ -103,21 +103,32 @@ def _with_next_shot(found: DiscoveryResult) -> DiscoveryResult:
 
 
 def _by_whole_shots(
-    found: DiscoveryResult, show: Show, now: FittedModel, formula: SparseFormula | None = None
+    found: DiscoveryResult,
+    show: Show,
+    now: FittedModel,
+    formula: SparseFormula | None = None,
+    without: DiscoveryResult | None = None,
 ) -> DiscoveryResult:
     """Effects that whole shots name beside those that are in the result, or a formula for what none explains.
 
-    `now`: the last fit, with the formula if there is one already.
+    Args:
+        found: the result so far.
+        show: see `discover`.
+        now: the last fit, with the formula if there is one already.
+        formula: that it has.
+        without: the result before the formula; where that does not hold in the end, what was named beside it is
+            judged anew from there, and no other formula is looked for.
     """
-    parts = found.parts
+    parts, may_grow = found.parts, formula is not None or without is None
     while True:  # each round adds an effect or the formula, or sets shots aside
-        diagnosis = diagnose_fit(parts, now, formula)
+        diagnosis = diagnose_fit(parts, now, formula, may_grow)
         found = dataclasses.replace(found, rounds=(*found.rounds, diagnosis.screening))
         if diagnosis.screening.base is not now:
             now = diagnosis.screening.base
             if formula is None:
                 found = dataclasses.replace(found, ladder=(*found.ladder[:-1], now))
         if diagnosis.formula is not None and diagnosis.fitted_formula is not None:
+            without = found if formula is None else without
             formula, now = diagnosis.formula, diagnosis.fitted_formula.fitted
             found = dataclasses.replace(found, unexplained=describe(formula, now, diagnosis.fitted_formula.evidence))
             continue
@@ -136,7 +147,10 @@ def _by_whole_shots(
         if formula is None:
             show(found)
     if formula is not None:
-        found = _beside_formula(parts, found, now, formula)
+        beside = _beside_formula(parts, found, now, formula)
+        if beside.explained is None and without is not None:
+            return _by_whole_shots(without, show, without.last, without=without)
+        found = beside
     if found.unexplained is None:
         found = prune(parts, found)
         found = prune(parts, found, partial(exchanged, pairs=[pair for one in found.rounds for pair in one.tied]))

@@ -53,20 +53,23 @@ class Diagnosis:
         return best.name if best is not None and self.formula is None else None
 
 
-def diagnose_fit(parts: Split, now: FittedModel, formula: SparseFormula | None = None) -> Diagnosis:
+def diagnose_fit(
+    parts: Split, now: FittedModel, formula: SparseFormula | None = None, may_grow: bool = True
+) -> Diagnosis:
     """Find the effect that a fit lacks or, where none explains the residuals, a formula with one term more.
 
     Args:
         parts: the clips.
         now: their fit.
         formula: that it has already.
+        may_grow: whether to look for a term.
     """
     before, share = now, 0.0 if formula is None else MIN_SHARE_BESIDE_FORMULA
     seen = screen(parts, now, candidates_for(now.model), share)
     best, now = seen.best, seen.base
     if excess_variance(best.fitted if best else now) <= MAX_EXCESS_VARIANCE:
         return Diagnosis(seen)
-    larger = grown(formula, now, partial(_scored, now))
+    larger = grown(formula, now, partial(_scored, now)) if may_grow else None
     if larger is None:
         return Diagnosis(seen)
     bare = now if formula is None else remove_effect(now, EFFECT_NAME)
