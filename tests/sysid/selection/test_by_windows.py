@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, read_clip_set
 from sysid.selection.diagnose import diagnose
 from sysid.selection.discover import discover
+from sysid.selection.result import DiscoveryResult
 from tests.truth.__main__ import main as generate
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -26,6 +28,16 @@ def made(folder: Path, *words: str) -> tuple[ClipSet, dict[str, float]]:
     assert generate([str(folder), "--no-cue", *words]) == 0
     truth: dict[str, float] = json.loads(Path(f"{folder}.truth.json").read_text())["parameters"]
     return read_clip_set(folder), truth
+
+
+def found_beyond(data_folder: Path, name: str) -> tuple[ClipSet, DiscoveryResult, dict[str, Any]]:
+    """A clip set of another program, what is found in it, and what hides there."""
+    folder = data_folder / "beyond" / name
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    clip_set = read_clip_set(folder)
+    truth: dict[str, Any] = json.loads((folder.parent / f"{name}.truth.json").read_text())
+    return clip_set, discover(clip_set, full_model(clip_set.table, clip_set.ball)), truth
 
 
 def test_what_the_cue_did_does_not_act_on_a_ball_that_was_on_its_way() -> None:
@@ -60,15 +72,10 @@ def test_a_strong_effect_on_the_cloth_is_found_where_whole_shots_are_not_followe
 @pytest.mark.slow
 def test_a_step_has_its_place_and_two_quantities_share_it(data_folder: Path) -> None:
     """Of another program: sliding and rolling friction are 1.3 times as high where x > 0.2 m."""
-    folder = data_folder / "beyond" / "set-41"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
-    clip_set = read_clip_set(folder)
-    found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
+    _, found, known = found_beyond(data_folder, "set-41")
     assert found.verdict == () and found.unexplained is not None and found.explained is not None
-    known = json.loads((folder.parent / "set-41.truth.json").read_text())["constants"]
     values = dict(zip(found.explained.names, found.explained.constants.tolist(), strict=True))
-    for key, size in (("drag", 0.3 * 9.81 * known["mur"]), ("grip", 0.3)):
+    for key, size in (("drag", 0.3 * 9.81 * known["constants"]["mur"]), ("grip", 0.3)):
         assert values[f"unexplained.{key}_x_above"] == pytest.approx(size, rel=0.05)
         assert values[f"unexplained.{key}_x_above_at"] == pytest.approx(0.2, abs=0.01)
     assert found.explained.held_rms < 1.1 * 0.0005 < found.last.held_rms / 2
@@ -77,12 +84,7 @@ def test_a_step_has_its_place_and_two_quantities_share_it(data_folder: Path) -> 
 @pytest.mark.slow
 def test_a_drift_over_the_clips_is_found(data_folder: Path) -> None:
     """Of another program: rolling friction grows by 1.2 % of its first value from clip to clip."""
-    folder = data_folder / "beyond" / "set-43"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
-    clip_set = read_clip_set(folder)
-    found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
-    known = json.loads((folder.parent / "set-43.truth.json").read_text())
+    _, found, known = found_beyond(data_folder, "set-43")
     whole = 0.012 * (len(known["clips"]) - 1) * 9.81 * known["constants"]["mur"]
     assert found.verdict == () and found.unexplained is not None and found.explained is not None
     assert found.unexplained["depends_on"] == ["order of the clips"]
@@ -93,11 +95,7 @@ def test_a_drift_over_the_clips_is_found(data_folder: Path) -> None:
 @pytest.mark.slow
 def test_a_law_of_the_angle_at_cushions_is_found_in_windows(data_folder: Path) -> None:
     """Of another program: no effect of the catalogue comes near, so none is named beside the formula."""
-    folder = data_folder / "beyond" / "set-42"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
-    clip_set = read_clip_set(folder)
-    found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
+    clip_set, found, _ = found_beyond(data_folder, "set-42")
     assert found.verdict == () and found.unexplained is not None
     assert found.unexplained["depends_on"] == ["angle"]
     assert found.unexplained["size"] == pytest.approx(-0.10, rel=0.03)
