@@ -16,8 +16,8 @@ from sysid.report.health import print_health
 from sysid.report.outcome import compare_at, write_outcome
 from sysid.report.text import in_words
 from sysid.selection.discover import discover
-from sysid.selection.judge import Diagnosis
 from sysid.selection.result import DiscoveryResult
+from sysid.selection.screening import Diagnosis
 
 COMMAND_NAME = "sysid demo"
 EXAMPLE_FOLDER = Path(__file__).parents[1] / "example"

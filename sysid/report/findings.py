@@ -12,16 +12,15 @@ import numpy as np
 
 from models.console import table
 from sysid.estimation.fitted import MISS_OVER_AXIS, FittedModel
-from sysid.selection.judge import Diagnosis
 from sysid.selection.next_shot import NextShot
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.score import Score
-from sysid.selection.screening import MIN_DELTA_BIC, Screening
+from sysid.selection.screening import Diagnosis, Screening
 
 NEW_EFFECT_COMMAND = "sysid new-effect NAME --from result.json"  # in the folder of results
 MIN_SHARE_OF_DRAWS = 0.1  # of the clips, in which an effect that is not named must be selected to be mentioned
 MAX_LISTED = 8  # candidates in the table of a round
-NOTHING_MISSING = f"none: no effect of the catalogue justifies its parameters (delta BIC under {MIN_DELTA_BIC:.0f})"
+NOTHING_MISSING = "none: nothing is likelier than that the model lacks nothing"
 
 
 def round_rows(seen: Screening) -> list[tuple[str, ...]]:

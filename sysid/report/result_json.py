@@ -17,10 +17,9 @@ from sysid.report.findings import predicted_delta_bic, unfitted
 from sysid.report.health import health_lines
 from sysid.residuals.compare import coverage
 from sysid.residuals.comparison import Comparison
-from sysid.selection.judge import Diagnosis
 from sysid.selection.next_shot import NextShot
 from sysid.selection.result import DiscoveryResult
-from sysid.selection.screening import CONFOUNDED_CORRELATION, Screening
+from sysid.selection.screening import CONFOUNDED_CORRELATION, Diagnosis, Screening
 
 
 def result_of(

@@ -12,7 +12,7 @@ from models.report.numbers import millimetres, value_with_sd
 from sysid.estimation.fitted import MISS_OVER_AXIS
 from sysid.report.findings import NEW_EFFECT_COMMAND
 from sysid.selection.result import DiscoveryResult
-from sysid.selection.screening import MIN_DELTA_BIC, Screening
+from sysid.selection.screening import Screening
 
 MAX_NOISE_RATIO = 1.1  # held-out miss over that of the noise alone, up to which the noise is reached
 FEW_HELD_OUT = 2  # clips held out, up to which a single one decides
@@ -87,7 +87,7 @@ def _certainty(found: DiscoveryResult) -> str:
     if found.unexplained is not None and found.unexplained.get("delta_bic") is not None:
         words.append(f"what is outside the catalogue has a delta BIC of {found.unexplained['delta_bic']:.0f}")
     if not words:
-        words = [f"no effect of the catalogue reaches a delta BIC of {MIN_DELTA_BIC:.0f}"]
+        words = ["nothing is likelier than that the model lacks nothing"]
     held = found.parts.held_out
     if held is None or len(held.clips) <= FEW_HELD_OUT:
         doubts.append("few clips are held out to judge it by" if held else "no clip is held out to judge it by")

@@ -14,12 +14,13 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing
 from sysid.estimation.split import Split, in_any_case, split
-from sysid.selection.by_windows import described_in_windows, screen_windows
-from sysid.selection.evidence import holds
+from sysid.selection.by_whole_shots import WholeShots
+from sysid.selection.by_windows import Windows
 from sysid.selection.formula import describe
-from sysid.selection.judge import Diagnosis, diagnose_fit
 from sysid.selection.next_shot import NextShot, propose_next
 from sysid.selection.remainder import remainder
+from sysid.selection.screening import Diagnosis
+from sysid.selection.search import Round, V, judged, next_cause, unknowns_of_terms
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,8 @@ class ClipDiagnosis:
 
     @property
     def ranking(self) -> tuple[tuple[str, float], ...]:
-        """Candidates that were fitted, best first, each with its delta BIC over the model."""
-        return tuple((one.name, one.evidence.delta_bic) for one in self.diagnosis.screening.fits)
+        """Candidates that were fitted, best first, each with its log odds beside the model."""
+        return tuple((one.name, one.evidence.log_odds) for one in self.diagnosis.screening.fits)
 
 
 def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
@@ -48,21 +49,23 @@ def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
     parts, _, model = split(clip_set, model)
     parts, at, base = fit_from_nothing(parts, model)
     if parts.needs_windows(base):
-        seen = screen_windows(at, base)
-        named = (seen.name,) if seen.name else ()
-        if named or seen.formula or (parts.training.is_long and not parts.follows(base)):
-            unexplained = None if named else remainder(base)
-            if seen.formula is not None:
-                unexplained = described_in_windows(seen.formula, at, seen.fitted, base)
-            shot = propose_next(parts, base, (seen.screening,), named)
-            return ClipDiagnosis(parts, base, Diagnosis(seen.screening, seen.formula), unexplained, shot)
+        windows = Windows(at, base)
+        seen = next_cause(windows)
+        if seen.view is not windows or (parts.training.is_long and not parts.follows(base)):
+            return _diagnosed(parts, base, windows, seen)
         base = in_any_case(parts, base)
-    diagnosis = diagnose_fit(parts, base)
-    unexplained, fitted, screening = None, diagnosis.fitted_formula, diagnosis.screening
-    if diagnosis.formula is not None and fitted is not None and holds(screening.base, fitted.fitted):
-        unexplained = describe(diagnosis.formula, fitted.fitted, fitted.evidence)
+    whole = WholeShots(parts, base)
+    return _diagnosed(parts, base, whole, next_cause(whole))
+
+
+def _diagnosed(parts: Split, base: FittedModel, view: V, seen: Round[V]) -> ClipDiagnosis:
+    """What a round has found beside a fit; `base` is it on whole shots."""
+    diagnosis = Diagnosis(seen.screening, seen.formula)
+    unexplained: Mapping[str, Any] | None = None
+    if seen.formula is not None:
+        evidence = judged(view.beside(seen.view), seen.view, unknowns_of_terms(seen.formula.terms)).evidence
+        unexplained = describe(seen.formula, seen.view.fitted, evidence)
     elif diagnosis.name is None:
-        unexplained = remainder(screening.base)
+        unexplained = remainder(base)
     named = (diagnosis.name,) if diagnosis.name else ()
-    shot = propose_next(parts, base, (screening,), named)
-    return ClipDiagnosis(parts, base, diagnosis, unexplained, shot)
+    return ClipDiagnosis(parts, base, diagnosis, unexplained, propose_next(parts, base, (seen.screening,), named))

@@ -17,10 +17,8 @@ import numpy as np
 
 from sysid.clips.correlation import integrated_time
 from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.fitting import loss_soon
-from sysid.estimation.initial_states import CHANCE_SD, fit_states, shot_losses, weighed_scores
+from sysid.estimation.initial_states import fit_states, weighed_scores
 from sysid.estimation.problem import Array
-from sysid.estimation.split import LOST_RATIO
 
 MAX_LOSS_RATIO = 1.5  # of the loss a few iterations after an effect was removed, if the effect is to be doubted
 MAX_LAG = 40  # samples, of the autocorrelation
@@ -35,9 +33,8 @@ class Evidence:
 
     delta_bic: float  # positive speaks for the second
     improvement: float  # twice the gain of log likelihood
-    tau: float  # integrated autocorrelation time of the residuals [samples]
-    others_delta_bic: float  # without the shot that the second improves most
-    top_shot_ratio: float  # loss per residual of that shot in the second, over the median of all
+    tau: float  # how many residuals tell as much as an independent one
+    log_odds: float = 0.0  # of the second over the first, by their marginal likelihoods
 
 
 def compare_fits(one: Point, two: Point, tau: float | None = None) -> Evidence:
@@ -58,11 +55,7 @@ def compare_fits(one: Point, two: Point, tau: float | None = None) -> Evidence:
     if tau is None:
         tau = counted_as_one(two if b < a else one)
     penalty = (two.constants.size - one.constants.size) * float(np.log(max(count.sum() / tau, 2)))
-    top = int(np.argmax(first - second))
-    share = second / np.maximum(count, 1)
-    others = a - b - float((first - second)[top])
-    ratio = float(share[top] / max(float(np.median(share)), 1e-12))
-    return Evidence((a - b) / tau - penalty, a - b, tau, others / tau - penalty, ratio)
+    return Evidence((a - b) / tau - penalty, a - b, tau)
 
 
 def counted_as_one(at: Point) -> float:
@@ -76,35 +69,6 @@ def mean_squares(r: Array, limit: float = math.inf) -> tuple[Array, Array]:
     """Mean square of the residuals (n, m) of each shot, those beyond `limit` clipped, and their number: (n,), (n,)."""
     counts = np.isfinite(r).sum(axis=1)
     return np.nansum(np.minimum(r**2, limit**2), axis=1) / np.maximum(counts, 1), counts
-
-
-def generalises(one: FittedModel, two: FittedModel) -> bool:
-    """Whether the second fit does not follow the held-out clips worse than the first."""
-    return _held_out_gain(one, two) >= 0.0
-
-
-def holds(one: FittedModel, two: FittedModel) -> bool:
-    """Whether the second fit follows the held-out clips better than the first: what a formula must do to be offered.
-
-    A formula is made for these clips, of any of a hundred terms; an effect is physics that is known from elsewhere. So
-    one that merely does no harm where it was not fitted is not offered.
-    """
-    return one.held_out is None or two.held_out is None or _held_out_gain(one, two) > 0.0
-
-
-def _held_out_gain(one: FittedModel, two: FittedModel) -> float:
-    """Fall of the logarithms of held-out clips' mean squares, summed over clips; 0 without any.
-
-    What is within noise is no fall or rise. A clip that is lost in a false optimum is lost in both, however far it
-    ends: how far is chance.
-    """
-    if one.held_out is None or two.held_out is None:
-        return 0.0
-    (old, counts), (new, _) = (mean_squares(at.open_residuals) for at in (one.held_out, two.held_out))
-    tau = one.problem.correlation_time
-    noise = 1.0 + CHANCE_SD * np.sqrt(2.0 * tau / np.maximum(counts, 1))
-    lost = np.maximum(LOST_RATIO**2 * float(np.median(old)), noise)
-    return float(np.sum(np.log(np.clip(old, noise, lost) / np.clip(new, noise, lost))))
 
 
 def chi2_of_known(at: Point) -> float:
@@ -148,10 +112,3 @@ def remove_effect(found: FittedModel, name: str) -> FittedModel:
     problem = found.problem.with_model(found.problem.model.without(name), names)
     covariance = found.covariance[np.ix_(keep, keep)]
     return dataclasses.replace(found, problem=problem, constants=found.constants[keep], covariance=covariance)
-
-
-def loss_ratio_without(found: FittedModel, name: str) -> float:
-    """Loss a few iterations after an effect was removed, over the loss with it."""
-    point = remove_effect(found, name)
-    soon = loss_soon(point.weighted, point.initial_states, point.constants)
-    return soon / float(shot_losses(found.weighted, found.initial_states, found.constants)[0].sum())

@@ -57,6 +57,18 @@ class SparseFormula:
         terms = tuple(t.moved(at[f"{EFFECT_NAME}.{t.place_name}"]) if t.limits else t for t in self.terms)
         return dataclasses.replace(self, terms=terms)
 
+    def without(self, term: Term, fitted: Point) -> SparseFormula | None:
+        """The formula without a term, as a fit that has it puts the others; None where there is no other."""
+        keep = [k for k, one in enumerate(self.terms) if one.name != term.name]
+        if not keep:
+            return None
+        at, placed = dict(zip(fitted.names, fitted.constants.tolist(), strict=True)), self.placed(fitted)
+        return SparseFormula(
+            tuple(placed.terms[k] for k in keep), tuple(self.improvements[k] for k in keep),
+            np.array([at[f"{EFFECT_NAME}.{self.terms[k].name}"] for k in keep]),
+            tuple(self.alike[k] for k in keep if k < len(self.alike)),
+        )  # fmt: skip
+
     def candidate(self) -> Candidate:
         """The formula as an effect to fit."""
         return candidate(effect_from_terms(EFFECT_NAME, self.terms, self.values.tolist()))
@@ -66,33 +78,67 @@ class SparseFormula:
         return Score(self.candidate(), float(sum(self.improvements)), self.values, np.full(len(self.terms), np.inf))
 
 
+@dataclass(frozen=True)
+class Looked:
+    """Everything that may be missing, scored beside a fit."""
+
+    scores: Scores
+    found: list[Cause]  # the likeliest first
+    terms: list[Term]
+    named: frozenset[str]  # those that are effects of the catalogue
+    seen: dict[str, tuple[float, float]]  # ranges of variables
+
+    def row(self, cause: Cause) -> Score:
+        """The score of a cause."""
+        return _row_of(cause.name, self.scores)
+
+
+def look(
+    base: Point, score: Callable[[Sequence[Candidate]], Scores], formula: SparseFormula | None,
+    named: Sequence[Candidate],
+) -> Looked:  # fmt: skip
+    """Effects, unknown functions and terms beside a fit.
+
+    Args:
+        base: the fit.
+        score: of candidates beside it.
+        formula: that it has.
+        named: effects that it lacks.
+    """
+    clips, table = base.problem.clips, base.model.table
+    seen = ranges(clips, table.length, table.width, base.model.ball.radius)
+    balls = max(len(clip.balls) for clip in clips)
+    free, terms = blocks(seen, balls), _others(library(table, balls), formula)
+    log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
+    scores = score([*named, *free_candidates(free), *term_candidates(terms)])
+    return Looked(scores, causes(scores, free), terms, frozenset(one.name for one in named), seen)
+
+
 def grown(
-    before: SparseFormula | None, base: Point, score: Callable[[Sequence[Candidate]], Scores]
+    before: SparseFormula | None,
+    base: Point,
+    score: Callable[[Sequence[Candidate]], Scores],
+    looked: Looked,
+    least: float,
 ) -> SparseFormula | None:
-    """A formula with one term more, for what a fit leaves; None where that is less likely than nothing.
+    """A formula with one term more, for what a fit leaves; None where no function or term is likely.
 
     Args:
         before: the formula that the fit has.
         base: the fit.
         score: of candidates beside it.
+        looked: what is likely beside it.
+        least: log odds of what is likely.
     """
     old = SparseFormula((), (), np.zeros(0)) if before is None else before.placed(base)
-    if len(old.terms) >= MAX_TERMS:
-        return None
-    clips, table = base.problem.clips, base.model.table
-    seen = ranges(clips, table.length, table.width, base.model.ball.radius)
-    balls = max(len(clip.balls) for clip in clips)
-    free, terms = blocks(seen, balls), _others(library(table, balls), old)
-    log.info("looking for structure outside the catalogue: %d functions, %d terms", len(free), len(terms))
-    scores = score([*free_candidates(free), *term_candidates(terms)])
-    found = causes(scores, free)
-    if found[0].log_odds <= math.log(len(found)):  # beforehand all of them together are as likely as nothing
+    found, terms = [cause for cause in looked.found if cause.name not in looked.named], looked.terms
+    if len(old.terms) >= MAX_TERMS or found[0].log_odds <= least:
         return None
     block = found[0].block
     if block is None:
-        term, row = _term_of(found[0].name, terms), _row_of(found[0].name, scores)
+        term, row = _term_of(found[0].name, terms), looked.row(found[0])
     else:
-        families = [family for family in (_others(one, old) for one in block.shapes(seen)) if family]
+        families = [family for family in (_others(one, old) for one in block.shapes(looked.seen)) if family]
         if not families:
             return None
         term, row = _likeliest(families, score)
@@ -132,9 +178,9 @@ def _likeliest(
     return term, _row_of(odds[term].name, scores)
 
 
-def _others(terms: Sequence[Term], formula: SparseFormula) -> list[Term]:
+def _others(terms: Sequence[Term], formula: SparseFormula | None) -> list[Term]:
     """Terms that a formula does not have yet."""
-    have = {term.name for term in formula.terms}
+    have = set() if formula is None else {term.name for term in formula.terms}
     return [term for term in terms if term.name not in have]
 
 

@@ -25,7 +25,7 @@ from models import formula as kinds
 from models.free_form import ALONE, PERIODIC, STEPS, Axis, FreeForm, free_form
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
-from sysid.selection.score import Candidate, Scores, candidate
+from sysid.selection.score import Candidate, Scatter, Scores, candidate
 from sysid.selection.terms import COEFFICIENT_WIDTHS, SEEN_BY, Term, shapes, straight
 
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
@@ -122,11 +122,12 @@ class Cause:
     mean: Array  # (k,) its parameters, as distances from where it does nothing, where they are likeliest
 
 
-def log_odds(information: Array, gradient: Array, covariance: Array) -> float:
+def log_odds(information: Array, gradient: Array, covariance: Array, scatter: Scatter) -> float:
     """Marginal likelihood with Gaussian unknowns over that without, of quadratic losses; see the module."""
-    root = np.linalg.cholesky(_regular(covariance))
-    matrix, right = np.eye(len(root)) + root.T @ information @ root, root.T @ gradient
-    return float(0.5 * right @ np.linalg.solve(matrix, right) - 0.5 * np.linalg.slogdet(matrix)[1])
+    root, more = np.linalg.cholesky(_regular(covariance)), max(scatter.effect, 1.0)
+    matrix, right = np.eye(len(root)) + root.T @ information @ root / more, root.T @ gradient
+    gain = 0.5 * float(right @ np.linalg.solve(matrix, right)) / more
+    return scatter.counted(gain) - 0.5 * float(np.linalg.slogdet(matrix)[1])
 
 
 def _regular(covariance: Array) -> Array:
@@ -142,13 +143,13 @@ def causes(scores: Scores, free: Sequence[Block] = ()) -> list[Cause]:
     for name, at in scores.blocks.items():
         probe = scores.probe[at]
         information = scores.schur_information[at, at] / np.outer(probe, probe)
-        gradient = scores.gradient[at] / probe
+        gradient, scatter = scores.gradient[at] / probe, scores.scatter[name]
         block = by_name.get(name)
         if block is None:
             priors = [np.diag((size * usual[name]) ** 2) for size in USUAL_SIZES]
         else:
             priors = [(size * block.width) ** 2 * shape for shape in block.correlations() for size in SIZES]
-        odds = np.array([log_odds(information, gradient, prior) for prior in priors])
+        odds = np.array([log_odds(information, gradient, prior, scatter) for prior in priors])
         prior = priors[int(np.argmax(odds))]
         mean = -np.asarray(np.linalg.solve(information + np.linalg.inv(_regular(prior)), gradient), float)
         found.append(Cause(name, mean_odds(odds), block, mean))

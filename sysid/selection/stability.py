@@ -19,9 +19,9 @@ import numpy as np
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array, Index
 from sysid.selection.score import Linearised, add_known
-from sysid.selection.screening import MIN_DELTA_BIC
 
 DRAWS, SEED = 100, 0
+MIN_DELTA_BIC = 10.0  # for an effect to be selected ("very strong", Kass and Raftery 1995)
 LEAST_SHARE = 1e-9  # added to the diagonal, where nothing tells of an unknown
 
 

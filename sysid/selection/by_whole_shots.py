@@ -1,0 +1,181 @@
+"""Whole shots as a `View`: what acts between impacts shows in them best.
+
+In: clips (`Split`) and a fit of whole shots (`FittedModel`). Out: what they say of candidates.
+
+A shot may sit in a false optimum beside one model and not beside another. So a fit begins at the likeliest of a few
+sizes of a candidate, and two fits are compared only after each has tried the states to which the other has led.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from sysid.estimation.chain_fit import design_effect
+from sysid.estimation.fitted import FittedModel, Point
+from sysid.estimation.initial_states import fit_states, shot_losses
+from sysid.estimation.problem import Array
+from sysid.estimation.split import Split, fit_on
+from sysid.selection.evidence import MAX_RESIDUAL_SD, compare_fits, counted_as_one, remove_effect
+from sysid.selection.score import Candidate, Linearised, Score, linearise, with_candidate
+from sysid.selection.view import View
+
+TRIAL_STEPS = 3  # iterations of the initial states at each size where a fit may begin
+SMALLER_TRIAL = 0.3  # of a predicted or usual size, where a fit may begin as well
+WARM_START_STEPS = 5  # iterations of the initial states from the optimum of another fit
+MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE = 2.0, 1e-3  # of the loss, for another optimum to be taken
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class WholeShots(View):
+    """A fit of whole shots."""
+
+    parts: Split
+    now: FittedModel
+
+    @property
+    def point(self) -> Point:
+        """Its problem and its constants."""
+        return self.now
+
+    @property
+    def fitted(self) -> FittedModel:
+        """The fit."""
+        return self.now
+
+    @property
+    def windows(self) -> int:
+        """None."""
+        return 0
+
+    @cached_property
+    def _alone(self) -> Linearised:
+        return linearise(self.now, [])
+
+    @property
+    def count(self) -> int:
+        """Of residuals."""
+        return self._alone.count
+
+    @cached_property
+    def design_effect(self) -> float:
+        """Of the shots, or of the samples of each, which are correlated."""
+        seen = self._alone
+        return max(design_effect(seen.information, seen.gradient), counted_as_one(self.now))
+
+    @property
+    def shots(self) -> tuple[Array, Array]:
+        """See `View`."""
+        return self._alone.information, self._alone.gradient
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether residuals beyond the noise are no more than chance leaves."""
+        return self.now.discrepancy_rate == 0.0
+
+    def linearised(self, candidates: Sequence[Candidate]) -> Linearised:
+        """Its shots' losses with candidates beside it."""
+        return linearise(self.now, candidates, quick=True)
+
+    def with_effect(self, score: Score) -> Self:
+        """The fit with an effect more, or with another formula."""
+        now, name = self.now, score.candidate.name
+        if any(one.name() == name for one in now.model.effects):
+            now = remove_effect(now, name)
+        return dataclasses.replace(self, now=fit_candidate(self.parts, now, score))
+
+    def without(self, name: str) -> Self:
+        """The fit without an effect."""
+        return dataclasses.replace(self, now=fit_without(self.parts, self.now, name))
+
+    def beside(self, other: Self) -> Self:
+        """The fit from the initial states of another one in the shots where they are likelier."""
+        now = warm_started(self.parts, self.now, other.now, "from another optimum")
+        return self if now is None else dataclasses.replace(self, now=now)
+
+    def searched(self) -> Self:
+        """Whole shots are not searched."""
+        return self
+
+    def continued(self) -> Self:
+        """Every fit of whole shots goes on until it converges."""
+        return self
+
+    def gain(self, more: Self) -> float:
+        """By how much another fit is likelier, each at its most likely errors of the model."""
+        return 0.5 * compare_fits(self.now, more.now, 1.0).improvement
+
+    def held_gains(self, more: Self) -> Array:
+        """The same for every shot held out (m,), its constants moved as far as the fit leaves them open."""
+        one, two = self.now.held_out, more.now.held_out
+        if one is None or two is None:
+            return np.zeros(0)
+        old, new = (np.nansum(np.minimum(at.open_residuals**2, MAX_RESIDUAL_SD**2), axis=1) for at in (one, two))
+        return np.asarray(0.5 * (old - new))
+
+
+def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedModel:
+    """All constants, those of a candidate among them, and all initial states, from the optimum without it."""
+    one = score.candidate
+    x, added = _best_start(base, score)
+    keys = tuple(one.effect.parameters())
+    values = dict(zip(one.keys, added.tolist(), strict=True))
+    problem = with_candidate(base.problem, one, [f"{one.name}.{key}" for key in keys])
+    more = [values.get(key, float(getattr(one.effect, key))) for key in keys]
+    start = Point(problem, x, np.concatenate([base.constants, more]), base.discrepancy_rate)
+    return fit_on(parts, start, base, f"with {one.name}")
+
+
+def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:
+    """Initial states (n, p) and switching parameters (k,) to start from: of a few trial values those of least loss."""
+    one, off = score.candidate, score.candidate.off()
+    bounds, usual, step = one.bounds(), one.usual(), score.values - off
+    trials = [step, SMALLER_TRIAL * step]
+    if one.one_sided:  # such an effect may grow with the square of its parameter
+        trials = [step, usual, SMALLER_TRIAL * usual]
+    problem = with_candidate(base.problem, one).with_discrepancy(base.discrepancy_rate)
+    found = []
+    inner = bounds + np.outer(bounds[:, 1] - bounds[:, 0], [1e-4, -1e-4])
+    for move in trials:
+        values = np.clip(off + move, inner[:, 0], inner[:, 1])
+        c = np.concatenate([base.constants, values])
+        x = fit_states(problem, base.initial_states, c, TRIAL_STEPS)
+        found.append((float(shot_losses(problem, x, c)[0].sum()), x, values))
+    _, x, values = min(found, key=lambda one: one[0])
+    return x, values
+
+
+def fit_without(parts: Split, found: FittedModel, name: str) -> FittedModel:
+    """Fit again without an effect."""
+    plain = fit_on(parts, remove_effect(found, name), found, f"without {name}")
+    return warm_started(parts, plain, found, f"without {name}") or plain
+
+
+def with_better_states(one: FittedModel, other: FittedModel) -> tuple[FittedModel, float]:
+    """`one` with the initial states of `other` in the shots where they give less loss, and by how much it falls."""
+    seen = one.weighted
+    x = fit_states(seen, other.initial_states, one.constants, WARM_START_STEPS)
+    old, new = (shot_losses(seen, at, one.constants)[0] for at in (one.initial_states, x))
+    better = new < old
+    mixed = np.where(better[:, None], x, one.initial_states)
+    return dataclasses.replace(one, initial_states=mixed), float(np.sum((old - new)[better]))
+
+
+def warm_started(parts: Split, one: FittedModel, other: FittedModel, what: str) -> FittedModel | None:
+    """Fit `one` again, from the initial states of `other` in the shots where they give less loss.
+
+    None where that does not lower its loss noticeably.
+    """
+    mixed, gain = with_better_states(one, other)
+    loss = float(shot_losses(one.weighted, one.initial_states, one.constants)[0].sum())
+    if gain < max(MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE * loss):
+        return None
+    log.info("%s again, from another optimum", what)
+    return fit_on(parts, mixed, one, what)

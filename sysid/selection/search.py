@@ -1,0 +1,334 @@
+"""What a fit lacks: one cause after another, named or not, as long as each is likelier than chance.
+
+In: a `View` of a fit. Out: views with what it lacks added, and the rounds in which that was found.
+
+Every cause is judged by its marginal likelihood (free_forms.py): by how much likelier the shots are with it, averaged
+over what it may be. Named effects, unknown functions and terms are scored beside the fit at once. All of them
+together are as likely beforehand as nothing; a cause is added if what is left of nothing's probability is at most
+`ERROR_RATE`, first by its score, then by a fit, and if shots held out do not contradict it by more than chance. An
+unknown function is added as a term that has its shape, and terms are added until they explain more than the best named
+effect that leaves more than noise. What the rest makes needless, by the same rule, is dropped.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from sysid.estimation.problem import Array, Index
+from sysid.selection.evidence import Evidence, chi2_of_known
+from sysid.selection.formula import (
+    EFFECT_NAME,
+    SEPARATED_LOG_ODDS,
+    Looked,
+    SparseFormula,
+    grown,
+    look,
+    term_candidates,
+)
+from sysid.selection.free_forms import USUAL_SIZES, causes, mean_odds
+from sysid.selection.score import Candidate, candidate
+from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
+from sysid.selection.terms import Term
+from sysid.selection.view import View
+
+ERROR_RATE = 0.05  # probability that there is nothing, at which a cause is added
+MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: at most, and as long as none is needed
+PART_OF_WIDTH = 0.25  # usual size of a term's coefficient, of its width
+V = TypeVar("V", bound=View)  # of windows or of whole shots
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """What is known beforehand of a parameter."""
+
+    name: str
+    middle: float  # where it does nothing, or the middle of what it may be
+    sd: float  # its usual size, or the standard deviation of what it may be
+    sized: bool  # whether sizes smaller and larger than the usual one are as likely
+
+
+def unknowns_of(one: Candidate, names: Sequence[str]) -> list[Unknown]:
+    """Parameters of an effect that are among some constants."""
+    found = []
+    for key, meta in one.effect.parameters().items():
+        if (name := f"{one.name}.{key}") in names:
+            low, high = meta["bounds"]
+            if meta["off"] is None:
+                found.append(Unknown(name, 0.5 * (low + high), (high - low) / math.sqrt(12.0), False))
+            else:
+                usual = abs(float(getattr(one.effect, key)) - meta["off"])
+                found.append(Unknown(name, meta["off"], usual, True))
+    return found
+
+
+def unknowns_of_terms(terms: Sequence[Term]) -> list[Unknown]:
+    """Coefficients of terms, and where their steps lie or over what they decay."""
+    found = []
+    for term in terms:
+        found.append(Unknown(f"{EFFECT_NAME}.{term.name}", 0.0, PART_OF_WIDTH * term.width, True))
+        if term.limits is not None and term.place_name is not None:
+            low, high = term.limits
+            name = f"{EFFECT_NAME}.{term.place_name}"
+            found.append(Unknown(name, 0.5 * (low + high), (high - low) / math.sqrt(12.0), False))
+    return found
+
+
+@dataclass(frozen=True)
+class Judged(Generic[V]):
+    """A fit with something more, and what speaks for that."""
+
+    view: V
+    unknowns: tuple[Unknown, ...]  # what it has more
+    log_odds: float  # of it over the fit without
+    evidence: Evidence
+    holds: bool  # whether shots held out do not speak against it
+    occam: float  # what its unknowns lose by what they might have been, in log likelihood
+
+
+def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
+    """What speaks for a fit with some parameters more.
+
+    With the likeliest values d away from the middle, information S and covariance C of what they may be, a gain of log
+    likelihood counts less d' (C + S^-1)^-1 d / 2 + log det(1 + C S) / 2, averaged over the sizes that they may have.
+    """
+    rows = _rows(more, unknowns)
+    information, scatter = more.told_of(rows)
+    occam = _occam(more, unknowns, information / max(scatter.effect, 1.0))
+    gain = scatter.counted(less.gain(more) / more.design_effect) + _known(less, more)
+    held = less.held_gains(more)
+    holds = float(held.sum()) >= -float(held.std()) * math.sqrt(len(held)) if len(held) else True
+    names = ", ".join(one.name for one in unknowns)
+    log.info(
+        "%s: log odds %.1f, scatter %.1f of %.1f values, held out %.0f",
+        names, gain + occam, scatter.effect, scatter.values, held.sum(),
+    )  # fmt: skip
+    tau = more.design_effect * max(scatter.effect, 1.0)
+    bic = 2.0 * gain - len(rows) * math.log(max(more.count / tau, 2.0))
+    return Judged(more, tuple(unknowns), gain + occam, Evidence(bic, 2.0 * gain, tau, gain + occam), holds, occam)
+
+
+def _known(less: View, more: View) -> float:
+    """By how much a second fit agrees better with what is known beside the clips, in log likelihood."""
+    return 0.5 * (chi2_of_known(less.point) - chi2_of_known(more.point))
+
+
+def likelier(one: Judged[V], two: Judged[V]) -> float:
+    """Log of the marginal likelihood of the second over that of the first, neither of which need hold the other."""
+    first, second = one.view.beside(two.view), two.view.beside(one.view)
+    gain = first.gain(second)
+    better, unknowns = (second, two.unknowns) if gain > 0 else (first, one.unknowns)
+    scatter = better.told_of(_rows(better, unknowns))[1]
+    counted = math.copysign(scatter.counted(abs(gain) / better.design_effect), gain)
+    return counted + _known(first, second) + two.occam - one.occam
+
+
+def _rows(view: V, unknowns: Sequence[Unknown]) -> Index:
+    return np.array([view.names.index(one.name) for one in unknowns])
+
+
+def _occam(view: V, unknowns: Sequence[Unknown], information: Array) -> float:
+    """What parameters lose by what they might have been, in log likelihood; see `judged`."""
+    away = view.point.constants[_rows(view, unknowns)] - np.array([one.middle for one in unknowns])
+    sd, sized = np.array([one.sd for one in unknowns]), np.array([one.sized for one in unknowns])
+    odds = []
+    for size in USUAL_SIZES:
+        covariance = np.diag(np.where(sized, size * sd, sd) ** 2)
+        both = np.eye(len(away)) + covariance @ information
+        lost = float(away @ information @ np.linalg.solve(both, away)) + float(np.linalg.slogdet(both)[1])
+        odds.append(-0.5 * lost)
+    return mean_odds(np.array(odds))
+
+
+@dataclass(frozen=True)
+class Round(Generic[V]):
+    """What a fit lacks first."""
+
+    screening: Screening
+    view: V  # with it, or as it was
+    formula: SparseFormula | None  # that the view has
+
+    @property
+    def name(self) -> str | None:
+        """The effect that was added."""
+        return self.screening.best.name if self.screening.best else None
+
+
+def next_cause(view: V, formula: SparseFormula | None = None) -> Round[V]:
+    """The likeliest cause beside a fit, added to it; `formula` is that it has. The same fit where nothing is likely."""
+    seen = look(view.point, view.scores, formula, candidates_for(view.model))
+    least = likely_from(len(seen.found))
+    named = [(c, seen.row(c)) for c in seen.found if c.name in seen.named and c.log_odds > 0.0]
+    if seen.found[0].log_odds <= least:
+        named = []
+    less = view.continued() if named or seen.found[0].log_odds > least else view
+    fits, good = list[FittedCandidate](), list[tuple[FittedCandidate, Judged[V]]]()
+    for _, row in named[:MAX_TRIALS]:
+        if len(fits) >= MAX_FITS and good:
+            break
+        more = view.with_effect(row)
+        at = judged(less.beside(more), more, unknowns_of(row.candidate, more.names))
+        fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.holds))
+        if at.log_odds > least and at.holds:
+            good.append((fits[-1], at))
+    good = ranked(good)
+    best = good[0] if good else None
+    rest = [one for one in fits if all(one.name != other.name for other, _ in good)]
+    fits = [one for one, _ in good] + sorted(rest, key=lambda one: -one.evidence.log_odds)
+    scores = seen.scores.only(seen.named)
+    screening = Screening(
+        view.fitted, scores, tuple(fits), confounded(scores), tied([one for one, _ in good]), view.windows,
+        None if best is None else best[0],
+    )  # fmt: skip
+    if seen.found[0].log_odds > least and (best is None or not best[1].view.leaves_noise):
+        grown = explained_by_terms(view, less, seen, formula, best and best[1], least)
+        if grown is not None:
+            return Round(dataclasses.replace(screening, best=None), *grown)
+    return Round(screening, view if best is None else best[1].view, formula)
+
+
+def likely_from(count: int) -> float:
+    """Log odds from which on one of so many causes, all together as likely as nothing, is likelier than chance."""
+    return math.log(count) + math.log((1.0 - ERROR_RATE) / ERROR_RATE)
+
+
+def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[FittedCandidate, Judged[V]]]:
+    """Effects, the likeliest first, all at the errors of the best of them; those beside which it is sure come last.
+
+    They were fitted at those of the model that lacks them all, which hide by how much they differ. Of those that the
+    shots do not tell apart, the one with the fewest parameters is first.
+    """
+    order = sorted(good, key=lambda one: -one[1].log_odds)
+    if not order:
+        return []
+    first = dataclasses.replace(order[0][1], view=order[0][1].view.searched())
+    fits = [(order[0][0], first, 0.0)]
+    for one, at in order[1:]:
+        at = dataclasses.replace(at, view=at.view.beside(first.view))
+        more = likelier(first, at)
+        log.info("%s over %s: log odds %.1f", one.name, order[0][0].name, more)
+        fits.append((one, at, more))
+    top = max(more for _, _, more in fits)
+
+    def rank(fit: tuple[FittedCandidate, Judged[V], float]) -> tuple[bool, int, float]:
+        separated = fit[2] <= top - SEPARATED_LOG_ODDS
+        return separated, 0 if separated else len(fit[1].unknowns), -fit[2]
+
+    found = []
+    for one, at, more in sorted(fits, key=rank):
+        seen = dataclasses.replace(one.evidence, log_odds=first.log_odds + more)
+        found.append((dataclasses.replace(one, fitted=at.view.fitted, evidence=seen), at))
+    return found
+
+
+def explained_by_terms(
+    view: V, less: V, seen: Looked, formula: SparseFormula | None, rival: Judged[V] | None, least: float
+) -> tuple[V, SparseFormula] | None:
+    """A formula with as many terms more as it takes to explain more than an effect, or with one where there is none.
+
+    Args:
+        view: the fit without any of both.
+        less: the same after as many steps as one with a term gets.
+        seen: what is likely beside it.
+        formula: that it has already.
+        rival: the fit with the effect.
+        least: log odds that a term must have.
+    """
+    had = 0 if formula is None else len(formula.terms)
+    while True:
+        formula = grown(formula, view.point, view.scores, seen, least)
+        if formula is None:
+            return None
+        more = view.with_effect(formula.score())
+        at = judged(less.beside(more), more, unknowns_of_terms(formula.terms[-1:]))
+        if at.log_odds <= least or not at.holds:
+            return None
+        view = less = more.searched()
+        terms = formula.terms[had:]
+        if rival is None or outdoes(view, terms, rival):
+            return view, formula
+        seen = look(view.point, view.scores, formula, ())
+
+
+def outdoes(view: V, terms: Sequence[Term], rival: Judged[V]) -> bool:
+    """Whether a fit with terms is likelier than one with an effect, and one of them explains something beside that.
+
+    A term that is the law of the effect explains nothing beside it, however many steps each of the fits has come.
+    """
+    beside = causes(rival.view.scores(term_candidates(terms)))[0].log_odds
+    unknowns = unknowns_of_terms(terms)
+    information, scatter = view.told_of(_rows(view, unknowns))
+    occam = _occam(view, unknowns, information / max(scatter.effect, 1.0))
+    at = dataclasses.replace(rival, view=view, unknowns=tuple(unknowns), occam=occam)
+    more = likelier(rival, at)
+    log.info("%s: log odds %.1f over the best effect, %.1f beside it", terms[-1].name, more, beside)
+    return beside > 0.0 and more > SEPARATED_LOG_ODDS
+
+
+def without_needless(
+    view: V, verdict: tuple[str, ...], formula: SparseFormula | None, least: float
+) -> tuple[V, tuple[str, ...], SparseFormula | None]:
+    """The fit without effects and terms that are no longer likelier than chance beside the others, the least first."""
+    while len(verdict) + (0 if formula is None else len(formula.terms)) > 1:
+        parts: list[tuple[str | Term, list[Unknown]]] = []
+        for name in verdict:
+            kind = next(type(one) for one in view.model.effects if one.name() == name)
+            parts.append((name, unknowns_of(candidate(kind), view.names)))
+        parts += [(term, unknowns_of_terms([term])) for term in (() if formula is None else formula.terms)]
+        part, unknowns = min(parts, key=lambda one: _size(view, one[1]))
+        less, fewer = view, formula
+        if isinstance(part, str):
+            less = view.without(part)
+        else:
+            fewer = formula.without(part, view.point) if formula is not None else None
+            less = view.without(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
+        at = judged(less, view.beside(less), unknowns)
+        if at.log_odds > least and at.holds:
+            break
+        log.info("%s is not needed", part if isinstance(part, str) else part.name)
+        view, formula, verdict = less, fewer, tuple(name for name in verdict if name != part)
+    return view, verdict, formula
+
+
+def _size(view: V, unknowns: Sequence[Unknown]) -> float:
+    """What parameters are worth by their distance from where they do nothing, in log likelihood."""
+    unknowns = [one for one in unknowns if one.sized]
+    rows = _rows(view, unknowns)
+    information, scatter = view.told_of(rows)
+    away = view.point.constants[rows] - np.array([one.middle for one in unknowns])
+    return scatter.counted(0.5 * float(away @ information @ away))
+
+
+@dataclass(frozen=True)
+class Found(Generic[V]):
+    """What was found so far."""
+
+    view: V
+    verdict: tuple[str, ...] = ()  # effects
+    formula: SparseFormula | None = None
+    dropped: tuple[str, ...] = ()  # effects that were added and later dropped
+
+
+def search(found: Found[V]) -> Iterator[tuple[Found[V], Screening]]:
+    """What a fit lacks, after each round in which a cause was looked for; the last found none."""
+    while True:
+        seen = next_cause(found.view, found.formula)
+        before = found.verdict
+        if seen.view is found.view:
+            yield found, seen.screening
+            return
+        verdict = (*before, seen.name) if seen.name else before
+        least = likely_from(len(seen.screening.scores.rows))
+        view, kept, formula = without_needless(seen.view, verdict, seen.formula, least)
+        gone = tuple(name for name in verdict if name not in kept)
+        found = Found(view, kept, formula, (*found.dropped, *gone))
+        yield found, seen.screening
+        if kept == before and formula == found.formula:
+            return

@@ -1,0 +1,113 @@
+"""A fit beside which causes are looked for: of windows of one impact each (by_windows.py), or of whole shots.
+
+In: a fit. Out: a `View` of it: candidates scored beside it, fits with one more or one less, and by how much one fit is
+likelier than another in the shots that were fitted and in those held out.
+
+Shots tell less than as many independent residuals where they scatter about a fit by more than their information says:
+by its design effect. So a single shot that departs from all others cannot speak for a cause alone.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+
+from models.model_file import Model
+from sysid.estimation.fitted import FittedModel, Point
+from sysid.estimation.problem import Array, Index
+from sysid.selection.score import Candidate, Linearised, Scatter, Score, Scores, projected_on, scatter_on, scores_of
+
+
+class View(ABC):
+    """A fit, as causes are looked for beside it."""
+
+    @property
+    @abstractmethod
+    def point(self) -> Point:
+        """Its problem and its constants."""
+
+    @property
+    @abstractmethod
+    def fitted(self) -> FittedModel:
+        """As a fit of whole shots."""
+
+    @property
+    @abstractmethod
+    def windows(self) -> int:
+        """Of one impact each; 0 for whole shots."""
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """Of residuals."""
+
+    @property
+    @abstractmethod
+    def design_effect(self) -> float:
+        """By how much less its shots tell than as many independent residuals: 1 at least."""
+
+    @property
+    @abstractmethod
+    def shots(self) -> tuple[Array, Array]:
+        """Information (n, q, q) and gradient (n, q) of each on the constants, states eliminated."""
+
+    @abstractmethod
+    def linearised(self, candidates: Sequence[Candidate]) -> Linearised:
+        """Its shots' losses with candidates beside it."""
+
+    @abstractmethod
+    def with_effect(self, score: Score) -> Self:
+        """The fit with an effect more, or with another formula in place of its own."""
+
+    @abstractmethod
+    def without(self, name: str) -> Self:
+        """The fit without an effect."""
+
+    @abstractmethod
+    def beside(self, other: Self) -> Self:
+        """The fit from where another one has led, and at its errors of the model, so that both can be compared."""
+
+    @abstractmethod
+    def searched(self) -> Self:
+        """The fit once more, from states that are searched at its constants."""
+
+    @abstractmethod
+    def continued(self) -> Self:
+        """The fit after as many steps more as one with a candidate gets."""
+
+    @abstractmethod
+    def gain(self, more: Self) -> float:
+        """By how much another fit of the same shots is likelier, in log likelihood of independent residuals."""
+
+    @abstractmethod
+    def held_gains(self, more: Self) -> Array:
+        """The same for every shot held out (m,)."""
+
+    def scores(self, candidates: Sequence[Candidate]) -> Scores:
+        """Of candidates beside it."""
+        return scores_of(self.point, self.linearised(candidates), self.design_effect)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The constants."""
+        return self.point.names
+
+    @property
+    def model(self) -> Model:
+        """The model at these constants."""
+        return self.point.model
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether its shots scatter about it as noise alone does."""
+        return self.design_effect == 1.0
+
+    def told_of(self, rows: Index) -> tuple[Array, Scatter]:
+        """Of some constants: information (k, k), at the design effect of all, and how shots scatter about them."""
+        information, gradient = self.shots
+        each = projected_on(information, gradient, np.setdiff1d(np.arange(len(self.names)), rows), rows)
+        scatter = scatter_on(*each, np.zeros(len(rows))).over(self.design_effect)
+        return each[0].sum(axis=0) / self.design_effect, scatter
